@@ -1,0 +1,84 @@
+"""A plant file as a `Plant`: its integrators and physics as written, its networks as leaves."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from faultgauge.plants.expression import evaluate
+from faultgauge.plants.network import Network
+from faultgauge.plants.plant import Plant
+from faultgauge.plants.plant_file import PlantSpec, parse_plant, read_plant_text
+from faultgauge.plants.signals import Signals
+
+__all__ = ["GrayBoxPlant", "load_plant"]
+
+
+class GrayBoxPlant(Plant):
+    """The gray-box model of the paper (eqs 1 to 4), for any plant file.
+
+    Networks and parameters are leaves; the expressions are static. Fitting changes leaves only.
+    """
+
+    signals: Signals = eqx.field(static=True)
+    spec: PlantSpec = eqx.field(static=True)
+    networks: dict[str, Network]
+    parameters: dict[str, Float[Array, ""]]
+
+    @staticmethod
+    def untrained(spec: PlantSpec) -> "GrayBoxPlant":
+        """The plant as its file states it: parameters at their values, networks zero."""
+        return GrayBoxPlant(
+            signals=spec.signals,
+            spec=spec,
+            networks={net.name: Network.zeros(net.hidden, net.arity) for net in spec.networks},
+            parameters={p.name: jnp.asarray(p.value, float) for p in spec.parameters},
+        )
+
+    def derivative(
+        self, x: Float[Array, "states"], u: Float[Array, "inputs"]
+    ) -> Float[Array, "states"]:
+        values = self.point(x, u)
+        names = self.signals.state_names
+        rates: dict[str, Any] = {}
+        for index in self.spec.order:
+            tree = self.spec.derivatives[index].tree
+            rates[names[index]] = evaluate(
+                tree, values, jnp, derivatives=rates, networks=self.networks
+            )
+        return jnp.stack([jnp.asarray(rates[name], float) for name in names])
+
+    def output(
+        self,
+        dx: Float[Array, "states"],
+        x: Float[Array, "states"],
+        u: Float[Array, "inputs"],
+    ) -> Float[Array, "outputs"]:
+        values = self.point(x, u)
+        rates = dict(zip(self.signals.state_names, dx, strict=True))
+        outputs = [
+            evaluate(value.tree, values, jnp, derivatives=rates, networks=self.networks)
+            for value in self.spec.values
+        ]
+        return jnp.stack([jnp.asarray(output, float) for output in outputs])
+
+    def point(
+        self, x: Float[Array, "states"], u: Float[Array, "inputs"]
+    ) -> Mapping[str, Float[Array, ""]]:
+        """Every name that an expression may read, at one point."""
+        return {
+            **self.parameters,
+            **dict(zip(self.signals.state_names, x, strict=True)),
+            **dict(zip(self.signals.input_names, u, strict=True)),
+        }
+
+
+def load_plant(source: str | Path) -> GrayBoxPlant:
+    """Read a plant file (or a preset by its name) as an untrained plant.
+
+    Raises `InputError` naming the key and column of the first mistake.
+    """
+    return GrayBoxPlant.untrained(parse_plant(read_plant_text(source), str(source)))

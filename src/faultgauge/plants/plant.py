@@ -1,0 +1,77 @@
+"""The one protocol: dx = F(x, u), y = h(dx, x, u)."""
+
+import abc
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from faultgauge.plants.signals import Signals
+
+__all__ = ["Plant", "clip_state", "respond"]
+
+
+class Plant(eqx.Module):
+    """A plant of the form (paper, eq 1)
+
+        dx = F(x, u),    y = h(dx, x)        (h may also read u)
+
+    Bodies are physics written by hand, a plant file, or the same file after fitting. Everything
+    downstream takes a `Plant` and cannot tell which it got.
+    """
+
+    signals: eqx.AbstractVar[Signals]
+
+    @abc.abstractmethod
+    def derivative(
+        self, x: Float[Array, "states"], u: Float[Array, "inputs"]
+    ) -> Float[Array, "states"]:
+        """F(x, u): each state's unit per second; `u` is what the actuator applies."""
+
+    @abc.abstractmethod
+    def output(
+        self,
+        dx: Float[Array, "states"],
+        x: Float[Array, "states"],
+        u: Float[Array, "inputs"],
+    ) -> Float[Array, "outputs"]:
+        """h(dx, x, u): each output in its own unit."""
+
+
+def respond(
+    plant: Plant,
+    x: Float[Array, "states"],
+    u: Float[Array, "inputs"],
+    f: Float[Array, "faults"] | None = None,
+) -> tuple[Float[Array, "states"], Float[Array, "outputs"]]:
+    """(dx, y) of the plant under command `u` with fault sizes `f` (None: healthy).
+
+        u  <-  clip((1 - f_gain) u + f_input, min, max)
+        dx  =  F(x, u) + f_state
+        y   =  h(dx, x, u) + f_output
+    """
+    signals = plant.signals
+    extra_x, extra_y = jnp.zeros(len(signals.states)), jnp.zeros(len(signals.outputs))
+    if f is not None:
+        for size, fault in zip(f, signals.faults, strict=True):
+            match fault.enters:
+                case "state":
+                    extra_x = extra_x.at[signals.state_names.index(fault.target)].add(size)
+                case "output":
+                    extra_y = extra_y.at[signals.output_names.index(fault.target)].add(size)
+                case "input":
+                    u = u.at[signals.input_names.index(fault.target)].add(size)
+                case "gain":
+                    u = u.at[signals.input_names.index(fault.target)].multiply(1.0 - size)
+    lower = jnp.array([each.min for each in signals.inputs])
+    upper = jnp.array([each.max for each in signals.inputs])
+    u = jnp.clip(u, lower, upper)
+    dx = plant.derivative(x, u) + extra_x
+    return dx, plant.output(dx, x, u) + extra_y
+
+
+def clip_state(plant: Plant, x: Float[Array, "states"]) -> Float[Array, "states"]:
+    """`x` inside the limits that the plant declares for its states."""
+    lower = jnp.array([state.min for state in plant.signals.states])
+    upper = jnp.array([state.max for state in plant.signals.states])
+    return jnp.clip(x, lower, upper)

@@ -1,0 +1,405 @@
+"""The plant file: TOML in, a checked `PlantSpec` out. Every mistake is answered by its key."""
+
+import keyword
+import math
+import tomllib
+from dataclasses import dataclass, field
+from importlib import resources
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import pydantic
+
+from faultgauge.errors import InputError
+from faultgauge.plants import units
+from faultgauge.plants.expression import (
+    FUNCTIONS,
+    Expression,
+    Name,
+    Scope,
+    derivatives_used,
+    names_used,
+    networks_used,
+    parse,
+    unknown,
+)
+from faultgauge.plants.signals import Fault, Input, Observation, Output, Signals, State
+
+__all__ = ["NetworkSpec", "Parameter", "PlantSpec", "parse_plant", "presets", "read_plant_text"]
+
+MAX_BYTES = 1_000_000
+MAX_HIDDEN = 200
+# Keys of the plant file that this version does not act on yet: refused rather than ignored.
+LATER = {
+    "vary",
+    "odd",
+    "monotone",
+    "positive",
+    "zero_at_zero",
+    "delay",
+    "instrument",
+    "rate",
+    "prior_per_hour",
+    "detection",
+}
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A physical constant; free unless `fixed`, kept inside [min, max]."""
+
+    name: str
+    value: float
+    unit: str = ""
+    min: float = -math.inf
+    max: float = math.inf
+    fixed: bool = False
+
+
+@dataclass(frozen=True)
+class NetworkSpec:
+    """An unknown function of `arity` arguments with `hidden` tanh units."""
+
+    name: str
+    hidden: int
+    arity: int
+
+
+@dataclass(frozen=True)
+class PlantSpec:
+    """A checked plant file. Hashable: it is the static part of every compiled function."""
+
+    name: str
+    text: str
+    signals: Signals
+    derivatives: tuple[Expression, ...]
+    values: tuple[Expression, ...]
+    parameters: tuple[Parameter, ...]
+    networks: tuple[NetworkSpec, ...]
+    order: tuple[int, ...]
+    warnings: tuple[str, ...] = field(compare=False, default=())
+
+
+# The file's schema, as pydantic sees it: keys and types only; meaning is checked below.
+Number = Annotated[float, pydantic.Field(allow_inf_nan=False)]
+Text = Annotated[str, pydantic.Field(max_length=2100)]
+
+
+class _Table(pydantic.BaseModel):
+    model_config = pydantic.ConfigDict(extra="forbid", strict=True)
+
+
+class _State(_Table):
+    derivative: Text
+    unit: Text = ""
+    min: Number | None = None
+    max: Number | None = None
+    initial: Number = 0.0
+
+
+class _Input(_Table):
+    unit: Text = ""
+    min: Number | None = None
+    max: Number | None = None
+    hold: Literal["zero", "linear"] = "zero"
+
+
+class _Output(_Table):
+    value: Text
+    unit: Text = ""
+    sigma: Annotated[float, pydantic.Field(gt=0, allow_inf_nan=False)] | None = None
+
+
+class _Parameter(_Table):
+    value: Number | None = None
+    unit: Text = ""
+    min: Number | None = None
+    max: Number | None = None
+    fixed: bool = False
+
+
+class _Network(_Table):
+    hidden: Annotated[int, pydantic.Field(ge=1, le=MAX_HIDDEN)] = 10
+
+
+class _Fault(_Table):
+    enters: Literal["state", "input", "output", "gain"]
+    target: Text
+    unit: Text = ""
+    min: Number | None = None
+    max: Number | None = None
+
+
+class _Observer(_Table):
+    outputs: list[Text] | None = None
+    bandwidth: Annotated[float, pydantic.Field(gt=0, allow_inf_nan=False)] | None = None
+
+
+class _File(_Table):
+    name: Text
+    states: dict[str, _State]
+    inputs: dict[str, _Input] = {}
+    outputs: dict[str, _Output]
+    parameters: dict[str, _Parameter] = {}
+    networks: dict[str, _Network] = {}
+    faults: dict[str, _Fault] = {}
+    observer: _Observer = _Observer()
+
+
+def presets() -> dict[str, str]:
+    """Names and texts of the plant files that ship with faultgauge."""
+    folder = resources.files("faultgauge.plants") / "presets"
+    return {
+        entry.name.removesuffix(".toml"): entry.read_text("utf-8")
+        for entry in sorted(folder.iterdir(), key=lambda entry: entry.name)
+        if entry.name.endswith(".toml")
+    }
+
+
+def read_plant_text(source: str | Path) -> str:
+    """Text of a plant file, or of a preset when `source` is the name of one."""
+    path = Path(source)
+    if str(source) in presets() and not path.exists():
+        return presets()[str(source)]
+    try:
+        if path.stat().st_size > MAX_BYTES:
+            raise InputError(f"{source}: larger than 1 MB, which no plant file is; check the path.")
+        return path.read_text("utf-8-sig")
+    except UnicodeDecodeError:
+        raise InputError(
+            f"{source}: not a text file; a plant file is TOML in UTF-8 (did you pass a log or a "
+            "fitted model?)."
+        ) from None
+    except OSError as failure:
+        raise InputError(
+            f"{source}: cannot be read ({failure.strerror}); give a plant file or one of the "
+            f"presets {', '.join(presets())}."
+        ) from None
+
+
+def parse_plant(text: str, source: str = "plant file") -> PlantSpec:
+    """Check the text of a plant file. Raises `InputError` naming key and column."""
+    try:
+        data = tomllib.loads(text)
+    except (tomllib.TOMLDecodeError, RecursionError) as failure:
+        raise InputError(f"{source}: not valid TOML: {failure}.") from None
+    try:
+        file = _File.model_validate(data)
+    except pydantic.ValidationError as failure:
+        raise InputError(f"{source}: {_first(failure)}") from None
+    return _Checker(file, text, source).spec()
+
+
+def _first(failure: pydantic.ValidationError) -> str:
+    """The first thing wrong in the file, as one sentence."""
+    error = failure.errors()[0]
+    *tables, key = [str(part) for part in error["loc"]]
+    place = f"[{'.'.join(tables)}] " if tables else ""
+    match error["type"]:
+        case "extra_forbidden" if key in LATER:
+            return f"{place}key {key!r} is reserved and not supported yet; remove it."
+        case "extra_forbidden":
+            return f"{place}{unknown('key', key, _legal(tables))}; correct or remove it."
+        case "missing":
+            return f"{place}key {key!r} is missing; add it (legal here: {_join(_legal(tables))})."
+        case _:
+            message = error["msg"].replace("Input should be", "should be").replace("valid ", "")
+            return f"{place}{key} = {error['input']!r}: {message}."
+
+
+def _legal(tables: list[str]) -> list[str]:
+    kinds: dict[str, type[_Table]] = {
+        "states": _State,
+        "inputs": _Input,
+        "outputs": _Output,
+        "parameters": _Parameter,
+        "networks": _Network,
+        "faults": _Fault,
+        "observer": _Observer,
+    }
+    return list((kinds[tables[0]] if tables else _File).model_fields)
+
+
+def _join(names: Any) -> str:
+    return ", ".join(names)
+
+
+def _bounds(table: Any) -> tuple[float, float]:
+    low = -math.inf if table.min is None else float(table.min)
+    return low, math.inf if table.max is None else float(table.max)
+
+
+class _Checker:
+    """Turns a well-typed file into a `PlantSpec`, or says what makes no sense in it."""
+
+    def __init__(self, file: _File, text: str, source: str) -> None:
+        self.file, self.text, self.source = file, text, source
+
+    def fail(self, table: str, message: str) -> InputError:
+        return InputError(f"{self.source}: [{table}] {message}.")
+
+    def spec(self) -> PlantSpec:
+        file = self.file
+        self.check_names()
+        self.check_bounds()
+        derivatives = self.expressions("states", "derivative")
+        values = self.expressions("outputs", "value")
+        signals = Signals(
+            states=tuple(
+                State(name, table.unit, *_bounds(table), initial=table.initial)
+                for name, table in file.states.items()
+            ),
+            inputs=tuple(
+                Input(name, table.unit, *_bounds(table), hold=table.hold)
+                for name, table in file.inputs.items()
+            ),
+            outputs=tuple(
+                Output(name, table.unit, table.sigma, self.measures(value))
+                for (name, table), value in zip(file.outputs.items(), values, strict=True)
+            ),
+            faults=self.faults(),
+            observation=self.observation(),
+        )
+        spec = PlantSpec(
+            name=file.name,
+            text=self.text,
+            signals=signals,
+            derivatives=derivatives,
+            values=values,
+            parameters=tuple(self.parameter(name) for name in file.parameters),
+            networks=self.networks((*derivatives, *values)),
+            order=self.order(derivatives),
+        )
+        warnings = (*self.unused((*derivatives, *values)), *units.check(spec))
+        return PlantSpec(**{**vars(spec), "warnings": warnings})
+
+    def check_names(self) -> None:
+        file = self.file
+        if not file.states or not file.outputs:
+            empty = "states" if not file.states else "outputs"
+            raise self.fail(empty, "is empty; a plant needs at least one state and one output")
+        owner: dict[str, str] = {}
+        for table in ("states", "inputs", "parameters", "networks", "outputs", "faults"):
+            for name in getattr(file, table):
+                if not name.isidentifier() or keyword.iskeyword(name):
+                    raise self.fail(table, f"{name!r} is not a name; use letters, digits and _")
+                if name in FUNCTIONS or name in ("d", "t", "run"):
+                    raise self.fail(table, f"{name!r} is reserved; choose another name")
+                if name.removeprefix("d_") != name and name.removeprefix("d_") in file.states:
+                    raise self.fail(table, f"{name!r} stands for a derivative in a log; rename it")
+                if table == "faults" or (table == "outputs" and name in file.states):
+                    continue
+                if name in owner:
+                    raise self.fail(table, f"{name!r} is already declared in [{owner[name]}]")
+                owner[name] = table
+
+    def check_bounds(self) -> None:
+        for kind in ("states", "inputs", "parameters", "faults"):
+            for name, table in getattr(self.file, kind).items():
+                low, high = _bounds(table)
+                if low >= high:
+                    raise self.fail(
+                        f"{kind}.{name}", f"min = {low:g} must be less than max = {high:g}"
+                    )
+                for key in ("value", "initial"):
+                    value = getattr(table, key, None)
+                    if value is not None and not low <= value <= high:
+                        raise self.fail(
+                            f"{kind}.{name}", f"{key} = {value:g} lies outside [{low:g}, {high:g}]"
+                        )
+        for name, table in self.file.parameters.items():
+            if table.fixed and table.value is None:
+                raise self.fail(f"parameters.{name}", "fixed = true needs a value")
+
+    def expressions(self, kind: str, key: str) -> tuple[Expression, ...]:
+        file = self.file
+        scope = Scope(
+            names=[*file.states, *file.inputs, *file.parameters],
+            states=list(file.states),
+            networks=list(file.networks),
+        )
+        return tuple(
+            parse(getattr(table, key), f"{self.source}: [{kind}.{name}] {key}", scope)
+            for name, table in getattr(file, kind).items()
+        )
+
+    def measures(self, value: Expression) -> str | None:
+        tree = value.tree
+        return tree.name if isinstance(tree, Name) and tree.name in self.file.states else None
+
+    def parameter(self, name: str) -> Parameter:
+        table = self.file.parameters[name]
+        low, high = _bounds(table)
+        value = table.value
+        if value is None:  # no guess given: the middle of the range, or 1 inside it
+            middle = math.isfinite(low) and math.isfinite(high)
+            value = (low + high) / 2 if middle else min(max(1.0, low), high)
+        return Parameter(name, float(value), table.unit, low, high, table.fixed)
+
+    def networks(self, expressions: tuple[Expression, ...]) -> tuple[NetworkSpec, ...]:
+        arity: dict[str, int] = {}
+        for expression in expressions:
+            for name, calls in networks_used(expression).items():
+                for arguments in calls:
+                    if arity.setdefault(name, len(arguments)) != len(arguments):
+                        raise self.fail(
+                            f"networks.{name}",
+                            f"is called with {arity[name]} and with {len(arguments)} arguments; "
+                            "a network has one arity",
+                        )
+        return tuple(
+            NetworkSpec(name, table.hidden, arity[name])
+            for name, table in self.file.networks.items()
+            if name in arity
+        )
+
+    def order(self, derivatives: tuple[Expression, ...]) -> tuple[int, ...]:
+        """An order in which the derivatives can be computed when some read d(others)."""
+        names = list(self.file.states)
+        needs = {n: set(derivatives_used(e)) for n, e in zip(names, derivatives, strict=True)}
+        done: list[str] = []
+        while len(done) < len(names):
+            ready = [n for n in names if n not in done and needs[n] <= set(done)]
+            if not ready:
+                circle = [n for n in names if n not in done]
+                raise self.fail(
+                    f"states.{circle[0]}",
+                    f"d() runs in a circle through {_join(circle)}; write one of them without d()",
+                )
+            done.extend(ready)
+        return tuple(names.index(n) for n in done)
+
+    def faults(self) -> tuple[Fault, ...]:
+        kinds = {"state": "states", "input": "inputs", "output": "outputs", "gain": "inputs"}
+        for name, table in self.file.faults.items():
+            legal = getattr(self.file, kinds[table.enters])
+            if table.target not in legal:
+                problem = unknown(f"{kinds[table.enters][:-1]} as target", table.target, legal)
+                raise self.fail(f"faults.{name}", problem)
+        return tuple(
+            Fault(name, table.enters, table.target, table.unit, *_bounds(table))
+            for name, table in self.file.faults.items()
+        )
+
+    def observation(self) -> Observation:
+        observer = self.file.observer
+        for output in observer.outputs or ():
+            if output not in self.file.outputs:
+                raise self.fail("observer", f"outputs: {unknown('output', output, self.file.outputs)}")
+        if observer.outputs is not None and not observer.outputs:
+            raise self.fail("observer", "outputs is empty; name at least one output or leave it out")
+        outputs = None if observer.outputs is None else tuple(observer.outputs)
+        return Observation(outputs, observer.bandwidth)
+
+    def unused(self, expressions: tuple[Expression, ...]) -> list[str]:
+        """Declared but never read: not an error, but seldom what was meant."""
+        used: set[str] = set()
+        for expression in expressions:
+            used |= names_used(expression) | derivatives_used(expression)
+            used |= networks_used(expression).keys()
+        return [
+            f"{self.source}: [{kind}.{name}] is declared but no expression uses it"
+            for kind in ("inputs", "parameters", "networks", "states")
+            for name in getattr(self.file, kind)
+            if name not in used
+        ]

@@ -1,0 +1,92 @@
+"""What a plant's signals are called, what they are measured in and what may go wrong in them."""
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+__all__ = ["Fault", "Input", "Observation", "Output", "Signals", "State"]
+
+
+@dataclass(frozen=True)
+class State:
+    """A state; simulation keeps it inside [min, max]."""
+
+    name: str
+    unit: str = ""
+    min: float = -math.inf
+    max: float = math.inf
+    initial: float = 0.0
+
+
+@dataclass(frozen=True)
+class Input:
+    """An input; the actuator clips it to [min, max]; `hold` is how it runs between samples."""
+
+    name: str
+    unit: str = ""
+    min: float = -math.inf
+    max: float = math.inf
+    hold: Literal["zero", "linear"] = "zero"
+
+
+@dataclass(frozen=True)
+class Output:
+    """An output; `sigma` is its measurement noise (standard deviation, its own unit).
+
+    `measures` names the state whose value the output is exactly, if there is one.
+    """
+
+    name: str
+    unit: str = ""
+    sigma: float | None = None
+    measures: str | None = None
+
+
+@dataclass(frozen=True)
+class Fault:
+    """A hypothesis: additive on a state's derivative, an input or an output, or a gain loss.
+
+    The estimate is kept inside [min, max].
+    """
+
+    name: str
+    enters: Literal["state", "input", "output", "gain"]
+    target: str
+    unit: str = ""
+    min: float = -math.inf
+    max: float = math.inf
+
+
+@dataclass(frozen=True)
+class Observation:
+    """What an observer may use: outputs (None: all that are measured), bandwidth in rad/s."""
+
+    outputs: tuple[str, ...] | None = None
+    bandwidth: float | None = None
+
+
+@dataclass(frozen=True)
+class Signals:
+    """Everything that the rest of faultgauge needs to know about a plant but its equations."""
+
+    states: tuple[State, ...]
+    inputs: tuple[Input, ...]
+    outputs: tuple[Output, ...]
+    faults: tuple[Fault, ...] = ()
+    observation: Observation = Observation()
+
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        return tuple(state.name for state in self.states)
+
+    @property
+    def input_names(self) -> tuple[str, ...]:
+        return tuple(each.name for each in self.inputs)
+
+    @property
+    def output_names(self) -> tuple[str, ...]:
+        return tuple(output.name for output in self.outputs)
+
+    @property
+    def fault_names(self) -> tuple[str, ...]:
+        return tuple(fault.name for fault in self.faults)

@@ -1,0 +1,136 @@
+"""The report: one HTML file with everything in it, to open in any browser or to mail."""
+
+import os
+import re
+import secrets
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field
+from importlib import metadata, resources
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+import jinja2
+
+from faultgauge.errors import InputError
+from faultgauge.reporting.svg import Figure, inline
+
+__all__ = ["Report", "Section", "Table", "installed_versions", "render", "write"]
+
+SHOWN_VERSIONS = ("faultgauge", "jax", "equinox", "optimistix", "numpy", "scipy", "matplotlib")
+NUMBER = re.compile(r"[-+−±<>≤≥≈]?\s?\d.{0,31}|[-–—]?")
+
+
+def installed_versions() -> dict[str, str]:
+    """Return the version of every package behind a result, as far as it is installed."""
+    versions = dict[str, str]()
+    for name in SHOWN_VERSIONS:
+        try:
+            versions[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            continue
+    return versions
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of plain text; columns of numbers are set to the right.
+
+    Attributes:
+        header: name of each column.
+        rows: as many cells per row as the header has names.
+        caption: one sentence, or nothing.
+    """
+
+    header: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    caption: str = ""
+
+
+@dataclass(frozen=True)
+class Section:
+    """A part of a report with a heading: paragraphs of plain text, then tables, then figures."""
+
+    title: str
+    paragraphs: tuple[str, ...] = ()
+    tables: tuple[Table, ...] = ()
+    figures: tuple[Figure, ...] = ()
+
+
+@dataclass(frozen=True)
+class Report:
+    """What a report says. All text is plain text: whatever it holds is shown, never run.
+
+    Attributes:
+        title: a few words.
+        summary_sentences: the answer; the first sentence is set largest.
+        sections: what the answer rests on.
+        key_numbers: the numbers of the answer, shown right below it.
+        versions: version by package name, for the footer.
+    """
+
+    title: str
+    summary_sentences: tuple[str, ...]
+    sections: tuple[Section, ...]
+    key_numbers: Table | None = None
+    versions: Mapping[str, str] = field(default_factory=installed_versions)
+
+
+def render(report: Report) -> str:
+    """Return the report as one HTML page that fetches nothing and runs nothing."""
+    environment = jinja2.Environment(
+        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    source = (
+        resources.files("faultgauge.reporting")
+        .joinpath("template.html.j2")
+        .read_text(encoding="utf-8")
+    )
+    numbers = count(1)
+    return environment.from_string(source).render(
+        report=report,
+        sections=[(section, list(_numbered(section, numbers))) for section in report.sections],
+        numeric_columns=_numeric_columns,
+    )
+
+
+def write(report: Report, path: str | os.PathLike[str]) -> None:
+    """Write the report; the file at `path` is at every moment the old one or the new one.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    target = Path(path)
+    draft = target.parent / f".{secrets.token_hex(8)}.draft"
+    page = render(report).encode("utf-8", "replace")
+    try:
+        with draft.open("xb") as stream:
+            stream.write(page)
+            stream.flush()
+            os.fsync(stream.fileno())
+        os.replace(draft, target)
+    except OSError as error:
+        raise InputError(
+            f"The report cannot be written to {str(target)!r} ({error.strerror or error}); "
+            "give the name of a file in an existing folder that you may write to."
+        ) from error
+    finally:
+        with suppress(OSError):  # gone already once it is the new file
+            draft.unlink()
+
+
+def _numbered(section: Section, numbers: Iterator[int]) -> Iterator[dict[str, Any]]:
+    """The section's figures with their numbers; each number also keeps the page's ids apart."""
+    for drawing in section.figures:
+        number = next(numbers)
+        yield {"number": number, "figure": drawing, "svg": inline(drawing, f"figure{number}-")}
+
+
+def _numeric_columns(table: Table) -> frozenset[int]:
+    """The columns after the first in which every cell is a number, with or without a unit."""
+    return frozenset(
+        column
+        for column in range(1, len(table.header))
+        if all(NUMBER.fullmatch(row[column].strip()) for row in table.rows)
+    )

@@ -1,0 +1,206 @@
+"""Figures over time: free run, residual, several curves in one panel, fault estimate."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from faultgauge.reporting import marks, style
+from faultgauge.reporting.svg import Figure, figure
+
+__all__ = ["curves", "fault_estimate", "free_run", "residual"]
+
+
+def free_run(
+    t: Float[np.ndarray, "samples"],
+    measured: Float[np.ndarray, "samples"],
+    predicted: Float[np.ndarray, "samples"],
+    *,
+    name: str,
+    unit: str,
+    run: str,
+    warmup: int = 0,
+) -> Figure:
+    """Draw an output and the model's pure simulation of it; below, their difference.
+
+    Args:
+        t: increasing time, s.
+        measured: the output y, `unit`; NaN where it was not sampled.
+        predicted: the free run yhat, `unit`.
+        name: the output's name.
+        unit: its unit as declared.
+        run: the run's name.
+        warmup: this many first samples, which found the initial state and are not scored, are
+            shaded.
+    """
+    with style.drawing():
+        canvas, (top, bottom) = style.panels((2.3, 1.5), share_time=True)
+        marks.line(top, t, measured, color=style.MEASURED, linewidth=2.8, label="measured")
+        marks.line(top, t, predicted, color=style.PREDICTED, linewidth=1.2, label="free run")
+        bottom.axhline(0.0, color=style.GREY, linewidth=0.8)
+        marks.line(bottom, t, measured - predicted, color=style.PREDICTED, linewidth=0.8)
+        if warmup > 0:
+            span = (float(t[0]), float(t[min(warmup, t.size - 1)]))
+            for axes in (top, bottom):
+                marks.shade(axes, t, [span], color=style.BLANK, label="warm-up, not scored")
+        top.set_ylabel(style.upright_label(name, unit))
+        bottom.set_ylabel(style.upright_label("residual", unit, width=14))
+        style.legend(top)
+        marks.time_below(bottom, t)
+        caption = (
+            "Above: what was measured, and what the model makes of the inputs alone. "
+            "Below: the residual, measured minus model."
+        )
+        if _diverges(measured, predicted):
+            seen = measured[np.isfinite(measured)]
+            marks.look_at(top, seen, seen + np.ptp(seen), seen - np.ptp(seen))
+            marks.look_at(bottom, np.ptp(seen) * np.array([-1.5, 1.5]))
+            caption += " The free run leaves the picture: it diverges."
+        return figure(canvas, f"Free run of {style.short(name)}, {style.short(run)}", caption)
+
+
+def residual(
+    t: Float[np.ndarray, "samples"],
+    r: Float[np.ndarray, "samples"],
+    *,
+    limit: float | None = None,
+    name: str,
+    unit: str,
+    reference: str,
+) -> Figure:
+    """Draw the residual r = y - yhat of one output, with the limits of its healthy range.
+
+    Args:
+        t: increasing time, s.
+        r: residual, `unit`; NaN where there is none.
+        limit: r leaves its healthy range beyond plus or minus this, `unit`.
+        name: the output's name.
+        unit: its unit as declared.
+        reference: what the healthy reference is driven by, a few words.
+    """
+    with style.drawing():
+        canvas, (axes,) = style.panels((2.1,))
+        marks.line(axes, t, r, color=style.PREDICTED, linewidth=0.8, label="residual")
+        marks.limits(axes, limit)
+        axes.set_ylabel(style.upright_label("residual", unit))
+        style.legend(axes)
+        marks.time_below(axes, t)
+        caption = f"Measured minus healthy reference ({style.short(reference)})."
+        if limit is not None:
+            caption += (
+                f" Dash-dotted: the limits of the healthy range, ±{style.quantity(limit, unit)}."
+            )
+        return figure(canvas, f"Residual of {style.short(name)}", caption)
+
+
+def curves(
+    t: Float[np.ndarray, "samples"],
+    values: Mapping[str, Float[np.ndarray, "samples"]],
+    *,
+    title: str,
+    name: str,
+    unit: str,
+    truth: Float[np.ndarray, "samples"] | None = None,
+    truth_name: str = "truth",
+) -> Figure:
+    """Draw several curves of one quantity in one panel: residuals or estimates side by side.
+
+    Args:
+        t: increasing time, s.
+        values: curve by its name in the legend, `unit`; at most eight, of which four read well.
+        title: what is compared, a few words.
+        name: the quantity.
+        unit: its unit as declared.
+        truth: what the curves are to be compared with, `unit`; drawn dashed on top.
+        truth_name: its name in the legend.
+    """
+    with style.drawing():
+        canvas, (axes,) = style.panels((2.8,))
+        for look, (label, y) in zip(style.SERIES[: len(values)], values.items(), strict=True):
+            marks.line(axes, t, y, label=style.short(label), **look)
+        if truth is not None:
+            marks.line(axes, t, truth, label=style.short(truth_name), **style.TRUTH)
+        axes.set_ylabel(style.upright_label(name, unit))
+        style.legend(axes)
+        marks.time_below(axes, t)
+        caption = "" if truth is None else f"Dashed, on top: {style.short(truth_name)}."
+        return figure(canvas, title, caption)
+
+
+def fault_estimate(
+    t: Float[np.ndarray, "samples"],
+    f: Float[np.ndarray, "samples"],
+    lo: Float[np.ndarray, "samples"],
+    hi: Float[np.ndarray, "samples"],
+    *,
+    limit: float | None,
+    name: str,
+    unit: str,
+    truth: Float[np.ndarray, "samples"] | None = None,
+    events: Sequence[tuple[float, float]] = (),
+    not_judged: Bool[np.ndarray, "samples"] | None = None,
+) -> Figure:
+    """Draw a fault estimate with its 95 % band, limits and events.
+
+    Args:
+        t: increasing time, s.
+        f: estimate, `unit`; NaN where there is none.
+        lo: lower end of the 95 % band, `unit`.
+        hi: upper end, `unit`.
+        limit: the smallest size called a fault, either sign, `unit`; None where not calibrated.
+        name: the fault's name.
+        unit: its unit as declared.
+        truth: the injected fault where it is known, `unit`.
+        events: start and end, s, of each fault found; an end of infinity is still open.
+        not_judged: where nothing was judged; hatched, and left out of the vertical range.
+    """
+    hidden = np.zeros(t.shape, dtype=bool) if not_judged is None else not_judged
+    seen = ~hidden if not hidden.all() else hidden
+    with style.drawing():
+        canvas, (axes,) = style.panels((2.9,))
+        marks.shade(axes, t, events, color=style.EVENT, label="event")
+        marks.hatch(axes, t, hidden, label="not judged")
+        marks.band(axes, t, lo, hi, label="95 % band")
+        marks.line(axes, t, f, color=style.PREDICTED, linewidth=1.4, label="estimate")
+        usual = np.nanmedian(hi[seen] - lo[seen]) / 2 if np.isfinite(hi - lo)[seen].any() else 0.0
+        values = [f[seen] - usual, f[seen] + usual]
+        if limit is not None:
+            marks.limits(axes, limit)
+            values.append(np.array([-limit, limit]))
+        if truth is not None:
+            marks.line(axes, t, truth, label="truth", **style.TRUTH)
+            values.append(truth)
+        marks.look_at(axes, *values)
+        axes.set_ylabel(style.upright_label(name, unit))
+        style.legend(axes)
+        marks.time_below(axes, t)
+        caption = _estimate_caption(limit, unit, truth is not None, len(events), bool(hidden.any()))
+        return figure(canvas, f"Estimated fault: {style.short(name)}", caption)
+
+
+def _diverges(
+    measured: Float[np.ndarray, "samples"], predicted: Float[np.ndarray, "samples"]
+) -> bool:
+    """Whether the free run leaves what was measured by more than three times its range."""
+    seen = measured[np.isfinite(measured)]
+    far = 3.0 * np.ptp(seen) if seen.size else 0.0
+    if far == 0.0:
+        return False
+    return bool(((predicted > seen.max() + far) | (predicted < seen.min() - far)).any())
+
+
+def _estimate_caption(
+    limit: float | None, unit: str, truth: bool, events: int, hidden: bool
+) -> str:
+    parts = ["Estimate and 95 % band."]
+    if limit is None:
+        parts.append("Not calibrated, so there is no limit to judge by.")
+    else:
+        parts.append(f"Dash-dotted: the limits, ±{style.quantity(limit, unit)}.")
+    if events:
+        parts.append("Shaded: the event." if events == 1 else f"Shaded: {events} events.")
+    if hidden:
+        parts.append("Hatched: not judged.")
+    if truth:
+        parts.append("Dashed: the fault that was injected.")
+    return " ".join(parts)

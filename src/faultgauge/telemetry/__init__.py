@@ -1,0 +1,20 @@
+"""Reading logs: from files to runs of named, time-stamped signals.
+
+`read_telemetry` is the way in; `inspect_runs` and `plant_skeleton` describe a log before there is
+a plant. Readers live in `readers/`, one file format each.
+"""
+
+from faultgauge.telemetry.inspection import Inspection, inspect_runs
+from faultgauge.telemetry.reading import read_telemetry
+from faultgauge.telemetry.runs import Run, cut, segments
+from faultgauge.telemetry.skeleton import plant_skeleton
+
+__all__ = [
+    "Inspection",
+    "Run",
+    "cut",
+    "inspect_runs",
+    "plant_skeleton",
+    "read_telemetry",
+    "segments",
+]

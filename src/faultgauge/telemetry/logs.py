@@ -1,0 +1,119 @@
+"""From paths to log files whose time and runs are known, their columns not yet chosen."""
+
+import os
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from faultgauge.errors import InputError
+from faultgauge.telemetry.mapping import apply_maps, parse_maps
+from faultgauge.telemetry.readers import read_table, stem
+from faultgauge.telemetry.table import Table, is_text
+from faultgauge.telemetry.timing import check_increasing, find_time, seconds
+
+__all__ = ["LogFile", "Paths", "open_logs"]
+
+RUN = "run"
+
+Paths = str | Path | Sequence[str | Path]
+
+
+@dataclass(frozen=True, eq=False)
+class LogFile:
+    """One file after `--map`: its time (s) and the samples of each of its runs.
+
+    `signals` are the names of all columns except the time, `t` and `run`.
+    """
+
+    table: Table
+    time: str
+    t: Float[np.ndarray, "rows"]
+    runs: dict[str, Int[np.ndarray, "_"]]
+
+    @property
+    def signals(self) -> list[str]:
+        return [name for name in self.table.columns if name not in (self.time, "t", RUN)]
+
+
+def open_logs(paths: Paths, time: str | None, maps: Iterable[str]) -> list[LogFile]:
+    """Read files, apply `maps`, find the time (`time` names its column) and split into runs.
+
+    A run is called after its file, `stem` or `stem:label` where a column `run` labels the rows;
+    a name that is taken gets `#2`. Raises `InputError` for a file that cannot be read or comes
+    twice, and for a time or run column that cannot be used.
+    """
+    files = [Path(paths)] if isinstance(paths, str | Path) else [Path(path) for path in paths]
+    if not files:
+        raise InputError("No log was given; name at least one file.")
+    parsed = parse_maps(maps)
+    seen: dict[tuple[int, int], Path] = {}
+    taken: set[str] = set()
+    logs = []
+    for path in files:
+        table = read_table(path)
+        _check_new(path, seen)
+        logs.append(_log_file(path, apply_maps(table, parsed), time, "t" in parsed, taken))
+    return logs
+
+
+def _check_new(path: Path, seen: dict[tuple[int, int], Path]) -> None:
+    status = os.stat(path)
+    identity = (status.st_dev, status.st_ino)
+    if identity in seen:
+        raise InputError(f"{path} is the same file as {seen[identity]}; give it once.")
+    seen[identity] = path
+
+
+def _log_file(path: Path, table: Table, time: str | None, mapped: bool, taken: set[str]) -> LogFile:
+    column = find_time(table, time, mapped)
+    t = seconds(table, column)
+    runs = {}
+    for label, samples in _groups(table).items():
+        name = _free_name(f"{stem(path)}:{label}" if label else stem(path), taken)
+        if len(samples) < 2:
+            raise InputError(
+                f"{path}: run {name!r} has only row {table.rows[samples[0]]}; a run needs at "
+                "least two samples, so remove it or correct its label."
+            )
+        check_increasing(table, column, t, samples, name)
+        runs[name] = samples
+    return LogFile(table, column, t, runs)
+
+
+def _groups(table: Table) -> dict[str, Int[np.ndarray, "_"]]:
+    """Samples of each run label, labels in order of appearance; one unlabelled run if none."""
+    if RUN not in table.columns:
+        return {"": np.arange(len(table.rows))}
+    cells = table.columns[RUN]
+    if is_text(cells):
+        labels = np.array([cell.strip() for cell in cells], dtype=object)
+        wrong = labels == ""
+    else:
+        labels, wrong = cells, ~np.isfinite(cells)
+    if wrong.any():
+        raise InputError(
+            f"{table.source}, row {table.rows[np.argmax(wrong)]}, column {RUN!r}: the row has no "
+            "run label; give every row one."
+        )
+    distinct, first, group = np.unique(labels, return_index=True, return_inverse=True)
+    by_group = np.split(np.argsort(group, kind="stable"), np.cumsum(np.bincount(group))[:-1])
+    names = [_label(label) for label in distinct.tolist()]
+    return {names[k]: by_group[k] for k in np.argsort(first)}
+
+
+def _label(label: str | float) -> str:
+    if isinstance(label, str):
+        return label
+    return str(int(label)) if label == int(label) else repr(label)
+
+
+def _free_name(name: str, taken: set[str]) -> str:
+    free, count = name, 1
+    while free in taken:
+        count += 1
+        free = f"{name}#{count}"
+    taken.add(free)
+    return free

@@ -1,0 +1,47 @@
+"""Readers of log files: one file each, registered by suffix in `READERS`."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from faultgauge.errors import InputError
+from faultgauge.telemetry.readers.csv import read_csv
+from faultgauge.telemetry.table import Table
+
+__all__ = ["READERS", "read_table", "stem"]
+
+READERS: dict[str, Callable[[Path], Table]] = {
+    ".csv": read_csv,
+    ".csv.gz": read_csv,
+}
+
+
+def read_table(path: Path) -> Table:
+    """Read one file with the reader of its suffix.
+
+    Raises `InputError` if it is missing, a directory, of an unknown suffix, or refused by the
+    reader.
+    """
+    if path.is_dir():
+        raise InputError(f"{path} is a directory; name the log files in it.")
+    suffix = _suffix(path)
+    try:
+        path.stat()
+        if suffix is not None:
+            return READERS[suffix](path)
+    except FileNotFoundError:
+        raise InputError(f"{path} does not exist; check the path of the log.") from None
+    except OSError as failure:
+        raise InputError(f"{path} cannot be read: {failure.strerror or failure}.") from None
+    raise InputError(
+        f"{path}: a log must end in {' or '.join(READERS)}, not in {path.suffix or 'nothing'}; "
+        "convert the file."
+    )
+
+
+def stem(path: Path) -> str:
+    """File name without directory and without the suffix of its reader."""
+    return path.name[: len(path.name) - len(_suffix(path) or "")]
+
+
+def _suffix(path: Path) -> str | None:
+    return next((suffix for suffix in READERS if path.name.lower().endswith(suffix)), None)

@@ -1,0 +1,113 @@
+"""Reading telemetry: files in, runs of checked signals out."""
+
+import difflib
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from faultgauge.errors import InputError
+from faultgauge.telemetry.logs import LogFile, Paths, open_logs
+from faultgauge.telemetry.mapping import find_column
+from faultgauge.telemetry.runs import Run
+from faultgauge.telemetry.table import Table, is_text, text_error
+
+__all__ = ["read_telemetry"]
+
+
+def read_telemetry(
+    paths: Paths,
+    *,
+    time: str | None = None,
+    maps: Iterable[str] = (),
+    names: Sequence[str] | None = None,
+    optional: Sequence[str] | None = None,
+) -> list[Run]:
+    """Read one log or several into runs.
+
+    **Arguments**
+
+    - `paths`: one path or several; several files are several runs, and so are the labels of a
+      column `run` (rows of one label need not be together).
+    - `time`: the time column, `t` by default; seconds, or ISO 8601 timestamps, which become
+      seconds since the first sample of their file.
+    - `maps`: `NAME=EXPRESSION` texts over the file's columns.
+    - `names`: columns that every run must have, after mapping, in the units of the log.
+    - `optional`: columns that are taken where they are. With neither, all number columns are.
+
+    Raises `InputError` that names file, column and row for a file that cannot be read, a missing
+    required column, text or Inf in a column that is taken, an all-empty one, and a time that is
+    missing, empty, repeated or reversed.
+    """
+    runs = []
+    for log in open_logs(paths, time, maps):
+        columns = _columns(log, names, optional)
+        required = set(names or ())
+        for name, samples in log.runs.items():
+            runs.append(_run(log, name, samples, columns, required))
+    return runs
+
+
+def _columns(
+    log: LogFile, names: Sequence[str] | None, optional: Sequence[str] | None
+) -> dict[str, Float[np.ndarray, "rows"]]:
+    table = log.table
+    if names is None and optional is None:
+        found = {name: name for name in log.signals if not is_text(table.columns[name])}
+    else:
+        _check_present(table, names or ())
+        wanted = dict.fromkeys([*(names or ()), *(optional or ())])
+        found = {name: at for name in wanted if (at := find_column(table, name)) is not None}
+    return {name: _numbers(table, column) for name, column in found.items()}
+
+
+def _check_present(table: Table, names: Sequence[str]) -> None:
+    missing = [name for name in names if find_column(table, name) is None]
+    if not missing:
+        return
+    close = difflib.get_close_matches(missing[0], list(table.columns), n=1)
+    hint = f" (did you mean {close[0]!r}?)" if close else ""
+    raise InputError(
+        f"{table.source} has no column {', '.join(map(repr, missing))}{hint}; it has "
+        f"{', '.join(table.columns)}; rename or convert one with "
+        f'--map "{missing[0]}=EXPRESSION".'
+    )
+
+
+def _numbers(table: Table, column: str) -> Float[np.ndarray, "rows"]:
+    values = table.columns[column]
+    if is_text(values):
+        raise text_error(table, column)
+    infinite = np.flatnonzero(np.isinf(values))
+    if infinite.size:
+        raise InputError(
+            f"{table.source}, row {table.rows[infinite[0]]}, column {column!r}: "
+            f"{values[infinite[0]]} is not a finite number; correct the cell, or leave it empty "
+            "where nothing was sampled."
+        )
+    if np.isnan(values).all():
+        raise InputError(
+            f"{table.source}: column {column!r} is empty in all {len(values)} rows; fill it or "
+            "remove it from the file."
+        )
+    return values
+
+
+def _run(
+    log: LogFile,
+    name: str,
+    samples: np.ndarray,
+    columns: dict[str, Float[np.ndarray, "rows"]],
+    required: set[str],
+) -> Run:
+    """One run; a column that is empty in this run only is absent from it, unless required."""
+    taken = {column: values[samples] for column, values in columns.items()}
+    empty = [column for column, values in taken.items() if np.isnan(values).all()]
+    for column in empty:
+        if column in required:
+            raise InputError(
+                f"{log.table.source}: column {column!r} is empty in all rows of run {name!r}; "
+                "fill it or remove the run."
+            )
+        del taken[column]
+    return Run(name, log.table.source, log.t[samples], taken)

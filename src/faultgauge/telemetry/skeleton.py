@@ -1,0 +1,156 @@
+"""A first plant file, guessed from the columns of a log, for the user to edit."""
+
+import json
+import re
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from faultgauge.errors import InputError
+from faultgauge.telemetry.mapping import alias
+from faultgauge.telemetry.runs import Run
+from faultgauge.telemetry.timing import called_like_time
+
+__all__ = ["plant_skeleton"]
+
+INPUT = re.compile(r"(?i)u(\d|_.*)?\d*|.*(cmd|command|volt|pwm|duty|throttle|valve|pump|input).*")
+OUTPUT = re.compile(r"(?i)y(\d|_.*)?\d*")
+SETPOINT = re.compile(r"(?i)(.*_)?(ref|reference|setpoint|sp|target|desired)(_.*)?")
+HIDDEN = 10
+
+
+@dataclass(frozen=True)
+class Roles:
+    inputs: list[str]
+    states: list[str]
+    left_out: dict[str, str]  # column -> why
+
+
+def plant_skeleton(runs: Sequence[Run], name: str) -> str:
+    """Text of a plant file (TOML) for the columns of `runs`; roles are guessed from names.
+
+    Every state gets a network of all states and inputs for its derivative, and an output of the
+    same name. Raises `InputError` if no column can be a state.
+    """
+    columns = list(dict.fromkeys(column for run in runs for column in run.columns))
+    roles = _roles(runs, columns)
+    if not roles.states:
+        raise InputError(
+            f"{runs[0].source} has no column that could be a state "
+            f"(columns: {', '.join(columns) or 'none'}); log at least one measured signal."
+        )
+    parts = [_head(runs, name, roles)]
+    arguments = ", ".join([*roles.states, *roles.inputs])
+    parts += [_state(state, arguments) for state in roles.states]
+    parts += [_input(runs, item) for item in roles.inputs]
+    parts += [f'[outputs.{_key(state)}]\nvalue = "{state}"\n' for state in roles.states]
+    parts += [f"[networks.{_key('NN_' + state)}]\nhidden = {HIDDEN}\n" for state in roles.states]
+    parts.append(_faults(roles))
+    parts.append(_observer(runs, roles))
+    return "\n".join(parts)
+
+
+def _roles(runs: Sequence[Run], columns: list[str]) -> Roles:
+    names = Counter(alias(column) for column in columns)
+    left_out: dict[str, str] = {}
+    kept = []
+    for column in columns:
+        spelled = alias(column)
+        if names[spelled] > 1:
+            left_out[column] = "another column has this name too; rename one in the file"
+        elif spelled.startswith("d_") and names[spelled.removeprefix("d_")]:
+            left_out[column] = f"read as the derivative of {spelled.removeprefix('d_')}"
+        elif called_like_time(column) and _increases(runs, column):
+            left_out[column] = "runs like a clock"
+        else:
+            kept.append(spelled)
+    inputs = [k for k in kept if _is_input(k)]
+    rest = [k for k in kept if k not in inputs]
+    setpoints = [k for k in rest if SETPOINT.fullmatch(k)]
+    if inputs and len(setpoints) < len(rest):
+        left_out |= dict.fromkeys(setpoints, "looks like a setpoint, which no plant knows")
+        rest = [k for k in rest if k not in setpoints]
+    return Roles(inputs, rest, left_out)
+
+
+def _is_input(name: str) -> bool:
+    in_volts = name.endswith("_V") and not OUTPUT.fullmatch(name) and not SETPOINT.fullmatch(name)
+    return in_volts or INPUT.fullmatch(name) is not None
+
+
+def _increases(runs: Sequence[Run], column: str) -> bool:
+    return all(
+        bool(np.all(np.diff(run.columns[column]) > 0)) for run in runs if column in run.columns
+    )
+
+
+def _head(runs: Sequence[Run], name: str, roles: Roles) -> str:
+    sources = ", ".join(dict.fromkeys(_quoted(run.source) for run in runs))
+    lines = [
+        f"# Plant file, guessed from the columns of {sources}.",
+        "# Edit it: what is an input and what a state was guessed from names, units are missing,",
+        "# and every derivative is wholly unknown (a network NN_...). Replace what you know by",
+        '# physics: derivative = "v" for a position, or known terms beside a network, such as',
+        '# "-k*x/m + NN_x(x, v)" with [parameters] k and m.',
+    ]
+    if not roles.inputs:
+        lines += [
+            "# No column could be taken for an input: all are written as states. If one of them",
+            "# drives the plant, move it to [inputs.NAME], out of [states] and [outputs].",
+        ]
+    lines += [f"# Left out: {_quoted(column)} ({why})." for column, why in roles.left_out.items()]
+    return "\n".join([*lines, f"name = {_quoted(name)}", ""])
+
+
+def _quoted(text: str) -> str:
+    """A TOML string, and one line whatever `text` holds."""
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", r"\u007f")
+
+
+def _key(name: str) -> str:
+    """A TOML key: bare keys are ASCII."""
+    return name if name.isascii() else f'"{name}"'
+
+
+def _state(state: str, arguments: str) -> str:
+    return (
+        f"[states.{_key(state)}]\n"
+        '# unit = "..."\n'
+        f'derivative = "NN_{state}({arguments})"           # d({state})/dt\n'
+    )
+
+
+def _input(runs: Sequence[Run], name: str) -> str:
+    values = np.concatenate(
+        [values for run in runs for column, values in run.columns.items() if alias(column) == name]
+    )
+    return (
+        f"[inputs.{_key(name)}]\n"
+        '# unit = "..."\n'
+        f"# min = {np.nanmin(values):.6g}           # limits of the actuator; these are the log's\n"
+        f"# max = {np.nanmax(values):.6g}\n"
+    )
+
+
+def _faults(roles: Roles) -> str:
+    lines = ["# Faults: what may go wrong and where it enters; uncomment what you look for.", "#"]
+    for enters, names in (("input", roles.inputs), ("state", roles.states)):
+        for name in names:
+            lines += [
+                f"# [faults.{_key(f'{name}_fault')}]",
+                f'# enters = "{enters}"',
+                f'# target = "{name}"',
+                "#",
+            ]
+    return "\n".join(lines[:-1]) + "\n"
+
+
+def _observer(runs: Sequence[Run], roles: Roles) -> str:
+    bandwidth = 0.1 / max(run.step for run in runs)
+    return (
+        "# [observer]                  # what the fault observer reads, and how fast it is\n"
+        f"# outputs = [{', '.join(map(_quoted, roles.states))}]\n"
+        f"# bandwidth = {bandwidth:.2g}           # rad/s; a tenth of the sampling at most\n"
+    )

@@ -1,0 +1,64 @@
+"""A table of cells as read from one file, before anybody decided what its columns mean."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int, Shaped
+
+from faultgauge.errors import InputError
+
+__all__ = ["Table", "float_cells", "is_text", "text_cells", "text_error"]
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """Columns of one file.
+
+    `source` is the path as the user gave it. A number column is float64 with NaN for an empty
+    cell; any other column keeps its cells as an object array of `str`. `rows` holds the 1-based
+    row of the file that each sample came from, so that an error can point at it.
+    """
+
+    source: str
+    columns: dict[str, Shaped[np.ndarray, "rows"]]
+    rows: Int[np.ndarray, "rows"]
+
+
+def is_text(column: Shaped[np.ndarray, "rows"]) -> bool:
+    """Whether a column holds text, so at least one cell that is neither number nor empty."""
+    return column.dtype == object
+
+
+def float_cells(cells: Sequence[str]) -> Float[np.ndarray, "rows"] | None:
+    """Cells as float64, NaN where empty; None if any cell is text."""
+    if any("_" in cell for cell in cells):  # to Python, and to nobody else, 1_0 is a number
+        return None
+    try:
+        return np.array([float(cell) if cell else math.nan for cell in cells], dtype=np.float64)
+    except ValueError:
+        values = [_value(cell) for cell in cells]
+    return None if None in values else np.array(values, dtype=np.float64)
+
+
+def _value(cell: str) -> float | None:
+    try:
+        return None if "_" in cell else float(cell)
+    except ValueError:
+        return None if cell.strip() else math.nan
+
+
+def text_cells(column: Shaped[np.ndarray, "rows"]) -> Bool[np.ndarray, "rows"]:
+    """Which cells of a text column are neither number nor empty."""
+    return np.array([_value(cell) is None for cell in column], dtype=bool)
+
+
+def text_error(table: Table, name: str) -> InputError:
+    """The refusal of text column `name` where numbers are needed."""
+    cells = table.columns[name]
+    first = int(np.argmax(text_cells(cells)))
+    return InputError(
+        f"{table.source}, row {table.rows[first]}, column {name!r}: {cells[first][:40]!r} is not a "
+        "number; correct the cell, or leave it empty where nothing was sampled."
+    )

@@ -1,0 +1,145 @@
+"""From the time column of a table to seconds."""
+
+import re
+from datetime import datetime
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from faultgauge.errors import InputError
+from faultgauge.plants.expression import unknown
+from faultgauge.telemetry.mapping import alias, find_column
+from faultgauge.telemetry.table import Table, float_cells, is_text, text_error
+
+__all__ = ["called_like_time", "check_increasing", "find_time", "seconds", "unit_map"]
+
+# How a name ends -> what makes seconds of it.
+UNITS = {"ms": "/1000", "us": "/1e6", "ns": "/1e9", "min": "*60"}
+# Not T, which is a torque or a temperature.
+TIME_NAME = re.compile(r"(t|(?i:time|timestamp|datetime|date|clock|epoch|sec|seconds))([\W_].*)?")
+
+
+def find_time(table: Table, time: str | None, mapped: bool) -> str:
+    """The time column: `t`, which a map may have made (`mapped`), or what `--time` named.
+
+    Raises `InputError` that lists the columns and proposes likely ones.
+    """
+    if mapped and time not in (None, "t"):
+        raise InputError(f"--time {time} and --map t=... both name the time; keep one of them.")
+    column = find_column(table, time or "t")
+    if column is not None:
+        return column
+    if time is not None:
+        raise InputError(f"{table.source}, --time: {unknown('column', time, table.columns)}.")
+    raise InputError(
+        f"{table.source} has no time column 't'; its columns are {', '.join(table.columns)}; "
+        f"{_proposal(table)}."
+    )
+
+
+def called_like_time(column: str) -> bool:
+    """Whether a column's name is a usual one for time, such as `t_s` or `Time (ms)`."""
+    return TIME_NAME.fullmatch(column) is not None
+
+
+def unit_map(column: str) -> str | None:
+    """The `--map` that makes seconds of a time column named in ms, us, ns or min, if it is."""
+    for unit, factor in UNITS.items():
+        if re.search(rf"(?i)(^|[\W_\d]){unit}\W*$", column):
+            return f'--map "t={alias(column)}{factor}"'
+    return None
+
+
+def _proposal(table: Table) -> str:
+    scores = {name: _likely(table, name) for name in table.columns}
+    best = max(1, *scores.values())
+    likely = [name for name, score in scores.items() if score == best][:3]
+    options = [unit_map(name) or f"--time {_quoted(name)}" for name in likely]
+    return f"try {' or '.join(options)}" if options else "name the time column with --time COLUMN"
+
+
+def _quoted(name: str) -> str:
+    return name if re.fullmatch(r"[\w.-]+", name) else f'"{name}"'
+
+
+def _likely(table: Table, name: str) -> int:
+    """2 if called like a time, 1 if it only runs like one, else 0."""
+    cells = table.columns[name]
+    if called_like_time(name):
+        return 2
+    if is_text(cells):
+        return int(all(_timestamp(cell) is not None for cell in cells[:3]))
+    return int(bool(np.all(np.diff(cells) > 0)))
+
+
+def seconds(table: Table, column: str) -> Float[np.ndarray, "rows"]:
+    """Time column in seconds: numbers as they are, ISO 8601 timestamps from the file's first.
+
+    Timestamps are good to a microsecond; those with a time zone are compared as instants. Raises
+    `InputError` for an empty or infinite time, text that is neither, and zones on some rows only.
+    """
+    cells = table.columns[column]
+    if is_text(cells):
+        return _since_first(table, column)
+    wrong = np.flatnonzero(~np.isfinite(cells))
+    if wrong.size:
+        found = "empty" if np.isnan(cells[wrong[0]]) else cells[wrong[0]]
+        raise _refusal(table, column, wrong[0], f"the time is {found}")
+    return cells
+
+
+def _since_first(table: Table, column: str) -> Float[np.ndarray, "rows"]:
+    cells = table.columns[column]
+    stamps: list[datetime] = []
+    for k, cell in enumerate(cells):
+        stamp = _timestamp(cell)
+        if stamp is None:
+            found = f"{cell[:40]!r} is neither seconds nor an ISO 8601 timestamp"
+            if stamps or not _is_number(cell):
+                raise _refusal(table, column, k, found if cell.strip() else "the time is empty")
+            raise text_error(table, column)
+        stamps.append(stamp)
+        if (stamp.tzinfo is None) != (stamps[0].tzinfo is None):
+            raise _refusal(
+                table, column, k, f"of {cell!r} and the first, {cells[0]!r}, only one has a zone"
+            )
+    return np.array([(stamp - stamps[0]).total_seconds() for stamp in stamps])
+
+
+def _timestamp(cell: str) -> datetime | None:
+    try:
+        return datetime.fromisoformat(cell.strip())
+    except ValueError:
+        return None
+
+
+def _is_number(cell: str) -> bool:
+    return float_cells([cell]) is not None and bool(cell.strip())
+
+
+def _refusal(table: Table, column: str, sample: int | np.integer, found: str) -> InputError:
+    return InputError(
+        f"{table.source}, row {table.rows[sample]}, column {column!r}: {found}; every row needs a "
+        "time in seconds or an ISO 8601 timestamp, so correct or remove the row."
+    )
+
+
+def check_increasing(
+    table: Table,
+    column: str,
+    t: Float[np.ndarray, "rows"],
+    samples: Int[np.ndarray, "samples"],
+    run: str,
+) -> None:
+    """Raises `InputError` unless `t` increases from each to the next of `samples` (one run)."""
+    wrong = np.flatnonzero(np.diff(t[samples]) <= 0)
+    if not wrong.size:
+        return
+    before, after = samples[wrong[0]], samples[wrong[0] + 1]
+    what = "is the same again" if t[after] == t[before] else "runs backwards"
+    cells = table.columns[column]
+    raise InputError(
+        f"{table.source}, column {column!r}, run {run!r}: time {what} from row "
+        f"{table.rows[before]} ({cells[before]}) to row {table.rows[after]} ({cells[after]}); "
+        "sort or remove rows, or tell runs apart by a column 'run'."
+    )
