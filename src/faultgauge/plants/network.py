@@ -10,10 +10,12 @@ __all__ = ["Network"]
 class Network(eqx.Module):
     """One hidden layer, tansig and linear, between fixed scalings (paper, eqs 3 and 4):
 
-        p_s = (p - input_center) / input_scale
+        p_s = clip((p - input_center) / input_scale, -1, 1)
         NN(p) = output_center + output_scale (W1 tanh(W2 p_s + theta) + theta_out)
 
-    tanh(z) is eq 4's 2 / (1 + exp(-2 z)) - 1.
+    tanh(z) is eq 4's 2 / (1 + exp(-2 z)) - 1. The scalings map the training range on [-1, 1];
+    outside it an argument counts as the edge, because what a network makes up beyond its data
+    may drive a simulation anywhere.
     """
 
     weights_out: Float[Array, "hidden"]
@@ -27,8 +29,8 @@ class Network(eqx.Module):
 
     def __call__(self, *arguments: Float[Array, ""]) -> Float[Array, ""]:
         """Value at one point, one scalar per argument."""
-        scaled = (jnp.stack(jnp.broadcast_arrays(*arguments)) - self.input_center)
-        scaled = scaled / self.input_scale
+        p = jnp.stack(jnp.broadcast_arrays(*arguments))
+        scaled = jnp.clip((p - self.input_center) / self.input_scale, -1.0, 1.0)
         hidden = jnp.tanh(self.weights_in @ scaled + self.bias)
         return self.output_center + self.output_scale * (self.weights_out @ hidden + self.bias_out)
 

@@ -1,0 +1,274 @@
+"""Equation error: each equation dx_i = F_i(x, u), y_j = h_j(dx, x, u) fitted on its own.
+
+Equations that share a network or a free parameter form one group and are fitted together.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from faultgauge.errors import InputError
+from faultgauge.identification.levenberg_marquardt import Options, Solution, levenberg_marquardt
+from faultgauge.identification.samples import Samples
+from faultgauge.identification.starts import nguyen_widrow, scattered
+from faultgauge.plants.expression import Expression, evaluate, names_used, networks_used
+from faultgauge.plants.gray_box import GrayBoxPlant
+from faultgauge.plants.plant_file import PlantSpec
+
+__all__ = ["Group", "assemble", "fit_group", "groups", "scale_networks"]
+
+WEIGHTS = ("weights_out", "weights_in", "bias", "bias_out")
+
+
+@dataclass(frozen=True)
+class Group:
+    """Equations fitted together and what is unknown in them.
+
+    `states` and `outputs` index the equations; `networks` and `parameters` are the unknowns.
+    """
+
+    states: tuple[int, ...]
+    outputs: tuple[int, ...]
+    networks: tuple[str, ...]
+    parameters: tuple[str, ...]
+
+    @property
+    def name(self) -> str:
+        return ", ".join([*self.networks, *self.parameters])
+
+
+def groups(spec: PlantSpec, outputs: Sequence[str]) -> list[Group]:
+    """Groups of equations with unknowns; of the outputs, those with telemetry (`outputs`).
+
+    Raises `InputError` for a network that no measured equation determines.
+    """
+    free = {p.name for p in spec.parameters if not p.fixed}
+    open_equations: list[tuple[str, int, set[str]]] = []
+    for kind, expressions in (("state", spec.derivatives), ("output", spec.values)):
+        for index, expression in enumerate(expressions):
+            if kind == "output" and spec.signals.outputs[index].name not in outputs:
+                continue
+            unknowns = (names_used(expression) & free) | networks_used(expression).keys()
+            if unknowns:
+                open_equations.append((kind, index, unknowns))
+    determined = set().union(*(unknowns for *_, unknowns in open_equations))
+    for network in spec.networks:
+        if network.name not in determined:
+            raise InputError(
+                f"network {network.name!r} of plant {spec.name!r} stands only in outputs without "
+                "a telemetry column; add that column (--map OUTPUT=EXPRESSION)."
+            )
+    merged: list[tuple[list[tuple[str, int]], set[str]]] = []
+    for kind, index, unknowns in open_equations:
+        touching = [each for each in merged if each[1] & unknowns]
+        rest = [each for each in merged if not each[1] & unknowns]
+        members = [member for each in touching for member in each[0]]
+        together = unknowns.union(*(each[1] for each in touching))
+        merged = [*rest, ([*members, (kind, index)], together)]
+    return [
+        Group(
+            states=tuple(sorted(i for kind, i in members if kind == "state")),
+            outputs=tuple(sorted(i for kind, i in members if kind == "output")),
+            networks=tuple(n.name for n in spec.networks if n.name in unknowns),
+            parameters=tuple(p.name for p in spec.parameters if p.name in unknowns),
+        )
+        for members, unknowns in merged
+    ]
+
+
+class EquationResidual(eqx.Module):
+    """Residuals of one group at one sample, each divided by its target's spread."""
+
+    plant: GrayBoxPlant
+    scales: Float[Array, "equations"]
+    units: Float[Array, "parameters"]
+    group: Group = eqx.field(static=True)
+
+    def __call__(
+        self, theta: Float[Array, "unknowns"], sample: Samples
+    ) -> Float[Array, "equations"]:
+        plant = assemble(self.plant, self.group, theta, self.units)
+        values = plant.point(jnp.asarray(sample.x), jnp.asarray(sample.u))
+        rates = dict(zip(plant.signals.state_names, sample.dx, strict=True))
+
+        def value(expression: Expression) -> Array:
+            return evaluate(
+                expression.tree, values, jnp, derivatives=rates, networks=plant.networks
+            )
+
+        errors = [value(plant.spec.derivatives[i]) - sample.dx[i] for i in self.group.states]
+        errors += [value(plant.spec.values[j]) - sample.y[j] for j in self.group.outputs]
+        return jnp.stack(errors) / self.scales
+
+
+def assemble(
+    plant: GrayBoxPlant,
+    group: Group,
+    theta: Float[Array, "unknowns"],
+    units: Float[Array, "parameters"],
+) -> GrayBoxPlant:
+    """`plant` with the group's unknowns from the vector `theta` (parameters in `units`)."""
+    networks, parameters, start = dict(plant.networks), dict(plant.parameters), 0
+    for name in group.networks:
+        fields = {}
+        for field in WEIGHTS:
+            old = getattr(networks[name], field)
+            fields[field] = theta[start : start + old.size].reshape(old.shape)
+            start += old.size
+        networks[name] = eqx.tree_at(
+            lambda net: [getattr(net, field) for field in WEIGHTS],
+            networks[name],
+            list(fields.values()),
+        )
+    for k, name in enumerate(group.parameters):
+        parameters[name] = theta[start + k] * units[k]
+    return eqx.tree_at(lambda p: (p.networks, p.parameters), plant, (networks, parameters))
+
+
+def scale_networks(
+    plant: GrayBoxPlant, group: Group, samples: Samples
+) -> GrayBoxPlant:
+    """Set the scalings of the group's networks from the training samples (mapminmax).
+
+    Raises `InputError` naming a network argument or an input that the logs never move.
+    """
+    spec = plant.spec
+    values = {**{name: float(v) for name, v in plant.parameters.items()}}
+    values |= dict(zip(spec.signals.state_names, samples.x.T, strict=True))
+    values |= dict(zip(spec.signals.input_names, samples.u.T, strict=True))
+    rates = dict(zip(spec.signals.state_names, samples.dx.T, strict=True))
+    equations = [(spec.derivatives[i], samples.dx[:, i]) for i in group.states]
+    equations += [(spec.values[j], samples.y[:, j]) for j in group.outputs]
+    networks = dict(plant.networks)
+    for expression, target in equations:
+        for name in sorted(names_used(expression) & set(spec.signals.input_names)):
+            if _range(values[name])[1] == 0:
+                raise InputError(
+                    f"input {name!r} never changes in the logs, so {group.name} cannot be "
+                    "learned (no excitation); add a log in which it moves."
+                )
+        for name, calls in networks_used(expression).items():
+            centers, scales = [], []
+            for k, argument in enumerate(calls[0]):
+                inner = Expression("", argument)
+                if networks_used(inner):  # a network of a network: its range is not known yet
+                    center, scale = 0.0, 1.0
+                else:
+                    with np.errstate(all="ignore"):
+                        points = evaluate(argument, values, np, derivatives=rates)
+                    center, scale = _range(np.asarray(points))
+                if scale == 0:
+                    raise InputError(
+                        f"argument {k + 1} of network {name!r} never changes in the logs (no "
+                        "excitation): add a log in which it moves, or leave the argument out."
+                    )
+                centers.append(center)
+                scales.append(scale)
+            center, scale = _range(target)
+            networks[name] = eqx.tree_at(
+                lambda n: (n.input_center, n.input_scale, n.output_scale),
+                networks[name],
+                (jnp.array(centers), jnp.array(scales), jnp.asarray(scale or 1.0)),
+            )
+    return eqx.tree_at(lambda p: p.networks, plant, networks)
+
+
+def _range(points: np.ndarray) -> tuple[float, float]:
+    """(centre, half width); the width of rounding errors counts as 0."""
+    low, high = float(np.nanmin(points)), float(np.nanmax(points))
+    half = (high - low) / 2
+    flat = half <= 1e-12 * max(abs(low), abs(high))
+    return (low + high) / 2, 0.0 if flat else half
+
+
+def start_vector(
+    plant: GrayBoxPlant, group: Group, units: np.ndarray, rng: np.random.Generator | None
+) -> Float[np.ndarray, "unknowns"]:
+    """One start. Without `rng` the parameters keep the values of the plant file."""
+    spec, parts = plant.spec, []
+    specs = {net.name: net for net in spec.networks}
+    parameters = {p.name: p for p in spec.parameters}
+    for name in group.networks:
+        weights = nguyen_widrow(
+            specs[name].hidden, specs[name].arity, rng or np.random.default_rng(0)
+        )
+        parts += [weights[field].ravel() for field in WEIGHTS]
+    for name, unit in zip(group.parameters, units, strict=True):
+        p = parameters[name]
+        value = scattered(p.value, p.min, p.max, rng) if rng else np.asarray(p.value)
+        parts.append(np.atleast_1d(value / unit))
+    return np.concatenate(parts)
+
+
+def fit_group(
+    plant: GrayBoxPlant,
+    group: Group,
+    training: Samples,
+    validation: Samples,
+    rngs: Sequence[np.random.Generator],
+    options: Options,
+) -> tuple[list[GrayBoxPlant], Solution]:
+    """Fit one group from one start per generator; the first keeps the file's parameters.
+
+    Returns a plant per start (the same other groups in each) and LM's own account.
+    """
+    parameters = {p.name: p for p in plant.spec.parameters}
+    chosen = [parameters[name] for name in group.parameters]
+    units = np.array([abs(p.value) or 1.0 for p in chosen])
+    weights = sum(getattr(plant.networks[n], f).size for n in group.networks for f in WEIGHTS)
+    bound = lambda key: np.concatenate(  # noqa: E731
+        [
+            np.full(weights, -np.inf if key == "min" else np.inf),
+            [getattr(p, key) / unit for p, unit in zip(chosen, units, strict=True)],
+        ]
+    )
+    targets = [training.dx[:, i] for i in group.states]
+    targets += [training.y[:, j] for j in group.outputs]
+    scales = np.array([np.std(target) or 1.0 for target in targets])
+    starts = []
+    for k, rng in enumerate(rngs):
+        start = start_vector(plant, group, units, rng)
+        if k == 0 and group.parameters:
+            start[weights:] = start_vector(plant, group, units, None)[weights:]
+        starts.append(start)
+    residual = EquationResidual(plant, jnp.asarray(scales), jnp.asarray(units), group)
+    solution = levenberg_marquardt(
+        residual,
+        jnp.asarray(np.stack(starts)),
+        jax.tree.map(jnp.asarray, training),
+        jax.tree.map(jnp.asarray, validation),
+        jnp.asarray(bound("min")),
+        jnp.asarray(bound("max")),
+        options,
+    )
+    solution = Solution(*map(np.asarray, solution))
+    theta = jnp.asarray(solution.theta)
+    fitted = jax.device_get(_assemble_all(plant, group, theta, jnp.asarray(units)))
+    pieces = [
+        eqx.tree_at(
+            lambda p: (p.networks, p.parameters),
+            plant,
+            jax.tree.map(lambda a, k=k: jnp.asarray(a[k]), fitted),
+        )
+        for k in range(len(starts))
+    ]
+    return pieces, solution
+
+
+@eqx.filter_jit
+def _assemble_all(
+    plant: GrayBoxPlant,
+    group: Group,
+    theta: Float[Array, "starts unknowns"],
+    units: Float[Array, "parameters"],
+) -> tuple:
+    def one(theta: Array) -> tuple:
+        built = assemble(plant, group, theta, units)
+        return built.networks, built.parameters
+
+    return jax.vmap(one)(theta)

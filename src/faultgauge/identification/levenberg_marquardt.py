@@ -1,0 +1,198 @@
+"""Levenberg-Marquardt for many small residuals with few parameters.
+
+    minimise  c(theta) = sum_k r_k(theta)^2
+
+The Jacobian is built sample by sample in reverse mode and stored as (parameters, samples), the
+normal equations are solved by Cholesky, damping follows Nielsen's gain ratio (H. B. Nielsen,
+"Damping parameter in Marquardt's method", IMM-REP-1999-05). Every start is a program of its own
+in one compiled loop, and one that fails does not disturb the others.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+__all__ = [
+    "CONVERGED",
+    "FAILED",
+    "NOT_CONVERGED",
+    "Options",
+    "Solution",
+    "VALIDATION_STOP",
+    "levenberg_marquardt",
+    "normal_equations",
+]
+
+CONVERGED, VALIDATION_STOP, NOT_CONVERGED, FAILED = range(4)
+
+Residual = Callable[[Float[Array, "parameters"], Any], Float[Array, "equations"]]
+
+
+class Options(NamedTuple):
+    """Limits of one fit: `tau` scales the first damping; `max_fail` counts steps without a
+    better validation cost; `tolerance` is the relative reduction of cost that still counts."""
+
+    max_trials: int = 300
+    max_fail: int = 6
+    tau: float = 1e-3
+    tolerance: float = 1e-10
+
+
+class Solution(NamedTuple):
+    """One row per start. `status` is CONVERGED, VALIDATION_STOP, NOT_CONVERGED (the cap was
+    hit) or FAILED (no finite cost); `history` holds (cost, validation cost) per trial, NaN
+    after the end."""
+
+    theta: Float[Array, "starts parameters"]
+    cost: Float[Array, "starts"]
+    validation_cost: Float[Array, "starts"]
+    status: Int[Array, "starts"]
+    trials: Int[Array, "starts"]
+    history: Float[Array, "starts trials 2"]
+
+
+class _State(NamedTuple):
+    theta: Array
+    cost: Array
+    hessian: Array
+    gradient: Array
+    mu: Array
+    nu: Array
+    best: Array
+    best_cost: Array
+    best_validation: Array
+    fails: Array
+    stalls: Array
+    trial: Array
+    status: Array
+    history: Array
+
+
+def normal_equations(
+    residual: Residual, theta: Float[Array, "parameters"], samples: Any
+) -> tuple[Float[Array, ""], Float[Array, "parameters parameters"], Float[Array, "parameters"]]:
+    """(c, J J^T, J r) with J stored as (parameters, equations * samples)."""
+
+    def one(theta: Array, sample: Any) -> tuple[Array, Array]:
+        r = residual(theta, sample)
+        return r, r
+
+    if jax.eval_shape(residual, theta, jax.tree.map(lambda a: a[0], samples)).shape == (1,):
+
+        def scalar(theta: Array, sample: Any) -> Array:
+            return residual(theta, sample)[0]
+
+        r, J = jax.vmap(jax.value_and_grad(scalar), (None, 0), (0, -1))(theta, samples)
+    else:
+        J, r = jax.vmap(jax.jacrev(one, has_aux=True), (None, 0), (-1, -1))(theta, samples)
+        J = jnp.moveaxis(J, 1, 0).reshape(theta.size, -1)
+        r = r.reshape(-1)
+    return r @ r, J @ J.T, J @ r
+
+
+@eqx.filter_jit
+def levenberg_marquardt(
+    residual: Residual,
+    starts: Float[Array, "starts parameters"],
+    samples: Any,
+    validation: Any | None,
+    lower: Float[Array, "parameters"],
+    upper: Float[Array, "parameters"],
+    options: Options = Options(),
+) -> Solution:
+    """Fit from every start. `samples` and `validation` are trees of arrays, samples first.
+
+    With `validation` the parameters of the lowest validation cost are returned. Steps are
+    projected on [lower, upper]. `residual` must be a hashable function or an Equinox module,
+    so that the compiled program is found again.
+    """
+
+    def validate(theta: Array, cost: Array) -> Array:
+        if validation is None:
+            return cost
+        r = jax.vmap(residual, (None, 0))(theta, validation)
+        return jnp.sum(r * r)
+
+    def begin(theta: Array) -> _State:
+        cost, hessian, gradient = normal_equations(residual, theta, samples)
+        scale = jnp.max(jnp.diag(hessian))
+        valid = validate(theta, cost)
+        finite = jnp.isfinite(cost) & jnp.isfinite(scale)
+        history = jnp.full((options.max_trials, 2), jnp.nan)
+        return _State(
+            theta=theta,
+            cost=cost,
+            hessian=hessian,
+            gradient=gradient,
+            mu=options.tau * jnp.maximum(scale, 1e-300),
+            nu=jnp.asarray(2.0),
+            best=theta,
+            best_cost=cost,
+            best_validation=jnp.where(jnp.isfinite(valid), valid, jnp.inf),
+            fails=jnp.asarray(0),
+            stalls=jnp.asarray(0),
+            trial=jnp.asarray(0),
+            status=jnp.where(finite, -1, FAILED),
+            history=history,
+        )
+
+    def trial(s: _State) -> _State:
+        damped = s.hessian + s.mu * jnp.eye(s.theta.size)
+        factor = jax.scipy.linalg.cho_factor(damped)
+        theta = jnp.clip(
+            s.theta - jax.scipy.linalg.cho_solve(factor, s.gradient), lower, upper
+        )
+        delta = theta - s.theta
+        cost, hessian, gradient = normal_equations(residual, theta, samples)
+        # predicted reduction of c by the quadratic model, for the step really taken
+        predicted = -(2 * s.gradient @ delta + delta @ s.hessian @ delta)
+        ratio = (s.cost - cost) / predicted
+        better = jnp.isfinite(cost) & jnp.all(jnp.isfinite(delta)) & (cost < s.cost)
+        better &= jnp.all(jnp.isfinite(hessian))
+        gain = jnp.clip(ratio, 0.0, 1e3)
+        shrink = jnp.maximum(1 / 3, 1 - (2 * gain - 1) ** 3)
+        valid = validate(theta, cost)
+        improved = better & (valid < s.best_validation)
+        small = (s.cost - cost) <= options.tolerance * s.cost
+        stuck = jnp.max(jnp.abs(delta)) <= 1e-12 * (1 + jnp.max(jnp.abs(s.theta)))
+        stalls = jnp.where(better & small, s.stalls + 1, jnp.where(better, 0, s.stalls))
+        fails = jnp.where(improved, 0, jnp.where(better, s.fails + 1, s.fails))
+        done = (stalls >= 2) | stuck | (s.mu > 1e16 * jnp.max(jnp.diag(s.hessian)))
+        status = jnp.where(done, CONVERGED, -1)
+        if validation is not None:
+            status = jnp.where((status < 0) & (fails >= options.max_fail), VALIDATION_STOP, status)
+        keep = lambda new, old: jnp.where(better, new, old)  # noqa: E731
+        return _State(
+            theta=keep(theta, s.theta),
+            cost=keep(cost, s.cost),
+            hessian=keep(hessian, s.hessian),
+            gradient=keep(gradient, s.gradient),
+            mu=keep(s.mu * shrink, s.mu * s.nu),
+            nu=keep(2.0, s.nu * 2.0),
+            best=jnp.where(improved, theta, s.best),
+            best_cost=jnp.where(improved, cost, s.best_cost),
+            best_validation=jnp.where(improved, valid, s.best_validation),
+            fails=fails,
+            stalls=stalls,
+            trial=s.trial + 1,
+            status=status,
+            history=s.history.at[s.trial].set(jnp.stack([keep(cost, s.cost), keep(valid, jnp.nan)])),
+        )
+
+    def run(theta: Array) -> _State:
+        going = lambda s: (s.status < 0) & (s.trial < options.max_trials)  # noqa: E731
+        return jax.lax.while_loop(going, trial, begin(theta))
+
+    final = jax.lax.map(run, jnp.clip(starts, lower, upper))
+    return Solution(
+        theta=final.best,
+        cost=final.best_cost,
+        validation_cost=final.best_validation,
+        status=jnp.where(final.status < 0, NOT_CONVERGED, final.status),
+        trials=final.trial,
+        history=final.history,
+    )

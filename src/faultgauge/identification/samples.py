@@ -1,0 +1,231 @@
+"""Training samples: (x, u, dx, y) points of the equations dx = F(x, u), y = h(dx, x, u)."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from faultgauge.errors import InputError
+from faultgauge.plants.expression import Name, derivatives_used, names_used
+from faultgauge.plants.plant_file import PlantSpec
+from faultgauge.plants.signals import Signals
+from faultgauge.telemetry import Run, segments
+from faultgauge.telemetry.derivatives import Kernel, choose_kernel, noise_sd
+from faultgauge.telemetry.resampling import on_grid
+
+__all__ = ["Channels", "Samples", "Stretch", "channels", "collect", "column_names", "state_column"]
+
+
+class Samples(NamedTuple):
+    """Points of the plant's equations, in plant units; NaN where a log has no such column."""
+
+    x: Float[np.ndarray, "samples states"]
+    u: Float[np.ndarray, "samples inputs"]
+    dx: Float[np.ndarray, "samples states"]
+    y: Float[np.ndarray, "samples outputs"]
+
+    def take(self, index: np.ndarray) -> "Samples":
+        return Samples(*(array[index] for array in self))
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """A gap-free stretch of one run on a uniform grid.
+
+    `samples[k]` is centred at `t[k]` and made of data up to `reach` samples away; `measured` holds the outputs as sampled at `t` (NaN
+    columns for outputs without telemetry).
+    """
+
+    run: str
+    step: float
+    reach: int
+    t: Float[np.ndarray, "samples"]
+    samples: Samples
+    measured: Float[np.ndarray, "samples outputs"]
+    applied: Float[np.ndarray, "samples inputs"]
+
+
+@dataclass(frozen=True)
+class Channels:
+    """How each state is obtained: (column, derivative order), and which outputs are scored."""
+
+    states: tuple[tuple[str, int], ...]
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    rates: tuple[str, ...]  # d_<state> columns that the logs hold
+
+    @property
+    def needed(self) -> list[str]:
+        names = [column for column, _ in self.states]
+        return list(dict.fromkeys([*names, *self.inputs, *self.outputs, *self.rates]))
+
+
+def column_names(signals: Signals) -> tuple[list[str], list[str]]:
+    """(required, optional) telemetry columns of a plant: inputs, and everything else."""
+    rates = [f"d_{name}" for name in signals.state_names]
+    optional = dict.fromkeys([*signals.state_names, *signals.output_names, *rates])
+    return list(signals.input_names), list(optional)
+
+
+def state_column(signals: Signals, state: str, columns: Sequence[str]) -> str | None:
+    """The column that measures `state`: its own, or that of an output that is exactly it."""
+    if state in columns:
+        return state
+    return next(
+        (o.name for o in signals.outputs if o.measures == state and o.name in columns), None
+    )
+
+
+def channels(spec: PlantSpec, runs: Sequence[Run]) -> Channels:
+    """Which column or derivative stands for each state, over all `runs`.
+
+    Raises `InputError` for a state that is neither measured nor the derivative of one that is.
+    """
+    signals = spec.signals
+    present = set.intersection(*(set(run.columns) for run in runs))
+    sources: dict[str, tuple[str, int]] = {}
+    for state in signals.state_names:
+        column = state_column(signals, state, sorted(present))
+        if column is not None:
+            sources[state] = (column, 0)
+    for _ in signals.states:  # chains: q measured, v = d(q), a = d(v)
+        for state, derivative in zip(signals.state_names, spec.derivatives, strict=True):
+            tree = derivative.tree
+            if isinstance(tree, Name) and state in sources and tree.name not in sources:
+                column, order = sources[state]
+                sources[tree.name] = (column, order + 1)
+    for state in signals.state_names:
+        if state not in sources:
+            raise InputError(
+                f"state {state!r} of plant {spec.name!r} has no column in {runs[0].source} and is "
+                "not the derivative of a state that has one; add its column "
+                f"(--map {state}=EXPRESSION) or an output that measures it."
+            )
+    return Channels(
+        states=tuple(sources[state] for state in signals.state_names),
+        inputs=signals.input_names,
+        outputs=tuple(name for name in signals.output_names if name in present),
+        rates=tuple(f"d_{name}" for name in signals.state_names if f"d_{name}" in present),
+    )
+
+
+def collect(
+    spec: PlantSpec, runs: Sequence[Run], how: Channels
+) -> tuple[list[Stretch], dict[str, dict[str, float]]]:
+    """Stretches of all runs, and what the smoothing left: per state the kernel's window [s],
+    the noise of the measured column and the noise of the derivative (its unit and share)."""
+    held = _held(spec)
+    grids = []
+    for run in runs:
+        for part in segments(run, how.needed):
+            columns = {name: run.columns[name][part] for name in how.needed}
+            step, t, on = on_grid(run.t[part], columns, held)
+            if len(t) >= 16:
+                grids.append((run.name, step, t, on))
+    if not grids:
+        raise InputError(
+            f"{runs[0].source}: no stretch of 16 complete samples without a gap in "
+            f"{', '.join(how.needed)}; look at it with `faultgauge inspect`."
+        )
+    kernel, noise = _kernel(spec, how, grids)
+    shortest = 16 + (2 * kernel.half if kernel else 0)
+    grids = [grid for grid in grids if len(grid[2]) >= shortest]
+    return [_stretch(spec, how, kernel, held, *grid) for grid in grids], noise
+
+
+def _held(spec: PlantSpec) -> set[str]:
+    """Signals that jump with a held input: the input itself and what it feeds straight into."""
+    held = {each.name for each in spec.signals.inputs if each.hold == "zero"}
+    if held:
+        held |= {f"d_{name}" for name in spec.signals.state_names}
+        for output, value in zip(spec.signals.outputs, spec.values, strict=True):
+            if derivatives_used(value) or names_used(value) & held:
+                held.add(output.name)
+    return held
+
+
+def _kernel(
+    spec: PlantSpec, how: Channels, grids: list
+) -> tuple[Kernel | None, dict[str, dict[str, float]]]:
+    """One kernel for all signals: the widest that any derivative asks for."""
+    if all(f"d_{name}" in how.rates for name in spec.signals.state_names):
+        return None, {}
+    step = grids[0][1]
+    wanted, found = {}, []
+    for state, (column, order) in zip(spec.signals.state_names, how.states, strict=True):
+        if f"d_{state}" in how.rates:
+            continue
+        signals = [on[column] for *_, on in grids]
+        sigma = max(noise_sd(x) for x in signals)
+        wanted[state] = (signals, order + 1, sigma)
+        found.append(choose_kernel(signals, step, order + 1, sigma))
+    order = max(k.order for k in found)
+    width = max(k.width for k in found)
+    order += (order * width) % 2
+    kernel = Kernel(order, width)
+    noise = {}
+    for state, (signals, derivative, sigma) in wanted.items():
+        left = sigma * kernel.noise_gain(derivative, step)
+        usable = [x for x in signals if len(x) > 2 * kernel.half]
+        slopes = [kernel.smooth(x, step, derivative=derivative) for x in usable]
+        spread = float(np.std(np.concatenate(slopes))) if slopes else 0.0
+        noise[state] = {
+            "window_s": kernel.order * kernel.width * step,
+            "column_noise": sigma,
+            "derivative_noise": left,
+            "derivative_noise_share": left / spread if spread > 0 else 0.0,
+        }
+    return kernel, noise
+
+
+def _stretch(
+    spec: PlantSpec,
+    how: Channels,
+    kernel: Kernel | None,
+    held: set[str],
+    run: str,
+    step: float,
+    t: np.ndarray,
+    on: dict[str, np.ndarray],
+) -> Stretch:
+    half = kernel.half if kernel else 0
+    inside = slice(half, len(t) - half)
+    signals = spec.signals
+
+    def mean(column: str | None, derivative: int = 0) -> np.ndarray:
+        if column is None:
+            return np.full(len(t), np.nan)[inside]
+        if kernel is None:
+            return on[column]
+        return kernel.smooth(on[column], step, derivative=derivative, held=column in held)
+
+    def table(columns: list[np.ndarray]) -> np.ndarray:
+        return np.stack(columns, axis=1) if columns else np.zeros((len(t[inside]), 0))
+
+    rates = []
+    for state, (column, order) in zip(signals.state_names, how.states, strict=True):
+        given = f"d_{state}" in how.rates
+        rates.append(mean(f"d_{state}") if given else mean(column, order + 1))
+    low, high = (np.array([getattr(i, k) for i in signals.inputs]) for k in ("min", "max"))
+    applied = table([on[name][inside] for name in signals.input_names])
+    return Stretch(
+        run=run,
+        step=step,
+        reach=half,
+        t=t[inside],
+        samples=Samples(
+            x=table([mean(column, order) for column, order in how.states]),
+            u=np.clip(table([mean(name) for name in signals.input_names]), low, high),
+            dx=table(rates),
+            y=table([mean(n if n in how.outputs else None) for n in signals.output_names]),
+        ),
+        measured=table(
+            [
+                on[n][inside] if n in how.outputs else np.full(len(t[inside]), np.nan)
+                for n in signals.output_names
+            ]
+        ),
+        applied=applied,
+    )

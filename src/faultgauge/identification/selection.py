@@ -1,0 +1,113 @@
+"""Selection by free run: a good derivative fit whose simulation drifts is not a good model."""
+
+from collections.abc import Sequence
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from faultgauge.identification.samples import Stretch
+from faultgauge.plants.gray_box import GrayBoxPlant
+from faultgauge.simulation.free_run import bucket, pad, simulate, substeps_for
+
+__all__ = ["Windows", "fastest_rate", "free_run_errors", "windows_from"]
+
+LONGEST = 4000  # samples of one validation window that are simulated
+
+
+class Windows(eqx.Module):
+    """Validation windows, padded to one length: start states, inputs, outputs, weights."""
+
+    x0: Float[np.ndarray, "windows states"]
+    u: Float[np.ndarray, "windows samples inputs"]
+    dt: Float[np.ndarray, "windows samples"]
+    y: Float[np.ndarray, "windows samples outputs"]
+    weight: Float[np.ndarray, "windows samples outputs"]
+
+
+def windows_from(
+    stretches: Sequence[Stretch], cuts: Sequence[Sequence[slice]], spread: Float[np.ndarray, "outputs"]
+) -> Windows:
+    """Windows for `free_run_errors`; `spread` is each output's standard deviation in the log.
+
+    A window starts at the smoothed state of its first sample; outputs without telemetry and
+    padding have weight 0.
+    """
+    pieces = []
+    for stretch, slices in zip(stretches, cuts, strict=True):
+        for cut in slices:
+            cut = slice(cut.start, min(cut.stop, cut.start + LONGEST))
+            if cut.stop - cut.start >= 2:
+                pieces.append((stretch, cut))
+    length = bucket(max(cut.stop - cut.start for _, cut in pieces))
+    fields: list[list[np.ndarray]] = [[], [], [], [], []]
+    for stretch, cut in pieces:
+        count = cut.stop - cut.start
+        y = stretch.measured[cut]
+        weight = np.isfinite(y) / spread**2
+        dt = np.full(length, stretch.step)
+        dt[count - 1 :] = 0.0
+        padded = np.zeros((length - count, y.shape[1]))
+        row = (
+            stretch.samples.x[cut.start],
+            pad(stretch.applied[cut], length),
+            dt,
+            pad(np.nan_to_num(y), length),
+            np.concatenate([weight, padded]),
+        )
+        for field, value in zip(fields, row, strict=True):
+            field.append(value)
+    return Windows(*(np.stack(field) for field in fields))
+
+
+@eqx.filter_jit
+def _errors(
+    leaves: tuple, plant: GrayBoxPlant, windows: Windows, substeps: int
+) -> Float[Array, "candidates"]:
+    def one(leaves: tuple) -> Array:
+        candidate = eqx.tree_at(lambda p: (p.networks, p.parameters), plant, leaves)
+
+        def window(x0: Array, u: Array, dt: Array, y: Array, weight: Array) -> Array:
+            f = jnp.zeros((len(dt), len(plant.signals.faults)))
+            error = simulate(candidate, x0, u, dt, f, substeps).y - y
+            return jnp.sum(jnp.where(weight > 0, weight * error**2, 0.0))
+
+        total = jnp.sum(jax.vmap(window)(*jax.tree.leaves(windows)))
+        return jnp.sqrt(total / jnp.sum(jnp.asarray(windows.weight) > 0))
+
+    return jax.vmap(one)(leaves)
+
+
+def free_run_errors(
+    candidates: Sequence[GrayBoxPlant], windows: Windows, max_step: float
+) -> Float[np.ndarray, "candidates"]:
+    """Normalised RMSE of each candidate's free run over the windows (inf where it diverges)."""
+    leaves = jax.tree.map(
+        lambda *arrays: jnp.asarray(np.stack([np.asarray(a) for a in arrays])),
+        *[(c.networks, c.parameters) for c in candidates],
+    )
+    substeps = substeps_for(float(np.max(windows.dt)), max_step)
+    errors = np.asarray(
+        _errors(leaves, candidates[0], jax.tree.map(jnp.asarray, windows), substeps)
+    )
+    return np.where(np.isfinite(errors), errors, np.inf)
+
+
+@eqx.filter_jit
+def _rates(plant: GrayBoxPlant, x: Array, u: Array) -> Float[Array, "samples states states"]:
+    return jax.vmap(jax.jacfwd(plant.derivative), (0, 0))(x, u)
+
+
+def fastest_rate(
+    plant: GrayBoxPlant,
+    x: Float[np.ndarray, "samples states"],
+    u: Float[np.ndarray, "samples inputs"],
+) -> float:
+    """Largest |eigenvalue| [1/s] of dF/dx over the points, leaving out the top 1 % (kinks)."""
+    jacobians = np.asarray(_rates(plant, jnp.asarray(x), jnp.asarray(u)))
+    jacobians = jacobians[np.all(np.isfinite(jacobians), axis=(1, 2))]
+    if len(jacobians) == 0:
+        return 0.0
+    return float(np.quantile(np.abs(np.linalg.eigvals(jacobians)).max(axis=1), 0.99))

@@ -1,0 +1,74 @@
+"""Free runs: the plant beside a log, fed with the log's inputs alone."""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from faultgauge.plants.plant import Plant, respond
+from faultgauge.simulation.integrators import step
+
+__all__ = ["Trajectory", "bucket", "free_run", "pad", "substeps_for"]
+
+MAX_SUBSTEPS = 64
+
+
+class Trajectory(NamedTuple):
+    """A simulated run: states, their derivatives and outputs at every sample."""
+
+    x: Float[Array, "samples states"]
+    dx: Float[Array, "samples states"]
+    y: Float[Array, "samples outputs"]
+
+
+@eqx.filter_jit
+def free_run(
+    plant: Plant,
+    x0: Float[Array, "states"],
+    u: Float[Array, "samples inputs"],
+    dt: Float[Array, "samples"],
+    f: Float[Array, "samples faults"],
+    substeps: int,
+) -> Trajectory:
+    """Simulate from `x0`; `dt[k]` [s] leads from sample k to k+1 (0 where padded)."""
+    return simulate(plant, x0, u, dt, f, substeps)
+
+
+def simulate(
+    plant: Plant,
+    x0: Float[Array, "states"],
+    u: Float[Array, "samples inputs"],
+    dt: Float[Array, "samples"],
+    f: Float[Array, "samples faults"],
+    substeps: int,
+) -> Trajectory:
+    """`free_run` without its own compilation, for use inside other compiled functions."""
+    u_next = jnp.concatenate([u[1:], u[-1:]])
+
+    def body(x: Array, sample: tuple[Array, ...]) -> tuple[Array, Trajectory]:
+        u, u_next, dt, f = sample
+        dx, y = respond(plant, x, u, f)
+        return step(plant, x, u, u_next, f, dt, substeps), Trajectory(x, dx, y)
+
+    return jax.lax.scan(body, x0, (u, u_next, dt, f))[1]
+
+
+def substeps_for(step: float, max_step: float) -> int:
+    """RK4 steps per sample so that none is longer than `max_step` [s]."""
+    return int(np.clip(np.ceil(step / max_step * (1 - 1e-9)), 1, MAX_SUBSTEPS))
+
+
+def bucket(samples: int) -> int:
+    """The padded length of a record: few lengths, so that few programs are compiled."""
+    length = 64
+    while length < samples:
+        length = length * 3 // 2 if length & (length - 1) == 0 else length // 3 * 4
+    return length
+
+
+def pad(x: Float[np.ndarray, "samples *rest"], length: int) -> Float[np.ndarray, "padded *rest"]:
+    """`x` continued to `length` with its last row."""
+    return np.concatenate([x, np.repeat(x[-1:], length - len(x), axis=0)])
