@@ -1,0 +1,1 @@
+"""Residuals, calibration, estimates and events."""

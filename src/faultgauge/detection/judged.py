@@ -1,0 +1,195 @@
+"""Running a model's observers beside a log: one row per sample, and what cannot be judged."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float
+
+from faultgauge.errors import InputError
+from faultgauge.observers import OBSERVERS, Design, Observer, observe
+from faultgauge.observers.observer import OperatingPoints
+from faultgauge.plants.model import Model
+from faultgauge.simulation.free_run import bucket, pad
+from faultgauge.telemetry import Run, segments
+
+__all__ = [
+    "Bank",
+    "Estimates",
+    "bandwidth_of",
+    "build_bank",
+    "estimate_run",
+    "measured_outputs",
+    "operating_points",
+    "record_arrays",
+    "run_observer",
+    "start_from_samples",
+]
+
+SAMPLES_PER_RADIAN = 10.0  # default bandwidth: omega_o dt = 0.1
+SETTLING = 5.0  # hold-off after a start, in units of 1 / omega_o
+START_SAMPLES = 20
+
+
+@dataclass(frozen=True)
+class Bank:
+    """One observer per fault that can be estimated, designed for one sample time."""
+
+    model: Model
+    designs: dict[str, Design]
+    refused: dict[str, str]
+    bandwidth: float
+    step: float
+
+
+@dataclass(frozen=True)
+class Estimates:
+    """Fault estimates of one run, one row per sample; NaN where there is none.
+
+    `settled` is False during the hold-off after a start or a gap, and where nothing was sampled.
+    """
+
+    run: Run
+    f: dict[str, Float[np.ndarray, "samples"]]
+    sampled: Bool[np.ndarray, "samples"]
+    settled: Bool[np.ndarray, "samples"]
+
+
+def operating_points(model: Model) -> OperatingPoints:
+    """The points of the training envelope that the model file keeps."""
+    points = np.asarray(model.record["envelope_points"], float)
+    states = len(model.plant.signals.states)
+    return OperatingPoints(points[:, :states], points[:, states:])
+
+
+def measured_outputs(model: Model, runs: Sequence[Run]) -> tuple[str, ...]:
+    """Outputs with a column in every run, limited to `[observer] outputs` where given."""
+    signals = model.plant.signals
+    wanted = signals.observation.outputs or signals.output_names
+    found = tuple(n for n in wanted if all(n in run.columns for run in runs))
+    if not found:
+        raise InputError(
+            f"{runs[0].source}: no column for any of the outputs {', '.join(wanted)}; name one "
+            "with --map OUTPUT=EXPRESSION."
+        )
+    return found
+
+
+def bandwidth_of(model: Model, step: float) -> float:
+    """`[observer] bandwidth`, or omega_o dt = 0.1 where the plant file gives none."""
+    return model.plant.signals.observation.bandwidth or 1.0 / (SAMPLES_PER_RADIAN * step)
+
+
+def build_bank(model: Model, runs: Sequence[Run], observer: str = "eso") -> Bank:
+    """Design an observer for every declared fault.
+
+    A fault that the observer cannot estimate is refused by name; the call fails when none is
+    left. Raises `InputError` for a bandwidth that is unstable somewhere in the envelope, with
+    one that is not.
+    """
+    if observer not in OBSERVERS:
+        raise InputError(f"unknown observer {observer!r}; legal: {', '.join(OBSERVERS)}.")
+    step = float(np.median([run.step for run in runs]))
+    bandwidth = bandwidth_of(model, step)
+    measured = measured_outputs(model, runs)
+    points = operating_points(model)
+    designs: dict[str, Design] = {}
+    refused: dict[str, str] = {}
+    for fault in model.plant.signals.fault_names:
+
+        def design(omega: float, fault: str = fault) -> Design:
+            return OBSERVERS[observer](
+                model.plant, fault, points, step, omega, measured, model.max_step
+            )
+
+        try:
+            designs[fault] = design(bandwidth)
+        except InputError as refusal:
+            refused[fault] = str(refusal)
+            continue
+        if designs[fault].radius >= 1:
+            stable = [w for w in bandwidth * 2.0 ** np.arange(-6, 7) if design(w).radius < 1]
+            advice = (
+                f"bandwidths that are: {', '.join(f'{w:.3g}' for w in stable)} rad/s"
+                if stable
+                else "none between 1/64 and 64 times it is; measure another state"
+            )
+            raise InputError(
+                f"[observer] bandwidth = {bandwidth:g} rad/s at {step:g} s per sample is not "
+                f"stable over the whole training envelope for fault {fault!r}; {advice}."
+            )
+    if refused and not designs:
+        raise InputError(next(iter(refused.values())))
+    return Bank(model, designs, refused, bandwidth, step)
+
+
+def record_arrays(
+    model: Model, run: Run, part: slice
+) -> tuple[Float[np.ndarray, "samples inputs"], Float[np.ndarray, "samples outputs"]]:
+    """(u, y) of a stretch; outputs without a column are NaN."""
+    signals, count = model.plant.signals, part.stop - part.start
+    nothing = np.full(count, np.nan)
+    u = [run.columns[name][part] for name in signals.input_names]
+    y = [run.columns[n][part] if n in run.columns else nothing for n in signals.output_names]
+    return np.stack(u, axis=1) if u else np.zeros((count, 0)), np.stack(y, axis=1)
+
+
+def start_from_samples(model: Model, run: Run, part: slice) -> Float[np.ndarray, "states"]:
+    """State at a stretch's first sample: as measured, hidden ones as slopes of the first 20."""
+    signals = model.plant.signals
+    t = run.t[part][:START_SAMPLES] - run.t[part][0]
+    x = []
+    for state, (column, order) in zip(
+        signals.states, model.record["columns"]["states"], strict=True
+    ):
+        source = column if column in run.columns else None
+        if source is None:
+            x.append(state.initial)
+            continue
+        values = run.columns[source][part][:START_SAMPLES]
+        if order == 0:
+            x.append(float(values[0]))
+        else:
+            slopes = np.polynomial.polynomial.polyfit(t, values, min(order + 1, len(t) - 1))
+            padded = np.append(slopes, np.zeros(order))
+            x.append(float(padded[order] * np.prod(np.arange(1, order + 1))))
+    return np.array(x)
+
+
+def run_observer(
+    observer: Observer,
+    x0: Float[np.ndarray, "states"],
+    u: Float[np.ndarray, "samples inputs"],
+    y: Float[np.ndarray, "samples outputs"],
+    t: Float[np.ndarray, "samples"],
+) -> tuple[Float[np.ndarray, "samples"], Float[np.ndarray, "samples outputs"]]:
+    """(fault estimate, innovation) at every sample of a stretch."""
+    length = bucket(len(t))
+    dt = np.zeros(length)
+    dt[1 : len(t)] = np.diff(t)
+    padded = np.concatenate([y, np.full((length - len(t), y.shape[1]), np.nan)])
+    info = observe(
+        observer, *(jnp.asarray(a) for a in (x0, pad(u, length), padded, dt))
+    )
+    return np.asarray(info.f)[: len(t)], np.asarray(info.innovation)[: len(t)]
+
+
+def estimate_run(bank: Bank, run: Run) -> Estimates:
+    """Run every observer of the bank over `run`; each stretch without a gap starts anew."""
+    model = bank.model
+    used = dict.fromkeys(
+        [*model.plant.signals.input_names, *(d.output for d in bank.designs.values())]
+    )
+    count = len(run.t)
+    f = {fault: np.full(count, np.nan) for fault in bank.designs}
+    sampled, settled = np.zeros(count, bool), np.zeros(count, bool)
+    for part in segments(run, used):
+        u, y = record_arrays(model, run, part)
+        t = run.t[part]
+        x0 = start_from_samples(model, run, part)
+        for fault, design in bank.designs.items():
+            f[fault][part], _ = run_observer(design.observer, x0, u, y, t)
+        sampled[part] = True
+        settled[part] = t - t[0] >= SETTLING / bank.bandwidth
+    return Estimates(run, f, sampled, settled)

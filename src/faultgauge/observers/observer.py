@@ -1,0 +1,167 @@
+"""What every observer is: a pure `init` and `step`, arrays in, arrays out."""
+
+import abc
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from faultgauge.plants.plant import Plant, respond
+from faultgauge.simulation.integrators import step as integrate
+
+__all__ = [
+    "Design",
+    "Observer",
+    "ObserverInfo",
+    "ObserverState",
+    "OperatingPoints",
+    "linearise",
+    "observe",
+]
+
+
+class ObserverState(NamedTuple):
+    """Everything an observer carries from sample to sample (a checkpoint)."""
+
+    x: Float[Array, "states"]
+    f: Float[Array, ""]
+    u: Float[Array, "inputs"]
+
+
+class ObserverInfo(NamedTuple):
+    """Diagnostics of one step: the estimate and the innovation y - yhat before correction."""
+
+    f: Float[Array, ""]
+    x: Float[Array, "states"]
+    y: Float[Array, "outputs"]
+    innovation: Float[Array, "outputs"]
+
+
+class OperatingPoints(NamedTuple):
+    """Points of the training envelope at which an observer is designed and checked."""
+
+    x: Float[np.ndarray, "points states"]
+    u: Float[np.ndarray, "points inputs"]
+
+
+class Design(NamedTuple):
+    """An observer and what is to be reported about it.
+
+    `poles` are those of the linearised error at the nominal point, in 1/s; `real_poles` is the
+    paper's condition (13) in general form; `radius` is the largest spectral radius of the
+    discrete error dynamics over the operating points (below 1: stable).
+    """
+
+    observer: "Observer"
+    output: str
+    order: int
+    poles: tuple[complex, ...]
+    real_poles: bool
+    radius: float
+
+
+class Observer(eqx.Module):
+    """A discrete observer in its current form: predict over dt, then correct by y.
+
+        x-  =  Phi(x, f, u, dt),   e = h(x-) - y,   x = x- - L_x e,   f = f - L_f g(e)
+
+    `target` indexes the fault in the plant's list (-1: no fault is estimated).
+    """
+
+    plant: eqx.AbstractVar[Plant]
+    target: eqx.AbstractVar[int]
+    substeps: eqx.AbstractVar[int]
+
+    @abc.abstractmethod
+    def correct(
+        self, x: Float[Array, "states"], f: Float[Array, ""], e: Float[Array, "outputs"]
+    ) -> tuple[Float[Array, "states"], Float[Array, ""]]:
+        """State and fault after the innovation; `e` = yhat - y, 0 where y is not sampled."""
+
+    def init(self, x: Float[Array, "states"], u: Float[Array, "inputs"]) -> ObserverState:
+        """Start at state `x` under input `u`, without a fault."""
+        return ObserverState(x, jnp.zeros(()), u)
+
+    def step(
+        self,
+        state: ObserverState,
+        u: Float[Array, "inputs"],
+        y: Float[Array, "outputs"],
+        dt: Float[Array, ""],
+    ) -> tuple[ObserverState, ObserverInfo]:
+        """One sample: `u` [input units] and `y` (NaN: not sampled) now, `dt` s after the last."""
+        f = self.faults(state.f)
+        x = integrate(self.plant, state.x, state.u, u, f, dt, self.substeps)
+        predicted = _outputs(self.plant, x, u, f)
+        e = jnp.where(jnp.isfinite(y), predicted - y, 0.0)
+        x, size = self.correct(x, state.f, e)
+        return ObserverState(x, size, u), ObserverInfo(size, x, predicted, -e)
+
+    def faults(self, size: Float[Array, ""]) -> Float[Array, "faults"]:
+        """The plant's fault vector with this observer's fault in its place."""
+        f = jnp.zeros(len(self.plant.signals.faults))
+        return f if self.target < 0 else f.at[self.target].set(size)
+
+
+def _outputs(plant: Plant, x: Array, u: Array, f: Array) -> Float[Array, "outputs"]:
+    return respond(plant, x, u, f)[1]
+
+
+@eqx.filter_jit
+def observe(
+    observer: Observer,
+    x0: Float[Array, "states"],
+    u: Float[Array, "samples inputs"],
+    y: Float[Array, "samples outputs"],
+    dt: Float[Array, "samples"],
+) -> ObserverInfo:
+    """Run an observer over a record; `dt[k]` leads to sample k (dt[0] = 0)."""
+
+    def body(state: ObserverState, sample: tuple[Array, ...]) -> tuple[ObserverState, Any]:
+        return observer.step(state, *sample)
+
+    return jax.lax.scan(body, observer.init(x0, u[0]), (u, y, dt))[1]
+
+
+class Linearisation(NamedTuple):
+    """Dynamics at every operating point: over one sample (A, B, C, D), and dF/dx, dF/df."""
+
+    A: Float[np.ndarray, "points states states"]
+    B: Float[np.ndarray, "points states faults"]
+    C: Float[np.ndarray, "points outputs states"]
+    D: Float[np.ndarray, "points outputs faults"]
+    F_x: Float[np.ndarray, "points states states"]
+    F_f: Float[np.ndarray, "points states faults"]
+
+
+def linearise(
+    plant: Plant, points: OperatingPoints, dt: float, substeps: int
+) -> Linearisation:
+    """Jacobians of the step Phi and of the outputs with respect to state and faults."""
+    arrays = _jacobians(plant, jnp.asarray(points.x), jnp.asarray(points.u), jnp.asarray(dt), substeps)
+    finite = np.all([np.isfinite(a).reshape(len(points.x), -1).all(1) for a in arrays], axis=0)
+    return Linearisation(*(np.asarray(a)[finite] for a in arrays))
+
+
+@eqx.filter_jit
+def _jacobians(plant: Plant, x: Array, u: Array, dt: Array, substeps: int) -> tuple[Array, ...]:
+    zero = jnp.zeros(len(plant.signals.faults))
+
+    def one(x: Array, u: Array) -> tuple[Array, ...]:
+        def phi(x: Array, f: Array) -> Array:
+            return integrate(plant, x, u, u, f, dt, substeps)
+
+        def h(x: Array, f: Array) -> Array:
+            return _outputs(plant, x, u, f)
+
+        def rate(x: Array, f: Array) -> Array:
+            return respond(plant, x, u, f)[0]
+
+        return tuple(
+            jacobian for function in (phi, h, rate) for jacobian in jax.jacfwd(function, (0, 1))(x, zero)
+        )
+
+    return jax.vmap(one)(x, u)
