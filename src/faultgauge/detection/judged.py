@@ -47,11 +47,13 @@ class Bank:
 class Estimates:
     """Fault estimates of one run, one row per sample; NaN where there is none.
 
+    `innovation` is that of each fault's observer on its own output (unit of that output).
     `settled` is False during the hold-off after a start or a gap, and where nothing was sampled.
     """
 
     run: Run
     f: dict[str, Float[np.ndarray, "samples"]]
+    innovation: dict[str, Float[np.ndarray, "samples"]]
     sampled: Bool[np.ndarray, "samples"]
     settled: Bool[np.ndarray, "samples"]
 
@@ -183,13 +185,16 @@ def estimate_run(bank: Bank, run: Run) -> Estimates:
     )
     count = len(run.t)
     f = {fault: np.full(count, np.nan) for fault in bank.designs}
+    innovation = {fault: np.full(count, np.nan) for fault in bank.designs}
+    outputs = model.plant.signals.output_names
     sampled, settled = np.zeros(count, bool), np.zeros(count, bool)
     for part in segments(run, used):
         u, y = record_arrays(model, run, part)
         t = run.t[part]
         x0 = start_from_samples(model, run, part)
         for fault, design in bank.designs.items():
-            f[fault][part], _ = run_observer(design.observer, x0, u, y, t)
+            f[fault][part], e = run_observer(design.observer, x0, u, y, t)
+            innovation[fault][part] = e[:, outputs.index(design.output)]
         sampled[part] = True
         settled[part] = t - t[0] >= SETTLING / bank.bandwidth
-    return Estimates(run, f, sampled, settled)
+    return Estimates(run, f, innovation, sampled, settled)

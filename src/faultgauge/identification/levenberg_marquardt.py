@@ -107,7 +107,7 @@ def levenberg_marquardt(
     """Fit from every start. `samples` and `validation` are trees of arrays, samples first.
 
     With `validation` the parameters of the lowest validation cost are returned. Steps are
-    projected on [lower, upper]. `residual` must be a hashable function or an Equinox module,
+    projected on [lower, upper] (D. P. Bertsekas, "Projected Newton methods", SICON 20, 1982). `residual` must be a hashable function or an Equinox module,
     so that the compiled program is found again.
     """
 
@@ -141,11 +141,12 @@ def levenberg_marquardt(
         )
 
     def trial(s: _State) -> _State:
-        damped = s.hessian + s.mu * jnp.eye(s.theta.size)
-        factor = jax.scipy.linalg.cho_factor(damped)
-        theta = jnp.clip(
-            s.theta - jax.scipy.linalg.cho_solve(factor, s.gradient), lower, upper
-        )
+        # a parameter that its bound holds back stays out, or the others' step would count on it
+        held = (s.theta <= lower) & (s.gradient > 0) | (s.theta >= upper) & (s.gradient < 0)
+        reduced = jnp.where(held[:, None] | held, 0.0, s.hessian)
+        factor = jax.scipy.linalg.cho_factor(reduced + s.mu * jnp.eye(s.theta.size))
+        step = jax.scipy.linalg.cho_solve(factor, jnp.where(held, 0.0, s.gradient))
+        theta = jnp.clip(s.theta - step, lower, upper)
         delta = theta - s.theta
         cost, hessian, gradient = normal_equations(residual, theta, samples)
         # predicted reduction of c by the quadratic model, for the step really taken

@@ -6,8 +6,6 @@ same bytes, and a damaged or altered file is refused by name.
 
 import hashlib
 import json
-import os
-import secrets
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,11 +17,12 @@ import safetensors
 import safetensors.numpy
 
 from faultgauge.errors import InputError
+from faultgauge.files import write_atomically
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.network import Network
 from faultgauge.plants.plant_file import parse_plant
 
-__all__ = ["Model", "load_model", "save_model", "write_atomically"]
+__all__ = ["Model", "load_model", "save_model"]
 
 KEY = "faultgauge"
 FORMAT = 1
@@ -143,22 +142,3 @@ def filled(plant: GrayBoxPlant, arrays: dict[str, np.ndarray]) -> GrayBoxPlant:
     return eqx.tree_at(
         lambda p: (p.networks, p.parameters), plant, (networks, parameters)
     )
-
-
-def write_atomically(path: str | Path, data: bytes) -> None:
-    """Write to a temporary name beside `path`, then rename: never a half-written file."""
-    target = Path(path)
-    draft = target.with_name(f".{target.name[:100]}.{secrets.token_hex(4)}.draft")
-    try:
-        with open(draft, "wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(draft, target)
-    except OSError as failure:
-        raise InputError(
-            f"{path}: cannot be written ({failure.strerror}); choose a folder that exists and "
-            "that you may write to."
-        ) from None
-    finally:
-        draft.unlink(missing_ok=True)

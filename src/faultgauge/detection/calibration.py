@@ -1,0 +1,261 @@
+"""`calibrate`: one limit from healthy runs, with the false-alarm rate that the data support.
+
+The score of a sample is the largest |estimate| over all channels, each in units of its own
+healthy RMS. Healthy runs are cut into blocks of at least ten correlation times of the observer's
+innovation; the limit follows from the blocks' peaks.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from scipy.stats import chi2
+
+from faultgauge.detection.judged import Bank, Estimates, build_bank, estimate_run
+from faultgauge.detection.residual import residuals
+from faultgauge.errors import InputError
+from faultgauge.plants.model import Model
+from faultgauge.telemetry import Run
+
+__all__ = ["Block", "Calibration", "calibrate", "channels_of", "correlation_time", "score"]
+
+BLOCK_TIMES = 10.0  # correlation times per block
+FEWEST_BLOCKS = 3
+SUSPECT = 8.0  # robust standard deviations above the median peak
+MARGIN = 3.0  # standard deviations of the blocks' peaks between the highest peak and the limit
+CONFIDENCE = 0.95
+
+
+@dataclass(frozen=True)
+class Block:
+    """A stretch of a healthy run and its highest score."""
+
+    run: str
+    start: float
+    end: float
+    peak: float
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """What `calibrate` found: the model with its calibration block, and the blocks behind it."""
+
+    model: Model
+    blocks: list[Block]
+    suspects: list[Block]
+    warnings: list[str]
+
+
+def channels_of(bank: Bank, estimates: Estimates) -> dict[str, Float[np.ndarray, "samples"]]:
+    """The channels that are judged: fault estimates, or the observer's residuals without any."""
+    if estimates.f:
+        return estimates.f
+    return residuals(bank.model, estimates.run, "observer")
+
+
+def score(
+    channels: dict[str, Float[np.ndarray, "samples"]], scales: dict[str, float]
+) -> Float[np.ndarray, "samples"]:
+    """max over channels of |value| / healthy RMS; NaN where no channel has a value."""
+    stacked = np.stack([np.abs(channels[name]) / scales[name] for name in scales])
+    return np.where(np.isnan(stacked).all(axis=0), np.nan, np.nanmax(np.nan_to_num(stacked), axis=0))
+
+
+def correlation_time(x: Float[np.ndarray, "samples"], step: float) -> float:
+    """Integrated autocorrelation time [s] up to the first zero crossing.
+
+        tau = step (1 + 2 sum_k rho_k)
+    """
+    x = x - x.mean()
+    if len(x) < 4 or not np.any(x):
+        return step
+    spectrum = np.abs(np.fft.rfft(x, 2 * len(x))) ** 2
+    rho = np.fft.irfft(spectrum)[: len(x)]
+    rho = rho / rho[0]
+    below = np.flatnonzero(rho <= 0)
+    last = below[0] if len(below) else len(rho)
+    return float(step * (1 + 2 * rho[1:last].sum()))
+
+
+def calibrate(
+    model: Model,
+    runs: Sequence[Run],
+    *,
+    mtbfa: float | None = None,
+    observer: str = "eso",
+    progress: Callable[[str], None] = lambda text: None,
+) -> Calibration:
+    """Find the limit on healthy `runs`; weights and evaluation do not change.
+
+    `mtbfa` [s] is the requested mean time between false alarms; by default the longest that the
+    data support: no alarm in T seconds proves only a rate below 3/T (at 95 %). Raises
+    `InputError` where more is asked for, where the data are too short, or where every block
+    looks faulty.
+    """
+    warnings = []
+    fitted = set(model.record["data"]["fit"])
+    doubled = [run.name for run in runs if run.content_hash in fitted]
+    if doubled:
+        warnings.append(
+            f"{', '.join(doubled)}: also used in fit, where the model looks better than it is; "
+            "the limit may be too low. Calibrate on other runs if you can"
+        )
+    bank = build_bank(model, runs, observer)
+    progress("running the observers over the healthy logs")
+    estimated = [estimate_run(bank, run) for run in runs]
+    channels = [channels_of(bank, each) for each in estimated]
+    scales = _scales(estimated, channels)
+    blocks = _blocks(bank, estimated, channels, scales)
+    blocks, suspects = _without_suspects(blocks, runs)
+    warnings += [
+        f"run {b.run}, {b.start:.6g} s to {b.end:.6g} s: looks faulty and is left out"
+        for b in suspects
+    ]
+    judged = sum(b.end - b.start for b in blocks)
+    peaks = np.sort([b.peak for b in blocks])[::-1]
+    allowed, mtbfa = _allowed(judged, mtbfa, len(peaks))
+    limit = float(peaks[allowed] + MARGIN * np.std(peaks, ddof=1))
+    good = [_inside(e, c, blocks) for e, c in zip(estimated, channels, strict=True)]
+    block: dict[str, Any] = {
+        "observer": observer,
+        "bandwidth": bank.bandwidth,
+        "limit": limit,
+        "mtbfa_s": mtbfa,
+        "confidence": CONFIDENCE,
+        "judged_s": judged,
+        "blocks": len(blocks),
+        "block_s": float(np.median([b.end - b.start for b in blocks])),
+        "suspects": [[b.run, b.start, b.end] for b in suspects],
+        "data": sorted(run.content_hash for run in runs),
+        "channels": {
+            name: {
+                "scale": scales[name],
+                "limit": limit * scales[name],
+                "interval": float(
+                    np.quantile(np.abs(np.concatenate([part[name] for part in good])), CONFIDENCE)
+                ),
+            }
+            for name in scales
+        },
+    }
+    return Calibration(model.with_calibration(block), blocks, suspects, warnings)
+
+
+def _scales(
+    estimated: list[Estimates], channels: list[dict[str, Float[np.ndarray, "samples"]]]
+) -> dict[str, float]:
+    """Healthy RMS of every channel, by medians, so that a faulty stretch hardly counts."""
+    scales = {}
+    for name in channels[0]:
+        values = np.concatenate(
+            [c[name][e.settled] for e, c in zip(estimated, channels, strict=True)]
+        )
+        values = np.abs(values[np.isfinite(values)])
+        if len(values) == 0:
+            raise InputError(
+                f"{estimated[0].run.source}: too short to judge anything after the observer has "
+                "settled; give a longer log, or a higher [observer] bandwidth."
+            )
+        scales[name] = float(max(1.4826 * np.median(values), 1e-12 * max(values.max(), 1e-300)))
+    return scales
+
+
+def _blocks(
+    bank: Bank,
+    estimated: list[Estimates],
+    channels: list[dict[str, Float[np.ndarray, "samples"]]],
+    scales: dict[str, float],
+) -> list[Block]:
+    stretches = []
+    for each, values in zip(estimated, channels, strict=True):
+        edges = np.flatnonzero(np.diff(each.settled, prepend=False, append=False))
+        stretches += [(each, values, slice(a, b)) for a, b in edges.reshape(-1, 2)]
+    tau = max(
+        correlation_time(signal[part], bank.step)
+        for each, values, part in stretches
+        for signal in (each.innovation or values).values()
+    )
+    length = max(int(np.ceil(BLOCK_TIMES * tau / bank.step)), 10)
+    blocks = []
+    for each, values, part in stretches:
+        s = score({name: values[name][part] for name in scales}, scales)
+        t = each.run.t[part]
+        for k in range(len(s) // length):
+            piece = slice(k * length, (k + 1) * length)
+            blocks.append(
+                Block(
+                    each.run.name,
+                    float(t[piece.start]),
+                    float(t[piece.stop - 1]) + bank.step,
+                    float(np.nanmax(s[piece])),
+                )
+            )
+    if len(blocks) < FEWEST_BLOCKS:
+        have = sum(p.stop - p.start for *_, p in stretches) * bank.step
+        raise InputError(
+            f"{estimated[0].run.source}: calibration needs at least {FEWEST_BLOCKS} blocks of ten "
+            f"correlation times ({FEWEST_BLOCKS * length * bank.step:.3g} s of healthy data), but "
+            f"there are {have:.3g} s after settling; give more healthy runs."
+        )
+    return blocks
+
+
+def _without_suspects(
+    blocks: list[Block], runs: Sequence[Run]
+) -> tuple[list[Block], list[Block]]:
+    """Blocks whose peak stands far above the others are taken for faulty."""
+    peaks = np.array([b.peak for b in blocks])
+    middle = float(np.median(peaks))
+    spread = float(max(1.4826 * np.median(np.abs(peaks - middle)), 0.1 * middle))
+    keep = [b for b in blocks if b.peak <= middle + SUSPECT * spread]
+    suspects = [b for b in blocks if b.peak > middle + SUSPECT * spread]
+    if len(keep) < FEWEST_BLOCKS:
+        raise InputError(
+            f"{runs[0].source}: {len(suspects)} of {len(blocks)} blocks look faulty and no "
+            f"{FEWEST_BLOCKS} healthy ones remain; give healthy logs."
+        )
+    return keep, suspects
+
+
+def _allowed(judged: float, mtbfa: float | None, blocks: int) -> tuple[int, float]:
+    """(healthy block peaks that may lie above the limit, mean time between false alarms).
+
+    With k alarms in T the rate is below chi2(0.95, 2k + 2) / (2T) at 95 % confidence.
+    """
+
+    def supported(k: int) -> float:
+        return float(2 * judged / chi2.ppf(CONFIDENCE, 2 * k + 2))
+
+    longest = supported(0)
+    if mtbfa is None:
+        return 0, longest
+    if not 0 < mtbfa < np.inf:
+        raise InputError(f"--mtbfa {mtbfa:g}: give a positive time in seconds.")
+    if mtbfa > longest:
+        raise InputError(
+            f"--mtbfa {mtbfa:g}: {judged:.4g} s of healthy data without an alarm support at most "
+            f"{longest:.4g} s (95 % confidence); ask for less, or give "
+            f"{3 * mtbfa:.4g} s of healthy data."
+        )
+    allowed = 0
+    while allowed + 1 < blocks and supported(allowed + 1) >= mtbfa:
+        allowed += 1
+    return allowed, mtbfa
+
+
+def _inside(
+    estimates: Estimates,
+    channels: dict[str, Float[np.ndarray, "samples"]],
+    blocks: list[Block],
+) -> dict[str, Float[np.ndarray, "kept"]]:
+    """The channels' values in the blocks that count as healthy."""
+    t = estimates.run.t
+    keep = np.zeros(len(t), bool)
+    for b in blocks:
+        if b.run == estimates.run.name:
+            keep |= (t >= b.start) & (t < b.end)
+    return {
+        name: values[keep & np.isfinite(values)] for name, values in channels.items()
+    }

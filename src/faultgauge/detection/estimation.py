@@ -1,0 +1,169 @@
+"""`estimate`: a row per sample, a status that can say "not judged", and events."""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from faultgauge.detection.calibration import channels_of, score
+from faultgauge.detection.judged import Bank, build_bank, estimate_run
+from faultgauge.detection.residual import Reference, residuals
+from faultgauge.plants.model import Model
+from faultgauge.telemetry import Run
+
+__all__ = ["Event", "Judgement", "as_dicts", "estimate", "sentence", "table"]
+
+HEALTHY, FAULT, NOT_JUDGED = "HEALTHY", "FAULT", "NOT_JUDGED"
+MERGE = 2.0  # pauses shorter than this many 1 / omega_o do not end an event
+SETTLING = 5.0  # of an event, in 1 / omega_o, left out of its size where it lasts longer
+
+
+@dataclass(frozen=True)
+class Event:
+    """A stretch above the limit. Times in s, size in the fault's unit with its 95 % interval.
+
+    `fault` is the hypothesis whose estimate stands highest above its limit. `p` stays None: one
+    observer gives no probability.
+    """
+
+    run: str
+    fault: str
+    start: float
+    end: float
+    size: float
+    lo: float
+    hi: float
+    p: float | None = None
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """One run judged: everything that `estimate` writes, one row per sample."""
+
+    run: Run
+    residuals: dict[str, Float[np.ndarray, "samples"]]
+    f: dict[str, Float[np.ndarray, "samples"]]
+    half_width: dict[str, float]
+    status: list[str]
+    reason: list[str]
+    events: list[Event]
+
+
+def estimate(
+    model: Model,
+    runs: Sequence[Run],
+    *,
+    observer: str = "eso",
+    reference: Reference = "free",
+) -> tuple[list[Judgement], Bank]:
+    """Judge `runs` with the model's calibration; without one every row is NOT_JUDGED.
+
+    `reference` chooses the healthy reference of the residual columns. Raises `InputError`
+    where no declared fault can be estimated from the columns at hand.
+    """
+    bank = build_bank(model, runs, observer)
+    return [_judge(bank, run, reference) for run in runs], bank
+
+
+def _judge(bank: Bank, run: Run, reference: Reference) -> Judgement:
+    model = bank.model
+    estimates = estimate_run(bank, run)
+    calibration = model.calibration
+    nothing = np.full(len(run.t), np.nan)
+    f = {name: estimates.f.get(name, nothing) for name in model.plant.signals.fault_names}
+    if calibration is None:
+        above, half_width, events = np.zeros(len(run.t), bool), {}, []
+    else:
+        known = calibration["channels"]
+        values = channels_of(bank, estimates)
+        scales = {name: known[name]["scale"] for name in values if name in known}
+        half_width = {name: known[name]["interval"] for name in scales}
+        above = (score(values, scales) > calibration["limit"]) & estimates.settled
+        events = _events(bank, run, values, scales, half_width, above)
+    status, reason = [], []
+    for sampled, settled, alarm in zip(estimates.sampled, estimates.settled, above, strict=True):
+        why = (
+            "not sampled"
+            if not sampled
+            else "not calibrated"
+            if calibration is None
+            else "settling after a start or a gap"
+            if not settled
+            else ""
+        )
+        status.append(NOT_JUDGED if why else FAULT if alarm else HEALTHY)
+        reason.append(why)
+    r = residuals(model, run, reference)
+    return Judgement(run, r, f, half_width, status, reason, events)
+
+
+def _events(
+    bank: Bank,
+    run: Run,
+    values: dict[str, Float[np.ndarray, "samples"]],
+    scales: dict[str, float],
+    half_width: dict[str, float],
+    above: Bool[np.ndarray, "samples"],
+) -> list[Event]:
+    edges = np.flatnonzero(np.diff(above, prepend=False, append=False)).reshape(-1, 2)
+    merged: list[list[int]] = []
+    for start, stop in edges:
+        if merged and run.t[start] - run.t[merged[-1][1] - 1] < MERGE / bank.bandwidth:
+            merged[-1][1] = int(stop)
+        else:
+            merged.append([int(start), int(stop)])
+    events = []
+    for start, stop in merged:
+        t = run.t[start:stop]
+        late = t - t[0] >= min(SETTLING / bank.bandwidth, (t[-1] - t[0]) / 2)
+        sizes = {name: values[name][start:stop][late] for name in scales}
+        name = max(sizes, key=lambda n: float(np.nanmedian(np.abs(sizes[n])) / scales[n]))
+        size = float(np.nanmedian(sizes[name]))
+        spread = half_width[name]
+        events.append(
+            Event(run.name, name, float(t[0]), float(t[-1]), size, size - spread, size + spread)
+        )
+    return events
+
+
+def table(judgements: Sequence[Judgement], faults: Sequence[str]) -> dict[str, list[Any]]:
+    """The columns that `estimate` writes, in order; None is an empty cell."""
+    columns: dict[str, list[Any]] = {"run": [], "t": []}
+    outputs = list(dict.fromkeys(name for j in judgements for name in j.residuals))
+    for each in judgements:
+        count = len(each.run.t)
+        nothing = np.full(count, np.nan)
+        rows: dict[str, Any] = {"run": [each.run.name] * count, "t": each.run.t}
+        for name in outputs:
+            rows[f"r_{name}"] = each.residuals.get(name, nothing)
+        for name in faults:
+            width = each.half_width.get(name, np.nan)
+            rows |= {
+                f"f_{name}": each.f[name],
+                f"f_{name}_lo": each.f[name] - width,
+                f"f_{name}_hi": each.f[name] + width,
+                f"p_{name}": nothing,
+            }
+        rows |= {"p_healthy": nothing, "p_unknown": nothing}
+        rows |= {"status": each.status, "reason": each.reason}
+        for name, values in rows.items():
+            cells = values
+            if isinstance(values, np.ndarray):
+                cells = [None if value != value else value for value in values.tolist()]
+            columns.setdefault(name, []).extend(cells)
+    return columns
+
+
+def sentence(event: Event, unit: str) -> str:
+    """ "pulse +5.02 +- 0.1 V from 0.36 s to 0.85 s (run test)" """
+    width = (event.hi - event.lo) / 2
+    digits = max(0, int(np.ceil(-np.log10(width))) + 1) if width > 0 else 6
+    size = f"{event.size:+.{min(digits, 12)}f} +- {width:.2g} {unit}".rstrip()
+    return f"{event.fault} {size} from {event.start:.6g} s to {event.end:.6g} s (run {event.run})"
+
+
+def as_dicts(events: Sequence[Event]) -> list[dict[str, Any]]:
+    """Events as plain JSON."""
+    return [asdict(event) for event in events]

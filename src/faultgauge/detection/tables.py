@@ -1,0 +1,55 @@
+"""Writing the table of `estimate`: CSV, or Parquet with the extra `io`."""
+
+import csv
+import io
+from pathlib import Path
+from typing import Any
+
+from faultgauge.errors import InputError
+from faultgauge.files import write_atomically
+
+__all__ = ["WRITERS", "check_writable", "write_table"]
+
+
+def _csv(columns: dict[str, list[Any]]) -> bytes:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    for row in zip(*columns.values(), strict=True):
+        writer.writerow([f"{cell:.10g}" if isinstance(cell, float) else cell for cell in row])
+    return text.getvalue().encode()
+
+
+def _parquet(columns: dict[str, list[Any]]) -> bytes:
+    try:
+        import pyarrow
+        import pyarrow.parquet
+    except ImportError:
+        raise InputError(
+            "writing Parquet needs an extra package: pip install faultgauge[io]; or write .csv."
+        ) from None
+    texts = {"run", "status", "reason"}
+    arrays = {
+        name: pyarrow.array(cells, pyarrow.string() if name in texts else pyarrow.float64())
+        for name, cells in columns.items()
+    }
+    buffer = io.BytesIO()
+    pyarrow.parquet.write_table(pyarrow.table(arrays), buffer)
+    return buffer.getvalue()
+
+
+WRITERS = {".csv": _csv, ".parquet": _parquet}
+
+
+def check_writable(path: Path) -> None:
+    """Refuse, before any work, a name that could not be written afterwards."""
+    if path.suffix not in WRITERS:
+        raise InputError(f"{path}: unknown ending {path.suffix!r}; legal: {', '.join(WRITERS)}.")
+    if not path.parent.is_dir():
+        raise InputError(f"{path}: the folder {path.parent} does not exist; create it first.")
+
+
+def write_table(columns: dict[str, list[Any]], path: Path) -> None:
+    """Write `columns` to `path`; None becomes an empty cell. Whole or not at all."""
+    check_writable(path)
+    write_atomically(path, WRITERS[path.suffix](columns))
