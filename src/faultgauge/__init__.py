@@ -1,0 +1,47 @@
+"""faultgauge: how big is the fault, in your units, while the loop is still closed?
+
+The verbs of the command line as functions; importing the package loads nothing heavy.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from faultgauge.detection.calibration import calibrate
+    from faultgauge.detection.estimation import estimate
+    from faultgauge.identification.evaluation import evaluate
+    from faultgauge.identification.fit import fit
+    from faultgauge.plants.gray_box import load_plant
+    from faultgauge.plants.model import load_model, save_model
+    from faultgauge.plants.plant import Plant
+    from faultgauge.telemetry import read_telemetry
+
+__all__ = [
+    "Plant",
+    "calibrate",
+    "estimate",
+    "evaluate",
+    "fit",
+    "load_model",
+    "load_plant",
+    "read_telemetry",
+    "save_model",
+]
+
+_HOMES = {
+    "Plant": "faultgauge.plants.plant",
+    "calibrate": "faultgauge.detection.calibration",
+    "estimate": "faultgauge.detection.estimation",
+    "evaluate": "faultgauge.identification.evaluation",
+    "fit": "faultgauge.identification.fit",
+    "load_model": "faultgauge.plants.model",
+    "load_plant": "faultgauge.plants.gray_box",
+    "read_telemetry": "faultgauge.telemetry",
+    "save_model": "faultgauge.plants.model",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module 'faultgauge' has no attribute {name!r}")
+    return getattr(import_module(_HOMES[name]), name)

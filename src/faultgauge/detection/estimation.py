@@ -13,7 +13,7 @@ from faultgauge.detection.residual import Reference, residuals
 from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run
 
-__all__ = ["Event", "Judgement", "as_dicts", "estimate", "sentence", "table"]
+__all__ = ["Event", "Judgement", "as_dicts", "estimate", "sentence", "sentences", "table"]
 
 HEALTHY, FAULT, NOT_JUDGED = "HEALTHY", "FAULT", "NOT_JUDGED"
 MERGE = 2.0  # pauses shorter than this many 1 / omega_o do not end an event
@@ -162,6 +162,22 @@ def sentence(event: Event, unit: str) -> str:
     digits = max(0, int(np.ceil(-np.log10(width))) + 1) if width > 0 else 6
     size = f"{event.size:+.{min(digits, 12)}f} +- {width:.2g} {unit}".rstrip()
     return f"{event.fault} {size} from {event.start:.6g} s to {event.end:.6g} s (run {event.run})"
+
+
+def sentences(model: Model, events: Sequence[Event]) -> list[str]:
+    """The answer in words: what was found, or what the silence means."""
+    if model.calibration is None:
+        return [
+            "Not calibrated, so nothing was judged: run `faultgauge calibrate` on healthy logs."
+        ]
+    units = {fault.name: fault.unit for fault in model.plant.signals.faults}
+    if events:
+        return [sentence(event, units.get(event.fault, "")) for event in events]
+    limits = ", ".join(
+        f"{name} {channel['limit']:.3g} {units.get(name, '')}".rstrip()
+        for name, channel in model.calibration["channels"].items()
+    )
+    return [f"No fault above the limit ({limits})."]
 
 
 def as_dicts(events: Sequence[Event]) -> list[dict[str, Any]]:

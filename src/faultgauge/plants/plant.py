@@ -3,12 +3,16 @@
 import abc
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from faultgauge.plants.signals import Signals
 
 __all__ = ["Plant", "clip_state", "respond"]
+
+# Every JAX module of faultgauge imports this one. float32 surprises: identification needs 1e-8.
+jax.config.update("jax_enable_x64", True)
 
 
 class Plant(eqx.Module):

@@ -1,0 +1,90 @@
+"""The application: its commands, and what becomes of errors."""
+
+import sys
+import traceback
+
+import typer
+from typer.exceptions import TyperException
+
+from faultgauge.cli import options
+from faultgauge.cli.calibrate import calibrate
+from faultgauge.cli.check import check
+from faultgauge.cli.demo import demo
+from faultgauge.cli.estimate import estimate
+from faultgauge.cli.evaluate import evaluate
+from faultgauge.cli.fit import fit
+from faultgauge.cli.inspect import inspect
+from faultgauge.errors import InputError
+
+__all__ = ["app", "main"]
+
+ISSUES = "https://github.com/faultgauge/faultgauge/issues"
+
+app = typer.Typer(
+    name="faultgauge",
+    help="How big is the fault, in your units, while the loop is still closed?",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+)
+for command in (demo, check, inspect, fit, evaluate, calibrate, estimate):
+    app.command()(command)
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        from importlib import metadata
+
+        print(metadata.version("faultgauge"))
+        raise typer.Exit
+
+
+@app.callback()
+def root(
+    version: bool = typer.Option(
+        False, "--version", callback=_version, is_eager=True, help="Print the version and stop."
+    ),
+    debug: bool = typer.Option(False, "--debug", help="Show the traceback of an error."),
+) -> None:
+    options.prepare()
+
+
+def main() -> None:
+    """Run the command line: exit 0 done, 2 wrong input, 1 our own fault, 130 interrupted."""
+    sys.exit(run(sys.argv[1:]))
+
+
+def run(arguments: list[str]) -> int:
+    """Exit code of one call; every error is one sentence on stderr."""
+    debug = "--debug" in arguments
+    if debug:  # legal anywhere on the line
+        arguments = ["--debug", *(a for a in arguments if a != "--debug")]
+    try:
+        code = typer.main.get_command(app)(arguments, standalone_mode=False)
+        return code if isinstance(code, int) else 0
+    except InputError as wrong:
+        return _fail(str(wrong), 2, debug)
+    except TyperException as usage:
+        if not usage.format_message():  # no arguments at all: the help has been printed
+            return 2
+        return _fail(f"{usage.format_message()} See faultgauge --help.", 2, debug)
+    except (KeyboardInterrupt, typer.Abort):
+        return _fail("interrupted; nothing was written half-way.", 130, debug)
+    except BrokenPipeError:
+        return 0
+    except Exception as fault:  # noqa: BLE001  (the last net: our own fault, said as such)
+        text = " ".join(str(fault).split())[:300]
+        return _fail(
+            f"internal error ({type(fault).__name__}: {text}). This is our fault: please report "
+            f"it at {ISSUES} with the output of the same command and --debug.",
+            1,
+            debug,
+        )
+
+
+def _fail(message: str, code: int, debug: bool) -> int:
+    if debug:
+        traceback.print_exc()
+    print(f"faultgauge: {message}", file=sys.stderr)
+    return code

@@ -1,0 +1,59 @@
+"""`faultgauge calibrate`"""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from faultgauge.cli import options
+
+__all__ = ["calibrate"]
+
+
+def calibrate(
+    model: Annotated[Path, typer.Argument(help="Model file.")],
+    logs: options.Logs,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", metavar="MODEL", help="Where to write [default: replace MODEL]."),
+    ] = None,
+    mtbfa: Annotated[
+        float | None,
+        typer.Option(
+            "--mtbfa", metavar="SECONDS", help="Mean time between false alarms [default: longest]."
+        ),
+    ] = None,
+    time: options.Time = None,
+    map: options.Map = None,
+    report: options.ReportFile = None,
+    json: options.Json = False,
+) -> None:
+    """Find the alarm limit on healthy logs and add it to the model."""
+    from faultgauge.cli.writing import check_folder
+    from faultgauge.detection.calibration import calibrate as find_limit
+    from faultgauge.plants.model import load_model, save_model
+
+    check_folder(out, report)
+    fitted = load_model(model)
+    runs = options.read_logs(fitted.plant.signals, logs, time, map)
+    with options.narrate("calibrating") as progress:
+        found = find_limit(fitted, runs, mtbfa=mtbfa, progress=progress)
+    save_model(found.model, out or model)
+    options.warn(found.warnings)
+    if report is not None:
+        from faultgauge.reporting.chapters import calibration_report
+        from faultgauge.reporting.report import write
+
+        write(calibration_report(found), report)
+    block = found.model.calibration or {}
+    if json:
+        options.print_json({"model": str(out or model), **block, "warnings": found.warnings})
+        return
+    units = {fault.name: fault.unit for fault in fitted.plant.signals.faults}
+    for name, channel in block["channels"].items():
+        print(f"{name}: limit {channel['limit']:.4g} {units.get(name, '')}".rstrip())
+    print(
+        f"from {block['blocks']} healthy blocks ({block['judged_s']:.4g} s): false alarms at most "
+        f"once in {block['mtbfa_s']:.4g} s (95 % confidence)"
+    )
+    options.say(f"wrote {out or model}; next: faultgauge estimate {out or model} LOG --out FILE.csv")

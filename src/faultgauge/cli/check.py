@@ -1,0 +1,72 @@
+"""`faultgauge check`"""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from faultgauge.cli import options
+
+__all__ = ["check"]
+
+
+def check(
+    healthy: Annotated[Path, typer.Argument(help="Healthy log.")],
+    suspect: Annotated[Path, typer.Argument(help="Log to judge.")],
+    plant: Annotated[
+        str | None,
+        typer.Option("--plant", metavar="FILE|PRESET", help="Plant [default: a black box]."),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="DIR", help="Keep model, table and report here.")
+    ] = None,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the starts.")] = 0,
+    time: options.Time = None,
+    map: options.Map = None,
+    report: options.ReportFile = None,
+    json: options.Json = False,
+) -> None:
+    """Fit, calibrate, estimate and report in one: is SUSPECT like HEALTHY, and if not, how much?"""
+    from faultgauge.cli.writing import check_folder, make_folder
+    from faultgauge.detection import estimation
+    from faultgauge.detection.tables import write_table
+    from faultgauge.plants.gray_box import load_plant
+    from faultgauge.plants.model import save_model
+    from faultgauge.studies import checkup
+    from faultgauge.telemetry import read_telemetry
+
+    check_folder(report)
+    folder = make_folder(out) if out is not None else None
+    if plant is None:
+        body = checkup.black_box(read_telemetry([healthy], time=time, maps=map or ()), "log")
+    else:
+        body = load_plant(plant)
+    good = options.read_logs(body.signals, [healthy], time, map)
+    doubtful = options.read_logs(body.signals, [suspect], time, map)
+    with options.narrate("checking") as progress:
+        found = checkup.check(body, good, doubtful, seed=seed, progress=progress)
+    options.warn([*found.account.warnings, *found.calibration.warnings])
+    options.warn(found.bank.refused.values())
+    files = [report] if report is not None else []
+    if folder is not None:
+        files.append(folder / "report.html")
+        save_model(found.model, folder / "model.fgm")
+        columns = estimation.table(found.judgements, body.signals.fault_names)
+        write_table(columns, folder / "estimates.csv")
+    if files:
+        from faultgauge.studies.checkup_report import checkup_report
+        from faultgauge.reporting.report import write
+
+        page = checkup_report(found)
+        for file in files:
+            write(page, file)
+    if json:
+        options.print_json(
+            {"events": estimation.as_dicts(found.events), "sentences": found.sentences}
+        )
+        return
+    for line in found.sentences:
+        print(line)
+    if files:
+        options.say(f"wrote {', '.join(str(file) for file in files)}")
+

@@ -1,0 +1,50 @@
+"""`faultgauge evaluate`"""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from faultgauge.cli import options
+
+__all__ = ["evaluate"]
+
+
+def evaluate(
+    model: Annotated[Path, typer.Argument(help="Model file.")],
+    logs: options.Logs,
+    warmup: Annotated[
+        int,
+        typer.Option("--warmup", min=0, help="Samples that set hidden start states, not scored."),
+    ] = 50,
+    time: options.Time = None,
+    map: options.Map = None,
+    report: options.ReportFile = None,
+    json: options.Json = False,
+) -> None:
+    """Score a model by pure simulation on logs."""
+    from faultgauge.cli.writing import check_folder
+    from faultgauge.identification.evaluation import evaluate as score
+    from faultgauge.plants.model import load_model
+
+    check_folder(report)
+    fitted = load_model(model)
+    runs = options.read_logs(fitted.plant.signals, logs, time, map)
+    with options.narrate("simulating"):
+        found, predictions = score(fitted.plant, runs, fitted.max_step, warmup)
+    if report is not None:
+        from faultgauge.reporting.chapters import evaluation_report
+        from faultgauge.reporting.report import write
+
+        write(evaluation_report(fitted, found, predictions), report)
+    if json:
+        options.print_json(found)
+        return
+    units = {output.name: output.unit for output in fitted.plant.signals.outputs}
+    for run in found["runs"]:
+        for name, s in run["outputs"].items():
+            if s["rmse"] is None:
+                print(f"{run['run']}: {name}: the free run diverges")
+                continue
+            share = "" if s["r2"] is None else f", R2 {s['r2']:.4%}, {s['nrmse']:.2%} of its spread"
+            print(f"{run['run']}: {name}: free-run RMSE {s['rmse']:.4g} {units[name]}{share}")

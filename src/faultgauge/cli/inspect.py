@@ -1,0 +1,83 @@
+"""`faultgauge inspect`"""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from faultgauge.cli import options
+
+__all__ = ["inspect"]
+
+
+def inspect(
+    logs: options.Logs,
+    init_plant: Annotated[
+        Path | None,
+        typer.Option("--init-plant", metavar="FILE", help="Write a plant-file skeleton to edit."),
+    ] = None,
+    time: options.Time = None,
+    map: options.Map = None,
+    json: options.Json = False,
+) -> None:
+    """Show what is in a log: names, rates, gaps, ranges; and draft a plant file."""
+    from faultgauge.errors import InputError
+    from faultgauge.files import write_atomically
+    from faultgauge.telemetry import inspect_runs, plant_skeleton, read_telemetry
+
+    found = inspect_runs(logs, time=time, maps=map or ())
+    if init_plant is not None:
+        if init_plant.exists():
+            raise InputError(f"{init_plant}: already exists; choose another name or remove it.")
+        numbers = [c.known_as for c in found.columns if c.kind == "number"]
+        runs = read_telemetry(logs, time=time, maps=map or (), names=(), optional=numbers)
+        text = plant_skeleton(runs, init_plant.stem)
+        write_atomically(init_plant, text.encode())
+    if json:
+        options.print_json(found.to_dict())
+        return
+    _show(found)
+    if init_plant is not None:
+        options.say(f"wrote {init_plant}: edit it, then: faultgauge fit {init_plant} {logs[0]} ...")
+
+
+def _show(found) -> None:  # noqa: ANN001
+    from rich.console import Console
+    from rich.table import Table
+
+    console = Console(highlight=False)
+    runs = Table("run", "rows", "from [s]", "to [s]", "rate [Hz]", "jitter", "gaps", "empty cells")
+    for run in found.runs:
+        runs.add_row(
+            run.name,
+            str(run.rows),
+            f"{run.start:.6g}",
+            f"{run.end:.6g}",
+            f"{run.rate:.6g}",
+            f"{run.jitter:.1%}",
+            str(len(run.gaps)),
+            str(sum(run.empty.values())),
+        )
+    console.print(runs)
+    columns = Table("column", "min", "max", "mean", "std", "noise", "quantum", "remarks")
+    for column in found.columns:
+        s = column.statistics
+        if s is None:
+            columns.add_row(column.name, *[""] * 6, column.kind)
+            continue
+        remarks = [
+            text
+            for text, holds in (("constant", s.constant), ("held between changes", s.held))
+            if holds
+        ]
+        if column.known_as != column.name:
+            remarks.append(f"known as {column.known_as}")
+        numbers = (s.min, s.max, s.mean, s.std, s.noise, s.quantum)
+        columns.add_row(
+            column.name,
+            *("" if value is None else f"{value:.4g}" for value in numbers),
+            ", ".join(remarks),
+        )
+    console.print(columns)
+    for hint in found.hints:
+        console.print(f"hint: {hint}")

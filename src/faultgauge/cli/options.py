@@ -1,0 +1,105 @@
+"""Options that commands share, and how they read logs and print."""
+
+import json
+import os
+import sys
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Protocol
+
+import typer
+
+if TYPE_CHECKING:
+    from faultgauge.plants.signals import Signals
+    from faultgauge.telemetry import Run
+
+__all__ = [
+    "Json",
+    "Logs",
+    "Map",
+    "ReportFile",
+    "Time",
+    "narrate",
+    "prepare",
+    "print_json",
+    "read_logs",
+    "say",
+    "warn",
+]
+
+Json = Annotated[bool, typer.Option("--json", help="One JSON object on stdout, nothing else.")]
+Time = Annotated[str | None, typer.Option("--time", help="Name of the time column [default: t].")]
+Map = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--map",
+        metavar="NAME=EXPRESSION",
+        help="Make a signal from columns, as in --map 'h=wheel_rpm*0.104720*0.84'.",
+    ),
+]
+ReportFile = Annotated[
+    Path | None, typer.Option("--report", metavar="FILE.html", help="Write a report with figures.")
+]
+Logs = Annotated[list[Path], typer.Argument(help="Log files, each a run (CSV, .gz too).")]
+
+
+def prepare() -> None:
+    """Settings that must stand before NumPy and JAX are loaded.
+
+    One thread per numeric library: small solves are 7 to 40 times slower with more, and results
+    do not depend on the machine's number of cores. Compiled programs are kept on disk.
+    """
+    for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ.setdefault(name, "1")
+    os.environ.setdefault("XLA_FLAGS", "--xla_cpu_multi_thread_eigen=false")
+    os.environ.setdefault("JAX_PLATFORMS", "cpu")
+    cache = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache"))
+    os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(cache / "faultgauge" / "jax"))
+    os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
+    os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES", "-1")
+    os.environ.setdefault("JAX_PERSISTENT_CACHE_ENABLE_XLA_CACHES", "none")
+
+
+def read_logs(
+    signals: "Signals", paths: Sequence[Path], time: str | None, maps: Iterable[str] | None
+) -> list["Run"]:
+    """The runs in `paths` with the columns that a plant with these `signals` reads."""
+    from faultgauge.identification.samples import column_names
+    from faultgauge.telemetry import read_telemetry
+
+    required, optional = column_names(signals)
+    return read_telemetry(
+        list(paths), time=time, maps=maps or (), names=required, optional=optional
+    )
+
+
+def print_json(content: dict[str, Any]) -> None:
+    print(json.dumps(content, allow_nan=False))
+
+
+def say(text: str = "") -> None:
+    """A line for the person in front of the terminal (stderr, so that stdout can be piped)."""
+    print(text, file=sys.stderr)
+
+
+def warn(warnings: Iterable[str]) -> None:
+    for warning in warnings:
+        say(f"warning: {warning}.")
+
+
+class Progress(Protocol):
+    def __call__(self, text: str) -> None: ...
+
+
+@contextmanager
+def narrate(start: str) -> Iterator[Progress]:
+    """Progress on stderr while something long runs; silent where stderr is no terminal."""
+    from rich.console import Console
+
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield lambda text: None
+        return
+    with console.status(start) as status:
+        yield status.update

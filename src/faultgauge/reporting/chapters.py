@@ -1,0 +1,282 @@
+"""What each command puts into its report, from the results that it has anyway."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from faultgauge.detection.calibration import Calibration
+from faultgauge.detection.estimation import NOT_JUDGED, Judgement, sentences
+from faultgauge.detection.judged import Bank
+from faultgauge.detection.residual import Reference
+from faultgauge.identification.evaluation import Prediction, evaluate
+from faultgauge.identification.fit import FitReport
+from faultgauge.plants.model import Model
+from faultgauge.reporting.curves import network_figures
+from faultgauge.reporting.model_figures import bars, envelope, fit_history
+from faultgauge.reporting.report import Report, Section, Table
+from faultgauge.reporting.style import quantity
+from faultgauge.reporting.svg import Figure
+from faultgauge.reporting.time_figures import fault_estimate, free_run, residual
+from faultgauge.telemetry import Run
+
+__all__ = [
+    "calibration_report",
+    "envelope_figure",
+    "estimate_report",
+    "estimate_section",
+    "evaluation_report",
+    "evaluation_section",
+    "fit_report",
+    "fit_sections",
+]
+
+MOST_FIGURES = 12  # per section: a report is read, not scrolled
+
+
+def fit_report(model: Model, account: FitReport, runs: Sequence[Run]) -> Report:
+    """The report of `fit`: its free run on the validation logs (or the logs themselves)."""
+    found, predictions = evaluate(model.plant, runs, model.max_step)
+    error = model.record["metrics"]["validation_free_run_nrmse"]
+    summary = (
+        f"{model.plant.spec.name}: on data that it was not fitted to, the model's free run is off "
+        f"by {error:.2%} of each output's standard deviation.",
+        *(f"Warning: {warning}." for warning in account.warnings),
+    )
+    sections = (*fit_sections(model, account), evaluation_section(model, found, predictions))
+    return Report(f"Fit: {model.plant.spec.name}", summary, sections, _parameters(model))
+
+
+def fit_sections(model: Model, account: FitReport) -> tuple[Section, ...]:
+    """Training: cost per trial, the points that were covered, what the networks learned."""
+    histories = []
+    for each in account.groups:
+        costs = [h[np.isfinite(h[:, 0])] for h in each.solution.history]
+        figure = fit_history(
+            [h[:, 0] for h in costs], [h[:, 1] for h in costs], chosen=each.chosen
+        )
+        histories.append(replace(figure, title=f"{figure.title}: {each.group.name}"))
+    noise = tuple(
+        (
+            f"d({state})",
+            quantity(row["window_s"], "s"),
+            f"{row['derivative_noise']:.3g}",
+            f"{row['derivative_noise_share']:.2%}",
+        )
+        for state, row in account.noise.items()
+    )
+    header = ("derivative", "kernel's width", "noise left", "share of its spread")
+    tables = (Table(header, noise, "Derivatives by smoothing, and the noise it leaves."),)
+    return (
+        Section(
+            "Training",
+            (
+                "Every start is drawn; the one with the best free run on held-out data is kept, "
+                "not the one with the lowest cost.",
+            ),
+            tables if noise else (),
+            (*histories, *envelope_figure(model, account)),
+        ),
+        Section("What was learned", (), (), network_figures(model, account)),
+    )
+
+
+def envelope_figure(
+    model: Model, account: FitReport, other: Mapping[str, Float[np.ndarray, "others"]] | None = None
+) -> tuple[Figure, ...]:
+    """The points that training covered, inputs against states."""
+    signals = model.plant.signals
+    columns = dict(zip(signals.state_names, account.training.x.T, strict=True))
+    columns |= dict(zip(signals.input_names, account.training.u.T, strict=True))
+    units = {s.name: s.unit for s in (*signals.states, *signals.inputs)}
+    names = list(columns)
+    pairs = [(a, b) for i, a in enumerate(names) for b in names[i + 1 :]][:4]
+    if not pairs:
+        return ()
+    return (envelope(columns, units, pairs, other=other),)
+
+
+def evaluation_report(
+    model: Model, found: dict[str, Any], predictions: Sequence[Prediction]
+) -> Report:
+    """The report of `evaluate`."""
+    units = {output.name: output.unit for output in model.plant.signals.outputs}
+    summary = tuple(
+        f"{name}: the free run diverges."
+        if s["rmse"] is None
+        else f"{name}: free-run RMSE {quantity(s['rmse'], units[name])}"
+        + ("." if s["r2"] is None else f", R2 {s['r2']:.4%}.")
+        for name, s in found["outputs"].items()
+    )
+    section = evaluation_section(model, found, predictions)
+    return Report(f"Evaluation: {model.plant.spec.name}", summary, (section,), _parameters(model))
+
+
+def evaluation_section(
+    model: Model, found: dict[str, Any], predictions: Sequence[Prediction]
+) -> Section:
+    """Free runs against the log."""
+    outputs = model.plant.signals.outputs
+    rows = tuple(
+        (
+            run["run"],
+            name,
+            "diverges" if s["rmse"] is None else quantity(s["rmse"], outputs[j].unit),
+            "" if s["r2"] is None else f"{s['r2']:.5f}",
+            str(run["samples"]),
+        )
+        for run in found["runs"]
+        for j, output in enumerate(outputs)
+        for name, s in run["outputs"].items()
+        if name == output.name
+    )
+    figures = [
+        free_run(
+            p.t,
+            p.measured[:, j],
+            p.predicted[:, j],
+            name=output.name,
+            unit=output.unit,
+            run=p.run,
+            warmup=p.warmup,
+        )
+        for p in predictions
+        for j, output in enumerate(outputs)
+        if np.isfinite(p.measured[:, j]).any()
+    ]
+    header = ("run", "output", "RMSE", "R2", "samples scored")
+    return Section(
+        "Free run",
+        ("The model runs on the log's inputs alone; its outputs are compared with the log's.",),
+        (Table(header, rows),),
+        tuple(figures[:MOST_FIGURES]),
+    )
+
+
+def calibration_report(found: Calibration) -> Report:
+    """The report of `calibrate`: the healthy blocks' peaks and the limit above them."""
+    block = found.model.calibration or {}
+    peaks = np.array([[b.peak, b.peak, b.peak] for b in found.blocks])
+    labels = [f"{b.run}: {b.start:.4g} to {b.end:.4g} s" for b in found.blocks]
+    limit = np.full(len(peaks), block["limit"])
+    figure = bars(
+        labels[:60],
+        peaks[:60],
+        title="Highest score of every healthy block",
+        name="score",
+        unit="1",
+        reference=limit[:60],
+        reference_name="limit",
+    )
+    units = {fault.name: fault.unit for fault in found.model.plant.signals.faults}
+    rows = tuple(
+        (
+            name,
+            quantity(channel["limit"], units.get(name, "1")),
+            quantity(channel["interval"], units.get(name, "1")),
+        )
+        for name, channel in block["channels"].items()
+    )
+    summary = (
+        f"From {block['blocks']} healthy blocks ({block['judged_s']:.4g} s), false alarms come at "
+        f"most once in {block['mtbfa_s']:.4g} s (95 % confidence).",
+        *(f"Warning: {warning}." for warning in found.warnings),
+    )
+    table = Table(("channel", "limit", "95 % of healthy values within"), rows)
+    section = Section("Healthy blocks", (), (table,), (figure,))
+    return Report(f"Calibration: {found.model.plant.spec.name}", summary, (section,))
+
+
+def estimate_report(
+    model: Model, judgements: Sequence[Judgement], bank: Bank, reference: Reference
+) -> Report:
+    """The report of `estimate`: events as sentences, estimates with their limit, residuals."""
+    events = [event for judgement in judgements for event in judgement.events]
+    summary = tuple(sentences(model, events)[:5])
+    if len(events) > 5:
+        summary = (*summary, f"And {len(events) - 5} more events, listed below.")
+    section = estimate_section(model, judgements, bank, reference)
+    return Report(f"Faults: {model.plant.spec.name}", summary, (section,))
+
+
+def estimate_section(
+    model: Model,
+    judgements: Sequence[Judgement],
+    bank: Bank,
+    reference: Reference,
+    truth: Mapping[str, Float[np.ndarray, "samples"]] | None = None,
+) -> Section:
+    """Estimates and residuals of every run; `truth` (fault: size) where it is known."""
+    signals = model.plant.signals
+    calibration = model.calibration or {"channels": {}}
+    figures = []
+    for each in judgements:
+        judged = np.array(each.status) != NOT_JUDGED
+        for fault in signals.faults:
+            if fault.name not in bank.designs:
+                continue
+            f = each.f[fault.name]
+            width = each.half_width.get(fault.name, np.nan)
+            channel = calibration["channels"].get(fault.name)
+            figures.append(
+                fault_estimate(
+                    each.run.t,
+                    f,
+                    f - width,
+                    f + width,
+                    limit=channel["limit"] if channel else None,
+                    name=fault.name,
+                    unit=fault.unit,
+                    truth=None if truth is None else truth.get(fault.name),
+                    events=[(e.start, e.end) for e in each.events if e.fault == fault.name],
+                    not_judged=~judged,
+                )
+            )
+        figures += [
+            residual(
+                each.run.t, each.residuals[output.name],
+                name=output.name, unit=output.unit, reference=reference,
+            )
+            for output in signals.outputs
+            if output.name in each.residuals
+        ]
+    events = [event for judgement in judgements for event in judgement.events]
+    rows = tuple(
+        (
+            e.run,
+            e.fault,
+            f"{e.start:.6g}",
+            f"{e.end:.6g}",
+            f"{e.size:.4g}",
+            f"{e.lo:.4g} to {e.hi:.4g}",
+        )
+        for e in events
+    )
+    header = ("run", "fault", "from [s]", "to [s]", "size", "95 % interval")
+    notes = tuple(
+        f"{name}: observer of order {d.order} on output {d.output}, bandwidth "
+        f"{bank.bandwidth:.4g} rad/s, "
+        + ("all poles real" if d.real_poles else "a complex pair of poles")
+        + f", largest discrete pole over the envelope {d.radius:.4f}."
+        for name, d in bank.designs.items()
+    )
+    tables = (Table(header, rows, "Every event."),) if rows else ()
+    paragraphs = (*notes, *(f"Not estimated: {why}" for why in bank.refused.values()))
+    return Section("Fault estimates", paragraphs, tables, tuple(figures[:MOST_FIGURES]))
+
+
+def _parameters(model: Model) -> Table | None:
+    parameters = model.plant.spec.parameters
+    if not parameters:
+        return None
+    rows = tuple(
+        (
+            p.name,
+            quantity(float(model.plant.parameters[p.name]), p.unit or "1"),
+            "given" if p.fixed else "fitted",
+        )
+        for p in parameters
+    )
+    return Table(("parameter", "value", ""), rows)

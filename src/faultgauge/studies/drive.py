@@ -1,0 +1,181 @@
+"""The demonstration: a real positioning drive, and a voltage pulse that is hidden from the model.
+
+Data: EMPS, a DC motor with ball screw in closed loop, 1 kHz, measured (A. Janot, M. Gautier and
+M. Brunot, "Data set and reference models of EMPS", 2019). In the second record a 5 V pulse is
+added inside the loop every second; the model is given u = applied voltage - pulse, and the pulse
+is what it must find. Where the files are absent a simulated drive of the same kind stands in.
+"""
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from faultgauge.detection.calibration import Calibration, calibrate
+from faultgauge.detection.estimation import Judgement, estimate
+from faultgauge.detection.judged import Bank
+from faultgauge.identification.evaluation import Prediction, evaluate
+from faultgauge.identification.fit import FitReport, fit
+from faultgauge.plants.gray_box import load_plant
+from faultgauge.plants.model import Model
+from faultgauge.simulation.free_run import free_run
+from faultgauge.studies.checkup import parts
+from faultgauge.telemetry import Run, read_telemetry
+
+__all__ = ["BODIES", "Drive", "DriveLogs", "measured_logs", "run_drive", "simulated_logs"]
+
+BODIES = {"physics": "positioning_drive", "network": "positioning_drive_network"}
+FAULT = "pulse"
+PULSE = 5.0  # V
+SETTLED = 0.15  # s after an edge; the estimate is scored from there on
+BAND = 0.05  # of the pulse: settled means inside
+STEP = 1e-3
+
+
+@dataclass(frozen=True)
+class DriveLogs:
+    """A healthy run, and a faulty one with its true pulse [V]; `source` is said to the user."""
+
+    healthy: Run
+    faulty: Run
+    pulse: Float[np.ndarray, "samples"]
+    source: str
+
+
+@dataclass(frozen=True)
+class Drive:
+    """What one body of the plant (physics or network) made of the logs."""
+
+    whole: Model
+    account: FitReport
+    scores: dict[str, Any]
+    predictions: list[Prediction]
+    calibration: Calibration
+    quiet: Judgement
+    judgement: Judgement
+    bank: Bank
+    figures: dict[str, float | int]
+
+
+def measured_logs() -> DriveLogs | None:
+    """The EMPS records, or None where they are absent (folder: FAULTGAUGE_DATA)."""
+    folder = Path(os.environ.get("FAULTGAUGE_DATA", Path("..") / "shared" / "data")) / "emps"
+    train, test = folder / "train_nominal.csv.gz", folder / "test_pulses.csv.gz"
+    if not (train.is_file() and test.is_file()):
+        return None
+    healthy = read_telemetry(train, time="t_s", maps=["q=q_m", "u=v_V"], names=["q", "u"])[0]
+    maps = ["q=q_m", "u=v_V - pulse_V", "pulse=pulse_V"]
+    faulty = read_telemetry(test, time="t_s", maps=maps, names=["q", "u", "pulse"])[0]
+    pulse = faulty.columns["pulse"]
+    columns = {"q": faulty.columns["q"], "u": faulty.columns["u"]}
+    return DriveLogs(healthy, replace(faulty, columns=columns), pulse, "measured (EMPS)")
+
+
+def simulated_logs(seconds: float = 24.8) -> DriveLogs:
+    """A simulated drive under a PD controller, with encoder noise; the same pulses.
+
+    The plant has the preset's structure with constants near those of EMPS; a friction that
+    peaks at low speed stands for what the preset's physics does not know.
+    """
+    plant = load_plant("positioning_drive")
+    constants = {"M": 95.0, "Fv": 203.0, "Fc": 20.0, "offset": -3.2}
+    values = {**plant.parameters, **{k: jnp.asarray(v) for k, v in constants.items()}}
+    plant = eqx.tree_at(lambda p: p.parameters, plant, values)
+    t = np.arange(0.0, seconds, STEP)
+    pulse = np.where((t > 0.343) & ((t - 0.343) % 1.0 < 0.5), PULSE, 0.0)
+    rng = np.random.default_rng(0)
+    runs = []
+    for name, extra in (("healthy", np.zeros_like(t)), ("faulty", pulse)):
+        q, applied = _closed_loop(plant, t, extra)
+        columns = {"q": q + 1e-7 * rng.standard_normal(len(t)), "u": applied}
+        runs.append(Run(name, "simulated drive", t, columns))
+    faulty = runs[1]
+    columns = {"q": faulty.columns["q"], "u": faulty.columns["u"] - pulse}
+    return DriveLogs(runs[0], replace(faulty, columns=columns), pulse, "simulated (no data files)")
+
+
+def _closed_loop(
+    plant: Any, t: Float[np.ndarray, "samples"], extra: Float[np.ndarray, "samples"]
+) -> tuple[Float[np.ndarray, "samples"], Float[np.ndarray, "samples"]]:
+    """(position [m], applied voltage [V]) of the drive under proportional control, sampled."""
+    p = {name: float(value) for name, value in plant.parameters.items()}
+    reference = 0.12 * (1 - np.cos(2 * np.pi * t / 5.0)) * (1 + 0.2 * np.sin(2 * np.pi * t / 12.4))
+    q = v = 0.0
+    positions, applied = np.empty_like(t), np.empty_like(t)
+    for k in range(len(t)):
+        u = float(np.clip(243.0 * (160.0 / 243.0 * 2 * (reference[k] - q) * 10 - v) * 0.25, -10, 10))
+        u = float(np.clip(u + extra[k], -10, 10))
+        positions[k], applied[k] = q, u
+        for _ in range(4):
+            h = STEP / 4
+            force = p["gtau"] * u - p["Fv"] * v - p["Fc"] * np.tanh(v / 1e-4) - p["offset"]
+            v += h * force / p["M"]
+            q += h * v
+    return positions, applied
+
+
+def run_drive(
+    logs: DriveLogs,
+    body: str,
+    *,
+    seed: int = 0,
+    progress: Callable[[str], None] = lambda text: None,
+) -> Drive:
+    """Everything about one body: free run on the faulty record, then the alarm chain.
+
+    The free run is that of a model fitted on the whole healthy record, fed with what was really
+    applied. For the alarms nothing is used twice: fitted on the first half of the healthy
+    record, validated and calibrated on the third quarter, and tried on the last, which neither
+    has seen, before the pulses are looked for.
+    """
+    plant = load_plant(BODIES[body])
+    whole, account = fit(plant, [logs.healthy], seed=seed, progress=progress)
+    truth = {**logs.faulty.columns, "u": logs.faulty.columns["u"] + logs.pulse}
+    applied = replace(logs.faulty, columns=truth)
+    scores, predictions = evaluate(whole.plant, [applied], whole.max_step)
+    first, third, last = parts([logs.healthy], 0.5, 0.75)
+    model, _ = fit(plant, first, third, seed=seed, progress=progress)
+    calibration = calibrate(model, third, progress=progress)
+    (quiet, judgement), bank = estimate(calibration.model, [*last, logs.faulty])
+    figures = {
+        "free_run_rmse_mm": 1e3 * (scores["outputs"]["q"]["rmse"] or np.inf),
+        "events_on_held_out_nominal": len(quiet.events),
+        **pulse_figures(logs, judgement),
+    }
+    return Drive(whole, account, scores, predictions, calibration, quiet, judgement, bank, figures)
+
+
+def pulse_figures(logs: DriveLogs, judgement: Judgement) -> dict[str, float | int]:
+    """How well the pulse was found: error after settling, settling time, wrong half periods.
+
+    A half period is wrong when any settled sample has the wrong status.
+    """
+    t, pulse, f = logs.faulty.t, logs.pulse, judgement.f[FAULT]
+    status = np.array(judgement.status)
+    edges = [0, *(np.flatnonzero(np.diff(pulse)) + 1), len(t)]
+    settled = np.zeros(len(t), bool)
+    times, wrong = [], 0
+    for start, stop in zip(edges, edges[1:], strict=False):
+        part = slice(start, stop)
+        late = t[part] - t[start] >= SETTLED
+        settled[part] = late
+        outside = np.flatnonzero(np.abs(f[part] - pulse[part]) > BAND * PULSE)
+        if start > 0 and late.any():
+            times.append(float(t[part][outside[-1]] - t[start] + STEP) if len(outside) else 0.0)
+        wanted = "FAULT" if pulse[start] else "HEALTHY"
+        wrong += int(np.any(status[part][late] != wanted))
+    error = float(np.sqrt(np.mean((f - pulse)[settled] ** 2)))
+    return {
+        "pulse_rmse_v": error,
+        "pulse_rmse_share": error / PULSE,
+        "settling_median_s": float(np.median(times)),
+        "settling_max_s": float(np.max(times)),
+        "half_periods": len(edges) - 1,
+        "half_periods_wrong": wrong,
+    }

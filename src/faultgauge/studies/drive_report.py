@@ -1,0 +1,116 @@
+"""The report of the demonstration."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from faultgauge.reporting.chapters import (
+    calibration_report,
+    envelope_figure,
+    estimate_section,
+    evaluation_section,
+    fit_sections,
+)
+from faultgauge.reporting.curves import curve
+from faultgauge.reporting.model_figures import learned_curve
+from faultgauge.reporting.report import Report, Section, Table
+from faultgauge.reporting.svg import Figure
+from faultgauge.reporting.time_figures import fault_estimate
+from faultgauge.studies.drive import FAULT, PULSE, Drive, DriveLogs
+
+__all__ = ["drive_report", "friction_figure", "rows"]
+
+
+def rows(drives: Mapping[str, Drive]) -> tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]:
+    """The short table: what was asked, and each body's answer."""
+    first = next(iter(drives.values())).figures
+    labels = {
+        "free_run_rmse_mm": ("free-run position RMSE", "mm", ".2f"),
+        "pulse_rmse_v": ("pulse estimate, RMSE after settling", "V", ".3f"),
+        "pulse_rmse_share": (f"... as a share of {PULSE:g} V", "", ".2%"),
+        "settling_median_s": ("settling to 5 %, median", "s", ".3f"),
+        "settling_max_s": ("settling to 5 %, worst", "s", ".3f"),
+        "half_periods_wrong": (f"half periods judged wrong, of {first['half_periods']}", "", "d"),
+        "events_on_held_out_nominal": ("false alarms on the held-out healthy part", "", "d"),
+    }
+    body = tuple(
+        (
+            label,
+            *(f"{drive.figures[key]:{form}} {unit}".rstrip() for drive in drives.values()),
+        )
+        for key, (label, unit, form) in labels.items()
+    )
+    return ("", *(f"friction by {name}" for name in drives)), body
+
+
+def drive_report(logs: DriveLogs, drives: Mapping[str, Drive]) -> Report:
+    """The answer, the estimates against the truth, the free runs, what was learned."""
+    header, body = rows(drives)
+    network = drives["network"]
+    summary = (
+        f"Positioning drive, {logs.source}: a hidden {PULSE:g} V pulse was estimated to "
+        f"{network.figures['pulse_rmse_v']:.3f} V (RMSE after settling, "
+        f"{network.figures['pulse_rmse_share']:.2%}), each edge within "
+        f"{network.figures['settling_max_s']:.3f} s.",
+        f"{network.figures['half_periods'] - network.figures['half_periods_wrong']} of "
+        f"{network.figures['half_periods']} half periods were judged right; "
+        f"{network.figures['events_on_held_out_nominal']} false alarms on the healthy part that "
+        "neither fit nor calibration had seen.",
+    )
+    sections = [
+        Section("In newtons", (), (), (newtons_figure(logs, network),)),
+        Section("What was learned", (), (), (friction_figure(drives),)),
+    ]
+    for name, drive in drives.items():
+        estimates = estimate_section(
+            drive.calibration.model, [drive.judgement], drive.bank, "free", {FAULT: logs.pulse}
+        )
+        free = evaluation_section(drive.whole, drive.scores, drive.predictions)
+        calibration = calibration_report(drive.calibration).sections[0]
+        training = fit_sections(drive.whole, drive.account)[0]
+        for section in (estimates, free, calibration, training):
+            sections.append(replace(section, title=f"{section.title}: friction by {name}"))
+    seen = {"q": drives["network"].predictions[0].x[:, 0], "v": network.predictions[0].x[:, 1]}
+    seen["u"] = logs.faulty.columns["u"] + logs.pulse
+    covered = envelope_figure(network.whole, network.account, seen)
+    sections.append(Section("Envelope: training against the faulty record", (), (), covered))
+    return Report("A fault in a real drive, in volts and newtons", summary, tuple(sections),
+                  Table(header, body))
+
+
+def newtons_figure(logs: DriveLogs, drive: Drive) -> Figure:
+    """The pulse as a force: the motor's constant times its voltage."""
+    gtau = float(drive.whole.plant.parameters["gtau"])
+    f = gtau * drive.judgement.f[FAULT]
+    width = gtau * drive.judgement.half_width[FAULT]
+    channel = (drive.calibration.model.calibration or {})["channels"][FAULT]
+    return fault_estimate(
+        logs.faulty.t,
+        f,
+        f - width,
+        f + width,
+        limit=gtau * channel["limit"],
+        name="force of the pulse",
+        unit="N",
+        truth=gtau * logs.pulse,
+        events=[(e.start, e.end) for e in drive.judgement.events],
+    )
+
+
+def friction_figure(drives: Mapping[str, Drive]) -> Figure:
+    """Friction against speed: the network's, the physics' dashed, the data behind."""
+    physics, network = drives["physics"].whole.plant, drives["network"].whole.plant
+    samples = drives["network"].account.training
+    p = {name: float(value) for name, value in physics.parameters.items()}
+    n = {name: float(value) for name, value in network.parameters.items()}
+    speed = samples.x[:, network.signals.state_names.index("v")]
+    pull = samples.dx[:, network.signals.state_names.index("v")]
+    data = n["gtau"] * samples.u[:, 0] - n["M"] * pull
+    grid = np.linspace(speed.min(), speed.max(), 400)
+    learned = n["Fv"] * grid - n["M"] * curve(network, "friction", grid[:, None])
+    known = p["Fv"] * grid + p["Fc"] * np.sign(grid) + p["offset"]
+    return learned_curve(
+        grid, learned, speed, data,
+        x_name="speed v", x_unit="m/s", y_name="friction force", y_unit="N", reference=known,
+    )
