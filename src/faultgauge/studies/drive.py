@@ -36,6 +36,8 @@ PULSE = 5.0  # V
 SETTLED = 0.15  # s after an edge; the estimate is scored from there on
 BAND = 0.05  # of the pulse: settled means inside
 STEP = 1e-3
+# The simulated drive's controller (1/s, V*s/m), screw ripple (N) and integration.
+KP, KV, RIPPLE, SUBSTEPS = 160.18, 243.45, 3.0, 4
 
 
 @dataclass(frozen=True)
@@ -80,8 +82,8 @@ def measured_logs() -> DriveLogs | None:
 def simulated_logs(seconds: float = 24.8) -> DriveLogs:
     """A simulated drive under a PD controller, with encoder noise; the same pulses.
 
-    The plant has the preset's structure with constants near those of EMPS; a friction that
-    peaks at low speed stands for what the preset's physics does not know.
+    The plant has the preset's structure with constants near those of EMPS; the ripple of its
+    screw stands for what neither body of the model knows.
     """
     plant = load_plant("positioning_drive")
     constants = {"M": 95.0, "Fv": 203.0, "Fc": 20.0, "offset": -3.2}
@@ -103,19 +105,22 @@ def simulated_logs(seconds: float = 24.8) -> DriveLogs:
 def _closed_loop(
     plant: Any, t: Float[np.ndarray, "samples"], extra: Float[np.ndarray, "samples"]
 ) -> tuple[Float[np.ndarray, "samples"], Float[np.ndarray, "samples"]]:
-    """(position [m], applied voltage [V]) of the drive under proportional control, sampled."""
+    """(position [m], applied voltage [V]) of the drive under its controller, sampled.
+
+    u = kv (kp (reference - q) - v); the screw adds a force ripple over every 10 mm of travel.
+    """
     p = {name: float(value) for name, value in plant.parameters.items()}
-    reference = 0.12 * (1 - np.cos(2 * np.pi * t / 5.0)) * (1 + 0.2 * np.sin(2 * np.pi * t / 12.4))
+    reference = 0.12 * (1 - np.cos(2 * np.pi * t / 5.0)) * (1 + 0.2 * np.sin(2 * np.pi * t / 3.1))
     q = v = 0.0
+    h = STEP / SUBSTEPS
     positions, applied = np.empty_like(t), np.empty_like(t)
     for k in range(len(t)):
-        u = float(np.clip(243.0 * (160.0 / 243.0 * 2 * (reference[k] - q) * 10 - v) * 0.25, -10, 10))
-        u = float(np.clip(u + extra[k], -10, 10))
+        u = float(np.clip(KV * (KP * (reference[k] - q) - v) + extra[k], -10, 10))
         positions[k], applied[k] = q, u
-        for _ in range(4):
-            h = STEP / 4
-            force = p["gtau"] * u - p["Fv"] * v - p["Fc"] * np.tanh(v / 1e-4) - p["offset"]
-            v += h * force / p["M"]
+        for _ in range(SUBSTEPS):
+            friction = p["Fv"] * v + p["Fc"] * np.tanh(v / 1e-4) + p["offset"]
+            ripple = RIPPLE * np.sin(2 * np.pi * q / 0.01)
+            v += h * (p["gtau"] * u - friction - ripple) / p["M"]
             q += h * v
     return positions, applied
 
