@@ -1,5 +1,6 @@
 """Writing files whole or not at all."""
 
+import contextlib
 import os
 import secrets
 from pathlib import Path
@@ -12,7 +13,7 @@ __all__ = ["write_atomically"]
 def write_atomically(path: str | Path, data: bytes) -> None:
     """Write to a temporary name beside `path`, then rename: never a half-written file."""
     target = Path(path)
-    draft = target.with_name(f".{target.name[:100]}.{secrets.token_hex(4)}.draft")
+    draft = target.parent / f".{target.name[:50]}.{secrets.token_hex(4)}.draft"
     try:
         with open(draft, "wb") as file:
             file.write(data)
@@ -25,4 +26,5 @@ def write_atomically(path: str | Path, data: bytes) -> None:
             "that you may write to."
         ) from None
     finally:
-        draft.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):  # where it could not be made, or was renamed
+            draft.unlink()

@@ -1,10 +1,12 @@
 """Levenberg-Marquardt against SciPy, published minima and analytic Jacobians."""
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.optimize import least_squares
+from scipy.optimize import least_squares, nnls
 
 from faultgauge.identification.levenberg_marquardt import (
     CONVERGED,
@@ -101,7 +103,10 @@ PROBLEMS = {
 PUBLISHED = {"bard": 8.21487e-3, "kowalik": 3.07505e-4}
 
 
+@functools.cache
 def residual_of(formula):
+    """One function per formula, so that its compiled program is found again."""
+
     def residual(theta, sample):
         return jnp.stack([formula(theta, sample, jnp)])
 
@@ -118,7 +123,7 @@ def solve(formula, samples, starts, *, validation=None, lower=None, upper=None, 
         None if validation is None else tuple(map(jnp.asarray, validation)),
         jnp.asarray(-free if lower is None else lower, float),
         jnp.asarray(free if upper is None else upper, float),
-        Options(**options),
+        Options(**{"max_trials": 1000, **options}),
     )
 
 
@@ -133,19 +138,20 @@ def scipy_cost(formula, samples, start, **options):
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_cost_is_scipys(name):
     formula, samples, start = PROBLEMS[name]
-    ours = solve(formula, samples, start, max_trials=1000)
+    ours = solve(formula, samples, start)
     reference, _ = scipy_cost(formula, samples, start, method="lm")
     first = float(np.sum(formula(start, samples, np) ** 2))
     # At a minimum the cost is flat: a parameter error of 1e-5 shows as 1e-10. Where the minimum
     # is zero both end in rounding, so the bound is 1e-20 of the first cost instead.
     assert float(ours.cost[0]) == pytest.approx(reference, rel=1e-8, abs=1e-20 * first)
     assert int(ours.status[0]) == CONVERGED
+    assert np.all(np.diff(np.asarray(ours.history[0, : int(ours.trials[0]), 0])) <= 0)
 
 
 @pytest.mark.parametrize("name", PUBLISHED)
 def test_cost_is_the_published_one(name):
     formula, samples, start = PROBLEMS[name]
-    cost = float(solve(formula, samples, start, max_trials=1000).cost[0])
+    cost = float(solve(formula, samples, start).cost[0])
     assert cost == pytest.approx(PUBLISHED[name], rel=2e-6)  # half of the sixth figure
 
 
@@ -160,19 +166,29 @@ def test_cost_belongs_to_the_parameters():
 @pytest.mark.parametrize("bound", [0.9, 0.3])
 def test_bounds_are_respected_and_the_rest_is_optimal(bound):
     """Decay held below its true rate of 1.5: amplitude and offset have to make up for it."""
-    formula, samples, start = PROBLEMS["decay"]
+    formula, samples, _ = PROBLEMS["decay"]
     upper = np.array([np.inf, bound, np.inf])
     lower = np.array([0, 0.1, -np.inf])
-    ours = solve(formula, samples, (1, 0.2, 0), lower=lower, upper=upper, max_trials=1000)
-    reference, x = scipy_cost(
-        formula, samples, (1, 0.2, 0), bounds=(lower, upper), method="dogbox"
-    )
+    ours = solve(formula, samples, (1, 0.2, 0), lower=lower, upper=upper)
+    reference, x = scipy_cost(formula, samples, (1, 0.2, 0), bounds=(lower, upper), method="dogbox")
     assert np.all(ours.theta[0] >= lower)
     assert np.all(ours.theta[0] <= upper)
     assert float(ours.theta[0][1]) == bound
     # what is left is linear in two parameters: 1e-8 of cost is where dogbox itself stops
     assert float(ours.cost[0]) == pytest.approx(reference, rel=1e-8)
     np.testing.assert_allclose(ours.theta[0], x, rtol=1e-4)  # flat minimum: sqrt of the above
+
+
+def test_non_negative_least_squares():
+    """Correlated columns, half of the parameters on their bound: the minimum NNLS finds."""
+    rng = np.random.default_rng(5)
+    design = rng.normal(size=(60, 4)) + 2 * rng.normal(size=(60, 1))
+    target = design @ [1.0, -2.0, 3.0, -0.5] + rng.normal(size=60)
+    x, norm = nnls(design, target)
+    assert 0 < np.count_nonzero(x) < 4
+    found = solve(linear, (*design.T, target), np.ones(4), lower=np.zeros(4))
+    assert float(found.cost[0]) == pytest.approx(norm**2, rel=1e-12)  # a quadratic: rounding
+    np.testing.assert_array_equal(np.asarray(found.theta[0]) == 0, x == 0)
 
 
 def test_starts_outside_the_bounds_are_moved_inside():
@@ -219,6 +235,7 @@ def wiggly(p, s, xp):
     return total
 
 
+@functools.cache
 def overfitted(max_fail):
     rng = np.random.default_rng(3)
     x, dense = np.sort(rng.uniform(-2, 2, 24)), np.linspace(-2, 2, 101)
@@ -246,7 +263,7 @@ def test_validation_stop_returns_the_best_validation_point():
 
 
 def test_patience_finds_a_validation_point_that_is_no_worse():
-    impatient, _ = overfitted(max_fail=1)
+    impatient, _ = overfitted(max_fail=4)
     patient, _ = overfitted(max_fail=50)
     assert float(patient.validation_cost[0]) <= float(impatient.validation_cost[0])
     assert int(patient.trials[0]) > int(impatient.trials[0])
@@ -260,7 +277,9 @@ def test_trials_cap():
     assert found.history.shape == (1, 3, 2)
     first = np.sum(formula(start, samples, np) ** 2)
     assert float(found.cost[0]) < first  # what was gained is kept
-    assert np.all(np.diff(np.asarray(found.history[0, :, 0])) <= 0)  # never uphill
+
+
+equations = jax.jit(normal_equations, static_argnums=0)
 
 
 def bench_network(samples=200, hidden=3):
@@ -286,7 +305,7 @@ def network_residual(theta, sample):
 
 def test_normal_equations_are_the_analytic_ones():
     theta, samples, r, J = bench_network()
-    cost, A, g = normal_equations(network_residual, jnp.asarray(theta), tuple(map(jnp.asarray, samples)))
+    cost, A, g = equations(network_residual, jnp.asarray(theta), tuple(map(jnp.asarray, samples)))
     # sums of 200 products of size 1: a few hundred roundings
     assert float(cost) == pytest.approx(r @ r, rel=1e-12)
     np.testing.assert_allclose(A, J @ J.T, rtol=1e-11, atol=1e-11)
@@ -308,8 +327,8 @@ def test_equations_stacked_are_samples_side_by_side():
 
     theta, (p, y), _, _ = bench_network()
     twice = (np.concatenate([p, -p]), np.concatenate([y, y]), np.repeat([1.0, 3.0], len(y)))
-    stacked = normal_equations(two, jnp.asarray(theta), (jnp.asarray(p), jnp.asarray(y)))
-    flat = normal_equations(one, jnp.asarray(theta), tuple(map(jnp.asarray, twice)))
+    stacked = equations(two, jnp.asarray(theta), (jnp.asarray(p), jnp.asarray(y)))
+    flat = equations(one, jnp.asarray(theta), tuple(map(jnp.asarray, twice)))
     for a, b in zip(stacked, flat, strict=True):  # the same 400 products in another order
         np.testing.assert_allclose(a, b, rtol=1e-11, atol=1e-10)
 

@@ -128,7 +128,7 @@ def test_a_value_that_is_no_number_names_the_row(text, found):
 def test_a_constant_without_a_value_is_refused(text):
     message = refusal(table(t=[0, 1]), text)
     assert "--map x" in message
-    assert "value" in message
+    assert "finite real number" in message
 
 
 def test_an_empty_cell_stays_empty_where_the_formula_would_hide_it():

@@ -56,4 +56,6 @@ def calibrate(
         f"from {block['blocks']} healthy blocks ({block['judged_s']:.4g} s): false alarms at most "
         f"once in {block['mtbfa_s']:.4g} s (95 % confidence)"
     )
-    options.say(f"wrote {out or model}; next: faultgauge estimate {out or model} LOG --out FILE.csv")
+    options.say(
+        f"wrote {out or model}; next: faultgauge estimate {out or model} LOG --out FILE.csv"
+    )

@@ -69,4 +69,3 @@ def check(
         print(line)
     if files:
         options.say(f"wrote {', '.join(str(file) for file in files)}")
-

@@ -38,9 +38,7 @@ def estimate(
     signals = fitted.plant.signals
     runs = options.read_logs(signals, logs, time, map)
     with options.narrate("estimating"):
-        judgements, bank = estimation.estimate(
-            fitted, runs, observer=observer, reference=reference
-        )
+        judgements, bank = estimation.estimate(fitted, runs, observer=observer, reference=reference)
     write_table(estimation.table(judgements, signals.fault_names), out)
     options.warn(bank.refused.values())
     if report is not None:

@@ -60,13 +60,15 @@ def score(
 ) -> Float[np.ndarray, "samples"]:
     """max over channels of |value| / healthy RMS; NaN where no channel has a value."""
     stacked = np.stack([np.abs(channels[name]) / scales[name] for name in scales])
-    return np.where(np.isnan(stacked).all(axis=0), np.nan, np.nanmax(np.nan_to_num(stacked), axis=0))
+    return np.where(
+        np.isnan(stacked).all(axis=0), np.nan, np.nanmax(np.nan_to_num(stacked), axis=0)
+    )
 
 
 def correlation_time(x: Float[np.ndarray, "samples"], step: float) -> float:
     """Integrated autocorrelation time [s] up to the first zero crossing.
 
-        tau = step (1 + 2 sum_k rho_k)
+    tau = step (1 + 2 sum_k rho_k)
     """
     x = x - x.mean()
     if len(x) < 4 or not np.any(x):
@@ -202,9 +204,7 @@ def _blocks(
     return blocks
 
 
-def _without_suspects(
-    blocks: list[Block], runs: Sequence[Run]
-) -> tuple[list[Block], list[Block]]:
+def _without_suspects(blocks: list[Block], runs: Sequence[Run]) -> tuple[list[Block], list[Block]]:
     """Blocks whose peak stands far above the others are taken for faulty."""
     peaks = np.array([b.peak for b in blocks])
     middle = float(np.median(peaks))
@@ -256,6 +256,4 @@ def _inside(
     for b in blocks:
         if b.run == estimates.run.name:
             keep |= (t >= b.start) & (t < b.end)
-    return {
-        name: values[keep & np.isfinite(values)] for name, values in channels.items()
-    }
+    return {name: values[keep & np.isfinite(values)] for name, values in channels.items()}

@@ -171,9 +171,7 @@ def run_observer(
     dt = np.zeros(length)
     dt[1 : len(t)] = np.diff(t)
     padded = np.concatenate([y, np.full((length - len(t), y.shape[1]), np.nan)])
-    info = observe(
-        observer, *(jnp.asarray(a) for a in (x0, pad(u, length), padded, dt))
-    )
+    info = observe(observer, *(jnp.asarray(a) for a in (x0, pad(u, length), padded, dt)))
     return np.asarray(info.f)[: len(t)], np.asarray(info.innovation)[: len(t)]
 
 

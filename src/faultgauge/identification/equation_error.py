@@ -3,7 +3,7 @@
 Equations that share a network or a free parameter form one group and are fitted together.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import equinox as eqx
@@ -16,12 +16,14 @@ from faultgauge.errors import InputError
 from faultgauge.identification.levenberg_marquardt import Options, Solution, levenberg_marquardt
 from faultgauge.identification.samples import Samples
 from faultgauge.identification.starts import nguyen_widrow, scattered
-from faultgauge.plants.expression import Expression, evaluate, names_used, networks_used
+from faultgauge.plants.expression import Expression, Node, evaluate, names_used, networks_used
 from faultgauge.plants.gray_box import GrayBoxPlant
+from faultgauge.plants.network import Network
 from faultgauge.plants.plant_file import PlantSpec
 
 __all__ = ["Group", "assemble", "fit_group", "groups", "scale_networks"]
 
+INNER = np.array([-1.0, 1.0])  # assumed of what one network gives to another: not known yet
 WEIGHTS = ("weights_out", "weights_in", "bias", "bias_out")
 
 
@@ -130,60 +132,84 @@ def assemble(
     return eqx.tree_at(lambda p: (p.networks, p.parameters), plant, (networks, parameters))
 
 
-def scale_networks(
-    plant: GrayBoxPlant, group: Group, samples: Samples
-) -> GrayBoxPlant:
+def scale_networks(plant: GrayBoxPlant, group: Group, samples: Samples) -> GrayBoxPlant:
     """Set the scalings of the group's networks from the training samples (mapminmax).
 
-    Raises `InputError` naming a network argument or an input that the logs never move.
+    A network called in several places gets a range that holds all of them. Raises `InputError`
+    naming a network argument or an input that the logs never move.
     """
     spec = plant.spec
-    values = {**{name: float(v) for name, v in plant.parameters.items()}}
-    values |= dict(zip(spec.signals.state_names, samples.x.T, strict=True))
-    values |= dict(zip(spec.signals.input_names, samples.u.T, strict=True))
+    inputs = dict(zip(spec.signals.input_names, samples.u.T, strict=True))
+    states = dict(zip(spec.signals.state_names, samples.x.T, strict=True))
+    values = {name: float(v) for name, v in plant.parameters.items()} | states | inputs
     rates = dict(zip(spec.signals.state_names, samples.dx.T, strict=True))
     equations = [(spec.derivatives[i], samples.dx[:, i]) for i in group.states]
     equations += [(spec.values[j], samples.y[:, j]) for j in group.outputs]
-    networks = dict(plant.networks)
+    arguments: dict[str, dict[int, list[np.ndarray]]] = {name: {} for name in group.networks}
+    outputs = dict.fromkeys(group.networks, 0.0)
     for expression, target in equations:
-        for name in sorted(names_used(expression) & set(spec.signals.input_names)):
-            if _range(values[name])[1] == 0:
+        for name in sorted(names_used(expression) & inputs.keys()):
+            if _range(inputs[name])[1] == 0:
                 raise InputError(
                     f"input {name!r} never changes in the logs, so {group.name} cannot be "
                     "learned (no excitation); add a log in which it moves."
                 )
-        for name, calls in networks_used(expression).items():
-            centers, scales = [], []
-            for k, argument in enumerate(calls[0]):
-                inner = Expression("", argument)
-                if networks_used(inner):  # a network of a network: its range is not known yet
-                    center, scale = 0.0, 1.0
-                else:
-                    with np.errstate(all="ignore"):
-                        points = evaluate(argument, values, np, derivatives=rates)
-                    center, scale = _range(np.asarray(points))
-                if scale == 0:
-                    raise InputError(
-                        f"argument {k + 1} of network {name!r} never changes in the logs (no "
-                        "excitation): add a log in which it moves, or leave the argument out."
-                    )
-                centers.append(center)
-                scales.append(scale)
-            center, scale = _range(target)
-            networks[name] = eqx.tree_at(
-                lambda n: (n.input_center, n.input_scale, n.output_scale),
-                networks[name],
-                (jnp.array(centers), jnp.array(scales), jnp.asarray(scale or 1.0)),
-            )
+        nested = set()
+        for name, k, argument in _arguments(expression):
+            inner = networks_used(Expression("", argument)).keys()
+            nested |= inner
+            points = INNER if inner else _points(argument, values, rates)
+            arguments[name].setdefault(k, []).append(points)
+        for name in networks_used(expression).keys() - nested:
+            outputs[name] = max(outputs[name], _range(target)[1])
+    networks = dict(plant.networks)
+    for name, points_of in arguments.items():
+        ranges = [_range(np.concatenate(points_of[k])) for k in sorted(points_of)]
+        networks[name] = _scaled(name, networks[name], ranges, outputs[name] or 1.0)
     return eqx.tree_at(lambda p: p.networks, plant, networks)
 
 
-def _range(points: np.ndarray) -> tuple[float, float]:
-    """(centre, half width); the width of rounding errors counts as 0."""
-    low, high = float(np.nanmin(points)), float(np.nanmax(points))
+def _arguments(expression: Expression) -> Iterator[tuple[str, int, Node]]:
+    """(network, position, argument) of every network call."""
+    for name, calls in networks_used(expression).items():
+        for call in calls:
+            for k, argument in enumerate(call):
+                yield name, k, argument
+
+
+def _points(
+    argument: Node, values: Mapping[str, np.ndarray | float], rates: Mapping[str, np.ndarray]
+) -> Float[np.ndarray, "points"]:
+    with np.errstate(all="ignore"):
+        return np.ravel(evaluate(argument, values, np, derivatives=rates))
+
+
+def _range(points: Float[np.ndarray, "points"]) -> tuple[float, float]:
+    """(centre, half width) of the finite points; the width of rounding errors counts as 0."""
+    points = points[np.isfinite(points)]
+    if not points.size:  # the fit will say that its cost is not finite
+        return 0.0, 1.0
+    low, high = float(np.min(points)), float(np.max(points))
     half = (high - low) / 2
     flat = half <= 1e-12 * max(abs(low), abs(high))
     return (low + high) / 2, 0.0 if flat else half
+
+
+def _scaled(
+    name: str, network: Network, ranges: Sequence[tuple[float, float]], output: float
+) -> Network:
+    for k, (_, scale) in enumerate(ranges):
+        if scale == 0:
+            raise InputError(
+                f"argument {k + 1} of network {name!r} never changes in the logs (no "
+                "excitation): add a log in which it moves, or leave the argument out."
+            )
+    centers, scales = map(jnp.array, zip(*ranges, strict=True))
+    return eqx.tree_at(
+        lambda n: (n.input_center, n.input_scale, n.output_scale),
+        network,
+        (centers, scales, jnp.asarray(output)),
+    )
 
 
 def start_vector(

@@ -16,7 +16,7 @@ from faultgauge.plants.plant import Plant
 from faultgauge.simulation.free_run import bucket, free_run, pad, simulate, substeps_for
 from faultgauge.telemetry import Run, segments
 
-__all__ = ["Prediction", "evaluate", "predict", "scores", "start_state"]
+__all__ = ["Prediction", "evaluate", "predict", "scores", "spread", "start_state"]
 
 WARMUP = 50
 
@@ -33,6 +33,13 @@ class Prediction(NamedTuple):
     predicted: Float[np.ndarray, "samples outputs"]
     x: Float[np.ndarray, "samples states"]
     warmup: int
+
+
+def spread(y: Float[np.ndarray, "samples outputs"]) -> Float[np.ndarray, "outputs"]:
+    """Standard deviation of every output; 1 where it was not sampled or does not change."""
+    sampled = [column[np.isfinite(column)] for column in y.T]
+    found = np.array([np.std(column) if column.size else 0.0 for column in sampled])
+    return np.where(found > 0, found, 1.0)
 
 
 def start_state(
@@ -57,9 +64,8 @@ def start_state(
     count = len(t)
     length = bucket(count)
     dt = np.append(np.diff(t), 0.0)
-    spread = np.nanstd(y, axis=0)
-    spread = np.where(np.isfinite(spread) & (spread > 0), spread, 1.0)
-    weight = np.concatenate([np.isfinite(y) / spread, np.zeros((length - count, y.shape[1]))])
+    weight = np.isfinite(y) / spread(y)
+    weight = np.concatenate([weight, np.zeros((length - count, y.shape[1]))])
     arrays = (x0, hidden, pad(u, length), pad(dt, length), pad(np.nan_to_num(y), length), weight)
     dt_padded = arrays[3]
     dt_padded[count - 1 :] = 0.0
@@ -136,9 +142,11 @@ def _predict_part(
     signals = plant.signals
     t = run.t[part]
     count = len(t)
-    u = np.stack([run.columns[n][part] for n in signals.input_names], axis=1) if (
-        signals.inputs
-    ) else np.zeros((count, 0))
+    u = (
+        np.stack([run.columns[n][part] for n in signals.input_names], axis=1)
+        if (signals.inputs)
+        else np.zeros((count, 0))
+    )
     nothing = np.full(count, np.nan)
     y = np.stack(
         [run.columns[n][part] if n in run.columns else nothing for n in signals.output_names], 1
@@ -147,9 +155,11 @@ def _predict_part(
     hidden = len(known) < len(signals.states)
     scored_from = min(warmup, count - 1) if hidden else 0
     first = max(scored_from, 2)
-    x0 = start_state(plant, t[:first], u[:first], y[:first], known, max_step) if (
-        scored_from
-    ) else np.array([known.get(s.name, s.initial) for s in signals.states])
+    x0 = (
+        start_state(plant, t[:first], u[:first], y[:first], known, max_step)
+        if (scored_from)
+        else np.array([known.get(s.name, s.initial) for s in signals.states])
+    )
     length = bucket(count)
     dt = np.zeros(length)
     dt[: count - 1] = np.diff(t)
@@ -159,7 +169,9 @@ def _predict_part(
         plant, jnp.asarray(x0), jnp.asarray(pad(u, length)), jnp.asarray(dt), f, substeps
     )
     x, _, predicted = jax.device_get(simulated)
-    return Prediction(run.name, t, y, np.asarray(predicted)[:count], np.asarray(x)[:count], scored_from)
+    return Prediction(
+        run.name, t, y, np.asarray(predicted)[:count], np.asarray(x)[:count], scored_from
+    )
 
 
 def scores(

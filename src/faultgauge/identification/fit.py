@@ -10,6 +10,7 @@ import numpy as np
 
 from faultgauge.errors import InputError
 from faultgauge.identification.equation_error import Group, fit_group, groups, scale_networks
+from faultgauge.identification.evaluation import spread
 from faultgauge.identification.holdout import split
 from faultgauge.identification.levenberg_marquardt import (
     CONVERGED,
@@ -97,7 +98,7 @@ def fit(
         [s.samples.take(np.r_[cut]) for s, each in zip(held, cuts, strict=True) for cut in each]
     )
     training, validation = _thin(training, validation, how, spec, seed)
-    windows = windows_from(held, cuts, _spread(stretches))
+    windows = windows_from(held, cuts, spread(np.concatenate([s.measured for s in stretches])))
     plant, reports = _fit_groups(
         plant, how, training, validation, windows, seed, restarts, progress, warnings
     )
@@ -165,7 +166,9 @@ def _judge(group: Group, solution: Solution, warnings: list[str]) -> None:
             "expression infinite; protect the expression with max() or set min and max."
         )
     if failed:
-        warnings.append(f"{group.name}: {failed} of {len(solution.status)} starts had no finite cost")
+        warnings.append(
+            f"{group.name}: {failed} of {len(solution.status)} starts had no finite cost"
+        )
 
 
 def _exchange(plant: GrayBoxPlant, other: GrayBoxPlant, group: Group) -> GrayBoxPlant:
@@ -195,13 +198,6 @@ def _thin(
         points = np.concatenate([samples.x, samples.u], axis=1)
         kept.append(samples.take(cover(points, count, np.random.default_rng(seed))))
     return kept[0], kept[1]
-
-
-def _spread(stretches: list[Stretch]) -> np.ndarray:
-    """Standard deviation of every output over the log; 1 where it is absent or constant."""
-    everything = np.concatenate([s.measured for s in stretches])
-    spread = np.array([np.std(y[np.isfinite(y)]) if np.isfinite(y).any() else 1 for y in everything.T])
-    return np.where(spread > 0, spread, 1.0)
 
 
 def _max_step(plant: GrayBoxPlant, training: Samples, stretches: list[Stretch] | None) -> float:

@@ -107,8 +107,9 @@ def levenberg_marquardt(
     """Fit from every start. `samples` and `validation` are trees of arrays, samples first.
 
     With `validation` the parameters of the lowest validation cost are returned. Steps are
-    projected on [lower, upper] (D. P. Bertsekas, "Projected Newton methods", SICON 20, 1982). `residual` must be a hashable function or an Equinox module,
-    so that the compiled program is found again.
+    projected on [lower, upper] (D. P. Bertsekas, "Projected Newton methods", SICON 20, 1982).
+    `residual` must be a hashable function or an Equinox module, so that the compiled program is
+    found again.
     """
 
     def validate(theta: Array, cost: Array) -> Array:
@@ -145,7 +146,7 @@ def levenberg_marquardt(
         held = (s.theta <= lower) & (s.gradient > 0) | (s.theta >= upper) & (s.gradient < 0)
         reduced = jnp.where(held[:, None] | held, 0.0, s.hessian)
         factor = jax.scipy.linalg.cho_factor(reduced + s.mu * jnp.eye(s.theta.size))
-        step = jax.scipy.linalg.cho_solve(factor, jnp.where(held, 0.0, s.gradient))
+        step = jax.scipy.linalg.cho_solve(factor, s.gradient)
         theta = jnp.clip(s.theta - step, lower, upper)
         delta = theta - s.theta
         cost, hessian, gradient = normal_equations(residual, theta, samples)
@@ -181,7 +182,9 @@ def levenberg_marquardt(
             stalls=stalls,
             trial=s.trial + 1,
             status=status,
-            history=s.history.at[s.trial].set(jnp.stack([keep(cost, s.cost), keep(valid, jnp.nan)])),
+            history=s.history.at[s.trial].set(
+                jnp.stack([keep(cost, s.cost), keep(valid, jnp.nan)])
+            ),
         )
 
     def run(theta: Array) -> _State:

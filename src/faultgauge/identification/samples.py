@@ -34,8 +34,9 @@ class Samples(NamedTuple):
 class Stretch:
     """A gap-free stretch of one run on a uniform grid.
 
-    `samples[k]` is centred at `t[k]` and made of data up to `reach` samples away; `measured` holds the outputs as sampled at `t` (NaN
-    columns for outputs without telemetry).
+    `samples[k]` is centred at `t[k]` and made of data up to `reach` samples away; `measured` holds
+    the outputs as sampled at `t` (NaN columns for outputs without telemetry), `applied` the inputs
+    inside their limits.
     """
 
     run: str
@@ -121,17 +122,19 @@ def collect(
     for run in runs:
         for part in segments(run, how.needed):
             columns = {name: run.columns[name][part] for name in how.needed}
+            for each in spec.signals.inputs:  # the actuator's limits act before any smoothing
+                columns[each.name] = np.clip(columns[each.name], each.min, each.max)
             step, t, on = on_grid(run.t[part], columns, held)
             if len(t) >= 16:
                 grids.append((run.name, step, t, on))
-    if not grids:
-        raise InputError(
-            f"{runs[0].source}: no stretch of 16 complete samples without a gap in "
-            f"{', '.join(how.needed)}; look at it with `faultgauge inspect`."
-        )
-    kernel, noise = _kernel(spec, how, grids)
+    kernel, noise = _kernel(spec, how, grids) if grids else (None, {})
     shortest = 16 + (2 * kernel.half if kernel else 0)
     grids = [grid for grid in grids if len(grid[2]) >= shortest]
+    if not grids:
+        raise InputError(
+            f"{runs[0].source}: no stretch of {shortest} complete samples without a gap in "
+            f"{', '.join(how.needed)}; look at it with `faultgauge inspect`."
+        )
     return [_stretch(spec, how, kernel, held, *grid) for grid in grids], noise
 
 
@@ -208,8 +211,6 @@ def _stretch(
     for state, (column, order) in zip(signals.state_names, how.states, strict=True):
         given = f"d_{state}" in how.rates
         rates.append(mean(f"d_{state}") if given else mean(column, order + 1))
-    low, high = (np.array([getattr(i, k) for i in signals.inputs]) for k in ("min", "max"))
-    applied = table([on[name][inside] for name in signals.input_names])
     return Stretch(
         run=run,
         step=step,
@@ -217,7 +218,7 @@ def _stretch(
         t=t[inside],
         samples=Samples(
             x=table([mean(column, order) for column, order in how.states]),
-            u=np.clip(table([mean(name) for name in signals.input_names]), low, high),
+            u=table([mean(name) for name in signals.input_names]),
             dx=table(rates),
             y=table([mean(n if n in how.outputs else None) for n in signals.output_names]),
         ),
@@ -227,5 +228,5 @@ def _stretch(
                 for n in signals.output_names
             ]
         ),
-        applied=applied,
+        applied=table([on[name][inside] for name in signals.input_names]),
     )

@@ -28,7 +28,9 @@ class Windows(eqx.Module):
 
 
 def windows_from(
-    stretches: Sequence[Stretch], cuts: Sequence[Sequence[slice]], spread: Float[np.ndarray, "outputs"]
+    stretches: Sequence[Stretch],
+    cuts: Sequence[Sequence[slice]],
+    spread: Float[np.ndarray, "outputs"],
 ) -> Windows:
     """Windows for `free_run_errors`; `spread` is each output's standard deviation in the log.
 

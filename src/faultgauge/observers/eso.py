@@ -31,9 +31,7 @@ __all__ = ["ExtendedStateObserver", "design_eso", "fal"]
 ZETA = 1 / np.sqrt(2)
 
 
-def fal(
-    e: Float[Array, "..."], kappa: float, delta: Float[Array, "..."]
-) -> Float[Array, "..."]:
+def fal(e: Float[Array, "..."], kappa: float, delta: Float[Array, "..."]) -> Float[Array, "..."]:
     """The gain of eq (12): |e|^kappa sign(e) beyond delta, e / delta^(1 - kappa) inside."""
     outside = jnp.sign(e) * jnp.maximum(jnp.abs(e), delta) ** kappa
     return jnp.where(jnp.abs(e) > delta, outside, e / delta ** (1 - kappa))

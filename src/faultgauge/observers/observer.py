@@ -137,11 +137,11 @@ class Linearisation(NamedTuple):
     F_f: Float[np.ndarray, "points states faults"]
 
 
-def linearise(
-    plant: Plant, points: OperatingPoints, dt: float, substeps: int
-) -> Linearisation:
+def linearise(plant: Plant, points: OperatingPoints, dt: float, substeps: int) -> Linearisation:
     """Jacobians of the step Phi and of the outputs with respect to state and faults."""
-    arrays = _jacobians(plant, jnp.asarray(points.x), jnp.asarray(points.u), jnp.asarray(dt), substeps)
+    arrays = _jacobians(
+        plant, jnp.asarray(points.x), jnp.asarray(points.u), jnp.asarray(dt), substeps
+    )
     finite = np.all([np.isfinite(a).reshape(len(points.x), -1).all(1) for a in arrays], axis=0)
     return Linearisation(*(np.asarray(a)[finite] for a in arrays))
 
@@ -161,7 +161,9 @@ def _jacobians(plant: Plant, x: Array, u: Array, dt: Array, substeps: int) -> tu
             return respond(plant, x, u, f)[0]
 
         return tuple(
-            jacobian for function in (phi, h, rate) for jacobian in jax.jacfwd(function, (0, 1))(x, zero)
+            jacobian
+            for function in (phi, h, rate)
+            for jacobian in jax.jacfwd(function, (0, 1))(x, zero)
         )
 
     return jax.vmap(one)(x, u)

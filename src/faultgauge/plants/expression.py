@@ -9,6 +9,7 @@ stranger's file cannot run code.
 import ast
 import difflib
 import math
+import warnings
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -138,23 +139,35 @@ class _Parser:
             if depth > MAX_DEPTH:
                 raise self.error(column, f"more than {MAX_DEPTH} nested parentheses")
         try:
-            tree = ast.parse(self.text.strip(), mode="eval").body
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # Python's advice on text that is refused below
+                tree = ast.parse("\n".join(self.lines), mode="eval").body
         except (SyntaxError, ValueError, MemoryError, RecursionError) as failure:
-            column = getattr(failure, "offset", None) or 1
+            line, column = 1, 1
+            if isinstance(failure, SyntaxError):
+                line, column = failure.lineno or 1, failure.offset or 1
             raise self.error(
-                column - 1 + self.indent, "this is not a formula; check operators and parentheses"
+                self.position(line, column - 1),
+                "this is not a formula; check operators and parentheses",
             ) from None
         return self.convert(tree, 0)
 
     @property
-    def indent(self) -> int:
-        return len(self.text) - len(self.text.lstrip())
+    def lines(self) -> list[str]:
+        return self.text.strip().replace("\r", " ").split("\n")
+
+    def position(self, line: int, column: int) -> int:
+        """Index into the text of a column (from 0) of a line (from 1) of the stripped text."""
+        indent = len(self.text) - len(self.text.lstrip())
+        return indent + sum(len(above) + 1 for above in self.lines[: line - 1]) + column
 
     def error(self, column: int, message: str) -> InputError:
         return InputError(f"{self.where}: column {column + 1} of {self.text[:80]!r}: {message}.")
 
     def refuse(self, node: ast.expr, message: str) -> InputError:
-        return self.error(node.col_offset + self.indent, message)
+        line = self.lines[node.lineno - 1].encode()  # ast counts bytes, the user characters
+        column = len(line[: node.col_offset].decode())
+        return self.error(self.position(node.lineno, column), message)
 
     def convert(self, node: ast.expr, depth: int) -> Node:
         self.nodes += 1

@@ -58,7 +58,7 @@ def tensors(plant: GrayBoxPlant) -> dict[str, np.ndarray]:
     named = {f"parameters/{name}": value for name, value in plant.parameters.items()}
     for name, network in plant.networks.items():
         named |= {f"networks/{name}/{field}": value for field, value in vars(network).items()}
-    return {name: np.ascontiguousarray(named[name], np.float64) for name in sorted(named)}
+    return {name: np.asarray(named[name], np.float64, order="C") for name in sorted(named)}
 
 
 def digest(arrays: dict[str, np.ndarray]) -> str:
@@ -119,7 +119,10 @@ def load_model(path: str | Path) -> Model:
         if content["sha256"] != digest(arrays):
             raise InputError(f"{path}: its numbers were altered or damaged{advice}.")
         plant = GrayBoxPlant.untrained(parse_plant(content["plant"], str(path)))
-        return Model(filled(plant, arrays), content["record"])
+        model = Model(filled(plant, arrays), content["record"])
+        if not 0 < model.max_step < np.inf:
+            raise ValueError("max_step")
+        return model
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         raise InputError(f"{path}: its description is damaged{advice}.") from None
 
@@ -130,7 +133,8 @@ def filled(plant: GrayBoxPlant, arrays: dict[str, np.ndarray]) -> GrayBoxPlant:
     if wanted.keys() != arrays.keys():
         raise KeyError("tensors")
     for name, array in arrays.items():
-        if array.shape != wanted[name].shape or not np.all(np.isfinite(array)):
+        fits = array.shape == wanted[name].shape and array.dtype == np.float64
+        if not fits or not np.all(np.isfinite(array)):
             raise ValueError(name)
     networks = {
         name: Network(
@@ -139,6 +143,4 @@ def filled(plant: GrayBoxPlant, arrays: dict[str, np.ndarray]) -> GrayBoxPlant:
         for name, network in plant.networks.items()
     }
     parameters = {name: jnp.asarray(arrays[f"parameters/{name}"]) for name in plant.parameters}
-    return eqx.tree_at(
-        lambda p: (p.networks, p.parameters), plant, (networks, parameters)
-    )
+    return eqx.tree_at(lambda p: (p.networks, p.parameters), plant, (networks, parameters))

@@ -27,7 +27,7 @@ class Network(eqx.Module):
     output_center: Float[Array, ""]
     output_scale: Float[Array, ""]
 
-    def __call__(self, *arguments: Float[Array, ""]) -> Float[Array, ""]:
+    def __call__(self, *arguments: Float[Array, ""] | float) -> Float[Array, ""]:
         """Value at one point, one scalar per argument."""
         p = jnp.stack(jnp.broadcast_arrays(*arguments))
         scaled = jnp.clip((p - self.input_center) / self.input_scale, -1.0, 1.0)

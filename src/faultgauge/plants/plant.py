@@ -50,12 +50,13 @@ def respond(
 ) -> tuple[Float[Array, "states"], Float[Array, "outputs"]]:
     """(dx, y) of the plant under command `u` with fault sizes `f` (None: healthy).
 
-        u  <-  clip((1 - f_gain) u + f_input, min, max)
-        dx  =  F(x, u) + f_state
-        y   =  h(dx, x, u) + f_output
+    u  <-  clip((1 - f_gain) u + f_input, min, max)
+    dx  =  F(x, u) + f_state
+    y   =  h(dx, x, u) + f_output
     """
     signals = plant.signals
     extra_x, extra_y = jnp.zeros(len(signals.states)), jnp.zeros(len(signals.outputs))
+    extra_u, gain = jnp.zeros(len(signals.inputs)), jnp.ones(len(signals.inputs))
     if f is not None:
         for size, fault in zip(f, signals.faults, strict=True):
             match fault.enters:
@@ -64,12 +65,12 @@ def respond(
                 case "output":
                     extra_y = extra_y.at[signals.output_names.index(fault.target)].add(size)
                 case "input":
-                    u = u.at[signals.input_names.index(fault.target)].add(size)
+                    extra_u = extra_u.at[signals.input_names.index(fault.target)].add(size)
                 case "gain":
-                    u = u.at[signals.input_names.index(fault.target)].multiply(1.0 - size)
+                    gain = gain.at[signals.input_names.index(fault.target)].multiply(1.0 - size)
     lower = jnp.array([each.min for each in signals.inputs])
     upper = jnp.array([each.max for each in signals.inputs])
-    u = jnp.clip(u, lower, upper)
+    u = jnp.clip(gain * u + extra_u, lower, upper)
     dx = plant.derivative(x, u) + extra_x
     return dx, plant.output(dx, x, u) + extra_y
 

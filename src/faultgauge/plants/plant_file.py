@@ -2,7 +2,9 @@
 
 import keyword
 import math
+import reprlib
 import tomllib
+import unicodedata
 from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
@@ -94,7 +96,7 @@ class _State(_Table):
     unit: Text = ""
     min: Number | None = None
     max: Number | None = None
-    initial: Number = 0.0
+    initial: Number | None = None
 
 
 class _Input(_Table):
@@ -181,7 +183,7 @@ def parse_plant(text: str, source: str = "plant file") -> PlantSpec:
     """Check the text of a plant file. Raises `InputError` naming key and column."""
     try:
         data = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError) as failure:
+    except (ValueError, RecursionError) as failure:  # ValueError: also a number of 5000 digits
         raise InputError(f"{source}: not valid TOML: {failure}.") from None
     try:
         file = _File.model_validate(data)
@@ -203,8 +205,12 @@ def _first(failure: pydantic.ValidationError) -> str:
         case "missing":
             return f"{place}key {key!r} is missing; add it (legal here: {_join(_legal(tables))})."
         case _:
-            message = error["msg"].replace("Input should be", "should be").replace("valid ", "")
-            return f"{place}{key} = {error['input']!r}: {message}."
+            message = "should be a table of keys"
+            if error["type"] not in ("model_type", "dict_type"):
+                message = error["msg"].replace("Input should be", "should be")
+                message = message.replace("a valid integer", "a whole number")
+                message = message.replace("valid ", "")
+            return f"{place}{key} = {reprlib.repr(error['input'])}: {message}."
 
 
 def _legal(tables: list[str]) -> list[str]:
@@ -229,6 +235,14 @@ def _bounds(table: Any) -> tuple[float, float]:
     return low, math.inf if table.max is None else float(table.max)
 
 
+def _initial(table: _State) -> float:
+    """Where the state starts if nobody says: at zero, or as near to it as its limits allow."""
+    if table.initial is not None:
+        return float(table.initial)
+    low, high = _bounds(table)
+    return min(max(0.0, low), high)
+
+
 class _Checker:
     """Turns a well-typed file into a `PlantSpec`, or says what makes no sense in it."""
 
@@ -246,7 +260,7 @@ class _Checker:
         values = self.expressions("outputs", "value")
         signals = Signals(
             states=tuple(
-                State(name, table.unit, *_bounds(table), initial=table.initial)
+                State(name, table.unit, *_bounds(table), initial=_initial(table))
                 for name, table in file.states.items()
             ),
             inputs=tuple(
@@ -281,7 +295,8 @@ class _Checker:
         owner: dict[str, str] = {}
         for table in ("states", "inputs", "parameters", "networks", "outputs", "faults"):
             for name in getattr(file, table):
-                if not name.isidentifier() or keyword.iskeyword(name):
+                normal = unicodedata.normalize("NFKC", name) == name  # as expressions read it
+                if not name.isidentifier() or keyword.iskeyword(name) or not normal:
                     raise self.fail(table, f"{name!r} is not a name; use letters, digits and _")
                 if name in FUNCTIONS or name in ("d", "t", "run"):
                     raise self.fail(table, f"{name!r} is reserved; choose another name")
@@ -382,14 +397,16 @@ class _Checker:
         )
 
     def observation(self) -> Observation:
-        observer = self.file.observer
-        for output in observer.outputs or ():
-            if output not in self.file.outputs:
-                raise self.fail("observer", f"outputs: {unknown('output', output, self.file.outputs)}")
-        if observer.outputs is not None and not observer.outputs:
-            raise self.fail("observer", "outputs is empty; name at least one output or leave it out")
-        outputs = None if observer.outputs is None else tuple(observer.outputs)
-        return Observation(outputs, observer.bandwidth)
+        observer, legal = self.file.observer, self.file.outputs
+        if observer.outputs is None:
+            return Observation(None, observer.bandwidth)
+        for output in observer.outputs:
+            if output not in legal:
+                raise self.fail("observer", f"outputs: {unknown('output', output, legal)}")
+        if not observer.outputs or len(set(observer.outputs)) < len(observer.outputs):
+            problem = "names an output twice" if observer.outputs else "is empty"
+            raise self.fail("observer", f"outputs {problem}; name each output to use once")
+        return Observation(tuple(observer.outputs), observer.bandwidth)
 
     def unused(self, expressions: tuple[Expression, ...]) -> list[str]:
         """Declared but never read: not an error, but seldom what was meant."""

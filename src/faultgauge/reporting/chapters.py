@@ -54,9 +54,7 @@ def fit_sections(model: Model, account: FitReport) -> tuple[Section, ...]:
     histories = []
     for each in account.groups:
         costs = [h[np.isfinite(h[:, 0])] for h in each.solution.history]
-        figure = fit_history(
-            [h[:, 0] for h in costs], [h[:, 1] for h in costs], chosen=each.chosen
-        )
+        figure = fit_history([h[:, 0] for h in costs], [h[:, 1] for h in costs], chosen=each.chosen)
         histories.append(replace(figure, title=f"{figure.title}: {each.group.name}"))
     noise = tuple(
         (
@@ -236,8 +234,11 @@ def estimate_section(
             )
         figures += [
             residual(
-                each.run.t, each.residuals[output.name],
-                name=output.name, unit=output.unit, reference=reference,
+                each.run.t,
+                each.residuals[output.name],
+                name=output.name,
+                unit=output.unit,
+                reference=reference,
             )
             for output in signals.outputs
             if output.name in each.residuals

@@ -64,7 +64,7 @@ def behind(
 ) -> Float[np.ndarray, "samples"]:
     """What the data say the network's value is, where it enters its equation linearly.
 
-        target = rest + gain * NN,   NN = (target - rest) / gain
+    target = rest + gain * NN,   NN = (target - rest) / gain
     """
 
     def with_value(value: float) -> np.ndarray:
@@ -75,8 +75,11 @@ def behind(
         constant = {**others, network: lambda *p: np.full(len(samples.x), value)}
         return np.asarray(
             evaluate(
-                expression.tree, _values(plant, samples), np,
-                derivatives=_rates(plant, samples), networks=constant,
+                expression.tree,
+                _values(plant, samples),
+                np,
+                derivatives=_rates(plant, samples),
+                networks=constant,
             )
         )
 
@@ -105,8 +108,11 @@ def _arguments(
     }
     columns = [
         evaluate(
-            argument, _values(plant, samples), np,
-            derivatives=_rates(plant, samples), networks=networks,
+            argument,
+            _values(plant, samples),
+            np,
+            derivatives=_rates(plant, samples),
+            networks=networks,
         )
         for argument in arguments
     ]

@@ -85,4 +85,3 @@ def check(
     calibration = calibrate(model, held_out, progress=progress)
     judgements, bank = estimate(calibration.model, suspect)
     return Checkup(calibration.model, account, calibration, judgements, bank, held_out)
-

@@ -75,8 +75,12 @@ def drive_report(logs: DriveLogs, drives: Mapping[str, Drive]) -> Report:
     seen["u"] = logs.faulty.columns["u"] + logs.pulse
     covered = envelope_figure(network.whole, network.account, seen)
     sections.append(Section("Envelope: training against the faulty record", (), (), covered))
-    return Report("A fault in a real drive, in volts and newtons", summary, tuple(sections),
-                  Table(header, body))
+    return Report(
+        "A fault in a real drive, in volts and newtons",
+        summary,
+        tuple(sections),
+        Table(header, body),
+    )
 
 
 def newtons_figure(logs: DriveLogs, drive: Drive) -> Figure:
@@ -111,6 +115,13 @@ def friction_figure(drives: Mapping[str, Drive]) -> Figure:
     learned = n["Fv"] * grid - n["M"] * curve(network, "friction", grid[:, None])
     known = p["Fv"] * grid + p["Fc"] * np.sign(grid) + p["offset"]
     return learned_curve(
-        grid, learned, speed, data,
-        x_name="speed v", x_unit="m/s", y_name="friction force", y_unit="N", reference=known,
+        grid,
+        learned,
+        speed,
+        data,
+        x_name="speed v",
+        x_unit="m/s",
+        y_name="friction force",
+        y_unit="N",
+        reference=known,
     )

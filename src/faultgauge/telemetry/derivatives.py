@@ -90,9 +90,7 @@ def choose_kernel(signals: list[Signal], step: float, derivative: int, noise: fl
         usable = [x for x in signals if len(x) > 2 * kernel.half + 1]
         if not usable:
             break
-        slopes = np.concatenate(
-            [kernel.smooth(x, step, derivative=derivative) for x in usable]
-        )
+        slopes = np.concatenate([kernel.smooth(x, step, derivative=derivative) for x in usable])
         spread = float(np.std(slopes))
         share = noise * kernel.noise_gain(derivative, step) / spread if spread > 0 else np.inf
         if best is None or share < best_share:

@@ -1,0 +1,43 @@
+# Two commands do all the set-up: `make demo` and `make test`. PYTHON= chooses the interpreter.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.installed-$(shell $(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info[:2])')
+
+.PHONY: demo test check lint bench lock docs clean
+
+demo: $(STAMP)
+	$(BIN)/faultgauge demo --out out
+
+test: $(STAMP)
+	$(BIN)/python -m pytest -q -n 2
+
+lint: $(STAMP)
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/pyright
+
+check: lint test
+	$(BIN)/python docs/generate_cli.py --check
+
+docs: $(STAMP)
+	$(BIN)/python docs/generate_cli.py
+
+bench: $(STAMP)
+	$(BIN)/python benchmarks/run.py
+
+# The lock holds every package with its hashes, for Python 3.11 to 3.13, and no address.
+lock:
+	uv pip compile pyproject.toml --group dev --universal --python-version 3.11 \
+		--generate-hashes --no-emit-index-url --no-header --quiet -o requirements.lock
+
+# hatchling is in the lock, so building needs nothing that is not pinned.
+$(STAMP): requirements.lock pyproject.toml
+	rm -rf $(VENV)
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/pip install --quiet --require-hashes -r requirements.lock
+	$(BIN)/pip install --quiet --no-deps --no-build-isolation --editable .
+	touch $@
+
+clean:
+	rm -rf $(VENV) out build dist

@@ -1,0 +1,217 @@
+"""`fit` from log to model, on plants whose truth is known."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from faultgauge.errors import InputError
+from faultgauge.identification.fit import fit
+from faultgauge.plants.gray_box import GrayBoxPlant
+from faultgauge.plants.model import save_model
+from faultgauge.plants.plant_file import parse_plant
+from faultgauge.telemetry import Run, cut
+
+FIRST_ORDER = """
+name = "first order"
+[states.x]
+derivative = "b*u - a*x"
+[inputs.u]
+[outputs.x]
+value = "x"
+[parameters]
+a = { value = 1.0, min = 0 }
+b = { value = 1.0 }
+"""
+FRICTION = """
+name = "cart"
+[states.v]
+derivative = "k*u - friction(v)"
+[inputs.u]
+[outputs.v]
+value = "v"
+[parameters]
+k = { value = 1.0 }
+[networks.friction]
+hidden = 4
+"""
+STEP = 0.05
+
+
+def plant(text):
+    return GrayBoxPlant.untrained(parse_plant(text, "plant.toml"))
+
+
+def staircase(count, seed, width=20):
+    steps = np.random.default_rng(seed).uniform(-2, 2, count // width)
+    return np.repeat(steps, width)
+
+
+def first_order(count=400, seed=0, a=0.8, b=2.5):
+    """x' = b u - a x under a zero-order hold, sampled: closed form."""
+    u, x, decay = staircase(count, seed), np.zeros(count), np.exp(-a * STEP)
+    for k in range(count - 1):
+        x[k + 1] = decay * x[k] + (1 - decay) / a * b * u[k]
+    return Run(f"run{seed}", "a.csv", STEP * np.arange(count), {"u": u, "x": x})
+
+
+def friction(v):
+    return 0.3 * v + 0.8 * np.tanh(3 * v)
+
+
+def cart(count=1600, seed=0, width=20, scale=1.0):
+    """v' = 2 u - friction(v), integrated by SciPy over every stair."""
+    u, v = scale * staircase(count, seed), np.zeros(count)
+    ticks = STEP * np.arange(width + 1)
+    for first in range(0, count, width):
+        piece = solve_ivp(
+            lambda t, x, drive: 2 * drive - friction(x),
+            (0, ticks[-1]),
+            v[first : first + 1],
+            t_eval=ticks,
+            args=(u[first],),
+            rtol=1e-8,
+            atol=1e-10,
+        )
+        v[first : first + width + 1] = piece.y[0, : count - first]
+    return Run(f"cart{seed}", "cart.csv", STEP * np.arange(count), {"u": u, "v": v})
+
+
+@pytest.fixture(scope="module")
+def cart_fits():
+    """The same fit twice."""
+    log = cart()
+    return [fit(plant(FRICTION), [log], seed=4, restarts=3) for _ in range(2)]
+
+
+def test_parameter_and_network_are_recovered(cart_fits):
+    model, report = cart_fits[0]
+    # What is left: the trapezoid on the friction, (STEP 2.7)^2 / 12 = 0.15 % where it is steepest
+    assert float(model.plant.parameters["k"]) == pytest.approx(2.0, rel=2e-3)
+    low, high = model.record["envelope"]["v"]
+    assert low < -2
+    assert high > 2
+    v = np.linspace(0.95 * low, 0.95 * high, 41)
+    learned = np.array([float(model.plant.networks["friction"](jnp.asarray(p))) for p in v])
+    # 0.15 % of 2.2, and four units that stand for a line and a tanh: a hundredth of the range
+    np.testing.assert_allclose(learned, friction(v), rtol=0, atol=0.01 * np.ptp(friction(v)))
+    assert [g.group.name for g in report.groups] == ["friction, k"]
+    assert report.warnings == []
+
+
+def test_free_run_of_the_fitted_cart(cart_fits):
+    """On a log it has not seen, by SciPy again and from the model's own numbers."""
+    model, _ = cart_fits[0]
+    log = cart(400, seed=9, scale=0.7)  # inside the envelope
+    v, network, k = log.columns["v"], model.plant.networks["friction"], model.plant.parameters["k"]
+    W = {name: np.asarray(value) for name, value in vars(network).items()}
+
+    def learned(x):
+        scaled = np.clip((x - W["input_center"]) / W["input_scale"], -1, 1)
+        hidden = np.tanh(W["weights_in"] @ scaled + W["bias"])
+        return W["output_center"] + W["output_scale"] * (W["weights_out"] @ hidden + W["bias_out"])
+
+    free, h = [v[:1]], STEP / 4
+    for drive in log.columns["u"][:-1]:
+        x = free[-1]
+        for _ in range(4):
+            half = x + h / 2 * (float(k) * drive - learned(x))
+            x = x + h * (float(k) * drive - learned(half))
+        free.append(x)
+    error = np.concatenate(free) - v
+    assert np.std(error) < 0.01 * np.std(v)  # a third of the friction's tolerance
+
+
+def test_same_seed_same_bytes(cart_fits, tmp_path):
+    for k, (model, _) in enumerate(cart_fits):
+        save_model(model, tmp_path / f"{k}.fgm")
+    assert (tmp_path / "0.fgm").read_bytes() == (tmp_path / "1.fgm").read_bytes()
+
+
+def test_record_tells_what_was_done(cart_fits):
+    model, report = cart_fits[0]
+    record = model.record
+    assert record["seed"] == 4
+    assert record["sample_time"] == pytest.approx(STEP, rel=1e-12)
+    assert record["data"] == {"fit": [cart().content_hash], "validate": []}
+    (group,) = record["metrics"]["groups"]
+    assert group["starts"] == 3
+    # one group: what selected it is what the whole model scores
+    assert group["free_run_nrmse"] == pytest.approx(
+        record["metrics"]["validation_free_run_nrmse"], rel=1e-6
+    )
+    assert group["free_run_nrmse"] == np.min(report.groups[0].free_run)
+    # the fastest rate is friction's slope at rest, 0.3 + 2.4 = 2.7 1/s
+    assert record["max_step"] == pytest.approx(0.5 / 2.7, rel=0.1)
+    assert record["columns"] == {"states": [["v", 0]], "outputs": ["v"]}
+
+
+def test_linear_plant_to_the_trapezoids_error():
+    model, _ = fit(plant(FIRST_ORDER), [first_order()], restarts=2)
+    # (a STEP)^2 / 12 = 1.3e-4, relative, is what the trapezoid on x costs
+    assert float(model.plant.parameters["a"]) == pytest.approx(0.8, rel=3e-4)
+    assert float(model.plant.parameters["b"]) == pytest.approx(2.5, rel=3e-4)
+
+
+def test_doubled_run_is_for_validation_only():
+    first, second, third = (first_order(seed=s) for s in (1, 2, 3))
+    both, report = fit(plant(FIRST_ORDER), [first, second], [second, third], restarts=2)
+    assert report.warnings == [
+        "run2: given for fitting and for validation; used for validation only"
+    ]
+    alone, quiet = fit(plant(FIRST_ORDER), [first], [second, third], restarts=2)
+    assert quiet.warnings == []
+    assert both.record == alone.record
+    assert both.record["data"]["fit"] == [first.content_hash]
+    assert both.record["data"]["validate"] == sorted([second.content_hash, third.content_hash])
+    for name in "ab":
+        assert float(both.plant.parameters[name]) == float(alone.plant.parameters[name])
+    with pytest.raises(InputError, match="no run is left to fit"):
+        fit(plant(FIRST_ORDER), [first], [first])
+
+
+def test_training_takes_nothing_from_validation():
+    """A validation log from another plant changes where the search stops, not what it fits."""
+    log = first_order(seed=1)
+    _, report = fit(plant(FIRST_ORDER), [log], [first_order(seed=2, a=1.2)], restarts=2)
+    reach = report.stretches[0].reach
+    assert len(report.training.x) == 400 - 2 * reach
+    # smoothed x lies between the smallest and largest of the log itself
+    assert report.training.x.max() <= log.columns["x"].max()
+
+
+def test_the_plants_warnings_are_passed_on():
+    text = FIRST_ORDER.replace("[parameters]", "[parameters]\nidle = { value = 1 }")
+    _, report = fit(plant(text), [first_order()], restarts=2)
+    assert any("idle" in warning for warning in report.warnings)
+
+
+def test_refusals():
+    log = first_order()
+    silent = Run("r", "a.csv", log.t, {"u": log.columns["u"], "z": log.columns["x"]})
+    hidden = plant(FIRST_ORDER.replace("[outputs.x]", "[outputs.y]"))
+    measured = Run("r", "a.csv", log.t, {"u": log.columns["u"], "x": log.columns["x"]})
+    with pytest.raises(InputError, match=r"state 'x' .* has no column in a\.csv"):
+        fit(plant(FIRST_ORDER), [silent])
+    with pytest.raises(InputError, match=r"none of the outputs y .* has a column in a\.csv"):
+        fit(hidden, [measured])
+    still = Run("r", "a.csv", log.t, {"u": np.ones(400), "x": log.columns["x"]})
+    with pytest.raises(InputError, match="input 'u' never changes"):
+        fit(plant(FIRST_ORDER), [still])
+    with pytest.raises(InputError, match=r"a\.csv: no stretch of 18 complete samples"):
+        fit(plant(FIRST_ORDER), [cut(log, slice(0, 17))])
+
+
+def test_cost_that_is_never_finite():
+    text = FIRST_ORDER.replace("- a*x", "- a*log(x - 100)")
+    with pytest.raises(InputError, match="a, b: no start has a finite cost; likely causes"):
+        fit(plant(text), [first_order()], restarts=2)
+
+
+def test_model_that_runs_away():
+    """A feedback of the wrong sign in fixed physics fits its offset and still diverges."""
+    text = FIRST_ORDER.replace("b*u - a*x", "b*u + x**3").replace(
+        "a = { value = 1.0, min = 0 }", ""
+    )
+    with pytest.raises(InputError, match="every start diverges in free run"):
+        fit(plant(text), [first_order(800)], restarts=2)

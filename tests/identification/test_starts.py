@@ -1,0 +1,62 @@
+"""Starts: Nguyen-Widrow's geometry and scattered parameters."""
+
+import math
+
+import numpy as np
+import pytest
+
+from faultgauge.identification.starts import nguyen_widrow, scattered
+
+
+@pytest.mark.parametrize(("hidden", "arity"), [(10, 1), (10, 2), (7, 3)])
+def test_weights_have_nguyen_widrows_length(hidden, arity):
+    start = nguyen_widrow(hidden, arity, np.random.default_rng(0))
+    assert start["weights_in"].shape == (hidden, arity)
+    length = 0.7 * hidden ** (1 / arity)
+    # a quotient and a root: rounding
+    np.testing.assert_allclose(np.linalg.norm(start["weights_in"], axis=1), length, rtol=1e-14)
+    assert np.all(np.abs(start["bias"]) <= length * (1 + 1e-15))
+    assert np.all(np.abs(start["weights_out"]) <= 0.5)
+    assert start["bias_out"].shape == ()
+    assert start["bias_out"] == 0
+
+
+def test_units_of_one_argument_cover_the_interval_evenly():
+    """tanh(w p + b) is active around p = -b / w: from -1 to 1 in equal steps."""
+    start = nguyen_widrow(9, 1, np.random.default_rng(1))
+    centres = np.sort(-start["bias"] / start["weights_in"][:, 0])
+    np.testing.assert_allclose(centres, np.linspace(-1, 1, 9), rtol=0, atol=1e-14)  # rounding
+
+
+def test_one_unit_is_centred():
+    start = nguyen_widrow(1, 2, np.random.default_rng(2))
+    assert start["bias"].tolist() == [0.0]
+
+
+def test_generators_decide():
+    first, same, other = (nguyen_widrow(5, 2, np.random.default_rng(s)) for s in (3, 3, 4))
+    for name, value in first.items():
+        np.testing.assert_array_equal(value, same[name])
+    assert not np.array_equal(first["weights_in"], other["weights_in"])
+
+
+@pytest.mark.parametrize("value", [5.0, -0.02])
+def test_scattered_stays_within_a_factor_of_three(value):
+    rng = np.random.default_rng(5)
+    ratios = [scattered(value, -math.inf, math.inf, rng) / value for _ in range(1000)]
+    assert 1 / 3 <= min(ratios) < 0.4
+    assert 2.7 < max(ratios) <= 3
+    assert np.median(ratios) == pytest.approx(1, abs=0.1)  # as often up as down; sd 0.05
+
+
+def test_scattered_keeps_to_its_bounds():
+    rng = np.random.default_rng(6)
+    starts = [float(scattered(1.0, 0.8, 1.1, rng)) for _ in range(200)]
+    assert (min(starts), max(starts)) == (0.8, 1.1)
+
+
+def test_scattered_around_zero_takes_both_signs():
+    rng = np.random.default_rng(7)
+    starts = [float(scattered(0.0, -math.inf, math.inf, rng)) for _ in range(200)]
+    assert -1 <= min(starts) < -0.9
+    assert 0.9 < max(starts) <= 1
