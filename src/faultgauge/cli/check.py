@@ -54,8 +54,8 @@ def check(
         columns = estimation.table(found.judgements, body.signals.fault_names)
         write_table(columns, folder / "estimates.csv")
     if files:
-        from faultgauge.studies.checkup_report import checkup_report
         from faultgauge.reporting.report import write
+        from faultgauge.studies.checkup_report import checkup_report
 
         page = checkup_report(found)
         for file in files:

@@ -41,7 +41,7 @@ def inspect(
         options.say(f"wrote {init_plant}: edit it, then: faultgauge fit {init_plant} {logs[0]} ...")
 
 
-def _show(found) -> None:  # noqa: ANN001
+def _show(found) -> None:
     from rich.console import Console
     from rich.table import Table
 

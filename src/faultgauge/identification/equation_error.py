@@ -55,7 +55,7 @@ def groups(spec: PlantSpec, outputs: Sequence[str]) -> list[Group]:
         for index, expression in enumerate(expressions):
             if kind == "output" and spec.signals.outputs[index].name not in outputs:
                 continue
-            unknowns = (names_used(expression) & free) | networks_used(expression).keys()
+            unknowns = set(names_used(expression) & free) | networks_used(expression).keys()
             if unknowns:
                 open_equations.append((kind, index, unknowns))
     determined = set().union(*(unknowns for *_, unknowns in open_equations))
@@ -272,7 +272,7 @@ def fit_group(
         jnp.asarray(bound("max")),
         options,
     )
-    solution = Solution(*map(np.asarray, solution))
+    solution = jax.device_get(solution)
     theta = jnp.asarray(solution.theta)
     fitted = jax.device_get(_assemble_all(plant, group, theta, jnp.asarray(units)))
     pieces = [

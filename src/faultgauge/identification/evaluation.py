@@ -63,14 +63,21 @@ def start_state(
         return x0
     count = len(t)
     length = bucket(count)
-    dt = np.append(np.diff(t), 0.0)
+    dt = np.zeros(length)
+    dt[: count - 1] = np.diff(t)
     weight = np.isfinite(y) / spread(y)
     weight = np.concatenate([weight, np.zeros((length - count, y.shape[1]))])
-    arrays = (x0, hidden, pad(u, length), pad(dt, length), pad(np.nan_to_num(y), length), weight)
-    dt_padded = arrays[3]
-    dt_padded[count - 1 :] = 0.0
-    substeps = substeps_for(float(np.median(np.diff(t))), max_step)
-    return np.asarray(_solve_start(plant, *map(jnp.asarray, arrays), substeps))
+    start = _solve_start(
+        plant,
+        jnp.asarray(x0),
+        jnp.asarray(hidden),
+        jnp.asarray(pad(u, length)),
+        jnp.asarray(dt),
+        jnp.asarray(pad(np.nan_to_num(y), length)),
+        jnp.asarray(weight),
+        substeps_for(float(np.median(np.diff(t))), max_step),
+    )
+    return np.asarray(start)
 
 
 @eqx.filter_jit

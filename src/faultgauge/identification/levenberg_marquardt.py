@@ -42,6 +42,9 @@ class Options(NamedTuple):
     tolerance: float = 1e-10
 
 
+DEFAULTS = Options()
+
+
 class Solution(NamedTuple):
     """One row per start. `status` is CONVERGED, VALIDATION_STOP, NOT_CONVERGED (the cap was
     hit) or FAILED (no finite cost); `history` holds (cost, validation cost) per trial, NaN
@@ -102,7 +105,7 @@ def levenberg_marquardt(
     validation: Any | None,
     lower: Float[Array, "parameters"],
     upper: Float[Array, "parameters"],
-    options: Options = Options(),
+    options: Options = DEFAULTS,
 ) -> Solution:
     """Fit from every start. `samples` and `validation` are trees of arrays, samples first.
 

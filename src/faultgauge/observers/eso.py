@@ -9,11 +9,11 @@ It is closed on an output that the fault reaches through r = 1 or 2 integrators,
 placed in discrete time, so it is stable at any omega_o dt.
 """
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-import equinox as eqx
 from faultgauge.errors import InputError
 from faultgauge.observers.gains import ackermann, bandwidth_poles, spectral_radius
 from faultgauge.observers.observer import (
@@ -113,7 +113,7 @@ def design_eso(
         output=signals.output_names[output],
         order=len(chain) + 1,
         poles=tuple(complex(s) for s in np.log(wanted) / dt),
-        real_poles=bool(np.all(np.abs(wanted.imag) < 1e-12)),
+        real_poles=bool(np.all(np.abs(np.imag(wanted)) < 1e-12)),
         radius=radius,
     )
 

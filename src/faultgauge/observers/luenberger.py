@@ -7,8 +7,8 @@ from jaxtyping import Array, Float
 from scipy.signal import place_poles
 
 from faultgauge.errors import InputError
-from faultgauge.observers.observer import Design, Observer, OperatingPoints, linearise
 from faultgauge.observers.gains import spectral_radius
+from faultgauge.observers.observer import Design, Observer, OperatingPoints, linearise
 from faultgauge.plants.plant import Plant
 from faultgauge.simulation.free_run import substeps_for
 
@@ -58,7 +58,7 @@ def design_luenberger(
         )
     poles = np.exp(-bandwidth * dt * (1 + SPREAD * np.arange(n)))
     gain = np.zeros((n, len(signals.outputs)))
-    gain[:, used] = place_poles(A.T, (C @ A).T, poles).gain_matrix.T
+    gain[:, used] = place_poles(A.T, (C @ A).T, poles)["gain_matrix"].T
     error = (np.eye(n) - gain @ linear.C) @ linear.A
     observer = LuenbergerObserver(plant, -1, substeps, jnp.asarray(gain))
     names = ", ".join(signals.output_names[j] for j in used)

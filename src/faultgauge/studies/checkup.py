@@ -1,5 +1,6 @@
 """`check`: fit, calibrate and estimate in one, with nothing used twice."""
 
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -43,7 +44,7 @@ def parts(runs: Sequence[Run], *shares: float) -> list[list[Run]]:
     edges = [0.0, *shares, 1.0]
     found: list[list[Run]] = [[] for _ in edges[1:]]
     for run in runs:
-        for k, (a, b) in enumerate(zip(edges, edges[1:], strict=False)):
+        for k, (a, b) in enumerate(itertools.pairwise(edges)):
             piece = cut(run, slice(int(a * len(run.t)), int(b * len(run.t))))
             if len(piece.t) >= 2:
                 found[k].append(replace(piece, name=f"{run.name}, part {k + 1}"))

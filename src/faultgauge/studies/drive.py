@@ -6,6 +6,7 @@ added inside the loop every second; the model is given u = applied voltage - pul
 is what it must find. Where the files are absent a simulated drive of the same kind stands in.
 """
 
+import itertools
 import os
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -24,7 +25,6 @@ from faultgauge.identification.evaluation import Prediction, evaluate
 from faultgauge.identification.fit import FitReport, fit
 from faultgauge.plants.gray_box import load_plant
 from faultgauge.plants.model import Model
-from faultgauge.simulation.free_run import free_run
 from faultgauge.studies.checkup import parts
 from faultgauge.telemetry import Run, read_telemetry
 
@@ -166,7 +166,7 @@ def pulse_figures(logs: DriveLogs, judgement: Judgement) -> dict[str, float | in
     edges = [0, *(np.flatnonzero(np.diff(pulse)) + 1), len(t)]
     settled = np.zeros(len(t), bool)
     times, wrong = [], 0
-    for start, stop in zip(edges, edges[1:], strict=False):
+    for start, stop in itertools.pairwise(edges):
         part = slice(start, stop)
         late = t[part] - t[start] >= SETTLED
         settled[part] = late

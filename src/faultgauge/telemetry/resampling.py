@@ -28,7 +28,7 @@ def on_grid(
         if name in held:
             area = np.concatenate([[0.0], np.cumsum(x[:-1] * steps)])
             ends = np.interp(np.append(grid, min(grid[-1] + step, t[-1])), t, area)
-            width = np.diff(np.append(grid, min(grid[-1] + step, t[-1])))
+            width = np.asarray(np.diff(np.append(grid, min(grid[-1] + step, t[-1]))), float)
             last = width < 0.5 * step
             means = np.diff(ends) / np.where(last, 1.0, width)
             resampled[name] = np.where(last, x[np.searchsorted(t, grid, "right") - 1], means)
