@@ -46,7 +46,7 @@ def _show(found) -> None:
     from rich.table import Table
 
     console = Console(highlight=False)
-    runs = Table("run", "rows", "from [s]", "to [s]", "rate [Hz]", "jitter", "gaps", "empty cells")
+    runs = Table("run", "rows", "from (s)", "to (s)", "rate (Hz)", "jitter", "gaps", "empty cells")
     for run in found.runs:
         runs.add_row(
             run.name,

@@ -3,10 +3,10 @@
 import json
 import os
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Protocol
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -88,12 +88,8 @@ def warn(warnings: Iterable[str]) -> None:
         say(f"warning: {warning}.")
 
 
-class Progress(Protocol):
-    def __call__(self, text: str) -> None: ...
-
-
 @contextmanager
-def narrate(start: str) -> Iterator[Progress]:
+def narrate(start: str) -> Iterator[Callable[[str], None]]:
     """Progress on stderr while something long runs; silent where stderr is no terminal."""
     from rich.console import Console
 

@@ -83,7 +83,7 @@ def _measured(model: Model, run: Run, part: slice) -> Float[np.ndarray, "samples
     x = np.stack([run.columns[c][part] for c in columns if c is not None], axis=1)
     dt = np.append(np.diff(run.t[part]), 0.0)
     substeps = substeps_for(run.step, model.max_step)
-    static, ahead = _beside(model.plant, *map(jnp.asarray, (x, u, dt)), substeps)
+    static, ahead = _beside(model.plant, jnp.asarray(x), jnp.asarray(u), jnp.asarray(dt), substeps)
     predicted = np.asarray(static).copy()
     for j, output in enumerate(signals.outputs):
         if output.measures is not None:

@@ -1,5 +1,7 @@
 """A state observer without a fault: the reference whose innovation is the residual."""
 
+from typing import Any
+
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
@@ -58,7 +60,8 @@ def design_luenberger(
         )
     poles = np.exp(-bandwidth * dt * (1 + SPREAD * np.arange(n)))
     gain = np.zeros((n, len(signals.outputs)))
-    gain[:, used] = place_poles(A.T, (C @ A).T, poles)["gain_matrix"].T
+    placed: Any = place_poles(A.T, (C @ A).T, poles)  # a Bunch, which SciPy does not type
+    gain[:, used] = placed.gain_matrix.T
     error = (np.eye(n) - gain @ linear.C) @ linear.A
     observer = LuenbergerObserver(plant, -1, substeps, jnp.asarray(gain))
     names = ", ".join(signals.output_names[j] for j in used)

@@ -174,10 +174,11 @@ for _name, _text in BARE.items():
 def describe(dimension: Dimension) -> str:
     """`dimension` as a short product of units: "N*m", "m**(1/2)/s", "1"."""
     choices: list[dict[str, Fraction]] = [dict(zip(BASE, dimension, strict=True))]
-    for unit in READABLE:
-        for sign in (1, -1):
-            rest = product(dimension, _PREFIXED[unit], -sign)
-            choices.append({unit: Fraction(sign), **dict(zip(BASE, rest, strict=True))})
+    mass = dimension[0]
+    for unit in READABLE if mass else ():  # every readable unit holds a mass: m/s**2, not N/kg
+        sign = 1 if mass > 0 else -1
+        rest = product(dimension, _PREFIXED[unit], -sign)
+        choices.append({unit: Fraction(sign), **dict(zip(BASE, rest, strict=True))})
     shortest = min(choices, key=lambda powers: sum(abs(power) for power in powers.values()))
     above, below = "", ""
     for unit, exponent in shortest.items():

@@ -3,7 +3,7 @@
 import enum
 import reprlib
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
@@ -113,9 +113,9 @@ class _Walker:
 
     where: str
     known: dict[str, Quantity]
+    warnings: list[str] = field(default_factory=list)
 
     def compare(self, expression: Expression, place: Quantity) -> list[str]:
-        self.warnings: list[str] = []
         found = self.quantity(expression.tree)
         if isinstance(found, tuple) and isinstance(place, tuple) and found != place:
             self.warn(f"{expression.text.strip()!r} {_has(found)}, but the place needs", place)

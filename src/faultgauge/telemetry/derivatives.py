@@ -73,7 +73,9 @@ def noise_sd(x: Signal) -> float:
     return float(np.median(np.abs(np.diff(x, 3))) / 0.6745 / np.sqrt(20.0))
 
 
-def choose_kernel(signals: list[Signal], step: float, derivative: int, noise: float) -> Kernel:
+def choose_kernel(
+    signals: list[Float[np.ndarray, "_"]], step: float, derivative: int, noise: float
+) -> Kernel:
     """The narrowest kernel that leaves noise below 1 % of the derivative's spread.
 
     Where none does, the one with the best ratio. `noise` is the signal's own noise
