@@ -16,7 +16,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
-from interleave import medians
 from scipy.optimize import least_squares
 
 from faultgauge.identification.equation_error import (
@@ -29,6 +28,7 @@ from faultgauge.identification.levenberg_marquardt import Options, levenberg_mar
 from faultgauge.identification.samples import Samples
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant_file import parse_plant
+from interleave import medians
 
 __all__ = ["run"]
 

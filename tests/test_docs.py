@@ -1,0 +1,67 @@
+"""The README's snippets run, and the generated pages are up to date."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+README = FENCE.findall((ROOT / "README.md").read_text())
+
+
+def run(command: list[str], folder: Path) -> str:
+    programs = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    done = subprocess.run(
+        command,
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, "PATH": programs},
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_every_snippet_of_the_readme_runs_and_says_what_the_readme_says(tmp_path):
+    printed = ""
+    for language, text in README:
+        if language == "python":
+            printed += run([sys.executable, "-c", text], tmp_path)
+        elif language == "bash":
+            printed += run(["bash", "-euc", text], tmp_path)
+    answers = [text.strip() for language, text in README if language == "text"]
+    assert answers
+    for answer in answers:
+        # The digits of an estimate may move with the numerical libraries: the first three hold.
+        fault, size, *_ = answer.split()
+        found = re.search(rf"{fault} (\S+) \+- \S+ m/s from (\d+) s", printed)
+        assert found is not None, printed
+        assert float(found[1]) == pytest.approx(float(size), rel=5e-3)
+        assert abs(float(found[2]) - 4008) <= 10  # s: five samples
+
+
+def test_the_set_up_commands_are_targets_of_the_makefile():
+    targets = set(re.findall(r"^([a-z]+):", (ROOT / "Makefile").read_text(), re.MULTILINE))
+    named = {
+        line.split()[1]
+        for language, text in README
+        if language == "sh"
+        for line in text.strip().splitlines()
+    }
+    assert named == {"demo", "test"}
+    assert named <= targets
+
+
+def test_links_of_the_pages_lead_somewhere():
+    for page in [*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")]:
+        for target in re.findall(r"\]\(([^)#:]+)\)", page.read_text()):
+            assert (page.parent / target).exists(), f"{page.name}: {target}"
+
+
+def test_the_command_page_is_what_the_commands_say():
+    run([sys.executable, "docs/generate_cli.py", "--check"], ROOT)

@@ -1,0 +1,46 @@
+"""Imports only point down the list of layers."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+import faultgauge
+
+ROOT = Path(faultgauge.__file__).parent
+LAYERS = (
+    "cli",
+    "studies",
+    "reporting",
+    "detection",
+    "observers",
+    "identification",
+    "simulation",
+    "telemetry",
+    "plants",
+)
+BELOW_ALL = {"errors", "files"}
+
+
+def imported(path: Path) -> set[str]:
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.ImportFrom) and node.module:
+            found.add(node.module)
+        elif isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+    return {name.split(".")[1] for name in found if name.startswith("faultgauge.")}
+
+
+@pytest.mark.parametrize("layer", LAYERS)
+def test_a_layer_imports_only_what_is_below_it(layer):
+    legal = {*LAYERS[LAYERS.index(layer) :], *BELOW_ALL}
+    files = sorted((ROOT / layer).rglob("*.py"))
+    assert files
+    for path in files:
+        assert imported(path) <= legal, path
+
+
+def test_every_folder_is_a_layer():
+    folders = {p.name for p in ROOT.iterdir() if p.is_dir() and p.name != "__pycache__"}
+    assert folders == set(LAYERS)
