@@ -267,7 +267,8 @@ def fit_group(
         residual,
         jnp.asarray(np.stack(starts)),
         jax.tree.map(jnp.asarray, training),
-        jax.tree.map(jnp.asarray, validation),
+        # a handful of constants does not overfit: they are taken at the minimum
+        jax.tree.map(jnp.asarray, validation) if group.networks else None,
         jnp.asarray(bound("min")),
         jnp.asarray(bound("max")),
         options,

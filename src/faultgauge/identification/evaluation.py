@@ -11,12 +11,12 @@ import optimistix as optx
 from jaxtyping import Array, Bool, Float
 
 from faultgauge.errors import InputError
-from faultgauge.identification.samples import state_column
+from faultgauge.identification.samples import spread, state_column
 from faultgauge.plants.plant import Plant
 from faultgauge.simulation.free_run import bucket, free_run, pad, simulate, substeps_for
 from faultgauge.telemetry import Run, segments
 
-__all__ = ["Prediction", "evaluate", "predict", "scores", "spread", "start_state"]
+__all__ = ["Prediction", "evaluate", "predict", "scores", "start_state"]
 
 WARMUP = 50
 
@@ -33,13 +33,6 @@ class Prediction(NamedTuple):
     predicted: Float[np.ndarray, "samples outputs"]
     x: Float[np.ndarray, "samples states"]
     warmup: int
-
-
-def spread(y: Float[np.ndarray, "samples outputs"]) -> Float[np.ndarray, "outputs"]:
-    """Standard deviation of every output; 1 where it was not sampled or does not change."""
-    sampled = [column[np.isfinite(column)] for column in y.T]
-    found = np.array([np.std(column) if column.size else 0.0 for column in sampled])
-    return np.where(found > 0, found, 1.0)
 
 
 def start_state(

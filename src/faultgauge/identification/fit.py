@@ -10,7 +10,6 @@ import numpy as np
 
 from faultgauge.errors import InputError
 from faultgauge.identification.equation_error import Group, fit_group, groups, scale_networks
-from faultgauge.identification.evaluation import spread
 from faultgauge.identification.holdout import split
 from faultgauge.identification.levenberg_marquardt import (
     CONVERGED,
@@ -19,7 +18,14 @@ from faultgauge.identification.levenberg_marquardt import (
     Options,
     Solution,
 )
-from faultgauge.identification.samples import Channels, Samples, Stretch, channels, collect
+from faultgauge.identification.samples import (
+    Channels,
+    Samples,
+    Stretch,
+    channels,
+    collect,
+    spread,
+)
 from faultgauge.identification.selection import fastest_rate, free_run_errors, windows_from
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model

@@ -15,7 +15,16 @@ from faultgauge.telemetry import Run, segments
 from faultgauge.telemetry.derivatives import Kernel, choose_kernel, noise_sd
 from faultgauge.telemetry.resampling import on_grid
 
-__all__ = ["Channels", "Samples", "Stretch", "channels", "collect", "column_names", "state_column"]
+__all__ = [
+    "Channels",
+    "Samples",
+    "Stretch",
+    "channels",
+    "collect",
+    "column_names",
+    "spread",
+    "state_column",
+]
 
 
 class Samples(NamedTuple):
@@ -110,6 +119,13 @@ def channels(spec: PlantSpec, runs: Sequence[Run]) -> Channels:
         outputs=tuple(name for name in signals.output_names if name in present),
         rates=tuple(f"d_{name}" for name in signals.state_names if f"d_{name}" in present),
     )
+
+
+def spread(y: Float[np.ndarray, "samples outputs"]) -> Float[np.ndarray, "outputs"]:
+    """Standard deviation of every output; 1 where it was not sampled or does not change."""
+    sampled = [column[np.isfinite(column)] for column in y.T]
+    found = np.array([np.std(column) if column.size else 0.0 for column in sampled])
+    return np.where(found > 0, found, 1.0)
 
 
 def collect(

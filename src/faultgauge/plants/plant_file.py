@@ -258,6 +258,7 @@ class _Checker:
         self.check_bounds()
         derivatives = self.expressions("states", "derivative")
         values = self.expressions("outputs", "value")
+        self.check_shared(values)
         signals = Signals(
             states=tuple(
                 State(name, table.unit, *_bounds(table), initial=_initial(table))
@@ -337,6 +338,16 @@ class _Checker:
             parse(getattr(table, key), f"{self.source}: [{kind}.{name}] {key}", scope)
             for name, table in getattr(file, kind).items()
         )
+
+    def check_shared(self, values: tuple[Expression, ...]) -> None:
+        """One column cannot measure two things."""
+        for name, value in zip(self.file.outputs, values, strict=True):
+            if name in self.file.states and self.measures(value) != name:
+                raise self.fail(
+                    f"outputs.{name}",
+                    f"has the name of a state but another value, so a log column {name!r} could "
+                    "mean either; rename the output",
+                )
 
     def measures(self, value: Expression) -> str | None:
         tree = value.tree
