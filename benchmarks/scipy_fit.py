@@ -1,6 +1,6 @@
-"""The peer of `faultgauge fit` as a process: read a CSV, fit one 2-10-1 network once with SciPy.
+"""The peer of `faultgauge fit` as a process: read a CSV, fit one 2-10-1 network with SciPy.
 
-    python scipy_fit.py LOG.csv {analytic|2-point}
+    python scipy_fit.py LOG.csv {analytic|2-point} STARTS
 
 The last 15 % of the log stop the search: six iterations without a better validation cost, or 50.
 """
@@ -26,11 +26,8 @@ def jacobian(theta: np.ndarray, p: np.ndarray, y: np.ndarray) -> np.ndarray:
     return np.concatenate([outer, inner, a, np.ones((len(p), 1))], axis=1)
 
 
-def main(path: str, jac: str) -> None:
-    t, u, h = np.loadtxt(path, delimiter=",", skiprows=1, unpack=True)
-    p = np.stack([(h[1:] + h[:-1]) / 2, u[:-1]], axis=1)  # the mean over each sample interval
-    y = np.diff(h) / np.diff(t)
-    p, y = p / np.abs(p).max(axis=0), y / np.abs(y).max()
+def fit(p: np.ndarray, y: np.ndarray, jac: str, seed: int) -> float:
+    """Best validation cost from one start."""
     first = int(0.85 * len(y))
     best, fails = np.inf, 0
 
@@ -41,17 +38,24 @@ def main(path: str, jac: str) -> None:
         if fails >= PATIENCE:
             raise StopIteration
 
-    start = np.random.default_rng(0).normal(size=41)
-    found = least_squares(
+    least_squares(
         values,
-        start,
+        np.random.default_rng(seed).normal(size=41),
         jacobian if jac == "analytic" else "2-point",
         args=(p[:first], y[:first]),
         method="trf",
         max_nfev=MOST,
         callback=watch,
     )
-    print(found.nfev, best)
+    return best
+
+
+def main(path: str, jac: str, starts: str) -> None:
+    t, u, h = np.loadtxt(path, delimiter=",", skiprows=1, unpack=True)
+    p = np.stack([(h[1:] + h[:-1]) / 2, u[:-1]], axis=1)  # the mean over each sample interval
+    y = np.diff(h) / np.diff(t)
+    p, y = p / np.abs(p).max(axis=0), y / np.abs(y).max()
+    print(min(fit(p, y, jac, seed) for seed in range(int(starts))))
 
 
 if __name__ == "__main__":
