@@ -109,18 +109,21 @@ def test_scalings_are_mapminmax():
     assert float(network.output_scale) == pytest.approx(np.ptp(data.dx) / 2, rel=1e-15)
 
 
-def test_a_network_called_twice_holds_both_ranges():
+@pytest.mark.parametrize("order", [1, -1])
+def test_a_network_called_twice_holds_both_ranges(order):
     """A(x) over [-2, 3] and A(5 u) over [-5, 5], in two equations of different size."""
-    body = plant({"x": "A(x)", "v": "u + A(5*u)"}, {"y": "x"}, networks={"A": 3})
+    equations, sizes = [("x", "A(x)"), ("v", "u + A(5*u)")][::order], [1, 7][::order]
+    narrow, wide = [0, 1][::order]
+    body = plant(dict(equations), {"y": "x"}, networks={"A": 3})
     rng = np.random.default_rng(1)
-    data = samples(dx=rng.normal(size=(300, 2)) * [1, 7])
+    data = samples(dx=rng.normal(size=(300, 2)) * sizes)
     (group,) = groups(body.spec, ())
     network = scale_networks(body, group, data).networks["A"]
-    reached = np.concatenate([data.x[:, 0], 5 * data.u[:, 0]])
+    reached = np.concatenate([data.x[:, narrow], 5 * data.u[:, 0]])
     centre, scale = float(network.input_center[0]), float(network.input_scale[0])
     assert centre - scale == pytest.approx(reached.min(), rel=1e-12)  # rounding of the sums
     assert centre + scale == pytest.approx(reached.max(), rel=1e-12)
-    assert float(network.output_scale) == pytest.approx(np.ptp(data.dx[:, 1]) / 2, rel=1e-15)
+    assert float(network.output_scale) == pytest.approx(np.ptp(data.dx[:, wide]) / 2, rel=1e-15)
 
 
 def test_network_inside_a_network_stays_where_the_outer_one_listens():

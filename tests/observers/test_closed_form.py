@@ -51,8 +51,10 @@ def estimate(plant, observer, f, dt, u=None, y=None):
     for k in range(samples):
         measured[k] = x[0]
         a = f[k]
-        x = np.array([x[0] + dt * a]) if n == 1 else np.array(
-            [x[0] + dt * x[1] + dt**2 / 2 * a, x[1] + dt * a]
+        x = (
+            np.array([x[0] + dt * a])
+            if n == 1
+            else np.array([x[0] + dt * x[1] + dt**2 / 2 * a, x[1] + dt * a])
         )
     steps = np.full(samples, dt)
     steps[0] = 0.0

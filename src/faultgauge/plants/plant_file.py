@@ -84,7 +84,7 @@ class PlantSpec:
 
 # The file's schema, as pydantic sees it: keys and types only; meaning is checked below.
 Number = Annotated[float, pydantic.Field(allow_inf_nan=False)]
-Text = Annotated[str, pydantic.Field(max_length=2100)]
+Text = str
 
 
 class _Table(pydantic.BaseModel):
@@ -194,7 +194,8 @@ def parse_plant(text: str, source: str = "plant file") -> PlantSpec:
 
 def _first(failure: pydantic.ValidationError) -> str:
     """The first thing wrong in the file, as one sentence."""
-    error = failure.errors()[0]
+    # a misspelt key also leaves the right one missing: speak of what was written
+    error = min(failure.errors(), key=lambda each: each["type"] != "extra_forbidden")
     *tables, key = [str(part) for part in error["loc"]]
     place = f"[{'.'.join(tables)}] " if tables else ""
     match error["type"]:

@@ -1,0 +1,242 @@
+"""Every command on a small tank: exit code, output, files."""
+
+import csv
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from faultgauge.cli.app import app
+
+SCRIPT = Path(sys.executable).parent / "faultgauge"
+COMMANDS = ["demo", "check", "inspect", "fit", "evaluate", "calibrate", "estimate"]
+EVENT_KEYS = {"run", "fault", "start", "end", "size", "lo", "hi", "p"}
+
+
+def one_object(outcome):
+    """The JSON of a call that must print one line of it and nothing else."""
+    assert outcome.code == 0, outcome.err
+    assert outcome.out.count("\n") == 1
+    assert isinstance(outcome.json, dict)
+    return outcome.json
+
+
+def table(path):
+    with open(path, newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_inspect(call, workshop):
+    found = one_object(call("inspect", workshop.healthy, workshop.healthy2, "--json"))
+    assert [r["rows"] for r in found["runs"]] == [600, 600]
+    text = call("inspect", workshop.healthy)
+    assert text.code == 0
+    assert "600" in text.out
+
+
+def test_inspect_drafts_a_plant_and_never_overwrites_one(call, workshop, tmp_path):
+    draft = tmp_path / "draft.toml"
+    assert call("inspect", workshop.healthy, "--init-plant", draft).code == 0
+    assert "[inputs.u]" in draft.read_text()
+    before = draft.read_bytes()
+    again = call("inspect", workshop.healthy, "--init-plant", draft)
+    assert again.code == 2
+    assert draft.name in again.err
+    assert draft.read_bytes() == before
+
+
+def test_fit(call, workshop, tmp_path):
+    out = tmp_path / "again.fgm"
+    found = one_object(call("fit", workshop.plant, workshop.healthy, "--out", out, "--json"))
+    wanted = {"model", "parameters", "metrics", "derivatives", "envelope", "warnings"}
+    assert found.keys() == wanted
+    # 600 samples with noise of 0.1 % of the signal: the fit stands within 1 % of the truth
+    assert found["parameters"] == pytest.approx({"a": 0.8, "b": 2.5}, rel=0.01)
+    assert out.read_bytes() == workshop.model.read_bytes(), "the same fit gives the same bytes"
+
+
+def test_fit_says_what_it_found(call, workshop, tmp_path):
+    out = tmp_path / "m.fgm"
+    said = call("fit", workshop.plant, workshop.healthy, "--validate", workshop.healthy2,
+                "--out", out)  # fmt: skip
+    assert said.code == 0
+    assert "a = 0.8" in said.out or "a = 0.79" in said.out
+    assert str(out) in said.err
+
+
+def test_evaluate(call, workshop):
+    found = one_object(call("evaluate", workshop.model, workshop.healthy2, "--json"))
+    assert found.keys() == {"outputs", "runs"}
+    assert found["outputs"].keys() == {"x"}
+    score = found["outputs"]["x"]
+    assert score.keys() >= {"r2", "rmse", "nrmse"}
+    # the noise alone is 0.002 m; the fit's own error and the first sample's noise add little
+    assert 0.0015 < score["rmse"] < 0.006
+    assert 0.99 < score["r2"] <= 1
+    (run,) = found["runs"]
+    assert run.keys() >= {"run", "samples", "warmup", "outputs"}
+    assert run["warmup"] == 0, "nothing is hidden"
+    assert run["samples"] == 600
+    assert "free-run RMSE" in call("evaluate", workshop.model, workshop.healthy2).out
+
+
+def test_calibrate_replaces_the_model_and_leaves_evaluate_alone(call, workshop, tmp_path):
+    model = tmp_path / "model.fgm"
+    shutil.copy(workshop.model, model)
+    before = call("evaluate", model, workshop.suspect, "--json").out
+    found = one_object(call("calibrate", model, workshop.healthy2, "--json"))
+    assert found["model"] == str(model)
+    assert found.keys() >= {"limit", "mtbfa_s", "channels", "blocks", "warnings"}
+    assert model.read_bytes() == workshop.calibrated.read_bytes()
+    assert call("evaluate", model, workshop.suspect, "--json").out == before
+    assert list(tmp_path.iterdir()) == [model], "no draft stays behind"
+
+
+def test_calibrate_warns_of_logs_used_in_fit(call, workshop, tmp_path):
+    said = call("calibrate", workshop.model, workshop.healthy, "--out", tmp_path / "c.fgm")
+    assert said.code == 0
+    assert "warning:" in said.err
+    assert "also used in fit" in said.err
+
+
+def test_estimate_finds_the_leak(call, workshop, tmp_path):
+    out = tmp_path / "f.csv"
+    found = one_object(
+        call("estimate", workshop.calibrated, workshop.suspect, "--out", out, "--json")
+    )
+    events = found["events"]
+    assert all(event.keys() == EVENT_KEYS for event in events)
+    longest = max(events, key=lambda e: e["end"] - e["start"])
+    assert longest["fault"] == "leak"
+    # an observer with settling of a few samples and 0.002 m noise: 10 % of the size, 1 s of time
+    assert longest["size"] == pytest.approx(workshop.leak, rel=0.1)
+    assert longest["lo"] < workshop.leak < longest["hi"]
+    assert longest["start"] == pytest.approx(workshop.onset, abs=1)
+    rows = table(out)
+    assert {r["status"] for r in rows[400:]} == {"FAULT"}
+
+
+def test_estimate_is_silent_on_a_healthy_log(call, workshop, tmp_path):
+    # calibrated on this very log, so that its peak is known to lie below the limit
+    said = call("estimate", workshop.calibrated, workshop.healthy2, "--out", tmp_path / "f.csv")
+    assert said.code == 0
+    assert "No fault above the limit" in said.out
+
+
+def test_estimate_writes_the_columns_of_the_contract(call, workshop, tmp_path):
+    first, second = tmp_path / "a.csv", tmp_path / "b.csv"
+    for out in (first, second):
+        args = (workshop.calibrated, workshop.suspect, workshop.healthy, "--out", out)
+        assert call("estimate", *args).code == 0
+    assert first.read_bytes() == second.read_bytes()
+    rows = table(first)
+    assert len(rows) == 1200, "a row per sample"
+    assert list(rows[0]) == [
+        "run", "t", "r_x", "f_leak", "f_leak_lo", "f_leak_hi", "p_leak",
+        "p_healthy", "p_unknown", "status", "reason",
+    ]  # fmt: skip
+    assert {r["status"] for r in rows} == {"HEALTHY", "FAULT", "NOT_JUDGED"}
+    judged = [r for r in rows if r["status"] != "NOT_JUDGED"]
+    assert all(float(r["f_leak_lo"]) < float(r["f_leak"]) < float(r["f_leak_hi"]) for r in judged)
+    assert all(r["reason"] for r in rows if r["status"] == "NOT_JUDGED")
+
+
+def test_estimate_without_calibration_judges_nothing(call, workshop, tmp_path):
+    out = tmp_path / "f.csv"
+    said = call("estimate", workshop.model, workshop.suspect, "--out", out)
+    assert said.code == 0
+    assert "faultgauge calibrate" in said.out
+    assert {r["status"] for r in table(out)} == {"NOT_JUDGED"}
+    assert "not calibrated" in {r["reason"] for r in table(out)}
+
+
+def test_check_does_it_all(call, workshop, tmp_path):
+    out = tmp_path / "kept"
+    found = one_object(
+        call(
+            "check",
+            workshop.healthy,
+            workshop.suspect,
+            "--plant",
+            workshop.plant,
+            "--out",
+            out,
+            "--json",
+        )
+    )
+    assert found.keys() == {"events", "sentences"}
+    longest = max(found["events"], key=lambda e: e["end"] - e["start"])
+    # fitted on 60 % of one log only: 15 %
+    assert longest["size"] == pytest.approx(workshop.leak, rel=0.15)
+    assert any("leak" in sentence for sentence in found["sentences"])
+    assert {p.name for p in out.iterdir()} == {"model.fgm", "estimates.csv", "report.html"}
+
+
+@pytest.mark.parametrize("command", ["fit", "evaluate", "calibrate", "estimate"])
+def test_reports_stand_on_their_own(call, workshop, tmp_path, command):
+    page = tmp_path / "page.html"
+    arguments = {
+        "fit": (workshop.plant, workshop.healthy, "--out", tmp_path / "m.fgm"),
+        "evaluate": (workshop.model, workshop.healthy2),
+        "calibrate": (workshop.model, workshop.healthy2, "--out", tmp_path / "m.fgm"),
+        "estimate": (workshop.calibrated, workshop.suspect, "--out", tmp_path / "f.csv"),
+    }[command]
+    said = call(command, *arguments, "--report", page)
+    assert said.code == 0, said.err
+    text = page.read_text()
+    assert text.lstrip().lower().startswith("<!doctype html>")
+    assert "<svg" in text
+    for foreign in ('src="http', "src='http", '<link rel="stylesheet"', "@import", "url(http"):
+        assert foreign not in text, "the page must open without a network"
+
+
+def test_a_column_is_renamed_by_map_and_time(call, workshop, tmp_path):
+    log = tmp_path / "renamed.csv"
+    lines = workshop.healthy2.read_text().splitlines()
+    log.write_text("\n".join(["clock,volt,level", *lines[1:]]) + "\n")
+    maps = ("--time", "clock", "--map", "u=volt", "--map", "x=level")
+    plain = one_object(call("evaluate", workshop.model, workshop.healthy2, "--json"))
+    mapped = one_object(call("evaluate", workshop.model, log, *maps, "--json"))
+    assert mapped["outputs"] == plain["outputs"]
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_command_has_help(call, name):
+    said = call(name, "--help")
+    assert said.code == 0
+    assert f"faultgauge {name}" in said.out or f"Usage: {name}" in said.out or name in said.out
+    assert "--json" in said.out
+
+
+def test_every_command_has_a_docstring():
+    found = {command.callback.__name__: command.callback for command in app.registered_commands}
+    assert sorted(found) == sorted(COMMANDS)
+    assert all(function.__doc__ for function in found.values())
+
+
+def test_help_names_all_commands_and_loads_nothing_heavy():
+    code = (
+        "import sys\nfrom faultgauge.cli.app import run\ncode = run(['--help'])\n"
+        "heavy = {'jax', 'numpy', 'scipy', 'rich.table'} & set(sys.modules)\n"
+        "print(sorted(heavy), file=sys.stderr)\nsys.exit(code)"
+    )
+    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert said.returncode == 0, said.stderr
+    assert all(f"  {name} " in said.stdout for name in COMMANDS)
+    assert said.stderr.strip() == "[]"
+
+
+def test_the_installed_script_inspects_and_refuses(workshop, tmp_path):
+    good = subprocess.run(
+        [SCRIPT, "inspect", workshop.healthy, "--json"], capture_output=True, text=True, timeout=60
+    )
+    assert good.returncode == 0, good.stderr
+    assert good.stdout.count("\n") == 1
+    missing = tmp_path / "absent.csv"
+    bad = subprocess.run([SCRIPT, "inspect", missing], capture_output=True, text=True, timeout=60)
+    assert bad.returncode == 2
+    assert bad.stdout == ""
+    assert bad.stderr.startswith("faultgauge: ")
+    assert str(missing) in bad.stderr
