@@ -66,7 +66,6 @@ LOGS = {  # what is done to the healthy log, and what the refusal must name besi
     "reversed time": (lambda lines: [lines[0], *reversed(lines[1:])], ["t"]),
     "duplicate time": (lambda lines: [*lines[:9], lines[8], *lines[9:]], ["t"]),
     "all-empty column": (column(2, ""), ["x"]),
-    "no excitation": (column(1, "0.5"), ["u"]),
     "no time": (lambda lines: ["clock,u,x", *lines[1:]], ["'t'", "--time"]),
     "row too long": (cell(7, 2, "1,2"), ["8"]),
 }
@@ -78,6 +77,13 @@ def test_wrong_logs(refuse, workshop, tmp_path, case):
     log = tmp_path / "log.csv"
     log.write_text(edited(workshop, change))
     refuse("fit", workshop.plant, log, "--out", tmp_path / "m.fgm", naming=[log, *naming])
+
+
+def test_no_excitation(refuse, workshop, tmp_path):
+    log = tmp_path / "log.csv"
+    log.write_text(edited(workshop, column(1, "0.5")))
+    out = tmp_path / "m.fgm"
+    refuse("fit", workshop.plant, log, "--out", out, naming=["input 'u'", "no excitation"])
 
 
 @pytest.mark.parametrize("content", [b"", NUL], ids=["empty", "binary"])
@@ -189,8 +195,8 @@ def test_missing_model(refuse, workshop, tmp_path):
 OPTIONS = {  # arguments (files by name), and what must be named
     "unknown option": (["evaluate", "model", "healthy", "--fast"], ["--fast"]),
     "unknown command": (["fitt", "plant", "healthy"], ["fitt"]),
-    "missing argument": (["evaluate"], ["MODEL"]),
-    "missing log": (["evaluate", "model"], ["LOGS"]),
+    "missing argument": (["evaluate"], ["model"]),
+    "missing log": (["evaluate", "model"], ["logs"]),
     "missing --out": (["fit", "plant", "healthy"], ["--out"]),
     "unknown observer": (
         ["estimate", "calibrated", "healthy", "--observer", "guess", "--out", "new.csv"], ["guess"]
@@ -213,7 +219,7 @@ OPTIONS = {  # arguments (files by name), and what must be named
     "map of nothing": (["evaluate", "model", "healthy", "--map", "x=level*2"], ["level"]),
     "map syntax": (["evaluate", "model", "healthy", "--map", "x=u*(2"], ["--map", "u*(2"]),
     "map is code": (["evaluate", "model", "healthy", "--map", "x=open('f')"], ["--map"]),
-    "warmup negative": (["evaluate", "model", "healthy", "--warmup", "-1"], ["--warmup", "-1"]),
+    "warmup negative": (["evaluate", "model", "healthy", "--warmup", "-1"], ["--warmup", "0. See"]),
     "seed negative": (["fit", "plant", "healthy", "--seed", "-1", "--out", "m.fgm"], ["--seed"]),
     "seed is text": (["fit", "plant", "healthy", "--seed", "a", "--out", "m.fgm"], ["--seed"]),
     "unknown time": (["evaluate", "model", "healthy", "--time", "clock"], ["clock"]),

@@ -62,7 +62,8 @@ def test_fit_says_what_it_found(call, workshop, tmp_path):
     said = call("fit", workshop.plant, workshop.healthy, "--validate", workshop.healthy2,
                 "--out", out)  # fmt: skip
     assert said.code == 0
-    assert "a = 0.8" in said.out or "a = 0.79" in said.out
+    assert "a = " in said.out
+    assert "b = " in said.out
     assert str(out) in said.err
 
 
@@ -206,7 +207,8 @@ def test_a_column_is_renamed_by_map_and_time(call, workshop, tmp_path):
 def test_every_command_has_help(call, name):
     said = call(name, "--help")
     assert said.code == 0
-    assert f"faultgauge {name}" in said.out or f"Usage: {name}" in said.out or name in said.out
+    assert "Usage:" in said.out
+    assert f" {name} " in said.out
     assert "--json" in said.out
 
 

@@ -19,6 +19,8 @@ from faultgauge.errors import InputError
 __all__ = ["app", "main"]
 
 ISSUES = "https://github.com/faultgauge/faultgauge/issues"
+INTERRUPTED = 130
+STOPPED = "interrupted; nothing was written half-way."
 
 app = typer.Typer(
     name="faultgauge",
@@ -62,15 +64,17 @@ def run(arguments: list[str]) -> int:
         arguments = ["--debug", *(a for a in arguments if a != "--debug")]
     try:
         code = typer.main.get_command(app)(arguments, standalone_mode=False)
+        if code == INTERRUPTED:  # typer has caught the interrupt itself, and says nothing
+            return _fail(STOPPED, INTERRUPTED, debug=False)
         return code if isinstance(code, int) else 0
     except InputError as wrong:
         return _fail(str(wrong), 2, debug)
     except TyperException as usage:
         if not usage.format_message():  # no arguments at all: the help has been printed
             return 2
-        return _fail(f"{usage.format_message()} See faultgauge --help.", 2, debug)
+        return _fail(f"{usage.format_message().rstrip('.')}. See faultgauge --help.", 2, debug)
     except (KeyboardInterrupt, typer.Abort):
-        return _fail("interrupted; nothing was written half-way.", 130, debug)
+        return _fail(STOPPED, INTERRUPTED, debug)
     except BrokenPipeError:
         return 0
     except Exception as fault:  # noqa: BLE001  (the last net: our own fault, said as such)
