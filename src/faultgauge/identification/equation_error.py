@@ -111,8 +111,8 @@ class EquationResidual(eqx.Module):
 def assemble(
     plant: GrayBoxPlant,
     group: Group,
-    theta: Float[Array, "unknowns"],
-    units: Float[Array, "parameters"],
+    theta: Float[Array | np.ndarray, "unknowns"],
+    units: Float[Array | np.ndarray, "parameters"],
 ) -> GrayBoxPlant:
     """`plant` with the group's unknowns from the vector `theta` (parameters in `units`)."""
     networks, parameters, start = dict(plant.networks), dict(plant.parameters), 0
@@ -274,28 +274,5 @@ def fit_group(
         options,
     )
     solution = jax.device_get(solution)
-    theta = jnp.asarray(solution.theta)
-    fitted = jax.device_get(_assemble_all(plant, group, theta, jnp.asarray(units)))
-    pieces = [
-        eqx.tree_at(
-            lambda p: (p.networks, p.parameters),
-            plant,
-            jax.tree.map(lambda a, k=k: jnp.asarray(a[k]), fitted),
-        )
-        for k in range(len(starts))
-    ]
-    return pieces, solution
-
-
-@eqx.filter_jit
-def _assemble_all(
-    plant: GrayBoxPlant,
-    group: Group,
-    theta: Float[Array, "starts unknowns"],
-    units: Float[Array, "parameters"],
-) -> tuple:
-    def one(theta: Array) -> tuple:
-        built = assemble(plant, group, theta, units)
-        return built.networks, built.parameters
-
-    return jax.vmap(one)(theta)
+    fitted = [assemble(plant, group, theta, units) for theta in solution.theta]
+    return [jax.tree.map(jnp.asarray, each) for each in fitted], solution

@@ -108,7 +108,10 @@ def fit(
     plant, reports = _fit_groups(
         plant, how, training, validation, windows, seed, restarts, progress, warnings
     )
-    error = free_run_errors([plant], windows, _max_step(plant, training, stretches))[0]
+    if reports:  # the last group's choice is the whole plant's
+        error = reports[-1].free_run[reports[-1].chosen]
+    else:
+        error = free_run_errors([plant], windows, _max_step(plant, training))[0]
     if not np.isfinite(error):
         raise InputError(
             "every start diverges in free run on the held-out data; likely causes: (a) a sign or "
@@ -141,7 +144,7 @@ def _fit_groups(
         _judge(group, solution, warnings)
         plant = plants[int(np.nanargmin(_ranked(solution)))]
         found.append((group, plants, solution))
-    max_step = _max_step(plant, training, None)
+    max_step = _max_step(plant, training)
     for group, plants, solution in found:
         progress(f"selecting {group.name} by free run")
         candidates = [_exchange(plant, other, group) for other in plants]
@@ -206,7 +209,7 @@ def _thin(
     return kept[0], kept[1]
 
 
-def _max_step(plant: GrayBoxPlant, training: Samples, stretches: list[Stretch] | None) -> float:
+def _max_step(plant: GrayBoxPlant, training: Samples) -> float:
     points = training.take(np.linspace(0, len(training.x) - 1, 500).astype(int))
     rate = fastest_rate(plant, points.x, points.u)
     return RATE_STEP / rate if rate > 0 else 1e9
@@ -228,7 +231,7 @@ def _record(
     thinned = cover(points, ENVELOPE_POINTS, np.random.default_rng(0))
     return {
         "seed": seed,
-        "max_step": _max_step(plant, training, stretches),
+        "max_step": _max_step(plant, training),
         "sample_time": float(np.median([s.step for s in stretches])),
         "envelope": {
             name: [float(column.min()), float(column.max())]
