@@ -1,0 +1,40 @@
+"""The table of `estimate`: what goes in comes back, in either format."""
+
+import csv
+from pathlib import Path
+
+import pytest
+
+from faultgauge.detection.tables import write_table
+from faultgauge.errors import InputError
+
+COLUMNS = {
+    "run": ["a", "a"],
+    "t": [0.0, 0.1],
+    "f_leak": [None, -1.25e-7],
+    "status": ["NOT_JUDGED", "HEALTHY"],
+    "reason": ["not sampled", ""],
+}
+
+
+def test_csv_comes_back_with_empty_cells_for_none(tmp_path):
+    write_table(COLUMNS, tmp_path / "e.csv")
+    rows = list(csv.reader((tmp_path / "e.csv").read_text().splitlines()))
+    assert rows == [
+        list(COLUMNS),
+        ["a", "0", "", "NOT_JUDGED", "not sampled"],
+        ["a", "0.1", "-1.25e-07", "HEALTHY", ""],
+    ]
+
+
+def test_parquet_comes_back_as_it_was(tmp_path):
+    parquet = pytest.importorskip("pyarrow.parquet")
+    write_table(COLUMNS, tmp_path / "e.parquet")
+    assert parquet.read_table(tmp_path / "e.parquet").to_pydict() == COLUMNS
+
+
+def test_an_unknown_ending_and_a_missing_folder_are_refused():
+    with pytest.raises(InputError, match=r"legal: \.csv, \.parquet"):
+        write_table(COLUMNS, Path("e.xls"))
+    with pytest.raises(InputError, match="does not exist"):
+        write_table(COLUMNS, Path("nowhere") / "e.csv")
