@@ -2,9 +2,7 @@
 
 import os
 import re
-import secrets
 from collections.abc import Iterator, Mapping
-from contextlib import suppress
 from dataclasses import dataclass, field
 from importlib import metadata, resources
 from itertools import count
@@ -13,7 +11,7 @@ from typing import Any
 
 import jinja2
 
-from faultgauge.errors import InputError
+from faultgauge.files import write_atomically
 from faultgauge.reporting.svg import Figure, inline
 
 __all__ = ["Report", "Section", "Table", "installed_versions", "render", "write"]
@@ -101,23 +99,7 @@ def write(report: Report, path: str | os.PathLike[str]) -> None:
     Raises:
         InputError: the file cannot be written.
     """
-    target = Path(path)
-    draft = target.parent / f".{secrets.token_hex(8)}.draft"
-    page = render(report).encode("utf-8", "replace")
-    try:
-        with draft.open("xb") as stream:
-            stream.write(page)
-            stream.flush()
-            os.fsync(stream.fileno())
-        os.replace(draft, target)
-    except OSError as error:
-        raise InputError(
-            f"The report cannot be written to {str(target)!r} ({error.strerror or error}); "
-            "give the name of a file in an existing folder that you may write to."
-        ) from error
-    finally:
-        with suppress(OSError):  # gone already once it is the new file
-            draft.unlink()
+    write_atomically(Path(path), render(report).encode("utf-8", "replace"))
 
 
 def _numbered(section: Section, numbers: Iterator[int]) -> Iterator[dict[str, Any]]:
