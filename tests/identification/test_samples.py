@@ -180,3 +180,17 @@ def test_irregular_record_lands_on_a_grid():
     slack = 2 * STEP / (2 * stretch.reach * stretch.step)
     np.testing.assert_allclose(stretch.samples.dx, stretch.samples.u, rtol=0, atol=slack)
     assert np.mean(stretch.samples.dx - stretch.samples.u) == pytest.approx(0, abs=0.01)  # no bias
+
+
+def test_a_stated_sigma_takes_the_place_of_the_estimated_noise():
+    from faultgauge.identification.samples import channels, collect
+    from faultgauge.plants.plant_file import parse_plant
+
+    text = 'name = "p"\n[states.x]\nderivative = "-k*x"\n[parameters]\nk = {value = 1}\n'
+    t = np.linspace(0.0, 10.0, 1001)
+    run = Run("r", "r.csv", t, {"x": np.exp(-t)})
+    for line, wanted in (("", 0.0), ("sigma = 0.25\n", 0.25)):
+        spec = parse_plant(f'{text}[outputs.x]\nvalue = "x"\n{line}')
+        noise = collect(spec, [run], channels(spec, [run]))[1]["x"]
+        # without noise the third differences are those of exp(-t): 1e-6 at this step
+        assert noise["column_noise"] == pytest.approx(wanted, abs=1e-5)

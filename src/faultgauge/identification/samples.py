@@ -172,12 +172,14 @@ def _kernel(
     if all(f"d_{name}" in how.rates for name in spec.signals.state_names):
         return None, {}
     step = grids[0][1]
+    known = {output.measures or output.name: output.sigma for output in spec.signals.outputs}
+    known |= {output.name: output.sigma for output in spec.signals.outputs if output.sigma}
     wanted, found = {}, []
     for state, (column, order) in zip(spec.signals.state_names, how.states, strict=True):
         if f"d_{state}" in how.rates:
             continue
         signals = [on[column] for *_, on in grids]
-        sigma = max(noise_sd(x) for x in signals)
+        sigma = known.get(column) or max(noise_sd(x) for x in signals)
         wanted[state] = (signals, order + 1, sigma)
         found.append(choose_kernel(signals, step, order + 1, sigma))
     order = max(k.order for k in found)
