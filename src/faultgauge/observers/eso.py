@@ -91,7 +91,14 @@ def design_eso(
     output, chain = _chain(plant, fault, linear, measured)
     A, C = _augmented(linear, target, chain, output)
     wanted = bandwidth_poles(len(chain) + 1, bandwidth, zeta, dt)
-    L = ackermann(A, C @ A, wanted)
+    try:
+        L = ackermann(A, C @ A, wanted)
+    except np.linalg.LinAlgError:
+        raise InputError(
+            f"fault {fault!r} does not move output {signals.output_names[output]} at the median "
+            "operating point (its effect changes sign or vanishes there), so no gain can be "
+            "placed; measure an output that it always moves."
+        ) from None
     gain_x = np.zeros((len(signals.states), len(signals.outputs)))
     gain_f = np.zeros(len(signals.outputs))
     gain_x[list(chain), output] = L[:-1]
