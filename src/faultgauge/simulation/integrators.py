@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from faultgauge.plants.plant import Plant, clip_state, respond
+from faultgauge.plants.plant import Plant, Stuck, clip_state, respond
 
 __all__ = ["step"]
 
@@ -17,8 +17,9 @@ def step(
     f: Float[Array, "faults"],
     dt: Float[Array, ""],
     substeps: int,
+    stuck: Stuck | None = None,
 ) -> Float[Array, "states"]:
-    """State after `dt` seconds by `substeps` classical RK4 steps with faults `f`.
+    """State after `dt` seconds by `substeps` classical RK4 steps with faults `f` and `stuck`.
 
     Between the samples an input stays at `u` (hold "zero") or runs straight to `u_next`
     (hold "linear"): never the next sample's value under a zero-order hold.
@@ -28,7 +29,7 @@ def step(
     h = dt / substeps
 
     def rate(x: Float[Array, "states"], s: Float[Array, ""]) -> Float[Array, "states"]:
-        return respond(plant, x, u + s * slope, f)[0]
+        return respond(plant, x, u + s * slope, f, stuck)[0]
 
     def substep(x: Float[Array, "states"], k: Array) -> tuple[Float[Array, "states"], None]:
         s0, s1, s2 = (k + 0.0) / substeps, (k + 0.5) / substeps, (k + 1.0) / substeps

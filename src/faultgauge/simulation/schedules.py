@@ -1,0 +1,170 @@
+"""What goes wrong when: sizes over time, and how they enter a plant."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from faultgauge.plants.plant import Stuck
+from faultgauge.plants.signals import Fault, Signals
+
+__all__ = [
+    "Constant",
+    "Injection",
+    "Intermittent",
+    "Profile",
+    "Ramp",
+    "Schedule",
+    "Sine",
+    "Steps",
+    "inject",
+    "truth",
+]
+
+
+@dataclass(frozen=True)
+class Constant:
+    """`size` from `start` to `end` [s]: a sustained fault."""
+
+    size: float
+    start: float = 0.0
+    end: float = np.inf
+
+    def active(self, t: Float[np.ndarray, "*n"]) -> Bool[np.ndarray, "*n"]:
+        return (t >= self.start) & (t < self.end)
+
+    def sizes(self, t: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
+        return np.where(self.active(t), self.size, 0.0)
+
+
+@dataclass(frozen=True)
+class Steps:
+    """`values[k]` from `times[k]` [s] on, nothing before the first: eqs (17) and (19)."""
+
+    times: tuple[float, ...]
+    values: tuple[float, ...]
+
+    def active(self, t: Float[np.ndarray, "*n"]) -> Bool[np.ndarray, "*n"]:
+        return t >= self.times[0]
+
+    def sizes(self, t: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
+        return np.array([0.0, *self.values])[np.searchsorted(self.times, t, side="right")]
+
+
+@dataclass(frozen=True)
+class Ramp:
+    """From 0 at `start` straight to `size` at `end` [s], and held there."""
+
+    size: float
+    start: float
+    end: float
+
+    def active(self, t: Float[np.ndarray, "*n"]) -> Bool[np.ndarray, "*n"]:
+        return t >= self.start
+
+    def sizes(self, t: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
+        return self.size * np.clip((t - self.start) / (self.end - self.start), 0.0, 1.0)
+
+
+@dataclass(frozen=True)
+class Intermittent:
+    """`size` for the first `duty` of every `period` [s] between `start` and `end` [s]."""
+
+    size: float
+    start: float
+    period: float
+    duty: float = 0.5
+    end: float = np.inf
+
+    def active(self, t: Float[np.ndarray, "*n"]) -> Bool[np.ndarray, "*n"]:
+        phase = np.mod((t - self.start) / self.period, 1.0)
+        return (t >= self.start) & (t < self.end) & (phase < self.duty)
+
+    def sizes(self, t: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
+        return np.where(self.active(t), self.size, 0.0)
+
+
+@dataclass(frozen=True)
+class Sine:
+    """`size` sin(omega t + phase): a disturbance, omega in rad/s."""
+
+    size: float
+    omega: float
+    phase: float = 0.0
+
+    def active(self, t: Float[np.ndarray, "*n"]) -> Bool[np.ndarray, "*n"]:
+        return np.ones(t.shape, bool)
+
+    def sizes(self, t: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
+        return self.size * np.sin(self.omega * t + self.phase)
+
+
+Profile = Constant | Steps | Ramp | Intermittent | Sine
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """One fault or disturbance: where it enters, what it does there, and its size over time.
+
+    "add" is the additive fault or gain loss that an estimator looks for. "stuck" overwrites the
+    channel with the size while the profile is active. "dropout" cuts the channel: an output gives
+    no sample, an input is 0, a state stands still, a gain is lost whole.
+    """
+
+    name: str
+    enters: Literal["state", "input", "output", "gain"]
+    target: str
+    profile: Profile
+    effect: Literal["add", "stuck", "dropout"] = "add"
+    unit: str = ""
+
+
+class Injection(NamedTuple):
+    """Schedules on a time grid: additive sizes, stuck channels, outputs that give no sample."""
+
+    faults: tuple[Fault, ...]
+    f: Float[np.ndarray, "*grid faults"]
+    stuck: Stuck
+    dropped: Bool[np.ndarray, "*grid outputs"]
+
+
+def inject(
+    schedules: Sequence[Schedule], signals: Signals, t: Float[np.ndarray, "*grid"]
+) -> Injection:
+    """What `schedules` do to a plant with these `signals` at the times `t` [s]."""
+    added = [s for s in schedules if s.effect == "add" or s.enters == "gain"]
+    f = np.zeros((*t.shape, len(added)))
+    for k, schedule in enumerate(added):
+        lost = schedule.effect == "dropout"
+        active, sizes = schedule.profile.active(t), schedule.profile.sizes(t)
+        f[..., k] = np.where(active, 1.0, 0.0) if lost else sizes
+    channels = {
+        "state": (signals.state_names, np.full((*t.shape, len(signals.states)), np.nan)),
+        "input": (signals.input_names, np.full((*t.shape, len(signals.inputs)), np.nan)),
+        "output": (signals.output_names, np.full((*t.shape, len(signals.outputs)), np.nan)),
+    }
+    dropped = np.zeros((*t.shape, len(signals.outputs)), bool)
+    for schedule in schedules:
+        if schedule.effect == "add" or schedule.enters == "gain":
+            continue
+        names, held = channels[schedule.enters]
+        channel, active = names.index(schedule.target), schedule.profile.active(t)
+        if schedule.effect == "dropout" and schedule.enters == "output":
+            dropped[..., channel] |= active
+        else:
+            value = schedule.profile.sizes(t) if schedule.effect == "stuck" else 0.0
+            held[..., channel] = np.where(active, value, held[..., channel])
+    stuck = Stuck(channels["state"][1], channels["input"][1], channels["output"][1])
+    faults = tuple(Fault(s.name, s.enters, s.target, s.unit) for s in added)
+    return Injection(faults, f, stuck, dropped)
+
+
+def truth(schedule: Schedule, t: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
+    """What was injected: the size, the value it is stuck at (NaN: free), 1 while dropped out."""
+    active = schedule.profile.active(t)
+    if schedule.effect == "dropout":
+        return active.astype(float)
+    sizes = schedule.profile.sizes(t)
+    return np.where(active, sizes, np.nan) if schedule.effect == "stuck" else sizes
