@@ -1,0 +1,1 @@
+"""A three-axis satellite on reaction wheels: the attitude control system of the paper's Fig 6."""

@@ -1,0 +1,209 @@
+"""The closed attitude loop: one pure step; a run is a scan, many runs are a batch.
+
+    I d(omega)/dt = -omega x (I omega + A h) - A T + T_ext,    d(h)/dt = F(h, u) + faults
+
+A holds the wheels' axes; T is the torque that each wheel really takes up, which the body feels
+with the opposite sign.
+"""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from faultgauge.plants.plant import Plant, Stuck, respond
+from faultgauge.simulation.satellite import rotations
+from faultgauge.simulation.satellite.controller import AttitudeController
+from faultgauge.simulation.satellite.determination import AttitudeEstimate, AttitudeFilter
+from faultgauge.simulation.satellite.orbit import Orbit
+from faultgauge.simulation.satellite.sensors import EarthSensor, Gyro, SunSensors
+
+__all__ = ["NOISES", "Now", "Satellite", "State", "Telemetry", "fly", "start", "step"]
+
+NOISES = 10  # standard normal numbers per step: gyro 3, its bias 3, earth 2, sun 2
+
+
+class Satellite(eqx.Module):
+    """Everything that does not change during a run. SI units, angles in rad.
+
+    `wheel` is any plant with one state (momentum), one input (torque command) and the outputs
+    torque and momentum, in this order; `axes` holds the wheels' directions, one column each.
+    `disturbance` acts on the body: constant, and amplitude at the orbital rate.
+    """
+
+    wheel: Plant
+    axes: Float[Array, "3 wheels"]
+    allocation: Float[Array, "wheels 3"]  # the pseudo-inverse of `axes`
+    inertia: Float[Array, "3"]
+    disturbance: Float[Array, "2 3"]
+    orbit: Orbit
+    gyro: Gyro
+    earth: EarthSensor
+    sun: SunSensors
+    filter: AttitudeFilter
+    controller: AttitudeController
+    dt: float = 0.25  # control period
+    substeps: int = eqx.field(static=True, default=5)  # RK4 steps in it
+
+
+class State(NamedTuple):
+    """What is carried from step to step (a checkpoint)."""
+
+    step: Int[Array, ""]
+    q: Float[Array, "4"]
+    omega: Float[Array, "3"]
+    h: Float[Array, "wheels"]
+    angle: Float[Array, "3"]  # integrated rate, as the gyro's wheel has it
+    counted: Float[Array, "3"]
+    bias: Float[Array, "3"]
+    estimate: AttitudeEstimate
+
+
+class Now(NamedTuple):
+    """What happens during one step: noise, and each wheel's faults per integration step."""
+
+    noise: Float[Array, "noises"]
+    f: Float[Array, "substeps wheels faults"]
+    stuck: Stuck
+
+
+class Telemetry(NamedTuple):
+    """One sample at the controller's rate: what is known on board, and the truth."""
+
+    t: Float[Array, ""]
+    u: Float[Array, "wheels"]  # torque command inside the wheel's limits
+    torque: Float[Array, "wheels"]  # T and h as the wheels telemeter them, without noise
+    momentum: Float[Array, "wheels"]
+    rate: Float[Array, "wheels"]  # d(h)/dt, true
+    attitude: Float[Array, "3"]  # true roll, pitch, yaw against the orbit frame, rad
+    estimated: Float[Array, "3"]
+    sunlit: Array
+
+
+def start(
+    satellite: Satellite,
+    angles: Float[Array, "3"],
+    h: Float[Array, "wheels"],
+    error: Float[Array, "3"],
+) -> State:
+    """At rest against the orbit frame, turned by `angles` (roll, pitch, yaw), wheel momenta `h`;
+    attitude is first known to within `error` [rad]."""
+    orbit = satellite.orbit
+    turn = rotations.from_angles(*angles)
+    q = rotations.product(orbit.frame(jnp.zeros(())), turn)
+    omega = rotations.into_frame(turn, orbit.frame_rate)
+    variance = jnp.concatenate([jnp.maximum(error**2, 1e-6), jnp.full(3, 1e-10)])
+    estimate = AttitudeEstimate(
+        rotations.product(q, rotations.from_vector(error)),
+        jnp.zeros(3),
+        jnp.diag(variance),
+        omega,
+    )
+    zero = jnp.zeros(3)
+    return State(jnp.asarray(0), q, omega, h, zero, zero, jnp.array(satellite.gyro.bias), estimate)
+
+
+def step(satellite: Satellite, state: State, now: Now) -> tuple[State, Telemetry]:
+    """One control period: sense, estimate, command, and let the physics run under it."""
+    orbit, wheel = satellite.orbit, satellite.wheel
+    t = state.step * satellite.dt
+    state = _determine(satellite, state, t, now.noise)
+    wanted = satellite.controller.torque(
+        state.estimate, orbit.frame(t), orbit.frame_rate, satellite.axes @ state.h
+    )
+    limit = wheel.signals.inputs[0]
+    u = jnp.clip(-satellite.allocation @ wanted, limit.min, limit.max)
+    dh, y = _wheels(wheel, state.h, u, now.f[0], jax.tree.map(lambda a: a[0], now.stuck))
+    relative = rotations.conjugate(orbit.frame(t))
+    telemetry = Telemetry(
+        t=t,
+        u=u,
+        torque=y[:, 0],
+        momentum=y[:, 1],
+        rate=dh,
+        attitude=rotations.to_angles(rotations.product(relative, state.q)),
+        estimated=rotations.to_angles(rotations.product(relative, state.estimate.q)),
+        sunlit=orbit.sunlit(t),
+    )
+    return _advance(satellite, state, t, u, now), telemetry
+
+
+def _determine(satellite: Satellite, state: State, t: Array, noise: Array) -> State:
+    """Read the sensors and bring the attitude estimate to this sample."""
+    orbit, gyro, dt = satellite.orbit, satellite.gyro, satellite.dt
+    root = jnp.sqrt(dt)
+    angle = state.angle + state.bias * dt + gyro.arw * root * noise[0:3]
+    counted = gyro.counts(angle)
+    estimate = satellite.filter.propagate(state.estimate, counted - state.counted, dt)
+    # at the very start no period has passed: nothing was counted and nothing turned
+    first = state.step == 0
+    estimate = jax.tree.map(lambda old, new: jnp.where(first, old, new), state.estimate, estimate)
+    nadir, sun = -orbit.position(t), orbit.sun
+    earth_seen = satellite.earth.measure(rotations.into_frame(state.q, nadir), noise[6:8])
+    sun_seen = satellite.sun.measure(
+        rotations.into_frame(state.q, sun), orbit.sunlit(t), noise[8:10]
+    )
+    estimate = satellite.filter.correct(estimate, earth_seen, nadir, satellite.earth.sigma)
+    estimate = satellite.filter.correct(estimate, sun_seen, sun, satellite.sun.sigma)
+    return state._replace(
+        angle=angle,
+        counted=counted,
+        bias=state.bias + gyro.rrw * root * noise[3:6],
+        estimate=estimate,
+    )
+
+
+def _wheels(wheel: Plant, h: Array, u: Array, f: Array, stuck: Stuck) -> tuple[Array, Array]:
+    """(d(h)/dt, outputs) of every wheel."""
+    one = jax.vmap(lambda h, u, f, stuck: respond(wheel, h[None], u[None], f, stuck))
+    dx, y = one(h, u, f, stuck)
+    return dx[:, 0], y
+
+
+class _Motion(NamedTuple):
+    q: Array
+    omega: Array
+    h: Array
+    angle: Array
+
+
+def _advance(satellite: Satellite, state: State, t: Array, u: Array, now: Now) -> State:
+    """RK4 over one control period; faults are held over each integration step."""
+    step = satellite.dt / satellite.substeps
+
+    def add(a: _Motion, b: _Motion, factor: float) -> _Motion:
+        return jax.tree.map(lambda p, r: p + factor * r, a, b)
+
+    def integrate(carried: tuple[Array, _Motion], held: tuple[Array, Stuck]) -> tuple:
+        t, x = carried
+        f, stuck = held
+        k1 = _rates(satellite, t, x, u, f, stuck)
+        k2 = _rates(satellite, t + step / 2, add(x, k1, step / 2), u, f, stuck)
+        k3 = _rates(satellite, t + step / 2, add(x, k2, step / 2), u, f, stuck)
+        k4 = _rates(satellite, t + step, add(x, k3, step), u, f, stuck)
+        slope = jax.tree.map(lambda a, b, c, d: (a + 2 * b + 2 * c + d) / 6, k1, k2, k3, k4)
+        x = add(x, slope, step)
+        return (t + step, x._replace(q=rotations.normalised(x.q))), None
+
+    x = _Motion(state.q, state.omega, state.h, state.angle)
+    (_, x), _ = jax.lax.scan(integrate, (t, x), (now.f, now.stuck))
+    return state._replace(step=state.step + 1, q=x.q, omega=x.omega, h=x.h, angle=x.angle)
+
+
+def _rates(satellite: Satellite, t: Array, x: _Motion, u: Array, f: Array, stuck: Stuck) -> _Motion:
+    dh, y = _wheels(satellite.wheel, x.h, u, f, stuck)
+    inertia, axes = satellite.inertia, satellite.axes
+    constant, orbital = satellite.disturbance
+    outside = constant + orbital * jnp.sin(satellite.orbit.rate * t)
+    total = inertia * x.omega + axes @ x.h
+    omega = (outside - axes @ y[:, 0] - jnp.cross(x.omega, total)) / inertia
+    spin = jnp.concatenate([jnp.zeros(1), x.omega])
+    return _Motion(rotations.product(x.q, spin) / 2, omega, dh, x.omega)
+
+
+@eqx.filter_jit
+def fly(satellite: Satellite, begin: State, during: Now) -> tuple[State, Telemetry]:
+    """A run: (state after it, telemetry of every step). `during` has the steps first."""
+    return jax.lax.scan(lambda state, now: step(satellite, state, now), begin, during)
