@@ -13,7 +13,9 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from faultgauge.errors import InputError
-from faultgauge.identification.levenberg_marquardt import Options, Solution, levenberg_marquardt
+from faultgauge.identification.algorithms import ALGORITHMS, AlgorithmName
+from faultgauge.identification.gradient_descent import DescentOptions
+from faultgauge.identification.levenberg_marquardt import Options, Solution
 from faultgauge.identification.samples import Samples
 from faultgauge.identification.starts import nguyen_widrow, scattered
 from faultgauge.plants.expression import Expression, Node, evaluate, names_used, networks_used
@@ -237,12 +239,16 @@ def fit_group(
     training: Samples,
     validation: Samples,
     rngs: Sequence[np.random.Generator],
-    options: Options,
+    options: Options | DescentOptions | None = None,
+    *,
+    algorithm: AlgorithmName = "lm",
 ) -> tuple[list[GrayBoxPlant], Solution]:
     """Fit one group from one start per generator; the first keeps the file's parameters.
 
-    Returns a plant per start (the same other groups in each) and LM's own account.
+    `options` are those of `algorithm` (None: its defaults). Returns a plant per start (the same
+    other groups in each) and the algorithm's own account.
     """
+    minimise, defaults = ALGORITHMS[algorithm]
     parameters = {p.name: p for p in plant.spec.parameters}
     chosen = [parameters[name] for name in group.parameters]
     units = np.array([abs(p.value) or 1.0 for p in chosen])
@@ -263,7 +269,7 @@ def fit_group(
             start[weights:] = start_vector(plant, group, units, None)[weights:]
         starts.append(start)
     residual = EquationResidual(plant, jnp.asarray(scales), jnp.asarray(units), group)
-    solution = levenberg_marquardt(
+    solution = minimise(
         residual,
         jnp.asarray(np.stack(starts)),
         jax.tree.map(jnp.asarray, training),
@@ -271,7 +277,7 @@ def fit_group(
         jax.tree.map(jnp.asarray, validation) if group.networks else None,
         jnp.asarray(bound("min")),
         jnp.asarray(bound("max")),
-        options,
+        options or defaults,
     )
     solution = jax.device_get(solution)
     fitted = [assemble(plant, group, theta, units) for theta in solution.theta]

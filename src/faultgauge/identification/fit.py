@@ -9,13 +9,13 @@ import jax
 import numpy as np
 
 from faultgauge.errors import InputError
+from faultgauge.identification.algorithms import AlgorithmName
 from faultgauge.identification.equation_error import Group, fit_group, groups, scale_networks
 from faultgauge.identification.holdout import split
 from faultgauge.identification.levenberg_marquardt import (
     CONVERGED,
     FAILED,
     NOT_CONVERGED,
-    Options,
     Solution,
 )
 from faultgauge.identification.samples import (
@@ -64,12 +64,14 @@ def fit(
     *,
     seed: int = 0,
     restarts: int = 10,
+    algorithm: AlgorithmName = "lm",
     progress: Callable[[str], None] = lambda text: None,
 ) -> tuple[Model, FitReport]:
     """Fit the unknowns of `plant` on healthy runs. The same seed gives the same bytes.
 
     Runs of `validate` stop and select, and never fit; a run that is in both is used for
     validation only. Without them the last 15 % of each run and spread windows are held out.
+    `algorithm` is Levenberg-Marquardt or the paper's gradient descent with momentum.
     Raises `InputError` for logs that cannot determine the unknowns.
     """
     warnings = list(plant.spec.warnings)
@@ -106,7 +108,7 @@ def fit(
     training, validation = _thin(training, validation, how, spec, seed)
     windows = windows_from(held, cuts, spread(np.concatenate([s.measured for s in stretches])))
     plant, reports = _fit_groups(
-        plant, how, training, validation, windows, seed, restarts, progress, warnings
+        plant, how, training, validation, windows, seed, restarts, algorithm, progress, warnings
     )
     if reports:  # the last group's choice is the whole plant's
         error = reports[-1].free_run[reports[-1].chosen]
@@ -131,6 +133,7 @@ def _fit_groups(
     windows: Any,
     seed: int,
     restarts: int,
+    algorithm: AlgorithmName,
     progress: Callable[[str], None],
     warnings: list[str],
 ) -> tuple[GrayBoxPlant, list[GroupReport]]:
@@ -140,7 +143,7 @@ def _fit_groups(
         progress(f"fitting {group.name}")
         plant = scale_networks(plant, group, training)
         rngs = [np.random.default_rng([seed, number, k]) for k in range(restarts)]
-        plants, solution = fit_group(plant, group, training, validation, rngs, Options())
+        plants, solution = fit_group(plant, group, training, validation, rngs, algorithm=algorithm)
         _judge(group, solution, warnings)
         plant = plants[int(np.nanargmin(_ranked(solution)))]
         found.append((group, plants, solution))

@@ -24,7 +24,7 @@ class Orbit(eqx.Module):
     altitude: float = 540e3
     start: float = 0.0
     sun_elevation: float = 0.4
-    sun_azimuth: float = 0.6
+    sun_azimuth: float = -1.1
 
     @property
     def radius(self) -> Float[Array, ""]:
