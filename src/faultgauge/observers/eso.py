@@ -17,9 +17,9 @@ from jaxtyping import Array, Float
 from faultgauge.errors import InputError
 from faultgauge.observers.gains import ackermann, bandwidth_poles, spectral_radius
 from faultgauge.observers.observer import (
+    CurrentObserver,
     Design,
     Linearisation,
-    Observer,
     OperatingPoints,
     linearise,
 )
@@ -37,7 +37,7 @@ def fal(e: Float[Array, "..."], kappa: float, delta: Float[Array, "..."]) -> Flo
     return jnp.where(jnp.abs(e) > delta, outside, e / delta ** (1 - kappa))
 
 
-class ExtendedStateObserver(Observer):
+class ExtendedStateObserver(CurrentObserver):
     """An ESO for one fault; designed by `design_eso`."""
 
     plant: Plant

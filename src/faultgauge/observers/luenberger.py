@@ -10,7 +10,7 @@ from scipy.signal import place_poles
 
 from faultgauge.errors import InputError
 from faultgauge.observers.gains import spectral_radius
-from faultgauge.observers.observer import Design, Observer, OperatingPoints, linearise
+from faultgauge.observers.observer import CurrentObserver, Design, OperatingPoints, linearise
 from faultgauge.plants.plant import Plant
 from faultgauge.simulation.free_run import substeps_for
 
@@ -19,7 +19,7 @@ __all__ = ["LuenbergerObserver", "design_luenberger"]
 SPREAD = 0.05  # place_poles wants distinct poles: they differ by 5 % of the bandwidth
 
 
-class LuenbergerObserver(Observer):
+class LuenbergerObserver(CurrentObserver):
     """x = x- - L (h(x-) - y); no fault is estimated."""
 
     plant: Plant

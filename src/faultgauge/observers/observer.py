@@ -13,6 +13,7 @@ from faultgauge.plants.plant import Plant, respond
 from faultgauge.simulation.integrators import step as integrate
 
 __all__ = [
+    "CurrentObserver",
     "Design",
     "Observer",
     "ObserverInfo",
@@ -64,9 +65,7 @@ class Design(NamedTuple):
 
 
 class Observer(eqx.Module):
-    """A discrete observer in its current form: predict over dt, then correct by y.
-
-        x-  =  Phi(x, f, u, dt),   e = h(x-) - y,   x = x- - L_x e,   f = f - L_f g(e)
+    """A discrete observer: pure `init` and `step`.
 
     `target` indexes the fault in the plant's list (-1: no fault is estimated).
     """
@@ -75,16 +74,11 @@ class Observer(eqx.Module):
     target: eqx.AbstractVar[int]
     substeps: eqx.AbstractVar[int]
 
-    @abc.abstractmethod
-    def correct(
-        self, x: Float[Array, "states"], f: Float[Array, ""], e: Float[Array, "outputs"]
-    ) -> tuple[Float[Array, "states"], Float[Array, ""]]:
-        """State and fault after the innovation; `e` = yhat - y, 0 where y is not sampled."""
-
     def init(self, x: Float[Array, "states"], u: Float[Array, "inputs"]) -> ObserverState:
         """Start at state `x` under input `u`, without a fault."""
         return ObserverState(x, jnp.zeros(()), u)
 
+    @abc.abstractmethod
     def step(
         self,
         state: ObserverState,
@@ -93,17 +87,38 @@ class Observer(eqx.Module):
         dt: Float[Array, ""],
     ) -> tuple[ObserverState, ObserverInfo]:
         """One sample: `u` [input units] and `y` (NaN: not sampled) now, `dt` s after the last."""
+
+    def faults(self, size: Float[Array, ""]) -> Float[Array, "faults"]:
+        """The plant's fault vector with this observer's fault in its place."""
+        f = jnp.zeros(len(self.plant.signals.faults))
+        return f if self.target < 0 else f.at[self.target].set(size)
+
+
+class CurrentObserver(Observer):
+    """An observer in its current form: predict over dt, then correct by y.
+
+    x-  =  Phi(x, f, u, dt),   e = h(x-) - y,   x = x- - L_x e,   f = f - L_f g(e)
+    """
+
+    @abc.abstractmethod
+    def correct(
+        self, x: Float[Array, "states"], f: Float[Array, ""], e: Float[Array, "outputs"]
+    ) -> tuple[Float[Array, "states"], Float[Array, ""]]:
+        """State and fault after the innovation; `e` = yhat - y, 0 where y is not sampled."""
+
+    def step(
+        self,
+        state: ObserverState,
+        u: Float[Array, "inputs"],
+        y: Float[Array, "outputs"],
+        dt: Float[Array, ""],
+    ) -> tuple[ObserverState, ObserverInfo]:
         f = self.faults(state.f)
         x = integrate(self.plant, state.x, state.u, u, f, dt, self.substeps)
         predicted = _outputs(self.plant, x, u, f)
         e = jnp.where(jnp.isfinite(y), predicted - y, 0.0)
         x, size = self.correct(x, state.f, e)
         return ObserverState(x, size, u), ObserverInfo(size, x, predicted, -e)
-
-    def faults(self, size: Float[Array, ""]) -> Float[Array, "faults"]:
-        """The plant's fault vector with this observer's fault in its place."""
-        f = jnp.zeros(len(self.plant.signals.faults))
-        return f if self.target < 0 else f.at[self.target].set(size)
 
 
 def _outputs(plant: Plant, x: Array, u: Array, f: Array) -> Float[Array, "outputs"]:
