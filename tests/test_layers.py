@@ -16,6 +16,7 @@ LAYERS = (
     "observers",
     "identification",
     "simulation",
+    "excitation",
     "telemetry",
     "plants",
 )

@@ -1,6 +1,7 @@
 """Figures over time: free run, residual, several curves in one panel, fault estimate."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -8,7 +9,18 @@ from jaxtyping import Bool, Float
 from faultgauge.reporting import marks, style
 from faultgauge.reporting.svg import Figure, figure
 
-__all__ = ["curves", "fault_estimate", "free_run", "residual"]
+__all__ = ["Panel", "curves", "fault_estimate", "free_run", "panels", "residual"]
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One panel of `panels`: curves of one quantity by their name in the legend."""
+
+    name: str
+    unit: str
+    values: Mapping[str, Float[np.ndarray, "samples"]]
+    truth: Float[np.ndarray, "samples"] | None = None
+    truth_name: str = "truth"
 
 
 def free_run(
@@ -114,16 +126,37 @@ def curves(
         truth: what the curves are to be compared with, `unit`; drawn dashed on top.
         truth_name: its name in the legend.
     """
+    panel = Panel(name, unit, values, truth, truth_name)
+    caption = "" if truth is None else f"Dashed, on top: {style.short(truth_name)}."
+    return panels(t, [panel], title=title, caption=caption)
+
+
+def panels(
+    t: Float[np.ndarray, "samples"], stack: Sequence[Panel], *, title: str, caption: str = ""
+) -> Figure:
+    """Draw panels (a), (b), ... above each other over one time axis.
+
+    Args:
+        t: increasing time, s.
+        stack: what each panel shows; at most eight curves in one, of which four read well.
+        title: what is shown, a few words.
+        caption: what to see in it.
+    """
+    height = 2.8 if len(stack) == 1 else 1.9
     with style.drawing():
-        canvas, (axes,) = style.panels((2.8,))
-        for look, (label, y) in zip(style.SERIES[: len(values)], values.items(), strict=True):
-            marks.line(axes, t, y, label=style.short(label), **look)
-        if truth is not None:
-            marks.line(axes, t, truth, label=style.short(truth_name), **style.TRUTH)
-        axes.set_ylabel(style.upright_label(name, unit))
-        style.legend(axes)
-        marks.time_below(axes, t)
-        caption = "" if truth is None else f"Dashed, on top: {style.short(truth_name)}."
+        canvas, rows = style.panels((height,) * len(stack), share_time=True)
+        for letter, axes, panel in zip("abcdefgh", rows, stack, strict=False):
+            looks = style.SERIES[: len(panel.values)]
+            for look, (label, y) in zip(looks, panel.values.items(), strict=True):
+                marks.line(axes, t, y, label=style.short(label), **look)
+            if panel.truth is not None:
+                marks.line(axes, t, panel.truth, label=style.short(panel.truth_name), **style.TRUTH)
+            width = 24 if len(stack) == 1 else 17
+            axes.set_ylabel(style.upright_label(panel.name, panel.unit, width))
+            style.legend(axes)
+            if len(stack) > 1:
+                axes.set_title(f"({letter})", loc="left")
+        marks.time_below(rows[-1], t)
         return figure(canvas, title, caption)
 
 
