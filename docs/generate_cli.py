@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 
 PAGE = Path(__file__).with_name("cli.md")
-COMMANDS = ("demo", "check", "inspect", "fit", "evaluate", "calibrate", "estimate")
+COMMANDS = ("demo", "check", "inspect", "fit", "evaluate", "calibrate", "estimate", "simulate")
 
 
 def page() -> str:

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from faultgauge.plants.gray_box import load_plant
     from faultgauge.plants.model import load_model, save_model
     from faultgauge.plants.plant import Plant
+    from faultgauge.simulation.run_scenario import simulate
     from faultgauge.telemetry import read_telemetry
 
 __all__ = [
@@ -26,6 +27,7 @@ __all__ = [
     "load_plant",
     "read_telemetry",
     "save_model",
+    "simulate",
 ]
 
 _HOMES = {
@@ -38,6 +40,7 @@ _HOMES = {
     "load_plant": "faultgauge.plants.gray_box",
     "read_telemetry": "faultgauge.telemetry",
     "save_model": "faultgauge.plants.model",
+    "simulate": "faultgauge.simulation.run_scenario",
 }
 
 

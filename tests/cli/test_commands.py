@@ -11,7 +11,7 @@ import pytest
 from faultgauge.cli.app import app
 
 SCRIPT = Path(sys.executable).parent / "faultgauge"
-COMMANDS = ["demo", "check", "inspect", "fit", "evaluate", "calibrate", "estimate"]
+COMMANDS = ["demo", "check", "inspect", "fit", "evaluate", "calibrate", "estimate", "simulate"]
 EVENT_KEYS = {"run", "fault", "start", "end", "size", "lo", "hi", "p"}
 
 

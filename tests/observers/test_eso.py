@@ -189,9 +189,7 @@ def test_below_kappa_1_a_constant_fault_is_still_found():
 def test_the_estimate_stays_inside_the_limits_of_the_fault(low, high, bound):
     samples = 200
     y = drive(np.full(samples, 5 * bound), np.zeros(samples))
-    got = np.asarray(
-        run(design(mass(low, high)), [0, 0], np.zeros(samples), y[:, None]).f
-    )
+    got = np.asarray(run(design(mass(low, high)), [0, 0], np.zeros(samples), y[:, None]).f)
     assert np.all((got >= low) & (got <= high))
     assert got[-1] == bound
 
@@ -215,9 +213,7 @@ def test_a_plant_file_and_the_same_physics_by_hand_give_the_same_estimate():
     u = rng.uniform(0, 1, 120)
     y = rng.normal(size=(120, 2)).cumsum(axis=0) * 0.1
     bodies = (tank(), GrayBoxPlant.untrained(parse_plant(TANK, "tank.toml")))
-    by_hand, by_file = (
-        run(design(body, ("level", "sum")), [0.1, 0.0], u, y) for body in bodies
-    )
+    by_hand, by_file = (run(design(body, ("level", "sum")), [0.1, 0.0], u, y) for body in bodies)
     # the same operations in another order, at most: a few roundings
     np.testing.assert_allclose(by_file.f, by_hand.f, rtol=0, atol=1e-13)
     np.testing.assert_allclose(by_file.x, by_hand.x, rtol=0, atol=1e-13)

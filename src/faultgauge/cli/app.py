@@ -14,6 +14,7 @@ from faultgauge.cli.estimate import estimate
 from faultgauge.cli.evaluate import evaluate
 from faultgauge.cli.fit import fit
 from faultgauge.cli.inspect import inspect
+from faultgauge.cli.simulate import simulate
 from faultgauge.errors import InputError
 
 __all__ = ["app", "main"]
@@ -30,7 +31,7 @@ app = typer.Typer(
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
-for command in (demo, check, inspect, fit, evaluate, calibrate, estimate):
+for command in (demo, check, inspect, fit, evaluate, calibrate, estimate, simulate):
     app.command()(command)
 
 

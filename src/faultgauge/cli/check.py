@@ -29,11 +29,11 @@ def check(
     """Fit, calibrate, estimate and report in one: is SUSPECT like HEALTHY, and if not, how much?"""
     from faultgauge.cli.writing import check_folder, make_folder
     from faultgauge.detection import estimation
-    from faultgauge.detection.tables import write_table
     from faultgauge.plants.gray_box import load_plant
     from faultgauge.plants.model import save_model
     from faultgauge.studies import checkup
     from faultgauge.telemetry import read_telemetry
+    from faultgauge.telemetry.writing import write_table
 
     check_folder(report)
     folder = make_folder(out) if out is not None else None

@@ -14,7 +14,7 @@ def estimate(
     model: Annotated[Path, typer.Argument(help="Model file.")],
     logs: options.Logs,
     out: Annotated[
-        Path, typer.Option("--out", metavar="FILE", help="Table to write: .csv or .parquet.")
+        Path, typer.Option("--out", metavar="FILE", help="Table to write: .csv, .csv.gz, .parquet.")
     ],
     observer: Annotated[str, typer.Option("--observer", help="Observer to run.")] = "eso",
     reference: Annotated[
@@ -29,8 +29,8 @@ def estimate(
     """Estimate faults in logs, in physical units: a row per sample, and events."""
     from faultgauge.cli.writing import check_folder
     from faultgauge.detection import estimation
-    from faultgauge.detection.tables import check_writable, write_table
     from faultgauge.plants.model import load_model
+    from faultgauge.telemetry.writing import check_writable, write_table
 
     check_writable(out)
     check_folder(out, report)

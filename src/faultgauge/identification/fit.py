@@ -26,9 +26,10 @@ from faultgauge.identification.samples import (
     collect,
     spread,
 )
-from faultgauge.identification.selection import fastest_rate, free_run_errors, windows_from
+from faultgauge.identification.selection import free_run_errors, windows_from
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
+from faultgauge.simulation.free_run import RATE_STEP, fastest_rate
 from faultgauge.telemetry import Run
 from faultgauge.telemetry.resampling import cover
 
@@ -36,7 +37,6 @@ __all__ = ["FitReport", "fit"]
 
 POINTS = 10_000  # training points kept; the paper advises 1,000 to 10,000
 VALIDATION_POINTS = 2000
-RATE_STEP = 0.5  # longest RK4 step times the fastest rate: error per step about 3e-4 of it
 ENVELOPE_POINTS = 400
 
 

@@ -12,7 +12,7 @@ from faultgauge.identification.samples import Stretch
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.simulation.free_run import bucket, pad, simulate, substeps_for
 
-__all__ = ["Windows", "fastest_rate", "free_run_errors", "windows_from"]
+__all__ = ["Windows", "free_run_errors", "windows_from"]
 
 LONGEST = 4000  # samples of one validation window that are simulated
 
@@ -95,21 +95,3 @@ def free_run_errors(
         _errors(leaves, candidates[0], jax.tree.map(jnp.asarray, windows), substeps)
     )
     return np.where(np.isfinite(errors), errors, np.inf)
-
-
-@eqx.filter_jit
-def _rates(plant: GrayBoxPlant, x: Array, u: Array) -> Float[Array, "samples states states"]:
-    return jax.vmap(jax.jacfwd(plant.derivative), (0, 0))(x, u)
-
-
-def fastest_rate(
-    plant: GrayBoxPlant,
-    x: Float[np.ndarray, "samples states"],
-    u: Float[np.ndarray, "samples inputs"],
-) -> float:
-    """Largest |eigenvalue| [1/s] of dF/dx over the points, leaving out the top 1 % (kinks)."""
-    jacobians = np.asarray(_rates(plant, jnp.asarray(x), jnp.asarray(u)))
-    jacobians = jacobians[np.all(np.isfinite(jacobians), axis=(1, 2))]
-    if len(jacobians) == 0:
-        return 0.0
-    return float(np.quantile(np.abs(np.linalg.eigvals(jacobians)).max(axis=1), 0.99))

@@ -2,8 +2,6 @@
 
 import keyword
 import math
-import reprlib
-import tomllib
 import unicodedata
 from dataclasses import dataclass, field
 from importlib import resources
@@ -26,10 +24,10 @@ from faultgauge.plants.expression import (
     unknown,
 )
 from faultgauge.plants.signals import Fault, Input, Observation, Output, Signals, State
+from faultgauge.plants.toml_file import Number, Positive, Table, parse_toml, read_text, typed
 
 __all__ = ["NetworkSpec", "Parameter", "PlantSpec", "parse_plant", "presets", "read_plant_text"]
 
-MAX_BYTES = 1_000_000
 MAX_HIDDEN = 200
 # Keys of the plant file that this version does not act on yet: refused rather than ignored.
 LATER = {
@@ -83,15 +81,10 @@ class PlantSpec:
 
 
 # The file's schema, as pydantic sees it: keys and types only; meaning is checked below.
-Number = Annotated[float, pydantic.Field(allow_inf_nan=False)]
 Text = str
 
 
-class _Table(pydantic.BaseModel):
-    model_config = pydantic.ConfigDict(extra="forbid", strict=True)
-
-
-class _State(_Table):
+class _State(Table):
     derivative: Text
     unit: Text = ""
     min: Number | None = None
@@ -99,20 +92,20 @@ class _State(_Table):
     initial: Number | None = None
 
 
-class _Input(_Table):
+class _Input(Table):
     unit: Text = ""
     min: Number | None = None
     max: Number | None = None
     hold: Literal["zero", "linear"] = "zero"
 
 
-class _Output(_Table):
+class _Output(Table):
     value: Text
     unit: Text = ""
-    sigma: Annotated[float, pydantic.Field(gt=0, allow_inf_nan=False)] | None = None
+    sigma: Positive | None = None
 
 
-class _Parameter(_Table):
+class _Parameter(Table):
     value: Number | None = None
     unit: Text = ""
     min: Number | None = None
@@ -120,11 +113,11 @@ class _Parameter(_Table):
     fixed: bool = False
 
 
-class _Network(_Table):
+class _Network(Table):
     hidden: Annotated[int, pydantic.Field(ge=1, le=MAX_HIDDEN)] = 10
 
 
-class _Fault(_Table):
+class _Fault(Table):
     enters: Literal["state", "input", "output", "gain"]
     target: Text
     unit: Text = ""
@@ -132,19 +125,19 @@ class _Fault(_Table):
     max: Number | None = None
 
 
-class _Observer(_Table):
+class _Observer(Table):
     outputs: list[Text] | None = None
-    bandwidth: Annotated[float, pydantic.Field(gt=0, allow_inf_nan=False)] | None = None
+    bandwidth: Positive | None = None
 
 
-class _File(_Table):
+class _File(Table):
     name: Text
     states: dict[str, _State]
-    inputs: dict[str, _Input] = {}
+    inputs: dict[str, _Input] = pydantic.Field(default_factory=dict)
     outputs: dict[str, _Output]
-    parameters: dict[str, _Parameter] = {}
-    networks: dict[str, _Network] = {}
-    faults: dict[str, _Fault] = {}
+    parameters: dict[str, _Parameter] = pydantic.Field(default_factory=dict)
+    networks: dict[str, _Network] = pydantic.Field(default_factory=dict)
+    faults: dict[str, _Fault] = pydantic.Field(default_factory=dict)
     observer: _Observer = _Observer()
 
 
@@ -163,68 +156,14 @@ def read_plant_text(source: str | Path) -> str:
     path = Path(source)
     if str(source) in presets() and not path.exists():
         return presets()[str(source)]
-    try:
-        if path.stat().st_size > MAX_BYTES:
-            raise InputError(f"{source}: larger than 1 MB, which no plant file is; check the path.")
-        return path.read_text("utf-8-sig")
-    except UnicodeDecodeError:
-        raise InputError(
-            f"{source}: not a text file; a plant file is TOML in UTF-8 (did you pass a log or a "
-            "fitted model?)."
-        ) from None
-    except OSError as failure:
-        raise InputError(
-            f"{source}: cannot be read ({failure.strerror}); give a plant file or one of the "
-            f"presets {', '.join(presets())}."
-        ) from None
+    advice = f"give a plant file or one of the presets {_join(presets())}"
+    return read_text(path, "plant file", advice)
 
 
 def parse_plant(text: str, source: str = "plant file") -> PlantSpec:
     """Check the text of a plant file. Raises `InputError` naming key and column."""
-    try:
-        data = tomllib.loads(text)
-    except (ValueError, RecursionError) as failure:  # ValueError: also a number of 5000 digits
-        raise InputError(f"{source}: not valid TOML: {failure}.") from None
-    try:
-        file = _File.model_validate(data)
-    except pydantic.ValidationError as failure:
-        raise InputError(f"{source}: {_first(failure)}") from None
+    file = typed(_File, parse_toml(text, source), source, later=LATER)
     return _Checker(file, text, source).spec()
-
-
-def _first(failure: pydantic.ValidationError) -> str:
-    """The first thing wrong in the file, as one sentence."""
-    # a misspelt key also leaves the right one missing: speak of what was written
-    error = min(failure.errors(), key=lambda each: each["type"] != "extra_forbidden")
-    *tables, key = [str(part) for part in error["loc"]]
-    place = f"[{'.'.join(tables)}] " if tables else ""
-    match error["type"]:
-        case "extra_forbidden" if key in LATER:
-            return f"{place}key {key!r} is reserved and not supported yet; remove it."
-        case "extra_forbidden":
-            return f"{place}{unknown('key', key, _legal(tables))}; correct or remove it."
-        case "missing":
-            return f"{place}key {key!r} is missing; add it (legal here: {_join(_legal(tables))})."
-        case _:
-            message = "should be a table of keys"
-            if error["type"] not in ("model_type", "dict_type"):
-                message = error["msg"].replace("Input should be", "should be")
-                message = message.replace("a valid integer", "a whole number")
-                message = message.replace("valid ", "")
-            return f"{place}{key} = {reprlib.repr(error['input'])}: {message}."
-
-
-def _legal(tables: list[str]) -> list[str]:
-    kinds: dict[str, type[_Table]] = {
-        "states": _State,
-        "inputs": _Input,
-        "outputs": _Output,
-        "parameters": _Parameter,
-        "networks": _Network,
-        "faults": _Fault,
-        "observer": _Observer,
-    }
-    return list((kinds[tables[0]] if tables else _File).model_fields)
 
 
 def _join(names: Any) -> str:

@@ -18,7 +18,8 @@ __all__ = ["Conditions", "Controller", "Record", "closed_loop", "with_faults"]
 
 class Controller(NamedTuple):
     """u = u_f + K_p (r - y) + z with d(z)/dt = K_i (r - y), one row per input, one column per
-    output; zero gains leave the loop open. z stops where the input is at its limit."""
+    output; zero gains leave the loop open. z does not push an input further beyond its limit, and
+    comes back from there as soon as the error turns."""
 
     kp: Float[Array, "inputs outputs"]
     ki: Float[Array, "inputs outputs"]
@@ -37,7 +38,8 @@ class Conditions(NamedTuple):
 
 class Record(NamedTuple):
     """A simulated run at the controller's samples: `u` as commanded inside its limits, the true
-    x, dx and y under that u, and `measured` = y with noise, NaN where no sample came."""
+    x, dx and y under that u, and `measured` = y with noise (a stuck output shows its value and no
+    noise), NaN where no sample came."""
 
     u: Float[Array, "samples inputs"]
     x: Float[Array, "samples states"]
@@ -70,33 +72,44 @@ def closed_loop(
 ) -> Record:
     """Run `plant` from `x0`; samples are `dt` [s] apart, inputs are held between them.
 
-    At a sample the controller reads y under the input that was held until now, then sets the new
-    one. The record holds what the plant does under the new one.
+    At a sample the controller reads y under the input that stood until now, then sets the new
+    one. The record holds what the plant does under the new one. An input with a linear hold runs
+    to its next feedforward; gains on such an input have no meaning, since nobody knows the next
+    command before its sample.
     """
     signals = plant.signals
     lower = jnp.array([each.min for each in signals.inputs])
     upper = jnp.array([each.max for each in signals.inputs])
+    linear = jnp.array([each.hold == "linear" for each in signals.inputs], bool)
     substeps = conditions.f.shape[1]
+    uf = conditions.feedforward
+    following = jnp.concatenate([uf[1:], uf[-1:]])
 
-    def sample(state: _State, now: Conditions) -> tuple[_State, Record]:
+    def sample(state: _State, given: tuple[Conditions, Array]) -> tuple[_State, Record]:
+        now, later = given
         first = jax.tree.map(lambda a: a[0], now.stuck)
-        before = respond(plant, state.x, state.u, now.f[0], first)[1] + now.noise
+        noise = jnp.where(jnp.isnan(first.y), now.noise, 0.0)
+        before = respond(plant, state.x, state.u, now.f[0], first)[1] + noise
         seen = jnp.where(now.dropped, state.seen, before)
         error = now.reference - seen
         wanted = now.feedforward + controller.kp @ error + state.z
         u = jnp.clip(wanted, lower, upper)
-        z = state.z + jnp.where(u == wanted, dt * controller.ki @ error, 0.0)
+        more = dt * controller.ki @ error
+        winds = ((wanted > upper) & (more > 0)) | ((wanted < lower) & (more < 0))
+        z = state.z + jnp.where(winds, 0.0, more)
         dx, y = respond(plant, state.x, u, now.f[0], first)
-        measured = jnp.where(now.dropped, jnp.nan, y + now.noise)
+        measured = jnp.where(now.dropped, jnp.nan, y + noise)
+        end = jnp.where(linear, jnp.clip(later, lower, upper), u)
 
-        def advance(x: Array, held: tuple[Array, Stuck]) -> tuple[Array, None]:
-            f, stuck = held
-            return step(plant, x, u, u, f, jnp.asarray(dt / substeps), 1, stuck), None
+        def advance(x: Array, held: tuple[Array, Array, Stuck]) -> tuple[Array, None]:
+            k, f, stuck = held
+            u0, u1 = u + k / substeps * (end - u), u + (k + 1) / substeps * (end - u)
+            return step(plant, x, u0, u1, f, jnp.asarray(dt / substeps), 1, stuck), None
 
-        x = jax.lax.scan(advance, state.x, (now.f, now.stuck))[0]
-        return _State(x, u, z, seen), Record(u, state.x, dx, y, measured)
+        x = jax.lax.scan(advance, state.x, (jnp.arange(substeps), now.f, now.stuck))[0]
+        return _State(x, end, z, seen), Record(u, state.x, dx, y, measured)
 
-    u0 = jnp.clip(conditions.feedforward[0], lower, upper)
+    u0 = jnp.clip(uf[0], lower, upper)
     y0 = respond(plant, x0, u0, jnp.zeros(len(signals.faults)))[1]
     start = _State(x0, u0, jnp.zeros(len(signals.inputs)), y0)
-    return jax.lax.scan(sample, start, conditions)[1]
+    return jax.lax.scan(sample, start, (conditions, following))[1]

@@ -1,5 +1,6 @@
 """What goes wrong when: sizes over time, and how they enter a plant."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
@@ -19,6 +20,7 @@ __all__ = [
     "Schedule",
     "Sine",
     "Steps",
+    "grid",
     "inject",
     "truth",
 ]
@@ -80,6 +82,7 @@ class Intermittent:
 
     def active(self, t: Float[np.ndarray, "*n"]) -> Bool[np.ndarray, "*n"]:
         phase = np.mod((t - self.start) / self.period, 1.0)
+        phase = np.mod(np.round(phase, 9), 1.0)  # 0.3/0.1 is the fourth period, not the third
         return (t >= self.start) & (t < self.end) & (phase < self.duty)
 
     def sizes(self, t: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
@@ -109,8 +112,9 @@ class Schedule:
     """One fault or disturbance: where it enters, what it does there, and its size over time.
 
     "add" is the additive fault or gain loss that an estimator looks for. "stuck" overwrites the
-    channel with the size while the profile is active. "dropout" cuts the channel: an output gives
-    no sample, an input is 0, a state stands still, a gain is lost whole.
+    channel (of a state: its derivative) with the size while the profile is active. "dropout" cuts
+    the channel: an output gives no sample, an input is 0, a state stands still, a gain is lost
+    whole. Of two that overwrite one channel at a time, the later in the list does.
     """
 
     name: str
@@ -128,6 +132,16 @@ class Injection(NamedTuple):
     f: Float[np.ndarray, "*grid faults"]
     stuck: Stuck
     dropped: Bool[np.ndarray, "*grid outputs"]
+
+
+def grid(samples: int, dt: float, substeps: int = 1) -> Float[np.ndarray, "samples substeps"]:
+    """Times [s] at which the integration steps of every sample begin.
+
+    Free of the dust of rounding: what is to happen at 2.1 s happens at the third step of 0.7 s.
+    """
+    step = dt / substeps
+    decimals = 9 - math.floor(math.log10(step))
+    return np.round(step * np.arange(samples * substeps), decimals).reshape(samples, substeps)
 
 
 def inject(

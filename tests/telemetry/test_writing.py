@@ -1,12 +1,12 @@
-"""The table of `estimate`: what goes in comes back, in either format."""
+"""Tables: what goes in comes back, in either format."""
 
 import csv
 from pathlib import Path
 
 import pytest
 
-from faultgauge.detection.tables import write_table
 from faultgauge.errors import InputError
+from faultgauge.telemetry.writing import write_table
 
 COLUMNS = {
     "run": ["a", "a"],
@@ -34,7 +34,7 @@ def test_parquet_comes_back_as_it_was(tmp_path):
 
 
 def test_an_unknown_ending_and_a_missing_folder_are_refused():
-    with pytest.raises(InputError, match=r"legal: \.csv, \.parquet"):
+    with pytest.raises(InputError, match=r"legal: \.csv, \.csv\.gz, \.parquet"):
         write_table(COLUMNS, Path("e.xls"))
     with pytest.raises(InputError, match="does not exist"):
         write_table(COLUMNS, Path("nowhere") / "e.csv")

@@ -1,14 +1,18 @@
-"""Writing the table of `estimate`: CSV, or Parquet with the extra `io`."""
+"""Writing tables: CSV, plain or gzip-compressed, or Parquet with the extra `io`."""
 
 import csv
+import gzip
 import io
+import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from faultgauge.errors import InputError
 from faultgauge.files import write_atomically
+from faultgauge.telemetry.runs import Run
 
-__all__ = ["WRITERS", "check_writable", "write_table"]
+__all__ = ["WRITERS", "as_table", "check_writable", "write_table"]
 
 
 def _csv(columns: dict[str, list[Any]]) -> bytes:
@@ -18,6 +22,10 @@ def _csv(columns: dict[str, list[Any]]) -> bytes:
     for row in zip(*columns.values(), strict=True):
         writer.writerow([f"{cell:.10g}" if isinstance(cell, float) else cell for cell in row])
     return text.getvalue().encode()
+
+
+def _csv_gz(columns: dict[str, list[Any]]) -> bytes:
+    return gzip.compress(_csv(columns), mtime=0)  # no time stamp: the same table, the same bytes
 
 
 def _parquet(columns: dict[str, list[Any]]) -> bytes:
@@ -38,12 +46,24 @@ def _parquet(columns: dict[str, list[Any]]) -> bytes:
     return buffer.getvalue()
 
 
-WRITERS = {".csv": _csv, ".parquet": _parquet}
+WRITERS: dict[str, Callable[[dict[str, list[Any]]], bytes]] = {
+    ".csv": _csv,
+    ".csv.gz": _csv_gz,
+    ".parquet": _parquet,
+}
+
+
+def as_table(run: Run) -> dict[str, list[Any]]:
+    """The columns of a log that holds `run`: time as `t`, None where nothing was sampled."""
+    return {
+        name: [None if math.isnan(value) else value for value in values.tolist()]
+        for name, values in {"t": run.t, **run.columns}.items()
+    }
 
 
 def check_writable(path: Path) -> None:
     """Refuse, before any work, a name that could not be written afterwards."""
-    if path.suffix not in WRITERS:
+    if _suffix(path) is None:
         raise InputError(f"{path}: unknown ending {path.suffix!r}; legal: {', '.join(WRITERS)}.")
     if not path.parent.is_dir():
         raise InputError(f"{path}: the folder {path.parent} does not exist; create it first.")
@@ -52,4 +72,8 @@ def check_writable(path: Path) -> None:
 def write_table(columns: dict[str, list[Any]], path: Path) -> None:
     """Write `columns` to `path`; None becomes an empty cell. Whole or not at all."""
     check_writable(path)
-    write_atomically(path, WRITERS[path.suffix](columns))
+    write_atomically(path, WRITERS[_suffix(path) or ""](columns))
+
+
+def _suffix(path: Path) -> str | None:
+    return next((suffix for suffix in WRITERS if path.name.lower().endswith(suffix)), None)

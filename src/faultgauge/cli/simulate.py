@@ -1,0 +1,50 @@
+"""`faultgauge simulate`"""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from faultgauge.cli import options
+
+__all__ = ["simulate"]
+
+
+def simulate(
+    scenario: Annotated[Path, typer.Argument(help="Scenario file.")],
+    out: Annotated[
+        Path, typer.Option("--out", metavar="LOG", help="Log to write: .csv, .csv.gz, .parquet.")
+    ],
+    report: options.ReportFile = None,
+    json: options.Json = False,
+) -> None:
+    """Simulate a plant in closed loop, healthy or not, and write the log."""
+    from faultgauge.cli.writing import check_folder
+    from faultgauge.telemetry.writing import as_table, check_writable, write_table
+
+    check_writable(out)
+    check_folder(out, report)
+    from faultgauge.simulation.run_scenario import simulate as carry_out
+    from faultgauge.simulation.scenario import read_scenario
+
+    planned = read_scenario(scenario)
+    with options.narrate("simulating"):
+        run = carry_out(planned)
+    columns = as_table(run)
+    write_table(columns, out)
+    if report is not None:
+        from faultgauge.reporting.report import write
+        from faultgauge.reporting.simulation_chapter import simulation_report
+
+        write(simulation_report(planned, run), report)
+    faults = [
+        {"name": f.name, "enters": f.enters, "target": f.target, "effect": f.effect}
+        for f in planned.faults
+    ]
+    if json:
+        options.print_json(
+            {"rows": len(run.t), "columns": list(columns), "out": str(out), "faults": faults}
+        )
+        return
+    print(f"{planned.name}: {len(run.t)} rows of {', '.join(columns)}")
+    options.say(f"wrote {out}")

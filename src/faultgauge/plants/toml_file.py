@@ -1,0 +1,121 @@
+"""The user's TOML files: read, typed by pydantic, and every mistake answered by its key."""
+
+import reprlib
+import tomllib
+from collections.abc import Collection, Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, TypeVar, get_args
+
+import pydantic
+
+from faultgauge.errors import InputError
+from faultgauge.plants.expression import unknown
+
+__all__ = ["Number", "Positive", "Table", "parse_toml", "read_text", "typed"]
+
+MAX_BYTES = 1_000_000
+
+Number = Annotated[float, pydantic.Field(allow_inf_nan=False)]
+Positive = Annotated[float, pydantic.Field(gt=0, allow_inf_nan=False)]
+
+
+class Table(pydantic.BaseModel):
+    """A table of the schema: its keys and their types; unknown keys are refused."""
+
+    model_config = pydantic.ConfigDict(extra="forbid", strict=True)
+
+
+T = TypeVar("T", bound=Table)
+
+
+def read_text(path: Path, kind: str, advice: str) -> str:
+    """Text of a file of the user's; `kind` is what it should be, `advice` what to give instead."""
+    try:
+        if path.stat().st_size > MAX_BYTES:
+            raise InputError(f"{path}: larger than 1 MB, which no {kind} is; check the path.")
+        return path.read_text("utf-8-sig")
+    except UnicodeDecodeError:
+        raise InputError(
+            f"{path}: not a text file; a {kind} is TOML in UTF-8 (did you pass a log or a "
+            "fitted model?)."
+        ) from None
+    except OSError as failure:
+        raise InputError(f"{path}: cannot be read ({failure.strerror}); {advice}.") from None
+
+
+def parse_toml(text: str, source: str) -> dict[str, Any]:
+    """The tables of a TOML text."""
+    try:
+        return tomllib.loads(text)
+    except (ValueError, RecursionError) as failure:  # ValueError: also a number of 5000 digits
+        raise InputError(f"{source}: not valid TOML: {failure}.") from None
+
+
+def typed(
+    model: type[T],
+    data: Mapping[str, Any],
+    source: str,
+    *,
+    also: Sequence[str] = (),
+    later: Collection[str] = (),
+) -> T:
+    """`data` as `model`. Raises `InputError` that begins with `source` and names the key.
+
+    `also` are keys that are legal beside those of `model` and were taken out before; `later` are
+    reserved ones.
+    """
+    try:
+        return model.model_validate(data)
+    except pydantic.ValidationError as failure:
+        raise InputError(f"{source}: {_first(failure, model, also, later)}") from None
+
+
+def _first(
+    failure: pydantic.ValidationError,
+    model: type[Table],
+    also: Sequence[str],
+    later: Collection[str],
+) -> str:
+    """The first thing wrong, as one sentence."""
+    # a misspelt key also leaves the right one missing: speak of what was written
+    error = min(failure.errors(), key=lambda each: each["type"] != "extra_forbidden")
+    path = _path(error["loc"])
+    if not path:
+        return f"{error['msg'].removeprefix('Value error, ')}."
+    *tables, key = path
+    place = f"[{'.'.join(tables)}] " if tables else ""
+    legal = [*also, *_legal(model, tables)]
+    match error["type"]:
+        case "extra_forbidden" if key in later:
+            return f"{place}key {key!r} is reserved and not supported yet; remove it."
+        case "extra_forbidden":
+            return f"{place}{unknown('key', key, legal)}; correct or remove it."
+        case "missing":
+            return f"{place}key {key!r} is missing; add it (legal here: {', '.join(legal)})."
+        case _:
+            message = "should be a table of keys"
+            if error["type"] not in ("model_type", "dict_type"):
+                message = error["msg"].replace("Input should be", "should be")
+                message = message.replace("a valid integer", "a whole number")
+                message = message.replace("valid ", "")
+            return f"{place}{key} = {reprlib.repr(error['input'])}: {message}."
+
+
+def _path(location: tuple[int | str, ...]) -> list[str]:
+    """Keys from the outermost table on; an item of a list belongs to its key: `times[1]`."""
+    path: list[str] = []
+    for part in location:
+        if isinstance(part, int):
+            path[-1] += f"[{part}]"
+        else:
+            path.append(part)
+    return path
+
+
+def _legal(model: type[Table], tables: Sequence[str]) -> list[str]:
+    """Keys of the table that `tables` leads to: through fields, and through dicts of tables."""
+    kind: Any = model
+    for key in tables:
+        is_table = isinstance(kind, type) and issubclass(kind, Table)
+        kind = kind.model_fields[key].annotation if is_table else get_args(kind)[-1]
+    return list(kind.model_fields) if isinstance(kind, type) and issubclass(kind, Table) else []

@@ -1,0 +1,144 @@
+"""Carrying out a scenario: a closed-loop run, and the log that telemetry would hold of it."""
+
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from faultgauge.errors import InputError
+from faultgauge.simulation.closed_loop import Conditions, Record, closed_loop, with_faults
+from faultgauge.simulation.free_run import RATE_STEP, fastest_rate
+from faultgauge.simulation.scenario import MOST_STEPS, TRUTH, Drive, Scenario, read_scenario
+from faultgauge.simulation.schedules import grid, inject, truth
+from faultgauge.simulation.sources import Clock
+from faultgauge.telemetry import Run
+
+__all__ = ["simulate"]
+
+SUBSTEPS = 20  # of a sample, at least: a fault that begins between samples is seen in time
+POINTS = 500
+INPUTS, REFERENCES, NOISE = range(3)  # streams of random numbers: what one draws moves no other
+
+
+def simulate(scenario: Scenario | str | Path) -> Run:
+    """Run a scenario (or the file of one) in closed loop.
+
+    The run holds the inputs as commanded inside their limits, the outputs as measured (NaN where
+    no sample came) and `true_<fault>` for every fault: its size, NaN while it is not stuck, 1
+    while it is dropped out. The same scenario gives the same run.
+
+    Raises `InputError` for a scenario that makes no sense, or whose plant leaves all bounds.
+    """
+    if not isinstance(scenario, Scenario):
+        scenario = read_scenario(scenario)
+    t = grid(scenario.samples, scenario.step)[:, 0]
+    substeps = scenario.substeps or SUBSTEPS
+    record = _record(scenario, t, substeps)
+    needed = substeps if scenario.substeps else _needed(scenario, record)
+    if needed > substeps:
+        record = _record(scenario, t, needed)
+    _check_finite(scenario, t, record)
+    kept = slice(None, None, scenario.log_every)
+    signals = scenario.plant.signals
+    columns = dict(zip(signals.input_names, np.asarray(record.u)[kept].T, strict=True))
+    columns |= dict(zip(signals.output_names, np.asarray(record.measured)[kept].T, strict=True))
+    columns |= _truth(scenario, t[kept])
+    for name in signals.output_names:
+        if np.isnan(columns[name]).all():
+            raise InputError(
+                f"{scenario.source}: output {name!r} gives no sample in the whole run; shorten "
+                "its dropout."
+            )
+    return Run(scenario.name, scenario.source, t[kept], columns)
+
+
+def _truth(
+    scenario: Scenario, t: Float[np.ndarray, "rows"]
+) -> dict[str, Float[np.ndarray, "rows"]]:
+    for fault in scenario.faults:
+        if not fault.profile.active(t).any():
+            raise InputError(
+                f"{scenario.source}: [faults.{fault.name}] acts in no row of the log, which "
+                f"ends at {t[-1]:g} s; change its times or remove it."
+            )
+    return {TRUTH + fault.name: truth(fault, t) for fault in scenario.faults}
+
+
+def _record(scenario: Scenario, t: Float[np.ndarray, "samples"], substeps: int) -> Record:
+    if scenario.samples * substeps > MOST_STEPS:
+        raise InputError(
+            f"{scenario.source}: {substeps} integration steps for each of {scenario.samples} "
+            f"samples are more than {MOST_STEPS}; shorten the run, or set `substeps` to less."
+        )
+    signals = scenario.plant.signals
+    happens = inject(
+        [*scenario.faults, *scenario.disturbances],
+        signals,
+        grid(scenario.samples, scenario.step, substeps),
+    )
+    noise = np.stack(
+        [
+            sigma * np.random.default_rng([scenario.seed, NOISE, j]).standard_normal(len(t))
+            for j, sigma in enumerate(scenario.sigma)
+        ],
+        axis=1,
+    )
+    holds = [each.hold == "linear" for each in signals.inputs]
+    conditions = Conditions(
+        feedforward=jnp.asarray(_driven(scenario, t, INPUTS, holds)),
+        reference=jnp.asarray(_driven(scenario, t, REFERENCES, [False] * len(signals.outputs))),
+        noise=jnp.asarray(noise),
+        f=jnp.asarray(happens.f),
+        stuck=jax.tree.map(jnp.asarray, happens.stuck),
+        dropped=jnp.asarray(happens.dropped[:, 0]),
+    )
+    plant = with_faults(scenario.plant, happens.faults)
+    x0 = jnp.asarray(scenario.x0)
+    return jax.device_get(closed_loop(plant, scenario.controller, x0, conditions, scenario.step))
+
+
+def _driven(
+    scenario: Scenario, t: Float[np.ndarray, "samples"], stream: int, linear: list[bool]
+) -> Float[np.ndarray, "samples channels"]:
+    """All inputs or all references, one column each."""
+    signals = scenario.plant.signals
+    if stream == INPUTS:
+        drives, table, names = scenario.inputs, "inputs", signals.input_names
+    else:
+        drives, table, names = scenario.references, "references", signals.output_names
+    columns = np.zeros((len(t), len(drives)))
+    for j, (drive, name) in enumerate(zip(drives, names, strict=True)):
+        clock = Clock(t, scenario.step, linear[j], scenario.folder)
+        rng = np.random.default_rng([scenario.seed, stream, j])
+        columns[:, j] = _signal(drive, clock, rng, f"{scenario.source}: [{table}.{name}]")
+    return columns
+
+
+def _signal(
+    drive: Drive, clock: Clock, rng: np.random.Generator, where: str
+) -> Float[np.ndarray, "samples"]:
+    if drive.source is None:
+        return np.full(len(clock.t), drive.offset)
+    try:
+        return drive.offset + drive.source.signal(clock, rng)
+    except InputError as wrong:
+        raise InputError(f"{where} {wrong}") from None
+
+
+def _needed(scenario: Scenario, record: Record) -> int:
+    """Integration steps per sample that the plant asks for where the run has led it."""
+    points = np.linspace(0, scenario.samples - 1, POINTS).astype(int)
+    rate = fastest_rate(scenario.plant, np.asarray(record.x)[points], np.asarray(record.u)[points])
+    return int(min(np.ceil(scenario.step * rate / RATE_STEP), MOST_STEPS))
+
+
+def _check_finite(scenario: Scenario, t: Float[np.ndarray, "samples"], record: Record) -> None:
+    whole = np.concatenate([record.u, record.x, record.y], axis=1)
+    wrong = np.flatnonzero(~np.isfinite(whole).all(axis=1))
+    if wrong.size:
+        raise InputError(
+            f"{scenario.source}: the simulation leaves all bounds at t = {t[wrong[0]]:g} s; check "
+            "gains, initial values and sizes, or raise `substeps`."
+        )
