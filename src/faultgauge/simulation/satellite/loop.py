@@ -44,8 +44,8 @@ class Satellite(eqx.Module):
     sun: SunSensors
     filter: AttitudeFilter
     controller: AttitudeController
-    dt: float = 0.25  # control period
-    substeps: int = eqx.field(static=True, default=5)  # RK4 steps in it
+    dt: float  # control period
+    substeps: int = eqx.field(static=True)  # RK4 steps in it
 
 
 class State(NamedTuple):

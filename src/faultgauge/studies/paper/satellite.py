@@ -26,11 +26,12 @@ from faultgauge.simulation.satellite.loop import (
 )
 from faultgauge.simulation.satellite.orbit import Orbit
 from faultgauge.simulation.satellite.sensors import EarthSensor, Gyro, SunSensors
-from faultgauge.simulation.schedules import Schedule, Sine, inject
+from faultgauge.simulation.schedules import Schedule, Sine, grid, inject
 
-__all__ = ["AXES", "inner_disturbance", "paper_satellite", "paper_start", "run"]
+__all__ = ["AXES", "STEPS_PER_PERIOD", "inner_disturbance", "paper_satellite", "paper_start", "run"]
 
 AXES = ("roll", "pitch", "yaw")
+PERIOD, STEPS_PER_PERIOD = 0.25, 5  # s: control at 4 Hz, integration at 20 Hz
 INERTIA = (3000.0, 2800.0, 2500.0)  # kg*m^2, roll, pitch, yaw
 MOMENTA = (20.0, 40.0, -20.0)  # N*m*s
 ANGLES = (3.0, 64.0, -2.0)  # deg, roll, pitch, yaw
@@ -60,6 +61,8 @@ def paper_satellite(wheel: GrayBoxPlant) -> Satellite:
         sun=SunSensors(),
         filter=AttitudeFilter(gyro.arw, gyro.rrw),
         controller=AttitudeController(inertia),
+        dt=PERIOD,
+        substeps=STEPS_PER_PERIOD,
     )
 
 
@@ -88,9 +91,8 @@ def run(
     additive = tuple(s.effect == "add" or s.enters == "gain" for s in every)
     satellite = paper_satellite(wheel)
     steps = round(seconds / satellite.dt)
-    fine = satellite.dt / satellite.substeps
-    grid = fine * np.arange(steps * satellite.substeps).reshape(steps, satellite.substeps)
-    injection = inject(every, wheel.signals, grid)
+    times = grid(steps, satellite.dt, satellite.substeps)
+    injection = inject(every, wheel.signals, times)
     mine = np.array(
         [
             [axis in (None, wanted) for axis, added in zip(owner, additive, strict=True) if added]
@@ -99,7 +101,7 @@ def run(
         float,
     ).reshape(len(AXES), -1)
     stuck = [
-        inject([*everywhere, *faults.get(axis, ())], wheel.signals, grid).stuck for axis in AXES
+        inject([*everywhere, *faults.get(axis, ())], wheel.signals, times).stuck for axis in AXES
     ]
     noise = np.random.default_rng([seed, 1]).standard_normal((steps, NOISES))
     during = Now(
