@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from faultgauge.simulation.schedules import Constant, Schedule, Steps
 
-__all__ = ["CASES", "MODE_1", "PHYSICAL", "SECONDS", "Case"]
+__all__ = ["CASES", "MODE_1", "ONSET", "PHYSICAL", "SECONDS", "Case"]
 
 SECONDS = 1000.0
 ONSET = 500.0

@@ -89,5 +89,5 @@ def scores(run: Trajectory, flown: Telemetry) -> Scores:
     )
 
 
-def rms(x: Float[np.ndarray, "samples"]) -> float:
-    return float(np.sqrt(np.mean(x**2)))
+def rms(x: Float[Array | np.ndarray, "samples"]) -> float:
+    return float(np.sqrt(np.mean(np.square(x))))

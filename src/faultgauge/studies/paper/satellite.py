@@ -28,13 +28,22 @@ from faultgauge.simulation.satellite.orbit import Orbit
 from faultgauge.simulation.satellite.sensors import EarthSensor, Gyro, SunSensors
 from faultgauge.simulation.schedules import Schedule, Sine, grid, inject
 
-__all__ = ["AXES", "STEPS_PER_PERIOD", "inner_disturbance", "paper_satellite", "paper_start", "run"]
+__all__ = [
+    "AXES",
+    "HOLD",
+    "STEPS_PER_PERIOD",
+    "inner_disturbance",
+    "paper_satellite",
+    "paper_start",
+    "run",
+]
 
 AXES = ("roll", "pitch", "yaw")
 PERIOD, STEPS_PER_PERIOD = 0.25, 5  # s: control at 4 Hz, integration at 20 Hz
 INERTIA = (3000.0, 2800.0, 2500.0)  # kg*m^2, roll, pitch, yaw
 MOMENTA = (20.0, 40.0, -20.0)  # N*m*s
-ANGLES = (3.0, 64.0, -2.0)  # deg, roll, pitch, yaw
+SLEW = (3.0, 64.0, -2.0)  # deg, roll, pitch, yaw
+HOLD = (0.0, 0.0, 0.0)
 KNOWN_TO = (0.2, -0.3, 0.2)  # deg: the first attitude estimate is off by this
 CONSTANT, ORBITAL = (2e-3, 1e-3, -4e-3), (1e-3, 4e-3, 2e-3)  # N*m
 UNBALANCE, RIPPLE = 0.02, 0.2  # rad and rad/s: theta_a and omega_a of the disturbance f(t)
@@ -66,11 +75,11 @@ def paper_satellite(wheel: GrayBoxPlant) -> Satellite:
     )
 
 
-def paper_start(satellite: Satellite) -> State:
-    """Turned by 64 degrees in pitch, 3 in roll and -2 in yaw; momenta 20, 40 and -20 N*m*s."""
+def paper_start(satellite: Satellite, angles: tuple[float, float, float] = SLEW) -> State:
+    """Turned by `angles` (roll, pitch, yaw) [deg]; momenta 20, 40 and -20 N*m*s."""
     return start(
         satellite,
-        jnp.deg2rad(jnp.array(ANGLES)),
+        jnp.deg2rad(jnp.array(angles)),
         jnp.array(MOMENTA),
         jnp.deg2rad(jnp.array(KNOWN_TO)),
     )
@@ -82,6 +91,7 @@ def run(
     seed: int,
     everywhere: Sequence[Schedule] = (),
     faults: Mapping[str, Sequence[Schedule]] | None = None,
+    angles: tuple[float, float, float] = SLEW,
 ) -> Telemetry:
     """Fly the paper's satellite for `seconds` with `everywhere` in each wheel and `faults` in the
     wheel of an axis; NumPy arrays, one row per control period."""
@@ -110,4 +120,4 @@ def run(
         Stuck(*(jnp.asarray(np.stack(channel, axis=2)) for channel in zip(*stuck, strict=True))),
     )
     satellite = paper_satellite(with_faults(wheel, injection.faults))
-    return jax.device_get(fly(satellite, paper_start(satellite), during)[1])
+    return jax.device_get(fly(satellite, paper_start(satellite, angles), during)[1])

@@ -1,0 +1,74 @@
+"""What the residual says of a fault's size (eq 9 and below), and which channel sees which fault."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from faultgauge.plants.gray_box import GrayBoxPlant
+from faultgauge.plants.plant import Plant
+from faultgauge.simulation.satellite.loop import Telemetry
+from faultgauge.simulation.schedules import Constant, Schedule
+from faultgauge.studies.paper.cases import ONSET, SECONDS, Case
+from faultgauge.studies.paper.learning import PITCH, beside
+from faultgauge.studies.paper.satellite import PERIOD, run
+
+__all__ = ["SIZES", "channels_at", "growth", "jumps", "output_offset", "severities"]
+
+SIZES = (0.02, 0.05, 0.1, 0.15, 0.2)  # N*m
+LATER = 100.0  # s
+STEADY = 10.0  # s, averaged over one third of a period of f(t) on either side
+
+
+def torque_residual(plant: Plant, flown: Telemetry) -> Float[np.ndarray, "samples"]:
+    """r = T - That against the free-running reference, N*m."""
+    return np.asarray(flown.torque[:, PITCH]) - beside(plant, flown).y[:, 0]
+
+
+def severities(
+    wheel: GrayBoxPlant, plant: Plant, seed: int, inner: Sequence[Schedule]
+) -> dict[float, Float[np.ndarray, "samples"]]:
+    """m2(d, t): the residual after an input fault of each size from 500 s on."""
+    found = {}
+    for size in SIZES:
+        fault = Schedule("d", "input", "u", Constant(size, ONSET), unit="N*m")
+        flown = run(wheel, SECONDS, seed, inner, {"pitch": [fault]})
+        found[size] = torque_residual(plant, flown)
+    return found
+
+
+def output_offset(
+    wheel: GrayBoxPlant, plant: Plant, seed: int, inner: Sequence[Schedule], size: float
+) -> Float[np.ndarray, "samples"]:
+    """r for an offset of `size` on the torque output from 500 s on: r = m1(d1) = d1."""
+    fault = Schedule("d", "output", "T", Constant(size, ONSET), unit="N*m")
+    return torque_residual(plant, run(wheel, SECONDS, seed, inner, {"pitch": [fault]}))
+
+
+def jumps(case: Case, r: Float[np.ndarray, "samples"]) -> dict[str, float]:
+    """How far the residual jumps between the samples around each jump of the fault, N*m."""
+    return {f"{t:g}s": float(r[_at(t)] - r[_at(t) - 1]) for t in case.jumps}
+
+
+def growth(r: Float[np.ndarray, "samples"]) -> float:
+    """|r| 100 s after the onset over |r| at the onset, each a mean over 20 s."""
+    first = r[_at(ONSET) : _at(ONSET + 2 * STEADY)]
+    later = r[_at(ONSET + LATER - STEADY) : _at(ONSET + LATER + STEADY)]
+    return float(np.abs(later.mean()) / np.abs(first.mean()))
+
+
+def channels_at(
+    channels: Mapping[str, Float[np.ndarray, "samples"]],
+) -> dict[str, float]:
+    """What each channel shows 100 s after the onset: mean over 20 s less that before it."""
+    return {
+        name: float(
+            x[_at(ONSET + LATER - STEADY) : _at(ONSET + LATER + STEADY)].mean()
+            - x[_at(ONSET - 2 * STEADY) : _at(ONSET)].mean()
+        )
+        for name, x in channels.items()
+    }
+
+
+def _at(t: float) -> int:
+    return round(t / PERIOD)
