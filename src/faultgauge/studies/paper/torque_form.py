@@ -19,7 +19,7 @@ name = "integrator"
 states.h.derivative = "u"
 inputs.u.unit = "N*m"
 outputs.T.value = "{c}*d(h)"
-faults.d = {{ enters = "state", target = "h" }}
+faults.friction = {{ enters = "state", target = "h" }}
 """
 BETA_2 = 0.04  # 1/s^2: omega_o = 0.2
 BETA_1 = np.round(np.arange(0.0, 3.01, 0.05), 2)
@@ -65,7 +65,7 @@ def _trace(
     plant: GrayBoxPlant, beta_1: float, c: int
 ) -> tuple[Float[np.ndarray, "samples"], Float[np.ndarray, "samples"]]:
     """(fhat, hhat) under a constant fault; hhat starts 1 N*m*s off the truth of 0."""
-    observer = design_output_eso(plant, "d", "T", float(beta_1), BETA_2, 1)
+    observer = design_output_eso(plant, "friction", "T", float(beta_1), BETA_2, 1)
     found = observe(
         observer,
         jnp.ones(1),
