@@ -5,7 +5,17 @@ import sys
 from pathlib import Path
 
 PAGE = Path(__file__).with_name("cli.md")
-COMMANDS = ("demo", "check", "inspect", "fit", "evaluate", "calibrate", "estimate", "simulate")
+COMMANDS = (
+    "demo",
+    "check",
+    "inspect",
+    "fit",
+    "evaluate",
+    "calibrate",
+    "estimate",
+    "simulate",
+    "reproduce",
+)
 
 
 def page() -> str:

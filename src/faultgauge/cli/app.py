@@ -14,6 +14,7 @@ from faultgauge.cli.estimate import estimate
 from faultgauge.cli.evaluate import evaluate
 from faultgauge.cli.fit import fit
 from faultgauge.cli.inspect import inspect
+from faultgauge.cli.reproduce import reproduce
 from faultgauge.cli.simulate import simulate
 from faultgauge.errors import InputError
 
@@ -31,7 +32,7 @@ app = typer.Typer(
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
-for command in (demo, check, inspect, fit, evaluate, calibrate, estimate, simulate):
+for command in (demo, check, inspect, fit, evaluate, calibrate, estimate, simulate, reproduce):
     app.command()(command)
 
 

@@ -9,9 +9,11 @@ from collections.abc import Mapping, Sequence
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant import Stuck
+from faultgauge.plants.signals import Fault, Signals
 from faultgauge.simulation.closed_loop import with_faults
 from faultgauge.simulation.satellite.controller import AttitudeController
 from faultgauge.simulation.satellite.determination import AttitudeFilter
@@ -40,6 +42,7 @@ __all__ = [
 
 AXES = ("roll", "pitch", "yaw")
 PERIOD, STEPS_PER_PERIOD = 0.25, 5  # s: control at 4 Hz, integration at 20 Hz
+PIECE = 4000  # control periods
 INERTIA = (3000.0, 2800.0, 2500.0)  # kg*m^2, roll, pitch, yaw
 MOMENTA = (20.0, 40.0, -20.0)  # N*m*s
 SLEW = (3.0, 64.0, -2.0)  # deg, roll, pitch, yaw
@@ -94,30 +97,51 @@ def run(
     angles: tuple[float, float, float] = SLEW,
 ) -> Telemetry:
     """Fly the paper's satellite for `seconds` with `everywhere` in each wheel and `faults` in the
-    wheel of an axis; NumPy arrays, one row per control period."""
-    faults = faults or {}
-    every = [*everywhere, *(s for axis in AXES for s in faults.get(axis, ()))]
-    owner = [None] * len(everywhere) + [axis for axis in AXES for _ in faults.get(axis, ())]
-    additive = tuple(s.effect == "add" or s.enters == "gain" for s in every)
-    satellite = paper_satellite(wheel)
-    steps = round(seconds / satellite.dt)
-    times = grid(steps, satellite.dt, satellite.substeps)
-    injection = inject(every, wheel.signals, times)
-    mine = np.array(
-        [
-            [axis in (None, wanted) for axis, added in zip(owner, additive, strict=True) if added]
-            for wanted in AXES
-        ],
-        float,
-    ).reshape(len(AXES), -1)
-    stuck = [
-        inject([*everywhere, *faults.get(axis, ())], wheel.signals, times).stuck for axis in AXES
-    ]
-    noise = np.random.default_rng([seed, 1]).standard_normal((steps, NOISES))
-    during = Now(
-        jnp.asarray(noise),
-        jnp.asarray(injection.f[:, :, None, :] * mine),
-        Stuck(*(jnp.asarray(np.stack(channel, axis=2)) for channel in zip(*stuck, strict=True))),
+    wheel of an axis; NumPy arrays, one row per control period.
+
+    A flight is made of pieces of one length with the same channels open to faults, so that every
+    flight is the same compiled program and a day takes no more memory than an hour.
+    """
+    channels = _channels(wheel.signals)
+    satellite = paper_satellite(with_faults(wheel, channels))
+    steps = round(seconds / PERIOD)
+    state, flown = paper_start(satellite, angles), []
+    rng = np.random.default_rng([seed, 1])
+    for first in range(0, steps, PIECE):
+        times = grid(first + PIECE, PERIOD, STEPS_PER_PERIOD)[first:]
+        per_wheel = [
+            _on(channels, [*everywhere, *(faults or {}).get(axis, ())], wheel.signals, times)
+            for axis in AXES
+        ]
+        during = jax.tree.map(lambda *wheels: jnp.asarray(np.stack(wheels, axis=2)), *per_wheel)
+        noise = jnp.asarray(rng.standard_normal((PIECE, NOISES)))
+        state, telemetry = fly(satellite, state, Now(noise, *during))
+        flown.append(jax.device_get(telemetry))
+    return jax.tree.map(lambda *pieces: np.concatenate(pieces)[:steps], *flown)
+
+
+def _channels(signals: Signals) -> tuple[Fault, ...]:
+    """An additive fault on every state, input and output, and a gain loss on every input."""
+    return (
+        *(Fault(f"state {name}", "state", name) for name in signals.state_names),
+        *(Fault(f"input {name}", "input", name) for name in signals.input_names),
+        *(Fault(f"gain {name}", "gain", name) for name in signals.input_names),
+        *(Fault(f"output {name}", "output", name) for name in signals.output_names),
     )
-    satellite = paper_satellite(with_faults(wheel, injection.faults))
-    return jax.device_get(fly(satellite, paper_start(satellite, angles), during)[1])
+
+
+def _on(
+    channels: tuple[Fault, ...],
+    schedules: Sequence[Schedule],
+    signals: Signals,
+    times: Float[np.ndarray, "steps substeps"],
+) -> tuple[Float[np.ndarray, "steps substeps channels"], Stuck]:
+    """(sizes by channel, what is stuck) in one wheel."""
+    injection = inject(schedules, signals, times)
+    f = np.zeros((*times.shape, len(channels)))
+    place = {(fault.enters, fault.target): k for k, fault in enumerate(channels)}
+    for fault, sizes in zip(injection.faults, np.moveaxis(injection.f, -1, 0), strict=True):
+        k = place[fault.enters, fault.target]
+        lost = fault.enters == "gain"  # losses multiply: 1 - f = (1 - f1)(1 - f2)
+        f[..., k] += sizes * (1 - f[..., k]) if lost else sizes
+    return f, injection.stuck

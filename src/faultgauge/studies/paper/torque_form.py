@@ -34,7 +34,7 @@ def torque_form() -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
     Where e = -(f - f_true)/(1 - beta_1) has no solution (c = -1, beta_1 = 1) it is NaN.
     """
     map_: dict[str, Any] = {"beta_1": BETA_1}
-    figures: dict[str, Any] = {"beta_2": BETA_2}
+    figures: dict[str, Any] = {"beta_2": BETA_2, "momentum_error_left": {}}
     curves: dict[str, Any] = {"t": DT * np.arange(1, SAMPLES + 1)}
     for c, name in ((1, "plus"), (-1, "minus")):
         plant = GrayBoxPlant.untrained(parse_plant(PLANT.format(c=c), "integrator"))
@@ -53,7 +53,8 @@ def torque_form() -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
             curves[f"f_{name}_{beta_1:g}"] = f
             if c == 1:
                 # momentum starts wrong by 1 N*m*s, and nothing corrects it
-                figures[f"momentum_error_left_{beta_1:g}"] = float(x[-1] - SIZE * DT * SAMPLES)
+                left = float(x[-1] - SIZE * DT * SAMPLES)
+                figures["momentum_error_left"][f"{beta_1:g}"] = left
     tested = np.isfinite(map_["simulated_plus"])
     figures["largest_rate_mismatch"] = float(
         np.abs(map_["simulated_plus"] - map_["closed_form_plus"])[tested].max()

@@ -1,0 +1,79 @@
+"""The whole study over several seeds: every figure as median, smallest and largest."""
+
+import json
+import math
+import multiprocessing
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from faultgauge.reporting.report import installed_versions
+from faultgauge.studies.paper.experiment import Outcome, experiment
+
+__all__ = ["QUICK_SEEDS", "SEEDS", "Reproduction", "as_json", "over_seeds", "reproduce"]
+
+SEEDS, QUICK_SEEDS = 10, 2
+
+
+class Reproduction(NamedTuple):
+    """`results` as results.json holds them, the curves of the first seed, and the seeds."""
+
+    results: dict[str, Any]
+    first: Outcome
+    seeds: tuple[int, ...]
+
+
+def reproduce(
+    seeds: Sequence[int],
+    *,
+    quick: bool = False,
+    progress: Callable[[str], None] = lambda text: None,
+) -> Reproduction:
+    """Run the study for every seed, as many at a time as there are cores.
+
+    The result depends on the seeds alone, not on how they were spread over the cores.
+    """
+    one = partial(experiment, quick=quick)
+    workers = min(os.cpu_count() or 1, len(seeds))
+    progress(f"seeds done: 0 of {len(seeds)}")
+    # spawned, not forked: JAX has threads by now
+    context = multiprocessing.get_context("spawn")
+    outcomes: dict[int, Outcome] = {}
+    with ProcessPoolExecutor(workers, mp_context=context) as pool:
+        waiting = {pool.submit(one, seed): seed for seed in seeds}
+        try:
+            for done in as_completed(waiting):
+                outcomes[waiting[done]] = done.result()
+                progress(f"seeds done: {len(outcomes)} of {len(seeds)}")
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+    results = {
+        "seeds": list(seeds),
+        "quick": quick,
+        "versions": dict(installed_versions()),
+        **over_seeds([outcomes[seed].figures for seed in seeds]),
+    }
+    return Reproduction(results, outcomes[seeds[0]], tuple(seeds))
+
+
+def over_seeds(figures: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Every number as {median, min, max}; null where it is infinite (never settled, say)."""
+    found: dict[str, Any] = {}
+    for key, value in figures[0].items():
+        each = [figure[key] for figure in figures]
+        found[key] = over_seeds(each) if isinstance(value, dict) else _range(each)
+    return found
+
+
+def _range(values: Sequence[float]) -> dict[str, float | None]:
+    figures = {"median": np.median(values), "min": np.min(values), "max": np.max(values)}
+    return {name: float(x) if math.isfinite(x) else None for name, x in figures.items()}
+
+
+def as_json(results: dict[str, Any]) -> str:
+    return json.dumps(results, indent=1, allow_nan=False) + "\n"
