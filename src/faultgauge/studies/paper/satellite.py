@@ -40,7 +40,7 @@ __all__ = [
     "run",
 ]
 
-AXES = ("roll", "pitch", "yaw")
+AXES: tuple[str, ...] = ("roll", "pitch", "yaw")
 PERIOD, STEPS_PER_PERIOD = 0.25, 5  # s: control at 4 Hz, integration at 20 Hz
 PIECE = 4000  # control periods
 INERTIA = (3000.0, 2800.0, 2500.0)  # kg*m^2, roll, pitch, yaw
