@@ -22,7 +22,7 @@ from faultgauge.studies.paper.learning import PITCH, Learned, beside, learn, rms
 from faultgauge.studies.paper.satellite import HOLD, inner_disturbance, run
 from faultgauge.studies.paper.torque_form import torque_form
 
-__all__ = ["Outcome", "experiment"]
+__all__ = ["Outcome", "Traces", "core", "experiment"]
 
 WHEEL = "reaction_wheel"
 SIGMA_H = 0.05  # N*m*s
@@ -57,26 +57,45 @@ class _Bench(NamedTuple):
         return {"desired": self.wheel, "gbnnm": self.learned.model.plant}
 
 
+def core(seed: int, progress: Callable[[str], None] = lambda text: None) -> Outcome:
+    """The heart of it: learn, run beside, inject, estimate."""
+    return _core(_bench(seed, progress), progress)
+
+
 def experiment(
     seed: int, *, quick: bool = False, progress: Callable[[str], None] = lambda text: None
 ) -> Outcome:
     """Everything that the study measures for one seed; `quick` leaves out the slow comparisons
     (gradient descent, an hour and a day of normal operation)."""
-    wheel = load_plant(WHEEL)
-    inner = (inner_disturbance(wheel),)
-    progress("learning from the experiment")
-    bench = _Bench(seed, wheel, inner, _learn_from(wheel, SWEEP, seed, inner))
-    figures, traces = _identification(bench)
-    for part in (_still, _faults, _estimates, _severity, _physical):
-        progress(part.__name__.strip("_"))
-        more, curves = part(bench)
+    bench = _bench(seed, progress)
+    figures, traces = _core(bench, progress)
+    progress("other experiments")
+    for more, curves in (
+        _still(bench),
+        _severity(bench),
+        _physical(bench),
+        _other_logs(bench, quick),
+        torque_form(),
+    ):
         _merge(figures, more)
         traces |= curves
-    progress("other experiments")
-    _merge(figures, _other_logs(bench, quick))
-    more, curves = torque_form()
-    figures["torque_form"] = more
-    return Outcome(figures, traces | curves)
+    return Outcome(figures, traces)
+
+
+def _bench(seed: int, progress: Callable[[str], None]) -> _Bench:
+    progress("learning from the experiment")
+    wheel = load_plant(WHEEL)
+    inner = (inner_disturbance(wheel),)
+    return _Bench(seed, wheel, inner, _learn_from(wheel, SWEEP, seed, inner))
+
+
+def _core(bench: _Bench, progress: Callable[[str], None]) -> Outcome:
+    progress("flying with faults")
+    figures, traces = _identification(bench)
+    for more, curves in (_faults(bench), _estimates(bench)):
+        _merge(figures, more)
+        traces |= curves
+    return Outcome(figures, traces)
 
 
 def _learn_from(
@@ -295,7 +314,7 @@ def _physical(bench: _Bench) -> tuple[dict[str, Any], Traces]:
     return {"mode2_channels": seen}, traces
 
 
-def _other_logs(bench: _Bench, quick: bool) -> dict[str, Any]:
+def _other_logs(bench: _Bench, quick: bool) -> tuple[dict[str, Any], Traces]:
     """What other healthy logs, and the paper's other algorithm, would have taught."""
     wheel, seed, inner = bench.wheel, bench.seed, bench.inner
     flown = bench.fly()
@@ -319,7 +338,8 @@ def _other_logs(bench: _Bench, quick: bool) -> dict[str, Any]:
         figures["coverage"][name.removeprefix("gbnnm_")] = _covered(
             samples.x[:, 0], samples.u[:, 0]
         )
-    return figures
+    alone = found["gbnnm_noise_alone"].account.training
+    return figures, {"training_noise_alone": {"h": alone.x[:, 0], "u": alone.u[:, 0]}}
 
 
 def _merge(into: dict[str, Any], more: dict[str, Any]) -> None:

@@ -4,6 +4,7 @@ from typing import Any
 
 from faultgauge.reporting.report import Report, Section, Table
 from faultgauge.studies.paper import figures
+from faultgauge.studies.paper.experiment import Traces
 from faultgauge.studies.paper.goals import GOALS, Goal, found, met
 from faultgauge.studies.paper.reproduce import Reproduction
 
@@ -21,17 +22,17 @@ def paper_report(found_: Reproduction) -> Report:
     floor = found(results, "floor.rms_f")
     summary = (
         f"A friction fault in one reaction wheel of a satellite under control is estimated to "
-        f"{_mean(rmse, 1e3)} mN*m (RMSE, median of {len(seeds)} seeds) by a model learned from "
+        f"{_mean(rmse, 1e3)} mN·m (RMSE, median of {len(seeds)} seeds) by a model learned from "
         f"{found(results, 'coverage.noise_with_sweep.h_share')['median'] or 0:.0%} of the range "
         "of momentum in 1000 s.",
-        f"The learned model's free run is off by {_mean(model, 1e3)} mN*m, where "
-        f"{_mean(floor, 1e3)} mN*m are a disturbance inside the wheel that no model can know. "
+        f"The learned model's free run is off by {_mean(model, 1e3)} mN·m, where "
+        f"{_mean(floor, 1e3)} mN·m are a disturbance inside the wheel that no model can know. "
         f"{reached} of {len(GOALS)} goals are met.",
     )
     header, rows = goal_rows(results)
     first = seeds[0]
     sections = (
-        *wheel_sections(found_),
+        *wheel_sections(results, found_.first.traces),
         _other_logs(results, found_),
         _severity(results, found_),
         _mode_2(results, found_),
@@ -73,20 +74,19 @@ def goal_rows(results: dict[str, Any]) -> Rows:
     return ("", "median [smallest, largest]", "goal", "paper", ""), tuple(rows)
 
 
-def wheel_sections(study: Reproduction) -> tuple[Section, ...]:
+def wheel_sections(results: dict[str, Any], traces: Traces) -> tuple[Section, ...]:
     """Experiment, flight, the paper's Figs 9 to 12, 14 and 15."""
-    results, traces = study.results, study.first.traces
     return (
         Section(
             "Experiment and what was learned from it",
             (
                 "Band-limited noise on the torque command, 0.005 to 0.4 Hz, while feedback sweeps "
-                "the momentum up and down; 1000 samples at 1 Hz. The friction of a wheel "
-                "is all that its model does not know beside an integrator.",
+                "the momentum up and down; 1000 samples at 1 Hz. All that the model knows of the "
+                "wheel is that torque integrates to momentum. " + figures.reach(results),
             ),
             (),
             (
-                figures.coverage(traces),
+                *figures.coverage(traces),
                 *figures.friction(traces),
             ),
         ),
@@ -96,7 +96,7 @@ def wheel_sections(study: Reproduction) -> tuple[Section, ...]:
                 "A slew of 64 degrees in pitch, then hold; the satellite enters the Earth's "
                 f"shadow at {figures.shadow(traces):.0f} s and goes on without the Sun. The pitch "
                 "wheel's torque has a standard deviation of "
-                f"{found(results, 'flight.torque_sd')['median'] or 0:.3f} N*m, as the paper's "
+                f"{found(results, 'flight.torque_sd')['median'] or 0:.3f} N·m, as the paper's "
                 "table implies (0.37).",
             ),
             (),
@@ -166,7 +166,7 @@ def _severity(results: dict[str, Any], study: Reproduction) -> Section:
     return Section(
         "Residual and severity (eq 9)",
         (
-            f"An offset on the output is the residual itself, r = d1, to {_mean(offset, 1e3)} mN*m "
+            f"An offset on the output is the residual itself, r = d1, to {_mean(offset, 1e3)} mN·m "
             "RMSE, f(t) included. An offset on the input shows its size at the onset, "
             "then r = m2(d, t) also depends on time: the loop lowers the command by d, so the "
             "reference slows down, and where it passes zero speed its friction turns round.",
@@ -198,8 +198,9 @@ def _torque_form(results: dict[str, Any], study: Reproduction) -> Section:
             "With y = c d(h) the observer's error has the matrix [[0, a], [0, -b]]: determinant "
             "0. The fault's error decays as a first-order lag of (1 + c beta_1)/(c beta_2); for "
             "c = -1, the sign of eq (18), it grows where beta_1 < 1, and at beta_1 = 1 the "
-            "algebraic loop has no solution. The momentum's error is never corrected: from 1 "
-            f"N*m*s off, {left[0]:+.2f} (beta_1 = 0.4) and {left[1]:+.2f} N*m*s (1.6) are left. "
+            "algebraic loop has no solution; beta_2 only scales the rate. The momentum's error is "
+            f"never corrected: from 1 N·m·s off, {left[0]:+.2f} (beta_1 = 0.4) and "
+            f"{left[1]:+.2f} N·m·s (1.6) are left. "
             "This is why the observers above are closed on momentum.",
         ),
         (),

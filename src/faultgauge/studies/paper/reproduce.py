@@ -4,6 +4,7 @@ import json
 import math
 import multiprocessing
 import os
+import warnings
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from functools import partial
@@ -43,7 +44,7 @@ def reproduce(
     # spawned, not forked: JAX has threads by now
     context = multiprocessing.get_context("spawn")
     outcomes: dict[int, Outcome] = {}
-    with ProcessPoolExecutor(workers, mp_context=context) as pool:
+    with ProcessPoolExecutor(workers, mp_context=context, initializer=_quiet) as pool:
         waiting = {pool.submit(one, seed): seed for seed in seeds}
         try:
             for done in as_completed(waiting):
@@ -59,6 +60,11 @@ def reproduce(
         **over_seeds([outcomes[seed].figures for seed in seeds]),
     }
     return Reproduction(results, outcomes[seeds[0]], tuple(seeds))
+
+
+def _quiet() -> None:
+    """Workers share a cache of compiled programs; an entry still being written is made anew."""
+    warnings.filterwarnings("ignore", message="Error reading persistent compilation cache")
 
 
 def over_seeds(figures: Sequence[dict[str, Any]]) -> dict[str, Any]:

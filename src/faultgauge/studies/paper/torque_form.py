@@ -59,7 +59,7 @@ def torque_form() -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
     figures["largest_rate_mismatch"] = float(
         np.abs(map_["simulated_plus"] - map_["closed_form_plus"])[tested].max()
     )
-    return figures, {"torque_map": map_, "torque_curves": curves}
+    return {"torque_form": figures}, {"torque_map": map_, "torque_curves": curves}
 
 
 def _trace(
