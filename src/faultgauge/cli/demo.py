@@ -16,14 +16,17 @@ def demo(
     ] = Path("out"),
     json: options.Json = False,
 ) -> None:
-    """Find a hidden pulse in a real drive: fit, calibrate, estimate, report."""
+    """Find a hidden pulse in a real drive, and a friction fault in a satellite's wheel."""
     from faultgauge.cli.writing import make_folder
 
     folder = make_folder(out)
     from faultgauge.plants.model import save_model
     from faultgauge.reporting.report import write
+    from faultgauge.studies.demonstration import demonstration_report, wheel_rows
     from faultgauge.studies.drive import BODIES, measured_logs, run_drive, simulated_logs
-    from faultgauge.studies.drive_report import drive_report, rows
+    from faultgauge.studies.drive_report import rows
+    from faultgauge.studies.paper.experiment import core
+    from faultgauge.studies.paper.reproduce import over_seeds
 
     logs = measured_logs()
     if logs is None:
@@ -37,26 +40,32 @@ def demo(
             name: run_drive(logs, name, progress=lambda text, n=name: progress(f"{n}: {text}"))
             for name in BODIES
         }
-    report = folder / "report.html"
-    write(drive_report(logs, drives), report)
+        wheel = core(0, progress=lambda text: progress(f"wheel: {text}"))
+        results = over_seeds([wheel.figures])
+        progress("writing the report")
+        report = folder / "report.html"
+        write(demonstration_report(logs, drives, results, wheel.traces), report)
     for name, drive in drives.items():
         save_model(drive.calibration.model, folder / f"{name}.fgm")
     if json:
         figures = {name: drive.figures for name, drive in drives.items()}
-        options.print_json({"source": logs.source, "report": str(report), **figures})
+        options.print_json(
+            {"source": logs.source, "report": str(report), **figures, "wheel": wheel.figures}
+        )
         return
-    _show(logs.source, *rows(drives))
+    _show(f"A {logs.source} positioning drive with a hidden 5 V pulse", *rows(drives))
+    _show("A reaction wheel of a satellite under control, friction fault", *wheel_rows(results))
     print(f"report: {report}")
     print("next, on your own log:")
     print("  faultgauge inspect LOG.csv --init-plant plant.toml")
     print("  faultgauge check HEALTHY.csv SUSPECT.csv --plant plant.toml --out out")
 
 
-def _show(source: str, header: tuple[str, ...], body: tuple[tuple[str, ...], ...]) -> None:
+def _show(title: str, header: tuple[str, ...], body: tuple[tuple[str, ...], ...]) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    table = Table(*header, title=f"A {source} positioning drive with a hidden 5 V pulse")
+    table = Table(*header, title=title)
     for row in body:
         table.add_row(*row)
     Console(highlight=False).print(table)
