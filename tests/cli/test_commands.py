@@ -11,7 +11,17 @@ import pytest
 from faultgauge.cli.app import app
 
 SCRIPT = Path(sys.executable).parent / "faultgauge"
-COMMANDS = ["demo", "check", "inspect", "fit", "evaluate", "calibrate", "estimate", "simulate"]
+COMMANDS = [
+    "demo",
+    "check",
+    "inspect",
+    "fit",
+    "evaluate",
+    "calibrate",
+    "estimate",
+    "simulate",
+    "reproduce",
+]
 EVENT_KEYS = {"run", "fault", "start", "end", "size", "lo", "hi", "p"}
 
 

@@ -36,7 +36,7 @@ def torque_form() -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
     map_: dict[str, Any] = {"beta_1": BETA_1}
     figures: dict[str, Any] = {"beta_2": BETA_2, "momentum_error_left": {}}
     curves: dict[str, Any] = {"t": DT * np.arange(1, SAMPLES + 1)}
-    for c, name in ((1, "plus"), (-1, "minus")):
+    for c, name in ((1.0, "plus"), (-1.0, "minus")):
         plant = GrayBoxPlant.untrained(parse_plant(PLANT.format(c=c), "integrator"))
         solvable = np.abs(1 + c * BETA_1) > 1e-9
         closed = np.full(len(BETA_1), np.nan)
@@ -51,7 +51,7 @@ def torque_form() -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
         for beta_1 in CURVES:
             f, x = _trace(plant, beta_1, c)
             curves[f"f_{name}_{beta_1:g}"] = f
-            if c == 1:
+            if c > 0:
                 # momentum starts wrong by 1 N*m*s, and nothing corrects it
                 left = float(x[-1] - SIZE * DT * SAMPLES)
                 figures["momentum_error_left"][f"{beta_1:g}"] = left
@@ -63,7 +63,7 @@ def torque_form() -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
 
 
 def _trace(
-    plant: GrayBoxPlant, beta_1: float, c: int
+    plant: GrayBoxPlant, beta_1: float, c: float
 ) -> tuple[Float[np.ndarray, "samples"], Float[np.ndarray, "samples"]]:
     """(fhat, hhat) under a constant fault; hhat starts 1 N*m*s off the truth of 0."""
     observer = design_output_eso(plant, "friction", "T", float(beta_1), BETA_2, 1)
