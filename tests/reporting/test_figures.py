@@ -14,6 +14,7 @@ import pytest
 
 from faultgauge.reporting import (
     Figure,
+    Panel,
     bars,
     curves,
     envelope,
@@ -22,6 +23,9 @@ from faultgauge.reporting import (
     free_run,
     learned_curve,
     model_figures,
+    panels,
+    relation,
+    relations,
     residual,
     time_figures,
 )
@@ -73,6 +77,18 @@ def draw_history() -> Figure:
     return fit_history(COSTS, [2.0 * cost for cost in COSTS], chosen=1)
 
 
+def draw_panels(**changes: Any) -> Figure:
+    stack = [Panel("torque", "N*m", {"one": Y, "other": Y + NOISE}, Y), Panel("u", "V", {"u": Y})]
+    return panels(T, stack, **({"title": "Both"} | changes))
+
+
+def draw_relation(**changes: Any) -> Figure:
+    looks: dict[str, Any] = {"title": "Rates", "x_name": "speed", "x_unit": "rad/s"}
+    looks |= {"y_name": "drag", "y_unit": "N*m", "limit": 0.5, "limit_name": "limit"}
+    measured = {"found": np.where(np.arange(X.size) % 9 == 0, X**2, np.nan)}
+    return relation(X, {"this": X**2, "that": X**4}, measured=measured, **(looks | changes))
+
+
 def draw_bars(**changes: Any) -> Figure:
     values = np.array([[1e-3, 5e-4, 2e-3], [0.1, 0.05, 0.5]])
     looks: dict[str, Any] = {"title": "Errors", "name": "RMSE", "unit": "N*m"}
@@ -89,6 +105,8 @@ FIGURES: dict[Callable[..., Figure], list[tuple[str | None, str | None]]] = {
     draw_envelope: [("N·m·s", "N·m")],
     draw_learned: [("rad/s", "N·m")],
     draw_history: [("number", "1"), ("number", "1")],
+    draw_panels: [(None, "N·m"), ("s", "V")],
+    draw_relation: [("rad/s", "N·m")],
     draw_bars: [("N·m", None)],
 }
 every_figure = pytest.mark.parametrize("draw", FIGURES, ids=lambda draw: draw.__name__)
@@ -103,7 +121,7 @@ def words(drawing: Figure) -> list[str]:
 def canvases(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     """The matplotlib drawings made during the test."""
     seen: list[Any] = []
-    for module in (time_figures, model_figures):
+    for module in (time_figures, model_figures, relations):
         original = module.figure
 
         def record(canvas: Any, title: str, caption: str, original: Any = original) -> Figure:

@@ -5,14 +5,23 @@ Importing this package imports matplotlib and jinja2; commands do so only when t
 
 from faultgauge.reporting.coverage import outside
 from faultgauge.reporting.model_figures import bars, envelope, fit_history, learned_curve
+from faultgauge.reporting.relations import relation
 from faultgauge.reporting.report import Report, Section, Table, installed_versions, render, write
 from faultgauge.reporting.style import axis_label, pretty_unit, quantity
 from faultgauge.reporting.svg import Figure
 from faultgauge.reporting.thinning import thin
-from faultgauge.reporting.time_figures import curves, fault_estimate, free_run, residual
+from faultgauge.reporting.time_figures import (
+    Panel,
+    curves,
+    fault_estimate,
+    free_run,
+    panels,
+    residual,
+)
 
 __all__ = [
     "Figure",
+    "Panel",
     "Report",
     "Section",
     "Table",
@@ -26,8 +35,10 @@ __all__ = [
     "installed_versions",
     "learned_curve",
     "outside",
+    "panels",
     "pretty_unit",
     "quantity",
+    "relation",
     "render",
     "residual",
     "thin",

@@ -93,20 +93,22 @@ def test_the_rate_is_held_against_the_moving_target():
     q = np.array([1.0, 0.0, 0.0, 1.0]) / np.sqrt(2)
     n = 1e-3
     moving = jnp.array([0.0, -n, 0.0])
-    held = controller.torque(known([1.0, 0, 0, 0], [0.0, -n, 0.0]), known(q).q, moving, jnp.zeros(3))
+    held = controller.torque(
+        known([1.0, 0, 0, 0], [0.0, -n, 0.0]), known(q).q, moving, jnp.zeros(3)
+    )
     turned = controller.torque(known(q, [-n, 0.0, 0.0]), known(q).q, moving, jnp.zeros(3))
     with_target = controller.torque(
         known([1.0, 0, 0, 0], [0.0, -n, 0.0]), known([1.0, 0, 0, 0]).q, moving, jnp.asarray(MOMENTA)
     )
-    np.testing.assert_allclose(
-        with_target, np.cross([0.0, -n, 0.0], MOMENTA), rtol=0, atol=1e-15
-    )
+    np.testing.assert_allclose(with_target, np.cross([0.0, -n, 0.0], MOMENTA), rtol=0, atol=1e-15)
     # aligned with the target in attitude but turning about its own x: 2 zeta w I against it
     np.testing.assert_allclose(
         turned, 2 * 0.9 * 0.1 * INERTIA * np.array([n, -n, 0.0]), rtol=0, atol=1e-12
     )
     # attitude 90 degrees off about z, -2 sin(45 deg); the target's -y is this body's +x... by n
-    rate = np.array([0.0, -n, 0.0]) - Rotation.from_euler("Z", -90, degrees=True).inv().apply(moving)
+    rate = np.array([0.0, -n, 0.0]) - Rotation.from_euler("Z", -90, degrees=True).inv().apply(
+        moving
+    )
     theta = np.array([0.0, 0.0, -np.sqrt(2)])
     expected = -INERTIA * (0.01 * theta + 0.18 * rate)
     np.testing.assert_allclose(held, expected, rtol=0, atol=1e-12)

@@ -85,7 +85,9 @@ def test_momentum_is_conserved_under_faults_inside_the_wheel(momenta, fault):
 
 
 def test_momentum_is_conserved_on_a_pyramid_of_four(momenta):
-    total, _ = momenta([Schedule("d", "state", "h", Constant(0.1, 20.0))], PYRAMID, np.full(4, 20.0))
+    total, _ = momenta(
+        [Schedule("d", "state", "h", Constant(0.1, 20.0))], PYRAMID, np.full(4, 20.0)
+    )
     np.testing.assert_allclose(total, total[:1].repeat(PARTS + 1, 0), rtol=0, atol=CONSERVED)
 
 
