@@ -14,12 +14,12 @@ from faultgauge.observers.observer import OperatingPoints
 from faultgauge.plants.gray_box import GrayBoxPlant, load_plant
 from faultgauge.plants.plant import Plant
 from faultgauge.simulation.satellite.loop import Telemetry
-from faultgauge.simulation.schedules import Schedule, truth
+from faultgauge.simulation.schedules import Schedule, grid, truth
 from faultgauge.studies.paper import estimating, severity
-from faultgauge.studies.paper.cases import CASES, MODE_1, PHYSICAL, SECONDS
+from faultgauge.studies.paper.cases import CASES, MODE_1, ONSET, PHYSICAL, SECONDS
 from faultgauge.studies.paper.excited import NOISE_ALONE, SWEEP, experiment_log, wheel_log
 from faultgauge.studies.paper.learning import PITCH, Learned, beside, learn, rms, scores
-from faultgauge.studies.paper.satellite import HOLD, inner_disturbance, run
+from faultgauge.studies.paper.satellite import HOLD, PERIOD, inner_disturbance, run
 from faultgauge.studies.paper.torque_form import torque_form
 
 __all__ = ["Outcome", "Traces", "core", "experiment"]
@@ -28,6 +28,8 @@ WHEEL = "reaction_wheel"
 SIGMA_H = 0.05  # N*m*s
 NORMAL = {"normal_10min": 600.0, "normal_1h": 3600.0, "normal_1day": 86400.0}  # s
 QUICK_LOG = 600.0  # s
+SETTLED = 400.0  # s: the slew is over
+OFFSET = 0.1  # N*m
 U_MAX = 0.82  # N*m
 REACH = 150.0  # N*m*s: the range of momentum that the experiment is to cover
 
@@ -220,7 +222,7 @@ def _faults(bench: _Bench) -> tuple[dict[str, Any], Traces]:
 
 def _largest_step(x: Any, judged: np.ndarray) -> float:
     """The largest change from one control period to the next after the slew, N*m."""
-    return float(np.abs(np.diff(np.asarray(x)[judged][1600:])).max())
+    return float(np.abs(np.diff(np.asarray(x)[judged][round(SETTLED / PERIOD) :])).max())
 
 
 def _observers(bench: _Bench) -> dict[str, Any]:
@@ -273,16 +275,16 @@ def _severity(bench: _Bench) -> tuple[dict[str, Any], Traces]:
     """m1 and m2 of eq (9): what the residual is for faults of several sizes."""
     plant = bench.learned.model.plant
     curves = severity.severities(bench.wheel, plant, bench.seed, bench.inner)
-    offset = severity.output_offset(bench.wheel, plant, bench.seed, bench.inner, 0.1)
-    t = np.asarray(CASE_TIME)
-    after = t >= 500.0
+    offset = severity.output_offset(bench.wheel, plant, bench.seed, bench.inner, OFFSET)
+    t = grid(len(offset), PERIOD)[:, 0]
+    after = t >= ONSET
     figures = {
         "severity": {
-            "output_fault_rmse": rms(offset[after] - 0.1),
+            "output_fault_rmse": rms(offset[after] - OFFSET),
             "input_fault": {
                 f"{size:g}": {
-                    "at_onset": float(r[2000:2080].mean()),
-                    "after_400s": float(r[3600:3680].mean()),
+                    "at_onset": severity.mean(r, ONSET),
+                    "after_400s": severity.mean(r, ONSET + 400.0),
                 }
                 for size, r in curves.items()
             },
@@ -290,9 +292,6 @@ def _severity(bench: _Bench) -> tuple[dict[str, Any], Traces]:
     }
     traces = {f"{size:g}": r for size, r in curves.items()}
     return figures, {"severity": {"t": t, "output": offset, **traces}}
-
-
-CASE_TIME = 0.25 * np.arange(4000)
 
 
 def _physical(bench: _Bench) -> tuple[dict[str, Any], Traces]:

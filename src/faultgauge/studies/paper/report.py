@@ -3,7 +3,7 @@
 from typing import Any
 
 from faultgauge.reporting.report import Report, Section, Table
-from faultgauge.studies.paper import figures
+from faultgauge.studies.paper import figures, tables
 from faultgauge.studies.paper.experiment import Traces
 from faultgauge.studies.paper.goals import GOALS, Goal, found, met
 from faultgauge.studies.paper.reproduce import Reproduction
@@ -82,7 +82,7 @@ def wheel_sections(results: dict[str, Any], traces: Traces) -> tuple[Section, ..
             (
                 "Band-limited noise on the torque command, 0.005 to 0.4 Hz, while feedback sweeps "
                 "the momentum up and down; 1000 samples at 1 Hz. All that the model knows of the "
-                "wheel is that torque integrates to momentum. " + figures.reach(results),
+                "wheel is that torque integrates to momentum. " + tables.reach(results),
             ),
             (),
             (
@@ -107,9 +107,9 @@ def wheel_sections(results: dict[str, Any], traces: Traces) -> tuple[Section, ..
             (
                 "The torque output is stuck at d2 and the loop is broken. The residual shows the "
                 "size at the onset and then grows with the loop's own action. "
-                + figures.continuity(results),
+                + tables.continuity(results),
             ),
-            (figures.jump_table(results),),
+            (tables.jump_table(results),),
             (
                 figures.residual_stack(traces, "mode2_sustained", "Fig 9", (400.0, 700.0)),
                 figures.command(traces, "mode2_sustained", (400.0, 700.0)),
@@ -138,7 +138,7 @@ def wheel_sections(results: dict[str, Any], traces: Traces) -> tuple[Section, ..
                 "passes f(t) on whole; the observers filter it. The residual of the free-running "
                 "reference is not an estimate of this fault.",
             ),
-            (figures.estimate_table(results), figures.noise_table(results)),
+            (tables.estimate_table(results), tables.noise_table(results)),
             (
                 figures.estimates(traces, "mode1_sustained", "Fig 14"),
                 figures.estimates(traces, "mode1_intermittent", "Fig 15"),
@@ -156,7 +156,7 @@ def _other_logs(results: dict[str, Any], study: Reproduction) -> Section:
             "The same fit from other healthy logs, scored on the same flight. Noise alone leaves "
             "the momentum near zero; normal operation hardly moves the command.",
         ),
-        (figures.log_table(results),),
+        (tables.log_table(results),),
         (figures.log_bars(results),),
     )
 
@@ -171,7 +171,7 @@ def _severity(results: dict[str, Any], study: Reproduction) -> Section:
             "then r = m2(d, t) also depends on time: the loop lowers the command by d, so the "
             "reference slows down, and where it passes zero speed its friction turns round.",
         ),
-        (figures.severity_table(results),),
+        (tables.severity_table(results),),
         (figures.severity(study.first.traces),),
     )
 
@@ -184,7 +184,7 @@ def _mode_2(results: dict[str, Any], study: Reproduction) -> Section:
             "and an observer closed on it sees nothing. The text says that the speed changes "
             "steadily, d(h)/dt = d2: then momentum and observer see it too.",
         ),
-        (figures.channel_table(results),),
+        (tables.channel_table(results),),
         (figures.channels(study.first.traces),),
     )
 
@@ -219,8 +219,7 @@ def _bound(goal: Goal, results: dict[str, Any]) -> str:
 
 def _span(values: dict[str, float | None], unit: str) -> str:
     form = ".7f" if unit == "" and (values["median"] or 0.0) > 0.99 else ".3g"
-    each = [("never" if x is None else format(x, form)) for x in values.values()]
-    return f"{each[0]} [{each[1]}, {each[2]}] {unit}".replace("*", "·").strip()
+    return tables.span(values, form, unit.replace("*", "·"))
 
 
 def _mean(values: dict[str, float | None], factor: float) -> str:

@@ -13,11 +13,11 @@ from faultgauge.studies.paper.cases import ONSET, SECONDS, Case
 from faultgauge.studies.paper.learning import PITCH, beside
 from faultgauge.studies.paper.satellite import PERIOD, run
 
-__all__ = ["SIZES", "channels_at", "growth", "jumps", "output_offset", "severities"]
+__all__ = ["SIZES", "channels_at", "growth", "jumps", "mean", "output_offset", "severities"]
 
 SIZES = (0.02, 0.05, 0.1, 0.15, 0.2)  # N*m
 LATER = 100.0  # s
-STEADY = 10.0  # s, averaged over one third of a period of f(t) on either side
+SPAN = 20.0  # s, of every mean: two thirds of a period of f(t)
 
 
 def torque_residual(plant: Plant, flown: Telemetry) -> Float[np.ndarray, "samples"]:
@@ -50,22 +50,20 @@ def jumps(case: Case, r: Float[np.ndarray, "samples"]) -> dict[str, float]:
     return {f"{t:g}s": float(r[_at(t)] - r[_at(t) - 1]) for t in case.jumps}
 
 
+def mean(r: Float[np.ndarray, "samples"], start: float) -> float:
+    """Mean over the 20 s from `start` [s] on."""
+    return float(r[_at(start) : _at(start + SPAN)].mean())
+
+
 def growth(r: Float[np.ndarray, "samples"]) -> float:
     """|r| 100 s after the onset over |r| at the onset, each a mean over 20 s."""
-    first = r[_at(ONSET) : _at(ONSET + 2 * STEADY)]
-    later = r[_at(ONSET + LATER - STEADY) : _at(ONSET + LATER + STEADY)]
-    return float(np.abs(later.mean()) / np.abs(first.mean()))
+    return abs(mean(r, ONSET + LATER - SPAN / 2)) / abs(mean(r, ONSET))
 
 
-def channels_at(
-    channels: Mapping[str, Float[np.ndarray, "samples"]],
-) -> dict[str, float]:
+def channels_at(channels: Mapping[str, Float[np.ndarray, "samples"]]) -> dict[str, float]:
     """What each channel shows 100 s after the onset: mean over 20 s less that before it."""
     return {
-        name: float(
-            x[_at(ONSET + LATER - STEADY) : _at(ONSET + LATER + STEADY)].mean()
-            - x[_at(ONSET - 2 * STEADY) : _at(ONSET)].mean()
-        )
+        name: mean(x, ONSET + LATER - SPAN / 2) - mean(x, ONSET - SPAN)
         for name, x in channels.items()
     }
 
