@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from faultgauge.plants.gray_box import GrayBoxPlant
+from faultgauge.plants.gray_box import GrayBoxPlant, load_plant
 from faultgauge.plants.plant import Stuck
 from faultgauge.plants.plant_file import parse_plant
 from faultgauge.simulation.closed_loop import with_faults
@@ -16,9 +16,39 @@ from faultgauge.simulation.satellite.determination import AttitudeFilter
 from faultgauge.simulation.satellite.loop import NOISES, Now, Satellite
 from faultgauge.simulation.satellite.orbit import Orbit
 from faultgauge.simulation.satellite.sensors import EarthSensor, Gyro, SunSensors
-from faultgauge.simulation.schedules import Schedule, grid, inject
+from faultgauge.simulation.schedules import Constant, Schedule, Sine, grid, inject
 
 INERTIA = (3000.0, 2800.0, 2500.0)
+PART = 40  # steps, 10 s; runs of one length share one compiled program
+
+
+@pytest.fixture(scope="session")
+def happening() -> tuple[Schedule, ...]:
+    """One fault after the other: all but the last are inside the wheel."""
+    return (
+        Schedule("friction", "state", "h", Constant(0.1, 30.0, 40.0)),
+        Schedule("unbalance", "state", "h", Sine(6.72e-4, 0.2)),
+        Schedule("command", "input", "u", Constant(0.1, 40.0, 50.0)),
+        Schedule("gain", "gain", "u", Constant(0.5, 50.0, 60.0)),
+        Schedule("stuck", "state", "h", Constant(0.1, 60.0, 70.0), "stuck"),
+        Schedule("equation 18", "output", "T", Constant(0.1, 70.0, 80.0), "stuck"),
+    )
+
+
+@pytest.fixture(scope="session")
+def parts() -> Callable[[Now], list[Now]]:
+    """What happens, in parts of 10 s."""
+
+    def cut(during: Now) -> list[Now]:
+        steps = len(during.noise)
+        return [jax.tree.map(lambda a, k=k: a[k : k + PART], during) for k in range(0, steps, PART)]
+
+    return cut
+
+
+@pytest.fixture(scope="session")
+def large_wheel() -> GrayBoxPlant:
+    return load_plant("reaction_wheel")
 
 
 @pytest.fixture(scope="session")

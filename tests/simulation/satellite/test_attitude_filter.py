@@ -23,10 +23,13 @@ LATER = DT * np.arange(1, STEPS + 1)
 TRUTH = Rotation.from_rotvec(LATER[:, None] * RATE)  # exact: the rate is constant in body axes
 
 
-def follow(begin, increments, noise, rate=RATE):
-    """The estimate after every sample of a body that turns from rest in inertial axes."""
-    turned = Rotation.from_rotvec(LATER[:, None] * rate)
-    seen = [jnp.asarray(turned.inv().apply(v)) for v in (NADIR, SUNWARD)]
+def directions(rotation):
+    """Nadir and the Sun in the axes of a body so turned."""
+    return [jnp.asarray(rotation.inv().apply(v)) for v in (NADIR, SUNWARD)]
+
+
+def follow(begin, increments, nadirs, suns, noise):
+    """The estimate after every sample."""
 
     def sample(estimate, now):
         increment, nadir, sun, noise = now
@@ -37,7 +40,10 @@ def follow(begin, increments, noise, rate=RATE):
         estimate = FILTER.correct(estimate, head, jnp.asarray(SUNWARD), SUN.sigma)
         return estimate, estimate
 
-    return jax.lax.scan(sample, begin, (increments, *seen, noise))[1]
+    return jax.lax.scan(sample, begin, (increments, nadirs, suns, noise))[1]
+
+
+FOLLOW = jax.jit(follow)
 
 
 def believed(error, bias, spread):
@@ -54,6 +60,10 @@ def attitude_error(q, truth):
 
 
 SPREAD = np.repeat([0.05, 5e-5], 3)
+BIAS = np.array([5e-5, -3e-5, 4e-5])
+# 1/s: the slower root of s^2 + a s + w^2, w^2 = rrw/r, a^2 = arw^2/r^2 + 2 w^2, where
+# r = 5e-4 rad * sqrt(0.25 s) is the earth sensor's noise
+SLOWEST = 0.0104
 
 
 @pytest.fixture(scope="module")
@@ -61,36 +71,36 @@ def without_noise():
     """The gyro is off by BIAS; the filter starts 0.06 rad off and knows of no bias."""
     increments = jnp.asarray(np.tile((RATE + BIAS) * DT, (STEPS, 1)))
     begin = believed([0.04, -0.03, 0.035], np.zeros(3), SPREAD)
-    return jax.device_get(jax.jit(follow)(begin, increments, jnp.zeros((STEPS, 4))))
-
-
-BIAS = np.array([5e-5, -3e-5, 4e-5])
+    found = FOLLOW(begin, increments, *directions(TRUTH), jnp.zeros((STEPS, 4)))
+    return jax.device_get(found)
 
 
 def test_converges_onto_a_wrong_start(without_noise):
-    """What is left of the start is at most its share P/P0 in the average of all samples, and the
-    product of two angles that the linear filter leaves out is gone with it."""
+    """What the linear filter leaves out of the first turn, 0.04 * 0.03/2 rad, is about one of its
+    standard deviations then; it dies away as exp(-SLOWEST t), over 200 s to 0.125."""
     left = attitude_error(without_noise.q, TRUTH)
     sigma = np.sqrt(np.diagonal(without_noise.covariance, axis1=1, axis2=2))
-    assert np.linalg.norm(left[-1]) < 0.05 * sigma[-1, :3].max()
-    assert np.abs(without_noise.bias[-1] - BIAS).max() < 0.05 * sigma[-1, 3:].max()
+    assert np.linalg.norm(left[-1]) < 0.125 * sigma[-1, :3].max()
+    assert np.abs(without_noise.bias[-1] - BIAS).max() < 0.125 * sigma[-1, 3:].max()
+    # the rate is the gyro's less the bias, to rounding of the increment
     np.testing.assert_allclose(
-        without_noise.rate[-1], RATE, rtol=0, atol=np.abs(without_noise.bias[-1] - BIAS).max()
+        without_noise.rate[-1], RATE + BIAS - without_noise.bias[-1], rtol=0, atol=1e-15
     )
 
 
 def test_bias_is_what_turns_the_gyro_away(without_noise):
-    """Within a hundredth of itself, with its sign."""
-    np.testing.assert_allclose(without_noise.bias[-1], BIAS, rtol=0.01)
+    """With its sign, to 0.125 of the standard deviation 1.1e-6 rad/s: half a percent."""
+    np.testing.assert_allclose(without_noise.bias[-1], BIAS, rtol=0.005)
 
 
 def test_covariance_solves_riccatis_equation():
     """At rest the axes part: x is seen by the earth sensor, z by the sun's, y by both."""
     begin = believed(np.zeros(3), np.zeros(3), np.repeat([1e-4, 1e-6], 3))
-    still = jax.jit(follow, static_argnums=())(
-        begin, jnp.zeros((STEPS, 3)), jnp.zeros((STEPS, 4)), np.zeros(3)
-    )
-    found = np.asarray(still.covariance[-1])
+    seen = directions(Rotation.from_rotvec(np.zeros((STEPS, 3))))
+    quiet = jnp.zeros((STEPS, 3)), *seen, jnp.zeros((STEPS, 4))
+    half = jax.tree.map(lambda a: a[-1], FOLLOW(begin, *quiet))
+    still = FOLLOW(half, *quiet)
+    found = np.array(still.covariance[-1])
     A, H = np.array([[1.0, -DT], [0.0, 1.0]]), np.array([[1.0, 0.0]])
     Q = DT * np.diag([FILTER.arw**2, FILTER.rrw**2])
     precision = np.array([EARTH.sigma**-2, EARTH.sigma**-2 + SUN.sigma**-2, SUN.sigma**-2])
@@ -99,20 +109,16 @@ def test_covariance_solves_riccatis_equation():
         before = solve_discrete_are(A.T, H.T, Q, R)
         after = before - before @ H.T @ np.linalg.solve(H @ before @ H.T + R, H @ before)
         part = found[axis::3, axis::3]
-        # it settles within sqrt(sigma sqrt(dt)/rrw) = 50 s at most: exp(-200/50) squared, 3e-4
-        np.testing.assert_allclose(part, after, rtol=2e-3)
-        others = np.delete(np.delete(found, [axis, axis + 3], 0), [0, 1, 2, 3], 1)
-        assert others.shape == (4, 2)
-    coupled = found.copy()
-    for axis in range(3):
-        coupled[axis::3, axis::3] = 0
-    assert np.abs(coupled[:3, :3]).max() < 1e-12 * found[0, 0]
+        # errors die away as exp(-SLOWEST t), their squares over 400 s to 2.4e-4
+        np.testing.assert_allclose(part, after, rtol=5e-4)
+        found[axis::3, axis::3] = 0
+    assert np.abs(found).max() < 1e-22  # rounding of 3e-9: nothing couples the axes
 
 
 def test_error_is_what_the_covariance_says():
-    """Normalised estimation error squared, averaged over 300 runs, is chi-square with 6 degrees
+    """Normalised estimation error squared, averaged over 200 runs, is chi-square with 6 degrees
     of freedom per run; so are the attitude and the bias alone with 3."""
-    runs, rng = 300, np.random.default_rng(0)
+    runs, rng = 200, np.random.default_rng(0)
     spread = np.repeat([2e-3, 2e-5], 3)  # 2e-3 rad: its square is well below the sensors' noise
     first = spread * rng.standard_normal((runs, 6))
     walk = rng.standard_normal((runs, STEPS, 3))
@@ -124,7 +130,7 @@ def test_error_is_what_the_covariance_says():
 
     def last(q, increments, noise):
         begin = believed(np.zeros(3), np.zeros(3), spread)._replace(q=q)
-        return jax.tree.map(lambda a: a[-1], follow(begin, increments, noise))
+        return jax.tree.map(lambda a: a[-1], follow(begin, increments, *directions(TRUTH), noise))
 
     starts = Rotation.from_rotvec(-first[:, :3]).as_quat(scalar_first=True)
     found = jax.jit(jax.vmap(last))(*map(jnp.asarray, (starts, increments, noise)))
@@ -135,8 +141,8 @@ def test_error_is_what_the_covariance_says():
         nees = np.einsum("ni,ni->n", e, np.linalg.solve(p, e[..., None])[..., 0])
         low, high = chi2.interval(0.999, runs * e.shape[1])
         assert low < nees.sum() < high
-    # no part leans to one side: a mean of 300 is within 4/sqrt(300) of its standard deviation
-    assert np.abs(errors.mean(0) / errors.std(0)).max() < 0.24
+    # no part leans to one side: a mean of 200 is within 4/sqrt(200) of its standard deviation
+    assert np.abs(errors.mean(0) / errors.std(0)).max() < 0.285
 
 
 def test_what_is_not_seen_changes_nothing():
@@ -144,7 +150,7 @@ def test_what_is_not_seen_changes_nothing():
     blind = Direction(jnp.asarray(SUNWARD), jnp.asarray(False))
     after = FILTER.correct(begin, blind, jnp.asarray(SUNWARD), SUN.sigma)
     for a, b in zip(begin, after, strict=True):
-        np.testing.assert_allclose(a, b, rtol=0, atol=1e-16)  # normalised again
+        np.testing.assert_allclose(a, b, rtol=0, atol=1e-15)  # normalised again
 
 
 def test_one_direction_says_nothing_of_the_turn_about_it():
@@ -154,3 +160,18 @@ def test_one_direction_says_nothing_of_the_turn_about_it():
     sigma = np.sqrt(np.diag(after.covariance))
     # of two readings, one of 0.05 rad and one of 3e-4, the second counts (0.006^2/2 apart)
     np.testing.assert_allclose(sigma[:3], [0.05, SUN.sigma, SUN.sigma], rtol=2e-5)
+
+
+def test_uncertainty_turns_with_the_body():
+    """Between samples the error stands still in inertial axes, so in body axes it turns back; an
+    error in bias drifts into it against its sign; the gyro's noise is added."""
+    turn, attitude = np.array([0.0, 0.0, 0.1]), np.diag([1e-4, 4e-4, 9e-4])
+    begin = believed(np.zeros(3), np.zeros(3), np.array([1e-2, 2e-2, 3e-2, 1e-2, 2e-2, 3e-2]))
+    found = np.asarray(FILTER.propagate(begin, jnp.asarray(turn), DT).covariance)
+    back = Rotation.from_rotvec(turn).inv().as_matrix()
+    gyro = np.diag(np.full(3, FILTER.arw**2 * DT))
+    expected = back @ attitude @ back.T + DT**2 * attitude + gyro
+    # the turn's cube is left out, 0.1^3/6 = 1.7e-4 of 9e-4 rad^2, twice
+    np.testing.assert_allclose(found[:3, :3], expected, rtol=0, atol=3.1e-7)
+    np.testing.assert_allclose(found[:3, 3:], -DT * attitude, rtol=0, atol=1e-18)  # rounding
+    assert abs(expected[0, 1]) > 2e-5  # the turn shows
