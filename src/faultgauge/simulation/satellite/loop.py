@@ -156,10 +156,19 @@ def _determine(satellite: Satellite, state: State, t: Array, noise: Array) -> St
 
 
 def _wheels(wheel: Plant, h: Array, u: Array, f: Array, stuck: Stuck) -> tuple[Array, Array]:
-    """(d(h)/dt, outputs) of every wheel."""
-    one = jax.vmap(lambda h, u, f, stuck: respond(wheel, h[None], u[None], f, stuck))
-    dx, y = one(h, u, f, stuck)
-    return dx[:, 0], y
+    """(d(h)/dt, outputs) of every wheel. At a limit of its state a wheel takes up no more."""
+    limits = wheel.signals.states[0]
+
+    def one(h: Array, u: Array, f: Array, stuck: Stuck) -> tuple[Array, Array]:
+        dx, y = respond(wheel, h[None], u[None], f, stuck)
+        if limits.min == -jnp.inf and limits.max == jnp.inf:
+            return dx[0], y
+        full = ((h >= limits.max) & (dx[0] > 0)) | ((h <= limits.min) & (dx[0] < 0))
+        held = stuck._replace(dx=jnp.where(full, 0.0, stuck.dx))
+        dx, y = respond(wheel, h[None], u[None], f, held)
+        return dx[0], y
+
+    return jax.vmap(one)(h, u, f, stuck)
 
 
 class _Motion(NamedTuple):

@@ -138,6 +138,8 @@ def _on(
 ) -> tuple[Float[np.ndarray, "steps substeps channels"], Stuck]:
     """(sizes by channel, what is stuck) in one wheel."""
     injection = inject(schedules, signals, times)
+    if injection.dropped.any():
+        raise ValueError("a flight has no samples to drop: its telemetry is the truth")
     f = np.zeros((*times.shape, len(channels)))
     place = {(fault.enters, fault.target): k for k, fault in enumerate(channels)}
     for fault, sizes in zip(injection.faults, np.moveaxis(injection.f, -1, 0), strict=True):
