@@ -2,8 +2,8 @@
 
     I d(omega)/dt = -omega x (I omega + A h) - A T + T_ext,    d(h)/dt = F(h, u) + faults
 
-A holds the wheels' axes; T is the torque that each wheel really takes up, which the body feels
-with the opposite sign.
+A holds the wheels' axes; T is each wheel's torque output, which the body feels with the opposite
+sign: d(h)/dt, unless a fault enters that output, as eq (18) of the paper has it.
 """
 
 from typing import NamedTuple

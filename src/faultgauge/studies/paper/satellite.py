@@ -33,6 +33,7 @@ from faultgauge.simulation.schedules import Schedule, Sine, grid, inject
 __all__ = [
     "AXES",
     "HOLD",
+    "PERIOD",
     "STEPS_PER_PERIOD",
     "inner_disturbance",
     "paper_satellite",
@@ -102,6 +103,10 @@ def run(
     A flight is made of pieces of one length with the same channels open to faults, so that every
     flight is the same compiled program and a day takes no more memory than an hour.
     """
+    if not set(faults or ()) <= set(AXES):
+        raise ValueError(
+            f"faults name an axis that is none of {', '.join(AXES)}: {list(faults or ())}"
+        )
     channels = _channels(wheel.signals)
     satellite = paper_satellite(with_faults(wheel, channels))
     steps = round(seconds / PERIOD)
