@@ -175,3 +175,16 @@ def test_uncertainty_turns_with_the_body():
     np.testing.assert_allclose(found[:3, :3], expected, rtol=0, atol=3.1e-7)
     np.testing.assert_allclose(found[:3, 3:], -DT * attitude, rtol=0, atol=1e-18)  # rounding
     assert abs(expected[0, 1]) > 2e-5  # the turn shows
+
+
+def test_a_corrected_bias_corrects_the_rate():
+    """What the gyro said stands: rate and bias always add up to it."""
+    increment = np.array([1e-5, -2e-4, 3e-5])
+    begin = believed(np.zeros(3), BIAS, SPREAD)._replace(
+        covariance=jnp.asarray(np.diag(SPREAD**2) + 1e-6 * (1 - np.eye(6)))
+    )
+    turned = FILTER.propagate(begin, jnp.asarray(increment), DT)
+    seen = Direction(jnp.asarray([0.28, 0.0, 0.96]), jnp.asarray(True))
+    after = FILTER.correct(turned, seen, jnp.asarray(NADIR), EARTH.sigma)
+    assert np.abs(after.bias - turned.bias).max() > 1e-9
+    np.testing.assert_allclose(after.rate + after.bias, increment / DT, atol=1e-12)  # rounding
