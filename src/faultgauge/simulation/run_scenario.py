@@ -10,8 +10,10 @@ from jaxtyping import Float
 from faultgauge.errors import InputError
 from faultgauge.simulation.closed_loop import Conditions, Record, closed_loop, with_faults
 from faultgauge.simulation.free_run import RATE_STEP, fastest_rate
+from faultgauge.simulation.satellite.observatory import AXES, PERIOD
+from faultgauge.simulation.satellite.observatory import run as fly
 from faultgauge.simulation.scenario import MOST_STEPS, TRUTH, Drive, Scenario, read_scenario
-from faultgauge.simulation.schedules import grid, inject, truth
+from faultgauge.simulation.schedules import Schedule, grid, inject, truth
 from faultgauge.simulation.sources import Clock
 from faultgauge.telemetry import Run
 
@@ -34,24 +36,76 @@ def simulate(scenario: Scenario | str | Path) -> Run:
     if not isinstance(scenario, Scenario):
         scenario = read_scenario(scenario)
     t = grid(scenario.samples, scenario.step)[:, 0]
-    substeps = scenario.substeps or SUBSTEPS
-    record = _record(scenario, t, substeps)
-    needed = substeps if scenario.substeps else _needed(scenario, record)
-    if needed > substeps:
-        record = _record(scenario, t, needed)
-    _check_finite(scenario, t, record)
     kept = slice(None, None, scenario.log_every)
-    signals = scenario.plant.signals
-    columns = dict(zip(signals.input_names, np.asarray(record.u)[kept].T, strict=True))
-    columns |= dict(zip(signals.output_names, np.asarray(record.measured)[kept].T, strict=True))
+    columns = _flown(scenario, t) if scenario.flight else _looped(scenario, t)
+    columns = {name: column[kept] for name, column in columns.items()}
     columns |= _truth(scenario, t[kept])
-    for name in signals.output_names:
+    for name in scenario.plant.signals.output_names:
         if np.isnan(columns[name]).all():
             raise InputError(
                 f"{scenario.source}: output {name!r} gives no sample in the whole run; shorten "
                 "its dropout."
             )
     return Run(scenario.name, scenario.source, t[kept], columns)
+
+
+def _looped(
+    scenario: Scenario, t: Float[np.ndarray, "samples"]
+) -> dict[str, Float[np.ndarray, "samples"]]:
+    """Inputs and outputs of the plant under its own controller."""
+    substeps = scenario.substeps or SUBSTEPS
+    record = _record(scenario, t, substeps)
+    needed = substeps if scenario.substeps else _needed(scenario, record)
+    if needed > substeps:
+        record = _record(scenario, t, needed)
+    _check_finite(scenario, t, record)
+    signals = scenario.plant.signals
+    columns = dict(zip(signals.input_names, np.asarray(record.u).T, strict=True))
+    return columns | dict(zip(signals.output_names, np.asarray(record.measured).T, strict=True))
+
+
+def _flown(
+    scenario: Scenario, t: Float[np.ndarray, "samples"]
+) -> dict[str, Float[np.ndarray, "samples"]]:
+    """Command and telemetry of one wheel of a satellite, and the attitude [deg] as known on board.
+
+    Faults and disturbances are in this wheel alone.
+    """
+    flight, signals = scenario.flight, scenario.plant.signals
+    assert flight is not None
+    every = [*scenario.faults, *scenario.disturbances]
+    happens = inject(every, signals, t)
+    flown = fly(
+        scenario.plant,
+        scenario.samples * PERIOD,
+        scenario.seed,
+        faults={flight.axis: [s for s in every if not _drops_samples(s)]},
+        angles=flight.angles,
+        momenta=flight.momenta,
+    )
+    axis = AXES.index(flight.axis)
+    true = np.stack([flown.torque[:, axis], flown.momentum[:, axis]], axis=1)
+    noise = np.where(np.isnan(happens.stuck.y), _noise(scenario), 0.0)
+    measured = np.where(happens.dropped, np.nan, true + noise)
+    columns = {signals.input_names[0]: np.asarray(flown.u)[:, axis]}
+    columns |= dict(zip(signals.output_names, measured.T, strict=True))
+    attitude = np.rad2deg(np.asarray(flown.estimated)).T
+    return columns | dict(zip(AXES, attitude, strict=True))
+
+
+def _drops_samples(schedule: Schedule) -> bool:
+    return schedule.effect == "dropout" and schedule.enters == "output"
+
+
+def _noise(scenario: Scenario) -> Float[np.ndarray, "samples outputs"]:
+    return np.stack(
+        [
+            sigma
+            * np.random.default_rng([scenario.seed, NOISE, j]).standard_normal(scenario.samples)
+            for j, sigma in enumerate(scenario.sigma)
+        ],
+        axis=1,
+    )
 
 
 def _truth(
@@ -78,18 +132,11 @@ def _record(scenario: Scenario, t: Float[np.ndarray, "samples"], substeps: int) 
         signals,
         grid(scenario.samples, scenario.step, substeps),
     )
-    noise = np.stack(
-        [
-            sigma * np.random.default_rng([scenario.seed, NOISE, j]).standard_normal(len(t))
-            for j, sigma in enumerate(scenario.sigma)
-        ],
-        axis=1,
-    )
     holds = [each.hold == "linear" for each in signals.inputs]
     conditions = Conditions(
         feedforward=jnp.asarray(_driven(scenario, t, INPUTS, holds)),
         reference=jnp.asarray(_driven(scenario, t, REFERENCES, [False] * len(signals.outputs))),
-        noise=jnp.asarray(noise),
+        noise=jnp.asarray(_noise(scenario)),
         f=jnp.asarray(happens.f),
         stuck=jax.tree.map(jnp.asarray, happens.stuck),
         dropped=jnp.asarray(happens.dropped[:, 0]),

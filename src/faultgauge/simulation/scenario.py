@@ -4,7 +4,7 @@ import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -20,10 +20,17 @@ from faultgauge.plants.plant_file import presets
 from faultgauge.plants.toml_file import Number, Positive, Table, parse_toml, read_text, typed
 from faultgauge.simulation.closed_loop import Controller
 from faultgauge.simulation.fault_tables import schedules
+from faultgauge.simulation.satellite.observatory import (
+    MOMENTA,
+    PERIOD,
+    SLEW,
+    STEPS_PER_PERIOD,
+    Three,
+)
 from faultgauge.simulation.schedules import Schedule
 from faultgauge.simulation.sources import SOURCES, Source
 
-__all__ = ["MOST_STEPS", "TRUTH", "Drive", "Scenario", "parse_scenario", "read_scenario"]
+__all__ = ["MOST_STEPS", "TRUTH", "Drive", "Flight", "Scenario", "parse_scenario", "read_scenario"]
 
 MOST_STEPS = 20_000_000  # integration steps: 1 to 2 GB while they run
 TRUTH = "true_"
@@ -39,12 +46,23 @@ class Drive:
     offset: float = 0.0
 
 
+@dataclass(frozen=True)
+class Flight:
+    """The plant as the wheels of a satellite: whose log is kept (`axis`), how far it is turned at
+    first [deg], the wheels' first momenta; roll, pitch, yaw."""
+
+    axis: str
+    angles: Three
+    momenta: Three
+
+
 @dataclass(frozen=True, eq=False)
 class Scenario:
     """A checked scenario: one entry per input, output or state, in the plant's order.
 
     Samples are `step` [s] apart; every `log_every`-th is logged. `substeps` is None where the
-    plant decides. `folder` is where relative paths start; `text` is the file as it was.
+    plant decides. `folder` is where relative paths start. With a `flight` a satellite's attitude
+    controller sets the inputs, and those of the file are empty.
     """
 
     name: str
@@ -63,6 +81,7 @@ class Scenario:
     sigma: Float[np.ndarray, "outputs"]
     faults: tuple[Schedule, ...]
     disturbances: tuple[Schedule, ...]
+    flight: Flight | None = None
 
 
 # The file's schema, as pydantic sees it; sources and profiles are typed by their kind, below.
@@ -76,9 +95,19 @@ class _Feedback(Table):
     ki: Number = 0.0
 
 
+_Three = Annotated[list[Number], pydantic.Field(min_length=3, max_length=3)]
+
+
+class _Satellite(Table):
+    axis: Literal["roll", "pitch", "yaw"] = "pitch"
+    angles: _Three = pydantic.Field(default_factory=lambda: [*SLEW])
+    momenta: _Three = pydantic.Field(default_factory=lambda: [*MOMENTA])
+
+
 class _File(Table):
     name: str
     plant: str
+    satellite: _Satellite | None = None
     seconds: Positive
     step: Positive
     substeps: Annotated[int, pydantic.Field(ge=1, le=10_000)] | None = None
@@ -155,13 +184,46 @@ class _Checker:
             log_every=file.log_every,
             seed=file.seed,
             x0=self.initial(),
-            inputs=self.inputs(),
+            flight=self.flight(),
+            inputs=() if file.satellite else self.inputs(),
             references=self.references(controller),
             controller=controller,
             sigma=np.array(sigma, float),
             faults=faults,
             disturbances=schedules("disturbances", file.disturbances, signals, self.source),
         )
+
+    def flight(self) -> Flight | None:
+        """What a satellite needs: a wheel, its own controller, and its own sample time."""
+        file, signals = self.file, self.plant.signals
+        if file.satellite is None:
+            return None
+        measures = [output.measures for output in signals.outputs]
+        if (len(signals.states), len(signals.inputs)) != (1, 1) or measures != [
+            None,
+            signals.state_names[0],
+        ]:
+            raise self.fail(
+                f"[satellite] plant = {file.plant!r}",
+                "is no reaction wheel; a wheel has one state (momentum), one input (torque) and "
+                "two outputs, torque and then momentum, as the preset reaction_wheel has",
+            )
+        for key in ("inputs", "references", "initial"):
+            if getattr(file, key):
+                raise self.fail(
+                    f"[{key}]",
+                    "has no use beside [satellite], whose controller sets the torque; remove it "
+                    "(first momenta stand in [satellite] momenta)",
+                )
+        if file.step != PERIOD or file.substeps not in (None, STEPS_PER_PERIOD):
+            raise self.fail(
+                f"step = {file.step:g}:",
+                f"the satellite's controller works every {PERIOD:g} s in {STEPS_PER_PERIOD} "
+                f"substeps; write step = {PERIOD:g}, no substeps, and thin the log by log_every",
+            )
+        roll, pitch, yaw = file.satellite.angles
+        first, second, third = file.satellite.momenta
+        return Flight(file.satellite.axis, (roll, pitch, yaw), (first, second, third))
 
     def known(self, table: str, given: Collection[str], kind: str, legal: Collection[str]) -> None:
         for name in given:

@@ -4,7 +4,7 @@ import numpy as np
 
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant_file import parse_plant
-from faultgauge.studies.paper.satellite import AXES, run
+from faultgauge.simulation.satellite.observatory import AXES, run
 
 LIMIT = 60.0  # N*m*s; the slew wants to bring the pitch wheel from 40 to 97
 PLANT = f"""

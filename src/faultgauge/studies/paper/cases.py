@@ -2,12 +2,14 @@
 
 from dataclasses import dataclass
 
-from faultgauge.simulation.schedules import Constant, Schedule, Steps
+from faultgauge.plants.gray_box import GrayBoxPlant
+from faultgauge.simulation.schedules import Constant, Schedule, Sine, Steps
 
-__all__ = ["CASES", "MODE_1", "ONSET", "PHYSICAL", "SECONDS", "Case"]
+__all__ = ["CASES", "MODE_1", "ONSET", "PHYSICAL", "SECONDS", "Case", "inner_disturbance"]
 
 SECONDS = 1000.0
 ONSET = 500.0
+UNBALANCE, RIPPLE = 0.02, 0.2  # rad and rad/s: theta_a and omega_a of the disturbance f(t)
 OBSERVED = 700.0  # s: the end of what the paper shows of mode 2, whose loop is broken
 
 
@@ -19,6 +21,12 @@ class Case:
     fault: Schedule
     until: float
     jumps: tuple[float, ...]
+
+
+def inner_disturbance(wheel: GrayBoxPlant) -> Schedule:
+    """f(t) = theta_a J omega_a^2 sin(omega_a t), N*m: inside the wheel, known to no model."""
+    size = UNBALANCE * float(wheel.parameters["J"]) * RIPPLE**2
+    return Schedule("f", "state", "h", Sine(size, RIPPLE), unit="N*m")
 
 
 def _friction(profile: Constant | Steps) -> Schedule:

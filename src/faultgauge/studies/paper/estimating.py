@@ -13,9 +13,9 @@ from faultgauge.observers.eso import ExtendedStateObserver, design_eso
 from faultgauge.observers.observer import OperatingPoints, observe
 from faultgauge.plants.plant import Plant
 from faultgauge.simulation.satellite.loop import Telemetry
+from faultgauge.simulation.satellite.observatory import PERIOD, STEPS_PER_PERIOD
 from faultgauge.studies.paper.cases import ONSET, Case
 from faultgauge.studies.paper.learning import PITCH, rms
-from faultgauge.studies.paper.satellite import PERIOD, STEPS_PER_PERIOD
 
 __all__ = [
     "BANDWIDTH",

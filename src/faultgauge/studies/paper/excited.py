@@ -8,8 +8,8 @@ from faultgauge.excitation import Experiment, Sweep, design
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.simulation.closed_loop import Conditions, Controller, closed_loop, with_faults
 from faultgauge.simulation.satellite.loop import Telemetry
+from faultgauge.simulation.satellite.observatory import AXES
 from faultgauge.simulation.schedules import Schedule, grid, inject
-from faultgauge.studies.paper.satellite import AXES
 from faultgauge.telemetry import Run
 
 __all__ = ["NOISE_ALONE", "SWEEP", "experiment_log", "wheel_log"]

@@ -14,12 +14,19 @@ from faultgauge.observers.observer import OperatingPoints
 from faultgauge.plants.gray_box import GrayBoxPlant, load_plant
 from faultgauge.plants.plant import Plant
 from faultgauge.simulation.satellite.loop import Telemetry
+from faultgauge.simulation.satellite.observatory import HOLD, PERIOD, run
 from faultgauge.simulation.schedules import Schedule, grid, truth
 from faultgauge.studies.paper import estimating, severity
-from faultgauge.studies.paper.cases import CASES, MODE_1, ONSET, PHYSICAL, SECONDS
+from faultgauge.studies.paper.cases import (
+    CASES,
+    MODE_1,
+    ONSET,
+    PHYSICAL,
+    SECONDS,
+    inner_disturbance,
+)
 from faultgauge.studies.paper.excited import NOISE_ALONE, SWEEP, experiment_log, wheel_log
 from faultgauge.studies.paper.learning import PITCH, Learned, beside, learn, rms, scores
-from faultgauge.studies.paper.satellite import HOLD, PERIOD, inner_disturbance, run
 from faultgauge.studies.paper.torque_form import torque_form
 
 __all__ = ["Outcome", "Traces", "core", "experiment"]

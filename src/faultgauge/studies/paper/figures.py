@@ -11,9 +11,9 @@ from faultgauge.reporting.model_figures import bars, envelope, learned_curve
 from faultgauge.reporting.relations import relation
 from faultgauge.reporting.svg import Figure
 from faultgauge.reporting.time_figures import Panel, curves, panels
+from faultgauge.simulation.satellite.observatory import AXES
 from faultgauge.studies.paper.cases import CASES
 from faultgauge.studies.paper.experiment import Traces
-from faultgauge.studies.paper.satellite import AXES
 from faultgauge.studies.paper.tables import LOGS, NAMES, Results
 
 __all__ = [

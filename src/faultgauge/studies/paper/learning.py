@@ -16,7 +16,7 @@ from faultgauge.plants.model import Model
 from faultgauge.plants.plant import Plant
 from faultgauge.simulation.free_run import Trajectory, free_run
 from faultgauge.simulation.satellite.loop import Telemetry
-from faultgauge.studies.paper.satellite import AXES, STEPS_PER_PERIOD
+from faultgauge.simulation.satellite.observatory import AXES, STEPS_PER_PERIOD
 from faultgauge.telemetry import Run
 
 __all__ = ["Learned", "Scores", "beside", "learn", "rms", "scores"]

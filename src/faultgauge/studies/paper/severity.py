@@ -8,10 +8,10 @@ from jaxtyping import Float
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant import Plant
 from faultgauge.simulation.satellite.loop import Telemetry
+from faultgauge.simulation.satellite.observatory import PERIOD, run
 from faultgauge.simulation.schedules import Constant, Schedule
 from faultgauge.studies.paper.cases import ONSET, SECONDS, Case
 from faultgauge.studies.paper.learning import PITCH, beside
-from faultgauge.studies.paper.satellite import PERIOD, run
 
 __all__ = ["SIZES", "channels_at", "growth", "jumps", "mean", "output_offset", "severities"]
 

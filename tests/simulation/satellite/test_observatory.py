@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from faultgauge.plants.gray_box import load_plant
+from faultgauge.simulation.satellite.observatory import AXES, run
 from faultgauge.simulation.schedules import Constant, Schedule, Steps
-from faultgauge.studies.paper.satellite import AXES, inner_disturbance, run
+from faultgauge.studies.paper.cases import inner_disturbance
 
 SECONDS, RATE = 1000.0, 4  # s, samples per second
 ROLL, PITCH, YAW = range(3)

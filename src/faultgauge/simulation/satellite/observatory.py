@@ -28,19 +28,22 @@ from faultgauge.simulation.satellite.loop import (
 )
 from faultgauge.simulation.satellite.orbit import Orbit
 from faultgauge.simulation.satellite.sensors import EarthSensor, Gyro, SunSensors
-from faultgauge.simulation.schedules import Schedule, Sine, grid, inject
+from faultgauge.simulation.schedules import Schedule, grid, inject
 
 __all__ = [
     "AXES",
     "HOLD",
+    "MOMENTA",
     "PERIOD",
+    "SLEW",
     "STEPS_PER_PERIOD",
-    "inner_disturbance",
+    "Three",
     "paper_satellite",
     "paper_start",
     "run",
 ]
 
+Three = tuple[float, float, float]
 AXES: tuple[str, ...] = ("roll", "pitch", "yaw")
 PERIOD, STEPS_PER_PERIOD = 0.25, 5  # s: control at 4 Hz, integration at 20 Hz
 PIECE = 4000  # control periods
@@ -50,13 +53,6 @@ SLEW = (3.0, 64.0, -2.0)  # deg, roll, pitch, yaw
 HOLD = (0.0, 0.0, 0.0)
 KNOWN_TO = (0.2, -0.3, 0.2)  # deg: the first attitude estimate is off by this
 CONSTANT, ORBITAL = (2e-3, 1e-3, -4e-3), (1e-3, 4e-3, 2e-3)  # N*m
-UNBALANCE, RIPPLE = 0.02, 0.2  # rad and rad/s: theta_a and omega_a of the disturbance f(t)
-
-
-def inner_disturbance(wheel: GrayBoxPlant) -> Schedule:
-    """f(t) = theta_a J omega_a^2 sin(omega_a t), N*m: inside the wheel, known to no model."""
-    size = UNBALANCE * float(wheel.parameters["J"]) * RIPPLE**2
-    return Schedule("f", "state", "h", Sine(size, RIPPLE), unit="N*m")
 
 
 def paper_satellite(wheel: GrayBoxPlant) -> Satellite:
@@ -79,12 +75,12 @@ def paper_satellite(wheel: GrayBoxPlant) -> Satellite:
     )
 
 
-def paper_start(satellite: Satellite, angles: tuple[float, float, float] = SLEW) -> State:
-    """Turned by `angles` (roll, pitch, yaw) [deg]; momenta 20, 40 and -20 N*m*s."""
+def paper_start(satellite: Satellite, angles: Three = SLEW, momenta: Three = MOMENTA) -> State:
+    """Turned by `angles` (roll, pitch, yaw) [deg]; the wheels' `momenta` in N*m*s."""
     return start(
         satellite,
         jnp.deg2rad(jnp.array(angles)),
-        jnp.array(MOMENTA),
+        jnp.array(momenta),
         jnp.deg2rad(jnp.array(KNOWN_TO)),
     )
 
@@ -95,7 +91,8 @@ def run(
     seed: int,
     everywhere: Sequence[Schedule] = (),
     faults: Mapping[str, Sequence[Schedule]] | None = None,
-    angles: tuple[float, float, float] = SLEW,
+    angles: Three = SLEW,
+    momenta: Three = MOMENTA,
 ) -> Telemetry:
     """Fly the paper's satellite for `seconds` with `everywhere` in each wheel and `faults` in the
     wheel of an axis; NumPy arrays, one row per control period.
@@ -110,7 +107,7 @@ def run(
     channels = _channels(wheel.signals)
     satellite = paper_satellite(with_faults(wheel, channels))
     steps = round(seconds / PERIOD)
-    state, flown = paper_start(satellite, angles), []
+    state, flown = paper_start(satellite, angles, momenta), []
     rng = np.random.default_rng([seed, 1])
     for first in range(0, steps, PIECE):
         times = grid(first + PIECE, PERIOD, STEPS_PER_PERIOD)[first:]
