@@ -141,3 +141,28 @@ def test_kernel_is_centred_and_leaves_most_of_the_record(count, sigma, derivativ
     assert kernel.order * kernel.width % 2 == 0
     assert kernel.order >= derivative
     assert 2 * kernel.half <= max(4, count // 10)
+
+
+def driven(noise: float) -> tuple[np.ndarray, np.ndarray]:
+    """(an integrator's state with noise, its held broad-band input)."""
+    rng = np.random.default_rng(3)
+    u = rng.standard_normal(2000)
+    x = np.concatenate([[0.0], np.cumsum(u[:-1] * STEP)])
+    return x + noise * rng.standard_normal(2000), u
+
+
+def test_what_an_input_does_is_no_noise():
+    noise = 0.01 * STEP  # small beside what the input does in a step
+    x, u = driven(noise)
+    assert noise_sd(x) > 50 * noise
+    # median absolute deviation of 2000 correlated third differences: 5 % standard deviation
+    assert noise_sd(x, [u]) == pytest.approx(noise, rel=0.2)
+
+
+def test_no_kernel_averages_the_excitation_away():
+    x, u = driven(STEP)  # as large as what the input does
+    wide = choose_kernel([x], STEP, 1, STEP)
+    kept = choose_kernel([x], STEP, 1, STEP, [u])
+    assert np.std(wide.smooth(u, STEP, held=True)) < 0.5 * np.std(u)
+    narrowest = choose_kernel([x], STEP, 1, 0.0)
+    assert kept == narrowest  # white input: already the next one would keep less than 95 %

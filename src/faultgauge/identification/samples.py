@@ -179,9 +179,14 @@ def _kernel(
         if f"d_{state}" in how.rates:
             continue
         signals = [on[column] for *_, on in grids]
-        sigma = known.get(column) or max(noise_sd(x) for x in signals)
+        inputs = [[on[each.name] for each in spec.signals.inputs] for *_, on in grids]
+        sigma = known.get(column) or max(
+            noise_sd(x, u) for x, u in zip(signals, inputs, strict=True)
+        )
         wanted[state] = (signals, order + 1, sigma)
-        found.append(choose_kernel(signals, step, order + 1, sigma))
+        found.append(
+            choose_kernel(signals, step, order + 1, sigma, [u for us in inputs for u in us])
+        )
     order = max(k.order for k in found)
     width = max(k.width for k in found)
     order += (order * width) % 2

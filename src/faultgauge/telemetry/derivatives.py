@@ -10,6 +10,7 @@ are filtered alike and no bias is left:
 The price is noise, which `noise_gain` states.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +19,7 @@ from jaxtyping import Float
 __all__ = ["Kernel", "choose_kernel", "noise_sd"]
 
 TARGET_SHARE = 0.01  # noise in a derivative, as a share of its own spread, that is small enough
+KEPT = 0.95  # of an input's spread is left by a kernel that still lets it excite
 WIDTHS = (1, 2, 4, 6, 10, 16, 24, 40, 64, 100, 160, 250, 400)
 
 Signal = Float[np.ndarray, "samples"]
@@ -63,23 +65,45 @@ class Kernel:
         return float(np.linalg.norm(self.smooth(impulse, step, derivative=derivative)))
 
 
-def noise_sd(x: Signal) -> float:
-    """Standard deviation of white noise in a smooth signal, from its third differences.
+def noise_sd(x: Signal, inputs: Sequence[Signal] = ()) -> float:
+    """Standard deviation of white noise in a signal that is smooth but for held `inputs`.
 
-    The median makes it blind to jumps; var(third difference) = 20 var(noise).
+    From its third differences, var = 20 var(noise); the median makes them blind to jumps. What a
+    broad-band input does to them is no noise: the smaller of two estimates counts, before and
+    after the inputs' part (linear in the four samples that a third difference spans) is taken off.
     """
     if len(x) < 8:
         return 0.0
-    return float(np.median(np.abs(np.diff(x, 3))) / 0.6745 / np.sqrt(20.0))
+    third = np.diff(x, 3)
+    found = np.median(np.abs(third))
+    if inputs and len(third) > 50 * len(inputs):
+        lagged = np.stack([u[k : k + len(third)] for u in inputs for k in range(4)], axis=1)
+        lagged = np.append(lagged, np.ones((len(third), 1)), axis=1)
+        rest = third - lagged @ np.linalg.lstsq(lagged, third, rcond=None)[0]
+        found = min(found, np.median(np.abs(rest)))
+    return float(found / 0.6745 / np.sqrt(20.0))
+
+
+def _spread_left(kernel: Kernel, step: float, inputs: Sequence[Signal]) -> float:
+    """The smallest share of an input's spread that the kernel's mean keeps."""
+    usable = [u for u in inputs if len(u) > 2 * kernel.half + 1 and np.std(u) > 0]
+    shares = [np.std(kernel.smooth(u, step, held=True)) / np.std(u) for u in usable]
+    return float(min(shares, default=1.0))
 
 
 def choose_kernel(
-    signals: list[Float[np.ndarray, "_"]], step: float, derivative: int, noise: float
+    signals: list[Float[np.ndarray, "_"]],
+    step: float,
+    derivative: int,
+    noise: float,
+    inputs: Sequence[Float[np.ndarray, "_"]] = (),
 ) -> Kernel:
     """The narrowest kernel that leaves noise below 1 % of the derivative's spread.
 
     Where none does, the one with the best ratio. `noise` is the signal's own noise
-    (its unit); a noise-free signal gets the narrowest kernel there is.
+    (its unit); a noise-free signal gets the narrowest kernel there is. No kernel is taken that
+    averages away more than 5 % of the spread of one of the held `inputs`: what they excite would
+    be lost, and their range with it.
     """
     longest = max(len(x) for x in signals)
     best, best_share = None, np.inf
@@ -87,7 +111,9 @@ def choose_kernel(
         order = derivative if width <= 2 else derivative + 1
         order += (order * width) % 2
         kernel = Kernel(max(order, 1), width)
-        if best is not None and 2 * kernel.half > longest // 10:
+        if best is not None and (
+            2 * kernel.half > longest // 10 or _spread_left(kernel, step, inputs) < KEPT
+        ):
             break
         usable = [x for x in signals if len(x) > 2 * kernel.half + 1]
         if not usable:
