@@ -4,6 +4,7 @@ import json
 import math
 import multiprocessing
 import os
+import signal
 import warnings
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -44,7 +45,7 @@ def reproduce(
     # spawned, not forked: JAX has threads by now
     context = multiprocessing.get_context("spawn")
     outcomes: dict[int, Outcome] = {}
-    with ProcessPoolExecutor(workers, mp_context=context, initializer=_quiet) as pool:
+    with ProcessPoolExecutor(workers, mp_context=context, initializer=_prepare) as pool:
         waiting = {pool.submit(one, seed): seed for seed in seeds}
         try:
             for done in as_completed(waiting):
@@ -52,6 +53,8 @@ def reproduce(
                 progress(f"seeds done: {len(outcomes)} of {len(seeds)}")
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
+            for worker in multiprocessing.active_children():
+                worker.terminate()  # a seed takes long, and nobody waits for it any more
             raise
     results = {
         "seeds": list(seeds),
@@ -62,8 +65,10 @@ def reproduce(
     return Reproduction(results, outcomes[seeds[0]], tuple(seeds))
 
 
-def _quiet() -> None:
-    """Workers share a cache of compiled programs; an entry still being written is made anew."""
+def _prepare() -> None:
+    """Workers leave interrupts to the parent. They share a cache of compiled programs; an entry
+    still being written is made anew."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     warnings.filterwarnings("ignore", message="Error reading persistent compilation cache")
 
 
