@@ -1,6 +1,6 @@
 """One seed of the paper's study: noise, restarts, selection, faults, estimates."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -9,29 +9,26 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from faultgauge.excitation import Experiment, coverage
+from faultgauge.excitation import coverage
 from faultgauge.observers.observer import OperatingPoints
-from faultgauge.plants.gray_box import GrayBoxPlant, load_plant
 from faultgauge.plants.plant import Plant
-from faultgauge.simulation.satellite.loop import Telemetry
 from faultgauge.simulation.satellite.observatory import HOLD, PERIOD, run
-from faultgauge.simulation.schedules import Schedule, grid, truth
+from faultgauge.simulation.schedules import grid, truth
 from faultgauge.studies.paper import estimating, severity
+from faultgauge.studies.paper.bench import Bench, Traces, learn_from, set_up
 from faultgauge.studies.paper.cases import (
     CASES,
     MODE_1,
     ONSET,
     PHYSICAL,
     SECONDS,
-    inner_disturbance,
 )
-from faultgauge.studies.paper.excited import NOISE_ALONE, SWEEP, experiment_log, wheel_log
+from faultgauge.studies.paper.excited import NOISE_ALONE, SWEEP, wheel_log
 from faultgauge.studies.paper.learning import PITCH, Learned, beside, learn, rms, scores
 from faultgauge.studies.paper.torque_form import torque_form
 
-__all__ = ["Outcome", "Traces", "core", "experiment"]
+__all__ = ["Outcome", "core", "experiment"]
 
-WHEEL = "reaction_wheel"
 SIGMA_H = 0.05  # N*m*s
 NORMAL = {"normal_10min": 600.0, "normal_1h": 3600.0, "normal_1day": 86400.0}  # s
 QUICK_LOG = 600.0  # s
@@ -39,8 +36,6 @@ SETTLED = 400.0  # s: the slew is over
 OFFSET = 0.1  # N*m
 U_MAX = 0.82  # N*m
 REACH = 150.0  # N*m*s: the range of momentum that the experiment is to cover
-
-Traces = dict[str, Mapping[str, Any]]
 
 
 class Outcome(NamedTuple):
@@ -50,25 +45,10 @@ class Outcome(NamedTuple):
     traces: Traces
 
 
-class _Bench(NamedTuple):
-    """What the parts of one experiment share."""
-
-    seed: int
-    wheel: GrayBoxPlant
-    inner: tuple[Schedule, ...]
-    learned: Learned
-
-    def fly(self, *faults: Schedule) -> Telemetry:
-        return run(self.wheel, SECONDS, self.seed, self.inner, {"pitch": faults})
-
-    @property
-    def references(self) -> dict[str, Plant]:
-        return {"desired": self.wheel, "gbnnm": self.learned.model.plant}
-
-
 def core(seed: int, progress: Callable[[str], None] = lambda text: None) -> Outcome:
     """The heart of it: learn, run beside, inject, estimate."""
-    return _core(_bench(seed, progress), progress)
+    progress("learning from the experiment")
+    return _core(set_up(seed), progress)
 
 
 def experiment(
@@ -76,7 +56,8 @@ def experiment(
 ) -> Outcome:
     """Everything that the study measures for one seed; `quick` leaves out the slow comparisons
     (gradient descent, an hour and a day of normal operation)."""
-    bench = _bench(seed, progress)
+    progress("learning from the experiment")
+    bench = set_up(seed)
     figures, traces = _core(bench, progress)
     progress("other experiments")
     for more, curves in (
@@ -91,14 +72,7 @@ def experiment(
     return Outcome(figures, traces)
 
 
-def _bench(seed: int, progress: Callable[[str], None]) -> _Bench:
-    progress("learning from the experiment")
-    wheel = load_plant(WHEEL)
-    inner = (inner_disturbance(wheel),)
-    return _Bench(seed, wheel, inner, _learn_from(wheel, SWEEP, seed, inner))
-
-
-def _core(bench: _Bench, progress: Callable[[str], None]) -> Outcome:
+def _core(bench: Bench, progress: Callable[[str], None]) -> Outcome:
     progress("flying with faults")
     figures, traces = _identification(bench)
     for more, curves in (_faults(bench), _estimates(bench)):
@@ -107,16 +81,7 @@ def _core(bench: _Bench, progress: Callable[[str], None]) -> Outcome:
     return Outcome(figures, traces)
 
 
-def _learn_from(
-    wheel: GrayBoxPlant, experiment: Experiment, seed: int, inner: tuple[Schedule, ...], **how: Any
-) -> Learned:
-    """Trained on one record of the experiment and selected on another."""
-    training = experiment_log(wheel, experiment, 2 * seed, inner)
-    validation = experiment_log(wheel, experiment, 2 * seed + 1, inner)
-    return learn([training], [validation], seed, **how)
-
-
-def _identification(bench: _Bench) -> tuple[dict[str, Any], Traces]:
+def _identification(bench: Bench) -> tuple[dict[str, Any], Traces]:
     """Free run beside the fault-free flight, against the wheel and against the desired model."""
     flown = bench.fly()
     runs = {name: beside(plant, flown) for name, plant in bench.references.items()}
@@ -147,7 +112,7 @@ def _identification(bench: _Bench) -> tuple[dict[str, Any], Traces]:
     return figures, traces
 
 
-def _friction(bench: _Bench) -> dict[str, Any]:
+def _friction(bench: Bench) -> dict[str, Any]:
     """xi(h) = -F(h, 0), true and learned, over the momenta of the training log."""
     h = bench.learned.account.training.x[:, 0]
     grid = np.linspace(h.min(), h.max(), 1200)
@@ -173,9 +138,9 @@ def _covered(h: Float[np.ndarray, "n"], u: Float[np.ndarray, "n"]) -> dict[str, 
     }
 
 
-def _still(bench: _Bench) -> tuple[dict[str, Any], Traces]:
+def _still(bench: Bench) -> tuple[dict[str, Any], Traces]:
     """The same without f(t), which no model can know: what is left is the model's own error."""
-    learned = _learn_from(bench.wheel, SWEEP, bench.seed, ())
+    learned = learn_from(bench.wheel, SWEEP, bench.seed, ())
     flown = run(bench.wheel, SECONDS, bench.seed)
     free, desired = beside(learned.model.plant, flown), beside(bench.wheel, flown)
     error = rms(free.y[:, 0] - desired.y[:, 0])
@@ -187,7 +152,7 @@ def _still(bench: _Bench) -> tuple[dict[str, Any], Traces]:
     }, {}
 
 
-def _faults(bench: _Bench) -> tuple[dict[str, Any], Traces]:
+def _faults(bench: Bench) -> tuple[dict[str, Any], Traces]:
     """The residual of both references in all four scenarios."""
     residual: dict[str, Any] = {}
     traces: Traces = {}
@@ -232,7 +197,7 @@ def _largest_step(x: Any, judged: np.ndarray) -> float:
     return float(np.abs(np.diff(np.asarray(x)[judged][round(SETTLED / PERIOD) :])).max())
 
 
-def _observers(bench: _Bench) -> dict[str, Any]:
+def _observers(bench: Bench) -> dict[str, Any]:
     samples = bench.learned.account.training
     points = OperatingPoints(samples.x, samples.u)
     return {
@@ -241,7 +206,7 @@ def _observers(bench: _Bench) -> dict[str, Any]:
     }
 
 
-def _estimates(bench: _Bench) -> tuple[dict[str, Any], Traces]:
+def _estimates(bench: Bench) -> tuple[dict[str, Any], Traces]:
     """ESO, IESONN and the residuals as estimators of d1, without and with noise in h."""
     observers = _observers(bench)
     kalman = estimating.kalman_at_equal_noise(observers["eso"], SIGMA_H)
@@ -278,7 +243,7 @@ def _estimates(bench: _Bench) -> tuple[dict[str, Any], Traces]:
     return {"fault_estimate": found, "fault_estimate_noisy": noisy}, traces
 
 
-def _severity(bench: _Bench) -> tuple[dict[str, Any], Traces]:
+def _severity(bench: Bench) -> tuple[dict[str, Any], Traces]:
     """m1 and m2 of eq (9): what the residual is for faults of several sizes."""
     plant = bench.learned.model.plant
     curves = severity.severities(bench.wheel, plant, bench.seed, bench.inner)
@@ -301,7 +266,7 @@ def _severity(bench: _Bench) -> tuple[dict[str, Any], Traces]:
     return figures, {"severity": {"t": t, "output": offset, **traces}}
 
 
-def _physical(bench: _Bench) -> tuple[dict[str, Any], Traces]:
+def _physical(bench: Bench) -> tuple[dict[str, Any], Traces]:
     """Mode 2 as eq (18) writes it and as the text says it: what each channel shows."""
     iesonn = _observers(bench)["iesonn"]
     plant = bench.learned.model.plant
@@ -320,18 +285,18 @@ def _physical(bench: _Bench) -> tuple[dict[str, Any], Traces]:
     return {"mode2_channels": seen}, traces
 
 
-def _other_logs(bench: _Bench, quick: bool) -> tuple[dict[str, Any], Traces]:
+def _other_logs(bench: Bench, quick: bool) -> tuple[dict[str, Any], Traces]:
     """What other healthy logs, and the paper's other algorithm, would have taught."""
     wheel, seed, inner = bench.wheel, bench.seed, bench.inner
     flown = bench.fly()
     found: dict[str, Learned] = {
-        "gbnnm_noise_alone": _learn_from(wheel, NOISE_ALONE, seed, inner),
-        "gbnnm_multisine_with_sweep": _learn_from(
+        "gbnnm_noise_alone": learn_from(wheel, NOISE_ALONE, seed, inner),
+        "gbnnm_multisine_with_sweep": learn_from(
             wheel, replace(SWEEP, kind="multisine_with_sweep"), seed, inner
         ),
     }
     if not quick:
-        found["gbnnm_gradient_descent"] = _learn_from(wheel, SWEEP, seed, inner, algorithm="gdm")
+        found["gbnnm_gradient_descent"] = learn_from(wheel, SWEEP, seed, inner, algorithm="gdm")
     for name, seconds in NORMAL.items():
         if not (quick and seconds > QUICK_LOG):
             held = run(wheel, seconds, seed + 1000, inner, angles=HOLD)

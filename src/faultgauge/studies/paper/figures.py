@@ -12,8 +12,8 @@ from faultgauge.reporting.relations import relation
 from faultgauge.reporting.svg import Figure
 from faultgauge.reporting.time_figures import Panel, curves, panels
 from faultgauge.simulation.satellite.observatory import AXES
+from faultgauge.studies.paper.bench import Traces
 from faultgauge.studies.paper.cases import CASES
-from faultgauge.studies.paper.experiment import Traces
 from faultgauge.studies.paper.tables import LOGS, NAMES, Results
 
 __all__ = [

@@ -4,7 +4,7 @@ from typing import Any
 
 from faultgauge.reporting.report import Report, Section, Table
 from faultgauge.studies.paper import figures, tables
-from faultgauge.studies.paper.experiment import Traces
+from faultgauge.studies.paper.bench import Traces
 from faultgauge.studies.paper.goals import GOALS, Goal, found, met
 from faultgauge.studies.paper.reproduce import Reproduction
 
