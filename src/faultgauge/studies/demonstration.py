@@ -7,7 +7,7 @@ from typing import Any
 from faultgauge.reporting.report import Report
 from faultgauge.studies.drive import Drive, DriveLogs
 from faultgauge.studies.drive_report import drive_report
-from faultgauge.studies.paper.experiment import Traces
+from faultgauge.studies.paper.bench import Traces
 from faultgauge.studies.paper.report import wheel_sections
 
 __all__ = ["demonstration_report", "wheel_rows"]
