@@ -1,11 +1,12 @@
 """Levenberg-Marquardt for many small residuals with few parameters.
 
-    minimise  c(theta) = sum_k r_k(theta)^2
+    minimise  c(theta) = sum_k r_k(theta)^2 + sum_i penalty_i theta_i^2
 
-The Jacobian is built sample by sample in reverse mode and stored as (parameters, samples), the
-normal equations are solved by Cholesky, damping follows Nielsen's gain ratio (H. B. Nielsen,
-"Damping parameter in Marquardt's method", IMM-REP-1999-05). Every start is a program of its own
-in one compiled loop, and one that fails does not disturb the others.
+The Jacobian is built sample by sample, in reverse mode or, where one sample gives more equations
+than there are unknowns (a whole run, simulated), by forward sensitivities, and stored as
+(parameters, samples). The normal equations are solved by Cholesky, damping follows Nielsen's gain
+ratio (H. B. Nielsen, "Damping parameter in Marquardt's method", IMM-REP-1999-05). Every start is a
+program of its own in one compiled loop, and one that fails does not disturb the others.
 """
 
 from collections.abc import Callable
@@ -34,12 +35,14 @@ Residual = Callable[[Float[Array, "parameters"], Any], Float[Array, "equations"]
 
 class Options(NamedTuple):
     """Limits of one fit: `tau` scales the first damping; `max_fail` counts steps without a
-    better validation cost; `tolerance` is the relative reduction of cost that still counts."""
+    better validation cost; `tolerance` is the relative reduction of cost that still counts;
+    `batch` starts go through each trial together, which pays where a residual is a long loop."""
 
     max_trials: int = 300
     max_fail: int = 6
     tau: float = 1e-3
     tolerance: float = 1e-10
+    batch: int | None = None
 
 
 DEFAULTS = Options()
@@ -84,14 +87,16 @@ def normal_equations(
         r = residual(theta, sample)
         return r, r
 
-    if jax.eval_shape(residual, theta, jax.tree.map(lambda a: a[0], samples)).shape == (1,):
+    equations = jax.eval_shape(residual, theta, jax.tree.map(lambda a: a[0], samples)).size
+    if equations == 1:
 
         def scalar(theta: Array, sample: Any) -> Array:
             return residual(theta, sample)[0]
 
         r, J = jax.vmap(jax.value_and_grad(scalar), (None, 0), (0, -1))(theta, samples)
     else:
-        J, r = jax.vmap(jax.jacrev(one, has_aux=True), (None, 0), (-1, -1))(theta, samples)
+        jacobian = jax.jacfwd if equations > theta.size else jax.jacrev
+        J, r = jax.vmap(jacobian(one, has_aux=True), (None, 0), (-1, -1))(theta, samples)
         J = jnp.moveaxis(J, 1, 0).reshape(theta.size, -1)
         r = r.reshape(-1)
     # One product gives all three; as a further row, r also keeps J stored row by row, which XLA
@@ -110,14 +115,25 @@ def levenberg_marquardt(
     lower: Float[Array, "parameters"],
     upper: Float[Array, "parameters"],
     options: Options = DEFAULTS,
+    penalty: Float[Array, "parameters"] | None = None,
 ) -> Solution:
     """Fit from every start. `samples` and `validation` are trees of arrays, samples first.
 
-    With `validation` the parameters of the lowest validation cost are returned. Steps are
-    projected on [lower, upper] (D. P. Bertsekas, "Projected Newton methods", SICON 20, 1982).
-    `residual` must be a hashable function or an Equinox module, so that the compiled program is
-    found again.
+    `penalty` is part of `cost` and not of the validation cost. With `validation` the parameters of
+    the lowest validation cost are returned. Steps are projected on [lower, upper] (D. P. Bertsekas,
+    "Projected Newton methods", SICON 20, 1982). `residual` must be a hashable function or an
+    Equinox module, so that the compiled program is found again.
     """
+
+    def equations(theta: Array) -> tuple[Array, Array, Array]:
+        cost, hessian, gradient = normal_equations(residual, theta, samples)
+        if penalty is None:
+            return cost, hessian, gradient
+        return (
+            cost + penalty @ theta**2,
+            hessian + jnp.diag(penalty),
+            gradient + penalty * theta,
+        )
 
     def validate(theta: Array, cost: Array) -> Array:
         if validation is None:
@@ -126,7 +142,7 @@ def levenberg_marquardt(
         return jnp.sum(r * r)
 
     def begin(theta: Array) -> _State:
-        cost, hessian, gradient = normal_equations(residual, theta, samples)
+        cost, hessian, gradient = equations(theta)
         scale = jnp.max(jnp.diag(hessian))
         valid = validate(theta, cost)
         finite = jnp.isfinite(cost) & jnp.isfinite(scale)
@@ -156,7 +172,7 @@ def levenberg_marquardt(
         step = jax.scipy.linalg.cho_solve(factor, s.gradient)
         theta = jnp.clip(s.theta - step, lower, upper)
         delta = theta - s.theta
-        cost, hessian, gradient = normal_equations(residual, theta, samples)
+        cost, hessian, gradient = equations(theta)
         # predicted reduction of c by the quadratic model, for the step really taken
         predicted = -(2 * s.gradient @ delta + delta @ s.hessian @ delta)
         ratio = (s.cost - cost) / predicted
@@ -198,7 +214,7 @@ def levenberg_marquardt(
         going = lambda s: (s.status < 0) & (s.trial < options.max_trials)  # noqa: E731
         return jax.lax.while_loop(going, trial, begin(theta))
 
-    final = jax.lax.map(run, jnp.clip(starts, lower, upper))
+    final = jax.lax.map(run, jnp.clip(starts, lower, upper), batch_size=options.batch)
     return Solution(
         theta=final.best,
         cost=final.best_cost,
