@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 
 from faultgauge.identification.algorithms import AlgorithmName
 from faultgauge.identification.fit import FitReport, fit
-from faultgauge.plants.gray_box import load_plant
+from faultgauge.plants.gray_box import GrayBoxPlant, load_plant
 from faultgauge.plants.model import Model
 from faultgauge.plants.plant import Plant
 from faultgauge.simulation.free_run import Trajectory, free_run
@@ -19,7 +19,7 @@ from faultgauge.simulation.satellite.loop import Telemetry
 from faultgauge.simulation.satellite.observatory import AXES, STEPS_PER_PERIOD
 from faultgauge.telemetry import Run
 
-__all__ = ["Learned", "Scores", "beside", "learn", "rms", "scores"]
+__all__ = ["Learned", "Scores", "beside", "fitted", "learn", "rms", "scores"]
 
 PITCH = AXES.index("pitch")
 GRAY_BOX = "reaction_wheel_network"
@@ -48,9 +48,21 @@ def learn(
     algorithm: AlgorithmName = "lm",
 ) -> Learned:
     """The GBNNM (NN1 and NN2 of 10 units) from healthy logs, selected on `validation`."""
-    plant = load_plant(GRAY_BOX)
-    found = fit(plant, training, validation, seed=seed, restarts=restarts, algorithm=algorithm)
-    return Learned(*found)
+    return fitted(load_plant(GRAY_BOX), training, validation, seed, restarts, algorithm)
+
+
+def fitted(
+    plant: GrayBoxPlant,
+    training: Sequence[Run],
+    validation: Sequence[Run],
+    seed: int,
+    restarts: int = 10,
+    algorithm: AlgorithmName = "lm",
+) -> Learned:
+    """Any plant with unknowns, from the same logs by the same means."""
+    return Learned(
+        *fit(plant, training, validation, seed=seed, restarts=restarts, algorithm=algorithm)
+    )
 
 
 def beside(
