@@ -14,7 +14,7 @@ from faultgauge.observers.observer import OperatingPoints
 from faultgauge.plants.plant import Plant
 from faultgauge.simulation.satellite.observatory import HOLD, PERIOD, run
 from faultgauge.simulation.schedules import grid, truth
-from faultgauge.studies.paper import estimating, severity
+from faultgauge.studies.paper import comparison, estimating, severity
 from faultgauge.studies.paper.bench import Bench, Traces, learn_from, set_up
 from faultgauge.studies.paper.cases import (
     CASES,
@@ -55,7 +55,7 @@ def experiment(
     seed: int, *, quick: bool = False, progress: Callable[[str], None] = lambda text: None
 ) -> Outcome:
     """Everything that the study measures for one seed; `quick` leaves out the slow comparisons
-    (gradient descent, an hour and a day of normal operation)."""
+    (gradient descent, an hour and a day of normal operation, baselines beyond Table 2's)."""
     progress("learning from the experiment")
     bench = set_up(seed)
     figures, traces = _core(bench, progress)
@@ -66,6 +66,7 @@ def experiment(
         _physical(bench),
         _other_logs(bench, quick),
         torque_form(),
+        comparison.measure(bench, quick=quick, progress=progress),
     ):
         _merge(figures, more)
         traces |= curves

@@ -3,7 +3,7 @@
 from typing import Any
 
 from faultgauge.reporting.report import Report, Section, Table
-from faultgauge.studies.paper import figures, tables
+from faultgauge.studies.paper import comparison_section, figures, tables
 from faultgauge.studies.paper.bench import Traces
 from faultgauge.studies.paper.goals import GOALS, Goal, found, met
 from faultgauge.studies.paper.reproduce import Reproduction
@@ -37,6 +37,8 @@ def paper_report(found_: Reproduction) -> Report:
         _severity(results, found_),
         _mode_2(results, found_),
         _torque_form(results, found_),
+        *comparison_section.sections(results, found_.first.traces),
+        _verdicts(results),
         Section(
             "How to read this",
             (
@@ -205,6 +207,21 @@ def _torque_form(results: dict[str, Any], study: Reproduction) -> Section:
         ),
         (),
         figures.torque_form(study.first.traces),
+    )
+
+
+def _verdicts(results: dict[str, Any]) -> Section:
+    """The last word on every claim, those that fail first."""
+    found = sorted(comparison_section.verdicts(results), key=lambda verdict: verdict.holds)
+    fallen = sum(not verdict.holds for verdict in found)
+    rows = tuple((v.claim, "holds" if v.holds else "does not hold", v.found) for v in found)
+    return Section(
+        "Where the paper does not hold",
+        (
+            f"Of {len(found)} claims that can be put into numbers, {fallen} did not hold here. "
+            "Each verdict is computed from the figures above.",
+        ),
+        (Table(("claim", "verdict", "what was found"), rows),),
     )
 
 

@@ -73,12 +73,19 @@ def _prepare() -> None:
 
 
 def over_seeds(figures: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """Every number as {median, min, max}; null where it is infinite (never settled, say)."""
-    found: dict[str, Any] = {}
-    for key, value in figures[0].items():
-        each = [figure[key] for figure in figures]
-        found[key] = over_seeds(each) if isinstance(value, dict) else _range(each)
-    return found
+    """Every number as {median, min, max}; null where it is infinite (never settled, say) or not
+    defined. Whole numbers in a list are an axis, the same for every seed."""
+    return {key: _over([figure[key] for figure in figures]) for key in figures[0]}
+
+
+def _over(values: Sequence[Any]) -> Any:
+    first = values[0]
+    if isinstance(first, dict):
+        return over_seeds(values)
+    if isinstance(first, list):
+        whole = all(isinstance(x, int) for x in first)
+        return first if whole else [_range(each) for each in zip(*values, strict=True)]
+    return _range(values)
 
 
 def _range(values: Sequence[float]) -> dict[str, float | None]:
