@@ -54,10 +54,12 @@ def measure(
     rivals = _rivals(bench, quick, progress)
     progress("comparing")
     healthy = bench.fly()
+    wheel = _wheel(bench, healthy)
     nominal = {name: rival.beside(healthy) for name, rival in rivals.items()}
-    figures, traces = _identification(bench, rivals, healthy, nominal)
+    figures, traces = _identification(rivals, wheel, nominal)
+    before = {name: wheel.torque - each.torque for name, each in nominal.items()}
     for key in CASES:
-        found, curves = _scenario(bench, rivals, key, _residuals(healthy, nominal))
+        found, curves = _scenario(bench, rivals, key, before, wheel.residual)
         figures["residual"][key] = found
         traces |= curves
     return figures, traces
@@ -136,6 +138,11 @@ class Wheel(NamedTuple):
     desired: dict[str, Float[np.ndarray, "seconds"]]
     gbnnm: dict[str, Float[np.ndarray, "seconds"]]
 
+    @property
+    def residual(self) -> dict[str, Float[np.ndarray, "seconds"]]:
+        """The desired ones, N*m."""
+        return {knows: self.torque - desired for knows, desired in self.desired.items()}
+
 
 def _wheel(bench: Bench, flown: Telemetry) -> Wheel:
     log = samples_of(wheel_log(flown, "pitch", "flight"))
@@ -149,18 +156,10 @@ def _wheel(bench: Bench, flown: Telemetry) -> Wheel:
     return Wheel(log.t, log.columns["T"], log.columns["hm"], found["desired"], found["gbnnm"])
 
 
-def _residuals(
-    flown: Telemetry, runs: dict[str, Beside]
-) -> dict[str, Float[np.ndarray, "seconds"]]:
-    torque = samples_of(wheel_log(flown, "pitch", "flight")).columns["T"]
-    return {name: torque - each.torque for name, each in runs.items()}
-
-
 def _identification(
-    bench: Bench, rivals: dict[str, Rival], healthy: Telemetry, nominal: dict[str, Beside]
+    rivals: dict[str, Rival], wheel: Wheel, nominal: dict[str, Beside]
 ) -> tuple[dict[str, Any], Traces]:
     """Table 1: free run (SPNN: one step ahead) on the fault-free flight."""
-    wheel = _wheel(bench, healthy)
     scores, errors = {}, {}
     for name, run in nominal.items():
         error = wheel.torque - run.torque
@@ -195,23 +194,26 @@ def _scenario(
     rivals: dict[str, Rival],
     key: str,
     nominal: dict[str, Float[np.ndarray, "seconds"]],
+    ideal: dict[str, Float[np.ndarray, "seconds"]],
 ) -> tuple[dict[str, Any], Traces]:
     """Residuals against the desired one of the same knowledge, raw and tuned.
 
-    Tuned is the paper's: the residual less that of the fault-free flight.
+    Tuned is the paper's: the residual less that of the fault-free flight (`nominal`); it is held
+    against the desired residual less its own there (`ideal`).
     """
     case = CASES[key]
     flown = bench.fly(case.fault)
     wheel = _wheel(bench, flown)
-    r = _residuals(flown, {name: rival.beside(flown) for name, rival in rivals.items()})
+    r = {name: wheel.torque - rival.beside(flown).torque for name, rival in rivals.items()}
+    tuned = {name: r[name] - nominal[name] for name in r}
     judged = wheel.t < case.until
     after = judged & (wheel.t >= ONSET + SETTLED)
     base = {k: rms((wheel.gbnnm[k] - wheel.desired[k])[judged]) for k in wheel.desired}
     errors, ratios, shown = {}, {}, {}
     for name, rival in rivals.items():
-        desired = wheel.torque - wheel.desired[rival.knows]
+        desired = wheel.residual[rival.knows]
         raw = rms((r[name] - desired)[judged])
-        errors[f"{name}_tuned"] = rms((r[name] - nominal[name] - desired)[judged])
+        errors[f"{name}_tuned"] = rms((tuned[name] - (desired - ideal[rival.knows]))[judged])
         shown[name] = rms(r[name][after]) / rms(desired[after])
         if name != "gbnnm":
             errors[name], ratios[name] = raw, raw / base[rival.knows]
@@ -219,8 +221,8 @@ def _scenario(
     curves = {
         "t": wheel.t,
         "fault": truth(case.fault, wheel.t),
-        "desired": wheel.torque - wheel.desired[FREE],
+        **{f"desired_{knows}": residual for knows, residual in wheel.residual.items()},
         **r,
-        **{f"{name}_tuned": r[name] - nominal[name] for name in r},
+        **{f"{name}_tuned": each for name, each in tuned.items()},
     }
     return figures, {f"compared_{key}": curves}

@@ -24,7 +24,7 @@ from faultgauge.simulation.satellite.observatory import (
 )
 from faultgauge.simulation.schedules import Constant, Schedule, grid
 
-__all__ = ["Plan", "flights", "one_wheel", "residuals"]
+__all__ = ["Plan", "flights", "one_wheel", "reference_torque", "residuals"]
 
 
 class Plan(NamedTuple):
@@ -90,12 +90,12 @@ def one_wheel(flown: Telemetry, axis: str) -> Telemetry:
 
 def residuals(plant: Plant, flown: Telemetry) -> Float[np.ndarray, "flights samples wheels"]:
     """r = T - That [N*m] of every wheel, each beside the reference on its own h and u."""
-    seen = _torque(plant, jnp.asarray(flown.momentum), jnp.asarray(flown.u))
+    seen = reference_torque(plant, jnp.asarray(flown.momentum), jnp.asarray(flown.u))
     return np.asarray(flown.torque) - np.asarray(seen)
 
 
 @eqx.filter_jit
-def _torque(plant: Plant, h: Float[Array, "*points"], u: Float[Array, "*points"]) -> Array:
+def reference_torque(plant: Plant, h: Float[Array, "*points"], u: Float[Array, "*points"]) -> Array:
     def one(h: Array, u: Array) -> Array:
         x, given = h[None], u[None]
         return plant.output(plant.derivative(x, given), x, given)[0]

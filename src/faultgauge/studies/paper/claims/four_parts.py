@@ -21,24 +21,25 @@ from faultgauge.studies.paper.claims.four_parts_plant import (
     ARGUMENTS,
     EXPERIMENT,
     PARTS,
+    SPOILT,
     SUMMED,
     TRUE,
     excited,
     gray_box,
+    inside,
+    part_errors,
     part_values,
     samples_of,
+    spoilt,
     true_plant,
 )
-from faultgauge.studies.paper.learning import rms
 from faultgauge.studies.paper.tables import Results, span
 from faultgauge.telemetry import Run
 
-__all__ = ["inside", "measure", "moved", "part_errors", "section", "share_following", "spoilt"]
+__all__ = ["measure", "moved", "section", "share_following"]
 
 RESTARTS = 5
 UNITS = {"f1": "N/s", "f2": "m/s**2", "f3": "V", "f4": "V"}
-SPOIL = 14  # stream of random numbers
-SPOILT = 0.1  # of a column's standard deviation, as noise: plainly seen by a part that reads it
 # Reasons, set beforehand: 99.99 % is what the paper's Table 1 gives its own model; 1 % of a part's
 # range is a good sensor's class.
 LEAST_R2, MOST_SHARE = 0.9999, 0.01
@@ -57,14 +58,6 @@ GRID = 300
 READERS = {"d_F": ("f1",), "d_v": ("f2", "f4"), "s": ("f3",), "a": ("f4",)}
 
 
-def inside(trained: Samples, fresh: Samples) -> Bool[np.ndarray, "samples"]:
-    """Which fresh points lie inside the training range of every quantity that a part reads."""
-    found = np.ones(len(fresh.x), bool)
-    for old, new in ((trained.x, fresh.x), (trained.u, fresh.u), (trained.dx, fresh.dx)):
-        found &= ((new >= old.min(axis=0)) & (new <= old.max(axis=0))).all(axis=1)
-    return found
-
-
 def share_following(
     error: Float[np.ndarray, "samples"], known: Bool[np.ndarray, "samples"]
 ) -> float:
@@ -72,29 +65,6 @@ def share_following(
     reach = round(FOLLOWING / EXPERIMENT.dt) + 1
     after = np.convolve(~known, np.ones(reach))[: len(known)] > 0
     return float(np.sum(error[after] ** 2) / np.sum(error**2))
-
-
-def part_errors(true: Plant, learned: Plant, points: Samples) -> dict[str, dict[str, float]]:
-    """Each learned part against its true function at some points: RMSE in the part's unit, and
-    RMSE and largest error as shares of the true part's range there."""
-    truth = part_values(true, points)
-    error = part_values(learned, points) - truth
-    return {
-        part: {
-            "rmse": rms(e),
-            "rmse_share": rms(e) / float(np.ptp(f)),
-            "largest_share": float(np.abs(e).max() / np.ptp(f)),
-        }
-        for part, e, f in zip(PARTS, error.T, truth.T, strict=True)
-    }
-
-
-def spoilt(run: Run, column: str, seed: int) -> Run:
-    """The log with white noise on one column, a tenth of its standard deviation."""
-    x = run.columns[column]
-    noise = np.random.default_rng([seed, SPOIL]).standard_normal(len(x))
-    changed = {**run.columns, column: x + SPOILT * float(np.std(x)) * noise}
-    return Run(run.name, run.source, run.t, changed)
 
 
 def moved(before: FitReport, after: FitReport) -> dict[str, float]:

@@ -1,4 +1,5 @@
-"""The plant of Fig 2: four static parts f1 to f4 among two integrators, and its excitation.
+"""The plant of Fig 2: four static parts f1 to f4 among two integrators, its excitation, and
+how parts are compared.
 
 The paper's text does not say how its parts are connected, so the connection is our own.
 """
@@ -8,7 +9,7 @@ from collections.abc import Mapping
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from faultgauge.excitation import Experiment, design
 from faultgauge.identification.samples import Samples
@@ -16,18 +17,23 @@ from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant import Plant
 from faultgauge.plants.plant_file import parse_plant
 from faultgauge.simulation.free_run import free_run
+from faultgauge.studies.paper.learning import rms
 from faultgauge.telemetry import Run
 
 __all__ = [
     "ARGUMENTS",
     "EXPERIMENT",
     "PARTS",
+    "SPOILT",
     "SUMMED",
     "TRUE",
     "excited",
     "gray_box",
+    "inside",
+    "part_errors",
     "part_values",
     "samples_of",
+    "spoilt",
     "true_plant",
 ]
 
@@ -56,6 +62,8 @@ SUMMED = LEARNED | {"f1": "f1(u) + f2(F)", "f2": "f3(F, v)", "f3": "f4(F)", "f4"
 # 2000 samples: the paper's 1,000 to 10,000. The band holds the corners of both lags.
 EXPERIMENT = Experiment("noise", seconds=200.0, dt=0.1, low=0.02, high=1.0)
 SUBSTEPS = 20
+SPOIL = 14  # stream of random numbers
+SPOILT = 0.1  # of a column's standard deviation, as noise: plainly seen by a part that reads it
 
 
 def true_plant() -> GrayBoxPlant:
@@ -108,3 +116,34 @@ def samples_of(run: Run, plant: Plant) -> Samples:
         np.stack([columns[f"d_{name}"] for name in states], axis=1),
         np.stack([columns[name] for name in outputs], axis=1),
     )
+
+
+def spoilt(run: Run, column: str, seed: int) -> Run:
+    """The log with white noise on one column, a tenth of its standard deviation."""
+    x = run.columns[column]
+    noise = np.random.default_rng([seed, SPOIL]).standard_normal(len(x))
+    changed = {**run.columns, column: x + SPOILT * float(np.std(x)) * noise}
+    return Run(run.name, run.source, run.t, changed)
+
+
+def inside(trained: Samples, fresh: Samples) -> Bool[np.ndarray, "samples"]:
+    """Which fresh points lie inside the training range of every quantity that a part reads."""
+    found = np.ones(len(fresh.x), bool)
+    for old, new in ((trained.x, fresh.x), (trained.u, fresh.u), (trained.dx, fresh.dx)):
+        found &= ((new >= old.min(axis=0)) & (new <= old.max(axis=0))).all(axis=1)
+    return found
+
+
+def part_errors(true: Plant, learned: Plant, points: Samples) -> dict[str, dict[str, float]]:
+    """Each learned part against its true function at some points: RMSE in the part's unit, and
+    RMSE and largest error as shares of the true part's range there."""
+    truth = part_values(true, points)
+    error = part_values(learned, points) - truth
+    return {
+        part: {
+            "rmse": rms(e),
+            "rmse_share": rms(e) / float(np.ptp(f)),
+            "largest_share": float(np.abs(e).max() / np.ptp(f)),
+        }
+        for part, e, f in zip(PARTS, error.T, truth.T, strict=True)
+    }
