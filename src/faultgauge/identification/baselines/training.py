@@ -1,7 +1,8 @@
 """Training of black-box models by Levenberg-Marquardt, recurrent ones through time."""
 
 from collections.abc import Sequence
-from typing import Generic, Literal, NamedTuple, TypeVar
+from dataclasses import dataclass
+from typing import Generic, Literal, TypeVar
 
 import equinox as eqx
 import jax
@@ -19,7 +20,8 @@ Model = TypeVar("Model", bound=Baseline)
 Mode = Literal["parallel", "series_parallel"]  # fed its own output, or the plant's
 
 
-class Trained(NamedTuple, Generic[Model]):
+@dataclass(frozen=True)
+class Trained(Generic[Model]):
     """The `model` selected of all `models`, one per start, and the LM trials of all starts."""
 
     model: Model
