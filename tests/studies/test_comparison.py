@@ -130,7 +130,7 @@ def test_verdicts_follow_the_numbers(r2, tuned, shown, expected):
 
 
 def test_the_papers_own_rows_agree_with_each_other():
-    """RMSE^2/(1 - R^2) is one variance of torque: 0.135 (N*m)^2 but for PNN, whose row is 2 % off."""
+    """RMSE^2/(1 - R^2) is one variance of torque, 0.135 (N*m)^2; the row of PNN is 1.3 % off."""
     for name in ("snn", "pnn", "spnn", "wiener_hammerstein"):
         r2, rmse = (float(x.split()[0]) for x in PAPER[name])
         assert rmse**2 / (1 - r2 / 100) == pytest.approx(0.135, rel=0.02)
