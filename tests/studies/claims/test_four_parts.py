@@ -214,15 +214,15 @@ def verdict(**changes):
             place = place[name]
         place[last] = value
     some, every = over_seeds([figures, figures, other]), over_seeds([other])
-    return four_parts._verdict(some), four_parts._verdict(every)
+    return tuple(four_parts.verdict({"four_parts": found}).found for found in (some, every))
 
 
 def test_the_verdict_follows_the_numbers():
-    assert all("the claim holds in every seed." in text for text in verdict())
+    assert all("The claim holds in every seed." in text for text in verdict())
     for change in ({"free_run__v__r2": 0.9998}, {"part__f3__rmse_share": 0.011}):
         some, every = verdict(**change)
-        assert "the claim holds in the median; in some seeds" in some
-        assert "the claim fails: the parts are fitted apart, but" in every
+        assert "The claim holds in the median; in some seeds" in some
+        assert "The claim fails: the parts are fitted apart, but" in every
     for change in (
         {"groups": 3.0},
         {"most_networks_in_a_group": 2.0},
@@ -230,5 +230,5 @@ def test_the_verdict_follows_the_numbers():
         {"moved_by_noise_on__s__f3": 0.0},  # noise that nobody sees proves nothing
     ):
         assert all(
-            "the claim fails: the parts are not fitted apart" in x for x in verdict(**change)
+            "The claim fails: the parts are not fitted apart" in x for x in verdict(**change)
         )

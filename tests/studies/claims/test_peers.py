@@ -140,7 +140,9 @@ def verdict(*changes):
     last = copy.deepcopy(one)
     for reference, key, value in changes:
         last[reference][key] = value
-    return peers._verdict(over_seeds([one, one, last])), peers._verdict(over_seeds([last]))
+    return tuple(
+        peers.verdict({"peers": over_seeds(seeds)}).found for seeds in ([one, one, last], [last])
+    )
 
 
 def test_the_verdict_follows_the_numbers():

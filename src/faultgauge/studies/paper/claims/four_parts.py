@@ -33,10 +33,11 @@ from faultgauge.studies.paper.claims.four_parts_plant import (
     spoilt,
     true_plant,
 )
+from faultgauge.studies.paper.claims.verdict import Verdict
 from faultgauge.studies.paper.tables import Results, span
 from faultgauge.telemetry import Run
 
-__all__ = ["measure", "moved", "section", "share_following"]
+__all__ = ["measure", "moved", "section", "share_following", "verdict"]
 
 RESTARTS = 5
 UNITS = {"f1": "N/s", "f2": "m/s**2", "f3": "V", "f4": "V"}
@@ -161,7 +162,7 @@ def section(results: Results, traces: Traces) -> Section:
             f"band-limited noise ({EXPERIMENT.low:g} to {EXPERIMENT.high:g} Hz) without "
             "measurement noise, with the states and their derivatives logged, and runs free on a "
             "record that it has not seen.",
-            _verdict(found),
+            verdict(results).found,
             _outside(found),
             "What else it takes: each part must stand alone in an equation whose left side and "
             "arguments are measured. Where two of the four are added in one equation, there are "
@@ -175,7 +176,9 @@ def section(results: Results, traces: Traces) -> Section:
     )
 
 
-def _verdict(found: Results) -> str:
+def verdict(results: Results) -> Verdict:
+    """In the median over seeds; the sentence says where single seeds differ."""
+    found = results["four_parts"]
     groups_, most = found["groups"], found["most_networks_in_a_group"]
     change = found["moved_by_noise_on"]
     stranger = max(change[c][p]["max"] for c in READERS for p in PARTS if p not in READERS[c])
@@ -185,21 +188,23 @@ def _verdict(found: Results) -> str:
     lowest, usual = (min(x["r2"][key] for x in found["free_run"].values()) for key in LOW)
     worst, typical = (max(x["rmse_share"][key] for x in found["part"].values()) for key in HIGH)
     if not separate:
-        verdict = "fails: the parts are not fitted apart"
+        standing = "fails: the parts are not fitted apart"
     elif lowest >= LEAST_R2 and worst <= MOST_SHARE:
-        verdict = "holds in every seed"
+        standing = "holds in every seed"
     elif usual >= LEAST_R2 and typical <= MOST_SHARE:
-        verdict = "holds in the median; in some seeds the parts are not accurate enough"
+        standing = "holds in the median; in some seeds the parts are not accurate enough"
     else:
-        verdict = "fails: the parts are fitted apart, but are not accurate enough"
-    return (
-        f"Verdict: the claim {verdict}. The fit makes {groups_['median']:.0f} groups of at most "
+        standing = "fails: the parts are fitted apart, but are not accurate enough"
+    return Verdict(
+        "The GBNNM can be approximated based on separate parts (Fig 2)",
+        f"The claim {standing}. The fit makes {groups_['median']:.0f} groups of at most "
         f"{most['median']:.0f} network. Noise on a column that a part does not read changes its "
         f"weights by {stranger:g}; on one that it reads, by {reader:.2g} or more. Of outputs and "
         f"states the lowest R² of a free run is {usual:.6f} in the median, {lowest:.6f} in the "
         f"worst seed (at least {LEAST_R2:.2%} asked, as in the paper's Table 1). The largest RMSE "
         f"of a part is {typical:.1e} of its range in the median, {worst:.1e} in the worst seed (at "
-        f"most {MOST_SHARE:g} asked)."
+        f"most {MOST_SHARE:g} asked).",
+        standing.startswith("holds"),
     )
 
 

@@ -20,12 +20,13 @@ from faultgauge.simulation.satellite.observatory import PERIOD, STEPS_PER_PERIOD
 from faultgauge.simulation.schedules import Schedule, Sine, inject
 from faultgauge.studies.paper.bench import Bench, Traces
 from faultgauge.studies.paper.cases import CASES, ONSET, SUSTAINED
+from faultgauge.studies.paper.claims.verdict import Verdict
 from faultgauge.studies.paper.estimating import BAND
 from faultgauge.studies.paper.learning import PITCH, beside, rms
 from faultgauge.studies.paper.severity import mean
 from faultgauge.studies.paper.tables import Results, span
 
-__all__ = ["another_unit", "measure", "section", "shifted", "simulation_model", "twin"]
+__all__ = ["another_unit", "measure", "section", "shifted", "simulation_model", "twin", "verdict"]
 
 FAULT = SUSTAINED.size  # N*m
 # An estimate counts as settled within 5 % of the fault: so good a residual shows its size.
@@ -159,7 +160,7 @@ def section(results: Results, traces: Traces) -> Section:
             f"estimation: off by at most {GOOD * 1e3:.2g} mN·m RMS while the fault lasts, "
             f"{BAND:.0%} of it. Seen: the mean of 20 s from the onset exceeds every residual "
             "before.",
-            _verdict(found),
+            verdict(results).found,
             _early(found),
             _peers_beside_model(found),
         ),
@@ -177,7 +178,9 @@ def _kept(values: Mapping[str, float | None], most: float = np.inf, least: float
     return EVERY if median and all(ends) else MEDIAN if median else NEVER
 
 
-def _verdict(found: Results) -> str:
+def verdict(results: Results) -> Verdict:
+    """In the median over seeds; the sentence says where single seeds differ."""
+    found = results["peers"]
     error = {name: found[name]["error_rms"] for name in NAMES}
     ratio = found["gbnnm"]["error_over_simulation"]
     claimed = {
@@ -193,9 +196,11 @@ def _verdict(found: Results) -> str:
     apart = _kept(error["peer_spread"], most=GOOD)
     early = _kept(found["simulation"]["error_rms_100s"], least=GOOD)
     only = ", but only once the fault has lasted (below)" if EVERY != early != whole else ""
-    return (
-        f"Verdict: the ordering of Fig 1 {whole}{only}. In parts: {parts}. Beyond the paper, a "
-        f"peer whose constants differ from unit to unit is good for estimation: {apart}."
+    return Verdict(
+        "A peer is ideal, a simulation model shows faults, a GBNNM sizes them (Fig 1)",
+        f"The ordering of Fig 1 {whole}{only}. In parts: {parts}. Beyond the paper, a "
+        f"peer whose constants differ from unit to unit is good for estimation: {apart}.",
+        whole != NEVER,
     )
 
 
