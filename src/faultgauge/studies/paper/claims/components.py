@@ -4,7 +4,6 @@ Every wheel has its own reference, the learned plant on the measured momentum, a
 the wheels whose residual leaves its limit are named.
 """
 
-from collections.abc import Sequence
 from typing import Any
 
 import jax
@@ -12,15 +11,17 @@ import numpy as np
 from jaxtyping import Float
 
 from faultgauge.plants.plant import Plant
-from faultgauge.reporting.relations import relation
 from faultgauge.reporting.report import Section, Table
-from faultgauge.reporting.svg import Figure
-from faultgauge.reporting.time_figures import Panel, panels
 from faultgauge.simulation.satellite.loop import Telemetry
-from faultgauge.simulation.satellite.observatory import AXES, MOMENTA, SLEW
+from faultgauge.simulation.satellite.observatory import AXES, MOMENTA, SLEW, Three
 from faultgauge.simulation.schedules import Constant
 from faultgauge.studies.paper.bench import Bench, Traces
 from faultgauge.studies.paper.cases import ONSET, SECONDS
+from faultgauge.studies.paper.claims.components_drawn import (
+    residual_figure,
+    size_figure,
+    talk_figure,
+)
 from faultgauge.studies.paper.claims.components_flights import Plan, flights, one_wheel, residuals
 from faultgauge.studies.paper.claims.components_naming import (
     NAMED,
@@ -31,10 +32,11 @@ from faultgauge.studies.paper.claims.components_naming import (
     statistic,
     tally,
 )
+from faultgauge.studies.paper.claims.verdict import Verdict
 from faultgauge.studies.paper.learning import beside, rms
 from faultgauge.studies.paper.tables import Results, span
 
-__all__ = ["crosstalk", "measure", "section", "smallest"]
+__all__ = ["crosstalk", "measure", "section", "smallest", "verdict"]
 
 PAPER_SIZE = 0.1  # N*m, fault mode 1
 SIZES = (0.0005, 0.001, 0.002, 0.005, PAPER_SIZE)  # N*m, from the size of f(t) upwards
@@ -54,11 +56,16 @@ UNSEEN = 0.1  # of a limit: a change of the residual that decides nothing
 
 def _drawn(rng: np.random.Generator, faults: dict[str, float]) -> Plan:
     """A flight with a random start and noise, and faults of these sizes from a random time on."""
-    turn, spun = (tuple(map(float, rng.uniform(-1, 1, 3) * scale)) for scale in (TURN, SPUN))
+    turn, spun = (_within(rng, most) for most in (TURN, SPUN))
     noise = int(rng.integers(1, 2**31))
     onset, signs = float(rng.uniform(*ONSETS)), rng.choice([-1.0, 1.0], len(faults))
     struck = zip(faults.items(), signs, strict=True)
     return Plan(turn, spun, noise, {a: Constant(float(s * d), onset) for (a, d), s in struck})
+
+
+def _within(rng: np.random.Generator, most: Three) -> Three:
+    roll, pitch, yaw = rng.uniform(-1.0, 1.0, 3) * most
+    return float(roll), float(pitch), float(yaw)
 
 
 def _plans(seed: int) -> tuple[list[Plan], list[tuple[str, float]]]:
@@ -156,11 +163,15 @@ def section(results: Results, traces: Traces) -> Section:
             f"than those judged, so that a sound wheel is named in 1 of {CALIBRATION + 1} "
             "flights. Sign and time of a fault are drawn. Where both are at fault one has 0.1 N·m "
             "and the other the size in question.",
-            _verdict(found),
+            verdict(results).found,
             _talk(found),
         ),
         (_named_table(found), _talk_table(found)),
-        (_residual_figure(x, found), _size_figure(found), _talk_figure(x)),
+        (
+            residual_figure(x, found["limit"]),
+            size_figure(found["judged"], RIGHT),
+            talk_figure(x),
+        ),
     )
 
 
@@ -174,23 +185,26 @@ def smallest(found: Results) -> float:
     return least
 
 
-def _verdict(found: Results) -> str:
+def verdict(results: Results) -> Verdict:
+    found = results["components"]
     least, paper = smallest(found), found["judged"][f"{PAPER_SIZE:g}"]
     if least == np.inf:
-        verdict = "does not hold, not even for the paper's 0.1 N·m"
+        standing = "does not hold, not even for the paper's 0.1 N·m"
     elif least == min(SIZES):
-        verdict = f"holds for every size tried, from {least:g} N·m up"
+        standing = f"holds for every size tried, from {least:g} N·m up"
     else:
-        verdict = f"holds only for faults of {least:g} N·m and more of those tried"
+        standing = f"holds only for faults of {least:g} N·m and more of those tried"
     pitch, roll = (span(found["limit"][axis], ".2g") for axis in WATCHED)
-    return (
-        f"Verdict: it {verdict} (all wheels right in {RIGHT:.0%} of the flights asked, in the "
+    return Verdict(
+        "Single and multiple component failures are told apart by the residuals (4.1)",
+        f"It {standing} (all wheels right in {RIGHT:.0%} of the flights asked, in the "
         f"median seed: two wheels at the limits' own false alarms). At {PAPER_SIZE:g} N·m it is "
         f"{span(paper['right'], '.0%')}; a sound wheel was named in "
         f"{span(paper['sound_named'], '.0%')} of the flights and a fault missed in "
         f"{span(paper['missed'], '.0%')}. The limits are {pitch} N·m in pitch and {roll} N·m in "
         "roll: the model's error and the disturbance f(t), which no model knows, set them, and so "
-        "the smallest fault that can be told."
+        "the smallest fault that can be told.",
+        least < np.inf,
     )
 
 
@@ -245,61 +259,4 @@ def _talk_table(found: Results) -> Table:
         ("changed by 0.1 N·m in pitch", "pitch axis", "roll axis", "roll / pitch"),
         rows,
         "RMS from the onset on of the flight with the fault less the same flight without it.",
-    )
-
-
-def _residual_figure(x: Any, found: Results) -> Figure:
-    stack = [
-        Panel(
-            f"residual, {truth} at fault",
-            "N*m",
-            {f"{axis} wheel": x[f"{axis}_r_{truth}"] for axis in WATCHED},
-        )
-        for truth in NAMED[1:]
-    ]
-    worst = max(found["limit"][axis]["max"] for axis in WATCHED)
-    return panels(
-        x["t"],
-        stack,
-        title="Residual of each wheel: single and multiple failures",
-        caption=f"0.1 N·m of friction from {ONSET:g} s on. The limits, at most ±{worst:.1g} N·m, "
-        "are no wider than the line.",
-    )
-
-
-def _size_figure(found: Results) -> Figure:
-    names = {
-        "right": "all wheels right",
-        "missed": "a fault missed",
-        "sound_named": "a sound wheel named",
-    }
-    curves = {
-        label: np.array([100 * found["judged"][f"{s:g}"][key]["median"] for s in SIZES])
-        for key, label in names.items()
-    }
-    return relation(
-        np.array(SIZES),
-        curves,
-        title="How small a fault is still told",
-        x_name="fault",
-        x_unit="N*m",
-        y_name="flights",
-        y_unit="%",
-        caption="Median over seeds, single and multiple failures together.",
-        logarithmic="x",
-        limit=100 * RIGHT,
-        limit_name="asked for right",
-    )
-
-
-def _talk_figure(x: Any) -> Figure:
-    kinds = (("torque", "change of torque"), ("residual", "change of residual"))
-    stack = [
-        Panel(name, "N*m", {f"{a} wheel": x[f"{a}_{key}"] for a in WATCHED}) for key, name in kinds
-    ]
-    return panels(
-        x["t"],
-        stack,
-        title="What a fault in pitch does to both wheels",
-        caption="The flight with the fault less the same flight without it.",
     )

@@ -95,7 +95,11 @@ def residuals(plant: Plant, flown: Telemetry) -> Float[np.ndarray, "flights samp
 
 
 @eqx.filter_jit
-def reference_torque(plant: Plant, h: Float[Array, "*points"], u: Float[Array, "*points"]) -> Array:
+def reference_torque(
+    plant: Plant, h: Float[Array, "*points"], u: Float[Array, "*points"]
+) -> Float[Array, "*points"]:
+    """That [N*m] of the reference at measured momenta [N*m*s] and commands [N*m]."""
+
     def one(h: Array, u: Array) -> Array:
         x, given = h[None], u[None]
         return plant.output(plant.derivative(x, given), x, given)[0]
