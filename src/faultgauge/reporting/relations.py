@@ -63,6 +63,7 @@ def relation(
             style.plain_powers(axes.xaxis)
         if "y" in logarithmic:
             axes.set_yscale("log")
+            style.plain_powers(axes.yaxis)
         axes.margins(0.03)
         axes.set_xlabel(style.axis_label(x_name, x_unit))
         axes.set_ylabel(style.upright_label(y_name, y_unit))

@@ -86,7 +86,6 @@ def section(results: Results, traces: Traces) -> Section:
             f"{-1e3 * lag(float(key)):.3g}",
             span(_milli(found["ramp_without_f"][key]["eso"])),
             span(_milli(found["ramp"][key]["iesonn"])),
-            span(_milli(found["step"][key]["eso"])),
             span(_milli(found["step"][key]["iesonn"])),
         )
         for key in (f"{omega:g}" for omega in BANDWIDTHS)
@@ -97,7 +96,6 @@ def section(results: Results, traces: Traces) -> Section:
             "-2 zeta c/omega_o",
             "ramp: ESO, no f(t)",
             "ramp: IESONN",
-            "step: ESO",
             "step: IESONN",
         ),
         rows,
