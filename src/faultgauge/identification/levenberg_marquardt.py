@@ -119,10 +119,10 @@ def levenberg_marquardt(
 ) -> Solution:
     """Fit from every start. `samples` and `validation` are trees of arrays, samples first.
 
-    `penalty` is part of `cost` and not of the validation cost. With `validation` the parameters of
-    the lowest validation cost are returned. Steps are projected on [lower, upper] (D. P. Bertsekas,
-    "Projected Newton methods", SICON 20, 1982). `residual` must be a hashable function or an
-    Equinox module, so that the compiled program is found again.
+    `penalty` is part of `cost` and not of the cost over `validation` samples. With `validation`
+    the parameters of the lowest validation cost are returned. Steps are projected on [lower,
+    upper] (D. P. Bertsekas, "Projected Newton methods", SICON 20, 1982). `residual` must be a
+    hashable function or an Equinox module, so that the compiled program is found again.
     """
 
     def equations(theta: Array) -> tuple[Array, Array, Array]:

@@ -76,4 +76,4 @@ def test_ability_is_the_same_if_the_error_does_not_pass():
     assert passed(0.1).holds
     through = passed(1.0)
     assert not through.holds
-    assert "up to a model error of 3.0 mN·m" in through.found  # the next size is over 5 mN·m
+    assert "up to a model error of 5.0 mN·m" in through.found  # 5 % of 0.1 N·m, one to one

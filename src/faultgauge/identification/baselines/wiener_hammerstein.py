@@ -35,7 +35,7 @@ class Filters(NamedTuple):
 
 
 def _filter(
-    b: Float[Array, "order+1"], a: Float[Array, "order"], state: Float[Array, "order"], x: Array
+    b: Float[Array, "taps"], a: Float[Array, "order"], state: Float[Array, "order"], x: Array
 ) -> tuple[Float[Array, "order"], Array]:
     """Direct form II transposed: y = b_0 x + s_1, s_i = s_(i+1) + b_i x - a_i y."""
     y = b[0] * x + state[0]
@@ -43,7 +43,7 @@ def _filter(
 
 
 def _rest(
-    b: Float[Array, "order+1"], a: Float[Array, "order"], x: Array
+    b: Float[Array, "taps"], a: Float[Array, "order"], x: Array
 ) -> tuple[Float[Array, "order"], Array]:
     """State and output after x has always stood: y = b(1)/a(1) x, s_i = sum_j>=i b_j x - a_j y."""
     y = jnp.sum(b) / (1 + jnp.sum(a)) * x
@@ -83,7 +83,7 @@ class WienerHammerstein(Baseline):
 
 def best_linear_approximation(
     u: Float[np.ndarray, "samples inputs"], y: Float[np.ndarray, "samples"], order: int
-) -> tuple[Float[np.ndarray, "inputs order+1"], Float[np.ndarray, "order"]]:
+) -> tuple[Float[np.ndarray, "inputs {order}+1"], Float[np.ndarray, "order"]]:
     """(b, a) of A(q) y = sum_i B_i(q) u_i with one denominator, a without its leading 1.
 
     K. Steiglitz and L. E. McBride, "A technique for the identification of linear systems", IEEE
@@ -139,7 +139,8 @@ def wiener_hammerstein(
     u = np.asarray(scaling.u(jnp.asarray(record.u)))
     level = tuple(level)
     y = np.asarray(scaling.y(jnp.asarray(record.y)))[:, 0]
-    b, a = best_linear_approximation(u, y, order)
+    # without their means, or an offset would bend the poles; training finds the constant
+    b, a = best_linear_approximation(u - u.mean(axis=0), y - y.mean(), order)
     splits = list(product((True, False), repeat=order))
     return [
         _start(scaling, b, a, np.array(splits[k % len(splits)]), u, hidden, level, rng)
@@ -149,7 +150,7 @@ def wiener_hammerstein(
 
 def _start(
     scaling: Scaling,
-    b: Float[np.ndarray, "inputs order+1"],
+    b: Float[np.ndarray, "inputs taps"],
     a: Float[np.ndarray, "order"],
     first: np.ndarray,
     u: Float[np.ndarray, "samples inputs"],
@@ -186,6 +187,6 @@ def _start(
     return WienerHammerstein(weights, scaling, level)
 
 
-def _padded(polynomial: np.ndarray, order: int) -> Float[np.ndarray, "order+1"]:
+def _padded(polynomial: np.ndarray | float, order: int) -> Float[np.ndarray, "{order}+1"]:
     real = np.real(np.atleast_1d(polynomial))
     return np.concatenate([real, np.zeros(order + 1 - len(real))])

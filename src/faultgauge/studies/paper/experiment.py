@@ -23,6 +23,7 @@ from faultgauge.studies.paper.cases import (
     PHYSICAL,
     SECONDS,
 )
+from faultgauge.studies.paper.claims.registry import CLAIMS
 from faultgauge.studies.paper.excited import NOISE_ALONE, SWEEP, wheel_log
 from faultgauge.studies.paper.learning import PITCH, Learned, beside, learn, rms, scores
 from faultgauge.studies.paper.torque_form import torque_form
@@ -55,7 +56,8 @@ def experiment(
     seed: int, *, quick: bool = False, progress: Callable[[str], None] = lambda text: None
 ) -> Outcome:
     """Everything that the study measures for one seed; `quick` leaves out the slow comparisons
-    (gradient descent, an hour and a day of normal operation, baselines beyond Table 2's)."""
+    (gradient descent, an hour and a day of normal operation, baselines beyond
+    Table 2's, the other claims)."""
     progress("learning from the experiment")
     bench = set_up(seed)
     figures, traces = _core(bench, progress)
@@ -68,6 +70,11 @@ def experiment(
         torque_form(),
         comparison.measure(bench, quick=quick, progress=progress),
     ):
+        _merge(figures, more)
+        traces |= curves
+    for claim in () if quick else CLAIMS:
+        progress(claim.name)
+        more, curves = claim.measure(bench)
         _merge(figures, more)
         traces |= curves
     return Outcome(figures, traces)

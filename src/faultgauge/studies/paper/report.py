@@ -5,6 +5,7 @@ from typing import Any
 from faultgauge.reporting.report import Report, Section, Table
 from faultgauge.studies.paper import comparison_section, figures, tables
 from faultgauge.studies.paper.bench import Traces
+from faultgauge.studies.paper.claims.registry import CLAIMS, ONCE, Claim
 from faultgauge.studies.paper.goals import GOALS, Goal, found, met
 from faultgauge.studies.paper.reproduce import Reproduction
 
@@ -38,6 +39,7 @@ def paper_report(found_: Reproduction) -> Report:
         _mode_2(results, found_),
         _torque_form(results, found_),
         *comparison_section.sections(results, found_.first.traces),
+        *(claim.section(results, found_.first.traces) for claim in _claims(results)),
         _verdicts(results),
         Section(
             "How to read this",
@@ -210,9 +212,16 @@ def _torque_form(results: dict[str, Any], study: Reproduction) -> Section:
     )
 
 
+def _claims(results: dict[str, Any]) -> tuple[Claim, ...]:
+    """With `quick` none of them has been measured."""
+    return () if results["quick"] else (*CLAIMS, *ONCE)
+
+
 def _verdicts(results: dict[str, Any]) -> Section:
     """The last word on every claim, those that fail first."""
-    found = sorted(comparison_section.verdicts(results), key=lambda verdict: verdict.holds)
+    verdicts = comparison_section.verdicts(results)
+    verdicts += [claim.verdict(results) for claim in _claims(results)]
+    found = sorted(verdicts, key=lambda verdict: verdict.holds)
     fallen = sum(not verdict.holds for verdict in found)
     rows = tuple((v.claim, "holds" if v.holds else "does not hold", v.found) for v in found)
     return Section(

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from faultgauge.reporting.report import installed_versions
+from faultgauge.studies.paper.claims.registry import ONCE
 from faultgauge.studies.paper.experiment import Outcome, experiment
 
 __all__ = ["QUICK_SEEDS", "SEEDS", "Reproduction", "as_json", "over_seeds", "reproduce"]
@@ -48,6 +49,7 @@ def reproduce(
     with ProcessPoolExecutor(workers, mp_context=context, initializer=_prepare) as pool:
         waiting = {pool.submit(one, seed): seed for seed in seeds}
         try:
+            once = [claim.measure() for claim in (() if quick else ONCE)]
             for done in as_completed(waiting):
                 outcomes[waiting[done]] = done.result()
                 progress(f"seeds done: {len(outcomes)} of {len(seeds)}")
@@ -62,7 +64,11 @@ def reproduce(
         "versions": dict(installed_versions()),
         **over_seeds([outcomes[seed].figures for seed in seeds]),
     }
-    return Reproduction(results, outcomes[seeds[0]], tuple(seeds))
+    first = outcomes[seeds[0]]
+    for figures, traces in once:
+        results |= over_seeds([figures])
+        first = first._replace(traces=first.traces | traces)
+    return Reproduction(results, first, tuple(seeds))
 
 
 def _prepare() -> None:

@@ -1,6 +1,6 @@
 """Records and networks of other sizes for the claims, and how a plant is held against them."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import equinox as eqx
@@ -20,7 +20,18 @@ from faultgauge.studies.paper.excited import experiment_log
 from faultgauge.studies.paper.learning import GRAY_BOX
 from faultgauge.telemetry import Run
 
-__all__ = ["RESTARTS", "Records", "rates", "records", "replay", "sized", "teach", "unseen"]
+__all__ = [
+    "RESTARTS",
+    "Records",
+    "medians",
+    "milli",
+    "rates",
+    "records",
+    "replay",
+    "sized",
+    "teach",
+    "unseen",
+]
 
 RESTARTS = 3
 TEST = 10_000  # seeds of the test records: far from those of training and validation
@@ -86,3 +97,13 @@ def replay(plant: Plant, log: Run) -> Trajectory:
     dt = jnp.full(len(log.t), log.step)
     f = jnp.zeros((len(log.t), len(plant.signals.faults)))
     return jax.device_get(free_run(plant, h, u, dt, f, SUBSTEPS))
+
+
+def medians(values: Sequence[Mapping[str, float | None]]) -> Float[np.ndarray, "values"]:
+    """The medians over the seeds of a list of figures; NaN where there is none."""
+    return np.array([each["median"] for each in values], float)
+
+
+def milli(values: Mapping[str, float | None]) -> dict[str, float | None]:
+    """A figure and its range in thousandths of the unit."""
+    return {name: None if x is None else 1e3 * x for name, x in values.items()}

@@ -1,15 +1,10 @@
 """Lemma 1 (eqs 5 to 8) as a convergence study: hidden units, training points, horizon, limits."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
 
-from faultgauge.excitation import Experiment, Sweep
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.reporting.relations import relation
 from faultgauge.reporting.report import Section, Table
@@ -20,12 +15,18 @@ from faultgauge.studies.paper.bench import Bench, Traces
 from faultgauge.studies.paper.cases import SECONDS
 from faultgauge.studies.paper.claims.learned import (
     Records,
-    rates,
+    medians,
+    milli,
     records,
     replay,
     sized,
     teach,
     unseen,
+)
+from faultgauge.studies.paper.claims.lemma1_horizon import (
+    cycles,
+    horizon_verdict,
+    measure_horizon,
 )
 from faultgauge.studies.paper.claims.lemma1_limit import (
     floor_of,
@@ -34,21 +35,19 @@ from faultgauge.studies.paper.claims.lemma1_limit import (
     limit_verdict,
     measure_limit,
 )
+from faultgauge.studies.paper.claims.verdict import Verdict
 from faultgauge.studies.paper.excited import SWEEP, experiment_log
 from faultgauge.studies.paper.learning import PITCH, beside, rms
 from faultgauge.studies.paper.tables import Results, span
 from faultgauge.telemetry import Run
 
-__all__ = ["measure", "section"]
+__all__ = ["measure", "section", "thinned", "verdict"]
 
 HIDDEN = (1, 2, 3, 5, 8, 10, 15, 20, 30, 40)
 PAPER = 10
 POINTS = (50, 100, 200, 500, 1000, 2000, 4000)
-HORIZONS = (1, 3, 10, 30, 100, 300, 1000, 3000, 4000)  # s
-CYCLES = 4  # of the sweep, in the record of the horizon
 NEAR_FLOOR = 1.1  # of rms f(t): what the model adds is then under half of it, in quadrature
 FALL = 100.0  # times less error than one unit leaves: two decades are convergence, not chance
-STEADY = 2.0  # times the error of the first cycle after four: a steady drift would give 4
 
 
 def measure(bench: Bench) -> tuple[dict[str, Any], Traces]:
@@ -75,7 +74,7 @@ def measure(bench: Bench) -> tuple[dict[str, Any], Traces]:
     ]
     figures["floor"] = floor_of(bench)
     figures["points"] = _points(bench)
-    figures["horizon"], traces = _horizon(bench, plants["_without_f"][PAPER])
+    figures["horizon"], traces = measure_horizon(bench, plants["_without_f"][PAPER])
     figures["limit"], more = measure_limit(bench)
     return {"lemma1": figures}, traces | more
 
@@ -96,54 +95,18 @@ def _points(bench: Bench) -> dict[str, Any]:
 
 
 def _training(bench: Bench, log: Run, samples: int, inner: Sequence[Schedule]) -> Run:
-    """Every so-manieth sample of `log`, or a longer record with as many more cycles."""
-    if samples > len(log.t):
-        times = samples // len(log.t)
-        longer = _cycles(times)
-        return experiment_log(bench.wheel, longer, 2 * bench.seed, tuple(inner))
+    """`log` thinned, or a longer record with as many more cycles."""
+    if samples <= len(log.t):
+        return thinned(log, samples)
+    longer = cycles(samples // len(log.t))
+    return experiment_log(bench.wheel, longer, 2 * bench.seed, tuple(inner))
+
+
+def thinned(log: Run, samples: int) -> Run:
+    """So many samples of `log`, evenly over its whole length."""
     kept = slice(None, None, len(log.t) // samples)
     columns = {name: values[kept] for name, values in log.columns.items()}
     return Run(log.name, log.source, log.t[kept], columns)
-
-
-def _cycles(times: int) -> Experiment:
-    """The experiment, `times` as long with as many triangles."""
-    sweep = Sweep("hm", gain=0.03, amplitude=150.0, cycles=times)
-    return replace(SWEEP, seconds=times * SWEEP.seconds, sweep=sweep)
-
-
-def _horizon(bench: Bench, plant: GrayBoxPlant) -> tuple[dict[str, Any], Traces]:
-    """The largest errors of a free run up to each horizon, and what Gronwall's lemma allows."""
-    log = unseen(bench.wheel, _cycles(CYCLES), bench.seed, ())
-    h, u = log.columns["hm"], log.columns["u"]
-    free = replay(plant, log)
-    drift, error = np.abs(free.x[:, 0] - h), np.abs(free.y[:, 0] - log.columns["T"])
-    epsilon = float(np.abs(rates(plant, h, u) - log.columns["d_h"]).max())
-    lipschitz = steepest(bench.wheel, h, u)
-    last = [min(t, len(log.t) - 1) + 1 for t in HORIZONS]  # 1 Hz
-    figures = {
-        "seconds": list(HORIZONS),
-        "momentum": [float(drift[:k].max()) for k in last],
-        "torque": [float(error[:k].max()) for k in last],
-        "bound": [gronwall(epsilon, lipschitz, float(t)) for t in HORIZONS],
-        "lipschitz": lipschitz,
-        "epsilon": epsilon,
-    }
-    return figures, {"lemma1_horizon": {"t": log.t, "momentum": drift, "torque": error}}
-
-
-def gronwall(epsilon: float, lipschitz: float, t: float) -> float:
-    """epsilon (exp(L t) - 1)/L: how far |F - g1| <= epsilon may drive two solutions apart."""
-    with np.errstate(over="ignore"):
-        return float(epsilon * np.expm1(lipschitz * t) / lipschitz)
-
-
-def steepest(
-    wheel: GrayBoxPlant, h: Float[np.ndarray, "points"], u: Float[np.ndarray, "points"]
-) -> float:
-    """The largest |dF/dh| [1/s] at the points and, where friction is steepest, at h = 0."""
-    at = jnp.asarray(np.append(h, 0.0)[:, None]), jnp.asarray(np.append(u, 0.0)[:, None])
-    return float(jnp.abs(jax.jit(jax.vmap(jax.jacfwd(wheel.derivative)))(*at)).max())
 
 
 def section(results: Results, traces: Traces) -> Section:
@@ -155,7 +118,7 @@ def section(results: Results, traces: Traces) -> Section:
             "The paper: for an arbitrary ε > 0 there is a number N of hidden units with which "
             "max |y - ŷ| < ε on [0, T], if F is of class C1. Here N is the size of NN1 and of NN2 "
             "alike, each fitted from 3 starts to 1000 samples of the experiment.",
-            verdict(found),
+            verdict(results).found,
             horizon_verdict(found["horizon"]),
             limit_verdict(found["limit"]),
         ),
@@ -164,12 +127,9 @@ def section(results: Results, traces: Traces) -> Section:
     )
 
 
-def medians(values: Sequence[Results]) -> Float[np.ndarray, "values"]:
-    return np.array([each["median"] for each in values], float)
-
-
-def verdict(found: Results) -> str:
+def verdict(results: Results) -> Verdict:
     """Does the error reach f(t), and without f(t) does it go on falling?"""
+    found = results["lemma1"]
     hidden, floor = found["hidden"], found["floor"]["median"]
     with_f, without_f = medians(found["rmse"]), medians(found["rmse_without_f"])
     near = np.flatnonzero(with_f <= NEAR_FLOOR * floor)
@@ -183,45 +143,33 @@ def verdict(found: Results) -> str:
     )
     text = (
         f"{reached}; without f(t) the error on the flight falls from {without_f[0]:.3g} N·m with "
-        f"{hidden[0]} unit to {without_f[best]:.3g} N·m with {hidden[best]}, {fall:.3g} times."
+        f"{hidden[0]} unit to {without_f[best]:.3g} N·m with {hidden[best]}, {fall:.3g} times "
+        f"(wanted: {FALL:g})."
     )
-    word = "Holds: " if near.size and fall >= FALL else "Does not show: "
+    holds = bool(near.size) and fall >= FALL
     later = without_f[-1] / without_f[best]
     if later > 1:
         text += (
             f" But N that exists is not N that training finds: with {hidden[-1]} units it is "
             f"{later:.3g} times larger again. More units do not help by themselves."
         )
-    return word + text
-
-
-def horizon_verdict(found: Results) -> str:
-    """How the error grows with T, beside the bound that a proof by Gronwall would give."""
-    momentum, bound = medians(found["momentum"]), medians(found["bound"])
-    seconds = found["seconds"]
-    first, last = seconds.index(1000), len(seconds) - 1
-    growth = momentum[last] / momentum[first]
-    word = "does not grow with" if growth <= STEADY else "grows with"
-    kept = "stays below" if np.all(momentum <= bound) else "does not stay below"
-    return (
-        f"The horizon: from T = {seconds[first]} s to {seconds[last]} s the largest error of "
-        f"momentum goes from {momentum[first]:.3g} to {momentum[last]:.3g} N·m·s ({growth:.3g} "
-        f"times), so it {word} T as a drift would. It {kept} Gronwall's bound, which says "
-        f"nothing beyond some 100 s ({bound[seconds.index(100)]:.3g} N·m·s there): friction, "
-        "which forgets, is what keeps a free run close, and the lemma does not count it."
+    return Verdict(
+        "A GBNNM of enough hidden units comes as close as one likes (Lemma 1)",
+        ("Holds where F is smooth: " if holds else "Does not show: ") + text,
+        bool(holds),
     )
 
 
 def _hidden_table(found: Results) -> Table:
     columns = found["rmse"], found["rmse_without_f"], found["largest_without_f"]
     rows = tuple(
-        (str(n), *(span(each) for each in row))
+        (str(n), *(span(milli(each)) for each in row))
         for n, *row in zip(found["hidden"], *columns, strict=True)
     )
     return Table(
         ("N", "RMSE, with f(t)", "RMSE, without f(t)", "largest, without f(t)"),
         rows,
-        "Free run, torque, N·m: RMSE on the fault-free flight; the largest error on a record of "
+        "Free run, torque, mN·m: RMSE on the fault-free flight; the largest error on a record of "
         "the experiment that no fit has seen, which crosses zero speed.",
     )
 

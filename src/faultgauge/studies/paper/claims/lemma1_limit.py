@@ -16,14 +16,14 @@ from faultgauge.reporting.svg import Figure
 from faultgauge.simulation.satellite.observatory import PERIOD
 from faultgauge.studies.paper.bench import Bench, Traces
 from faultgauge.studies.paper.cases import SECONDS
-from faultgauge.studies.paper.claims.learned import rates, records, sized, teach
+from faultgauge.studies.paper.claims.learned import milli, rates, records, sized, teach
 from faultgauge.studies.paper.excited import SWEEP
 from faultgauge.studies.paper.learning import rms
 from faultgauge.studies.paper.tables import Results, span
 
 __all__ = ["floor_of", "limit_figures", "limit_table", "limit_verdict", "measure_limit"]
 
-HIDDEN = (2, 5, 10, 20, 30)
+HIDDEN = (2, 5, 10, 20)
 # 2000 samples each, 1 Hz: 1000 N*m*s of travel at 0.5 N*m leaves the motor room for the noise.
 INSIDE = replace(SWEEP, seconds=2000.0)
 REACHING = replace(INSIDE, sweep=Sweep("hm", gain=0.03, amplitude=250.0, cycles=1))
@@ -171,16 +171,16 @@ def limit_table(found: Results) -> Table:
         rows.append(
             (
                 label,
-                *(span(each, ".2g") for each in entry["rms"]),
+                *(span(milli(each), ".2g") for each in entry["rms"]),
                 "none of these" if units is None else f"{units:g}",
-                span(entry["order"], ".2f"),
+                f"{entry['order']['median']:.2f}",
             )
         )
     sizes = tuple(f"N = {n}" for n in found["hidden"])
     return Table(
         ("experiment", *sizes, "N to below f(t)", "p of N^-p"),
         tuple(rows),
-        "Root mean square error of dh in N·m over the box of momenta and commands that the record "
+        "Root mean square error of dh in mN·m over the box of momenta and commands that the record "
         f"spans, learned without f(t). Below f(t): at most {found['floor']['median']:.3g} N·m.",
     )
 
