@@ -43,9 +43,9 @@ from faultgauge.telemetry import Run
 
 __all__ = ["measure", "section", "thinned", "verdict"]
 
-HIDDEN = (1, 2, 3, 5, 8, 10, 15, 20, 30, 40)
+HIDDEN = (1, 2, 5, 10, 20, 40)
 PAPER = 10
-POINTS = (50, 100, 200, 500, 1000, 2000, 4000)
+POINTS = (50, 200, 1000, 4000)
 NEAR_FLOOR = 1.1  # of rms f(t): what the model adds is then under half of it, in quadrature
 FALL = 100.0  # times less error than one unit leaves: two decades are convergence, not chance
 

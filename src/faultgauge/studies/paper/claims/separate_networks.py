@@ -30,7 +30,7 @@ from faultgauge.studies.paper.tables import Results, span
 
 __all__ = ["measure", "section", "verdict"]
 
-TOTALS = (4, 10, 20, 40)  # hidden units in all
+TOTALS = (4, 10, 20)  # hidden units in all
 LABELS = {
     "separate": "separate NN1 and NN2",
     "joint": "NN2(NN1(h, u), h) as one problem",
