@@ -75,11 +75,37 @@ def test_numbers_over_seeds_by_hand():
     }
 
 
+def test_a_list_is_over_seeds_by_element_and_an_axis_stays():
+    figures = [{"hidden": [1, 2], "rmse": [x, 2 * x]} for x in (3.0, 1.0, 2.0)]
+    assert over_seeds(figures) == {
+        "hidden": [1, 2],
+        "rmse": [
+            {"median": 2.0, "min": 1.0, "max": 3.0},
+            {"median": 4.0, "min": 2.0, "max": 6.0},
+        ],
+    }
+
+
+def test_what_is_not_defined_is_null():
+    assert over_seeds([{"r2_h": math.nan}, {"r2_h": math.nan}]) == {
+        "r2_h": {"median": None, "min": None, "max": None}
+    }
+
+
+def test_the_papers_baselines_are_there(results):
+    for name in ("snn", "rnn", "pnn", "spnn", "wiener_hammerstein"):
+        assert found(results, f"identification.{name}.rmse")["median"] > 0
+        for scenario in SCENARIOS:
+            assert found(results, f"residual.{scenario}.rmse_to_desired.{name}")["median"] > 0
+            assert found(results, f"residual.{scenario}.rmse_to_desired.{name}_tuned") is not None
+
+
 def test_the_report_redraws_the_papers_figures(folder):
     page = (folder / "report.html").read_text()
-    for figure in ("Fig 9", "Fig 10", "Fig 11", "Fig 12", "Fig 14", "Fig 15"):
+    for figure in ("Fig 9", "Fig 10", "Fig 11", "Fig 12", "Fig 13", "Fig 14", "Fig 15"):
         assert f"{figure}: " in page
     assert "stability" in page.lower()
+    assert "Where the paper does not hold" in page
     assert page.count("<svg") >= 18
     assert re.search(r"\bnan\b", page.lower()) is None
 

@@ -46,9 +46,9 @@ def reproduce(
     count = seeds or (QUICK_SEEDS if quick else SEEDS)
     with options.narrate("starting") as progress:
         found = repeat(range(first_seed, first_seed + count), quick=quick, progress=progress)
+        write_atomically(folder / "results.json", as_json(found.results).encode())
         progress("writing the report")
         write(paper_report(found), folder / "report.html")
-    write_atomically(folder / "results.json", as_json(found.results).encode())
     elapsed = time.perf_counter() - begun
     write_atomically(folder / "run.json", as_json(_machine(elapsed, count)).encode())
     missed = [goal.label for goal in GOALS if not met(goal, found.results)]
