@@ -40,7 +40,6 @@ def paper_report(found_: Reproduction) -> Report:
         _torque_form(results, found_),
         *comparison_section.sections(results, found_.first.traces),
         *(claim.section(results, found_.first.traces) for claim in _claims(results)),
-        _verdicts(results),
         Section(
             "How to read this",
             (
@@ -54,6 +53,7 @@ def paper_report(found_: Reproduction) -> Report:
                 "rmse_to_desired_whole_run.",
             ),
         ),
+        _verdicts(results),
     )
     return Report(
         "The paper's reaction wheel, reproduced",
