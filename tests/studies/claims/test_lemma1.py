@@ -6,8 +6,8 @@ from scipy.integrate import solve_ivp
 
 from faultgauge.plants.gray_box import load_plant
 from faultgauge.studies.paper.claims import lemma1, lemma1_horizon, lemma1_limit
-from faultgauge.studies.paper.claims.learned import rates, records, replay, sized, unseen
-from faultgauge.studies.paper.excited import SWEEP
+from faultgauge.studies.paper.claims.learned import rates, replay, sized, unseen
+from faultgauge.studies.paper.excited import SWEEP, records
 from faultgauge.telemetry import Run
 
 J, K, V, R = 0.84, 0.0743, 28.0, 0.85

@@ -10,7 +10,7 @@ from faultgauge.simulation.satellite.loop import Telemetry
 from faultgauge.simulation.satellite.observatory import run
 from faultgauge.simulation.schedules import Schedule
 from faultgauge.studies.paper.cases import SECONDS, inner_disturbance
-from faultgauge.studies.paper.excited import SWEEP, experiment_log
+from faultgauge.studies.paper.excited import SWEEP, records
 from faultgauge.studies.paper.learning import Learned, learn
 
 __all__ = ["Bench", "Traces", "learn_from", "set_up"]
@@ -48,6 +48,5 @@ def learn_from(
     wheel: GrayBoxPlant, experiment: Experiment, seed: int, inner: tuple[Schedule, ...], **how: Any
 ) -> Learned:
     """Trained on one record of the experiment and selected on another."""
-    training = experiment_log(wheel, experiment, 2 * seed, inner)
-    validation = experiment_log(wheel, experiment, 2 * seed + 1, inner)
-    return learn([training], [validation], seed, **how)
+    given = records(wheel, experiment, seed, inner)
+    return learn([given.training], [given.validation], seed, **how)

@@ -20,7 +20,7 @@ from faultgauge.studies.paper.competitors import (
     competitors,
     samples_of,
 )
-from faultgauge.studies.paper.excited import SWEEP, experiment_log, wheel_log
+from faultgauge.studies.paper.excited import SWEEP, records, wheel_log
 from faultgauge.studies.paper.learning import Learned, beside, fitted, rms
 
 __all__ = ["FREE", "measure"]
@@ -109,8 +109,8 @@ def stribeck(bench: Bench) -> Learned:
         for p in spec.parameters
     )
     plant = GrayBoxPlant.untrained(replace(spec, parameters=parameters))
-    logs = [experiment_log(bench.wheel, SWEEP, 2 * bench.seed + k, bench.inner) for k in (0, 1)]
-    return fitted(plant, logs[:1], logs[1:], bench.seed)
+    given = records(bench.wheel, SWEEP, bench.seed, bench.inner)
+    return fitted(plant, [given.training], [given.validation], bench.seed)
 
 
 def _sampled(each: Competitor) -> Callable[[Telemetry], Beside]:

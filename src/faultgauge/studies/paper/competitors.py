@@ -35,7 +35,7 @@ from faultgauge.identification.levenberg_marquardt import Options
 from faultgauge.simulation.satellite.observatory import HOLD, run
 from faultgauge.studies.paper.bench import Bench
 from faultgauge.studies.paper.cases import SECONDS
-from faultgauge.studies.paper.excited import SWEEP, experiment_log, wheel_log
+from faultgauge.studies.paper.excited import SWEEP, records, wheel_log
 from faultgauge.telemetry import Run
 
 __all__ = ["ALONE", "Budget", "Competitor", "Logs", "competitors", "logs", "record", "samples_of"]
@@ -89,10 +89,8 @@ class Logs(NamedTuple):
 
 def logs(bench: Bench) -> Logs:
     held = run(bench.wheel, SECONDS, bench.seed + NORMAL_SEED, bench.inner, angles=HOLD)
-    first, second = (
-        experiment_log(bench.wheel, SWEEP, 2 * bench.seed + k, bench.inner) for k in (0, 1)
-    )
-    return Logs(first, second, samples_of(wheel_log(held, "pitch", "normal operation")))
+    given = records(bench.wheel, SWEEP, bench.seed, bench.inner)
+    return Logs(*given, samples_of(wheel_log(held, "pitch", "normal operation")))
 
 
 def samples_of(flight: Run, skip: int = PER_SECOND) -> Run:

@@ -1,5 +1,8 @@
 """Healthy logs of one wheel: the experiment, noise alone, and what normal operation gives."""
 
+from collections.abc import Sequence
+from typing import NamedTuple
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -12,7 +15,7 @@ from faultgauge.simulation.satellite.observatory import AXES
 from faultgauge.simulation.schedules import Schedule, grid, inject
 from faultgauge.telemetry import Run
 
-__all__ = ["NOISE_ALONE", "SWEEP", "experiment_log", "wheel_log"]
+__all__ = ["NOISE_ALONE", "SWEEP", "Records", "experiment_log", "records", "wheel_log"]
 
 # Table 2: 1000 samples at 1 Hz. One cycle is two triangles, up and down: 600 N*m*s of travel in
 # 1000 s is what the motor can do beside the noise.
@@ -27,6 +30,13 @@ SWEEP = Experiment(
 )
 NOISE_ALONE = Experiment("noise", seconds=1000.0, dt=1.0, low=0.005, high=0.4, sigma={"u": 0.4})
 SUBSTEPS = 20
+
+
+class Records(NamedTuple):
+    """One record of an experiment to fit, one to stop and select by."""
+
+    training: Run
+    validation: Run
 
 
 def experiment_log(
@@ -64,6 +74,14 @@ def experiment_log(
         "d_h": record.dx[:, 0],
     }
     return Run(f"{experiment.kind} {seed}", experiment.kind, excitation.t, columns)
+
+
+def records(
+    wheel: GrayBoxPlant, experiment: Experiment, seed: int, inner: Sequence[Schedule]
+) -> Records:
+    """Two records of a seed, apart from each other and from those of every other seed."""
+    first, second = (experiment_log(wheel, experiment, 2 * seed + k, tuple(inner)) for k in (0, 1))
+    return Records(first, second)
 
 
 def wheel_log(flown: Telemetry, axis: str, name: str) -> Run:

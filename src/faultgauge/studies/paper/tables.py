@@ -15,6 +15,7 @@ __all__ = [
     "estimate_table",
     "jump_table",
     "log_table",
+    "milli",
     "noise_table",
     "reach",
     "severity_table",
@@ -49,6 +50,11 @@ def span(values: Mapping[str, float | None], form: str = ".3g", unit: str = "") 
     """Median [smallest, largest]."""
     each = ["never" if x is None else format(x, form) for x in values.values()]
     return f"{each[0]} [{each[1]}, {each[2]}] {unit}".strip()
+
+
+def milli(values: Mapping[str, float | None]) -> dict[str, float | None]:
+    """A figure and its range in thousandths of the unit."""
+    return {name: None if x is None else 1e3 * x for name, x in values.items()}
 
 
 def reach(results: Results) -> str:

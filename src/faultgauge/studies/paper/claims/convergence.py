@@ -4,6 +4,7 @@ Lemma 2 wants a bounded derivative of the fault; eq (17) steps, which has none. 
 s^2 + 2 zeta omega_o s + omega_o^2, a ramp of slope c leaves fhat - f = -2 zeta c/omega_o for ever.
 """
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from faultgauge.observers.observer import OperatingPoints
 from faultgauge.plants.plant import Plant
 from faultgauge.reporting.relations import relation
 from faultgauge.reporting.report import Section, Table
+from faultgauge.reporting.svg import Figure
 from faultgauge.reporting.time_figures import Panel, panels
 from faultgauge.simulation.schedules import Constant, Ramp, Schedule, truth
 from faultgauge.studies.paper.bench import Bench, Traces
@@ -21,7 +23,7 @@ from faultgauge.studies.paper.cases import ONSET
 from faultgauge.studies.paper.claims.verdict import Verdict
 from faultgauge.studies.paper.estimating import AFTER, ZETA, design, estimate
 from faultgauge.studies.paper.learning import rms
-from faultgauge.studies.paper.tables import Results, span
+from faultgauge.studies.paper.tables import Results, milli, span
 
 __all__ = ["lag", "measure", "section", "verdict"]
 
@@ -81,17 +83,30 @@ def _mean(x: Float[np.ndarray, "samples"], chosen: np.ndarray) -> float:
 def section(results: Results, traces: Traces) -> Section:
     """The claim, its verdict, and the errors against bandwidth and time."""
     found = results["convergence"]
+    return Section(
+        "Asymptotic convergence",
+        (
+            "The paper: with a bounded derivative of the fault the observer estimates it "
+            "asymptotically. Its own eq (17) steps, and has no bounded derivative.",
+            verdict(results).found,
+        ),
+        (_table(found),),
+        _figures(found, traces["convergence"]),
+    )
+
+
+def _table(found: Results) -> Table:
     rows = tuple(
         (
             key,
             f"{-1e3 * lag(float(key)):.3g}",
-            span(_milli(found["ramp_without_f"][key]["eso"])),
-            span(_milli(found["ramp"][key]["iesonn"])),
-            span(_milli(found["step"][key]["iesonn"])),
+            span(milli(found["ramp_without_f"][key]["eso"])),
+            span(milli(found["ramp"][key]["iesonn"])),
+            span(milli(found["step"][key]["iesonn"])),
         )
         for key in (f"{omega:g}" for omega in BANDWIDTHS)
     )
-    table = Table(
+    return Table(
         (
             "omega_o (rad/s)",
             "-2 zeta c/omega_o",
@@ -103,7 +118,9 @@ def section(results: Results, traces: Traces) -> Section:
         f"mN·m. Ramp of {1e3 * SLOPE:g} mN·m/s: mean error over its second half. Step of 0.1 N·m: "
         "RMSE from 50 s after it, or 12/omega_o where that is later.",
     )
-    x = traces["convergence"]
+
+
+def _figures(found: Results, x: Mapping[str, Any]) -> tuple[Figure, ...]:
     over_time = panels(
         x["t"],
         [
@@ -132,20 +149,7 @@ def section(results: Results, traces: Traces) -> Section:
         logarithmic="xy",
         measured={k: np.array([abs(v["median"]) for v in each]) for k, each in medians.items()},
     )
-    return Section(
-        "Asymptotic convergence",
-        (
-            "The paper: with a bounded derivative of the fault the observer estimates it "
-            "asymptotically. Its own eq (17) steps, and has no bounded derivative.",
-            verdict(results).found,
-        ),
-        (table,),
-        (over_time, against),
-    )
-
-
-def _milli(entry: Any) -> dict[str, float]:
-    return {name: 1e3 * x for name, x in entry.items()}
+    return over_time, against
 
 
 def verdict(results: Results) -> Verdict:

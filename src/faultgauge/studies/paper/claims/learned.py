@@ -1,7 +1,6 @@
 """Records and networks of other sizes for the claims, and how a plant is held against them."""
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -16,17 +15,14 @@ from faultgauge.plants.plant import Plant
 from faultgauge.plants.plant_file import parse_plant, read_plant_text
 from faultgauge.simulation.free_run import Trajectory, free_run
 from faultgauge.simulation.schedules import Schedule
-from faultgauge.studies.paper.excited import experiment_log
+from faultgauge.studies.paper.excited import Records, experiment_log
 from faultgauge.studies.paper.learning import GRAY_BOX
 from faultgauge.telemetry import Run
 
 __all__ = [
     "RESTARTS",
-    "Records",
     "medians",
-    "milli",
     "rates",
-    "records",
     "replay",
     "sized",
     "teach",
@@ -38,28 +34,11 @@ TEST = 10_000  # seeds of the test records: far from those of training and valid
 SUBSTEPS = 5  # per sample of 1 s: friction's fastest rate is 0.044 1/s
 
 
-class Records(NamedTuple):
-    """One record of an experiment to fit, one to stop and select by."""
-
-    training: Run
-    validation: Run
-
-
 def sized(hidden: int, plant: str = GRAY_BOX) -> GrayBoxPlant:
     """The untrained gray-box wheel with `hidden` units in each of its networks."""
     text = read_plant_text(plant)
     changed = text.replace("hidden = 10", f"hidden = {hidden}")
     return GrayBoxPlant.untrained(parse_plant(changed, f"{plant}, {hidden} units"))
-
-
-def records(
-    wheel: GrayBoxPlant, experiment: Experiment, seed: int, inner: Sequence[Schedule]
-) -> Records:
-    """As the bench's: two records of the seed, apart from each other."""
-    return Records(
-        experiment_log(wheel, experiment, 2 * seed, tuple(inner)),
-        experiment_log(wheel, experiment, 2 * seed + 1, tuple(inner)),
-    )
 
 
 def unseen(
@@ -102,8 +81,3 @@ def replay(plant: Plant, log: Run) -> Trajectory:
 def medians(values: Sequence[Mapping[str, float | None]]) -> Float[np.ndarray, "values"]:
     """The medians over the seeds of a list of figures; NaN where there is none."""
     return np.array([each["median"] for each in values], float)
-
-
-def milli(values: Mapping[str, float | None]) -> dict[str, float | None]:
-    """A figure and its range in thousandths of the unit."""
-    return {name: None if x is None else 1e3 * x for name, x in values.items()}

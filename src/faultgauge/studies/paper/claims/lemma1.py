@@ -14,10 +14,7 @@ from faultgauge.simulation.schedules import Schedule
 from faultgauge.studies.paper.bench import Bench, Traces
 from faultgauge.studies.paper.cases import SECONDS
 from faultgauge.studies.paper.claims.learned import (
-    Records,
     medians,
-    milli,
-    records,
     replay,
     sized,
     teach,
@@ -36,9 +33,9 @@ from faultgauge.studies.paper.claims.lemma1_limit import (
     measure_limit,
 )
 from faultgauge.studies.paper.claims.verdict import Verdict
-from faultgauge.studies.paper.excited import SWEEP, experiment_log
+from faultgauge.studies.paper.excited import SWEEP, Records, experiment_log, records
 from faultgauge.studies.paper.learning import PITCH, beside, rms
-from faultgauge.studies.paper.tables import Results, span
+from faultgauge.studies.paper.tables import Results, milli, span
 from faultgauge.telemetry import Run
 
 __all__ = ["measure", "section", "thinned", "verdict"]

@@ -16,10 +16,10 @@ from faultgauge.reporting.svg import Figure
 from faultgauge.simulation.satellite.observatory import PERIOD
 from faultgauge.studies.paper.bench import Bench, Traces
 from faultgauge.studies.paper.cases import SECONDS
-from faultgauge.studies.paper.claims.learned import milli, rates, records, sized, teach
-from faultgauge.studies.paper.excited import SWEEP
+from faultgauge.studies.paper.claims.learned import rates, sized, teach
+from faultgauge.studies.paper.excited import SWEEP, records
 from faultgauge.studies.paper.learning import rms
-from faultgauge.studies.paper.tables import Results, span
+from faultgauge.studies.paper.tables import Results, milli, span
 
 __all__ = ["floor_of", "limit_figures", "limit_table", "limit_verdict", "measure_limit"]
 

@@ -13,7 +13,8 @@ from faultgauge.identification.levenberg_marquardt import FAILED, Solution, leve
 from faultgauge.identification.starts import nguyen_widrow
 from faultgauge.plants.plant import Plant
 from faultgauge.plants.signals import Signals
-from faultgauge.studies.paper.claims.learned import Records, replay
+from faultgauge.studies.paper.claims.learned import replay
+from faultgauge.studies.paper.excited import Records
 from faultgauge.telemetry import Run
 
 __all__ = ["OneNetwork", "teach_one"]

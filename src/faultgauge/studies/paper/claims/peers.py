@@ -24,7 +24,7 @@ from faultgauge.studies.paper.claims.verdict import Verdict
 from faultgauge.studies.paper.estimating import BAND
 from faultgauge.studies.paper.learning import PITCH, beside, rms
 from faultgauge.studies.paper.severity import mean
-from faultgauge.studies.paper.tables import Results, span
+from faultgauge.studies.paper.tables import Results, milli, span
 
 __all__ = ["another_unit", "measure", "section", "shifted", "simulation_model", "twin", "verdict"]
 
@@ -210,8 +210,8 @@ def _early(found: Results) -> str:
         "The loop counters the fault in its command, so a free-running reference, which has no "
         "fault, slows down; at zero speed its friction turns round, and one with other constants "
         f"gets there at another time. In the first {EARLY:g} s, far from there, the simulation "
-        f"model errs by {span(_milli(early))} mN·m, over the whole fault by "
-        f"{span(_milli(whole))}. That it is not good for estimation even in the first "
+        f"model errs by {span(milli(early))} mN·m, over the whole fault by "
+        f"{span(milli(whole))}. That it is not good for estimation even in the first "
         f"{EARLY:g} s: {_kept(early, least=GOOD)}."
     )
 
@@ -235,7 +235,7 @@ def _tables(found: Results) -> tuple[Table, Table]:
     }
 
     def row(name: str, keys: Mapping[str, str]) -> tuple[str, ...]:
-        return (NAMES[name], *(span(_milli(found[name][key])) for key in keys.values()))
+        return (NAMES[name], *(span(milli(found[name][key])) for key in keys.values()))
 
     against = "residual against"
     return (
@@ -251,10 +251,6 @@ def _tables(found: Results) -> tuple[Table, Table]:
             "desired residual; the size is the mean of the first 20 s.",
         ),
     )
-
-
-def _milli(values: Mapping[str, float]) -> dict[str, float]:
-    return {name: 1e3 * x for name, x in values.items()}
 
 
 def _over_time(traces: Traces) -> Figure:

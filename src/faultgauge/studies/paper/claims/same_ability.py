@@ -20,7 +20,7 @@ from faultgauge.studies.paper.cases import CASES
 from faultgauge.studies.paper.claims.verdict import Verdict
 from faultgauge.studies.paper.estimating import BAND, design, estimate, scored
 from faultgauge.studies.paper.learning import beside, rms
-from faultgauge.studies.paper.tables import Results, span
+from faultgauge.studies.paper.tables import Results, milli, span
 
 __all__ = ["KINDS", "measure", "section", "spoilt", "verdict"]
 
@@ -92,7 +92,7 @@ def section(results: Results, traces: Traces) -> Section:
         (
             KINDS[kind],
             f"{size:g}",
-            *(span(_milli(found[kind][f"{size:g}"][key])) for key in COLUMNS),
+            *(span(milli(found[kind][f"{size:g}"][key])) for key in COLUMNS),
         )
         for kind, sizes in SIZES.items()
         for size in sizes
@@ -139,10 +139,6 @@ def _at(
     return np.array([found.get(each, np.nan) for each in every.tolist()])
 
 
-def _milli(entry: Any) -> dict[str, float]:
-    return {name: 1e3 * x for name, x in entry.items()}
-
-
 def verdict(results: Results) -> Verdict:
     found = results["same_ability"]
     ratios = {kind: found[kind]["gap_over_error"] for kind in KINDS}
@@ -154,6 +150,6 @@ def verdict(results: Results) -> Verdict:
         f"Only as far as the model is right: its error passes into the estimate, gap over error "
         f"{passed}; no gain restrains it. The two stay within 5 % of a 0.1 N·m fault up to "
         f"a model error of {1e3 * most:.1f} mN·m by these ratios; with the learned model and "
-        f"the smallest bias put in they are {span(_milli(least))} mN·m apart.",
+        f"the smallest bias put in they are {span(milli(least))} mN·m apart.",
         all(ratio["median"] < RESTRAINED for ratio in ratios.values()),
     )

@@ -15,18 +15,15 @@ from faultgauge.reporting.svg import Figure
 from faultgauge.studies.paper.bench import Bench, Traces
 from faultgauge.studies.paper.claims.learned import (
     RESTARTS,
-    Records,
     medians,
-    milli,
-    records,
     sized,
     teach,
 )
 from faultgauge.studies.paper.claims.one_network import teach_one
 from faultgauge.studies.paper.claims.verdict import Verdict
-from faultgauge.studies.paper.excited import SWEEP
+from faultgauge.studies.paper.excited import SWEEP, Records, records
 from faultgauge.studies.paper.learning import GRAY_BOX, PITCH, beside, rms
-from faultgauge.studies.paper.tables import Results, span
+from faultgauge.studies.paper.tables import Results, milli, span
 
 __all__ = ["measure", "section", "verdict"]
 

@@ -11,9 +11,7 @@ from faultgauge.reporting.svg import Figure
 from faultgauge.studies.paper.bench import WHEEL, Bench, Traces
 from faultgauge.studies.paper.claims.learned import (
     medians,
-    milli,
     rates,
-    records,
     replay,
     sized,
     teach,
@@ -32,8 +30,9 @@ from faultgauge.studies.paper.claims.unknown_domains_errors import (
     unbounded,
 )
 from faultgauge.studies.paper.claims.verdict import Verdict
+from faultgauge.studies.paper.excited import records
 from faultgauge.studies.paper.learning import rms
-from faultgauge.studies.paper.tables import Results, span
+from faultgauge.studies.paper.tables import Results, milli, span
 
 __all__ = ["measure", "section", "unbounded", "verdict"]
 
