@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed-$(shell $(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info[:2])')
 
-.PHONY: demo test check lint bench lock docs clean
+.PHONY: demo test check lint bench lock docs peers clean
 
 demo: $(STAMP)
 	$(BIN)/faultgauge demo --out out
@@ -25,6 +25,11 @@ docs: $(STAMP)
 
 bench: $(STAMP)
 	$(BIN)/python benchmarks/run.py
+
+# jax-sysid pins jax<=0.4.31 and scipy<=1.14.1 and so lives apart; `faultgauge benchmark` finds it.
+peers:
+	$(PYTHON) -m venv .venv-peers
+	.venv-peers/bin/pip install --quiet jax-sysid==1.1.0
 
 # The lock holds every package with its hashes, for Python 3.11 to 3.13, and no address.
 lock:

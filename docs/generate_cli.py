@@ -15,6 +15,7 @@ COMMANDS = (
     "estimate",
     "simulate",
     "reproduce",
+    "benchmark",
 )
 
 

@@ -6,9 +6,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+import equinox as eqx
 import pytest
 
-from faultgauge.cli.app import app
+from faultgauge.cli.app import app, run
+from faultgauge.plants.model import Model, load_model, save_model
 
 SCRIPT = Path(sys.executable).parent / "faultgauge"
 COMMANDS = [
@@ -21,7 +23,31 @@ COMMANDS = [
     "estimate",
     "simulate",
     "reproduce",
+    "benchmark",
 ]
+GAUGE = """name = "tank with a gauge"
+
+[states.z]
+unit = "m"
+derivative = "2.5*u - a*z"
+
+[inputs.u]
+unit = "V"
+hold = "zero"
+
+[outputs.y]
+unit = "V"
+value = "k*z"
+
+[parameters]
+a = { value = 1.0, unit = "1/s", min = 0 }
+k = { value = 1.5, unit = "V/m", min = 0 }
+
+[faults.leak]
+enters = "state"
+target = "z"
+unit = "m/s"
+"""
 EVENT_KEYS = {"run", "fault", "start", "end", "size", "lo", "hi", "p"}
 
 
@@ -60,8 +86,14 @@ def test_inspect_drafts_a_plant_and_never_overwrites_one(call, workshop, tmp_pat
 def test_fit(call, workshop, tmp_path):
     out = tmp_path / "again.fgm"
     found = one_object(call("fit", workshop.plant, workshop.healthy, "--out", out, "--json"))
-    wanted = {"model", "parameters", "metrics", "derivatives", "envelope", "warnings"}
-    assert found.keys() == wanted
+    assert found.keys() == {
+        "model", "parameters", "metrics", "derivatives", "envelope", "warnings", "choices",
+        "refinement", "members", "validation",
+    }  # fmt: skip
+    assert found["choices"] == {"hold": {}, "hidden": {}}
+    assert (found["refinement"], found["members"]) == (None, 0)
+    (output,) = found["validation"]["outputs"]
+    assert (output["name"], output["samples"]) == ("x", 90), "15 % of 600"
     # 600 samples with noise of 0.1 % of the signal: the fit stands within 1 % of the truth
     assert found["parameters"] == pytest.approx({"a": 0.8, "b": 2.5}, rel=0.01)
     assert out.read_bytes() == workshop.model.read_bytes(), "the same fit gives the same bytes"
@@ -75,6 +107,81 @@ def test_fit_says_what_it_found(call, workshop, tmp_path):
     assert "a = " in said.out
     assert "b = " in said.out
     assert str(out) in said.err
+
+
+REFINED = ("--map", "y=2*x", "--restarts", "2", "--ensemble", "--robust")
+
+
+@pytest.fixture(scope="module")
+def hidden(tmp_path_factory, workshop):
+    """(plant file, model file) of a tank that is seen through a gauge only."""
+    folder = tmp_path_factory.mktemp("hidden")
+    plant, model = folder / "gauge.toml", folder / "gauge.fgm"
+    plant.write_text(GAUGE)
+    arguments = ("fit", plant, workshop.healthy, *REFINED, "--out", model)
+    assert run([str(each) for each in arguments]) == 0
+    return plant, model
+
+
+def test_fit_with_a_hidden_state_gives_standard_errors(call, workshop, hidden, tmp_path):
+    plant, model = hidden
+    page, out = tmp_path / "page.html", tmp_path / "again.fgm"
+    fit = ("fit", plant, workshop.healthy, *REFINED, "--out", out)
+    lines = call(*fit).out.splitlines()
+    found = {}
+    for line in lines[:2]:
+        name, _, value, sign, error, unit = line.split()
+        assert (sign, unit) == ("+-", {"a": "1/s", "k": "V/m"}[name])
+        found[name] = (float(value), float(error))
+    # noise of 0.002 m in 600 samples of half a metre: an error far below a per cent
+    assert found["a"][0] == pytest.approx(0.8, rel=0.01)
+    assert found["k"][0] == pytest.approx(2.0, rel=0.01)
+    assert all(0 < error < 0.01 for _, error in found.values())
+    assert out.read_bytes() == model.read_bytes()
+    told = one_object(call(*fit, "--report", page, "--json"))
+    assert sorted(each["name"] for each in told["refinement"]["parameters"]) == ["a", "k"]
+    assert told["validation"]["outputs"][0]["samples"] == 40, "15 % of 600, less 50 to start from"
+    text = page.read_text()
+    assert "Refinement by simulation error" in text
+    assert "Validation on unseen data" in text
+
+
+def test_a_hidden_state_goes_through_evaluate_calibrate_and_estimate(
+    call, workshop, hidden, tmp_path
+):
+    _, model = hidden
+    maps = ("--map", "y=2*x")
+    calibrated, table_of = tmp_path / "c.fgm", tmp_path / "f.csv"
+    score = one_object(call("evaluate", model, workshop.healthy2, *maps, "--json"))
+    assert score["outputs"]["y"]["r2"] > 0.99
+    assert call("calibrate", model, workshop.healthy2, *maps, "--out", calibrated).code == 0
+    found = one_object(
+        call("estimate", calibrated, workshop.suspect, *maps, "--out", table_of, "--json")
+    )
+    longest = max(found["events"], key=lambda e: e["end"] - e["start"])
+    # as with the level itself
+    assert longest["size"] == pytest.approx(workshop.leak, rel=0.1)
+
+
+def test_evaluate_of_an_ensemble(call, workshop, tmp_path):
+    """Two plants told apart by b alone: the mean is that of one between them."""
+    best = load_model(workshop.model)
+    plants = [
+        eqx.tree_at(lambda p: p.parameters["b"], best.plant, best.plant.parameters["b"] * factor)
+        for factor in (1.0, 1.2, 1.1)
+    ]
+    several, middle = tmp_path / "several.fgm", tmp_path / "middle.fgm"
+    save_model(Model(plants[0], best.record).with_members(plants[1:2]), several)
+    save_model(Model(plants[2], best.record), middle)
+    found = one_object(call("evaluate", several, workshop.healthy2, "--json"))
+    alone = one_object(call("evaluate", workshop.model, workshop.healthy2, "--json"))
+    between = one_object(call("evaluate", middle, workshop.healthy2, "--json"))
+    assert {k: v for k, v in found.items() if k != "ensemble"} == alone
+    spread = found["ensemble"]["x"].pop("spread")
+    # x is linear in b: rounding only
+    assert found["ensemble"]["x"] == pytest.approx(between["outputs"]["x"], rel=1e-9)
+    assert spread > 0.05 * between["outputs"]["x"]["rmse"]
+    assert "ensemble: x: RMSE of the mean" in call("evaluate", several, workshop.healthy2).out
 
 
 def test_evaluate(call, workshop):

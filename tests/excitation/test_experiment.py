@@ -144,8 +144,9 @@ def test_refusals_of_the_wheel(sweep, words):
         design(experiment("noise_with_sweep", sweep=sweep), WHEEL, 0)
 
 
-def test_a_sweep_needs_an_input_that_is_held():
-    signals = Signals(WHEEL.states, (Input("u", "", -1.0, 1.0, "linear"),), WHEEL.outputs)
+@pytest.mark.parametrize("hold", ["linear", "band-limited"])
+def test_a_sweep_needs_an_input_that_is_held(hold):
+    signals = Signals(WHEEL.states, (Input("u", "", -1.0, 1.0, hold),), WHEEL.outputs)
     assert design(experiment(), signals, 0).kp.shape == (1, 2)
     with pytest.raises(InputError, match="cannot act on input 'u'"):
         design(experiment("noise_with_sweep", sweep=Sweep("hm", 0.1, 1.0)), signals, 0)

@@ -11,9 +11,11 @@ from faultgauge.identification.equation_error import (
     fit_group,
     groups,
     scale_networks,
+    start_vector,
 )
 from faultgauge.identification.levenberg_marquardt import CONVERGED, Options
 from faultgauge.identification.samples import Samples
+from faultgauge.identification.starts import nguyen_widrow
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant_file import parse_plant
 
@@ -107,6 +109,31 @@ def test_scalings_are_mapminmax():
     np.testing.assert_allclose(network.input_center, (low + high) / 2, rtol=1e-15)
     np.testing.assert_allclose(network.input_scale, (high - low) / 2, rtol=1e-15)
     assert float(network.output_scale) == pytest.approx(np.ptp(data.dx) / 2, rel=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("keys", "center", "scale"),
+    [
+        ("odd = true", 0.0, 3.0),  # [-3, 3]
+        ("zero_at_zero = true", 1.5, 1.5),  # [0, 3]
+        ("positive = true", 2.0, 1.0),
+        ('monotone = "increasing"', 2.0, 1.0),
+    ],
+)
+def test_scalings_and_starts_of_a_shaped_network(keys, center, scale):
+    """Arguments in [1, 3]."""
+    text = plant({"x": "u + A(x)"}, {"y": "x"}, networks={"A": 3}).spec.text
+    body = GrayBoxPlant.untrained(parse_plant(f"{text}\n{keys}", "p.toml"))
+    data = samples(x=np.linspace(1.0, 3.0, 300)[:, None])
+    (group,) = groups(body.spec, ())
+    scaled = scale_networks(body, group, data)
+    network = scaled.networks["A"]
+    assert float(network.input_center[0]) == pytest.approx(center, abs=1e-15)
+    assert float(network.input_scale[0]) == pytest.approx(scale, rel=1e-15)
+    assert float(network.output_center) == 0.0
+    theta = start_vector(scaled, group, np.zeros(0), np.random.default_rng(0))
+    weights = nguyen_widrow(3, 1, np.random.default_rng(0), body.spec.networks[0].shape)
+    np.testing.assert_array_equal(theta, np.concatenate([np.ravel(w) for w in weights.values()]))
 
 
 @pytest.mark.parametrize("order", [1, -1])

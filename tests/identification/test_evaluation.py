@@ -5,7 +5,13 @@ import pytest
 from scipy.signal import cont2discrete
 
 from faultgauge.errors import InputError
-from faultgauge.identification.evaluation import evaluate, predict, scores, start_state
+from faultgauge.identification.evaluation import (
+    evaluate,
+    evaluate_ensemble,
+    predict,
+    scores,
+    start_of_run,
+)
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant_file import parse_plant
 from faultgauge.telemetry import Run
@@ -93,9 +99,9 @@ def test_all_states_hidden():
 def test_known_states_are_left_alone():
     t, u, x = truth((0.7, -1.3))
     y = np.stack([x[:, 0], np.full(COUNT, np.nan)], axis=1)
-    start = start_state(plant(), t[:50], u[:50, None], y[:50], {"q": 0.75, "v": -1.0}, LONGEST)
+    _, start = start_of_run(plant(), t[:50], u[:50, None], y[:50], {"q": 0.75, "v": -1.0}, LONGEST)
     np.testing.assert_array_equal(start, [0.75, -1.0])
-    start = start_state(plant(), t[:50], u[:50, None], y[:50], {"q": 0.75}, LONGEST)
+    _, start = start_of_run(plant(), t[:50], u[:50, None], y[:50], {"q": 0.75}, LONGEST)
     assert start[0] == 0.75
 
 
@@ -107,7 +113,7 @@ def test_start_takes_noise_as_least_squares_does():
     free = [truth(e)[2][:50, 0] - forced[:50, 0] for e in np.eye(2)]
     reference, *_ = np.linalg.lstsq(np.stack(free, axis=1), y - forced[:50, 0])
     both = np.stack([y, np.full(50, np.nan)], axis=1)
-    start = start_state(plant(), t[:50], u[:50, None], both, {}, LONGEST)
+    _, start = start_of_run(plant(), t[:50], u[:50, None], both, {}, LONGEST)
     np.testing.assert_allclose(start, reference, rtol=0, atol=1e-5)
 
 
@@ -195,3 +201,43 @@ def test_plant_without_inputs():
     t = STEP * np.arange(60)
     found, _ = evaluate(decay, [run(t, x=3 * np.exp(-t))], LONGEST)
     assert found["outputs"]["x"]["rmse"] < 1.5e-9  # RK4: 3 t exp(-t) STEP^4 / 120
+
+
+def test_ensemble_by_hand():
+    """Three decays that start and rise alike but for a known offset of the output."""
+    t = STEP * np.arange(60)
+    log = run(t, x=3 * np.exp(-t), y=3 * np.exp(-t))
+    offsets = (0.1, -0.2, 0.4)
+    plants = [
+        plant(
+            'name = "d"\n[states.x]\nderivative = "-x"\n[outputs.y]\n'
+            f'value = "x + c"\n[parameters]\nc = {{ value = {c}, fixed = true }}'
+        )
+        for c in offsets
+    ]
+    found = evaluate_ensemble(plants, [log], LONGEST)
+    assert found.keys() == {"y"}
+    # RK4's error, 1.5e-9, beside offsets of a tenth
+    assert found["y"]["rmse"] == pytest.approx(np.mean(offsets), rel=1e-7)
+    assert found["y"]["spread"] == pytest.approx(np.std(offsets), rel=1e-7)
+    assert found["y"]["r2"] == pytest.approx(1 - 0.01 / np.var(log.columns["y"]), rel=1e-6)
+
+
+def test_ensemble_with_a_member_that_diverges():
+    t = STEP * np.arange(60)
+    log = run(t, x=3 * np.exp(-t))
+    good = 'name = "d"\n[states.x]\nderivative = "-x"\n[outputs.x]\nvalue = "x"'
+    plants = [plant(good), plant(good.replace('"-x"', '"1e3*x**3"'))]
+    found = evaluate_ensemble(plants, [log], LONGEST)
+    assert found["x"] == dict.fromkeys(("r2", "rmse", "nrmse", "spread"))
+
+
+def test_dead_time_of_an_input():
+    """The command of 0.1 s ago drives the plant: commanded early, the same truth."""
+    t, u, x = truth((0.7, -1.3))
+    early = np.append(u[5:], np.full(5, u[-1]))
+    late = plant(OSCILLATOR.replace("[inputs.u]", "[inputs.u]\ndelay = 0.1"))
+    (found,) = predict(late, [run(t, u=early, q=x[:, 0], v=x[:, 1], pos=x[:, 0])], LONGEST)
+    assert found.t[0] == pytest.approx(0.1, abs=1e-12), "before, nobody knows what acted"
+    np.testing.assert_allclose(found.predicted[:, 0], x[5:, 0], rtol=0, atol=1e-6)  # LONGEST's
+    np.testing.assert_array_equal(found.u[:, 0], u[5:])

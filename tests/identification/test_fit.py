@@ -174,7 +174,7 @@ def test_training_takes_nothing_from_validation():
     """A validation log from another plant changes where the search stops, not what it fits."""
     log = first_order(seed=1)
     _, report = fit(plant(FIRST_ORDER), [log], [first_order(seed=2, a=1.2)], restarts=2)
-    reach = report.stretches[0].reach
+    reach = round(report.noise["x"]["window_s"] / np.median(np.diff(log.t)) / 2)
     assert len(report.training.x) == 400 - 2 * reach
     # smoothed x lies between the smallest and largest of the log itself
     assert report.training.x.max() <= log.columns["x"].max()
@@ -191,7 +191,7 @@ def test_refusals():
     silent = Run("r", "a.csv", log.t, {"u": log.columns["u"], "z": log.columns["x"]})
     hidden = plant(FIRST_ORDER.replace("[outputs.x]", "[outputs.y]"))
     measured = Run("r", "a.csv", log.t, {"u": log.columns["u"], "x": log.columns["x"]})
-    with pytest.raises(InputError, match=r"state 'x' .* has no column in a\.csv"):
+    with pytest.raises(InputError, match=r"none of the outputs x .* has a column in a\.csv"):
         fit(plant(FIRST_ORDER), [silent])
     with pytest.raises(InputError, match=r"none of the outputs y .* has a column in a\.csv"):
         fit(hidden, [measured])
@@ -200,6 +200,40 @@ def test_refusals():
         fit(plant(FIRST_ORDER), [still])
     with pytest.raises(InputError, match=r"a\.csv: no stretch of 18 complete samples"):
         fit(plant(FIRST_ORDER), [cut(log, slice(0, 17))])
+
+
+def test_what_needs_the_refinement_says_so():
+    log = first_order()
+    for option in ("ensemble", "robust"):
+        with pytest.raises(InputError, match=f"--{option} is about the refinement.*add --refine"):
+            fit(plant(FIRST_ORDER), [log], **{option: True})
+    hidden = plant(FIRST_ORDER.replace('value = "x"', 'value = "2*x"').replace(".x]\nv", ".y]\nv"))
+    seen = Run("r", "a.csv", log.t, {"u": log.columns["u"], "y": 2 * log.columns["x"]})
+    with pytest.raises(InputError, match="x of plant 'first order': hidden states"):
+        fit(hidden, [seen], refine=False)
+
+
+DELAY = 0.3  # s: six steps
+
+
+def late(run):
+    """The run of a plant whose input was commanded `DELAY` before it acted."""
+    u = run.columns["u"]
+    return Run(run.name, run.source, run.t, {"u": np.append(u[6:], np.full(6, u[-1])),
+                                             "x": run.columns["x"]})  # fmt: skip
+
+
+def test_dead_time_is_taken_out():
+    """Told of the delay the fit finds what it finds without one; untold it cannot."""
+    text = FIRST_ORDER.replace("[inputs.u]", f"[inputs.u]\ndelay = {DELAY}")
+    log = late(first_order(1200))
+    told, _ = fit(plant(text), [log], restarts=2)
+    untold, _ = fit(plant(FIRST_ORDER), [log], restarts=2)
+    for name, truth in (("a", 0.8), ("b", 2.5)):
+        # as without a delay: the trapezoid's (a STEP)^2 / 12 = 1.3e-4
+        assert float(told.plant.parameters[name]) == pytest.approx(truth, rel=3e-4)
+        assert abs(float(untold.plant.parameters[name]) / truth - 1) > 0.03
+    assert told.record["data"]["fit"] == [log.content_hash], "of the log as it is"
 
 
 def test_cost_that_is_never_finite():

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from faultgauge.identification.starts import nguyen_widrow, scattered
+from faultgauge.plants.shape import Shape
 
 
 @pytest.mark.parametrize(("hidden", "arity"), [(10, 1), (10, 2), (7, 3)])
@@ -31,6 +32,39 @@ def test_units_of_one_argument_cover_the_interval_evenly():
 def test_one_unit_is_centred():
     start = nguyen_widrow(1, 2, np.random.default_rng(2))
     assert start["bias"].tolist() == [0.0]
+
+
+@pytest.mark.parametrize("direction", ["increasing", "decreasing"])
+def test_weights_of_a_monotone_network_are_roots(direction):
+    """The weights that act, squares, have Nguyen-Widrow's length and range."""
+    start = nguyen_widrow(10, 2, np.random.default_rng(0), Shape(monotone=direction))
+    length = 0.7 * 10**0.5
+    acting = np.linalg.norm(start["weights_in"] ** 2, axis=1)
+    np.testing.assert_allclose(acting, length, rtol=1e-14)  # rounding
+    assert np.all(start["weights_out"] ** 2 <= 0.5)
+    centres = np.sort(-start["bias"])  # bias over a positive direction: evenly both ways
+    np.testing.assert_allclose(centres, length * np.linspace(-1, 1, 10), atol=1e-14)
+
+
+@pytest.mark.parametrize("monotone", [None, "increasing"])
+def test_units_of_an_odd_network_and_their_mirror_images_cover_the_interval_evenly(monotone):
+    start = nguyen_widrow(4, 1, np.random.default_rng(1), Shape(odd=True, monotone=monotone))
+    weights = start["weights_in"][:, 0]
+    centres = start["bias"] / (weights**2 if monotone else weights)
+    # four units in the middles of the quarters of [0, 1]
+    np.testing.assert_allclose(centres, [0.125, 0.375, 0.625, 0.875], rtol=1e-14)
+
+
+def test_a_positive_network_starts_around_its_scale():
+    start = nguyen_widrow(5, 2, np.random.default_rng(2), Shape(positive=True))
+    assert math.log(1 + math.exp(start["bias_out"])) == pytest.approx(1, rel=1e-15)
+
+
+def test_shapes_that_change_no_weight_start_as_a_free_network():
+    free = nguyen_widrow(5, 2, np.random.default_rng(3))
+    same = nguyen_widrow(5, 2, np.random.default_rng(3), Shape(zero_at_zero=True))
+    for name, value in free.items():
+        np.testing.assert_array_equal(value, same[name])
 
 
 def test_generators_decide():

@@ -17,6 +17,8 @@ from faultgauge.errors import InputError
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model, load_model, save_model
 from faultgauge.plants.plant_file import parse_plant
+from faultgauge.plants.settle import settle
+from faultgauge.plants.shape import Shape
 
 PLANT = """
 name = "wheel"
@@ -68,6 +70,53 @@ def test_round_trip(saved):
     for a, b in zip(jax.tree.leaves(first.plant), jax.tree.leaves(second.plant), strict=True):
         assert a.dtype == b.dtype
         np.testing.assert_array_equal(a, b)
+
+
+OPEN = PLANT.replace("hidden = 4", 'odd = true\nmonotone = "increasing"')
+CHOICES = {"hold": {"u": "linear"}, "hidden": {"friction": 6}}
+
+
+def open_model():
+    spec = settle(parse_plant(OPEN, "wheel.toml"), CHOICES["hold"], CHOICES["hidden"])
+    plant = GrayBoxPlant.untrained(spec)
+    rng = np.random.default_rng(1)
+    networks = jax.tree.map(lambda a: jnp.asarray(rng.normal(size=a.shape)), plant.networks)
+    plant = eqx.tree_at(lambda p: p.networks, plant, networks)
+    return Model(plant, {**RECORD, "choices": CHOICES})
+
+
+def test_round_trip_of_shapes_and_choices(tmp_path):
+    first = open_model()
+    save_model(first, tmp_path / "open.fgm")
+    second = load_model(tmp_path / "open.fgm")
+    assert second.plant.spec == first.plant.spec
+    assert second.plant.spec.text == OPEN
+    assert second.plant.signals.inputs[0].hold == "linear"
+    assert second.plant.networks["friction"].shape == Shape(odd=True, monotone="increasing")
+    assert jax.tree.structure(second.plant) == jax.tree.structure(first.plant)
+    h = jnp.asarray([0.3])
+    found = second.plant.derivative(h, jnp.asarray([0.2]))
+    np.testing.assert_array_equal(found, first.plant.derivative(h, jnp.asarray([0.2])))
+    save_model(second, tmp_path / "again.fgm")
+    assert (tmp_path / "again.fgm").read_bytes() == (tmp_path / "open.fgm").read_bytes()
+
+
+@pytest.mark.parametrize(
+    "choices",
+    [
+        {},
+        [],
+        {"hold": {}, "hidden": {}},
+        {"hold": {"u": "cubic"}, "hidden": {"friction": 6}},
+        {"hold": {"k": "linear"}, "hidden": {"friction": 6}},
+        {"hold": {}, "hidden": {"friction": 7}},
+    ],
+)
+def test_choices_that_do_not_fit_the_rest(tmp_path, choices):
+    path = tmp_path / "open.fgm"
+    save_model(open_model(), path)
+    forged(path, record={**RECORD, "choices": choices})
+    assert "damaged" in refusal(path)
 
 
 def test_properties(saved):
@@ -311,3 +360,52 @@ def test_places_that_cannot_be_written(tmp_path, monkeypatch, path):
     with pytest.raises(InputError, match="cannot be written"):
         save_model(model(), path)
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def ensemble():
+    """The model with two members, each with weights of its own."""
+    best = model()
+    rng = np.random.default_rng(5)
+    others = [
+        jax.tree.map(lambda a: a + jnp.asarray(rng.normal(size=a.shape)), best.plant)
+        for _ in range(2)
+    ]
+    return best.with_members(others)
+
+
+def test_members_come_back_and_the_bytes_are_the_same(tmp_path):
+    paths = [tmp_path / "a.fgm", tmp_path / "b.fgm"]
+    for path in paths:
+        save_model(ensemble(), path)
+    assert paths[0].read_bytes() == paths[1].read_bytes()
+    first, second = ensemble(), load_model(paths[0])
+    assert second.record == {**RECORD, "members": 2}
+    assert len(second.members) == 2
+    pairs = zip((first.plant, *first.members), (second.plant, *second.members), strict=True)
+    for written, read in pairs:
+        assert jax.tree.structure(written) == jax.tree.structure(read)
+        for a, b in zip(jax.tree.leaves(written), jax.tree.leaves(read), strict=True):
+            np.testing.assert_array_equal(a, b)
+    names = safetensors.numpy.load(paths[0].read_bytes()).keys()
+    assert "members/2/networks/friction/bias" in names
+
+
+def test_calibration_keeps_the_members():
+    assert len(ensemble().with_calibration({}).members) == 2
+
+
+def test_members_with_sizes_of_their_own(tmp_path):
+    best = open_model()
+    spec = settle(parse_plant(OPEN, "wheel.toml"), CHOICES["hold"], {"friction": 3})
+    save_model(best.with_members([GrayBoxPlant.untrained(spec)]), tmp_path / "a.fgm")
+    (member,) = load_model(tmp_path / "a.fgm").members
+    assert member.networks["friction"].bias.shape == (3,)
+    assert member.spec.signals.inputs[0].hold == "linear"
+
+
+@pytest.mark.parametrize("count", [0, 1, 3, -1, "2", 10**9])
+def test_a_count_of_members_that_is_not_theirs_is_refused(tmp_path, count):
+    path = tmp_path / "a.fgm"
+    whole = ensemble()
+    save_model(Model(whole.plant, {**whole.record, "members": count}, whole.members), path)
+    assert "its description is damaged" in refusal(path)

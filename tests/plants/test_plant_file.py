@@ -75,6 +75,7 @@ def test_presets_load_without_a_warning(name):
     plant = load_plant(name)
     assert plant.spec.warnings == ()
     assert plant.spec.text == presets()[name]
+    assert (plant.spec.open_holds, plant.spec.open_sizes) == ((), ()), "nothing to search"
 
 
 def test_the_presets_are_those_that_ship():
@@ -192,13 +193,7 @@ def test_a_key_that_is_unknown_missing_or_of_the_wrong_type(text, parts):
 @pytest.mark.parametrize(
     ("text", "key"),
     [
-        (small(more="vary = 'run'"), "vary"),
-        (small("[inputs.u]", "[inputs.u]\ndelay = 1"), "delay"),
         (small("[inputs.u]", "[inputs.u]\ninstrument = true"), "instrument"),
-        (small(more="[networks.N]\nodd = true"), "odd"),
-        (small(more="[networks.N]\nmonotone = 'up'"), "monotone"),
-        (small(more="[networks.N]\npositive = true"), "positive"),
-        (small(more="[networks.N]\nzero_at_zero = true"), "zero_at_zero"),
         (small(more="[faults.f]\nenters='input'\ntarget='u'\nrate = 1"), "rate"),
         (
             small(more="[faults.f]\nenters='input'\ntarget='u'\nprior_per_hour = 1"),

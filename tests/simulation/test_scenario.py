@@ -290,9 +290,11 @@ def test_refusals_name_file_and_key(made, tmp_path, case):
     assert "\n" not in message
 
 
-def test_feedback_needs_an_input_that_is_held(made):
-    with pytest.raises(InputError, match=r"\[inputs.u.feedback\] needs an input that is held"):
-        made(CONSTANT + "[inputs.u.feedback.y]\nkp = 1\n", "linear")
+@pytest.mark.parametrize("hold", ["linear", "band-limited"])
+def test_feedback_needs_an_input_that_is_held(made, hold):
+    words = rf'\[inputs.u.feedback\] needs an input that is held, .* hold = "{hold}"'
+    with pytest.raises(InputError, match=words):
+        made(CONSTANT + "[inputs.u.feedback.y]\nkp = 1\n", hold)
 
 
 def test_a_log_that_is_too_short_has_holes_or_several_runs_is_refused(made, tmp_path):

@@ -84,7 +84,7 @@ def test_gzip_reads_the_same(tmp_path):
 
 
 def test_suffixes_give_the_stem():
-    assert set(READERS) == {".csv", ".csv.gz"}
+    assert {".csv", ".csv.gz"} < set(READERS)
     assert stem(Path("a/run.2026.csv.gz")) == "run.2026"
     assert stem(Path("a/run.csv")) == "run"
 
@@ -104,9 +104,9 @@ def test_unreadable_file(tmp_path):
 
 
 def test_unknown_suffix_names_the_legal_ones(tmp_path):
-    message = refusal(write(tmp_path / "log.parquet", "x"))
-    assert ".csv or .csv.gz" in message
-    assert ".parquet" in message
+    message = refusal(write(tmp_path / "log.xlsx", "x"))
+    assert ".csv, .csv.gz, .parquet" in message
+    assert ".xlsx" in message
 
 
 @pytest.mark.parametrize(

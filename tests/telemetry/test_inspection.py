@@ -208,3 +208,27 @@ def test_skeleton_needs_a_state():
         plant_skeleton(runs(u=[1, 2]), "wheel")
     with pytest.raises(InputError, match="columns: none"):
         plant_skeleton(runs(), "wheel")
+
+
+def test_skeleton_takes_the_units_of_the_log():
+    text = plant_skeleton(
+        runs(u=[-0.5, 0.75], **{"wheel.h": [1, 2]}), "wheel", {"wheel.h": "N*m*s", "u": 'N"m'}
+    )
+    plant = tomllib.loads(text)
+    assert plant["states"]["wheel_h"]["unit"] == plant["outputs"]["wheel_h"]["unit"] == "N*m*s"
+    assert plant["inputs"]["u"]["unit"] == 'N"m'
+
+
+def test_units_of_the_file_are_shown_and_follow_a_rename(tmp_path):
+    h5py = pytest.importorskip("h5py", reason="the extra io is not installed")
+    with h5py.File(tmp_path / "log.h5", "w") as file:
+        for name, unit in (("t", "ms"), ("w", "rad/s")):
+            file[name] = np.arange(5.0)
+            file[name].attrs["units"] = unit
+    report = inspect_runs(tmp_path / "log.h5", maps=["speed=w", "double=2*w"])
+    assert {column.name: column.unit for column in report.columns} == {
+        "w": "rad/s",
+        "speed": "rad/s",
+        "double": "",
+    }
+    assert any('--map "t=t/1000"' in hint for hint in report.hints)

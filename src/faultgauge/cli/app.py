@@ -7,6 +7,7 @@ import typer
 from typer.exceptions import TyperException
 
 from faultgauge.cli import options
+from faultgauge.cli.benchmark import benchmark
 from faultgauge.cli.calibrate import calibrate
 from faultgauge.cli.check import check
 from faultgauge.cli.demo import demo
@@ -32,7 +33,19 @@ app = typer.Typer(
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
-for command in (demo, check, inspect, fit, evaluate, calibrate, estimate, simulate, reproduce):
+COMMANDS = (
+    demo,
+    check,
+    inspect,
+    fit,
+    evaluate,
+    calibrate,
+    estimate,
+    simulate,
+    reproduce,
+    benchmark,
+)
+for command in COMMANDS:
     app.command()(command)
 
 

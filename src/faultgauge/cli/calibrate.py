@@ -25,6 +25,7 @@ def calibrate(
     ] = None,
     time: options.Time = None,
     map: options.Map = None,
+    where: options.Where = None,
     report: options.ReportFile = None,
     json: options.Json = False,
 ) -> None:
@@ -35,7 +36,7 @@ def calibrate(
 
     check_folder(out, report)
     fitted = load_model(model)
-    runs = options.read_logs(fitted.plant.signals, logs, time, map)
+    runs = options.read_logs(fitted.plant.signals, logs, time, map, where)
     with options.narrate("calibrating") as progress:
         found = find_limit(fitted, runs, mtbfa=mtbfa, progress=progress)
     save_model(found.model, out or model)

@@ -23,6 +23,7 @@ def check(
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the starts.")] = 0,
     time: options.Time = None,
     map: options.Map = None,
+    where: options.Where = None,
     report: options.ReportFile = None,
     json: options.Json = False,
 ) -> None:
@@ -38,11 +39,13 @@ def check(
     check_folder(report)
     folder = make_folder(out) if out is not None else None
     if plant is None:
-        body = checkup.black_box(read_telemetry([healthy], time=time, maps=map or ()), "log")
+        body = checkup.black_box(
+            read_telemetry([healthy], time=time, maps=map or (), where=where), "log"
+        )
     else:
         body = load_plant(plant)
-    good = options.read_logs(body.signals, [healthy], time, map)
-    doubtful = options.read_logs(body.signals, [suspect], time, map)
+    good = options.read_logs(body.signals, [healthy], time, map, where)
+    doubtful = options.read_logs(body.signals, [suspect], time, map, where)
     with options.narrate("checking") as progress:
         found = checkup.check(body, good, doubtful, seed=seed, progress=progress)
     options.warn([*found.account.warnings, *found.calibration.warnings])

@@ -23,6 +23,7 @@ def estimate(
     ] = "free",
     time: options.Time = None,
     map: options.Map = None,
+    where: options.Where = None,
     report: options.ReportFile = None,
     json: options.Json = False,
 ) -> None:
@@ -36,7 +37,7 @@ def estimate(
     check_folder(out, report)
     fitted = load_model(model)
     signals = fitted.plant.signals
-    runs = options.read_logs(signals, logs, time, map)
+    runs = options.read_logs(signals, logs, time, map, where)
     with options.narrate("estimating"):
         judgements, bank = estimation.estimate(fitted, runs, observer=observer, reference=reference)
     write_table(estimation.table(judgements, signals.fault_names), out)

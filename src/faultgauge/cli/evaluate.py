@@ -19,19 +19,24 @@ def evaluate(
     ] = 50,
     time: options.Time = None,
     map: options.Map = None,
+    where: options.Where = None,
     report: options.ReportFile = None,
     json: options.Json = False,
 ) -> None:
     """Score a model by pure simulation on logs."""
     from faultgauge.cli.writing import check_folder
     from faultgauge.identification.evaluation import evaluate as score
+    from faultgauge.identification.evaluation import evaluate_ensemble
     from faultgauge.plants.model import load_model
 
     check_folder(report)
     fitted = load_model(model)
-    runs = options.read_logs(fitted.plant.signals, logs, time, map)
+    runs = options.read_logs(fitted.plant.signals, logs, time, map, where)
     with options.narrate("simulating"):
         found, predictions = score(fitted.plant, runs, fitted.max_step, warmup)
+        if fitted.members:
+            plants = [fitted.plant, *fitted.members]
+            found["ensemble"] = evaluate_ensemble(plants, runs, fitted.max_step, warmup)
     if report is not None:
         from faultgauge.reporting.chapters import evaluation_report
         from faultgauge.reporting.report import write
@@ -46,5 +51,16 @@ def evaluate(
             if s["rmse"] is None:
                 print(f"{run['run']}: {name}: the free run diverges")
                 continue
-            share = "" if s["r2"] is None else f", R2 {s['r2']:.4%}, {s['nrmse']:.2%} of its spread"
-            print(f"{run['run']}: {name}: free-run RMSE {s['rmse']:.4g} {units[name]}{share}")
+            print(f"{run['run']}: {name}: free-run RMSE {s['rmse']:.4g} {units[name]}{_share(s)}")
+    for name, s in found.get("ensemble", {}).items():
+        if s["rmse"] is None:
+            print(f"ensemble: {name}: a member's free run diverges")
+            continue
+        print(
+            f"ensemble: {name}: RMSE of the mean {s['rmse']:.4g} {units[name]}{_share(s)}, "
+            f"the members spread by {s['spread']:.4g} {units[name]}"
+        )
+
+
+def _share(s: dict[str, float | None]) -> str:
+    return "" if s["r2"] is None else f", R2 {s['r2']:.4%}, {s['nrmse']:.2%} of its spread"

@@ -1,11 +1,15 @@
 """`faultgauge fit`"""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from faultgauge.cli import options
+
+if TYPE_CHECKING:
+    from faultgauge.identification.fit import FitReport
+    from faultgauge.plants.model import Model
 
 __all__ = ["fit"]
 
@@ -18,9 +22,27 @@ def fit(
         list[Path] | None,
         typer.Option("--validate", metavar="LOG", help="Log to stop and select on, never to fit."),
     ] = None,
+    refine: Annotated[
+        bool | None,
+        typer.Option(
+            "--refine/--no-refine",
+            help="Go on to the simulation error [default: where a state is hidden or a parameter "
+            "varies].",
+        ),
+    ] = None,
+    robust: Annotated[
+        bool, typer.Option("--robust", help="Bound what an outlier can do to the refinement.")
+    ] = False,
+    ensemble: Annotated[
+        bool, typer.Option("--ensemble", help="Keep the next best refined models in MODEL too.")
+    ] = False,
+    restarts: Annotated[
+        int, typer.Option("--restarts", min=1, max=1000, help="How many starts.")
+    ] = 10,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the starts.")] = 0,
     time: options.Time = None,
     map: options.Map = None,
+    where: options.Where = None,
     report: options.ReportFile = None,
     json: options.Json = False,
 ) -> None:
@@ -30,38 +52,67 @@ def fit(
 
     check_folder(out, report)
     untrained = load_plant(plant)
-    runs = options.read_logs(untrained.signals, logs, time, map)
-    held = options.read_logs(untrained.signals, validate, time, map) if validate else []
+    runs = options.read_logs(untrained.signals, logs, time, map, where)
+    held = options.read_logs(untrained.signals, validate, time, map, where) if validate else []
     from faultgauge.identification.fit import fit as identify
+    from faultgauge.identification.unseen import on_unseen
     from faultgauge.plants.model import save_model
 
     with options.narrate("fitting") as progress:
-        model, account = identify(untrained, runs, held, seed=seed, progress=progress)
-    save_model(model, out)
+        model, account = identify(
+            untrained,
+            runs,
+            held,
+            seed=seed,
+            restarts=restarts,
+            refine=refine,
+            robust=robust,
+            ensemble=ensemble,
+            progress=progress,
+        )
+        save_model(model, out)
+        progress("validating")
+        unseen = on_unseen(model, account, runs, held) if json or report is not None else None
     options.warn(account.warnings)
     if report is not None:
         from faultgauge.reporting.chapters import fit_report
         from faultgauge.reporting.report import write
 
-        write(fit_report(model, account, held or runs), report)
-    parameters = {name: float(value) for name, value in model.plant.parameters.items()}
+        write(fit_report(model, account, unseen, given=bool(held)), report)
     if json:
-        options.print_json(
-            {
-                "model": str(out),
-                "parameters": parameters,
-                "metrics": model.record["metrics"],
-                "derivatives": model.record["derivatives"],
-                "envelope": model.record["envelope"],
-                "warnings": account.warnings,
-            }
-        )
+        checked = unseen.validation.to_dict() if unseen else None
+        options.print_json({"model": str(out), **_content(model, account), "validation": checked})
         return
-    units = {p.name: p.unit for p in model.plant.spec.parameters}
-    fixed = {p.name for p in model.plant.spec.parameters if p.fixed}
-    for name, value in parameters.items():
-        if name not in fixed:
-            print(f"{name} = {value:.6g} {units[name]}".rstrip())
+    for line in _parameters(model, account):
+        print(line)
     error = model.record["metrics"]["validation_free_run_nrmse"]
     print(f"free run on held-out data: error {error:.2%} of each output's standard deviation")
     options.say(f"wrote {out}; next: faultgauge calibrate {out} HEALTHY_LOG")
+
+
+def _content(model: "Model", account: "FitReport") -> dict[str, Any]:
+    record = model.record
+    return {
+        "parameters": {name: float(value) for name, value in model.plant.parameters.items()},
+        "metrics": record["metrics"],
+        "derivatives": record["derivatives"],
+        "envelope": record["envelope"],
+        "choices": record.get("choices", {"hold": {}, "hidden": {}}),
+        "refinement": record["metrics"].get("refinement"),
+        "members": len(model.members),
+        "warnings": account.warnings,
+    }
+
+
+def _parameters(model: "Model", account: "FitReport") -> list[str]:
+    """A line for every fitted parameter: value, standard error where it is known, unit."""
+    constants = account.refinement.information.constants if account.refinement else ()
+    errors = {each.name: each.standard_error for each in constants}
+    lines = []
+    for p in model.plant.spec.parameters:
+        if not p.fixed:
+            error = errors.get(p.name)
+            width = "" if error is None else f" +- {error:.2g}"
+            value = float(model.plant.parameters[p.name])
+            lines.append(f"{p.name} = {value:.6g}{width} {p.unit}".rstrip())
+    return lines

@@ -18,6 +18,7 @@ def inspect(
     ] = None,
     time: options.Time = None,
     map: options.Map = None,
+    where: options.Where = None,
     json: options.Json = False,
 ) -> None:
     """Show what is in a log: names, rates, gaps, ranges; and draft a plant file."""
@@ -25,13 +26,16 @@ def inspect(
     from faultgauge.files import write_atomically
     from faultgauge.telemetry import inspect_runs, plant_skeleton, read_telemetry
 
-    found = inspect_runs(logs, time=time, maps=map or ())
+    found = inspect_runs(logs, time=time, maps=map or (), where=where)
     if init_plant is not None:
         if init_plant.exists():
             raise InputError(f"{init_plant}: already exists; choose another name or remove it.")
         numbers = [c.known_as for c in found.columns if c.kind == "number"]
-        runs = read_telemetry(logs, time=time, maps=map or (), names=(), optional=numbers)
-        text = plant_skeleton(runs, init_plant.stem)
+        runs = read_telemetry(
+            logs, time=time, maps=map or (), names=(), optional=numbers, where=where
+        )
+        units = {c.name: c.unit for c in found.columns if c.unit}
+        text = plant_skeleton(runs, init_plant.stem, units)
         write_atomically(init_plant, text.encode())
     if json:
         options.print_json(found.to_dict())
@@ -59,11 +63,14 @@ def _show(found) -> None:
             str(sum(run.empty.values())),
         )
     console.print(runs)
-    columns = Table("column", "min", "max", "mean", "std", "noise", "quantum", "remarks")
+    units = ["unit"] if any(column.unit for column in found.columns) else []
+    numbers = ("min", "max", "mean", "std", "noise", "quantum")
+    columns = Table("column", *units, *numbers, "remarks")
     for column in found.columns:
         s = column.statistics
+        head = [column.name, column.unit] if units else [column.name]
         if s is None:
-            columns.add_row(column.name, *[""] * 6, column.kind)
+            columns.add_row(*head, *[""] * len(numbers), column.kind)
             continue
         remarks = [
             text
@@ -72,10 +79,10 @@ def _show(found) -> None:
         ]
         if column.known_as != column.name:
             remarks.append(f"known as {column.known_as}")
-        numbers = (s.min, s.max, s.mean, s.std, s.noise, s.quantum)
+        values = (s.min, s.max, s.mean, s.std, s.noise, s.quantum)
         columns.add_row(
-            column.name,
-            *("" if value is None else f"{value:.4g}" for value in numbers),
+            *head,
+            *("" if value is None else f"{value:.4g}" for value in values),
             ", ".join(remarks),
         )
     console.print(columns)

@@ -21,6 +21,7 @@ __all__ = [
     "Map",
     "ReportFile",
     "Time",
+    "Where",
     "narrate",
     "prepare",
     "print_json",
@@ -39,10 +40,20 @@ Map = Annotated[
         help="Make a signal from columns, as in --map 'h=wheel_rpm*0.104720*0.84'.",
     ),
 ]
+Where = Annotated[
+    str | None,
+    typer.Option(
+        "--where",
+        metavar="CONDITION",
+        help="Keep the rows that meet it, as in --where 'mode == 3 and abs(u) < 5'.",
+    ),
+]
 ReportFile = Annotated[
     Path | None, typer.Option("--report", metavar="FILE.html", help="Write a report with figures.")
 ]
-Logs = Annotated[list[Path], typer.Argument(help="Log files, each a run (CSV, .gz too).")]
+Logs = Annotated[
+    list[Path], typer.Argument(help="Logs: CSV (.gz too), Parquet, MAT, HDF5, MDF, MCAP.")
+]
 
 
 def prepare() -> None:
@@ -64,7 +75,11 @@ def prepare() -> None:
 
 
 def read_logs(
-    signals: "Signals", paths: Sequence[Path], time: str | None, maps: Iterable[str] | None
+    signals: "Signals",
+    paths: Sequence[Path],
+    time: str | None,
+    maps: Iterable[str] | None,
+    where: str | None,
 ) -> list["Run"]:
     """The runs in `paths` with the columns that a plant with these `signals` reads."""
     from faultgauge.identification.samples import column_names
@@ -72,7 +87,13 @@ def read_logs(
 
     required, optional = column_names(signals)
     return read_telemetry(
-        list(paths), time=time, maps=maps or (), names=required, optional=optional
+        list(paths),
+        time=time,
+        maps=maps or (),
+        names=required,
+        optional=optional,
+        held=[each.name for each in signals.inputs if each.hold == "zero"],
+        where=where,
     )
 
 

@@ -2,21 +2,27 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
 from faultgauge.errors import InputError
+from faultgauge.identification.evaluation import WARMUP, start_of_run
+from faultgauge.identification.samples import in_effect
 from faultgauge.observers import OBSERVERS, Design, Observer, observe
 from faultgauge.observers.observer import OperatingPoints
 from faultgauge.plants.model import Model
+from faultgauge.plants.plant import Plant
 from faultgauge.simulation.free_run import bucket, pad
 from faultgauge.telemetry import Run, segments
 
 __all__ = [
     "Bank",
     "Estimates",
+    "Start",
     "bandwidth_of",
     "build_bank",
     "estimate_run",
@@ -137,31 +143,47 @@ def record_arrays(
     return np.stack(u, axis=1) if u else np.zeros((count, 0)), np.stack(y, axis=1)
 
 
-def start_from_samples(model: Model, run: Run, part: slice) -> Float[np.ndarray, "states"]:
-    """State at a stretch's first sample: as measured, hidden ones as slopes of the first 20."""
+class Start(NamedTuple):
+    """Where a stretch starts; `plant` has the run's own values of parameters that vary.
+
+    `samples` are those that hidden states and such values were found from; 0 where there is none.
+    """
+
+    plant: Plant
+    x: Float[np.ndarray, "states"]
+    samples: int
+
+
+def start_from_samples(model: Model, run: Run, part: slice) -> Start:
+    """State at a stretch's first sample: as measured, derivatives of measured ones as slopes of
+    the first 20, and the rest by the least error of a free run through the first 50."""
     signals = model.plant.signals
     t = run.t[part][:START_SAMPLES] - run.t[part][0]
-    x = []
+    known = {}
     for state, (column, order) in zip(
-        signals.states, model.record["columns"]["states"], strict=True
+        signals.state_names, model.record["columns"]["states"], strict=True
     ):
-        source = column if column in run.columns else None
-        if source is None:
-            x.append(state.initial)
+        if column not in run.columns:
             continue
-        values = run.columns[source][part][:START_SAMPLES]
+        values = run.columns[column][part][:START_SAMPLES]
         if order == 0:
-            x.append(float(values[0]))
+            known[state] = float(values[0])
         else:
             slopes = np.polynomial.polynomial.polyfit(t, values, min(order + 1, len(t) - 1))
             padded = np.append(slopes, np.zeros(order))
-            x.append(float(padded[order] * np.prod(np.arange(1, order + 1))))
-    return np.array(x)
+            known[state] = float(padded[order] * np.prod(np.arange(1, order + 1)))
+    u, y = record_arrays(model, run, part)
+    first = slice(0, WARMUP)
+    plant, x = start_of_run(
+        model.plant, run.t[part][first], u[first], y[first], known, model.max_step
+    )
+    solved = plant is not model.plant or len(known) < len(signals.states)
+    return Start(plant, x, min(WARMUP, len(y)) if solved else 0)
 
 
 def run_observer(
     observer: Observer,
-    x0: Float[np.ndarray, "states"],
+    start: Start,
     u: Float[np.ndarray, "samples inputs"],
     y: Float[np.ndarray, "samples outputs"],
     t: Float[np.ndarray, "samples"],
@@ -171,13 +193,15 @@ def run_observer(
     dt = np.zeros(length)
     dt[1 : len(t)] = np.diff(t)
     padded = np.concatenate([y, np.full((length - len(t), y.shape[1]), np.nan)])
-    info = observe(observer, *(jnp.asarray(a) for a in (x0, pad(u, length), padded, dt)))
+    own = eqx.tree_at(lambda each: each.plant, observer, start.plant)
+    info = observe(own, *(jnp.asarray(a) for a in (start.x, pad(u, length), padded, dt)))
     return np.asarray(info.f)[: len(t)], np.asarray(info.innovation)[: len(t)]
 
 
-def estimate_run(bank: Bank, run: Run) -> Estimates:
-    """Run every observer of the bank over `run`; each stretch without a gap starts anew."""
+def estimate_run(bank: Bank, log: Run) -> Estimates:
+    """Run every observer of the bank over `log`; each stretch without a gap starts anew."""
     model = bank.model
+    run = in_effect(model.plant.signals, log)
     used = dict.fromkeys(
         [*model.plant.signals.input_names, *(d.output for d in bank.designs.values())]
     )
@@ -189,10 +213,11 @@ def estimate_run(bank: Bank, run: Run) -> Estimates:
     for part in segments(run, used):
         u, y = record_arrays(model, run, part)
         t = run.t[part]
-        x0 = start_from_samples(model, run, part)
+        start = start_from_samples(model, run, part)
         for fault, design in bank.designs.items():
-            f[fault][part], e = run_observer(design.observer, x0, u, y, t)
+            f[fault][part], e = run_observer(design.observer, start, u, y, t)
             innovation[fault][part] = e[:, outputs.index(design.output)]
         sampled[part] = True
         settled[part] = t - t[0] >= SETTLING / bank.bandwidth
-    return Estimates(run, f, innovation, sampled, settled)
+        settled[part.start : part.start + start.samples] = False  # they knew what came later
+    return Estimates(log, f, innovation, sampled, settled)

@@ -17,7 +17,7 @@ from faultgauge.detection.judged import (
     start_from_samples,
 )
 from faultgauge.errors import InputError
-from faultgauge.identification.samples import state_column
+from faultgauge.identification.samples import in_effect, state_column
 from faultgauge.observers.luenberger import design_luenberger
 from faultgauge.plants.model import Model
 from faultgauge.plants.plant import Plant, respond
@@ -32,7 +32,7 @@ REFERENCES: tuple[Reference, ...] = ("free", "measured", "observer")
 
 
 def residuals(
-    model: Model, run: Run, reference: Reference
+    model: Model, log: Run, reference: Reference
 ) -> dict[str, Float[np.ndarray, "samples"]]:
     """r per measured output, one row per sample, NaN where nothing was sampled.
 
@@ -41,6 +41,7 @@ def residuals(
     from the sample before. `observer`: a state observer without a fault follows the outputs.
     """
     signals = model.plant.signals
+    run = in_effect(signals, log)
     outputs = [name for name in signals.output_names if name in run.columns]
     found = {name: np.full(len(run.t), np.nan) for name in outputs}
     for part in segments(run, [*signals.input_names, *outputs]):
@@ -59,9 +60,10 @@ def _free(model: Model, run: Run, part: slice) -> Float[np.ndarray, "samples out
     dt = np.zeros(length)
     dt[: count - 1] = np.diff(t)
     f = jnp.zeros((length, len(model.plant.signals.faults)))
+    start = start_from_samples(model, run, part)
     predicted = free_run(
-        model.plant,
-        jnp.asarray(start_from_samples(model, run, part)),
+        start.plant,
+        jnp.asarray(start.x),
         jnp.asarray(pad(u, length)),
         jnp.asarray(dt),
         f,

@@ -208,10 +208,11 @@ def _driver(sweep: Sweep, signals: Signals) -> int:
     name = signals.inputs[0].name if sweep.input is None else sweep.input
     if name not in names:
         raise InputError(f"The sweep names an {unknown('input', name, names)}.")
-    if signals.inputs[names.index(name)].hold == "linear":
+    hold = signals.inputs[names.index(name)].hold
+    if hold != "zero":
         raise InputError(
             f"The sweep of output {sweep.output!r} cannot act on input {name!r}, which runs to its "
-            'next value in advance (hold = "linear"); name an input that is held, or hold it.'
+            f'next value in advance (hold = "{hold}"); name an input that is held, or hold it.'
         )
     return names.index(name)
 

@@ -151,7 +151,7 @@ def scale_networks(plant: GrayBoxPlant, group: Group, samples: Samples) -> GrayB
     outputs = dict.fromkeys(group.networks, 0.0)
     for expression, target in equations:
         for name in sorted(names_used(expression) & inputs.keys()):
-            if _range(inputs[name])[1] == 0:
+            if _flat(_range(inputs[name])):
                 raise InputError(
                     f"input {name!r} never changes in the logs, so {group.name} cannot be "
                     "learned (no excitation); add a log in which it moves."
@@ -163,7 +163,8 @@ def scale_networks(plant: GrayBoxPlant, group: Group, samples: Samples) -> GrayB
             points = INNER if inner else _points(argument, values, rates)
             arguments[name].setdefault(k, []).append(points)
         for name in networks_used(expression).keys() - nested:
-            outputs[name] = max(outputs[name], _range(target)[1])
+            low, high = ends = _range(target)
+            outputs[name] = max(outputs[name], 0.0 if _flat(ends) else (high - low) / 2)
     networks = dict(plant.networks)
     for name, points_of in arguments.items():
         ranges = [_range(np.concatenate(points_of[k])) for k in sorted(points_of)]
@@ -187,30 +188,33 @@ def _points(
 
 
 def _range(points: Float[np.ndarray, "points"]) -> tuple[float, float]:
-    """(centre, half width) of the finite points; the width of rounding errors counts as 0."""
+    """(lowest, highest) of the finite points."""
     points = points[np.isfinite(points)]
     if not points.size:  # the fit will say that its cost is not finite
-        return 0.0, 1.0
-    low, high = float(np.min(points)), float(np.max(points))
-    half = (high - low) / 2
-    flat = half <= 1e-12 * max(abs(low), abs(high))
-    return (low + high) / 2, 0.0 if flat else half
+        return -1.0, 1.0
+    return float(np.min(points)), float(np.max(points))
+
+
+def _flat(ends: tuple[float, float]) -> bool:
+    """Whether a range is empty but for rounding errors."""
+    low, high = ends
+    return (high - low) / 2 <= 1e-12 * max(abs(low), abs(high))
 
 
 def _scaled(
     name: str, network: Network, ranges: Sequence[tuple[float, float]], output: float
 ) -> Network:
-    for k, (_, scale) in enumerate(ranges):
-        if scale == 0:
+    for k, ends in enumerate(ranges):
+        if _flat(ends):
             raise InputError(
                 f"argument {k + 1} of network {name!r} never changes in the logs (no "
                 "excitation): add a log in which it moves, or leave the argument out."
             )
-    centers, scales = map(jnp.array, zip(*ranges, strict=True))
+    center, scale = network.shape.scalings(*np.array(ranges).T)
     return eqx.tree_at(
-        lambda n: (n.input_center, n.input_scale, n.output_scale),
+        lambda n: (n.input_center, n.input_scale, n.output_center, n.output_scale),
         network,
-        (centers, scales, jnp.asarray(output)),
+        (jnp.asarray(center), jnp.asarray(scale), jnp.zeros(()), jnp.asarray(output)),
     )
 
 
@@ -222,8 +226,9 @@ def start_vector(
     specs = {net.name: net for net in spec.networks}
     parameters = {p.name: p for p in spec.parameters}
     for name in group.networks:
+        each = specs[name]
         weights = nguyen_widrow(
-            specs[name].hidden, specs[name].arity, rng or np.random.default_rng(0)
+            each.hidden, each.arity, rng or np.random.default_rng(0), each.shape
         )
         parts += [weights[field].ravel() for field in WEIGHTS]
     for name, unit in zip(group.parameters, units, strict=True):

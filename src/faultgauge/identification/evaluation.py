@@ -11,20 +11,32 @@ import optimistix as optx
 from jaxtyping import Array, Bool, Float
 
 from faultgauge.errors import InputError
-from faultgauge.identification.samples import spread, state_column
+from faultgauge.identification.refinement.unknowns import Unknowns, unknowns_of
+from faultgauge.identification.samples import in_effect, spread, state_column
+from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant import Plant
 from faultgauge.simulation.free_run import bucket, free_run, pad, simulate, substeps_for
 from faultgauge.telemetry import Run, segments
 
-__all__ = ["Prediction", "evaluate", "predict", "scores", "start_state"]
+__all__ = [
+    "WARMUP",
+    "Prediction",
+    "evaluate",
+    "evaluate_ensemble",
+    "predict",
+    "scores",
+    "start_of_run",
+]
 
 WARMUP = 50
+PRIOR = 1e-3  # of a varying parameter, for what the first samples do not tell
+NOTHING = Unknowns((), (), (), (), ())
 
 
 class Prediction(NamedTuple):
     """A free run beside one gap-free stretch of a log; `warmup` samples are not scored.
 
-    Outputs without telemetry are NaN in `measured`.
+    Outputs without telemetry are NaN in `measured`; `u` are the inputs in effect.
     """
 
     run: str
@@ -33,35 +45,38 @@ class Prediction(NamedTuple):
     predicted: Float[np.ndarray, "samples outputs"]
     x: Float[np.ndarray, "samples states"]
     warmup: int
+    u: Float[np.ndarray, "samples inputs"]
 
 
-def start_state(
+def start_of_run(
     plant: Plant,
     t: Float[np.ndarray, "samples"],
     u: Float[np.ndarray, "samples inputs"],
     y: Float[np.ndarray, "samples outputs"],
     known: dict[str, float],
     max_step: float,
-) -> Float[np.ndarray, "states"]:
-    """Initial state of a run from its first samples.
+) -> tuple[Plant, Float[np.ndarray, "states"]]:
+    """(plant, initial state) of a run from its first samples.
 
-    States in `known` are taken as measured; the hidden ones minimise the free run's squared
-    output error over the samples given (Levenberg-Marquardt through the simulation). Where all
-    states are known nothing is solved.
+    States in `known` are taken as measured; the hidden ones, and the run's own values of
+    parameters that vary, minimise the free run's squared output error over the samples given
+    (Levenberg-Marquardt through the simulation). Where all are known nothing is solved.
     """
     signals = plant.signals
     x0 = np.array([known.get(state.name, state.initial) for state in signals.states])
     hidden = np.array([state.name not in known for state in signals.states])
-    if not hidden.any():
-        return x0
+    varying = varying_parameters(plant)
+    if not hidden.any() and not varying.parameters:
+        return plant, x0
     count = len(t)
     length = bucket(count)
     dt = np.zeros(length)
     dt[: count - 1] = np.diff(t)
     weight = np.isfinite(y) / spread(y)
     weight = np.concatenate([weight, np.zeros((length - count, y.shape[1]))])
-    start = _solve_start(
+    start, theta = _solve_start(
         plant,
+        varying,
         jnp.asarray(x0),
         jnp.asarray(hidden),
         jnp.asarray(pad(u, length)),
@@ -70,12 +85,30 @@ def start_state(
         jnp.asarray(weight),
         substeps_for(float(np.median(np.diff(t))), max_step),
     )
-    return np.asarray(start)
+    if isinstance(plant, GrayBoxPlant):
+        plant = varying.assemble(plant, theta)
+    return plant, np.asarray(start)
+
+
+def varying_parameters(plant: Plant) -> Unknowns:
+    """Those with a value per run, around the values that `plant` has."""
+    if not isinstance(plant, GrayBoxPlant):
+        return NOTHING
+    found = unknowns_of(plant, networks=False)
+    names = [found.parameters[k] for k in found.varying]
+    return Unknowns(
+        networks=(),
+        parameters=tuple(names),
+        positive=tuple(found.positive[k] for k in found.varying),
+        centers=tuple(float(plant.parameters[name]) for name in names),
+        scales=tuple(found.scales[k] for k in found.varying),
+    )
 
 
 @eqx.filter_jit
 def _solve_start(
     plant: Plant,
+    varying: Unknowns,
     x0: Float[Array, "states"],
     hidden: Bool[Array, "states"],
     u: Float[Array, "samples inputs"],
@@ -83,25 +116,31 @@ def _solve_start(
     y: Float[Array, "samples outputs"],
     weight: Float[Array, "samples outputs"],
     substeps: int,
-) -> Float[Array, "states"]:
+) -> tuple[Float[Array, "states"], Float[Array, "parameters"]]:
     f = jnp.zeros((len(dt), len(plant.signals.faults)))
+    states = len(x0)
+
+    def run(change: Array) -> Array:
+        start = x0 + jnp.where(hidden, change[:states], 0.0)
+        if isinstance(plant, GrayBoxPlant):
+            return simulate(varying.assemble(plant, change[states:]), start, u, dt, f, substeps).y
+        return simulate(plant, start, u, dt, f, substeps).y
 
     def error(change: Array, args: None) -> Array:
-        start = x0 + jnp.where(hidden, change, 0.0)
-        predicted = simulate(plant, start, u, dt, f, substeps).y
-        return jnp.where(weight > 0, weight * (predicted - y), 0.0).ravel()
+        left = jnp.where(weight > 0, weight * (run(change) - y), 0.0).ravel()
+        return jnp.concatenate([left, PRIOR * change[states:]])
 
     solver = optx.LevenbergMarquardt(rtol=1e-8, atol=1e-8)
     solution = optx.least_squares(
         error,
         solver,
-        jnp.zeros_like(x0),
+        jnp.zeros(states + len(varying.parameters)),
         options={"jac": "fwd"},
         max_steps=50,
         throw=False,
     )
-    start = x0 + jnp.where(hidden, solution.value, 0.0)
-    return jnp.where(jnp.all(jnp.isfinite(start)), start, x0)
+    change = jnp.where(jnp.all(jnp.isfinite(solution.value)), solution.value, 0.0)
+    return x0 + jnp.where(hidden, change[:states], 0.0), change[states:]
 
 
 def predict(
@@ -110,7 +149,8 @@ def predict(
     """Free runs over every gap-free stretch of `runs`, from its first samples' state."""
     signals = plant.signals
     predictions = []
-    for run in runs:
+    for log in runs:
+        run = in_effect(signals, log)
         states = {
             name: state_column(signals, name, list(run.columns)) for name in signals.state_names
         }
@@ -152,14 +192,12 @@ def _predict_part(
         [run.columns[n][part] if n in run.columns else nothing for n in signals.output_names], 1
     )
     known = {name: float(run.columns[c][part][0]) for name, c in states.items() if c}
-    hidden = len(known) < len(signals.states)
+    hidden = len(known) < len(signals.states) or bool(varying_parameters(plant).parameters)
     scored_from = min(warmup, count - 1) if hidden else 0
     first = max(scored_from, 2)
-    x0 = (
-        start_state(plant, t[:first], u[:first], y[:first], known, max_step)
-        if (scored_from)
-        else np.array([known.get(s.name, s.initial) for s in signals.states])
-    )
+    x0 = np.array([known.get(s.name, s.initial) for s in signals.states])
+    if scored_from:
+        plant, x0 = start_of_run(plant, t[:first], u[:first], y[:first], known, max_step)
     length = bucket(count)
     dt = np.zeros(length)
     dt[: count - 1] = np.diff(t)
@@ -169,8 +207,16 @@ def _predict_part(
         plant, jnp.asarray(x0), jnp.asarray(pad(u, length)), jnp.asarray(dt), f, substeps
     )
     x, _, predicted = jax.device_get(simulated)
-    return Prediction(
-        run.name, t, y, np.asarray(predicted)[:count], np.asarray(x)[:count], scored_from
+    predicted, x = np.asarray(predicted)[:count], np.asarray(x)[:count]
+    return Prediction(run.name, t, y, predicted, x, scored_from, _clipped(plant, u))
+
+
+def _clipped(
+    plant: Plant, u: Float[np.ndarray, "samples inputs"]
+) -> Float[np.ndarray, "samples inputs"]:
+    limits = [(each.min, each.max) for each in plant.signals.inputs]
+    return (
+        np.stack([np.clip(u[:, k], *limit) for k, limit in enumerate(limits)], 1) if limits else u
     )
 
 
@@ -196,8 +242,8 @@ def evaluate(
     names = plant.signals.output_names
 
     def table(parts: Sequence[Prediction]) -> dict[str, dict[str, float | None]]:
-        measured = np.concatenate([p.measured[p.warmup :] for p in parts])
-        predicted = np.concatenate([p.predicted[p.warmup :] for p in parts])
+        measured = _scored([p.measured for p in parts], parts)
+        predicted = _scored([p.predicted for p in parts], parts)
         return {
             name: scores(measured[:, j], predicted[:, j])
             for j, name in enumerate(names)
@@ -216,3 +262,35 @@ def evaluate(
             }
         )
     return {"outputs": table(predictions), "runs": rows}, predictions
+
+
+def evaluate_ensemble(
+    plants: Sequence[Plant], runs: Sequence[Run], max_step: float, warmup: int = WARMUP
+) -> dict[str, dict[str, float | None]]:
+    """`{OUTPUT: {r2, rmse, nrmse, spread}}` of the mean of the plants' free runs.
+
+    `spread` (unit of the output) is the plants' standard deviation, root mean square over the
+    samples. Like the scores it is None where a plant diverges.
+    """
+    free_runs = [predict(plant, runs, max_step, warmup) for plant in plants]
+    parts = [_scored([p.measured for p in free_runs[0]], free_runs[0])]
+    parts += [_scored([p.predicted for p in each], each) for each in free_runs]
+    measured, predicted = parts[0], np.stack(parts[1:])
+    with np.errstate(over="ignore", invalid="ignore"):
+        mean, deviation = predicted.mean(axis=0), predicted.std(axis=0)
+        found = {}
+        for j, name in enumerate(plants[0].signals.output_names):
+            good = np.isfinite(measured[:, j])
+            if good.any():
+                spread_of = float(np.sqrt(np.mean(deviation[good, j] ** 2)))
+                found[name] = {
+                    **scores(measured[:, j], mean[:, j]),
+                    "spread": spread_of if np.isfinite(spread_of) else None,
+                }
+    return found
+
+
+def _scored(
+    arrays: Sequence[Float[np.ndarray, "_ outputs"]], predictions: Sequence[Prediction]
+) -> Float[np.ndarray, "samples outputs"]:
+    return np.concatenate([a[p.warmup :] for a, p in zip(arrays, predictions, strict=True)])

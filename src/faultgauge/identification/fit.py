@@ -10,51 +10,48 @@ import numpy as np
 
 from faultgauge.errors import InputError
 from faultgauge.identification.algorithms import AlgorithmName
-from faultgauge.identification.equation_error import Group, fit_group, groups, scale_networks
-from faultgauge.identification.holdout import split
-from faultgauge.identification.levenberg_marquardt import (
-    CONVERGED,
-    FAILED,
-    NOT_CONVERGED,
-    Solution,
+from faultgauge.identification.equation_fit import (
+    EquationFit,
+    GroupReport,
+    Material,
+    fit_equations,
+    material,
+    max_step,
 )
-from faultgauge.identification.samples import (
-    Channels,
-    Samples,
-    Stretch,
-    channels,
-    collect,
-    spread,
-)
-from faultgauge.identification.selection import free_run_errors, windows_from
+from faultgauge.identification.levenberg_marquardt import CONVERGED
+from faultgauge.identification.log_checks import log_warnings
+from faultgauge.identification.refinement.result import Refinement, refine_on_logs
+from faultgauge.identification.samples import Channels, Samples, channels, in_effect
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
-from faultgauge.simulation.free_run import RATE_STEP, fastest_rate
+from faultgauge.plants.plant_file import PlantSpec
 from faultgauge.telemetry import Run
 from faultgauge.telemetry.resampling import cover
 
 __all__ = ["FitReport", "fit"]
 
-POINTS = 10_000  # training points kept; the paper advises 1,000 to 10,000
-VALIDATION_POINTS = 2000
 ENVELOPE_POINTS = 400
 
 
-class GroupReport(NamedTuple):
-    group: Group
-    solution: Solution
-    free_run: np.ndarray
-    chosen: int
-
-
 class FitReport(NamedTuple):
-    """What happened during a fit: for the report, not needed to use the model."""
+    """What happened during a fit: for the report, not needed to use the model.
+
+    `training` holds the points that were fitted; `noise` what smoothing left per state.
+    """
 
     groups: list[GroupReport]
     training: Samples
-    stretches: list[Stretch]
     noise: dict[str, dict[str, float]]
     warnings: list[str]
+    refinement: Refinement | None = None
+
+
+class _Result(NamedTuple):
+    plant: GrayBoxPlant
+    training: Samples
+    error: float
+    max_step: float
+    sample_time: float
 
 
 def fit(
@@ -65,200 +62,144 @@ def fit(
     seed: int = 0,
     restarts: int = 10,
     algorithm: AlgorithmName = "lm",
+    refine: bool | None = None,
+    robust: bool = False,
+    ensemble: bool = False,
     progress: Callable[[str], None] = lambda text: None,
 ) -> tuple[Model, FitReport]:
     """Fit the unknowns of `plant` on healthy runs. The same seed gives the same bytes.
 
     Runs of `validate` stop and select, and never fit; a run that is in both is used for
     validation only. Without them the last 15 % of each run and spread windows are held out.
-    `algorithm` is Levenberg-Marquardt or the paper's gradient descent with momentum.
+    `algorithm` is Levenberg-Marquardt or the paper's gradient descent with momentum. `refine`
+    goes on from equation error to simulation error (None: where a state is hidden or a parameter
+    varies, which equation error cannot treat); `robust` bounds what an outlier can do to it;
+    `ensemble` keeps its next best models in the model too, as `members`.
     Raises `InputError` for logs that cannot determine the unknowns.
     """
-    warnings = list(plant.spec.warnings)
-    known = {run.content_hash for run in validate}
-    doubled = [run.name for run in logs if run.content_hash in known]
-    if doubled:
-        warnings.append(
-            f"{', '.join(doubled)}: given for fitting and for validation; used for validation only"
-        )
-    logs = [run for run in logs if run.content_hash not in known]
-    if not logs:
-        raise InputError("no run is left to fit: every log is also a --validate log; give another.")
     spec = plant.spec
+    warnings = list(spec.warnings)
+    logs = _not_validated(logs, validate, warnings)
     how = channels(spec, [*logs, *validate])
     if not how.outputs:
         raise InputError(
             f"none of the outputs {', '.join(spec.signals.output_names)} of plant {spec.name!r} "
             f"has a column in {logs[0].source}; name one with --map OUTPUT=EXPRESSION."
         )
-    stretches, noise = collect(spec, logs, how)
-    if validate:
-        held, _ = collect(spec, validate, how)
-        training = _join([s.samples for s in stretches])
-        cuts = [[slice(0, len(s.t))] for s in held]
-    else:
-        masks, cuts = split(stretches)
-        held = stretches
-        training = _join(
-            [s.samples.take(np.flatnonzero(m)) for s, m in zip(stretches, masks, strict=True)]
+    warnings += log_warnings(spec.signals, [*logs, *validate])
+    by_simulation = _by_simulation(spec, how, refine)
+    refine = bool(by_simulation) if refine is None else refine
+    if (ensemble or robust) and not refine:
+        option = "--ensemble" if ensemble else "--robust"
+        raise InputError(
+            f"{option} is about the refinement, which plant {spec.name!r} does not need; add "
+            "--refine."
         )
-    validation = _join(
-        [s.samples.take(np.r_[cut]) for s, each in zip(held, cuts, strict=True) for cut in each]
-    )
-    training, validation = _thin(training, validation, how, spec, seed)
-    windows = windows_from(held, cuts, spread(np.concatenate([s.measured for s in stretches])))
-    plant, reports = _fit_groups(
-        plant, how, training, validation, windows, seed, restarts, algorithm, progress, warnings
-    )
-    if reports:  # the last group's choice is the whole plant's
-        error = reports[-1].free_run[reports[-1].chosen]
-    else:
-        error = free_run_errors([plant], windows, _max_step(plant, training))[0]
-    if not np.isfinite(error):
+    acting, unseen = ([in_effect(spec.signals, run) for run in runs] for runs in (logs, validate))
+    groups: list[GroupReport] = []
+    noise: dict[str, dict[str, float]] = {}
+    warm: list[GrayBoxPlant] = []
+    result = refinement = None
+    if not by_simulation:
+        given = material(spec, acting, unseen, how, seed)
+        stage = fit_equations(plant, how, given, seed, restarts, algorithm, progress, warnings)
+        groups, noise, warm = stage.reports, given.noise, [stage.plant, *stage.others]
+        result = _of_equations(stage, given)
+    if refine:
+        refinement = refine_on_logs(
+            plant, warm, acting, unseen, how, seed, restarts, robust, progress
+        )
+        warnings += refinement.warnings
+        result = _of_refinement(refinement)
+    assert result is not None
+    if not np.isfinite(result.error):
         raise InputError(
             "every start diverges in free run on the held-out data; likely causes: (a) a sign or "
             "unit error in the plant file or --map, (b) an unstable plant logged in closed loop, "
             "(c) too little excitation. Check the report of `faultgauge inspect`."
         )
-    record = _record(plant, how, training, logs, validate, stretches, noise, reports, seed)
-    record["metrics"]["validation_free_run_nrmse"] = float(error)
-    return Model(plant, record), FitReport(reports, training, stretches, noise, warnings)
+    record = _record(result, how, logs, validate, noise, groups, refinement, seed)
+    model = Model(result.plant, record)
+    if ensemble and refinement is not None:
+        model = model.with_members(refinement.members[1:])
+    return model, FitReport(groups, result.training, noise, warnings, refinement)
 
 
-def _fit_groups(
-    plant: GrayBoxPlant,
-    how: Channels,
-    training: Samples,
-    validation: Samples,
-    windows: Any,
-    seed: int,
-    restarts: int,
-    algorithm: AlgorithmName,
-    progress: Callable[[str], None],
-    warnings: list[str],
-) -> tuple[GrayBoxPlant, list[GroupReport]]:
-    """Fit every group, take the best by equation error, then select each by free run."""
-    found, reports = [], []
-    for number, group in enumerate(groups(plant.spec, how.outputs)):
-        progress(f"fitting {group.name}")
-        plant = scale_networks(plant, group, training)
-        rngs = [np.random.default_rng([seed, number, k]) for k in range(restarts)]
-        plants, solution = fit_group(plant, group, training, validation, rngs, algorithm=algorithm)
-        _judge(group, solution, warnings)
-        plant = plants[int(np.nanargmin(_ranked(solution)))]
-        found.append((group, plants, solution))
-    max_step = _max_step(plant, training)
-    for group, plants, solution in found:
-        progress(f"selecting {group.name} by free run")
-        candidates = [_exchange(plant, other, group) for other in plants]
-        errors = free_run_errors(candidates, windows, max_step)
-        errors = np.where(solution.status == FAILED, np.inf, errors)
-        # the file's own start wins ties, then the earliest: the same bytes on every run
-        chosen = int(np.argmin(np.round(errors, 12)))
-        plant = candidates[chosen]
-        if solution.status[chosen] == NOT_CONVERGED:
-            warnings.append(
-                f"{group.name}: not converged after {solution.trials[chosen]} trials; the fit may "
-                "still be good (see its validation), more data or fewer hidden units would help"
-            )
-        reports.append(GroupReport(group, solution, errors, chosen))
-    return plant, reports
-
-
-def _ranked(solution: Solution) -> np.ndarray:
-    return np.where(solution.status == FAILED, np.inf, solution.validation_cost)
-
-
-def _judge(group: Group, solution: Solution, warnings: list[str]) -> None:
-    failed = int(np.sum(solution.status == FAILED))
-    if failed == len(solution.status):
+def _by_simulation(spec: PlantSpec, how: Channels, refine: bool | None) -> list[str]:
+    """Hidden states and varying parameters: simulation error alone can find them."""
+    names = [*how.hidden, *(p.name for p in spec.parameters if p.vary)]
+    if names and refine is False:
         raise InputError(
-            f"{group.name}: no start has a finite cost; likely causes: (a) sqrt, log or a division "
-            "by zero inside the range of the logs, (b) a parameter value or bound that makes the "
-            "expression infinite; protect the expression with max() or set min and max."
+            f"{', '.join(names)} of plant {spec.name!r}: hidden states and varying parameters are "
+            "found by simulation error only; leave the refinement on."
         )
-    if failed:
+    return names
+
+
+def _of_equations(stage: EquationFit, given: Material) -> _Result:
+    return _Result(
+        stage.plant,
+        given.training,
+        stage.error,
+        max_step(stage.plant, given.training),
+        float(np.median([s.step for s in given.stretches])),
+    )
+
+
+def _of_refinement(found: Refinement) -> _Result:
+    longest = found.sample_time / found.substeps
+    return _Result(found.plant, found.training, found.error, longest, found.sample_time)
+
+
+def _not_validated(logs: Sequence[Run], validate: Sequence[Run], warnings: list[str]) -> list[Run]:
+    """The logs to fit: those that are not also given for validation."""
+    known = {run.content_hash for run in validate}
+    doubled = [run.name for run in logs if run.content_hash in known]
+    if doubled:
         warnings.append(
-            f"{group.name}: {failed} of {len(solution.status)} starts had no finite cost"
+            f"{', '.join(doubled)}: given for fitting and for validation; used for validation only"
         )
-
-
-def _exchange(plant: GrayBoxPlant, other: GrayBoxPlant, group: Group) -> GrayBoxPlant:
-    """`plant` with the unknowns of `group` taken from `other`."""
-    networks = {n: (other if n in group.networks else plant).networks[n] for n in plant.networks}
-    parameters = {
-        p: (other if p in group.parameters else plant).parameters[p] for p in plant.parameters
-    }
-    return GrayBoxPlant(plant.signals, plant.spec, networks, parameters)
-
-
-def _join(parts: list[Samples]) -> Samples:
-    return Samples(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
-
-
-def _thin(
-    training: Samples, validation: Samples, how: Channels, spec: Any, seed: int
-) -> tuple[Samples, Samples]:
-    """At most 10,000 and 2,000 points that cover the envelope."""
-    if len(training.x) < 10 or len(validation.x) < 2:
-        raise InputError(
-            f"only {len(training.x)} training and {len(validation.x)} validation samples are left "
-            "after smoothing; give a longer log."
-        )
-    kept = []
-    for samples, count in ((training, POINTS), (validation, VALIDATION_POINTS)):
-        points = np.concatenate([samples.x, samples.u], axis=1)
-        kept.append(samples.take(cover(points, count, np.random.default_rng(seed))))
-    return kept[0], kept[1]
-
-
-def _max_step(plant: GrayBoxPlant, training: Samples) -> float:
-    points = training.take(np.linspace(0, len(training.x) - 1, 500).astype(int))
-    rate = fastest_rate(plant, points.x, points.u)
-    return RATE_STEP / rate if rate > 0 else 1e9
+    left = [run for run in logs if run.content_hash not in known]
+    if not left:
+        raise InputError("no run is left to fit: every log is also a --validate log; give another.")
+    return left
 
 
 def _record(
-    plant: GrayBoxPlant,
+    result: _Result,
     how: Channels,
-    training: Samples,
     logs: Sequence[Run],
     validate: Sequence[Run],
-    stretches: list[Stretch],
     noise: dict[str, dict[str, float]],
-    reports: list[GroupReport],
+    groups: Sequence[GroupReport],
+    refinement: Refinement | None,
     seed: int,
 ) -> dict[str, Any]:
-    names = (*plant.signals.state_names, *plant.signals.input_names)
-    points = np.concatenate([training.x, training.u], axis=1)
+    signals = result.plant.signals
+    names = (*signals.state_names, *signals.input_names)
+    points = np.concatenate([result.training.x, result.training.u], axis=1)
     thinned = cover(points, ENVELOPE_POINTS, np.random.default_rng(0))
-    return {
+    record = {
         "seed": seed,
-        "max_step": _max_step(plant, training),
-        "sample_time": float(np.median([s.step for s in stretches])),
+        "max_step": result.max_step,
+        "sample_time": result.sample_time,
         "envelope": {
             name: [float(column.min()), float(column.max())]
             for name, column in zip(names, points.T, strict=True)
         },
         "envelope_points": points[thinned].tolist(),
-        "columns": {"states": [list(s) for s in how.states], "outputs": list(how.outputs)},
+        "columns": {
+            "states": [list(s or ("", 0)) for s in how.states],
+            "outputs": list(how.outputs),
+        },
         "derivatives": noise,
         "data": {
             "fit": sorted(run.content_hash for run in logs),
             "validate": sorted(run.content_hash for run in validate),
         },
         "metrics": {
-            "groups": [
-                {
-                    "unknowns": report.group.name,
-                    "starts": len(report.solution.status),
-                    "converged": int(np.sum(report.solution.status == CONVERGED)),
-                    "trials": int(report.solution.trials[report.chosen]),
-                    "chosen": report.chosen,
-                    "free_run_nrmse": float(report.free_run[report.chosen]),
-                }
-                for report in reports
-            ],
+            "validation_free_run_nrmse": result.error,
+            "groups": [_group(report) for report in groups],
         },
         "versions": {
             "faultgauge": metadata.version("faultgauge"),
@@ -266,4 +207,19 @@ def _record(
             "numpy": np.__version__,
             "machine": platform.machine(),
         },
+    }
+    if refinement is not None:
+        record["choices"] = refinement.choices
+        record["metrics"]["refinement"] = refinement.metrics()
+    return record
+
+
+def _group(report: GroupReport) -> dict[str, Any]:
+    return {
+        "unknowns": report.group.name,
+        "starts": len(report.solution.status),
+        "converged": int(np.sum(report.solution.status == CONVERGED)),
+        "trials": int(report.solution.trials[report.chosen]),
+        "chosen": report.chosen,
+        "free_run_nrmse": float(report.free_run[report.chosen]),
     }

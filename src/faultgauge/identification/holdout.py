@@ -1,14 +1,16 @@
 """What is held out of a fit: the last 15 % of each run, and windows spread over the rest."""
 
 import numpy as np
+from jaxtyping import Bool
 
 from faultgauge.identification.samples import Stretch
 
-__all__ = ["split"]
+__all__ = ["split", "split_record"]
 
 LAST_SHARE = 0.15
 SPREAD_WINDOWS = 3
 SPREAD_SHARE = 0.02  # each
+LONG_SHARE = 0.05  # each, where a free run passes through: long enough to forget what was fitted
 
 
 def split(stretches: list[Stretch]) -> tuple[list[np.ndarray], list[list[slice]]]:
@@ -33,3 +35,14 @@ def split(stretches: list[Stretch]) -> tuple[list[np.ndarray], list[list[slice]]
         masks.append(mask)
         windows.append(cuts)
     return masks, windows
+
+
+def split_record(count: int) -> Bool[np.ndarray, "samples"]:
+    """Which of `count` samples in a row are fitted: not the last 15 %, nor three windows."""
+    mask = np.ones(count, bool)
+    first, width = int(count * (1 - LAST_SHARE)), int(count * LONG_SHARE)
+    mask[first:] = False
+    for k in range(1, SPREAD_WINDOWS + 1):
+        start = first * k // (SPREAD_WINDOWS + 1)
+        mask[start : start + width] = False
+    return mask

@@ -7,6 +7,10 @@ than there are unknowns (a whole run, simulated), by forward sensitivities, and 
 (parameters, samples). The normal equations are solved by Cholesky, damping follows Nielsen's gain
 ratio (H. B. Nielsen, "Damping parameter in Marquardt's method", IMM-REP-1999-05). Every start is a
 program of its own in one compiled loop, and one that fails does not disturb the others.
+
+Unknowns may belong to one sample alone, as the initial state of a simulated run does: `local` of
+them per sample stand at the end, theta = [shared, local of sample 1, local of sample 2, ...], and
+cost a sample no more than its own; `linearised` then may give (residual, Jacobian) at once.
 """
 
 from collections.abc import Callable
@@ -31,6 +35,10 @@ __all__ = [
 CONVERGED, VALIDATION_STOP, NOT_CONVERGED, FAILED = range(4)
 
 Residual = Callable[[Float[Array, "parameters"], Any], Float[Array, "equations"]]
+Linearised = Callable[
+    [Float[Array, "own"], Any],
+    tuple[Float[Array, "equations"], Float[Array, "equations own"]],
+]
 
 
 class Options(NamedTuple):
@@ -79,7 +87,11 @@ class _State(NamedTuple):
 
 
 def normal_equations(
-    residual: Residual, theta: Float[Array, "parameters"], samples: Any
+    residual: Residual,
+    theta: Float[Array, "parameters"],
+    samples: Any,
+    local: int = 0,
+    linearised: Linearised | None = None,
 ) -> tuple[Float[Array, ""], Float[Array, "parameters parameters"], Float[Array, "parameters"]]:
     """(c, J J^T, J r) with J stored as (parameters, equations * samples)."""
 
@@ -87,6 +99,9 @@ def normal_equations(
         r = residual(theta, sample)
         return r, r
 
+    if local:
+        forward = jax.jacfwd(one, has_aux=True)
+        return _bordered(linearised or (lambda *at: forward(*at)[::-1]), theta, samples, local)
     equations = jax.eval_shape(residual, theta, jax.tree.map(lambda a: a[0], samples)).size
     if equations == 1:
 
@@ -106,6 +121,33 @@ def normal_equations(
     return products[-1, -1], products[:-1, :-1], products[:-1, -1]
 
 
+def own(theta: Float[Array, "parameters"], samples: Any, local: int) -> Float[Array, "samples own"]:
+    """[shared, local] as every sample sees it."""
+    count = jax.tree.leaves(samples)[0].shape[0]
+    shared, locals_ = theta[: theta.size - count * local], theta[theta.size - count * local :]
+    return jnp.concatenate(
+        [jnp.broadcast_to(shared, (count, shared.size)), locals_.reshape(count, local)], axis=1
+    )
+
+
+def _bordered(
+    linearised: Linearised, theta: Array, samples: Any, local: int
+) -> tuple[Array, Array, Array]:
+    """The same where J J^T is block diagonal but for the border of the shared unknowns."""
+    each = own(theta, samples, local)
+    r, J = jax.vmap(linearised)(each, samples)
+    rows = jnp.concatenate([J, r[..., None]], axis=2)
+    products = jnp.einsum("seo,sep->sop", rows, rows)
+    count, shared = len(each), each.shape[1] - local
+    total = jnp.sum(products, axis=0)
+    border = jnp.moveaxis(products[:, :shared, shared:-1], 0, 1).reshape(shared, count * local)
+    square = products[:, shared:-1, shared:-1]
+    blocks = jnp.einsum("sab,st->satb", square, jnp.eye(count)).reshape(border.shape[1], -1)
+    hessian = jnp.block([[total[:shared, :shared], border], [border.T, blocks]])
+    gradient = jnp.concatenate([total[:shared, -1], products[:, shared:-1, -1].ravel()])
+    return total[-1, -1], hessian, gradient
+
+
 @eqx.filter_jit
 def levenberg_marquardt(
     residual: Residual,
@@ -116,17 +158,20 @@ def levenberg_marquardt(
     upper: Float[Array, "parameters"],
     options: Options = DEFAULTS,
     penalty: Float[Array, "parameters"] | None = None,
+    local: int = 0,
+    linearised: Linearised | None = None,
 ) -> Solution:
     """Fit from every start. `samples` and `validation` are trees of arrays, samples first.
 
     `penalty` is part of `cost` and not of the cost over `validation` samples. With `validation`
-    the parameters of the lowest validation cost are returned. Steps are projected on [lower,
-    upper] (D. P. Bertsekas, "Projected Newton methods", SICON 20, 1982). `residual` must be a
-    hashable function or an Equinox module, so that the compiled program is found again.
+    the parameters of the lowest validation cost are returned; unknowns that are `local` to the
+    samples allow none. Steps are projected on [lower, upper] (D. P. Bertsekas, "Projected Newton
+    methods", SICON 20, 1982). `residual` must be a hashable function or an Equinox module, so that
+    the compiled program is found again.
     """
 
     def equations(theta: Array) -> tuple[Array, Array, Array]:
-        cost, hessian, gradient = normal_equations(residual, theta, samples)
+        cost, hessian, gradient = normal_equations(residual, theta, samples, local, linearised)
         if penalty is None:
             return cost, hessian, gradient
         return (

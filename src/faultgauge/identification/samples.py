@@ -12,6 +12,7 @@ from faultgauge.plants.expression import Name, derivatives_used, names_used
 from faultgauge.plants.plant_file import PlantSpec
 from faultgauge.plants.signals import Signals
 from faultgauge.telemetry import Run, segments
+from faultgauge.telemetry.dead_time import delayed
 from faultgauge.telemetry.derivatives import Kernel, choose_kernel, noise_sd
 from faultgauge.telemetry.resampling import on_grid
 
@@ -22,6 +23,7 @@ __all__ = [
     "channels",
     "collect",
     "column_names",
+    "in_effect",
     "spread",
     "state_column",
 ]
@@ -59,16 +61,23 @@ class Stretch:
 
 @dataclass(frozen=True)
 class Channels:
-    """How each state is obtained: (column, derivative order), and which outputs are scored."""
+    """How each state is obtained: (column, derivative order), None where it is hidden; and which
+    outputs are scored."""
 
-    states: tuple[tuple[str, int], ...]
+    states: tuple[tuple[str, int] | None, ...]
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
     rates: tuple[str, ...]  # d_<state> columns that the logs hold
+    hidden: tuple[str, ...] = ()
+
+    @property
+    def sources(self) -> tuple[tuple[str, int], ...]:
+        """`states` where none is hidden."""
+        return tuple(source for source in self.states if source)
 
     @property
     def needed(self) -> list[str]:
-        names = [column for column, _ in self.states]
+        names = [column for column, _ in self.sources]
         return list(dict.fromkeys([*names, *self.inputs, *self.outputs, *self.rates]))
 
 
@@ -77,6 +86,16 @@ def column_names(signals: Signals) -> tuple[list[str], list[str]]:
     rates = [f"d_{name}" for name in signals.state_names]
     optional = dict.fromkeys([*signals.state_names, *signals.output_names, *rates])
     return list(signals.input_names), list(optional)
+
+
+def in_effect(signals: Signals, run: Run) -> Run:
+    """`run` with its inputs as they act: what was commanded a dead time ago.
+
+    NaN where that is not known. Raises `InputError` for a run no longer than a delay.
+    """
+    held = {each.name for each in signals.inputs if each.hold == "zero"}
+    delays = {each.name: each.delay for each in signals.inputs if each.delay}
+    return delayed(run, delays, held) if delays else run
 
 
 def state_column(signals: Signals, state: str, columns: Sequence[str]) -> str | None:
@@ -89,10 +108,7 @@ def state_column(signals: Signals, state: str, columns: Sequence[str]) -> str | 
 
 
 def channels(spec: PlantSpec, runs: Sequence[Run]) -> Channels:
-    """Which column or derivative stands for each state, over all `runs`.
-
-    Raises `InputError` for a state that is neither measured nor the derivative of one that is.
-    """
+    """Which column or derivative stands for each state, over all `runs`."""
     signals = spec.signals
     present = set.intersection(*(set(run.columns) for run in runs))
     sources: dict[str, tuple[str, int]] = {}
@@ -106,18 +122,12 @@ def channels(spec: PlantSpec, runs: Sequence[Run]) -> Channels:
             if isinstance(tree, Name) and state in sources and tree.name not in sources:
                 column, order = sources[state]
                 sources[tree.name] = (column, order + 1)
-    for state in signals.state_names:
-        if state not in sources:
-            raise InputError(
-                f"state {state!r} of plant {spec.name!r} has no column in {runs[0].source} and is "
-                "not the derivative of a state that has one; add its column "
-                f"(--map {state}=EXPRESSION) or an output that measures it."
-            )
     return Channels(
-        states=tuple(sources[state] for state in signals.state_names),
+        states=tuple(sources.get(state) for state in signals.state_names),
         inputs=signals.input_names,
         outputs=tuple(name for name in signals.output_names if name in present),
         rates=tuple(f"d_{name}" for name in signals.state_names if f"d_{name}" in present),
+        hidden=tuple(name for name in signals.state_names if name not in sources),
     )
 
 
@@ -175,7 +185,7 @@ def _kernel(
     known = {output.measures or output.name: output.sigma for output in spec.signals.outputs}
     known |= {output.name: output.sigma for output in spec.signals.outputs if output.sigma}
     wanted, found = {}, []
-    for state, (column, order) in zip(spec.signals.state_names, how.states, strict=True):
+    for state, (column, order) in zip(spec.signals.state_names, how.sources, strict=True):
         if f"d_{state}" in how.rates:
             continue
         signals = [on[column] for *_, on in grids]
@@ -231,7 +241,7 @@ def _stretch(
         return np.stack(columns, axis=1) if columns else np.zeros((len(t[inside]), 0))
 
     rates = []
-    for state, (column, order) in zip(signals.state_names, how.states, strict=True):
+    for state, (column, order) in zip(signals.state_names, how.sources, strict=True):
         given = f"d_{state}" in how.rates
         rates.append(mean(f"d_{state}") if given else mean(column, order + 1))
     return Stretch(
@@ -240,7 +250,7 @@ def _stretch(
         reach=half,
         t=t[inside],
         samples=Samples(
-            x=table([mean(column, order) for column, order in how.states]),
+            x=table([mean(column, order) for column, order in how.sources]),
             u=table([mean(name) for name in signals.input_names]),
             dx=table(rates),
             y=table([mean(n if n in how.outputs else None) for n in signals.output_names]),

@@ -34,7 +34,7 @@ class GrayBoxPlant(Plant):
         return GrayBoxPlant(
             signals=spec.signals,
             spec=spec,
-            networks={net.name: Network.zeros(net.hidden, net.arity) for net in spec.networks},
+            networks={n.name: Network.zeros(n.hidden, n.arity, n.shape) for n in spec.networks},
             parameters={p.name: jnp.asarray(p.value, float) for p in spec.parameters},
         )
 

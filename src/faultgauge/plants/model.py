@@ -6,7 +6,8 @@ same bytes, and a damaged or altered file is refused by name.
 
 import hashlib
 import json
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,25 +21,31 @@ from faultgauge.errors import InputError
 from faultgauge.files import write_atomically
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.network import Network
-from faultgauge.plants.plant_file import parse_plant
+from faultgauge.plants.plant_file import PlantSpec, parse_plant
+from faultgauge.plants.settle import settle
 
 __all__ = ["Model", "load_model", "save_model"]
 
 KEY = "faultgauge"
 FORMAT = 1
 MAX_BYTES = 100_000_000
+MEMBERS = "members/"
+MOST_MEMBERS = 100
 
 
 @dataclass(frozen=True)
 class Model:
     """A fitted plant and what is known about the fit.
 
-    `record` is plain JSON: training envelope, metrics, data hashes, time steps, versions and,
-    after `calibrate`, the calibration.
+    `record` is plain JSON: training envelope, metrics, data hashes, time steps, versions, the
+    `choices` of hold and hidden that the plant file left to the fit and, after `calibrate`, the
+    calibration. `members` are the other plants of an ensemble, `plant` being its best; the record
+    counts them.
     """
 
     plant: GrayBoxPlant
     record: dict[str, Any]
+    members: tuple[GrayBoxPlant, ...] = ()
 
     @property
     def max_step(self) -> float:
@@ -50,15 +57,32 @@ class Model:
         return self.record.get("calibration")
 
     def with_calibration(self, calibration: dict[str, Any]) -> "Model":
-        return Model(self.plant, {**self.record, "calibration": calibration})
+        return replace(self, record={**self.record, "calibration": calibration})
+
+    def with_members(self, members: Sequence[GrayBoxPlant]) -> "Model":
+        """The model as the best of an ensemble, `members` being the others."""
+        record = {**self.record, "members": len(members)}
+        return replace(self, record=record, members=tuple(members))
 
 
 def tensors(plant: GrayBoxPlant) -> dict[str, np.ndarray]:
     """Every number of the plant by name: `parameters/M`, `networks/NN1/bias`."""
     named = {f"parameters/{name}": value for name, value in plant.parameters.items()}
     for name, network in plant.networks.items():
-        named |= {f"networks/{name}/{field}": value for field, value in vars(network).items()}
+        named |= {f"networks/{name}/{field}": value for field, value in network.arrays().items()}
     return {name: np.asarray(named[name], np.float64, order="C") for name in sorted(named)}
+
+
+def _all_tensors(model: Model) -> dict[str, np.ndarray]:
+    """The plant's tensors, and those of its k-th member as `members/k/...`, k from 1 on."""
+    named = tensors(model.plant)
+    for k, member in enumerate(model.members, 1):
+        named |= {f"{_prefix(k)}{name}": value for name, value in tensors(member).items()}
+    return named
+
+
+def _prefix(member: int) -> str:
+    return f"{MEMBERS}{member}/"
 
 
 def digest(arrays: dict[str, np.ndarray]) -> str:
@@ -76,7 +100,7 @@ def canonical(content: dict[str, Any]) -> str:
 
 def save_model(model: Model, path: str | Path) -> None:
     """Write `model`; an existing file is replaced whole or not at all."""
-    arrays = tensors(model.plant)
+    arrays = _all_tensors(model)
     content = {
         "format": FORMAT,
         "plant": model.plant.spec.text,
@@ -118,13 +142,37 @@ def load_model(path: str | Path) -> Model:
             raise InputError(f"{path}: its description was altered or damaged{advice}.")
         if content["sha256"] != digest(arrays):
             raise InputError(f"{path}: its numbers were altered or damaged{advice}.")
-        plant = GrayBoxPlant.untrained(parse_plant(content["plant"], str(path)))
-        model = Model(filled(plant, arrays), content["record"])
+        record = content["record"]
+        choices = record.get("choices", {"hold": {}, "hidden": {}})
+        left_open = parse_plant(content["plant"], str(path))
+        spec = settle(left_open, choices["hold"], choices["hidden"])
+        own = {name: array for name, array in arrays.items() if not name.startswith(MEMBERS)}
+        rest = {name: array for name, array in arrays.items() if name.startswith(MEMBERS)}
+        members = _members(left_open, choices["hold"], record.get("members", 0), rest)
+        model = Model(filled(GrayBoxPlant.untrained(spec), own), record, members)
         if not 0 < model.max_step < np.inf:
             raise ValueError("max_step")
         return model
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         raise InputError(f"{path}: its description is damaged{advice}.") from None
+
+
+def _members(
+    spec: PlantSpec, holds: dict[str, str], count: int, arrays: dict[str, np.ndarray]
+) -> tuple[GrayBoxPlant, ...]:
+    """The `count` members; where the file leaves a network's size open, each has its own."""
+    if not 0 <= count <= MOST_MEMBERS:
+        raise ValueError("members")
+    found, read = [], 0
+    for k in range(1, count + 1):
+        start = _prefix(k)
+        each = {n.removeprefix(start): a for n, a in arrays.items() if n.startswith(start)}
+        sizes = {name: len(each[f"networks/{name}/bias"]) for name in spec.open_sizes}
+        found.append(filled(GrayBoxPlant.untrained(settle(spec, holds, sizes)), each))
+        read += len(each)
+    if read != len(arrays):
+        raise KeyError("members")
+    return tuple(found)
 
 
 def filled(plant: GrayBoxPlant, arrays: dict[str, np.ndarray]) -> GrayBoxPlant:
@@ -138,7 +186,8 @@ def filled(plant: GrayBoxPlant, arrays: dict[str, np.ndarray]) -> GrayBoxPlant:
             raise ValueError(name)
     networks = {
         name: Network(
-            **{field: jnp.asarray(arrays[f"networks/{name}/{field}"]) for field in vars(network)}
+            **{key: jnp.asarray(arrays[f"networks/{name}/{key}"]) for key in network.arrays()},
+            shape=network.shape,
         )
         for name, network in plant.networks.items()
     }

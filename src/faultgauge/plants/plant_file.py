@@ -6,9 +6,7 @@ import unicodedata
 from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any, Literal
-
-import pydantic
+from typing import Any, Literal
 
 from faultgauge.errors import InputError
 from faultgauge.plants import units
@@ -23,30 +21,22 @@ from faultgauge.plants.expression import (
     parse,
     unknown,
 )
+from faultgauge.plants.schema import LATER, FileTable, NetworkTable, StateTable
+from faultgauge.plants.shape import Monotone, Shape
 from faultgauge.plants.signals import Fault, Input, Observation, Output, Signals, State
-from faultgauge.plants.toml_file import Number, Positive, Table, parse_toml, read_text, typed
+from faultgauge.plants.toml_file import parse_toml, read_text, typed
 
 __all__ = ["NetworkSpec", "Parameter", "PlantSpec", "parse_plant", "presets", "read_plant_text"]
 
-MAX_HIDDEN = 200
-# Keys of the plant file that this version does not act on yet: refused rather than ignored.
-LATER = {
-    "vary",
-    "odd",
-    "monotone",
-    "positive",
-    "zero_at_zero",
-    "delay",
-    "instrument",
-    "rate",
-    "prior_per_hour",
-    "detection",
-}
+DEFAULT_HIDDEN = 10
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """A physical constant; free unless `fixed`, kept inside [min, max]."""
+    """A physical constant; free unless `fixed`, kept inside [min, max].
+
+    `vary` = "run": one value per run; "slow": one per run that also drifts slowly within it.
+    """
 
     name: str
     value: float
@@ -54,6 +44,7 @@ class Parameter:
     min: float = -math.inf
     max: float = math.inf
     fixed: bool = False
+    vary: Literal["run", "slow"] | None = None
 
 
 @dataclass(frozen=True)
@@ -63,11 +54,23 @@ class NetworkSpec:
     name: str
     hidden: int
     arity: int
+    odd: bool = False
+    zero_at_zero: bool = False
+    positive: bool = False
+    monotone: Monotone | None = None
+
+    @property
+    def shape(self) -> Shape:
+        return Shape(self.odd, self.zero_at_zero, self.positive, self.monotone)
 
 
 @dataclass(frozen=True)
 class PlantSpec:
-    """A checked plant file. Hashable: it is the static part of every compiled function."""
+    """A checked plant file. Hashable: it is the static part of every compiled function.
+
+    `open_holds` and `open_sizes` name the inputs whose hold and the networks whose size the file
+    leaves to the fit; until then they stand at their defaults.
+    """
 
     name: str
     text: str
@@ -77,68 +80,9 @@ class PlantSpec:
     parameters: tuple[Parameter, ...]
     networks: tuple[NetworkSpec, ...]
     order: tuple[int, ...]
+    open_holds: tuple[str, ...] = ()
+    open_sizes: tuple[str, ...] = ()
     warnings: tuple[str, ...] = field(compare=False, default=())
-
-
-# The file's schema, as pydantic sees it: keys and types only; meaning is checked below.
-Text = str
-
-
-class _State(Table):
-    derivative: Text
-    unit: Text = ""
-    min: Number | None = None
-    max: Number | None = None
-    initial: Number | None = None
-
-
-class _Input(Table):
-    unit: Text = ""
-    min: Number | None = None
-    max: Number | None = None
-    hold: Literal["zero", "linear"] = "zero"
-
-
-class _Output(Table):
-    value: Text
-    unit: Text = ""
-    sigma: Positive | None = None
-
-
-class _Parameter(Table):
-    value: Number | None = None
-    unit: Text = ""
-    min: Number | None = None
-    max: Number | None = None
-    fixed: bool = False
-
-
-class _Network(Table):
-    hidden: Annotated[int, pydantic.Field(ge=1, le=MAX_HIDDEN)] = 10
-
-
-class _Fault(Table):
-    enters: Literal["state", "input", "output", "gain"]
-    target: Text
-    unit: Text = ""
-    min: Number | None = None
-    max: Number | None = None
-
-
-class _Observer(Table):
-    outputs: list[Text] | None = None
-    bandwidth: Positive | None = None
-
-
-class _File(Table):
-    name: Text
-    states: dict[str, _State]
-    inputs: dict[str, _Input] = pydantic.Field(default_factory=dict)
-    outputs: dict[str, _Output]
-    parameters: dict[str, _Parameter] = pydantic.Field(default_factory=dict)
-    networks: dict[str, _Network] = pydantic.Field(default_factory=dict)
-    faults: dict[str, _Fault] = pydantic.Field(default_factory=dict)
-    observer: _Observer = _Observer()
 
 
 def presets() -> dict[str, str]:
@@ -162,7 +106,7 @@ def read_plant_text(source: str | Path) -> str:
 
 def parse_plant(text: str, source: str = "plant file") -> PlantSpec:
     """Check the text of a plant file. Raises `InputError` naming key and column."""
-    file = typed(_File, parse_toml(text, source), source, later=LATER)
+    file = typed(FileTable, parse_toml(text, source), source, later=LATER)
     return _Checker(file, text, source).spec()
 
 
@@ -175,7 +119,7 @@ def _bounds(table: Any) -> tuple[float, float]:
     return low, math.inf if table.max is None else float(table.max)
 
 
-def _initial(table: _State) -> float:
+def _initial(table: StateTable) -> float:
     """Where the state starts if nobody says: at zero, or as near to it as its limits allow."""
     if table.initial is not None:
         return float(table.initial)
@@ -186,7 +130,7 @@ def _initial(table: _State) -> float:
 class _Checker:
     """Turns a well-typed file into a `PlantSpec`, or says what makes no sense in it."""
 
-    def __init__(self, file: _File, text: str, source: str) -> None:
+    def __init__(self, file: FileTable, text: str, source: str) -> None:
         self.file, self.text, self.source = file, text, source
 
     def fail(self, table: str, message: str) -> InputError:
@@ -205,7 +149,7 @@ class _Checker:
                 for name, table in file.states.items()
             ),
             inputs=tuple(
-                Input(name, table.unit, *_bounds(table), hold=table.hold)
+                Input(name, table.unit, *_bounds(table), table.hold or "zero", table.delay)
                 for name, table in file.inputs.items()
             ),
             outputs=tuple(
@@ -215,6 +159,7 @@ class _Checker:
             faults=self.faults(),
             observation=self.observation(),
         )
+        networks = self.networks((*derivatives, *values))
         spec = PlantSpec(
             name=file.name,
             text=self.text,
@@ -222,8 +167,10 @@ class _Checker:
             derivatives=derivatives,
             values=values,
             parameters=tuple(self.parameter(name) for name in file.parameters),
-            networks=self.networks((*derivatives, *values)),
+            networks=networks,
             order=self.order(derivatives),
+            open_holds=tuple(name for name, table in file.inputs.items() if table.hold is None),
+            open_sizes=tuple(n.name for n in networks if file.networks[n.name].hidden is None),
         )
         warnings = (*self.unused((*derivatives, *values)), *units.check(spec))
         return PlantSpec(**{**vars(spec), "warnings": warnings})
@@ -266,6 +213,11 @@ class _Checker:
         for name, table in self.file.parameters.items():
             if table.fixed and table.value is None:
                 raise self.fail(f"parameters.{name}", "fixed = true needs a value")
+            if table.fixed and table.vary:
+                raise self.fail(
+                    f"parameters.{name}",
+                    f"fixed = true and vary = {table.vary!r} contradict each other; keep one",
+                )
 
     def expressions(self, kind: str, key: str) -> tuple[Expression, ...]:
         file = self.file
@@ -300,7 +252,7 @@ class _Checker:
         if value is None:  # no guess given: the middle of the range, or 1 inside it
             middle = math.isfinite(low) and math.isfinite(high)
             value = (low + high) / 2 if middle else min(max(1.0, low), high)
-        return Parameter(name, float(value), table.unit, low, high, table.fixed)
+        return Parameter(name, float(value), table.unit, low, high, table.fixed, table.vary)
 
     def networks(self, expressions: tuple[Expression, ...]) -> tuple[NetworkSpec, ...]:
         arity: dict[str, int] = {}
@@ -314,9 +266,27 @@ class _Checker:
                             "a network has one arity",
                         )
         return tuple(
-            NetworkSpec(name, table.hidden, arity[name])
+            self.network(name, table, arity[name])
             for name, table in self.file.networks.items()
             if name in arity
+        )
+
+    def network(self, name: str, table: NetworkTable, arity: int) -> NetworkSpec:
+        for key in ("odd", "zero_at_zero"):
+            if table.positive and getattr(table, key):
+                raise self.fail(
+                    f"networks.{name}",
+                    f"positive and {key} contradict each other, since {key} makes it 0 at 0; "
+                    "keep one",
+                )
+        return NetworkSpec(
+            name,
+            table.hidden or DEFAULT_HIDDEN,
+            arity,
+            table.odd,
+            table.zero_at_zero,
+            table.positive,
+            table.monotone,
         )
 
     def order(self, derivatives: tuple[Expression, ...]) -> tuple[int, ...]:

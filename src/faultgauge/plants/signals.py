@@ -4,7 +4,9 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
-__all__ = ["Fault", "Input", "Observation", "Output", "Signals", "State"]
+__all__ = ["Fault", "Hold", "Input", "Observation", "Output", "Signals", "State"]
+
+Hold = Literal["zero", "linear", "band-limited"]
 
 
 @dataclass(frozen=True)
@@ -20,13 +22,17 @@ class State:
 
 @dataclass(frozen=True)
 class Input:
-    """An input; the actuator clips it to [min, max]; `hold` is how it runs between samples."""
+    """An input; the actuator clips it to [min, max]; `hold` is how it runs between samples.
+
+    What is commanded at t acts at t + `delay` [s].
+    """
 
     name: str
     unit: str = ""
     min: float = -math.inf
     max: float = math.inf
-    hold: Literal["zero", "linear"] = "zero"
+    hold: Hold = "zero"
+    delay: float = 0.0
 
 
 @dataclass(frozen=True)

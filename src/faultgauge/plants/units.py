@@ -20,7 +20,7 @@ from faultgauge.plants.expression import Binary, Call, Expression, Name, Negativ
 if TYPE_CHECKING:
     from faultgauge.plants.plant_file import PlantSpec
 
-__all__ = ["check"]
+__all__ = ["check", "text"]
 
 PER_SECOND = parse_unit("1/s")
 PURE = ("exp", "log", "sin", "cos", "tanh")  # dimensionless argument and result
@@ -148,7 +148,7 @@ class _Walker:
         found = [self.quantity(term) for term in terms]
         known = list(dict.fromkeys(each for each in found if isinstance(each, tuple)))
         if len(known) > 1:
-            self.warn(f"{_text(node)!r} puts {describe(known[0])} together with", known[1])
+            self.warn(f"{text(node)!r} puts {describe(known[0])} together with", known[1])
             return UNKNOWN
         return known[0] if known else (NUMBER if UNKNOWN not in found else UNKNOWN)
 
@@ -184,7 +184,7 @@ class _Walker:
         """Quantity of `node`, which has to be dimensionless."""
         found = self.quantity(node)
         if isinstance(found, tuple) and found != DIMENSIONLESS:
-            self.warn(f"{_text(node)!r} {_has(found)}, but {place} needs", DIMENSIONLESS)
+            self.warn(f"{text(node)!r} {_has(found)}, but {place} needs", DIMENSIONLESS)
         return found
 
 
@@ -207,27 +207,27 @@ def _power(base: Dimension, exponent: float) -> Quantity:
     return power(base, Fraction(exponent).limit_denominator(1000))  # 1/3 is a float by now
 
 
-# How tightly each operator binds, for the parentheses of `_text`.
+# How tightly each operator binds, for the parentheses of `text`.
 BINDING = {"+": 1, "-": 1, "*": 2, "/": 2, "**": 4}
 
 
-def _text(node: Node, outer: int = 0) -> str:
+def text(node: Node, outer: int = 0) -> str:
     """`node` as the user could have written it."""
     match node:
         case Number():
-            text, binding = f"{node.value:g}", 3 if node.value < 0 else 5
+            written, binding = f"{node.value:g}", 3 if node.value < 0 else 5
         case Name():
-            text, binding = node.name, 5
+            written, binding = node.name, 5
         case Negative():
-            text, binding = f"-{_text(node.operand, 3)}", 3
+            written, binding = f"-{text(node.operand, 3)}", 3
         case Binary():
             binding = BINDING[node.operator]
             right_first = node.operator == "**"
-            left = _text(node.left, binding + right_first)
-            right = _text(node.right, binding + (not right_first))
+            left = text(node.left, binding + right_first)
+            right = text(node.right, binding + (not right_first))
             gap = " " if binding == 1 else ""
-            text = f"{left}{gap}{node.operator}{gap}{right}"
+            written = f"{left}{gap}{node.operator}{gap}{right}"
         case Call():
-            arguments = ", ".join(_text(argument) for argument in node.arguments)
-            text, binding = f"{node.function}({arguments})", 5
-    return f"({text})" if binding < outer else text
+            arguments = ", ".join(text(argument) for argument in node.arguments)
+            written, binding = f"{node.function}({arguments})", 5
+    return f"({written})" if binding < outer else written

@@ -11,16 +11,18 @@ from faultgauge.detection.calibration import Calibration
 from faultgauge.detection.estimation import NOT_JUDGED, Judgement, sentences
 from faultgauge.detection.judged import Bank
 from faultgauge.detection.residual import Reference
-from faultgauge.identification.evaluation import Prediction, evaluate
+from faultgauge.identification.evaluation import Prediction
 from faultgauge.identification.fit import FitReport
+from faultgauge.identification.unseen import Unseen
 from faultgauge.plants.model import Model
 from faultgauge.reporting.curves import network_figures
 from faultgauge.reporting.model_figures import bars, envelope, fit_history
+from faultgauge.reporting.refinement_chapter import refinement_section
 from faultgauge.reporting.report import Report, Section, Table
 from faultgauge.reporting.style import quantity
 from faultgauge.reporting.svg import Figure
 from faultgauge.reporting.time_figures import fault_estimate, free_run, residual
-from faultgauge.telemetry import Run
+from faultgauge.reporting.validation_chapter import validation_section
 
 __all__ = [
     "calibration_report",
@@ -36,16 +38,28 @@ __all__ = [
 MOST_FIGURES = 12  # per section: a report is read, not scrolled
 
 
-def fit_report(model: Model, account: FitReport, runs: Sequence[Run]) -> Report:
-    """The report of `fit`: its free run on the validation logs (or the logs themselves)."""
-    found, predictions = evaluate(model.plant, runs, model.max_step)
+def fit_report(
+    model: Model, account: FitReport, unseen: Unseen | None, *, given: bool = False
+) -> Report:
+    """The report of `fit`; `unseen` are its free runs over held-out data, `given` for validation
+    or cut from the logs."""
     error = model.record["metrics"]["validation_free_run_nrmse"]
     summary = (
         f"{model.plant.spec.name}: on data that it was not fitted to, the model's free run is off "
         f"by {error:.2%} of each output's standard deviation.",
         *(f"Warning: {warning}." for warning in account.warnings),
     )
-    sections = (*fit_sections(model, account), evaluation_section(model, found, predictions))
+    sections = fit_sections(model, account)
+    if unseen is not None:
+        runs = evaluation_section(model, unseen.scores, unseen.predictions)
+        checked = validation_section(model.plant, unseen.validation, unseen.predictions)
+        origin = "the logs given for validation" if given else "the last 15 % of every stretch"
+        note = (
+            f"Unseen are {origin}. No weight was fitted to them, but they chose among the starts; "
+            "a log that had no part at all is a harder test: `faultgauge evaluate`."
+        )
+        checked = replace(checked, paragraphs=(note, *checked.paragraphs))
+        sections = (*sections, runs, checked)
     return Report(f"Fit: {model.plant.spec.name}", summary, sections, _parameters(model))
 
 
@@ -67,18 +81,20 @@ def fit_sections(model: Model, account: FitReport) -> tuple[Section, ...]:
     )
     header = ("derivative", "kernel's width", "noise left", "share of its spread")
     tables = (Table(header, noise, "Derivatives by smoothing, and the noise it leaves."),)
-    return (
-        Section(
-            "Training",
-            (
-                "Every start is drawn; the one with the best free run on held-out data is kept, "
-                "not the one with the lowest cost.",
-            ),
-            tables if noise else (),
-            (*histories, *envelope_figure(model, account)),
-        ),
-        Section("What was learned", (), (), network_figures(model, account)),
+    starts = (
+        "Every start is drawn; the one with the best free run on held-out data is kept, not the "
+        "one with the lowest cost.",
     )
+    training = Section(
+        "Training",
+        starts if histories else (),
+        tables if noise else (),
+        (*histories, *envelope_figure(model, account)),
+    )
+    refined = (refinement_section(account.refinement),) if account.refinement else ()
+    learned = network_figures(model, account)
+    curves = (Section("What was learned", (), (), learned),) if learned else ()
+    return (training, *refined, *curves)
 
 
 def envelope_figure(

@@ -33,12 +33,13 @@ def network_figures(model: Model, account: FitReport) -> tuple[Figure, ...]:
                 middle = np.tile(np.median(points, axis=0), (GRID, 1))
                 middle[:, k] = grid
                 several = len(calls[0]) > 1
+                bare = several or account.refinement is not None  # then dx is the model's own
                 figures.append(
                     learned_curve(
                         grid,
                         curve(plant, name, middle),
-                        x[:0] if several else x,
-                        x[:0] if several else data,
+                        x[:0] if bare else x,
+                        x[:0] if bare else data,
                         x_name=label,
                         x_unit=label_unit,
                         y_name=f"{name}({label}{', others at their median' if several else ''})",

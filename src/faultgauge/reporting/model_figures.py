@@ -76,7 +76,7 @@ def learned_curve(
     Args:
         x: increasing argument, `x_unit`.
         mean: the learned curve, `y_unit`.
-        data_x: argument of the data, `x_unit`.
+        data_x: argument of the data, `x_unit`; none where no data stand for it alone.
         data_y: what the data say the curve is, `y_unit`.
         x_name: the argument's name.
         x_unit: its unit as declared.
@@ -87,13 +87,14 @@ def learned_curve(
     """
     with style.drawing():
         canvas, (axes,) = style.panels((3.1,))
-        empty = _empty_stretches(x, data_x)
+        empty = _empty_stretches(x, data_x) if data_x.size else []
         for index, (start, end) in enumerate(empty):
             label = "no data" if index == 0 else None
             axes.axvspan(start, end, color=style.BLANK, linewidth=0.0, zorder=0.5, label=label)
         if band is not None:
             axes.fill_between(x, *band, color=style.BAND, linewidth=0.0, label="95 % band")
-        marks.cloud(axes, data_x, data_y, label="data")
+        if data_x.size:
+            marks.cloud(axes, data_x, data_y, label="data")
         axes.plot(x, mean, color=style.PREDICTED, linewidth=1.8, label="learned")
         if reference is not None:
             axes.plot(x, reference, label="known physics", **style.TRUTH)
@@ -102,7 +103,7 @@ def learned_curve(
         axes.set_xlabel(style.axis_label(x_name, x_unit))
         axes.set_ylabel(style.upright_label(y_name, y_unit))
         style.legend(axes)
-        caption = "The learned curve and the data behind it."
+        caption = "The learned curve" + (" and the data behind it." if data_x.size else ".")
         if empty:
             caption += " Grey ranges hold no data: there the curve is a guess."
         title = f"Learned: {style.short(y_name)} against {style.short(x_name)}"

@@ -11,6 +11,7 @@ from jaxtyping import Array, Bool, Float
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant import Plant, Stuck, respond
 from faultgauge.plants.signals import Fault
+from faultgauge.simulation.delay_line import acting, taps
 from faultgauge.simulation.integrators import step
 
 __all__ = ["Conditions", "Controller", "Record", "closed_loop", "with_faults"]
@@ -51,6 +52,7 @@ class Record(NamedTuple):
 class _State(NamedTuple):
     x: Array
     u: Array
+    past: Array
     z: Array
     seen: Array
 
@@ -73,15 +75,17 @@ def closed_loop(
     """Run `plant` from `x0`; samples are `dt` [s] apart, inputs are held between them.
 
     At a sample the controller reads y under the input that stood until now, then sets the new
-    one. The record holds what the plant does under the new one. An input with a linear hold runs
-    to its next feedforward; gains on such an input have no meaning, since nobody knows the next
-    command before its sample.
+    one. The record holds what the plant does under the new one. An input that is not held runs
+    straight to its next feedforward; gains on such an input have no meaning, since nobody knows
+    the next command before its sample. A delayed input acts later, to the nearest integration
+    step, and stood at its first command before the run.
     """
     signals = plant.signals
     lower = jnp.array([each.min for each in signals.inputs])
     upper = jnp.array([each.max for each in signals.inputs])
-    linear = jnp.array([each.hold == "linear" for each in signals.inputs], bool)
+    moving = jnp.array([each.hold != "zero" for each in signals.inputs], bool)
     substeps = conditions.f.shape[1]
+    line = taps([each.delay for each in signals.inputs], dt, substeps)
     uf = conditions.feedforward
     following = jnp.concatenate([uf[1:], uf[-1:]])
 
@@ -97,19 +101,21 @@ def closed_loop(
         more = dt * controller.ki @ error
         winds = ((wanted > upper) & (more > 0)) | ((wanted < lower) & (more < 0))
         z = state.z + jnp.where(winds, 0.0, more)
-        dx, y = respond(plant, state.x, u, now.f[0], first)
+        end = jnp.where(moving, jnp.clip(later, lower, upper), u)
+        past = jnp.concatenate([jnp.stack([u, end])[None], state.past[:-1]])
+        begins, ends = acting(line, past)
+        dx, y = respond(plant, state.x, begins[0], now.f[0], first)
         measured = jnp.where(now.dropped, jnp.nan, y + noise)
-        end = jnp.where(linear, jnp.clip(later, lower, upper), u)
 
-        def advance(x: Array, held: tuple[Array, Array, Stuck]) -> tuple[Array, None]:
-            k, f, stuck = held
-            u0, u1 = u + k / substeps * (end - u), u + (k + 1) / substeps * (end - u)
+        def advance(x: Array, held: tuple[Array, Array, Array, Stuck]) -> tuple[Array, None]:
+            u0, u1, f, stuck = held
             return step(plant, x, u0, u1, f, jnp.asarray(dt / substeps), 1, stuck), None
 
-        x = jax.lax.scan(advance, state.x, (jnp.arange(substeps), now.f, now.stuck))[0]
-        return _State(x, end, z, seen), Record(u, state.x, dx, y, measured)
+        x = jax.lax.scan(advance, state.x, (begins, ends, now.f, now.stuck))[0]
+        return _State(x, ends[-1], past, z, seen), Record(u, state.x, dx, y, measured)
 
     u0 = jnp.clip(uf[0], lower, upper)
     y0 = respond(plant, x0, u0, jnp.zeros(len(signals.faults)))[1]
-    start = _State(x0, u0, jnp.zeros(len(signals.inputs)), y0)
+    past = jnp.broadcast_to(u0, (line.depth, 2, len(u0)))
+    start = _State(x0, u0, past, jnp.zeros(len(signals.inputs)), y0)
     return jax.lax.scan(sample, start, (conditions, following))[1]

@@ -9,9 +9,20 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from faultgauge.plants.plant import Plant, respond
-from faultgauge.simulation.integrators import step
+from faultgauge.simulation.integrators import step_through
+from faultgauge.simulation.intersample import intersample
 
-__all__ = ["RATE_STEP", "Trajectory", "bucket", "fastest_rate", "free_run", "pad", "substeps_for"]
+__all__ = [
+    "RATE_STEP",
+    "Trajectory",
+    "bucket",
+    "fastest_rate",
+    "free_run",
+    "pad",
+    "simulate",
+    "simulate_through",
+    "substeps_for",
+]
 
 MAX_SUBSTEPS = 64
 RATE_STEP = 0.5  # longest RK4 step times the fastest rate: error per step about 3e-4 of it
@@ -47,14 +58,25 @@ def simulate(
     substeps: int,
 ) -> Trajectory:
     """`free_run` without its own compilation, for use inside other compiled functions."""
-    u_next = jnp.concatenate([u[1:], u[-1:]])
+    return simulate_through(plant, x0, intersample(plant.signals, u, substeps), dt, f, substeps)
+
+
+def simulate_through(
+    plant: Plant,
+    x0: Float[Array, "states"],
+    stages: Float[Array, "samples stages inputs"],
+    dt: Float[Array, "samples"],
+    f: Float[Array, "samples faults"],
+    substeps: int,
+) -> Trajectory:
+    """`simulate` with the inputs between the samples given, as `intersample` makes them."""
 
     def body(x: Array, sample: tuple[Array, ...]) -> tuple[Array, Trajectory]:
-        u, u_next, dt, f = sample
-        dx, y = respond(plant, x, u, f)
-        return step(plant, x, u, u_next, f, dt, substeps), Trajectory(x, dx, y)
+        stages, dt, f = sample
+        dx, y = respond(plant, x, stages[0], f)
+        return step_through(plant, x, stages, f, dt, substeps), Trajectory(x, dx, y)
 
-    return jax.lax.scan(body, x0, (u, u_next, dt, f))[1]
+    return jax.lax.scan(body, x0, (stages, dt, f))[1]
 
 
 def substeps_for(step: float, max_step: float) -> int:

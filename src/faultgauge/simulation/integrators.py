@@ -1,12 +1,15 @@
 """Fixed-step Runge-Kutta under the input's hold."""
 
+from collections.abc import Callable
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from faultgauge.plants.plant import Plant, Stuck, clip_state, respond
+from faultgauge.simulation.intersample import line
 
-__all__ = ["step"]
+__all__ = ["sensitive_step", "step", "step_through"]
 
 
 def step(
@@ -22,23 +25,73 @@ def step(
     """State after `dt` seconds by `substeps` classical RK4 steps with faults `f` and `stuck`.
 
     Between the samples an input stays at `u` (hold "zero") or runs straight to `u_next`
-    (hold "linear"): never the next sample's value under a zero-order hold.
+    (other holds): never the next sample's value under a zero-order hold.
     """
-    linear = jnp.array([each.hold == "linear" for each in plant.signals.inputs], bool)
-    slope = jnp.where(linear, u_next - u, 0.0)
+    stages = line(plant.signals, u, u_next, substeps)
+    return step_through(plant, x, stages, f, dt, substeps, stuck)
+
+
+def step_through(
+    plant: Plant,
+    x: Float[Array, "states"],
+    stages: Float[Array, "stages inputs"],
+    f: Float[Array, "faults"],
+    dt: Float[Array, ""],
+    substeps: int,
+    stuck: Stuck | None = None,
+) -> Float[Array, "states"]:
+    """`step` with the inputs at every half substep given (see `intersample`)."""
     h = dt / substeps
 
-    def rate(x: Float[Array, "states"], s: Float[Array, ""]) -> Float[Array, "states"]:
-        return respond(plant, x, u + s * slope, f, stuck)[0]
+    def rate(x: Float[Array, "states"], u: Float[Array, "inputs"]) -> Float[Array, "states"]:
+        return respond(plant, x, u, f, stuck)[0]
 
-    def substep(x: Float[Array, "states"], k: Array) -> tuple[Float[Array, "states"], None]:
-        s0, s1, s2 = (k + 0.0) / substeps, (k + 0.5) / substeps, (k + 1.0) / substeps
-        k1 = rate(x, s0)
-        k2 = rate(x + h / 2 * k1, s1)
-        k3 = rate(x + h / 2 * k2, s1)
-        k4 = rate(x + h * k3, s2)
+    def substep(
+        x: Float[Array, "states"], u: tuple[Array, Array, Array]
+    ) -> tuple[Float[Array, "states"], None]:
+        u0, u1, u2 = u
+        k1 = rate(x, u0)
+        k2 = rate(x + h / 2 * k1, u1)
+        k3 = rate(x + h / 2 * k2, u1)
+        k4 = rate(x + h * k3, u2)
         return clip_state(plant, x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)), None
 
     if substeps == 1:
-        return substep(x, jnp.zeros(()))[0]
-    return jax.lax.scan(substep, x, jnp.arange(substeps, dtype=float))[0]
+        return substep(x, (stages[0], stages[1], stages[2]))[0]
+    return jax.lax.scan(substep, x, (stages[:-1:2], stages[1::2], stages[2::2]))[0]
+
+
+Sensitive = tuple[Float[Array, "states"], Float[Array, "states unknowns"]]
+
+
+def sensitive_step(
+    plant: Plant,
+    flow: Callable[[Array, Array, Array], Sensitive],
+    start: Sensitive,
+    stages: Float[Array, "stages inputs"],
+    dt: Float[Array, ""],
+    substeps: int,
+) -> Sensitive:
+    """`step_through` for a state and its sensitivities S; `flow(x, S, u)` gives both their rates.
+
+    Runge-Kutta on (x, S) is the derivative of Runge-Kutta on x; a state at its limit has none.
+    """
+    h = dt / substeps
+
+    def substep(at: Sensitive, u: tuple[Array, Array, Array]) -> tuple[Sensitive, None]:
+        def moved(share: float | Array, rates: Sensitive) -> Sensitive:
+            return at[0] + share * rates[0], at[1] + share * rates[1]
+
+        u0, u1, u2 = u
+        k1 = flow(*at, u0)
+        k2 = flow(*moved(h / 2, k1), u1)
+        k3 = flow(*moved(h / 2, k2), u1)
+        k4 = flow(*moved(h, k3), u2)
+        dx, dS = (a + 2 * b + 2 * c + d for a, b, c, d in zip(k1, k2, k3, k4, strict=True))
+        x, S = moved(h / 6, (dx, dS))
+        x, kept = jax.jvp(lambda x: clip_state(plant, x), (x,), (jnp.ones_like(x),))
+        return (x, kept[:, None] * S), None
+
+    if substeps == 1:
+        return substep(start, (stages[0], stages[1], stages[2]))[0]
+    return jax.lax.scan(substep, start, (stages[:-1:2], stages[1::2], stages[2::2]))[0]

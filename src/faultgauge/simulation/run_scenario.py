@@ -53,6 +53,7 @@ def _looped(
     scenario: Scenario, t: Float[np.ndarray, "samples"]
 ) -> dict[str, Float[np.ndarray, "samples"]]:
     """Inputs and outputs of the plant under its own controller."""
+    _check_delays(scenario, t[-1])
     substeps = scenario.substeps or SUBSTEPS
     record = _record(scenario, t, substeps)
     needed = substeps if scenario.substeps else _needed(scenario, record)
@@ -64,6 +65,15 @@ def _looped(
     return columns | dict(zip(signals.output_names, np.asarray(record.measured).T, strict=True))
 
 
+def _check_delays(scenario: Scenario, duration: float) -> None:
+    for each in scenario.plant.signals.inputs:
+        if each.delay >= duration:
+            raise InputError(
+                f"{scenario.source}: the delay of input {each.name!r}, {each.delay:g} s, leaves "
+                f"nothing of a run of {duration:g} s; lengthen the run."
+            )
+
+
 def _flown(
     scenario: Scenario, t: Float[np.ndarray, "samples"]
 ) -> dict[str, Float[np.ndarray, "samples"]]:
@@ -73,6 +83,13 @@ def _flown(
     """
     flight, signals = scenario.flight, scenario.plant.signals
     assert flight is not None
+    for each in signals.inputs:
+        if each.delay:
+            raise InputError(
+                f"{scenario.source}: the wheel's input {each.name!r} has a delay, which the flight "
+                "of a satellite does not have; remove `delay` from the plant file or the flight "
+                "from the scenario."
+            )
     every = [*scenario.faults, *scenario.disturbances]
     happens = inject(every, signals, t)
     flown = fly(
@@ -132,7 +149,7 @@ def _record(scenario: Scenario, t: Float[np.ndarray, "samples"], substeps: int) 
         signals,
         grid(scenario.samples, scenario.step, substeps),
     )
-    holds = [each.hold == "linear" for each in signals.inputs]
+    holds = [each.hold != "zero" for each in signals.inputs]
     conditions = Conditions(
         feedforward=jnp.asarray(_driven(scenario, t, INPUTS, holds)),
         reference=jnp.asarray(_driven(scenario, t, REFERENCES, [False] * len(signals.outputs))),

@@ -321,11 +321,11 @@ class _Checker:
             ):
                 raise self.fail(f"[{place}]", f"should hold a table per output, as [{place}.NAME]")
             self.known(place, tables, "output", signals.output_names)
-            if tables and each.hold == "linear":
+            if tables and each.hold != "zero":
                 raise self.fail(
                     f"[{place}]",
-                    'needs an input that is held, but the plant says hold = "linear"; nobody knows '
-                    "the next command before its sample",
+                    f'needs an input that is held, but the plant says hold = "{each.hold}"; nobody '
+                    "knows the next command before its sample",
                 )
             for name, table in tables.items():
                 gains = typed(_Feedback, table, f"{self.source}: [{place}.{name}]")

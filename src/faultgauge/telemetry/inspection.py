@@ -8,14 +8,18 @@ import numpy as np
 
 from faultgauge.telemetry.logs import LogFile, Paths, open_logs
 from faultgauge.telemetry.mapping import alias
-from faultgauge.telemetry.runs import gaps
+from faultgauge.telemetry.rates import align
+from faultgauge.telemetry.runs import Run, gaps
+from faultgauge.telemetry.skeleton import called_like_input
 from faultgauge.telemetry.statistics import Statistics, statistics
+from faultgauge.telemetry.stuck import stuck_stretches
 from faultgauge.telemetry.table import is_text, text_cells
 from faultgauge.telemetry.timing import unit_map
 
 __all__ = ["ColumnReport", "Gap", "Inspection", "RunReport", "inspect_runs"]
 
 UNEVEN = 0.2  # jitter worth a remark
+MOST_NAMES = 6  # in one hint
 COARSE_STEP = 1.0  # s: whole-number times with steps of this or more may be milliseconds
 
 
@@ -47,12 +51,13 @@ class RunReport:
 
 @dataclass(frozen=True)
 class ColumnReport:
-    """One column over all runs that have it: `kind` is number, text or empty; `share_empty` a
-    fraction of their rows; no `statistics` for text."""
+    """One column over all runs that have it: `kind` is number, text or empty; `unit` as the file
+    gives it, or nothing; `share_empty` a fraction of their rows; no `statistics` for text."""
 
     name: str
     known_as: str
     kind: str
+    unit: str
     share_empty: float
     statistics: Statistics | None
 
@@ -70,18 +75,32 @@ class Inspection:
         return asdict(self)
 
 
-def inspect_runs(paths: Paths, *, time: str | None = None, maps: Iterable[str] = ()) -> Inspection:
+def inspect_runs(
+    paths: Paths,
+    *,
+    time: str | None = None,
+    maps: Iterable[str] = (),
+    where: str | None = None,
+) -> Inspection:
     """Describe logs, read as `read_telemetry` reads them.
 
     Raises `InputError` for the same files, maps and times; a column that holds text or Inf, or
     nothing at all, is described and not refused.
     """
-    logs = open_logs(paths, time, maps)
+    logs = open_logs(paths, time, maps, where)
     runs = tuple(_run(log, name) for log in logs for name in log.runs)
     names = list(dict.fromkeys(name for log in logs for name in log.signals))
     columns = tuple(_column([log for log in logs if name in log.signals], name) for name in names)
-    hints = [*_time_hints(logs, runs), *(hint for log in logs for hint in _cell_hints(log))]
+    hints = [note for log in logs for note in log.table.notes]
+    hints += [*_time_hints(logs, runs), *(hint for log in logs for hint in _cell_hints(log))]
     hints += [hint for column in columns for hint in _column_hints(column)]
+    hints += _renamed(columns)
+    driven = {
+        column.name
+        for column in columns
+        if called_like_input(column.known_as) or (column.statistics and column.statistics.held)
+    }
+    hints += [h for log in logs for name in log.runs for h in _sensor_hints(log, name, driven)]
     return Inspection(runs, columns, tuple(dict.fromkeys(hints)))
 
 
@@ -114,26 +133,27 @@ def _run(log: LogFile, name: str) -> RunReport:
 
 def _column(logs: list[LogFile], name: str) -> ColumnReport:
     empty = float(np.concatenate([_empty_cells(log, name) for log in logs]).mean())
+    unit = next((log.table.units[name] for log in logs if name in log.table.units), "")
     if any(is_text(log.table.columns[name]) for log in logs):
-        return ColumnReport(name, alias(name), "text", empty, None)
+        return ColumnReport(name, alias(name), "text", unit, empty, None)
     parts = [(log, samples) for log in logs for samples in log.runs.values()]
     found = statistics(
         [log.t[samples] for log, samples in parts],
         [log.table.columns[name][samples] for log, samples in parts],
     )
-    return ColumnReport(name, alias(name), "number" if empty < 1 else "empty", empty, found)
+    return ColumnReport(name, alias(name), "number" if empty < 1 else "empty", unit, empty, found)
 
 
 def _time_hints(logs: list[LogFile], runs: tuple[RunReport, ...]) -> list[str]:
     hints = []
     for log in logs:
-        conversion = unit_map(log.time)
+        conversion = unit_map(log.time, log.table.units.get(log.time, ""))
         if is_text(log.table.columns[log.time]):
             continue
         if conversion:
             hints.append(
-                f"Time column {log.time!r} is taken as seconds but its name says otherwise: use "
-                f"{conversion} instead."
+                f"Time column {log.time!r} is taken as seconds but its name or unit says "
+                f"otherwise: use {conversion} instead."
             )
         elif log.time == "t" and np.median(np.diff(log.t)) >= COARSE_STEP and not np.any(log.t % 1):
             hints.append(
@@ -177,6 +197,43 @@ def _cell_hints(log: LogFile) -> list[str]:
     return hints
 
 
+def _renamed(columns: tuple[ColumnReport, ...]) -> list[str]:
+    other = [f"{c.name!r} is {c.known_as}" for c in columns if c.known_as != c.name]
+    more = f" and {len(other) - MOST_NAMES} more" if len(other) > MOST_NAMES else ""
+    names = ", ".join(other[:MOST_NAMES])
+    return [f"In --map, --where and plant files, {names}{more}."] if other else []
+
+
+def _sensor_hints(log: LogFile, name: str, driven: set[str]) -> list[str]:
+    """What one run says of its sensors: rates of their own, and stretches where one is stuck.
+
+    Columns that are `driven`, and not measured, stay on a value for good reason.
+    """
+    samples = log.runs[name]
+    numbers = [each for each in log.signals if not is_text(log.table.columns[each])]
+    columns = {each: log.table.columns[each][samples] for each in numbers}
+    run = Run(name, log.table.source, log.t[samples], columns)
+    hints = []
+    for each in align(run.t, columns).filled:
+        own = run.t[np.isfinite(columns[each])]
+        hints.append(
+            f"Column {each!r} has a sample every {np.median(np.diff(own)):.4g} s in run {name!r}, "
+            "at other times than the rest: it is interpolated between them, and held where it is "
+            "an input."
+        )
+    for each in numbers:
+        stuck = stuck_stretches(run, each) if each not in driven else []
+        if stuck:
+            longest = max(stuck, key=lambda part: part.stop - part.start)
+            start, end = run.t[longest.start], run.t[longest.stop - 1]
+            hints.append(
+                f"Column {each!r} stays on exactly {columns[each][longest.start]:.6g} from "
+                f"t = {start:.6g} to {end:.6g} s in run {name!r} while others move: "
+                "stuck or saturated, unless it is an input; --where leaves such rows out."
+            )
+    return hints
+
+
 def _column_hints(column: ColumnReport) -> list[str]:
     hints = []
     if column.kind == "empty":
@@ -187,9 +244,5 @@ def _column_hints(column: ColumnReport) -> list[str]:
         hints.append(
             f"Column {column.name!r} never changes ({column.statistics.min:.6g}): nothing can be "
             "learned from it."
-        )
-    if column.known_as != column.name:
-        hints.append(
-            f"Column {column.name!r} is called {column.known_as} in --map and in plant files."
         )
     return hints

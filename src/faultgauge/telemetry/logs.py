@@ -13,6 +13,7 @@ from faultgauge.telemetry.mapping import apply_maps, parse_maps
 from faultgauge.telemetry.readers import read_table, stem
 from faultgauge.telemetry.table import Table, is_text
 from faultgauge.telemetry.timing import check_increasing, find_time, seconds
+from faultgauge.telemetry.where import keep_rows, met
 
 __all__ = ["LogFile", "Paths", "open_logs"]
 
@@ -38,8 +39,11 @@ class LogFile:
         return [name for name in self.table.columns if name not in (self.time, "t", RUN)]
 
 
-def open_logs(paths: Paths, time: str | None, maps: Iterable[str]) -> list[LogFile]:
-    """Read files, apply `maps`, find the time (`time` names its column) and split into runs.
+def open_logs(
+    paths: Paths, time: str | None, maps: Iterable[str], where: str | None
+) -> list[LogFile]:
+    """Read files, apply `maps`, find the time (`time` names its column), split into runs and keep
+    the rows that meet the condition `where`.
 
     A run is called after its file, `stem` or `stem:label` where a column `run` labels the rows;
     a name that is taken gets `#2`. Raises `InputError` for a file that cannot be read or comes
@@ -55,7 +59,10 @@ def open_logs(paths: Paths, time: str | None, maps: Iterable[str]) -> list[LogFi
     for path in files:
         table = read_table(path)
         _check_new(path, seen)
-        logs.append(_log_file(path, apply_maps(table, parsed), time, "t" in parsed, taken))
+        log = _log_file(path, apply_maps(table, parsed), time, "t" in parsed, taken)
+        logs.append(log if where is None else _kept(log, where))
+        for name, samples in logs[-1].runs.items():
+            check_increasing(logs[-1].table, logs[-1].time, logs[-1].t, samples, name)
     return logs
 
 
@@ -78,9 +85,18 @@ def _log_file(path: Path, table: Table, time: str | None, mapped: bool, taken: s
                 f"{path}: run {name!r} has only row {table.rows[samples[0]]}; a run needs at "
                 "least two samples, so remove it or correct its label."
             )
-        check_increasing(table, column, t, samples, name)
         runs[name] = samples
     return LogFile(table, column, t, runs)
+
+
+def _kept(log: LogFile, where: str) -> LogFile:
+    table, rows, runs = keep_rows(log.table, log.time, log.runs, met(log.table, where))
+    if not runs:
+        raise InputError(
+            f"{table.source}, --where: no run has two rows that meet {where[:80]!r}; widen the "
+            "condition, or leave the file out."
+        )
+    return LogFile(table, log.time, log.t[rows], runs)
 
 
 def _groups(table: Table) -> dict[str, Int[np.ndarray, "_"]]:

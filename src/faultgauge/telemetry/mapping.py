@@ -9,6 +9,7 @@ in `--time` and in a plant file. Two columns that one name could mean are refuse
 import keyword
 import unicodedata
 from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
@@ -74,22 +75,26 @@ def apply_maps(table: Table, maps: dict[str, str]) -> Table:
     """`table` with the columns that `maps` ({NAME: EXPRESSION}) defines.
 
     Expressions see the file's own columns, never other maps; a new column hides one of the same
-    name; an expression that is only a name renames a column, text or numbers. An empty cell makes
-    an empty cell. Raises `InputError` for an unknown or ambiguous column, text, or a value that is
-    not a finite number, naming the row.
+    name; an expression that is only a name renames a column, text or numbers, and keeps its
+    unit. An empty cell makes an empty cell. Raises `InputError` for an unknown or ambiguous column,
+    text, or a value that is not a finite number, naming the row.
     """
     scope = Scope(names=list(dict.fromkeys(alias(name) for name in table.columns)))
-    new = {}
+    new, units = {}, {}
     for name, text in maps.items():
         where = f"{table.source}, --map {name}"
         expression = parse(text, where, scope)
         sources = {used: find_column(table, used) or used for used in names_used(expression)}
         if isinstance(expression.tree, Name):
-            new[name] = table.columns[sources[expression.tree.name]]
+            source = sources[expression.tree.name]
+            new[name] = table.columns[source]
+            if source in table.units:
+                units[name] = table.units[source]
         else:
             new[name] = _values(table, where, expression, sources)
     kept = {column: cells for column, cells in table.columns.items() if alias(column) not in new}
-    return Table(table.source, kept | new, table.rows)
+    old = {column: unit for column, unit in table.units.items() if column in kept}
+    return replace(table, columns=kept | new, units=old | units)
 
 
 def _values(

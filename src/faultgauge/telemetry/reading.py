@@ -1,7 +1,7 @@
 """Reading telemetry: files in, runs of checked signals out."""
 
 import difflib
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 
 import numpy as np
 from jaxtyping import Float
@@ -9,6 +9,7 @@ from jaxtyping import Float
 from faultgauge.errors import InputError
 from faultgauge.telemetry.logs import LogFile, Paths, open_logs
 from faultgauge.telemetry.mapping import find_column
+from faultgauge.telemetry.rates import align
 from faultgauge.telemetry.runs import Run
 from faultgauge.telemetry.table import Table, is_text, text_error
 
@@ -22,6 +23,8 @@ def read_telemetry(
     maps: Iterable[str] = (),
     names: Sequence[str] | None = None,
     optional: Sequence[str] | None = None,
+    held: Collection[str] = (),
+    where: str | None = None,
 ) -> list[Run]:
     """Read one log or several into runs.
 
@@ -34,17 +37,20 @@ def read_telemetry(
     - `maps`: `NAME=EXPRESSION` texts over the file's columns.
     - `names`: columns that every run must have, after mapping, in the units of the log.
     - `optional`: columns that are taken where they are. With neither, all number columns are.
+    - `held`: columns that keep their value between samples, as inputs do. It matters where
+      columns are sampled at different rates: they are brought onto common rows (`align`).
+    - `where`: a condition over the file's columns; only rows that meet it are kept.
 
     Raises `InputError` that names file, column and row for a file that cannot be read, a missing
     required column, text or Inf in a column that is taken, an all-empty one, and a time that is
-    missing, empty, repeated or reversed.
+    missing, empty, repeated or reversed, and a condition that no row meets.
     """
     runs = []
-    for log in open_logs(paths, time, maps):
+    for log in open_logs(paths, time, maps, where):
         columns = _columns(log, names, optional)
         required = set(names or ())
         for name, samples in log.runs.items():
-            runs.append(_run(log, name, samples, columns, required))
+            runs.append(_run(log, name, samples, columns, required, held))
     return runs
 
 
@@ -99,8 +105,10 @@ def _run(
     samples: np.ndarray,
     columns: dict[str, Float[np.ndarray, "rows"]],
     required: set[str],
+    held: Collection[str],
 ) -> Run:
     """One run; a column that is empty in this run only is absent from it, unless required."""
+    t = log.t[samples]
     taken = {column: values[samples] for column, values in columns.items()}
     empty = [column for column, values in taken.items() if np.isnan(values).all()]
     for column in empty:
@@ -110,4 +118,14 @@ def _run(
                 "fill it or remove the run."
             )
         del taken[column]
-    return Run(name, log.table.source, log.t[samples], taken)
+    aligned = align(t, taken, held)
+    columns = dict(aligned.columns)
+    for column in [column for column, values in columns.items() if np.isnan(values).all()]:
+        if column in required:
+            raise InputError(
+                f"{log.table.source}: column {column!r} of run {name!r} is sampled at irregular "
+                "times of its own, so that no row holds it together with the rest; log it at a "
+                "regular rate."
+            )
+        del columns[column]
+    return Run(name, log.table.source, t[aligned.kept], columns)

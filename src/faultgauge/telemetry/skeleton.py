@@ -3,7 +3,7 @@
 import json
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,12 +13,13 @@ from faultgauge.telemetry.mapping import alias
 from faultgauge.telemetry.runs import Run
 from faultgauge.telemetry.timing import called_like_time
 
-__all__ = ["plant_skeleton"]
+__all__ = ["called_like_input", "plant_skeleton"]
 
 INPUT = re.compile(r"(?i)u(\d|_.*)?\d*|.*(cmd|command|volt|pwm|duty|throttle|valve|pump|input).*")
 OUTPUT = re.compile(r"(?i)y(\d|_.*)?\d*")
 SETPOINT = re.compile(r"(?i)(.*_)?(ref|reference|setpoint|sp|target|desired)(_.*)?")
 HIDDEN = 10
+NO_UNIT = '# unit = "..."\n'
 
 
 @dataclass(frozen=True)
@@ -28,11 +29,12 @@ class Roles:
     left_out: dict[str, str]  # column -> why
 
 
-def plant_skeleton(runs: Sequence[Run], name: str) -> str:
+def plant_skeleton(runs: Sequence[Run], name: str, units: Mapping[str, str] | None = None) -> str:
     """Text of a plant file (TOML) for the columns of `runs`; roles are guessed from names.
 
-    Every state gets a network of all states and inputs for its derivative, and an output of the
-    same name. Raises `InputError` if no column can be a state.
+    `units` are those that the log gives, by column or its alias. Every state gets a network of all
+    states and inputs for its derivative, and an output of the same name. Raises `InputError` if no
+    column can be a state.
     """
     columns = list(dict.fromkeys(column for run in runs for column in run.columns))
     roles = _roles(runs, columns)
@@ -42,10 +44,11 @@ def plant_skeleton(runs: Sequence[Run], name: str) -> str:
             f"(columns: {', '.join(columns) or 'none'}); log at least one measured signal."
         )
     parts = [_head(runs, name, roles)]
+    unit = {alias(column): _unit(text) for column, text in (units or {}).items()}
     arguments = ", ".join([*roles.states, *roles.inputs])
-    parts += [_state(state, arguments) for state in roles.states]
-    parts += [_input(runs, item) for item in roles.inputs]
-    parts += [f'[outputs.{_key(state)}]\nvalue = "{state}"\n' for state in roles.states]
+    parts += [_state(state, arguments, unit.get(state, NO_UNIT)) for state in roles.states]
+    parts += [_input(runs, item, unit.get(item, NO_UNIT)) for item in roles.inputs]
+    parts += [_output(state, unit.get(state, "")) for state in roles.states]
     parts += [f"[networks.{_key('NN_' + state)}]\nhidden = {HIDDEN}\n" for state in roles.states]
     parts.append(_faults(roles))
     parts.append(_observer(runs, roles))
@@ -75,6 +78,11 @@ def _roles(runs: Sequence[Run], columns: list[str]) -> Roles:
     return Roles(inputs, rest, left_out)
 
 
+def called_like_input(name: str) -> bool:
+    """Whether a column's name is a usual one for an input or a setpoint, which stay as set."""
+    return _is_input(name) or SETPOINT.fullmatch(name) is not None
+
+
 def _is_input(name: str) -> bool:
     in_volts = name.endswith("_V") and not OUTPUT.fullmatch(name) and not SETPOINT.fullmatch(name)
     return in_volts or INPUT.fullmatch(name) is not None
@@ -90,7 +98,7 @@ def _head(runs: Sequence[Run], name: str, roles: Roles) -> str:
     sources = ", ".join(dict.fromkeys(_quoted(run.source) for run in runs))
     lines = [
         f"# Plant file, guessed from the columns of {sources}.",
-        "# Edit it: what is an input and what a state was guessed from names, units are missing,",
+        "# Edit it: what is an input and what a state was guessed from names, units may be absent,",
         "# and every derivative is wholly unknown (a network NN_...). Replace what you know by",
         '# physics: derivative = "v" for a position, or known terms beside a network, such as',
         '# "-k*x/m + NN_x(x, v)" with [parameters] k and m.',
@@ -114,21 +122,29 @@ def _key(name: str) -> str:
     return name if name.isascii() else f'"{name}"'
 
 
-def _state(state: str, arguments: str) -> str:
+def _unit(text: str) -> str:
+    return f"unit = {_quoted(text)}\n"
+
+
+def _output(state: str, unit: str) -> str:
+    return f'[outputs.{_key(state)}]\n{unit}value = "{state}"\n'
+
+
+def _state(state: str, arguments: str, unit: str) -> str:
     return (
         f"[states.{_key(state)}]\n"
-        '# unit = "..."\n'
+        f"{unit}"
         f'derivative = "NN_{state}({arguments})"           # d({state})/dt\n'
     )
 
 
-def _input(runs: Sequence[Run], name: str) -> str:
+def _input(runs: Sequence[Run], name: str, unit: str) -> str:
     values = np.concatenate(
         [values for run in runs for column, values in run.columns.items() if alias(column) == name]
     )
     return (
         f"[inputs.{_key(name)}]\n"
-        '# unit = "..."\n'
+        f"{unit}"
         f"# min = {np.nanmin(values):.6g}           # limits of the actuator; these are the log's\n"
         f"# max = {np.nanmax(values):.6g}\n"
     )

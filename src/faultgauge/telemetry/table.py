@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
@@ -18,12 +18,15 @@ class Table:
 
     `source` is the path as the user gave it. A number column is float64 with NaN for an empty
     cell; any other column keeps its cells as an object array of `str`. `rows` holds the 1-based
-    row of the file that each sample came from, so that an error can point at it.
+    row of the file that each sample came from, so that an error can point at it. `units` are those
+    that the file gives, by column; `notes` say in sentences what of the file is not in the table.
     """
 
     source: str
     columns: dict[str, Shaped[np.ndarray, "rows"]]
     rows: Int[np.ndarray, "rows"]
+    units: dict[str, str] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
 
 def is_text(column: Shaped[np.ndarray, "rows"]) -> bool:

@@ -38,14 +38,18 @@ def find_time(table: Table, time: str | None, mapped: bool) -> str:
 
 
 def called_like_time(column: str) -> bool:
-    """Whether a column's name is a usual one for time, such as `t_s` or `Time (ms)`."""
-    return TIME_NAME.fullmatch(column) is not None
+    """Whether a column's name is a usual one for time: `t_s`, `Time (ms)`, `group/time`."""
+    last = re.split(r"[./]", column)[-1]
+    return any(TIME_NAME.fullmatch(name) for name in (column, last))
 
 
-def unit_map(column: str) -> str | None:
-    """The `--map` that makes seconds of a time column named in ms, us, ns or min, if it is."""
+def unit_map(column: str, given: str = "") -> str | None:
+    """The `--map` that makes seconds of a time column named in ms, us, ns or min, if it is.
+
+    `given` is the unit that the file itself gives the column, if it does.
+    """
     for unit, factor in UNITS.items():
-        if re.search(rf"(?i)(^|[\W_\d]){unit}\W*$", column):
+        if given == unit or re.search(rf"(?i)(^|[\W_\d]){unit}\W*$", column):
             return f'--map "t={alias(column)}{factor}"'
     return None
 

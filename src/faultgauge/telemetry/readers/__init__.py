@@ -5,6 +5,11 @@ from pathlib import Path
 
 from faultgauge.errors import InputError
 from faultgauge.telemetry.readers.csv import read_csv
+from faultgauge.telemetry.readers.hdf5 import read_hdf5
+from faultgauge.telemetry.readers.mat import read_mat
+from faultgauge.telemetry.readers.mcap import read_mcap
+from faultgauge.telemetry.readers.mdf import read_mdf
+from faultgauge.telemetry.readers.parquet import read_parquet
 from faultgauge.telemetry.table import Table
 
 __all__ = ["READERS", "read_table", "stem"]
@@ -12,6 +17,13 @@ __all__ = ["READERS", "read_table", "stem"]
 READERS: dict[str, Callable[[Path], Table]] = {
     ".csv": read_csv,
     ".csv.gz": read_csv,
+    ".parquet": read_parquet,
+    ".mat": read_mat,
+    ".h5": read_hdf5,
+    ".hdf5": read_hdf5,
+    ".mf4": read_mdf,
+    ".mdf": read_mdf,
+    ".mcap": read_mcap,
 }
 
 
@@ -33,7 +45,7 @@ def read_table(path: Path) -> Table:
     except OSError as failure:
         raise InputError(f"{path} cannot be read: {failure.strerror or failure}.") from None
     raise InputError(
-        f"{path}: a log must end in {' or '.join(READERS)}, not in {path.suffix or 'nothing'}; "
+        f"{path}: a log must end in {', '.join(READERS)}, not in {path.suffix or 'nothing'}; "
         "convert the file."
     )
 

@@ -1,0 +1,171 @@
+"""The equation-error stage: every group of equations fitted from several starts, each selected
+by free run on what was held out."""
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from faultgauge.errors import InputError
+from faultgauge.identification.algorithms import AlgorithmName
+from faultgauge.identification.equation_error import Group, fit_group, groups, scale_networks
+from faultgauge.identification.holdout import split
+from faultgauge.identification.levenberg_marquardt import FAILED, NOT_CONVERGED, Solution
+from faultgauge.identification.samples import Channels, Samples, Stretch, collect, spread
+from faultgauge.identification.selection import Windows, free_run_errors, windows_from
+from faultgauge.plants.gray_box import GrayBoxPlant
+from faultgauge.plants.plant_file import PlantSpec
+from faultgauge.simulation.free_run import RATE_STEP, fastest_rate
+from faultgauge.telemetry import Run
+from faultgauge.telemetry.resampling import cover
+
+__all__ = ["EquationFit", "GroupReport", "Material", "fit_equations", "material", "max_step"]
+
+POINTS = 10_000  # training points kept; the paper advises 1,000 to 10,000
+VALIDATION_POINTS = 2000
+
+
+class GroupReport(NamedTuple):
+    group: Group
+    solution: Solution
+    free_run: np.ndarray
+    chosen: int
+
+
+class Material(NamedTuple):
+    """What the stage fits, selects on, and found out about the columns' noise."""
+
+    training: Samples
+    validation: Samples
+    windows: Windows
+    stretches: list[Stretch]
+    noise: dict[str, dict[str, float]]
+
+
+class EquationFit(NamedTuple):
+    """The selected plant, others by rank, the groups' accounts, and the plant's free-run error on
+    held-out data (a share of the outputs' spread)."""
+
+    plant: GrayBoxPlant
+    others: list[GrayBoxPlant]
+    reports: list[GroupReport]
+    error: float
+
+
+def material(
+    spec: PlantSpec, logs: Sequence[Run], validate: Sequence[Run], how: Channels, seed: int
+) -> Material:
+    """Samples to fit and to validate on. Without `validate`, parts of `logs` are held out."""
+    stretches, noise = collect(spec, logs, how)
+    if validate:
+        held, _ = collect(spec, validate, how)
+        training = _join([s.samples for s in stretches])
+        cuts = [[slice(0, len(s.t))] for s in held]
+    else:
+        masks, cuts = split(stretches)
+        held = stretches
+        training = _join(
+            [s.samples.take(np.flatnonzero(m)) for s, m in zip(stretches, masks, strict=True)]
+        )
+    validation = _join(
+        [s.samples.take(np.r_[cut]) for s, each in zip(held, cuts, strict=True) for cut in each]
+    )
+    training, validation = _thin(training, validation, seed)
+    windows = windows_from(held, cuts, spread(np.concatenate([s.measured for s in stretches])))
+    return Material(training, validation, windows, stretches, noise)
+
+
+def fit_equations(
+    plant: GrayBoxPlant,
+    how: Channels,
+    given: Material,
+    seed: int,
+    restarts: int,
+    algorithm: AlgorithmName,
+    progress: Callable[[str], None],
+    warnings: list[str],
+) -> EquationFit:
+    """Fit every group, take the best by equation error, then select each by free run."""
+    training, validation, windows = given.training, given.validation, given.windows
+    found, reports, others = [], [], []
+    for number, group in enumerate(groups(plant.spec, how.outputs)):
+        progress(f"fitting {group.name}")
+        plant = scale_networks(plant, group, training)
+        rngs = [np.random.default_rng([seed, number, k]) for k in range(restarts)]
+        plants, solution = fit_group(plant, group, training, validation, rngs, algorithm=algorithm)
+        _judge(group, solution, warnings)
+        plant = plants[int(np.nanargmin(_ranked(solution)))]
+        found.append((group, plants, solution))
+    longest = max_step(plant, training)
+    for group, plants, solution in found:
+        progress(f"selecting {group.name} by free run")
+        candidates = [_exchange(plant, other, group) for other in plants]
+        errors = free_run_errors(candidates, windows, longest)
+        errors = np.where(solution.status == FAILED, np.inf, errors)
+        # the file's own start wins ties, then the earliest: the same bytes on every run
+        chosen = int(np.argmin(np.round(errors, 12)))
+        plant = candidates[chosen]
+        others = [candidates[k] for k in np.argsort(errors, kind="stable") if k != chosen]
+        if solution.status[chosen] == NOT_CONVERGED:
+            warnings.append(
+                f"{group.name}: not converged after {solution.trials[chosen]} trials; the fit may "
+                "still be good (see its validation), more data or fewer hidden units would help"
+            )
+        reports.append(GroupReport(group, solution, errors, chosen))
+    if reports:  # the last group's choice is the whole plant's
+        error = float(reports[-1].free_run[reports[-1].chosen])
+    else:
+        error = float(free_run_errors([plant], windows, longest)[0])
+    return EquationFit(plant, others, reports, error)
+
+
+def _ranked(solution: Solution) -> np.ndarray:
+    return np.where(solution.status == FAILED, np.inf, solution.validation_cost)
+
+
+def _judge(group: Group, solution: Solution, warnings: list[str]) -> None:
+    failed = int(np.sum(solution.status == FAILED))
+    if failed == len(solution.status):
+        raise InputError(
+            f"{group.name}: no start has a finite cost; likely causes: (a) sqrt, log or a division "
+            "by zero inside the range of the logs, (b) a parameter value or bound that makes the "
+            "expression infinite; protect the expression with max() or set min and max."
+        )
+    if failed:
+        warnings.append(
+            f"{group.name}: {failed} of {len(solution.status)} starts had no finite cost"
+        )
+
+
+def _exchange(plant: GrayBoxPlant, other: GrayBoxPlant, group: Group) -> GrayBoxPlant:
+    """`plant` with the unknowns of `group` taken from `other`."""
+    networks = {n: (other if n in group.networks else plant).networks[n] for n in plant.networks}
+    parameters = {
+        p: (other if p in group.parameters else plant).parameters[p] for p in plant.parameters
+    }
+    return GrayBoxPlant(plant.signals, plant.spec, networks, parameters)
+
+
+def _join(parts: list[Samples]) -> Samples:
+    return Samples(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
+
+
+def _thin(training: Samples, validation: Samples, seed: int) -> tuple[Samples, Samples]:
+    """At most 10,000 and 2,000 points that cover the envelope."""
+    if len(training.x) < 10 or len(validation.x) < 2:
+        raise InputError(
+            f"only {len(training.x)} training and {len(validation.x)} validation samples are left "
+            "after smoothing; give a longer log."
+        )
+    kept = []
+    for samples, count in ((training, POINTS), (validation, VALIDATION_POINTS)):
+        points = np.concatenate([samples.x, samples.u], axis=1)
+        kept.append(samples.take(cover(points, count, np.random.default_rng(seed))))
+    return kept[0], kept[1]
+
+
+def max_step(plant: GrayBoxPlant, training: Samples) -> float:
+    """Longest RK4 step [s] for the rates that `plant` has over the training points."""
+    points = training.take(np.linspace(0, len(training.x) - 1, 500).astype(int))
+    rate = fastest_rate(plant, points.x, points.u)
+    return RATE_STEP / rate if rate > 0 else 1e9

@@ -1,0 +1,80 @@
+"""What is odd about logs before anything is fitted: a sentence for each, none of them a refusal."""
+
+import math
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from faultgauge.identification.samples import state_column
+from faultgauge.plants.signals import Input, Signals, State
+from faultgauge.telemetry import Run
+from faultgauge.telemetry.stuck import stuck_stretches
+
+__all__ = ["log_warnings"]
+
+MANY_EMPTY = 0.05  # of the cells of an output
+OTHER_UNIT = 300.0  # times the declared range: prefixes are off by 1000, ranges by less
+LITTLE = 0.05  # of the declared range of an input
+
+
+def log_warnings(signals: Signals, runs: Sequence[Run]) -> list[str]:
+    """Warnings about stuck sensors, empty cells, units and excitation in `runs`."""
+    found = []
+    for run in runs:
+        for output in signals.outputs:
+            if output.name in run.columns:
+                found += _of_output(run, output.name)
+    for state in signals.states:
+        columns = [state_column(signals, state.name, list(run.columns)) for run in runs]
+        values = [r.columns[c] for r, c in zip(runs, columns, strict=True) if c is not None]
+        found += _of_range(state, values, f"state {state.name!r}")
+    for each in signals.inputs:
+        values = [run.columns[each.name] for run in runs]
+        found += _of_range(each, values, f"input {each.name!r}")
+    return found
+
+
+def _of_output(run: Run, name: str) -> Iterator[str]:
+    stretches = stuck_stretches(run, name)
+    if stretches:
+        first, last = stretches[0].start, stretches[0].stop - 1
+        more = f" and {len(stretches) - 1} more times" if len(stretches) > 1 else ""
+        yield (
+            f"output {name!r} is stuck at {run.columns[name][first]:.6g} from {run.t[first]:.6g} s "
+            f"to {run.t[last]:.6g} s of run {run.name!r}{more} while other columns move; leave "
+            "those rows out with --where"
+        )
+    empty = float(np.mean(np.isnan(run.columns[name])))
+    if empty > MANY_EMPTY:
+        yield (
+            f"output {name!r} is empty in {empty:.0%} of the rows of run {run.name!r}; what is not "
+            "sampled is neither fitted nor scored"
+        )
+
+
+def _of_range(
+    signal: State | Input, columns: Sequence[Float[np.ndarray, "_"]], what: str
+) -> Iterator[str]:
+    values = np.concatenate([*columns, np.zeros(0)])
+    values = values[np.isfinite(values)]
+    if not values.size:
+        return
+    if math.isfinite(signal.min) and math.isfinite(signal.max):
+        share = float(np.ptp(values)) / (signal.max - signal.min)
+        declared = f"its range from {signal.min:g} to {signal.max:g}"
+    elif isinstance(signal, State) and signal.initial:
+        share = float(np.median(np.abs(values))) / abs(signal.initial)
+        declared = f"its initial value {signal.initial:g}"
+    else:
+        return
+    if share > OTHER_UNIT or 0 < share < 1 / OTHER_UNIT:
+        yield (
+            f"{what} is {share:.2g} times {declared} in the logs; is its column in "
+            f"{signal.unit or 'the unit of the plant file'}? If not, convert it with --map"
+        )
+    elif isinstance(signal, Input) and share < LITTLE:
+        yield (
+            f"{what} moves through {share:.1%} of {declared} only: the model will know nothing "
+            "beyond; add a log in which it moves more"
+        )

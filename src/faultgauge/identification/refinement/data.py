@@ -1,0 +1,232 @@
+"""What a refinement fits and what it validates on."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from faultgauge.identification.refinement.records import (
+    Piece,
+    Record,
+    cut_windows,
+    output_scale,
+    pieces_of,
+)
+from faultgauge.identification.refinement.simulation_error import (
+    Fitted,
+    Window,
+    fit_starts,
+    fit_windows,
+    mean_square,
+    simulated,
+)
+from faultgauge.identification.refinement.unknowns import Unknowns
+from faultgauge.plants.gray_box import GrayBoxPlant
+from faultgauge.plants.signals import Signals
+
+__all__ = ["FIRST_SIGMA", "Data", "prepare", "validation_error"]
+
+SHORT, SHORT_SHARE, SHORT_MOST = (64, 512), 1 / 20, 16  # samples and number of short windows
+LONGEST = 25_000  # samples of a window: longer runs are cut
+LONG_WINDOW = 4096  # into windows of about this length
+BUDGET, MOST = 20_000, 40_000  # samples that a search goes through, and its best in the end
+OUTLIER = 5.0  # standard deviations: errors beyond count as that where outliers are expected
+FIRST_SIGMA = 0.1  # of the outputs' spread: errors expected of a first guess
+LEAD = 500  # samples that set the start of a window that was not fitted
+FEWEST = 25  # samples of a window
+
+
+@dataclass
+class Data:
+    """Records to fit and to validate on, and windows cut from them."""
+
+    signals: Signals
+    records: list[Record]
+    masks: list[Bool[np.ndarray, "_"]]
+    substeps: int
+    scale: Float[np.ndarray, "outputs"]
+    guesses: list[Float[np.ndarray, "_ states"]]
+    sd: Float[np.ndarray, "states"]
+    robust: bool = False
+    whole: list[Piece] = field(default_factory=list)
+    pieces: list[Piece] = field(default_factory=list)  # those that are worked on
+    alone: list[Piece] = field(default_factory=list)
+
+    def windows(
+        self, pieces: Sequence[Piece], masks: Sequence[Bool[np.ndarray, "_"]] | None = None
+    ) -> Window:
+        return cut_windows(
+            self.signals,
+            self.records,
+            pieces,
+            self.masks if masks is None else masks,
+            self.guesses,
+            self.sd,
+            self.substeps,
+            self.scale,
+        )
+
+    def fit(
+        self,
+        plant: GrayBoxPlant,
+        unknowns: Unknowns,
+        thetas: Float[np.ndarray, "starts unknowns"],
+        *,
+        pieces: Sequence[Piece] | None = None,
+        sigma: float,
+        ridge: float = 1.0,
+        trials: int = 60,
+        tolerance: float = 1e-4,
+    ) -> list[Fitted]:
+        """`fit_windows` over the pieces that are worked on, or others."""
+        windows = self.windows(self.pieces if pieces is None else pieces)
+        return fit_windows(
+            plant,
+            unknowns,
+            thetas,
+            windows,
+            self.substeps,
+            sigma=sigma,
+            ridge=ridge,
+            trials=trials,
+            tolerance=tolerance,
+            robust=self.robust,
+        )
+
+    def fit_starts(
+        self, plant: GrayBoxPlant, unknowns: Unknowns, theta: Float[np.ndarray, "unknowns"]
+    ) -> Fitted:
+        """Only the starts of the pieces that are worked on."""
+        windows = self.windows(self.pieces)
+        return fit_starts(
+            plant, unknowns, theta, windows, self.substeps, sigma=FIRST_SIGMA, robust=self.robust
+        )
+
+    def split(self, length: int) -> tuple[list[Piece], list[Piece]]:
+        """Pieces of about `length` with samples to fit, and those that are for validation alone."""
+        pieces = _from_fitted_samples(pieces_of(self.records, length), self.masks)
+        pieces = [piece for piece in pieces if piece.stop - piece.start >= FEWEST]
+        fitted = [piece for piece in pieces if self.fitted_samples(piece) >= FEWEST]
+        return fitted, [piece for piece in pieces if piece not in fitted]
+
+    def lead_ins(self) -> tuple[list[Piece], list[Piece]]:
+        """For pieces that were not fitted: samples that set their start, and those with the piece.
+
+        A start is set on what was fitted just before; where there is nothing, on first samples.
+        """
+        first, whole = [], []
+        for k, start, stop in self.alone:
+            begin = max(0, start - LEAD)
+            end = start if begin < start else start + min(LEAD, (stop - start) // 4)
+            first.append(Piece(k, begin, end))
+            whole.append(Piece(k, begin, stop))
+        return first, whole
+
+    def short(self) -> list[Piece]:
+        longest = max(len(record.t) for record in self.records)
+        length = int(np.clip(longest * SHORT_SHARE, *SHORT))
+        pieces = [p for p in pieces_of(self.records, length) if self.fitted_samples(p)]
+        kept = np.linspace(0, len(pieces) - 1, min(SHORT_MOST, len(pieces))).round().astype(int)
+        return [pieces[k] for k in np.unique(kept)]
+
+    def fitted_samples(self, piece: Piece) -> int:
+        return int(np.sum(self.masks[piece.record][piece.start : piece.stop]))
+
+    def remember(self, pieces: Sequence[Piece], x: Float[np.ndarray, "windows _ states"]) -> None:
+        """Take the states of fitted windows as first guesses of hidden ones."""
+        for (k, start, stop), path in zip(pieces, x, strict=True):
+            path = path[: stop - start]
+            if np.all(np.isfinite(path)):
+                self.guesses[k][start:stop] = path
+
+
+def prepare(
+    signals: Signals,
+    records: list[Record],
+    masks: list[Bool[np.ndarray, "_"]],
+    held: list[Record],
+    substeps: int,
+    robust: bool,
+) -> Data:
+    initial = np.array([state.initial for state in signals.states])
+    ranges = np.array([state.max - state.min for state in signals.states])
+    data = Data(
+        signals,
+        [*records, *held],
+        [*masks, *(np.zeros(len(record.t), bool) for record in held)],
+        substeps,
+        output_scale(records),
+        [np.tile(initial, (len(record.t), 1)) for record in (*records, *held)],
+        np.where(np.isfinite(ranges), ranges / 4, np.maximum(np.abs(initial), 1.0)),
+        robust,
+    )
+    longest = max(len(record.t) for record in data.records)
+    data.whole, data.alone = data.split(LONG_WINDOW if longest > LONGEST else longest)
+    data.whole = _some(data.whole, max(MOST, longest if longest <= LONGEST else 0))
+    data.pieces = _some(data.whole, BUDGET) if longest > LONGEST else data.whole
+    return data
+
+
+def _some(pieces: list[Piece], budget: int) -> list[Piece]:
+    """Pieces spread evenly that make up `budget` samples; all of them where they fit into it."""
+    total = sum(piece.stop - piece.start for piece in pieces)
+    count = max(1, round(len(pieces) * min(1.0, budget / max(total, 1))))
+    return [pieces[k] for k in np.linspace(0, len(pieces) - 1, count).round().astype(int)]
+
+
+def _from_fitted_samples(
+    pieces: list[Piece], masks: Sequence[Bool[np.ndarray, "_"]]
+) -> list[Piece]:
+    """Pieces that do not begin among samples left out: their start would not be known there."""
+    starts = []
+    for k, start, stop in pieces:
+        fitted = np.flatnonzero(masks[k][start:stop])
+        starts.append(start + int(fitted[0]) if start and fitted.size else start)
+    moved = []
+    for j, (k, _, stop) in enumerate(pieces):
+        follows = j + 1 < len(pieces) and pieces[j + 1].record == k
+        moved.append(Piece(k, starts[j], starts[j + 1] if follows else stop))
+    return moved
+
+
+def validation_error(
+    data: Data,
+    plant: GrayBoxPlant,
+    unknowns: Unknowns,
+    fitted: Fitted,
+) -> float:
+    """Free-run error over all samples that were not fitted, as a share of the outputs' spread.
+
+    Inside a fitted window the run goes on through the samples left out; windows of their own
+    start from the samples before them.
+    """
+    sigma = float(np.clip(np.sqrt(fitted.mse), 1e-6, None))
+    bound = OUTLIER * sigma if data.robust else None
+    total, count = 0.0, 0
+    left = [~mask for mask in data.masks]
+    windows = data.windows(data.pieces, left)
+    scored = int(np.sum(windows.weight > 0))
+    if scored:
+        errors = simulated(plant, unknowns, fitted.theta, fitted.z, windows, data.substeps)[1]
+        total, count = mean_square(errors, windows, bound) * scored, scored
+    if data.alone:
+        first, whole = data.lead_ins()
+        rest = [mask.copy() for mask in left]
+        for k, start, stop in first:
+            rest[k][start:stop] = False
+        starts = fit_starts(
+            plant,
+            unknowns,
+            fitted.theta,
+            data.windows(first, [np.ones(len(mask), bool) for mask in left]),
+            data.substeps,
+            sigma=sigma,
+            robust=data.robust,
+        )
+        windows = data.windows(whole, rest)
+        scored = int(np.sum(windows.weight > 0))
+        errors = simulated(plant, unknowns, fitted.theta, starts.z, windows, data.substeps)[1]
+        total, count = total + mean_square(errors, windows, bound) * scored, count + scored
+    error = float(np.sqrt(total / count)) if count else np.inf
+    return error if np.isfinite(error) else np.inf

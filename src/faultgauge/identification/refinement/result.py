@@ -1,0 +1,125 @@
+"""From logs to a refined plant, and the account of how it came about."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from faultgauge.identification.holdout import split_record
+from faultgauge.identification.refinement.data import Data
+from faultgauge.identification.refinement.records import records_of
+from faultgauge.identification.refinement.search import Candidate, Search, refine
+from faultgauge.identification.refinement.uncertainty import Information, information
+from faultgauge.identification.samples import Channels, Samples
+from faultgauge.plants.gray_box import GrayBoxPlant
+from faultgauge.plants.settle import settle
+from faultgauge.telemetry import Run
+
+__all__ = ["Refinement", "refine_on_logs"]
+
+
+@dataclass(frozen=True)
+class Refinement:
+    """The refined plant, best of its `members`; `error` is its free-run error on data that no fit
+    has seen, a share of the outputs' spread; `tried` names every candidate with that error."""
+
+    plant: GrayBoxPlant
+    members: list[GrayBoxPlant]
+    training: Samples
+    error: float
+    substeps: int
+    sample_time: float
+    choices: dict[str, dict[str, Any]]
+    tried: list[tuple[str, float]]
+    information: Information
+    warnings: list[str]
+
+    def metrics(self) -> dict[str, Any]:
+        """For the model's record."""
+        return {
+            "substeps": self.substeps,
+            "tried": [[name, None if np.isinf(e) else e] for name, e in self.tried],
+            **self.information.to_dict(),
+        }
+
+
+def refine_on_logs(
+    plant: GrayBoxPlant,
+    warm: Sequence[GrayBoxPlant],
+    logs: Sequence[Run],
+    validate: Sequence[Run],
+    how: Channels,
+    seed: int,
+    restarts: int,
+    robust: bool,
+    progress: Callable[[str], None],
+) -> Refinement:
+    """Refine `plant` from the `warm` starts on `logs`; hold out parts of them unless there are
+    runs to `validate` on."""
+    signals = plant.signals
+    records = records_of(signals, logs, how)
+    held = records_of(signals, validate, how) if validate else []
+    whole = [np.ones(len(record.t), bool) for record in records]
+    masks = whole if held else [split_record(len(record.t)) for record in records]
+    found = refine(
+        plant,
+        warm,
+        records,
+        masks,
+        held,
+        seed=seed,
+        restarts=restarts,
+        robust=robust,
+        progress=progress,
+    )
+    best = found.members[0]
+    members = [_settled(each, found) for each in found.members]
+    progress("standard errors")
+    data = found.data
+    known = information(
+        best.plant, best.unknowns, best.fitted, data.windows(data.pieces), data.substeps, best.ridge
+    )
+    warnings = [*found.notes, *known.warnings()]
+    if warm and not found.won:
+        warnings.append(
+            "the refinement by simulation error did not beat the warm start on held-out data; the "
+            "warm start is kept"
+        )
+    return Refinement(
+        plant=members[0],
+        members=members,
+        training=_training(members[0], best, data),
+        error=best.validation,
+        substeps=data.substeps,
+        sample_time=float(np.median([record.step for record in records])),
+        choices=found.choices,
+        tried=found.tried,
+        information=known,
+        warnings=warnings,
+    )
+
+
+def _settled(candidate: Candidate, found: Search) -> GrayBoxPlant:
+    """The candidate's plant, with what the file left open decided."""
+    fitted = candidate.unknowns.assemble(candidate.plant, jnp.asarray(candidate.fitted.theta))
+    spec = settle(candidate.plant.spec, found.choices["hold"])
+    networks, parameters = jax.tree.map(jnp.asarray, (fitted.networks, fitted.parameters))
+    return GrayBoxPlant(spec.signals, spec, networks, parameters)
+
+
+def _training(plant: GrayBoxPlant, best: Candidate, data: Data) -> Samples:
+    """The points that the fitted windows went through, and what the log says there."""
+    x, u, y = [], [], []
+    for piece, path in zip(data.pieces, best.fitted.x, strict=True):
+        cut = slice(piece.start, piece.stop)
+        kept = data.masks[piece.record][cut]
+        record = data.records[piece.record]
+        x.append(path[: piece.stop - piece.start][kept])
+        u.append(record.u[cut][kept])
+        y.append(record.y[cut][kept])
+    x, u = np.concatenate(x), np.concatenate(u)
+    dx = np.asarray(jax.vmap(plant.derivative)(jnp.asarray(x), jnp.asarray(u)))
+    return Samples(x, u, dx, np.concatenate(y))

@@ -1,0 +1,429 @@
+"""Refinement: from a warm start to the least simulation error, growing and selected step by step.
+
+    1. physics    parameters alone, networks silent, over short windows from several starts
+    2. runs       the best of them over whole runs
+    3. hold       what the file leaves open of the inputs, by validation error
+    4. networks   from several starts over whole runs, down a grid of prior weights
+
+Everything is chosen on samples that no fit has seen, by free run. Where nothing wins over the warm
+start, the warm start is what is returned.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from faultgauge.errors import InputError
+from faultgauge.identification.equation_error import groups, scale_networks
+from faultgauge.identification.refinement.data import FIRST_SIGMA, Data, prepare, validation_error
+from faultgauge.identification.refinement.records import Piece, Record
+from faultgauge.identification.refinement.simulation_error import (
+    Fitted,
+    simulated,
+)
+from faultgauge.identification.refinement.unknowns import WEIGHTS, Unknowns, unknowns_of
+from faultgauge.identification.samples import Samples
+from faultgauge.identification.starts import nguyen_widrow
+from faultgauge.plants.gray_box import GrayBoxPlant
+from faultgauge.plants.plant import respond
+from faultgauge.plants.signals import Hold, Signals
+from faultgauge.simulation.free_run import RATE_STEP, fastest_rate, substeps_for
+
+__all__ = ["Candidate", "Search", "refine"]
+
+KEPT = 3  # starts that go on from the short windows, and members of an ensemble
+SILENT_STARTS = 2
+SCALE_POINTS = 500
+NEAR = 0.05  # prior standard deviations: two starts that found one minimum
+PLACES, GOOD = 6, 4.0  # minima of the physics that go on, and their squared error at most
+FIRST_ROUND, FINALISTS = 2, 2  # starts that go down the path of prior weights to its end
+RIDGES = tuple(10.0 ** (k / 2) for k in range(6, -5, -1))  # weights of the networks' prior
+WARM_RIDGES = tuple(10.0**k for k in range(-1, 4))  # upwards: networks that are already learned
+PATIENCE, BETTER = 2, 0.995  # prior weights without a validation error so much lower
+LEAST_SIGMA = 1e-4  # of the outputs' spread
+WHISPER = 0.3  # of a start's output weights where squares of them count: at 0 they have no slope
+WILD = 1e6  # times its start: a simulation that blows up
+WARM = "warm start"
+MARGIN = 1.2  # of the arguments' range under the physics alone: networks will move it
+SCATTER = 0.5  # prior standard deviations: a factor of 3 for positive constants
+HOLDS: tuple[Hold, ...] = ("zero", "linear", "band-limited")
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A fitted plant, how it came about, and its free-run error on unseen samples (a share of
+    the outputs' spread)."""
+
+    plant: GrayBoxPlant
+    unknowns: Unknowns
+    fitted: Fitted
+    validation: float
+    origin: str
+    ridge: float = 1.0
+
+
+@dataclass(frozen=True)
+class Search:
+    """The members, best first; what was chosen for what the file leaves open; what was tried.
+
+    `won` is False where no refinement beat the warm start, which then is the only member.
+    """
+
+    members: list[Candidate]
+    data: Data
+    choices: dict[str, dict[str, Any]]
+    tried: list[tuple[str, float]]
+    won: bool
+    notes: list[str]
+
+
+def refine(
+    plant: GrayBoxPlant,
+    warm: Sequence[GrayBoxPlant],
+    records: list[Record],
+    masks: list[Bool[np.ndarray, "_"]],
+    held: list[Record],
+    *,
+    seed: int = 0,
+    restarts: int = 10,
+    robust: bool = False,
+    progress: Callable[[str], None] = lambda text: None,
+) -> Search:
+    """Least simulation error of `plant`'s unknowns over `records`, where `masks` are True.
+
+    `warm` are fitted plants to start from, best first (none: the file's values, silent networks);
+    `held` are records of runs given for validation.
+    """
+    substeps = _substeps(warm[0] if warm else plant, records)
+    data = prepare(plant.signals, records, masks, held, substeps, robust)
+    notes: list[str] = []
+    candidates: list[Candidate] = []
+    if warm:
+        progress("simulating the warm start")
+        candidates.append(_as_it_is(data, warm[0]))
+    candidates += _physics(data, plant, warm, seed, restarts, progress, notes)
+    choices: dict[str, dict[str, Any]] = {"hold": {}, "hidden": {}}
+    if plant.spec.open_holds and candidates:
+        progress("choosing the inputs' hold")
+        best = min(candidates, key=lambda c: c.validation)
+        choices["hold"], data.signals = _choose_hold(data, best, plant.spec.open_holds)
+        candidates = [_again(data, c) for c in candidates]
+    if plant.spec.networks and candidates:
+        candidates += _networks(data, candidates, warm, seed, restarts, progress)
+    tried = [(c.origin, c.validation) for c in candidates]
+    if not any(np.isfinite(c.validation) for c in candidates):
+        raise InputError(blow_up(data, plant))
+    members = _distinct(candidates)[:KEPT]
+    if len(data.pieces) < len(data.whole):
+        progress("fitting the best to all samples")
+        members = _on_all_samples(data, members[:FINALISTS])
+    won = members[0].origin != WARM
+    return Search(members, data, choices, tried, won, notes)
+
+
+def _distinct(candidates: Sequence[Candidate]) -> list[Candidate]:
+    """Finite ones, best first, the same minimum only once."""
+    found: list[Candidate] = []
+    for each in sorted(candidates, key=lambda c: c.validation):
+        if np.isfinite(each.validation) and not any(
+            other.origin == each.origin
+            and other.fitted.theta.shape == each.fitted.theta.shape
+            and np.max(np.abs(other.fitted.theta - each.fitted.theta)) < NEAR
+            for other in found
+        ):
+            found.append(each)
+    return found
+
+
+def _on_all_samples(data: Data, members: Sequence[Candidate]) -> list[Candidate]:
+    """The members, refitted where their search went through a part of the log only."""
+    share = _samples(data.whole) / _samples(data.pieces)
+    data.pieces = data.whole
+    found = []
+    for c in members:
+        if c.origin == WARM:
+            fitted = data.fit_starts(c.plant, c.unknowns, c.fitted.theta)
+        else:
+            fitted = data.fit(
+                c.plant,
+                c.unknowns,
+                c.fitted.theta[None],
+                sigma=_sigma(c.fitted),
+                ridge=c.ridge * share,
+                trials=40,
+            )[0]
+        found.append(_valid(data, replace(c, fitted=fitted, ridge=c.ridge * share)))
+    return sorted(found, key=lambda c: c.validation)
+
+
+def _samples(pieces: Sequence[Piece]) -> int:
+    return sum(piece.stop - piece.start for piece in pieces)
+
+
+def _valid(data: Data, candidate: Candidate) -> Candidate:
+    error = validation_error(data, candidate.plant, candidate.unknowns, candidate.fitted)
+    return replace(candidate, validation=error if candidate.fitted.usable else np.inf)
+
+
+def _substeps(plant: GrayBoxPlant, records: Sequence[Record]) -> int:
+    record = max(records, key=lambda r: len(r.t))
+    initial = np.array([state.initial for state in plant.signals.states])
+    x = np.where(np.isfinite(record.x), record.x, initial)
+    kept = np.linspace(0, len(x) - 1, min(500, len(x))).astype(int)
+    rate = fastest_rate(plant, x[kept], record.u[kept])
+    return substeps_for(record.step, RATE_STEP / rate if rate > 0 else 1e9)
+
+
+def _sigma(fitted: Fitted) -> float:
+    return float(np.clip(np.sqrt(fitted.mse), LEAST_SIGMA, FIRST_SIGMA))
+
+
+def _as_it_is(data: Data, plant: GrayBoxPlant) -> Candidate:
+    """A plant, its windows' starts fitted."""
+    unknowns = unknowns_of(plant)
+    fitted = data.fit_starts(plant, unknowns, unknowns.vector(plant))
+    data.remember(data.pieces, fitted.x)
+    return _valid(data, Candidate(plant, unknowns, fitted, np.inf, WARM))
+
+
+def _physics(
+    data: Data,
+    plant: GrayBoxPlant,
+    warm: Sequence[GrayBoxPlant],
+    seed: int,
+    restarts: int,
+    progress: Callable[[str], None],
+    notes: list[str],
+) -> list[Candidate]:
+    """The parameters alone: short windows from several starts, then whole runs."""
+    unknowns = unknowns_of(plant, networks=False)
+    if not unknowns.parameters:
+        return []
+    first = unknowns.vector(plant)
+    thetas = [unknowns.vector(warm[0])] if warm else []
+    thetas.append(first)
+    # where every state is measured the equation error has been through the starts already
+    for k in range(len(thetas), 4 if warm else restarts):
+        rng = np.random.default_rng([seed, 7, k])
+        thetas.append(first + SCATTER * rng.standard_normal(len(first)))
+    progress("fitting the physics over short windows")
+    short = data.short()
+    found = data.fit(plant, unknowns, np.stack(thetas), pieces=short, sigma=FIRST_SIGMA, trials=40)
+    fits = [each for each in found if each.usable]
+    if len(fits) < len(thetas):
+        failed = len(thetas) - len(fits)
+        notes.append(f"{failed} of {len(thetas)} starts had no finite simulation error")
+    if not fits:
+        return []
+    fits.sort(key=lambda each: each.mse)
+    data.remember(short, fits[0].x)
+    progress("fitting the physics over long windows")
+    longs = data.fit(plant, unknowns, np.stack(_apart(fits)), sigma=_sigma(fits[0]))
+    return _distinct(
+        [_valid(data, Candidate(plant, unknowns, each, np.inf, "physics")) for each in longs]
+    )
+
+
+def _apart(fits: Sequence[Fitted]) -> list[np.ndarray]:
+    """Unknowns of fits that found different places, best first: their errors may be the same."""
+    found: list[np.ndarray] = []
+    for each in fits:
+        near = any(np.max(np.abs(each.theta - other)) < NEAR for other in found)
+        if not near and each.mse < GOOD * fits[0].mse:
+            found.append(each.theta)
+    return found[:PLACES]
+
+
+def _choose_hold(
+    data: Data, best: Candidate, names: Sequence[str]
+) -> tuple[dict[str, str], Signals]:
+    """The hold of the inputs that the file leaves open, by the error of a refit."""
+    errors, found = [], []
+    for hold in HOLDS:
+        data.signals = _held(data.signals, names, hold)
+        errors.append(_again(data, best).validation)
+        found.append(data.signals)
+    chosen = int(np.argmin(errors))
+    return dict.fromkeys(names, HOLDS[chosen]), found[chosen]
+
+
+def _held(signals: Signals, names: Sequence[str], hold: Hold) -> Signals:
+    inputs = tuple(
+        replace(each, hold=hold) if each.name in names else each for each in signals.inputs
+    )
+    return replace(signals, inputs=inputs)
+
+
+def _again(data: Data, candidate: Candidate) -> Candidate:
+    """The candidate fitted once more from where it stands; the warm start only simulated."""
+    plant, unknowns, theta = candidate.plant, candidate.unknowns, candidate.fitted.theta
+    if candidate.origin == WARM:
+        fitted = data.fit_starts(plant, unknowns, theta)
+    else:
+        fitted = data.fit(plant, unknowns, theta[None], sigma=_sigma(candidate.fitted), trials=30)[
+            0
+        ]
+    return _valid(data, replace(candidate, fitted=fitted))
+
+
+def _networks(
+    data: Data,
+    candidates: Sequence[Candidate],
+    warm: Sequence[GrayBoxPlant],
+    seed: int,
+    restarts: int,
+    progress: Callable[[str], None],
+) -> list[Candidate]:
+    """Networks beside the parameters: silent ones from several seeds, and the warm starts."""
+    bases = [c for c in candidates if c.origin == "physics"] or list(candidates[:1])
+    count = min(restarts, max(SILENT_STARTS, len(bases)))
+    silent = []
+    for k in range(count):
+        base = bases[k % len(bases)]
+        values = base.unknowns.assemble(base.plant, jnp.asarray(base.fitted.theta))
+        scaled = _scaled(data, values, base) if k == 0 else _like(silent[0], values)
+        silent.append(_silent(scaled, np.random.default_rng([seed, 11, k]), k == 0))
+    found = _path(data, "networks", silent, RIDGES, _sigma(bases[0].fitted), progress)
+    if warm:
+        sigma = _sigma(candidates[0].fitted)
+        name = "warm start, refined"
+        found += _path(data, name, list(warm[:FINALISTS]), WARM_RIDGES, sigma, progress)
+    return found
+
+
+def _like(plant: GrayBoxPlant, values: GrayBoxPlant) -> GrayBoxPlant:
+    """`values` with the scalings of `plant`: starts that are fitted side by side share them."""
+    return eqx.tree_at(lambda p: p.networks, values, plant.networks)
+
+
+def _path(
+    data: Data,
+    name: str,
+    plants: list[GrayBoxPlant],
+    ridges: tuple[float, ...],
+    sigma: float,
+    progress: Callable[[str], None],
+) -> list[Candidate]:
+    """Every start's best along the prior weights, until none has got better twice running.
+
+    `plants` share one scaling. After a few weights only the best go on.
+    """
+    unknowns, quiet = unknowns_of(plants[0]), 0
+    thetas = np.stack([unknowns.vector(each) for each in plants])
+    going = list(range(len(plants)))
+    best: dict[int, Candidate] = {}
+    for step, ridge in enumerate(ridges):
+        progress(f"{name}: prior weight {ridge:.3g}")
+        fits = data.fit(plants[0], unknowns, thetas, sigma=sigma, ridge=ridge, trials=25)
+        quiet += 1
+        for k, fitted in zip(going, fits, strict=True):
+            found = _valid(data, Candidate(plants[0], unknowns, fitted, np.inf, name, ridge))
+            before = best[k].validation if k in best else np.inf
+            if found.validation < BETTER * before:
+                quiet = 0
+            if k not in best or found.validation < before:
+                best[k] = found
+        if quiet >= PATIENCE:
+            break
+        thetas = np.stack([fitted.theta for fitted in fits])
+        if step == FIRST_ROUND and len(going) > FINALISTS:
+            order = np.argsort([best[k].validation for k in going], kind="stable")[:FINALISTS]
+            going, thetas = [going[k] for k in order], thetas[order]
+    return list(best.values())
+
+
+def _scaled(data: Data, plant: GrayBoxPlant, base: Candidate) -> GrayBoxPlant:
+    """Networks' scalings from the states that the physics alone goes through."""
+    x = np.concatenate(
+        [path[: p.stop - p.start] for path, p in zip(base.fitted.x, data.pieces, strict=True)]
+    )
+    u = np.concatenate([data.records[p.record].u[p.start : p.stop] for p in data.pieces])
+    y = np.concatenate([data.records[p.record].y[p.start : p.stop] for p in data.pieces])
+    dx = np.asarray(jax.vmap(plant.derivative)(jnp.asarray(x), jnp.asarray(u)))
+    samples = Samples(x, u, dx, np.nan_to_num(y))
+    for group in groups(plant.spec, plant.signals.output_names):
+        plant = scale_networks(plant, group, samples)
+    return _outputs_scaled(plant, x, u)
+
+
+def _outputs_scaled(
+    plant: GrayBoxPlant, x: Float[np.ndarray, "samples states"], u: Float[np.ndarray, "samples _"]
+) -> GrayBoxPlant:
+    """Networks' output scales such that 1 moves an equation by half its range.
+
+    Inside an equation a network may be multiplied by anything: its share there, dF / dNN, counts.
+    """
+    kept = np.linspace(0, len(x) - 1, min(SCALE_POINTS, len(x))).astype(int)
+    x, u = x[kept], u[kept]
+
+    def equations(centers: dict[str, Array], x: Array, u: Array) -> Array:
+        moved = {
+            name: eqx.tree_at(lambda net: net.output_center, network, centers[name])
+            for name, network in plant.networks.items()
+        }
+        dx, y = respond(eqx.tree_at(lambda p: p.networks, plant, moved), x, u)
+        return jnp.concatenate([dx, y])
+
+    centers = {name: network.output_center for name, network in plant.networks.items()}
+    points = jnp.asarray(x), jnp.asarray(u)
+    values = np.asarray(jax.vmap(equations, (None, 0, 0))(centers, *points))
+    shares = jax.vmap(jax.jacfwd(equations), (None, 0, 0))(centers, *points)
+    half = np.ptp(values, axis=0) / 2
+    networks = dict(plant.networks)
+    for name, share in shares.items():
+        typical = np.median(np.abs(np.asarray(share)), axis=0)
+        reach = [h / t for h, t in zip(half, typical, strict=True) if t > 0 and h > 0]
+        if reach:
+            networks[name] = eqx.tree_at(
+                lambda net: net.output_scale, networks[name], jnp.asarray(min(reach))
+            )
+    return eqx.tree_at(lambda p: p.networks, plant, networks)
+
+
+def _silent(plant: GrayBoxPlant, rng: np.random.Generator, widen: bool) -> GrayBoxPlant:
+    """Networks that start at (about) zero, so that the physics is where the fit begins."""
+    margin = MARGIN if widen else 1.0
+    networks = {}
+    for spec in plant.spec.networks:
+        start = nguyen_widrow(spec.hidden, spec.arity, rng, spec.shape)
+        start["weights_out"] = (WHISPER if spec.monotone else 0.0) * start["weights_out"]
+        old = plant.networks[spec.name]
+        networks[spec.name] = eqx.tree_at(
+            lambda net: [*(getattr(net, field) for field in WEIGHTS), net.input_scale],
+            old,
+            [*(jnp.asarray(start[field]) for field in WEIGHTS), margin * old.input_scale],
+        )
+    return eqx.tree_at(lambda p: p.networks, plant, networks)
+
+
+def blow_up(data: Data, plant: GrayBoxPlant) -> str:
+    """Where the simulation of the plant as its file states it leaves all bounds."""
+    unknowns = unknowns_of(plant)
+    windows = data.windows(data.pieces)
+    z = np.zeros((len(data.pieces), windows.center.shape[1] + len(unknowns.varying)))
+    x, _ = simulated(plant, unknowns, unknowns.vector(plant), z, windows, data.substeps)
+    names = plant.signals.state_names
+    for path, piece in zip(x, data.pieces, strict=True):
+        record = data.records[piece.record]
+        wild = ~(np.abs(path[: piece.stop - piece.start]) < WILD * (1 + np.abs(path[0])))
+        if wild.any():
+            k = int(np.argmax(wild.any(axis=1)))
+            state = names[int(np.argmax(wild[k]))]
+            return (
+                f"the simulation of plant {plant.spec.name!r} blows up: state {state!r} leaves all "
+                f"bounds at t = {record.t[piece.start + k]:.6g} s of run {record.run!r}; likely "
+                "causes: (a) a wrong sign or unit in its derivative, (b) parameter values far from "
+                "the truth, so give better ones or min and max, (c) an unstable plant logged in "
+                "closed loop"
+            )
+    return (
+        f"no start of plant {plant.spec.name!r} simulates to a finite error on the held-out data; "
+        "protect sqrt, log and divisions in its expressions with max(), or give the parameters "
+        "min and max"
+    )

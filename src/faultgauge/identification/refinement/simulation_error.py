@@ -1,0 +1,300 @@
+"""Simulation error: the plant's free run against the log, over windows whose starts are unknown.
+
+    minimise  sum_k |w_k (y_k(theta, x_0) - y_k)|^2 + sigma^2 (theta' P theta + |z|^2),
+              x_0 = center + sd z      for every window
+
+y_k is a simulation that sees no measurement, so noise in the log biases nothing; sigma^2 weighs
+the priors of unknowns and starts against the samples. Multiple shooting in its plainest form: each
+window has a start of its own (H. G. Bock, 1981), and windows grow until they are whole runs.
+"""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from faultgauge.identification.levenberg_marquardt import FAILED, Options, levenberg_marquardt
+from faultgauge.identification.refinement.unknowns import Unknowns
+from faultgauge.plants.gray_box import GrayBoxPlant
+from faultgauge.plants.plant import respond
+from faultgauge.simulation.free_run import simulate_through
+from faultgauge.simulation.integrators import sensitive_step
+
+__all__ = [
+    "Fitted",
+    "SimulationResidual",
+    "Window",
+    "fit_starts",
+    "fit_windows",
+    "mean_square",
+    "simulated",
+]
+
+HUBER = 1.345  # standard deviations: 95 % as efficient as least squares under Gaussian noise
+
+
+class Window(eqx.Module):
+    """Windows of one length, windows first: stage inputs (see `intersample`), time steps [s],
+    outputs, and weights (0 where a sample is not to be fitted); starts as centre and spread."""
+
+    center: Float[Array | np.ndarray, "*windows states"]
+    sd: Float[Array | np.ndarray, "*windows states"]
+    stages: Float[Array | np.ndarray, "*windows samples stages inputs"]
+    dt: Float[Array | np.ndarray, "*windows samples"]
+    y: Float[Array | np.ndarray, "*windows samples outputs"]
+    weight: Float[Array | np.ndarray, "*windows samples outputs"]
+
+
+class SimulationResidual(eqx.Module):
+    """Residuals of one window: weighted output errors, then the prior of its start."""
+
+    plant: GrayBoxPlant
+    sigma: Float[Array, ""]
+    unknowns: Unknowns = eqx.field(static=True)
+    substeps: int = eqx.field(static=True)
+    robust: bool = eqx.field(static=True, default=False)
+
+    def __call__(self, own: Float[Array, "own"], window: Any) -> Float[Array, "equations"]:
+        _, error = self.run(own, window)
+        local = own[own.size - self.local(window) :]
+        return jnp.concatenate([self._bounded(error).ravel(), self.sigma * local])
+
+    def local(self, window: Any) -> int:
+        """Unknowns of one window alone: its start, and its values of the varying parameters."""
+        return window.center.shape[-1] + len(self.unknowns.varying)
+
+    def run(
+        self, own: Float[Array, "own"], window: Any
+    ) -> tuple[Float[Array, "samples states"], Float[Array, "samples outputs"]]:
+        """(states, weighted errors) of one window."""
+        plant, x0 = self._plant(own, window), self._start(own, window)
+        f = jnp.zeros((window.dt.size, len(plant.signals.faults)))
+        found = simulate_through(plant, x0, window.stages, window.dt, f, self.substeps)
+        return found.x, self._errors(found.y, window)
+
+    def linearised(
+        self, own: Float[Array, "own"], window: Any
+    ) -> tuple[Float[Array, "equations"], Float[Array, "equations own"]]:
+        """The residuals and their Jacobian, by forward sensitivities.
+
+            S = dx / d own,    dS/dt = F_x S + F_own,    dy = h_x S + h_own
+
+        integrated with the state: Runge-Kutta on both is the derivative of Runge-Kutta on the
+        state. F_x and F_own come from one reverse pass per state, whatever the unknowns.
+        """
+        states, unknowns = window.center.shape[-1], self.unknowns
+        values = self._values(own, window)
+        natural, slopes = unknowns.natural(self.plant, values), unknowns.slopes(self.plant, values)
+
+        def in_own(pulled: list[Array]) -> Float[Array, "rows own"]:
+            """Slopes against `natural` as slopes against the window's own unknowns."""
+            rows = pulled[0].shape[0]
+            shared = slopes * jnp.concatenate([each.reshape(rows, -1) for each in pulled], axis=1)
+            varying = shared[:, [unknowns.weights(self.plant) + k for k in unknowns.varying]]
+            return jnp.concatenate([shared, jnp.zeros((rows, states)), varying], axis=1)
+
+        def flow(
+            x: Float[Array, "states"], S: Float[Array, "states own"], u: Float[Array, "inputs"]
+        ) -> tuple[Float[Array, "states"], Float[Array, "states own"]]:
+            def rate(x: Array, natural: list[Array]) -> Array:
+                return respond(unknowns.put(self.plant, natural), x, u)[0]
+
+            dx, pull = jax.vjp(rate, x, natural)
+            in_x, in_natural = jax.vmap(pull)(jnp.eye(states))
+            return dx, in_x @ S + in_own(in_natural)
+
+        def body(carry: tuple[Array, Array], sample: tuple[Array, Array]) -> Any:
+            stages, dt = sample
+            return sensitive_step(self.plant, flow, carry, stages, dt, self.substeps), carry
+
+        x0 = self._start(own, window)
+        S0 = jax.jacfwd(self._start)(own, window)
+        _, (x, S) = jax.lax.scan(body, (x0, S0), (window.stages, window.dt))
+
+        def seen(x: Array, S: Array, u: Array) -> tuple[Array, Array]:
+            def output(x: Array, natural: list[Array]) -> Array:
+                return respond(unknowns.put(self.plant, natural), x, u)[1]
+
+            y, pull = jax.vjp(output, x, natural)
+            in_x, in_natural = jax.vmap(pull)(jnp.eye(len(y)))
+            return y, in_x @ S + in_own(in_natural)
+
+        y, in_all = jax.vmap(seen)(x, S, window.stages[:, 0])
+        error = self._errors(y, window)
+        bounded, slope = jax.jvp(self._bounded, (error,), (jnp.ones_like(error),))
+        in_all = jnp.where(window.weight > 0, slope * window.weight, 0.0)[..., None] * in_all
+        local = self.local(window)
+        r = jnp.concatenate([bounded.ravel(), self.sigma * own[own.size - local :]])
+        prior = self.sigma * jnp.eye(local, own.size, own.size - local)
+        return r, jnp.concatenate([in_all.reshape(-1, own.size), prior])
+
+    def _plant(self, own: Float[Array, "own"], window: Any) -> GrayBoxPlant:
+        return self.unknowns.assemble(self.plant, self._values(own, window))
+
+    def _values(self, own: Float[Array, "own"], window: Any) -> Float[Array, "unknowns"]:
+        """theta with the window's own values of the varying parameters."""
+        shared, states = own.size - self.local(window), window.center.shape[-1]
+        first, values = self.unknowns.weights(self.plant), own[:shared]
+        for k, index in enumerate(self.unknowns.varying):
+            values = values.at[first + index].add(own[shared + states + k])
+        return values
+
+    def _start(self, own: Float[Array, "own"], window: Any) -> Float[Array, "states"]:
+        first, states = own.size - self.local(window), window.center.shape[-1]
+        return window.center + window.sd * own[first : first + states]
+
+    def _errors(
+        self, y: Float[Array, "samples outputs"], window: Any
+    ) -> Float[Array, "samples outputs"]:
+        return jnp.where(window.weight > 0, window.weight * (y - window.y), 0.0)
+
+    def _bounded(self, error: Float[Array, "*grid"]) -> Float[Array, "*grid"]:
+        """r^2 becomes 2 b^2 (sqrt(1 + (r/b)^2) - 1) where errors are bounded: linear beyond b."""
+        if not self.robust:
+            return error
+        ratio = error / (HUBER * self.sigma)
+        return error * jnp.sqrt(2.0 / (jnp.sqrt(1.0 + ratio**2) + 1.0))
+
+
+class Fitted(NamedTuple):
+    """A fit over windows: unknowns, starts of the windows, states along them, mean square of the
+    weighted errors, and how it ended (see `Solution`)."""
+
+    theta: Float[np.ndarray, "unknowns"]
+    z: Float[np.ndarray, "windows local"]
+    x: Float[np.ndarray, "windows samples states"]
+    mse: float
+    status: int
+    trials: int
+
+    @property
+    def usable(self) -> bool:
+        return self.status != FAILED and bool(np.isfinite(self.mse))
+
+
+def fit_windows(
+    plant: GrayBoxPlant,
+    unknowns: Unknowns,
+    thetas: Float[np.ndarray, "starts unknowns"],
+    windows: Window,
+    substeps: int,
+    *,
+    sigma: float,
+    ridge: float = 1.0,
+    trials: int = 60,
+    tolerance: float = 1e-5,
+    robust: bool = False,
+) -> list[Fitted]:
+    """Levenberg-Marquardt from every start, all side by side.
+
+    `sigma` is the error expected, as a share of the outputs' spread; `ridge` multiplies the
+    networks' share of the prior. `robust` bounds the pull of errors beyond `HUBER` sigma.
+    """
+    lower, upper = unknowns.bounds(plant)
+    return _fit(
+        plant, unknowns, thetas, windows, substeps, sigma, ridge, trials, tolerance, robust,
+        lower, upper,
+    )  # fmt: skip
+
+
+def fit_starts(
+    plant: GrayBoxPlant,
+    unknowns: Unknowns,
+    theta: Float[np.ndarray, "unknowns"],
+    windows: Window,
+    substeps: int,
+    *,
+    sigma: float,
+    robust: bool = False,
+) -> Fitted:
+    """Only what is local to the windows is fitted; `theta` stays."""
+    return _fit(
+        plant, unknowns, theta[None], windows, substeps, sigma, 1.0, 30, 1e-5, robust, theta, theta
+    )[0]
+
+
+def _fit(
+    plant: GrayBoxPlant,
+    unknowns: Unknowns,
+    thetas: Float[np.ndarray, "starts unknowns"],
+    windows: Window,
+    substeps: int,
+    sigma: float,
+    ridge: float,
+    trials: int,
+    tolerance: float,
+    robust: bool,
+    lower: Float[np.ndarray, "unknowns"],
+    upper: Float[np.ndarray, "unknowns"],
+) -> list[Fitted]:
+    residual = SimulationResidual(plant, jnp.asarray(sigma), unknowns, substeps, robust)
+    count, local = len(windows.center), residual.local(windows)
+    starts, size = thetas.shape
+    penalty = np.ones(size + count * local)
+    penalty[: unknowns.weights(plant)] = ridge
+    penalty[size:] = 0.0  # the starts' prior is in the residual
+    free = np.full(count * local, np.inf)
+    solution = levenberg_marquardt(
+        residual,
+        jnp.asarray(np.concatenate([thetas, np.zeros((starts, count * local))], axis=1)),
+        jax.tree.map(jnp.asarray, windows),
+        None,
+        jnp.asarray(np.concatenate([lower, -free])),
+        jnp.asarray(np.concatenate([upper, free])),
+        Options(max_trials=trials, tolerance=tolerance, batch=starts),
+        jnp.asarray(sigma**2 * penalty),
+        local,
+        residual.linearised,
+    )
+    solution = jax.device_get(solution)
+    found = []
+    for k in range(starts):
+        theta, z = np.split(solution.theta[k], [size])
+        z = z.reshape(count, local)
+        x, errors = simulated(plant, unknowns, theta, z, windows, substeps)
+        mse = mean_square(errors, windows, HUBER * sigma if robust else None)
+        found.append(Fitted(theta, z, x, mse, int(solution.status[k]), int(solution.trials[k])))
+    return found
+
+
+def simulated(
+    plant: GrayBoxPlant,
+    unknowns: Unknowns,
+    theta: Float[np.ndarray, "unknowns"],
+    z: Float[np.ndarray, "windows local"],
+    windows: Window,
+    substeps: int,
+) -> tuple[
+    Float[np.ndarray, "windows samples states"], Float[np.ndarray, "windows samples outputs"]
+]:
+    """(states along the windows, weighted errors, 0 where nothing is weighed)."""
+    x, errors = _simulated(
+        SimulationResidual(plant, jnp.asarray(0.0), unknowns, substeps),
+        jnp.asarray(theta),
+        jnp.asarray(z),
+        jax.tree.map(jnp.asarray, windows),
+    )
+    return np.asarray(x), np.asarray(errors)
+
+
+def mean_square(
+    errors: Float[np.ndarray, "*grid outputs"], windows: Window, bound: float | None = None
+) -> float:
+    """Mean square of the weighted errors; with `bound` none counts for more than that."""
+    if bound is not None:
+        errors = np.minimum(np.abs(errors), bound)
+    with np.errstate(over="ignore"):
+        return float(np.sum(errors**2)) / max(int(np.sum(windows.weight > 0)), 1)
+
+
+@eqx.filter_jit
+def _simulated(
+    residual: SimulationResidual, theta: Array, z: Array, windows: Window
+) -> tuple[Array, Array]:
+    def one(z: Array, window: Window) -> tuple[Array, Array]:
+        return residual.run(jnp.concatenate([theta, z]), window)
+
+    return jax.vmap(one)(z, windows)

@@ -1,0 +1,135 @@
+"""The unknowns of a plant as one vector, scaled so that each is of order one.
+
+    weights      theta                            prior N(0, 1)
+    positive     p = p_0 exp(s theta)             where the file bounds p below by 0 or more
+    others       p = p_0 + s theta
+
+Priors are weak: a factor of 10 for positive constants, ten times the stated value for others.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from faultgauge.plants.gray_box import GrayBoxPlant
+from faultgauge.plants.plant_file import Parameter
+
+__all__ = ["WEIGHTS", "Unknowns", "unknowns_of"]
+
+WEIGHTS = ("weights_out", "weights_in", "bias", "bias_out")
+FACTOR = math.log(10.0)  # one prior standard deviation of a positive constant
+WIDE = 10.0  # and of any other, in stated values
+
+
+@dataclass(frozen=True)
+class Unknowns:
+    """Which networks and parameters are unknown; `centers` and `scales` are p_0 and s above."""
+
+    networks: tuple[str, ...]
+    parameters: tuple[str, ...]
+    positive: tuple[bool, ...]
+    centers: tuple[float, ...]
+    scales: tuple[float, ...]
+    varying: tuple[int, ...] = ()  # of the parameters: those with a value per run
+
+    def vector(self, plant: GrayBoxPlant) -> Float[np.ndarray, "unknowns"]:
+        """theta of `plant`."""
+        parts = [
+            np.asarray(getattr(plant.networks[name], field)).ravel()
+            for name in self.networks
+            for field in WEIGHTS
+        ]
+        values = np.array([float(plant.parameters[name]) for name in self.parameters])
+        return np.concatenate([*parts, self.to_theta(values)])
+
+    def to_theta(self, values: Float[np.ndarray, "parameters"]) -> Float[np.ndarray, "parameters"]:
+        positive = np.array(self.positive, bool)
+        centers, scales = np.array(self.centers), np.array(self.scales)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            logarithm = np.log(np.maximum(values, 1e-300) / centers)
+        return np.where(positive, logarithm, values - centers) / scales
+
+    def assemble(self, plant: GrayBoxPlant, theta: Float[Array, "unknowns"]) -> GrayBoxPlant:
+        """`plant` with the unknowns from `theta`."""
+        return self.put(plant, self.natural(plant, theta))
+
+    def natural(self, plant: GrayBoxPlant, theta: Float[Array, "unknowns"]) -> list[Array]:
+        """The arrays and constants of the plant that `theta` stands for, in its order."""
+        arrays, start = [], 0
+        for name in self.networks:
+            for field in WEIGHTS:
+                old = getattr(plant.networks[name], field)
+                arrays.append(theta[start : start + old.size].reshape(old.shape))
+                start += old.size
+        for k in range(len(self.parameters)):
+            change, center = self.scales[k] * theta[start + k], self.centers[k]
+            arrays.append(center * jnp.exp(change) if self.positive[k] else center + change)
+        return arrays
+
+    def put(self, plant: GrayBoxPlant, natural: Sequence[Array]) -> GrayBoxPlant:
+        """`plant` with those arrays and constants."""
+        networks, parameters = dict(plant.networks), dict(plant.parameters)
+        left = list(natural)
+        for name in self.networks:
+            fields, left = left[: len(WEIGHTS)], left[len(WEIGHTS) :]
+            networks[name] = eqx.tree_at(
+                lambda net: [getattr(net, field) for field in WEIGHTS], networks[name], fields
+            )
+        parameters.update(zip(self.parameters, left, strict=True))
+        return eqx.tree_at(lambda p: (p.networks, p.parameters), plant, (networks, parameters))
+
+    def slopes(
+        self, plant: GrayBoxPlant, theta: Float[Array, "unknowns"]
+    ) -> Float[Array, "unknowns"]:
+        """d natural / d theta, element by element."""
+        first = self.weights(plant)
+        scales, centers = jnp.array(self.scales), jnp.array(self.centers)
+        grown = scales * centers * jnp.exp(scales * theta[first:])
+        return jnp.concatenate(
+            [jnp.ones(first), jnp.where(jnp.array(self.positive, bool), grown, scales)]
+        )
+
+    def weights(self, plant: GrayBoxPlant) -> int:
+        """How many of the unknowns are weights of networks; they come first."""
+        return sum(getattr(plant.networks[n], f).size for n in self.networks for f in WEIGHTS)
+
+    def bounds(
+        self, plant: GrayBoxPlant
+    ) -> tuple[Float[np.ndarray, "unknowns"], Float[np.ndarray, "unknowns"]]:
+        """(lower, upper) of theta by the parameters' min and max."""
+        free = np.full(self.weights(plant), np.inf)
+        specs = {p.name: p for p in plant.spec.parameters}
+        ends = []
+        for key in ("min", "max"):
+            values = np.array([getattr(specs[name], key) for name in self.parameters], float)
+            theta = self.to_theta(values)
+            outside = np.array(self.positive, bool) & (values <= 0)
+            ends.append(np.where(outside, -np.inf, theta))
+        return np.concatenate([-free, ends[0]]), np.concatenate([free, ends[1]])
+
+
+def unknowns_of(plant: GrayBoxPlant, *, networks: bool = True) -> Unknowns:
+    """All that is unknown in `plant`, or its parameters alone."""
+    free = [p for p in plant.spec.parameters if not p.fixed]
+    centers = [float(p.value) for p in free]
+    positive = [p.min >= 0 and p.value > 0 for p in free]
+    scales = [FACTOR if log else _width(p) for p, log in zip(free, positive, strict=True)]
+    return Unknowns(
+        networks=tuple(n.name for n in plant.spec.networks) if networks else (),
+        parameters=tuple(p.name for p in free),
+        positive=tuple(positive),
+        centers=tuple(centers),
+        scales=tuple(scales),
+        varying=tuple(k for k, p in enumerate(free) if p.vary),
+    )
+
+
+def _width(parameter: Parameter) -> float:
+    if math.isfinite(parameter.min) and math.isfinite(parameter.max):
+        return (parameter.max - parameter.min) / 2
+    return WIDE * abs(parameter.value) or 1.0

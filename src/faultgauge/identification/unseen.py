@@ -1,0 +1,80 @@
+"""The data that a fit has not seen, and what the fitted model does on them."""
+
+from collections.abc import Iterable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from faultgauge.errors import InputError
+from faultgauge.identification.evaluation import Prediction, evaluate, predict
+from faultgauge.identification.fit import FitReport
+from faultgauge.identification.holdout import LAST_SHARE
+from faultgauge.identification.samples import channels, in_effect
+from faultgauge.identification.validation import Validation, validate
+from faultgauge.plants.model import Model
+from faultgauge.telemetry import Run, cut, segments
+from faultgauge.telemetry.runs import ROUNDING
+
+__all__ = ["Unseen", "held_out", "on_unseen"]
+
+
+class Unseen(NamedTuple):
+    """Scores as of `evaluate`, the free runs behind them, and the tests of a sceptic."""
+
+    scores: dict[str, Any]
+    predictions: list[Prediction]
+    validation: Validation
+
+
+def on_unseen(
+    model: Model, account: FitReport, logs: Sequence[Run], held: Sequence[Run] = ()
+) -> Unseen | None:
+    """The model on the runs `held` for validation; without any, on what its fit held out of
+    `logs`. None where that is too short to run through.
+
+    Models from other starts that the refinement kept are tested beside it.
+    """
+    runs = list(held) or held_out(model, account, logs)
+    if not runs:
+        return None
+    try:
+        scores, predictions = evaluate(model.plant, runs, model.max_step)
+    except InputError:  # no two complete samples in a row
+        return None
+    others = account.refinement.members[1:] if account.refinement else []
+    beside = [predict(member, runs, model.max_step) for member in others]
+    checked = validate(model.plant, predictions, account.training, beside)
+    return Unseen(scores, predictions, checked)
+
+
+def held_out(model: Model, account: FitReport, logs: Sequence[Run]) -> list[Run]:
+    """The last 15 % of every stretch of `logs`, each a run of its own: no stage has fitted them.
+
+    A stretch ends where the stage that fits needs it to: equation error where any column is
+    empty, simulation error where an input is.
+    """
+    signals = model.plant.signals
+    how = channels(model.plant.spec, logs)
+    needed = [how.needed] if account.groups else []
+    needed += [how.inputs] if account.refinement else []
+    delay = max((each.delay for each in signals.inputs), default=0.0)
+    found = []
+    for run in logs:
+        acting = in_effect(signals, run)
+        tails = np.ones(len(run.t), bool)
+        for names in needed:
+            tails &= _tails(acting, names)
+        edges = np.flatnonzero(np.diff(tails, prepend=False, append=False))
+        for first, stop in edges.reshape(-1, 2):
+            start = np.searchsorted(run.t, run.t[first] - delay)  # commands that act from first on
+            found.append(cut(run, slice(int(start), int(stop))))
+    return [run for run in found if len(run.t) > 1]
+
+
+def _tails(run: Run, names: Iterable[str]) -> np.ndarray:
+    tails = np.zeros(len(run.t), bool)
+    for part in segments(run, names):
+        t = run.t[part]
+        length = t[-1] - t[0] + run.step
+        tails[part] = t >= t[0] + (1 - LAST_SHARE) * length - ROUNDING * run.step
+    return tails

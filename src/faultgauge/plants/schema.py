@@ -1,0 +1,94 @@
+"""The schema of the plant file, as pydantic sees it: keys and types only.
+
+What the keys mean, and whether they go together, is checked where the file becomes a `PlantSpec`.
+"""
+
+from typing import Annotated, Literal
+
+import pydantic
+
+from faultgauge.plants.shape import Monotone
+from faultgauge.plants.signals import Hold
+from faultgauge.plants.toml_file import Number, Positive, Table
+
+__all__ = [
+    "FileTable",
+    "InputTable",
+    "LATER",
+    "MAX_HIDDEN",
+    "NetworkTable",
+    "ParameterTable",
+    "StateTable",
+]
+
+MAX_HIDDEN = 200
+# Keys of the plant file that this version does not act on yet: refused rather than ignored.
+LATER = {"instrument", "rate", "prior_per_hour", "detection"}
+
+Text = str
+
+
+class StateTable(Table):
+    derivative: Text
+    unit: Text = ""
+    min: Number | None = None
+    max: Number | None = None
+    initial: Number | None = None
+
+
+class InputTable(Table):
+    unit: Text = ""
+    min: Number | None = None
+    max: Number | None = None
+    hold: Hold | None = None
+    delay: Annotated[float, pydantic.Field(ge=0, allow_inf_nan=False)] = 0.0
+
+
+class OutputTable(Table):
+    value: Text
+    unit: Text = ""
+    sigma: Positive | None = None
+
+
+class ParameterTable(Table):
+    value: Number | None = None
+    unit: Text = ""
+    min: Number | None = None
+    max: Number | None = None
+    fixed: bool = False
+    vary: Literal["run", "slow"] | None = None
+
+
+class NetworkTable(Table):
+    hidden: Annotated[int, pydantic.Field(ge=1, le=MAX_HIDDEN)] | None = None
+    odd: bool = False
+    zero_at_zero: bool = False
+    positive: bool = False
+    monotone: Annotated[
+        Monotone | None,
+        pydantic.BeforeValidator(lambda given: "increasing" if given is True else given),
+    ] = None
+
+
+class FaultTable(Table):
+    enters: Literal["state", "input", "output", "gain"]
+    target: Text
+    unit: Text = ""
+    min: Number | None = None
+    max: Number | None = None
+
+
+class ObserverTable(Table):
+    outputs: list[Text] | None = None
+    bandwidth: Positive | None = None
+
+
+class FileTable(Table):
+    name: Text
+    states: dict[str, StateTable]
+    inputs: dict[str, InputTable] = pydantic.Field(default_factory=dict)
+    outputs: dict[str, OutputTable]
+    parameters: dict[str, ParameterTable] = pydantic.Field(default_factory=dict)
+    networks: dict[str, NetworkTable] = pydantic.Field(default_factory=dict)
+    faults: dict[str, FaultTable] = pydantic.Field(default_factory=dict)
+    observer: ObserverTable = ObserverTable()

@@ -1,0 +1,38 @@
+"""What a plant file leaves open, decided: holds of inputs and sizes of networks."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import cast, get_args
+
+from faultgauge.plants.plant_file import PlantSpec
+from faultgauge.plants.schema import MAX_HIDDEN
+from faultgauge.plants.signals import Hold
+
+__all__ = ["settle"]
+
+
+def settle(
+    spec: PlantSpec, holds: Mapping[str, str] = {}, hidden: Mapping[str, int] = {}
+) -> PlantSpec:
+    """`spec` with the `holds` of inputs and the `hidden` units of networks that were chosen.
+
+    What is chosen is no longer open; the text of the file stays as it is. Raises `ValueError` for
+    a name that is not open in `spec`, and for a value that no plant file may hold.
+    """
+    for name, hold in holds.items():
+        if name not in spec.open_holds or hold not in get_args(Hold):
+            raise ValueError(f"hold {hold!r} of input {name!r}")
+    for name, size in hidden.items():
+        if name not in spec.open_sizes or not 1 <= size <= MAX_HIDDEN:
+            raise ValueError(f"{size} hidden units of network {name!r}")
+    inputs = tuple(
+        replace(each, hold=cast(Hold, holds.get(each.name, each.hold)))
+        for each in spec.signals.inputs
+    )
+    return replace(
+        spec,
+        signals=replace(spec.signals, inputs=inputs),
+        networks=tuple(replace(n, hidden=hidden.get(n.name, n.hidden)) for n in spec.networks),
+        open_holds=tuple(name for name in spec.open_holds if name not in holds),
+        open_sizes=tuple(name for name in spec.open_sizes if name not in hidden),
+    )

@@ -1,0 +1,96 @@
+"""The chapter on the refinement: what was found, how surely, and what else was tried."""
+
+import numpy as np
+
+from faultgauge.identification.refinement.result import Refinement
+from faultgauge.identification.refinement.uncertainty import Constant, Information
+from faultgauge.reporting.report import Section, Table
+from faultgauge.reporting.style import quantity
+
+__all__ = ["refinement_section"]
+
+MOST_CORRELATIONS = 20  # rows: the strongest pairs
+MOST_TRIED = 40
+
+
+def refinement_section(found: Refinement) -> Section:
+    """Parameters with standard errors, their correlations, and every candidate that was tried."""
+    diverged = sum(not np.isfinite(error) for _, error in found.tried)
+    losses = f"; {diverged} of them diverged" if diverged else ""
+    return Section(
+        "Refinement by simulation error",
+        (
+            "The model was fitted to the outputs as sampled, by simulation through whole runs. "
+            f"{len(found.tried)} candidates were run over data that no fit had seen, and the one "
+            f"with the least error there was kept{losses}.",
+            "A residual of a simulation is not white: a standard error counts "
+            f"{found.information.residual_time:.3g} samples as one.",
+        ),
+        (
+            *_parameters(found.information),
+            *_correlations(found.information),
+            *_choices(found),
+            _tried(found),
+        ),
+    )
+
+
+def _tried(found: Refinement) -> Table:
+    best = sorted(found.tried, key=lambda each: each[1])[:MOST_TRIED]
+    rows = tuple(
+        (name, f"{error:.3%}" if np.isfinite(error) else "diverges") for name, error in best
+    )
+    header = ("candidate", "free-run error on unseen data")
+    return Table(header, rows, "What was tried, best first; shares of the outputs' spread.")
+
+
+def _parameters(found: Information) -> tuple[Table, ...]:
+    if not found.constants:
+        return ()
+    rows = tuple(
+        (
+            each.name,
+            quantity(each.value, each.unit or "1"),
+            _error(each),
+            each.bound or "",
+            each.imitated_by or "",
+        )
+        for each in found.constants
+    )
+    header = ("parameter", "value", "standard error", "at its bound", "imitated by")
+    caption = (
+        "A parameter at its bound has the file's value, not the data's; one that a network can "
+        "imitate is not identifiable."
+    )
+    return (Table(header, rows, caption),)
+
+
+def _error(each: Constant) -> str:
+    if each.standard_error is None:
+        return ""
+    return quantity(each.standard_error, each.unit or "1")
+
+
+def _correlations(found: Information) -> tuple[Table, ...]:
+    names = [each.name for each in found.constants]
+    pairs = [
+        (float(found.correlation[i, j]), names[j], names[i])
+        for i in range(len(names))
+        for j in range(i)
+    ]
+    if not pairs:
+        return ()
+    strongest = sorted(pairs, key=lambda pair: -abs(pair[0]))[:MOST_CORRELATIONS]
+    rows = tuple((a, b, f"{value:+.3f}") for value, a, b in strongest)
+    header = ("parameter", "and", "correlation of their errors")
+    return (Table(header, rows, "Near +1 or -1 the logs cannot tell two parameters apart."),)
+
+
+def _choices(found: Refinement) -> tuple[Table, ...]:
+    rows = tuple(
+        (name, key, str(value))
+        for key, chosen in found.choices.items()
+        for name, value in chosen.items()
+    )
+    caption = "What the plant file left open, chosen by the error on unseen data."
+    return (Table(("name", "key", "chosen"), rows, caption),) if rows else ()

@@ -1,0 +1,1 @@
+"""Public benchmarks of nonlinear system identification, beside published results and peers."""

@@ -1,0 +1,50 @@
+"""HDF5 (`.h5`, `.hdf5`), by h5py."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from faultgauge.telemetry.readers.arrays import array_table
+from faultgauge.telemetry.readers.cells import as_text
+from faultgauge.telemetry.readers.foreign import package, reading
+from faultgauge.telemetry.table import Table
+
+__all__ = ["read_hdf5"]
+
+UNIT_ATTRIBUTES = ("unit", "units")
+
+
+def read_hdf5(path: Path) -> Table:
+    """Read the datasets of an HDF5 file under their paths (`group/name`).
+
+    A field of a compound dataset is `name/field`. The attribute `unit` or `units` of a dataset is
+    its unit. Which datasets make the table, `array_table` says. Raises `InputError` for a file
+    that is damaged or holds no vectors, and where the extra `io` is missing.
+    """
+    h5py = package("h5py", path)
+    arrays: dict[str, np.ndarray] = {}
+    units: dict[str, str] = {}
+
+    def visit(path_inside: str | bytes, item: Any) -> None:
+        name = as_text(path_inside)
+        if not isinstance(item, h5py.Dataset) or item.shape is None or item.size < 2:
+            return
+        if item.dtype.names:
+            records = item[()]
+            arrays.update({f"{name}/{part}": records[part] for part in item.dtype.names})
+            return
+        is_text = h5py.check_string_dtype(item.dtype) is not None
+        arrays[name] = item.asstr(errors="replace")[()] if is_text else item[()]
+        for attribute in UNIT_ATTRIBUTES:
+            if attribute in item.attrs:
+                units[name] = _unit(item.attrs[attribute])
+
+    with reading(path, "HDF5"), h5py.File(path, "r") as file:
+        file.visititems(visit)
+    return array_table(path, arrays, units)
+
+
+def _unit(value: Any) -> str:
+    first = np.ravel(value)[0] if np.size(value) else ""
+    return as_text(first) if isinstance(first, bytes) else str(first)

@@ -1,0 +1,64 @@
+"""`faultgauge benchmark`: what is refused, and what `--json` prints."""
+
+import pytest
+
+from faultgauge.plants.model import Model
+from faultgauge.studies.published import data, run
+from faultgauge.studies.published.benchmark import BENCHMARKS, Records, plant_of
+
+
+@pytest.fixture
+def measured(monkeypatch):
+    """A run that measured nothing but the time of its fits: seed k took k + 1 s."""
+
+    def measure(chosen, seeds, progress):
+        model = Model(plant_of(chosen), {})
+        trials = [run.Trial(k, model, k + 1.0, {}, {}, ["said once"]) for k in seeds]
+        return run.Found(chosen, Records((), ()), trials, {"jax_sysid": "skipped: for a reason."})
+
+    monkeypatch.setattr(run, "measure", measure)
+
+
+def test_json_is_one_object_and_nothing_else(call, measured):
+    outcome = call("benchmark", "emps", "--json")
+    assert outcome.code == 0, outcome.err
+    assert outcome.json == {
+        "benchmark": "emps",
+        "unit": "mm",
+        "splits": {},
+        "fit_s": {"median": 3.0, "min": 1.0, "max": 5.0},  # five seeds where none are asked for
+        "peers": {"jax_sysid": "skipped: for a reason."},
+    }
+    assert outcome.err.count("said once") == 1
+
+
+def test_a_table_a_report_and_a_skipped_peer(call, measured, tmp_path):
+    page = tmp_path / "emps.html"
+    outcome = call("benchmark", "emps", "--seeds", "2", "--report", page)
+    assert outcome.code == 0, outcome.err
+    assert "1.5" in outcome.out  # median of 1 s and 2 s
+    assert "for a reason" in outcome.err
+    assert BENCHMARKS["emps"].title in page.read_text()
+
+
+@pytest.mark.parametrize("name", ["silver_box", ""])
+def test_an_unknown_name_is_one_sentence(call, name):
+    outcome = call("benchmark", name)
+    assert outcome.code == 2
+    assert outcome.err.count("\n") == 1
+    assert all(each in outcome.err for each in BENCHMARKS)
+
+
+def test_absent_data_are_one_sentence(call, tmp_path, monkeypatch):
+    monkeypatch.setenv("FAULTGAUGE_DATA", str(tmp_path))
+    monkeypatch.setattr(data, "_loaded", lambda name: None)
+    outcome = call("benchmark", "cascaded_tanks", "--json")
+    assert (outcome.code, outcome.out) == (2, "")
+    assert outcome.err.count("\n") == 1
+    assert "cascaded_tanks/train.csv.gz" in outcome.err
+
+
+def test_a_report_that_could_not_be_written_is_refused_before_the_work(call, tmp_path):
+    outcome = call("benchmark", "emps", "--report", tmp_path / "no" / "page.html")
+    assert outcome.code == 2
+    assert "page.html" in outcome.err

@@ -1,0 +1,187 @@
+"""Constants behind hidden states: against the truth, SciPy, and the spread over noise."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.optimize import least_squares
+from scipy.signal import cont2discrete
+from scipy.stats import chi2
+
+from faultgauge.errors import InputError
+from faultgauge.identification.evaluation import evaluate
+from faultgauge.identification.fit import fit
+from faultgauge.identification.holdout import split_record
+from faultgauge.plants.gray_box import GrayBoxPlant
+from faultgauge.plants.plant_file import parse_plant
+from faultgauge.telemetry import Run
+
+TANKS = """
+name = "two tanks"
+[states.upper]
+derivative = "k*u - a*upper"
+[states.lower]
+derivative = "a*upper - b*lower"
+[inputs.u]
+hold = "zero"
+[outputs.level]
+value = "lower"
+[parameters]
+k = { value = 1.0, min = 0 }
+a = { value = 0.5, min = 0 }
+b = { value = 0.5, min = 0 }
+"""
+DRIVE = """
+name = "drive"
+[states.angle]
+derivative = "v"
+[states.v]
+derivative = "k*u - c*v - F*tanh(v/0.2)"
+[inputs.u]
+hold = "zero"
+[outputs.angle]
+value = "angle"
+[parameters]
+k = { value = 1.0, min = 0 }
+c = { value = 1.0, min = 0 }
+F = { value = 0.1, min = 0 }
+"""
+TRUTH = {"k": 2.0, "a": 1.0, "b": 0.3}
+STEP, COUNT, WIDTH = 0.1, 400, 10
+NOISE = {"level": 0.05, "angle": 0.01}
+TIMES = STEP * np.arange(COUNT)
+
+
+def plant(text):
+    return GrayBoxPlant.untrained(parse_plant(text, "plant.toml"))
+
+
+def stairs(low, high, seed):
+    return np.repeat(np.random.default_rng(seed).uniform(low, high, COUNT // WIDTH), WIDTH)
+
+
+def tanks(k, a, b, upper, lower, u):
+    """The lower level by the exact discrete matrices under a zero-order hold."""
+    A, B = np.array([[-a, 0.0], [a, -b]]), np.array([[k], [0.0]])
+    Ad, Bd, *_ = cont2discrete((A, B, np.eye(2), np.zeros((2, 1))), STEP)
+    x = np.zeros((COUNT, 2))
+    x[0] = upper, lower
+    for i in range(COUNT - 1):
+        x[i + 1] = Ad @ x[i] + Bd[:, 0] * u[i]
+    return x[:, 1]
+
+
+def tank_log(seed):
+    """One experiment, whose noise alone has a seed."""
+    u = stairs(0.0, 1.0, 100)
+    noise = NOISE["level"] * np.random.default_rng(seed).standard_normal(COUNT)
+    level = tanks(*TRUTH.values(), 0.5, 1.0, u) + noise
+    return Run(f"tank{seed}", "tank.csv", TIMES, {"u": u, "level": level})
+
+
+def drive(seed, noise):
+    """angle' = v, v' = 3 u - v / 2 - 0.6 tanh(5 v), by SciPy over every stair."""
+    u, x = stairs(-1.0, 1.0, seed), np.zeros((COUNT, 2))
+    x[0], ticks = (0.3, 0.2), STEP * np.arange(WIDTH + 1)
+    for first in range(0, COUNT, WIDTH):
+        found = solve_ivp(
+            lambda t, x, drive: [x[1], 3 * drive - 0.5 * x[1] - 0.6 * np.tanh(5 * x[1])],
+            (0, ticks[-1]),
+            x[first],
+            t_eval=ticks,
+            args=(u[first],),
+            rtol=1e-8,
+            atol=1e-10,
+        )
+        x[first : first + WIDTH + 1] = found.y.T[: COUNT - first]
+    measured = x[:, 0] + noise * np.random.default_rng(50 + seed).standard_normal(COUNT)
+    return Run(f"drive{seed}", "drive.csv", TIMES, {"u": u, "angle": measured}), x[:, 0]
+
+
+def constants(report):
+    """(values, standard errors) of the fitted parameters."""
+    rows = report.refinement.information.constants
+    return np.array([c.value for c in rows]), np.array([c.standard_error for c in rows], float)
+
+
+@pytest.fixture(scope="module")
+def tank_fits():
+    """(values, standard errors) over 20 noise seeds."""
+    model = plant(TANKS)
+    found = [constants(fit(model, [tank_log(seed)], restarts=3)[1]) for seed in range(20)]
+    return np.array([value for value, _ in found]), np.array([error for _, error in found])
+
+
+def test_within_three_standard_errors(tank_fits):
+    values, errors = tank_fits
+    far = np.abs(values - list(TRUTH.values())) > 3 * errors
+    # Three constants leave 3 sigma with at most 0.8 %: of five fits two would, with 0.07 %
+    assert far[:5].any(axis=1).sum() <= 1
+    # and of twenty four would, with 0.002 %
+    assert far.any(axis=1).sum() <= 3
+
+
+def test_standard_errors_are_the_spread_over_noise(tank_fits):
+    values, errors = tank_fits
+    for k in range(3):
+        ratio = np.sum((values[:, k] - values[:, k].mean()) ** 2 / errors[:, k] ** 2)
+        # chi-square of 19 degrees: outside with 0.2 %, or 0.6 % for all three
+        assert chi2.ppf(0.001, 19) < ratio < chi2.ppf(0.999, 19)
+        # the mean over 20 has no bias: beyond 4 of its standard errors with 6e-5
+        bias = values[:, k].mean() - list(TRUTH.values())[k]
+        assert abs(bias) < 4 * errors[:, k].mean() / np.sqrt(20)
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_same_constants_as_scipy(tank_fits, seed):
+    """Three constants and two starts by SciPy, on the samples that are not held out."""
+    log, fitted = tank_log(seed), split_record(COUNT)
+
+    def errors(p):
+        return (tanks(*p, log.columns["u"]) - log.columns["level"])[fitted]
+
+    reference = least_squares(errors, [1.0, 0.5, 0.5, 0.0, 0.0])
+    covariance = np.linalg.inv(reference.jac.T @ reference.jac) * np.mean(reference.fun**2)
+    spread = np.sqrt(np.diag(covariance))[:3]
+    # our search ends at a relative gain of 1e-4 of the cost, which 340 errors of sigma^2 make up:
+    # sqrt(340 * 1e-4) = 0.2 standard errors; priors of a factor of 10 add less
+    np.testing.assert_allclose(tank_fits[0][seed], reference.x[:3], rtol=0, atol=0.2 * spread.min())
+    # the residual's correlation time, at least 1, is found from noise: up to some 10 % more
+    np.testing.assert_allclose(tank_fits[1][seed], spread, rtol=0.15)
+
+
+def test_hidden_states_need_the_refinement():
+    with pytest.raises(InputError, match=r"upper of plant 'two tanks'.*simulation error only"):
+        fit(plant(TANKS), [tank_log(0)], refine=False)
+
+
+@pytest.fixture(scope="module")
+def driven():
+    return fit(plant(DRIVE), [drive(0, NOISE["angle"])[0]], restarts=3, refine=True)
+
+
+def test_drive_whose_speed_is_not_measured(driven):
+    values, errors = constants(driven[1])
+    assert np.all(np.abs(values - [3.0, 0.5, 0.6]) < 4 * errors)  # beyond with 2e-4, any of three
+    assert np.all(errors < 0.02 * values)
+
+
+@pytest.mark.parametrize("seed", [10, 11])
+def test_an_integrator_does_not_drift(driven, seed):
+    """A free run over 400 samples of an unseen run stays near the truth to its end."""
+    log, angle = drive(seed, NOISE["angle"])
+    model = driven[0]
+    _, (found,) = evaluate(model.plant, [log], model.record["max_step"])
+    error = found.predicted[:, 0] - angle
+    rms = [np.sqrt(np.mean(part**2)) for part in np.array_split(error[found.warmup :], 3)]
+    # standard errors of a thousandth of each constant, on an angle that goes through 10 rad
+    assert max(rms) < 3 * NOISE["angle"]
+    assert np.ptp(angle) > 5
+
+
+def test_an_integrator_stays_one(driven):
+    """Only v moves the angle, and the angle moves nothing."""
+    model = driven[0].plant
+    low, high = (model.derivative(jnp.array([q, 0.7]), jnp.array([0.2])) for q in (-50.0, 9.0))
+    np.testing.assert_array_equal(low, high)
+    assert float(low[0]) == 0.7

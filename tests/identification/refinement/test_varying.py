@@ -1,0 +1,106 @@
+"""Parameters with a value per run: found from several runs, and for a new one from its warm-up."""
+
+import numpy as np
+import pytest
+
+from faultgauge.errors import InputError
+from faultgauge.identification.evaluation import evaluate, start_of_run
+from faultgauge.identification.fit import fit
+from faultgauge.plants.gray_box import GrayBoxPlant
+from faultgauge.plants.plant_file import parse_plant
+from faultgauge.telemetry import Run
+
+HEATER = """
+name = "heater"
+[states.T]
+derivative = "b*u - a*T + 0.1"
+[inputs.u]
+hold = "zero"
+[outputs.T]
+value = "T"
+[parameters]
+a = { value = 0.5, min = 0 }
+b = { value = 1.0, min = 0, vary = "VARY" }
+"""
+A, GROUPS, NOISE = 0.8, (1.5, 1.5, 3.0, 3.0), 0.02
+STEP, COUNT = 0.1, 300
+
+
+def plant(vary):
+    return GrayBoxPlant.untrained(parse_plant(HEATER.replace("VARY", vary), "heater.toml"))
+
+
+def run(seed, b):
+    """T' = b u - 0.8 T + 0.1 under a zero-order hold: closed form."""
+    rng = np.random.default_rng(seed)
+    u, T, decay = np.repeat(rng.uniform(-2, 2, COUNT // 10), 10), np.zeros(COUNT), np.exp(-A * STEP)
+    T[0] = 1.0
+    for k in range(COUNT - 1):
+        T[k + 1] = decay * T[k] + (1 - decay) / A * (b * u[k] + 0.1)
+    noisy = T + NOISE * rng.standard_normal(COUNT)
+    return Run(f"heat{seed}", "heat.csv", STEP * np.arange(COUNT), {"u": u, "T": noisy})
+
+
+def of_run(model, log, samples=COUNT):
+    """(b, a) that the model takes for this run from its first samples."""
+    found, _ = start_of_run(
+        model.plant,
+        log.t[:samples],
+        log.columns["u"][:samples, None],
+        log.columns["T"][:samples, None],
+        {"T": float(log.columns["T"][0])},
+        model.record["max_step"],
+    )
+    return float(found.parameters["b"]), float(found.parameters["a"])
+
+
+def exact_error(samples, log):
+    """Standard error of b alone, in which T is linear, from the first samples."""
+    unit, decay = np.zeros(samples), np.exp(-A * STEP)
+    for k in range(samples - 1):
+        unit[k + 1] = decay * unit[k] + (1 - decay) / A * log.columns["u"][k]
+    return NOISE / np.linalg.norm(unit)
+
+
+@pytest.fixture(scope="module", params=["run", "slow"])
+def fitted(request):
+    logs = [run(seed, b) for seed, b in enumerate(GROUPS)]
+    return logs, *fit(plant(request.param), logs, restarts=3)
+
+
+def test_what_is_shared_is_found_beside_what_is_not(fitted):
+    _, model, report = fitted
+    shared = next(c for c in report.refinement.information.constants if c.name == "a")
+    assert abs(shared.value - A) < 4 * shared.standard_error  # beyond with 6e-5
+    # white noise on 4 x 300 samples, of which the inputs move T by 0.7: a fraction of a percent
+    assert 0 < shared.standard_error < 0.01 * A
+    low, high = min(GROUPS), max(GROUPS)
+    assert low < float(model.plant.parameters["b"]) < high
+
+
+def test_each_group_has_its_own_value(fitted):
+    logs, model, _ = fitted
+    for log, b in zip(logs, GROUPS, strict=True):
+        found, shared = of_run(model, log)
+        # its own error, and that of T(0), a single noisy sample that is taken as the start: it
+        # decays as exp(-0.8 t) and meets the inputs by chance, at most as large again
+        assert abs(found - b) < 4 * 2 * exact_error(COUNT, log) + 0.005 * b
+        assert shared == float(model.plant.parameters["a"])
+
+
+@pytest.mark.parametrize("b", [1.0, 2.2, 4.5])
+def test_a_new_run_takes_its_value_from_the_warm_up(fitted, b):
+    """Also outside what the fitted runs had."""
+    _, model, _ = fitted
+    log = run(20, b)
+    found, _ = of_run(model, log, 50)
+    assert abs(found - b) < 4 * 2 * exact_error(50, log) + 0.005 * b  # as above
+    table, (prediction,) = evaluate(model.plant, [log], model.record["max_step"])
+    assert prediction.warmup == 50
+    # noise alone is left: 250 samples know it to 4.5 %, three of which are 13 %
+    assert table["outputs"]["T"]["rmse"] == pytest.approx(NOISE, rel=0.15)
+
+
+def test_varying_parameters_need_the_refinement():
+    with pytest.raises(InputError, match=r"b of plant 'heater'.*simulation error only"):
+        fit(plant("run"), [run(0, 1.5)], refine=False)

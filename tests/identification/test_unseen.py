@@ -1,0 +1,89 @@
+"""Held-out data are data that no stage has fitted."""
+
+import numpy as np
+import pytest
+
+from faultgauge.identification.fit import fit
+from faultgauge.identification.unseen import held_out, on_unseen
+from faultgauge.plants.gray_box import GrayBoxPlant
+from faultgauge.plants.plant_file import parse_plant
+from faultgauge.telemetry import Run
+
+PLANT = """
+name = "first order"
+[states.x]
+derivative = "b*u - a*x"
+[inputs.u]
+hold = "zero"
+[outputs.x]
+value = "x"
+[parameters]
+a = { value = 1.0, min = 0 }
+b = { value = 1.0 }
+"""
+STEP, COUNT = 0.05, 600
+
+
+def plant(text=PLANT):
+    return GrayBoxPlant.untrained(parse_plant(text, "plant.toml"))
+
+
+def log(seed=0, a=0.8, b=2.5):
+    """x' = b u - a x under a zero-order hold, sampled: closed form; noise of 0.01."""
+    rng = np.random.default_rng(seed)
+    u, x, decay = np.repeat(rng.uniform(-2, 2, COUNT // 20), 20), np.zeros(COUNT), np.exp(-a * STEP)
+    for k in range(COUNT - 1):
+        x[k + 1] = decay * x[k] + (1 - decay) / a * b * u[k]
+    x += 0.01 * rng.standard_normal(COUNT)
+    return Run(f"run{seed}", "a.csv", STEP * np.arange(COUNT), {"u": u, "x": x})
+
+
+@pytest.fixture(scope="module")
+def fitted():
+    return fit(plant(), [log()], restarts=2)
+
+
+def test_the_last_share_of_a_run(fitted):
+    (tail,) = held_out(*fitted, [log()])
+    np.testing.assert_array_equal(tail.t, log().t[510:])  # 85 % of 600
+    points = fitted[1].training.u[:, 0]
+    assert not np.isin(points, tail.columns["u"][20:]).any(), "every stair has its own height"
+
+
+def test_every_stretch_has_its_own(fitted):
+    whole = log()
+    x = whole.columns["x"].copy()
+    x[200] = np.nan
+    run = Run("a", "a.csv", whole.t, {"u": whole.columns["u"], "x": x})
+    first, second = held_out(*fitted, [run])
+    np.testing.assert_array_equal(first.t, whole.t[170:200])  # 85 % of 200
+    # 85 % of 399 is 339.15
+    np.testing.assert_array_equal(second.t, whole.t[201 + 340 :])
+
+
+def test_commands_that_act_from_its_start_on_come_along(fitted):
+    late, _ = fit(plant(PLANT.replace('zero"', 'zero"\ndelay = 0.5')), [log()], restarts=2)
+    (tail,) = held_out(late, fitted[1], [log()])
+    # the log acts from 0.5 s on: the last 15 % of its 590 samples, and ten before
+    np.testing.assert_array_equal(tail.t, log().t[600 - 88 - 10 :])
+
+
+def test_scores_and_tests_are_of_the_tail(fitted):
+    unseen = on_unseen(*fitted, [log()])
+    assert unseen.scores["runs"][0]["samples"] == 90
+    (output,) = unseen.validation.outputs
+    assert output.samples == 90
+    # the noise is 0.01, the start's noise and two fitted constants add to it
+    assert 0.007 < output.rmse < 0.015
+
+
+def test_runs_given_for_validation_are_taken_whole(fitted):
+    unseen = on_unseen(*fitted, [log()], [log(1), log(2)])
+    assert [run["samples"] for run in unseen.scores["runs"]] == [COUNT, COUNT]
+
+
+def test_nothing_to_run_through(fitted):
+    whole = log()
+    x = np.where(np.arange(COUNT) % 2, np.nan, whole.columns["x"])
+    bare = Run("a", "a.csv", whole.t, {"u": whole.columns["u"], "x": x})
+    assert on_unseen(*fitted, [bare]) is None

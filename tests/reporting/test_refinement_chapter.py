@@ -1,0 +1,59 @@
+"""The chapter on the refinement says what was found, and how surely."""
+
+import numpy as np
+
+from faultgauge.identification.refinement.result import Refinement
+from faultgauge.identification.refinement.uncertainty import Constant, Information
+from faultgauge.identification.samples import Samples
+from faultgauge.plants.gray_box import load_plant
+from faultgauge.reporting.refinement_chapter import refinement_section
+from faultgauge.reporting.report import Report, render
+from faultgauge.reporting.style import quantity
+
+
+def refinement(choices=None, tried=None):
+    plant = load_plant("tank")
+    nothing = np.zeros((1, 1))
+    constants = (
+        Constant("k_in", "m/s/V", 0.0123, 0.0004, None, None),
+        Constant("k_out", "m**0.5/s", 0.0, None, "min = 0", "outlet"),
+    )
+    correlation = np.array([[1.0, -0.75], [-0.75, 1.0]])
+    return Refinement(
+        plant=plant,
+        members=[plant],
+        training=Samples(nothing, nothing, nothing, nothing),
+        error=0.02,
+        substeps=1,
+        sample_time=0.1,
+        choices=choices or {"hold": {}, "hidden": {}},
+        tried=tried or [("physics", 0.3), ("networks", np.inf), ("networks", 0.02)],
+        information=Information(constants, correlation, (), 12.0),
+        warnings=[],
+    )
+
+
+def test_the_numbers_stand_where_they_belong():
+    section = refinement_section(refinement())
+    parameters, correlations, tried = section.tables
+    assert parameters.rows[0][1:3] == (quantity(0.0123, "m/s/V"), quantity(0.0004, "m/s/V"))
+    assert parameters.rows[1][2:] == ("", "min = 0", "outlet")
+    assert correlations.rows == (("k_in", "k_out", "-0.750"),)
+    assert tried.rows == (("networks", "2.000%"), ("physics", "30.000%"), ("networks", "diverges"))
+    assert "3 candidates" in section.paragraphs[0]
+    assert "1 of them diverged" in section.paragraphs[0]
+    assert "12 samples as one" in section.paragraphs[1]
+
+
+def test_what_did_not_happen_is_not_mentioned():
+    section = refinement_section(refinement(tried=[("physics", 0.3)]))
+    assert "diverged" not in section.paragraphs[0]
+    assert len(section.tables) == 3
+
+
+def test_choices_are_named():
+    choices = {"hold": {"u": "linear"}, "hidden": {"outlet": 4}}
+    section = refinement_section(refinement(choices))
+    assert section.tables[2].rows == (("u", "hold", "linear"), ("outlet", "hidden", "4"))
+    page = render(Report("t", ("s",), (section,), versions={}))
+    assert "linear" in page
