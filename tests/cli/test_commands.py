@@ -181,7 +181,10 @@ def test_evaluate_of_an_ensemble(call, workshop, tmp_path):
     # x is linear in b: rounding only
     assert found["ensemble"]["x"] == pytest.approx(between["outputs"]["x"], rel=1e-9)
     assert spread > 0.05 * between["outputs"]["x"]["rmse"]
-    assert "ensemble: x: RMSE of the mean" in call("evaluate", several, workshop.healthy2).out
+    page = tmp_path / "page.html"
+    said = call("evaluate", several, workshop.healthy2, "--report", page)
+    assert "ensemble: x: RMSE of the mean" in said.out
+    assert "mean of the ensemble" in page.read_text()
 
 
 def test_evaluate(call, workshop):

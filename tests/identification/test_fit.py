@@ -242,6 +242,14 @@ def test_cost_that_is_never_finite():
         fit(plant(text), [first_order()], restarts=2)
 
 
+def test_a_model_worse_than_nothing_is_called_so():
+    """Validated on a log with the sign turned, it is off by twice the output."""
+    other = first_order(seed=1)
+    turned = Run("r", "a.csv", other.t, {"u": other.columns["u"], "x": -other.columns["x"]})
+    _, report = fit(plant(FIRST_ORDER), [first_order()], [turned], restarts=2)
+    assert any("do not use this model" in warning for warning in report.warnings)
+
+
 def test_model_that_runs_away():
     """A feedback of the wrong sign in fixed physics fits its offset and still diverges."""
     text = FIRST_ORDER.replace("b*u - a*x", "b*u + x**3").replace(

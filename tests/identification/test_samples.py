@@ -1,10 +1,18 @@
 """Training samples: where states and their derivatives come from."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from faultgauge.errors import InputError
-from faultgauge.identification.samples import channels, collect, column_names, state_column
+from faultgauge.identification.samples import (
+    channels,
+    collect,
+    column_names,
+    in_effect,
+    state_column,
+)
 from faultgauge.plants.plant_file import parse_plant
 from faultgauge.telemetry import Run
 
@@ -48,10 +56,29 @@ def test_state_has_its_own_column_or_an_outputs():
     assert state_column(DRIVE.signals, "v", ["pos"]) is None
 
 
-def test_unknown_state_is_refused_by_name():
+def test_state_that_no_column_gives_is_hidden():
     spec = plant(state("q", "2*v"), state("v", "u"), output("q", "q"))
-    with pytest.raises(InputError, match=r"state 'v' .* no column in a\.csv .*--map v="):
-        channels(spec, [run(q=np.zeros(400), u=np.zeros(400))])
+    how = channels(spec, [run(q=np.zeros(400), u=np.zeros(400))])
+    assert how.states == (("q", 0), None)
+    assert how.hidden == ("v",)
+    assert how.sources == (("q", 0),)
+
+
+def test_inputs_in_effect():
+    """By hand: two steps of 0.1 s late under a hold, one and a half on a straight line."""
+    late = replace(DRIVE.signals.inputs[0], delay=0.2)
+    signals = replace(DRIVE.signals, inputs=(late,))
+    log = run(t=0.1 * np.arange(5), u=np.array([1.0, 2.0, 4.0, 8.0, 16.0]), pos=np.zeros(5))
+    found = in_effect(signals, log)
+    np.testing.assert_array_equal(found.columns["u"], [np.nan, np.nan, 1.0, 2.0, 4.0])
+    assert log.columns["u"][0] == 1.0, "the log itself stays"
+    straight = replace(signals, inputs=(replace(late, hold="linear", delay=0.15),))
+    between = in_effect(straight, log).columns["u"]
+    # rounding of 0.1 k - 0.15
+    np.testing.assert_allclose(between, [np.nan, np.nan, 1.5, 3.0, 6.0], rtol=1e-12)
+    assert in_effect(DRIVE.signals, log) is log
+    with pytest.raises(InputError, match="no longer than the delay of input 'u'"):
+        in_effect(replace(signals, inputs=(replace(late, delay=9.0),)), log)
 
 
 def test_column_counts_only_where_every_run_has_it():
@@ -59,8 +86,8 @@ def test_column_counts_only_where_every_run_has_it():
     rows = np.zeros(400)
     how = channels(DRIVE, [run(q=rows, pos=rows, u=rows), run(pos=rows, u=rows)])
     assert how.states == (("pos", 0), ("pos", 1))
-    with pytest.raises(InputError, match="state 'q'"):
-        channels(DRIVE, [run(q=rows, u=rows), run(pos=rows, u=rows)])
+    how = channels(DRIVE, [run(q=rows, u=rows), run(pos=rows, u=rows)])
+    assert how.hidden == ("q", "v")
 
 
 def test_hidden_speed_through_smoothing():

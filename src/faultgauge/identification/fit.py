@@ -118,6 +118,11 @@ def fit(
             "unit error in the plant file or --map, (b) an unstable plant logged in closed loop, "
             "(c) too little excitation. Check the report of `faultgauge inspect`."
         )
+    if result.error >= 1:
+        warnings.append(
+            "on held-out data the free run is worse than each output's mean would be: do not use "
+            "this model; give better parameter values, more restarts or more excitation"
+        )
     record = _record(result, how, logs, validate, noise, groups, refinement, seed)
     model = Model(result.plant, record)
     if ensemble and refinement is not None:

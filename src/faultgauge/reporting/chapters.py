@@ -124,6 +124,12 @@ def evaluation_report(
         + ("." if s["r2"] is None else f", R2 {s['r2']:.4%}.")
         for name, s in found["outputs"].items()
     )
+    summary += tuple(
+        f"{name}, mean of the ensemble: free-run RMSE {quantity(s['rmse'], units[name])}; its "
+        f"members spread by {quantity(s['spread'], units[name])}."
+        for name, s in found.get("ensemble", {}).items()
+        if s["rmse"] is not None
+    )
     section = evaluation_section(model, found, predictions)
     return Report(f"Evaluation: {model.plant.spec.name}", summary, (section,), _parameters(model))
 

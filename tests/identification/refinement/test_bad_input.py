@@ -75,7 +75,9 @@ def test_a_run_of_a_dozen_samples():
     assert re.search(r"heat\.csv: no 16 samples in a row", said(HEATER, run(count=12)))
 
 
-@pytest.mark.xfail(raises=ValueError, strict=True, reason="no sentence for a run of 20 samples")
+@pytest.mark.xfail(
+    raises=(IndexError, ValueError), strict=True, reason="no sentence for a run of 20 samples"
+)
 def test_a_run_shorter_than_the_warm_up():
     assert "samples" in said(HEATER, run(count=20))
 
@@ -102,11 +104,14 @@ def test_an_input_that_stays_zero():
     assert "'u'" in text or "'b'" in text
 
 
-@pytest.mark.parametrize(("limits", "end"), [("max = 1.5", "max"), ("value = 3.0, min = 2.5", "min")])
+@pytest.mark.parametrize(
+    ("limits", "end"), [("max = 1.5", "max"), ("value = 3.0, min = 2.5", "min")]
+)
 def test_a_parameter_at_its_bound(limits, end):
     limits = limits if "value" in limits else f"value = 1.0, min = 0, {limits}"
     text = HEATER.replace("value = 1.0, min = 0", limits)
     _, report = fit(plant(text), [run()], restarts=STARTS)
+    assert report.refinement is not None
     b = next(c for c in report.refinement.information.constants if c.name == "b")
     limit = 1.5 if end == "max" else 2.5
     assert b.value == pytest.approx(limit, rel=1e-12)  # rounding of its scale
@@ -119,22 +124,22 @@ def test_a_plant_that_blows_up():
     """T' = u + T^3 / 2 + 1 from 0 by SciPy: it passes the millions at the time that is named."""
     text = HEATER.replace("b*u - a*T", "b*u + a*T**3 + 1")
     log = run()
-
-    def far(t, x):
-        return abs(x[0]) - 1e6
-
-    far.terminal = True
-    t, state, u = 0.0, np.zeros(1), log.columns["u"]
+    t, state = 0.0, np.zeros(1)
     for k in range(COUNT):
         found = solve_ivp(
-            lambda t, x, u: u + 0.5 * x**3 + 1, (0, STEP), state, args=(u[k],),
-            events=lambda t, x, u: far(t, x), rtol=1e-8,
-        )  # fmt: skip
+            lambda t, x, u: u + 0.5 * x**3 + 1,
+            (0, STEP),
+            state,
+            args=(log.columns["u"][k],),
+            rtol=1e-8,
+        )
         t, state = k * STEP + found.t[-1], found.y[:, -1]
-        if found.t_events[0].size or not found.success:
+        if not found.success or abs(state[0]) > 1e6:  # at a pole SciPy's step goes to nothing
             break
     sentence = said(text, log)
-    named = re.search(r"'heater' blows up: state 'T' .* at t = ([0-9.]+) s of run 'heat0'", sentence)
+    named = re.search(
+        r"'heater' blows up: state 'T' .* at t = ([0-9.]+) s of run 'heat0'", sentence
+    )
     assert named is not None
     # the next sample, and one more for the Runge-Kutta steps that jump over the pole
     assert t <= float(named[1]) + STEP
@@ -207,4 +212,6 @@ def test_a_parameter_that_a_network_imitates():
         found = known(text.replace("- a*T", f"- a*T - NN({argument})"), weights=weights)
         imitated = {c.name: c.imitated_by for c in found.constants}
         assert imitated == {"a": None, "b": None, name: "NN"}
-        assert any(f"'{name}' is not identifiable: network 'NN'" in each for each in found.warnings())
+        assert any(
+            f"'{name}' is not identifiable: network 'NN'" in each for each in found.warnings()
+        )

@@ -4,8 +4,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.linalg import expm
 from scipy.optimize import least_squares
-from scipy.signal import cont2discrete
 from scipy.stats import chi2
 
 from faultgauge.errors import InputError
@@ -62,12 +62,11 @@ def stairs(low, high, seed):
 
 def tanks(k, a, b, upper, lower, u):
     """The lower level by the exact discrete matrices under a zero-order hold."""
-    A, B = np.array([[-a, 0.0], [a, -b]]), np.array([[k], [0.0]])
-    Ad, Bd, *_ = cont2discrete((A, B, np.eye(2), np.zeros((2, 1))), STEP)
-    x = np.zeros((COUNT, 2))
+    rates = np.array([[-a, 0.0, k], [a, -b, 0.0], [0.0, 0.0, 0.0]])  # of upper, lower and u
+    exact, x = np.asarray(expm(STEP * rates)), np.zeros((COUNT, 2))
     x[0] = upper, lower
     for i in range(COUNT - 1):
-        x[i + 1] = Ad @ x[i] + Bd[:, 0] * u[i]
+        x[i + 1] = exact[:2, :2] @ x[i] + exact[:2, 2] * u[i]
     return x[:, 1]
 
 
@@ -75,7 +74,7 @@ def tank_log(seed):
     """One experiment, whose noise alone has a seed."""
     u = stairs(0.0, 1.0, 100)
     noise = NOISE["level"] * np.random.default_rng(seed).standard_normal(COUNT)
-    level = tanks(*TRUTH.values(), 0.5, 1.0, u) + noise
+    level = tanks(TRUTH["k"], TRUTH["a"], TRUTH["b"], 0.5, 1.0, u) + noise
     return Run(f"tank{seed}", "tank.csv", TIMES, {"u": u, "level": level})
 
 
@@ -138,7 +137,8 @@ def test_same_constants_as_scipy(tank_fits, seed):
     log, fitted = tank_log(seed), split_record(COUNT)
 
     def errors(p):
-        return (tanks(*p, log.columns["u"]) - log.columns["level"])[fitted]
+        k, a, b, upper, lower = p
+        return (tanks(k, a, b, upper, lower, log.columns["u"]) - log.columns["level"])[fitted]
 
     reference = least_squares(errors, [1.0, 0.5, 0.5, 0.0, 0.0])
     covariance = np.linalg.inv(reference.jac.T @ reference.jac) * np.mean(reference.fun**2)

@@ -66,7 +66,7 @@ def test_band_limited_is_the_exact_signal(seed, shift):
 
 
 def test_a_straight_line_would_not_do():
-    """At half the sampling interval of a fast sine, the chord misses by far more than the filter."""
+    """Half way between samples of a fast sine, the chord misses by half of it."""
     t = np.arange(200)
     u = jnp.asarray(np.sin(2 * np.pi * 0.35 * t))[:, None]
     exact = np.sin(2 * np.pi * 0.35 * (t + 0.5))[REACH:-REACH]

@@ -1,7 +1,5 @@
 """Networks beside known physics: an unknown term behind a hidden state is found and pays."""
 
-import re
-
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -86,12 +84,14 @@ def test_the_term_and_the_constant_are_found(fitted):
 
 
 def test_what_is_chosen_has_the_least_error_on_unseen_samples(fitted):
-    tried, refinement = fitted[1].refinement.tried, fitted[1].refinement
+    refinement = fitted[1].refinement
+    tried = refinement.tried
     assert refinement.error == min(error for _, error in tried)
     physics = min(error for name, error in tried if name == "physics")
     assert refinement.error < 0.25 * physics  # measured by free run: drag is not small
-    # noise alone is 0.1 of y's spread of 4: what is left beside it is at most half as large
-    assert refinement.error < 1.2 * 2 * NOISE / np.std(run(0, 2.0)[0].columns["y"])
+    # noise alone is 0.1 of y's spread of 4, to 7 % on some 120 samples held out; what is left of
+    # the plant is at most as much again: sqrt(2) in all
+    assert refinement.error < 1.5 * 2 * NOISE / np.std(run(0, 2.0)[0].columns["y"])
 
 
 @pytest.mark.parametrize("seed", [9, 10])
@@ -116,15 +116,24 @@ def test_the_network_beats_any_linear_drag_on_an_unseen_run(fitted, seed):
     assert np.sqrt(np.mean(error**2)) < 2 * NOISE
 
 
-@pytest.mark.xfail(strict=True, reason="an argument that never changes is fitted without a word")
-def test_an_argument_that_the_log_does_not_move():
-    text = CART.replace("drag(v)", "drag(v, load)").replace("[inputs.u]", "[inputs.load]\n[inputs.u]")
-    text = text.replace("[inputs.load]", '[inputs.load]\nhold = "zero"').replace("hidden = 4", "hidden = 1")
+def part(**columns):
     log, _ = run(0, 2.0)
-    part = Run("cart", "cart.csv", log.t[:100], {n: c[:100] for n, c in log.columns.items()})
-    part.columns["load"] = np.full(100, 3.0)
-    try:
-        text = "; ".join(fit(plant(text), [part], restarts=1)[1].warnings)
-    except InputError as error:
-        text = str(error)
-    assert re.search(r"'drag'.*never changes|'load'.*never changes", text)
+    found = {name: column[:100] for name, column in log.columns.items()}
+    return Run("cart", "cart.csv", log.t[:100], {**found, **columns})
+
+
+def test_an_argument_that_the_log_does_not_move():
+    load = '[inputs.load]\nhold = "zero"\n[inputs.u]'
+    text = CART.replace("drag(v)", "drag(v, load)").replace("[inputs.u]", load)
+    with pytest.raises(InputError, match=r"'load' never changes in the logs.*no excitation"):
+        fit(plant(text), [part(load=np.full(100, 3.0))], restarts=1)
+
+
+@pytest.mark.xfail(raises=InputError, strict=True, reason="no network is tried without parameters")
+def test_a_plant_of_networks_alone():
+    text = CART.replace("k*u - 0.3*v - drag(v)", "2*u - drag(v)")
+    text = text.replace("k = { value = 1.0, min = 0 }\n", "").replace("hidden = 4", "hidden = 1")
+    _, report = fit(plant(text), [part()], restarts=1)
+    # 2 u alone has no damping at all: its error is that of an integrator
+    assert report.refinement is not None
+    assert report.refinement.error < 0.25

@@ -60,6 +60,7 @@ def pulls():
         clean, report = fit(heater(), [run(seed)], restarts=STARTS)
         wild = run(seed, outliers=COUNT * 3 // 100)
         fits = [fit(heater(), [wild], restarts=STARTS, robust=each)[0] for each in (False, True)]
+        assert report.refinement is not None
         errors = [c.standard_error for c in report.refinement.information.constants]
         found.append([(values(each) - values(clean)) / errors for each in fits])
     return np.sqrt(np.mean(np.square(found), axis=0))
@@ -99,7 +100,8 @@ def test_a_refinement_that_wins_says_nothing():
 def validated():
     """Fits of one run, validated on runs of two plants."""
     return [
-        fit(heater(), [run(0)], [other], restarts=STARTS) for other in (run(1), run(1, a=0.3, b=5.0))
+        fit(heater(), [run(0)], [other], restarts=STARTS)
+        for other in (run(1), run(1, a=0.3, b=5.0))
     ]
 
 

@@ -51,6 +51,7 @@ def of_run(model, log, samples=COUNT):
         {"T": float(log.columns["T"][0])},
         model.record["max_step"],
     )
+    assert isinstance(found, GrayBoxPlant)
     return float(found.parameters["b"]), float(found.parameters["a"])
 
 

@@ -45,7 +45,7 @@ PLACES, GOOD = 6, 4.0  # minima of the physics that go on, and their squared err
 FIRST_ROUND, FINALISTS = 2, 2  # starts that go down the path of prior weights to its end
 RIDGES = tuple(10.0 ** (k / 2) for k in range(6, -5, -1))  # weights of the networks' prior
 WARM_RIDGES = tuple(10.0**k for k in range(-1, 4))  # upwards: networks that are already learned
-PATIENCE, BETTER = 2, 0.995  # prior weights without a validation error so much lower
+BETTER = 0.99  # of the validation error: less gain does not pay another prior weight
 LEAST_SIGMA = 1e-4  # of the outputs' spread
 WHISPER = 0.3  # of a start's output weights where squares of them count: at 0 they have no slope
 WILD = 1e6  # times its start: a simulation that blows up
@@ -310,26 +310,25 @@ def _path(
     sigma: float,
     progress: Callable[[str], None],
 ) -> list[Candidate]:
-    """Every start's best along the prior weights, until none has got better twice running.
+    """Every start's best along the prior weights, until none gets better.
 
     `plants` share one scaling. After a few weights only the best go on.
     """
-    unknowns, quiet = unknowns_of(plants[0]), 0
+    unknowns = unknowns_of(plants[0])
     thetas = np.stack([unknowns.vector(each) for each in plants])
     going = list(range(len(plants)))
     best: dict[int, Candidate] = {}
     for step, ridge in enumerate(ridges):
         progress(f"{name}: prior weight {ridge:.3g}")
         fits = data.fit(plants[0], unknowns, thetas, sigma=sigma, ridge=ridge, trials=25)
-        quiet += 1
+        gained = False
         for k, fitted in zip(going, fits, strict=True):
             found = _valid(data, Candidate(plants[0], unknowns, fitted, np.inf, name, ridge))
             before = best[k].validation if k in best else np.inf
-            if found.validation < BETTER * before:
-                quiet = 0
+            gained |= found.validation < BETTER * before
             if k not in best or found.validation < before:
                 best[k] = found
-        if quiet >= PATIENCE:
+        if not gained:
             break
         thetas = np.stack([fitted.theta for fitted in fits])
         if step == FIRST_ROUND and len(going) > FINALISTS:
