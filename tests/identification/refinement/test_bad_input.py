@@ -75,14 +75,10 @@ def test_a_run_of_a_dozen_samples():
     assert re.search(r"heat\.csv: no 16 samples in a row", said(HEATER, run(count=12)))
 
 
-@pytest.mark.xfail(
-    raises=(IndexError, ValueError), strict=True, reason="no sentence for a run of 20 samples"
-)
 def test_a_run_shorter_than_the_warm_up():
     assert "samples" in said(HEATER, run(count=20))
 
 
-@pytest.mark.xfail(strict=True, reason="blames the plant's expressions, not the run's length")
 def test_a_validation_run_shorter_than_the_warm_up():
     text = said(HEATER, run(), validate=[run(1, count=20)])
     assert "heat1" in text or "heat.csv" in text
@@ -97,7 +93,6 @@ def test_missing_outputs_cost_samples_only():
     np.testing.assert_allclose(errors, 1.05 * values(whole)[1], rtol=0.15)
 
 
-@pytest.mark.xfail(strict=True, reason="parameter b keeps the file's value without a word")
 def test_an_input_that_stays_zero():
     """T decays and tells a; nothing tells b."""
     text = said(HEATER, run(u=np.zeros(COUNT)))
@@ -146,7 +141,6 @@ def test_a_plant_that_blows_up():
     assert float(named[1]) <= t + 2 * STEP
 
 
-@pytest.mark.xfail(strict=True, reason="an error of 1e51 of the spread passes as a model")
 def test_a_plant_that_grows_without_end():
     text = HEATER.replace("b*u - a*T", "b*u + (5 + a)*T")
     assert re.search(r"'heater' blows up: state 'T'", said(text, run()))
@@ -179,15 +173,15 @@ def known(text, weights=None):
 def test_a_state_that_no_output_shows():
     text = HEATER.replace("[inputs.u]", '[states.z]\nderivative = "u - 0.2*z"\n[inputs.u]')
     found = known(text)
-    assert found.unseen == ("1 z",)
-    assert any("do not show 1 z" in each for each in found.warnings())
+    assert found.unseen == ("z",)
+    assert any("do not show z" in each for each in found.warnings())
 
 
 def test_a_combination_of_states_that_no_output_shows():
     """y = 2 T + 2 w of two equal heaters: their difference decays unseen."""
     text = HEATER.replace("[inputs.u]", '[states.w]\nderivative = "b*u - a*w"\n[inputs.u]')
     (direction,) = known(text.replace('"2*T"', '"2*T + 2*w"')).unseen
-    assert direction in ("1 T -1 w", "-1 T +1 w")
+    assert direction == "T -w"
     assert known(text.replace('"2*T"', '"2*T + 1*w + 0.3*w**2"')).unseen == ()
 
 

@@ -129,7 +129,6 @@ def test_an_argument_that_the_log_does_not_move():
         fit(plant(text), [part(load=np.full(100, 3.0))], restarts=1)
 
 
-@pytest.mark.xfail(raises=InputError, strict=True, reason="no network is tried without parameters")
 def test_a_plant_of_networks_alone():
     text = CART.replace("k*u - 0.3*v - drag(v)", "2*u - drag(v)")
     text = text.replace("k = { value = 1.0, min = 0 }\n", "").replace("hidden = 4", "hidden = 1")

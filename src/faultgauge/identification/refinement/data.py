@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Bool, Float
 
+from faultgauge.errors import InputError
 from faultgauge.identification.refinement.records import (
     Piece,
     Record,
@@ -34,6 +35,7 @@ BUDGET, MOST = 20_000, 40_000  # samples that a search goes through, and its bes
 OUTLIER = 5.0  # standard deviations: errors beyond count as that where outliers are expected
 FIRST_SIGMA = 0.1  # of the outputs' spread: errors expected of a first guess
 LEAD = 500  # samples that set the start of a window that was not fitted
+DIVERGED = 1e3  # of the outputs' spread
 FEWEST = 25  # samples of a window
 
 
@@ -151,6 +153,12 @@ def prepare(
 ) -> Data:
     initial = np.array([state.initial for state in signals.states])
     ranges = np.array([state.max - state.min for state in signals.states])
+    for record in held:
+        if len(record.t) < FEWEST:
+            raise InputError(
+                f"run {record.run!r} has {len(record.t)} samples in a row, too few to validate on; "
+                f"a run needs {FEWEST} at least, so leave it out or give a longer one."
+            )
     data = Data(
         signals,
         [*records, *held],
@@ -163,6 +171,12 @@ def prepare(
     )
     longest = max(len(record.t) for record in data.records)
     data.whole, data.alone = data.split(LONG_WINDOW if longest > LONGEST else longest)
+    if not data.whole:
+        longest = max(int(np.sum(mask)) for mask in masks)
+        raise InputError(
+            f"run {records[0].run!r}: {longest} samples are left to fit beside what is held out, "
+            f"and simulation error needs {FEWEST} in a row at least; give a longer log."
+        )
     data.whole = _some(data.whole, max(MOST, longest if longest <= LONGEST else 0))
     data.pieces = _some(data.whole, BUDGET) if longest > LONGEST else data.whole
     return data
@@ -229,4 +243,4 @@ def validation_error(
         errors = simulated(plant, unknowns, fitted.theta, starts.z, windows, data.substeps)[1]
         total, count = total + mean_square(errors, windows, bound) * scored, count + scored
     error = float(np.sqrt(total / count)) if count else np.inf
-    return error if np.isfinite(error) else np.inf
+    return error if error < DIVERGED else np.inf

@@ -75,6 +75,11 @@ def refine_on_logs(
         robust=robust,
         progress=progress,
     )
+    warnings = [
+        f"input {name!r} never changes in the logs: what it does cannot be learned from them"
+        for k, name in enumerate(signals.input_names)
+        if all(np.ptp(record.u[:, k]) == 0 for record in records)
+    ]
     best = found.members[0]
     members = [_settled(each, found) for each in found.members]
     progress("standard errors")
@@ -82,7 +87,7 @@ def refine_on_logs(
     known = information(
         best.plant, best.unknowns, best.fitted, data.windows(data.pieces), data.substeps, best.ridge
     )
-    warnings = [*found.notes, *known.warnings()]
+    warnings += [*found.notes, *known.warnings()]
     if warm and not found.won:
         warnings.append(
             "the refinement by simulation error did not beat the warm start on held-out data; the "

@@ -52,6 +52,7 @@ WILD = 1e6  # times its start: a simulation that blows up
 WARM = "warm start"
 MARGIN = 1.2  # of the arguments' range under the physics alone: networks will move it
 SCATTER = 0.5  # prior standard deviations: a factor of 3 for positive constants
+CLEARLY = 0.9  # of the error with a simpler hold: half a sample of delay hides in many constants
 HOLDS: tuple[Hold, ...] = ("zero", "linear", "band-limited")
 
 
@@ -184,12 +185,12 @@ def _sigma(fitted: Fitted) -> float:
     return float(np.clip(np.sqrt(fitted.mse), LEAST_SIGMA, FIRST_SIGMA))
 
 
-def _as_it_is(data: Data, plant: GrayBoxPlant) -> Candidate:
+def _as_it_is(data: Data, plant: GrayBoxPlant, origin: str = WARM) -> Candidate:
     """A plant, its windows' starts fitted."""
-    unknowns = unknowns_of(plant)
+    unknowns = unknowns_of(plant, networks=origin == WARM)
     fitted = data.fit_starts(plant, unknowns, unknowns.vector(plant))
     data.remember(data.pieces, fitted.x)
-    return _valid(data, Candidate(plant, unknowns, fitted, np.inf, WARM))
+    return _valid(data, Candidate(plant, unknowns, fitted, np.inf, origin))
 
 
 def _physics(
@@ -203,8 +204,8 @@ def _physics(
 ) -> list[Candidate]:
     """The parameters alone: short windows from several starts, then whole runs."""
     unknowns = unknowns_of(plant, networks=False)
-    if not unknowns.parameters:
-        return []
+    if not unknowns.parameters:  # what is known already is where the networks start from
+        return [] if warm else [_as_it_is(data, plant, "physics")]
     first = unknowns.vector(plant)
     thetas = [unknowns.vector(warm[0])] if warm else []
     thetas.append(first)
@@ -244,13 +245,13 @@ def _choose_hold(
     data: Data, best: Candidate, names: Sequence[str]
 ) -> tuple[dict[str, str], Signals]:
     """The hold of the inputs that the file leaves open, by the error of a refit."""
-    errors, found = [], []
+    chosen, least, given = HOLDS[0], np.inf, data.signals
     for hold in HOLDS:
-        data.signals = _held(data.signals, names, hold)
-        errors.append(_again(data, best).validation)
-        found.append(data.signals)
-    chosen = int(np.argmin(errors))
-    return dict.fromkeys(names, HOLDS[chosen]), found[chosen]
+        data.signals = _held(given, names, hold)
+        error = _again(data, best).validation
+        if error < CLEARLY * least:
+            chosen, least = hold, error
+    return dict.fromkeys(names, chosen), _held(given, names, chosen)
 
 
 def _held(signals: Signals, names: Sequence[str], hold: Hold) -> Signals:
@@ -338,10 +339,11 @@ def _path(
 
 
 def _scaled(data: Data, plant: GrayBoxPlant, base: Candidate) -> GrayBoxPlant:
-    """Networks' scalings from the states that the physics alone goes through."""
-    x = np.concatenate(
-        [path[: p.stop - p.start] for path, p in zip(base.fitted.x, data.pieces, strict=True)]
-    )
+    """Networks' scalings from measured states, and from where the physics takes hidden ones."""
+    paths = zip(base.fitted.x, data.pieces, strict=True)
+    x = np.concatenate([path[: p.stop - p.start] for path, p in paths])
+    measured = np.concatenate([data.records[p.record].x[p.start : p.stop] for p in data.pieces])
+    x = np.where(np.isfinite(measured), measured, x)
     u = np.concatenate([data.records[p.record].u[p.start : p.stop] for p in data.pieces])
     y = np.concatenate([data.records[p.record].y[p.start : p.stop] for p in data.pieces])
     dx = np.asarray(jax.vmap(plant.derivative)(jnp.asarray(x), jnp.asarray(u)))

@@ -89,10 +89,10 @@ class SimulationResidual(eqx.Module):
         values = self._values(own, window)
         natural, slopes = unknowns.natural(self.plant, values), unknowns.slopes(self.plant, values)
 
-        def in_own(pulled: list[Array]) -> Float[Array, "rows own"]:
+        def in_own(pulled: list[Array], rows: int) -> Float[Array, "rows own"]:
             """Slopes against `natural` as slopes against the window's own unknowns."""
-            rows = pulled[0].shape[0]
-            shared = slopes * jnp.concatenate([each.reshape(rows, -1) for each in pulled], axis=1)
+            each_row = [each.reshape(rows, -1) for each in pulled]
+            shared = slopes * jnp.concatenate([jnp.zeros((rows, 0)), *each_row], axis=1)
             varying = shared[:, [unknowns.weights(self.plant) + k for k in unknowns.varying]]
             return jnp.concatenate([shared, jnp.zeros((rows, states)), varying], axis=1)
 
@@ -104,7 +104,7 @@ class SimulationResidual(eqx.Module):
 
             dx, pull = jax.vjp(rate, x, natural)
             in_x, in_natural = jax.vmap(pull)(jnp.eye(states))
-            return dx, in_x @ S + in_own(in_natural)
+            return dx, in_x @ S + in_own(in_natural, len(in_x))
 
         def body(carry: tuple[Array, Array], sample: tuple[Array, Array]) -> Any:
             stages, dt = sample
@@ -120,7 +120,7 @@ class SimulationResidual(eqx.Module):
 
             y, pull = jax.vjp(output, x, natural)
             in_x, in_natural = jax.vmap(pull)(jnp.eye(len(y)))
-            return y, in_x @ S + in_own(in_natural)
+            return y, in_x @ S + in_own(in_natural, len(in_x))
 
         y, in_all = jax.vmap(seen)(x, S, window.stages[:, 0])
         error = self._errors(y, window)

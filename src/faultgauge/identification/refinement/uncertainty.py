@@ -32,6 +32,7 @@ __all__ = ["Constant", "Information", "information"]
 
 IMITATED = 0.99  # of what a parameter does to the outputs, a network's weights can do too
 ALIKE = 0.99  # correlation at which two parameters cannot be told apart
+VAGUE = 0.1
 UNSEEN = 1e-10  # of the information on a state that stands alone
 NEAR = 1e-3  # of the range: a parameter this near to a bound is at it
 
@@ -47,6 +48,11 @@ class Constant:
     standard_error: float | None
     bound: str | None
     imitated_by: str | None
+
+    @property
+    def vague(self) -> bool:
+        """Whether its standard error is more than a tenth of it."""
+        return self.standard_error is not None and self.standard_error > VAGUE * abs(self.value)
 
 
 @dataclass(frozen=True)
@@ -74,7 +80,7 @@ class Information:
                 )
         for i, a in enumerate(self.constants):
             for j, b in enumerate(self.constants[:i]):
-                if abs(self.correlation[i, j]) > ALIKE:
+                if abs(self.correlation[i, j]) > ALIKE and a.vague and b.vague:
                     found.append(
                         f"parameters {b.name!r} and {a.name!r} cannot be told apart by these "
                         f"logs (correlation {self.correlation[i, j]:+.3f}); fix one of them"
@@ -202,6 +208,10 @@ def _imitated(
     return found
 
 
+def _factor(share: float) -> str:
+    return f"{share:+.2g} ".removesuffix("1 ") if abs(share) == 1 else f"{share:+.2g} "
+
+
 def _unseen(
     plant: GrayBoxPlant, hessian: Float[np.ndarray, "n n"], shared: int, windows: Window
 ) -> tuple[str, ...]:
@@ -225,6 +235,6 @@ def _unseen(
             continue
         parts = vector * reach
         parts = parts / parts[np.argmax(np.abs(parts))]
-        terms = [f"{p:+.2g} {n}" for p, n in zip(parts, names, strict=True) if abs(p) > 0.01]
+        terms = [f"{_factor(p)}{n}" for p, n in zip(parts, names, strict=True) if abs(p) > 0.01]
         directions.append(" ".join(terms).removeprefix("+"))
     return tuple(directions)

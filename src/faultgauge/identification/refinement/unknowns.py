@@ -88,7 +88,7 @@ class Unknowns:
     ) -> Float[Array, "unknowns"]:
         """d natural / d theta, element by element."""
         first = self.weights(plant)
-        scales, centers = jnp.array(self.scales), jnp.array(self.centers)
+        scales, centers = jnp.array(self.scales, float), jnp.array(self.centers, float)
         grown = scales * centers * jnp.exp(scales * theta[first:])
         return jnp.concatenate(
             [jnp.ones(first), jnp.where(jnp.array(self.positive, bool), grown, scales)]
