@@ -26,7 +26,7 @@ from faultgauge.identification.refinement.unknowns import Unknowns
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.signals import Signals
 
-__all__ = ["FIRST_SIGMA", "Data", "prepare", "validation_error"]
+__all__ = ["BUDGET", "FIRST_SIGMA", "Data", "prepare", "validation_error"]
 
 SHORT, SHORT_SHARE, SHORT_MOST = (64, 512), 1 / 20, 16  # samples and number of short windows
 LONGEST = 25_000  # samples of a window: longer runs are cut

@@ -9,9 +9,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from faultgauge.identification.holdout import split_record
+from faultgauge.identification.refinement.candidate import Candidate
 from faultgauge.identification.refinement.data import Data
 from faultgauge.identification.refinement.records import records_of
-from faultgauge.identification.refinement.search import Candidate, Search, refine
+from faultgauge.identification.refinement.search import Search, refine
 from faultgauge.identification.refinement.uncertainty import Information, information
 from faultgauge.identification.samples import Channels, Samples
 from faultgauge.plants.gray_box import GrayBoxPlant

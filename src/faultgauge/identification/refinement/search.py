@@ -13,60 +13,42 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Bool
 
 from faultgauge.errors import InputError
-from faultgauge.identification.equation_error import groups, scale_networks
-from faultgauge.identification.refinement.data import FIRST_SIGMA, Data, prepare, validation_error
-from faultgauge.identification.refinement.records import Piece, Record
+from faultgauge.identification.refinement.candidate import (
+    WARM,
+    Candidate,
+    sample_count,
+    sigma_of,
+    validated,
+)
+from faultgauge.identification.refinement.data import (
+    FIRST_SIGMA,
+    Data,
+    prepare,
+)
+from faultgauge.identification.refinement.networks import FINALISTS, with_networks
+from faultgauge.identification.refinement.records import Record
 from faultgauge.identification.refinement.simulation_error import (
     Fitted,
     simulated,
 )
-from faultgauge.identification.refinement.unknowns import WEIGHTS, Unknowns, unknowns_of
-from faultgauge.identification.samples import Samples
-from faultgauge.identification.starts import nguyen_widrow
+from faultgauge.identification.refinement.unknowns import unknowns_of
 from faultgauge.plants.gray_box import GrayBoxPlant
-from faultgauge.plants.plant import respond
 from faultgauge.plants.signals import Hold, Signals
 from faultgauge.simulation.free_run import RATE_STEP, fastest_rate, substeps_for
 
-__all__ = ["Candidate", "Search", "refine"]
+__all__ = ["Search", "refine"]
 
 KEPT = 3  # starts that go on from the short windows, and members of an ensemble
-SILENT_STARTS = 2
-SCALE_POINTS = 500
 NEAR = 0.05  # prior standard deviations: two starts that found one minimum
 PLACES, GOOD = 6, 4.0  # minima of the physics that go on, and their squared error at most
-FIRST_ROUND, FINALISTS = 2, 2  # starts that go down the path of prior weights to its end
-RIDGES = tuple(10.0 ** (k / 2) for k in range(6, -5, -1))  # weights of the networks' prior
-WARM_RIDGES = tuple(10.0**k for k in range(-1, 4))  # upwards: networks that are already learned
-BETTER = 0.99  # of the validation error: less gain does not pay another prior weight
-LEAST_SIGMA = 1e-4  # of the outputs' spread
-WHISPER = 0.3  # of a start's output weights where squares of them count: at 0 they have no slope
 WILD = 1e6  # times its start: a simulation that blows up
-WARM = "warm start"
-MARGIN = 1.2  # of the arguments' range under the physics alone: networks will move it
 SCATTER = 0.5  # prior standard deviations: a factor of 3 for positive constants
 CLEARLY = 0.9  # of the error with a simpler hold: half a sample of delay hides in many constants
 HOLDS: tuple[Hold, ...] = ("zero", "linear", "band-limited")
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """A fitted plant, how it came about, and its free-run error on unseen samples (a share of
-    the outputs' spread)."""
-
-    plant: GrayBoxPlant
-    unknowns: Unknowns
-    fitted: Fitted
-    validation: float
-    origin: str
-    ridge: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -116,7 +98,7 @@ def refine(
         choices["hold"], data.signals = _choose_hold(data, best, plant.spec.open_holds)
         candidates = [_again(data, c) for c in candidates]
     if plant.spec.networks and candidates:
-        candidates += _networks(data, candidates, warm, seed, restarts, progress)
+        candidates += with_networks(data, candidates, warm, seed, restarts, progress)
     tried = [(c.origin, c.validation) for c in candidates]
     if not any(np.isfinite(c.validation) for c in candidates):
         raise InputError(blow_up(data, plant))
@@ -144,7 +126,7 @@ def _distinct(candidates: Sequence[Candidate]) -> list[Candidate]:
 
 def _on_all_samples(data: Data, members: Sequence[Candidate]) -> list[Candidate]:
     """The members, refitted where their search went through a part of the log only."""
-    share = _samples(data.whole) / _samples(data.pieces)
+    share = sample_count(data.whole) / sample_count(data.pieces)
     data.pieces = data.whole
     found = []
     for c in members:
@@ -155,21 +137,12 @@ def _on_all_samples(data: Data, members: Sequence[Candidate]) -> list[Candidate]
                 c.plant,
                 c.unknowns,
                 c.fitted.theta[None],
-                sigma=_sigma(c.fitted),
+                sigma=sigma_of(c.fitted),
                 ridge=c.ridge * share,
                 trials=40,
             )[0]
-        found.append(_valid(data, replace(c, fitted=fitted, ridge=c.ridge * share)))
+        found.append(validated(data, replace(c, fitted=fitted, ridge=c.ridge * share)))
     return sorted(found, key=lambda c: c.validation)
-
-
-def _samples(pieces: Sequence[Piece]) -> int:
-    return sum(piece.stop - piece.start for piece in pieces)
-
-
-def _valid(data: Data, candidate: Candidate) -> Candidate:
-    error = validation_error(data, candidate.plant, candidate.unknowns, candidate.fitted)
-    return replace(candidate, validation=error if candidate.fitted.usable else np.inf)
 
 
 def _substeps(plant: GrayBoxPlant, records: Sequence[Record]) -> int:
@@ -181,16 +154,12 @@ def _substeps(plant: GrayBoxPlant, records: Sequence[Record]) -> int:
     return substeps_for(record.step, RATE_STEP / rate if rate > 0 else 1e9)
 
 
-def _sigma(fitted: Fitted) -> float:
-    return float(np.clip(np.sqrt(fitted.mse), LEAST_SIGMA, FIRST_SIGMA))
-
-
 def _as_it_is(data: Data, plant: GrayBoxPlant, origin: str = WARM) -> Candidate:
     """A plant, its windows' starts fitted."""
     unknowns = unknowns_of(plant, networks=origin == WARM)
     fitted = data.fit_starts(plant, unknowns, unknowns.vector(plant))
     data.remember(data.pieces, fitted.x)
-    return _valid(data, Candidate(plant, unknowns, fitted, np.inf, origin))
+    return validated(data, Candidate(plant, unknowns, fitted, np.inf, origin))
 
 
 def _physics(
@@ -225,9 +194,9 @@ def _physics(
     fits.sort(key=lambda each: each.mse)
     data.remember(short, fits[0].x)
     progress("fitting the physics over long windows")
-    longs = data.fit(plant, unknowns, np.stack(_apart(fits)), sigma=_sigma(fits[0]))
+    longs = data.fit(plant, unknowns, np.stack(_apart(fits)), sigma=sigma_of(fits[0]))
     return _distinct(
-        [_valid(data, Candidate(plant, unknowns, each, np.inf, "physics")) for each in longs]
+        [validated(data, Candidate(plant, unknowns, each, np.inf, "physics")) for each in longs]
     )
 
 
@@ -267,140 +236,9 @@ def _again(data: Data, candidate: Candidate) -> Candidate:
     if candidate.origin == WARM:
         fitted = data.fit_starts(plant, unknowns, theta)
     else:
-        fitted = data.fit(plant, unknowns, theta[None], sigma=_sigma(candidate.fitted), trials=30)[
-            0
-        ]
-    return _valid(data, replace(candidate, fitted=fitted))
-
-
-def _networks(
-    data: Data,
-    candidates: Sequence[Candidate],
-    warm: Sequence[GrayBoxPlant],
-    seed: int,
-    restarts: int,
-    progress: Callable[[str], None],
-) -> list[Candidate]:
-    """Networks beside the parameters: silent ones from several seeds, and the warm starts."""
-    bases = [c for c in candidates if c.origin == "physics"] or list(candidates[:1])
-    count = min(restarts, max(SILENT_STARTS, len(bases)))
-    silent = []
-    for k in range(count):
-        base = bases[k % len(bases)]
-        values = base.unknowns.assemble(base.plant, jnp.asarray(base.fitted.theta))
-        scaled = _scaled(data, values, base) if k == 0 else _like(silent[0], values)
-        silent.append(_silent(scaled, np.random.default_rng([seed, 11, k]), k == 0))
-    found = _path(data, "networks", silent, RIDGES, _sigma(bases[0].fitted), progress)
-    if warm:
-        sigma = _sigma(candidates[0].fitted)
-        name = "warm start, refined"
-        found += _path(data, name, list(warm[:FINALISTS]), WARM_RIDGES, sigma, progress)
-    return found
-
-
-def _like(plant: GrayBoxPlant, values: GrayBoxPlant) -> GrayBoxPlant:
-    """`values` with the scalings of `plant`: starts that are fitted side by side share them."""
-    return eqx.tree_at(lambda p: p.networks, values, plant.networks)
-
-
-def _path(
-    data: Data,
-    name: str,
-    plants: list[GrayBoxPlant],
-    ridges: tuple[float, ...],
-    sigma: float,
-    progress: Callable[[str], None],
-) -> list[Candidate]:
-    """Every start's best along the prior weights, until none gets better.
-
-    `plants` share one scaling. After a few weights only the best go on.
-    """
-    unknowns = unknowns_of(plants[0])
-    thetas = np.stack([unknowns.vector(each) for each in plants])
-    going = list(range(len(plants)))
-    best: dict[int, Candidate] = {}
-    for step, ridge in enumerate(ridges):
-        progress(f"{name}: prior weight {ridge:.3g}")
-        fits = data.fit(plants[0], unknowns, thetas, sigma=sigma, ridge=ridge, trials=25)
-        gained = False
-        for k, fitted in zip(going, fits, strict=True):
-            found = _valid(data, Candidate(plants[0], unknowns, fitted, np.inf, name, ridge))
-            before = best[k].validation if k in best else np.inf
-            gained |= found.validation < BETTER * before
-            if k not in best or found.validation < before:
-                best[k] = found
-        if not gained:
-            break
-        thetas = np.stack([fitted.theta for fitted in fits])
-        if step == FIRST_ROUND and len(going) > FINALISTS:
-            order = np.argsort([best[k].validation for k in going], kind="stable")[:FINALISTS]
-            going, thetas = [going[k] for k in order], thetas[order]
-    return list(best.values())
-
-
-def _scaled(data: Data, plant: GrayBoxPlant, base: Candidate) -> GrayBoxPlant:
-    """Networks' scalings from measured states, and from where the physics takes hidden ones."""
-    paths = zip(base.fitted.x, data.pieces, strict=True)
-    x = np.concatenate([path[: p.stop - p.start] for path, p in paths])
-    measured = np.concatenate([data.records[p.record].x[p.start : p.stop] for p in data.pieces])
-    x = np.where(np.isfinite(measured), measured, x)
-    u = np.concatenate([data.records[p.record].u[p.start : p.stop] for p in data.pieces])
-    y = np.concatenate([data.records[p.record].y[p.start : p.stop] for p in data.pieces])
-    dx = np.asarray(jax.vmap(plant.derivative)(jnp.asarray(x), jnp.asarray(u)))
-    samples = Samples(x, u, dx, np.nan_to_num(y))
-    for group in groups(plant.spec, plant.signals.output_names):
-        plant = scale_networks(plant, group, samples)
-    return _outputs_scaled(plant, x, u)
-
-
-def _outputs_scaled(
-    plant: GrayBoxPlant, x: Float[np.ndarray, "samples states"], u: Float[np.ndarray, "samples _"]
-) -> GrayBoxPlant:
-    """Networks' output scales such that 1 moves an equation by half its range.
-
-    Inside an equation a network may be multiplied by anything: its share there, dF / dNN, counts.
-    """
-    kept = np.linspace(0, len(x) - 1, min(SCALE_POINTS, len(x))).astype(int)
-    x, u = x[kept], u[kept]
-
-    def equations(centers: dict[str, Array], x: Array, u: Array) -> Array:
-        moved = {
-            name: eqx.tree_at(lambda net: net.output_center, network, centers[name])
-            for name, network in plant.networks.items()
-        }
-        dx, y = respond(eqx.tree_at(lambda p: p.networks, plant, moved), x, u)
-        return jnp.concatenate([dx, y])
-
-    centers = {name: network.output_center for name, network in plant.networks.items()}
-    points = jnp.asarray(x), jnp.asarray(u)
-    values = np.asarray(jax.vmap(equations, (None, 0, 0))(centers, *points))
-    shares = jax.vmap(jax.jacfwd(equations), (None, 0, 0))(centers, *points)
-    half = np.ptp(values, axis=0) / 2
-    networks = dict(plant.networks)
-    for name, share in shares.items():
-        typical = np.median(np.abs(np.asarray(share)), axis=0)
-        reach = [h / t for h, t in zip(half, typical, strict=True) if t > 0 and h > 0]
-        if reach:
-            networks[name] = eqx.tree_at(
-                lambda net: net.output_scale, networks[name], jnp.asarray(min(reach))
-            )
-    return eqx.tree_at(lambda p: p.networks, plant, networks)
-
-
-def _silent(plant: GrayBoxPlant, rng: np.random.Generator, widen: bool) -> GrayBoxPlant:
-    """Networks that start at (about) zero, so that the physics is where the fit begins."""
-    margin = MARGIN if widen else 1.0
-    networks = {}
-    for spec in plant.spec.networks:
-        start = nguyen_widrow(spec.hidden, spec.arity, rng, spec.shape)
-        start["weights_out"] = (WHISPER if spec.monotone else 0.0) * start["weights_out"]
-        old = plant.networks[spec.name]
-        networks[spec.name] = eqx.tree_at(
-            lambda net: [*(getattr(net, field) for field in WEIGHTS), net.input_scale],
-            old,
-            [*(jnp.asarray(start[field]) for field in WEIGHTS), margin * old.input_scale],
-        )
-    return eqx.tree_at(lambda p: p.networks, plant, networks)
+        sigma = sigma_of(candidate.fitted)
+        fitted = data.fit(plant, unknowns, theta[None], sigma=sigma, trials=30)[0]
+    return validated(data, replace(candidate, fitted=fitted))
 
 
 def blow_up(data: Data, plant: GrayBoxPlant) -> str:

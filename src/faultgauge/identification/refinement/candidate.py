@@ -1,0 +1,43 @@
+"""A fitted plant among others, and what it is worth on samples that no fit has seen."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from faultgauge.identification.refinement.data import FIRST_SIGMA, Data, validation_error
+from faultgauge.identification.refinement.records import Piece
+from faultgauge.identification.refinement.simulation_error import Fitted
+from faultgauge.identification.refinement.unknowns import Unknowns
+from faultgauge.plants.gray_box import GrayBoxPlant
+
+__all__ = ["WARM", "Candidate", "sample_count", "sigma_of", "validated"]
+
+LEAST_SIGMA = 1e-4  # of the outputs' spread
+WARM = "warm start"
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A fitted plant, how it came about, and its free-run error on unseen samples (a share of
+    the outputs' spread)."""
+
+    plant: GrayBoxPlant
+    unknowns: Unknowns
+    fitted: Fitted
+    validation: float
+    origin: str
+    ridge: float = 1.0
+
+
+def sigma_of(fitted: Fitted) -> float:
+    return float(np.clip(np.sqrt(fitted.mse), LEAST_SIGMA, FIRST_SIGMA))
+
+
+def sample_count(pieces: Sequence[Piece]) -> int:
+    return sum(piece.stop - piece.start for piece in pieces)
+
+
+def validated(data: Data, candidate: Candidate) -> Candidate:
+    error = validation_error(data, candidate.plant, candidate.unknowns, candidate.fitted)
+    return replace(candidate, validation=error if candidate.fitted.usable else np.inf)

@@ -1,0 +1,232 @@
+"""Networks beside the physics: silent starts, their scalings, and the path of prior weights."""
+
+from collections.abc import Callable, Sequence
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from faultgauge.identification.equation_error import groups, scale_networks
+from faultgauge.identification.refinement.candidate import (
+    Candidate,
+    sample_count,
+    sigma_of,
+    validated,
+)
+from faultgauge.identification.refinement.data import BUDGET, Data
+from faultgauge.identification.refinement.unknowns import WEIGHTS, Unknowns, unknowns_of
+from faultgauge.identification.samples import Samples
+from faultgauge.identification.starts import nguyen_widrow
+from faultgauge.plants.gray_box import GrayBoxPlant
+from faultgauge.plants.network import Network
+from faultgauge.plants.plant import respond
+from faultgauge.plants.shape import FREE
+
+__all__ = ["FINALISTS", "with_networks"]
+
+SILENT_STARTS = 2
+SCALE_POINTS = 500
+FIRST_ROUND, FINALISTS = 2, 2  # starts that go down the path of prior weights to its end
+RIDGES = tuple(10.0 ** (k / 2) for k in range(6, -5, -1))  # weights of the networks' prior
+WARM_RIDGES = tuple(10.0**k for k in range(-1, 4))  # upwards: networks that are already learned
+TRIALS, MOST_EFFORT = 25, 6.0  # per prior weight; more of them where a log is short
+PATIENCE, BETTER = 2, 0.99  # of the validation error: less gain does not pay another prior weight
+WHISPER = 0.3  # of a start's output weights where squares of them count: at 0 they have no slope
+MARGIN = 1.2  # of the arguments' range under the physics alone: networks will move it
+
+
+def with_networks(
+    data: Data,
+    candidates: Sequence[Candidate],
+    warm: Sequence[GrayBoxPlant],
+    seed: int,
+    restarts: int,
+    progress: Callable[[str], None],
+) -> list[Candidate]:
+    """Networks beside the parameters: silent ones from several seeds, and the warm starts."""
+    bases = [c for c in candidates if c.origin == "physics"] or list(candidates[:1])
+    count = min(restarts, max(SILENT_STARTS, len(bases)))
+    silent = []
+    for k in range(count):
+        base = bases[k % len(bases)]
+        values = base.unknowns.assemble(base.plant, jnp.asarray(base.fitted.theta))
+        scaled = _scaled(data, values, base) if k == 0 else _like(silent[0], values)
+        silent.append(_silent(scaled, np.random.default_rng([seed, 11, k]), k == 0))
+    found = _path(data, "networks", silent, RIDGES, sigma_of(bases[0].fitted), progress)
+    if warm:
+        sigma = sigma_of(candidates[0].fitted)
+        name = "warm start, refined"
+        found += _path(data, name, list(warm[:FINALISTS]), WARM_RIDGES, sigma, progress)
+    return found
+
+
+def _like(plant: GrayBoxPlant, values: GrayBoxPlant) -> GrayBoxPlant:
+    """`values` with the scalings of `plant`: starts that are fitted side by side share them."""
+    return eqx.tree_at(lambda p: p.networks, values, plant.networks)
+
+
+def _path(
+    data: Data,
+    name: str,
+    plants: list[GrayBoxPlant],
+    ridges: tuple[float, ...],
+    sigma: float,
+    progress: Callable[[str], None],
+) -> list[Candidate]:
+    """Every start's best along the prior weights, until none has got better twice running.
+
+    `plants` share one scaling. After a few weights only the best go on.
+    """
+    unknowns = unknowns_of(plants[0])
+    thetas = np.stack([unknowns.vector(each) for each in plants])
+    trials = int(TRIALS * np.clip(BUDGET / sample_count(data.pieces), 1.0, MOST_EFFORT))
+    going, quiet = list(range(len(plants))), 0
+    best: dict[int, Candidate] = {}
+    for step, ridge in enumerate(ridges):
+        progress(f"{name}: prior weight {ridge:.3g}")
+        fits = data.fit(plants[0], unknowns, thetas, sigma=sigma, ridge=ridge, trials=trials)
+        quiet += 1
+        for k, fitted in zip(going, fits, strict=True):
+            found = validated(data, Candidate(plants[0], unknowns, fitted, np.inf, name, ridge))
+            before = best[k].validation if k in best else np.inf
+            if found.validation < BETTER * before:
+                quiet = 0
+            if k not in best or found.validation < before:
+                best[k] = found
+        if quiet == PATIENCE:
+            break
+        thetas = np.stack([fitted.theta for fitted in fits])
+        if step == FIRST_ROUND and len(going) > FINALISTS:
+            order = np.argsort([best[k].validation for k in going], kind="stable")[:FINALISTS]
+            going, thetas = [going[k] for k in order], thetas[order]
+        now = min(best.values(), key=lambda c: c.validation)
+        plants, thetas = _followed(data, plants, unknowns, thetas, now)
+    return list(best.values())
+
+
+def _range(
+    network: Network,
+) -> tuple[Float[np.ndarray, "arguments"], Float[np.ndarray, "arguments"]]:
+    center, scale = np.asarray(network.input_center), np.asarray(network.input_scale)
+    return center - scale, center + scale
+
+
+def _followed(
+    data: Data,
+    plants: list[GrayBoxPlant],
+    unknowns: Unknowns,
+    thetas: Float[np.ndarray, "starts unknowns"],
+    now: Candidate,
+) -> tuple[list[GrayBoxPlant], Float[np.ndarray, "starts unknowns"]]:
+    """Networks whose arguments have moved out of their range get a wider one.
+
+    Inside the old range every start stays the function that it is:
+
+        W2 p_s + theta,  p_s = (p - c) / s:   W2' = W2 s' / s,   theta' = theta + W2 (c' - c) / s
+    """
+    values = now.unknowns.assemble(now.plant, jnp.asarray(now.fitted.theta))
+    ranges = _scaled(data, values, now).networks
+    wider = {}
+    for name, network in plants[0].networks.items():
+        new = ranges[name]
+        low = np.minimum(
+            network.input_center - network.input_scale, new.input_center - new.input_scale
+        )
+        high = np.maximum(
+            network.input_center + network.input_scale, new.input_center + new.input_scale
+        )
+        grown = (high - low) / 2 > network.input_scale * (1 + 1e-6)
+        if network.shape == FREE and bool(np.any(grown)):
+            wider[name] = jnp.asarray((low + high) / 2), jnp.asarray((high - low) / 2)
+    if not wider:
+        return plants, thetas
+
+    def widened(plant: GrayBoxPlant) -> GrayBoxPlant:
+        networks = dict(plant.networks)
+        for name, (center, scale) in wider.items():
+            old = networks[name]
+            shift = (center - old.input_center) / old.input_scale
+            networks[name] = eqx.tree_at(
+                lambda net: (net.weights_in, net.bias, net.input_center, net.input_scale),
+                old,
+                (
+                    old.weights_in * scale / old.input_scale,
+                    old.bias + old.weights_in @ shift,
+                    center,
+                    scale,
+                ),
+            )
+        return eqx.tree_at(lambda p: p.networks, plant, networks)
+
+    moved = [
+        unknowns.vector(widened(unknowns.assemble(plants[0], jnp.asarray(theta))))
+        for theta in thetas
+    ]
+    return [widened(plants[0])], np.stack(moved)
+
+
+def _scaled(data: Data, plant: GrayBoxPlant, base: Candidate) -> GrayBoxPlant:
+    """Networks' scalings from measured states, and from where the physics takes hidden ones."""
+    paths = zip(base.fitted.x, data.pieces, strict=True)
+    x = np.concatenate([path[: p.stop - p.start] for path, p in paths])
+    measured = np.concatenate([data.records[p.record].x[p.start : p.stop] for p in data.pieces])
+    x = np.where(np.isfinite(measured), measured, x)
+    u = np.concatenate([data.records[p.record].u[p.start : p.stop] for p in data.pieces])
+    y = np.concatenate([data.records[p.record].y[p.start : p.stop] for p in data.pieces])
+    dx = np.asarray(jax.vmap(plant.derivative)(jnp.asarray(x), jnp.asarray(u)))
+    samples = Samples(x, u, dx, np.nan_to_num(y))
+    for group in groups(plant.spec, plant.signals.output_names):
+        plant = scale_networks(plant, group, samples)
+    return _outputs_scaled(plant, x, u)
+
+
+def _outputs_scaled(
+    plant: GrayBoxPlant, x: Float[np.ndarray, "samples states"], u: Float[np.ndarray, "samples _"]
+) -> GrayBoxPlant:
+    """Networks' output scales such that 1 moves an equation by half its range.
+
+    Inside an equation a network may be multiplied by anything: its share there, dF / dNN, counts.
+    """
+    kept = np.linspace(0, len(x) - 1, min(SCALE_POINTS, len(x))).astype(int)
+    x, u = x[kept], u[kept]
+
+    def equations(centers: dict[str, Array], x: Array, u: Array) -> Array:
+        moved = {
+            name: eqx.tree_at(lambda net: net.output_center, network, centers[name])
+            for name, network in plant.networks.items()
+        }
+        dx, y = respond(eqx.tree_at(lambda p: p.networks, plant, moved), x, u)
+        return jnp.concatenate([dx, y])
+
+    centers = {name: network.output_center for name, network in plant.networks.items()}
+    points = jnp.asarray(x), jnp.asarray(u)
+    values = np.asarray(jax.vmap(equations, (None, 0, 0))(centers, *points))
+    shares = jax.vmap(jax.jacfwd(equations), (None, 0, 0))(centers, *points)
+    half = np.ptp(values, axis=0) / 2
+    networks = dict(plant.networks)
+    for name, share in shares.items():
+        typical = np.median(np.abs(np.asarray(share)), axis=0)
+        reach = [h / t for h, t in zip(half, typical, strict=True) if t > 0 and h > 0]
+        if reach:
+            networks[name] = eqx.tree_at(
+                lambda net: net.output_scale, networks[name], jnp.asarray(min(reach))
+            )
+    return eqx.tree_at(lambda p: p.networks, plant, networks)
+
+
+def _silent(plant: GrayBoxPlant, rng: np.random.Generator, widen: bool) -> GrayBoxPlant:
+    """Networks that start at (about) zero, so that the physics is where the fit begins."""
+    margin = MARGIN if widen else 1.0
+    networks = {}
+    for spec in plant.spec.networks:
+        start = nguyen_widrow(spec.hidden, spec.arity, rng, spec.shape)
+        start["weights_out"] = (WHISPER if spec.monotone else 0.0) * start["weights_out"]
+        old = plant.networks[spec.name]
+        networks[spec.name] = eqx.tree_at(
+            lambda net: [*(getattr(net, field) for field in WEIGHTS), net.input_scale],
+            old,
+            [*(jnp.asarray(start[field]) for field in WEIGHTS), margin * old.input_scale],
+        )
+    return eqx.tree_at(lambda p: p.networks, plant, networks)
