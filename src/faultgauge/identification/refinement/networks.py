@@ -29,7 +29,8 @@ __all__ = ["FINALISTS", "with_networks"]
 SILENT_STARTS = 2
 SCALE_POINTS = 500
 FIRST_ROUND, FINALISTS = 2, 2  # starts that go down the path of prior weights to its end
-RIDGES = tuple(10.0 ** (k / 2) for k in range(6, -5, -1))  # weights of the networks' prior
+# Weights of the networks' prior. Stronger ones first lead the search into worse minima.
+RIDGES = tuple(10.0 ** (k / 2) for k in range(4, -5, -1))
 WARM_RIDGES = tuple(10.0**k for k in range(-1, 4))  # upwards: networks that are already learned
 TRIALS, MOST_EFFORT = 25, 6.0  # per prior weight; more of them where a log is short
 PATIENCE, BETTER = 2, 0.99  # of the validation error: less gain does not pay another prior weight
