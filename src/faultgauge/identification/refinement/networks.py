@@ -28,7 +28,7 @@ __all__ = ["FINALISTS", "with_networks"]
 
 SILENT_STARTS = 2
 SCALE_POINTS = 500
-FIRST_ROUND, FINALISTS = 2, 2  # starts that go down the path of prior weights to its end
+FIRST_ROUND, FINALISTS = 2, 2  # after this prior weight, so many starts go on down the path
 # Weights of the networks' prior. Stronger ones first lead the search into worse minima.
 RIDGES = tuple(10.0 ** (k / 2) for k in range(4, -5, -1))
 WARM_RIDGES = tuple(10.0**k for k in range(-1, 4))  # upwards: networks that are already learned

@@ -42,7 +42,7 @@ from faultgauge.simulation.free_run import RATE_STEP, fastest_rate, substeps_for
 
 __all__ = ["Search", "refine"]
 
-KEPT = 3  # starts that go on from the short windows, and members of an ensemble
+KEPT = 3  # members of an ensemble
 NEAR = 0.05  # prior standard deviations: two starts that found one minimum
 PLACES, GOOD = 6, 4.0  # minima of the physics that go on, and their squared error at most
 WILD = 1e6  # times its start: a simulation that blows up
@@ -55,7 +55,7 @@ HOLDS: tuple[Hold, ...] = ("zero", "linear", "band-limited")
 class Search:
     """The members, best first; what was chosen for what the file leaves open; what was tried.
 
-    `won` is False where no refinement beat the warm start, which then is the only member.
+    `won` is False where no refinement beat the warm start, which then is the first member.
     """
 
     members: list[Candidate]
