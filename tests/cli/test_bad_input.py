@@ -30,6 +30,7 @@ def refuse(call, tmp_path):
         for word in naming:
             assert str(word) in said.err
         assert {p: p.read_bytes() for p in tmp_path.iterdir() if p.is_file()} == before
+        return said.err
 
     return refusing
 
@@ -76,14 +77,14 @@ def test_wrong_logs(refuse, workshop, tmp_path, case):
     change, naming = LOGS[case]
     log = tmp_path / "log.csv"
     log.write_text(edited(workshop, change))
-    refuse("fit", workshop.plant, log, "--out", tmp_path / "m.fgm", naming=[log, *naming])
+    assert refuse("fit", workshop.plant, log, "--out", tmp_path / "m.fgm", naming=[log, *naming])
 
 
 def test_no_excitation(refuse, workshop, tmp_path):
     log = tmp_path / "log.csv"
     log.write_text(edited(workshop, column(1, "0.5")))
     out = tmp_path / "m.fgm"
-    refuse("fit", workshop.plant, log, "--out", out, naming=["input 'u'", "no excitation"])
+    assert refuse("fit", workshop.plant, log, "--out", out, naming=["input 'u'", "no excitation"])
 
 
 @pytest.mark.parametrize("content", [b"", NUL], ids=["empty", "binary"])
@@ -93,7 +94,7 @@ def test_files_that_are_no_logs(refuse, workshop, tmp_path, command, content):
     log.write_bytes(content)
     before = {"fit": [workshop.plant], "inspect": []}.get(command, [workshop.calibrated])
     after = [] if command in ("inspect", "evaluate") else ["--out", out]
-    refuse(command, *before, log, *after, naming=[log])
+    assert refuse(command, *before, log, *after, naming=[log])
 
 
 def test_semicolons_are_read_or_refused_by_name(call, workshop, tmp_path):
@@ -111,7 +112,7 @@ def test_semicolons_are_read_or_refused_by_name(call, workshop, tmp_path):
 
 def test_missing_log(refuse, workshop, tmp_path):
     log = tmp_path / "absent.csv"
-    refuse("evaluate", workshop.model, log, naming=[log])
+    assert refuse("evaluate", workshop.model, log, naming=[log])
 
 
 PLANTS = {  # what is replaced in the plant file, by what, and what must be named
@@ -137,13 +138,13 @@ def test_wrong_plants(refuse, workshop, tmp_path, case):
     plant = tmp_path / "wrong.toml"
     plant.write_text(text.replace(old, new, 1))
     out = tmp_path / "m.fgm"
-    refuse("fit", plant, workshop.healthy, "--out", out, naming=[plant, *naming])
+    assert refuse("fit", plant, workshop.healthy, "--out", out, naming=[plant, *naming])
 
 
 def test_missing_plant(refuse, workshop, tmp_path):
     plant = tmp_path / "absent.toml"
     out = tmp_path / "m.fgm"
-    refuse("fit", plant, workshop.healthy, "--out", out, naming=["absent.toml"])
+    assert refuse("fit", plant, workshop.healthy, "--out", out, naming=["absent.toml"])
 
 
 def truncated(model, data):
@@ -184,12 +185,12 @@ def test_wrong_models(refuse, workshop, tmp_path, damage, command):
     model, out = tmp_path / "model.fgm", tmp_path / "out.csv"
     damage(model, workshop.calibrated.read_bytes())
     after = [] if command == "evaluate" else ["--out", out]
-    refuse(command, model, workshop.healthy2, *after, naming=[model])
+    assert refuse(command, model, workshop.healthy2, *after, naming=[model])
 
 
 def test_missing_model(refuse, workshop, tmp_path):
     model = tmp_path / "absent.fgm"
-    refuse("evaluate", model, workshop.healthy, naming=[model, "fit"])
+    assert refuse("evaluate", model, workshop.healthy, naming=[model, "fit"])
 
 
 OPTIONS = {  # arguments (files by name), and what must be named
@@ -232,7 +233,7 @@ def test_wrong_options(refuse, workshop, tmp_path, monkeypatch, case):
     arguments, naming = OPTIONS[case]
     files = {name: getattr(workshop, name) for name in
              ("plant", "healthy", "healthy2", "model", "calibrated")}  # fmt: skip
-    refuse(*(files.get(each, each) for each in arguments), naming=naming)
+    assert refuse(*(files.get(each, each) for each in arguments), naming=naming)
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
@@ -240,7 +241,7 @@ def test_folder_that_may_not_be_written_to(refuse, workshop, tmp_path):
     closed = tmp_path / "closed"
     closed.mkdir(mode=0o500)
     out = closed / "f.csv"
-    refuse("estimate", workshop.calibrated, workshop.healthy, "--out", out, naming=[out])
+    assert refuse("estimate", workshop.calibrated, workshop.healthy, "--out", out, naming=[out])
 
 
 def raising(error):
