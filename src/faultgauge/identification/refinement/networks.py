@@ -1,6 +1,7 @@
 """Networks beside the physics: silent starts, their scalings, and the path of prior weights."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import equinox as eqx
 import jax
@@ -16,6 +17,8 @@ from faultgauge.identification.refinement.candidate import (
     validated,
 )
 from faultgauge.identification.refinement.data import BUDGET, Data
+from faultgauge.identification.refinement.linear_starts import equivalents
+from faultgauge.identification.refinement.records import Piece
 from faultgauge.identification.refinement.unknowns import WEIGHTS, Unknowns, unknowns_of
 from faultgauge.identification.samples import Samples
 from faultgauge.identification.starts import nguyen_widrow
@@ -31,6 +34,9 @@ SCALE_POINTS = 500
 FIRST_ROUND, FINALISTS = 2, 2  # after this prior weight, so many starts go on down the path
 # Weights of the networks' prior. Stronger ones first lead the search into worse minima.
 RIDGES = tuple(10.0 ** (k / 2) for k in range(4, -5, -1))
+LEARNED_RIDGES = tuple(10.0**k for k in (1, 0, -1))  # after a screening
+SCREEN = 10_000  # samples to fit: fewer can be gone through whole, from every start
+SETTLE_TRIALS = 5
 WARM_RIDGES = tuple(10.0**k for k in range(-1, 4))  # upwards: networks that are already learned
 TRIALS, MOST_EFFORT = 25, 6.0  # per prior weight; more of them where a log is short
 PATIENCE, BETTER = 2, 0.99  # of the validation error: less gain does not pay another prior weight
@@ -46,21 +52,71 @@ def with_networks(
     restarts: int,
     progress: Callable[[str], None],
 ) -> list[Candidate]:
-    """Networks beside the parameters: silent ones from several seeds, and the warm starts."""
+    """Networks beside the parameters: silent ones from several starts, and the warm starts."""
     bases = [c for c in candidates if c.origin == "physics"] or list(candidates[:1])
-    count = min(restarts, max(SILENT_STARTS, len(bases)))
-    silent = []
-    for k in range(count):
-        base = bases[k % len(bases)]
-        values = base.unknowns.assemble(base.plant, jnp.asarray(base.fitted.theta))
-        scaled = _scaled(data, values, base) if k == 0 else _like(silent[0], values)
-        silent.append(_silent(scaled, np.random.default_rng([seed, 11, k]), k == 0))
-    found = _path(data, "networks", silent, RIDGES, sigma_of(bases[0].fitted), progress)
+    bases += _equivalent(data, bases[0], np.random.default_rng([seed, 13]))
+    sigma = sigma_of(bases[0].fitted)
+    found: list[Candidate] = []
+    if len(bases) > FINALISTS and sample_count(data.pieces) > SCREEN:
+        progress("networks: which start to take, over short windows")
+        sigma, plant = _screened(data, bases, seed)
+        found += _path(data, "networks", [plant], LEARNED_RIDGES, sigma, progress)
+    else:
+        silent: list[GrayBoxPlant] = []
+        for k in range(min(restarts, max(SILENT_STARTS, len(bases)))):
+            base = bases[k % len(bases)]
+            values = base.unknowns.assemble(base.plant, jnp.asarray(base.fitted.theta))
+            scaled = _like(silent[0], values) if silent else _scaled(data, base, data.pieces)
+            silent.append(_silent(scaled, np.random.default_rng([seed, 11, k]), k == 0))
+        found += _path(data, "networks", silent, RIDGES, sigma, progress)
     if warm:
         sigma = sigma_of(candidates[0].fitted)
         name = "warm start, refined"
         found += _path(data, name, list(warm[:FINALISTS]), WARM_RIDGES, sigma, progress)
     return found
+
+
+def _equivalent(data: Data, base: Candidate, rng: np.random.Generator) -> list[Candidate]:
+    """Starts that only a nonlinearity can tell from `base` (see `linear_starts`)."""
+    paths = zip(base.fitted.x, data.pieces, strict=True)
+    x = np.concatenate([path[: p.stop - p.start] for path, p in paths])
+    u = np.concatenate([data.records[p.record].u[p.start : p.stop] for p in data.pieces])
+    thetas = equivalents(
+        base.plant, base.unknowns, base.fitted.theta, x.mean(axis=0), u.mean(axis=0), rng
+    )
+    return [replace(base, fitted=base.fitted._replace(theta=theta)) for theta in thetas]
+
+
+def _screened(data: Data, bases: Sequence[Candidate], seed: int) -> tuple[float, GrayBoxPlant]:
+    """(sigma, plant) of the best of `bases` with networks: all over short windows, then the best
+    of them over all."""
+    short, tried = data.short(), []
+    for k, base in enumerate(bases):
+        sigma, theta = sigma_of(base.fitted), base.fitted.theta[None]
+        settled = data.fit(
+            base.plant, base.unknowns, theta, pieces=short, sigma=sigma, trials=SETTLE_TRIALS
+        )[0]
+        if settled.usable:
+            scaled = _scaled(data, replace(base, fitted=settled), short)
+            plant = _silent(scaled, np.random.default_rng([seed, 11, k]), True)
+            tried.append(_learned(data, plant, short, sigma))
+    tried.sort(key=lambda each: each[0])
+    sigma = sigma_of(bases[0].fitted)
+    finals = [_learned(data, plant, data.pieces, sigma) for _, plant in tried[:FINALISTS]]
+    return min(finals, key=lambda each: each[0])
+
+
+def _learned(
+    data: Data, plant: GrayBoxPlant, pieces: Sequence[Piece], sigma: float
+) -> tuple[float, GrayBoxPlant]:
+    """(sigma, plant) after some trials."""
+    unknowns = unknowns_of(plant)
+    theta = unknowns.vector(plant)[None]
+    fitted = data.fit(plant, unknowns, theta, pieces=pieces, sigma=sigma, ridge=1.0, trials=TRIALS)[
+        0
+    ]
+    sigma = sigma_of(fitted) if fitted.usable else np.inf
+    return sigma, unknowns.assemble(plant, jnp.asarray(fitted.theta))
 
 
 def _like(plant: GrayBoxPlant, values: GrayBoxPlant) -> GrayBoxPlant:
@@ -127,8 +183,7 @@ def _followed(
 
         W2 p_s + theta,  p_s = (p - c) / s:   W2' = W2 s' / s,   theta' = theta + W2 (c' - c) / s
     """
-    values = now.unknowns.assemble(now.plant, jnp.asarray(now.fitted.theta))
-    ranges = _scaled(data, values, now).networks
+    ranges = _scaled(data, now, data.pieces).networks
     wider = {}
     for name, network in plants[0].networks.items():
         new = ranges[name]
@@ -168,14 +223,16 @@ def _followed(
     return [widened(plants[0])], np.stack(moved)
 
 
-def _scaled(data: Data, plant: GrayBoxPlant, base: Candidate) -> GrayBoxPlant:
-    """Networks' scalings from measured states, and from where the physics takes hidden ones."""
-    paths = zip(base.fitted.x, data.pieces, strict=True)
+def _scaled(data: Data, base: Candidate, pieces: Sequence[Piece]) -> GrayBoxPlant:
+    """The plant of `base`, its networks scaled by measured states, and where it takes hidden ones
+    along the `pieces` that it was fitted to."""
+    plant = base.unknowns.assemble(base.plant, jnp.asarray(base.fitted.theta))
+    paths = zip(base.fitted.x, pieces, strict=True)
     x = np.concatenate([path[: p.stop - p.start] for path, p in paths])
-    measured = np.concatenate([data.records[p.record].x[p.start : p.stop] for p in data.pieces])
+    measured = np.concatenate([data.records[p.record].x[p.start : p.stop] for p in pieces])
     x = np.where(np.isfinite(measured), measured, x)
-    u = np.concatenate([data.records[p.record].u[p.start : p.stop] for p in data.pieces])
-    y = np.concatenate([data.records[p.record].y[p.start : p.stop] for p in data.pieces])
+    u = np.concatenate([data.records[p.record].u[p.start : p.stop] for p in pieces])
+    y = np.concatenate([data.records[p.record].y[p.start : p.stop] for p in pieces])
     dx = np.asarray(jax.vmap(plant.derivative)(jnp.asarray(x), jnp.asarray(u)))
     samples = Samples(x, u, dx, np.nan_to_num(y))
     for group in groups(plant.spec, plant.signals.output_names):

@@ -42,11 +42,13 @@ from faultgauge.simulation.free_run import RATE_STEP, fastest_rate, substeps_for
 
 __all__ = ["Search", "refine"]
 
-KEPT = 3  # members of an ensemble
+KEPT, ALIKE = 3, 1.5  # members of an ensemble, and their error at most, times the best's
 NEAR = 0.05  # prior standard deviations: two starts that found one minimum
-PLACES, GOOD = 6, 4.0  # minima of the physics that go on, and their squared error at most
+PLACES, GOOD = 4, 4.0  # minima of the physics that go on, and their squared error at most
+FIRST_TRIALS, LAST_TRIALS = 30, 60  # of the physics, where networks follow and where none do
 WILD = 1e6  # times its start: a simulation that blows up
 SCATTER = 0.5  # prior standard deviations: a factor of 3 for positive constants
+HOLD_STARTS = 3
 CLEARLY = 0.9  # of the error with a simpler hold: half a sample of delay hides in many constants
 HOLDS: tuple[Hold, ...] = ("zero", "linear", "band-limited")
 
@@ -94,15 +96,15 @@ def refine(
     choices: dict[str, dict[str, Any]] = {"hold": {}, "hidden": {}}
     if plant.spec.open_holds and candidates:
         progress("choosing the inputs' hold")
-        best = min(candidates, key=lambda c: c.validation)
-        choices["hold"], data.signals = _choose_hold(data, best, plant.spec.open_holds)
-        candidates = [_again(data, c) for c in candidates]
+        choices["hold"], data.signals = _choose_hold(data, candidates, plant.spec.open_holds)
+        candidates = _distinct([_again(data, c) for c in candidates])
     if plant.spec.networks and candidates:
         candidates += with_networks(data, candidates, warm, seed, restarts, progress)
     tried = [(c.origin, c.validation) for c in candidates]
     if not any(np.isfinite(c.validation) for c in candidates):
         raise InputError(blow_up(data, plant))
     members = _distinct(candidates)[:KEPT]
+    members = [c for c in members if c.validation <= ALIKE * members[0].validation]
     if len(data.pieces) < len(data.whole):
         progress("fitting the best to all samples")
         members = _on_all_samples(data, members[:FINALISTS])
@@ -194,7 +196,10 @@ def _physics(
     fits.sort(key=lambda each: each.mse)
     data.remember(short, fits[0].x)
     progress("fitting the physics over long windows")
-    longs = data.fit(plant, unknowns, np.stack(_apart(fits)), sigma=sigma_of(fits[0]))
+    trials = FIRST_TRIALS if plant.spec.networks else LAST_TRIALS
+    longs = data.fit(
+        plant, unknowns, np.stack(_apart(fits)), sigma=sigma_of(fits[0]), trials=trials
+    )
     return _distinct(
         [validated(data, Candidate(plant, unknowns, each, np.inf, "physics")) for each in longs]
     )
@@ -211,13 +216,17 @@ def _apart(fits: Sequence[Fitted]) -> list[np.ndarray]:
 
 
 def _choose_hold(
-    data: Data, best: Candidate, names: Sequence[str]
+    data: Data, candidates: Sequence[Candidate], names: Sequence[str]
 ) -> tuple[dict[str, str], Signals]:
-    """The hold of the inputs that the file leaves open, by the error of a refit."""
+    """The hold of the inputs that the file leaves open, by the error of a refit.
+
+    From several minima: which is the best under a wrong hold says little.
+    """
+    best = sorted(candidates, key=lambda c: c.validation)[:HOLD_STARTS]
     chosen, least, given = HOLDS[0], np.inf, data.signals
     for hold in HOLDS:
         data.signals = _held(given, names, hold)
-        error = _again(data, best).validation
+        error = min(_again(data, each).validation for each in best)
         if error < CLEARLY * least:
             chosen, least = hold, error
     return dict.fromkeys(names, chosen), _held(given, names, chosen)
