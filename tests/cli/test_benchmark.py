@@ -13,7 +13,7 @@ def measured(monkeypatch):
 
     def measure(chosen, seeds, progress):
         model = Model(plant_of(chosen), {})
-        trials = [run.Trial(k, model, k + 1.0, {}, {}, ["said once"]) for k in seeds]
+        trials = [run.Trial(k, model, k + 1.0, {}, {}, {}, ["said once"]) for k in seeds]
         return run.Found(chosen, Records((), ()), trials, {"jax_sysid": "skipped: for a reason."})
 
     monkeypatch.setattr(run, "measure", measure)

@@ -120,10 +120,32 @@ def test_errors_are_those_of_pure_simulation_after_the_window(made_up, no_peer):
 
 
 def test_a_fit_that_diverges_is_null_and_not_a_number(made_up, no_peer, monkeypatch):
-    nothing = {"outputs": {"y": {"rmse": None}}}
-    monkeypatch.setattr(run, "evaluate", lambda *a: (nothing, []))
+    honest = run.predict
+
+    def diverging(*arguments):
+        return [p._replace(predicted=np.full_like(p.predicted, np.inf)) for p in honest(*arguments)]
+
+    monkeypatch.setattr(run, "predict", diverging)
     content = run.as_dict(run.measure(BENCHMARK, range(1)))
     assert content["splits"]["exact"]["rmse"] == {"median": None, "min": None, "max": None}
+
+
+def test_the_prediction_is_the_mean_of_the_members(made_up, no_peer, monkeypatch):
+    def two(*arguments, **options):
+        model, account = fitted(*arguments, **options)
+        return model.with_members([model.plant]), account
+
+    honest, shifts = run.predict, iter([0.0, 4.0] * 2)
+
+    def shifted(*arguments):
+        shift = next(shifts)
+        return [p._replace(predicted=p.predicted + shift) for p in honest(*arguments)]
+
+    monkeypatch.setattr(run, "fit", two)
+    monkeypatch.setattr(run, "predict", shifted)
+    exact = run.as_dict(run.measure(BENCHMARK, range(1)))["splits"]["exact"]
+    assert exact["rmse"]["max"] == pytest.approx(2e3, abs=1e-2)  # mV: half of 4 V
+    assert exact["best_member"]["max"] == pytest.approx(0.0, abs=1e-2)
 
 
 def test_without_its_environment_the_peer_says_how_to_get_it(made_up, no_peer):

@@ -89,7 +89,7 @@ def equivalents(
             solved = least_squares(
                 lambda t, to: np.asarray(error(t, to)),
                 start,
-                lambda t, to: np.asarray(jacobian(t, to)),
+                lambda t, to: np.asarray(jacobian(t, to)),  # pyright: ignore[reportArgumentType]
                 bounds=(lower, upper),
                 max_nfev=200,
                 args=(wanted,),

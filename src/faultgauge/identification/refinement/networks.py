@@ -29,7 +29,7 @@ from faultgauge.plants.shape import FREE
 
 __all__ = ["FINALISTS", "with_networks"]
 
-SILENT_STARTS = 2
+SILENT_STARTS, MANY_STARTS = 2, 4  # where samples are many, and where they are few
 SCALE_POINTS = 500
 FIRST_ROUND, FINALISTS = 2, 2  # after this prior weight, so many starts go on down the path
 # Weights of the networks' prior. Stronger ones first lead the search into worse minima.
@@ -41,7 +41,7 @@ WARM_RIDGES = tuple(10.0**k for k in range(-1, 4))  # upwards: networks that are
 TRIALS, MOST_EFFORT = 25, 6.0  # per prior weight; more of them where a log is short
 PATIENCE, BETTER = 2, 0.99  # of the validation error: less gain does not pay another prior weight
 WHISPER = 0.3  # of a start's output weights where squares of them count: at 0 they have no slope
-MARGIN = 1.2  # of the arguments' range under the physics alone: networks will move it
+MARGINS = (1.2, 2.0)  # of the arguments' range under the physics alone: networks will move it
 
 
 def with_networks(
@@ -62,13 +62,18 @@ def with_networks(
         sigma, plant = _screened(data, bases, seed)
         found += _path(data, "networks", [plant], LEARNED_RIDGES, sigma, progress)
     else:
-        silent: list[GrayBoxPlant] = []
-        for k in range(min(restarts, max(SILENT_STARTS, len(bases)))):
-            base = bases[k % len(bases)]
-            values = base.unknowns.assemble(base.plant, jnp.asarray(base.fitted.theta))
-            scaled = _like(silent[0], values) if silent else _scaled(data, base, data.pieces)
-            silent.append(_silent(scaled, np.random.default_rng([seed, 11, k]), k == 0))
-        found += _path(data, "networks", silent, RIDGES, sigma, progress)
+        few = sample_count(data.pieces) <= SCREEN
+        count = min(restarts, MANY_STARTS if few else max(SILENT_STARTS, len(bases)))
+        for margin in MARGINS if few else MARGINS[:1]:
+            silent: list[GrayBoxPlant] = []
+            for k in range(count):
+                base = bases[k % len(bases)]
+                values = base.unknowns.assemble(base.plant, jnp.asarray(base.fitted.theta))
+                scaled = _like(silent[0], values) if silent else _scaled(data, base, data.pieces)
+                rng = np.random.default_rng([seed, 11, k])
+                silent.append(_silent(scaled, rng, 1.0 if silent else margin))
+            name = f"networks, margin {margin:g}"
+            found += _path(data, name, silent, RIDGES, sigma, progress)
     if warm:
         sigma = sigma_of(candidates[0].fitted)
         name = "warm start, refined"
@@ -98,7 +103,7 @@ def _screened(data: Data, bases: Sequence[Candidate], seed: int) -> tuple[float,
         )[0]
         if settled.usable:
             scaled = _scaled(data, replace(base, fitted=settled), short)
-            plant = _silent(scaled, np.random.default_rng([seed, 11, k]), True)
+            plant = _silent(scaled, np.random.default_rng([seed, 11, k]), MARGINS[0])
             tried.append(_learned(data, plant, short, sigma))
     tried.sort(key=lambda each: each[0])
     sigma = sigma_of(bases[0].fitted)
@@ -274,9 +279,11 @@ def _outputs_scaled(
     return eqx.tree_at(lambda p: p.networks, plant, networks)
 
 
-def _silent(plant: GrayBoxPlant, rng: np.random.Generator, widen: bool) -> GrayBoxPlant:
-    """Networks that start at (about) zero, so that the physics is where the fit begins."""
-    margin = MARGIN if widen else 1.0
+def _silent(plant: GrayBoxPlant, rng: np.random.Generator, margin: float) -> GrayBoxPlant:
+    """Networks that start at (about) zero, so that the physics is where the fit begins.
+
+    `margin` widens their arguments' ranges.
+    """
     networks = {}
     for spec in plant.spec.networks:
         start = nguyen_widrow(spec.hidden, spec.arity, rng, spec.shape)

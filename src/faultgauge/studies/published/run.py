@@ -7,24 +7,28 @@ from typing import Any
 
 import numpy as np
 
-from faultgauge.identification.evaluation import Prediction, evaluate
+from faultgauge.identification.evaluation import Prediction, predict
 from faultgauge.identification.fit import fit
 from faultgauge.plants.model import Model
 from faultgauge.studies.published.benchmark import Benchmark, Records, plant_of, records
 from faultgauge.studies.published.peers import jax_sysid
 from faultgauge.studies.published.spread import spread
 
-__all__ = ["Found", "Trial", "as_dict", "measure"]
+__all__ = ["Found", "Trial", "as_dict", "mean_of", "measure"]
 
 
 @dataclass(frozen=True)
 class Trial:
-    """One seed: the model, how long its fit took [s], its errors and free runs by split."""
+    """One seed: the model, how long its fit took [s], its errors and free runs by split.
+
+    The prediction is the mean over the model's ensemble; `alone` is the error of its best member.
+    """
 
     seed: int
     model: Model
     fit_s: float
     rmse: dict[str, float]
+    alone: dict[str, float]
     predictions: dict[str, list[Prediction]]
     warnings: list[str]
 
@@ -59,17 +63,40 @@ def measure(
 def _trial(chosen: Benchmark, held: Records, seed: int, progress: Callable[[str], None]) -> Trial:
     plant = plant_of(chosen)
     begun = time.perf_counter()
-    model, account = fit(plant, held.train, seed=seed, refine=True, progress=progress)
+    model, account = fit(
+        plant, held.train, seed=seed, refine=True, ensemble=True, progress=progress
+    )
     fit_s = time.perf_counter() - begun
-    rmse, predictions = {}, {}
+    rmse, alone, predictions = {}, {}, {}
     for split in held.splits:
         progress(f"simulating {split.name}")
-        scores, predictions[split.name] = evaluate(
-            model.plant, [split.test], model.max_step, split.window
+        members = [
+            predict(member, [split.test], model.max_step, split.window)
+            for member in (model.plant, *model.members)
+        ]
+        alone[split.name] = _error(chosen, members[0])
+        predictions[split.name] = mean_of(members)
+        rmse[split.name] = _error(chosen, predictions[split.name])
+    return Trial(seed, model, fit_s, rmse, alone, predictions, list(account.warnings))
+
+
+def mean_of(members: Sequence[Sequence[Prediction]]) -> list[Prediction]:
+    """The members' free runs of the same stretches, averaged sample by sample."""
+    return [
+        same[0]._replace(
+            predicted=np.mean([each.predicted for each in same], axis=0),
+            x=np.mean([each.x for each in same], axis=0),
         )
-        error = scores["outputs"][chosen.output]["rmse"]
-        rmse[split.name] = np.inf if error is None else chosen.scale * error
-    return Trial(seed, model, fit_s, rmse, predictions, list(account.warnings))
+        for same in zip(*members, strict=True)
+    ]
+
+
+def _error(chosen: Benchmark, predictions: Sequence[Prediction]) -> float:
+    """RMSE in the benchmark's unit, infinite where a free run diverges."""
+    parts = [(each.measured - each.predicted)[each.warmup :] for each in predictions]
+    with np.errstate(over="ignore", invalid="ignore"):
+        error = chosen.scale * float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
+    return error if np.isfinite(error) else np.inf
 
 
 def as_dict(found: Found) -> dict[str, Any]:
@@ -79,6 +106,7 @@ def as_dict(found: Found) -> dict[str, Any]:
         best = split.published
         splits[split.name] = {
             "rmse": spread([trial.rmse[split.name] for trial in found.trials]),
+            "best_member": spread([trial.alone[split.name] for trial in found.trials]),
             "published_best": None if best is None else best.rmse,
             "published_by": None if best is None else best.by,
         }
