@@ -44,12 +44,13 @@ class Material(NamedTuple):
 
 class EquationFit(NamedTuple):
     """The selected plant, others by rank, the groups' accounts, and the plant's free-run error on
-    held-out data (a share of the outputs' spread)."""
+    held-out data (a share of the outputs' spread), and what the user should know."""
 
     plant: GrayBoxPlant
     others: list[GrayBoxPlant]
     reports: list[GroupReport]
     error: float
+    warnings: list[str]
 
 
 def material(
@@ -83,11 +84,11 @@ def fit_equations(
     restarts: int,
     algorithm: AlgorithmName,
     progress: Callable[[str], None],
-    warnings: list[str],
 ) -> EquationFit:
     """Fit every group, take the best by equation error, then select each by free run."""
     training, validation, windows = given.training, given.validation, given.windows
     found, reports, others = [], [], []
+    warnings: list[str] = []
     for number, group in enumerate(groups(plant.spec, how.outputs)):
         progress(f"fitting {group.name}")
         plant = scale_networks(plant, group, training)
@@ -116,7 +117,7 @@ def fit_equations(
         error = float(reports[-1].free_run[reports[-1].chosen])
     else:
         error = float(free_run_errors([plant], windows, longest)[0])
-    return EquationFit(plant, others, reports, error)
+    return EquationFit(plant, others, reports, error, warnings)
 
 
 def _ranked(solution: Solution) -> np.ndarray:

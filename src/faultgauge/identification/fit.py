@@ -22,6 +22,7 @@ from faultgauge.identification.levenberg_marquardt import CONVERGED
 from faultgauge.identification.log_checks import log_warnings
 from faultgauge.identification.refinement.result import Refinement, refine_on_logs
 from faultgauge.identification.samples import Channels, Samples, channels, in_effect
+from faultgauge.identification.sizes import chosen_sizes, smallest_sufficient, with_hidden
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
 from faultgauge.plants.plant_file import PlantSpec
@@ -102,8 +103,16 @@ def fit(
     result = refinement = None
     if not by_simulation:
         given = material(spec, acting, unseen, how, seed)
-        stage = fit_equations(plant, how, given, seed, restarts, algorithm, progress, warnings)
+        stage = smallest_sufficient(
+            plant,
+            lambda sized: _error_and_stage(
+                fit_equations(sized, how, given, seed, restarts, algorithm, progress)
+            ),
+        )
+        warnings += stage.warnings
         groups, noise, warm = stage.reports, given.noise, [stage.plant, *stage.others]
+        if spec.open_sizes:
+            plant = with_hidden(plant, chosen_sizes(spec, stage.plant))
         result = _of_equations(stage, given)
     if refine:
         refinement = refine_on_logs(
@@ -124,6 +133,8 @@ def fit(
             "this model; give better parameter values, more restarts or more excitation"
         )
     record = _record(result, how, logs, validate, noise, groups, refinement, seed)
+    if spec.open_holds or spec.open_sizes:
+        record["choices"] = _choices(spec, result.plant, refinement)
     model = Model(result.plant, record)
     if ensemble and refinement is not None:
         model = model.with_members(refinement.members[1:])
@@ -139,6 +150,18 @@ def _by_simulation(spec: PlantSpec, how: Channels, refine: bool | None) -> list[
             "found by simulation error only; leave the refinement on."
         )
     return names
+
+
+def _error_and_stage(stage: EquationFit) -> tuple[float, EquationFit]:
+    return stage.error, stage
+
+
+def _choices(
+    spec: PlantSpec, plant: GrayBoxPlant, refinement: Refinement | None
+) -> dict[str, dict[str, Any]]:
+    """What the file left open and the fit decided."""
+    hold = refinement.choices["hold"] if refinement else {}
+    return {"hold": hold, "hidden": chosen_sizes(spec, plant)}
 
 
 def _of_equations(stage: EquationFit, given: Material) -> _Result:
@@ -214,7 +237,6 @@ def _record(
         },
     }
     if refinement is not None:
-        record["choices"] = refinement.choices
         record["metrics"]["refinement"] = refinement.metrics()
     return record
 

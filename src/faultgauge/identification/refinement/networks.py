@@ -21,6 +21,7 @@ from faultgauge.identification.refinement.linear_starts import equivalents
 from faultgauge.identification.refinement.records import Piece
 from faultgauge.identification.refinement.unknowns import WEIGHTS, Unknowns, unknowns_of
 from faultgauge.identification.samples import Samples
+from faultgauge.identification.sizes import chosen_sizes, smallest_sufficient, with_hidden
 from faultgauge.identification.starts import nguyen_widrow
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.network import Network
@@ -56,6 +57,10 @@ def with_networks(
     bases = [c for c in candidates if c.origin == "physics"] or list(candidates[:1])
     bases += _equivalent(data, bases[0], np.random.default_rng([seed, 13]))
     sigma = sigma_of(bases[0].fitted)
+    if bases[0].plant.spec.open_sizes:
+        progress("networks: how many hidden units")
+        sizes = _sizes(data, bases[0], sigma, seed)
+        bases = [replace(base, plant=with_hidden(base.plant, sizes)) for base in bases]
     found: list[Candidate] = []
     if len(bases) > FINALISTS and sample_count(data.pieces) > SCREEN:
         progress("networks: which start to take, over short windows")
@@ -111,6 +116,21 @@ def _screened(data: Data, bases: Sequence[Candidate], seed: int) -> tuple[float,
     return min(finals, key=lambda each: each[0])
 
 
+def _sizes(data: Data, base: Candidate, sigma: float, seed: int) -> dict[str, int]:
+    """Hidden units where the file leaves them open: the fewest that suffice, on samples that the
+    fit has not seen."""
+
+    def fit(sized: GrayBoxPlant) -> tuple[float, GrayBoxPlant]:
+        scaled = _scaled(data, replace(base, plant=sized), data.pieces)
+        start = _silent(scaled, np.random.default_rng([seed, 11, 0]), MARGINS[0])
+        unknowns = unknowns_of(start)
+        theta = unknowns.vector(start)[None]
+        fitted = data.fit(start, unknowns, theta, sigma=sigma, trials=TRIALS)[0]
+        return validated(data, Candidate(start, unknowns, fitted, np.inf, "")).validation, start
+
+    return chosen_sizes(base.plant.spec, smallest_sufficient(base.plant, fit))
+
+
 def _learned(
     data: Data, plant: GrayBoxPlant, pieces: Sequence[Piece], sigma: float
 ) -> tuple[float, GrayBoxPlant]:
@@ -153,10 +173,8 @@ def _path(
         for k, fitted in zip(going, fits, strict=True):
             found = validated(data, Candidate(plants[0], unknowns, fitted, np.inf, name, ridge))
             before = best[k].validation if k in best else np.inf
-            if found.validation < BETTER * before:
-                quiet = 0
-            if k not in best or found.validation < before:
-                best[k] = found
+            if k not in best or found.validation < BETTER * before:  # or the stronger prior stays
+                best[k], quiet = found, 0
         if quiet == PATIENCE:
             break
         thetas = np.stack([fitted.theta for fitted in fits])

@@ -15,6 +15,7 @@ from faultgauge.identification.refinement.records import records_of
 from faultgauge.identification.refinement.search import Search, refine
 from faultgauge.identification.refinement.uncertainty import Information, information
 from faultgauge.identification.samples import Channels, Samples
+from faultgauge.identification.sizes import chosen_sizes
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.settle import settle
 from faultgauge.telemetry import Run
@@ -101,7 +102,7 @@ def refine_on_logs(
         error=best.validation,
         substeps=data.substeps,
         sample_time=float(np.median([record.step for record in records])),
-        choices=found.choices,
+        choices={"hold": found.holds, "hidden": chosen_sizes(plant.spec, members[0])},
         tried=found.tried,
         information=known,
         warnings=warnings,
@@ -111,7 +112,9 @@ def refine_on_logs(
 def _settled(candidate: Candidate, found: Search) -> GrayBoxPlant:
     """The candidate's plant, with what the file left open decided."""
     fitted = candidate.unknowns.assemble(candidate.plant, jnp.asarray(candidate.fitted.theta))
-    spec = settle(candidate.plant.spec, found.choices["hold"])
+    spec = settle(
+        candidate.plant.spec, found.holds, chosen_sizes(candidate.plant.spec, candidate.plant)
+    )
     networks, parameters = jax.tree.map(jnp.asarray, (fitted.networks, fitted.parameters))
     return GrayBoxPlant(spec.signals, spec, networks, parameters)
 

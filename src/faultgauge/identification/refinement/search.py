@@ -11,7 +11,6 @@ start, the warm start is what is returned.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from jaxtyping import Bool
@@ -35,6 +34,7 @@ from faultgauge.identification.refinement.simulation_error import (
     Fitted,
     simulated,
 )
+from faultgauge.identification.refinement.stepping import step_error
 from faultgauge.identification.refinement.unknowns import unknowns_of
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.signals import Hold, Signals
@@ -47,6 +47,7 @@ NEAR = 0.05  # prior standard deviations: two starts that found one minimum
 PLACES, GOOD = 4, 4.0  # minima of the physics that go on, and their squared error at most
 FIRST_TRIALS, LAST_TRIALS = 30, 60  # of the physics, where networks follow and where none do
 WILD = 1e6  # times its start: a simulation that blows up
+MATTERS, MOST_SUBSTEPS = 0.2, 32  # of the fit's error: what halving the step may change
 SCATTER = 0.5  # prior standard deviations: a factor of 3 for positive constants
 HOLD_STARTS = 3
 CLEARLY = 0.9  # of the error with a simpler hold: half a sample of delay hides in many constants
@@ -55,14 +56,15 @@ HOLDS: tuple[Hold, ...] = ("zero", "linear", "band-limited")
 
 @dataclass(frozen=True)
 class Search:
-    """The members, best first; what was chosen for what the file leaves open; what was tried.
+    """The members, best first; the holds that were chosen where the file leaves them open; what was
+    tried.
 
     `won` is False where no refinement beat the warm start, which then is the first member.
     """
 
     members: list[Candidate]
     data: Data
-    choices: dict[str, dict[str, Any]]
+    holds: dict[str, str]
     tried: list[tuple[str, float]]
     won: bool
     notes: list[str]
@@ -93,10 +95,10 @@ def refine(
         progress("simulating the warm start")
         candidates.append(_as_it_is(data, warm[0]))
     candidates += _physics(data, plant, warm, seed, restarts, progress, notes)
-    choices: dict[str, dict[str, Any]] = {"hold": {}, "hidden": {}}
+    holds: dict[str, str] = {}
     if plant.spec.open_holds and candidates:
         progress("choosing the inputs' hold")
-        choices["hold"], data.signals = _choose_hold(data, candidates, plant.spec.open_holds)
+        holds, data.signals = _choose_hold(data, candidates, plant.spec.open_holds)
         candidates = _distinct([_again(data, c) for c in candidates])
     if plant.spec.networks and candidates:
         candidates += with_networks(data, candidates, warm, seed, restarts, progress)
@@ -108,8 +110,9 @@ def refine(
     if len(data.pieces) < len(data.whole):
         progress("fitting the best to all samples")
         members = _on_all_samples(data, members[:FINALISTS])
+    members = _finer(data, members, progress)
     won = members[0].origin != WARM
-    return Search(members, data, choices, tried, won, notes)
+    return Search(members, data, holds, tried, won, notes)
 
 
 def _distinct(candidates: Sequence[Candidate]) -> list[Candidate]:
@@ -145,6 +148,21 @@ def _on_all_samples(data: Data, members: Sequence[Candidate]) -> list[Candidate]
             )[0]
         found.append(validated(data, replace(c, fitted=fitted, ridge=c.ridge * share)))
     return sorted(found, key=lambda c: c.validation)
+
+
+def _finer(
+    data: Data, members: list[Candidate], progress: Callable[[str], None]
+) -> list[Candidate]:
+    """The members with more substeps, while they matter to the best one and help on validation."""
+    while data.substeps < MOST_SUBSTEPS and step_error(data, members[0]) > MATTERS:
+        progress(f"fitting the best with {2 * data.substeps} substeps")
+        data.substeps *= 2
+        finer = sorted((_again(data, c) for c in members), key=lambda c: c.validation)
+        if not finer[0].validation < members[0].validation:
+            data.substeps //= 2
+            break
+        members = finer
+    return members
 
 
 def _substeps(plant: GrayBoxPlant, records: Sequence[Record]) -> int:
@@ -246,7 +264,9 @@ def _again(data: Data, candidate: Candidate) -> Candidate:
         fitted = data.fit_starts(plant, unknowns, theta)
     else:
         sigma = sigma_of(candidate.fitted)
-        fitted = data.fit(plant, unknowns, theta[None], sigma=sigma, trials=30)[0]
+        fitted = data.fit(
+            plant, unknowns, theta[None], sigma=sigma, ridge=candidate.ridge, trials=30
+        )[0]
     return validated(data, replace(candidate, fitted=fitted))
 
 

@@ -1,0 +1,33 @@
+"""What the integration step adds to a fit's error."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from faultgauge.identification.refinement.candidate import Candidate
+from faultgauge.identification.refinement.data import Data
+from faultgauge.identification.refinement.simulation_error import simulated
+
+__all__ = ["step_error"]
+
+
+def step_error(data: Data, candidate: Candidate) -> float:
+    """What twice the substeps change in the simulated outputs, as a share of the fit's error."""
+    fitted, found = candidate.fitted, []
+    for factor in (1, 2):
+        finer = replace(data, substeps=factor * data.substeps)
+        windows = finer.windows(data.pieces)
+        found.append(
+            simulated(
+                candidate.plant,
+                candidate.unknowns,
+                fitted.theta,
+                fitted.z,
+                windows,
+                finer.substeps,
+            )[1]
+        )
+    coarse, fine = found
+    weighed = max(int(np.sum(windows.weight > 0)), 1)
+    change = float(np.sqrt(np.sum((fine - coarse) ** 2) / weighed))
+    return change / max(float(np.sqrt(fitted.mse)), 1e-12)
