@@ -1,7 +1,10 @@
 """The application: its commands, and what becomes of errors."""
 
+import re
 import sys
 import traceback
+from collections.abc import Iterator
+from itertools import zip_longest
 
 import typer
 from typer.exceptions import TyperException
@@ -78,6 +81,7 @@ def run(arguments: list[str]) -> int:
     if debug:  # legal anywhere on the line
         arguments = ["--debug", *(a for a in arguments if a != "--debug")]
     try:
+        arguments = list(_with_speed(arguments))
         code = typer.main.get_command(app)(arguments, standalone_mode=False)
         if code == INTERRUPTED:  # typer has caught the interrupt itself, and says nothing
             return _fail(STOPPED, INTERRUPTED, debug=False)
@@ -100,6 +104,13 @@ def run(arguments: list[str]) -> int:
             1,
             debug,
         )
+
+
+def _with_speed(arguments: list[str]) -> Iterator[str]:
+    """`--realtime` without a SPEED means 1: options whose value may be left out typer has not."""
+    for argument, following in zip_longest(arguments, arguments[1:], fillvalue=""):
+        alone = argument == "--realtime" and not re.fullmatch(r"[-+]?[\d.].*|nan|inf", following)
+        yield "--realtime=1" if alone else argument
 
 
 def _fail(message: str, code: int, debug: bool) -> int:

@@ -6,16 +6,23 @@ from typing import Annotated, Literal
 import typer
 
 from faultgauge.cli import options
+from faultgauge.errors import InputError
 
 __all__ = ["estimate"]
 
 
 def estimate(
     model: Annotated[Path, typer.Argument(help="Model file.")],
-    logs: options.Logs,
-    out: Annotated[
-        Path, typer.Option("--out", metavar="FILE", help="Table to write: .csv, .csv.gz, .parquet.")
+    logs: Annotated[
+        list[Path],
+        typer.Argument(
+            help="Logs: CSV (.gz too), Parquet, MAT, HDF5, MDF, MCAP; or - for standard input."
+        ),
     ],
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", metavar="FILE", help="Table to write: .csv, .csv.gz, .parquet."),
+    ] = None,
     observer: Annotated[str, typer.Option("--observer", help="Observer to run.")] = "eso",
     reference: Annotated[
         Literal["free", "measured", "observer"],
@@ -25,9 +32,48 @@ def estimate(
     map: options.Map = None,
     where: options.Where = None,
     report: options.ReportFile = None,
+    stream: Annotated[
+        options.RowFormat | None,
+        typer.Option("--stream", help="Of the rows that answer standard input [default: csv]."),
+    ] = None,
+    events: Annotated[
+        Path | None,
+        typer.Option(
+            "--events", metavar="FILE", help="With -: every alarm and event as a line of NDJSON."
+        ),
+    ] = None,
+    view: Annotated[
+        bool, typer.Option("--view", help="With -: residuals, estimates and events, live.")
+    ] = False,
     json: options.Json = False,
 ) -> None:
-    """Estimate faults in logs, in physical units: a row per sample, and events."""
+    """Estimate faults in logs, in physical units: a row per sample, and events.
+
+    With - for the log, telemetry (CSV or NDJSON) is read from standard input and every row is
+    answered on standard output as it arrives, as the whole file would be.
+    """
+    if Path("-") in logs:
+        refused = {
+            "more than one log": len(logs) > 1,
+            "--out": out is not None,
+            "--where": where is not None,
+            "--report": report is not None,
+            "--json": json,
+        }
+        for name in (name for name, given in refused.items() if given):
+            raise InputError(
+                f"{name} does not go with -, which answers rows on standard output as they "
+                "arrive; leave it out, or give the log as a file."
+            )
+        from faultgauge.cli.live import answer
+
+        answer(model, observer, reference, time, map, stream or "csv", events, view)
+        return
+    if out is None:
+        raise InputError("--out FILE is missing: the table to write (.csv, .csv.gz, .parquet).")
+    for name, given in (("--stream", stream), ("--events", events), ("--view", view)):
+        if given:
+            raise InputError(f"{name} goes with standard input only; give - for the log.")
     from faultgauge.cli.writing import check_folder
     from faultgauge.detection import estimation
     from faultgauge.plants.model import load_model
@@ -47,10 +93,10 @@ def estimate(
         from faultgauge.reporting.report import write
 
         write(estimate_report(fitted, judgements, bank, reference), report)
-    events = [event for judgement in judgements for event in judgement.events]
+    found = [event for judgement in judgements for event in judgement.events]
     if json:
-        options.print_json({"events": estimation.as_dicts(events)})
+        options.print_json({"events": estimation.as_dicts(found)})
         return
-    for line in estimation.sentences(fitted, events):
+    for line in estimation.sentences(fitted, found):
         print(line)
     options.say(f"wrote {out}")

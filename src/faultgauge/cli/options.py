@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -20,6 +20,7 @@ __all__ = [
     "Logs",
     "Map",
     "ReportFile",
+    "RowFormat",
     "Time",
     "Where",
     "narrate",
@@ -51,6 +52,7 @@ Where = Annotated[
 ReportFile = Annotated[
     Path | None, typer.Option("--report", metavar="FILE.html", help="Write a report with figures.")
 ]
+RowFormat = Literal["csv", "ndjson"]
 Logs = Annotated[
     list[Path], typer.Argument(help="Logs: CSV (.gz too), Parquet, MAT, HDF5, MDF, MCAP.")
 ]

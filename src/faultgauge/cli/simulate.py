@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from faultgauge.cli import options
+from faultgauge.errors import InputError
 
 __all__ = ["simulate"]
 
@@ -15,10 +16,35 @@ def simulate(
     out: Annotated[
         Path, typer.Option("--out", metavar="LOG", help="Log to write: .csv, .csv.gz, .parquet.")
     ],
+    realtime: Annotated[
+        float | None,
+        typer.Option(
+            "--realtime",
+            metavar="[SPEED]",
+            help="Against the clock, SPEED times as fast [1], with fault commands from stdin.",
+        ),
+    ] = None,
+    control: Annotated[
+        Path | None,
+        typer.Option("--control", metavar="FILE", help="Follow FILE for commands, not stdin."),
+    ] = None,
+    stream: Annotated[
+        options.RowFormat | None,
+        typer.Option("--stream", help="With --realtime: every row on stdout when it is due."),
+    ] = None,
     report: options.ReportFile = None,
     json: options.Json = False,
 ) -> None:
-    """Simulate a plant in closed loop, healthy or not, and write the log."""
+    """Simulate a plant in closed loop, healthy or not, and write the log.
+
+    With --realtime, faults are injected while it runs: inject NAME SIZE, inject TARGET
+    bias|gain|stuck|dropout SIZE, both with [ramp SECONDS]; clear NAME|all; stop.
+    """
+    for name, given in (("--control", control), ("--stream", stream)):
+        if given and realtime is None:
+            raise InputError(f"{name} goes with --realtime only; add it or leave {name} out.")
+    if stream and json:
+        raise InputError("--stream and --json both want standard output; choose one of them.")
     from faultgauge.cli.writing import check_folder
     from faultgauge.telemetry.writing import as_table, check_writable, write_table
 
@@ -28,6 +54,11 @@ def simulate(
     from faultgauge.simulation.scenario import read_scenario
 
     planned = read_scenario(scenario)
+    if realtime is not None:
+        from faultgauge.cli.realtime import against_the_clock
+
+        against_the_clock(planned, realtime, out, control, stream, report, json)
+        return
     with options.narrate("simulating"):
         run = carry_out(planned)
     columns = as_table(run)

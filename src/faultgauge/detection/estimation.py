@@ -1,6 +1,6 @@
 """`estimate`: a row per sample, a status that can say "not judged", and events."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -8,12 +8,25 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from faultgauge.detection.calibration import channels_of, score
-from faultgauge.detection.judged import Bank, build_bank, estimate_run
+from faultgauge.detection.judged import Bank, Estimates, build_bank, estimate_run
 from faultgauge.detection.residual import Reference, residuals
 from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run
+from faultgauge.telemetry.runs import paced
 
-__all__ = ["Event", "Judgement", "as_dicts", "estimate", "sentence", "sentences", "table"]
+__all__ = [
+    "Event",
+    "Judgement",
+    "Limits",
+    "as_dicts",
+    "estimate",
+    "events",
+    "judged",
+    "pause",
+    "sentence",
+    "sentences",
+    "table",
+]
 
 HEALTHY, FAULT, NOT_JUDGED = "HEALTHY", "FAULT", "NOT_JUDGED"
 MERGE = 2.0  # pauses shorter than this many 1 / omega_o do not end an event
@@ -63,25 +76,52 @@ def estimate(
     `reference` chooses the healthy reference of the residual columns. Raises `InputError`
     where no declared fault can be estimated from the columns at hand.
     """
+    runs = [paced(run) for run in runs]
     bank = build_bank(model, runs, observer)
     return [_judge(bank, run, reference) for run in runs], bank
 
 
 def _judge(bank: Bank, run: Run, reference: Reference) -> Judgement:
-    model = bank.model
     estimates = estimate_run(bank, run)
-    calibration = model.calibration
-    nothing = np.full(len(run.t), np.nan)
-    f = {name: estimates.f.get(name, nothing) for name in model.plant.signals.fault_names}
-    if calibration is None:
-        above, half_width, events = np.zeros(len(run.t), bool), {}, []
-    else:
+    values = {} if bank.model.calibration is None else channels_of(bank, estimates)
+    return judged(bank, estimates, values, residuals(bank.model, run, reference))
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What the calibration says of the channels that are judged."""
+
+    scales: dict[str, float]
+    half_width: dict[str, float]
+    limit: float
+
+    @staticmethod
+    def of(bank: Bank, names: Collection[str]) -> "Limits":
+        """Of the channels `names`; an uncalibrated model has no limit."""
+        calibration = bank.model.calibration or {"channels": {}, "limit": np.inf}
         known = calibration["channels"]
-        values = channels_of(bank, estimates)
-        scales = {name: known[name]["scale"] for name in values if name in known}
-        half_width = {name: known[name]["interval"] for name in scales}
-        above = (score(values, scales) > calibration["limit"]) & estimates.settled
-        events = _events(bank, run, values, scales, half_width, above)
+        return Limits(
+            {name: known[name]["scale"] for name in names if name in known},
+            {name: known[name]["interval"] for name in names if name in known},
+            float(calibration["limit"]),
+        )
+
+
+def judged(
+    bank: Bank,
+    estimates: Estimates,
+    values: dict[str, Float[np.ndarray, "samples"]],
+    r: dict[str, Float[np.ndarray, "samples"]],
+) -> Judgement:
+    """What `estimates` and the channels' `values` mean, beside the residuals `r`."""
+    run, calibration = estimates.run, bank.model.calibration
+    nothing = np.full(len(run.t), np.nan)
+    f = {n: estimates.f.get(n, nothing) for n in bank.model.plant.signals.fault_names}
+    limits = Limits.of(bank, values)
+    above = np.zeros(len(run.t), bool)
+    if limits.scales:
+        above = (score(values, limits.scales) > limits.limit) & estimates.settled
+    found = events(bank, run, values, limits, above)
     status, reason = [], []
     for sampled, settled, alarm in zip(estimates.sampled, estimates.settled, above, strict=True):
         why = (
@@ -95,37 +135,41 @@ def _judge(bank: Bank, run: Run, reference: Reference) -> Judgement:
         )
         status.append(NOT_JUDGED if why else FAULT if alarm else HEALTHY)
         reason.append(why)
-    r = residuals(model, run, reference)
-    return Judgement(run, r, f, half_width, status, reason, events)
+    return Judgement(run, r, f, limits.half_width, status, reason, found)
 
 
-def _events(
+def events(
     bank: Bank,
     run: Run,
     values: dict[str, Float[np.ndarray, "samples"]],
-    scales: dict[str, float],
-    half_width: dict[str, float],
+    limits: Limits,
     above: Bool[np.ndarray, "samples"],
 ) -> list[Event]:
+    """Stretches of `above`; pauses shorter than `pause(bank)` are bridged."""
     edges = np.flatnonzero(np.diff(above, prepend=False, append=False)).reshape(-1, 2)
     merged: list[list[int]] = []
     for start, stop in edges:
-        if merged and run.t[start] - run.t[merged[-1][1] - 1] < MERGE / bank.bandwidth:
+        if merged and run.t[start] - run.t[merged[-1][1] - 1] < pause(bank):
             merged[-1][1] = int(stop)
         else:
             merged.append([int(start), int(stop)])
-    events = []
+    found = []
     for start, stop in merged:
         t = run.t[start:stop]
         late = t - t[0] >= min(SETTLING / bank.bandwidth, (t[-1] - t[0]) / 2)
-        sizes = {name: values[name][start:stop][late] for name in scales}
-        name = max(sizes, key=lambda n: float(np.nanmedian(np.abs(sizes[n])) / scales[n]))
+        sizes = {name: values[name][start:stop][late] for name in limits.scales}
+        name = max(sizes, key=lambda n: float(np.nanmedian(np.abs(sizes[n])) / limits.scales[n]))
         size = float(np.nanmedian(sizes[name]))
-        spread = half_width[name]
-        events.append(
+        spread = limits.half_width[name]
+        found.append(
             Event(run.name, name, float(t[0]), float(t[-1]), size, size - spread, size + spread)
         )
-    return events
+    return found
+
+
+def pause(bank: Bank) -> float:
+    """The shortest pause [s] that ends an event."""
+    return MERGE / bank.bandwidth
 
 
 def table(judgements: Sequence[Judgement], faults: Sequence[str]) -> dict[str, list[Any]]:

@@ -1,22 +1,21 @@
 """Running a model's observers beside a log: one row per sample, and what cannot be judged."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
 from faultgauge.errors import InputError
-from faultgauge.identification.evaluation import WARMUP, start_of_run
+from faultgauge.identification.evaluation import WARMUP, start_of_run, varying_parameters
 from faultgauge.identification.samples import in_effect
-from faultgauge.observers import OBSERVERS, Design, Observer, observe
+from faultgauge.observers import OBSERVERS, Design
+from faultgauge.observers.beside import Beside, States
+from faultgauge.observers.follow import follow
 from faultgauge.observers.observer import OperatingPoints
 from faultgauge.plants.model import Model
 from faultgauge.plants.plant import Plant
-from faultgauge.simulation.free_run import bucket, pad
 from faultgauge.telemetry import Run, segments
 
 __all__ = [
@@ -25,17 +24,19 @@ __all__ = [
     "Start",
     "bandwidth_of",
     "build_bank",
+    "check_observer",
     "estimate_run",
     "measured_outputs",
     "operating_points",
     "record_arrays",
-    "run_observer",
+    "steps_to",
+    "samples_to_start",
     "start_from_samples",
 ]
 
 SAMPLES_PER_RADIAN = 10.0  # default bandwidth: omega_o dt = 0.1
 SETTLING = 5.0  # hold-off after a start, in units of 1 / omega_o
-START_SAMPLES = 20
+START_SAMPLES = 20  # whose slopes are the first rates of measured states
 
 
 @dataclass(frozen=True)
@@ -47,6 +48,25 @@ class Bank:
     refused: dict[str, str]
     bandwidth: float
     step: float
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The columns that a stretch must have sampled."""
+        outputs = (design.output for design in self.designs.values())
+        return tuple(dict.fromkeys([*self.model.plant.signals.input_names, *outputs]))
+
+    def begin(self, start: "Start", u: Float[np.ndarray, "inputs"]) -> tuple[Beside, States]:
+        """(all observers over the run's own plant, their first states)."""
+        judge = Beside.of(self.designs).on(start.plant)
+        return judge, judge.init(start.x, u)
+
+    def samples(self, run: Run, part: slice) -> tuple[Float[np.ndarray, "samples ..."], ...]:
+        """What the observers' step is given: u, y, dt."""
+        return *record_arrays(self.model, run, part), steps_to(run.t[part])
+
+    def has_settled(self, since: Float[np.ndarray, "*samples"]) -> Bool[np.ndarray, "*samples"]:
+        """Whether the hold-off is over `since` [s] the start of a stretch."""
+        return since >= SETTLING / self.bandwidth
 
 
 @dataclass(frozen=True)
@@ -89,6 +109,11 @@ def bandwidth_of(model: Model, step: float) -> float:
     return model.plant.signals.observation.bandwidth or 1.0 / (SAMPLES_PER_RADIAN * step)
 
 
+def check_observer(name: str) -> None:
+    if name not in OBSERVERS:
+        raise InputError(f"unknown observer {name!r}; legal: {', '.join(OBSERVERS)}.")
+
+
 def build_bank(model: Model, runs: Sequence[Run], observer: str = "eso") -> Bank:
     """Design an observer for every declared fault.
 
@@ -96,8 +121,7 @@ def build_bank(model: Model, runs: Sequence[Run], observer: str = "eso") -> Bank
     left. Raises `InputError` for a bandwidth that is unstable somewhere in the envelope, with
     one that is not.
     """
-    if observer not in OBSERVERS:
-        raise InputError(f"unknown observer {observer!r}; legal: {', '.join(OBSERVERS)}.")
+    check_observer(observer)
     step = float(np.median([run.step for run in runs]))
     bandwidth = bandwidth_of(model, step)
     measured = measured_outputs(model, runs)
@@ -154,6 +178,14 @@ class Start(NamedTuple):
     samples: int
 
 
+def samples_to_start(model: Model, columns: Collection[str]) -> int:
+    """How many samples of a stretch `start_from_samples` looks at."""
+    sources = model.record["columns"]["states"]
+    if varying_parameters(model.plant).parameters or any(c not in columns for c, _ in sources):
+        return WARMUP
+    return START_SAMPLES if any(order for _, order in sources) else 2  # of 1 there is no stretch
+
+
 def start_from_samples(model: Model, run: Run, part: slice) -> Start:
     """State at a stretch's first sample: as measured, derivatives of measured ones as slopes of
     the first 20, and the rest by the least error of a free run through the first 50."""
@@ -181,43 +213,30 @@ def start_from_samples(model: Model, run: Run, part: slice) -> Start:
     return Start(plant, x, min(WARMUP, len(y)) if solved else 0)
 
 
-def run_observer(
-    observer: Observer,
-    start: Start,
-    u: Float[np.ndarray, "samples inputs"],
-    y: Float[np.ndarray, "samples outputs"],
-    t: Float[np.ndarray, "samples"],
-) -> tuple[Float[np.ndarray, "samples"], Float[np.ndarray, "samples outputs"]]:
-    """(fault estimate, innovation) at every sample of a stretch."""
-    length = bucket(len(t))
-    dt = np.zeros(length)
-    dt[1 : len(t)] = np.diff(t)
-    padded = np.concatenate([y, np.full((length - len(t), y.shape[1]), np.nan)])
-    own = eqx.tree_at(lambda each: each.plant, observer, start.plant)
-    info = observe(own, *(jnp.asarray(a) for a in (start.x, pad(u, length), padded, dt)))
-    return np.asarray(info.f)[: len(t)], np.asarray(info.innovation)[: len(t)]
+def steps_to(t: Float[np.ndarray, "samples"]) -> Float[np.ndarray, "samples"]:
+    """Seconds from the sample before to each; 0 to the first."""
+    return np.diff(t, prepend=t[:1])
 
 
 def estimate_run(bank: Bank, log: Run) -> Estimates:
     """Run every observer of the bank over `log`; each stretch without a gap starts anew."""
     model = bank.model
     run = in_effect(model.plant.signals, log)
-    used = dict.fromkeys(
-        [*model.plant.signals.input_names, *(d.output for d in bank.designs.values())]
-    )
     count = len(run.t)
     f = {fault: np.full(count, np.nan) for fault in bank.designs}
     innovation = {fault: np.full(count, np.nan) for fault in bank.designs}
     outputs = model.plant.signals.output_names
     sampled, settled = np.zeros(count, bool), np.zeros(count, bool)
-    for part in segments(run, used):
-        u, y = record_arrays(model, run, part)
+    for part in segments(run, bank.names):
+        u, y, dt = bank.samples(run, part)
         t = run.t[part]
         start = start_from_samples(model, run, part)
-        for fault, design in bank.designs.items():
-            f[fault][part], e = run_observer(design.observer, start, u, y, t)
-            innovation[fault][part] = e[:, outputs.index(design.output)]
+        judge, state = bank.begin(start, u[0])
+        infos = follow(judge, state, (u, y, dt))[1]
+        for (fault, design), info in zip(bank.designs.items(), infos, strict=True):
+            f[fault][part] = info.f
+            innovation[fault][part] = info.innovation[:, outputs.index(design.output)]
         sampled[part] = True
-        settled[part] = t - t[0] >= SETTLING / bank.bandwidth
+        settled[part] = bank.has_settled(t - t[0])
         settled[part.start : part.start + start.samples] = False  # they knew what came later
     return Estimates(log, f, innovation, sampled, settled)

@@ -1,31 +1,34 @@
 """The residual r = y - yhat (paper, eq 9) against one of three healthy references."""
 
-from typing import Literal
+from dataclasses import dataclass
+from typing import Any, Literal
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from faultgauge.detection.judged import (
+    Start,
     bandwidth_of,
     measured_outputs,
     operating_points,
     record_arrays,
-    run_observer,
     start_from_samples,
+    steps_to,
 )
 from faultgauge.errors import InputError
 from faultgauge.identification.samples import in_effect, state_column
+from faultgauge.observers import Observer
+from faultgauge.observers.follow import follow
 from faultgauge.observers.luenberger import design_luenberger
+from faultgauge.observers.measured_states import MeasuredStates
+from faultgauge.observers.open_loop import OpenLoop
 from faultgauge.plants.model import Model
-from faultgauge.plants.plant import Plant, respond
 from faultgauge.simulation.free_run import bucket, free_run, pad, substeps_for
-from faultgauge.simulation.integrators import step as integrate
 from faultgauge.telemetry import Run, segments
 
-__all__ = ["REFERENCES", "Reference", "residuals"]
+__all__ = ["REFERENCES", "HealthyReference", "Reference", "curved_inputs", "residuals"]
 
 Reference = Literal["free", "measured", "observer"]
 REFERENCES: tuple[Reference, ...] = ("free", "measured", "observer")
@@ -42,25 +45,98 @@ def residuals(
     """
     signals = model.plant.signals
     run = in_effect(signals, log)
-    outputs = [name for name in signals.output_names if name in run.columns]
-    found = {name: np.full(len(run.t), np.nan) for name in outputs}
-    for part in segments(run, [*signals.input_names, *outputs]):
-        r = {"free": _free, "measured": _measured, "observer": _observed}[reference](
-            model, run, part
-        )
-        for name in outputs:
+    healthy = HealthyReference.of(model, run, reference)
+    found = {name: np.full(len(run.t), np.nan) for name in healthy.outputs}
+    ahead = reference == "free" and curved_inputs(model)
+    for part in segments(run, healthy.names):
+        start = start_from_samples(model, run, part)
+        if ahead:
+            r = _free(model, run, part, start)
+        else:
+            u, y, *rest = healthy.samples(run, part)
+            judge, state = healthy.begin(start, u[0])
+            r = y - follow(judge, state, (u, y, *rest))[1].y
+        for name in healthy.outputs:
             found[name][part] = r[:, signals.output_names.index(name)]
     return found
 
 
-def _free(model: Model, run: Run, part: slice) -> Float[np.ndarray, "samples outputs"]:
+def curved_inputs(model: Model) -> list[str]:
+    """Inputs whose course between two samples takes samples of the future to know."""
+    return [each.name for each in model.plant.signals.inputs if each.hold == "band-limited"]
+
+
+@dataclass(frozen=True)
+class HealthyReference:
+    """A reference for one run: `judge` answers every sample with yhat.
+
+    `outputs` have a column; `names` must be sampled throughout a stretch; `states` are the columns
+    that the judge is fed with, if it is.
+    """
+
+    model: Model
+    judge: Observer | MeasuredStates
+    outputs: tuple[str, ...]
+    names: tuple[str, ...]
+    states: tuple[str, ...] = ()
+
+    @staticmethod
+    def of(model: Model, run: Run, reference: Reference) -> "HealthyReference":
+        """Raises `InputError` where `run` has not the columns that the reference needs."""
+        signals = model.plant.signals
+        outputs = tuple(name for name in signals.output_names if name in run.columns)
+        names = (*signals.input_names, *outputs)
+        substeps = substeps_for(run.step, model.max_step)
+        if reference == "free":
+            return HealthyReference(model, OpenLoop(model.plant, -1, substeps), outputs, names)
+        if reference == "measured":
+            judge = MeasuredStates(model.plant, substeps)
+            return HealthyReference(model, judge, outputs, names, _state_columns(model, run))
+        design = design_luenberger(
+            model.plant,
+            operating_points(model),
+            run.step,
+            bandwidth_of(model, run.step),
+            measured_outputs(model, [run]),
+            model.max_step,
+        )
+        return HealthyReference(model, design.observer, outputs, names)
+
+    def begin(self, start: Start, u: Float[np.ndarray, "inputs"]) -> tuple[Any, Any]:
+        """(judge with the run's own plant, its first state)."""
+        judge = eqx.tree_at(lambda each: each.plant, self.judge, start.plant)
+        return judge, judge.init(jnp.asarray(start.x), jnp.asarray(u))
+
+    def samples(self, run: Run, part: slice) -> tuple[Float[np.ndarray, "samples ..."], ...]:
+        """What the judge's step is given: u, y, dt and, where it is fed with them, the states."""
+        given = (*record_arrays(self.model, run, part), steps_to(run.t[part]))
+        if not self.states:
+            return given
+        return *given, np.stack([run.columns[name][part] for name in self.states], axis=1)
+
+
+def _state_columns(model: Model, run: Run) -> tuple[str, ...]:
+    signals = model.plant.signals
+    columns = [state_column(signals, name, list(run.columns)) for name in signals.state_names]
+    hidden = [n for n, c in zip(signals.state_names, columns, strict=True) if c is None]
+    if hidden:
+        raise InputError(
+            f"{run.source}: --reference measured needs every state measured, but "
+            f"{', '.join(hidden)} has no column; use --reference free or observer."
+        )
+    return tuple(c for c in columns if c is not None)
+
+
+def _free(
+    model: Model, run: Run, part: slice, start: Start
+) -> Float[np.ndarray, "samples outputs"]:
+    """The free run with the true course of band-limited inputs, all samples at once."""
     u, y = record_arrays(model, run, part)
     t, count = run.t[part], part.stop - part.start
     length = bucket(count)
     dt = np.zeros(length)
     dt[: count - 1] = np.diff(t)
     f = jnp.zeros((length, len(model.plant.signals.faults)))
-    start = start_from_samples(model, run, part)
     predicted = free_run(
         start.plant,
         jnp.asarray(start.x),
@@ -70,58 +146,3 @@ def _free(model: Model, run: Run, part: slice) -> Float[np.ndarray, "samples out
         substeps_for(run.step, model.max_step),
     ).y
     return y - np.asarray(predicted)[:count]
-
-
-def _measured(model: Model, run: Run, part: slice) -> Float[np.ndarray, "samples outputs"]:
-    signals = model.plant.signals
-    columns = [state_column(signals, name, list(run.columns)) for name in signals.state_names]
-    hidden = [n for n, c in zip(signals.state_names, columns, strict=True) if c is None]
-    if hidden:
-        raise InputError(
-            f"{run.source}: --reference measured needs every state measured, but "
-            f"{', '.join(hidden)} has no column; use --reference free or observer."
-        )
-    u, y = record_arrays(model, run, part)
-    x = np.stack([run.columns[c][part] for c in columns if c is not None], axis=1)
-    dt = np.append(np.diff(run.t[part]), 0.0)
-    substeps = substeps_for(run.step, model.max_step)
-    static, ahead = _beside(model.plant, jnp.asarray(x), jnp.asarray(u), jnp.asarray(dt), substeps)
-    predicted = np.asarray(static).copy()
-    for j, output in enumerate(signals.outputs):
-        if output.measures is not None:
-            state = signals.state_names.index(output.measures)
-            predicted[1:, j] = np.asarray(ahead)[:-1, state]
-    return y - predicted
-
-
-@eqx.filter_jit
-def _beside(
-    plant: Plant,
-    x: Float[Array, "samples states"],
-    u: Float[Array, "samples inputs"],
-    dt: Float[Array, "samples"],
-    substeps: int,
-) -> tuple[Float[Array, "samples outputs"], Float[Array, "samples states"]]:
-    """(h at the measured states, the states one sample later)."""
-    healthy = jnp.zeros(len(plant.signals.faults))
-    u_next = jnp.concatenate([u[1:], u[-1:]])
-    static = jax.vmap(lambda x, u: respond(plant, x, u)[1])(x, u)
-    ahead = jax.vmap(lambda x, u, v, dt: integrate(plant, x, u, v, healthy, dt, substeps))(
-        x, u, u_next, dt
-    )
-    return static, ahead
-
-
-def _observed(model: Model, run: Run, part: slice) -> Float[np.ndarray, "samples outputs"]:
-    design = design_luenberger(
-        model.plant,
-        operating_points(model),
-        run.step,
-        bandwidth_of(model, run.step),
-        measured_outputs(model, [run]),
-        model.max_step,
-    )
-    u, y = record_arrays(model, run, part)
-    start = start_from_samples(model, run, part)
-    innovation = run_observer(design.observer, start, u, y, run.t[part])[1]
-    return np.where(np.isfinite(y), innovation, np.nan)

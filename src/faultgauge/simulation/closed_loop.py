@@ -10,11 +10,11 @@ from jaxtyping import Array, Bool, Float
 
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant import Plant, Stuck, respond
-from faultgauge.plants.signals import Fault
-from faultgauge.simulation.delay_line import acting, taps
+from faultgauge.plants.signals import Fault, Signals
+from faultgauge.simulation.delay_line import Taps, acting, taps
 from faultgauge.simulation.integrators import step
 
-__all__ = ["Conditions", "Controller", "Record", "closed_loop", "with_faults"]
+__all__ = ["Conditions", "Controller", "Loop", "LoopState", "Record", "closed_loop", "with_faults"]
 
 
 class Controller(NamedTuple):
@@ -49,7 +49,9 @@ class Record(NamedTuple):
     measured: Float[Array, "samples outputs"]
 
 
-class _State(NamedTuple):
+class LoopState(NamedTuple):
+    """What is carried from sample to sample (a checkpoint)."""
+
     x: Array
     u: Array
     past: Array
@@ -64,33 +66,40 @@ def with_faults(plant: GrayBoxPlant, faults: tuple[Fault, ...]) -> GrayBoxPlant:
     )
 
 
-@eqx.filter_jit
-def closed_loop(
-    plant: Plant,
-    controller: Controller,
-    x0: Float[Array, "states"],
-    conditions: Conditions,
-    dt: float,
-) -> Record:
-    """Run `plant` from `x0`; samples are `dt` [s] apart, inputs are held between them.
+class Loop(eqx.Module):
+    """`plant` under `controller`: pure `init` and `step`; samples are `dt` [s] apart.
 
     At a sample the controller reads y under the input that stood until now, then sets the new
-    one. The record holds what the plant does under the new one. An input that is not held runs
-    straight to its next feedforward; gains on such an input have no meaning, since nobody knows
-    the next command before its sample. A delayed input acts later, to the nearest integration
-    step, and stood at its first command before the run.
+    one, held between the samples. The record holds what the plant does under the new one. An input
+    that is not held runs straight to its next feedforward; gains on such an input have no meaning,
+    since nobody knows the next command before its sample. A delayed input acts later, to the
+    nearest integration step, and stood at its first command before the run.
     """
-    signals = plant.signals
-    lower = jnp.array([each.min for each in signals.inputs])
-    upper = jnp.array([each.max for each in signals.inputs])
-    moving = jnp.array([each.hold != "zero" for each in signals.inputs], bool)
-    substeps = conditions.f.shape[1]
-    line = taps([each.delay for each in signals.inputs], dt, substeps)
-    uf = conditions.feedforward
-    following = jnp.concatenate([uf[1:], uf[-1:]])
 
-    def sample(state: _State, given: tuple[Conditions, Array]) -> tuple[_State, Record]:
-        now, later = given
+    plant: Plant
+    controller: Controller
+    dt: float = eqx.field(static=True)
+    substeps: int = eqx.field(static=True)
+
+    @property
+    def line(self) -> Taps:
+        return taps([each.delay for each in self.plant.signals.inputs], self.dt, self.substeps)
+
+    def init(self, x0: Float[Array, "states"], feedforward: Float[Array, "inputs"]) -> LoopState:
+        """Start at state `x0`, the first `feedforward` having stood until now."""
+        signals = self.plant.signals
+        u0 = jnp.clip(feedforward, *_limits(signals))
+        y0 = respond(self.plant, x0, u0, jnp.zeros(len(signals.faults)))[1]
+        past = jnp.broadcast_to(u0, (self.line.depth, 2, len(u0)))
+        return LoopState(x0, u0, past, jnp.zeros(len(signals.inputs)), y0)
+
+    def step(
+        self, state: LoopState, now: Conditions, later: Float[Array, "inputs"]
+    ) -> tuple[LoopState, Record]:
+        """One sample under the conditions `now` of it; `later` is the next feedforward."""
+        plant, controller, dt = self.plant, self.controller, self.dt
+        lower, upper = _limits(plant.signals)
+        moving = jnp.array([each.hold != "zero" for each in plant.signals.inputs], bool)
         first = jax.tree.map(lambda a: a[0], now.stuck)
         noise = jnp.where(jnp.isnan(first.y), now.noise, 0.0)
         before = respond(plant, state.x, state.u, now.f[0], first)[1] + noise
@@ -103,19 +112,34 @@ def closed_loop(
         z = state.z + jnp.where(winds, 0.0, more)
         end = jnp.where(moving, jnp.clip(later, lower, upper), u)
         past = jnp.concatenate([jnp.stack([u, end])[None], state.past[:-1]])
-        begins, ends = acting(line, past)
+        begins, ends = acting(self.line, past)
         dx, y = respond(plant, state.x, begins[0], now.f[0], first)
         measured = jnp.where(now.dropped, jnp.nan, y + noise)
 
         def advance(x: Array, held: tuple[Array, Array, Array, Stuck]) -> tuple[Array, None]:
             u0, u1, f, stuck = held
-            return step(plant, x, u0, u1, f, jnp.asarray(dt / substeps), 1, stuck), None
+            return step(plant, x, u0, u1, f, jnp.asarray(dt / self.substeps), 1, stuck), None
 
         x = jax.lax.scan(advance, state.x, (begins, ends, now.f, now.stuck))[0]
-        return _State(x, ends[-1], past, z, seen), Record(u, state.x, dx, y, measured)
+        return LoopState(x, ends[-1], past, z, seen), Record(u, state.x, dx, y, measured)
 
-    u0 = jnp.clip(uf[0], lower, upper)
-    y0 = respond(plant, x0, u0, jnp.zeros(len(signals.faults)))[1]
-    past = jnp.broadcast_to(u0, (line.depth, 2, len(u0)))
-    start = _State(x0, u0, past, jnp.zeros(len(signals.inputs)), y0)
-    return jax.lax.scan(sample, start, (conditions, following))[1]
+
+def _limits(signals: Signals) -> tuple[Float[Array, "inputs"], Float[Array, "inputs"]]:
+    lower = jnp.array([each.min for each in signals.inputs])
+    return lower, jnp.array([each.max for each in signals.inputs])
+
+
+@eqx.filter_jit
+def closed_loop(
+    plant: Plant,
+    controller: Controller,
+    x0: Float[Array, "states"],
+    conditions: Conditions,
+    dt: float,
+) -> Record:
+    """Run `plant` from `x0` in a `Loop`."""
+    loop = Loop(plant, controller, dt, conditions.f.shape[1])
+    uf = conditions.feedforward
+    following = jnp.concatenate([uf[1:], uf[-1:]])
+    start = loop.init(x0, uf[0])
+    return jax.lax.scan(lambda s, given: loop.step(s, *given), start, (conditions, following))[1]

@@ -10,7 +10,7 @@ from faultgauge.plants.toml_file import Table, typed
 from faultgauge.simulation.schedules import Profile, Schedule
 from faultgauge.simulation.sources import PROFILES
 
-__all__ = ["schedules"]
+__all__ = ["Entry", "entry", "schedules"]
 
 Entry = Literal["state", "input", "output", "gain"]
 
@@ -35,7 +35,7 @@ def schedules(
 def _schedule(where: str, name: str, data: dict[str, Any], signals: Signals) -> Schedule:
     keys = list(_Schedule.model_fields)
     head = typed(_Schedule, {key: value for key, value in data.items() if key in keys}, where)
-    enters, target, unit = _entry(where, name, head, signals)
+    enters, target, unit = entry(where, name, head.enters, head.target, signals)
     if head.effect == "stuck" and enters == "gain":
         raise InputError(f"{where} a gain is not stuck but lost; remove `effect`.")
     body = {key: value for key, value in data.items() if key not in keys}
@@ -57,11 +57,13 @@ def _profile(where: str, head: _Schedule, body: dict[str, Any]) -> Profile:
     return typed(PROFILES[head.profile], body, where, also=keys).profile()
 
 
-def _entry(where: str, name: str, head: _Schedule, signals: Signals) -> tuple[Entry, str, str]:
+def entry(
+    where: str, name: str, enters: Entry | None, target: str | None, signals: Signals
+) -> tuple[Entry, str, str]:
     """Where it enters, its target and its unit: as written, or as the plant declares `name`."""
     declared = next((fault for fault in signals.faults if fault.name == name), None)
-    enters = head.enters or (declared.enters if declared else None)
-    target = head.target or (declared.target if declared else None)
+    enters = enters or (declared.enters if declared else None)
+    target = target or (declared.target if declared else None)
     if enters is None or target is None:
         missing = "enters" if enters is None else "target"
         raise InputError(

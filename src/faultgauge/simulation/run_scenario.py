@@ -17,7 +17,7 @@ from faultgauge.simulation.schedules import Schedule, grid, inject, truth
 from faultgauge.simulation.sources import Clock
 from faultgauge.telemetry import Run
 
-__all__ = ["simulate"]
+__all__ = ["INPUTS", "REFERENCES", "driven", "noise", "rehearse", "simulate", "truths"]
 
 SUBSTEPS = 20  # of a sample, at least: a fault that begins between samples is seen in time
 POINTS = 500
@@ -39,7 +39,7 @@ def simulate(scenario: Scenario | str | Path) -> Run:
     kept = slice(None, None, scenario.log_every)
     columns = _flown(scenario, t) if scenario.flight else _looped(scenario, t)
     columns = {name: column[kept] for name, column in columns.items()}
-    columns |= _truth(scenario, t[kept])
+    columns |= truths(scenario, t[kept])
     for name in scenario.plant.signals.output_names:
         if np.isnan(columns[name]).all():
             raise InputError(
@@ -53,16 +53,26 @@ def _looped(
     scenario: Scenario, t: Float[np.ndarray, "samples"]
 ) -> dict[str, Float[np.ndarray, "samples"]]:
     """Inputs and outputs of the plant under its own controller."""
+    record, _ = rehearse(scenario, t)
+    signals = scenario.plant.signals
+    columns = dict(zip(signals.input_names, np.asarray(record.u).T, strict=True))
+    return columns | dict(zip(signals.output_names, np.asarray(record.measured).T, strict=True))
+
+
+def rehearse(scenario: Scenario, t: Float[np.ndarray, "samples"]) -> tuple[Record, int]:
+    """The loop run through, and the integration steps per sample that it took.
+
+    Raises `InputError` where it makes no sense or leaves all bounds.
+    """
     _check_delays(scenario, t[-1])
     substeps = scenario.substeps or SUBSTEPS
     record = _record(scenario, t, substeps)
     needed = substeps if scenario.substeps else _needed(scenario, record)
     if needed > substeps:
-        record = _record(scenario, t, needed)
+        substeps = needed
+        record = _record(scenario, t, substeps)
     _check_finite(scenario, t, record)
-    signals = scenario.plant.signals
-    columns = dict(zip(signals.input_names, np.asarray(record.u).T, strict=True))
-    return columns | dict(zip(signals.output_names, np.asarray(record.measured).T, strict=True))
+    return record, substeps
 
 
 def _check_delays(scenario: Scenario, duration: float) -> None:
@@ -102,8 +112,8 @@ def _flown(
     )
     axis = AXES.index(flight.axis)
     true = np.stack([flown.torque[:, axis], flown.momentum[:, axis]], axis=1)
-    noise = np.where(np.isnan(happens.stuck.y), _noise(scenario), 0.0)
-    measured = np.where(happens.dropped, np.nan, true + noise)
+    added = np.where(np.isnan(happens.stuck.y), noise(scenario), 0.0)
+    measured = np.where(happens.dropped, np.nan, true + added)
     columns = {signals.input_names[0]: np.asarray(flown.u)[:, axis]}
     columns |= dict(zip(signals.output_names, measured.T, strict=True))
     attitude = np.rad2deg(np.asarray(flown.estimated)).T
@@ -114,7 +124,8 @@ def _drops_samples(schedule: Schedule) -> bool:
     return schedule.effect == "dropout" and schedule.enters == "output"
 
 
-def _noise(scenario: Scenario) -> Float[np.ndarray, "samples outputs"]:
+def noise(scenario: Scenario) -> Float[np.ndarray, "samples outputs"]:
+    """Of the sensors, in the outputs' units."""
     return np.stack(
         [
             sigma
@@ -125,9 +136,10 @@ def _noise(scenario: Scenario) -> Float[np.ndarray, "samples outputs"]:
     )
 
 
-def _truth(
+def truths(
     scenario: Scenario, t: Float[np.ndarray, "rows"]
 ) -> dict[str, Float[np.ndarray, "rows"]]:
+    """`true_<fault>` of every fault; one that acts in no row is refused."""
     for fault in scenario.faults:
         if not fault.profile.active(t).any():
             raise InputError(
@@ -151,9 +163,9 @@ def _record(scenario: Scenario, t: Float[np.ndarray, "samples"], substeps: int) 
     )
     holds = [each.hold != "zero" for each in signals.inputs]
     conditions = Conditions(
-        feedforward=jnp.asarray(_driven(scenario, t, INPUTS, holds)),
-        reference=jnp.asarray(_driven(scenario, t, REFERENCES, [False] * len(signals.outputs))),
-        noise=jnp.asarray(_noise(scenario)),
+        feedforward=jnp.asarray(driven(scenario, t, INPUTS, holds)),
+        reference=jnp.asarray(driven(scenario, t, REFERENCES, [False] * len(signals.outputs))),
+        noise=jnp.asarray(noise(scenario)),
         f=jnp.asarray(happens.f),
         stuck=jax.tree.map(jnp.asarray, happens.stuck),
         dropped=jnp.asarray(happens.dropped[:, 0]),
@@ -163,7 +175,7 @@ def _record(scenario: Scenario, t: Float[np.ndarray, "samples"], substeps: int) 
     return jax.device_get(closed_loop(plant, scenario.controller, x0, conditions, scenario.step))
 
 
-def _driven(
+def driven(
     scenario: Scenario, t: Float[np.ndarray, "samples"], stream: int, linear: list[bool]
 ) -> Float[np.ndarray, "samples channels"]:
     """All inputs or all references, one column each."""

@@ -57,17 +57,19 @@ class Steps:
 
 @dataclass(frozen=True)
 class Ramp:
-    """From 0 at `start` straight to `size` at `end` [s], and held there."""
+    """From `begin` at `start` straight to `size` at `end` [s], and held there."""
 
     size: float
     start: float
     end: float
+    begin: float = 0.0
 
     def active(self, t: Float[np.ndarray, "*n"]) -> Bool[np.ndarray, "*n"]:
         return t >= self.start
 
     def sizes(self, t: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
-        return self.size * np.clip((t - self.start) / (self.end - self.start), 0.0, 1.0)
+        share = np.clip((t - self.start) / (self.end - self.start), 0.0, 1.0)
+        return self.begin + (self.size - self.begin) * share
 
 
 @dataclass(frozen=True)
@@ -134,14 +136,17 @@ class Injection(NamedTuple):
     dropped: Bool[np.ndarray, "*grid outputs"]
 
 
-def grid(samples: int, dt: float, substeps: int = 1) -> Float[np.ndarray, "samples substeps"]:
-    """Times [s] at which the integration steps of every sample begin.
+def grid(
+    samples: int, dt: float, substeps: int = 1, first: int = 0
+) -> Float[np.ndarray, "samples substeps"]:
+    """Times [s] at which the integration steps of every sample begin, from sample `first` on.
 
     Free of the dust of rounding: what is to happen at 2.1 s happens at the third step of 0.7 s.
     """
     step = dt / substeps
     decimals = 9 - math.floor(math.log10(step))
-    return np.round(step * np.arange(samples * substeps), decimals).reshape(samples, substeps)
+    steps = np.arange(first * substeps, (first + samples) * substeps)
+    return np.round(step * steps, decimals).reshape(samples, substeps)
 
 
 def inject(

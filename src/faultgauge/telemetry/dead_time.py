@@ -1,6 +1,7 @@
 """Dead time: what was commanded some seconds ago acts now."""
 
 from collections.abc import Collection, Mapping
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
@@ -8,7 +9,7 @@ from jaxtyping import Float
 from faultgauge.errors import InputError
 from faultgauge.telemetry.runs import ROUNDING, Run, gaps
 
-__all__ = ["delayed"]
+__all__ = ["delayed", "shifted"]
 
 
 def delayed(run: Run, delays: Mapping[str, float], held: Collection[str]) -> Run:
@@ -29,11 +30,12 @@ def delayed(run: Run, delays: Mapping[str, float], held: Collection[str]) -> Run
                 f"{run.source}: run {run.name!r} lasts {run.t[-1] - run.t[0]:g} s, no longer than "
                 f"the delay of input {name!r}, {delay:g} s; correct the delay or give a longer run."
             )
-        columns[name] = _shifted(run, name, delay, name in held)
-    return Run(run.name, run.source, run.t, columns)
+        columns[name] = shifted(run, name, delay, name in held)
+    return replace(run, columns=columns)
 
 
-def _shifted(run: Run, name: str, delay: float, held: bool) -> Float[np.ndarray, "samples"]:
+def shifted(run: Run, name: str, delay: float, held: bool) -> Float[np.ndarray, "samples"]:
+    """u(t - delay) of input `name`, NaN where it is not known; needs two samples."""
     t, u = run.t, run.columns[name]
     steps = np.diff(t)
     sought = t - delay
@@ -44,5 +46,5 @@ def _shifted(run: Run, name: str, delay: float, held: bool) -> Float[np.ndarray,
     share = np.clip((sought - t[left]) / steps[left], 0.0, 1.0)
     met = np.abs(sought - t[left]) <= ROUNDING * run.step
     between = u[left] if held else u[left] + share * (u[left + 1] - u[left])
-    between = np.where(gaps(t)[left], np.nan, between)
+    between = np.where(gaps(t, run.step)[left], np.nan, between)
     return np.where(known, np.where(met, u[left], between), np.nan)

@@ -13,7 +13,7 @@ from faultgauge.telemetry.rates import align
 from faultgauge.telemetry.runs import Run
 from faultgauge.telemetry.table import Table, is_text, text_error
 
-__all__ = ["read_telemetry"]
+__all__ = ["check_present", "finite_or_empty", "read_telemetry"]
 
 
 def read_telemetry(
@@ -61,13 +61,13 @@ def _columns(
     if names is None and optional is None:
         found = {name: name for name in log.signals if not is_text(table.columns[name])}
     else:
-        _check_present(table, names or ())
+        check_present(table, names or ())
         wanted = dict.fromkeys([*(names or ()), *(optional or ())])
         found = {name: at for name in wanted if (at := find_column(table, name)) is not None}
     return {name: _numbers(table, column) for name, column in found.items()}
 
 
-def _check_present(table: Table, names: Sequence[str]) -> None:
+def check_present(table: Table, names: Sequence[str]) -> None:
     missing = [name for name in names if find_column(table, name) is None]
     if not missing:
         return
@@ -81,6 +81,17 @@ def _check_present(table: Table, names: Sequence[str]) -> None:
 
 
 def _numbers(table: Table, column: str) -> Float[np.ndarray, "rows"]:
+    values = finite_or_empty(table, column)
+    if np.isnan(values).all():
+        raise InputError(
+            f"{table.source}: column {column!r} is empty in all {len(values)} rows; fill it or "
+            "remove it from the file."
+        )
+    return values
+
+
+def finite_or_empty(table: Table, column: str) -> Float[np.ndarray, "rows"]:
+    """A column as numbers, NaN where empty. Raises `InputError` for text and Inf."""
     values = table.columns[column]
     if is_text(values):
         raise text_error(table, column)
@@ -90,11 +101,6 @@ def _numbers(table: Table, column: str) -> Float[np.ndarray, "rows"]:
             f"{table.source}, row {table.rows[infinite[0]]}, column {column!r}: "
             f"{values[infinite[0]]} is not a finite number; correct the cell, or leave it empty "
             "where nothing was sampled."
-        )
-    if np.isnan(values).all():
-        raise InputError(
-            f"{table.source}: column {column!r} is empty in all {len(values)} rows; fill it or "
-            "remove it from the file."
         )
     return values
 

@@ -1,15 +1,16 @@
 """A run: one uninterrupted recording of one unit, possibly with holes in it."""
 
 import hashlib
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-__all__ = ["Run", "cut", "gaps", "segments"]
+__all__ = ["PACE_SAMPLES", "Run", "cut", "gaps", "joined", "paced", "segments"]
 
 GAP_STEPS = 3.0
+PACE_SAMPLES = 20  # samples that tell the step of a run to whoever cannot wait for its end
 ROUNDING = 1e-3  # of a step: Unix time in float64 is good to 2e-7 s, logs to six digits to less
 
 
@@ -19,18 +20,19 @@ class Run:
 
     `t` is in seconds and strictly increasing; `columns` are in the units of the log, NaN where
     nothing was sampled; `source` is the file as the user gave it and `name` is unique among the
-    runs read together.
+    runs read together. `pace` is the step where it is settled, `paced`.
     """
 
     name: str
     source: str
     t: Float[np.ndarray, "samples"]
     columns: dict[str, Float[np.ndarray, "samples"]]
+    pace: float | None = None
 
     @property
     def step(self) -> float:
-        """Median time step, s."""
-        return float(np.median(np.diff(self.t)))
+        """The time step, s: `pace`, or the median of the whole run."""
+        return float(np.median(np.diff(self.t))) if self.pace is None else self.pace
 
     @property
     def content_hash(self) -> str:
@@ -43,26 +45,41 @@ class Run:
         return digest.hexdigest()
 
 
-def gaps(t: Float[np.ndarray, "samples"]) -> Bool[np.ndarray, "steps"]:
-    """Which steps of `t` (from each sample to the next) exceed 3 times the median step."""
+def gaps(t: Float[np.ndarray, "samples"], step: float | None = None) -> Bool[np.ndarray, "steps"]:
+    """Which steps of `t` (from each sample to the next) exceed 3 times `step` [s], the median."""
     steps = np.diff(t)
-    return steps > (GAP_STEPS + ROUNDING) * np.median(steps)
+    return steps > (GAP_STEPS + ROUNDING) * (np.median(steps) if step is None else step)
+
+
+def paced(run: Run) -> Run:
+    """`run` with the median of its first 20 samples' steps for its step.
+
+    So that what is said of a sample rests on nothing that comes later, be it read from a file or
+    as it arrives. Nine digits, so that runs of one rate have one step whatever their t[0] is.
+    """
+    return replace(run, pace=float(f"{np.median(np.diff(run.t[:PACE_SAMPLES])):.9g}"))
 
 
 def segments(run: Run, names: Iterable[str]) -> list[slice]:
     """Longest stretches without a gap where all columns `names` are sampled, in order.
 
-    A stretch has at least 2 samples; a gap is a time step above 3 times the median of the run.
+    A stretch has at least 2 samples; a gap is a time step above 3 times the step of the run.
     """
     usable = np.ones(len(run.t), dtype=bool)
     for name in names:
         usable &= np.isfinite(run.columns[name])
-    joined = usable[:-1] & usable[1:] & ~gaps(run.t)  # sample k hangs together with k + 1
-    edges = np.flatnonzero(np.diff(joined, prepend=False, append=False))
+    linked = usable[:-1] & usable[1:] & ~gaps(run.t, run.step)  # sample k hangs together with k + 1
+    edges = np.flatnonzero(np.diff(linked, prepend=False, append=False))
     return [slice(int(a), int(b) + 1) for a, b in edges.reshape(-1, 2)]
 
 
 def cut(run: Run, part: slice) -> Run:
     """The samples `part` of `run`, under the same name."""
     columns = {name: values[part] for name, values in run.columns.items()}
-    return Run(run.name, run.source, run.t[part], columns)
+    return replace(run, t=run.t[part], columns=columns)
+
+
+def joined(parts: Sequence[Run]) -> Run:
+    """Parts of one run, in order, as one."""
+    columns = {name: np.concatenate([p.columns[name] for p in parts]) for name in parts[0].columns}
+    return replace(parts[0], t=np.concatenate([p.t for p in parts]), columns=columns)

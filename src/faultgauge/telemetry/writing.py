@@ -4,7 +4,7 @@ import csv
 import gzip
 import io
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ from faultgauge.errors import InputError
 from faultgauge.files import write_atomically
 from faultgauge.telemetry.runs import Run
 
-__all__ = ["WRITERS", "as_table", "check_writable", "write_table"]
+__all__ = ["WRITERS", "as_table", "check_writable", "csv_line", "write_table"]
 
 
 def _csv(columns: dict[str, list[Any]]) -> bytes:
@@ -20,8 +20,19 @@ def _csv(columns: dict[str, list[Any]]) -> bytes:
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)
     for row in zip(*columns.values(), strict=True):
-        writer.writerow([f"{cell:.10g}" if isinstance(cell, float) else cell for cell in row])
+        writer.writerow(_csv_cells(row))
     return text.getvalue().encode()
+
+
+def _csv_cells(row: Iterable[Any]) -> list[Any]:
+    return [f"{cell:.10g}" if isinstance(cell, float) else cell for cell in row]
+
+
+def csv_line(row: Iterable[Any]) -> str:
+    """One row of a CSV table as `write_table` writes it, newline and all."""
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerow(_csv_cells(row))
+    return text.getvalue()
 
 
 def _csv_gz(columns: dict[str, list[Any]]) -> bytes:

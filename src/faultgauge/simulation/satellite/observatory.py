@@ -13,7 +13,8 @@ from jaxtyping import Float
 
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant import Stuck
-from faultgauge.plants.signals import Fault, Signals
+from faultgauge.plants.signals import Signals
+from faultgauge.simulation.channels import every_channel, happening
 from faultgauge.simulation.closed_loop import with_faults
 from faultgauge.simulation.satellite.controller import AttitudeController
 from faultgauge.simulation.satellite.determination import AttitudeFilter
@@ -28,7 +29,7 @@ from faultgauge.simulation.satellite.loop import (
 )
 from faultgauge.simulation.satellite.orbit import Orbit
 from faultgauge.simulation.satellite.sensors import EarthSensor, Gyro, SunSensors
-from faultgauge.simulation.schedules import Schedule, grid, inject
+from faultgauge.simulation.schedules import Schedule, grid
 
 __all__ = [
     "AXES",
@@ -104,16 +105,14 @@ def run(
         raise ValueError(
             f"faults name an axis that is none of {', '.join(AXES)}: {list(faults or ())}"
         )
-    channels = _channels(wheel.signals)
-    satellite = paper_satellite(with_faults(wheel, channels))
+    satellite = paper_satellite(with_faults(wheel, every_channel(wheel.signals)))
     steps = round(seconds / PERIOD)
     state, flown = paper_start(satellite, angles, momenta), []
     rng = np.random.default_rng([seed, 1])
     for first in range(0, steps, PIECE):
         times = grid(first + PIECE, PERIOD, STEPS_PER_PERIOD)[first:]
         per_wheel = [
-            _on(channels, [*everywhere, *(faults or {}).get(axis, ())], wheel.signals, times)
-            for axis in AXES
+            _on([*everywhere, *(faults or {}).get(axis, ())], wheel.signals, times) for axis in AXES
         ]
         during = jax.tree.map(lambda *wheels: jnp.asarray(np.stack(wheels, axis=2)), *per_wheel)
         noise = jnp.asarray(rng.standard_normal((PIECE, NOISES)))
@@ -122,30 +121,13 @@ def run(
     return jax.tree.map(lambda *pieces: np.concatenate(pieces)[:steps], *flown)
 
 
-def _channels(signals: Signals) -> tuple[Fault, ...]:
-    """An additive fault on every state, input and output, and a gain loss on every input."""
-    return (
-        *(Fault(f"state {name}", "state", name) for name in signals.state_names),
-        *(Fault(f"input {name}", "input", name) for name in signals.input_names),
-        *(Fault(f"gain {name}", "gain", name) for name in signals.input_names),
-        *(Fault(f"output {name}", "output", name) for name in signals.output_names),
-    )
-
-
 def _on(
-    channels: tuple[Fault, ...],
     schedules: Sequence[Schedule],
     signals: Signals,
     times: Float[np.ndarray, "steps substeps"],
 ) -> tuple[Float[np.ndarray, "steps substeps channels"], Stuck]:
     """(sizes by channel, what is stuck) in one wheel."""
-    injection = inject(schedules, signals, times)
-    if injection.dropped.any():
+    happens = happening(schedules, signals, times)
+    if happens.dropped.any():
         raise ValueError("a flight has no samples to drop: its telemetry is the truth")
-    f = np.zeros((*times.shape, len(channels)))
-    place = {(fault.enters, fault.target): k for k, fault in enumerate(channels)}
-    for fault, sizes in zip(injection.faults, np.moveaxis(injection.f, -1, 0), strict=True):
-        k = place[fault.enters, fault.target]
-        lost = fault.enters == "gain"  # losses multiply: 1 - f = (1 - f1)(1 - f2)
-        f[..., k] += sizes * (1 - f[..., k]) if lost else sizes
-    return f, injection.stuck
+    return happens.f, happens.stuck

@@ -13,7 +13,7 @@ from jaxtyping import Float
 from faultgauge.errors import InputError
 from faultgauge.telemetry.table import Table, float_cells
 
-__all__ = ["read_csv"]
+__all__ = ["check_separator", "header", "read_csv"]
 
 OTHER_SEPARATORS = {";": "semicolons", "\t": "tabs", "|": "bars"}
 
@@ -29,8 +29,8 @@ def read_csv(path: Path) -> Table:
         lines.pop()
     if not lines:
         raise InputError(f"{path} is empty; a log needs a header row and at least two samples.")
-    _check_separator(path, lines[0])
-    names, header_lines = _header(path, lines)
+    check_separator(path, lines[0])
+    names, header_lines = header(path, lines)
     body = lines[header_lines:]
     values = _clean_numbers(body, len(names))
     if values is not None:
@@ -67,7 +67,7 @@ def _text(path: Path) -> str:
     return text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
 
 
-def _check_separator(path: Path, line: str) -> None:
+def check_separator(path: Path, line: str) -> None:
     unquoted = Counter(re.sub(r'"[^"]*"', "", line))
     for separator, plural in OTHER_SEPARATORS.items():
         if unquoted[separator] > unquoted[","]:
@@ -77,7 +77,7 @@ def _check_separator(path: Path, line: str) -> None:
             )
 
 
-def _header(path: Path, lines: list[str]) -> tuple[list[str], int]:
+def header(path: Path, lines: list[str]) -> tuple[list[str], int]:
     """Column names, and how many lines of the file they take."""
     reader = csv.reader(lines, strict=True)
     try:

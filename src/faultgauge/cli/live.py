@@ -1,0 +1,111 @@
+"""`faultgauge estimate MODEL -`: telemetry in, answers out, row by row."""
+
+import json
+import sys
+from collections.abc import Iterable, Sequence
+from contextlib import ExitStack
+from dataclasses import asdict
+from pathlib import Path
+from typing import IO, TYPE_CHECKING
+
+from faultgauge.cli import options
+from faultgauge.cli.streaming import Interrupt, RowWriter, input_lines, while_read
+from faultgauge.cli.view import View
+from faultgauge.cli.writing import check_folder
+from faultgauge.errors import InputError
+
+if TYPE_CHECKING:
+    from faultgauge.detection.online import Said
+    from faultgauge.detection.residual import Reference
+    from faultgauge.plants.model import Model
+
+__all__ = ["answer"]
+
+
+def answer(
+    model: Path,
+    observer: str,
+    reference: "Reference",
+    time: str | None,
+    maps: Sequence[str] | None,
+    form: str,
+    events: Path | None,
+    view: bool,
+) -> None:
+    """Answer standard input until it ends; an interrupt ends it too, and loses no row."""
+    if view and not sys.stderr.isatty():
+        raise InputError("--view draws on standard error, which is no terminal here; leave it out.")
+    check_folder(events)
+    from faultgauge.detection.estimation import sentences
+    from faultgauge.detection.online import Online
+    from faultgauge.identification.samples import column_names
+    from faultgauge.plants.model import load_model
+    from faultgauge.telemetry.stream import read_stream
+
+    fitted = load_model(model)
+    online = Online(fitted, observer=observer, reference=reference)
+    required, optional = column_names(fitted.plant.signals)
+    with Interrupt() as interrupt, while_read(), ExitStack() as stack:
+        samples = read_stream(
+            input_lines(interrupt), time=time, maps=maps or (), names=required, optional=optional
+        )
+        lines = stack.enter_context(_opened(events)) if events else None
+        shown = stack.enter_context(View(fitted)) if view else None
+        speaker = _Speaker(fitted, form, lines, shown)
+        if fitted.calibration is None:
+            options.say(sentences(fitted, [])[0])
+        for sample in samples:
+            speaker.say(online.push(sample))
+        speaker.say(online.finish())
+    if online.bank is not None:
+        options.warn(online.bank.refused.values())
+
+
+def _opened(path: Path) -> IO[str]:
+    try:
+        return open(path, "w", buffering=1)  # a line is there as soon as it is written
+    except OSError as failure:
+        raise InputError(f"{path}: cannot be written ({failure.strerror}).") from None
+
+
+class _Speaker:
+    """Puts what is said where it belongs: rows to stdout, alarms and events to stderr and FILE."""
+
+    def __init__(self, model: "Model", form: str, lines: IO[str] | None, view: View | None) -> None:
+        self.model, self.lines, self.view = model, lines, view
+        self.units = {fault.name: fault.unit for fault in model.plant.signals.faults}
+        # a view and rows on the same terminal would overwrite each other
+        self.writer = None if view and sys.stdout.isatty() else RowWriter(form)
+
+    def say(self, said: Iterable["Said"]) -> None:
+        from faultgauge.detection.estimation import Judgement, table
+
+        for each in said:
+            if isinstance(each, Judgement):
+                columns = table([each], self.model.plant.signals.fault_names)
+                row = {name: cells[0] for name, cells in columns.items()}
+                if self.writer:
+                    self.writer.write(row)
+                if self.view:
+                    self.view.row(row)
+            else:
+                self.event(each)
+
+    def event(self, said: "Said") -> None:
+        from faultgauge.detection.episode import Alarm
+        from faultgauge.detection.estimation import Event, sentence
+
+        assert isinstance(said, Alarm | Event)
+        what = "alarm" if isinstance(said, Alarm) else "event"
+        if self.lines:
+            print(json.dumps({"said": what, **asdict(said)}, allow_nan=False), file=self.lines)
+        unit = self.units.get(said.fault, "")
+        if isinstance(said, Event):
+            text = f"event: {sentence(said, unit)}"
+        else:
+            size = f"{said.size:+.3g} {unit}".rstrip()
+            text = f"alarm: {said.fault} above its limit since {said.start:.6g} s ({size})"
+        if self.view:
+            self.view.event(text)
+        else:
+            options.say(text)

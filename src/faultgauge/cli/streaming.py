@@ -1,0 +1,104 @@
+"""Rows on standard output as they come, and lines from standard input."""
+
+import contextlib
+import itertools
+import json
+import math
+import os
+import signal
+import sys
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from faultgauge.errors import InputError
+
+__all__ = ["Interrupt", "RowWriter", "input_lines", "while_read"]
+
+
+class RowWriter:
+    """Writes rows of the same columns to standard output, each flushed: CSV or NDJSON."""
+
+    def __init__(self, form: str) -> None:
+        self.form = form
+        self.begun = False
+
+    def write(self, row: Mapping[str, Any]) -> None:
+        """One row; None is an empty cell (CSV) or null (NDJSON), as is what has no number."""
+        from faultgauge.telemetry.writing import csv_line
+
+        if self.form == "ndjson":
+            text = json.dumps({name: _json(cell) for name, cell in row.items()}) + "\n"
+        else:
+            text = csv_line(row.values()) if self.begun else csv_line(row) + csv_line(row.values())
+        self.begun = True
+        sys.stdout.write(text)
+        sys.stdout.flush()
+
+
+def _json(cell: Any) -> Any:
+    """JSON has no infinity, where a free run that diverges has."""
+    return None if isinstance(cell, float) and not math.isfinite(cell) else cell
+
+
+@contextlib.contextmanager
+def while_read() -> Iterator[None]:
+    """Ends the block quietly when whoever reads standard output has gone."""
+    try:
+        yield
+    except BrokenPipeError:
+        # what is still to be written goes nowhere, or Python would complain at exit
+        with contextlib.suppress(OSError, ValueError):  # no real file, as under a test
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+class Interrupt:
+    """Ctrl-C while it waits for input ends the wait; while a row is made, it waits for the row.
+
+    A context manager, which raises `KeyboardInterrupt` at its end where one came.
+    """
+
+    came = False
+    idle = False
+
+    def __enter__(self) -> "Interrupt":
+        self.usual = signal.signal(signal.SIGINT, self._note)
+        return self
+
+    def __exit__(self, *failure: object) -> None:
+        signal.signal(signal.SIGINT, self.usual)
+        if self.came:
+            raise KeyboardInterrupt from None
+
+    def _note(self, *_: object) -> None:
+        self.came = True
+        if self.idle:
+            raise KeyboardInterrupt
+
+    @contextlib.contextmanager
+    def waiting(self) -> Iterator[None]:
+        """Around what may be cut short."""
+        self.idle = True
+        try:
+            if self.came:
+                raise KeyboardInterrupt
+            yield
+        finally:
+            self.idle = False
+
+
+def input_lines(interrupt: Interrupt) -> Iterator[str]:
+    """Lines of standard input, each as soon as it is whole, until it ends or is interrupted."""
+    for row in itertools.count(1):
+        try:
+            with interrupt.waiting():
+                line = sys.stdin.buffer.readline()
+        except KeyboardInterrupt:
+            return
+        if not line:
+            return
+        try:
+            yield line.decode()
+        except UnicodeDecodeError:
+            raise InputError(
+                f"standard input, row {row}: the text is not UTF-8; send UTF-8."
+            ) from None

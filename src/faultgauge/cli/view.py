@@ -1,0 +1,101 @@
+"""A terminal view of a stream: residuals, estimates and events, live (stderr)."""
+
+import time
+from collections import deque
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from faultgauge.plants.model import Model
+
+__all__ = ["View"]
+
+PERIOD = 0.2  # s between two drawings: the eye needs no more, the stream should have the rest
+HISTORY = 30  # values of a trace
+EVENTS = 8
+BLOCKS = "▁▂▃▄▅▆▇█"
+
+
+class View:
+    """Draws the newest row and the course of every residual and estimate; a context manager."""
+
+    def __init__(self, model: "Model") -> None:
+        from rich.console import Console
+        from rich.live import Live
+
+        signals = model.plant.signals
+        self.units = {f"r_{each.name}": each.unit for each in signals.outputs}
+        self.units |= {f"f_{each.name}": each.unit for each in signals.faults}
+        known = (model.calibration or {"channels": {}})["channels"]
+        self.limits = {f"f_{name}": channel["limit"] for name, channel in known.items()}
+        self.traces: dict[str, deque[float | None]] = {}
+        self.newest: dict[str, Any] = {}
+        self.events: deque[str] = deque(maxlen=EVENTS)
+        self.drawn = 0.0
+        self.live = Live(console=Console(stderr=True), auto_refresh=False)
+
+    def __enter__(self) -> "View":
+        self.live.start()
+        return self
+
+    def __exit__(self, *failure: object) -> None:
+        if self.newest:
+            self.draw()
+        self.live.stop()
+
+    def row(self, row: dict[str, Any]) -> None:
+        """Take a row in; draw it if the last drawing is old enough."""
+        self.newest = row
+        for name in self.units:
+            if name in row:
+                self.traces.setdefault(name, deque(maxlen=HISTORY)).append(row[name])
+        if time.monotonic() - self.drawn >= PERIOD:
+            self.draw()
+
+    def event(self, text: str) -> None:
+        self.events.append(text)
+        self.draw()
+
+    def draw(self) -> None:
+        from rich.console import Group
+        from rich.text import Text
+
+        self.drawn = time.monotonic()
+        events = [Text(text, style="red" if "alarm" in text else "") for text in self.events]
+        self.live.update(Group(self.table(), *events), refresh=True)
+
+    def table(self) -> "Table":
+        from rich.table import Table
+
+        status = self.newest.get("status", "")
+        reason = self.newest.get("reason") or ""
+        table = Table(title=f"t = {self.newest.get('t', 0.0):.6g} s   {status}   {reason}".rstrip())
+        for head in ("", "value", "95 %", "limit", "unit", "course"):
+            table.add_column(
+                head, justify="right" if head in ("value", "95 %", "limit") else "left"
+            )
+        for name, trace in self.traces.items():
+            limit = self.limits.get(name)
+            high, value = self.newest.get(f"{name}_hi"), self.newest[name]
+            width = None if high is None or value is None else high - value
+            above = limit is not None and value is not None and abs(value) > limit
+            cells = (name, _number(value), _number(width), _number(limit), self.units[name])
+            table.add_row(*cells, _course(trace), style="bold red" if above else "")
+        return table
+
+
+def _number(value: float | None) -> str:
+    return "" if value is None else f"{value:.4g}"
+
+
+def _course(trace: deque[float | None]) -> str:
+    """The trace as blocks between its own least and greatest value."""
+    known = [value for value in trace if value is not None]
+    if not known:
+        return ""
+    low, span = min(known), (max(known) - min(known)) or 1.0
+    return "".join(
+        " " if value is None else BLOCKS[int((value - low) / span * (len(BLOCKS) - 1))]
+        for value in trace
+    )

@@ -1,0 +1,305 @@
+"""`simulate --realtime` and `estimate -`: commands in, rows out, and the same answers as files."""
+
+import csv
+import io
+import json
+import signal
+import subprocess
+import sys
+
+import pytest
+
+import faultgauge as fg
+from faultgauge.cli.app import run
+from faultgauge.cli.commands import follow_file, follow_stdin
+
+FAULTGAUGE = [sys.executable, "-c", "from faultgauge.cli import main; main()"]
+SCENARIO = """name = "tank on the bench"
+plant = "model.fgm"
+seconds = 40
+step = 0.1
+seed = 7
+[inputs.u]
+source = "noise"
+sigma = 0.8
+low = 0.01
+high = 1
+[noise]
+x = 0.002
+"""
+
+
+@pytest.fixture
+def scenario(workshop, tmp_path):
+    (tmp_path / "model.fgm").write_bytes(workshop.calibrated.read_bytes())
+    path = tmp_path / "scenario.toml"
+    path.write_text(SCENARIO)
+    return path
+
+
+@pytest.fixture
+def pipe(call, monkeypatch):
+    """Call the command line with `text` on standard input."""
+
+    def piping(text, *arguments):
+        stdin = io.TextIOWrapper(io.BytesIO(text.encode()))
+        monkeypatch.setattr(sys, "stdin", stdin)
+        return call(*arguments)
+
+    return piping
+
+
+def ndjson(text):
+    return [json.loads(line) for line in text.splitlines()]
+
+
+def rows(text):
+    return list(csv.DictReader(io.StringIO(text)))
+
+
+def without_run(text):
+    return [{name: cell for name, cell in row.items() if name != "run"} for row in rows(text)]
+
+
+def test_a_stream_is_answered_as_its_file(pipe, workshop, tmp_path):
+    out, events = tmp_path / "e.csv", tmp_path / "events.ndjson"
+    said = pipe("", "estimate", workshop.calibrated, workshop.suspect, "--out", out, "--json")
+    text = workshop.suspect.read_text()
+    piped = pipe(text, "estimate", workshop.calibrated, "-", "--events", events)
+    assert piped.code == 0, piped.err
+    assert without_run(piped.out) == without_run(out.read_text())
+    alarm, event = ndjson(events.read_text())
+    (expected,) = said.json["events"]
+    assert event == {**expected, "said": "event", "run": "stream"}
+    assert (alarm["said"], alarm["fault"], alarm["start"]) == ("alarm", "leak", event["start"])
+    assert piped.err.splitlines()[0].startswith("alarm: leak above its limit since 30.")
+    assert "event: leak +0.6" in piped.err
+
+
+def test_ndjson_answers_hold_every_bit_and_maps_act(pipe, workshop, tmp_path):
+    log = tmp_path / "log.csv"
+    lines = workshop.suspect.read_text().splitlines()[:150]
+    log.write_text("\n".join(["seconds,u,double", *lines[1:]]) + "\n")
+    maps = ["x=double*0.5+double/2"]
+    piped = pipe(
+        log.read_text(), "estimate", workshop.calibrated, "-", "--stream", "ndjson",
+        "--map", maps[0], "--time", "seconds",
+    )  # fmt: skip
+    assert piped.code == 0, piped.err
+    runs = fg.read_telemetry(log, time="seconds", maps=maps, names=["u"], optional=["x"])
+    (judged,), _ = fg.estimate(fg.load_model(workshop.calibrated), runs)
+    found = ndjson(piped.out)
+    assert [row["t"] for row in found] == judged.run.t.tolist()
+    assert [row["f_leak"] for row in found] == judged.f["leak"].tolist()
+    assert [row["r_x"] for row in found] == judged.residuals["x"].tolist()
+    assert [row["status"] for row in found] == judged.status
+
+
+def test_a_row_that_is_no_telemetry_is_refused_after_those_before_it(pipe, workshop):
+    lines = workshop.suspect.read_text().splitlines()[:60]
+    piped = pipe("\n".join([*lines, "6,1,text"]), "estimate", workshop.calibrated, "-")
+    assert piped.code == 2
+    assert len(rows(piped.out)) == 59
+    assert piped.err == (
+        "faultgauge: standard input, row 61, column 'x': 'text' is not a number; correct the "
+        "cell, or leave it empty where nothing was sampled.\n"
+    )
+
+
+@pytest.mark.parametrize(
+    ("extra", "said"),
+    [
+        (("--out", "e.csv"), "--out does not go with -"),
+        (("--json",), "--json does not go with -"),
+        (("--where", "u > 0"), "--where does not go with -"),
+        (("--view",), "--view draws on standard error"),
+        (("--events", "no/e.ndjson"), "the folder no does not exist"),
+    ],
+)
+def test_what_does_not_go_with_a_stream_is_refused(pipe, workshop, extra, said):
+    piped = pipe("t,u,x\n", "estimate", workshop.calibrated, "-", *extra)
+    assert piped.code == 2
+    assert said in piped.err
+    assert piped.err.count("\n") == 1
+
+
+def test_what_goes_with_a_stream_only_is_refused_with_files(call, workshop, scenario, tmp_path):
+    files = ("estimate", workshop.calibrated, workshop.suspect)
+    assert "--out FILE is missing" in call(*files).err
+    out = tmp_path / "e.csv"
+    for extra in (("--stream", "csv"), ("--events", "e.ndjson"), ("--view",)):
+        said = call(*files, "--out", out, *extra)
+        assert said.code == 2
+        assert f"{extra[0]} goes with standard input only" in said.err
+    said = call("simulate", scenario, "--out", out, "--stream", "csv")
+    assert "--stream goes with --realtime only" in said.err
+    said = call("simulate", scenario, "--out", out, "--realtime", "--stream", "csv", "--json")
+    assert "choose one of them" in said.err
+    assert not out.exists()
+
+
+def test_an_injected_fault_is_in_record_log_estimate_and_events(call, pipe, scenario, tmp_path):
+    control, log = tmp_path / "commands", tmp_path / "log.csv"
+    control.write_text("inject leak 0\nbogus\n")
+    ran = call(
+        "simulate", scenario, "--realtime", "1e6", "--control", control, "--out", log,
+        "--stream", "csv",
+    )  # fmt: skip
+    assert ran.code == 0, ran.err
+    assert "command 'bogus': is no command" in ran.err
+    assert "overruns" in ran.err
+    assert ran.out == log.read_text(), "what is streamed is what is logged"
+    injected, end = ndjson((tmp_path / "log.injections.ndjson").read_text())
+    assert (injected["sample"], injected["name"], injected["size"]) == (0, "leak", 0)
+    assert (end["did"], end["samples"]) == ("end", 400)
+    assert end["jitter_ms"].keys() == {"p50", "p99", "max"}
+
+
+def test_json_tells_what_was_injected_and_how_well_time_was_kept(call, scenario, tmp_path):
+    control, log = tmp_path / "commands", tmp_path / "log.csv"
+    control.write_text('{"do": "inject", "name": "leak", "size": 0.5}\n')
+    report = tmp_path / "r.html"
+    ran = call("simulate", scenario, "--realtime=1e6", "--control", control, "--out", log,
+               "--report", report, "--json")  # fmt: skip
+    assert ran.code == 0, ran.err
+    found = ran.json
+    assert (found["rows"], found["samples"]) == (400, 400)
+    assert found["columns"] == ["t", "u", "x", "true_leak"]
+    (injected,) = found["injections"]
+    assert (injected["t"], injected["size"], injected["unit"]) == (0.0, 0.5, "m/s")
+    assert {row["true_leak"] for row in rows(log.read_text())} == {"0.5"}
+    assert "1 fault injected" in report.read_text()
+
+
+def test_the_pair_end_to_end(scenario, tmp_path):
+    """As one types it: a pipe, a command while it runs, and the same onset everywhere."""
+    log, events, answers = (tmp_path / name for name in ("log.csv", "events.ndjson", "answers.csv"))
+    command = ["simulate", scenario, "--realtime", "25", "--stream", "ndjson", "--out", log]
+    estimate = ["estimate", "model.fgm", "-", "--events", events]
+    with (
+        open(answers, "w") as file,
+        subprocess.Popen(
+            [*FAULTGAUGE, *map(str, command)], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+        ) as first,
+        subprocess.Popen(
+            [*FAULTGAUGE, *map(str, estimate)], stdin=subprocess.PIPE, stdout=file, cwd=tmp_path
+        ) as second,
+    ):
+        assert first.stdin is not None
+        assert first.stdout is not None
+        assert second.stdin is not None
+        for k, line in enumerate(iter(first.stdout.readline, b"")):
+            if k == 150:
+                first.stdin.write(b"inject leak 0.5\n")
+                first.stdin.flush()
+            second.stdin.write(line)
+        second.stdin.close()
+        assert first.wait(60) == 0
+        assert second.wait(60) == 0
+    injected = ndjson(log.with_name("log.injections.ndjson").read_text())[0]
+    truth = [float(row["true_leak"]) for row in rows(log.read_text())]
+    k = injected["sample"]
+    assert k > 150
+    assert truth == [0.0] * k + [0.5] * (len(truth) - k)
+    estimates = [float(row["f_leak"]) for row in rows(answers.read_text())]
+    assert len(estimates) == 400
+    # the healthy RMS of the estimate is 0.1 % of this fault, the observer settles within 50 samples
+    assert max(map(abs, estimates[50:k])) < 0.05
+    assert sum(estimates[k + 50 :]) / len(estimates[k + 50 :]) == pytest.approx(0.5, rel=0.05)
+    event = ndjson(events.read_text())[-1]
+    assert event["start"] == pytest.approx(injected["t"], abs=0.5)
+    assert event["size"] == pytest.approx(0.5, rel=0.05)
+
+
+def test_an_interrupt_leaves_a_whole_log(scenario, tmp_path):
+    log = tmp_path / "log.csv"
+    command = [*FAULTGAUGE, "simulate", str(scenario), "--realtime", "--stream", "csv"]
+    with subprocess.Popen(
+        [*command, "--out", str(log)], stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE, text=True,
+    ) as running:  # fmt: skip
+        assert running.stdout is not None
+        for _ in range(4):
+            running.stdout.readline()
+        running.send_signal(signal.SIGINT)
+        _, err = running.communicate(timeout=60)
+    assert running.returncode == 130
+    assert "Traceback" not in err
+    assert "interrupted" in err
+    assert 3 <= len(rows(log.read_text())) < 400
+    assert not list(tmp_path.glob(".*")), "no draft stays behind"
+
+
+class Gone(io.StringIO):
+    """Standard output whose reader leaves after three lines."""
+
+    def write(self, text):
+        if self.getvalue().count("\n") >= 3:
+            raise BrokenPipeError(32, "Broken pipe")
+        return super().write(text)
+
+
+def test_a_reader_that_leaves_ends_it_quietly(pipe, workshop, scenario, tmp_path, monkeypatch):
+    log, control = tmp_path / "log.csv", tmp_path / "none"
+    monkeypatch.setattr(sys, "stdout", Gone())
+    said = pipe(workshop.suspect.read_text(), "estimate", workshop.calibrated, "-")
+    assert (said.code, said.err) == (0, "")
+    monkeypatch.setattr(sys, "stdout", Gone())
+    ran = call_quietly(
+        "simulate", scenario, "--realtime", "1e6", "--stream", "csv", "--control", control,
+        "--out", log,
+    )  # fmt: skip
+    assert ran == 0
+    assert len(rows(log.read_text())) == 3, "the log so far is whole"
+
+
+def call_quietly(*arguments):
+    return run([str(each) for each in arguments])
+
+
+def test_a_followed_file_gives_whole_lines_only(tmp_path):
+    path = tmp_path / "commands"
+    poll = follow_file(path)
+    assert poll() == [], "it may come into being later"
+    path.write_bytes(b"one\ntw")
+    assert poll() == ["one"]
+    with open(path, "ab") as file:
+        file.write(b"o\n\xff\n")
+    assert poll() == ["two", "�"]
+    assert poll() == []
+    path.write_bytes(b"new\n")
+    assert poll() == ["new"], "cut short, it begins anew"
+
+
+def test_no_standard_input_is_no_command(monkeypatch):
+    monkeypatch.setattr(sys, "stdin", None)
+    assert follow_stdin()() == []
+
+
+def test_the_view_draws_what_it_is_given(workshop):
+    from rich.console import Console
+
+    from faultgauge.cli.view import View
+
+    view = View(fg.load_model(workshop.calibrated))
+    text = io.StringIO()
+    view.live.console = Console(file=text, width=100)
+    row = {
+        "t": 3.5,
+        "r_x": 0.25,
+        "f_leak": 0.61,
+        "f_leak_hi": 0.62,
+        "status": "FAULT",
+        "reason": "",
+    }
+    for k in range(40):
+        view.row({**row, "f_leak": 0.61 * k / 39})
+    view.live.console.print(view.table())
+    shown = text.getvalue()
+    for part in ("t = 3.5 s", "FAULT", "r_x", "0.25", "f_leak", "0.61", "0.01", "m/s", "▁", "█"):
+        assert part in shown
+
+
+def test_help_speaks_of_the_bench(call):
+    assert "--realtime" in call("simulate", "--help").out
+    assert "standard input" in call("estimate", "--help").out

@@ -1,0 +1,104 @@
+"""A stream is read as the file of the same rows is, and refused in the same words."""
+
+import json
+
+import numpy as np
+import pytest
+
+from faultgauge.errors import InputError
+from faultgauge.telemetry import read_telemetry
+from faultgauge.telemetry.stream import read_stream
+
+HEAD = "t,wheel rpm,u,note\n"
+
+
+def rows(count=200):
+    rng = np.random.default_rng(0)
+    return [
+        f"{0.1 * k!r},{1e3 * rng.normal()!r},{'' if k % 17 == 3 else repr(rng.normal())},ok"
+        for k in range(count)
+    ]
+
+
+def read(text, **options):
+    samples = list(read_stream(text.splitlines(keepends=True), **options))
+    return np.array([s.t for s in samples]), {
+        name: np.array([s.values[name] for s in samples]) for name in samples[0].values
+    }
+
+
+MAPS = (
+    "h=wheel_rpm*0.104720*0.84",
+    "e=exp(u) + tanh(wheel_rpm/500) + sin(u)**3 + sqrt(abs(u)) + log(2 + cos(u))",
+    "t=t*60",
+)
+
+
+def test_every_bit_is_that_of_the_file(tmp_path):
+    text = HEAD + "\n".join(rows()) + "\n"
+    (tmp_path / "log.csv").write_text(text)
+    (run,) = read_telemetry(tmp_path / "log.csv", maps=MAPS, names=["h", "u"], optional=["e", "x"])
+    t, columns = read(text, maps=MAPS, names=["h", "u"], optional=["e", "x"])
+    np.testing.assert_array_equal(t, run.t)
+    assert list(columns) == list(run.columns)
+    for name, values in run.columns.items():
+        np.testing.assert_array_equal(columns[name], values)
+
+
+def test_ndjson_is_the_same_telemetry():
+    text = HEAD + "\n\n".join(rows(30)) + "\n"
+    names = ["t", "wheel rpm", "u", "note"]
+    lines = []
+    for row in rows(30):
+        cells = dict(zip(names, row.split(","), strict=True))
+        numbers = {n: float(c) if c and n != "note" else c or None for n, c in cells.items()}
+        lines.append(json.dumps({n: c for n, c in numbers.items() if c is not None or n == "t"}))
+    found = read("\n".join(lines), names=["wheel_rpm", "u"])
+    expected = read(text, names=["wheel_rpm", "u"])
+    np.testing.assert_array_equal(found[0], expected[0])
+    for name, values in expected[1].items():
+        np.testing.assert_array_equal(found[1][name], values)
+
+
+def test_timestamps_are_seconds_since_the_first():
+    text = "when,u\n2026-01-01T00:00:00Z,1\n2026-01-01T00:00:00.250000Z,2\n2026-01-01T00:01:00Z,3\n"
+    assert read(text, time="when", names=["u"])[0].tolist() == [0.0, 0.25, 60.0]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("t,u\n0,1\n1,x\n", "row 3, column 'u': 'x' is not a number"),
+        ("t,u\n0,1\n1,inf\n", "row 3, column 'u': inf is not a finite number"),
+        ("t,u\n0,1\n1,2,3\n", "row 3: 3 cells where the header has 2"),
+        ("t,u\n0,1\n,2\n", "row 3, column 't': the time is empty"),
+        ("t,u\n0,1\n0,2\n", "row 3: time is the same again"),
+        ("t,u\n1,1\n0,2\n", "row 3: time runs backwards"),
+        ("t;u\n0;1\n", "separated by semicolons"),
+        ("0,1\n1,2\n", "numbers where column names belong"),
+        ("time,u\n0,1\n", "no time column 't'"),
+        ("t,v\n0,1\n", "has no column 'u'"),
+        ("t,u,run\n0,1,a\n1,2,b\n", "row 3: a new run, 'b', begins"),
+        ('{"t": 0, "u": 1}\n{"t": 1, "u"\n', 'row 2: \'{"t": 1, "u"\' is not a JSON object'),
+        ('{"t": 0, "u": 1}\n{"t": 1, "u": [2]}\n', "row 2, column 'u': '[2]' is not a number"),
+        ('{"t": 0, "u": 1}\n{"t": 1, "u": true}\n', "row 2, column 'u': 'true' is not a number"),
+    ],
+)
+def test_refusals_name_the_row(text, said):
+    with pytest.raises(InputError) as refusal:
+        read(text, names=["u"])
+    assert said in str(refusal.value)
+    assert str(refusal.value).startswith("standard input")
+
+
+def test_a_sample_is_there_as_soon_as_its_line_is():
+    taken = []
+
+    def lines():
+        for line in ("t,u\n", "0,1\n", "1,2\n"):
+            taken.append(line)
+            yield line
+
+    samples = read_stream(lines(), names=["u"])
+    assert next(samples) == (0.0, {"u": 1.0})
+    assert len(taken) == 2
