@@ -29,8 +29,10 @@ from faultgauge.plants.signals import Signals
 __all__ = ["BUDGET", "FIRST_SIGMA", "Data", "prepare", "validation_error"]
 
 SHORT, SHORT_SHARE, SHORT_MOST = (64, 512), 1 / 20, 16  # samples and number of short windows
-LONGEST = 25_000  # samples of a window: longer runs are cut
-LONG_WINDOW = 4096  # into windows of about this length
+# Longer runs are cut: what a plant does beside its model adds up along a window, and over a long
+# one its slow drift is all that the fit sees.
+LONGEST, LONG_WINDOW = 2048, 1024  # samples
+LONGEST_WHOLE, LONG_PART = 25_000, 4096  # the same where a run has values of its own
 BUDGET, MOST = 20_000, 40_000  # samples that a search goes through, and its best in the end
 OUTLIER = 5.0  # standard deviations: errors beyond count as that where outliers are expected
 FIRST_SIGMA = 0.1  # of the outputs' spread: errors expected of a first guess
@@ -150,7 +152,9 @@ def prepare(
     held: list[Record],
     substeps: int,
     robust: bool,
+    whole_runs: bool,
 ) -> Data:
+    """Windows as long as runs where `whole_runs` asks for it, as values per run do."""
     initial = np.array([state.initial for state in signals.states])
     ranges = np.array([state.max - state.min for state in signals.states])
     for record in held:
@@ -170,15 +174,16 @@ def prepare(
         robust,
     )
     longest = max(len(record.t) for record in data.records)
-    data.whole, data.alone = data.split(LONG_WINDOW if longest > LONGEST else longest)
+    most, part = (LONGEST_WHOLE, LONG_PART) if whole_runs else (LONGEST, LONG_WINDOW)
+    data.whole, data.alone = data.split(part if longest > most else longest)
     if not data.whole:
         longest = max(int(np.sum(mask)) for mask in masks)
         raise InputError(
             f"run {records[0].run!r}: {longest} samples are left to fit beside what is held out, "
             f"and simulation error needs {FEWEST} in a row at least; give a longer log."
         )
-    data.whole = _some(data.whole, max(MOST, longest if longest <= LONGEST else 0))
-    data.pieces = _some(data.whole, BUDGET) if longest > LONGEST else data.whole
+    data.whole = _some(data.whole, max(MOST, longest if longest <= most else 0))
+    data.pieces = _some(data.whole, BUDGET) if longest > most else data.whole
     return data
 
 

@@ -88,7 +88,9 @@ def refine(
     `held` are records of runs given for validation.
     """
     substeps = _substeps(warm[0] if warm else plant, records)
-    data = prepare(plant.signals, records, masks, held, substeps, robust)
+    data = prepare(
+        plant.signals, records, masks, held, substeps, robust, bool(unknowns_of(plant).varying)
+    )
     notes: list[str] = []
     candidates: list[Candidate] = []
     if warm:
