@@ -12,6 +12,7 @@ LAYERS = (
     "cli",
     "studies",
     "reporting",
+    "accommodation",
     "detection",
     "observers",
     "identification",

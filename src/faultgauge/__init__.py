@@ -7,6 +7,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from faultgauge.accommodation.simulate import simulate
     from faultgauge.detection.calibration import calibrate
     from faultgauge.detection.estimation import estimate
     from faultgauge.identification.evaluation import evaluate
@@ -14,7 +15,6 @@ if TYPE_CHECKING:
     from faultgauge.plants.gray_box import load_plant
     from faultgauge.plants.model import load_model, save_model
     from faultgauge.plants.plant import Plant
-    from faultgauge.simulation.run_scenario import simulate
     from faultgauge.telemetry import read_telemetry
 
 __all__ = [
@@ -40,7 +40,7 @@ _HOMES = {
     "load_plant": "faultgauge.plants.gray_box",
     "read_telemetry": "faultgauge.telemetry",
     "save_model": "faultgauge.plants.model",
-    "simulate": "faultgauge.simulation.run_scenario",
+    "simulate": "faultgauge.accommodation.simulate",
 }
 
 

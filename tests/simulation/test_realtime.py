@@ -170,3 +170,9 @@ def test_deadlines_are_absolute_and_nothing_is_left_out(monkeypatch):
     assert kept.greatest == pytest.approx(0.245, abs=1e-4)
     assert kept.p50 == pytest.approx(0.0, abs=1e-4)
     assert "2 overruns" in kept.sentence()
+
+
+def test_accommodation_against_the_clock_is_refused():
+    text = LOOP.replace("[disturbances", '[accommodation]\npolicy = "estimate"\n[disturbances', 1)
+    with pytest.raises(InputError, match="accommodation"):
+        Session(parse_scenario(text), 1.0)

@@ -38,6 +38,8 @@ def test_the_figures_of_the_contract_are_there(results):
             for key in ("rmse", "settling_s", "overshoot"):
                 paths.append(f"fault_estimate.{scenario}.{estimator}.{key}")
         paths.append(f"fault_estimate.{scenario}.iesonn_minus_eso.rmse")
+    for policy in ("none", "estimate", "estimate_and_friction", "adrc"):
+        paths += [f"accommodation.{policy}.{key}" for key in ("peak_deg", "rms_deg")]
     for path in paths:
         assert set(found(results, path)) == {"median", "min", "max"}, path
 

@@ -50,7 +50,7 @@ def simulate(
 
     check_writable(out)
     check_folder(out, report)
-    from faultgauge.simulation.run_scenario import simulate as carry_out
+    from faultgauge.accommodation.simulate import simulate as carry_out
     from faultgauge.simulation.scenario import read_scenario
 
     planned = read_scenario(scenario)

@@ -53,7 +53,12 @@ class Bench(abc.ABC):
 
 def bench_of(scenario: Scenario) -> Bench:
     """The scenario's bench, compiled. It has been run through once as it stands in its file, so
-    what `simulate` refuses is refused here, as `InputError`."""
+    what `simulate` refuses is refused here, as `InputError`; so is `[accommodation]`."""
+    if scenario.accommodation is not None:
+        raise InputError(
+            f"{scenario.source}: [accommodation] does not run against the clock yet; take the table "
+            "out, or leave --realtime out."
+        )
     return _Flight(scenario) if scenario.flight else _ClosedLoop(scenario)
 
 
@@ -68,7 +73,7 @@ class _ClosedLoop(Bench):
     def __init__(self, scenario: Scenario) -> None:
         signals = scenario.plant.signals
         t = grid(scenario.samples, scenario.step)[:, 0]
-        _, self.substeps = rehearse(scenario, t)
+        _, _, self.substeps = rehearse(scenario, t)
         truths(scenario, t)
         self.scenario = scenario
         holds = [each.hold != "zero" for each in signals.inputs]
@@ -97,7 +102,7 @@ class _ClosedLoop(Bench):
             dropped[0, 0],
         )
         later = self.feedforward[min(k + 1, scenario.samples - 1)]
-        self.state, record = _loop_step(self.loop, self.state, now, later)
+        self.state, (record, _) = _loop_step(self.loop, self.state, now, later)
         u, x, y, measured = jax.device_get((record.u, record.x, record.y, record.measured))
         if not np.isfinite(np.concatenate([u, x, y])).all():
             raise _unbounded(scenario, float(times[0, 0]))

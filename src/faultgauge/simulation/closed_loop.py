@@ -1,7 +1,7 @@
 """Any plant under output feedback, with faults inside the loop."""
 
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -13,8 +13,18 @@ from faultgauge.plants.plant import Plant, Stuck, respond
 from faultgauge.plants.signals import Fault, Signals
 from faultgauge.simulation.delay_line import Taps, acting, taps
 from faultgauge.simulation.integrators import step
+from faultgauge.simulation.policy import Policy
 
-__all__ = ["Conditions", "Controller", "Loop", "LoopState", "Record", "closed_loop", "with_faults"]
+__all__ = [
+    "Conditions",
+    "Controller",
+    "Loop",
+    "LoopState",
+    "Record",
+    "closed_loop",
+    "governed_loop",
+    "with_faults",
+]
 
 
 class Controller(NamedTuple):
@@ -57,6 +67,7 @@ class LoopState(NamedTuple):
     past: Array
     z: Array
     seen: Array
+    policy: Any
 
 
 def with_faults(plant: GrayBoxPlant, faults: tuple[Fault, ...]) -> GrayBoxPlant:
@@ -73,13 +84,15 @@ class Loop(eqx.Module):
     one, held between the samples. The record holds what the plant does under the new one. An input
     that is not held runs straight to its next feedforward; gains on such an input have no meaning,
     since nobody knows the next command before its sample. A delayed input acts later, to the
-    nearest integration step, and stood at its first command before the run.
+    nearest integration step, and stood at its first command before the run. A `policy` turns what
+    the controller wants into the command; while that is beyond a limit, z does not push it further.
     """
 
     plant: Plant
     controller: Controller
     dt: float = eqx.field(static=True)
     substeps: int = eqx.field(static=True)
+    policy: Policy | None = None
 
     @property
     def line(self) -> Taps:
@@ -91,12 +104,14 @@ class Loop(eqx.Module):
         u0 = jnp.clip(feedforward, *_limits(signals))
         y0 = respond(self.plant, x0, u0, jnp.zeros(len(signals.faults)))[1]
         past = jnp.broadcast_to(u0, (self.line.depth, 2, len(u0)))
-        return LoopState(x0, u0, past, jnp.zeros(len(signals.inputs)), y0)
+        inner = () if self.policy is None else self.policy.init(x0, u0)
+        return LoopState(x0, u0, past, jnp.zeros(len(signals.inputs)), y0, inner)
 
     def step(
         self, state: LoopState, now: Conditions, later: Float[Array, "inputs"]
-    ) -> tuple[LoopState, Record]:
-        """One sample under the conditions `now` of it; `later` is the next feedforward."""
+    ) -> tuple[LoopState, tuple[Record, Any]]:
+        """One sample under the conditions `now` of it; `later` is the next feedforward. The
+        policy's info comes beside the record."""
         plant, controller, dt = self.plant, self.controller, self.dt
         lower, upper = _limits(plant.signals)
         moving = jnp.array([each.hold != "zero" for each in plant.signals.inputs], bool)
@@ -106,9 +121,13 @@ class Loop(eqx.Module):
         seen = jnp.where(now.dropped, state.seen, before)
         error = now.reference - seen
         wanted = now.feedforward + controller.kp @ error + state.z
-        u = jnp.clip(wanted, lower, upper)
+        asked, inner, info = wanted, state.policy, ()
+        if self.policy is not None:
+            sampled = jnp.where(now.dropped, jnp.nan, before)
+            inner, asked, info = self.policy.step(inner, wanted, sampled, jnp.asarray(dt))
+        u = jnp.clip(asked, lower, upper)
         more = dt * controller.ki @ error
-        winds = ((wanted > upper) & (more > 0)) | ((wanted < lower) & (more < 0))
+        winds = ((asked > upper) & (more > 0)) | ((asked < lower) & (more < 0))
         z = state.z + jnp.where(winds, 0.0, more)
         end = jnp.where(moving, jnp.clip(later, lower, upper), u)
         past = jnp.concatenate([jnp.stack([u, end])[None], state.past[:-1]])
@@ -121,7 +140,8 @@ class Loop(eqx.Module):
             return step(plant, x, u0, u1, f, jnp.asarray(dt / self.substeps), 1, stuck), None
 
         x = jax.lax.scan(advance, state.x, (begins, ends, now.f, now.stuck))[0]
-        return LoopState(x, ends[-1], past, z, seen), Record(u, state.x, dx, y, measured)
+        record = Record(u, state.x, dx, y, measured)
+        return LoopState(x, ends[-1], past, z, seen, inner), (record, info)
 
 
 def _limits(signals: Signals) -> tuple[Float[Array, "inputs"], Float[Array, "inputs"]]:
@@ -129,7 +149,6 @@ def _limits(signals: Signals) -> tuple[Float[Array, "inputs"], Float[Array, "inp
     return lower, jnp.array([each.max for each in signals.inputs])
 
 
-@eqx.filter_jit
 def closed_loop(
     plant: Plant,
     controller: Controller,
@@ -138,7 +157,20 @@ def closed_loop(
     dt: float,
 ) -> Record:
     """Run `plant` from `x0` in a `Loop`."""
-    loop = Loop(plant, controller, dt, conditions.f.shape[1])
+    return governed_loop(plant, controller, None, x0, conditions, dt)[0]
+
+
+@eqx.filter_jit
+def governed_loop(
+    plant: Plant,
+    controller: Controller,
+    policy: Policy | None,
+    x0: Float[Array, "states"],
+    conditions: Conditions,
+    dt: float,
+) -> tuple[Record, Any]:
+    """(record, info of every sample): `closed_loop` with a `policy` in the loop."""
+    loop = Loop(plant, controller, dt, conditions.f.shape[1], policy)
     uf = conditions.feedforward
     following = jnp.concatenate([uf[1:], uf[-1:]])
     start = loop.init(x0, uf[0])

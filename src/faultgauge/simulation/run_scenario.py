@@ -1,6 +1,8 @@
 """Carrying out a scenario: a closed-loop run, and the log that telemetry would hold of it."""
 
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -8,8 +10,10 @@ import numpy as np
 from jaxtyping import Float
 
 from faultgauge.errors import InputError
-from faultgauge.simulation.closed_loop import Conditions, Record, closed_loop, with_faults
+from faultgauge.simulation.closed_loop import Conditions, Record, governed_loop, with_faults
 from faultgauge.simulation.free_run import RATE_STEP, fastest_rate
+from faultgauge.simulation.policy import Policy
+from faultgauge.simulation.satellite.loop import Telemetry
 from faultgauge.simulation.satellite.observatory import AXES, PERIOD
 from faultgauge.simulation.satellite.observatory import run as fly
 from faultgauge.simulation.scenario import MOST_STEPS, TRUTH, Drive, Scenario, read_scenario
@@ -17,7 +21,17 @@ from faultgauge.simulation.schedules import Schedule, grid, inject, truth
 from faultgauge.simulation.sources import Clock
 from faultgauge.telemetry import Run
 
-__all__ = ["INPUTS", "REFERENCES", "driven", "noise", "rehearse", "simulate", "truths"]
+__all__ = [
+    "INPUTS",
+    "REFERENCES",
+    "driven",
+    "fault_free_points",
+    "noise",
+    "rehearse",
+    "run_under",
+    "simulate",
+    "truths",
+]
 
 SUBSTEPS = 20  # of a sample, at least: a fault that begins between samples is seen in time
 POINTS = 500
@@ -35,9 +49,18 @@ def simulate(scenario: Scenario | str | Path) -> Run:
     """
     if not isinstance(scenario, Scenario):
         scenario = read_scenario(scenario)
+    return run_under(scenario, None)[0]
+
+
+def run_under(scenario: Scenario, policy: Policy | None) -> tuple[Run, Any]:
+    """`simulate` with a `policy` between the controller and the inputs; (run, its info by row).
+
+    In the flight of a satellite it is that of all wheels.
+    """
     t = grid(scenario.samples, scenario.step)[:, 0]
     kept = slice(None, None, scenario.log_every)
-    columns = _flown(scenario, t) if scenario.flight else _looped(scenario, t)
+    work = _flown if scenario.flight else _looped
+    columns, info = work(scenario, t, policy)
     columns = {name: column[kept] for name, column in columns.items()}
     columns |= truths(scenario, t[kept])
     for name in scenario.plant.signals.output_names:
@@ -46,33 +69,53 @@ def simulate(scenario: Scenario | str | Path) -> Run:
                 f"{scenario.source}: output {name!r} gives no sample in the whole run; shorten "
                 "its dropout."
             )
-    return Run(scenario.name, scenario.source, t[kept], columns)
+    run = Run(scenario.name, scenario.source, t[kept], columns)
+    return run, jax.tree.map(lambda each: np.asarray(each)[kept], info)
+
+
+def fault_free_points(
+    scenario: Scenario,
+) -> tuple[Float[np.ndarray, "points states"], Float[np.ndarray, "points inputs"]]:
+    """States and inputs that the scenario leads through without its faults and without a policy."""
+    healthy = replace(scenario, faults=())
+    t = grid(scenario.samples, scenario.step)[:, 0]
+    points = np.linspace(0, scenario.samples - 1, min(POINTS, scenario.samples)).astype(int)
+    if scenario.flight:
+        flown, axis = _flight(healthy, t, None), AXES.index(scenario.flight.axis)
+        x, u = flown.momentum[:, [axis]], flown.u[:, [axis]]
+    else:
+        record = rehearse(healthy, t)[0]
+        x, u = record.x, record.u
+    return np.asarray(x)[points], np.asarray(u)[points]
 
 
 def _looped(
-    scenario: Scenario, t: Float[np.ndarray, "samples"]
-) -> dict[str, Float[np.ndarray, "samples"]]:
-    """Inputs and outputs of the plant under its own controller."""
-    record, _ = rehearse(scenario, t)
+    scenario: Scenario, t: Float[np.ndarray, "samples"], policy: Policy | None
+) -> tuple[dict[str, Float[np.ndarray, "samples"]], Any]:
+    """Inputs and outputs of the plant under its own controller, and the policy's info."""
+    record, info, _ = rehearse(scenario, t, policy)
     signals = scenario.plant.signals
     columns = dict(zip(signals.input_names, np.asarray(record.u).T, strict=True))
-    return columns | dict(zip(signals.output_names, np.asarray(record.measured).T, strict=True))
+    columns |= dict(zip(signals.output_names, np.asarray(record.measured).T, strict=True))
+    return columns, info
 
 
-def rehearse(scenario: Scenario, t: Float[np.ndarray, "samples"]) -> tuple[Record, int]:
-    """The loop run through, and the integration steps per sample that it took.
+def rehearse(
+    scenario: Scenario, t: Float[np.ndarray, "samples"], policy: Policy | None = None
+) -> tuple[Record, Any, int]:
+    """The loop run through, the policy's info, and the integration steps per sample that it took.
 
     Raises `InputError` where it makes no sense or leaves all bounds.
     """
     _check_delays(scenario, t[-1])
     substeps = scenario.substeps or SUBSTEPS
-    record = _record(scenario, t, substeps)
+    record, info = _record(scenario, t, substeps, policy)
     needed = substeps if scenario.substeps else _needed(scenario, record)
     if needed > substeps:
         substeps = needed
-        record = _record(scenario, t, substeps)
+        record, info = _record(scenario, t, substeps, policy)
     _check_finite(scenario, t, record)
-    return record, substeps
+    return record, info, substeps
 
 
 def _check_delays(scenario: Scenario, duration: float) -> None:
@@ -85,15 +128,36 @@ def _check_delays(scenario: Scenario, duration: float) -> None:
 
 
 def _flown(
-    scenario: Scenario, t: Float[np.ndarray, "samples"]
-) -> dict[str, Float[np.ndarray, "samples"]]:
-    """Command and telemetry of one wheel of a satellite, and the attitude [deg] as known on board.
+    scenario: Scenario, t: Float[np.ndarray, "samples"], policy: Policy | None
+) -> tuple[dict[str, Float[np.ndarray, "samples"]], Any]:
+    """Command and telemetry of one wheel of a satellite, the attitude [deg] as known on board, and
+    the info of that wheel's policy.
 
     Faults and disturbances are in this wheel alone.
     """
     flight, signals = scenario.flight, scenario.plant.signals
     assert flight is not None
-    for each in signals.inputs:
+    happens = inject([*scenario.faults, *scenario.disturbances], signals, t)
+    flown = _flight(scenario, t, policy)
+    axis = AXES.index(flight.axis)
+    true = np.stack([flown.torque[:, axis], flown.momentum[:, axis]], axis=1)
+    measured = true + np.where(np.isnan(happens.stuck.y), noise(scenario), 0.0)
+    if policy is not None:
+        measured[:, 1] = flown.read[:, axis, 1]
+    measured = np.where(happens.dropped, np.nan, measured)
+    columns = {signals.input_names[0]: np.asarray(flown.u)[:, axis]}
+    columns |= dict(zip(signals.output_names, measured.T, strict=True))
+    attitude = np.rad2deg(np.asarray(flown.estimated)).T
+    columns |= dict(zip(AXES, attitude, strict=True))
+    return columns, jax.tree.map(lambda each: each[:, axis], flown.info)
+
+
+def _flight(
+    scenario: Scenario, t: Float[np.ndarray, "samples"], policy: Policy | None
+) -> Telemetry:
+    flight = scenario.flight
+    assert flight is not None
+    for each in scenario.plant.signals.inputs:
         if each.delay:
             raise InputError(
                 f"{scenario.source}: the wheel's input {each.name!r} has a delay, which the flight "
@@ -101,23 +165,16 @@ def _flown(
                 "from the scenario."
             )
     every = [*scenario.faults, *scenario.disturbances]
-    happens = inject(every, signals, t)
-    flown = fly(
+    return fly(
         scenario.plant,
         scenario.samples * PERIOD,
         scenario.seed,
         faults={flight.axis: [s for s in every if not _drops_samples(s)]},
         angles=flight.angles,
         momenta=flight.momenta,
+        policy=policy,
+        tachometer=float(scenario.sigma[1]),
     )
-    axis = AXES.index(flight.axis)
-    true = np.stack([flown.torque[:, axis], flown.momentum[:, axis]], axis=1)
-    added = np.where(np.isnan(happens.stuck.y), noise(scenario), 0.0)
-    measured = np.where(happens.dropped, np.nan, true + added)
-    columns = {signals.input_names[0]: np.asarray(flown.u)[:, axis]}
-    columns |= dict(zip(signals.output_names, measured.T, strict=True))
-    attitude = np.rad2deg(np.asarray(flown.estimated)).T
-    return columns | dict(zip(AXES, attitude, strict=True))
 
 
 def _drops_samples(schedule: Schedule) -> bool:
@@ -149,7 +206,9 @@ def truths(
     return {TRUTH + fault.name: truth(fault, t) for fault in scenario.faults}
 
 
-def _record(scenario: Scenario, t: Float[np.ndarray, "samples"], substeps: int) -> Record:
+def _record(
+    scenario: Scenario, t: Float[np.ndarray, "samples"], substeps: int, policy: Policy | None
+) -> tuple[Record, Any]:
     if scenario.samples * substeps > MOST_STEPS:
         raise InputError(
             f"{scenario.source}: {substeps} integration steps for each of {scenario.samples} "
@@ -172,7 +231,8 @@ def _record(scenario: Scenario, t: Float[np.ndarray, "samples"], substeps: int) 
     )
     plant = with_faults(scenario.plant, happens.faults)
     x0 = jnp.asarray(scenario.x0)
-    return jax.device_get(closed_loop(plant, scenario.controller, x0, conditions, scenario.step))
+    run = governed_loop(plant, scenario.controller, policy, x0, conditions, scenario.step)
+    return jax.device_get(run)
 
 
 def driven(

@@ -30,7 +30,16 @@ from faultgauge.simulation.satellite.observatory import (
 from faultgauge.simulation.schedules import Schedule
 from faultgauge.simulation.sources import SOURCES, Source
 
-__all__ = ["MOST_STEPS", "TRUTH", "Drive", "Flight", "Scenario", "parse_scenario", "read_scenario"]
+__all__ = [
+    "MOST_STEPS",
+    "TRUTH",
+    "Drive",
+    "Flight",
+    "Scenario",
+    "parse_scenario",
+    "read_scenario",
+    "trained_plant",
+]
 
 MOST_STEPS = 20_000_000  # integration steps: 1 to 2 GB while they run
 TRUTH = "true_"
@@ -62,7 +71,8 @@ class Scenario:
 
     Samples are `step` [s] apart; every `log_every`-th is logged. `substeps` is None where the
     plant decides. `folder` is where relative paths start. With a `flight` a satellite's attitude
-    controller sets the inputs, and those of the file are empty.
+    controller sets the inputs, and those of the file are empty. `accommodation` is that table of
+    the file as it stands, to be read by `faultgauge.accommodation.table`.
     """
 
     name: str
@@ -82,6 +92,7 @@ class Scenario:
     faults: tuple[Schedule, ...]
     disturbances: tuple[Schedule, ...]
     flight: Flight | None = None
+    accommodation: dict[str, Any] | None = None
 
 
 # The file's schema, as pydantic sees it; sources and profiles are typed by their kind, below.
@@ -122,6 +133,7 @@ class _File(Table):
     references: Tables = pydantic.Field(default_factory=dict)
     faults: Tables = pydantic.Field(default_factory=dict)
     disturbances: Tables = pydantic.Field(default_factory=dict)
+    accommodation: dict[str, Any] | None = None
 
 
 def read_scenario(path: str | Path) -> Scenario:
@@ -134,24 +146,25 @@ def read_scenario(path: str | Path) -> Scenario:
 def parse_scenario(text: str, source: str = "scenario", folder: Path = Path()) -> Scenario:
     """Check the text of a scenario file; relative paths in it start at `folder`."""
     file = typed(_File, parse_toml(text, source), source)
-    plant = _plant(file.plant, source, folder)
+    plant = trained_plant(file.plant, f"{source}: plant", folder)
     return _Checker(file, plant, source, folder).scenario()
 
 
-def _plant(name: str, source: str, folder: Path) -> GrayBoxPlant:
+def trained_plant(name: str, where: str, folder: Path) -> GrayBoxPlant:
+    """A preset, a plant file or a model by its `name` in a scenario; `where` says at which key."""
     path = folder / name
     if name in presets() and not path.is_file():
         plant = load_plant(name)
     elif not path.is_file():
         legal = "a plant file, a model (.fgm) or one of the presets " + ", ".join(presets())
-        raise InputError(f"{source}: plant = {name!r}: {path} is no file; give {legal}.")
+        raise InputError(f"{where} = {name!r}: {path} is no file; give {legal}.")
     elif path.suffix == ".fgm":
         return load_model(path).plant
     else:
         plant = load_plant(path)
     if plant.networks:
         raise InputError(
-            f"{source}: plant = {name!r}: its networks ({', '.join(plant.networks)}) are "
+            f"{where} = {name!r}: its networks ({', '.join(plant.networks)}) are "
             "untrained, so there is nothing to simulate; give a model made by `faultgauge fit`."
         )
     return plant
@@ -191,6 +204,7 @@ class _Checker:
             sigma=np.array(sigma, float),
             faults=faults,
             disturbances=schedules("disturbances", file.disturbances, signals, self.source),
+            accommodation=file.accommodation,
         )
 
     def flight(self) -> Flight | None:

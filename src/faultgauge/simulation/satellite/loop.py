@@ -6,7 +6,7 @@ A holds the wheels' axes; T is each wheel's torque output, which the body feels 
 sign: d(h)/dt, unless a fault enters that output, as eq (18) of the paper has it.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -14,6 +14,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from faultgauge.plants.plant import Plant, Stuck, respond
+from faultgauge.simulation.policy import Policy
 from faultgauge.simulation.satellite import rotations
 from faultgauge.simulation.satellite.controller import AttitudeController
 from faultgauge.simulation.satellite.determination import AttitudeEstimate, AttitudeFilter
@@ -30,7 +31,10 @@ class Satellite(eqx.Module):
 
     `wheel` is any plant with one state (momentum), one input (torque command) and the outputs
     torque and momentum, in this order; `axes` holds the wheels' directions, one column each.
-    `disturbance` acts on the body: constant, and amplitude at the orbital rate.
+    `disturbance` acts on the body: constant, and amplitude at the orbital rate. With `stacked` each
+    wheel has numbers of its own: the leaves of `wheel` have the wheels first. A `policy` turns the
+    torque wanted on the body [N*m] into the wheels' commands, in place of `allocation`; it reads
+    the wheels' outputs, the momentum with noise of standard deviation `tachometer` [N*m*s].
     """
 
     wheel: Plant
@@ -46,6 +50,9 @@ class Satellite(eqx.Module):
     controller: AttitudeController
     dt: float  # control period
     substeps: int = eqx.field(static=True)  # RK4 steps in it
+    policy: Policy | None = None
+    tachometer: float = 0.0
+    stacked: bool = eqx.field(static=True, default=False)
 
 
 class State(NamedTuple):
@@ -59,10 +66,14 @@ class State(NamedTuple):
     counted: Float[Array, "3"]
     bias: Float[Array, "3"]
     estimate: AttitudeEstimate
+    policy: Any = ()  # (last command, state) where there is one
 
 
 class Now(NamedTuple):
-    """What happens during one step: noise, and each wheel's faults per integration step."""
+    """What happens during one step: noise, and each wheel's faults per integration step.
+
+    `noise` has a number per wheel more where a policy reads the tachometers.
+    """
 
     noise: Float[Array, "noises"]
     f: Float[Array, "substeps wheels faults"]
@@ -80,6 +91,8 @@ class Telemetry(NamedTuple):
     attitude: Float[Array, "3"]  # true roll, pitch, yaw against the orbit frame, rad
     estimated: Float[Array, "3"]
     sunlit: Array
+    read: Any = ()  # the wheels' outputs as a policy read them
+    info: Any = ()  # what it tells
 
 
 def start(
@@ -101,21 +114,24 @@ def start(
         jnp.diag(variance),
         omega,
     )
-    zero = jnp.zeros(3)
-    return State(jnp.asarray(0), q, omega, h, zero, zero, jnp.array(satellite.gyro.bias), estimate)
+    zero, policy = jnp.zeros(3), ()
+    if satellite.policy is not None:
+        policy = (jnp.zeros_like(h), satellite.policy.init(h, jnp.zeros_like(h)))
+    bias = jnp.array(satellite.gyro.bias)
+    return State(jnp.asarray(0), q, omega, h, zero, zero, bias, estimate, policy)
 
 
 def step(satellite: Satellite, state: State, now: Now) -> tuple[State, Telemetry]:
     """One control period: sense, estimate, command, and let the physics run under it."""
-    orbit, wheel = satellite.orbit, satellite.wheel
+    orbit = satellite.orbit
     t = state.step * satellite.dt
     state = _determine(satellite, state, t, now.noise)
     wanted = satellite.controller.torque(
         state.estimate, orbit.frame(t), orbit.frame_rate, satellite.axes @ state.h
     )
-    limit = wheel.signals.inputs[0]
-    u = jnp.clip(-satellite.allocation @ wanted, limit.min, limit.max)
-    dh, y = _wheels(wheel, state.h, u, now.f[0], jax.tree.map(lambda a: a[0], now.stuck))
+    first = jax.tree.map(lambda a: a[0], now.stuck)
+    u, policy, read, info = _command(satellite, state, wanted, now, first)
+    dh, y = _wheels(satellite, state.h, u, now.f[0], first)
     relative = rotations.conjugate(orbit.frame(t))
     telemetry = Telemetry(
         t=t,
@@ -126,8 +142,25 @@ def step(satellite: Satellite, state: State, now: Now) -> tuple[State, Telemetry
         attitude=rotations.to_angles(rotations.product(relative, state.q)),
         estimated=rotations.to_angles(rotations.product(relative, state.estimate.q)),
         sunlit=orbit.sunlit(t),
+        read=read,
+        info=info,
     )
-    return _advance(satellite, state, t, u, now), telemetry
+    return _advance(satellite, state._replace(policy=policy), t, u, now), telemetry
+
+
+def _command(
+    satellite: Satellite, state: State, wanted: Array, now: Now, stuck: Stuck
+) -> tuple[Array, Any, Any, Any]:
+    """(commands inside the wheels' limits; the policy's next state, what it read, its info)."""
+    limit = satellite.wheel.signals.inputs[0]
+    if satellite.policy is None:
+        return jnp.clip(-satellite.allocation @ wanted, limit.min, limit.max), (), (), ()
+    last, inner = state.policy
+    y = _wheels(satellite, state.h, last, now.f[0], stuck)[1]
+    y = y.at[:, 1].add(satellite.tachometer * now.noise[NOISES:])
+    inner, u, info = satellite.policy.step(inner, wanted, y, jnp.asarray(satellite.dt))
+    u = jnp.clip(u, limit.min, limit.max)
+    return u, (u, inner), y, info
 
 
 def _determine(satellite: Satellite, state: State, t: Array, noise: Array) -> State:
@@ -155,11 +188,13 @@ def _determine(satellite: Satellite, state: State, t: Array, noise: Array) -> St
     )
 
 
-def _wheels(wheel: Plant, h: Array, u: Array, f: Array, stuck: Stuck) -> tuple[Array, Array]:
+def _wheels(
+    satellite: Satellite, h: Array, u: Array, f: Array, stuck: Stuck
+) -> tuple[Array, Array]:
     """(d(h)/dt, outputs) of every wheel. At a limit of its state a wheel takes up no more."""
-    limits = wheel.signals.states[0]
+    limits = satellite.wheel.signals.states[0]
 
-    def one(h: Array, u: Array, f: Array, stuck: Stuck) -> tuple[Array, Array]:
+    def one(wheel: Plant, h: Array, u: Array, f: Array, stuck: Stuck) -> tuple[Array, Array]:
         dx, y = respond(wheel, h[None], u[None], f, stuck)
         if limits.min == -jnp.inf and limits.max == jnp.inf:
             return dx[0], y
@@ -168,7 +203,8 @@ def _wheels(wheel: Plant, h: Array, u: Array, f: Array, stuck: Stuck) -> tuple[A
         dx, y = respond(wheel, h[None], u[None], f, held)
         return dx[0], y
 
-    return jax.vmap(one)(h, u, f, stuck)
+    each = eqx.if_array(0) if satellite.stacked else None
+    return eqx.filter_vmap(one, in_axes=(each, 0, 0, 0, 0))(satellite.wheel, h, u, f, stuck)
 
 
 class _Motion(NamedTuple):
@@ -202,7 +238,7 @@ def _advance(satellite: Satellite, state: State, t: Array, u: Array, now: Now) -
 
 
 def _rates(satellite: Satellite, t: Array, x: _Motion, u: Array, f: Array, stuck: Stuck) -> _Motion:
-    dh, y = _wheels(satellite.wheel, x.h, u, f, stuck)
+    dh, y = _wheels(satellite, x.h, u, f, stuck)
     inertia, axes = satellite.inertia, satellite.axes
     constant, orbital = satellite.disturbance
     outside = constant + orbital * jnp.sin(satellite.orbit.rate * t)

@@ -49,7 +49,7 @@ class Quality(NamedTuple):
 
 
 def design(
-    plant: Plant, points: OperatingPoints, bandwidth: float = BANDWIDTH
+    plant: Plant, points: OperatingPoints, bandwidth: float = BANDWIDTH, zeta: float = ZETA
 ) -> ExtendedStateObserver:
     """The paper's observer in discrete time, closed on momentum, condition (13) insisted on."""
     found = design_eso(
@@ -60,7 +60,7 @@ def design(
         bandwidth,
         ("hm",),
         PERIOD / STEPS_PER_PERIOD,
-        zeta=ZETA,
+        zeta=zeta,
         kappa=KAPPA,
         delta=DELTA,
         paper=True,

@@ -15,6 +15,7 @@ from faultgauge.plants.plant import Plant
 from faultgauge.simulation.satellite.observatory import HOLD, PERIOD, run
 from faultgauge.simulation.schedules import grid, truth
 from faultgauge.studies.paper import comparison, estimating, severity
+from faultgauge.studies.paper.accommodating import measured
 from faultgauge.studies.paper.bench import Bench, Traces, learn_from, set_up
 from faultgauge.studies.paper.cases import (
     CASES,
@@ -55,7 +56,8 @@ def experiment(
     seed: int, *, quick: bool = False, progress: Callable[[str], None] = lambda text: None
 ) -> Outcome:
     """Everything that the study measures for one seed; `quick` leaves out the slow comparisons
-    (gradient descent, normal operation, baselines beyond Table 1's, the other claims)."""
+    (gradient descent, normal operation, baselines beyond Table 1's, margins and lost wheels, the
+    other claims)."""
     progress("learning from the experiment")
     bench = set_up(seed)
     figures, traces = _core(bench, progress)
@@ -68,6 +70,11 @@ def experiment(
         torque_form(),
         comparison.measure(bench, quick=quick, progress=progress),
     ):
+        _merge(figures, more)
+        traces |= curves
+    progress("accommodating")
+    for measure in measured.QUICK if quick else (*measured.QUICK, *measured.SLOW):
+        more, curves = measure(bench)
         _merge(figures, more)
         traces |= curves
     for claim in () if quick else CLAIMS:

@@ -80,6 +80,13 @@ GOALS = (
             ),
         )
     ),
+    *(
+        Goal(label, f"accommodation.estimate_and_friction.{key}", "max", "<=", bound, "deg")
+        for label, key, bound in (
+            ("pitch under eq (17), accommodated, RMS, worst seed", "rms_deg", 0.04),
+            ("... peak, worst seed", "peak_deg", 0.15),
+        )
+    ),
 )
 
 

@@ -4,6 +4,7 @@ from typing import Any
 
 from faultgauge.reporting.report import Report, Section, Table
 from faultgauge.studies.paper import comparison_section, figures, tables
+from faultgauge.studies.paper.accommodating import measured
 from faultgauge.studies.paper.bench import Traces
 from faultgauge.studies.paper.claims.registry import CLAIMS, ONCE, Claim
 from faultgauge.studies.paper.goals import GOALS, Goal, found, met
@@ -40,6 +41,7 @@ def paper_report(found_: Reproduction) -> Report:
         _torque_form(results, found_),
         *comparison_section.sections(results, found_.first.traces),
         *(claim.section(results, found_.first.traces) for claim in _claims(results)),
+        *measured.sections(results, found_.first.traces),
         Section(
             "How to read this",
             (
