@@ -264,6 +264,31 @@ def test_estimate_writes_the_columns_of_the_contract(call, workshop, tmp_path):
     assert all(r["reason"] for r in rows if r["status"] == "NOT_JUDGED")
 
 
+def test_the_bank_names_the_leak_with_probability_and_interval(call, workshop, tmp_path):
+    out, report = tmp_path / "b.csv", tmp_path / "b.html"
+    args = (workshop.calibrated, workshop.suspect, "--out", out, "--observer", "bank")
+    found = one_object(call("estimate", *args, "--json", "--report", report))
+    event = max(found["events"], key=lambda e: e["end"] - e["start"])
+    assert event["fault"] == "leak"
+    assert event["lo"] < workshop.leak < event["hi"]
+    assert event["p"] > 0.95
+    assert event["start"] == pytest.approx(workshop.onset, abs=1)
+    rows = table(out)
+    assert {r["status"] for r in rows[400:]} == {"FAULT"}
+    sums = [sum(float(r[f"p_{n}"]) for n in ("leak", "healthy", "unknown")) for r in rows]
+    assert sums == pytest.approx([1.0] * len(rows), abs=1e-9)
+    assert "leak" in report.read_text()
+
+
+def test_the_bank_is_silent_on_a_healthy_log_and_wants_a_calibrated_model(call, workshop, tmp_path):
+    bank = ("--out", tmp_path / "f.csv", "--observer", "bank")
+    said = call("estimate", workshop.calibrated, workshop.healthy, *bank)
+    assert said.out.strip() == "No fault."
+    refused = call("estimate", workshop.model, workshop.healthy, *bank)
+    assert refused.code == 2
+    assert "faultgauge calibrate" in refused.err
+
+
 def test_estimate_without_calibration_judges_nothing(call, workshop, tmp_path):
     out = tmp_path / "f.csv"
     said = call("estimate", workshop.model, workshop.suspect, "--out", out)

@@ -194,12 +194,6 @@ def test_a_key_that_is_unknown_missing_or_of_the_wrong_type(text, parts):
     ("text", "key"),
     [
         (small("[inputs.u]", "[inputs.u]\ninstrument = true"), "instrument"),
-        (small(more="[faults.f]\nenters='input'\ntarget='u'\nrate = 1"), "rate"),
-        (
-            small(more="[faults.f]\nenters='input'\ntarget='u'\nprior_per_hour = 1"),
-            "prior_per_hour",
-        ),
-        (small(more="[detection]\nmax_simultaneous = 2"), "detection"),
     ],
 )
 def test_a_key_that_is_not_acted_on_yet_is_refused(text, key):
@@ -357,3 +351,13 @@ def test_a_file_that_cannot_be_read_is_named(tmp_path):
         assert str(caught.value).startswith(f"{path}: ")
         assert part in str(caught.value)
     assert "presets dc_motor" in str(caught.value)
+
+
+def test_keys_of_the_bank():
+    more = "[faults.f]\nenters='input'\ntarget='u'\nrate = 0.1\nprior_per_hour = 2\n"
+    signals = parse_plant(small(more=more + "[detection]\nmax_simultaneous = 1")).signals
+    assert (signals.faults[0].rate, signals.faults[0].prior_per_hour) == (0.1, 2.0)
+    assert signals.max_simultaneous == 1
+    assert parse_plant(small()).signals.max_simultaneous == 2
+    assert "max_simultaneous" in refusal(small(more="[detection]\nmax_simultaneous = 3"))
+    assert "rate" in refusal(small(more=more.replace("0.1", "-1")))

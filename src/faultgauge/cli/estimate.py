@@ -1,12 +1,16 @@
 """`faultgauge estimate`"""
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from faultgauge.cli import options
 from faultgauge.errors import InputError
+
+if TYPE_CHECKING:
+    from faultgauge.plants.model import Model
+    from faultgauge.telemetry import Run
 
 __all__ = ["estimate"]
 
@@ -23,7 +27,10 @@ def estimate(
         Path | None,
         typer.Option("--out", metavar="FILE", help="Table to write: .csv, .csv.gz, .parquet."),
     ] = None,
-    observer: Annotated[str, typer.Option("--observer", help="Observer to run.")] = "eso",
+    observer: Annotated[
+        str,
+        typer.Option("--observer", help="eso, or bank: which faults, how big, how probable."),
+    ] = "eso",
     reference: Annotated[
         Literal["free", "measured", "observer"],
         typer.Option("--reference", help="Healthy reference of the residual columns."),
@@ -59,6 +66,7 @@ def estimate(
             "--where": where is not None,
             "--report": report is not None,
             "--json": json,
+            "--observer bank": observer == "bank",
         }
         for name in (name for name, given in refused.items() if given):
             raise InputError(
@@ -84,6 +92,9 @@ def estimate(
     fitted = load_model(model)
     signals = fitted.plant.signals
     runs = options.read_logs(signals, logs, time, map, where)
+    if observer == "bank":
+        _decide(fitted, runs, reference, out, report, json)
+        return
     with options.narrate("estimating"):
         judgements, bank = estimation.estimate(fitted, runs, observer=observer, reference=reference)
     write_table(estimation.table(judgements, signals.fault_names), out)
@@ -98,5 +109,34 @@ def estimate(
         options.print_json({"events": estimation.as_dicts(found)})
         return
     for line in estimation.sentences(fitted, found):
+        print(line)
+    options.say(f"wrote {out}")
+
+
+def _decide(
+    model: "Model",
+    runs: "list[Run]",
+    reference: Literal["free", "measured", "observer"],
+    out: Path,
+    report: Path | None,
+    json: bool,
+) -> None:
+    """The same by the bank: probabilities, intervals, a status and events."""
+    from faultgauge.detection import decisions
+    from faultgauge.telemetry.writing import write_table
+
+    with options.narrate("estimating"):
+        decided, bank = decisions.decide_runs(model, runs, reference)
+    write_table(decisions.table(decided, model.plant.signals.fault_names), out)
+    if report is not None:
+        from faultgauge.reporting.decision_chapter import decision_report
+        from faultgauge.reporting.report import write
+
+        write(decision_report(bank, decided), report)
+    if json:
+        events = [event for each in decided for event in each.events]
+        options.print_json({"events": decisions.as_dicts(events)})
+        return
+    for line in decisions.sentences(bank, decided):
         print(line)
     options.say(f"wrote {out}")

@@ -14,6 +14,7 @@ from jaxtyping import Float
 from scipy.stats import chi2
 
 from faultgauge.detection.judged import Bank, Estimates, build_bank, estimate_run
+from faultgauge.detection.noise import estimate_noise
 from faultgauge.detection.residual import residuals
 from faultgauge.errors import InputError
 from faultgauge.plants.model import Model
@@ -142,6 +143,12 @@ def calibrate(
             for name in scales
         },
     }
+    if model.plant.signals.faults:
+        progress("finding the noise levels of the bank")
+        try:
+            block["noise"] = estimate_noise(model, runs).as_dict(model)
+        except InputError as refusal:
+            warnings.append(f"--observer bank will not be available: {refusal}".rstrip("."))
     return Calibration(model.with_calibration(block), blocks, suspects, warnings)
 
 

@@ -28,6 +28,7 @@ __all__ = [
     "estimate_run",
     "measured_outputs",
     "operating_points",
+    "pad_stretch",
     "record_arrays",
     "steps_to",
     "samples_to_start",
@@ -111,7 +112,7 @@ def bandwidth_of(model: Model, step: float) -> float:
 
 def check_observer(name: str) -> None:
     if name not in OBSERVERS:
-        raise InputError(f"unknown observer {name!r}; legal: {', '.join(OBSERVERS)}.")
+        raise InputError(f"unknown observer {name!r}; legal: {', '.join(OBSERVERS)}, bank.")
 
 
 def build_bank(model: Model, runs: Sequence[Run], observer: str = "eso") -> Bank:
@@ -216,6 +217,23 @@ def start_from_samples(model: Model, run: Run, part: slice) -> Start:
 def steps_to(t: Float[np.ndarray, "samples"]) -> Float[np.ndarray, "samples"]:
     """Seconds from the sample before to each; 0 to the first."""
     return np.diff(t, prepend=t[:1])
+
+
+def pad_stretch(
+    u: Float[np.ndarray, "samples inputs"],
+    y: Float[np.ndarray, "samples outputs"],
+    t: Float[np.ndarray, "samples"],
+) -> tuple[
+    Float[np.ndarray, "padded inputs"],
+    Float[np.ndarray, "padded outputs"],
+    Float[np.ndarray, "padded"],
+]:
+    """(u, y, dt) at the length of a bucket; nothing is sampled in what was added."""
+    length = bucket(len(t))
+    dt = np.zeros(length)
+    dt[1 : len(t)] = np.diff(t)
+    padded = np.concatenate([y, np.full((length - len(t), y.shape[1]), np.nan)])
+    return pad(u, length), padded, dt
 
 
 def estimate_run(bank: Bank, log: Run) -> Estimates:

@@ -158,6 +158,7 @@ class _Checker:
             ),
             faults=self.faults(),
             observation=self.observation(),
+            max_simultaneous=file.detection.max_simultaneous,
         )
         networks = self.networks((*derivatives, *values))
         spec = PlantSpec(
@@ -313,7 +314,15 @@ class _Checker:
                 problem = unknown(f"{kinds[table.enters][:-1]} as target", table.target, legal)
                 raise self.fail(f"faults.{name}", problem)
         return tuple(
-            Fault(name, table.enters, table.target, table.unit, *_bounds(table))
+            Fault(
+                name,
+                table.enters,
+                table.target,
+                table.unit,
+                *_bounds(table),
+                table.rate,
+                table.prior_per_hour,
+            )
             for name, table in self.file.faults.items()
         )
 

@@ -12,6 +12,7 @@ from faultgauge.plants.signals import Hold
 from faultgauge.plants.toml_file import Number, Positive, Table
 
 __all__ = [
+    "DetectionTable",
     "FileTable",
     "InputTable",
     "LATER",
@@ -23,7 +24,7 @@ __all__ = [
 
 MAX_HIDDEN = 200
 # Keys of the plant file that this version does not act on yet: refused rather than ignored.
-LATER = {"instrument", "rate", "prior_per_hour", "detection"}
+LATER = {"instrument"}
 
 Text = str
 
@@ -76,11 +77,17 @@ class FaultTable(Table):
     unit: Text = ""
     min: Number | None = None
     max: Number | None = None
+    rate: Positive | None = None
+    prior_per_hour: Positive | None = None
 
 
 class ObserverTable(Table):
     outputs: list[Text] | None = None
     bandwidth: Positive | None = None
+
+
+class DetectionTable(Table):
+    max_simultaneous: Literal[1, 2] = 2
 
 
 class FileTable(Table):
@@ -92,3 +99,4 @@ class FileTable(Table):
     networks: dict[str, NetworkTable] = pydantic.Field(default_factory=dict)
     faults: dict[str, FaultTable] = pydantic.Field(default_factory=dict)
     observer: ObserverTable = ObserverTable()
+    detection: DetectionTable = DetectionTable()

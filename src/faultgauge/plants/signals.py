@@ -52,7 +52,8 @@ class Output:
 class Fault:
     """A hypothesis: additive on a state's derivative, an input or an output, or a gain loss.
 
-    The estimate is kept inside [min, max].
+    The estimate is kept inside [min, max]. `rate` is its fastest growth (unit/s) and
+    `prior_per_hour` how often it begins; None where the plant file leaves them to the bank.
     """
 
     name: str
@@ -61,6 +62,8 @@ class Fault:
     unit: str = ""
     min: float = -math.inf
     max: float = math.inf
+    rate: float | None = None
+    prior_per_hour: float | None = None
 
 
 @dataclass(frozen=True)
@@ -73,13 +76,17 @@ class Observation:
 
 @dataclass(frozen=True)
 class Signals:
-    """Everything that the rest of faultgauge needs to know about a plant but its equations."""
+    """Everything that the rest of faultgauge needs to know about a plant but its equations.
+
+    At most `max_simultaneous` faults are taken to be present together.
+    """
 
     states: tuple[State, ...]
     inputs: tuple[Input, ...]
     outputs: tuple[Output, ...]
     faults: tuple[Fault, ...] = ()
     observation: Observation = Observation()
+    max_simultaneous: int = 2
 
     @property
     def state_names(self) -> tuple[str, ...]:

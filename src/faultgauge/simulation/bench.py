@@ -56,8 +56,8 @@ def bench_of(scenario: Scenario) -> Bench:
     what `simulate` refuses is refused here, as `InputError`; so is `[accommodation]`."""
     if scenario.accommodation is not None:
         raise InputError(
-            f"{scenario.source}: [accommodation] does not run against the clock yet; take the table "
-            "out, or leave --realtime out."
+            f"{scenario.source}: [accommodation] does not run against the clock yet; take the "
+            "table out, or leave --realtime out."
         )
     return _Flight(scenario) if scenario.flight else _ClosedLoop(scenario)
 

@@ -1,0 +1,48 @@
+"""Throughput of the bank: a million samples with 8 and with 37 hypotheses, each in one process.
+
+python benchmarks/bank_speed.py [SAMPLES]
+
+Beside the sets of faults that are counted here run an agile mode per fault and three unknown ones.
+"""
+
+import sys
+import time
+from dataclasses import replace
+
+from faultgauge.detection.bank import build_fault_bank, run_over
+from faultgauge.detection.noise import estimate_noise
+from faultgauge.detection.posterior import posterior_of
+from faultgauge.plants.gray_box import GrayBoxPlant
+from faultgauge.plants.signals import Fault
+from faultgauge.studies.decisions.rig import rig, true_model, window
+
+COUNT = int(sys.argv[1]) if len(sys.argv) > 1 else 1_000_000
+MORE = (
+    Fault("gain_p", "gain", "p"),
+    Fault("gain_q", "gain", "q"),
+    Fault("leak_a", "state", "a"),
+    Fault("leak_b", "state", "b"),
+)
+
+runs = [window(10_000 + k, seconds=4000.0).run for k in range(2)]
+base = rig()
+noise = estimate_noise(true_model(base, runs), runs)
+long = window(10_002, seconds=float(COUNT)).run
+for faults in (base.signals.faults[:3], (*base.signals.faults, *MORE)):
+    signals = replace(base.signals, faults=faults)
+    plant = GrayBoxPlant(signals, base.spec, base.networks, base.parameters)
+    bank = build_fault_bank(true_model(plant, runs), runs, noise)
+    list(run_over(bank, runs[0]))  # compiles
+    wall, cpu = time.perf_counter(), time.process_time()
+    for _ in run_over(bank, long):
+        pass
+    wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
+    intervals = time.process_time()
+    posterior_of(bank, long, run_over(bank, long))
+    intervals = time.process_time() - intervals - cpu
+    sets = len(set(bank.sets))
+    print(
+        f"{sets} sets of faults ({len(bank.sets) + 3} modes), {len(long.t)} samples: {wall:.1f} s, "
+        f"of the processor {cpu:.1f} s ({1e6 * cpu / len(long.t):.0f} us a sample), and "
+        f"{intervals:.1f} s for the intervals"
+    )

@@ -1,0 +1,251 @@
+"""`estimate --observer bank`: one posterior per run, its events, and the columns of the table."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from faultgauge.detection.bank import FaultBank, Rows, build_fault_bank, run_over
+from faultgauge.detection.noise import noise_of
+from faultgauge.detection.onset import onset_of
+from faultgauge.detection.posterior import ALARM, NAMED, Posterior, posterior_of, statuses
+from faultgauge.detection.residual import Reference, residuals
+from faultgauge.plants.model import Model
+from faultgauge.telemetry import Run
+
+__all__ = [
+    "BankEvent",
+    "Decision",
+    "UNKNOWN",
+    "as_dicts",
+    "decide",
+    "decide_runs",
+    "sentences",
+    "table",
+]
+
+UNKNOWN = "unknown"
+HELD = 0.5  # an event lasts as long as p of its fault stays above
+PAUSE = 10  # samples below it that do not end an event
+FEWEST = 1e-3  # odds below which an alternative is not listed
+
+
+@dataclass(frozen=True)
+class BankEvent:
+    """A stretch in which a fault was named. Times in s; size in the fault's unit with its 95 %
+    interval, given that the fault is there (None for an undeclared one).
+
+    `start` is when it was told, `onset` when it began; size, p and the rest stand at the last
+    sample at which the fault did not change. `alternatives` are other sets of faults, with the
+    odds of the best set against them.
+    """
+
+    run: str
+    fault: str
+    start: float
+    end: float
+    size: float | None
+    lo: float | None
+    hi: float | None
+    p: float
+    onset: float
+    onset_lo: float
+    onset_hi: float
+    alternatives: tuple[tuple[str, float], ...]
+
+
+@dataclass(frozen=True)
+class Decision:
+    """One run judged by the bank."""
+
+    run: Run
+    posterior: Posterior
+    residuals: dict[str, Float[np.ndarray, "samples"]]
+    status: list[str]
+    reason: list[str]
+    events: list[BankEvent]
+
+
+def decide_runs(
+    model: Model, runs: Sequence[Run], reference: Reference = "free"
+) -> tuple[list[Decision], FaultBank]:
+    """Judge `runs`. Raises `InputError` for a model whose noise was not calibrated."""
+    bank = build_fault_bank(model, runs, noise_of(model))
+    return [decide(bank, run, reference) for run in runs], bank
+
+
+def decide(bank: FaultBank, run: Run, reference: Reference = "free") -> Decision:
+    """Judge one run."""
+    modes = len(bank.sets) + len(bank.levels.unknown)
+    p = np.full((len(run.t), modes), np.nan, np.float32)  # halves what a long log takes
+
+    def noted() -> Iterator[Rows]:
+        for rows in run_over(bank, run):
+            p[rows.part] = rows.p
+            yield rows
+
+    found = posterior_of(bank, run, noted())
+    status, reason = statuses(bank, run, found)
+    r = residuals(bank.model, run, reference)
+    return Decision(run, found, r, status, reason, _events(bank, run, found, p))
+
+
+def _events(
+    bank: FaultBank, run: Run, found: Posterior, p: Float[np.ndarray, "samples modes"]
+) -> list[BankEvent]:
+    names = (*bank.model.plant.signals.fault_names, UNKNOWN)
+    columns = np.concatenate([found.p, found.unknown[:, None]], axis=1)
+    events = []
+    for k, name in enumerate(names):
+        above = np.nan_to_num(columns[:, k]) >= HELD
+        for start, stop in _stretches(_merged(above)):
+            named = np.flatnonzero(columns[start:stop, k] >= NAMED)
+            if len(named):
+                told = start + int(named[0])
+                noticed = _noticed(found, k, start, told)
+                events.append(_event(bank, run, found, p, k, name, noticed, told, stop - 1))
+    return sorted(events, key=lambda event: event.start)
+
+
+def _event(
+    bank: FaultBank,
+    run: Run,
+    found: Posterior,
+    p: Float[np.ndarray, "samples modes"],
+    k: int,
+    name: str,
+    noticed: int,
+    told: int,
+    last: int,
+) -> BankEvent:
+    size = lo = hi = None
+    end = float(run.t[last])
+    probability = float(found.unknown[last])
+    onset = onset_lo = onset_hi = float(run.t[noticed])
+    if name != UNKNOWN:
+        last = _settled(bank, p, k, told, last)
+        probability = float(found.p[last, k])
+        size = float(found.f[last, k] / probability)
+        lo, hi = float(found.lo[last, k]), float(found.hi[last, k])
+        delay = onset_of(bank, k, size)
+        onset, onset_lo, onset_hi = (max(float(run.t[noticed] - d), float(run.t[0])) for d in delay)
+    return BankEvent(
+        run.name,
+        name,
+        float(run.t[told]),
+        end,
+        size,
+        lo,
+        hi,
+        probability,
+        onset,
+        onset_lo,
+        onset_hi,
+        _alternatives(bank, p[last]),
+    )
+
+
+def _noticed(found: Posterior, k: int, start: int, told: int) -> int:
+    """When something was seen to be wrong: the beginning of the alarm, or, where another fault
+    had been named by then, of this fault's own stretch."""
+    calm = np.flatnonzero(~(found.healthy[: told + 1] <= ALARM))
+    begin = int(calm[-1]) + 1 if len(calm) else 0
+    others = np.delete(found.p[begin:told], k, axis=1) if k < found.p.shape[1] else found.p[:0]
+    return start if np.any(others >= NAMED) else min(begin, start)
+
+
+def _settled(
+    bank: FaultBank, p: Float[np.ndarray, "samples modes"], k: int, told: int, last: int
+) -> int:
+    """The last sample from `told` to `last` at which the fault was not changing: its size."""
+    agile = bank.sets.index((k,), bank.sets.index((k,)) + 1)
+    modes = [m for m, each in enumerate(bank.sets) if k in each and m != agile]
+    calm = np.flatnonzero(p[told : last + 1, modes].sum(axis=1) >= NAMED)
+    return told + int(calm[-1]) if len(calm) else last
+
+
+def _alternatives(bank: FaultBank, p: Float[np.ndarray, "modes"]) -> tuple[tuple[str, float], ...]:
+    names = bank.model.plant.signals.fault_names
+    labels = ["+".join(names[k] for k in each) or "healthy" for each in bank.sets] + [UNKNOWN]
+    total = dict.fromkeys(labels, 0.0)
+    for m, each in enumerate(p):
+        total[labels[min(m, len(bank.sets))]] += float(each)
+    (_, most), *others = sorted(total.items(), key=lambda item: -item[1])
+    return tuple((label, most / each) for label, each in others[:3] if each > FEWEST * most)
+
+
+def _merged(above: Bool[np.ndarray, "samples"]) -> Bool[np.ndarray, "samples"]:
+    """`above` without the pauses that are too short to be one."""
+    filled = above.copy()
+    pauses = _stretches(~above)
+    for start, stop in pauses:
+        if start > 0 and stop < len(above) and stop - start <= PAUSE:
+            filled[start:stop] = True
+    return filled
+
+
+def _stretches(above: Bool[np.ndarray, "samples"]) -> list[tuple[int, int]]:
+    edges = np.flatnonzero(np.diff(above, prepend=False, append=False)).reshape(-1, 2)
+    return [(int(a), int(b)) for a, b in edges]
+
+
+def table(decisions: Sequence[Decision], faults: Sequence[str]) -> dict[str, list[Any]]:
+    """The columns that `estimate` writes, in order; None is an empty cell."""
+    outputs = list(dict.fromkeys(name for each in decisions for name in each.residuals))
+    columns: dict[str, list[Any]] = {}
+    for each in decisions:
+        for name, values in _rows(each, faults, outputs).items():
+            cells = values
+            if isinstance(values, np.ndarray):
+                cells = [None if value != value else value for value in values.tolist()]
+            columns.setdefault(name, []).extend(cells)
+    return columns
+
+
+def _rows(decision: Decision, faults: Sequence[str], outputs: Sequence[str]) -> dict[str, Any]:
+    """One run's part of the table."""
+    count, found = len(decision.run.t), decision.posterior
+    rows: dict[str, Any] = {"run": [decision.run.name] * count, "t": decision.run.t}
+    for name in outputs:
+        rows[f"r_{name}"] = decision.residuals.get(name, np.full(count, np.nan))
+    for k, name in enumerate(faults):
+        rows |= {
+            f"f_{name}": found.f[:, k],
+            f"f_{name}_lo": found.lo[:, k],
+            f"f_{name}_hi": found.hi[:, k],
+            f"p_{name}": found.p[:, k],
+        }
+    rows |= {"p_healthy": found.healthy, "p_unknown": found.unknown}
+    return rows | {"status": decision.status, "reason": decision.reason}
+
+
+def sentences(bank: FaultBank, decisions: Sequence[Decision]) -> list[str]:
+    """What was found, in words."""
+    units = {fault.name: fault.unit for fault in bank.model.plant.signals.faults}
+    found = []
+    for event in [event for each in decisions for event in each.events]:
+        when = f"from {event.onset:.6g} s, told at {event.start:.6g} s, to {event.end:.6g} s"
+        if event.size is None or event.lo is None or event.hi is None:
+            found.append(f"a fault that is not declared {when} (run {event.run})")
+            continue
+        width = (event.hi - event.lo) / 2
+        amount = f"{event.size:+.4g} +- {width:.2g} {units[event.fault]}".rstrip()
+        found.append(f"{event.fault} {amount} {when} (p {event.p:.2g}, run {event.run})")
+    judged = [status != "NOT_JUDGED" for each in decisions for status in each.status]
+    if not found and not any(judged):
+        reasons = [reason for each in decisions for reason in each.reason if reason]
+        return [f"Nothing could be judged: {max(set(reasons), key=reasons.count)}."]
+    return found or ["No fault."]
+
+
+def as_dicts(events: Sequence[BankEvent]) -> list[dict[str, Any]]:
+    """Events as plain JSON."""
+    return [
+        {
+            **asdict(event),
+            "alternatives": [{"faults": f, "odds": o} for f, o in event.alternatives],
+        }
+        for event in events
+    ]

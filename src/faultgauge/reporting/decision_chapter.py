@@ -1,0 +1,64 @@
+"""The report of `estimate --observer bank`: events, and every fault with its interval."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from faultgauge.detection.bank import FaultBank
+from faultgauge.detection.decisions import BankEvent, Decision, sentences
+from faultgauge.detection.posterior import NOT_JUDGED, STALE
+from faultgauge.reporting.report import Report, Section, Table
+from faultgauge.reporting.svg import Figure
+from faultgauge.reporting.time_figures import fault_estimate
+
+__all__ = ["decision_report"]
+
+MOST_FIGURES = 12  # a report is read, not scrolled
+HEADER = ("run", "fault", "began [s]", "told [s]", "end [s]", "size", "95 % interval", "p", "or")
+
+
+def decision_report(bank: FaultBank, decisions: Sequence[Decision]) -> Report:
+    """Events as sentences and as a table, estimates with their intervals."""
+    told = sentences(bank, decisions)
+    summary = tuple(told[:5])
+    if len(told) > 5:
+        summary = (*summary, f"And {len(told) - 5} more events, listed below.")
+    events = [event for each in decisions for event in each.events]
+    tables = (Table(HEADER, tuple(_row(e) for e in events), "Every event."),) if events else ()
+    figures = [figure for each in decisions for figure in _figures(bank, each)]
+    section = Section("Faults", (), tables, tuple(figures[:MOST_FIGURES]))
+    return Report(f"Faults: {bank.model.plant.spec.name}", summary, (section,))
+
+
+def _row(event: BankEvent) -> tuple[str, ...]:
+    sized = event.size is not None
+    return (
+        event.run,
+        event.fault,
+        f"{event.onset:.6g} ({event.onset_lo:.6g} to {event.onset_hi:.6g})",
+        f"{event.start:.6g}",
+        f"{event.end:.6g}",
+        f"{event.size:.4g}" if sized else "",
+        f"{event.lo:.4g} to {event.hi:.4g}" if sized else "",
+        f"{event.p:.3g}",
+        "; ".join(f"{label} 1:{odds:.3g}" for label, odds in event.alternatives),
+    )
+
+
+def _figures(bank: FaultBank, decision: Decision) -> list[Figure]:
+    found = decision.posterior
+    silent = np.isin(decision.status, [NOT_JUDGED, STALE])
+    return [
+        fault_estimate(
+            decision.run.t,
+            found.f[:, k],
+            found.lo[:, k],
+            found.hi[:, k],
+            limit=None,
+            name=fault.name,
+            unit=fault.unit,
+            events=[(e.start, e.end) for e in decision.events if e.fault == fault.name],
+            not_judged=silent,
+        )
+        for k, fault in enumerate(bank.model.plant.signals.faults)
+    ]

@@ -1,0 +1,158 @@
+"""The bank over a log: probabilities, intervals, silence and events of a tank whose truth is
+known."""
+
+import numpy as np
+import pytest
+
+from faultgauge.detection.bank import build_fault_bank
+from faultgauge.detection.decisions import as_dicts, decide, decide_runs, sentences, table
+from faultgauge.detection.noise import Noise
+from faultgauge.errors import InputError
+from faultgauge.plants.gray_box import GrayBoxPlant
+from faultgauge.plants.model import Model
+from faultgauge.plants.plant_file import parse_plant
+from faultgauge.telemetry import Run
+
+TANK = """
+name = "tank"
+[states.x]
+derivative = "u - 0.2*x + warm"
+[inputs.u]
+min = 0
+max = 2
+[outputs.x]
+value = "x"
+[parameters]
+warm = { value = 0.1, vary = "slow", min = 0, max = 1 }
+[faults.pump]
+enters = "input"
+target = "u"
+[faults.weak]
+enters = "gain"
+target = "u"
+"""
+STEP, COUNT, SIGMA = 0.5, 800, 0.02
+NOISE = Noise(np.array([SIGMA]), np.array([1e-3]), np.array([1e-3]))
+
+
+def model(text=TANK):
+    rng = np.random.default_rng(0)
+    points = np.stack([rng.uniform(0, 12, 60), rng.uniform(0, 2, 60)], axis=1)
+    record = {
+        "max_step": 1.0,
+        "envelope_points": points.tolist(),
+        "columns": {"states": [["x", 0]], "outputs": ["x"]},
+        "data": {"fit": [], "validate": []},
+    }
+    return Model(GrayBoxPlant.untrained(parse_plant(text)), record)
+
+
+@pytest.fixture(scope="module")
+def bank():
+    return build_fault_bank(model(), [log(0)], NOISE)
+
+
+def log(seed, pump=0.0, u=None, onset=COUNT // 2):
+    """Exact under the hold; the pump is off by `pump`, inside its limits, from `onset` on."""
+    rng = np.random.default_rng(seed)
+    u = np.repeat(rng.uniform(0.5, 1.5, COUNT // 20), 20) if u is None else np.full(COUNT, u)
+    applied = np.clip(u + pump * (np.arange(COUNT) >= onset), 0, 2)
+    fade = np.exp(-0.2 * STEP)
+    x = np.full(COUNT, (u[0] + 0.1) / 0.2)
+    for k in range(COUNT - 1):
+        x[k + 1] = fade * x[k] + (1 - fade) / 0.2 * (applied[k] + 0.1)
+    y = x + SIGMA * rng.standard_normal(COUNT)
+    return Run(f"run{seed}", "tank.csv", STEP * np.arange(COUNT), {"u": u, "x": y})
+
+
+def test_a_pump_that_is_off_is_named_sized_and_dated(bank):
+    decision = decide(bank, log(1, pump=0.2))
+    found = decision.posterior
+    event = next(e for e in decision.events if e.end == STEP * (COUNT - 1))
+    onset = STEP * COUNT // 2
+    assert event.fault == "pump"
+    assert event.lo < 0.2 < event.hi
+    assert event.hi - event.lo < 0.1  # and not by saying nothing
+    # 0.2 moves x by 0.1 a sample, five times its noise: seen within a few samples, and told from
+    # a weak pump when u changes, which it does every 20 samples
+    assert onset < event.start <= onset + 25 * STEP
+    assert event.onset_lo <= onset + STEP
+    assert abs(event.onset - onset) <= 5 * STEP
+    assert set(decision.status[-100:]) == {"FAULT"}
+    assert {"HEALTHY"} == set(decision.status[200 : COUNT // 2])
+    pairs = found.p.sum(axis=1) - (1 - found.healthy - found.unknown)  # counted twice
+    assert np.all(pairs > -1e-9)
+    assert np.all(np.isfinite(found.lo))
+    assert np.all((found.lo <= found.f + 1e-9) & (found.f <= found.hi + 1e-9))
+
+
+def test_a_bias_that_the_limit_cuts_off_is_not_judged_with_an_interval_as_wide_as_its_prior(bank):
+    decision = decide(bank, log(2, pump=0.5, u=2.0))
+    assert set(decision.status) == {"NOT_JUDGED"}
+    assert decision.reason[-1] == "pump would not show: u is at its limit"
+    assert decision.posterior.hi[-1, 0] == pytest.approx(1.96 * bank.levels.size[0], rel=1e-3)
+    assert decision.events == []
+
+
+def test_a_gain_fault_without_excitation_is_not_judged(bank):
+    """At u = 0 a lost gain takes nothing away; at the limit 0 a bias still shows upwards."""
+    decision = decide(bank, log(3, u=0.0))
+    assert decision.status[-1] == "NOT_JUDGED"
+    assert decision.posterior.lo[-1, 1] == pytest.approx(-1.96 * bank.levels.size[1], rel=1e-3)
+    assert decision.posterior.hi[-1, 1] == pytest.approx(1.96 * bank.levels.size[1], rel=1e-3)
+
+
+def test_old_data_are_stale_and_what_was_not_sampled_is_not_judged(bank):
+    run = log(4)
+    run.columns["x"][500:600] = np.nan
+    run.columns["u"][700:] = np.nan
+    decision = decide(bank, run)
+    assert decision.status[505] == "HEALTHY"
+    assert set(decision.status[520:600]) == {"STALE"}
+    assert decision.status[610] != "STALE"
+    assert set(decision.status[700:]) == {"NOT_JUDGED"}
+    assert set(decision.reason[700:]) == {"not sampled"}
+    assert np.isnan(decision.posterior.f[700:]).all()
+
+
+def test_outside_the_training_envelope_nothing_is_judged(bank):
+    run = log(5)
+    far = run.columns | {"x": run.columns["x"] + np.where(run.t > 300, 30.0, 0.0)}
+    decision = decide(bank, Run("far", "far.csv", run.t, far))
+    late = np.array(decision.status)[-50:]
+    assert set(late) <= {"NOT_JUDGED", "FAULT"}
+    assert "HEALTHY" not in set(decision.status[610:])
+
+
+def test_a_healthy_tank_with_a_slow_nuisance_stays_healthy(bank):
+    """The warmth drifts by half of its value, which is no fault."""
+    run = log(6)
+    slow = 0.05 * np.sin(2 * np.pi * run.t / 400)
+    shift = np.convolve(slow, 0.1 * np.exp(-0.2 * STEP * np.arange(60)) * 5 * STEP)[:COUNT]
+    decision = decide(
+        bank, Run("warm", "w.csv", run.t, run.columns | {"x": run.columns["x"] + shift})
+    )
+    assert "FAULT" not in decision.status
+    assert decision.events == []
+
+
+def test_the_table_and_the_events_are_those_of_the_contract():
+    calibrated = model().with_calibration({"noise": NOISE.as_dict(model())})
+    decisions, bank = decide_runs(calibrated, [log(1, pump=0.2), log(7)])
+    columns = table(decisions, bank.model.plant.signals.fault_names)
+    assert list(columns) == [
+        "run", "t", "r_x", "f_pump", "f_pump_lo", "f_pump_hi", "p_pump", "f_weak", "f_weak_lo",
+        "f_weak_hi", "p_weak", "p_healthy", "p_unknown", "status", "reason",
+    ]  # fmt: skip
+    assert {len(cells) for cells in columns.values()} == {2 * COUNT}
+    events = as_dicts([event for each in decisions for event in each.events])
+    assert all(
+        {"run", "fault", "start", "end", "size", "lo", "hi", "p"} <= e.keys() for e in events
+    )
+    assert any(line.startswith("pump +0.") for line in sentences(bank, decisions))
+
+
+def test_a_plant_without_faults_is_refused():
+    bare = model(TANK[: TANK.index("[faults.pump]")])
+    with pytest.raises(InputError, match=r"declares no \[faults\]"):
+        build_fault_bank(bare, [log(0)], NOISE)

@@ -1,0 +1,134 @@
+"""Mixture quantiles against SciPy, the noise against the truth, sd(n) against least squares."""
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+from scipy.stats import norm
+
+from faultgauge.detection.levels import levels_of
+from faultgauge.detection.noise import Noise, estimate_noise, noise_of
+from faultgauge.detection.posterior import mixture_quantiles
+from faultgauge.errors import InputError
+from faultgauge.plants.gray_box import GrayBoxPlant
+from faultgauge.plants.model import Model
+from faultgauge.plants.plant_file import parse_plant
+from faultgauge.telemetry import Run
+
+STEP, COUNT, A = 0.5, 2000, 0.2
+SIGMA, PROCESS = 0.1, 0.05
+LAG = """
+name = "lag"
+[states.x]
+derivative = "u - 0.2*x"
+[inputs.u]
+[outputs.x]
+value = "x"
+[faults.push]
+enters = "state"
+target = "x"
+[faults.bias]
+enters = "output"
+target = "x"
+rate = 0.01
+prior_per_hour = 3.6
+max = 0.5
+min = -0.5
+"""
+
+
+def model(text=LAG):
+    points = np.random.default_rng(0).uniform(-1, 1, (40, 2))
+    record = {
+        "max_step": 1.0,
+        "envelope_points": points.tolist(),
+        "columns": {"states": [["x", 0]], "outputs": ["x"]},
+        "data": {"fit": [], "validate": []},
+    }
+    return Model(GrayBoxPlant.untrained(parse_plant(text)), record)
+
+
+def healthy(seed, samples=COUNT):
+    """Exact under the hold, with noise of state and sensor of known size."""
+    rng = np.random.default_rng(seed)
+    u = np.repeat(rng.uniform(-1, 1, samples // 20), 20)
+    x, fade = np.zeros(samples), np.exp(-A * STEP)
+    w = PROCESS * np.sqrt(STEP) * rng.standard_normal(samples)
+    for k in range(samples - 1):
+        x[k + 1] = fade * x[k] + (1 - fade) / A * u[k] + w[k]
+    y = x + SIGMA * rng.standard_normal(samples)
+    return Run(f"{seed}", "lag.csv", STEP * np.arange(samples), {"u": u, "x": y})
+
+
+def quantile(weights, means, sds, level):
+    """By SciPy's root finder on the mixture's distribution function, with its step at 0."""
+
+    def below(x, with_zero):
+        parts = sum(w * norm.cdf(x, m, s) for w, m, s in zip(weights, means, sds, strict=True))
+        return parts + (1 - sum(weights)) * with_zero
+
+    if below(0.0, 0.0) < level <= below(0.0, 1.0):
+        return 0.0
+    zero = below(0.0, 0.0) < level
+    return brentq(lambda x: below(x, zero) - level, -50.0, 50.0, xtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("weights", "means", "sds"),
+    [
+        ([0.999, 0.0], [2.0, 0.0], [0.1, 1.0]),  # a fault for certain
+        ([0.6, 0.1], [-1.0, 3.0], [0.3, 0.5]),  # three answers at once
+        ([0.01, 0.001], [1.0, -1.0], [0.1, 0.1]),  # healthy: both are 0
+        ([0.03, 0.0], [1.0, 0.0], [0.2, 1.0]),  # the upper one reaches into the fault
+        ([0.2, 0.3], [0.1, -0.1], [5.0, 2.0]),  # on both sides of 0
+    ],
+)
+def test_quantiles_of_the_mixture_are_scipys(weights, means, sds):
+    lo, hi = mixture_quantiles(*(np.array([each]) for each in (weights, means, sds)))
+    for found, level in ((lo[0], 0.025), (hi[0], 0.975)):
+        # 36 halvings of at most 100: 1e-9; weights below 1e-4 are left out
+        assert found == pytest.approx(quantile(weights, means, sds, level), abs=1e-6)
+
+
+def test_noise_is_found_where_it_is_known():
+    """4000 samples tell sigma to about 1/sqrt(2 * 4000) = 1 %, the state's noise three times less
+    well, since it is half hidden behind the sensor's."""
+    runs = [healthy(1), healthy(2)]
+    found = estimate_noise(model(), runs)
+    assert found.sigma[0] == pytest.approx(SIGMA, rel=0.05)
+    assert found.process[0] == pytest.approx(PROCESS, rel=0.15)
+    block = {"noise": found.as_dict(model())}
+    again = noise_of(model().with_calibration(block))
+    assert all(np.array_equal(a, b) for a, b in zip(again, found, strict=True))
+
+
+def test_a_model_without_noise_is_refused():
+    with pytest.raises(InputError, match="faultgauge calibrate"):
+        noise_of(model())
+    with pytest.raises(InputError, match="at least 100 samples"):
+        estimate_noise(model(), [healthy(1, 60)])
+
+
+def test_what_a_fault_leaves_after_n_samples_is_least_squares():
+    """With hardly any noise of the state, a push that began n samples ago has moved x by
+    f (1 - exp(-a h k)) / a at sample k: sd(n) = sigma / sqrt(sum of its squares)."""
+    noise = Noise(np.array([SIGMA]), np.array([1e-7]), np.zeros(0))
+    known = levels_of(model(), noise, STEP, ("x",))[1]
+    moved = (1 - np.exp(-A * STEP * np.arange(1, 1001))) / A
+    for n in (1, 10, 100):
+        wanted = SIGMA / np.sqrt(np.sum(moved[:n] ** 2))
+        assert known[n - 1, 0] == pytest.approx(wanted, rel=1e-3)  # RK4 at h a = 0.1; process
+        assert known[n - 1, 1] == pytest.approx(SIGMA / np.sqrt(n), rel=1e-3)
+
+
+def test_keys_of_the_plant_file_and_what_stands_in_for_them():
+    noise = Noise(np.array([SIGMA]), np.array([1e-7]), np.zeros(0))
+    levels, known = levels_of(model(), noise, STEP, ("x",))
+    assert levels.onset == pytest.approx([1e-7 / STEP, 3.6 / 3600])
+    assert levels.size[1] == 0.25  # half of max, less than a quarter of x's range
+    # push: a quarter of the range of d(x) over the envelope
+    points = np.asarray(model().record["envelope_points"])
+    assert levels.size[0] == pytest.approx(np.ptp(points[:, 1] - 0.2 * points[:, 0]) / 4)
+    # rate T = sd(T) = sigma / sqrt(T / h)  at  T = (sigma^2 h / rate^2)^(1/3), to the next sample
+    T = np.ceil((SIGMA**2 * STEP / 0.01**2) ** (1 / 3) / STEP) * STEP
+    assert levels.walk[1] == pytest.approx(0.01 * np.sqrt(T), rel=0.05)
+    assert levels.walk[0] == pytest.approx(known[-1, 0] / np.sqrt(1000 * STEP))

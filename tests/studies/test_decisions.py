@@ -1,0 +1,41 @@
+"""The studies of the bank's decisions on one seed each: that they measure what they say."""
+
+import pytest
+
+from faultgauge.studies.decisions.naming import left_out, named, rig_bank
+from faultgauge.studies.decisions.optimal import against_kalman, linear_bank
+from faultgauge.studies.decisions.rig import FAULTS, rig, window
+
+
+def test_where_the_kalman_filter_is_optimal_the_bank_is_as_good():
+    found = against_kalman(linear_bank(), 3)
+    # 1800 samples after the onset, correlated over about 100: ratios scatter by some percent
+    assert found.bank <= 1.2 * found.kalman
+    assert 0.8 < found.coverage <= 1.0
+    assert 0 <= found.delay < 30
+
+
+def test_a_window_is_drawn_from_its_seed_and_its_fault_is_where_it_says():
+    first, again = window(5, ("sensor_a",)), window(5, ("sensor_a",))
+    assert first.run.content_hash == again.run.content_hash
+    moved = first.run.columns["ya"] - first.without("sensor_a").columns["ya"]
+    onset, size = first.onsets["sensor_a"], first.faults["sensor_a"]
+    assert moved[first.run.t < onset] == pytest.approx(0.0, abs=1e-12)
+    assert moved[first.run.t >= onset] == pytest.approx(size, abs=1e-12)
+
+
+def test_the_rig_is_named_hidden_and_left_out():
+    verdicts = named(rig_bank(), 1)
+    assert len(verdicts) == 1 + 10 + 3
+    assert [v.exact for v in verdicts[:11]] == [True] * 11
+    assert [v.status for v in verdicts[11:13]] == ["NOT_JUDGED"] * 2
+    assert all(v.wide and not v.visible for v in verdicts[11:])
+
+
+def test_a_kind_of_fault_that_is_left_out_is_unknown():
+    assert "sensor_b" not in rig("sensor_b").signals.fault_names
+    known = rig_bank()
+    banks = {name: rig_bank(name) if name == "sensor_b" else known for name in FAULTS}
+    verdict = left_out(banks, 1)[FAULTS.index("sensor_b")]
+    assert verdict.unknown >= 0.5
+    assert not verdict.blamed
