@@ -16,6 +16,7 @@ from faultgauge.observers.follow import follow
 from faultgauge.observers.observer import OperatingPoints
 from faultgauge.plants.model import Model
 from faultgauge.plants.plant import Plant
+from faultgauge.simulation.free_run import bucket, pad
 from faultgauge.telemetry import Run, segments
 
 __all__ = [
