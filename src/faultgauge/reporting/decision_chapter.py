@@ -9,10 +9,11 @@ from faultgauge.detection.decisions import BankEvent, Decision, sentences
 from faultgauge.detection.posterior import NOT_JUDGED, STALE
 from faultgauge.reporting.report import Report, Section, Table
 from faultgauge.reporting.svg import Figure
-from faultgauge.reporting.time_figures import fault_estimate
+from faultgauge.reporting.time_figures import Panel, fault_estimate, panels
 
 __all__ = ["decision_report"]
 
+MOST_CURVES, MOST_RESIDUALS = 8, 4  # in one figure
 MOST_FIGURES = 12  # a report is read, not scrolled
 HEADER = ("run", "fault", "began [s]", "told [s]", "end [s]", "size", "95 % interval", "p", "or")
 
@@ -46,9 +47,23 @@ def _row(event: BankEvent) -> tuple[str, ...]:
 
 
 def _figures(bank: FaultBank, decision: Decision) -> list[Figure]:
-    found = decision.posterior
+    found, run = decision.posterior, decision.run
     silent = np.isin(decision.status, [NOT_JUDGED, STALE])
-    return [
+    faults = bank.model.plant.signals.faults
+    curves = {"healthy": found.healthy, "unknown": found.unknown}
+    curves |= {fault.name: found.p[:, k] for k, fault in enumerate(faults[: MOST_CURVES - 2])}
+    units = {each.name: each.unit for each in bank.model.plant.signals.outputs}
+    evidence = [Panel("probability", "", curves)] + [
+        Panel(f"residual of {name}", units[name], {"measured less reference": r})
+        for name, r in list(decision.residuals.items())[:MOST_RESIDUALS]
+    ]
+    shown = panels(
+        run.t,
+        evidence,
+        title=f"Evidence, {run.name}",
+        caption="What each fault, none and an undeclared one are given, and the residuals.",
+    )
+    return [shown] + [
         fault_estimate(
             decision.run.t,
             found.f[:, k],
@@ -60,5 +75,5 @@ def _figures(bank: FaultBank, decision: Decision) -> list[Figure]:
             events=[(e.start, e.end) for e in decision.events if e.fault == fault.name],
             not_judged=silent,
         )
-        for k, fault in enumerate(bank.model.plant.signals.faults)
+        for k, fault in enumerate(faults)
     ]

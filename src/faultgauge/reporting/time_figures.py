@@ -180,7 +180,8 @@ def fault_estimate(
         f: estimate, `unit`; NaN where there is none.
         lo: lower end of the 95 % band, `unit`.
         hi: upper end, `unit`.
-        limit: the smallest size called a fault, either sign, `unit`; None where not calibrated.
+        limit: the smallest size called a fault, either sign, `unit`; None where there is none:
+            uncalibrated, or judged by probabilities.
         name: the fault's name.
         unit: its unit as declared.
         truth: the injected fault where it is known, `unit`.
@@ -226,9 +227,7 @@ def _estimate_caption(
     limit: float | None, unit: str, truth: bool, events: int, hidden: bool
 ) -> str:
     parts = ["Estimate and 95 % band."]
-    if limit is None:
-        parts.append("Not calibrated, so there is no limit to judge by.")
-    else:
+    if limit is not None:
         parts.append(f"Dash-dotted: the limits, ±{style.quantity(limit, unit)}.")
     if events:
         parts.append("Shaded: the event." if events == 1 else f"Shaded: {events} events.")
