@@ -74,6 +74,7 @@ def _figures(bank: FaultBank, decision: Decision) -> list[Figure]:
             unit=fault.unit,
             events=[(e.start, e.end) for e in decision.events if e.fault == fault.name],
             not_judged=silent,
+            probable=True,
         )
         for k, fault in enumerate(faults)
     ]

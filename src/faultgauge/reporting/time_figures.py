@@ -172,6 +172,7 @@ def fault_estimate(
     truth: Float[np.ndarray, "samples"] | None = None,
     events: Sequence[tuple[float, float]] = (),
     not_judged: Bool[np.ndarray, "samples"] | None = None,
+    probable: bool = False,
 ) -> Figure:
     """Draw a fault estimate with its 95 % band, limits and events.
 
@@ -180,13 +181,13 @@ def fault_estimate(
         f: estimate, `unit`; NaN where there is none.
         lo: lower end of the 95 % band, `unit`.
         hi: upper end, `unit`.
-        limit: the smallest size called a fault, either sign, `unit`; None where there is none:
-            uncalibrated, or judged by probabilities.
+        limit: the smallest size called a fault, either sign, `unit`; None where there is none.
         name: the fault's name.
         unit: its unit as declared.
         truth: the injected fault where it is known, `unit`.
         events: start and end, s, of each fault found; an end of infinity is still open.
         not_judged: where nothing was judged; hatched, and left out of the vertical range.
+        probable: judged by probabilities, which need no limit.
     """
     hidden = np.zeros(t.shape, dtype=bool) if not_judged is None else not_judged
     seen = ~hidden if not hidden.all() else hidden
@@ -208,7 +209,9 @@ def fault_estimate(
         axes.set_ylabel(style.upright_label(name, unit))
         style.legend(axes)
         marks.time_below(axes, t)
-        caption = _estimate_caption(limit, unit, truth is not None, len(events), bool(hidden.any()))
+        caption = _estimate_caption(
+            limit, unit, truth is not None, len(events), bool(hidden.any()), probable
+        )
         return figure(canvas, f"Estimated fault: {style.short(name)}", caption)
 
 
@@ -224,9 +227,11 @@ def _diverges(
 
 
 def _estimate_caption(
-    limit: float | None, unit: str, truth: bool, events: int, hidden: bool
+    limit: float | None, unit: str, truth: bool, events: int, hidden: bool, probable: bool
 ) -> str:
     parts = ["Estimate and 95 % band."]
+    if limit is None and not probable:
+        parts.append("Not calibrated, so there is no limit to judge by.")
     if limit is not None:
         parts.append(f"Dash-dotted: the limits, ±{style.quantity(limit, unit)}.")
     if events:
