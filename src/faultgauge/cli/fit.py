@@ -115,4 +115,6 @@ def _parameters(model: "Model", account: "FitReport") -> list[str]:
             width = "" if error is None else f" +- {error:.2g}"
             value = float(model.plant.parameters[p.name])
             lines.append(f"{p.name} = {value:.6g}{width} {p.unit}".rstrip())
+            own = account.refinement.per_run.get(p.name, {}) if account.refinement else {}
+            lines += [f"  run {run}: {each:.6g} {p.unit}".rstrip() for run, each in own.items()]
     return lines

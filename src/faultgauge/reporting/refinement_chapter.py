@@ -28,6 +28,7 @@ def refinement_section(found: Refinement) -> Section:
         ),
         (
             *_parameters(found.information),
+            *_per_run(found),
             *_correlations(found.information),
             *_choices(found),
             _tried(found),
@@ -63,6 +64,17 @@ def _parameters(found: Information) -> tuple[Table, ...]:
         "imitate is not identifiable."
     )
     return (Table(header, rows, caption),)
+
+
+def _per_run(found: Refinement) -> tuple[Table, ...]:
+    units = {each.name: each.unit or "1" for each in found.information.constants}
+    rows = tuple(
+        (name, run, quantity(value, units.get(name, "1")))
+        for name, runs in found.per_run.items()
+        for run, value in runs.items()
+    )
+    header = ("parameter", "run", "its value there")
+    return (Table(header, rows, "Parameters with a value per run."),) if rows else ()
 
 
 def _error(each: Constant) -> str:

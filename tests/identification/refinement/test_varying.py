@@ -75,6 +75,10 @@ def test_what_is_shared_is_found_beside_what_is_not(fitted):
     assert abs(shared.value - A) < 4 * shared.standard_error  # beyond with 6e-5
     # white noise on 4 x 300 samples, of which the inputs move T by 0.7: a fraction of a percent
     assert 0 < shared.standard_error < 0.01 * A
+    own = report.refinement.per_run["b"]
+    for log, b in zip(fitted[0], GROUPS, strict=True):
+        assert own[log.name] == pytest.approx(b, abs=4 * exact_error(COUNT, log) + 0.005 * b)
+        # beside the error of b alone, that of the shared a: 0.2 % of the gain b / a
     low, high = min(GROUPS), max(GROUPS)
     assert low < float(model.plant.parameters["b"]) < high
 

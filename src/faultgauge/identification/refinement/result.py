@@ -1,7 +1,7 @@
 """From logs to a refined plant, and the account of how it came about."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import jax
@@ -26,7 +26,8 @@ __all__ = ["Refinement", "refine_on_logs"]
 @dataclass(frozen=True)
 class Refinement:
     """The refined plant, best of its `members`; `error` is its free-run error on data that no fit
-    has seen, a share of the outputs' spread; `tried` names every candidate with that error."""
+    has seen, a share of the outputs' spread; `tried` names every candidate with that error;
+    `per_run` are the runs' own values of the parameters that vary."""
 
     plant: GrayBoxPlant
     members: list[GrayBoxPlant]
@@ -38,12 +39,14 @@ class Refinement:
     tried: list[tuple[str, float]]
     information: Information
     warnings: list[str]
+    per_run: dict[str, dict[str, float]] = field(default_factory=dict)
 
     def metrics(self) -> dict[str, Any]:
         """For the model's record."""
         return {
             "substeps": self.substeps,
             "tried": [[name, None if np.isinf(e) else e] for name, e in self.tried],
+            "per_run": self.per_run,
             **self.information.to_dict(),
         }
 
@@ -106,7 +109,25 @@ def refine_on_logs(
         tried=found.tried,
         information=known,
         warnings=warnings,
+        per_run=_per_run(best, data),
     )
+
+
+def _per_run(best: Candidate, data: Data) -> dict[str, dict[str, float]]:
+    """Every run's own value of every parameter that varies; a run in pieces has their mean."""
+    unknowns, fitted = best.unknowns, best.fitted
+    first = unknowns.weights(best.plant)
+    found: dict[str, dict[str, float]] = {}
+    for j, k in enumerate(unknowns.varying):
+        values: dict[str, list[float]] = {}
+        for piece, own in zip(data.pieces, fitted.z, strict=True):
+            moved = fitted.theta.copy()
+            moved[first + k] += own[len(own) - len(unknowns.varying) + j]
+            value = unknowns.natural(best.plant, jnp.asarray(moved))
+            run = data.records[piece.record].run
+            values.setdefault(run, []).append(float(value[-len(unknowns.parameters) + k]))
+        found[unknowns.parameters[k]] = {r: float(np.mean(each)) for r, each in values.items()}
+    return found
 
 
 def _settled(candidate: Candidate, found: Search) -> GrayBoxPlant:
