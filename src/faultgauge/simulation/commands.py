@@ -162,7 +162,8 @@ class Commands:
         wanted: Entry | None = "input" if kind == "gain" else table.enters
         meant: list[Entry] = [each for each in found if wanted in (None, each)]
         if not meant:
-            legal = places[wanted] if wanted else [*self.known, *sum(places.values(), ())]
+            every = dict.fromkeys([*self.known, *sum(places.values(), ())])
+            legal = places[wanted] if wanted else list(every)
             what = wanted or "fault, state, input or output"
             raise InputError(f"{where}: {unknown(what, target, legal)}.")
         if kind is None:
