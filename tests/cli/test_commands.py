@@ -289,6 +289,21 @@ def test_the_bank_is_silent_on_a_healthy_log_and_wants_a_calibrated_model(call, 
     assert "faultgauge calibrate" in refused.err
 
 
+def test_smooth_tells_leak_size_and_onset_from_the_whole_log(call, workshop, tmp_path):
+    out, report = tmp_path / "s.csv", tmp_path / "s.html"
+    args = (workshop.calibrated, workshop.suspect, "--out", out, "--observer", "bank", "--smooth")
+    (found,) = one_object(call("estimate", *args, "--json", "--report", report))["retrospective"]
+    assert found["cause"] == "leak"
+    assert found["lo"] < workshop.leak < found["hi"]
+    assert found["onset_lo"] - 1 <= workshop.onset <= found["onset_hi"] + 1
+    assert found["told"]["start"] >= found["onset"]
+    assert {each["cause"] for each in found["alternatives"]} == {"healthy", "unknown"}
+    assert "With the whole log in hand" in report.read_text()
+    alone = call("estimate", *args[:4], "--smooth")
+    assert alone.code == 2
+    assert "--observer bank" in alone.err
+
+
 def test_estimate_without_calibration_judges_nothing(call, workshop, tmp_path):
     out = tmp_path / "f.csv"
     said = call("estimate", workshop.model, workshop.suspect, "--out", out)

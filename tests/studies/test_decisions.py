@@ -2,6 +2,7 @@
 
 import pytest
 
+from faultgauge.studies.decisions.hindsight import linear_hindsight
 from faultgauge.studies.decisions.naming import left_out, named, rig_bank
 from faultgauge.studies.decisions.optimal import against_kalman, linear_bank
 from faultgauge.studies.decisions.rig import FAULTS, rig, window
@@ -39,3 +40,11 @@ def test_a_kind_of_fault_that_is_left_out_is_unknown():
     verdict = left_out(banks, 1)[FAULTS.index("sensor_b")]
     assert verdict.unknown >= 0.5
     assert not verdict.blamed
+
+
+def test_hindsight_is_scored_against_the_bound():
+    found = linear_hindsight(linear_bank(walk=None), 3)
+    assert found.named
+    assert abs(found.error) < 4  # of the bound's standard deviations: one normal error
+    assert found.told_onset == pytest.approx(found.error, rel=0.1)  # size and onset are apart here
+    assert found.delay > 0

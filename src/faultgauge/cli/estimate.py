@@ -35,6 +35,12 @@ def estimate(
         Literal["free", "measured", "observer"],
         typer.Option("--reference", help="Healthy reference of the residual columns."),
     ] = "free",
+    smooth: Annotated[
+        bool,
+        typer.Option(
+            "--smooth", help="With --observer bank: cause, size and onset, from the whole log."
+        ),
+    ] = False,
     time: options.Time = None,
     map: options.Map = None,
     where: options.Where = None,
@@ -67,6 +73,7 @@ def estimate(
             "--report": report is not None,
             "--json": json,
             "--observer bank": observer == "bank",
+            "--smooth": smooth,
         }
         for name in (name for name, given in refused.items() if given):
             raise InputError(
@@ -82,6 +89,8 @@ def estimate(
     for name, given in (("--stream", stream), ("--events", events), ("--view", view)):
         if given:
             raise InputError(f"{name} goes with standard input only; give - for the log.")
+    if smooth and observer != "bank":
+        raise InputError("--smooth goes with --observer bank, whose hypotheses it weighs; give it.")
     from faultgauge.cli.writing import check_folder
     from faultgauge.detection import estimation
     from faultgauge.plants.model import load_model
@@ -93,7 +102,7 @@ def estimate(
     signals = fitted.plant.signals
     runs = options.read_logs(signals, logs, time, map, where)
     if observer == "bank":
-        _decide(fitted, runs, reference, out, report, json)
+        _decide(fitted, runs, reference, out, report, smooth, json)
         return
     with options.narrate("estimating"):
         judgements, bank = estimation.estimate(fitted, runs, observer=observer, reference=reference)
@@ -119,24 +128,30 @@ def _decide(
     reference: Literal["free", "measured", "observer"],
     out: Path,
     report: Path | None,
+    smooth: bool,
     json: bool,
 ) -> None:
-    """The same by the bank: probabilities, intervals, a status and events."""
-    from faultgauge.detection import decisions
+    """The same by the bank: probabilities, intervals, a status and events; `smooth`: and what
+    the whole log tells."""
+    from faultgauge.detection import decisions, retrospective
     from faultgauge.telemetry.writing import write_table
 
     with options.narrate("estimating"):
         decided, bank = decisions.decide_runs(model, runs, reference)
+        judged = decided if smooth else []
+        seen = [each for one in judged for each in retrospective.retrospect(bank, one)]
     write_table(decisions.table(decided, model.plant.signals.fault_names), out)
     if report is not None:
         from faultgauge.reporting.decision_chapter import decision_report
         from faultgauge.reporting.report import write
 
-        write(decision_report(bank, decided), report)
+        write(decision_report(bank, decided, seen), report)
     if json:
         events = [event for each in decided for event in each.events]
-        options.print_json({"events": decisions.as_dicts(events)})
+        more = {"retrospective": retrospective.as_dicts(seen)} if smooth else {}
+        options.print_json({"events": decisions.as_dicts(events), **more})
         return
-    for line in decisions.sentences(bank, decided):
+    hindsight = retrospective.sentences(bank, seen) if smooth else []
+    for line in [*decisions.sentences(bank, decided), *hindsight]:
         print(line)
     options.say(f"wrote {out}")

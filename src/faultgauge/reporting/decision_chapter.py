@@ -7,7 +7,9 @@ import numpy as np
 from faultgauge.detection.bank import FaultBank
 from faultgauge.detection.decisions import BankEvent, Decision, sentences
 from faultgauge.detection.posterior import NOT_JUDGED, STALE
+from faultgauge.detection.retrospective import Retrospect
 from faultgauge.reporting.report import Report, Section, Table
+from faultgauge.reporting.retrospective_chapter import retrospective_section
 from faultgauge.reporting.svg import Figure
 from faultgauge.reporting.time_figures import Panel, fault_estimate, panels
 
@@ -18,8 +20,11 @@ MOST_FIGURES = 12  # a report is read, not scrolled
 HEADER = ("run", "fault", "began [s]", "told [s]", "end [s]", "size", "95 % interval", "p", "or")
 
 
-def decision_report(bank: FaultBank, decisions: Sequence[Decision]) -> Report:
-    """Events as sentences and as a table, estimates with their intervals."""
+def decision_report(
+    bank: FaultBank, decisions: Sequence[Decision], hindsight: Sequence[Retrospect] = ()
+) -> Report:
+    """Events as sentences and as a table, estimates with their intervals; `hindsight`, what the
+    whole logs tell, as a section of its own."""
     told = sentences(bank, decisions)
     summary = tuple(told[:5])
     if len(told) > 5:
@@ -28,7 +33,10 @@ def decision_report(bank: FaultBank, decisions: Sequence[Decision]) -> Report:
     tables = (Table(HEADER, tuple(_row(e) for e in events), "Every event."),) if events else ()
     figures = [figure for each in decisions for figure in _figures(bank, each)]
     section = Section("Faults", (), tables, tuple(figures[:MOST_FIGURES]))
-    return Report(f"Faults: {bank.model.plant.spec.name}", summary, (section,))
+    sections = (
+        (section, retrospective_section(bank, decisions, hindsight)) if hindsight else (section,)
+    )
+    return Report(f"Faults: {bank.model.plant.spec.name}", summary, sections)
 
 
 def _row(event: BankEvent) -> tuple[str, ...]:

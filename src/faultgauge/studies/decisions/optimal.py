@@ -50,16 +50,19 @@ class Errors:
     delay: float
 
 
-def linear_bank() -> FaultBank:
-    """The bank with the noise levels that the filter knows too."""
+def linear_bank(walk: float | None = WALK) -> FaultBank:
+    """The bank with the noise levels that the filter knows too, the fault walking by `walk` per
+    sqrt(s); None: as for a plant file that declares no rate."""
     run = _record(0, 0.0)[0]
     model = true_model(GrayBoxPlant.untrained(parse_plant(PLANT)), [run])
     bank = build_fault_bank(
         model, [run], Noise(np.array([SIGMA]), np.array([PROCESS]), np.zeros(0))
     )
-    walk = bank.levels.walk.copy()
-    walk[0] = WALK
-    levels = bank.levels._replace(walk=walk)
+    if walk is None:
+        return bank
+    walks = bank.levels.walk.copy()
+    walks[0] = walk
+    levels = bank.levels._replace(walk=walks)
     modes = eqx.tree_at(lambda m: m.hypothesis, bank.modes, hypotheses(bank.sets, levels))
     return replace(bank, levels=levels, modes=modes)
 

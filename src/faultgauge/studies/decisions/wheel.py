@@ -17,7 +17,15 @@ from faultgauge.simulation.schedules import Constant, Schedule
 from faultgauge.studies.paper.cases import ONSET, SECONDS, inner_disturbance
 from faultgauge.telemetry import Run
 
-__all__ = ["FRICTION", "Alarm", "false_alarms", "flight", "friction_found", "wheel_bank"]
+__all__ = [
+    "FRICTION",
+    "Alarm",
+    "base_flight",
+    "false_alarms",
+    "flight",
+    "friction_found",
+    "wheel_bank",
+]
 
 FLIGHT = """
 name = "flight"
@@ -49,14 +57,15 @@ class Alarm:
 
 def flight(seed: int, size: float = 0.0) -> Run:
     """Command and measured momentum of the pitch wheel; friction of `size` [N*m] from 500 s on."""
-    base = _base()
+    base = base_flight()
     faults = (Schedule("friction", "state", "h", Constant(size, ONSET)),) if size else ()
     run = simulate(replace(base, seed=seed, faults=faults))
     return Run(f"{seed}", "flight", run.t, {name: run.columns[name] for name in ("u", "hm")})
 
 
 @cache
-def _base() -> Scenario:
+def base_flight() -> Scenario:
+    """The healthy flight of seed 0."""
     scenario = parse_scenario(FLIGHT)
     disturbance = (inner_disturbance(scenario.plant),)
     assert scenario.samples * scenario.step == SECONDS

@@ -1,0 +1,293 @@
+"""`estimate --smooth`: which fault, how big, since when, with the whole log in hand, and what one
+would have been told, when."""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any, TypeAlias
+
+import numpy as np
+from jaxtyping import Float
+from scipy.optimize import brentq
+from scipy.special import logsumexp, ndtr
+
+from faultgauge.detection.bank import FaultBank
+from faultgauge.detection.change_points import Causes, Window, total, windows_of
+from faultgauge.detection.changes import Changes, Sized, changes_of
+from faultgauge.detection.decisions import UNKNOWN, Decision
+from faultgauge.detection.onset import CERTAIN
+from faultgauge.detection.posterior import FAULT, TAIL
+from faultgauge.detection.shocks import Shocks
+
+__all__ = ["HEALTHY", "Retrospect", "Told", "as_dicts", "retrospect", "sentences"]
+
+HEALTHY = "healthy"
+REST = 1e-6  # of a posterior over onsets that moves no 2.5 % quantile
+MOST_ODDS = 1e6  # nobody's priors are better than that
+EXCLUDED = 20.0  # odds from which on a cause is
+
+Curve: TypeAlias = Float[np.ndarray, "samples"]
+
+
+@dataclass(frozen=True)
+class Told:
+    """What the bank said while the log ran: `alarm` [s], its first FAULT of the window; `start`
+    [s], when it first named this cause, and the `size` with its interval that it gave then."""
+
+    alarm: float | None
+    start: float | None
+    size: float | None
+    lo: float | None
+    hi: float | None
+
+
+@dataclass(frozen=True)
+class Retrospect:
+    """A fault in a window of a run from its onset until `end`, or that there is none; all figures
+    given that `cause` is right but `p`.
+
+    Times in s, size in the fault's unit, intervals of 95 %; None where there is none: onset and
+    size of a healthy window, the size of an undeclared fault. An onset lies between two samples,
+    so its interval spans both. `least` is for each declared fault the size that would have been
+    named had it begun in the middle of the window; None where nothing would have shown it.
+    `density` is the posterior of the onset per sample of `t`; `white` the innovations of the
+    healthy filter and `fit` the fault's part of them, in standard deviations.
+    """
+
+    run: str
+    start: float
+    end: float
+    cause: str
+    p: float
+    onset: float | None
+    onset_lo: float | None
+    onset_hi: float | None
+    size: float | None
+    lo: float | None
+    hi: float | None
+    alternatives: tuple[tuple[str, float], ...]
+    least: dict[str, float | None]
+    told: Told
+    t: Curve
+    density: Curve
+    white: Float[np.ndarray, "samples outputs"]
+    fit: Float[np.ndarray, "samples outputs"]
+
+
+def retrospect(bank: FaultBank, decision: Decision) -> list[Retrospect]:
+    """What every window of a judged run holds, in order."""
+    found = []
+    for window in windows_of(bank, decision):
+        found += _answers(bank, decision, window, changes_of(bank, decision, window))
+    return found
+
+
+def _answers(
+    bank: FaultBank, decision: Decision, window: Window, changes: Changes
+) -> list[Retrospect]:
+    """The likeliest of: nothing; the declared changes; something undeclared, be it beside them."""
+    declared = len(bank.levels.onset)
+    alien = total(changes.alone.weight[:, declared:])
+    beside = changes.weight + total(changes.more.weight[:, declared:])
+    logs = np.array([0.0, changes.weight, np.logaddexp(alien, beside)])
+    share = np.exp(logs - total(logs))
+    best = int(np.argmax(logs))
+    if best != 1:
+        which = None if best == 0 else declared
+        return [_answer(bank, decision, window, changes.alone, which, float(share[best]), {})]
+    rivals = {HEALTHY: logs[1], UNKNOWN: logs[1] - logs[2]}
+    return _until(
+        [
+            _answer(bank, decision, window, each.causes, each, float(share[1]), rivals)
+            for each in changes.found
+        ]
+    )
+
+
+def _answer(
+    bank: FaultBank,
+    decision: Decision,
+    window: Window,
+    causes: Causes,
+    which: Sized | int | None,
+    share: float,
+    rivals: dict[str, float],
+) -> Retrospect:
+    """One change; `which` is it, or the first column of the undeclared ones, or None: healthy."""
+    faults, count = bank.model.plant.signals.faults, len(window.t)
+    names = (*(fault.name for fault in faults), UNKNOWN, HEALTHY)
+    columns = [*causes.weight.T[: len(faults)], logsumexp(causes.weight[:, len(faults) :], axis=1)]
+    logs = np.array([*(total(column) for column in columns), 0.0])
+    density, size = np.zeros(count), (None,) * 3
+    fit = np.zeros((count, len(bank.model.plant.signals.outputs)))
+    k = len(faults) + 1 if which is None else len(faults)
+    if isinstance(which, Sized):
+        k, fit = which.change.fault, which.fit
+        share *= float(np.exp(logs[k] - total(logs)))
+    if which is not None:
+        density = np.exp(columns[k] - logs[k])
+    if isinstance(which, Sized):
+        mean, sd = causes.mean[:, k] + which.before, causes.sd[:, k] * which.wider
+        size = _size(density, mean, sd, faults[k].min, faults[k].max)
+    onset = _onset(window.t, density)
+    data = causes.seen[min(k, len(faults))]
+    return Retrospect(
+        run=decision.run.name,
+        start=float(window.t[0]),
+        end=float(window.t[-1]),
+        cause=names[k],
+        p=share,
+        onset=onset[0],
+        onset_lo=onset[1],
+        onset_hi=onset[2],
+        size=size[0],
+        lo=size[1],
+        hi=size[2],
+        alternatives=_alternatives(names, logs, k, rivals),
+        least=_least(bank, causes.seen[-1], count),
+        told=_told(bank, decision, window.part, names[k]),
+        t=window.t,
+        density=density,
+        white=np.asarray(data.white)[:count] + np.asarray(data.fit)[:count],
+        fit=fit,
+    )
+
+
+def _alternatives(
+    names: tuple[str, ...], logs: Float[np.ndarray, "causes"], k: int, rivals: dict[str, float]
+) -> tuple[tuple[str, float], ...]:
+    """(cause, odds of cause `k` against it), the likeliest first."""
+    apart = {names[m]: float(logs[k] - logs[m]) for m in range(len(names)) if m != k}
+    apart |= {name: min(apart[name], gap) for name, gap in rivals.items()}
+    odds = {name: min(float(np.exp(min(gap, 100.0))), MOST_ODDS) for name, gap in apart.items()}
+    return tuple(sorted(odds.items(), key=lambda item: item[1]))
+
+
+def _until(found: list[Retrospect]) -> list[Retrospect]:
+    """Each level until the next change of its fault; a change back to nothing only ends one."""
+    kept = []
+    for j, each in enumerate(found):
+        gone = each.lo is not None and each.hi is not None and each.lo <= 0 <= each.hi
+        if gone and any(other.cause == each.cause for other in found[:j]):
+            continue
+        later = [o.onset for o in found[j + 1 :] if o.cause == each.cause and o.onset is not None]
+        kept.append(replace(each, end=min([each.end, *later])))
+    return kept
+
+
+def _onset(
+    t: Float[np.ndarray, "samples"], density: Float[np.ndarray, "samples"]
+) -> tuple[float, float, float] | tuple[None, None, None]:
+    """(mean, lower, upper); an onset at sample n lies between samples n - 1 and n."""
+    if not density.any():
+        return None, None, None
+    before = np.concatenate([t[:1], t[:-1]])
+    total = np.cumsum(density)
+    low, high = np.searchsorted(total, [TAIL, 1 - TAIL])
+    high = min(int(high), len(t) - 1)
+    return float(density @ (before + t) / 2), float(before[low]), float(t[high])
+
+
+def _size(
+    density: Float[np.ndarray, "samples"],
+    mean: Float[np.ndarray, "samples"],
+    sd: Float[np.ndarray, "samples"],
+    low: float,
+    high: float,
+) -> tuple[float, float, float]:
+    """(mean, lower, upper) of the mixture over onsets, within the fault's limits."""
+    order = np.argsort(-density, kind="stable")
+    kept = order[: 1 + int(np.searchsorted(np.cumsum(density[order]), 1 - REST))]
+    w, m, s = density[kept] / density[kept].sum(), mean[kept], sd[kept]
+    ends = float((m - 9 * s).min()), float((m + 9 * s).max())
+
+    def quantile(wanted: float) -> float:
+        root: Any = brentq(lambda f: float(w @ ndtr((f - m) / s)) - wanted, *ends)
+        return float(root)
+
+    found = (float(w @ m), quantile(TAIL), quantile(1 - TAIL))
+    middle, lower, upper = (float(np.clip(f, low, high)) for f in found)
+    return middle, lower, upper
+
+
+def _least(bank: FaultBank, found: Shocks, count: int) -> dict[str, float | None]:
+    """The size of each fault that would have been named had it begun in the window's middle."""
+    information = np.asarray(found.information)[count // 2]
+    levels, faults = bank.levels, bank.model.plant.signals.faults
+    needed = CERTAIN - np.log(levels.onset * bank.step)
+    needed = needed + np.log1p(information * levels.size[: len(faults)] ** 2) / 2
+    shown = information * levels.size[: len(faults)] ** 2 > 1
+    least = np.sqrt(2 * needed / np.maximum(information, 1e-300))
+    return {fault.name: float(least[k]) if shown[k] else None for k, fault in enumerate(faults)}
+
+
+def _told(bank: FaultBank, decision: Decision, part: slice, cause: str) -> Told:
+    t, found = decision.run.t, decision.posterior
+    alarms = np.flatnonzero(np.array(decision.status[part]) == FAULT)
+    alarm = float(t[part][alarms[0]]) if len(alarms) else None
+    first, last = t[part][0], t[part][-1]
+    named = [e for e in decision.events if e.fault == cause and first <= e.start <= last]
+    if not named:
+        return Told(alarm, None, None, None, None)
+    start = named[0].start
+    if cause == UNKNOWN:
+        return Told(alarm, start, None, None, None)
+    k = bank.model.plant.signals.fault_names.index(cause)
+    n = int(np.searchsorted(t, start))
+    return Told(alarm, start, float(found.f[n, k]), float(found.lo[n, k]), float(found.hi[n, k]))
+
+
+def sentences(bank: FaultBank, found: Sequence[Retrospect]) -> list[str]:
+    """What the windows with a fault in them hold, in words; one for all where none has."""
+    faulty = [_sentence(bank, each) for each in found if each.cause != HEALTHY]
+    if faulty or not found:
+        return faulty or ["With the whole log in hand: too few samples to judge."]
+    units = {fault.name: fault.unit for fault in bank.model.plant.signals.faults}
+    least = dict[str, str]()
+    for name, unit in units.items():
+        sizes = [each.least[name] for each in found]
+        shown = max((size for size in sizes if size is not None), default=None)
+        blind = shown is None or None in sizes
+        least[name] = f"any {name}" if blind else f"{name} below {shown:.2g} {unit}".rstrip()
+    return [f"With the whole log in hand: no fault; {', '.join(least.values())} would not show."]
+
+
+def _sentence(bank: FaultBank, found: Retrospect) -> str:
+    """Like: friction +0.1 +- 0.004 N*m since 41.2 s +- 6 s (p 0.98, run 1); leak excluded 200:1."""
+    units = {fault.name: fault.unit for fault in bank.model.plant.signals.faults}
+    assert found.onset is not None
+    assert found.onset_lo is not None
+    assert found.onset_hi is not None
+    since = f"since {found.onset:.6g} s +- {(found.onset_hi - found.onset_lo) / 2:.2g} s"
+    if found.size is None or found.lo is None or found.hi is None:
+        what = "a fault that is not declared or not constant"
+    else:
+        width = (found.hi - found.lo) / 2
+        what = f"{found.cause} {found.size:+.4g} +- {width:.2g} {units[found.cause]}".rstrip()
+    said = [f"{what} {since} (p {found.p:.3g}, run {found.run})"]
+    for cause, odds in found.alternatives:
+        over = "more than " if odds >= MOST_ODDS else ""
+        verb = "excluded" if odds >= EXCLUDED else "not excluded,"
+        label = f"one constant {cause}" if found.cause == UNKNOWN else cause
+        if cause != HEALTHY or odds < EXCLUDED:
+            said.append(f"{label} {verb} {over}{odds:.3g}:1")
+    told = found.told
+    if told.start is None and told.alarm is not None:
+        said.append(f"online you would have been told of a fault at {told.alarm:.6g} s")
+    elif told.start is None:
+        said.append("online you would not have been told")
+    else:
+        then = ""
+        if told.size is not None and told.lo is not None and told.hi is not None:
+            then = f" ({told.size:+.4g}, {told.lo:.4g} to {told.hi:.4g})"
+        said.append(f"online you would have been told at {told.start:.6g} s{then}")
+    return "; ".join(said)
+
+
+def as_dicts(found: Sequence[Retrospect]) -> list[dict[str, Any]]:
+    """Without the curves, as plain JSON."""
+    curves = ("t", "density", "white", "fit")
+    return [
+        {name: value for name, value in asdict(each).items() if name not in curves}
+        | {"alternatives": [{"cause": c, "odds": o} for c, o in each.alternatives]}
+        for each in found
+    ]

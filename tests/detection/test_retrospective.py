@@ -1,0 +1,313 @@
+"""Change-point smoothing: against the dense algebra of a Gaussian record, and on a tank."""
+
+import json
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from faultgauge.detection.bank import build_fault_bank
+from faultgauge.detection.decisions import decide
+from faultgauge.detection.noise import Noise
+from faultgauge.detection.retrospective import as_dicts, retrospect, sentences
+from faultgauge.detection.shocks import Record, Sizes, shocks
+from faultgauge.observers.sigma_point import Belief, Hypothesis
+from faultgauge.plants.gray_box import GrayBoxPlant
+from faultgauge.plants.model import Model
+from faultgauge.plants.plant_file import parse_plant
+from faultgauge.reporting.decision_chapter import decision_report
+from faultgauge.reporting.report import render
+from faultgauge.telemetry import Run
+
+LAG = """
+name = "lag"
+[states.x]
+derivative = "u - 0.5*x"
+[inputs.u]
+hold = "zero"
+[outputs.x]
+value = "x"
+[faults.bias]
+enters = "output"
+target = "x"
+[faults.leak]
+enters = "state"
+target = "x"
+[faults.alien]
+enters = "state"
+target = "x"
+"""
+STEP, SIGMA, PROCESS, START, SIZE, JUMP = 0.4, 0.3, 0.2, 1.5, 0.7, 0.9
+COUNT = 24
+MISSING = [7, 8, 15]
+
+
+def dense():
+    """(first state, process noise, effects of a bias and of a leak by onset, of a jump) on y, and
+    R: the record written out, y = free + noise."""
+    z = -0.5 * STEP
+    fade = 1 + z + z**2 / 2 + z**3 / 6 + z**4 / 24  # of one classical Runge-Kutta step
+    gain = (fade - 1) / -0.5
+    k = np.arange(COUNT)
+    lag = np.subtract.outer(k, k)
+    decay = np.where(lag >= 0, fade ** np.maximum(lag, 0), 0.0)
+    from_first = fade ** k.astype(float)
+    noise = decay[:, 1:] * PROCESS * np.sqrt(STEP)  # between samples, none before the first
+    R = START**2 * np.outer(from_first, from_first) + noise @ noise.T + SIGMA**2 * np.eye(COUNT)
+    steps = decay * np.where(k > 0, gain, 0.0)  # what the step into each sample adds, by then
+    bias = (lag >= 0).astype(float)
+    leak = np.cumsum(steps[:, ::-1], axis=1)[:, ::-1]
+    jump = decay * np.where(k > 0, fade, 1.0)
+    return from_first, R, bias, leak, jump
+
+
+@pytest.fixture(scope="module")
+def record():
+    rng = np.random.default_rng(0)
+    y = rng.standard_normal(COUNT) + np.where(np.arange(COUNT) >= 11, 1.0, 0.0)
+    y[MISSING] = np.nan
+    return y
+
+
+def found(y, f=None):
+    plant = GrayBoxPlant.untrained(parse_plant(LAG))
+    noise = Hypothesis(
+        jnp.zeros((3, 1)), jnp.array([PROCESS]), jnp.array([0.0]), jnp.array([SIGMA])
+    )
+    dt = np.full(COUNT, STEP)
+    dt[0] = 0.0
+    f = np.zeros((COUNT, 3)) if f is None else f
+    arrays = (np.zeros((COUNT, 1)), y[:, None], dt, f, np.zeros((COUNT, 3)))
+    return shocks(
+        plant,
+        noise,
+        Belief(jnp.zeros(1), jnp.array([[START]])),
+        Record(*(jnp.asarray(a) for a in arrays)),
+        Sizes(jnp.array([SIZE]), jnp.array([JUMP])),
+        (),
+        1,
+    )
+
+
+def test_score_and_information_of_every_onset_are_those_of_the_dense_record(record):
+    _, R, bias, leak, _ = dense()
+    seen = np.isfinite(record)
+    y, R = record[seen], R[np.ix_(seen, seen)]
+    answer = found(record)
+    for column, effect in enumerate((bias[seen], leak[seen])):
+        # forty Kalman steps against one solve: rounding
+        np.testing.assert_allclose(
+            answer.score[:, column], effect.T @ np.linalg.solve(R, y), rtol=1e-9, atol=1e-9
+        )
+        information = np.diagonal(effect.T @ np.linalg.solve(R, effect))
+        np.testing.assert_allclose(answer.information[:, column], information, rtol=1e-9, atol=1e-9)
+    expected = multivariate_normal(np.zeros(len(y)), R).logpdf(y)
+    assert float(answer.base) == pytest.approx(expected, rel=1e-10)
+
+
+def test_undeclared_drives_and_jumps_gain_the_likelihood_of_the_dense_record(record):
+    _, R, _, leak, jump = dense()
+    seen = np.isfinite(record)
+    y, R, leak, jump = record[seen], R[np.ix_(seen, seen)], leak[seen], jump[seen]
+    answer = found(record)
+    healthy = multivariate_normal(np.zeros(len(y)), R).logpdf(y)
+    for onset in (0, 5, 11, 20):
+        driven = R + SIZE**2 * np.outer(leak[:, onset], leak[:, onset])
+        jumped = driven + JUMP**2 * np.outer(jump[:, onset], jump[:, onset])
+        gains = [
+            multivariate_normal(np.zeros(len(y)), S).logpdf(y) - healthy for S in (driven, jumped)
+        ]
+        np.testing.assert_allclose(answer.unknown[onset], gains, rtol=1e-8, atol=1e-9)
+
+
+def test_on_a_linear_plant_it_does_not_matter_where_it_is_linearised(record):
+    told = np.zeros((COUNT, 3))
+    told[9:, 0] = 0.8
+    plain, around = found(record), found(record, told)
+    for name in ("score", "information", "unknown", "base"):
+        np.testing.assert_allclose(
+            getattr(around, name), getattr(plain, name), rtol=1e-9, atol=1e-9
+        )
+    np.testing.assert_allclose(around.white + around.fit, plain.white, rtol=1e-9, atol=1e-9)
+
+
+def test_a_mean_that_changes_in_known_noise_is_the_textbook_one():
+    """x stands still and is known, so y_k ~ N(f [k >= n], SIGMA^2): the size after an onset at n is
+    the mean of what follows, its information the number of samples over SIGMA^2."""
+    rng = np.random.default_rng(1)
+    y = SIGMA * rng.standard_normal(COUNT) + np.where(np.arange(COUNT) >= 10, 1.0, 0.0)
+    plant = GrayBoxPlant.untrained(parse_plant(LAG.replace("u - 0.5*x", "u")))
+    zero = jnp.zeros(1)
+    noise = Hypothesis(jnp.zeros((3, 1)), zero, zero, jnp.array([SIGMA]))
+    dt = np.full(COUNT, STEP)
+    arrays = (np.zeros((COUNT, 1)), y[:, None], dt, *np.zeros((2, COUNT, 3)))
+    answer = shocks(
+        plant,
+        noise,
+        Belief(zero, jnp.zeros((1, 1))),
+        Record(*(jnp.asarray(a) for a in arrays)),
+        Sizes(jnp.array([SIZE]), jnp.array([JUMP])),
+        (),
+        1,
+    )
+    left = COUNT - np.arange(COUNT)
+    means = np.cumsum(y[::-1])[::-1] / left
+    np.testing.assert_allclose(answer.information[:, 0], left / SIGMA**2, rtol=1e-12)
+    np.testing.assert_allclose(answer.score[:, 0] / answer.information[:, 0], means, rtol=1e-9)
+
+
+TANK = """
+name = "tank"
+[states.x]
+derivative = "u - 0.2*x + warm"
+[inputs.u]
+hold = "zero"
+min = 0
+max = 2
+[outputs.x]
+value = "x"
+[parameters]
+warm = { value = 0.1, vary = "slow", min = 0, max = 1 }
+[faults.pump]
+enters = "input"
+target = "u"
+unit = "l/s"
+[faults.weak]
+enters = "gain"
+target = "u"
+"""
+PACE, LONG, NOISE = 0.5, 800, 0.02
+
+
+@pytest.fixture(scope="module")
+def bank():
+    rng = np.random.default_rng(0)
+    points = np.stack([rng.uniform(0, 12, 60), rng.uniform(0, 2, 60)], axis=1)
+    record = {
+        "max_step": 1.0,
+        "envelope_points": points.tolist(),
+        "columns": {"states": [["x", 0]], "outputs": ["x"]},
+        "data": {"fit": [], "validate": []},
+    }
+    model = Model(GrayBoxPlant.untrained(parse_plant(TANK)), record)
+    noise = Noise(np.array([NOISE]), np.array([1e-3]), np.array([1e-4]))
+    return build_fault_bank(model, [log(0)], noise)
+
+
+def log(seed, pump=0.0, u=None, start=400, stop=LONG, weak=0.0):
+    """The tank exactly, its pump off by `pump`, inside its limits, from sample to sample; from
+    sample 550 on it is `weak`."""
+    rng = np.random.default_rng(seed)
+    u = np.repeat(rng.uniform(0.5, 1.5, LONG // 20), 20) if u is None else np.full(LONG, u)
+    k = np.arange(LONG)
+    left = np.where(k >= 550, 1 - weak, 1.0)
+    applied = np.clip(left * u + pump * ((k >= start) & (k < stop)), 0, 2)
+    fade = np.exp(-0.2 * PACE)
+    x = np.full(LONG, (u[0] + 0.1) / 0.2)
+    for n in range(LONG - 1):
+        x[n + 1] = fade * x[n] + (1 - fade) / 0.2 * (applied[n] + 0.1)
+    y = x + NOISE * rng.standard_normal(LONG)
+    return Run(f"run{seed}", "tank.csv", PACE * k, {"u": u, "x": y})
+
+
+@pytest.fixture(scope="module")
+def biased(bank):
+    decision = decide(bank, log(1, pump=0.1))
+    return decision, retrospect(bank, decision)
+
+
+def test_a_pump_that_is_off_is_told_from_a_weak_one_sized_and_dated(biased):
+    (seen,) = biased[1]
+    assert seen.cause == "pump"
+    assert seen.p > 0.95
+    assert seen.lo < 0.1 < seen.hi
+    # 400 samples at a drift that is as good as none: online, the last 100 to 1000 count
+    assert seen.hi - seen.lo < 0.02
+    assert seen.onset_lo <= 200.0 <= seen.onset_hi
+    # 0.1 bends x by 0.05 a sample, two and a half times its noise
+    assert seen.onset_hi - seen.onset_lo <= 4 * PACE
+    assert dict(seen.alternatives)["weak"] > 20
+    assert seen.told.start == next(e.start for e in biased[0].events if e.fault == "pump")
+    assert seen.density.sum() == pytest.approx(1.0)
+    assert seen.least["pump"] < 0.1
+
+
+def test_a_healthy_log_holds_no_fault_and_says_what_would_not_have_shown(bank):
+    seen = retrospect(bank, decide(bank, log(2)))
+    assert [each.cause for each in seen] == ["healthy"]
+    assert seen[0].onset is None
+    assert seen[0].size is None
+    assert "no fault; pump below 0.0" in sentences(bank, seen)[0]
+
+
+def test_what_a_limit_cuts_off_would_not_have_shown(bank):
+    (seen,) = retrospect(bank, decide(bank, log(3, u=0.0)))
+    assert seen.least["weak"] is None  # a gain takes nothing away from 0
+    assert "any weak" in sentences(bank, [seen])[0]
+
+
+def test_a_fault_from_before_a_gap_is_there_from_the_first_sample_after_it(bank):
+    run = log(4, pump=0.15, start=300)
+    run.columns["u"][400:430] = np.nan
+    run.columns["x"][[350, 500, 501]] = np.nan
+    first, second = retrospect(bank, decide(bank, run))
+    assert (first.cause, second.cause) == ("pump", "pump")
+    assert first.onset_lo <= 150.0 <= first.onset_hi
+    assert second.onset_lo == second.start == 430 * PACE
+    assert second.lo < 0.15 < second.hi
+
+
+def test_a_fault_that_went_ends_its_window(bank):
+    decision = decide(bank, log(5, pump=0.15, start=200, stop=450))
+    seen = retrospect(bank, decision)
+    assert [each.cause for each in seen] == ["pump", "healthy"]
+    assert seen[0].lo < 0.15 < seen[0].hi
+    assert seen[0].end <= 225.0
+    assert "pump" in render(decision_report(bank, [decision], seen))
+
+
+def test_two_faults_are_sized_and_dated_beside_each_other(bank):
+    decision = decide(bank, log(7, pump=0.2, start=250, weak=0.3))
+    seen = retrospect(bank, decision)
+    assert [each.cause for each in seen] == ["pump", "weak"]
+    for each, size, onset in zip(seen, (0.2, 0.3), (125.0, 275.0), strict=True):
+        assert each.lo < size < each.hi
+        assert each.onset_lo <= onset <= each.onset_hi
+        assert each.hi - each.lo < 0.1
+    assert "Onset of weak" in render(decision_report(bank, [decision], seen))
+
+
+def test_a_fault_that_is_not_constant_is_not_given_one_size(bank):
+    """A ramp of the pump: 0.4 in the course of 200 s."""
+    decision = decide(bank, log(8, pump=np.clip((np.arange(LONG) - 300) * 1e-3, 0, None), start=0))
+    seen = retrospect(bank, decision)
+    assert seen[0].cause != "healthy"
+    assert all(each.cause != "weak" for each in seen)
+    assert seen[0].cause == "unknown"
+    assert "not declared or not constant" in sentences(bank, seen)[0]
+    assert "Onset of unknown" in render(decision_report(bank, [decision], seen))
+
+
+def test_samples_outside_the_training_envelope_say_nothing(bank):
+    decision = decide(bank, log(6))
+    decision.run.columns["x"][300:310] += 5.0  # as if the model were wrong there
+    decision.posterior.inside[300:310] = False
+    (seen,) = retrospect(bank, decision)
+    assert seen.cause == "healthy"
+
+
+def test_sentence_json_and_report_say_the_same(bank, biased):
+    decision, seen = biased
+    (sentence,) = sentences(bank, seen)
+    assert sentence.startswith(f"pump +{seen[0].size:.4g} +- ")
+    assert "l/s since " in sentence
+    assert "weak excluded " in sentence
+    assert f"online you would have been told at {seen[0].told.start:.6g} s" in sentence
+    (plain,) = json.loads(json.dumps(as_dicts(seen), allow_nan=False))
+    assert plain["size"] == seen[0].size
+    assert plain["told"]["start"] == seen[0].told.start
+    assert {each["cause"] for each in plain["alternatives"]} == {"weak", "unknown", "healthy"}
+    page = render(decision_report(bank, [decision], seen))
+    assert "With the whole log in hand" in page
+    assert "Onset of pump" in page
