@@ -17,6 +17,7 @@ def stretch(count, reach=0):
         samples=Samples(nothing, nothing, nothing, nothing),
         measured=nothing,
         applied=nothing,
+        references=nothing,
     )
 
 

@@ -182,6 +182,7 @@ def test_an_unused_name_is_a_warning():
         (small("[parameters.k]", "[parameters]\nk = 1"), ["[parameters] k = 1", "a table"]),
         (small("[inputs.u]", "[[inputs]]"), ["inputs = ", "a table of keys"]),
         (small("[inputs.u]", "[inputs.u]\nhold = 'cubic'"), ["hold = 'cubic'", "'zero'"]),
+        (small("[inputs.u]", "[inputs.u]\ninstrument = true"), ["instrument = True", "a string"]),
     ],
 )
 def test_a_key_that_is_unknown_missing_or_of_the_wrong_type(text, parts):
@@ -190,14 +191,15 @@ def test_a_key_that_is_unknown_missing_or_of_the_wrong_type(text, parts):
         assert part in message
 
 
-@pytest.mark.parametrize(
-    ("text", "key"),
-    [
-        (small("[inputs.u]", "[inputs.u]\ninstrument = true"), "instrument"),
-    ],
-)
-def test_a_key_that_is_not_acted_on_yet_is_refused(text, key):
-    assert f"key {key!r} is reserved and not supported yet; remove it" in refusal(text)
+@pytest.mark.parametrize("column", ["x", "u", "y", "d_x", "t", "run", ""])
+def test_an_instrument_from_inside_the_loop_is_refused(column):
+    message = refusal(small("[inputs.u]", f"[inputs.u]\ninstrument = '{column}'"))
+    assert f"[inputs.u] instrument = {column!r} is no signal from outside the loop" in message
+
+
+def test_an_instrument_is_a_column_that_fits_read():
+    signals = parse_plant(small("[inputs.u]", "[inputs.u]\ninstrument = 'reference'")).signals
+    assert signals.instruments == ("reference",)
 
 
 @pytest.mark.parametrize(

@@ -44,7 +44,7 @@ def check(
         )
     else:
         body = load_plant(plant)
-    good = options.read_logs(body.signals, [healthy], time, map, where)
+    good = options.read_logs(body.signals, [healthy], time, map, where, fitting=True)
     doubtful = options.read_logs(body.signals, [suspect], time, map, where)
     with options.narrate("checking") as progress:
         found = checkup.check(body, good, doubtful, seed=seed, progress=progress)

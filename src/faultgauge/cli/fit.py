@@ -52,7 +52,7 @@ def fit(
 
     check_folder(out, report)
     untrained = load_plant(plant)
-    runs = options.read_logs(untrained.signals, logs, time, map, where)
+    runs = options.read_logs(untrained.signals, logs, time, map, where, fitting=True)
     held = options.read_logs(untrained.signals, validate, time, map, where) if validate else []
     from faultgauge.identification.fit import fit as identify
     from faultgauge.identification.unseen import on_unseen

@@ -82,8 +82,11 @@ def read_logs(
     time: str | None,
     maps: Iterable[str] | None,
     where: str | None,
+    *,
+    fitting: bool = False,
 ) -> list["Run"]:
-    """The runs in `paths` with the columns that a plant with these `signals` reads."""
+    """The runs in `paths` with the columns that a plant with these `signals` reads; `fitting`,
+    with its instruments too."""
     from faultgauge.identification.samples import column_names
     from faultgauge.telemetry import read_telemetry
 
@@ -93,7 +96,7 @@ def read_logs(
         time=time,
         maps=maps or (),
         names=required,
-        optional=optional,
+        optional=[*optional, *(signals.instruments if fitting else ())],
         held=[each.name for each in signals.inputs if each.hold == "zero"],
         where=where,
     )

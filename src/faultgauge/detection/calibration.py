@@ -17,6 +17,7 @@ from faultgauge.detection.judged import Bank, Estimates, build_bank, estimate_ru
 from faultgauge.detection.noise import estimate_noise
 from faultgauge.detection.residual import residuals
 from faultgauge.errors import InputError
+from faultgauge.identification.command_checks import command_warnings
 from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run
 
@@ -105,6 +106,7 @@ def calibrate(
             f"{', '.join(doubled)}: also used in fit, where the model looks better than it is; "
             "the limit may be too low. Calibrate on other runs if you can"
         )
+    warnings += command_warnings(model.plant, runs)
     bank = build_bank(model, runs, observer)
     progress("running the observers over the healthy logs")
     estimated = [estimate_run(bank, run) for run in runs]

@@ -15,7 +15,8 @@ from jaxtyping import Array, Float
 from faultgauge.errors import InputError
 from faultgauge.identification.algorithms import ALGORITHMS, AlgorithmName
 from faultgauge.identification.gradient_descent import DescentOptions
-from faultgauge.identification.levenberg_marquardt import Options, Solution
+from faultgauge.identification.instruments import refit
+from faultgauge.identification.levenberg_marquardt import FAILED, Options, Solution
 from faultgauge.identification.samples import Samples
 from faultgauge.identification.starts import nguyen_widrow, scattered
 from faultgauge.plants.expression import Expression, Node, evaluate, names_used, networks_used
@@ -247,11 +248,14 @@ def fit_group(
     options: Options | DescentOptions | None = None,
     *,
     algorithm: AlgorithmName = "lm",
+    exogenous: Samples | None = None,
 ) -> tuple[list[GrayBoxPlant], Solution]:
     """Fit one group from one start per generator; the first keeps the file's parameters.
 
-    `options` are those of `algorithm` (None: its defaults). Returns a plant per start (the same
-    other groups in each) and the algorithm's own account.
+    `options` are those of `algorithm` (None: its defaults). With `exogenous`, the part of the
+    training samples that comes from outside the loop, every start goes on to two-stage least
+    squares. Returns a plant per start (the same other groups in each), with `exogenous` those of
+    two-stage least squares before the others, and the algorithm's own account of least squares.
     """
     minimise, defaults = ALGORITHMS[algorithm]
     parameters = {p.name: p for p in plant.spec.parameters}
@@ -285,5 +289,13 @@ def fit_group(
         options or defaults,
     )
     solution = jax.device_get(solution)
-    fitted = [assemble(plant, group, theta, units) for theta in solution.theta]
+    thetas = list(solution.theta)
+    if exogenous is not None:
+        bounds = bound("min"), bound("max")
+        refitted = [
+            theta if status == FAILED else refit(residual, theta, training, exogenous, bounds)
+            for theta, status in zip(thetas, solution.status, strict=True)
+        ]
+        thetas = [*refitted, *thetas]
+    fitted = [assemble(plant, group, theta, units) for theta in thetas]
     return [jax.tree.map(jnp.asarray, each) for each in fitted], solution

@@ -2,6 +2,7 @@
 by free run on what was held out."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -10,6 +11,7 @@ from faultgauge.errors import InputError
 from faultgauge.identification.algorithms import AlgorithmName
 from faultgauge.identification.equation_error import Group, fit_group, groups, scale_networks
 from faultgauge.identification.holdout import split
+from faultgauge.identification.instruments import project
 from faultgauge.identification.levenberg_marquardt import FAILED, NOT_CONVERGED, Solution
 from faultgauge.identification.samples import Channels, Samples, Stretch, collect, spread
 from faultgauge.identification.selection import Windows, free_run_errors, windows_from
@@ -23,6 +25,7 @@ __all__ = ["EquationFit", "GroupReport", "Material", "fit_equations", "material"
 
 POINTS = 10_000  # training points kept; the paper advises 1,000 to 10,000
 VALIDATION_POINTS = 2000
+WORSE = 1.5  # times the free-run error without instruments: they determine too little here
 
 
 class GroupReport(NamedTuple):
@@ -33,13 +36,19 @@ class GroupReport(NamedTuple):
 
 
 class Material(NamedTuple):
-    """What the stage fits, selects on, and found out about the columns' noise."""
+    """What the stage fits, selects on, and found out about the columns' noise.
+
+    With instruments, `exogenous` holds what of the training samples comes from them, `explained`
+    how much of each input that is.
+    """
 
     training: Samples
     validation: Samples
     windows: Windows
     stretches: list[Stretch]
     noise: dict[str, dict[str, float]]
+    exogenous: Samples | None
+    explained: dict[str, float]
 
 
 class EquationFit(NamedTuple):
@@ -59,21 +68,27 @@ def material(
     """Samples to fit and to validate on. Without `validate`, parts of `logs` are held out."""
     stretches, noise = collect(spec, logs, how)
     if validate:
-        held, _ = collect(spec, validate, how)
-        training = _join([s.samples for s in stretches])
+        held, _ = collect(spec, validate, replace(how, references=()))
+        masks = [np.ones(len(s.t), bool) for s in stretches]
         cuts = [[slice(0, len(s.t))] for s in held]
     else:
         masks, cuts = split(stretches)
         held = stretches
-        training = _join(
-            [s.samples.take(np.flatnonzero(m)) for s, m in zip(stretches, masks, strict=True)]
-        )
+    training = _join(
+        [s.samples.take(np.flatnonzero(m)) for s, m in zip(stretches, masks, strict=True)]
+    )
     validation = _join(
         [s.samples.take(np.r_[cut]) for s, each in zip(held, cuts, strict=True) for cut in each]
     )
-    training, validation = _thin(training, validation, seed)
+    _check_enough(training, validation)
+    exogenous, explained = None, {}
+    if how.references:
+        exogenous, explained = project(spec.signals, stretches, masks)
+    kept = _thinned(training, POINTS, seed)
+    training, exogenous = training.take(kept), exogenous and exogenous.take(kept)
+    validation = validation.take(_thinned(validation, VALIDATION_POINTS, seed))
     windows = windows_from(held, cuts, spread(np.concatenate([s.measured for s in stretches])))
-    return Material(training, validation, windows, stretches, noise)
+    return Material(training, validation, windows, stretches, noise, exogenous, explained)
 
 
 def fit_equations(
@@ -93,7 +108,15 @@ def fit_equations(
         progress(f"fitting {group.name}")
         plant = scale_networks(plant, group, training)
         rngs = [np.random.default_rng([seed, number, k]) for k in range(restarts)]
-        plants, solution = fit_group(plant, group, training, validation, rngs, algorithm=algorithm)
+        plants, solution = fit_group(
+            plant,
+            group,
+            training,
+            validation,
+            rngs,
+            algorithm=algorithm,
+            exogenous=given.exogenous,
+        )
         _judge(group, solution, warnings)
         plant = plants[int(np.nanargmin(_ranked(solution)))]
         found.append((group, plants, solution))
@@ -102,11 +125,22 @@ def fit_equations(
         progress(f"selecting {group.name} by free run")
         candidates = [_exchange(plant, other, group) for other in plants]
         errors = free_run_errors(candidates, windows, longest)
-        errors = np.where(solution.status == FAILED, np.inf, errors)
+        starts = len(solution.status)
+        errors = np.where(np.resize(solution.status, len(plants)) == FAILED, np.inf, errors)
         # the file's own start wins ties, then the earliest: the same bytes on every run
-        chosen = int(np.argmin(np.round(errors, 12)))
+        chosen = int(np.argmin(np.round(errors[:starts], 12)))
+        freed, plain = errors[chosen], np.min(errors[starts:], initial=np.inf)
+        if plain * WORSE < freed:  # only with instruments
+            chosen = starts + int(np.argmin(np.round(errors[starts:], 12)))
+            warnings.append(
+                f"{group.name}: with the instrument the free run on held-out data errs by "
+                f"{freed:.2%}, without it by {plain:.2%}; the fit without is kept, and may have "
+                "the loop's bias; give logs in which the reference moves more"
+            )
         plant = candidates[chosen]
         others = [candidates[k] for k in np.argsort(errors, kind="stable") if k != chosen]
+        errors = errors[:starts] if chosen < starts else errors[starts:]
+        chosen %= starts
         if solution.status[chosen] == NOT_CONVERGED:
             warnings.append(
                 f"{group.name}: not converged after {solution.trials[chosen]} trials; the fit may "
@@ -151,18 +185,18 @@ def _join(parts: list[Samples]) -> Samples:
     return Samples(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
 
 
-def _thin(training: Samples, validation: Samples, seed: int) -> tuple[Samples, Samples]:
-    """At most 10,000 and 2,000 points that cover the envelope."""
+def _check_enough(training: Samples, validation: Samples) -> None:
     if len(training.x) < 10 or len(validation.x) < 2:
         raise InputError(
             f"only {len(training.x)} training and {len(validation.x)} validation samples are left "
             "after smoothing; give a longer log."
         )
-    kept = []
-    for samples, count in ((training, POINTS), (validation, VALIDATION_POINTS)):
-        points = np.concatenate([samples.x, samples.u], axis=1)
-        kept.append(samples.take(cover(points, count, np.random.default_rng(seed))))
-    return kept[0], kept[1]
+
+
+def _thinned(samples: Samples, count: int, seed: int) -> np.ndarray:
+    """Indices of at most `count` points that cover the envelope."""
+    points = np.concatenate([samples.x, samples.u], axis=1)
+    return cover(points, count, np.random.default_rng(seed))
 
 
 def max_step(plant: GrayBoxPlant, training: Samples) -> float:

@@ -2,6 +2,7 @@
 
 import platform
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from importlib import metadata
 from typing import Any, NamedTuple
 
@@ -10,6 +11,7 @@ import numpy as np
 
 from faultgauge.errors import InputError
 from faultgauge.identification.algorithms import AlgorithmName
+from faultgauge.identification.command_checks import response_warnings
 from faultgauge.identification.equation_fit import (
     EquationFit,
     GroupReport,
@@ -18,6 +20,7 @@ from faultgauge.identification.equation_fit import (
     material,
     max_step,
 )
+from faultgauge.identification.instruments import reference_columns
 from faultgauge.identification.levenberg_marquardt import CONVERGED
 from faultgauge.identification.log_checks import log_warnings
 from faultgauge.identification.refinement.result import Refinement, refine_on_logs
@@ -26,12 +29,14 @@ from faultgauge.identification.sizes import chosen_sizes, smallest_sufficient, w
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
 from faultgauge.plants.plant_file import PlantSpec
+from faultgauge.plants.signals import Signals
 from faultgauge.telemetry import Run
 from faultgauge.telemetry.resampling import cover
 
 __all__ = ["FitReport", "fit"]
 
 ENVELOPE_POINTS = 400
+WEAK = 0.1  # share of an input that its instrument explains, below which a fit is loose
 
 
 class FitReport(NamedTuple):
@@ -101,7 +106,16 @@ def fit(
     noise: dict[str, dict[str, float]] = {}
     warm: list[GrayBoxPlant] = []
     result = refinement = None
+    if spec.signals.instruments and refine:
+        warnings.append(
+            "an instrument frees the equation error of the loop's bias and does nothing for the "
+            "refinement, which simulates; where disturbances move the plant, compare with "
+            "--no-refine"
+        )
+    instruments: dict[str, float] = {}
+    given = None
     if not by_simulation:
+        how = replace(how, references=reference_columns(spec.signals, logs))
         given = material(spec, acting, unseen, how, seed)
         stage = smallest_sufficient(
             plant,
@@ -110,6 +124,8 @@ def fit(
             ),
         )
         warnings += stage.warnings
+        instruments = given.explained
+        warnings += _weak(spec.signals, instruments)
         groups, noise, warm = stage.reports, given.noise, [stage.plant, *stage.others]
         if spec.open_sizes:
             plant = with_hidden(plant, chosen_sizes(spec, stage.plant))
@@ -132,7 +148,11 @@ def fit(
             "on held-out data the free run is worse than each output's mean would be: do not use "
             "this model; give better parameter values, more restarts or more excitation"
         )
+    elif given is not None:  # a model that is no use says nothing about the input
+        warnings += response_warnings(result.plant, given.stretches, given.noise)
     record = _record(result, how, logs, validate, noise, groups, refinement, seed)
+    if instruments:
+        record["instruments"] = instruments
     if spec.open_holds or spec.open_sizes:
         record["choices"] = _choices(spec, result.plant, refinement)
     model = Model(result.plant, record)
@@ -154,6 +174,16 @@ def _by_simulation(spec: PlantSpec, how: Channels, refine: bool | None) -> list[
 
 def _error_and_stage(stage: EquationFit) -> tuple[float, EquationFit]:
     return stage.error, stage
+
+
+def _weak(signals: Signals, explained: dict[str, float]) -> list[str]:
+    return [
+        f"column {each.instrument!r}, the instrument of input {each.name!r}, explains only "
+        f"{explained[each.name]:.1%} of it: the fit is free of the loop's bias, but loose; give "
+        "logs in which the reference moves more"
+        for each in signals.inputs
+        if explained.get(each.name, 1.0) < WEAK
+    ]
 
 
 def _choices(

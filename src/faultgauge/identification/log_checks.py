@@ -11,11 +11,13 @@ from faultgauge.plants.signals import Input, Signals, State
 from faultgauge.telemetry import Run
 from faultgauge.telemetry.stuck import stuck_stretches
 
-__all__ = ["log_warnings"]
+__all__ = ["beyond_limits", "log_warnings"]
 
 MANY_EMPTY = 0.05  # of the cells of an output
 OTHER_UNIT = 300.0  # times the declared range: prefixes are off by 1000, ranges by less
 LITTLE = 0.05  # of the declared range of an input
+ROUNDING = 1e-3  # of an input's spread: what a log may round a limit by
+FEW = 3  # samples beyond a limit that are no slip of the log
 
 
 def log_warnings(signals: Signals, runs: Sequence[Run]) -> list[str]:
@@ -31,8 +33,23 @@ def log_warnings(signals: Signals, runs: Sequence[Run]) -> list[str]:
         found += _of_range(state, values, f"state {state.name!r}")
     for each in signals.inputs:
         values = [run.columns[each.name] for run in runs]
-        found += _of_range(each, values, f"input {each.name!r}")
+        found += list(_of_range(each, values, f"input {each.name!r}")) or beyond_limits(each, runs)
     return found
+
+
+def beyond_limits(each: Input, runs: Sequence[Run]) -> list[str]:
+    """A sentence if an input goes where its actuator cannot: the log holds the command."""
+    u = np.concatenate([run.columns[each.name] for run in runs])
+    u = u[np.isfinite(u)]
+    over = np.maximum(u - each.max, each.min - u)
+    outside = over > ROUNDING * np.std(u)
+    if np.count_nonzero(outside) < FEW:
+        return []
+    return [
+        f"input {each.name!r} goes beyond its limits, {each.min:g} to {each.max:g}, in "
+        f"{np.mean(outside):.2%} of the rows (as far as {u[np.argmax(over)]:.4g}): this is the "
+        "command, not what was applied; log what the actuator did, or correct min and max"
+    ]
 
 
 def _of_output(run: Run, name: str) -> Iterator[str]:

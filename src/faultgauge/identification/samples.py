@@ -47,7 +47,7 @@ class Stretch:
 
     `samples[k]` is centred at `t[k]` and made of data up to `reach` samples away; `measured` holds
     the outputs as sampled at `t` (NaN columns for outputs without telemetry), `applied` the inputs
-    inside their limits.
+    inside their limits, `references` the instruments through the samples' kernel.
     """
 
     run: str
@@ -57,6 +57,7 @@ class Stretch:
     samples: Samples
     measured: Float[np.ndarray, "samples outputs"]
     applied: Float[np.ndarray, "samples inputs"]
+    references: Float[np.ndarray, "samples references"]
 
 
 @dataclass(frozen=True)
@@ -69,6 +70,7 @@ class Channels:
     outputs: tuple[str, ...]
     rates: tuple[str, ...]  # d_<state> columns that the logs hold
     hidden: tuple[str, ...] = ()
+    references: tuple[str, ...] = ()  # instruments that the fit uses
 
     @property
     def sources(self) -> tuple[tuple[str, int], ...]:
@@ -78,7 +80,9 @@ class Channels:
     @property
     def needed(self) -> list[str]:
         names = [column for column, _ in self.sources]
-        return list(dict.fromkeys([*names, *self.inputs, *self.outputs, *self.rates]))
+        return list(
+            dict.fromkeys([*names, *self.inputs, *self.outputs, *self.rates, *self.references])
+        )
 
 
 def column_names(signals: Signals) -> tuple[list[str], list[str]]:
@@ -262,4 +266,5 @@ def _stretch(
             ]
         ),
         applied=table([on[name][inside] for name in signals.input_names]),
+        references=table([mean(name) for name in how.references]),
     )

@@ -21,7 +21,7 @@ from faultgauge.plants.expression import (
     parse,
     unknown,
 )
-from faultgauge.plants.schema import LATER, FileTable, NetworkTable, StateTable
+from faultgauge.plants.schema import FileTable, NetworkTable, StateTable
 from faultgauge.plants.shape import Monotone, Shape
 from faultgauge.plants.signals import Fault, Input, Observation, Output, Signals, State
 from faultgauge.plants.toml_file import parse_toml, read_text, typed
@@ -106,7 +106,7 @@ def read_plant_text(source: str | Path) -> str:
 
 def parse_plant(text: str, source: str = "plant file") -> PlantSpec:
     """Check the text of a plant file. Raises `InputError` naming key and column."""
-    file = typed(FileTable, parse_toml(text, source), source, later=LATER)
+    file = typed(FileTable, parse_toml(text, source), source)
     return _Checker(file, text, source).spec()
 
 
@@ -140,6 +140,7 @@ class _Checker:
         file = self.file
         self.check_names()
         self.check_bounds()
+        self.check_instruments()
         derivatives = self.expressions("states", "derivative")
         values = self.expressions("outputs", "value")
         self.check_shared(values)
@@ -149,7 +150,14 @@ class _Checker:
                 for name, table in file.states.items()
             ),
             inputs=tuple(
-                Input(name, table.unit, *_bounds(table), table.hold or "zero", table.delay)
+                Input(
+                    name,
+                    table.unit,
+                    *_bounds(table),
+                    table.hold or "zero",
+                    table.delay,
+                    table.instrument,
+                )
                 for name, table in file.inputs.items()
             ),
             outputs=tuple(
@@ -218,6 +226,19 @@ class _Checker:
                 raise self.fail(
                     f"parameters.{name}",
                     f"fixed = true and vary = {table.vary!r} contradict each other; keep one",
+                )
+
+    def check_instruments(self) -> None:
+        """An instrument comes from outside the loop; the plant's own signals are inside."""
+        file = self.file
+        inside = {*file.states, *file.inputs, *file.outputs, *(f"d_{name}" for name in file.states)}
+        for name, table in file.inputs.items():
+            column = table.instrument
+            if column is not None and (column in inside or column.strip() in ("", "t", "run")):
+                raise self.fail(
+                    f"inputs.{name}",
+                    f"instrument = {column!r} is no signal from outside the loop; name the column "
+                    "of the reference that the controller follows, or leave the key out",
                 )
 
     def expressions(self, kind: str, key: str) -> tuple[Expression, ...]:

@@ -15,7 +15,6 @@ __all__ = [
     "DetectionTable",
     "FileTable",
     "InputTable",
-    "LATER",
     "MAX_HIDDEN",
     "NetworkTable",
     "ParameterTable",
@@ -23,8 +22,6 @@ __all__ = [
 ]
 
 MAX_HIDDEN = 200
-# Keys of the plant file that this version does not act on yet: refused rather than ignored.
-LATER = {"instrument"}
 
 Text = str
 
@@ -43,6 +40,7 @@ class InputTable(Table):
     max: Number | None = None
     hold: Hold | None = None
     delay: Annotated[float, pydantic.Field(ge=0, allow_inf_nan=False)] = 0.0
+    instrument: Text | None = None
 
 
 class OutputTable(Table):

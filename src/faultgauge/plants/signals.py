@@ -24,7 +24,8 @@ class State:
 class Input:
     """An input; the actuator clips it to [min, max]; `hold` is how it runs between samples.
 
-    What is commanded at t acts at t + `delay` [s].
+    What is commanded at t acts at t + `delay` [s]. `instrument` is the column of a reference from
+    outside the loop.
     """
 
     name: str
@@ -33,6 +34,7 @@ class Input:
     max: float = math.inf
     hold: Hold = "zero"
     delay: float = 0.0
+    instrument: str | None = None
 
 
 @dataclass(frozen=True)
@@ -95,6 +97,11 @@ class Signals:
     @property
     def input_names(self) -> tuple[str, ...]:
         return tuple(each.name for each in self.inputs)
+
+    @property
+    def instruments(self) -> tuple[str, ...]:
+        """Columns of the references that the inputs name, each once."""
+        return tuple(dict.fromkeys(each.instrument for each in self.inputs if each.instrument))
 
     @property
     def output_names(self) -> tuple[str, ...]:

@@ -2,7 +2,7 @@
 
 import reprlib
 import tomllib
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, get_args
 
@@ -57,24 +57,21 @@ def typed(
     source: str,
     *,
     also: Sequence[str] = (),
-    later: Collection[str] = (),
 ) -> T:
     """`data` as `model`. Raises `InputError` that begins with `source` and names the key.
 
-    `also` are keys that are legal beside those of `model` and were taken out before; `later` are
-    reserved ones.
+    `also` are keys that are legal beside those of `model` and were taken out before.
     """
     try:
         return model.model_validate(data)
     except pydantic.ValidationError as failure:
-        raise InputError(f"{source}: {_first(failure, model, also, later)}") from None
+        raise InputError(f"{source}: {_first(failure, model, also)}") from None
 
 
 def _first(
     failure: pydantic.ValidationError,
     model: type[Table],
     also: Sequence[str],
-    later: Collection[str],
 ) -> str:
     """The first thing wrong, as one sentence."""
     # a misspelt key also leaves the right one missing: speak of what was written
@@ -86,8 +83,6 @@ def _first(
     place = f"[{'.'.join(tables)}] " if tables else ""
     legal = [*also, *_legal(model, tables)]
     match error["type"]:
-        case "extra_forbidden" if key in later:
-            return f"{place}key {key!r} is reserved and not supported yet; remove it."
         case "extra_forbidden":
             return f"{place}{unknown('key', key, legal)}; correct or remove it."
         case "missing":

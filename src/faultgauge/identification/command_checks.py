@@ -1,0 +1,212 @@
+"""Whether the input of a log is the command rather than what was applied.
+
+A loop fights a fault with its command: behind a limit, a lag or dead time that the log does not
+show, a fault looks like the actuator and the actuator like a fault. Three kinds of evidence: the
+log goes beyond the actuator's limits; a network has learned that the input does nothing beyond a
+level that it often exceeds; and what the model leaves of d(x), rho = dx - F(x, u), is u run through
+a delay, a lag or a limit: with v that input, and C = [1, x, u] what a refit could absorb,
+
+    rho = C w + g (v - u),   g equal to what v multiplies, b = dF/du + w_u
+
+so that v acts and u does not. Chosen on every other block of the log, tested on the rest.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+from scipy.signal import lfilter
+
+from faultgauge.errors import InputError
+from faultgauge.identification.log_checks import beyond_limits
+from faultgauge.identification.samples import Stretch, channels, collect, in_effect
+from faultgauge.plants.expression import Expression, names_used, networks_used
+from faultgauge.plants.gray_box import GrayBoxPlant
+from faultgauge.plants.signals import Input
+from faultgauge.telemetry import Run
+
+__all__ = ["command_warnings", "response_warnings"]
+
+DELAYS = (1, 2, 3, 4, 5, 6, 8, 10, 13, 16, 20, 25, 32, 40)  # samples
+LAGS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)  # time constants in samples
+QUANTILES = (0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.85, 0.9, 0.95)  # of |u - median|: levels of a limit
+BLOCKS = 10  # even ones choose, odd ones test
+EXPLAINED = 0.6  # of what the model leaves: a disturbance that the loop fights reaches a half
+GAINS = (0.7, 1.4)  # of g / b, which is 1 where v is what acts
+ABOVE_NOISE = 2.0  # times the derivative's own noise, which the loop feeds back into u
+EFFECT = 0.02  # of the spread of d(x): less does not matter
+FLAT = 0.05  # of the slope in the middle half: a response that has stopped
+BEYOND = 0.05  # of the samples lie where it has
+
+
+class _Version(NamedTuple):
+    """What may have been applied: the plant follows u `words`, and what to do about it."""
+
+    words: str
+    cure: str
+    of: Callable[[Float[np.ndarray, "samples"]], Float[np.ndarray, "samples"]]
+
+
+def command_warnings(plant: GrayBoxPlant, runs: Sequence[Run]) -> list[str]:
+    """A sentence for every input of a fitted `plant` that looks like a command in `runs`."""
+    signals, spec = plant.signals, plant.spec
+    found = [text for each in signals.inputs for text in beyond_limits(each, runs)]
+    how = channels(spec, runs)
+    if how.hidden or any(p.vary for p in spec.parameters):
+        return found  # there is no rho without simulation
+    try:
+        stretches, noise = collect(spec, [in_effect(signals, run) for run in runs], how)
+    except InputError:  # too short to smooth: nothing can be said
+        return found
+    return found + response_warnings(plant, stretches, noise)
+
+
+def response_warnings(
+    plant: GrayBoxPlant, stretches: Sequence[Stretch], noise: Mapping[str, Mapping[str, float]]
+) -> list[str]:
+    """The part of `command_warnings` that looks at d(x); `noise` as `collect` states it."""
+    x, u, dx = (
+        np.concatenate([getattr(s.samples, name) for s in stretches]) for name in ("x", "u", "dx")
+    )
+    rates, slopes = map(np.asarray, _responses(plant, jnp.asarray(x), jnp.asarray(u)))
+    floor = [noise.get(name, {}).get("derivative_noise", 0.0) for name in plant.signals.state_names]
+    rest = dx - rates
+    small = np.std(rest, axis=0) <= np.maximum(
+        ABOVE_NOISE * np.array(floor), EFFECT * dx.std(axis=0)
+    )
+    found = []
+    for k, each in enumerate(plant.signals.inputs):
+        learned = [i for i, e in enumerate(plant.spec.derivatives) if _feeds_network(e, each.name)]
+        if learned:
+            found += _flat(each, u[:, k], np.abs(slopes[:, learned, k]).max(axis=1))
+        acting = [i for i in np.flatnonzero(~small) if slopes[:, i, k].any()]
+        if acting:
+            found += _other_response(plant, k, stretches, rest[:, acting], slopes[:, acting, k])
+    return found
+
+
+@eqx.filter_jit
+def _responses(
+    plant: GrayBoxPlant, x: Float[Array, "samples states"], u: Float[Array, "samples inputs"]
+) -> tuple[Float[Array, "samples states"], Float[Array, "samples states inputs"]]:
+    """F(x, u) and dF/du at every sample."""
+    return (
+        jax.vmap(plant.derivative)(x, u),
+        jax.vmap(jax.jacfwd(plant.derivative, argnums=1))(x, u),
+    )
+
+
+def _flat(
+    each: Input, u: Float[np.ndarray, "samples"], slope: Float[np.ndarray, "samples"]
+) -> Iterator[str]:
+    """Whether a network has learned that `u` does nothing beyond a level; `slope` is |dF/du|."""
+    low, high = np.quantile(u, [0.25, 0.75])
+    middle = float(np.median(slope[(u >= low) & (u <= high)]))
+    for sign, side in ((1.0, "above"), (-1.0, "below")):
+        order = np.argsort(-sign * u)  # outermost first
+        mean = np.cumsum(slope[order]) / np.arange(1, len(u) + 1)
+        count = int(np.max(np.flatnonzero(mean < FLAT * middle), initial=-1)) + 1
+        level, end = u[order[max(count - 1, 0)]], u[order[0]]
+        if count >= BEYOND * len(u) and sign * (end - level) > BEYOND * np.ptp(u):
+            yield (
+                f"input {each.name!r} moves on {side} {level:.4g} in {count / len(u):.1%} of the "
+                "samples, where the response does not: it looks like the command of a saturated "
+                f"actuator; log what was applied, or give min and max in [inputs.{each.name}]"
+            )
+
+
+def _feeds_network(expression: Expression, name: str) -> bool:
+    return any(
+        name in names_used(Expression("", argument))
+        for calls in networks_used(expression).values()
+        for call in calls
+        for argument in call
+    )
+
+
+def _other_response(
+    plant: GrayBoxPlant,
+    k: int,
+    stretches: Sequence[Stretch],
+    rest: Float[np.ndarray, "samples acting"],
+    slopes: Float[np.ndarray, "samples acting"],
+) -> Iterator[str]:
+    """The best of a delay, a lag and a limit, if input `k` run through it explains `rest`."""
+    each = plant.signals.inputs[k]
+    own = [s.samples.u[:, k] for s in stretches]
+    count = sum(len(u) for u in own)
+    known = np.concatenate([np.concatenate([s.samples.x, s.samples.u], axis=1) for s in stretches])
+    controls = np.concatenate([np.ones((count, 1)), known], axis=1)
+    column = 1 + len(plant.signals.states) + k
+    settled = np.concatenate([np.arange(len(u)) >= DELAYS[-1] for u in own])
+    test = np.arange(count) * BLOCKS // count % 2 == 1
+    versions = list(_versions(each, np.concatenate(own), stretches[0].step))
+    moved = [np.concatenate([version.of(u) - u for u in own]) for version in versions]
+    best = (EXPLAINED, "")
+    for rho, slope in zip(rest.T, slopes.T, strict=True):
+        gain = float(slope.mean())
+        shares = [_partial(rho, q, controls, settled & ~test, gain, column)[0] for q in moved]
+        chosen = int(np.argmax(shares))
+        share, ratio = _partial(rho, moved[chosen], controls, settled & test, gain, column)
+        if share >= best[0] and GAINS[0] <= ratio <= GAINS[1]:
+            best = (
+                share,
+                f"input {each.name!r} looks like the command, not what was applied: the plant "
+                f"follows it {versions[chosen].words}, which explains {share:.0%} of what the "
+                f"model leaves; log what the actuator did, or {versions[chosen].cure}",
+            )
+    if best[1]:
+        yield best[1]
+
+
+def _versions(each: Input, u: Float[np.ndarray, "samples"], step: float) -> Iterator[_Version]:
+    for d in DELAYS:
+        yield _Version(
+            f"delayed by {d * step:.3g} s",
+            f"give delay = {each.delay + d * step:.3g} in [inputs.{each.name}]",
+            lambda u, d=d: np.concatenate([np.repeat(u[:1], d), u])[: len(u)],
+        )
+    for lag in LAGS:
+        keep = np.exp(-1 / lag)
+        yield _Version(
+            f"through a lag of {lag * step:.3g} s",
+            "add the lag to the plant file as a state",
+            lambda u, keep=keep: lfilter([1 - keep], [1, -keep], u - u[0]) + u[0],
+        )
+    middle = float(np.median(u))
+    for side in ("both", "above", "below"):
+        away = {"both": np.abs(u - middle), "above": u - middle, "below": middle - u}[side]
+        for level in np.quantile(away[away > 0], QUANTILES) if np.any(away > 0) else ():
+            low = -np.inf if side == "above" else middle - level
+            high = np.inf if side == "below" else middle + level
+            ends = [f"{end:.3g}" for end in (low, high) if np.isfinite(end)]
+            yield _Version(
+                f"only as far as about {' and '.join(ends)}",
+                f"give its limits, min and max, in [inputs.{each.name}]",
+                lambda u, low=low, high=high: np.clip(u, low, high),
+            )
+
+
+def _partial(
+    rho: Float[np.ndarray, "samples"],
+    q: Float[np.ndarray, "samples"],
+    controls: Float[np.ndarray, "samples controls"],
+    rows: Bool[np.ndarray, "samples"],
+    gain: float,
+    own: int,
+) -> tuple[float, float]:
+    """(share of rho, beside `controls`, that q explains; g / b). Column `own` of the controls is
+    the input."""
+    both = np.stack([rho[rows], q[rows]], axis=1)
+    weights = np.linalg.lstsq(controls[rows], both, rcond=None)[0]
+    rest, left = (both - controls[rows] @ weights).T
+    energy = float(left @ left)
+    if energy <= 1e-12 * float(q[rows] @ q[rows]) or not rest @ rest:
+        return 0.0, 0.0
+    g = float(rest @ left) / energy
+    acting = gain + float(weights[own, 0] - g * weights[own, 1])
+    return g * g * energy / float(rest @ rest), g / acting if acting else 0.0
