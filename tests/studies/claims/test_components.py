@@ -1,5 +1,6 @@
 """Which wheel is named, by hand and by made-up residuals; the batch of flights by single ones."""
 
+import jax
 import numpy as np
 import pytest
 
@@ -68,7 +69,7 @@ def test_beside_the_true_wheel_what_enters_a_wheel_is_left_in_its_residual_alone
 
 @pytest.mark.parametrize(("axis", "k"), [("roll", 0), ("pitch", 1), ("yaw", 2)])
 def test_the_wheel_of_any_axis_can_stand_where_the_pitch_wheel_is_looked_at(wheel, flown, axis, k):
-    single = flown._replace(**{n: a[0] for n, a in flown._asdict().items()})
+    single = jax.tree.map(lambda a: a[0], flown)
     found = beside(wheel, one_wheel(single, axis), "measured").y[:, 0]
     r = residuals(wheel, flown)[0, :, k]
     np.testing.assert_allclose(single.torque[:, k] - found, r, rtol=0, atol=ROUNDING)
