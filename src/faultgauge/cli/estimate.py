@@ -66,20 +66,17 @@ def estimate(
     answered on standard output as it arrives, as the whole file would be.
     """
     if Path("-") in logs:
-        refused = {
-            "more than one log": len(logs) > 1,
-            "--out": out is not None,
-            "--where": where is not None,
-            "--report": report is not None,
-            "--json": json,
-            "--observer bank": observer == "bank",
-            "--smooth": smooth,
-        }
-        for name in (name for name, given in refused.items() if given):
-            raise InputError(
-                f"{name} does not go with -, which answers rows on standard output as they "
-                "arrive; leave it out, or give the log as a file."
-            )
+        _refuse_beside_a_stream(
+            {
+                "more than one log": len(logs) > 1,
+                "--out": out is not None,
+                "--where": where is not None,
+                "--report": report is not None,
+                "--json": json,
+                "--observer bank": observer == "bank",
+                "--smooth": smooth,
+            }
+        )
         from faultgauge.cli.live import answer
 
         answer(model, observer, reference, time, map, stream or "csv", events, view)
@@ -92,32 +89,54 @@ def estimate(
     if smooth and observer != "bank":
         raise InputError("--smooth goes with --observer bank, whose hypotheses it weighs; give it.")
     from faultgauge.cli.writing import check_folder
-    from faultgauge.detection import estimation
     from faultgauge.plants.model import load_model
-    from faultgauge.telemetry.writing import check_writable, write_table
+    from faultgauge.telemetry.writing import check_writable
 
     check_writable(out)
     check_folder(out, report)
     fitted = load_model(model)
-    signals = fitted.plant.signals
-    runs = options.read_logs(signals, logs, time, map, where)
+    runs = options.read_logs(fitted.plant.signals, logs, time, map, where)
     if observer == "bank":
         _decide(fitted, runs, reference, out, report, smooth, json)
         return
+    _estimate(fitted, runs, observer, reference, out, report, json)
+
+
+def _refuse_beside_a_stream(given: dict[str, bool]) -> None:
+    for name in (name for name, there in given.items() if there):
+        raise InputError(
+            f"{name} does not go with -, which answers rows on standard output as they "
+            "arrive; leave it out, or give the log as a file."
+        )
+
+
+def _estimate(
+    model: "Model",
+    runs: "list[Run]",
+    observer: str,
+    reference: Literal["free", "measured", "observer"],
+    out: Path,
+    report: Path | None,
+    json: bool,
+) -> None:
+    """An estimate for every fault, each by an observer of its own."""
+    from faultgauge.detection import estimation
+    from faultgauge.telemetry.writing import write_table
+
     with options.narrate("estimating"):
-        judgements, bank = estimation.estimate(fitted, runs, observer=observer, reference=reference)
-    write_table(estimation.table(judgements, signals.fault_names), out)
+        judgements, bank = estimation.estimate(model, runs, observer=observer, reference=reference)
+    write_table(estimation.table(judgements, model.plant.signals.fault_names), out)
     options.warn(bank.refused.values())
     if report is not None:
         from faultgauge.reporting.chapters import estimate_report
         from faultgauge.reporting.report import write
 
-        write(estimate_report(fitted, judgements, bank, reference), report)
+        write(estimate_report(model, judgements, bank, reference), report)
     found = [event for judgement in judgements for event in judgement.events]
     if json:
         options.print_json({"events": estimation.as_dicts(found)})
         return
-    for line in estimation.sentences(fitted, found):
+    for line in estimation.sentences(model, found):
         print(line)
     options.say(f"wrote {out}")
 

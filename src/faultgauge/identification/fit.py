@@ -52,6 +52,12 @@ class FitReport(NamedTuple):
     refinement: Refinement | None = None
 
 
+INSTRUMENT_UNUSED = (
+    "an instrument frees the equation error of the loop's bias and does nothing for the "
+    "refinement, which simulates; where disturbances move the plant, compare with --no-refine"
+)
+
+
 class _Result(NamedTuple):
     plant: GrayBoxPlant
     training: Samples
@@ -105,15 +111,9 @@ def fit(
     groups: list[GroupReport] = []
     noise: dict[str, dict[str, float]] = {}
     warm: list[GrayBoxPlant] = []
-    result = refinement = None
+    result = refinement = given = None
     if spec.signals.instruments and refine:
-        warnings.append(
-            "an instrument frees the equation error of the loop's bias and does nothing for the "
-            "refinement, which simulates; where disturbances move the plant, compare with "
-            "--no-refine"
-        )
-    instruments: dict[str, float] = {}
-    given = None
+        warnings.append(INSTRUMENT_UNUSED)
     if not by_simulation:
         how = replace(how, references=reference_columns(spec.signals, logs))
         given = material(spec, acting, unseen, how, seed)
@@ -123,9 +123,7 @@ def fit(
                 fit_equations(sized, how, given, seed, restarts, algorithm, progress)
             ),
         )
-        warnings += stage.warnings
-        instruments = given.explained
-        warnings += _weak(spec.signals, instruments)
+        warnings += [*stage.warnings, *_weak(spec.signals, given.explained)]
         groups, noise, warm = stage.reports, given.noise, [stage.plant, *stage.others]
         if spec.open_sizes:
             plant = with_hidden(plant, chosen_sizes(spec, stage.plant))
@@ -137,28 +135,34 @@ def fit(
         warnings += refinement.warnings
         result = _of_refinement(refinement)
     assert result is not None
-    if not np.isfinite(result.error):
-        raise InputError(
-            "every start diverges in free run on the held-out data; likely causes: (a) a sign or "
-            "unit error in the plant file or --map, (b) an unstable plant logged in closed loop, "
-            "(c) too little excitation. Check the report of `faultgauge inspect`."
-        )
-    if result.error >= 1:
-        warnings.append(
-            "on held-out data the free run is worse than each output's mean would be: do not use "
-            "this model; give better parameter values, more restarts or more excitation"
-        )
-    elif given is not None:  # a model that is no use says nothing about the input
+    warnings += _of_no_use(result)
+    if given is not None and result.error < 1:  # a model of no use says nothing about the input
         warnings += response_warnings(result.plant, given.stretches, given.noise)
     record = _record(result, how, logs, validate, noise, groups, refinement, seed)
-    if instruments:
-        record["instruments"] = instruments
+    if given is not None and given.explained:
+        record["instruments"] = given.explained
     if spec.open_holds or spec.open_sizes:
         record["choices"] = _choices(spec, result.plant, refinement)
     model = Model(result.plant, record)
     if ensemble and refinement is not None:
         model = model.with_members(refinement.members[1:])
     return model, FitReport(groups, result.training, noise, warnings, refinement)
+
+
+def _of_no_use(result: _Result) -> list[str]:
+    """A warning where each output's mean would do better. Raises where every start diverges."""
+    if not np.isfinite(result.error):
+        raise InputError(
+            "every start diverges in free run on the held-out data; likely causes: (a) a sign or "
+            "unit error in the plant file or --map, (b) an unstable plant logged in closed loop, "
+            "(c) too little excitation. Check the report of `faultgauge inspect`."
+        )
+    if result.error < 1:
+        return []
+    return [
+        "on held-out data the free run is worse than each output's mean would be: do not use "
+        "this model; give better parameter values, more restarts or more excitation"
+    ]
 
 
 def _by_simulation(spec: PlantSpec, how: Channels, refine: bool | None) -> list[str]:
