@@ -24,8 +24,8 @@ from faultgauge.identification.baselines.training import Mode, RunResidual, with
 from faultgauge.identification.levenberg_marquardt import (
     Options,
     levenberg_marquardt,
-    normal_equations,
 )
+from faultgauge.identification.normal_equations import normal_equations
 
 __all__ = ["Evidence", "evidence_step", "train_by_evidence"]
 

@@ -33,7 +33,7 @@ SHORT, SHORT_SHARE, SHORT_MOST = (64, 512), 1 / 20, 16  # samples and number of 
 # one its slow drift is all that the fit sees.
 LONGEST, LONG_WINDOW = 2048, 1024  # samples
 LONGEST_WHOLE, LONG_PART = 25_000, 4096  # the same where a run has values of its own
-BUDGET, MOST = 20_000, 40_000  # samples that a search goes through, and its best in the end
+BUDGET, MOST = 20_000, 100_000  # samples that a search goes through, and its best in the end
 OUTLIER = 5.0  # standard deviations: errors beyond count as that where outliers are expected
 FIRST_SIGMA = 0.1  # of the outputs' spread: errors expected of a first guess
 LEAD = 500  # samples that set the start of a window that was not fitted
@@ -78,19 +78,25 @@ class Data:
         thetas: Float[np.ndarray, "starts unknowns"],
         *,
         pieces: Sequence[Piece] | None = None,
+        after: Sequence[Fitted] = (),
         sigma: float,
         ridge: float = 1.0,
         trials: int = 60,
         tolerance: float = 1e-4,
     ) -> list[Fitted]:
-        """`fit_windows` over the pieces that are worked on, or others."""
+        """`fit_windows` over the pieces that are worked on, or others.
+
+        `after` are fits over the same pieces, one to a start: windows start where they did.
+        """
         windows = self.windows(self.pieces if pieces is None else pieces)
+        z = np.stack([_starts(windows, each) for each in after]) if after else None
         return fit_windows(
             plant,
             unknowns,
             thetas,
             windows,
             self.substeps,
+            z=z,
             sigma=sigma,
             ridge=ridge,
             trials=trials,
@@ -136,6 +142,24 @@ class Data:
 
     def fitted_samples(self, piece: Piece) -> int:
         return int(np.sum(self.masks[piece.record][piece.start : piece.stop]))
+
+    def reach(self, plant: GrayBoxPlant, unknowns: Unknowns, fitted: Fitted) -> None:
+        """Take the states of a fit as first guesses in between its windows, too: each goes on to
+        the next one."""
+        follows = [*self.pieces[1:], None]
+        longer = [
+            Piece(
+                p.record,
+                p.start,
+                n.start if n is not None and n.record == p.record else len(self.masks[p.record]),
+            )
+            for p, n in zip(self.pieces, follows, strict=True)
+        ]
+        windows = self.windows(longer)
+        x, _ = simulated(
+            plant, unknowns, fitted.theta, _starts(windows, fitted), windows, self.substeps
+        )
+        self.remember(longer, x)
 
     def remember(self, pieces: Sequence[Piece], x: Float[np.ndarray, "windows _ states"]) -> None:
         """Take the states of fitted windows as first guesses of hidden ones."""
@@ -185,6 +209,13 @@ def prepare(
     data.whole = _some(data.whole, max(MOST, longest if longest <= most else 0))
     data.pieces = _some(data.whole, BUDGET) if longest > most else data.whole
     return data
+
+
+def _starts(windows: Window, fitted: Fitted) -> Float[np.ndarray, "windows local"]:
+    """What is local to the windows, where a fit found it."""
+    states = windows.center.shape[1]
+    x0 = (fitted.x[:, 0] - np.asarray(windows.center)) / np.asarray(windows.sd)
+    return np.concatenate([x0, fitted.z[:, states:]], axis=1)
 
 
 def _some(pieces: list[Piece], budget: int) -> list[Piece]:

@@ -19,6 +19,7 @@ from faultgauge.identification.refinement.candidate import (
 from faultgauge.identification.refinement.data import BUDGET, Data
 from faultgauge.identification.refinement.linear_starts import equivalents
 from faultgauge.identification.refinement.records import Piece
+from faultgauge.identification.refinement.simulation_error import Fitted
 from faultgauge.identification.refinement.unknowns import WEIGHTS, Unknowns, unknowns_of
 from faultgauge.identification.samples import Samples
 from faultgauge.identification.sizes import chosen_sizes, smallest_sufficient, with_hidden
@@ -37,7 +38,7 @@ FIRST_ROUND, FINALISTS = 2, 2  # after this prior weight, so many starts go on d
 RIDGES = tuple(10.0 ** (k / 2) for k in range(4, -5, -1))
 LEARNED_RIDGES = tuple(10.0**k for k in (1, 0, -1))  # after a screening
 SCREEN = 10_000  # samples to fit: fewer can be gone through whole, from every start
-SETTLE_TRIALS = 5
+SETTLE_TRIALS, FINAL_TRIALS = 5, 12  # of a screening, before its networks and after
 WARM_RIDGES = tuple(10.0**k for k in range(-1, 4))  # upwards: networks that are already learned
 TRIALS, MOST_EFFORT = 25, 6.0  # per prior weight; more of them where a log is short
 PATIENCE, BETTER = 2, 0.99  # of the validation error: less gain does not pay another prior weight
@@ -64,8 +65,8 @@ def with_networks(
     found: list[Candidate] = []
     if len(bases) > FINALISTS and sample_count(data.pieces) > SCREEN:
         progress("networks: which start to take, over short windows")
-        sigma, plant = _screened(data, bases, seed)
-        found += _path(data, "networks", [plant], LEARNED_RIDGES, sigma, progress)
+        sigma, plant, fitted = _screened(data, bases, seed)
+        found += _path(data, "networks", [plant], LEARNED_RIDGES, sigma, progress, [fitted])
     else:
         few = sample_count(data.pieces) <= SCREEN
         count = min(restarts, MANY_STARTS if few else max(SILENT_STARTS, len(bases)))
@@ -97,9 +98,11 @@ def _equivalent(data: Data, base: Candidate, rng: np.random.Generator) -> list[C
     return [replace(base, fitted=base.fitted._replace(theta=theta)) for theta in thetas]
 
 
-def _screened(data: Data, bases: Sequence[Candidate], seed: int) -> tuple[float, GrayBoxPlant]:
-    """(sigma, plant) of the best of `bases` with networks: all over short windows, then the best
-    of them over all."""
+def _screened(
+    data: Data, bases: Sequence[Candidate], seed: int
+) -> tuple[float, GrayBoxPlant, Fitted]:
+    """(sigma, plant, fit) of the best of `bases` with networks: all over short windows, then the
+    best of them over all."""
     short, tried = data.short(), []
     for k, base in enumerate(bases):
         sigma, theta = sigma_of(base.fitted), base.fitted.theta[None]
@@ -109,10 +112,12 @@ def _screened(data: Data, bases: Sequence[Candidate], seed: int) -> tuple[float,
         if settled.usable:
             scaled = _scaled(data, replace(base, fitted=settled), short)
             plant = _silent(scaled, np.random.default_rng([seed, 11, k]), MARGINS[0])
-            tried.append(_learned(data, plant, short, sigma))
+            tried.append(_learned(data, plant, short, sigma, TRIALS))
     tried.sort(key=lambda each: each[0])
     sigma = sigma_of(bases[0].fitted)
-    finals = [_learned(data, plant, data.pieces, sigma) for _, plant in tried[:FINALISTS]]
+    finals = [
+        _learned(data, plant, data.pieces, sigma, FINAL_TRIALS) for _, plant, _ in tried[:FINALISTS]
+    ]
     return min(finals, key=lambda each: each[0])
 
 
@@ -132,16 +137,14 @@ def _sizes(data: Data, base: Candidate, sigma: float, seed: int) -> dict[str, in
 
 
 def _learned(
-    data: Data, plant: GrayBoxPlant, pieces: Sequence[Piece], sigma: float
-) -> tuple[float, GrayBoxPlant]:
-    """(sigma, plant) after some trials."""
+    data: Data, plant: GrayBoxPlant, pieces: Sequence[Piece], sigma: float, trials: int
+) -> tuple[float, GrayBoxPlant, Fitted]:
+    """(sigma, plant, fit) after some trials."""
     unknowns = unknowns_of(plant)
     theta = unknowns.vector(plant)[None]
-    fitted = data.fit(plant, unknowns, theta, pieces=pieces, sigma=sigma, ridge=1.0, trials=TRIALS)[
-        0
-    ]
+    fitted = data.fit(plant, unknowns, theta, pieces=pieces, sigma=sigma, trials=trials)[0]
     sigma = sigma_of(fitted) if fitted.usable else np.inf
-    return sigma, unknowns.assemble(plant, jnp.asarray(fitted.theta))
+    return sigma, unknowns.assemble(plant, jnp.asarray(fitted.theta)), fitted
 
 
 def _like(plant: GrayBoxPlant, values: GrayBoxPlant) -> GrayBoxPlant:
@@ -156,10 +159,11 @@ def _path(
     ridges: tuple[float, ...],
     sigma: float,
     progress: Callable[[str], None],
+    fits: Sequence[Fitted] = (),
 ) -> list[Candidate]:
     """Every start's best along the prior weights, until none has got better twice running.
 
-    `plants` share one scaling. After a few weights only the best go on.
+    `plants` share one scaling; `fits` are theirs so far. After a few weights only the best go on.
     """
     unknowns = unknowns_of(plants[0])
     thetas = np.stack([unknowns.vector(each) for each in plants])
@@ -168,7 +172,9 @@ def _path(
     best: dict[int, Candidate] = {}
     for step, ridge in enumerate(ridges):
         progress(f"{name}: prior weight {ridge:.3g}")
-        fits = data.fit(plants[0], unknowns, thetas, sigma=sigma, ridge=ridge, trials=trials)
+        fits = data.fit(
+            plants[0], unknowns, thetas, after=fits, sigma=sigma, ridge=ridge, trials=trials
+        )
         quiet += 1
         for k, fitted in zip(going, fits, strict=True):
             found = validated(data, Candidate(plants[0], unknowns, fitted, np.inf, name, ridge))
@@ -181,6 +187,7 @@ def _path(
         if step == FIRST_ROUND and len(going) > FINALISTS:
             order = np.argsort([best[k].validation for k in going], kind="stable")[:FINALISTS]
             going, thetas = [going[k] for k in order], thetas[order]
+            fits = [fits[k] for k in order]
         now = min(best.values(), key=lambda c: c.validation)
         plants, thetas = _followed(data, plants, unknowns, thetas, now)
     return list(best.values())

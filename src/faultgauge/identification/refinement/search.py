@@ -29,13 +29,13 @@ from faultgauge.identification.refinement.data import (
     prepare,
 )
 from faultgauge.identification.refinement.networks import FINALISTS, with_networks
-from faultgauge.identification.refinement.records import Record
+from faultgauge.identification.refinement.records import Piece, Record
 from faultgauge.identification.refinement.simulation_error import (
     Fitted,
     simulated,
 )
 from faultgauge.identification.refinement.stepping import step_error
-from faultgauge.identification.refinement.unknowns import unknowns_of
+from faultgauge.identification.refinement.unknowns import Unknowns, unknowns_of
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.signals import Hold, Signals
 from faultgauge.simulation.free_run import RATE_STEP, fastest_rate, substeps_for
@@ -45,11 +45,14 @@ __all__ = ["Search", "refine"]
 KEPT, ALIKE = 3, 1.5  # members of an ensemble, and their error at most, times the best's
 NEAR = 0.05  # prior standard deviations: two starts that found one minimum
 PLACES, GOOD = 4, 4.0  # minima of the physics that go on, and their squared error at most
-FIRST_TRIALS, LAST_TRIALS = 30, 60  # of the physics, where networks follow and where none do
+FIRST_TRIALS, LAST_TRIALS = 16, 60  # of the physics, where networks follow and where none do
+HEAT_TRIALS, FAVOURITES = 10, 5  # of every start over short windows, and how many go on
 WILD = 1e6  # times its start: a simulation that blows up
+COARSE = 2.0  # times a simulation's step: a search is done before the last digits matter
 MATTERS, MOST_SUBSTEPS = 0.5, 32  # of the fit's error: what halving the step may change
 SCATTER = 0.5  # prior standard deviations: a factor of 3 for positive constants
 HOLD_STARTS = 3
+MORE_TRIALS, ALL_TRIALS = 40, 25  # of what stands already, and of the best over all samples
 CLEARLY = 0.9  # of the error with a simpler hold: half a sample of delay hides in many constants
 HOLDS: tuple[Hold, ...] = ("zero", "linear", "band-limited")
 
@@ -109,10 +112,10 @@ def refine(
         raise InputError(blow_up(data, plant))
     members = _distinct(candidates)[:KEPT]
     members = [c for c in members if c.validation <= ALIKE * members[0].validation]
+    members = _finer(data, members, progress)
     if len(data.pieces) < len(data.whole):
         progress("fitting the best to all samples")
         members = _on_all_samples(data, members[:FINALISTS])
-    members = _finer(data, members, progress)
     won = members[0].origin != WARM
     return Search(members, data, holds, tried, won, notes)
 
@@ -134,6 +137,7 @@ def _distinct(candidates: Sequence[Candidate]) -> list[Candidate]:
 def _on_all_samples(data: Data, members: Sequence[Candidate]) -> list[Candidate]:
     """The members, refitted where their search went through a part of the log only."""
     share = sample_count(data.whole) / sample_count(data.pieces)
+    data.reach(members[0].plant, members[0].unknowns, members[0].fitted)
     data.pieces = data.whole
     found = []
     for c in members:
@@ -146,7 +150,7 @@ def _on_all_samples(data: Data, members: Sequence[Candidate]) -> list[Candidate]
                 c.fitted.theta[None],
                 sigma=sigma_of(c.fitted),
                 ridge=c.ridge * share,
-                trials=40,
+                trials=ALL_TRIALS,
             )[0]
         found.append(validated(data, replace(c, fitted=fitted, ridge=c.ridge * share)))
     return sorted(found, key=lambda c: c.validation)
@@ -173,7 +177,7 @@ def _substeps(plant: GrayBoxPlant, records: Sequence[Record]) -> int:
     x = np.where(np.isfinite(record.x), record.x, initial)
     kept = np.linspace(0, len(x) - 1, min(500, len(x))).astype(int)
     rate = fastest_rate(plant, x[kept], record.u[kept])
-    return substeps_for(record.step, RATE_STEP / rate if rate > 0 else 1e9)
+    return substeps_for(record.step, COARSE * RATE_STEP / rate if rate > 0 else 1e9)
 
 
 def _as_it_is(data: Data, plant: GrayBoxPlant, origin: str = WARM) -> Candidate:
@@ -206,14 +210,11 @@ def _physics(
         thetas.append(first + SCATTER * rng.standard_normal(len(first)))
     progress("fitting the physics over short windows")
     short = data.short()
-    found = data.fit(plant, unknowns, np.stack(thetas), pieces=short, sigma=FIRST_SIGMA, trials=40)
-    fits = [each for each in found if each.usable]
-    if len(fits) < len(thetas):
-        failed = len(thetas) - len(fits)
+    fits, failed = _over_short_windows(data, plant, unknowns, thetas, short)
+    if failed:
         notes.append(f"{failed} of {len(thetas)} starts had no finite simulation error")
     if not fits:
         return []
-    fits.sort(key=lambda each: each.mse)
     data.remember(short, fits[0].x)
     progress("fitting the physics over long windows")
     trials = FIRST_TRIALS if plant.spec.networks else LAST_TRIALS
@@ -223,6 +224,34 @@ def _physics(
     return _distinct(
         [validated(data, Candidate(plant, unknowns, each, np.inf, "physics")) for each in longs]
     )
+
+
+def _over_short_windows(
+    data: Data,
+    plant: GrayBoxPlant,
+    unknowns: Unknowns,
+    thetas: Sequence[np.ndarray],
+    short: Sequence[Piece],
+) -> tuple[list[Fitted], int]:
+    """(fits, best first; number of starts without a finite error): a heat of all, then the best."""
+    found: list[Fitted] = []
+    failed = 0
+    for trials in (HEAT_TRIALS, 40 - HEAT_TRIALS):
+        fits = data.fit(
+            plant,
+            unknowns,
+            np.stack([each.theta for each in found] or thetas),
+            pieces=short,
+            after=found,
+            sigma=FIRST_SIGMA,
+            trials=trials,
+        )
+        failed += sum(not each.usable for each in fits)
+        found = sorted((each for each in fits if each.usable), key=lambda each: each.mse)
+        found = found[:FAVOURITES]
+        if not found:
+            break
+    return found, failed
 
 
 def _apart(fits: Sequence[Fitted]) -> list[np.ndarray]:
@@ -267,7 +296,13 @@ def _again(data: Data, candidate: Candidate) -> Candidate:
     else:
         sigma = sigma_of(candidate.fitted)
         fitted = data.fit(
-            plant, unknowns, theta[None], sigma=sigma, ridge=candidate.ridge, trials=30
+            plant,
+            unknowns,
+            theta[None],
+            after=[candidate.fitted],
+            sigma=sigma,
+            ridge=candidate.ridge,
+            trials=MORE_TRIALS,
         )[0]
     return validated(data, replace(candidate, fitted=fitted))
 

@@ -33,6 +33,11 @@ __all__ = [
     "simulated",
 ]
 
+# Damping of the first step. A long window's start weighs so much more than all else that more of it
+# would hold the parameters where they are.
+TAU = 1e-9
+MOST_TRIALS = 300
+FULL = 8  # windows, side by side, that keep a core busy: more starts at once would gain nothing
 HUBER = 1.345  # standard deviations: 95 % as efficient as least squares under Gaussian noise
 
 
@@ -182,20 +187,21 @@ def fit_windows(
     windows: Window,
     substeps: int,
     *,
+    z: Float[np.ndarray, "starts windows local"] | None = None,
     sigma: float,
     ridge: float = 1.0,
     trials: int = 60,
     tolerance: float = 1e-5,
     robust: bool = False,
 ) -> list[Fitted]:
-    """Levenberg-Marquardt from every start, all side by side.
+    """Levenberg-Marquardt from every start, all side by side; the windows start at `z`.
 
     `sigma` is the error expected, as a share of the outputs' spread; `ridge` multiplies the
     networks' share of the prior. `robust` bounds the pull of errors beyond `HUBER` sigma.
     """
     lower, upper = unknowns.bounds(plant)
     return _fit(
-        plant, unknowns, thetas, windows, substeps, sigma, ridge, trials, tolerance, robust,
+        plant, unknowns, thetas, z, windows, substeps, sigma, ridge, trials, tolerance, robust,
         lower, upper,
     )  # fmt: skip
 
@@ -212,14 +218,16 @@ def fit_starts(
 ) -> Fitted:
     """Only what is local to the windows is fitted; `theta` stays."""
     return _fit(
-        plant, unknowns, theta[None], windows, substeps, sigma, 1.0, 30, 1e-5, robust, theta, theta
-    )[0]
+        plant, unknowns, theta[None], None, windows, substeps, sigma, 1.0, 30, 1e-5, robust,
+        theta, theta,
+    )[0]  # fmt: skip
 
 
 def _fit(
     plant: GrayBoxPlant,
     unknowns: Unknowns,
     thetas: Float[np.ndarray, "starts unknowns"],
+    z: Float[np.ndarray, "starts windows local"] | None,
     windows: Window,
     substeps: int,
     sigma: float,
@@ -237,19 +245,26 @@ def _fit(
     penalty[: unknowns.weights(plant)] = ridge
     penalty[size:] = 0.0  # the starts' prior is in the residual
     free = np.full(count * local, np.inf)
-    solution = levenberg_marquardt(
-        residual,
-        jnp.asarray(np.concatenate([thetas, np.zeros((starts, count * local))], axis=1)),
-        jax.tree.map(jnp.asarray, windows),
-        None,
-        jnp.asarray(np.concatenate([lower, -free])),
-        jnp.asarray(np.concatenate([upper, free])),
-        Options(max_trials=trials, tolerance=tolerance, batch=starts),
-        jnp.asarray(sigma**2 * penalty),
-        local,
-        residual.linearised,
-    )
-    solution = jax.device_get(solution)
+    first = np.zeros((starts, count * local)) if z is None else z.reshape(starts, -1)
+    first = np.concatenate([thetas, first], axis=1)
+    batch = starts if count < FULL else 1
+    parts = [
+        levenberg_marquardt(
+            residual,
+            jnp.asarray(first[k : k + batch]),
+            jax.tree.map(jnp.asarray, windows),
+            None,
+            jnp.asarray(np.concatenate([lower, -free])),
+            jnp.asarray(np.concatenate([upper, free])),
+            Options(max_trials=MOST_TRIALS, tau=TAU, tolerance=tolerance, batch=batch),
+            jnp.asarray(sigma**2 * penalty),
+            local,
+            residual.linearised,
+            jnp.asarray(trials),
+        )
+        for k in range(0, starts, batch)
+    ]
+    solution = jax.tree.map(lambda *each: np.concatenate(each), *parts)
     found = []
     for k in range(starts):
         theta, z = np.split(solution.theta[k], [size])

@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from faultgauge.identification.levenberg_marquardt import normal_equations
+from faultgauge.identification.normal_equations import bordered_equations
 from faultgauge.identification.refinement.simulation_error import (
     Fitted,
     SimulationResidual,
@@ -140,7 +140,7 @@ def information(
 def _normal_equations(
     residual: SimulationResidual, theta: Array, windows: Window, local: int
 ) -> tuple[Array, Array, Array]:
-    return normal_equations(residual, theta, windows, local, residual.linearised)
+    return bordered_equations(residual.linearised, theta, windows, local)[:3]
 
 
 def _residual_time(
