@@ -1,21 +1,27 @@
 """How well the bank decides: every figure is of seeds 100 on; it was tuned on those below.
 
 python benchmarks/decisions.py [--windows N] [--records N] [--flights N] [--healthy N]
+    [--calibration N] [--tanks N] [--first SEED]
 
-Without options: 40 of each set of windows, 40 linear records, 200 faulty and 750 healthy flights.
+Without options: 40 of each set of windows, 40 linear records, 40 of the README's tanks, 200 faulty
+and 760 healthy flights, and 840 healthy flights to calibrate on, which support one false alarm in
+10^6 samples.
 """
 
 import argparse
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.stats import chi2
 
 from faultgauge.studies.decisions.naming import Verdict, left_out, named, rig_bank
 from faultgauge.studies.decisions.optimal import against_kalman, linear_bank
 from faultgauge.studies.decisions.rig import FAULTS
-from faultgauge.studies.decisions.wheel import false_alarms, friction_found, wheel_bank
+from faultgauge.studies.decisions.tank import leak_found
+from faultgauge.studies.decisions.wheel import STEP, false_alarms, friction_found, wheel_bank
 
-FIRST = 100
+FIRST = 100  # seeds below are for tuning: --first 0
+HEALTHY = 1000  # more than --first: the first seed of the fresh healthy flights
 
 
 def share(found: Sequence[bool]) -> str:
@@ -27,9 +33,9 @@ def spread(values: Sequence[float], digits: int = 3) -> str:
     return f"{median:.{digits}g} [{low:.{digits}g}, {high:.{digits}g}]"
 
 
-def naming(count: int) -> None:
+def naming(first: int, count: int) -> None:
     bank = rig_bank()
-    verdicts = [v for k in range(count) for v in named(bank, FIRST + k)]
+    verdicts = [v for k in range(count) for v in named(bank, first + k)]
     healthy = [v for v in verdicts if not v.truth]
     seen = [v for v in verdicts if v.truth and v.visible]
     single = [v for v in seen if len(v.truth) == 1]
@@ -54,26 +60,42 @@ def blamed(verdicts: Sequence[Verdict]) -> str:
     return share([v.blamed for v in verdicts])
 
 
-def undeclared(count: int) -> None:
+def undeclared(first: int, count: int) -> None:
     banks = {name: rig_bank(name) for name in FAULTS}
-    verdicts = [v for k in range(count) for v in left_out(banks, FIRST + k)]
+    verdicts = [v for k in range(count) for v in left_out(banks, first + k)]
     seen = [v for v in verdicts if v.visible and v.acting]
     wrong = [v.unknown < 0.5 and v.status == "FAULT" for v in seen]
     print(f"left out: p_unknown >= 0.5 at window end: {share([v.unknown >= 0.5 for v in seen])}")
     print(f"left out: a wrong name at window end: {share(wrong)}; in any event: {blamed(seen)}")
 
 
-def optimal(count: int) -> None:
+def optimal(first: int, count: int) -> None:
     bank = linear_bank()
-    found = [against_kalman(bank, FIRST + k) for k in range(count)]
+    found = [against_kalman(bank, first + k) for k in range(count)]
     print(f"linear: RMSE over the Kalman filter's: {spread([e.bank / e.kalman for e in found])}")
     print(f"linear: coverage {np.mean([e.coverage for e in found]):.3f}")
     print(f"linear: delay [s] {spread([e.delay for e in found])}")
 
 
-def wheel(flights: int, healthy: int) -> None:
-    bank = wheel_bank()
-    found = [friction_found(bank, FIRST + k) for k in range(flights)]
+def tanks(first: int, count: int) -> None:
+    found = [leak_found(first + k) for k in range(count)]
+    leaks = [each for each in found if each is not None]
+    print(f"tank: leak named: {share([each is not None for each in found])}")
+    print(f"tank: size inside its 95 % interval: {share([each.sized for each in leaks])}")
+    print(f"tank: half of that interval, of the size: {spread([each.width for each in leaks])}")
+    print(f"tank: onset inside its 95 % interval: {share([each.dated for each in leaks])}")
+    print(f"tank: false alarms before the onset, in all: {sum(each.early for each in leaks)}")
+
+
+def wheel(first: int, flights: int, healthy: int, calibration: int) -> None:
+    bank = wheel_bank(calibration)
+    block = (bank.model.calibration or {})["bank"]
+    print(
+        f"wheel: alarm at log-odds of {block['level']:.2f}, from {block['judged_s'] / STEP:.4g} "
+        f"healthy samples with {block['alarms']} alarms: at most one false alarm in "
+        f"{block['mtbfa_s'] / STEP:.4g} samples (95 %)"
+    )
+    found = [friction_found(bank, first + k) for k in range(flights)]
     weights = [a.samples for a in found]
     settled = [a.samples_settled for a in found]
     print(f"wheel: delay [s] until named: {spread([a.delay for a in found])}")
@@ -81,19 +103,41 @@ def wheel(flights: int, healthy: int) -> None:
     covered = np.average([a.covered for a in found], weights=weights)
     later = np.average(np.nan_to_num([a.covered_settled for a in found]), weights=settled)
     print(f"wheel: coverage given alarm {covered:.3f}, settled {later:.3f} ({flights} flights)")
-    counts = np.array([false_alarms(bank, 1000 + k) for k in range(healthy)]).sum(axis=0)
-    print(f"wheel: {counts[0]} false alarms in {counts[1]} fresh healthy samples")
+    dated = [a.dated for a in found if a.dated is not None]
+    print(f"wheel: onset inside its 95 % interval: {share(dated)}")
+    counts = np.array([false_alarms(bank, HEALTHY + k) for k in range(healthy)]).sum(axis=0)
+    fewest, most = poisson(int(counts[0]))
+    print(
+        f"wheel: {counts[0]} false alarms in {counts[1]} fresh healthy samples: "
+        f"{fewest * 1e6 / counts[1]:.2g} to {most * 1e6 / counts[1]:.2g} in 10^6 (95 %)"
+    )
+
+
+def poisson(count: int) -> tuple[float, float]:
+    """The 95 % interval of a Poisson mean (Garwood, 1936)."""
+    low = chi2.ppf(0.025, 2 * count) / 2 if count else 0.0
+    return float(low), float(chi2.ppf(0.975, 2 * count + 2) / 2)
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
-    for name, default in (("windows", 40), ("records", 40), ("flights", 200), ("healthy", 750)):
+    defaults = {
+        "windows": 40,
+        "records": 40,
+        "tanks": 40,
+        "flights": 200,
+        "healthy": 760,
+        "calibration": 840,
+    }
+    for name, default in {**defaults, "first": FIRST}.items():
         parser.add_argument(f"--{name}", type=int, default=default)
     given = parser.parse_args()
     if given.records:
-        optimal(given.records)
+        optimal(given.first, given.records)
+    if given.tanks:
+        tanks(given.first, given.tanks)
     if given.windows:
-        naming(given.windows)
-        undeclared(given.windows)
+        naming(given.first, given.windows)
+        undeclared(given.first, given.windows)
     if given.flights:
-        wheel(given.flights, given.healthy)
+        wheel(given.first, given.flights, given.healthy, given.calibration)

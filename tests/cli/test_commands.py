@@ -1,6 +1,8 @@
 """Every command on a small tank: exit code, output, files."""
 
 import csv
+import io
+import json
 import shutil
 import subprocess
 import sys
@@ -272,7 +274,7 @@ def test_the_bank_names_the_leak_with_probability_and_interval(call, workshop, t
     assert event["fault"] == "leak"
     assert event["lo"] < workshop.leak < event["hi"]
     assert event["p"] > 0.95
-    assert event["start"] == pytest.approx(workshop.onset, abs=1)
+    assert event["start"] == pytest.approx(workshop.onset, abs=2)  # a name waits for 10 samples
     rows = table(out)
     assert {r["status"] for r in rows[400:]} == {"FAULT"}
     sums = [sum(float(r[f"p_{n}"]) for n in ("leak", "healthy", "unknown")) for r in rows]
@@ -287,6 +289,34 @@ def test_the_bank_is_silent_on_a_healthy_log_and_wants_a_calibrated_model(call, 
     refused = call("estimate", workshop.model, workshop.healthy, *bank)
     assert refused.code == 2
     assert "faultgauge calibrate" in refused.err
+
+
+def test_calibrate_says_what_the_healthy_log_proves_of_the_bank(call, workshop, tmp_path):
+    args = (workshop.model, workshop.healthy, "--out", tmp_path / "c.fgm")
+    lines = [line for line in call("calibrate", *args).out.splitlines() if line.startswith("bank")]
+    block = one_object(call("calibrate", *args, "--json"))["bank"]
+    assert (
+        f"proves only that false alarms come at most once in {block['mtbfa_s']:.4g} s" in lines[0]
+    )
+    assert f"leak {block['error']['leak'][0]:.2g}" in lines[1]
+
+
+def test_the_bank_answers_a_stream_as_it_answers_the_file(call, workshop, tmp_path, monkeypatch):
+    out, events = tmp_path / "b.csv", tmp_path / "events.ndjson"
+    bank = ("--observer", "bank")
+    found = one_object(
+        call("estimate", workshop.calibrated, workshop.suspect, "--out", out, *bank, "--json")
+    )
+    text = io.TextIOWrapper(io.BytesIO(workshop.suspect.read_bytes()))
+    monkeypatch.setattr("sys.stdin", text)
+    said = call("estimate", workshop.calibrated, "-", *bank, "--events", events)
+    rows = list(csv.DictReader(io.StringIO(said.out)))
+    written = table(out)
+    assert [{**row, "run": ""} for row in rows] == [{**row, "run": ""} for row in written]
+    lines = [json.loads(line) for line in events.read_text().splitlines()]
+    told = [line for line in lines if line["said"] == "event"]
+    assert [e["onset"] for e in told] == [e["onset"] for e in found["events"]]
+    assert "alarm: leak" in said.err
 
 
 def test_smooth_tells_leak_size_and_onset_from_the_whole_log(call, workshop, tmp_path):

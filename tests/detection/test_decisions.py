@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from faultgauge.detection.bank import build_fault_bank
+from faultgauge.detection.bank_calibration import calibrate_bank
 from faultgauge.detection.decisions import as_dicts, decide, decide_runs, sentences, table
 from faultgauge.detection.noise import Noise
 from faultgauge.errors import InputError
@@ -74,8 +75,8 @@ def test_a_pump_that_is_off_is_named_sized_and_dated(bank):
     assert event.lo < 0.2 < event.hi
     assert event.hi - event.lo < 0.1  # and not by saying nothing
     # 0.2 moves x by 0.1 a sample, five times its noise: seen within a few samples, and told from
-    # a weak pump when u changes, which it does every 20 samples
-    assert onset < event.start <= onset + 25 * STEP
+    # a weak pump when u changes, which it does every 20 samples; a name waits for 10 more
+    assert onset < event.start <= onset + 35 * STEP
     assert event.onset_lo <= onset + STEP
     assert abs(event.onset - onset) <= 5 * STEP
     assert set(decision.status[-100:]) == {"FAULT"}
@@ -137,7 +138,8 @@ def test_a_healthy_tank_with_a_slow_nuisance_stays_healthy(bank):
 
 
 def test_the_table_and_the_events_are_those_of_the_contract():
-    calibrated = model().with_calibration({"noise": NOISE.as_dict(model())})
+    block = calibrate_bank(model(), [log(8), log(9)], NOISE).block
+    calibrated = model().with_calibration({"noise": NOISE.as_dict(model()), "bank": block})
     decisions, bank = decide_runs(calibrated, [log(1, pump=0.2), log(7)])
     columns = table(decisions, bank.model.plant.signals.fault_names)
     assert list(columns) == [

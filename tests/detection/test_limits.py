@@ -3,14 +3,8 @@
 import numpy as np
 import pytest
 
-from faultgauge.detection.calibration import (
-    Block,
-    _allowed,
-    _without_suspects,
-    calibrate,
-    correlation_time,
-    score,
-)
+from faultgauge.detection.blocks import Block, allowed_peaks, correlation_time
+from faultgauge.detection.calibration import _without_suspects, calibrate, score
 from faultgauge.detection.estimation import Event, estimate, sentence
 from faultgauge.detection.residual import residuals
 from faultgauge.errors import InputError
@@ -68,14 +62,14 @@ def test_correlation_time_of_an_autoregressive_process():
 
 
 def test_no_alarm_in_t_seconds_proves_a_rate_below_3_over_t():
-    allowed, mtbfa = _allowed(300.0, None, 50)
+    allowed, mtbfa = allowed_peaks(300.0, None, 50)
     assert allowed == 0
     assert mtbfa == pytest.approx(300.0 / -np.log(0.05))  # the rule of three, exactly
     with pytest.raises(InputError, match="support at most"):
-        _allowed(300.0, 101.0, 50)
+        allowed_peaks(300.0, 101.0, 50)
     # one alarm in T: the 95 % bound on the mean count is 4.744 (Poisson table)
-    assert _allowed(300.0, 300.0 / 4.75, 50)[0] == 1
-    assert _allowed(300.0, 300.0 / 4.73, 50)[0] == 0
+    assert allowed_peaks(300.0, 300.0 / 4.75, 50)[0] == 1
+    assert allowed_peaks(300.0, 300.0 / 4.73, 50)[0] == 0
 
 
 def test_a_block_far_above_the_others_is_named_and_left_out():
@@ -167,3 +161,22 @@ def test_the_three_references_on_an_integrator():
 def test_the_sentence_gives_as_many_digits_as_the_interval_allows():
     event = Event("flight", "leak", 10.0, 20.0, 0.123456, 0.113456, 0.133456)
     assert sentence(event, "m/s") == "leak +0.123 +- 0.01 m/s from 10 s to 20 s (run flight)"
+
+
+def test_a_passive_fault_is_reported_without_an_alarm_and_a_disabled_one_is_not_estimated():
+    def judged(state):
+        text = PLANT.replace('unit = "m/s"', f'unit = "m/s"\nmonitor = "{state}"')
+        plant = GrayBoxPlant.untrained(parse_plant(text))
+        found = calibrate(Model(plant, model().record), [log(1)]).model
+        (judgement,), bank = estimate(found, [log(2, fault=0.05)])
+        return judgement, bank
+
+    loud, _ = judged("active")
+    assert loud.status[-1] == "FAULT"
+    passive, _ = judged("passive")
+    assert "FAULT" not in passive.status
+    assert (passive.status[-1], passive.reason[-1]) == ("NOT_JUDGED", "leak, which is passive")
+    assert passive.events == []
+    assert passive.f["leak"][-1] == loud.f["leak"][-1]
+    _, bank = judged("disabled")
+    assert list(bank.designs) == []

@@ -6,13 +6,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from faultgauge.observers.follow import follow
 from faultgauge.observers.interacting import (
     FLOOR,
     OUTLIER,
     InteractingModes,
     cholesky,
     posterior,
-    run_bank,
 )
 from faultgauge.observers.modes import Levels, hypotheses, links, mode_sets
 from faultgauge.plants.gray_box import GrayBoxPlant
@@ -46,13 +46,14 @@ LEVELS = Levels(
     size=np.array([0.5, 1.0, 0.3]),
     onset=np.array([1e-6, 2e-6]),
     jump=np.array([1.0]),
+    hides=np.array([[[0.0], [0.2]], [[0.0], [0.0]]]),  # of a push, a bias of the sensor takes 0.2
     loose=np.array([0.1]),
     noisier=np.array([0.1]),
     unknown=np.array([1e-7, 1e-7, 1e-7]),
     recovery=1e-4,
     settling=0.1,
 )
-SETS = mode_sets(2, 2)
+SETS = mode_sets(range(2), 2)
 MODES = len(SETS) + 3
 
 
@@ -85,14 +86,11 @@ def record(samples, onset=None, size=0.0, u=0.0):
         y[onset:] += size
     dt = np.ones(samples)
     dt[0] = 0.0
-    return tuple(jnp.asarray(a) for a in (np.full((samples, 1), u), y[:, None], dt))
+    return np.full((samples, 1), u), y[:, None], dt
 
 
 def run(modes, state, arrays):
-    count = len(arrays[2])
-    padded = (jnp.concatenate([a, jnp.zeros((200 - count, *a.shape[1:]))]) for a in arrays)
-    state, info = jax.device_get(run_bank(modes, state, jnp.array(count), *padded))
-    return state, jax.tree.map(lambda rows: rows[:count], info)
+    return jax.device_get(follow(modes, state, arrays))
 
 
 def test_bayes_rule_by_hand_with_its_floor_and_its_outliers():
@@ -107,7 +105,7 @@ def test_bayes_rule_by_hand_with_its_floor_and_its_outliers():
 
 def test_the_sets_are_healthy_singles_pairs_and_agile_singles():
     assert SETS == ((), (0,), (1,), (0, 1), (0,), (1,))
-    assert mode_sets(3, 1) == ((), (0,), (1,), (2,), (0,), (1,), (2,))
+    assert mode_sets(range(3), 1) == ((), (0,), (1,), (2,), (0,), (1,), (2,))
 
 
 def test_rates_leave_as_often_as_they_arrive():
@@ -133,6 +131,21 @@ def test_a_fault_that_begins_enters_with_its_prior_and_one_that_stays_is_kept():
     np.testing.assert_allclose(np.diagonal(P), [0.01, 0.25, 1.0], rtol=1e-9)
 
 
+def test_what_a_push_did_unnoticed_may_have_gone_into_the_bias_of_the_sensor():
+    """The state and the bias may have moved by 0.2 against each other; what is measured has not."""
+    modes = bank()
+    state = first(modes)
+    pair, single = SETS.index((0, 1)), SETS.index((1,))
+    root = state.belief.root.at[single].set(jnp.diag(jnp.array([0.1, 0.3, 1.0])))
+    p = jnp.zeros(MODES).at[single].set(1.0)
+    _, mixed = eqx.filter_jit(modes.mix)(p, state.belief._replace(root=root), jnp.asarray(1.0))
+    P = np.asarray(mixed.root[pair] @ mixed.root[pair].T)
+    wanted = np.diag([0.01, 0.25, 0.09]) + 0.04 * np.array([[1, 0, -1], [0, 0, 0], [-1, 0, 1]])
+    np.testing.assert_allclose(P, wanted, rtol=1e-9, atol=1e-15)
+    measured = np.array([1.0, 0.0, 1.0])
+    assert measured @ P @ measured == pytest.approx(0.01 + 0.09, rel=1e-9)
+
+
 def test_the_root_of_a_covariance_is_numpys_and_survives_a_singular_one():
     A = np.random.default_rng(0).standard_normal((4, 4))
     np.testing.assert_allclose(
@@ -147,7 +160,7 @@ def test_a_sample_at_a_time_and_a_whole_block_give_the_same_bits():
     state, whole = run(modes, first(modes), arrays)
     now, rows = first(modes), []
     for k in range(40):
-        now, info = run_bank(modes, now, jnp.array(1), *(a[k : k + 1] for a in arrays))
+        now, info = follow(modes, now, [a[k : k + 1] for a in arrays])
         rows.append(info)
     for name in whole._fields:
         one = np.concatenate([np.asarray(getattr(row, name)) for row in rows])
@@ -177,8 +190,8 @@ def test_what_an_actuator_at_its_limit_hides_is_not_seen_and_the_rest_is():
 def test_nothing_breaks_on_outliers_gaps_and_a_jump_beyond_all_bounds():
     modes = bank()
     u, y, dt = record(120)
-    y = y.at[30].set(1e9).at[50:60].set(jnp.nan).at[80:, 0].set(1e150)
-    _, info = run(modes, first(modes), (u, y, dt.at[60].set(300.0)))
+    y[30], y[50:60], y[80:, 0], dt[60] = 1e9, np.nan, 1e150, 300.0
+    _, info = run(modes, first(modes), (u, y, dt))
     assert all(np.all(np.isfinite(each)) for each in info)
     np.testing.assert_allclose(info.p.sum(axis=1), 1.0, atol=1e-12)
     assert info.p.min() >= FLOOR / 2  # floored before it is normalised

@@ -7,7 +7,7 @@ import pytest
 from faultgauge.errors import InputError
 from faultgauge.plants.gray_box import load_plant
 from faultgauge.plants.plant_file import parse_plant, presets, read_plant_text
-from faultgauge.plants.signals import Fault, Input, Observation, Output, State
+from faultgauge.plants.signals import Detection, Fault, Input, Observation, Output, State
 
 # The example of the documentation.
 WHEEL = """
@@ -363,3 +363,21 @@ def test_keys_of_the_bank():
     assert parse_plant(small()).signals.max_simultaneous == 2
     assert "max_simultaneous" in refusal(small(more="[detection]\nmax_simultaneous = 3"))
     assert "rate" in refusal(small(more=more.replace("0.1", "-1")))
+
+
+def test_when_an_alarm_is_told_and_which_faults_raise_one():
+    more = "[faults.f]\nenters='input'\ntarget='u'\nmonitor = 'passive'\n"
+    rules = "[detection]\npersistence = 2\nrelease = 0.2\nlatch = true\nhold_off = 30.5"
+    signals = parse_plant(small(more=more + rules)).signals
+    assert signals.faults[0].monitor == "passive"
+    assert signals.detection == Detection(2.0, 0.2, True, 30.5)
+    assert parse_plant(small()).signals.detection == Detection()
+    for wrong, parts in [
+        ("[detection]\npersistence = -1", ["[detection] persistence = -1", "greater than"]),
+        ("[detection]\nhold_off = inf", ["[detection] hold_off = inf", "finite"]),
+        ("[detection]\nrelease = 0.99", ["[detection] release = 0.99", "0.95"]),
+        ("[detection]\nlatch = 1", ["[detection] latch = 1", "boolean"]),
+        (more.replace("passive", "off"), ["[faults.f] monitor = 'off'", "'disabled'"]),
+    ]:
+        said = refusal(small(more=wrong))
+        assert all(part in said for part in parts), said

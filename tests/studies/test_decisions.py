@@ -6,6 +6,7 @@ from faultgauge.studies.decisions.hindsight import linear_hindsight
 from faultgauge.studies.decisions.naming import left_out, named, rig_bank
 from faultgauge.studies.decisions.optimal import against_kalman, linear_bank
 from faultgauge.studies.decisions.rig import FAULTS, rig, window
+from faultgauge.studies.decisions.tank import leak_found
 
 
 def test_where_the_kalman_filter_is_optimal_the_bank_is_as_good():
@@ -48,3 +49,12 @@ def test_hindsight_is_scored_against_the_bound():
     assert abs(found.error) < 4  # of the bound's standard deviations: one normal error
     assert found.told_onset == pytest.approx(found.error, rel=0.1)  # size and onset are apart here
     assert found.delay > 0
+
+
+def test_a_model_with_an_error_of_its_own_gives_intervals_that_hold_the_truth():
+    """The fitted tank errs by half a percent, which its noise alone would put at 0.25 %."""
+    found = leak_found(1)
+    assert found is not None
+    assert found.sized
+    assert found.early == 0
+    assert 0.0025 < found.width < 0.05

@@ -1,7 +1,8 @@
 """`faultgauge calibrate`"""
 
+import math
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -57,6 +58,27 @@ def calibrate(
         f"from {block['blocks']} healthy blocks ({block['judged_s']:.4g} s): false alarms at most "
         f"once in {block['mtbfa_s']:.4g} s (95 % confidence)"
     )
+    for line in _bank_lines(block.get("bank"), units):
+        print(line)
     options.say(
         f"wrote {out or model}; next: faultgauge estimate {out or model} LOG --out FILE.csv"
     )
+
+
+def _bank_lines(bank: dict[str, Any] | None, units: dict[str, str]) -> list[str]:
+    """What calibration found for the bank, in words."""
+    if bank is None:
+        return []
+    errors = [
+        f"{name} {bank['error'][name][0]:.2g} {unit}".rstrip()
+        for name, unit in units.items()
+        if name in bank["error"]
+    ]
+    alarms = bank["alarms"]
+    told = f"{alarms} alarm{'' if alarms == 1 else 's'}" if alarms else "no alarm"
+    return [
+        f"bank: alarm at odds of {math.exp(bank['level']):.3g} to 1; {told} in {bank['blocks']} "
+        f"healthy blocks ({bank['judged_s']:.4g} s) proves only that false alarms come at most "
+        f"once in {bank['mtbfa_s']:.4g} s (95 % confidence)",
+        f"bank: the model's own error, in its intervals: {', '.join(errors)}",
+    ]

@@ -73,7 +73,6 @@ def estimate(
                 "--where": where is not None,
                 "--report": report is not None,
                 "--json": json,
-                "--observer bank": observer == "bank",
                 "--smooth": smooth,
             }
         )

@@ -78,11 +78,15 @@ class _Speaker:
         self.writer = None if view and sys.stdout.isatty() else RowWriter(form)
 
     def say(self, said: Iterable["Said"]) -> None:
-        from faultgauge.detection.estimation import Judgement, table
+        from faultgauge.detection import decisions, estimation
 
+        faults = self.model.plant.signals.fault_names
         for each in said:
-            if isinstance(each, Judgement):
-                columns = table([each], self.model.plant.signals.fault_names)
+            if isinstance(each, estimation.Judgement | decisions.Decision):
+                if isinstance(each, estimation.Judgement):
+                    columns = estimation.table([each], faults)
+                else:
+                    columns = decisions.table([each], faults)
                 row = {name: cells[0] for name, cells in columns.items()}
                 if self.writer:
                     self.writer.write(row)
@@ -92,16 +96,22 @@ class _Speaker:
                 self.event(each)
 
     def event(self, said: "Said") -> None:
+        from faultgauge.detection import decisions, estimation
         from faultgauge.detection.episode import Alarm
-        from faultgauge.detection.estimation import Event, sentence
 
-        assert isinstance(said, Alarm | Event)
+        assert isinstance(said, Alarm | estimation.Event | decisions.BankEvent)
         what = "alarm" if isinstance(said, Alarm) else "event"
         if self.lines:
-            print(json.dumps({"said": what, **asdict(said)}, allow_nan=False), file=self.lines)
+            bank = isinstance(said, decisions.BankEvent)
+            content = decisions.as_dicts([said])[0] if bank else asdict(said)
+            print(json.dumps({"said": what, **content}, allow_nan=False), file=self.lines)
         unit = self.units.get(said.fault, "")
-        if isinstance(said, Event):
-            text = f"event: {sentence(said, unit)}"
+        if isinstance(said, estimation.Event):
+            text = f"event: {estimation.sentence(said, unit)}"
+        elif isinstance(said, decisions.BankEvent):
+            text = f"event: {decisions.sentence(said, unit)}"
+        elif said.size is None:
+            text = f"alarm: a fault that is not declared since {said.start:.6g} s"
         else:
             size = f"{said.size:+.3g} {unit}".rstrip()
             text = f"alarm: {said.fault} above its limit since {said.start:.6g} s ({size})"

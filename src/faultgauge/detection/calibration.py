@@ -11,8 +11,19 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float
-from scipy.stats import chi2
 
+from faultgauge.detection.bank_calibration import calibrate_bank
+from faultgauge.detection.blocks import (
+    BLOCK_TIMES,
+    CONFIDENCE,
+    FEWEST_BLOCKS,
+    MARGIN,
+    SUSPECT,
+    Block,
+    allowed_peaks,
+    correlation_time,
+)
+from faultgauge.detection.equal_faults import equal_faults
 from faultgauge.detection.judged import Bank, Estimates, build_bank, estimate_run
 from faultgauge.detection.noise import estimate_noise
 from faultgauge.detection.residual import residuals
@@ -21,23 +32,7 @@ from faultgauge.identification.command_checks import command_warnings
 from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run
 
-__all__ = ["Block", "Calibration", "calibrate", "channels_of", "correlation_time", "score"]
-
-BLOCK_TIMES = 10.0  # correlation times per block
-FEWEST_BLOCKS = 3
-SUSPECT = 8.0  # robust standard deviations above the median peak
-MARGIN = 3.0  # standard deviations of the blocks' peaks between the highest peak and the limit
-CONFIDENCE = 0.95
-
-
-@dataclass(frozen=True)
-class Block:
-    """A stretch of a healthy run and its highest score."""
-
-    run: str
-    start: float
-    end: float
-    peak: float
+__all__ = ["Calibration", "calibrate", "channels_of", "score"]
 
 
 @dataclass(frozen=True)
@@ -65,22 +60,6 @@ def score(
     return np.where(
         np.isnan(stacked).all(axis=0), np.nan, np.nanmax(np.nan_to_num(stacked), axis=0)
     )
-
-
-def correlation_time(x: Float[np.ndarray, "samples"], step: float) -> float:
-    """Integrated autocorrelation time [s] up to the first zero crossing.
-
-    tau = step (1 + 2 sum_k rho_k)
-    """
-    x = x - x.mean()
-    if len(x) < 4 or not np.any(x):
-        return step
-    spectrum = np.abs(np.fft.rfft(x, 2 * len(x))) ** 2
-    rho = np.fft.irfft(spectrum)[: len(x)]
-    rho = rho / rho[0]
-    below = np.flatnonzero(rho <= 0)
-    last = below[0] if len(below) else len(rho)
-    return float(step * (1 + 2 * rho[1:last].sum()))
 
 
 def calibrate(
@@ -120,14 +99,14 @@ def calibrate(
     ]
     judged = sum(b.end - b.start for b in blocks)
     peaks = np.sort([b.peak for b in blocks])[::-1]
-    allowed, mtbfa = _allowed(judged, mtbfa, len(peaks))
+    allowed, supported = allowed_peaks(judged, mtbfa, len(peaks))
     limit = float(peaks[allowed] + MARGIN * np.std(peaks, ddof=1))
     good = [_inside(e, c, blocks) for e, c in zip(estimated, channels, strict=True)]
     block: dict[str, Any] = {
         "observer": observer,
         "bandwidth": bank.bandwidth,
         "limit": limit,
-        "mtbfa_s": mtbfa,
+        "mtbfa_s": supported,
         "confidence": CONFIDENCE,
         "judged_s": judged,
         "blocks": len(blocks),
@@ -146,9 +125,13 @@ def calibrate(
         },
     }
     if model.plant.signals.faults:
-        progress("finding the noise levels of the bank")
+        progress("finding noise, alarm level and model error of the bank")
+        warnings += equal_faults(model, runs)
         try:
-            block["noise"] = estimate_noise(model, runs).as_dict(model)
+            noise = estimate_noise(model, runs)
+            found = calibrate_bank(model, runs, noise, mtbfa, block["block_s"], suspects)
+            block |= {"noise": noise.as_dict(model), "bank": found.block}
+            warnings += found.warnings
         except InputError as refusal:
             warnings.append(f"--observer bank will not be available: {refusal}".rstrip("."))
     return Calibration(model.with_calibration(block), blocks, suspects, warnings)
@@ -226,32 +209,6 @@ def _without_suspects(blocks: list[Block], runs: Sequence[Run]) -> tuple[list[Bl
             f"{FEWEST_BLOCKS} healthy ones remain; give healthy logs."
         )
     return keep, suspects
-
-
-def _allowed(judged: float, mtbfa: float | None, blocks: int) -> tuple[int, float]:
-    """(healthy block peaks that may lie above the limit, mean time between false alarms).
-
-    With k alarms in T the rate is below chi2(0.95, 2k + 2) / (2T) at 95 % confidence.
-    """
-
-    def supported(k: int) -> float:
-        return float(2 * judged / chi2.ppf(CONFIDENCE, 2 * k + 2))
-
-    longest = supported(0)
-    if mtbfa is None:
-        return 0, longest
-    if not 0 < mtbfa < np.inf:
-        raise InputError(f"--mtbfa {mtbfa:g}: give a positive time in seconds.")
-    if mtbfa > longest:
-        raise InputError(
-            f"--mtbfa {mtbfa:g}: {judged:.4g} s of healthy data without an alarm support at most "
-            f"{longest:.4g} s (95 % confidence); ask for less, or give "
-            f"{3 * mtbfa:.4g} s of healthy data."
-        )
-    allowed = 0
-    while allowed + 1 < blocks and supported(allowed + 1) >= mtbfa:
-        allowed += 1
-    return allowed, mtbfa
 
 
 def _inside(

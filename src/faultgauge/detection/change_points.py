@@ -20,14 +20,15 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.special import log_ndtr
 
-from faultgauge.detection.bank import AT_START, FaultBank
+from faultgauge.detection.bank import FaultBank
+from faultgauge.detection.course import AT_START
 from faultgauge.detection.decisions import Decision
 from faultgauge.detection.judged import pad_stretch, record_arrays, start_from_samples
 from faultgauge.detection.levels import driven
 from faultgauge.detection.noise import spread_of_start
 from faultgauge.detection.onset import onset_of
-from faultgauge.detection.posterior import FAULT, NAMED
 from faultgauge.detection.shocks import Record, Shocks, Sizes, shocks
+from faultgauge.detection.verdicts import FAULT, NAMED
 from faultgauge.identification.samples import in_effect
 from faultgauge.observers.sigma_point import Belief, Hypothesis
 from faultgauge.plants.gray_box import GrayBoxPlant

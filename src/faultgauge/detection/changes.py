@@ -19,7 +19,7 @@ from jaxtyping import Float
 from faultgauge.detection.bank import FaultBank
 from faultgauge.detection.change_points import Causes, Window, causes_of, shocks_of, total
 from faultgauge.detection.decisions import Decision
-from faultgauge.detection.posterior import NAMED
+from faultgauge.detection.verdicts import NAMED
 
 __all__ = ["Change", "Changes", "Sized", "changes_of"]
 

@@ -7,13 +7,17 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float
 
-from faultgauge.detection.bank import FaultBank, Rows, build_fault_bank, run_over
+from faultgauge.detection.bank import FaultBank, build_fault_bank
+from faultgauge.detection.bank_calibration import check_calibrated
+from faultgauge.detection.course import Rows, run_over
 from faultgauge.detection.noise import noise_of
 from faultgauge.detection.onset import onset_of
-from faultgauge.detection.posterior import ALARM, NAMED, Posterior, posterior_of, statuses
+from faultgauge.detection.posterior import Posterior, posterior_of
 from faultgauge.detection.residual import Reference, residuals
+from faultgauge.detection.verdicts import NAMED, Verdict, Verdicts, log_odds
 from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run
+from faultgauge.telemetry.runs import paced
 
 __all__ = [
     "BankEvent",
@@ -22,13 +26,14 @@ __all__ = [
     "as_dicts",
     "decide",
     "decide_runs",
+    "events",
+    "sentence",
     "sentences",
     "table",
 ]
 
 UNKNOWN = "unknown"
-HELD = 0.5  # an event lasts as long as p of its fault stays above
-PAUSE = 10  # samples below it that do not end an event
+PAUSE = 10  # samples below `release` that do not end an event
 FEWEST = 1e-3  # odds below which an alternative is not listed
 
 
@@ -39,7 +44,7 @@ class BankEvent:
 
     `start` is when it was told, `onset` when it began; size, p and the rest stand at the last
     sample at which the fault did not change. `alternatives` are other sets of faults, with the
-    odds of the best set against them.
+    odds of the best set against them; a `passive` fault raised no alarm.
     """
 
     run: str
@@ -54,6 +59,7 @@ class BankEvent:
     onset_lo: float
     onset_hi: float
     alternatives: tuple[tuple[str, float], ...]
+    passive: bool = False
 
 
 @dataclass(frozen=True)
@@ -71,7 +77,9 @@ class Decision:
 def decide_runs(
     model: Model, runs: Sequence[Run], reference: Reference = "free"
 ) -> tuple[list[Decision], FaultBank]:
-    """Judge `runs`. Raises `InputError` for a model whose noise was not calibrated."""
+    """Judge `runs`. Raises `InputError` for a model that was not calibrated for the bank."""
+    check_calibrated(model)
+    runs = [paced(run) for run in runs]
     bank = build_fault_bank(model, runs, noise_of(model))
     return [decide(bank, run, reference) for run in runs], bank
 
@@ -87,25 +95,34 @@ def decide(bank: FaultBank, run: Run, reference: Reference = "free") -> Decision
             yield rows
 
     found = posterior_of(bank, run, noted())
-    status, reason = statuses(bank, run, found)
+    verdict = Verdicts(bank).judge(run, found)
     r = residuals(bank.model, run, reference)
-    return Decision(run, found, r, status, reason, _events(bank, run, found, p))
+    said = events(bank, run, found, verdict, p, float(run.t[0]))
+    return Decision(run, found, r, verdict.status, verdict.reason, said)
 
 
-def _events(
-    bank: FaultBank, run: Run, found: Posterior, p: Float[np.ndarray, "samples modes"]
+def events(
+    bank: FaultBank,
+    run: Run,
+    found: Posterior,
+    verdict: Verdict,
+    p: Float[np.ndarray, "samples modes"],
+    begun: float,
 ) -> list[BankEvent]:
+    """The stretches of `run`, a part of one that began at `begun` [s], in which a fault was named;
+    `p` of all modes."""
     names = (*bank.model.plant.signals.fault_names, UNKNOWN)
     columns = np.concatenate([found.p, found.unknown[:, None]], axis=1)
+    release, sampled = bank.model.plant.signals.detection.release, np.isfinite(found.healthy)
     events = []
     for k, name in enumerate(names):
-        above = np.nan_to_num(columns[:, k]) >= HELD
-        for start, stop in _stretches(_merged(above)):
-            named = np.flatnonzero(columns[start:stop, k] >= NAMED)
+        above = (np.nan_to_num(columns[:, k]) >= release) | verdict.named[:, k]
+        for start, stop in _stretches(_merged(above & sampled, sampled)):
+            named = np.flatnonzero(verdict.named[start:stop, k])
             if len(named):
                 told = start + int(named[0])
-                noticed = _noticed(found, k, start, told)
-                events.append(_event(bank, run, found, p, k, name, noticed, told, stop - 1))
+                noticed = _noticed(bank, found, k, start, told)
+                events.append(_event(bank, run, found, p, k, name, noticed, told, stop - 1, begun))
     return sorted(events, key=lambda event: event.start)
 
 
@@ -119,6 +136,7 @@ def _event(
     noticed: int,
     told: int,
     last: int,
+    begun: float,
 ) -> BankEvent:
     size = lo = hi = None
     end = float(run.t[last])
@@ -130,7 +148,7 @@ def _event(
         size = float(found.f[last, k] / probability)
         lo, hi = float(found.lo[last, k]), float(found.hi[last, k])
         delay = onset_of(bank, k, size)
-        onset, onset_lo, onset_hi = (max(float(run.t[noticed] - d), float(run.t[0])) for d in delay)
+        onset, onset_lo, onset_hi = (max(float(run.t[noticed] - d), begun) for d in delay)
     return BankEvent(
         run.name,
         name,
@@ -144,13 +162,14 @@ def _event(
         onset_lo,
         onset_hi,
         _alternatives(bank, p[last]),
+        name != UNKNOWN and bool(bank.with_monitor("passive")[k]),
     )
 
 
-def _noticed(found: Posterior, k: int, start: int, told: int) -> int:
+def _noticed(bank: FaultBank, found: Posterior, k: int, start: int, told: int) -> int:
     """When something was seen to be wrong: the beginning of the alarm, or, where another fault
     had been named by then, of this fault's own stretch."""
-    calm = np.flatnonzero(~(found.healthy[: told + 1] <= ALARM))
+    calm = np.flatnonzero(log_odds(found.healthy[: told + 1]) < bank.level)
     begin = int(calm[-1]) + 1 if len(calm) else 0
     others = np.delete(found.p[begin:told], k, axis=1) if k < found.p.shape[1] else found.p[:0]
     return start if np.any(others >= NAMED) else min(begin, start)
@@ -176,12 +195,14 @@ def _alternatives(bank: FaultBank, p: Float[np.ndarray, "modes"]) -> tuple[tuple
     return tuple((label, most / each) for label, each in others[:3] if each > FEWEST * most)
 
 
-def _merged(above: Bool[np.ndarray, "samples"]) -> Bool[np.ndarray, "samples"]:
-    """`above` without the pauses that are too short to be one."""
+def _merged(
+    above: Bool[np.ndarray, "samples"], sampled: Bool[np.ndarray, "samples"]
+) -> Bool[np.ndarray, "samples"]:
+    """`above` without the pauses that are too short to be one, and without gaps."""
     filled = above.copy()
     pauses = _stretches(~above)
     for start, stop in pauses:
-        if start > 0 and stop < len(above) and stop - start <= PAUSE:
+        if start > 0 and stop < len(above) and sampled[start:stop].sum() <= PAUSE:
             filled[start:stop] = True
     return filled
 
@@ -221,18 +242,23 @@ def _rows(decision: Decision, faults: Sequence[str], outputs: Sequence[str]) -> 
     return rows | {"status": decision.status, "reason": decision.reason}
 
 
+def sentence(event: BankEvent, unit: str) -> str:
+    """ "leak +0.0020 +- 1.7e-05 m/s from 4006 s, told at 4026 s, to 7198 s (p 1, run test)" """
+    when = f"from {event.onset:.6g} s, told at {event.start:.6g} s, to {event.end:.6g} s"
+    if event.size is None or event.lo is None or event.hi is None:
+        return f"a fault that is not declared {when} (run {event.run})"
+    width = (event.hi - event.lo) / 2
+    amount = f"{event.size:+.4g} +- {width:.2g} {unit}".rstrip()
+    how = "passive, " if event.passive else ""
+    return f"{event.fault} {amount} {when} ({how}p {event.p:.2g}, run {event.run})"
+
+
 def sentences(bank: FaultBank, decisions: Sequence[Decision]) -> list[str]:
     """What was found, in words."""
     units = {fault.name: fault.unit for fault in bank.model.plant.signals.faults}
     found = []
     for event in [event for each in decisions for event in each.events]:
-        when = f"from {event.onset:.6g} s, told at {event.start:.6g} s, to {event.end:.6g} s"
-        if event.size is None or event.lo is None or event.hi is None:
-            found.append(f"a fault that is not declared {when} (run {event.run})")
-            continue
-        width = (event.hi - event.lo) / 2
-        amount = f"{event.size:+.4g} +- {width:.2g} {units[event.fault]}".rstrip()
-        found.append(f"{event.fault} {amount} {when} (p {event.p:.2g}, run {event.run})")
+        found.append(sentence(event, units.get(event.fault, "")))
     judged = [status != "NOT_JUDGED" for each in decisions for status in each.status]
     if not found and not any(judged):
         reasons = [reason for each in decisions for reason in each.reason if reason]

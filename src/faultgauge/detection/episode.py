@@ -19,12 +19,13 @@ Values = dict[str, Float[np.ndarray, "samples"]]
 @dataclass(frozen=True)
 class Alarm:
     """An event has begun at `start` [s]: the hypothesis that stands highest above its limit, and
-    its estimate then, in its unit. Which one it was in the end, and how large, its event tells."""
+    its estimate then, in its unit (None for an undeclared one). Which one it was in the end, and
+    how large, its event tells."""
 
     run: str
     fault: str
     start: float
-    size: float
+    size: float | None
 
 
 class Episode:

@@ -89,21 +89,25 @@ def _judge(bank: Bank, run: Run, reference: Reference) -> Judgement:
 
 @dataclass(frozen=True)
 class Limits:
-    """What the calibration says of the channels that are judged."""
+    """What the calibration says of the channels that are judged, and of `passive` ones."""
 
     scales: dict[str, float]
     half_width: dict[str, float]
     limit: float
+    passive: dict[str, float]
 
     @staticmethod
     def of(bank: Bank, names: Collection[str]) -> "Limits":
         """Of the channels `names`; an uncalibrated model has no limit."""
         calibration = bank.model.calibration or {"channels": {}, "limit": np.inf}
         known = calibration["channels"]
+        passive = {f.name for f in bank.model.plant.signals.faults if f.monitor == "passive"}
+        scales = {name: known[name]["scale"] for name in names if name in known}
         return Limits(
-            {name: known[name]["scale"] for name in names if name in known},
-            {name: known[name]["interval"] for name in names if name in known},
+            {name: scale for name, scale in scales.items() if name not in passive},
+            {name: known[name]["interval"] for name in scales},
             float(calibration["limit"]),
+            {name: scale for name, scale in scales.items() if name in passive},
         )
 
 
@@ -122,8 +126,14 @@ def judged(
     if limits.scales:
         above = (score(values, limits.scales) > limits.limit) & estimates.settled
     found = events(bank, run, values, limits, above)
+    quiet = [
+        f"{name}, which is passive" if beyond else ""
+        for name, beyond in _passive(values, limits, len(run.t))
+    ]
     status, reason = [], []
-    for sampled, settled, alarm in zip(estimates.sampled, estimates.settled, above, strict=True):
+    for sampled, settled, alarm, beyond in zip(
+        estimates.sampled, estimates.settled, above, quiet, strict=True
+    ):
         why = (
             "not sampled"
             if not sampled
@@ -132,10 +142,25 @@ def judged(
             else "settling after a start or a gap"
             if not settled
             else ""
+            if alarm
+            else beyond
         )
         status.append(NOT_JUDGED if why else FAULT if alarm else HEALTHY)
         reason.append(why)
     return Judgement(run, r, f, limits.half_width, status, reason, found)
+
+
+def _passive(
+    values: dict[str, Float[np.ndarray, "samples"]], limits: Limits, count: int
+) -> list[tuple[str, bool]]:
+    """(the passive fault that stands highest above its limit, whether one does) per sample."""
+    if not limits.passive:
+        return [("", False)] * count
+    names = list(limits.passive)
+    heights = np.stack([np.abs(values[n]) / limits.passive[n] for n in names])
+    heights = np.nan_to_num(heights)
+    highest = heights.argmax(axis=0)
+    return [(names[k], bool(heights[k, j] > limits.limit)) for j, k in enumerate(highest)]
 
 
 def events(

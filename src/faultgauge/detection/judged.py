@@ -2,7 +2,7 @@
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -22,6 +22,7 @@ from faultgauge.telemetry import Run, segments
 __all__ = [
     "Bank",
     "Estimates",
+    "Past",
     "Start",
     "bandwidth_of",
     "build_bank",
@@ -57,8 +58,15 @@ class Bank:
         outputs = (design.output for design in self.designs.values())
         return tuple(dict.fromkeys([*self.model.plant.signals.input_names, *outputs]))
 
-    def begin(self, start: "Start", u: Float[np.ndarray, "inputs"]) -> tuple[Beside, States]:
-        """(all observers over the run's own plant, their first states)."""
+    @property
+    def opening(self) -> tuple[str, ...]:
+        """The columns that its first sample must have."""
+        return self.names
+
+    def begin(
+        self, start: "Start", u: Float[np.ndarray, "inputs"], past: "Past | None" = None
+    ) -> tuple[Beside, States]:
+        """(all observers over the run's own plant, their first states): a gap starts them anew."""
         judge = Beside.of(self.designs).on(start.plant)
         return judge, judge.init(start.x, u)
 
@@ -117,7 +125,7 @@ def check_observer(name: str) -> None:
 
 
 def build_bank(model: Model, runs: Sequence[Run], observer: str = "eso") -> Bank:
-    """Design an observer for every declared fault.
+    """Design an observer for every declared fault that is not disabled.
 
     A fault that the observer cannot estimate is refused by name; the call fails when none is
     left. Raises `InputError` for a bandwidth that is unstable somewhere in the envelope, with
@@ -130,7 +138,7 @@ def build_bank(model: Model, runs: Sequence[Run], observer: str = "eso") -> Bank
     points = operating_points(model)
     designs: dict[str, Design] = {}
     refused: dict[str, str] = {}
-    for fault in model.plant.signals.fault_names:
+    for fault in [f.name for f in model.plant.signals.faults if f.monitor != "disabled"]:
 
         def design(omega: float, fault: str = fault) -> Design:
             return OBSERVERS[observer](
@@ -167,6 +175,14 @@ def record_arrays(
     u = [run.columns[name][part] for name in signals.input_names]
     y = [run.columns[n][part] if n in run.columns else nothing for n in signals.output_names]
     return np.stack(u, axis=1) if u else np.zeros((count, 0)), np.stack(y, axis=1)
+
+
+class Past(NamedTuple):
+    """What ran before a gap [s], and its state then."""
+
+    judge: Any
+    state: Any
+    gap: float
 
 
 class Start(NamedTuple):

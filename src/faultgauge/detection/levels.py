@@ -13,6 +13,11 @@ well as it can be known by then. From it, scale-free:
 In its agile mode a fault walks sd(10) / sqrt(10 samples). What drives the states in the unknown
 modes, and by how much they jump there, lies between the two bounds of a size (their geometric
 mean): it may be anything, and too wide a prior would lose to a declared fault that fits badly.
+
+A second fault has moved the states by the time it is noticed. Where the first one is a sensor's,
+its estimate took that to itself; so with the second fault the sensor's state and estimate may shift
+against each other by six standard deviations of the innovation, which is what a fault leaves until
+it outweighs its prior odds.
 """
 
 import jax
@@ -41,6 +46,7 @@ AGILE = 10  # samples in which a fault that changes is followed
 RECOVERY = 1e-5  # per sample
 ALIEN = 0.03  # of the largest onset rate: how often something undeclared happens
 BROADER = 4.0  # how much broader the loose mode's innovations are, as a variance
+OVERLOOKED = 6.0  # standard deviations: ln odds of 18, from 10^-7 to 10, are sqrt(2 * 18) of them
 MOST_DRIVEN = 4  # states that the unknown mode drives, at most
 
 
@@ -82,6 +88,7 @@ def levels_of(
         size=size,
         onset=onset,
         jump=_jump(np.ptp(operating_points(model).x, axis=0) / 4, usual, bool(kinds[0])),
+        hides=_hides(model, linear, noise, step, measured),
         loose=_loose(linear, noise, step, measured, usual),
         noisier=noise.sigma,
         unknown=ALIEN * onset.max() * kinds,
@@ -203,6 +210,28 @@ def _usual(
     A, C = np.median(linear.A, axis=0), np.median(linear.C, axis=0)[measured]
     R = np.diag(noise.sigma[measured] ** 2)
     return np.sqrt(np.diagonal(_covariance(A, C, np.diag(noise.process**2 * step), R)))
+
+
+def _hides(
+    model: Model, linear: Linearisation, noise: Noise, step: float, measured: list[int]
+) -> Float[np.ndarray, "faults faults states"]:
+    """How far the second fault's estimate takes to itself what the first does to the state that
+    the second one's sensor measures."""
+    signals = model.plant.signals
+    A, C = np.median(linear.A, axis=0), np.median(linear.C, axis=0)[measured]
+    R = np.diag(noise.sigma[measured] ** 2)
+    S = C @ _covariance(A, C, np.diag(noise.process**2 * step), R) @ C.T + R
+    moved = np.abs(C @ np.median(linear.B, axis=0)) / np.sqrt(np.diagonal(S))[:, None]
+    share = moved / np.maximum(moved.max(axis=0), 1e-300)
+    count = len(signals.faults)
+    found = np.zeros((count, count, len(signals.states)))
+    for k, fault in enumerate(signals.faults):
+        j = signals.output_names.index(fault.target) if fault.enters == "output" else -1
+        if j in measured and signals.outputs[j].measures is not None:
+            state = signals.state_names.index(str(signals.outputs[j].measures))
+            at = measured.index(j)
+            found[:, k, state] = OVERLOOKED * np.sqrt(S[at, at]) * share[at, :count]
+    return found
 
 
 def _loose(

@@ -10,7 +10,7 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
-from faultgauge.detection.judged import Start, samples_to_start, start_from_samples
+from faultgauge.detection.judged import Past, Start, samples_to_start, start_from_samples
 from faultgauge.observers.follow import follow
 from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run
@@ -31,8 +31,15 @@ class Track(Protocol):
         """The columns that a stretch must have sampled."""
         ...
 
-    def begin(self, start: Start, u: Float[np.ndarray, "inputs"]) -> tuple[Any, Any]:
-        """(object with a pure `step`, its first state) of a stretch."""
+    @property
+    def opening(self) -> tuple[str, ...]:
+        """The columns that its first sample must have."""
+        ...
+
+    def begin(
+        self, start: Start, u: Float[np.ndarray, "inputs"], past: Past | None = None
+    ) -> tuple[Any, Any]:
+        """(object with a pure `step`, its first state) of a stretch; `past` it the one before."""
         ...
 
     def samples(self, run: Run, part: slice) -> tuple[Float[np.ndarray, "samples ..."], ...]:
@@ -59,6 +66,7 @@ class Live:
         self.state: Any = None
         self.begun = 0.0
         self.last: Run | None = None  # the row before, where the next may follow on it
+        self.past: tuple[Any, Any, float] | None = None  # judge, state, when their stretch ended
 
     def push(self, row: Run) -> list[Answer | None]:
         """Answers that are ready now, the oldest first; None for a row that is in no stretch."""
@@ -72,6 +80,8 @@ class Live:
         if self.judge is not None:
             assert before is not None
             return [*ready, *self._answers(joined([before, row]), 1, 0)]
+        if not self.waiting and not self._opens(row):
+            return [*ready, None]
         self.waiting.append(row)
         if len(self.waiting) >= samples_to_start(self.track.model, row.columns):
             ready += self._begin()
@@ -82,14 +92,23 @@ class Live:
         due: list[Answer | None] = [None] * len(self.waiting)  # one sample makes no stretch
         if len(self.waiting) > 1:
             due = self._begin()
+        if self.judge is not None and self.last is not None:
+            self.past = self.judge, self.state, float(self.last.t[0])
         self.waiting, self.judge, self.last = [], None, None
         return due
+
+    def _opens(self, row: Run) -> bool:
+        return all(np.isfinite(row.columns[name][0]) for name in self.track.opening)
 
     def _begin(self) -> list[Answer | None]:
         run = joined(self.waiting)
         start = start_from_samples(self.track.model, run, slice(0, len(run.t)))
         u = self.track.samples(run, slice(0, 1))[0]
-        self.judge, self.state = self.track.begin(start, u[0])
+        past = None
+        if self.past is not None:
+            judge, state, ended = self.past
+            past = Past(judge, state, float(run.t[0] - ended))
+        self.judge, self.state = self.track.begin(start, u[0], past)
         self.begun, self.waiting = float(run.t[0]), []
         return self._answers(run, 0, start.samples)
 

@@ -6,36 +6,28 @@ rates are not brought onto common rows, one stream is one run, and `--reference 
 where an input is band-limited.
 """
 
-from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float
 
-from faultgauge.detection.episode import Alarm, Episode
-from faultgauge.detection.estimation import (
-    Event,
-    Judgement,
-    judged,
-)
+from faultgauge.detection.desk import Desk, Residuals, Said
+from faultgauge.detection.episode import Episode
+from faultgauge.detection.estimation import judged
 from faultgauge.detection.judged import Bank, Estimates, build_bank, check_observer
-from faultgauge.detection.live import Answer, Live
-from faultgauge.detection.residual import HealthyReference, Reference, curved_inputs
+from faultgauge.detection.live import Answer
+from faultgauge.detection.online_bank import BankDesk
+from faultgauge.detection.residual import Reference, curved_inputs
 from faultgauge.errors import InputError
 from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run
-from faultgauge.telemetry.dead_time import shifted
 from faultgauge.telemetry.rates import align
-from faultgauge.telemetry.runs import PACE_SAMPLES, joined, paced
+from faultgauge.telemetry.runs import PACE_SAMPLES, paced
 from faultgauge.telemetry.stream import SOURCE, Sample
 
 __all__ = ["Online", "Said"]
 
 NAME = "stream"
-
-
-Said = Judgement | Alarm | Event
 
 
 class Online:
@@ -52,16 +44,17 @@ class Online:
                 f"--reference free: input {curved[0]!r} is band-limited, so its course between two "
                 "samples is known 12 samples later only; use --reference observer on a stream."
             )
-        check_observer(observer)
+        if observer != "bank":
+            check_observer(observer)
         self.model, self.observer = model, observer
         self.reference: Reference = reference
         self.first: list[Sample] = []
-        self.desk: _Desk | None = None
+        self.desk: Desk | None = None
 
     @property
     def bank(self) -> Bank | None:
         """The observers, once the first samples are there."""
-        return None if self.desk is None else self.desk.bank
+        return self.desk.bank if isinstance(self.desk, _Observers) else None
 
     def push(self, sample: Sample) -> Iterator[Said]:
         """Judgements of one row each, alarms and events, in the order of time."""
@@ -84,7 +77,10 @@ class Online:
     def _open(self) -> Iterator[Said]:
         run = paced(_rows(self.first, None))
         self._check_rates(run)
-        self.desk = _Desk(self.model, run, self.observer, self.reference)
+        if self.observer == "bank":
+            self.desk = BankDesk(self.model, run, self.reference)
+        else:
+            self.desk = _Observers(self.model, run, self.observer, self.reference)
         for sample in self.first:
             yield from self.desk.push(_rows([sample], run.pace))
 
@@ -100,58 +96,33 @@ class Online:
             )
 
 
-class _Desk:
-    """The tracks of one stream and what is made of their answers."""
+class _Observers(Desk):
+    """A bank of observers."""
 
     def __init__(self, model: Model, run: Run, observer: str, reference: Reference) -> None:
-        self.model, self.pace = model, run.step
         self.bank = build_bank(model, [run], observer)
-        self.healthy: dict[Reference, HealthyReference] = {
-            reference: HealthyReference.of(model, run, reference)
-        }
-        if not self.bank.designs and "observer" not in self.healthy:
-            self.healthy["observer"] = HealthyReference.of(model, run, "observer")
-        self.reference = reference
-        tracks = [self.bank, *self.healthy.values()]
-        self.lives = [Live(track) for track in tracks]
-        self.answers: list[deque[Answer | None]] = [deque() for _ in tracks]
-        self.rows: deque[Run] = deque()
-        self.newest: Run | None = None
-        self.window: list[Run] = []
+        needed: list[Reference] = [reference] if self.bank.designs else [reference, "observer"]
+        super().__init__(model, run, self.bank, list(dict.fromkeys(needed)))
+        self.reference: Reference = reference
         self.episode = Episode(self.bank)
 
-    def push(self, row: Run) -> Iterator[Said]:
-        self.rows.append(row)
-        self.newest = row
-        acting = self._in_effect(row)
-        for live, answers in zip(self.lives, self.answers, strict=True):
-            answers.extend(live.push(acting))
-        yield from self._ready()
+    def said(
+        self,
+        row: Run,
+        acting: Run,
+        answer: Answer | None,
+        r: Residuals,
+    ) -> Iterator[Said]:
+        estimates = self._estimates(row, answer)
+        values = {}
+        if self.model.calibration is not None:
+            values = estimates.f if self.bank.designs else r["observer"]
+        judgement = replace(judged(self.bank, estimates, values, r[self.reference]), events=[])
+        yield judgement
+        yield from self.episode.push(judgement, values)
 
-    def finish(self) -> Iterator[Said]:
-        for live, answers in zip(self.lives, self.answers, strict=True):
-            answers.extend(live.finish())
-        yield from self._ready()
-        if self.newest is not None:
-            yield from self.episode.close(self.newest)
-
-    def _ready(self) -> Iterator[Said]:
-        while all(self.answers):
-            row = self.rows.popleft()
-            estimate, *references = [answers.popleft() for answers in self.answers]
-            estimates = self._estimates(row, estimate)
-            r = {
-                reference: self._residuals(healthy, row, answer)
-                for (reference, healthy), answer in zip(
-                    self.healthy.items(), references, strict=True
-                )
-            }
-            values = {}
-            if self.model.calibration is not None:
-                values = estimates.f if self.bank.designs else r["observer"]
-            judgement = replace(judged(self.bank, estimates, values, r[self.reference]), events=[])
-            yield judgement
-            yield from self.episode.push(judgement, values)
+    def closed(self, newest: Run) -> Iterator[Said]:
+        yield from self.episode.close(newest)
 
     def _estimates(self, row: Run, answer: Answer | None) -> Estimates:
         names = list(self.bank.designs)
@@ -167,35 +138,6 @@ class _Desk:
         }
         settled = self.bank.has_settled(np.array([answer.since])) & answer.unforeseen
         return Estimates(row, f, innovation, np.ones(1, bool), settled)
-
-    def _residuals(
-        self, healthy: HealthyReference, row: Run, answer: Answer | None
-    ) -> dict[str, Float[np.ndarray, "1"]]:
-        if answer is None:
-            return {name: np.full(1, np.nan) for name in healthy.outputs}
-        signals = self.model.plant.signals
-        return {
-            name: row.columns[name] - answer.infos.y[:, signals.output_names.index(name)]
-            for name in healthy.outputs
-        }
-
-    def _in_effect(self, row: Run) -> Run:
-        """`row` with its inputs as they act, from a window as long as the longest delay."""
-        delayed = [each for each in self.model.plant.signals.inputs if each.delay]
-        if not delayed:
-            return row
-        oldest = row.t[0] - max(each.delay for each in delayed) - self.pace
-        self.window.append(row)
-        while len(self.window) > 2 and self.window[1].t[0] < oldest:
-            self.window.pop(0)
-        acting = {each.name: np.full(1, np.nan) for each in delayed}
-        if len(self.window) > 1:
-            run = joined(self.window)
-            acting = {
-                each.name: shifted(run, each.name, each.delay, each.hold == "zero")[-1:]
-                for each in delayed
-            }
-        return replace(row, columns=row.columns | acting)
 
 
 def _rows(samples: Sequence[Sample], pace: float | None) -> Run:

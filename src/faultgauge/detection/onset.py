@@ -2,7 +2,8 @@
 
 A fault of size f leaves f^2 / (2 sd(n)^2) of log-likelihood after n samples, with a standard
 deviation of the root of twice that (a Gaussian mean shift). It is told when this outweighs the
-prior odds, -ln(onset rate x step), and what the unknown size costs, ln(prior size / sd(n)).
+prior odds, -ln(onset rate x step), up to the alarm's log-odds, and what the unknown size costs,
+ln(prior size / sd(n)). What the model errs by adds to the variance sd(n)^2.
 """
 
 import numpy as np
@@ -12,13 +13,12 @@ from faultgauge.detection.bank import FaultBank
 __all__ = ["onset_of"]
 
 WIDE = 1.959964
-CERTAIN = 2.944  # ln(0.95 / 0.05): the odds at which a fault is named
 
 
 def onset_of(bank: FaultBank, fault: int, size: float) -> tuple[float, float, float]:
     """(likely, longest, shortest) delay [s] between onset and alarm of a fault of this `size`."""
-    known = bank.known[:, fault]
-    needed = -np.log(bank.levels.onset[fault] * bank.step) + CERTAIN
+    known = np.hypot(bank.known[:, fault], bank.error[bank.sets.index((fault,)), 0])
+    needed = -np.log(bank.levels.onset[fault] * bank.step) + bank.level
     unsure = np.log(np.maximum(bank.levels.size[fault] / known, 1.0))
     spread = WIDE * np.sqrt(2.0)
     longest = ((spread + np.sqrt(spread**2 + 4 * needed)) / 2) ** 2

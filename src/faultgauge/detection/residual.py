@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from faultgauge.detection.judged import (
+    Past,
     Start,
     bandwidth_of,
     measured_outputs,
@@ -102,8 +103,15 @@ class HealthyReference:
         )
         return HealthyReference(model, design.observer, outputs, names)
 
-    def begin(self, start: Start, u: Float[np.ndarray, "inputs"]) -> tuple[Any, Any]:
-        """(judge with the run's own plant, its first state)."""
+    @property
+    def opening(self) -> tuple[str, ...]:
+        """The columns that its first sample must have."""
+        return self.names
+
+    def begin(
+        self, start: Start, u: Float[np.ndarray, "inputs"], past: Past | None = None
+    ) -> tuple[Any, Any]:
+        """(judge with the run's own plant, its first state): a gap starts it anew."""
         judge = eqx.tree_at(lambda each: each.plant, self.judge, start.plant)
         return judge, judge.init(jnp.asarray(start.x), jnp.asarray(u))
 

@@ -10,13 +10,13 @@ from jaxtyping import Float
 from scipy.optimize import brentq
 from scipy.special import logsumexp, ndtr
 
-from faultgauge.detection.bank import FaultBank
+from faultgauge.detection.bank import CERTAIN, FaultBank
 from faultgauge.detection.change_points import Causes, Window, total, windows_of
 from faultgauge.detection.changes import Changes, Sized, changes_of
 from faultgauge.detection.decisions import UNKNOWN, Decision
-from faultgauge.detection.onset import CERTAIN
-from faultgauge.detection.posterior import FAULT, TAIL
+from faultgauge.detection.posterior import TAIL
 from faultgauge.detection.shocks import Shocks
+from faultgauge.detection.verdicts import FAULT
 
 __all__ = ["HEALTHY", "Retrospect", "Told", "as_dicts", "retrospect", "sentences"]
 

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 
 from faultgauge.observers.modes import Links
 from faultgauge.observers.sigma_point import (
@@ -29,7 +29,7 @@ from faultgauge.observers.sigma_point import (
 from faultgauge.plants.plant import Plant, respond
 from faultgauge.simulation.integrators import step as integrate
 
-__all__ = ["BankInfo", "BankState", "InteractingModes", "run_bank"]
+__all__ = ["BankInfo", "BankState", "InteractingModes", "cholesky"]
 
 NEGLIGIBLE = 1e-3  # share of a mixture that would only blur a mode
 ESTABLISHED = 0.5  # that is more probable than this; others stay open for a fault that begins
@@ -139,7 +139,7 @@ class InteractingModes(eqx.Module):
         self, p: Float[Array, "modes"], belief: Belief, dt: Float[Array, ""]
     ) -> tuple[Float[Array, "modes"], Belief]:
         """(prior of every mode, what its filter starts from)."""
-        source, rate, place, fresh, entering, jump, leaving = self.links
+        source, rate, place, fresh, entering, jump, leaving, hidden = self.links
         change = -jnp.expm1(-rate * dt)
         change = change.at[:, 0].set(jnp.exp(-leaving * dt))
         weight = p[source] * change
@@ -156,6 +156,7 @@ class InteractingModes(eqx.Module):
         P = jnp.where(kept[:, :, :, None] & kept[:, :, None, :], P, 0.0)
         apart = m - mean[:, None]
         P = P + apart[:, :, :, None] * apart[:, :, None, :]
+        P = P + hidden[:, :, :, None] * hidden[:, :, None, :]
         new = jnp.sum(weight[:, :, None] * fresh, axis=1) * entering**2
         new = new + jnp.sum(weight[:, 1:], axis=1)[:, None] * jump**2
         P = jnp.sum(weight[:, :, None, None] * P, axis=1) + jax.vmap(jnp.diag)(new)
@@ -208,26 +209,3 @@ def posterior(
     p = prior * ((1 - OUTLIER) * jnp.exp(relative) + OUTLIER)
     p = jnp.maximum(p / jnp.sum(p), FLOOR)
     return p / jnp.sum(p)
-
-
-@eqx.filter_jit
-def run_bank(
-    bank: InteractingModes,
-    state: BankState,
-    count: Int[Array, ""],
-    u: Float[Array, "samples inputs"],
-    y: Float[Array, "samples outputs"],
-    dt: Float[Array, "samples"],
-) -> tuple[BankState, BankInfo]:
-    """The first `count` samples of a block; `dt[k]` leads to sample k.
-
-    One program for any `count`: a sample at a time and a whole block give the same bits.
-    """
-    blank = jax.eval_shape(bank.step, state, u[0], y[0], dt[0])[1]
-    rows = jax.tree.map(lambda a: jnp.zeros((len(dt), *a.shape), a.dtype), blank)
-
-    def body(k: Array, carry: tuple[BankState, BankInfo]) -> tuple[BankState, BankInfo]:
-        state, info = bank.step(carry[0], u[k], y[k], dt[k])
-        return state, jax.tree.map(lambda all, one: all.at[k].set(one), carry[1], info)
-
-    return jax.lax.fori_loop(0, count, body, (state, rows))

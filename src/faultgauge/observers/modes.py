@@ -16,6 +16,7 @@ Faults come and go one at a time, so the prior of a pair is the product of its m
 the few that a common cause brings together.
 """
 
+from collections.abc import Sequence
 from itertools import combinations, permutations
 from typing import NamedTuple
 
@@ -40,8 +41,11 @@ class Levels(NamedTuple):
     parameters and faults, constant and changing; `size` of a fault that has just begun; `drifted`
     of a drifting parameter at the start. Declared faults come first, then what drives the states
     in the unknown modes; `jump` of the states, `loose` (per sqrt(s)) their free walk and `noisier`
-    the noise it comes with. `onset` per declared fault, `unknown` per unknown mode and `recovery`
-    are rates [1/s]; a fault changes as often as it recovers, and `settling` ends the change.
+    the noise it comes with. `hides` is how far, where a declared fault comes second (the first
+    axis), the estimate of a sensor's fault that was there (the second one) takes its effect on the
+    sensor's state to itself before it is noticed; 0 for other faults. `onset` per
+    declared fault, `unknown` per unknown mode and `recovery` are rates [1/s]; a fault changes as
+    often as it recovers, and `settling` ends the change.
     """
 
     sigma: Float[np.ndarray, "outputs"]
@@ -53,6 +57,7 @@ class Levels(NamedTuple):
     size: Float[np.ndarray, "every"]
     onset: Float[np.ndarray, "faults"]
     jump: Float[np.ndarray, "states"]
+    hides: Float[np.ndarray, "faults faults states"]
     loose: Float[np.ndarray, "states"]
     noisier: Float[np.ndarray, "outputs"]
     unknown: Float[np.ndarray, "unknown"]
@@ -65,7 +70,8 @@ class Links(NamedTuple):
 
     `place` says which component of the source's z stands where; `fresh` components enter with
     the standard deviations `entering` and mean 0; all gain `jump` on the way in. The first column
-    is the mode itself, `leaving` the rate at which it is left; unused columns have rate 0.
+    is the mode itself, `leaving` the rate at which it is left; unused columns have rate 0. `hidden`
+    is a shift, as a standard deviation, that leaves the outputs where they are.
     """
 
     source: Int[Array, "modes incoming"]
@@ -75,17 +81,18 @@ class Links(NamedTuple):
     entering: Float[Array, "modes n"]
     jump: Float[Array, "modes n"]
     leaving: Float[Array, "modes"]
+    hidden: Float[Array, "modes incoming n"]
 
 
 Set = tuple[int, ...]
 
 
-def mode_sets(faults: int, most: int) -> tuple[Set, ...]:
+def mode_sets(faults: Sequence[int], most: int) -> tuple[Set, ...]:
     """The sets of faults: healthy, singles, pairs, and once more the singles, agile; the unknown
     modes come after."""
-    sizes = range(min(most, faults) + 1)
-    steady = [each for size in sizes for each in combinations(range(faults), size)]
-    return (*steady, *((k,) for k in range(faults)))
+    sizes = range(min(most, len(faults)) + 1)
+    steady = [each for size in sizes for each in combinations(faults, size)]
+    return (*steady, *((k,) for k in faults))
 
 
 def _is_agile(sets: tuple[Set, ...], mode: int) -> bool:
@@ -130,6 +137,7 @@ def links(sets: tuple[Set, ...], states: int, levels: Levels) -> Links:
     place = np.zeros((modes, width, n), int) + np.arange(n)
     fresh = np.zeros((modes, width, n), bool)
     entering, jump = np.ones((modes, n)), np.zeros((modes, n))
+    hidden = np.zeros((modes, width, n))
     for m, each in enumerate(incoming):
         for slot, fault in enumerate(everyone[m]):
             entering[m, fixed + slot] = levels.size[fault]
@@ -141,11 +149,24 @@ def links(sets: tuple[Set, ...], states: int, levels: Levels) -> Links:
                     place[m, k, fixed + slot] = fixed + everyone[other].index(held)
                 else:
                     fresh[m, k, fixed + slot] = True
+            if m < len(sets) and other < len(sets) and set(everyone[other]) < set(everyone[m]):
+                hidden[m, k] = _hidden(everyone[other], everyone[m], fixed, levels, n)
         if _is_agile(sets, m):
             jump[m, fixed] = levels.size[sets[m][0]]
     jump[-2, :states] = levels.jump
-    arrays = (source, rate, place, fresh, entering, jump, leaving)
+    arrays = (source, rate, place, fresh, entering, jump, leaving, hidden)
     return Links(*(jnp.asarray(array) for array in arrays))
+
+
+def _hidden(kept: Set, present: Set, fixed: int, levels: Levels, n: int) -> Float[np.ndarray, "n"]:
+    """What a sensor's fault in `kept` has taken to itself of the effect of the one that is new: its
+    state has moved, and the fault's estimate by as much the other way."""
+    shift = np.zeros(n)
+    for new in set(present) - set(kept):
+        for k in kept:
+            shift[: levels.hides.shape[2]] += levels.hides[new, k]
+            shift[fixed + present.index(k)] = -levels.hides[new, k].sum()
+    return shift
 
 
 def _changes(

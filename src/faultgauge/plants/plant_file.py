@@ -23,7 +23,7 @@ from faultgauge.plants.expression import (
 )
 from faultgauge.plants.schema import FileTable, NetworkTable, StateTable
 from faultgauge.plants.shape import Monotone, Shape
-from faultgauge.plants.signals import Fault, Input, Observation, Output, Signals, State
+from faultgauge.plants.signals import Detection, Fault, Input, Observation, Output, Signals, State
 from faultgauge.plants.toml_file import parse_toml, read_text, typed
 
 __all__ = ["NetworkSpec", "Parameter", "PlantSpec", "parse_plant", "presets", "read_plant_text"]
@@ -167,6 +167,7 @@ class _Checker:
             faults=self.faults(),
             observation=self.observation(),
             max_simultaneous=file.detection.max_simultaneous,
+            detection=self.detection(),
         )
         networks = self.networks((*derivatives, *values))
         spec = PlantSpec(
@@ -343,9 +344,14 @@ class _Checker:
                 *_bounds(table),
                 table.rate,
                 table.prior_per_hour,
+                table.monitor,
             )
             for name, table in self.file.faults.items()
         )
+
+    def detection(self) -> Detection:
+        table = self.file.detection
+        return Detection(table.persistence, table.release, table.latch, table.hold_off)
 
     def observation(self) -> Observation:
         observer, legal = self.file.observer, self.file.outputs

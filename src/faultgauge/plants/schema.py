@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 import pydantic
 
 from faultgauge.plants.shape import Monotone
-from faultgauge.plants.signals import Hold
+from faultgauge.plants.signals import Hold, Monitor
 from faultgauge.plants.toml_file import Number, Positive, Table
 
 __all__ = [
@@ -24,6 +24,7 @@ __all__ = [
 MAX_HIDDEN = 200
 
 Text = str
+Seconds = Annotated[float, pydantic.Field(ge=0, allow_inf_nan=False)]
 
 
 class StateTable(Table):
@@ -39,7 +40,7 @@ class InputTable(Table):
     min: Number | None = None
     max: Number | None = None
     hold: Hold | None = None
-    delay: Annotated[float, pydantic.Field(ge=0, allow_inf_nan=False)] = 0.0
+    delay: Seconds = 0.0
     instrument: Text | None = None
 
 
@@ -77,6 +78,7 @@ class FaultTable(Table):
     max: Number | None = None
     rate: Positive | None = None
     prior_per_hour: Positive | None = None
+    monitor: Monitor = "active"
 
 
 class ObserverTable(Table):
@@ -86,6 +88,10 @@ class ObserverTable(Table):
 
 class DetectionTable(Table):
     max_simultaneous: Literal[1, 2] = 2
+    persistence: Seconds = 0.0
+    release: Annotated[float, pydantic.Field(gt=0, le=0.95)] = 0.5
+    latch: bool = False
+    hold_off: Seconds | None = None
 
 
 class FileTable(Table):

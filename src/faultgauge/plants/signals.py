@@ -4,9 +4,20 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
-__all__ = ["Fault", "Hold", "Input", "Observation", "Output", "Signals", "State"]
+__all__ = [
+    "Detection",
+    "Fault",
+    "Hold",
+    "Input",
+    "Monitor",
+    "Observation",
+    "Output",
+    "Signals",
+    "State",
+]
 
 Hold = Literal["zero", "linear", "band-limited"]
+Monitor = Literal["active", "passive", "disabled"]
 
 
 @dataclass(frozen=True)
@@ -56,6 +67,8 @@ class Fault:
 
     The estimate is kept inside [min, max]. `rate` is its fastest growth (unit/s) and
     `prior_per_hour` how often it begins; None where the plant file leaves them to the bank.
+    `monitor` as the action points of NASA's cFS Limit Checker: a disabled fault is not evaluated,
+    a passive one is evaluated and reported but raises no alarm.
     """
 
     name: str
@@ -66,6 +79,19 @@ class Fault:
     max: float = math.inf
     rate: float | None = None
     prior_per_hour: float | None = None
+    monitor: Monitor = "active"
+
+
+@dataclass(frozen=True)
+class Detection:
+    """When the bank tells an alarm: after `persistence` [s] on end, until the probability of a
+    fault falls below `release`, or for good (`latch`); not within `hold_off` [s] of a start or a
+    gap (None: 10 samples)."""
+
+    persistence: float = 0.0
+    release: float = 0.5
+    latch: bool = False
+    hold_off: float | None = None
 
 
 @dataclass(frozen=True)
@@ -89,6 +115,7 @@ class Signals:
     faults: tuple[Fault, ...] = ()
     observation: Observation = Observation()
     max_simultaneous: int = 2
+    detection: Detection = Detection()
 
     @property
     def state_names(self) -> tuple[str, ...]:

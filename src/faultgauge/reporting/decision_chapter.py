@@ -6,8 +6,8 @@ import numpy as np
 
 from faultgauge.detection.bank import FaultBank
 from faultgauge.detection.decisions import BankEvent, Decision, sentences
-from faultgauge.detection.posterior import NOT_JUDGED, STALE
 from faultgauge.detection.retrospective import Retrospect
+from faultgauge.detection.verdicts import NOT_JUDGED, STALE
 from faultgauge.reporting.report import Report, Section, Table
 from faultgauge.reporting.retrospective_chapter import retrospective_section
 from faultgauge.reporting.svg import Figure

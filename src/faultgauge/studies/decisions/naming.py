@@ -6,9 +6,11 @@ import numpy as np
 from jaxtyping import Float
 
 from faultgauge.detection.bank import FaultBank, build_fault_bank
+from faultgauge.detection.bank_calibration import calibrate_bank
 from faultgauge.detection.decisions import UNKNOWN, Decision, decide
 from faultgauge.detection.noise import estimate_noise
-from faultgauge.detection.posterior import QUIET, WIDE
+from faultgauge.detection.posterior import WIDE
+from faultgauge.detection.verdicts import QUIET
 from faultgauge.studies.decisions.rig import (
     FAULTS,
     LIMIT,
@@ -49,7 +51,9 @@ def rig_bank(left_out: str | None = None) -> FaultBank:
     """The bank of the rig, calibrated on two healthy logs."""
     runs = [window(seed, seconds=4000.0).run for seed in CALIBRATION]
     model = true_model(rig(left_out), runs)
-    return build_fault_bank(model, runs, estimate_noise(model, runs))
+    noise = estimate_noise(model, runs)
+    found = calibrate_bank(model, runs, noise)
+    return build_fault_bank(model.with_calibration({"bank": found.block}), runs, noise)
 
 
 def named(bank: FaultBank, seed: int) -> list[Verdict]:

@@ -6,9 +6,10 @@ from functools import cache
 import numpy as np
 
 from faultgauge.detection.bank import FaultBank, build_fault_bank
+from faultgauge.detection.bank_calibration import calibrate_bank
 from faultgauge.detection.decisions import Decision, decide
 from faultgauge.detection.noise import estimate_noise
-from faultgauge.detection.posterior import FAULT
+from faultgauge.detection.verdicts import FAULT
 from faultgauge.plants.gray_box import load_plant
 from faultgauge.plants.model import Model
 from faultgauge.simulation.run_scenario import simulate
@@ -19,6 +20,7 @@ from faultgauge.telemetry import Run
 
 __all__ = [
     "FRICTION",
+    "STEP",
     "Alarm",
     "base_flight",
     "false_alarms",
@@ -38,14 +40,18 @@ hm = 0.05
 """
 FRICTION = 0.03  # N*m: the nominal Coulomb friction
 SETTLED = 60.0  # s
-CALIBRATION = (10_000, 10_001, 10_002)  # seeds of the healthy flights
+CALIBRATION = 10_000  # seed of the first healthy flight
+TELLING = 3  # flights that tell the noise, and the level where no rate is asked for
+STEP = 0.25  # s
+PER_ALARM = 1e6  # samples: the rate that is asked for
 
 
 @dataclass(frozen=True)
 class Alarm:
     """One flight with the fault: `delay` [s] until it is named, the run mean after 60 s over the
     truth less one, the shares of samples under alarm (all, and settled) whose interval holds it,
-    and how many samples those are."""
+    how many samples those are, and whether the onset was inside its interval; None where the fault
+    was not named."""
 
     delay: float
     bias: float
@@ -53,6 +59,7 @@ class Alarm:
     covered_settled: float
     samples: int
     samples_settled: int
+    dated: bool | None
 
 
 def flight(seed: int, size: float = 0.0) -> Run:
@@ -72,10 +79,12 @@ def base_flight() -> Scenario:
     return replace(scenario, disturbances=disturbance)
 
 
-def wheel_bank() -> FaultBank:
-    """The bank over the wheel's equations, calibrated on three healthy flights."""
+def wheel_bank(flights: int = TELLING) -> FaultBank:
+    """The bank over the wheel's equations, its noise from three healthy flights, its alarm level
+    from `flights`; of those it takes more than three million samples to support one false alarm
+    in 10^6, which is then asked for."""
     plant = load_plant("reaction_wheel")
-    runs = [flight(seed) for seed in CALIBRATION]
+    runs = [flight(CALIBRATION + k) for k in range(TELLING)]
     points = np.concatenate([np.stack([r.columns["hm"], r.columns["u"]], axis=1) for r in runs])
     record = {
         "max_step": 0.25,
@@ -84,7 +93,11 @@ def wheel_bank() -> FaultBank:
         "data": {"fit": [], "validate": []},
     }
     model = Model(plant, record)
-    return build_fault_bank(model, runs, estimate_noise(model, runs))
+    noise = estimate_noise(model, runs)
+    more = [flight(CALIBRATION + k) for k in range(TELLING, flights)]
+    asked = PER_ALARM * STEP if flights > TELLING else None
+    found = calibrate_bank(model, [*runs, *more], noise, asked)
+    return build_fault_bank(model.with_calibration({"bank": found.block}), runs, noise)
 
 
 def friction_found(bank: FaultBank, seed: int) -> Alarm:
@@ -95,15 +108,16 @@ def friction_found(bank: FaultBank, seed: int) -> Alarm:
     alarm = (np.array(decision.status) == FAULT) & (run.t >= ONSET)
     settled = alarm & (run.t >= ONSET + SETTLED)
     inside = (found.lo[:, 0] <= FRICTION) & (found.hi[:, 0] >= FRICTION)
-    told = [e.start for e in decision.events if e.fault == "friction" and e.end >= ONSET]
+    events = [e for e in decision.events if e.fault == "friction" and e.end >= ONSET]
     late = run.t >= ONSET + SETTLED
     return Alarm(
-        delay=min(told, default=np.inf) - ONSET,
+        delay=min((e.start for e in events), default=np.inf) - ONSET,
         bias=float(found.f[late, 0].mean() / FRICTION - 1),
         covered=float(inside[alarm].mean()) if alarm.any() else np.nan,
         covered_settled=float(inside[settled].mean()) if settled.any() else np.nan,
         samples=int(alarm.sum()),
         samples_settled=int(settled.sum()),
+        dated=events[0].onset_lo <= ONSET <= events[0].onset_hi if events else None,
     )
 
 

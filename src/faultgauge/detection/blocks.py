@@ -1,0 +1,80 @@
+"""Healthy data cut into blocks, and the false-alarm rate that their peaks support."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.stats import chi2
+
+from faultgauge.errors import InputError
+
+__all__ = [
+    "BLOCK_TIMES",
+    "CONFIDENCE",
+    "FEWEST_BLOCKS",
+    "MARGIN",
+    "SUSPECT",
+    "Block",
+    "allowed_peaks",
+    "correlation_time",
+    "supported",
+]
+
+BLOCK_TIMES = 10.0  # correlation times per block
+FEWEST_BLOCKS = 3
+SUSPECT = 8.0  # robust standard deviations above the median peak
+MARGIN = 3.0  # standard deviations of the blocks' peaks between the highest peak and the limit
+CONFIDENCE = 0.95
+
+
+@dataclass(frozen=True)
+class Block:
+    """A stretch of a healthy run and its highest score."""
+
+    run: str
+    start: float
+    end: float
+    peak: float
+
+
+def correlation_time(x: Float[np.ndarray, "samples"], step: float) -> float:
+    """Integrated autocorrelation time [s] up to the first zero crossing.
+
+    tau = step (1 + 2 sum_k rho_k)
+    """
+    x = x - x.mean()
+    if len(x) < 4 or not np.any(x):
+        return step
+    spectrum = np.abs(np.fft.rfft(x, 2 * len(x))) ** 2
+    rho = np.fft.irfft(spectrum)[: len(x)]
+    rho = rho / rho[0]
+    below = np.flatnonzero(rho <= 0)
+    last = below[0] if len(below) else len(rho)
+    return float(step * (1 + 2 * rho[1:last].sum()))
+
+
+def supported(judged: float, alarms: int) -> float:
+    """Mean time between false alarms [s] that `alarms` in `judged` [s] prove at 95 % confidence.
+
+    With k alarms in T the rate is below chi2(0.95, 2k + 2) / (2T).
+    """
+    return float(2 * judged / chi2.ppf(CONFIDENCE, 2 * alarms + 2))
+
+
+def allowed_peaks(judged: float, mtbfa: float | None, blocks: int) -> tuple[int, float]:
+    """(healthy block peaks that may lie above the limit, mean time between false alarms)."""
+    longest = supported(judged, 0)
+    if mtbfa is None:
+        return 0, longest
+    if not 0 < mtbfa < np.inf:
+        raise InputError(f"--mtbfa {mtbfa:g}: give a positive time in seconds.")
+    if mtbfa > longest:
+        raise InputError(
+            f"--mtbfa {mtbfa:g}: {judged:.4g} s of healthy data without an alarm support at most "
+            f"{longest:.4g} s (95 % confidence); ask for less, or give "
+            f"{3 * mtbfa:.4g} s of healthy data."
+        )
+    allowed = 0
+    while allowed + 1 < blocks and supported(judged, allowed + 1) >= mtbfa:
+        allowed += 1
+    return allowed, mtbfa

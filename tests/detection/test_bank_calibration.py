@@ -1,0 +1,175 @@
+"""Alarm level and model error of the bank against closed forms, and what they do to answers."""
+
+import numpy as np
+import pytest
+from scipy.stats import t as student
+
+from faultgauge.detection.bank import CERTAIN, build_fault_bank
+from faultgauge.detection.bank_calibration import (
+    _without_suspects,
+    calibrate_bank,
+    model_error,
+)
+from faultgauge.detection.blocks import Block
+from faultgauge.detection.decisions import decide, decide_runs
+from faultgauge.detection.noise import Noise
+from faultgauge.errors import InputError
+from faultgauge.plants.gray_box import GrayBoxPlant
+from faultgauge.plants.model import Model
+from faultgauge.plants.plant_file import parse_plant
+from faultgauge.telemetry import Run
+
+LAG = """
+name = "lag"
+[states.x]
+derivative = "u - 0.2*x"
+[inputs.u]
+[outputs.x]
+value = "x"
+[faults.push]
+enters = "state"
+target = "x"
+{more}
+[faults.bias]
+enters = "output"
+target = "x"
+[detection]
+{rules}
+"""
+STEP, SIGMA, COUNT = 0.5, 0.02, 800
+NOISE = Noise(np.array([SIGMA]), np.array([1e-3]), np.zeros(0))
+
+
+def model(more="", rules="", text=LAG):
+    points = np.random.default_rng(0).uniform([-6, -1], [6, 1], (60, 2))
+    record = {
+        "max_step": 1.0,
+        "envelope_points": points.tolist(),
+        "columns": {"states": [["x", 0]], "outputs": ["x"]},
+        "data": {"fit": [], "validate": []},
+    }
+    text = text.format(more=more, rules=rules)
+    return Model(GrayBoxPlant.untrained(parse_plant(text)), record)
+
+
+def log(seed, push=0.0, error=0.0, bias=0.0, until=COUNT, samples=COUNT):
+    """Exact under the hold, with `error` on x' throughout: what the model does not know."""
+    rng = np.random.default_rng(seed)
+    u = np.repeat(rng.uniform(-1, 1, samples // 20), 20)
+    k = np.arange(samples)
+    acts = (k >= COUNT // 2) & (k < until)
+    fade, x = np.exp(-0.2 * STEP), np.zeros(samples)
+    for j in range(samples - 1):
+        x[j + 1] = fade * x[j] + (1 - fade) / 0.2 * (u[j] + error + push * acts[j])
+    y = x + bias * acts + SIGMA * rng.standard_normal(samples)
+    return Run(f"run{seed}", "lag.csv", STEP * k, {"u": u, "x": y})
+
+
+def calibrated(healthy, **keys):
+    plain = model(**keys)
+    block = calibrate_bank(plain, healthy, NOISE).block
+    return plain.with_calibration({"noise": NOISE.as_dict(plain), "bank": block})
+
+
+def test_model_error_is_what_the_claimed_variance_leaves():
+    """Independent e ~ N(0, v + q): q to sqrt(2 / n) = 1.4 % of v + q, and no t to speak of."""
+    rng = np.random.default_rng(0)
+    v, q = np.full(10_000, 4.0), 5.0
+    e = rng.normal(0, 3.0, 10_000)
+    assert model_error(e, v) == pytest.approx(np.sqrt(q), rel=0.05)
+    assert model_error(rng.normal(0, 1.9, 10_000), v) == 0.0
+    # equal variances: q = mean e^2 - v, by hand; a constant e is one observation, t_0.975(1)
+    once = model_error(np.full(500, 3.0), np.full(500, 4.0))
+    assert once == pytest.approx(np.sqrt(5.0), rel=0.1) or once == pytest.approx(
+        np.sqrt(5.0) * student.ppf(0.975, 1) / 1.959964, rel=0.01
+    )
+
+
+def test_an_error_of_the_model_enters_the_interval_and_raises_no_alarm():
+    """A constant 0.03 in x' that the model lacks is to the bank a push of 0.03: without calibration
+    it is an alarm; with it, a push of 0.2 on top is given an interval that holds 0.2."""
+    healthy = [log(k, error=0.03) for k in (1, 2)]
+    naive = build_fault_bank(model(), healthy, NOISE)
+    assert "FAULT" in decide(naive, log(3, error=0.03)).status
+    known = calibrated(healthy)
+    assert known.calibration["bank"]["error"]["push"][0] >= 0.02
+    (quiet, loud), bank = decide_runs(known, [log(3, error=0.03), log(4, push=0.2, error=0.03)])
+    assert "FAULT" not in quiet.status
+    assert quiet.events == []
+    event = next(e for e in loud.events if e.fault == "push")
+    assert event.lo <= 0.2 <= event.hi
+    narrow = decide(naive, log(4, push=0.2, error=0.03)).posterior
+    assert narrow.lo[-1, 0] > 0.2  # what it was before: sure, and wrong
+    assert bank.error[bank.sets.index((0,)), 0] == known.calibration["bank"]["error"]["push"][0]
+
+
+def test_the_level_says_what_the_healthy_data_prove():
+    block = calibrated([log(k) for k in (1, 2, 3)]).calibration["bank"]
+    assert block["level"] >= CERTAIN
+    assert block["alarms"] == 0
+    # three runs of 800 less 10 samples of hold-off, in blocks of 100
+    assert block["blocks"] == 21
+    assert block["judged_s"] == pytest.approx(21 * 100 * STEP)
+    assert block["mtbfa_s"] == pytest.approx(block["judged_s"] / 2.9957, rel=1e-4)  # -ln 0.05
+    with pytest.raises(InputError, match="at least 3 blocks"):
+        calibrate_bank(model(), [log(1, samples=300)], NOISE)
+
+
+def test_a_faulty_stretch_is_named_and_left_out():
+    blocks = [
+        Block("r", float(k), k + 1.0, p) for k, p in enumerate((-9.0, -8.0, -9.5, -8.8, 27.0))
+    ]
+    keep, suspects = _without_suspects(blocks, [log(1)])
+    assert [b.start for b in suspects] == [4]
+    assert len(keep) == 4
+    found = calibrate_bank(model(), [log(1), log(2), log(3, bias=1.0)], NOISE)
+    assert any("run3" in sentence and "holds a fault" in sentence for sentence in found.warnings)
+    assert {run for run, *_ in found.block["suspects"]} == {"run3"}
+
+
+def test_a_larger_rate_than_the_blocks_support_is_said():
+    found = calibrate_bank(model(), [log(1), log(2), log(3)], NOISE, 380.0)
+    assert found.block["mtbfa_s"] < 380.0
+    assert "support a mean time between false alarms of" in found.warnings[0]
+
+
+def test_a_model_calibrated_before_the_bank_is_sent_back():
+    old = model().with_calibration({"noise": NOISE.as_dict(model())})
+    with pytest.raises(InputError, match="on healthy logs again"):
+        decide_runs(old, [log(1)])
+
+
+def test_passive_faults_are_named_without_an_alarm_and_disabled_ones_are_not_evaluated():
+    run = log(4, push=0.2)
+    loud = decide(build_fault_bank(model(), [run], NOISE), run)
+    assert loud.status[-1] == "FAULT"
+    passive = decide(build_fault_bank(model(more='monitor = "passive"'), [run], NOISE), run)
+    assert "FAULT" not in passive.status
+    assert passive.reason[-1] == "push, which is passive"
+    assert [(e.fault, e.passive) for e in passive.events] == [("push", True)]
+    assert passive.posterior.p[-1, 0] == pytest.approx(loud.posterior.p[-1, 0])
+    off = decide(build_fault_bank(model(more='monitor = "disabled"'), [run], NOISE), run)
+    assert np.isnan(off.posterior.p[:, 0]).all()
+    assert "push" not in {e.fault for e in off.events}
+    off = LAG.replace("target", 'monitor = "disabled"\ntarget')
+    with pytest.raises(InputError, match="disables all its"):
+        build_fault_bank(model(text=off), [run], NOISE)
+
+
+def test_persistence_and_hold_off_delay_and_a_latch_keeps():
+    def told(rules, run):
+        decision = decide(build_fault_bank(model(rules=rules), [run], NOISE), run)
+        return np.array(decision.status), decision
+
+    run = log(4, push=0.2)
+    plain, _ = told("", run)
+    later, _ = told("persistence = 20", run)
+    first = int(np.argmax(plain == "FAULT"))
+    assert int(np.argmax(later == "FAULT")) == first + 40  # 20 s of 0.5 s
+    held, decision = told("hold_off = 30", run)
+    assert set(held[:60]) == {"NOT_JUDGED"}
+    assert decision.reason[0] == "held off after a start or a gap"
+    assert held[60] == "HEALTHY" or decision.reason[60] != decision.reason[0]
+    gone = log(5, push=0.2, until=500)
+    assert told("", gone)[0][-1] != "FAULT"
+    assert told("latch = true", gone)[0][-1] == "FAULT"
