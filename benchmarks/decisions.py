@@ -12,8 +12,8 @@ import argparse
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.stats import chi2
 
+from faultgauge.studies import merit
 from faultgauge.studies.decisions.naming import Verdict, left_out, named, rig_bank
 from faultgauge.studies.decisions.optimal import against_kalman, linear_bank
 from faultgauge.studies.decisions.rig import FAULTS
@@ -25,12 +25,21 @@ HEALTHY = 1000  # more than --first: the first seed of the fresh healthy flights
 
 
 def share(found: Sequence[bool]) -> str:
-    return f"{sum(found)} of {len(found)}" + (f" ({np.mean(found):.1%})" if found else "")
+    if not found:
+        return "none"
+    each = merit.share(found)
+    return f"{sum(found)} of {len(found)} ({each.value:.1%} [{each.lo:.1%}, {each.hi:.1%}])"
 
 
 def spread(values: Sequence[float], digits: int = 3) -> str:
     median, low, high = np.median(values), min(values), max(values)
     return f"{median:.{digits}g} [{low:.{digits}g}, {high:.{digits}g}]"
+
+
+def over_runs(values: Sequence[float], samples: Sequence[int] | None = None) -> str:
+    weights = None if samples is None else np.asarray(samples, float)
+    each = merit.mean_of_runs(np.asarray(values, float), weights)
+    return f"{each.value:.3f} [{each.lo:.3f}, {each.hi:.3f}]"
 
 
 def naming(first: int, count: int) -> None:
@@ -73,7 +82,7 @@ def optimal(first: int, count: int) -> None:
     bank = linear_bank()
     found = [against_kalman(bank, first + k) for k in range(count)]
     print(f"linear: RMSE over the Kalman filter's: {spread([e.bank / e.kalman for e in found])}")
-    print(f"linear: coverage {np.mean([e.coverage for e in found]):.3f}")
+    print(f"linear: coverage {over_runs([e.coverage for e in found])}")
     print(f"linear: delay [s] {spread([e.delay for e in found])}")
 
 
@@ -100,23 +109,17 @@ def wheel(first: int, flights: int, healthy: int, calibration: int) -> None:
     settled = [a.samples_settled for a in found]
     print(f"wheel: delay [s] until named: {spread([a.delay for a in found])}")
     print(f"wheel: run mean after 60 s, error [%]: {spread([100 * a.bias for a in found])}")
-    covered = np.average([a.covered for a in found], weights=weights)
-    later = np.average(np.nan_to_num([a.covered_settled for a in found]), weights=settled)
-    print(f"wheel: coverage given alarm {covered:.3f}, settled {later:.3f} ({flights} flights)")
+    covered = over_runs([a.covered for a in found], weights)
+    later = over_runs([a.covered_settled for a in found], settled)
+    print(f"wheel: coverage given alarm {covered}, settled {later} ({flights} flights)")
     dated = [a.dated for a in found if a.dated is not None]
     print(f"wheel: onset inside its 95 % interval: {share(dated)}")
     counts = np.array([false_alarms(bank, HEALTHY + k) for k in range(healthy)]).sum(axis=0)
-    fewest, most = poisson(int(counts[0]))
+    rate = merit.alarm_rate(int(counts[0]), counts[1] / 1e6)
     print(
         f"wheel: {counts[0]} false alarms in {counts[1]} fresh healthy samples: "
-        f"{fewest * 1e6 / counts[1]:.2g} to {most * 1e6 / counts[1]:.2g} in 10^6 (95 %)"
+        f"{rate.value:.3g} [{rate.lo:.3g}, {rate.hi:.3g}] per million"
     )
-
-
-def poisson(count: int) -> tuple[float, float]:
-    """The 95 % interval of a Poisson mean (Garwood, 1936)."""
-    low = chi2.ppf(0.025, 2 * count) / 2 if count else 0.0
-    return float(low), float(chi2.ppf(0.975, 2 * count + 2) / 2)
 
 
 if __name__ == "__main__":

@@ -11,13 +11,14 @@ from pathlib import Path
 
 import numpy as np
 
+from faultgauge.studies import merit
 from faultgauge.studies.decisions.hindsight import Hindsight, linear_hindsight, wheel_hindsight
 from faultgauge.studies.decisions.optimal import linear_bank
 from faultgauge.studies.decisions.wheel import wheel_bank
 
 
 def rms(values: Sequence[float]) -> float:
-    return float(np.sqrt(np.mean(np.square(values))))
+    return merit.rms(np.array(values))
 
 
 def told(name: str, measure: Callable[[int], Hindsight], count: int) -> list[Hindsight]:

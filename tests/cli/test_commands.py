@@ -285,7 +285,7 @@ def test_the_bank_names_the_leak_with_probability_and_interval(call, workshop, t
 def test_the_bank_is_silent_on_a_healthy_log_and_wants_a_calibrated_model(call, workshop, tmp_path):
     bank = ("--out", tmp_path / "f.csv", "--observer", "bank")
     said = call("estimate", workshop.calibrated, workshop.healthy, *bank)
-    assert said.out.strip() == "No fault."
+    assert said.out.startswith("No fault; leak below ")
     refused = call("estimate", workshop.model, workshop.healthy, *bank)
     assert refused.code == 2
     assert "faultgauge calibrate" in refused.err
@@ -317,6 +317,21 @@ def test_the_bank_answers_a_stream_as_it_answers_the_file(call, workshop, tmp_pa
     told = [line for line in lines if line["said"] == "event"]
     assert [e["onset"] for e in told] == [e["onset"] for e in found["events"]]
     assert "alarm: leak" in said.err
+
+
+def test_the_evidence_is_a_log_that_gives_the_same_answer_again(call, workshop, tmp_path):
+    bank = ("--out", tmp_path / "b.csv", "--observer", "bank", "--json")
+    args = (workshop.calibrated, workshop.suspect, *bank)
+    first = one_object(call("estimate", *args, "--evidence", tmp_path / "windows"))
+    event = max(first["events"], key=lambda e: e["end"] - e["start"])
+    assert any("leak +" in line and "could not tell" in line for line in first["answer"])
+    again = one_object(call("estimate", workshop.calibrated, event["evidence"], *bank))
+    (found,) = (e for e in again["events"] if e["fault"] == "leak")
+    assert event["lo"] <= found["size"] <= event["hi"]
+    assert event["onset_lo"] - 1 <= found["onset"] <= event["onset_hi"] + 1
+    alone = call("estimate", *args[:2], "--out", tmp_path / "b.csv", "--evidence", tmp_path / "w")
+    assert alone.code == 2
+    assert "--observer bank" in alone.err
 
 
 def test_smooth_tells_leak_size_and_onset_from_the_whole_log(call, workshop, tmp_path):

@@ -4,9 +4,10 @@ known."""
 import numpy as np
 import pytest
 
+from faultgauge.detection.answer import answers
 from faultgauge.detection.bank import build_fault_bank
 from faultgauge.detection.bank_calibration import calibrate_bank
-from faultgauge.detection.decisions import as_dicts, decide, decide_runs, sentences, table
+from faultgauge.detection.decisions import as_dicts, decide, decide_runs, table
 from faultgauge.detection.noise import Noise
 from faultgauge.errors import InputError
 from faultgauge.plants.gray_box import GrayBoxPlant
@@ -151,7 +152,7 @@ def test_the_table_and_the_events_are_those_of_the_contract():
     assert all(
         {"run", "fault", "start", "end", "size", "lo", "hi", "p"} <= e.keys() for e in events
     )
-    assert any(line.startswith("pump +0.") for line in sentences(bank, decisions))
+    assert any(line.startswith("pump +0.") for line in answers(bank, decisions))
 
 
 def test_a_plant_without_faults_is_refused():

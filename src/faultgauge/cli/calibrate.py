@@ -32,7 +32,9 @@ def calibrate(
 ) -> None:
     """Find the alarm limit on healthy logs and add it to the model."""
     from faultgauge.cli.writing import check_folder
+    from faultgauge.detection import drift
     from faultgauge.detection.calibration import calibrate as find_limit
+    from faultgauge.detection.estimation import estimate
     from faultgauge.plants.model import load_model, save_model
 
     check_folder(out, report)
@@ -40,16 +42,19 @@ def calibrate(
     runs = options.read_logs(fitted.plant.signals, logs, time, map, where)
     with options.narrate("calibrating") as progress:
         found = find_limit(fitted, runs, mtbfa=mtbfa, progress=progress)
+        progress("testing for drift")
+        drifting = drift.drifts(found.model, estimate(found.model, runs)[0])
     save_model(found.model, out or model)
     options.warn(found.warnings)
     if report is not None:
         from faultgauge.reporting.chapters import calibration_report
-        from faultgauge.reporting.report import write
+        from faultgauge.reporting.report import with_sentences, write
 
-        write(calibration_report(found), report)
+        write(with_sentences(calibration_report(found), drift.sentences(drifting)), report)
     block = found.model.calibration or {}
     if json:
-        options.print_json({"model": str(out or model), **block, "warnings": found.warnings})
+        warned = {"drift": drift.as_dicts(drifting), "warnings": found.warnings}
+        options.print_json({"model": str(out or model), **block, **warned})
         return
     units = {fault.name: fault.unit for fault in fitted.plant.signals.faults}
     for name, channel in block["channels"].items():
@@ -58,7 +63,7 @@ def calibrate(
         f"from {block['blocks']} healthy blocks ({block['judged_s']:.4g} s): false alarms at most "
         f"once in {block['mtbfa_s']:.4g} s (95 % confidence)"
     )
-    for line in _bank_lines(block.get("bank"), units):
+    for line in (*_bank_lines(block.get("bank"), units), *drift.sentences(drifting)):
         print(line)
     options.say(
         f"wrote {out or model}; next: faultgauge estimate {out or model} LOG --out FILE.csv"

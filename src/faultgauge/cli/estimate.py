@@ -41,6 +41,14 @@ def estimate(
             "--smooth", help="With --observer bank: cause, size and onset, from the whole log."
         ),
     ] = False,
+    evidence: Annotated[
+        Path | None,
+        typer.Option(
+            "--evidence",
+            metavar="DIR",
+            help="With --observer bank: a log of each event's window, which gives it again.",
+        ),
+    ] = None,
     time: options.Time = None,
     map: options.Map = None,
     where: options.Where = None,
@@ -74,6 +82,7 @@ def estimate(
                 "--report": report is not None,
                 "--json": json,
                 "--smooth": smooth,
+                "--evidence": evidence is not None,
             }
         )
         from faultgauge.cli.live import answer
@@ -87,7 +96,9 @@ def estimate(
             raise InputError(f"{name} goes with standard input only; give - for the log.")
     if smooth and observer != "bank":
         raise InputError("--smooth goes with --observer bank, whose hypotheses it weighs; give it.")
-    from faultgauge.cli.writing import check_folder
+    if evidence is not None and observer != "bank":
+        raise InputError("--evidence goes with --observer bank, whose events it replays; give it.")
+    from faultgauge.cli.writing import check_folder, make_folder
     from faultgauge.plants.model import load_model
     from faultgauge.telemetry.writing import check_writable
 
@@ -96,7 +107,8 @@ def estimate(
     fitted = load_model(model)
     runs = options.read_logs(fitted.plant.signals, logs, time, map, where)
     if observer == "bank":
-        _decide(fitted, runs, reference, out, report, smooth, json)
+        folder = None if evidence is None else make_folder(evidence)
+        _decide(fitted, runs, reference, out, report, smooth, folder, json)
         return
     _estimate(fitted, runs, observer, reference, out, report, json)
 
@@ -119,23 +131,26 @@ def _estimate(
     json: bool,
 ) -> None:
     """An estimate for every fault, each by an observer of its own."""
-    from faultgauge.detection import estimation
+    from faultgauge.detection import drift, estimation
     from faultgauge.telemetry.writing import write_table
 
     with options.narrate("estimating"):
         judgements, bank = estimation.estimate(model, runs, observer=observer, reference=reference)
     write_table(estimation.table(judgements, model.plant.signals.fault_names), out)
     options.warn(bank.refused.values())
+    drifting = drift.drifts(model, judgements)
+    slow = drift.sentences(drifting)
     if report is not None:
         from faultgauge.reporting.chapters import estimate_report
-        from faultgauge.reporting.report import write
+        from faultgauge.reporting.report import with_sentences, write
 
-        write(estimate_report(model, judgements, bank, reference), report)
+        write(with_sentences(estimate_report(model, judgements, bank, reference), slow), report)
     found = [event for judgement in judgements for event in judgement.events]
     if json:
-        options.print_json({"events": estimation.as_dicts(found)})
+        said = {"answer": estimation.sentences(model, found), "drift": drift.as_dicts(drifting)}
+        options.print_json({"events": estimation.as_dicts(found), **said})
         return
-    for line in estimation.sentences(model, found):
+    for line in [*estimation.sentences(model, found), *slow]:
         print(line)
     options.say(f"wrote {out}")
 
@@ -147,29 +162,42 @@ def _decide(
     out: Path,
     report: Path | None,
     smooth: bool,
+    folder: Path | None,
     json: bool,
 ) -> None:
     """The same by the bank: probabilities, intervals, a status and events; `smooth`: and what
-    the whole log tells."""
-    from faultgauge.detection import decisions, retrospective
+    the whole log tells; `folder`: for the events' evidence."""
+    from faultgauge.cli.evidence import write_evidence
+    from faultgauge.detection import answer, decisions, drift, estimation, retrospective
+    from faultgauge.detection.evidence import MOST_SHOWN, evidence
     from faultgauge.telemetry.writing import write_table
 
     with options.narrate("estimating"):
         decided, bank = decisions.decide_runs(model, runs, reference)
         judged = decided if smooth else []
         seen = [each for one in judged for each in retrospective.retrospect(bank, one)]
+        told = [(one, event) for one in decided for event in one.events]
+        most = None if folder else MOST_SHOWN if report else 0
+        drifting = drift.drifts(model, estimation.estimate(model, runs)[0], decided, bank)
+        slow = drift.sentences(drifting)
+        windows = [evidence(bank, one, event) for one, event in told[:most]]
     write_table(decisions.table(decided, model.plant.signals.fault_names), out)
     if report is not None:
         from faultgauge.reporting.decision_chapter import decision_report
-        from faultgauge.reporting.report import write
+        from faultgauge.reporting.report import with_sentences, write
 
-        write(decision_report(bank, decided, seen), report)
+        write(with_sentences(decision_report(bank, decided, seen, windows), slow), report)
+    paths = write_evidence(windows, folder) if folder else []
+    sentences = answer.answers(bank, decided)
     if json:
-        events = [event for each in decided for event in each.events]
+        events = answer.as_dicts(bank, decided)
+        for event, path in zip(events, paths, strict=False):
+            event["evidence"] = path
         more = {"retrospective": retrospective.as_dicts(seen)} if smooth else {}
-        options.print_json({"events": decisions.as_dicts(events), **more})
+        more |= {"drift": drift.as_dicts(drifting)}
+        options.print_json({"answer": sentences, "events": events, **more})
         return
     hindsight = retrospective.sentences(bank, seen) if smooth else []
-    for line in [*decisions.sentences(bank, decided), *hindsight]:
+    for line in [*sentences, *hindsight, *slow]:
         print(line)
     options.say(f"wrote {out}")

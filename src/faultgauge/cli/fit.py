@@ -40,6 +40,10 @@ def fit(
         int, typer.Option("--restarts", min=1, max=1000, help="How many starts.")
     ] = 10,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the starts.")] = 0,
+    despite_alarms: Annotated[
+        bool,
+        typer.Option("--despite-alarms", help="Fit logs under alarm too, which are refused."),
+    ] = False,
     time: options.Time = None,
     map: options.Map = None,
     where: options.Where = None,
@@ -54,6 +58,10 @@ def fit(
     untrained = load_plant(plant)
     runs = options.read_logs(untrained.signals, logs, time, map, where, fitting=True)
     held = options.read_logs(untrained.signals, validate, time, map, where) if validate else []
+    if not despite_alarms:
+        from faultgauge.detection.alarmed import refuse_alarms
+
+        refuse_alarms([*runs, *held], [*logs, *(validate or [])], time, map, where, out)
     from faultgauge.identification.fit import fit as identify
     from faultgauge.identification.unseen import on_unseen
     from faultgauge.plants.model import save_model

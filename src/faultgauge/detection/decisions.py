@@ -28,7 +28,6 @@ __all__ = [
     "decide_runs",
     "events",
     "sentence",
-    "sentences",
     "table",
 ]
 
@@ -251,19 +250,6 @@ def sentence(event: BankEvent, unit: str) -> str:
     amount = f"{event.size:+.4g} +- {width:.2g} {unit}".rstrip()
     how = "passive, " if event.passive else ""
     return f"{event.fault} {amount} {when} ({how}p {event.p:.2g}, run {event.run})"
-
-
-def sentences(bank: FaultBank, decisions: Sequence[Decision]) -> list[str]:
-    """What was found, in words."""
-    units = {fault.name: fault.unit for fault in bank.model.plant.signals.faults}
-    found = []
-    for event in [event for each in decisions for event in each.events]:
-        found.append(sentence(event, units.get(event.fault, "")))
-    judged = [status != "NOT_JUDGED" for each in decisions for status in each.status]
-    if not found and not any(judged):
-        reasons = [reason for each in decisions for reason in each.reason if reason]
-        return [f"Nothing could be judged: {max(set(reasons), key=reasons.count)}."]
-    return found or ["No fault."]
 
 
 def as_dicts(events: Sequence[BankEvent]) -> list[dict[str, Any]]:

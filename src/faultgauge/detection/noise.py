@@ -3,6 +3,8 @@
     maximise  sum_k ln N(y_k; yhat_k|k-1, S_k)   over   ln sigma, ln process, ln drift
 
 (Schweppe, IEEE TAC 11 (1965); Mehra, IEEE TAC 15 (1970)), with the healthy filter of the bank.
+The levels of states and drifting parameters are then widened to what the model errs over many
+samples (`coloured`).
 """
 
 from collections.abc import Sequence
@@ -16,6 +18,7 @@ import numpy as np
 from jaxtyping import Array, Float
 from scipy.optimize import minimize
 
+from faultgauge.detection.coloured import widening
 from faultgauge.detection.judged import (
     operating_points,
     pad_stretch,
@@ -24,7 +27,7 @@ from faultgauge.detection.judged import (
 )
 from faultgauge.errors import InputError
 from faultgauge.identification.samples import in_effect
-from faultgauge.observers.sigma_point import Belief, Hypothesis, SigmaPointFilter
+from faultgauge.observers.sigma_point import Belief, Hypothesis, SigmaPointFilter, solve_lower
 from faultgauge.plants.model import Model
 from faultgauge.plants.plant import Plant
 from faultgauge.simulation.free_run import substeps_for
@@ -34,6 +37,7 @@ __all__ = ["Noise", "drifting_of", "estimate_noise", "noise_of", "spread_of_star
 
 SAMPLES = 2048  # of a stretch, at most
 STRETCHES = 4
+LASTING = (16, 16384)  # stretches, and samples of each, for what lasts
 REACH = np.log(1e4)  # a level is looked for within this factor of its first guess
 DIFFERENCE = 1e-4  # of a logarithm, for the slope of the likelihood
 STEPS = 30
@@ -161,7 +165,59 @@ def estimate_noise(model: Model, runs: Sequence[Run]) -> Noise:
             f"{runs[0].source}: the model does not follow these data at all, so its noise cannot "
             "be told; look at `faultgauge evaluate`."
         )
-    return Noise(*np.split(np.exp(found.x), sizes))
+    noise = Noise(*np.split(np.exp(found.x), sizes))
+    return _widened(model, runs, noise)
+
+
+def _widened(model: Model, runs: Sequence[Run], noise: Noise) -> Noise:
+    """`noise` with the levels of states and drifting parameters as `coloured` wants them."""
+    stretches = _stretches(model, runs, *LASTING)
+    sd, drifted = spread_of_start(model, noise, list(runs[0].columns))
+    root = jnp.asarray(np.diag(np.concatenate([sd, drifted])))
+    drifting = drifting_of(model)
+    substeps = substeps_for(runs[0].step, model.max_step)
+    select = np.zeros((len(model.plant.signals.faults), 0))
+
+    def whitened(factor: float) -> list[Float[np.ndarray, "samples outputs"]]:
+        levels = (select, factor * noise.process, factor * noise.drift, noise.sigma)
+        lane = Hypothesis(*(jnp.asarray(a) for a in levels))
+        found = []
+        for s in stretches:
+            mean = [float(getattr(s.plant, "parameters", {})[name]) for name in drifting]
+            belief = Belief(jnp.asarray(np.append(s.x, mean)), root)
+            u, y, dt = (jnp.asarray(a) for a in (s.u, s.y, s.dt))
+            e = np.array(_innovations(s.plant, lane, belief, u, y, dt, drifting, substeps))
+            e[~np.isfinite(s.y)] = np.nan
+            found.append(e[:, np.isfinite(s.y).any(axis=0)])
+        return found
+
+    factor = widening(whitened)
+    return noise._replace(process=factor * noise.process, drift=factor * noise.drift)
+
+
+@eqx.filter_jit
+def _innovations(
+    plant: Plant,
+    hypothesis: Hypothesis,
+    belief: Belief,
+    u: Float[Array, "samples inputs"],
+    y: Float[Array, "samples outputs"],
+    dt: Float[Array, "samples"],
+    drifting: tuple[str, ...],
+    substeps: int,
+) -> Float[Array, "samples outputs"]:
+    """The healthy filter's innovations, in their own standard deviations."""
+    lane = SigmaPointFilter(plant, hypothesis, drifting, substeps)
+
+    def body(
+        carry: tuple[Belief, Array], sample: tuple[Array, Array, Array]
+    ) -> tuple[tuple[Belief, Array], Array]:
+        belief, before = carry
+        u, y, dt = sample
+        belief, _, gain = lane.step(belief, before, u, y, dt)
+        return (belief, u), solve_lower(gain.root, gain.innovation)
+
+    return jax.lax.scan(body, (belief, u[0]), (u, y, dt))[1]
 
 
 @eqx.filter_jit
@@ -195,14 +251,16 @@ def _likelihoods(
     return jax.lax.scan(body, (start, u[0], jnp.zeros(count)), (u, y, dt))[0][2]
 
 
-def _stretches(model: Model, runs: Sequence[Run]) -> list[_Stretch]:
+def _stretches(
+    model: Model, runs: Sequence[Run], most: int = STRETCHES, longest: int = SAMPLES
+) -> list[_Stretch]:
     found = []
     for log in runs:
         run = in_effect(model.plant.signals, log)
         outputs = [n for n in model.plant.signals.output_names if n in run.columns]
         for part in segments(run, [*model.plant.signals.input_names, *outputs]):
-            if part.stop - part.start >= 100 and len(found) < STRETCHES:
-                part = slice(part.start, min(part.stop, part.start + SAMPLES))
+            if part.stop - part.start >= 100 and len(found) < most:
+                part = slice(part.start, min(part.stop, part.start + longest))
                 start = start_from_samples(model, run, part)
                 u, y = record_arrays(model, run, part)
                 u, y, dt = pad_stretch(u, y, run.t[part])

@@ -3,6 +3,7 @@ would have been told, when."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
+from datetime import datetime
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -10,6 +11,7 @@ from jaxtyping import Float
 from scipy.optimize import brentq
 from scipy.special import logsumexp, ndtr
 
+from faultgauge.detection.answer import EXCLUDED, moment
 from faultgauge.detection.bank import CERTAIN, FaultBank
 from faultgauge.detection.change_points import Causes, Window, total, windows_of
 from faultgauge.detection.changes import Changes, Sized, changes_of
@@ -23,7 +25,6 @@ __all__ = ["HEALTHY", "Retrospect", "Told", "as_dicts", "retrospect", "sentences
 HEALTHY = "healthy"
 REST = 1e-6  # of a posterior over onsets that moves no 2.5 % quantile
 MOST_ODDS = 1e6  # nobody's priors are better than that
-EXCLUDED = 20.0  # odds from which on a cause is
 
 Curve: TypeAlias = Float[np.ndarray, "samples"]
 
@@ -71,6 +72,7 @@ class Retrospect:
     density: Curve
     white: Float[np.ndarray, "samples outputs"]
     fit: Float[np.ndarray, "samples outputs"]
+    clock: datetime | None = None  # at 0 s
 
 
 def retrospect(bank: FaultBank, decision: Decision) -> list[Retrospect]:
@@ -149,6 +151,7 @@ def _answer(
         density=density,
         white=np.asarray(data.white)[:count] + np.asarray(data.fit)[:count],
         fit=fit,
+        clock=decision.run.clock,
     )
 
 
@@ -257,7 +260,12 @@ def _sentence(bank: FaultBank, found: Retrospect) -> str:
     assert found.onset is not None
     assert found.onset_lo is not None
     assert found.onset_hi is not None
-    since = f"since {found.onset:.6g} s +- {(found.onset_hi - found.onset_lo) / 2:.2g} s"
+
+    def at(t: float) -> str:
+        return moment(found.clock, t, 1.0)
+
+    half = (found.onset_hi - found.onset_lo) / 2
+    since = f"since {moment(found.clock, found.onset, half)} +- {half:.2g} s"
     if found.size is None or found.lo is None or found.hi is None:
         what = "a fault that is not declared or not constant"
     else:
@@ -272,22 +280,22 @@ def _sentence(bank: FaultBank, found: Retrospect) -> str:
             said.append(f"{label} {verb} {over}{odds:.3g}:1")
     told = found.told
     if told.start is None and told.alarm is not None:
-        said.append(f"online you would have been told of a fault at {told.alarm:.6g} s")
+        said.append(f"online you would have been told of a fault at {at(told.alarm)}")
     elif told.start is None:
         said.append("online you would not have been told")
     else:
         then = ""
         if told.size is not None and told.lo is not None and told.hi is not None:
             then = f" ({told.size:+.4g}, {told.lo:.4g} to {told.hi:.4g})"
-        said.append(f"online you would have been told at {told.start:.6g} s{then}")
+        said.append(f"online you would have been told at {at(told.start)}{then}")
     return "; ".join(said)
 
 
 def as_dicts(found: Sequence[Retrospect]) -> list[dict[str, Any]]:
-    """Without the curves, as plain JSON."""
-    curves = ("t", "density", "white", "fit")
+    """Without curves and clock, as plain JSON."""
+    left = ("t", "density", "white", "fit", "clock")
     return [
-        {name: value for name, value in asdict(each).items() if name not in curves}
+        {name: value for name, value in asdict(each).items() if name not in left}
         | {"alternatives": [{"cause": c, "odds": o} for c, o in each.alternatives]}
         for each in found
     ]

@@ -4,10 +4,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from faultgauge.detection.answer import answers
 from faultgauge.detection.bank import FaultBank
-from faultgauge.detection.decisions import BankEvent, Decision, sentences
+from faultgauge.detection.decisions import BankEvent, Decision
+from faultgauge.detection.evidence import Evidence
 from faultgauge.detection.retrospective import Retrospect
 from faultgauge.detection.verdicts import NOT_JUDGED, STALE
+from faultgauge.reporting.evidence_chapter import evidence_section
 from faultgauge.reporting.report import Report, Section, Table
 from faultgauge.reporting.retrospective_chapter import retrospective_section
 from faultgauge.reporting.svg import Figure
@@ -21,11 +24,14 @@ HEADER = ("run", "fault", "began [s]", "told [s]", "end [s]", "size", "95 % inte
 
 
 def decision_report(
-    bank: FaultBank, decisions: Sequence[Decision], hindsight: Sequence[Retrospect] = ()
+    bank: FaultBank,
+    decisions: Sequence[Decision],
+    hindsight: Sequence[Retrospect] = (),
+    windows: Sequence[Evidence] = (),
 ) -> Report:
     """Events as sentences and as a table, estimates with their intervals; `hindsight`, what the
-    whole logs tell, as a section of its own."""
-    told = sentences(bank, decisions)
+    whole logs tell, and the evidence `windows` of the events, as sections of their own."""
+    told = answers(bank, decisions)
     summary = tuple(told[:5])
     if len(told) > 5:
         summary = (*summary, f"And {len(told) - 5} more events, listed below.")
@@ -33,10 +39,12 @@ def decision_report(
     tables = (Table(HEADER, tuple(_row(e) for e in events), "Every event."),) if events else ()
     figures = [figure for each in decisions for figure in _figures(bank, each)]
     section = Section("Faults", (), tables, tuple(figures[:MOST_FIGURES]))
-    sections = (
-        (section, retrospective_section(bank, decisions, hindsight)) if hindsight else (section,)
-    )
-    return Report(f"Faults: {bank.model.plant.spec.name}", summary, sections)
+    sections = [section]
+    if windows:
+        sections.append(evidence_section(bank, windows))
+    if hindsight:
+        sections.append(retrospective_section(bank, decisions, hindsight))
+    return Report(f"Faults: {bank.model.plant.spec.name}", summary, tuple(sections))
 
 
 def _row(event: BankEvent) -> tuple[str, ...]:

@@ -2,8 +2,8 @@
 
 import os
 import re
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from importlib import metadata, resources
 from itertools import count
 from pathlib import Path
@@ -14,7 +14,7 @@ import jinja2
 from faultgauge.files import write_atomically
 from faultgauge.reporting.svg import Figure, inline
 
-__all__ = ["Report", "Section", "Table", "installed_versions", "render", "write"]
+__all__ = ["Report", "Section", "Table", "installed_versions", "render", "with_sentences", "write"]
 
 SHOWN_VERSIONS = ("faultgauge", "jax", "equinox", "optimistix", "numpy", "scipy", "matplotlib")
 NUMBER = re.compile(r"[-+−±<>≤≥≈]?\s?\d.{0,31}|[-–—]?")
@@ -73,6 +73,11 @@ class Report:
     sections: tuple[Section, ...]
     key_numbers: Table | None = None
     versions: Mapping[str, str] = field(default_factory=installed_versions)
+
+
+def with_sentences(report: Report, more: Iterable[str]) -> Report:
+    """`report` with sentences behind its answer."""
+    return replace(report, summary_sentences=(*report.summary_sentences, *more))
 
 
 def render(report: Report) -> str:

@@ -6,7 +6,6 @@ added inside the loop every second; the model is given u = applied voltage - pul
 is what it must find. Where the files are absent a simulated drive of the same kind stands in.
 """
 
-import itertools
 import os
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -25,6 +24,7 @@ from faultgauge.identification.evaluation import Prediction, evaluate
 from faultgauge.identification.fit import FitReport, fit
 from faultgauge.plants.gray_box import load_plant
 from faultgauge.plants.model import Model
+from faultgauge.studies import merit
 from faultgauge.studies.checkup import parts
 from faultgauge.telemetry import Run, read_telemetry
 
@@ -162,25 +162,17 @@ def pulse_figures(logs: DriveLogs, judgement: Judgement) -> dict[str, float | in
     A half period is wrong when any settled sample has the wrong status.
     """
     t, pulse, f = logs.faulty.t, logs.pulse, judgement.f[FAULT]
-    status = np.array(judgement.status)
-    edges = [0, *(np.flatnonzero(np.diff(pulse)) + 1), len(t)]
-    settled = np.zeros(len(t), bool)
-    times, wrong = [], 0
-    for start, stop in itertools.pairwise(edges):
-        part = slice(start, stop)
-        late = t[part] - t[start] >= SETTLED
-        settled[part] = late
-        outside = np.flatnonzero(np.abs(f[part] - pulse[part]) > BAND * PULSE)
-        if start > 0 and late.any():
-            times.append(float(t[part][outside[-1]] - t[start] + STEP) if len(outside) else 0.0)
-        wanted = "FAULT" if pulse[start] else "HEALTHY"
-        wrong += int(np.any(status[part][late] != wanted))
-    error = float(np.sqrt(np.mean((f - pulse)[settled] ** 2)))
+    edges = merit.edges_of(pulse)
+    scored = merit.settled(t, edges, SETTLED)
+    judged = [bool(part.any()) for part in np.split(scored, edges)[1:]]
+    times = merit.settling_times(t, f, pulse, edges, BAND)[judged]
+    right = merit.intervals_right(judgement.status, pulse, edges, scored)
+    error = merit.rmse(f, pulse, scored)
     return {
         "pulse_rmse_v": error,
         "pulse_rmse_share": error / PULSE,
         "settling_median_s": float(np.median(times)),
         "settling_max_s": float(np.max(times)),
-        "half_periods": len(edges) - 1,
-        "half_periods_wrong": wrong,
+        "half_periods": len(right),
+        "half_periods_wrong": int(np.sum(~right)),
     }

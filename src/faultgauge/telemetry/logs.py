@@ -3,6 +3,7 @@
 import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from faultgauge.errors import InputError
 from faultgauge.telemetry.mapping import apply_maps, parse_maps
 from faultgauge.telemetry.readers import read_table, stem
 from faultgauge.telemetry.table import Table, is_text
-from faultgauge.telemetry.timing import check_increasing, find_time, seconds
+from faultgauge.telemetry.timing import check_increasing, clock_of, find_time, seconds
 from faultgauge.telemetry.where import keep_rows, met
 
 __all__ = ["LogFile", "Paths", "open_logs"]
@@ -24,7 +25,8 @@ Paths = str | Path | Sequence[str | Path]
 
 @dataclass(frozen=True, eq=False)
 class LogFile:
-    """One file after `--map`: its time (s) and the samples of each of its runs.
+    """One file after `--map`: its time (s) and the samples of each of its runs; `clock` is what
+    a clock showed at 0 s, where the file tells.
 
     `signals` are the names of all columns except the time, `t` and `run`.
     """
@@ -33,6 +35,7 @@ class LogFile:
     time: str
     t: Float[np.ndarray, "rows"]
     runs: dict[str, Int[np.ndarray, "_"]]
+    clock: datetime | None = None
 
     @property
     def signals(self) -> list[str]:
@@ -86,7 +89,7 @@ def _log_file(path: Path, table: Table, time: str | None, mapped: bool, taken: s
                 "least two samples, so remove it or correct its label."
             )
         runs[name] = samples
-    return LogFile(table, column, t, runs)
+    return LogFile(table, column, t, runs, clock_of(table, column))
 
 
 def _kept(log: LogFile, where: str) -> LogFile:
@@ -96,7 +99,7 @@ def _kept(log: LogFile, where: str) -> LogFile:
             f"{table.source}, --where: no run has two rows that meet {where[:80]!r}; widen the "
             "condition, or leave the file out."
         )
-    return LogFile(table, log.time, log.t[rows], runs)
+    return LogFile(table, log.time, log.t[rows], runs, log.clock)
 
 
 def _groups(table: Table) -> dict[str, Int[np.ndarray, "_"]]:

@@ -134,4 +134,4 @@ def _run(
                 "regular rate."
             )
         del columns[column]
-    return Run(name, log.table.source, t[aligned.kept], columns)
+    return Run(name, log.table.source, t[aligned.kept], columns, clock=log.clock)

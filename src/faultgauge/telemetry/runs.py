@@ -3,6 +3,7 @@
 import hashlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from datetime import datetime
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -20,7 +21,8 @@ class Run:
 
     `t` is in seconds and strictly increasing; `columns` are in the units of the log, NaN where
     nothing was sampled; `source` is the file as the user gave it and `name` is unique among the
-    runs read together. `pace` is the step where it is settled, `paced`.
+    runs read together. `pace` is the step where it is settled, `paced`; `clock` is what a clock
+    showed at 0 s, where the log has timestamps.
     """
 
     name: str
@@ -28,6 +30,7 @@ class Run:
     t: Float[np.ndarray, "samples"]
     columns: dict[str, Float[np.ndarray, "samples"]]
     pace: float | None = None
+    clock: datetime | None = None
 
     @property
     def step(self) -> float:

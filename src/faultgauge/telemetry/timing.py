@@ -11,7 +11,14 @@ from faultgauge.plants.expression import unknown
 from faultgauge.telemetry.mapping import alias, find_column
 from faultgauge.telemetry.table import Table, float_cells, is_text, text_error
 
-__all__ = ["called_like_time", "check_increasing", "find_time", "seconds", "unit_map"]
+__all__ = [
+    "called_like_time",
+    "check_increasing",
+    "clock_of",
+    "find_time",
+    "seconds",
+    "unit_map",
+]
 
 # How a name ends -> what makes seconds of it.
 UNITS = {"ms": "/1000", "us": "/1e6", "ns": "/1e9", "min": "*60"}
@@ -108,6 +115,12 @@ def _since_first(table: Table, column: str) -> Float[np.ndarray, "rows"]:
                 table, column, k, f"of {cell!r} and the first, {cells[0]!r}, only one has a zone"
             )
     return np.array([(stamp - stamps[0]).total_seconds() for stamp in stamps])
+
+
+def clock_of(table: Table, column: str) -> datetime | None:
+    """What the clock showed at 0 s of `seconds`, where the time column holds timestamps."""
+    cells = table.columns[column]
+    return _timestamp(cells[0]) if is_text(cells) else None
 
 
 def _timestamp(cell: str) -> datetime | None:

@@ -135,15 +135,14 @@ def _distinct(candidates: Sequence[Candidate]) -> list[Candidate]:
 
 
 def _on_all_samples(data: Data, members: Sequence[Candidate]) -> list[Candidate]:
-    """The members, refitted where their search went through a part of the log only."""
+    """The members, refitted to all samples where that wins on validation."""
     share = sample_count(data.whole) / sample_count(data.pieces)
     data.reach(members[0].plant, members[0].unknowns, members[0].fitted)
     data.pieces = data.whole
     found = []
     for c in members:
-        if c.origin == WARM:
-            fitted = data.fit_starts(c.plant, c.unknowns, c.fitted.theta)
-        else:
+        refitted = c
+        if c.origin != WARM:
             fitted = data.fit(
                 c.plant,
                 c.unknowns,
@@ -152,7 +151,10 @@ def _on_all_samples(data: Data, members: Sequence[Candidate]) -> list[Candidate]
                 ridge=c.ridge * share,
                 trials=ALL_TRIALS,
             )[0]
-        found.append(validated(data, replace(c, fitted=fitted, ridge=c.ridge * share)))
+            refitted = validated(data, replace(c, fitted=fitted, ridge=c.ridge * share))
+        if not refitted.validation < c.validation:
+            refitted = replace(c, fitted=data.fit_starts(c.plant, c.unknowns, c.fitted.theta))
+        found.append(refitted)
     return sorted(found, key=lambda c: c.validation)
 
 

@@ -19,6 +19,7 @@ from faultgauge.detection.decisions import decide
 from faultgauge.detection.retrospective import Retrospect, retrospect
 from faultgauge.simulation.run_scenario import simulate
 from faultgauge.simulation.schedules import Constant, Schedule
+from faultgauge.studies import merit
 from faultgauge.studies.decisions import optimal
 from faultgauge.studies.decisions.wheel import base_flight
 from faultgauge.telemetry import Run
@@ -125,8 +126,8 @@ def _scored(
     found = [each for each in retrospect(bank, decision) if each.cause == fault]
     k = bank.model.plant.signals.fault_names.index(fault)
     online = float(decision.posterior.f[-1, k] - size) / bound
-    told = [e.start for e in decision.events if e.fault == fault and e.start >= onset]
-    delay = min(told, default=np.inf) - onset
+    told = [e.start for e in decision.events if e.fault == fault]
+    delay = merit.found_after(told, onset)
     if len(found) != 1:
         return Hindsight(False, np.nan, np.nan, np.nan, False, False, online, delay)
     at, low, high, since, first, last = _figures(found[0])

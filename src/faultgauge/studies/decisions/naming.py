@@ -2,15 +2,13 @@
 
 from dataclasses import dataclass
 
-import numpy as np
-from jaxtyping import Float
-
 from faultgauge.detection.bank import FaultBank, build_fault_bank
 from faultgauge.detection.bank_calibration import calibrate_bank
 from faultgauge.detection.decisions import UNKNOWN, Decision, decide
 from faultgauge.detection.noise import estimate_noise
 from faultgauge.detection.posterior import WIDE
 from faultgauge.detection.verdicts import QUIET
+from faultgauge.studies import merit
 from faultgauge.studies.decisions.rig import (
     FAULTS,
     LIMIT,
@@ -91,8 +89,8 @@ def _judged(bank: FaultBank, case: Window) -> Verdict:
         hidden=case.hidden,
         visible=case.hidden is None and all(_shows(case, name) for name in case.faults),
         acting=all(_acts(case, name) for name in case.faults),
-        exact=said == truth,
-        blamed=bool(told - set(case.faults)),
+        exact=merit.exact_set(said, truth),
+        blamed=merit.wrong_names(told, case.faults),
         status=decision.status[-1],
         unknown=float(decision.posterior.unknown[-1]),
         wide=case.hidden is None or _reaches(bank, decision, case.hidden),
@@ -117,9 +115,5 @@ def _shows(case: Window, fault: str) -> bool:
     onset = case.onsets[fault]
     without = case.without(fault)
     late = case.run.t >= onset
-    moved = [_rms((case.run.columns[y] - without.columns[y])[late]) for y in ("ya", "yb")]
+    moved = [merit.rms((case.run.columns[y] - without.columns[y])[late]) for y in ("ya", "yb")]
     return max(moved) >= VISIBLE
-
-
-def _rms(x: Float[np.ndarray, "n"]) -> float:
-    return float(np.sqrt(np.mean(x**2)))

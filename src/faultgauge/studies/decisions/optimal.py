@@ -16,6 +16,7 @@ from faultgauge.detection.noise import Noise
 from faultgauge.observers.modes import hypotheses
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant_file import parse_plant
+from faultgauge.studies import merit
 from faultgauge.studies.decisions.rig import true_model
 from faultgauge.telemetry import Run
 
@@ -72,14 +73,13 @@ def against_kalman(bank: FaultBank, seed: int) -> Errors:
     run, f = _record(seed, SIZE * (-1.0) ** seed)
     decision = decide(bank, run)
     found = decision.posterior
-    late = slice(ONSET + SETTLED, None)
-    inside = (found.lo[late, 0] <= f[late]) & (f[late] <= found.hi[late, 0])
+    late = np.arange(len(f)) >= ONSET + SETTLED
     told = [event.start for event in decision.events if event.fault == "f"]
     return Errors(
-        _rms(found.f[late, 0] - f[late]),
-        _rms(_kalman(run)[late] - f[late]),
-        float(inside.mean()),
-        min(told, default=np.inf) - ONSET * STEP,
+        merit.rmse(found.f[:, 0], f, late),
+        merit.rmse(_kalman(run), f, late),
+        merit.coverage(found.lo[:, 0], found.hi[:, 0], f, late),
+        merit.found_after(told, ONSET * STEP),
     )
 
 
@@ -114,7 +114,3 @@ def _kalman(run: Run) -> Float[np.ndarray, "samples"]:
         z = z + K * (y[k] - z[0])
         found[k] = z[1]
     return found
-
-
-def _rms(x: Float[np.ndarray, "n"]) -> float:
-    return float(np.sqrt(np.mean(x**2)))

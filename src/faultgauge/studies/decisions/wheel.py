@@ -15,6 +15,7 @@ from faultgauge.plants.model import Model
 from faultgauge.simulation.run_scenario import simulate
 from faultgauge.simulation.scenario import Scenario, parse_scenario
 from faultgauge.simulation.schedules import Constant, Schedule
+from faultgauge.studies import merit
 from faultgauge.studies.paper.cases import ONSET, SECONDS, inner_disturbance
 from faultgauge.telemetry import Run
 
@@ -107,14 +108,13 @@ def friction_found(bank: FaultBank, seed: int) -> Alarm:
     found = decision.posterior
     alarm = (np.array(decision.status) == FAULT) & (run.t >= ONSET)
     settled = alarm & (run.t >= ONSET + SETTLED)
-    inside = (found.lo[:, 0] <= FRICTION) & (found.hi[:, 0] >= FRICTION)
     events = [e for e in decision.events if e.fault == "friction" and e.end >= ONSET]
     late = run.t >= ONSET + SETTLED
     return Alarm(
-        delay=min((e.start for e in events), default=np.inf) - ONSET,
+        delay=merit.found_after([e.start for e in events], ONSET),
         bias=float(found.f[late, 0].mean() / FRICTION - 1),
-        covered=float(inside[alarm].mean()) if alarm.any() else np.nan,
-        covered_settled=float(inside[settled].mean()) if settled.any() else np.nan,
+        covered=merit.coverage(found.lo[:, 0], found.hi[:, 0], FRICTION, alarm),
+        covered_settled=merit.coverage(found.lo[:, 0], found.hi[:, 0], FRICTION, settled),
         samples=int(alarm.sum()),
         samples_settled=int(settled.sum()),
         dated=events[0].onset_lo <= ONSET <= events[0].onset_hi if events else None,
@@ -124,5 +124,4 @@ def friction_found(bank: FaultBank, seed: int) -> Alarm:
 def false_alarms(bank: FaultBank, seed: int) -> tuple[int, int]:
     """(alarms, samples) of one healthy flight; an alarm is a stretch of FAULT."""
     decision: Decision = decide(bank, flight(seed))
-    alarm = np.array(decision.status) == FAULT
-    return int(np.sum(np.diff(alarm.astype(int), prepend=0) == 1)), len(alarm)
+    return merit.alarms(decision.status), len(decision.status)

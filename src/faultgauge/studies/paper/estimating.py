@@ -14,8 +14,9 @@ from faultgauge.observers.observer import OperatingPoints, observe
 from faultgauge.plants.plant import Plant
 from faultgauge.simulation.satellite.loop import Telemetry
 from faultgauge.simulation.satellite.observatory import PERIOD, STEPS_PER_PERIOD
+from faultgauge.studies import merit
 from faultgauge.studies.paper.cases import ONSET, Case
-from faultgauge.studies.paper.learning import PITCH, rms
+from faultgauge.studies.paper.learning import PITCH
 
 __all__ = [
     "BANDWIDTH",
@@ -91,9 +92,8 @@ def estimate(
 
 def scored(case: Case, t: Float[np.ndarray, "samples"]) -> np.ndarray:
     """Samples from the onset on that are at least 50 s after the last jump."""
-    jumps = np.array(case.jumps)
-    last = jumps[np.maximum(np.searchsorted(jumps, t, side="right") - 1, 0)]
-    return (t >= ONSET) & (t - last >= AFTER)
+    edges = np.searchsorted(t, case.jumps)
+    return merit.settled(t, edges, AFTER) & (t >= ONSET)
 
 
 def quality(
@@ -103,17 +103,11 @@ def quality(
     d: Float[np.ndarray, "samples"],
 ) -> Quality:
     """How well `f` follows the injected `d` [N*m]."""
-    settling, overshoot = [], []
-    for start, end in zip(case.jumps, (*case.jumps[1:], np.inf), strict=True):
-        here = np.flatnonzero((t >= start) & (t < end))
-        jump = d[here[0]] - d[here[0] - 1]
-        error = (f[here] - d[here]) / jump
-        outside = np.flatnonzero(np.abs(error) > BAND)
-        left = outside[-1] + 1 if outside.size else 0
-        settling.append(t[here[left]] - start if left < here.size else np.inf)
-        overshoot.append(max(float(error[t[here] < start + AFTER].max()), 0.0))
-    chosen = scored(case, t)
-    return Quality(rms((f - d)[chosen]), float(max(settling)), max(overshoot))
+    edges = np.searchsorted(t, case.jumps)
+    settling = merit.settling_times(t, f, d, edges, BAND)
+    overshoot = merit.overshoots(t, f, d, edges, AFTER)
+    error = merit.rmse(f, d, scored(case, t))
+    return Quality(error, float(settling.max()), float(overshoot.max()))
 
 
 def noise_gain(gain_x: float, gain_f: float, dt: float) -> float:

@@ -17,6 +17,7 @@ from faultgauge.plants.plant import Plant
 from faultgauge.simulation.free_run import Trajectory, free_run
 from faultgauge.simulation.satellite.loop import Telemetry
 from faultgauge.simulation.satellite.observatory import AXES, STEPS_PER_PERIOD
+from faultgauge.studies.merit import rms
 from faultgauge.telemetry import Run
 
 __all__ = ["Learned", "Scores", "beside", "fitted", "learn", "rms", "scores"]
@@ -99,7 +100,3 @@ def scores(run: Trajectory, flown: Telemetry) -> Scores:
         rmse=rms(error),
         r2_h=1 - float(np.mean(drift**2) / np.var(momentum)),
     )
-
-
-def rms(x: Float[Array | np.ndarray, "samples"]) -> float:
-    return float(np.sqrt(np.mean(np.square(x))))

@@ -1,0 +1,79 @@
+"""`fit` refuses data under alarm: a fault that is fitted is a fault that is never found."""
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+
+from faultgauge.detection.estimation import estimate
+from faultgauge.errors import InputError
+from faultgauge.plants.model import load_model
+from faultgauge.telemetry import Run
+from faultgauge.telemetry.logs import open_logs
+
+__all__ = ["refuse_alarms"]
+
+STATUS = "status"  # the column that `estimate` writes
+SHOWN = 3  # stretches that a refusal names
+
+Stretches: TypeAlias = list[tuple[float, float]]
+
+
+def refuse_alarms(
+    runs: Sequence[Run],
+    paths: Sequence[Path],
+    time: str | None,
+    maps: Iterable[str] | None,
+    where: str | None,
+    before: Path,
+) -> None:
+    """Raises `InputError` where `runs`, read from `paths`, stand under alarm: by a column `status`
+    of theirs, or judged by the calibrated model `before` that the fit would replace."""
+    found = _by_column(paths, time, maps or (), where)
+    said = f"column {STATUS!r} says FAULT"
+    if not found and before.is_file():
+        found, said = _by_model(runs, before), f"{before}, which this fit would replace, alarms"
+    if not found:
+        return
+    source, stretches = next(iter(found.items()))
+    times = ", ".join(f"{a:.6g} s to {b:.6g} s" for a, b in stretches[:SHOWN])
+    more = f" and {len(stretches) - SHOWN} times more" if len(stretches) > SHOWN else ""
+    raise InputError(
+        f"{source}: {said} from {times}{more}, and a fault that is fitted is never found; cut "
+        "these times out with --where, or give --despite-alarms if the log is sound."
+    )
+
+
+def _by_column(
+    paths: Sequence[Path], time: str | None, maps: Iterable[str], where: str | None
+) -> dict[str, Stretches]:
+    found = dict[str, Stretches]()
+    for log in open_logs(list(paths), time, maps, where):
+        cells = log.table.columns.get(STATUS)
+        if cells is None:
+            continue
+        for samples in log.runs.values():
+            alarm = np.array([str(cells[k]).strip() == "FAULT" for k in samples])
+            edges = np.flatnonzero(np.diff(alarm, prepend=False, append=False)).reshape(-1, 2)
+            t = log.t[samples]
+            stretches = [(float(t[a]), float(t[b - 1])) for a, b in edges]
+            if stretches:
+                found.setdefault(log.table.source, []).extend(stretches)
+    return found
+
+
+def _by_model(runs: Sequence[Run], path: Path) -> dict[str, Stretches]:
+    """Events of a calibrated model over `runs`; none where it cannot judge them."""
+    try:
+        model = load_model(path)
+        if model.calibration is None:
+            return {}
+        judgements, _ = estimate(model, runs)
+    except (InputError, KeyError):  # another plant's model, or no model at all
+        return {}
+    found = dict[str, Stretches]()
+    for each in judgements:
+        if each.events:
+            found.setdefault(each.run.source, []).extend((e.start, e.end) for e in each.events)
+    return found

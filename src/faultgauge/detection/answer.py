@@ -1,0 +1,140 @@
+"""The answer of the bank as a sentence: which fault, how big, since when, how sure, what it is
+not, and what this log could not tell.
+
+    friction +0.100 +- 0.004 N*m since 08:41:10 +- 6 s (p 0.98, run a); gain excluded 200:1;
+    friction below 0.0012 N*m this log could not tell
+"""
+
+from collections.abc import Sequence
+from datetime import datetime, timedelta
+from typing import Any
+
+import numpy as np
+
+from faultgauge.detection.bank import FaultBank
+from faultgauge.detection.decisions import FEWEST, UNKNOWN, BankEvent, Decision
+from faultgauge.detection.decisions import as_dicts as events_as_dicts
+from faultgauge.detection.posterior import WIDE
+from faultgauge.telemetry import Run
+
+__all__ = ["EXCLUDED", "answer", "answers", "as_dicts", "exclusions", "least_told", "moment"]
+
+EXCLUDED = 20.0  # odds from which on a cause is
+MOST = 1 / FEWEST  # odds beyond which an alternative is not listed
+
+
+def answers(bank: FaultBank, decisions: Sequence[Decision]) -> list[str]:
+    """A sentence for every event; one for all runs where there is none."""
+    found = [answer(bank, each, event) for each in decisions for event in each.events]
+    if found:
+        return found
+    if all(status == "NOT_JUDGED" for each in decisions for status in each.status):
+        reasons = [reason for each in decisions for reason in each.reason if reason]
+        return [f"Nothing could be judged: {max(set(reasons), key=reasons.count)}."]
+    silent = [_could_not_tell(bank, each.run) for each in decisions[:1]]
+    return [f"No fault; {silent[0]}."]
+
+
+def answer(bank: FaultBank, decision: Decision, event: BankEvent) -> str:
+    """One event."""
+    run, clock = decision.run, decision.run.clock
+    half = (event.onset_hi - event.onset_lo) / 2
+    since = f"since {moment(clock, event.onset, half)} +- {half:.2g} s"
+    until = (
+        f"told at {moment(clock, event.start, half)}, seen until {moment(clock, event.end, half)}"
+    )
+    what = "a fault that is not declared"
+    if event.size is not None and event.lo is not None and event.hi is not None:
+        width = (event.hi - event.lo) / 2
+        size = f"{event.size:+.{_digits(width)}f} +- {width:.2g}"
+        what = f"{event.fault} {size} {_unit(bank, event.fault)}".rstrip()
+    said = [f"{what} {since} (p {event.p:.2g}, run {event.run})", until]
+    for cause, odds in exclusions(bank, event).items():
+        more = "more than " if odds >= MOST else ""
+        verb = "excluded" if odds >= EXCLUDED else "not excluded,"
+        name = "something undeclared" if cause == UNKNOWN else cause
+        said.append(
+            f"{name} {verb} {more}{odds:.0f}:1" if odds >= 10 else f"{name} {verb} {odds:.2g}:1"
+        )
+    if event.fault != UNKNOWN:
+        said.append(_could_not_tell(bank, run, (event.fault,)))
+    return "; ".join(said)
+
+
+def exclusions(bank: FaultBank, event: BankEvent) -> dict[str, float]:
+    """Odds of the best explanation at the event's end against each other declared fault alone, and
+    against an undeclared one; those beyond 1000 stand at 1000."""
+    others = [n for n in (*bank.model.plant.signals.fault_names, UNKNOWN) if n != event.fault]
+    listed = dict(event.alternatives)
+    return {name: min(listed.get(name, MOST), MOST) for name in others}
+
+
+def least_told(bank: FaultBank, run: Run, fault: int) -> float | None:
+    """The size [the fault's unit] that would have been named by the end of `run` had the fault
+    begun in its middle; None where none would.
+
+    A fault of size f leaves f^2 / (2 sd(n)^2) of log-likelihood after n samples, which must
+    outweigh the prior odds of an onset and what the unknown size costs (`onset`) by the level of an
+    alarm; and a fault within the model's own error is none.
+    """
+    if (fault,) not in bank.sets:
+        return None
+    n = min(max(len(run.t) // 2, 1), len(bank.known))
+    sd = float(bank.known[n - 1, fault])
+    if not np.isfinite(sd) or sd >= bank.levels.size[fault]:
+        return None
+    needed = bank.level - np.log(bank.levels.onset[fault] * bank.step)
+    seen = sd * np.sqrt(2 * (needed + np.log(bank.levels.size[fault] / sd)))
+    return float(max(seen, WIDE * bank.error[bank.sets.index((fault,)), 0]))
+
+
+def moment(clock: datetime | None, t: float, resolution: float) -> str:
+    """`t` [s] as a clock that showed `clock` at 0 s shows it, or as seconds; as fine as
+    `resolution` [s] is. With the date where that is another day."""
+    if clock is None:
+        return f"{t:.6g} s"
+    at = clock + timedelta(seconds=t)
+    date = "" if at.date() == clock.date() else f"{at.date().isoformat()} "
+    return date + at.time().isoformat("seconds" if resolution >= 1 else "milliseconds")
+
+
+def as_dicts(bank: FaultBank, decisions: Sequence[Decision]) -> list[dict[str, Any]]:
+    """Every event and what its sentence says, as plain JSON."""
+    return [
+        plain | _said(bank, each, event)
+        for each in decisions
+        for plain, event in zip(events_as_dicts(each.events), each.events, strict=True)
+    ]
+
+
+def _said(bank: FaultBank, decision: Decision, event: BankEvent) -> dict[str, Any]:
+    clock, run = decision.run.clock, decision.run
+    names = bank.model.plant.signals.fault_names
+    least = None if event.fault == UNKNOWN else least_told(bank, run, names.index(event.fault))
+    return {
+        "sentence": answer(bank, decision, event),
+        "onset_clock": clock and (clock + timedelta(seconds=event.onset)).isoformat(),
+        "excluded": exclusions(bank, event),
+        "least": least,
+    }
+
+
+def _could_not_tell(bank: FaultBank, run: Run, only: Sequence[str] = ()) -> str:
+    signals = bank.model.plant.signals
+    least = []
+    for k, name in enumerate(signals.fault_names):
+        if only and name not in only:
+            continue
+        size = least_told(bank, run, k)
+        shown = f" below {size:.2g} {_unit(bank, name)}".rstrip() if size is not None else ""
+        least.append(f"{name}{shown}" if size is not None else f"any {name}")
+    return f"{', '.join(least)} this log could not tell"
+
+
+def _unit(bank: FaultBank, fault: str) -> str:
+    return next(each.unit for each in bank.model.plant.signals.faults if each.name == fault)
+
+
+def _digits(width: float) -> int:
+    """Decimals that show two figures of `width`."""
+    return min(max(0, int(np.ceil(-np.log10(width))) + 1), 12) if width > 0 else 6

@@ -1,0 +1,157 @@
+"""The answer as a sentence, and the evidence that gives it again."""
+
+from dataclasses import replace
+from datetime import datetime
+
+import numpy as np
+import pytest
+
+from faultgauge.detection.answer import answers, as_dicts, exclusions, least_told
+from faultgauge.detection.bank import build_fault_bank
+from faultgauge.detection.decisions import decide
+from faultgauge.detection.evidence import evidence, same
+from faultgauge.detection.noise import Noise
+from faultgauge.plants.gray_box import GrayBoxPlant
+from faultgauge.plants.model import Model
+from faultgauge.plants.plant_file import parse_plant
+from faultgauge.reporting.decision_chapter import decision_report
+from faultgauge.telemetry import Run, read_telemetry
+from faultgauge.telemetry.writing import as_table, write_table
+
+TANK = """
+name = "tank"
+[states.x]
+unit = "m"
+derivative = "u - 0.2*x"
+[inputs.u]
+min = 0
+max = 2
+[outputs.x]
+value = "x"
+[faults.leak]
+enters = "state"
+target = "x"
+unit = "m/s"
+[faults.gauge]
+enters = "output"
+target = "x"
+unit = "m"
+"""
+STEP, COUNT, SIGMA, PROCESS = 0.5, 1200, 0.02, 1e-3
+ONSET, LEAK = 300.0, -0.1
+NOISE = Noise(np.array([SIGMA]), np.array([PROCESS]), np.zeros(0))
+
+
+def log(seed, leak=0.0):
+    """Exact under the hold."""
+    rng = np.random.default_rng(seed)
+    u = np.repeat(rng.uniform(0.5, 1.5, COUNT // 20), 20)
+    t = STEP * np.arange(COUNT)
+    fade = np.exp(-0.2 * STEP)
+    x = np.full(COUNT, u[0] / 0.2)
+    for k in range(COUNT - 1):
+        driven = u[k] + leak * (t[k] >= ONSET)
+        x[k + 1] = fade * x[k] + (1 - fade) / 0.2 * driven
+    y = x + SIGMA * rng.standard_normal(COUNT)
+    return Run(f"run{seed}", "tank.csv", t, {"u": u, "x": y})
+
+
+@pytest.fixture(scope="module")
+def bank():
+    rng = np.random.default_rng(0)
+    points = np.stack([rng.uniform(0, 12, 60), rng.uniform(0, 2, 60)], axis=1)
+    record = {
+        "max_step": 1.0,
+        "envelope_points": points.tolist(),
+        "columns": {"states": [["x", 0]], "outputs": ["x"]},
+        "data": {"fit": [], "validate": []},
+    }
+    model = Model(GrayBoxPlant.untrained(parse_plant(TANK)), record)
+    return build_fault_bank(model, [log(0)], NOISE)
+
+
+@pytest.fixture(scope="module")
+def decision(bank):
+    return decide(bank, log(1, LEAK))
+
+
+def test_the_sentence_says_what_since_when_and_what_it_is_not(bank, decision):
+    (line,) = answers(bank, [decision])
+    assert line.startswith("leak -0.")
+    assert "m/s since " in line
+    assert "gauge excluded" in line
+    assert "leak below " in line
+    assert line.endswith("m/s this log could not tell")
+    (found,) = as_dicts(bank, [decision])
+    assert found["sentence"] == line
+    assert found["onset_clock"] is None
+    assert found["excluded"].keys() == {"gauge", "unknown"}
+    assert found["lo"] < LEAK < found["hi"]
+
+
+def test_a_log_with_a_clock_is_answered_in_its_time(bank, decision):
+    timed = replace(decision.run, clock=datetime(2026, 5, 1, 8, 41, 10))
+    (line,) = answers(bank, [replace(decision, run=timed)])
+    assert "since 08:46:" in line  # 300 s after 08:41:10, found to within seconds
+    (found,) = as_dicts(bank, [replace(decision, run=timed)])
+    assert found["onset_clock"].startswith("2026-05-01T08:46:")
+
+
+def test_timestamps_of_a_file_set_the_clock(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text("t,u\n2026-05-01T23:59:59,1\n2026-05-02T00:00:00,2\n2026-05-02T00:00:01,1\n")
+    (run,) = read_telemetry(path)
+    assert run.clock == datetime(2026, 5, 1, 23, 59, 59)
+    assert run.t.tolist() == [0.0, 1.0, 2.0]
+
+
+def test_silence_says_below_what_it_means_nothing(bank):
+    (line,) = answers(bank, [decide(bank, log(2))])
+    assert line.startswith("No fault; leak below ")
+    assert "gauge" in line
+
+
+def test_the_least_size_is_that_of_the_matched_filter(bank):
+    """A constant drive of the lag, found by regression on n samples with the filter's noise:
+    sd(n) of `known` is checked elsewhere; here the odds that the size must buy."""
+    run = log(3)
+    n = COUNT // 2
+    sd = bank.known[n - 1, 0]
+    size = least_told(bank, run, 0)
+    gained = size**2 / (2 * sd**2)
+    costs = np.log(0.95 / 0.05) - np.log(1e-7) + np.log(bank.levels.size[0] / sd)
+    assert gained == pytest.approx(costs, rel=1e-3)  # 2.944 stands for ln 19
+    short = replace(run, t=run.t[:40], columns={k: v[:40] for k, v in run.columns.items()})
+    assert least_told(bank, short, 0) > size
+
+
+def test_a_fault_of_twice_the_least_size_is_told_and_one_of_a_third_is_not(bank):
+    size = least_told(bank, log(0), 0)
+    told = [bool(decide(bank, log(s, -2 * size)).events) for s in (4, 5, 6)]
+    silent = [bool(decide(bank, log(s, -size / 3)).events) for s in (4, 5, 6)]
+    assert told == [True] * 3
+    assert silent == [False] * 3
+
+
+def test_exclusions_hold_every_other_cause_and_never_more_than_is_listed(bank, decision):
+    odds = exclusions(bank, decision.events[-1])
+    assert all(0 < each <= 1000 for each in odds.values())
+
+
+def test_the_evidence_replays_from_a_file(bank, decision, tmp_path):
+    found = evidence(bank, decision, decision.events[-1])
+    assert found.replayed is not None
+    assert found.run.t[0] < ONSET < found.run.t[-1]
+    write_table(as_table(found.run), tmp_path / "window.csv")
+    (again,) = read_telemetry(tmp_path / "window.csv", names=["u", "x"])
+    events = decide(bank, again).events
+    assert any(same(bank, decision.events[-1], each) for each in events)
+
+
+def test_the_report_opens_with_the_answer_and_shows_the_evidence(bank, decision):
+    windows = [evidence(bank, decision, each) for each in decision.events]
+    report = decision_report(bank, [decision], (), windows)
+    assert report.summary_sentences[0].startswith("leak -0.")
+    assert [each.title for each in report.sections] == ["Faults", "Evidence"]
+    assert len(report.sections[1].figures) == 1
+    assert "gives the same answer" in report.sections[1].paragraphs[0]

@@ -1,0 +1,162 @@
+"""The drift test against SciPy's regression, chance, and plants whose drift is known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import linregress
+
+from faultgauge.detection.calibration import calibrate
+from faultgauge.detection.decisions import decide_runs
+from faultgauge.detection.drift import as_dicts, drifts, sentences, trend
+from faultgauge.detection.estimation import estimate
+from faultgauge.plants.gray_box import GrayBoxPlant
+from faultgauge.plants.model import Model
+from faultgauge.plants.plant_file import parse_plant
+from faultgauge.telemetry import Run
+
+LAG = """
+name = "lag"
+[states.x]
+derivative = "u - 0.2*x"
+[inputs.u]
+[outputs.x]
+value = "x"
+[faults.leak]
+enters = "state"
+target = "x"
+unit = "K/s"
+[observer]
+bandwidth = 0.5
+"""
+STEP, COUNT, SIGMA = 0.5, 6000, 0.02
+
+
+def red(seed, count=COUNT, memory=5.0):
+    rng = np.random.default_rng(seed)
+    fade = np.exp(-1 / memory)
+    x = np.zeros(count)
+    for k in range(1, count):
+        x[k] = fade * x[k - 1] + rng.standard_normal()
+    return x
+
+
+def run_of(seed, drive=0.0, count=COUNT):
+    """The lag, exact under the hold, with `drive` (per sample) on its derivative."""
+    rng = np.random.default_rng([seed, 1])
+    u = np.repeat(rng.uniform(0.5, 1.5, count // 20), 20)
+    fade = np.exp(-0.2 * STEP)
+    x = np.full(count, u[0] / 0.2)
+    push = np.broadcast_to(drive, count)
+    for k in range(count - 1):
+        x[k + 1] = fade * x[k] + (1 - fade) / 0.2 * (u[k] + push[k])
+    y = x + SIGMA * rng.standard_normal(count)
+    return Run(f"r{seed}", "lag.csv", STEP * np.arange(count), {"u": u, "x": y})
+
+
+@pytest.fixture(scope="module")
+def model():
+    rng = np.random.default_rng(0)
+    points = np.stack([rng.uniform(2, 8, 60), rng.uniform(0, 2, 60)], axis=1)
+    record = {
+        "max_step": 1.0,
+        "envelope_points": points.tolist(),
+        "columns": {"states": [["x", 0]], "outputs": ["x"]},
+        "data": {"fit": [], "validate": []},
+    }
+    return calibrate(
+        Model(GrayBoxPlant.untrained(parse_plant(LAG)), record), [run_of(90), run_of(91)]
+    ).model
+
+
+def test_the_trend_is_that_of_a_regression_on_block_means():
+    run = run_of(0)
+    x = red(0) + 2.0 * run.t / run.t[-1]
+    found = trend(run, x, np.ones(COUNT, bool), {})
+    fit = linregress(run.t, x)
+    assert found.change == pytest.approx(fit.slope * found.seconds, rel=0.1)  # means of blocks
+    assert found.lo < 2.0 < found.hi
+
+
+def test_where_nothing_drifts_chance_is_what_it_says():
+    """Of 200 records of red noise one in 20 is below p = 0.05; three binomial sd allow 19."""
+    run = run_of(0, count=2000)
+    everything = np.ones(2000, bool)
+    found = [trend(run, red(seed, 2000), everything, {}).p for seed in range(200)]
+    assert sum(p < 0.05 for p in found) <= 19
+    assert np.median(found) == pytest.approx(0.5, abs=0.15)
+
+
+def test_a_sound_plant_does_not_drift(model):
+    judgements, _ = estimate(model, [run_of(seed) for seed in range(5)])
+    assert drifts(model, judgements) == []
+
+
+def test_what_grows_below_the_alarm_is_told_and_left_open(model):
+    """A leak of either kind, fault or wear, that ends below the limit."""
+    limit = model.calibration["channels"]["leak"]["limit"]
+    grown = 0.4 * limit
+    judgements, _ = estimate(model, [run_of(1, grown * np.linspace(0, 1, COUNT))])
+    assert judgements[0].events == []
+    (found,) = drifts(model, judgements)
+    assert (found.channel, found.cause, found.unit) == ("leak", "ambiguous", "K/s")
+    assert found.lo < grown < found.hi or found.change == pytest.approx(grown, rel=0.1)
+    (line,) = sentences([found])
+    assert "cannot tell apart" in line
+    assert "fit again" in line
+    assert as_dicts([found])[0]["sentence"] == line
+
+
+def test_what_has_moved_before_the_log_begins_is_told(model):
+    limit = model.calibration["channels"]["leak"]["limit"]
+    judgements, _ = estimate(model, [run_of(2, 0.5 * limit)])
+    (found,) = drifts(model, judgements)
+    assert found.standing
+    assert found.change == pytest.approx(0.5 * limit, rel=0.15)
+
+
+def test_a_measured_quantity_that_explains_it_is_named():
+    run = run_of(3)
+    warm = np.linspace(0.0, 1.0, COUNT) + 0.2 * np.sin(run.t / 100)
+    x = 30 * warm + red(4)
+    found = trend(replace(run, columns=run.columns | {"warm": warm}), x, np.ones(COUNT, bool),
+                  {"u": run.columns["u"], "warm": warm})  # fmt: skip
+    assert found.follows == "warm"
+    ramp = 30 * np.linspace(0.0, 1.0, COUNT) + red(4)
+    without = trend(run, ramp, np.ones(COUNT, bool), {"u": run.columns["u"]})
+    assert without.p < 1e-3
+    assert without.follows is None
+
+
+def test_a_drifting_parameter_is_told_from_a_fault():
+    """The bank tracks `warm` beside the leak; it moves by eight times its prior spread of 10 %."""
+    text = LAG.replace("u - 0.2*x", "u - 0.2*x + warm").replace(
+        "[faults.leak]",
+        '[parameters]\nwarm = { value = 0.1, vary = "slow", min = -1, max = 1 }\n[faults.leak]',
+    )
+    rng = np.random.default_rng(0)
+    points = np.stack([rng.uniform(1, 9, 60), rng.uniform(0, 2, 60)], axis=1)
+    record = {
+        "max_step": 1.0,
+        "envelope_points": points.tolist(),
+        "columns": {"states": [["x", 0]], "outputs": ["x"]},
+        "data": {"fit": [], "validate": []},
+    }
+    walk = 0.1 + 0.04 * np.sin(2 * np.pi * np.arange(COUNT) / 4000)
+    plant = GrayBoxPlant.untrained(parse_plant(text))
+    calibrated = calibrate(Model(plant, record), [run_of(s, walk) for s in (80, 81)]).model
+    run = run_of(7, 0.1 + 0.08 * np.linspace(0, 1, COUNT))
+    decisions, bank = decide_runs(calibrated, [run])
+    found = drifts(calibrated, estimate(calibrated, [run])[0], decisions, bank)
+    told = [each for each in found if each.cause == "plant"]
+    assert [each.channel for each in told] == ["warm"]
+    assert told[0].change == pytest.approx(0.08, rel=0.25)
+    assert "apart from any fault" in sentences(told)[0]
+
+
+def test_samples_under_alarm_do_not_count(model):
+    run = run_of(5)
+    healthy = run.t < 1000
+    x = red(6) + np.where(healthy, 0.0, 50.0)
+    assert trend(run, x, healthy, {}).p > 1e-3
+    assert trend(run, x, np.zeros(COUNT, bool), {}) is None
