@@ -113,17 +113,30 @@ class Data:
             plant, unknowns, theta, windows, self.substeps, sigma=FIRST_SIGMA, robust=self.robust
         )
 
-    def split(self, length: int) -> tuple[list[Piece], list[Piece]]:
-        """Pieces of about `length` with samples to fit, and those that are for validation alone."""
+    def split(self, length: int) -> list[Piece]:
+        """Pieces of about `length` with samples to fit."""
         pieces = _from_fitted_samples(pieces_of(self.records, length), self.masks)
-        pieces = [piece for piece in pieces if piece.stop - piece.start >= FEWEST]
-        fitted = [piece for piece in pieces if self.fitted_samples(piece) >= FEWEST]
-        return fitted, [piece for piece in pieces if piece not in fitted]
+        return [piece for piece in pieces if self.fitted_samples(piece) >= FEWEST]
+
+    def courses(self, fitted: Fitted) -> tuple[list[Piece], Float[np.ndarray, "courses local"]]:
+        """(free runs over whole records, each from the start of a fitted window, what is local to
+        them); those of long records begin anew after `LONGEST_WHOLE` samples."""
+        starts = _starts(self.windows(self.pieces), fitted)
+        found, local = list[Piece](), list[Float[np.ndarray, "local"]]()
+        for piece, own in zip(self.pieces, starts, strict=True):
+            last = found[-1] if found else None
+            if last is not None and last.record == piece.record:
+                if piece.start - last.start < LONGEST_WHOLE:
+                    continue
+                found[-1] = last._replace(stop=piece.start)
+            found.append(Piece(piece.record, piece.start, len(self.masks[piece.record])))
+            local.append(own)
+        return found, np.stack(local)
 
     def lead_ins(self) -> tuple[list[Piece], list[Piece]]:
         """For pieces that were not fitted: samples that set their start, and those with the piece.
 
-        A start is set on what was fitted just before; where there is nothing, on first samples.
+        A start is set on the samples just before; where there are none, on first samples.
         """
         first, whole = [], []
         for k, start, stop in self.alone:
@@ -199,7 +212,9 @@ def prepare(
     )
     longest = max(len(record.t) for record in data.records)
     most, part = (LONGEST_WHOLE, LONG_PART) if whole_runs else (LONGEST, LONG_WINDOW)
-    data.whole, data.alone = data.split(part if longest > most else longest)
+    data.whole = data.split(part if longest > most else longest)
+    alone = {k for k, mask in enumerate(data.masks) if not mask.any()}
+    data.alone = [p for p in pieces_of(data.records, LONGEST_WHOLE) if p.record in alone]
     if not data.whole:
         longest = max(int(np.sum(mask)) for mask in masks)
         raise InputError(
@@ -248,17 +263,18 @@ def validation_error(
 ) -> float:
     """Free-run error over all samples that were not fitted, as a share of the outputs' spread.
 
-    Inside a fitted window the run goes on through the samples left out; windows of their own
-    start from the samples before them.
+    Where a run was fitted in part it goes on from there, through all its samples: what is off by
+    little adds up, and no window of a fit sees it. Runs of their own start from first samples.
     """
     sigma = float(np.clip(np.sqrt(fitted.mse), 1e-6, None))
     bound = OUTLIER * sigma if data.robust else None
     total, count = 0.0, 0
     left = [~mask for mask in data.masks]
-    windows = data.windows(data.pieces, left)
+    runs, local = data.courses(fitted)
+    windows = data.windows(runs, left)
     scored = int(np.sum(windows.weight > 0))
     if scored:
-        errors = simulated(plant, unknowns, fitted.theta, fitted.z, windows, data.substeps)[1]
+        errors = simulated(plant, unknowns, fitted.theta, local, windows, data.substeps)[1]
         total, count = mean_square(errors, windows, bound) * scored, scored
     if data.alone:
         first, whole = data.lead_ins()

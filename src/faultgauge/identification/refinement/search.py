@@ -42,7 +42,7 @@ from faultgauge.simulation.free_run import RATE_STEP, fastest_rate, substeps_for
 
 __all__ = ["Search", "refine"]
 
-KEPT, ALIKE = 5, 1.5  # members of an ensemble, and their error at most, times the best's
+KEPT, ALIKE = 3, 1.5  # members of an ensemble, and their error at most, times the best's
 NEAR = 0.05  # prior standard deviations: two starts that found one minimum
 PLACES, GOOD = 4, 4.0  # minima of the physics that go on, and their squared error at most
 FIRST_TRIALS, LAST_TRIALS = 16, 60  # of the physics, where networks follow and where none do
