@@ -5,7 +5,10 @@ import numpy as np
 import pytest
 
 from faultgauge.identification.fit import fit
+from faultgauge.identification.refinement.data import prepare, validation_error
+from faultgauge.identification.refinement.records import records_of
 from faultgauge.identification.refinement.result import refine_on_logs
+from faultgauge.identification.refinement.unknowns import unknowns_of
 from faultgauge.identification.samples import channels
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import save_model
@@ -35,17 +38,17 @@ def heater(**values):
     return GrayBoxPlant(plant.signals, plant.spec, plant.networks, parameters)
 
 
-def run(seed, a=0.8, b=2.0, outliers=0):
+def run(seed, a=0.8, b=2.0, outliers=0, count=COUNT):
     """y = 2 T, T' = b u - a T under a zero-order hold: closed form; outliers of 20 sigma."""
     rng = np.random.default_rng(seed)
-    u, T, decay = np.repeat(rng.uniform(-2, 2, COUNT // 10), 10), np.zeros(COUNT), np.exp(-a * STEP)
+    u, T, decay = np.repeat(rng.uniform(-2, 2, count // 10), 10), np.zeros(count), np.exp(-a * STEP)
     T[0] = 1.0
-    for k in range(COUNT - 1):
+    for k in range(count - 1):
         T[k + 1] = decay * T[k] + (1 - decay) / a * b * u[k]
-    y = 2 * T + NOISE * rng.standard_normal(COUNT)
-    wild = rng.permutation(COUNT)[:outliers]
+    y = 2 * T + NOISE * rng.standard_normal(count)
+    wild = rng.permutation(count)[:outliers]
     y[wild] += 20 * NOISE * rng.choice([-1.0, 1.0], outliers)
-    return Run(f"heat{seed}", "heat.csv", STEP * np.arange(COUNT), {"u": u, "y": y})
+    return Run(f"heat{seed}", "heat.csv", STEP * np.arange(count), {"u": u, "y": y})
 
 
 def values(model):
@@ -129,6 +132,29 @@ def test_validation_error_by_hand(validated):
     error = (2 * forced + start * free - y)[50:] / np.std(run(0).columns["y"])
     # 250 samples; a few tens more or fewer for the start move their mean square by some percent
     assert report.refinement.error == pytest.approx(np.sqrt(np.mean(error**2)), rel=0.04)
+
+
+def test_a_long_run_is_validated_through_its_whole_length():
+    """Fitted in windows, scored by one free run from the first of them, on what was left out."""
+    log, plant, count = run(2, count=5000), heater(a=0.7, b=2.1), 5000
+    mask = np.arange(count) % 1000 < 800
+    mask[:400] = False  # the first window begins behind this
+    records = records_of(plant.signals, [log], channels(plant.spec, [log]))
+    data = prepare(plant.signals, records, [mask], [], 1, False, False)
+    unknowns = unknowns_of(plant)
+    fitted = data.fit_starts(plant, unknowns, unknowns.vector(plant))
+    assert len(data.pieces) > 1
+    first = data.pieces[0].start
+    T, u, decay = float(fitted.x[0, 0, 0]), log.columns["u"], np.exp(-0.7 * STEP)
+    y = np.full(count, np.nan)
+    for k in range(first, count):
+        y[k] = 2 * T
+        T = decay * T + (1 - decay) / 0.7 * 2.1 * u[k]
+    error = (y - log.columns["y"])[~mask & (np.arange(count) >= first)]
+    wanted = np.sqrt(np.mean(error**2)) / np.std(log.columns["y"])
+    # a Runge-Kutta step of 0.07 time constants is off by 1e-8 of the exponential
+    found = validation_error(data, plant, unknowns, fitted)
+    assert found == pytest.approx(wanted, rel=1e-5)
 
 
 def test_the_same_seed_gives_the_same_bytes(tmp_path):
