@@ -282,13 +282,32 @@ def test_the_bank_names_the_leak_with_probability_and_interval(call, workshop, t
     assert "leak" in report.read_text()
 
 
-def test_the_bank_is_silent_on_a_healthy_log_and_wants_a_calibrated_model(call, workshop, tmp_path):
+def test_the_bank_is_silent_on_a_healthy_log(call, workshop, tmp_path):
     bank = ("--out", tmp_path / "f.csv", "--observer", "bank")
     said = call("estimate", workshop.calibrated, workshop.healthy, *bank)
     assert said.out.startswith("No fault; leak below ")
-    refused = call("estimate", workshop.model, workshop.healthy, *bank)
-    assert refused.code == 2
-    assert "faultgauge calibrate" in refused.err
+
+
+def test_the_bank_without_calibration_judges_nothing(call, workshop, tmp_path, monkeypatch):
+    out, report = tmp_path / "f.csv", tmp_path / "r.html"
+    args = ("--out", out, "--observer", "bank", "--report", report)
+    said = call("estimate", workshop.model, workshop.suspect, *args)
+    assert said.code == 0
+    assert "faultgauge calibrate" in said.out
+    rows = table(out)
+    assert {(r["status"], r["reason"]) for r in rows} == {("NOT_JUDGED", "not calibrated")}
+    assert {r["p_leak"] for r in rows} == {""}
+    assert all(float(r["f_leak_lo"]) < 0 < float(r["f_leak_hi"]) for r in rows)
+    assert "nothing was judged" in report.read_text()
+    found = one_object(call("estimate", workshop.model, workshop.suspect, *args[:4], "--json"))
+    assert found["events"] == []
+    text = io.TextIOWrapper(io.BytesIO(workshop.suspect.read_bytes()))
+    monkeypatch.setattr("sys.stdin", text)
+    streamed = call("estimate", workshop.model, "-", "--observer", "bank")
+    assert streamed.code == 0
+    assert "faultgauge calibrate" in streamed.err
+    lines = list(csv.DictReader(io.StringIO(streamed.out)))
+    assert [{**r, "run": ""} for r in lines] == [{**r, "run": ""} for r in rows]
 
 
 def test_calibrate_says_what_the_healthy_log_proves_of_the_bank(call, workshop, tmp_path):

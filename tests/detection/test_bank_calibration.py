@@ -13,6 +13,7 @@ from faultgauge.detection.bank_calibration import (
 from faultgauge.detection.blocks import Block
 from faultgauge.detection.decisions import decide, decide_runs
 from faultgauge.detection.noise import Noise
+from faultgauge.detection.uncalibrated import unjudged_sentence
 from faultgauge.errors import InputError
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
@@ -133,10 +134,23 @@ def test_a_larger_rate_than_the_blocks_support_is_said():
     assert "support a mean time between false alarms of" in found.warnings[0]
 
 
-def test_a_model_calibrated_before_the_bank_is_sent_back():
-    old = model().with_calibration({"noise": NOISE.as_dict(model())})
-    with pytest.raises(InputError, match="on healthy logs again"):
-        decide_runs(old, [log(1)])
+@pytest.mark.parametrize("noise", [False, True])
+def test_a_model_without_calibration_of_the_bank_judges_nothing(noise):
+    """Calibrated before there was a bank, or where its noise or alarm level was not found."""
+    old = {"noise": NOISE.as_dict(model())} if noise else {}
+    (decision,), bank = decide_runs(model().with_calibration(old), [log(1)])
+    assert bank is None
+    assert set(zip(decision.status, decision.reason, strict=True)) == {
+        ("NOT_JUDGED", "not calibrated for the bank")
+    }
+    assert decision.events == []
+    assert np.isnan(decision.posterior.p).all()
+    # the prior: a quarter of the range of what a fault enters, 11.8 of x in the envelope's points
+    low, high = decision.posterior.lo[:, 1], decision.posterior.hi[:, 1]
+    assert np.allclose(high, 1.96 * 12 / 4, rtol=0.05)
+    assert np.array_equal(low, -high)
+    assert "again" in unjudged_sentence(model().with_calibration(old))
+    assert "again" not in unjudged_sentence(model())
 
 
 def test_passive_faults_are_named_without_an_alarm_and_disabled_ones_are_not_evaluated():

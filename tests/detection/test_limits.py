@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from faultgauge.detection.blocks import Block, allowed_peaks, correlation_time
+from faultgauge.detection.blocks import Block, allowed_peaks, correlation_time, merged
 from faultgauge.detection.calibration import _without_suspects, calibrate, score
 from faultgauge.detection.estimation import Event, estimate, sentence
 from faultgauge.detection.residual import residuals
@@ -180,3 +180,20 @@ def test_a_passive_fault_is_reported_without_an_alarm_and_a_disabled_one_is_not_
     assert passive.f["leak"][-1] == loud.f["leak"][-1]
     _, bank = judged("disabled")
     assert list(bank.designs) == []
+
+
+def test_suspect_blocks_that_follow_on_each_other_are_one_stretch():
+    blocks = [Block("b", 0.0, 1.0, 9.0), Block("a", 2.0, 3.0, 7.0), Block("a", 1.0, 2.0, 8.0)]
+    assert merged([*blocks, Block("a", 5.0, 6.0, 1.0)]) == [
+        Block("a", 1.0, 3.0, 8.0), Block("a", 5.0, 6.0, 1.0), Block("b", 0.0, 1.0, 9.0),
+    ]  # fmt: skip
+
+
+def test_a_fault_in_one_run_does_not_lengthen_the_blocks():
+    """Correlation time of the usual stretch: with a third run that leaks, the blocks are as long
+    as without it."""
+    clean = calibrate(model(), [log(1), log(2)]).model.calibration
+    found = calibrate(model(), [log(1), log(2), log(3, fault=0.6)])
+    assert found.model.calibration["block_s"] == pytest.approx(clean["block_s"], rel=0.3)
+    assert found.suspects
+    assert {block.run for block in found.suspects} == {"run3"}

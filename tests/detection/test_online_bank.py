@@ -1,4 +1,5 @@
-"""The bank on a stream answers as it does beside the file: the same bits, reasons and events."""
+"""The bank on a stream answers as it does beside the file: the same bits, reasons and events; a
+sensor that stands on one value too, counted by hand."""
 
 import numpy as np
 import pytest
@@ -6,6 +7,9 @@ import pytest
 from faultgauge.detection.calibration import calibrate
 from faultgauge.detection.decisions import BankEvent, Decision, decide_runs, table
 from faultgauge.detection.episode import Alarm
+from faultgauge.detection.estimation import Judgement, estimate
+from faultgauge.detection.estimation import table as plain_table
+from faultgauge.detection.flat_line import FlatLine, longest_repeats
 from faultgauge.detection.online import Online
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
@@ -73,6 +77,17 @@ def streamed(judge, run):
     return [*said, *judge.finish()]
 
 
+@pytest.mark.parametrize("block", [None, {"channels": {}, "limit": 1.0}])
+def test_without_calibration_every_row_says_so_as_in_the_file(block):
+    plain = model() if block is None else model().with_calibration(block)
+    (judged,), _ = decide_runs(plain, [log(3)])
+    said = streamed(Online(plain, observer="bank"), log(3))
+    names = plain.plant.signals.fault_names
+    assert table(said, names) == table([judged], names)
+    assert set(judged.status) == {"NOT_JUDGED"}
+    assert judged.reason[0].startswith("not calibrated")
+
+
 @pytest.fixture(scope="module")
 def calibrated():
     return calibrate(model(), [log(1), log(2)]).model
@@ -90,3 +105,77 @@ def test_every_bit_of_a_holed_log_is_that_of_the_file(calibrated):
     assert {"pump", "gauge"} <= {e.fault for e in events}
     alarms = [(a.fault, a.start) for a in said if isinstance(a, Alarm)]
     assert set(alarms) == {(e.fault, e.start) for e in events}
+
+
+LEAKY = TANK.replace('[faults.gauge]\nenters = "output"\ntarget = "x"', "")
+STILL = "x stands on one value: stuck or saturated"
+
+
+def readings(*values):
+    t = np.arange(len(values), dtype=float)
+    return Run("r", "r.csv", t, {"u": np.zeros(len(t)), "x": np.array(values, float)})
+
+
+def saturated(seed):
+    """The gauge ends at 5.2, which the level passes now and then from the middle on."""
+    run = log(seed)
+    late = np.arange(len(run.t)) > len(run.t) // 2
+    x = np.where(late, np.minimum(run.columns["x"], 5.2), run.columns["x"])
+    return Run(run.name, run.source, run.t, run.columns | {"x": x})
+
+
+@pytest.fixture(scope="module")
+def leaky():
+    return calibrate(model(LEAKY), [log(1), log(2)]).model
+
+
+@pytest.mark.parametrize("cut", [0, 3, 6, 7])
+def test_longer_repeats_are_no_measurements_in_any_pieces(cut):
+    """Seven times 1 with an empty cell among them, 2 twice: the 5th to 7th of the ones go."""
+    run = readings(0, 1, 1, 1, np.nan, 1, 1, 1, 1, 2, 2)
+    flat = FlatLine(model(LEAKY).with_calibration({"repeats": {"x": 2}}), sized=True)
+    parts = [flat.used(each)[0] for each in pieces(run, cut)]
+    kept = np.concatenate([part.columns["x"] for part in parts])
+    np.testing.assert_array_equal(kept, [0, 1, 1, 1, np.nan, 1, np.nan, np.nan, np.nan, 2, 2])
+
+
+def pieces(run, cut):
+    for rows in (slice(0, cut), slice(cut, None)):
+        columns = {name: values[rows] for name, values in run.columns.items()}
+        yield Run(run.name, run.source, run.t[rows], columns)
+
+
+def test_what_healthy_logs_repeat_is_allowed_twice_and_an_own_fault_explains_it():
+    still = readings(0, *[1] * 6, 2)
+    assert longest_repeats(model(LEAKY), [still]) == {"x": 6}
+    long = readings(0, *[1] * 14)
+    known = {"repeats": {"x": 6}}
+    used, standing = FlatLine(model(LEAKY).with_calibration(known), sized=True).used(long)
+    assert np.isfinite(used.columns["x"]).sum() == 13  # 0, and twelve times 1
+    assert standing[-2:] == ["x", "x"]
+    declared = model().with_calibration(known)  # a fault of the gauge
+    assert FlatLine(declared, sized=True).used(long)[1] == [""] * 15
+    assert FlatLine(declared, sized=False).used(long)[1][-1] == "x"
+
+
+def test_the_bank_says_so_and_names_no_leak(leaky):
+    run = saturated(3)
+    (judged,), _ = decide_runs(leaky, [run])
+    still = np.array(judged.reason) == STILL
+    assert still.sum() > 20
+    assert {judged.status[k] for k in np.flatnonzero(still)} == {"NOT_JUDGED"}
+    assert "pump" not in {event.fault for event in judged.events}
+    rows = [e for e in streamed(Online(leaky, observer="bank"), run) if type(e) is Decision]
+    names = leaky.plant.signals.fault_names
+    assert table(rows, names) == table([judged], names), "floats compared with =="
+
+
+def test_so_do_the_observers(leaky):
+    run = saturated(3)
+    (judged,), _ = estimate(leaky, [run])
+    assert judged.reason.count(STILL) > 20
+    rows = [e for e in streamed(Online(leaky), run) if type(e) is Judgement]
+    names = leaky.plant.signals.fault_names
+    streaming = [plain_table([row], names) for row in rows]
+    whole = plain_table([judged], names)
+    assert {n: [r[n][0] for r in streaming] for n in whole} == whole

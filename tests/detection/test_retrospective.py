@@ -1,6 +1,7 @@
 """Change-point smoothing: against the dense algebra of a Gaussian record, and on a tank."""
 
 import json
+from dataclasses import replace
 
 import jax.numpy as jnp
 import numpy as np
@@ -311,3 +312,29 @@ def test_sentence_json_and_report_say_the_same(bank, biased):
     page = render(decision_report(bank, [decision], seen))
     assert "With the whole log in hand" in page
     assert "Onset of pump" in page
+
+
+def test_the_models_own_error_widens_the_size_and_hides_what_lies_within_it(bank, biased):
+    """An error of 0.03 adds to the variance; 1.96 * 0.06 exceeds a push of 0.1."""
+    decision, (plain,) = biased
+    k = bank.sets.index((0,))
+
+    def wrong(by):
+        error = bank.error.copy()
+        error[k, 0] = by
+        return replace(bank, error=error)
+
+    (seen,) = retrospect(wrong(0.03), decision)
+    noise = (plain.hi - plain.lo) / 2 / 1.96
+    assert (seen.hi - seen.lo) / 2 == pytest.approx(1.96 * np.hypot(noise, 0.03), rel=0.05)
+    assert seen.size == pytest.approx(plain.size, abs=1e-6)
+    (quiet,) = retrospect(wrong(0.06), decision)
+    assert quiet.cause == "healthy"
+    assert quiet.least["pump"] == pytest.approx(1.959964 * 0.06, rel=1e-6)
+
+
+def test_the_size_given_an_onset_is_its_part_of_the_mixture(biased):
+    """At the true onset, 200 s: what acts from sample 400 on is an onset at sample 401."""
+    seen = biased[1][0]
+    assert seen.density @ seen.given == pytest.approx(seen.size, rel=1e-6)
+    assert seen.given[np.searchsorted(seen.t, 200.0) + 1] == pytest.approx(0.1, abs=0.01)

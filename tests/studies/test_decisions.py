@@ -47,7 +47,8 @@ def test_hindsight_is_scored_against_the_bound():
     found = linear_hindsight(linear_bank(walk=None), 3)
     assert found.named
     assert abs(found.error) < 4  # of the bound's standard deviations: one normal error
-    assert found.told_onset == pytest.approx(found.error, rel=0.1)  # size and onset are apart here
+    # size and onset are nearly apart here: telling the onset moves the size by less than its sd
+    assert 0 < abs(found.told_onset - found.error) < 1
     assert found.delay > 0
 
 

@@ -9,6 +9,7 @@ from faultgauge.cli import options
 from faultgauge.errors import InputError
 
 if TYPE_CHECKING:
+    from faultgauge.detection.decisions import Decision
     from faultgauge.plants.model import Model
     from faultgauge.telemetry import Run
 
@@ -131,13 +132,14 @@ def _estimate(
     json: bool,
 ) -> None:
     """An estimate for every fault, each by an observer of its own."""
-    from faultgauge.detection import drift, estimation
+    from faultgauge.detection import drift, estimation, misfit
     from faultgauge.telemetry.writing import write_table
 
     with options.narrate("estimating"):
         judgements, bank = estimation.estimate(model, runs, observer=observer, reference=reference)
     write_table(estimation.table(judgements, model.plant.signals.fault_names), out)
-    options.warn(bank.refused.values())
+    odd = misfit.alarmed_throughout({each.run.name: each.status for each in judgements})
+    options.warn([*bank.refused.values(), *odd])
     drifting = drift.drifts(model, judgements)
     slow = drift.sentences(drifting)
     if report is not None:
@@ -148,7 +150,7 @@ def _estimate(
     found = [event for judgement in judgements for event in judgement.events]
     if json:
         said = {"answer": estimation.sentences(model, found), "drift": drift.as_dicts(drifting)}
-        options.print_json({"events": estimation.as_dicts(found), **said})
+        options.print_json({"events": estimation.as_dicts(found), **said, "warnings": odd})
         return
     for line in [*estimation.sentences(model, found), *slow]:
         print(line)
@@ -168,12 +170,15 @@ def _decide(
     """The same by the bank: probabilities, intervals, a status and events; `smooth`: and what
     the whole log tells; `folder`: for the events' evidence."""
     from faultgauge.cli.evidence import write_evidence
-    from faultgauge.detection import answer, decisions, drift, estimation, retrospective
+    from faultgauge.detection import answer, decisions, drift, estimation, misfit, retrospective
     from faultgauge.detection.evidence import MOST_SHOWN, evidence
     from faultgauge.telemetry.writing import write_table
 
     with options.narrate("estimating"):
         decided, bank = decisions.decide_runs(model, runs, reference)
+        if bank is None:
+            _undecided(model, decided, out, report, smooth, json)
+            return
         judged = decided if smooth else []
         seen = [each for one in judged for each in retrospective.retrospect(bank, one)]
         told = [(one, event) for one in decided for event in one.events]
@@ -189,15 +194,47 @@ def _decide(
         write(with_sentences(decision_report(bank, decided, seen, windows), slow), report)
     paths = write_evidence(windows, folder) if folder else []
     sentences = answer.answers(bank, decided)
+    odd = misfit.alarmed_throughout({each.run.name: each.status for each in decided})
+    options.warn(odd)
     if json:
         events = answer.as_dicts(bank, decided)
         for event, path in zip(events, paths, strict=False):
             event["evidence"] = path
         more = {"retrospective": retrospective.as_dicts(seen)} if smooth else {}
-        more |= {"drift": drift.as_dicts(drifting)}
+        more |= {"drift": drift.as_dicts(drifting), "warnings": odd}
         options.print_json({"answer": sentences, "events": events, **more})
         return
     hindsight = retrospective.sentences(bank, seen) if smooth else []
     for line in [*sentences, *hindsight, *slow]:
         print(line)
+    options.say(f"wrote {out}")
+
+
+def _undecided(
+    model: "Model",
+    decided: "list[Decision]",
+    out: Path,
+    report: Path | None,
+    smooth: bool,
+    json: bool,
+) -> None:
+    """A model that was not calibrated for the bank: rows and a sentence that say so."""
+    from faultgauge.detection.decisions import table
+    from faultgauge.detection.uncalibrated import unjudged_sentence
+    from faultgauge.telemetry.writing import write_table
+
+    write_table(table(decided, model.plant.signals.fault_names), out)
+    sentence = unjudged_sentence(model)
+    if report is not None:
+        from faultgauge.reporting.decision_chapter import unjudged_report
+        from faultgauge.reporting.report import write
+
+        write(unjudged_report(model, decided, sentence), report)
+    if json:
+        more = {"retrospective": []} if smooth else {}
+        options.print_json(
+            {"answer": [sentence], "events": [], **more, "drift": [], "warnings": []}
+        )
+        return
+    print(sentence)
     options.say(f"wrote {out}")

@@ -38,6 +38,7 @@ def answer(
     check_folder(events)
     from faultgauge.detection.estimation import sentences
     from faultgauge.detection.online import Online
+    from faultgauge.detection.uncalibrated import uncalibrated, unjudged_sentence
     from faultgauge.identification.samples import column_names
     from faultgauge.plants.model import load_model
     from faultgauge.telemetry.stream import read_stream
@@ -52,7 +53,9 @@ def answer(
         lines = stack.enter_context(_opened(events)) if events else None
         shown = stack.enter_context(View(fitted)) if view else None
         speaker = _Speaker(fitted, form, lines, shown)
-        if fitted.calibration is None:
+        if observer == "bank" and uncalibrated(fitted):
+            options.say(unjudged_sentence(fitted))
+        elif fitted.calibration is None:
             options.say(sentences(fitted, [])[0])
         for sample in samples:
             speaker.say(online.push(sample))

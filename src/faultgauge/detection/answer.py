@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from faultgauge.detection.bank import FaultBank
+from faultgauge.detection.bank import FaultBank, alone_error
 from faultgauge.detection.decisions import FEWEST, UNKNOWN, BankEvent, Decision
 from faultgauge.detection.decisions import as_dicts as events_as_dicts
 from faultgauge.detection.posterior import WIDE
@@ -85,7 +85,7 @@ def least_told(bank: FaultBank, run: Run, fault: int) -> float | None:
         return None
     needed = bank.level - np.log(bank.levels.onset[fault] * bank.step)
     seen = sd * np.sqrt(2 * (needed + np.log(bank.levels.size[fault] / sd)))
-    return float(max(seen, WIDE * bank.error[bank.sets.index((fault,)), 0]))
+    return float(max(seen, WIDE * alone_error(bank, fault)))
 
 
 def moment(clock: datetime | None, t: float, resolution: float) -> str:

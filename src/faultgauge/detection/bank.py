@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
+from faultgauge.detection.envelope import read
 from faultgauge.detection.judged import measured_outputs
 from faultgauge.detection.levels import MEMORY, driven, levels_of, probes_of
 from faultgauge.detection.noise import Noise, drifting_of
@@ -17,7 +18,14 @@ from faultgauge.plants.model import Model
 from faultgauge.simulation.free_run import substeps_for
 from faultgauge.telemetry import Run
 
-__all__ = ["CERTAIN", "FaultBank", "build_fault_bank", "set_names"]
+__all__ = [
+    "CERTAIN",
+    "FaultBank",
+    "alone_error",
+    "build_fault_bank",
+    "evaluated_faults",
+    "set_names",
+]
 
 CERTAIN = float(np.log(0.95 / 0.05))  # log-odds below which nothing is ever told or named
 HOLD_OFF = 10  # samples
@@ -29,7 +37,7 @@ class FaultBank:
 
     `level` are the log-odds of a fault from which on there is an alarm, `error` the standard
     deviation that the model's own error adds to each fault of a set, and last to what drives the
-    states undeclared; `hold_off` in s.
+    states undeclared; `hold_off` in s; the model depends on the states `read`.
     """
 
     model: Model
@@ -43,6 +51,7 @@ class FaultBank:
     level: float
     error: Float[np.ndarray, "some slots"]
     hold_off: float
+    read: Bool[np.ndarray, "states"]
 
     def with_monitor(self, which: str) -> Bool[np.ndarray, "faults"]:
         """The declared faults that are `which`: active, passive or disabled."""
@@ -58,19 +67,31 @@ def set_names(model: Model, sets: Sequence[Set]) -> list[str]:
     return [*named, "(undeclared)"]
 
 
+def alone_error(bank: FaultBank, fault: int) -> float:
+    """The standard deviation that the model's own error adds to `fault` by itself; 0 where it is
+    disabled."""
+    return float(bank.error[bank.sets.index((fault,)), 0]) if (fault,) in bank.sets else 0.0
+
+
+def evaluated_faults(model: Model) -> list[int]:
+    """The declared faults that are not disabled. Raises `InputError` where there is none."""
+    faults = model.plant.signals.faults
+    evaluated = [k for k, fault in enumerate(faults) if fault.monitor != "disabled"]
+    if not evaluated:
+        what = "disables all its [faults]" if faults else "declares no [faults]"
+        raise InputError(
+            f"the plant file {what}, so the bank has nothing to tell apart; declare "
+            "what may go wrong, or use --observer eso."
+        )
+    return evaluated
+
+
 def build_fault_bank(model: Model, runs: Sequence[Run], noise: Noise) -> FaultBank:
     """The bank for `runs`, with alarm level and model error where `model` is calibrated for it.
 
     Raises `InputError` where the plant file declares no fault that is not disabled.
     """
-    signals = model.plant.signals
-    evaluated = [k for k, fault in enumerate(signals.faults) if fault.monitor != "disabled"]
-    if not evaluated:
-        what = "disables all its [faults]" if signals.faults else "declares no [faults]"
-        raise InputError(
-            f"the plant file {what}, so the bank has nothing to tell apart; declare "
-            "what may go wrong, or use --observer eso."
-        )
+    signals, evaluated = model.plant.signals, evaluated_faults(model)
     step = float(np.median([run.step for run in runs]))
     outputs = measured_outputs(model, runs)
     levels, known = levels_of(model, noise, step, outputs)
@@ -95,4 +116,5 @@ def build_fault_bank(model: Model, runs: Sequence[Run], noise: Noise) -> FaultBa
     return FaultBank(
         model, modes, sets, levels, noise, outputs, step, known,
         float(found.get("level", CERTAIN)), error, HOLD_OFF * step if wait is None else wait,
+        read(model),
     )  # fmt: skip

@@ -36,6 +36,7 @@ from faultgauge.detection.blocks import (
     Block,
     allowed_peaks,
     correlation_time,
+    merged,
     supported,
 )
 from faultgauge.detection.course import run_over
@@ -48,7 +49,7 @@ from faultgauge.observers.modes import with_unknown
 from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run, cut
 
-__all__ = ["BankCalibration", "calibrate_bank", "check_calibrated", "model_error"]
+__all__ = ["BankCalibration", "calibrate_bank", "model_error", "without_calibration"]
 
 SAMPLES = 100_000  # that tell the level, but for as many as --mtbfa needs
 FOR_ERROR = 20_000  # that tell the model error
@@ -61,15 +62,6 @@ class BankCalibration(NamedTuple):
 
     block: dict[str, Any]
     warnings: list[str]
-
-
-def check_calibrated(model: Model) -> None:
-    """Raises `InputError` for a model without what this file finds."""
-    if "noise" in (model.calibration or {}) and "bank" not in (model.calibration or {}):
-        raise InputError(
-            "the model was calibrated without an alarm level for --observer bank; run `faultgauge "
-            "calibrate` on healthy logs again, or use --observer eso."
-        )
 
 
 def calibrate_bank(
@@ -87,7 +79,7 @@ def calibrate_bank(
     data support. Raises `InputError` where they are too short, or where the bank finds faults all
     over them.
     """
-    bank = build_fault_bank(_uncalibrated(model), runs, noise)
+    bank = build_fault_bank(without_calibration(model), runs, noise)
     most = SAMPLES if mtbfa is None else int(1.1 * 3 * mtbfa / bank.step) + SAMPLES // 100
     taken = _first_samples(runs, most)
     error = _errors(bank, _first_samples(taken, FOR_ERROR), faulty)
@@ -142,8 +134,8 @@ def _rated(
     return found, warnings
 
 
-def _uncalibrated(model: Model) -> Model:
-    """`model` without what an earlier calibration of the bank says."""
+def without_calibration(model: Model) -> Model:
+    """`model` without what an earlier calibration says."""
     record = {key: value for key, value in model.record.items() if key != "calibration"}
     return replace(model, record=record)
 
@@ -215,7 +207,7 @@ def _without_suspects(blocks: list[Block], runs: Sequence[Run]) -> tuple[list[Bl
             f"{runs[0].source}: the bank finds faults in {len(blocks) - len(keep)} of "
             f"{len(blocks)} blocks and no {FEWEST_BLOCKS} healthy ones remain; give healthy logs."
         )
-    return keep, [b for b in blocks if b.peak > limit]
+    return keep, merged([b for b in blocks if b.peak > limit])
 
 
 def _errors(

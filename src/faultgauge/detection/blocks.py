@@ -1,5 +1,6 @@
 """Healthy data cut into blocks, and the false-alarm rate that their peaks support."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +18,7 @@ __all__ = [
     "Block",
     "allowed_peaks",
     "correlation_time",
+    "merged",
     "supported",
 ]
 
@@ -35,6 +37,18 @@ class Block:
     start: float
     end: float
     peak: float
+
+
+def merged(blocks: Sequence[Block]) -> list[Block]:
+    """Blocks that follow on each other in a run as one."""
+    found: list[Block] = []
+    for each in sorted(blocks, key=lambda block: (block.run, block.start)):
+        last = found[-1] if found else None
+        if last and last.run == each.run and each.start <= last.end + 1e-9 * abs(last.end):
+            found[-1] = Block(each.run, last.start, each.end, max(last.peak, each.peak))
+        else:
+            found.append(each)
+    return found
 
 
 def correlation_time(x: Float[np.ndarray, "samples"], step: float) -> float:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from faultgauge.detection.bank_calibration import calibrate_bank
+from faultgauge.detection.bank_calibration import calibrate_bank, without_calibration
 from faultgauge.detection.blocks import (
     BLOCK_TIMES,
     CONFIDENCE,
@@ -22,9 +22,12 @@ from faultgauge.detection.blocks import (
     Block,
     allowed_peaks,
     correlation_time,
+    merged,
 )
 from faultgauge.detection.equal_faults import equal_faults
+from faultgauge.detection.flat_line import longest_repeats
 from faultgauge.detection.judged import Bank, Estimates, build_bank, estimate_run
+from faultgauge.detection.misfit import not_followed
 from faultgauge.detection.noise import estimate_noise
 from faultgauge.detection.residual import residuals
 from faultgauge.errors import InputError
@@ -77,7 +80,7 @@ def calibrate(
     `InputError` where more is asked for, where the data are too short, or where every block
     looks faulty.
     """
-    warnings = []
+    warnings, model = [], without_calibration(model)
     fitted = set(model.record["data"]["fit"])
     doubled = [run.name for run in runs if run.content_hash in fitted]
     if doubled:
@@ -86,6 +89,7 @@ def calibrate(
             "the limit may be too low. Calibrate on other runs if you can"
         )
     warnings += command_warnings(model.plant, runs)
+    warnings += not_followed(model, runs)
     bank = build_bank(model, runs, observer)
     progress("running the observers over the healthy logs")
     estimated = [estimate_run(bank, run) for run in runs]
@@ -113,6 +117,7 @@ def calibrate(
         "block_s": float(np.median([b.end - b.start for b in blocks])),
         "suspects": [[b.run, b.start, b.end] for b in suspects],
         "data": sorted(run.content_hash for run in runs),
+        "repeats": longest_repeats(model, runs),
         "channels": {
             name: {
                 "scale": scales[name],
@@ -166,11 +171,7 @@ def _blocks(
     for each, values in zip(estimated, channels, strict=True):
         edges = np.flatnonzero(np.diff(each.settled, prepend=False, append=False))
         stretches += [(each, values, slice(a, b)) for a, b in edges.reshape(-1, 2)]
-    tau = max(
-        correlation_time(signal[part], bank.step)
-        for each, values, part in stretches
-        for signal in (each.innovation or values).values()
-    )
+    tau = _usual_correlation(bank, stretches)
     length = max(int(np.ceil(BLOCK_TIMES * tau / bank.step)), 10)
     blocks = []
     for each, values, part in stretches:
@@ -196,6 +197,27 @@ def _blocks(
     return blocks
 
 
+def _usual_correlation(
+    bank: Bank,
+    stretches: Sequence[tuple[Estimates, dict[str, Float[np.ndarray, "samples"]], slice]],
+) -> float:
+    """Correlation time [s] of the slowest signal, in the median over stretches by their length: a
+    fault in one of them correlates for as long as it lasts."""
+    lengths = np.array([part.stop - part.start for *_, part in stretches])
+    taus = np.array(
+        [
+            [correlation_time(x[part], bank.step) for x in (each.innovation or values).values()]
+            for each, values, part in stretches
+        ]
+    )
+    found = []
+    for column in taus.T:
+        order = np.argsort(column, kind="stable")
+        half = np.searchsorted(np.cumsum(lengths[order]), lengths.sum() / 2)
+        found.append(column[order][half])
+    return float(max(found))
+
+
 def _without_suspects(blocks: list[Block], runs: Sequence[Run]) -> tuple[list[Block], list[Block]]:
     """Blocks whose peak stands far above the others are taken for faulty."""
     peaks = np.array([b.peak for b in blocks])
@@ -208,7 +230,7 @@ def _without_suspects(blocks: list[Block], runs: Sequence[Run]) -> tuple[list[Bl
             f"{runs[0].source}: {len(suspects)} of {len(blocks)} blocks look faulty and no "
             f"{FEWEST_BLOCKS} healthy ones remain; give healthy logs."
         )
-    return keep, suspects
+    return keep, merged(suspects)
 
 
 def _inside(

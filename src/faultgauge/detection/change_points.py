@@ -23,6 +23,7 @@ from scipy.special import log_ndtr
 from faultgauge.detection.bank import FaultBank
 from faultgauge.detection.course import AT_START
 from faultgauge.detection.decisions import Decision
+from faultgauge.detection.flat_line import FlatLine
 from faultgauge.detection.judged import pad_stretch, record_arrays, start_from_samples
 from faultgauge.detection.levels import driven
 from faultgauge.detection.noise import spread_of_start
@@ -74,6 +75,7 @@ def windows_of(bank: FaultBank, decision: Decision) -> Iterator[Window]:
     that is there already.
     """
     run = in_effect(bank.model.plant.signals, decision.run)
+    run, _ = FlatLine(bank.model, sized=True).used(run)
     believed = _believed(bank, decision)
     plant = None
     for part in _windows(bank, decision, run):

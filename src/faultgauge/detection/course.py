@@ -19,6 +19,7 @@ from jaxtyping import Array, Bool, Float
 from scipy.linalg import expm
 
 from faultgauge.detection.bank import FaultBank
+from faultgauge.detection.envelope import applied, inside
 from faultgauge.detection.judged import (
     Past,
     Start,
@@ -41,7 +42,6 @@ __all__ = ["AT_START", "Course", "Rows", "run_over"]
 
 BLOCK = 4096  # samples in one call
 AT_START = 1e-3  # probability that a given fault is there when a log begins, at most
-MARGIN = 0.1  # of the training envelope's range, beyond which a model is not trusted
 
 
 class Rows(NamedTuple):
@@ -114,10 +114,12 @@ class Course:
         `foreseen` are those that told that start."""
         p, f, sd, x, seen = (np.asarray(each) for each in said)
         points = operating_points(self.model)
-        inside = _inside(points.x, x[:, : points.x.shape[1]]) & _inside(points.u, u)
+        trusted = inside(points.x[:, self.bank.read], x[:, : points.x.shape[1]][:, self.bank.read])
+        acting = applied(self.model, self.bank.sets, u, p, f)
+        trusted &= inside(points.u, u) | inside(points.u, acting)
         held = (since < self.bank.hold_off) | foreseen
         would = (seen >= 1.0) | (np.asarray(self.bank.modes.probes) == 0.0)
-        return Rows(part, p, f, sd, x, would, inside, held)
+        return Rows(part, p, f, sd, x, would, trusted, held)
 
 
 def run_over(bank: FaultBank, log: Run) -> Iterator[Rows]:
@@ -225,11 +227,3 @@ def _carried(bank: FaultBank) -> Float[np.ndarray, "modes states rest"]:
             if measures is not None:
                 found[m, signals.state_names.index(measures), drifting + slot] = 1.0
     return found
-
-
-def _inside(
-    points: Float[np.ndarray, "points n"], values: Float[np.ndarray, "samples n"]
-) -> Bool[np.ndarray, "samples"]:
-    low, high = points.min(axis=0), points.max(axis=0)
-    room = MARGIN * (high - low) + 1e-9 * np.maximum(np.abs(low), np.abs(high))
-    return np.all((values >= low - room) & (values <= high + room), axis=1)

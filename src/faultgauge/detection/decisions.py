@@ -7,14 +7,15 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float
 
-from faultgauge.detection.bank import FaultBank, build_fault_bank
-from faultgauge.detection.bank_calibration import check_calibrated
+from faultgauge.detection.bank import FaultBank, build_fault_bank, evaluated_faults
 from faultgauge.detection.course import Rows, run_over
+from faultgauge.detection.flat_line import FlatLine
 from faultgauge.detection.noise import noise_of
 from faultgauge.detection.onset import onset_of
 from faultgauge.detection.posterior import Posterior, posterior_of
 from faultgauge.detection.residual import Reference, residuals
-from faultgauge.detection.verdicts import NAMED, Verdict, Verdicts, log_odds
+from faultgauge.detection.uncalibrated import prior_of, uncalibrated
+from faultgauge.detection.verdicts import NAMED, NOT_JUDGED, Verdict, Verdicts, log_odds
 from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run
 from faultgauge.telemetry.runs import paced
@@ -29,6 +30,7 @@ __all__ = [
     "events",
     "sentence",
     "table",
+    "unjudged",
 ]
 
 UNKNOWN = "unknown"
@@ -75,12 +77,22 @@ class Decision:
 
 def decide_runs(
     model: Model, runs: Sequence[Run], reference: Reference = "free"
-) -> tuple[list[Decision], FaultBank]:
-    """Judge `runs`. Raises `InputError` for a model that was not calibrated for the bank."""
-    check_calibrated(model)
+) -> tuple[list[Decision], FaultBank | None]:
+    """Judge `runs`; there is no bank, and every row is NOT_JUDGED, where `model` was not calibrated
+    for it. Raises `InputError` where no fault is declared that is not disabled."""
     runs = [paced(run) for run in runs]
+    if uncalibrated(model):
+        evaluated_faults(model)
+        return [unjudged(model, run, residuals(model, run, reference)) for run in runs], None
     bank = build_fault_bank(model, runs, noise_of(model))
     return [decide(bank, run, reference) for run in runs], bank
+
+
+def unjudged(model: Model, run: Run, r: dict[str, Float[np.ndarray, "samples"]]) -> Decision:
+    """`run` where nothing was calibrated for the bank: its residuals `r` alone."""
+    count = len(run.t)
+    why = [uncalibrated(model)] * count
+    return Decision(run, prior_of(model, run), r, [NOT_JUDGED] * count, why, [])
 
 
 def decide(bank: FaultBank, run: Run, reference: Reference = "free") -> Decision:
@@ -88,13 +100,15 @@ def decide(bank: FaultBank, run: Run, reference: Reference = "free") -> Decision
     modes = len(bank.sets) + len(bank.levels.unknown)
     p = np.full((len(run.t), modes), np.nan, np.float32)  # halves what a long log takes
 
+    used, standing = FlatLine(bank.model, sized=True).used(run)
+
     def noted() -> Iterator[Rows]:
-        for rows in run_over(bank, run):
+        for rows in run_over(bank, used):
             p[rows.part] = rows.p
             yield rows
 
     found = posterior_of(bank, run, noted())
-    verdict = Verdicts(bank).judge(run, found)
+    verdict = Verdicts(bank).judge(used, found, standing)
     r = residuals(bank.model, run, reference)
     said = events(bank, run, found, verdict, p, float(run.t[0]))
     return Decision(run, found, r, verdict.status, verdict.reason, said)

@@ -11,6 +11,7 @@ from jaxtyping import Float
 from faultgauge.detection.decisions import BankEvent, Decision
 from faultgauge.detection.episode import Alarm
 from faultgauge.detection.estimation import Event, Judgement
+from faultgauge.detection.flat_line import FlatLine
 from faultgauge.detection.live import Answer, Live, Track
 from faultgauge.detection.residual import HealthyReference, Reference
 from faultgauge.plants.model import Model
@@ -27,20 +28,30 @@ Said = Judgement | Alarm | Event | Decision | BankEvent
 class Desk(abc.ABC):
     """`push` a row, `finish` at the end; both give what is ready to be said.
 
-    The first track is the estimator's, the others are the healthy `references`.
+    The first track is the estimator's, the others are the healthy `references`; `sized` as in
+    `FlatLine`.
     """
 
     def __init__(
-        self, model: Model, run: Run, track: Track, references: Sequence[Reference]
+        self,
+        model: Model,
+        run: Run,
+        track: Track,
+        references: Sequence[Reference],
+        *,
+        sized: bool = True,
     ) -> None:
         self.model, self.pace = model, run.step
+        self.flat = FlatLine(model, sized)
+        self.standing: list[str] = []  # of the row that is being said
         self.healthy: dict[Reference, HealthyReference] = {
             name: HealthyReference.of(model, run, name) for name in references
         }
         tracks = [track, *self.healthy.values()]
         self.lives = [Live(each) for each in tracks]
         self.answers: list[deque[Answer | None]] = [deque() for _ in tracks]
-        self.rows: deque[tuple[Run, Run]] = deque()  # as it came, and with its inputs as they act
+        # rows as they came, as they act and are believed, and the output that stands still
+        self.rows: deque[tuple[Run, Run, list[str]]] = deque()
         self.newest: Run | None = None
         self.window: list[Run] = []
 
@@ -61,9 +72,11 @@ class Desk(abc.ABC):
     def push(self, row: Run) -> Iterator[Said]:
         self.newest = row
         acting = self._in_effect(row)
-        self.rows.append((row, acting))
-        for live, answers in zip(self.lives, self.answers, strict=True):
-            answers.extend(live.push(acting))
+        used, standing = self.flat.used(acting)
+        self.rows.append((row, used, standing))
+        given = [used, *[acting] * len(self.healthy)]
+        for live, answers, each in zip(self.lives, self.answers, given, strict=True):
+            answers.extend(live.push(each))
         yield from self._ready()
 
     def finish(self) -> Iterator[Said]:
@@ -75,7 +88,7 @@ class Desk(abc.ABC):
 
     def _ready(self) -> Iterator[Said]:
         while all(self.answers):
-            row, acting = self.rows.popleft()
+            row, acting, self.standing = self.rows.popleft()
             estimate, *references = [answers.popleft() for answers in self.answers]
             r: Residuals = {
                 reference: self._residuals(healthy, row, answer)

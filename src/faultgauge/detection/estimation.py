@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from faultgauge.detection.calibration import channels_of, score
+from faultgauge.detection.flat_line import standing_still
 from faultgauge.detection.judged import Bank, Estimates, build_bank, estimate_run
 from faultgauge.detection.residual import Reference, residuals
 from faultgauge.plants.model import Model
@@ -131,11 +132,13 @@ def judged(
         for name, beyond in _passive(values, limits, len(run.t))
     ]
     status, reason = [], []
-    for sampled, settled, alarm, beyond in zip(
-        estimates.sampled, estimates.settled, above, quiet, strict=True
+    for still, sampled, settled, alarm, beyond in zip(
+        estimates.standing, estimates.sampled, estimates.settled, above, quiet, strict=True
     ):
         why = (
-            "not sampled"
+            standing_still(still)
+            if still
+            else "not sampled"
             if not sampled
             else "not calibrated"
             if calibration is None

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
+from faultgauge.detection.flat_line import FlatLine
 from faultgauge.errors import InputError
 from faultgauge.identification.evaluation import WARMUP, start_of_run, varying_parameters
 from faultgauge.identification.samples import in_effect
@@ -84,7 +85,8 @@ class Estimates:
     """Fault estimates of one run, one row per sample; NaN where there is none.
 
     `innovation` is that of each fault's observer on its own output (unit of that output).
-    `settled` is False during the hold-off after a start or a gap, and where nothing was sampled.
+    `settled` is False during the hold-off after a start or a gap, and where nothing was sampled;
+    `standing` names the output that is stuck or saturated.
     """
 
     run: Run
@@ -92,6 +94,7 @@ class Estimates:
     innovation: dict[str, Float[np.ndarray, "samples"]]
     sampled: Bool[np.ndarray, "samples"]
     settled: Bool[np.ndarray, "samples"]
+    standing: list[str]
 
 
 def operating_points(model: Model) -> OperatingPoints:
@@ -256,7 +259,7 @@ def pad_stretch(
 def estimate_run(bank: Bank, log: Run) -> Estimates:
     """Run every observer of the bank over `log`; each stretch without a gap starts anew."""
     model = bank.model
-    run = in_effect(model.plant.signals, log)
+    run, standing = FlatLine(model, sized=False).used(in_effect(model.plant.signals, log))
     count = len(run.t)
     f = {fault: np.full(count, np.nan) for fault in bank.designs}
     innovation = {fault: np.full(count, np.nan) for fault in bank.designs}
@@ -274,4 +277,4 @@ def estimate_run(bank: Bank, log: Run) -> Estimates:
         sampled[part] = True
         settled[part] = bank.has_settled(t - t[0])
         settled[part.start : part.start + start.samples] = False  # they knew what came later
-    return Estimates(log, f, innovation, sampled, settled)
+    return Estimates(log, f, innovation, sampled, settled, standing)

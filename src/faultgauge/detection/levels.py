@@ -36,7 +36,7 @@ from faultgauge.plants.signals import Fault
 from faultgauge.simulation.closed_loop import with_faults
 from faultgauge.simulation.free_run import substeps_for
 
-__all__ = ["MEMORY", "driven", "levels_of", "probes_of"]
+__all__ = ["MEMORY", "driven", "levels_of", "probes_of", "ranges"]
 
 MEMORY = 100  # samples over which a fault must show to be judged
 LONG = 1000  # samples over which a fault without a `rate` is taken for constant
@@ -61,7 +61,7 @@ def levels_of(
     measured = [j for j, name in enumerate(signals.output_names) if name in columns]
     known = _knowledge(linear, noise, step, measured)
     least = CLEAR * known[MEMORY - 1]
-    size = np.maximum(_ranges(model, plant) / 4, np.where(np.isfinite(least), least, 1e-9))
+    size = np.maximum(ranges(model, plant) / 4, np.where(np.isfinite(least), least, 1e-9))
     walk, onset = np.zeros(len(signals.faults)), np.zeros(len(declared))
     agile = np.zeros(len(signals.faults))
     for k, fault in enumerate(signals.faults):
@@ -137,7 +137,7 @@ def _unlike(
     return np.array([0.0 if alike else 1.0, 1.0, 1.0])
 
 
-def _ranges(model: Model, plant: GrayBoxPlant) -> Float[np.ndarray, "faults"]:
+def ranges(model: Model, plant: GrayBoxPlant) -> Float[np.ndarray, "faults"]:
     """Range over the training envelope of what each fault enters, in the fault's unit."""
     points, signals = operating_points(model), plant.signals
     rates, outputs = jax.vmap(lambda x, u: respond(plant, x, u))(

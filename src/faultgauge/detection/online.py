@@ -16,8 +16,9 @@ from faultgauge.detection.episode import Episode
 from faultgauge.detection.estimation import judged
 from faultgauge.detection.judged import Bank, Estimates, build_bank, check_observer
 from faultgauge.detection.live import Answer
-from faultgauge.detection.online_bank import BankDesk
+from faultgauge.detection.online_bank import BankDesk, UnjudgedDesk
 from faultgauge.detection.residual import Reference, curved_inputs
+from faultgauge.detection.uncalibrated import uncalibrated
 from faultgauge.errors import InputError
 from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run
@@ -78,7 +79,8 @@ class Online:
         run = paced(_rows(self.first, None))
         self._check_rates(run)
         if self.observer == "bank":
-            self.desk = BankDesk(self.model, run, self.reference)
+            desk = UnjudgedDesk if uncalibrated(self.model) else BankDesk
+            self.desk = desk(self.model, run, self.reference)
         else:
             self.desk = _Observers(self.model, run, self.observer, self.reference)
         for sample in self.first:
@@ -102,7 +104,7 @@ class _Observers(Desk):
     def __init__(self, model: Model, run: Run, observer: str, reference: Reference) -> None:
         self.bank = build_bank(model, [run], observer)
         needed: list[Reference] = [reference] if self.bank.designs else [reference, "observer"]
-        super().__init__(model, run, self.bank, list(dict.fromkeys(needed)))
+        super().__init__(model, run, self.bank, list(dict.fromkeys(needed)), sized=False)
         self.reference: Reference = reference
         self.episode = Episode(self.bank)
 
@@ -129,7 +131,7 @@ class _Observers(Desk):
         if answer is None:
             nothing = {name: np.full(1, np.nan) for name in names}
             no = np.zeros(1, bool)
-            return Estimates(row, nothing, dict(nothing), no, no)
+            return Estimates(row, nothing, dict(nothing), no, no, self.standing)
         outputs = self.model.plant.signals.output_names
         f = {name: info.f for name, info in zip(names, answer.infos, strict=True)}
         innovation = {
@@ -137,7 +139,7 @@ class _Observers(Desk):
             for name, info in zip(names, answer.infos, strict=True)
         }
         settled = self.bank.has_settled(np.array([answer.since])) & answer.unforeseen
-        return Estimates(row, f, innovation, np.ones(1, bool), settled)
+        return Estimates(row, f, innovation, np.ones(1, bool), settled, self.standing)
 
 
 def _rows(samples: Sequence[Sample], pace: float | None) -> Run:

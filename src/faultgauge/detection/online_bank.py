@@ -6,24 +6,38 @@ from dataclasses import fields
 import numpy as np
 from jaxtyping import Float
 
-from faultgauge.detection.bank import build_fault_bank
-from faultgauge.detection.bank_calibration import check_calibrated
+from faultgauge.detection.bank import build_fault_bank, evaluated_faults
 from faultgauge.detection.course import Course, Rows
-from faultgauge.detection.decisions import PAUSE, UNKNOWN, Decision, events
+from faultgauge.detection.decisions import PAUSE, UNKNOWN, Decision, events, unjudged
 from faultgauge.detection.desk import Desk, Residuals, Said
 from faultgauge.detection.episode import Alarm
 from faultgauge.detection.live import Answer
 from faultgauge.detection.noise import noise_of
 from faultgauge.detection.posterior import Posterior, posterior_of
-from faultgauge.detection.residual import Reference
+from faultgauge.detection.residual import HealthyReference, Reference
 from faultgauge.detection.verdicts import Verdict, Verdicts, log_odds
 from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run
 from faultgauge.telemetry.runs import joined
 
-__all__ = ["BankDesk"]
+__all__ = ["BankDesk", "UnjudgedDesk"]
 
 WHOLE = slice(0, 1)
+
+
+class UnjudgedDesk(Desk):
+    """A stream whose model was not calibrated for the bank: residuals, and rows that say so."""
+
+    def __init__(self, model: Model, run: Run, reference: Reference) -> None:
+        evaluated_faults(model)
+        super().__init__(model, run, HealthyReference.of(model, run, reference), [reference])
+        self.reference: Reference = reference
+
+    def said(self, row: Run, acting: Run, answer: Answer | None, r: Residuals) -> Iterator[Said]:
+        yield unjudged(self.model, row, r[self.reference])
+
+    def closed(self, newest: Run) -> Iterator[Said]:
+        yield from ()
 
 
 class BankDesk(Desk):
@@ -34,7 +48,6 @@ class BankDesk(Desk):
     """
 
     def __init__(self, model: Model, run: Run, reference: Reference) -> None:
-        check_calibrated(model)
         self.fault_bank = build_fault_bank(model, [run], noise_of(model))
         self.course = Course(self.fault_bank, tuple(run.columns))
         super().__init__(model, run, self.course, [reference])
@@ -54,7 +67,7 @@ class BankDesk(Desk):
     ) -> Iterator[Said]:
         rows = [] if answer is None else [self._rows(acting, answer)]
         found = posterior_of(self.fault_bank, row, rows)
-        verdict = self.verdicts.judge(row, found)
+        verdict = self.verdicts.judge(acting, found, self.standing)
         yield Decision(row, found, r[self.reference], verdict.status, verdict.reason, [])
         modes = len(self.fault_bank.sets) + len(self.fault_bank.levels.unknown)
         p = rows[0].p.astype(np.float32) if rows else np.full((1, modes), np.nan, np.float32)

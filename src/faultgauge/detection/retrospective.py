@@ -8,22 +8,21 @@ from typing import Any, TypeAlias
 
 import numpy as np
 from jaxtyping import Float
-from scipy.optimize import brentq
-from scipy.special import logsumexp, ndtr
+from scipy.special import logsumexp
 
 from faultgauge.detection.answer import EXCLUDED, moment
-from faultgauge.detection.bank import CERTAIN, FaultBank
+from faultgauge.detection.bank import CERTAIN, FaultBank, alone_error
 from faultgauge.detection.change_points import Causes, Window, total, windows_of
 from faultgauge.detection.changes import Changes, Sized, changes_of
 from faultgauge.detection.decisions import UNKNOWN, Decision
-from faultgauge.detection.posterior import TAIL
+from faultgauge.detection.over_onsets import onset_over, size_over
+from faultgauge.detection.posterior import WIDE
 from faultgauge.detection.shocks import Shocks
 from faultgauge.detection.verdicts import FAULT
 
 __all__ = ["HEALTHY", "Retrospect", "Told", "as_dicts", "retrospect", "sentences"]
 
 HEALTHY = "healthy"
-REST = 1e-6  # of a posterior over onsets that moves no 2.5 % quantile
 MOST_ODDS = 1e6  # nobody's priors are better than that
 
 Curve: TypeAlias = Float[np.ndarray, "samples"]
@@ -50,7 +49,8 @@ class Retrospect:
     size of a healthy window, the size of an undeclared fault. An onset lies between two samples,
     so its interval spans both. `least` is for each declared fault the size that would have been
     named had it begun in the middle of the window; None where nothing would have shown it.
-    `density` is the posterior of the onset per sample of `t`; `white` the innovations of the
+    `density` is the posterior of the onset per sample of `t`, and `given` the size for each onset:
+    an onset at sample n acts from sample n - 1 on; `white` the innovations of the
     healthy filter and `fit` the fault's part of them, in standard deviations.
     """
 
@@ -70,6 +70,7 @@ class Retrospect:
     told: Told
     t: Curve
     density: Curve
+    given: Curve
     white: Float[np.ndarray, "samples outputs"]
     fit: Float[np.ndarray, "samples outputs"]
     clock: datetime | None = None  # at 0 s
@@ -93,6 +94,10 @@ def _answers(
     logs = np.array([0.0, changes.weight, np.logaddexp(alien, beside)])
     share = np.exp(logs - total(logs))
     best = int(np.argmax(logs))
+    if best == 1 and all(_slight(bank, each) for each in changes.found):
+        sound = float(share[0] + share[1])
+        found = _answer(bank, decision, window, changes.alone, None, sound, {})
+        return [replace(found, alternatives=())]
     if best != 1:
         which = None if best == 0 else declared
         return [_answer(bank, decision, window, changes.alone, which, float(share[best]), {})]
@@ -103,6 +108,12 @@ def _answers(
             for each in changes.found
         ]
     )
+
+
+def _slight(bank: FaultBank, found: Sized) -> bool:
+    """Whether a level is within the model's own error, and so no fault."""
+    change = found.change
+    return abs(found.before + change.size) <= WIDE * alone_error(bank, change.fault)
 
 
 def _answer(
@@ -119,7 +130,7 @@ def _answer(
     names = (*(fault.name for fault in faults), UNKNOWN, HEALTHY)
     columns = [*causes.weight.T[: len(faults)], logsumexp(causes.weight[:, len(faults) :], axis=1)]
     logs = np.array([*(total(column) for column in columns), 0.0])
-    density, size = np.zeros(count), (None,) * 3
+    density, given, size = np.zeros(count), np.zeros(count), (None,) * 3
     fit = np.zeros((count, len(bank.model.plant.signals.outputs)))
     k = len(faults) + 1 if which is None else len(faults)
     if isinstance(which, Sized):
@@ -128,9 +139,10 @@ def _answer(
     if which is not None:
         density = np.exp(columns[k] - logs[k])
     if isinstance(which, Sized):
-        mean, sd = causes.mean[:, k] + which.before, causes.sd[:, k] * which.wider
-        size = _size(density, mean, sd, faults[k].min, faults[k].max)
-    onset = _onset(window.t, density)
+        given = causes.mean[:, k] + which.before
+        sd = np.hypot(causes.sd[:, k] * which.wider, alone_error(bank, k))
+        size = size_over(density, given, sd, faults[k].min, faults[k].max)
+    onset = onset_over(window.t, density)
     data = causes.seen[min(k, len(faults))]
     return Retrospect(
         run=decision.run.name,
@@ -149,6 +161,7 @@ def _answer(
         told=_told(bank, decision, window.part, names[k]),
         t=window.t,
         density=density,
+        given=given,
         white=np.asarray(data.white)[:count] + np.asarray(data.fit)[:count],
         fit=fit,
         clock=decision.run.clock,
@@ -177,41 +190,6 @@ def _until(found: list[Retrospect]) -> list[Retrospect]:
     return kept
 
 
-def _onset(
-    t: Float[np.ndarray, "samples"], density: Float[np.ndarray, "samples"]
-) -> tuple[float, float, float] | tuple[None, None, None]:
-    """(mean, lower, upper); an onset at sample n lies between samples n - 1 and n."""
-    if not density.any():
-        return None, None, None
-    before = np.concatenate([t[:1], t[:-1]])
-    total = np.cumsum(density)
-    low, high = np.searchsorted(total, [TAIL, 1 - TAIL])
-    high = min(int(high), len(t) - 1)
-    return float(density @ (before + t) / 2), float(before[low]), float(t[high])
-
-
-def _size(
-    density: Float[np.ndarray, "samples"],
-    mean: Float[np.ndarray, "samples"],
-    sd: Float[np.ndarray, "samples"],
-    low: float,
-    high: float,
-) -> tuple[float, float, float]:
-    """(mean, lower, upper) of the mixture over onsets, within the fault's limits."""
-    order = np.argsort(-density, kind="stable")
-    kept = order[: 1 + int(np.searchsorted(np.cumsum(density[order]), 1 - REST))]
-    w, m, s = density[kept] / density[kept].sum(), mean[kept], sd[kept]
-    ends = float((m - 9 * s).min()), float((m + 9 * s).max())
-
-    def quantile(wanted: float) -> float:
-        root: Any = brentq(lambda f: float(w @ ndtr((f - m) / s)) - wanted, *ends)
-        return float(root)
-
-    found = (float(w @ m), quantile(TAIL), quantile(1 - TAIL))
-    middle, lower, upper = (float(np.clip(f, low, high)) for f in found)
-    return middle, lower, upper
-
-
 def _least(bank: FaultBank, found: Shocks, count: int) -> dict[str, float | None]:
     """The size of each fault that would have been named had it begun in the window's middle."""
     information = np.asarray(found.information)[count // 2]
@@ -220,6 +198,7 @@ def _least(bank: FaultBank, found: Shocks, count: int) -> dict[str, float | None
     needed = needed + np.log1p(information * levels.size[: len(faults)] ** 2) / 2
     shown = information * levels.size[: len(faults)] ** 2 > 1
     least = np.sqrt(2 * needed / np.maximum(information, 1e-300))
+    least = np.maximum(least, [WIDE * alone_error(bank, k) for k in range(len(faults))])
     return {fault.name: float(least[k]) if shown[k] else None for k, fault in enumerate(faults)}
 
 
@@ -293,7 +272,7 @@ def _sentence(bank: FaultBank, found: Retrospect) -> str:
 
 def as_dicts(found: Sequence[Retrospect]) -> list[dict[str, Any]]:
     """Without curves and clock, as plain JSON."""
-    left = ("t", "density", "white", "fit", "clock")
+    left = ("t", "density", "given", "white", "fit", "clock")
     return [
         {name: value for name, value in asdict(each).items() if name not in left}
         | {"alternatives": [{"cause": c, "odds": o} for c, o in each.alternatives]}

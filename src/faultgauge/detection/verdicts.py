@@ -8,12 +8,14 @@ below `release`. A fault is named while there is an alarm and its own probabilit
 few. A passive fault is named without one.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from faultgauge.detection.bank import FaultBank
+from faultgauge.detection.flat_line import standing_still
 from faultgauge.detection.limit_checker import LimitChecker
 from faultgauge.detection.posterior import Posterior
 from faultgauge.telemetry import Run
@@ -69,13 +71,15 @@ class Verdicts:
         self.passive = np.append(bank.with_monitor("passive"), False)
         self.fresh: float | None = None  # time of the last sampled output
 
-    def judge(self, run: Run, found: Posterior) -> Verdict:
-        """The next samples, `run`, with what the bank says about them."""
+    def judge(self, run: Run, found: Posterior, standing: Sequence[str]) -> Verdict:
+        """The next samples, `run`, with what the bank says about them, and the output of each that
+        stands on one value ("": none)."""
         sampled = np.isfinite(found.healthy)
         free = sampled & ~found.held
         alarm = self._alarm(run.t, found, free)
         named = self._named(run.t, found, free, alarm)
-        old = self._age(run) > FRESH * self.bank.step
+        age = self._age(run)
+        old = age > FRESH * self.bank.step
         quiet, calm = np.asarray(found.healthy > QUIET), np.asarray(found.calm > QUIET)
         disabled = self.bank.with_monitor("disabled")
         clear = np.asarray(found.seen[:, ~disabled].all(axis=(1, 2)))
@@ -83,6 +87,8 @@ class Verdicts:
         for k in range(len(run.t)):
             if not sampled[k]:
                 answer = NOT_JUDGED, "not sampled"
+            elif standing[k] and (age[k] > 0 or not alarm[k]):
+                answer = NOT_JUDGED, standing_still(standing[k])
             elif old[k]:
                 answer = STALE, "no output was sampled for a while"
             elif found.held[k]:

@@ -10,13 +10,14 @@ from faultgauge.detection.decisions import BankEvent, Decision
 from faultgauge.detection.evidence import Evidence
 from faultgauge.detection.retrospective import Retrospect
 from faultgauge.detection.verdicts import NOT_JUDGED, STALE
+from faultgauge.plants.model import Model
 from faultgauge.reporting.evidence_chapter import evidence_section
 from faultgauge.reporting.report import Report, Section, Table
 from faultgauge.reporting.retrospective_chapter import retrospective_section
 from faultgauge.reporting.svg import Figure
 from faultgauge.reporting.time_figures import Panel, fault_estimate, panels
 
-__all__ = ["decision_report"]
+__all__ = ["decision_report", "unjudged_report"]
 
 MOST_CURVES, MOST_RESIDUALS = 8, 4  # in one figure
 MOST_FIGURES = 12  # a report is read, not scrolled
@@ -47,6 +48,29 @@ def decision_report(
     return Report(f"Faults: {bank.model.plant.spec.name}", summary, tuple(sections))
 
 
+def unjudged_report(model: Model, decisions: Sequence[Decision], sentence: str) -> Report:
+    """Where nothing could be judged: `sentence` says why, and the residuals are shown."""
+    figures = [
+        panels(
+            each.run.t,
+            _residuals(model, each),
+            title=f"Residuals, {each.run.name}",
+            caption="Measured less healthy reference.",
+        )
+        for each in decisions[:MOST_FIGURES]
+    ]
+    section = Section("Residuals", (), (), tuple(figures))
+    return Report(f"Faults: {model.plant.spec.name}", (sentence,), (section,))
+
+
+def _residuals(model: Model, decision: Decision) -> list[Panel]:
+    units = {each.name: each.unit for each in model.plant.signals.outputs}
+    return [
+        Panel(f"residual of {name}", units[name], {"measured less reference": r})
+        for name, r in list(decision.residuals.items())[:MOST_RESIDUALS]
+    ]
+
+
 def _row(event: BankEvent) -> tuple[str, ...]:
     sized = event.size is not None
     return (
@@ -68,11 +92,7 @@ def _figures(bank: FaultBank, decision: Decision) -> list[Figure]:
     faults = bank.model.plant.signals.faults
     curves = {"healthy": found.healthy, "unknown": found.unknown}
     curves |= {fault.name: found.p[:, k] for k, fault in enumerate(faults[: MOST_CURVES - 2])}
-    units = {each.name: each.unit for each in bank.model.plant.signals.outputs}
-    evidence = [Panel("probability", "", curves)] + [
-        Panel(f"residual of {name}", units[name], {"measured less reference": r})
-        for name, r in list(decision.residuals.items())[:MOST_RESIDUALS]
-    ]
+    evidence = [Panel("probability", "", curves), *_residuals(bank.model, decision)]
     shown = panels(
         run.t,
         evidence,

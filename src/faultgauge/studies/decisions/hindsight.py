@@ -33,7 +33,8 @@ NOISE = 0.05  # N*m*s
 @dataclass(frozen=True)
 class Hindsight:
     """One record: the error of the size over the bound's standard deviation, with the onset
-    unknown (`error`) and known (`told_onset`); the error of the onset [s] and whether the 95 %
+    unknown (`error`) and, of the estimate that is told the onset over the bound of that problem,
+    known (`told_onset`); the error of the onset [s] and whether the 95 %
     intervals hold; NaN and False where the fault was not named. `online` is the error of the
     bank's last estimate of the size over the same bound, `delay` [s] of being told."""
 
@@ -131,10 +132,12 @@ def _scored(
     if len(found) != 1:
         return Hindsight(False, np.nan, np.nan, np.nan, False, False, online, delay)
     at, low, high, since, first, last = _figures(found[0])
+    t, given = found[0].t, found[0].given
+    told_size = float(np.interp(onset, t[:-1], given[1:]))  # what acts from sample n - 1 on
     return Hindsight(
         True,
         (at - size) / bound,
-        (at - size) / known,
+        (told_size - size) / known,
         since - onset,
         low <= size <= high,
         first <= onset <= last,

@@ -1,0 +1,55 @@
+"""`--observer bank` over a model that was not calibrated for it: rows that say so."""
+
+import numpy as np
+
+from faultgauge.detection.levels import ranges
+from faultgauge.detection.posterior import WIDE, Posterior
+from faultgauge.plants.model import Model
+from faultgauge.telemetry import Run
+
+__all__ = ["prior_of", "uncalibrated", "unjudged_sentence"]
+
+
+def uncalibrated(model: Model) -> str:
+    """The reason of every row; empty where `model` holds all that the bank needs."""
+    if model.calibration is None:
+        return "not calibrated"
+    known = {"noise", "bank"} <= set(model.calibration)
+    return "" if known else "not calibrated for the bank"
+
+
+def unjudged_sentence(model: Model) -> str:
+    """What the silence means, and what to do."""
+    if model.calibration is None:
+        return "Not calibrated, so nothing was judged: run `faultgauge calibrate` on healthy logs."
+    return (
+        "Calibrated without noise and alarm level for --observer bank, so nothing was judged: run "
+        "`faultgauge calibrate` on healthy logs again, which says what they lack, or use "
+        "--observer eso."
+    )
+
+
+def prior_of(model: Model, run: Run) -> Posterior:
+    """No probabilities, and every fault as its prior has it: 0, within a quarter of the range of
+    what it enters, or of its limits."""
+    signals, count = model.plant.signals, len(run.t)
+    faults = signals.faults
+    nothing = np.full((count, len(faults)), np.nan)
+    reach = WIDE * ranges(model, model.plant) / 4
+    on = np.where([fault.monitor == "disabled" for fault in faults], np.nan, 1.0)
+    lo = on * np.maximum(-reach, [fault.min for fault in faults])
+    hi = on * np.minimum(reach, [fault.max for fault in faults])
+    no = np.zeros(count, bool)
+    return Posterior(
+        p=nothing,
+        f=np.tile(0.0 * on, (count, 1)),
+        lo=np.tile(lo, (count, 1)),
+        hi=np.tile(hi, (count, 1)),
+        healthy=np.full(count, np.nan),
+        unknown=np.full(count, np.nan),
+        calm=np.full(count, np.nan),
+        seen=np.zeros((count, len(faults), 2), bool),
+        inside=no,
+        x=np.full((count, len(signals.states)), np.nan),
+        held=no,
+    )

@@ -1,0 +1,115 @@
+"""Where the bank trusts its model: a cart on a rail, whose place nothing depends on."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from faultgauge.detection.bank import build_fault_bank
+from faultgauge.detection.decisions import decide
+from faultgauge.detection.envelope import applied, inside, read
+from faultgauge.detection.noise import Noise
+from faultgauge.plants.gray_box import GrayBoxPlant
+from faultgauge.plants.model import Model
+from faultgauge.plants.plant import respond
+from faultgauge.plants.plant_file import parse_plant
+from faultgauge.telemetry import Run
+
+CART = """
+name = "cart"
+[states.q]
+derivative = "v"
+[states.v]
+derivative = "u - v"
+[inputs.u]
+min = -9
+max = 9
+[outputs.q]
+value = "q"
+[faults.push]
+enters = "input"
+target = "u"
+[faults.weak]
+enters = "gain"
+target = "u"
+"""
+STEP, COUNT, SIGMA = 0.1, 600, 1e-3
+NOISE = Noise(np.array([SIGMA]), np.array([1e-6, 1e-4]), np.array([]))
+
+
+def model():
+    rng = np.random.default_rng(0)
+    points = np.stack([rng.uniform(*each, 60) for each in ((0, 1), (-1, 1), (-1, 1))], axis=1)
+    record = {
+        "max_step": 1.0,
+        "envelope_points": points.tolist(),
+        "columns": {"states": [["q", 0], ["q", 1]], "outputs": ["q"]},
+        "data": {"fit": [], "validate": []},
+    }
+    return Model(GrayBoxPlant.untrained(parse_plant(CART)), record)
+
+
+def log(seed, u, push):
+    """Exact under the hold: v' = u + push - v."""
+    rng = np.random.default_rng(seed)
+    q, v, place = np.zeros(COUNT), 0.0, 0.0
+    fade = np.exp(-STEP)
+    for k in range(COUNT):
+        q[k] = place
+        force = u[k] + push[k]
+        place += force * STEP + (v - force) * (1 - fade)
+        v = force + (v - force) * fade
+    columns = {"u": u, "q": q + SIGMA * rng.standard_normal(COUNT)}
+    return Run(f"run{seed}", "cart.csv", STEP * np.arange(COUNT), columns)
+
+
+@pytest.fixture(scope="module")
+def bank():
+    return build_fault_bank(model(), [log(0, np.zeros(COUNT), np.zeros(COUNT))], NOISE)
+
+
+def swing(level):
+    """A square wave; 4 samples a side, so that a bias does not look like a gain for long."""
+    return level * np.sign(np.sin(np.pi * (np.arange(COUNT) + 0.5) / 4))
+
+
+def test_a_fault_that_the_loop_answers_is_named(bank):
+    """The loop commands 3 less where 3 is pushed: u is far outside, what is applied is not."""
+    push = np.where(np.arange(COUNT) >= COUNT // 2, 3.0, 0.0)
+    decision = decide(bank, log(1, swing(0.5) - push, push))
+    assert {event.fault for event in decision.events} == {"push"}
+    assert set(decision.status[COUNT // 2 + 30 :]) == {"FAULT"}
+
+
+def test_the_place_of_a_cart_may_be_anywhere(bank):
+    decision = decide(bank, log(2, 0.5 + swing(0.4), np.zeros(COUNT)))
+    assert decision.run.columns["q"][-1] > 10  # ten times the rail of training
+    assert set(decision.status[-100:]) == {"HEALTHY"}
+
+
+def test_a_command_outside_that_no_fault_explains_is_not_judged(bank):
+    decision = decide(bank, log(3, swing(3.0), np.zeros(COUNT)))
+    assert decision.events == []
+    assert decision.reason[-1] == "outside the training envelope"
+
+
+def test_only_what_the_model_depends_on_is_read():
+    assert read(model()).tolist() == [False, True]
+
+
+def test_what_is_applied_is_what_the_plant_is_given():
+    """Against the plant's own answer: dv/dt = applied - v, faults as means of two modes."""
+    plant = model().plant
+    sets = ((), (0,), (0, 1))
+    p = np.array([[0.2, 0.5, 0.3]])
+    f = np.array([[[0.0, 0.0], [2.0, 0.0], [4.0, 0.5]]])
+    found = applied(model(), sets, np.array([[1.5]]), p, f)
+    dx, _ = respond(plant, *(jnp.asarray(a) for a in ([0.0, 0.0], [1.5], [2.2, 0.15])))
+    assert found[0, 0] == pytest.approx(float(dx[1]))
+    assert applied(model(), sets, np.array([[50.0]]), p, f)[0, 0] == 9.0
+
+
+def test_a_tenth_of_the_range_is_still_inside():
+    points = np.array([[0.0], [10.0]])
+    assert inside(points, np.array([[-0.9], [10.9], [-1.1], [11.1]])).tolist() == [
+        True, True, False, False,
+    ]  # fmt: skip
