@@ -37,7 +37,8 @@ BUDGET, MOST = 20_000, 100_000  # samples that a search goes through, and its be
 OUTLIER = 5.0  # standard deviations: errors beyond count as that where outliers are expected
 FIRST_SIGMA = 0.1  # of the outputs' spread: errors expected of a first guess
 LEAD = 500  # samples that set the start of a window that was not fitted
-DIVERGED = 1e3  # of the outputs' spread
+# Of the outputs' spread: a free run that is off by that much is lost, and how far does not matter.
+LOST = 3.0
 FEWEST = 25  # samples of a window
 
 
@@ -265,9 +266,10 @@ def validation_error(
 
     Where a run was fitted in part it goes on from there, through all its samples: what is off by
     little adds up, and no window of a fit sees it. Runs of their own start from first samples.
+    Infinite where every sample is lost.
     """
     sigma = float(np.clip(np.sqrt(fitted.mse), 1e-6, None))
-    bound = OUTLIER * sigma if data.robust else None
+    bound = min(OUTLIER * sigma, LOST) if data.robust else LOST
     total, count = 0.0, 0
     left = [~mask for mask in data.masks]
     runs, local = data.courses(fitted)
@@ -295,4 +297,4 @@ def validation_error(
         errors = simulated(plant, unknowns, fitted.theta, starts.z, windows, data.substeps)[1]
         total, count = total + mean_square(errors, windows, bound) * scored, count + scored
     error = float(np.sqrt(total / count)) if count else np.inf
-    return error if error < DIVERGED else np.inf
+    return error if error < bound else np.inf

@@ -300,7 +300,7 @@ def mean_square(
 ) -> float:
     """Mean square of the weighted errors; with `bound` none counts for more than that."""
     if bound is not None:
-        errors = np.minimum(np.abs(errors), bound)
+        errors = np.fmin(np.abs(errors), bound)
     with np.errstate(over="ignore"):
         return float(np.sum(errors**2)) / max(int(np.sum(windows.weight > 0)), 1)
 
