@@ -266,8 +266,10 @@ def validation_error(
 
     Where a run was fitted in part it goes on from there, through all its samples: what is off by
     little adds up, and no window of a fit sees it. Runs of their own start from first samples.
-    Infinite where every sample is lost.
+    Infinite where every sample is lost, or the fit itself.
     """
+    if not fitted.mse < LOST**2:
+        return np.inf
     sigma = float(np.clip(np.sqrt(fitted.mse), 1e-6, None))
     bound = min(OUTLIER * sigma, LOST) if data.robust else LOST
     total, count = 0.0, 0
