@@ -37,8 +37,9 @@ BUDGET, MOST = 20_000, 100_000  # samples that a search goes through, and its be
 OUTLIER = 5.0  # standard deviations: errors beyond count as that where outliers are expected
 FIRST_SIGMA = 0.1  # of the outputs' spread: errors expected of a first guess
 LEAD = 500  # samples that set the start of a window that was not fitted
-# Of the outputs' spread: a free run that is off by that much is lost, and how far does not matter.
-LOST = 3.0
+# Of the outputs' spread: a free run that is off by that much tells nothing, however far it is off.
+LOST = 1.0
+DIVERGED = 1e3  # the same for a fit, which is then no candidate
 FEWEST = 25  # samples of a window
 
 
@@ -268,7 +269,7 @@ def validation_error(
     little adds up, and no window of a fit sees it. Runs of their own start from first samples.
     Infinite where every sample is lost, or the fit itself.
     """
-    if not fitted.mse < LOST**2:
+    if not fitted.mse < DIVERGED**2:
         return np.inf
     sigma = float(np.clip(np.sqrt(fitted.mse), 1e-6, None))
     bound = min(OUTLIER * sigma, LOST) if data.robust else LOST
