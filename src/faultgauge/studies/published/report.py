@@ -16,7 +16,7 @@ __all__ = ["benchmark_report", "score_rows", "section"]
 RULES = (
     "Pure simulation: the model runs on the test run's inputs alone. Measured test outputs are "
     "used for the initial state only, from the first samples stated, which are not scored. "
-    "Nothing was chosen on test data; every seed is a whole fit."
+    "No fit sees the test data; every seed is a whole fit."
 )
 PIECES = 100  # of a test run: the error over time is its RMS over each
 
