@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from faultgauge.accommodation.simulate import simulate
     from faultgauge.detection.calibration import calibrate
-    from faultgauge.detection.estimation import estimate
+    from faultgauge.detection.decisions import decide_runs as estimate
     from faultgauge.identification.evaluation import evaluate
     from faultgauge.identification.fit import fit
     from faultgauge.plants.gray_box import load_plant
@@ -31,20 +31,21 @@ __all__ = [
 ]
 
 _HOMES = {
-    "Plant": "faultgauge.plants.plant",
-    "calibrate": "faultgauge.detection.calibration",
-    "estimate": "faultgauge.detection.estimation",
-    "evaluate": "faultgauge.identification.evaluation",
-    "fit": "faultgauge.identification.fit",
-    "load_model": "faultgauge.plants.model",
-    "load_plant": "faultgauge.plants.gray_box",
-    "read_telemetry": "faultgauge.telemetry",
-    "save_model": "faultgauge.plants.model",
-    "simulate": "faultgauge.accommodation.simulate",
+    "Plant": "faultgauge.plants.plant.Plant",
+    "calibrate": "faultgauge.detection.calibration.calibrate",
+    "estimate": "faultgauge.detection.decisions.decide_runs",
+    "evaluate": "faultgauge.identification.evaluation.evaluate",
+    "fit": "faultgauge.identification.fit.fit",
+    "load_model": "faultgauge.plants.model.load_model",
+    "load_plant": "faultgauge.plants.gray_box.load_plant",
+    "read_telemetry": "faultgauge.telemetry.read_telemetry",
+    "save_model": "faultgauge.plants.model.save_model",
+    "simulate": "faultgauge.accommodation.simulate.simulate",
 }
 
 
 def __getattr__(name: str) -> Any:
     if name not in _HOMES:
         raise AttributeError(f"module 'faultgauge' has no attribute {name!r}")
-    return getattr(import_module(_HOMES[name]), name)
+    module, _, attribute = _HOMES[name].rpartition(".")
+    return getattr(import_module(module), attribute)

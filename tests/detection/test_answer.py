@@ -8,9 +8,10 @@ import pytest
 
 from faultgauge.detection.answer import answers, as_dicts, exclusions, least_told
 from faultgauge.detection.bank import build_fault_bank
-from faultgauge.detection.decisions import decide
+from faultgauge.detection.decisions import decide, events
 from faultgauge.detection.evidence import evidence, same
 from faultgauge.detection.noise import Noise
+from faultgauge.detection.verdicts import Verdicts
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
 from faultgauge.plants.plant_file import parse_plant
@@ -109,6 +110,60 @@ def test_silence_says_below_what_it_means_nothing(bank):
     (line,) = answers(bank, [decide(bank, log(2))])
     assert line.startswith("No fault; leak below ")
     assert "gauge" in line
+
+
+def test_an_alarm_without_a_name_is_no_silence(bank, decision):
+    """From 100 s to 110 s, interrupted for a second, and once for a sample within an event."""
+    status, reason = ["HEALTHY"] * COUNT, [""] * COUNT
+    for k in (*range(200, 210), *range(212, 221), 700):
+        status[k], reason[k] = "FAULT", "cause undecided: leak or gauge"
+    (first, second) = answers(bank, [replace(decision, status=status, reason=reason)])
+    assert first == "An alarm from 100 s to 110 s (run run1); cause undecided: leak or gauge"
+    assert second == answers(bank, [decision])[0]
+    nameless = answers(bank, [replace(decision, status=status, reason=reason, events=[])])
+    assert nameless[0] == first
+    assert not any("No fault" in line for line in nameless)
+
+
+def test_an_event_ends_with_its_alarm_and_the_next_has_an_onset_of_its_own(bank, decision):
+    """A fault within the model's own error, from 400 to 800, keeps its probability."""
+    count, names = 1200, len(bank.model.plant.signals.faults)
+    found = decision.posterior
+    p, calm, size = np.zeros(count), np.ones(count), np.zeros(count)
+    p[200:], calm[200:400], calm[800:] = 0.97, 0.001, 0.001
+    size[200:400], size[800:] = -0.05, -0.1
+    columns = np.zeros((count, names))
+    columns[:, 0] = p
+    f = columns * size[:, None]
+    found = replace(
+        found, p=columns, f=f, lo=1.1 * f, hi=0.9 * f, healthy=1 - p, unknown=np.zeros(count),
+        calm=calm,
+    )  # fmt: skip
+    modes = np.zeros((count, len(bank.sets) + len(bank.levels.unknown)))
+    modes[:, bank.sets.index((0,))], modes[:, 0] = p, 1 - p
+    verdict = Verdicts(bank).judge(decision.run, found, [""] * count)
+    early, late = events(bank, decision.run, found, verdict, modes, 0.0)
+    assert (early.end, late.end) == (399 * STEP, 1199 * STEP)
+    assert early.size == pytest.approx(-0.05)
+    assert late.size == pytest.approx(-0.1)
+    assert late.onset == pytest.approx(800 * STEP, abs=10 * STEP)  # the delay of a name
+    unsigned = replace(found, lo=-np.abs(f), hi=np.abs(f))
+    verdict = Verdicts(bank).judge(decision.run, unsigned, [""] * count)
+    assert not verdict.named[:, 0].any()
+    assert verdict.status[300] == "FAULT"
+    assert verdict.reason[300].startswith("cause undecided")
+
+
+def test_a_report_leads_with_what_lasts(bank, decision):
+    (event,) = decision.events
+    brief = replace(event, start=10.0, end=20.0, onset=10.0, onset_lo=9.0, onset_hi=11.0)
+    report = decision_report(bank, [replace(decision, events=[brief, event])])
+    first, detail, second = report.summary_sentences
+    whole = answers(bank, [decision])[0]
+    assert whole.startswith(f"{first}; t")
+    assert detail == f"T{whole[len(first) + 3 :]}."
+    assert "seen until 20 s" in second
+    assert "p 1" not in " ".join(report.summary_sentences)
 
 
 def test_the_least_size_is_that_of_the_matched_filter(bank):

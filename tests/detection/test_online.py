@@ -106,7 +106,9 @@ def test_every_bit_of_a_holed_log_is_that_of_the_file(calibrated, reference):
     run = holed(log(3, leak=-0.3))
     (judged,), _ = estimate(calibrated, [run], reference=reference)
     expected = table([judged], calibrated.plant.signals.fault_names)
-    found, alarms, events, prompt = streamed(Online(calibrated, reference=reference), run)
+    found, alarms, events, prompt = streamed(
+        Online(calibrated, observer="eso", reference=reference), run
+    )
     assert found == expected, "floats compared with ==, so to the bit"
     assert events == judged.events
     assert events
@@ -137,7 +139,7 @@ def test_whatever_a_stretch_starts_from(change, states, outputs):
     run = holed(log(3, leak=-0.3, outputs=outputs, late=late))
     (judged,), _ = estimate(found, [run])
     expected = table([judged], found.plant.signals.fault_names)
-    got, _, events, _ = streamed(Online(found), run)
+    got, _, events, _ = streamed(Online(found, observer="eso"), run)
     assert got == expected
     assert events == judged.events
 
@@ -146,19 +148,19 @@ def test_uncalibrated_and_short_streams():
     run = log(4)
     short = Run(run.name, run.source, run.t[:9], {n: v[:9] for n, v in run.columns.items()})
     (judged,), _ = estimate(model(), [short])
-    got, alarms, events, _ = streamed(Online(model()), short)
+    got, alarms, events, _ = streamed(Online(model(), observer="eso"), short)
     assert got == table([judged], ("leak", "clog"))
     assert (set(got["status"]), alarms, events) == ({"NOT_JUDGED"}, [], [])
     with pytest.raises(InputError, match="fewer than two samples"):
-        list(Online(model()).finish())
+        list(Online(model(), observer="eso").finish())
 
 
 def test_what_would_need_the_future_is_refused():
     curved = model(PLANT.replace('"zero"', '"band-limited"'))
     with pytest.raises(InputError, match=r"band-limited.*--reference observer"):
-        Online(curved)
-    Online(curved, reference="observer")
+        Online(curved, observer="eso")
+    Online(curved, observer="eso", reference="observer")
     run = log(5)
     run.columns["level"][1::3] = run.columns["level"][2::3] = np.nan
     with pytest.raises(InputError, match="'level' is sampled at times of its own"):
-        streamed(Online(model()), run)
+        streamed(Online(model(), observer="eso"), run)

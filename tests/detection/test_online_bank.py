@@ -174,7 +174,7 @@ def test_so_do_the_observers(leaky):
     run = saturated(3)
     (judged,), _ = estimate(leaky, [run])
     assert judged.reason.count(STILL) > 20
-    rows = [e for e in streamed(Online(leaky), run) if type(e) is Judgement]
+    rows = [e for e in streamed(Online(leaky, observer="eso"), run) if type(e) is Judgement]
     names = leaky.plant.signals.fault_names
     streaming = [plain_table([row], names) for row in rows]
     whole = plain_table([judged], names)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from faultgauge.studies.checkup import black_box, parts
+from faultgauge.studies.checkup import black_box, parts, with_some_fault
 from faultgauge.studies.drive import BODIES, measured_logs, run_drive, simulated_logs
 from faultgauge.telemetry import Run
 
@@ -28,6 +28,11 @@ def test_goals_on_the_measured_drive(measured, body):
     assert figures["half_periods"] == 50  # 49 edges
     assert figures["half_periods_wrong"] == 0
     assert figures["events_on_held_out_nominal"] == 0
+    # an ESO at 50 rad/s, alone
+    assert figures["eso_pulse_rmse_share"] <= 0.03
+    assert figures["eso_settling_max_s"] <= 0.15
+    assert figures["eso_half_periods_wrong"] == 0
+    assert figures["eso_events_on_held_out_nominal"] == 0
 
 
 def test_a_network_does_as_well_as_the_physics_within_20_percent(measured):
@@ -60,6 +65,17 @@ def test_parts_share_no_sample_and_lose_none():
     pieces = parts([run], 0.5, 0.75)
     together = np.concatenate([piece.t for (piece,) in pieces])
     np.testing.assert_array_equal(together, run.t)
+
+
+def test_a_black_box_may_have_a_fault_on_each_of_its_states():
+    columns = {"u": np.sin(np.arange(100.0)), "speed": np.arange(100.0), "φ": np.arange(100.0)}
+    plant = with_some_fault(black_box([Run("r", "r.csv", np.arange(100.0), columns)], "log"))
+    faults = plant.signals.faults
+    assert [(f.name, f.enters, f.target) for f in faults] == [
+        ("speed_drift", "state", "speed"),
+        ("φ_drift", "state", "φ"),
+    ]
+    assert with_some_fault(plant) is plant
 
 
 def test_a_black_box_needs_an_input():

@@ -29,7 +29,7 @@ def check(
 ) -> None:
     """Fit, calibrate, estimate and report in one: is SUSPECT like HEALTHY, and if not, how much?"""
     from faultgauge.cli.writing import check_folder, make_folder
-    from faultgauge.detection import estimation
+    from faultgauge.detection import answer, decisions, misfit
     from faultgauge.plants.gray_box import load_plant
     from faultgauge.plants.model import save_model
     from faultgauge.studies import checkup
@@ -49,12 +49,12 @@ def check(
     with options.narrate("checking") as progress:
         found = checkup.check(body, good, doubtful, seed=seed, progress=progress)
     options.warn([*found.account.warnings, *found.calibration.warnings])
-    options.warn(found.bank.refused.values())
+    options.warn(misfit.alarmed_throughout({e.run.name: e.status for e in found.decisions}))
     files = [report] if report is not None else []
     if folder is not None:
         files.append(folder / "report.html")
         save_model(found.model, folder / "model.fgm")
-        columns = estimation.table(found.judgements, body.signals.fault_names)
+        columns = decisions.table(found.decisions, found.model.plant.signals.fault_names)
         write_table(columns, folder / "estimates.csv")
     if files:
         from faultgauge.reporting.report import write
@@ -64,9 +64,8 @@ def check(
         for file in files:
             write(page, file)
     if json:
-        options.print_json(
-            {"events": estimation.as_dicts(found.events), "sentences": found.sentences}
-        )
+        events = answer.as_dicts(found.bank, found.decisions) if found.bank else []
+        options.print_json({"events": events, "sentences": found.sentences})
         return
     for line in found.sentences:
         print(line)

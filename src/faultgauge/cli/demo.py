@@ -24,7 +24,7 @@ def demo(
     from faultgauge.reporting.report import write
     from faultgauge.studies.demonstration import demonstration_report, wheel_rows
     from faultgauge.studies.drive import BODIES, measured_logs, run_drive, simulated_logs
-    from faultgauge.studies.drive_report import rows
+    from faultgauge.studies.drive_report import rows, told
     from faultgauge.studies.paper.experiment import core
     from faultgauge.studies.paper.reproduce import over_seeds
 
@@ -54,6 +54,7 @@ def demo(
         )
         return
     _show(f"A {logs.source} positioning drive with a hidden 5 V pulse", *rows(drives))
+    print(f"{told(drives['network'])}\n")
     _show("A reaction wheel of a satellite under control, friction fault", *wheel_rows(results))
     print(f"report: {report}")
     print("next, on your own log:")

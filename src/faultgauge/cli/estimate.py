@@ -30,24 +30,25 @@ def estimate(
     ] = None,
     observer: Annotated[
         str,
-        typer.Option("--observer", help="eso, or bank: which faults, how big, how probable."),
-    ] = "eso",
+        typer.Option(
+            "--observer",
+            help="bank: which faults, how big, how probable; eso: estimates under one limit.",
+        ),
+    ] = "bank",
     reference: Annotated[
         Literal["free", "measured", "observer"],
         typer.Option("--reference", help="Healthy reference of the residual columns."),
     ] = "free",
     smooth: Annotated[
         bool,
-        typer.Option(
-            "--smooth", help="With --observer bank: cause, size and onset, from the whole log."
-        ),
+        typer.Option("--smooth", help="Cause, size and onset as the whole log tells them."),
     ] = False,
     evidence: Annotated[
         Path | None,
         typer.Option(
             "--evidence",
             metavar="DIR",
-            help="With --observer bank: a log of each event's window, which gives it again.",
+            help="A log of each event's window, which gives it again.",
         ),
     ] = None,
     time: options.Time = None,
@@ -95,10 +96,12 @@ def estimate(
     for name, given in (("--stream", stream), ("--events", events), ("--view", view)):
         if given:
             raise InputError(f"{name} goes with standard input only; give - for the log.")
-    if smooth and observer != "bank":
-        raise InputError("--smooth goes with --observer bank, whose hypotheses it weighs; give it.")
-    if evidence is not None and observer != "bank":
-        raise InputError("--evidence goes with --observer bank, whose events it replays; give it.")
+    for name, given in (("--smooth", smooth), ("--evidence", evidence is not None)):
+        if given and observer != "bank":
+            raise InputError(
+                f"{name} rests on the bank's hypotheses, which --observer {observer} does not "
+                "weigh; leave one of the two out."
+            )
     from faultgauge.cli.writing import check_folder, make_folder
     from faultgauge.plants.model import load_model
     from faultgauge.telemetry.writing import check_writable
@@ -131,7 +134,7 @@ def _estimate(
     report: Path | None,
     json: bool,
 ) -> None:
-    """An estimate for every fault, each by an observer of its own."""
+    """An estimate for every fault, each by an observer of its own, under one limit."""
     from faultgauge.detection import drift, estimation, misfit
     from faultgauge.telemetry.writing import write_table
 
@@ -167,7 +170,7 @@ def _decide(
     folder: Path | None,
     json: bool,
 ) -> None:
-    """The same by the bank: probabilities, intervals, a status and events; `smooth`: and what
+    """By the bank: probabilities, intervals, a status and events; `smooth`: and what
     the whole log tells; `folder`: for the events' evidence."""
     from faultgauge.cli.evidence import write_evidence
     from faultgauge.detection import answer, decisions, drift, estimation, misfit, retrospective

@@ -51,8 +51,8 @@ def answer(
             input_lines(interrupt), time=time, maps=maps or (), names=required, optional=optional
         )
         lines = stack.enter_context(_opened(events)) if events else None
-        shown = stack.enter_context(View(fitted)) if view else None
-        speaker = _Speaker(fitted, form, lines, shown)
+        shown = stack.enter_context(View(fitted, observer)) if view else None
+        speaker = _Speaker(fitted, observer, form, lines, shown)
         if observer == "bank" and uncalibrated(fitted):
             options.say(unjudged_sentence(fitted))
         elif fitted.calibration is None:
@@ -74,8 +74,16 @@ def _opened(path: Path) -> IO[str]:
 class _Speaker:
     """Puts what is said where it belongs: rows to stdout, alarms and events to stderr and FILE."""
 
-    def __init__(self, model: "Model", form: str, lines: IO[str] | None, view: View | None) -> None:
+    def __init__(
+        self,
+        model: "Model",
+        observer: str,
+        form: str,
+        lines: IO[str] | None,
+        view: View | None,
+    ) -> None:
         self.model, self.lines, self.view = model, lines, view
+        self.above = "" if observer == "bank" else " above its limit"
         self.units = {fault.name: fault.unit for fault in model.plant.signals.faults}
         # a view and rows on the same terminal would overwrite each other
         self.writer = None if view and sys.stdout.isatty() else RowWriter(form)
@@ -117,7 +125,7 @@ class _Speaker:
             text = f"alarm: a fault that is not declared since {said.start:.6g} s"
         else:
             size = f"{said.size:+.3g} {unit}".rstrip()
-            text = f"alarm: {said.fault} above its limit since {said.start:.6g} s ({size})"
+            text = f"alarm: {said.fault}{self.above} since {said.start:.6g} s ({size})"
         if self.view:
             self.view.event(text)
         else:

@@ -14,13 +14,14 @@ __all__ = ["View"]
 PERIOD = 0.2  # s between two drawings: the eye needs no more, the stream should have the rest
 HISTORY = 30  # values of a trace
 EVENTS = 8
+LIKELY = 0.5  # p from which on a fault is there rather than not
 BLOCKS = "▁▂▃▄▅▆▇█"
 
 
 class View:
     """Draws the newest row and the course of every residual and estimate; a context manager."""
 
-    def __init__(self, model: "Model") -> None:
+    def __init__(self, model: "Model", observer: str) -> None:
         from rich.console import Console
         from rich.live import Live
 
@@ -28,6 +29,7 @@ class View:
         self.units = {f"r_{each.name}": each.unit for each in signals.outputs}
         self.units |= {f"f_{each.name}": each.unit for each in signals.faults}
         known = (model.calibration or {"channels": {}})["channels"]
+        self.by_bank = observer == "bank"
         self.limits = {f"f_{name}": channel["limit"] for name, channel in known.items()}
         self.traces: dict[str, deque[float | None]] = {}
         self.newest: dict[str, Any] = {}
@@ -71,18 +73,26 @@ class View:
         status = self.newest.get("status", "")
         reason = self.newest.get("reason") or ""
         table = Table(title=f"t = {self.newest.get('t', 0.0):.6g} s   {status}   {reason}".rstrip())
-        for head in ("", "value", "95 %", "limit", "unit", "course"):
-            table.add_column(
-                head, justify="right" if head in ("value", "95 %", "limit") else "left"
-            )
+        for head in ("", "value", "95 %", "p" if self.by_bank else "limit", "unit", "course"):
+            table.add_column(head, justify="left" if head in ("", "unit", "course") else "right")
         for name, trace in self.traces.items():
-            limit = self.limits.get(name)
             high, value = self.newest.get(f"{name}_hi"), self.newest[name]
             width = None if high is None or value is None else high - value
-            above = limit is not None and value is not None and abs(value) > limit
-            cells = (name, _number(value), _number(width), _number(limit), self.units[name])
+            told, above = self._judged(name, value)
+            cells = (name, _number(value), _number(width), told, self.units[name])
             table.add_row(*cells, _course(trace), style="bold red" if above else "")
         return table
+
+    def _judged(self, name: str, value: float | None) -> tuple[str, bool]:
+        """What an estimate is judged by, and whether it speaks of a fault."""
+        from faultgauge.detection.probability import probability
+
+        if self.by_bank:
+            p = self.newest.get(f"p_{name.removeprefix('f_')}") if name.startswith("f_") else None
+            return ("", False) if p is None else (probability(p), p >= LIKELY)
+        limit = self.limits.get(name)
+        above = limit is not None and value is not None and abs(value) > limit
+        return _number(limit), above
 
 
 def _number(value: float | None) -> str:

@@ -6,7 +6,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from faultgauge.detection.estimation import estimate
+from faultgauge.detection.decisions import decide_runs, stretches
 from faultgauge.errors import InputError
 from faultgauge.plants.model import load_model
 from faultgauge.telemetry import Run
@@ -64,16 +64,19 @@ def _by_column(
 
 
 def _by_model(runs: Sequence[Run], path: Path) -> dict[str, Stretches]:
-    """Events of a calibrated model over `runs`; none where it cannot judge them."""
+    """Alarms of a calibrated model over `runs`; none where it cannot judge them."""
     try:
         model = load_model(path)
         if model.calibration is None:
             return {}
-        judgements, _ = estimate(model, runs)
+        decisions, _ = decide_runs(model, runs)
     except (InputError, KeyError):  # another plant's model, or no model at all
         return {}
     found = dict[str, Stretches]()
-    for each in judgements:
-        if each.events:
-            found.setdefault(each.run.source, []).extend((e.start, e.end) for e in each.events)
+    for each in decisions:
+        t, alarm = each.run.t, np.array(each.status) == "FAULT"
+        edges = stretches(alarm, np.isfinite(each.posterior.healthy))
+        if edges:
+            times = [(float(t[a]), float(t[b - 1])) for a, b in edges]
+            found.setdefault(each.run.source, []).extend(times)
     return found

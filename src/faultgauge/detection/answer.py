@@ -5,34 +5,79 @@ not, and what this log could not tell.
     friction below 0.0012 N*m this log could not tell
 """
 
+from collections import Counter
 from collections.abc import Sequence
 from datetime import datetime, timedelta
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from faultgauge.detection.bank import FaultBank, alone_error
-from faultgauge.detection.decisions import FEWEST, UNKNOWN, BankEvent, Decision
+from faultgauge.detection.decisions import FEWEST, UNKNOWN, BankEvent, Decision, stretches
 from faultgauge.detection.decisions import as_dicts as events_as_dicts
 from faultgauge.detection.posterior import WIDE
+from faultgauge.detection.probability import probability
+from faultgauge.detection.verdicts import FAULT
 from faultgauge.telemetry import Run
 
-__all__ = ["EXCLUDED", "answer", "answers", "as_dicts", "exclusions", "least_told", "moment"]
+__all__ = [
+    "EXCLUDED",
+    "answer",
+    "answers",
+    "as_dicts",
+    "exclusions",
+    "least_told",
+    "moment",
+    "told",
+]
 
 EXCLUDED = 20.0  # odds from which on a cause is
 MOST = 1 / FEWEST  # odds beyond which an alternative is not listed
 
 
+class Told(NamedTuple):
+    """What is told of a run from `start` to `end` [s], as a sentence."""
+
+    start: float
+    end: float
+    text: str
+
+
 def answers(bank: FaultBank, decisions: Sequence[Decision]) -> list[str]:
-    """A sentence for every event; one for all runs where there is none."""
-    found = [answer(bank, each, event) for each in decisions for event in each.events]
-    if found:
-        return found
+    """A sentence for every event and every alarm without one; one for all runs where there is
+    neither."""
+    return [each.text for each in told(bank, decisions)] or [_silence(bank, decisions)]
+
+
+def told(bank: FaultBank, decisions: Sequence[Decision]) -> list[Told]:
+    """Every event and every alarm without one, run by run, in the order of time."""
+    return [each for one in decisions for each in _told(bank, one)]
+
+
+def _silence(bank: FaultBank, decisions: Sequence[Decision]) -> str:
     if all(status == "NOT_JUDGED" for each in decisions for status in each.status):
         reasons = [reason for each in decisions for reason in each.reason if reason]
-        return [f"Nothing could be judged: {max(set(reasons), key=reasons.count)}."]
-    silent = [_could_not_tell(bank, each.run) for each in decisions[:1]]
-    return [f"No fault; {silent[0]}."]
+        return f"Nothing could be judged: {_usual(reasons)}."
+    return f"No fault; {_could_not_tell(bank, decisions[0].run)}."
+
+
+def _told(bank: FaultBank, decision: Decision) -> list[Told]:
+    run, events = decision.run, decision.events
+    found = [Told(e.start, e.end, answer(bank, decision, e)) for e in events]
+    alarm = np.array(decision.status) == FAULT
+    for start, stop in stretches(alarm, np.isfinite(decision.posterior.healthy)):
+        first, last = float(run.t[start]), float(run.t[stop - 1])
+        if any(min(e.onset, e.start) <= last and first <= e.end for e in events):
+            continue
+        why = [reason for reason in decision.reason[start:stop] if reason]
+        when = f"from {moment(run.clock, first, bank.step)} to {moment(run.clock, last, bank.step)}"
+        cause = f"; {_usual(why)}" if why else ""
+        found.append(Told(first, last, f"An alarm {when} (run {run.name}){cause}"))
+    return sorted(found)
+
+
+def _usual(reasons: Sequence[str]) -> str:
+    return Counter(reasons).most_common(1)[0][0]
 
 
 def answer(bank: FaultBank, decision: Decision, event: BankEvent) -> str:
@@ -48,7 +93,7 @@ def answer(bank: FaultBank, decision: Decision, event: BankEvent) -> str:
         width = (event.hi - event.lo) / 2
         size = f"{event.size:+.{_digits(width)}f} +- {width:.2g}"
         what = f"{event.fault} {size} {_unit(bank, event.fault)}".rstrip()
-    said = [f"{what} {since} (p {event.p:.2g}, run {event.run})", until]
+    said = [f"{what} {since} (p {probability(event.p)}, run {event.run})", until]
     for cause, odds in exclusions(bank, event).items():
         more = "more than " if odds >= MOST else ""
         verb = "excluded" if odds >= EXCLUDED else "not excluded,"

@@ -15,6 +15,7 @@ from faultgauge.errors import InputError
 from faultgauge.observers.interacting import InteractingModes
 from faultgauge.observers.modes import Levels, Set, hypotheses, links, mode_sets
 from faultgauge.plants.model import Model
+from faultgauge.plants.signals import Signals
 from faultgauge.simulation.free_run import substeps_for
 from faultgauge.telemetry import Run
 
@@ -73,15 +74,15 @@ def alone_error(bank: FaultBank, fault: int) -> float:
     return float(bank.error[bank.sets.index((fault,)), 0]) if (fault,) in bank.sets else 0.0
 
 
-def evaluated_faults(model: Model) -> list[int]:
+def evaluated_faults(signals: Signals) -> list[int]:
     """The declared faults that are not disabled. Raises `InputError` where there is none."""
-    faults = model.plant.signals.faults
+    faults = signals.faults
     evaluated = [k for k, fault in enumerate(faults) if fault.monitor != "disabled"]
     if not evaluated:
         what = "disables all its [faults]" if faults else "declares no [faults]"
         raise InputError(
             f"the plant file {what}, so the bank has nothing to tell apart; declare "
-            "what may go wrong, or use --observer eso."
+            "what may go wrong, or use `faultgauge estimate --observer eso`."
         )
     return evaluated
 
@@ -91,7 +92,8 @@ def build_fault_bank(model: Model, runs: Sequence[Run], noise: Noise) -> FaultBa
 
     Raises `InputError` where the plant file declares no fault that is not disabled.
     """
-    signals, evaluated = model.plant.signals, evaluated_faults(model)
+    signals = model.plant.signals
+    evaluated = evaluated_faults(signals)
     step = float(np.median([run.step for run in runs]))
     outputs = measured_outputs(model, runs)
     levels, known = levels_of(model, noise, step, outputs)

@@ -109,7 +109,7 @@ def _rated(
     longest = supported(judged, 0)
     if mtbfa is not None and mtbfa > longest:
         warnings.append(
-            f"--observer bank: {judged:.4g} s of blocks of its own support a mean time between "
+            f"the bank: {judged:.4g} s of blocks of its own support a mean time between "
             f"false alarms of {longest:.4g} s only, to which its alarm level is set"
         )
         mtbfa = longest

@@ -138,7 +138,8 @@ def calibrate(
             block |= {"noise": noise.as_dict(model), "bank": found.block}
             warnings += found.warnings
         except InputError as refusal:
-            warnings.append(f"--observer bank will not be available: {refusal}".rstrip("."))
+            block["no_bank"] = str(refusal)
+            warnings.append(f"nothing will be judged by the bank: {refusal}".rstrip("."))
     return Calibration(model.with_calibration(block), blocks, suspects, warnings)
 
 

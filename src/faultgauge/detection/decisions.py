@@ -1,4 +1,4 @@
-"""`estimate --observer bank`: one posterior per run, its events, and the columns of the table."""
+"""`estimate`: one posterior per run, its events, and the columns of the table."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
@@ -13,6 +13,7 @@ from faultgauge.detection.flat_line import FlatLine
 from faultgauge.detection.noise import noise_of
 from faultgauge.detection.onset import onset_of
 from faultgauge.detection.posterior import Posterior, posterior_of
+from faultgauge.detection.probability import probability
 from faultgauge.detection.residual import Reference, residuals
 from faultgauge.detection.uncalibrated import prior_of, uncalibrated
 from faultgauge.detection.verdicts import NAMED, NOT_JUDGED, Verdict, Verdicts, log_odds
@@ -29,6 +30,7 @@ __all__ = [
     "decide_runs",
     "events",
     "sentence",
+    "stretches",
     "table",
     "unjudged",
 ]
@@ -82,7 +84,7 @@ def decide_runs(
     for it. Raises `InputError` where no fault is declared that is not disabled."""
     runs = [paced(run) for run in runs]
     if uncalibrated(model):
-        evaluated_faults(model)
+        evaluated_faults(model.plant.signals)
         return [unjudged(model, run, residuals(model, run, reference)) for run in runs], None
     bank = build_fault_bank(model, runs, noise_of(model))
     return [decide(bank, run, reference) for run in runs], bank
@@ -127,15 +129,20 @@ def events(
     names = (*bank.model.plant.signals.fault_names, UNKNOWN)
     columns = np.concatenate([found.p, found.unknown[:, None]], axis=1)
     release, sampled = bank.model.plant.signals.detection.release, np.isfinite(found.healthy)
+    passive = np.append(bank.with_monitor("passive"), False)
     events = []
     for k, name in enumerate(names):
-        above = (np.nan_to_num(columns[:, k]) >= release) | verdict.named[:, k]
-        for start, stop in _stretches(_merged(above & sampled, sampled)):
+        calm = found.healthy if passive[k] else found.calm
+        likely = (np.nan_to_num(columns[:, k]) >= release) & (1 - np.nan_to_num(calm) >= release)
+        above = likely | verdict.named[:, k]
+        for start, stop in stretches(above & sampled, sampled):
             named = np.flatnonzero(verdict.named[start:stop, k])
             if len(named):
                 told = start + int(named[0])
-                noticed = _noticed(bank, found, k, start, told)
-                events.append(_event(bank, run, found, p, k, name, noticed, told, stop - 1, begun))
+                noticed = _noticed(bank, found, calm, k, start, told)
+                events.append(
+                    _event(bank, run, found, p, calm, k, name, noticed, told, stop - 1, begun)
+                )
     return sorted(events, key=lambda event: event.start)
 
 
@@ -144,6 +151,7 @@ def _event(
     run: Run,
     found: Posterior,
     p: Float[np.ndarray, "samples modes"],
+    calm: Float[np.ndarray, "samples"],
     k: int,
     name: str,
     noticed: int,
@@ -156,7 +164,7 @@ def _event(
     probability = float(found.unknown[last])
     onset = onset_lo = onset_hi = float(run.t[noticed])
     if name != UNKNOWN:
-        last = _settled(bank, p, k, told, last)
+        last = _settled(bank, p, calm, k, told, last)
         probability = float(found.p[last, k])
         size = float(found.f[last, k] / probability)
         lo, hi = float(found.lo[last, k]), float(found.hi[last, k])
@@ -179,23 +187,37 @@ def _event(
     )
 
 
-def _noticed(bank: FaultBank, found: Posterior, k: int, start: int, told: int) -> int:
+def _noticed(
+    bank: FaultBank,
+    found: Posterior,
+    calm: Float[np.ndarray, "samples"],
+    k: int,
+    start: int,
+    told: int,
+) -> int:
     """When something was seen to be wrong: the beginning of the alarm, or, where another fault
     had been named by then, of this fault's own stretch."""
-    calm = np.flatnonzero(log_odds(found.healthy[: told + 1]) < bank.level)
-    begin = int(calm[-1]) + 1 if len(calm) else 0
+    before = np.flatnonzero(log_odds(calm[: told + 1]) < bank.level)
+    begin = int(before[-1]) + 1 if len(before) else 0
     others = np.delete(found.p[begin:told], k, axis=1) if k < found.p.shape[1] else found.p[:0]
     return start if np.any(others >= NAMED) else min(begin, start)
 
 
 def _settled(
-    bank: FaultBank, p: Float[np.ndarray, "samples modes"], k: int, told: int, last: int
+    bank: FaultBank,
+    p: Float[np.ndarray, "samples modes"],
+    calm: Float[np.ndarray, "samples"],
+    k: int,
+    told: int,
+    last: int,
 ) -> int:
-    """The last sample from `told` to `last` at which the fault was not changing: its size."""
+    """The last sample from `told` to `last` at which the fault was not changing, and stood beyond
+    the model's own error: its size."""
     agile = bank.sets.index((k,), bank.sets.index((k,)) + 1)
     modes = [m for m, each in enumerate(bank.sets) if k in each and m != agile]
-    calm = np.flatnonzero(p[told : last + 1, modes].sum(axis=1) >= NAMED)
-    return told + int(calm[-1]) if len(calm) else last
+    still = p[told : last + 1, modes].sum(axis=1) >= NAMED
+    still &= log_odds(calm[told : last + 1]) >= bank.level
+    return told + int(np.flatnonzero(still)[-1]) if still.any() else last
 
 
 def _alternatives(bank: FaultBank, p: Float[np.ndarray, "modes"]) -> tuple[tuple[str, float], ...]:
@@ -208,19 +230,19 @@ def _alternatives(bank: FaultBank, p: Float[np.ndarray, "modes"]) -> tuple[tuple
     return tuple((label, most / each) for label, each in others[:3] if each > FEWEST * most)
 
 
-def _merged(
+def stretches(
     above: Bool[np.ndarray, "samples"], sampled: Bool[np.ndarray, "samples"]
-) -> Bool[np.ndarray, "samples"]:
-    """`above` without the pauses that are too short to be one, and without gaps."""
+) -> list[tuple[int, int]]:
+    """(first sample, the one behind the last) wherever it is `above`; gaps, and pauses that are too
+    short to be one, are bridged."""
     filled = above.copy()
-    pauses = _stretches(~above)
-    for start, stop in pauses:
+    for start, stop in _edges(~above):
         if start > 0 and stop < len(above) and sampled[start:stop].sum() <= PAUSE:
             filled[start:stop] = True
-    return filled
+    return _edges(filled)
 
 
-def _stretches(above: Bool[np.ndarray, "samples"]) -> list[tuple[int, int]]:
+def _edges(above: Bool[np.ndarray, "samples"]) -> list[tuple[int, int]]:
     edges = np.flatnonzero(np.diff(above, prepend=False, append=False)).reshape(-1, 2)
     return [(int(a), int(b)) for a, b in edges]
 
@@ -256,14 +278,14 @@ def _rows(decision: Decision, faults: Sequence[str], outputs: Sequence[str]) -> 
 
 
 def sentence(event: BankEvent, unit: str) -> str:
-    """ "leak +0.0020 +- 1.7e-05 m/s from 4006 s, told at 4026 s, to 7198 s (p 1, run test)" """
+    """ "leak +0.002 +- 1.7e-05 m/s from 4006 s, told at 4026 s, to 7198 s (p > 0.999, run a)" """
     when = f"from {event.onset:.6g} s, told at {event.start:.6g} s, to {event.end:.6g} s"
     if event.size is None or event.lo is None or event.hi is None:
         return f"a fault that is not declared {when} (run {event.run})"
     width = (event.hi - event.lo) / 2
     amount = f"{event.size:+.4g} +- {width:.2g} {unit}".rstrip()
     how = "passive, " if event.passive else ""
-    return f"{event.fault} {amount} {when} ({how}p {event.p:.2g}, run {event.run})"
+    return f"{event.fault} {amount} {when} ({how}p {probability(event.p)}, run {event.run})"
 
 
 def as_dicts(events: Sequence[BankEvent]) -> list[dict[str, Any]]:

@@ -70,7 +70,7 @@ def noise_of(model: Model) -> Noise:
     block = (model.calibration or {}).get("noise")
     if block is None:
         raise InputError(
-            "the model holds no noise levels, which --observer bank needs; run `faultgauge "
+            "the model holds no noise levels, which the bank needs; run `faultgauge "
             "calibrate` on healthy logs, or use --observer eso."
         )
     signals = model.plant.signals

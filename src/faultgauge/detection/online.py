@@ -38,7 +38,7 @@ class Online:
     the 20th does.
     """
 
-    def __init__(self, model: Model, *, observer: str = "eso", reference: Reference = "free"):
+    def __init__(self, model: Model, *, observer: str = "bank", reference: Reference = "free"):
         curved = curved_inputs(model) if reference == "free" else []
         if curved:
             raise InputError(

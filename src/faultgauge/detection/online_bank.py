@@ -1,4 +1,4 @@
-"""`estimate --observer bank` while telemetry arrives: the rows and events of a file, row by row."""
+"""`estimate` by the bank while telemetry arrives: the rows and events of a file, row by row."""
 
 from collections.abc import Iterator
 from dataclasses import fields
@@ -29,7 +29,7 @@ class UnjudgedDesk(Desk):
     """A stream whose model was not calibrated for the bank: residuals, and rows that say so."""
 
     def __init__(self, model: Model, run: Run, reference: Reference) -> None:
-        evaluated_faults(model)
+        evaluated_faults(model.plant.signals)
         super().__init__(model, run, HealthyReference.of(model, run, reference), [reference])
         self.reference: Reference = reference
 

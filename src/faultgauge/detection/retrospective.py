@@ -17,6 +17,7 @@ from faultgauge.detection.changes import Changes, Sized, changes_of
 from faultgauge.detection.decisions import UNKNOWN, Decision
 from faultgauge.detection.over_onsets import onset_over, size_over
 from faultgauge.detection.posterior import WIDE
+from faultgauge.detection.probability import probability
 from faultgauge.detection.shocks import Shocks
 from faultgauge.detection.verdicts import FAULT
 
@@ -250,7 +251,7 @@ def _sentence(bank: FaultBank, found: Retrospect) -> str:
     else:
         width = (found.hi - found.lo) / 2
         what = f"{found.cause} {found.size:+.4g} +- {width:.2g} {units[found.cause]}".rstrip()
-    said = [f"{what} {since} (p {found.p:.3g}, run {found.run})"]
+    said = [f"{what} {since} (p {probability(found.p)}, run {found.run})"]
     for cause, odds in found.alternatives:
         over = "more than " if odds >= MOST_ODDS else ""
         verb = "excluded" if odds >= EXCLUDED else "not excluded,"

@@ -1,4 +1,4 @@
-"""`--observer bank` over a model that was not calibrated for it: rows that say so."""
+"""The bank over a model that was not calibrated for it: rows that say so."""
 
 import numpy as np
 
@@ -22,10 +22,10 @@ def unjudged_sentence(model: Model) -> str:
     """What the silence means, and what to do."""
     if model.calibration is None:
         return "Not calibrated, so nothing was judged: run `faultgauge calibrate` on healthy logs."
+    why = model.calibration.get("no_bank", "run `faultgauge calibrate` on healthy logs again.")
     return (
-        "Calibrated without noise and alarm level for --observer bank, so nothing was judged: run "
-        "`faultgauge calibrate` on healthy logs again, which says what they lack, or use "
-        "--observer eso."
+        f"Calibrated without noise and alarm level of the bank, so nothing was judged: {why} "
+        "Until then `faultgauge estimate --observer eso` gives estimates under one limit."
     )
 
 

@@ -4,8 +4,8 @@ An alarm begins where the log-odds of an active fault, ln (1 - p0) / p0 with p0 
 there is none beyond the model's own error, reach the calibrated level, inside the training envelope
 and outside the hold-off, and have done so for `persistence`. It ends where the probability falls
 below `release`. A fault is named while there is an alarm and its own probability has been 0.95 for
-`persistence`, and for 10 samples at least: while one fault follows another, a third may fit for a
-few. A passive fault is named without one.
+`persistence`, and for 10 samples at least, from when on its sign is known: while one fault follows
+another, a third may fit for a few. A passive fault is named without an alarm.
 """
 
 from collections.abc import Sequence
@@ -68,6 +68,7 @@ class Verdicts:
         self.release = rules.release
         self.alarm = LimitChecker(rules.persistence, rules.latch)
         self.names = [LimitChecker(wait, rules.latch) for _ in range(count)]
+        self.signs = [LimitChecker(0.0, rules.latch) for _ in range(count)]
         self.passive = np.append(bank.with_monitor("passive"), False)
         self.fresh: float | None = None  # time of the last sampled output
 
@@ -126,11 +127,15 @@ class Verdicts:
     ) -> Bool[np.ndarray, "samples causes"]:
         p = np.concatenate([found.p, found.unknown[:, None]], axis=1)
         alone = found.inside & (log_odds(found.healthy) >= self.bank.level)
+        signed = np.ones(p.shape, bool)
+        signed[:, :-1] = ~((found.lo < 0) & (found.hi > 0))
         columns = []
         for k, checker in enumerate(self.names):
             may = free & (alone if self.passive[k] else alarm)
             over = may & np.asarray(p[:, k] >= NAMED)
-            columns.append(checker.judge(t, over, free & np.asarray(p[:, k] < self.release)))
+            gone = np.asarray(p[:, k] < self.release) | (~alarm & ~self.passive[k])
+            likely = checker.judge(t, over, free & gone)
+            columns.append(self.signs[k].judge(t, likely & signed[:, k], ~likely))
         return np.stack(columns, axis=1)
 
     def _age(self, run: Run) -> Float[np.ndarray, "samples"]:

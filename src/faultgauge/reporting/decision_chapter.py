@@ -1,27 +1,38 @@
-"""The report of `estimate --observer bank`: events, and every fault with its interval."""
+"""The report of `estimate`: events, and every fault with its interval."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
+from jaxtyping import Float
 
-from faultgauge.detection.answer import answers
+from faultgauge.detection.answer import answers, told
 from faultgauge.detection.bank import FaultBank
 from faultgauge.detection.decisions import BankEvent, Decision
 from faultgauge.detection.evidence import Evidence
+from faultgauge.detection.probability import probability
 from faultgauge.detection.retrospective import Retrospect
 from faultgauge.detection.verdicts import NOT_JUDGED, STALE
 from faultgauge.plants.model import Model
 from faultgauge.reporting.evidence_chapter import evidence_section
 from faultgauge.reporting.report import Report, Section, Table
 from faultgauge.reporting.retrospective_chapter import retrospective_section
+from faultgauge.reporting.style import quantity
 from faultgauge.reporting.svg import Figure
 from faultgauge.reporting.time_figures import Panel, fault_estimate, panels
 
-__all__ = ["decision_report", "unjudged_report"]
+__all__ = [
+    "calibration_section",
+    "decision_report",
+    "headline",
+    "leading",
+    "proof",
+    "unjudged_report",
+]
 
 MOST_CURVES, MOST_RESIDUALS = 8, 4  # in one figure
+MOST_SENTENCES = 5
 MOST_FIGURES = 12  # a report is read, not scrolled
-HEADER = ("run", "fault", "began [s]", "told [s]", "end [s]", "size", "95 % interval", "p", "or")
+HEADER = ("run", "fault", "began [s]", "told [s]", "end [s]", "size", "p", "instead, odds")
 
 
 def decision_report(
@@ -29,16 +40,24 @@ def decision_report(
     decisions: Sequence[Decision],
     hindsight: Sequence[Retrospect] = (),
     windows: Sequence[Evidence] = (),
+    truth: Mapping[str, Float[np.ndarray, "samples"]] | None = None,
 ) -> Report:
     """Events as sentences and as a table, estimates with their intervals; `hindsight`, what the
-    whole logs tell, and the evidence `windows` of the events, as sections of their own."""
-    told = answers(bank, decisions)
-    summary = tuple(told[:5])
-    if len(told) > 5:
-        summary = (*summary, f"And {len(told) - 5} more events, listed below.")
+    whole logs tell, and the evidence `windows` of the events, as sections of their own. `truth`
+    (fault: size) where it is known."""
+    first, more = leading(bank, decisions)
+    head, detail = headline(first)
+    summary = (head, *detail, *more[: MOST_SENTENCES - 1])
+    if len(more) >= MOST_SENTENCES:
+        summary = (*summary, f"And {len(more) + 1 - MOST_SENTENCES} more, listed below.")
     events = [event for each in decisions for event in each.events]
-    tables = (Table(HEADER, tuple(_row(e) for e in events), "Every event."),) if events else ()
-    figures = [figure for each in decisions for figure in _figures(bank, each)]
+    shown = slice(
+        0 if len(decisions) > 1 else 1,
+        None if any(event.alternatives for event in events) else -1,
+    )
+    rows = tuple(_row(event)[shown] for event in events)
+    tables = (Table(HEADER[shown], rows, "Every event."),) if events else ()
+    figures = [figure for each in decisions for figure in _figures(bank, each, truth or {})]
     section = Section("Faults", (), tables, tuple(figures[:MOST_FIGURES]))
     sections = [section]
     if windows:
@@ -46,6 +65,49 @@ def decision_report(
     if hindsight:
         sections.append(retrospective_section(bank, decisions, hindsight))
     return Report(f"Faults: {bank.model.plant.spec.name}", summary, tuple(sections))
+
+
+def leading(bank: FaultBank, decisions: Sequence[Decision]) -> tuple[str, list[str]]:
+    """(what to say first, the rest in the order of time): the first answer that lasts at least
+    half as long as the longest one, or the one answer where nothing was found."""
+    found = told(bank, decisions)
+    if not found:
+        return answers(bank, decisions)[0], []
+    longest = max(each.end - each.start for each in found)
+    k = next(k for k, each in enumerate(found) if each.end - each.start >= longest / 2)
+    return found[k].text, [each.text for each in found[:k] + found[k + 1 :]]
+
+
+def headline(sentence: str) -> tuple[str, tuple[str, ...]]:
+    """An answer as what is said largest, fault, size, onset and p, and the sentence behind it."""
+    head, told_at, rest = sentence.partition("; told at")
+    return head, (f"Told at{rest}.",) if told_at else ()
+
+
+def proof(model: Model) -> str:
+    """What the healthy logs prove of the posterior's alarms."""
+    block = (model.calibration or {})["bank"]
+    alarms = {0: "no alarm", 1: "1 alarm"}.get(block["alarms"], f"{block['alarms']} alarms")
+    return (
+        f"{alarms[0].upper()}{alarms[1:]} in {block['blocks']} healthy blocks "
+        f"({block['judged_s']:.4g} s) proves that false alarms come at most once in "
+        f"{block['mtbfa_s']:.4g} s (95 % confidence); one begins at odds of "
+        f"{np.exp(block['level']):.3g} to 1."
+    )
+
+
+def calibration_section(model: Model) -> Section:
+    """What the posterior was calibrated with: noise, and the model's own error in every fault."""
+    signals, calibration = model.plant.signals, model.calibration or {}
+    sigma, error = calibration["noise"]["sigma"], calibration["bank"]["error"]
+    rows = [(f"noise of {e.name}", quantity(sigma[e.name], e.unit)) for e in signals.outputs]
+    rows += [
+        (f"the model's own error in {fault.name}", quantity(error[fault.name][0], fault.unit))
+        for fault in signals.faults
+        if fault.name in error
+    ]
+    table = Table(("", "standard deviation"), tuple(rows))
+    return Section("What the healthy log proves", (proof(model),), (table,), ())
 
 
 def unjudged_report(model: Model, decisions: Sequence[Decision], sentence: str) -> Report:
@@ -79,14 +141,15 @@ def _row(event: BankEvent) -> tuple[str, ...]:
         f"{event.onset:.6g} ({event.onset_lo:.6g} to {event.onset_hi:.6g})",
         f"{event.start:.6g}",
         f"{event.end:.6g}",
-        f"{event.size:.4g}" if sized else "",
-        f"{event.lo:.4g} to {event.hi:.4g}" if sized else "",
-        f"{event.p:.3g}",
+        f"{event.size:.4g} ({event.lo:.4g} to {event.hi:.4g})" if sized else "",
+        probability(event.p),
         "; ".join(f"{label} 1:{odds:.3g}" for label, odds in event.alternatives),
     )
 
 
-def _figures(bank: FaultBank, decision: Decision) -> list[Figure]:
+def _figures(
+    bank: FaultBank, decision: Decision, truth: Mapping[str, Float[np.ndarray, "samples"]]
+) -> list[Figure]:
     found, run = decision.posterior, decision.run
     silent = np.isin(decision.status, [NOT_JUDGED, STALE])
     faults = bank.model.plant.signals.faults
@@ -108,6 +171,7 @@ def _figures(bank: FaultBank, decision: Decision) -> list[Figure]:
             limit=None,
             name=fault.name,
             unit=fault.unit,
+            truth=truth.get(fault.name),
             events=[(e.start, e.end) for e in decision.events if e.fault == fault.name],
             not_judged=silent,
             probable=True,

@@ -6,6 +6,7 @@ import numpy as np
 
 from faultgauge.detection.bank import FaultBank
 from faultgauge.detection.decisions import Decision
+from faultgauge.detection.probability import probability
 from faultgauge.detection.retrospective import HEALTHY, Retrospect, sentences
 from faultgauge.reporting.report import Section, Table
 from faultgauge.reporting.svg import Figure
@@ -46,7 +47,7 @@ def _row(found: Retrospect) -> tuple[str, ...]:
         found.run,
         f"{found.start:.6g} to {found.end:.6g}",
         found.cause,
-        f"{found.p:.3g}",
+        probability(found.p),
         f"{found.onset:.6g} ({found.onset_lo:.6g} to {found.onset_hi:.6g})" if began else "",
         f"{found.size:.4g}" if sized else "",
         f"{found.lo:.4g} to {found.hi:.4g}" if sized else "",

@@ -1,12 +1,19 @@
 """`check`: fit, calibrate and estimate in one, with nothing used twice."""
 
 import itertools
+import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
+from faultgauge.detection.answer import answers
+from faultgauge.detection.bank import FaultBank, evaluated_faults
+from faultgauge.detection.blocks import FEWEST_BLOCKS
 from faultgauge.detection.calibration import Calibration, calibrate
-from faultgauge.detection.estimation import Event, Judgement, estimate, sentences
-from faultgauge.detection.judged import Bank
+from faultgauge.detection.decisions import Decision, decide_runs
+from faultgauge.detection.levels import MEMORY
+from faultgauge.detection.uncalibrated import unjudged_sentence
 from faultgauge.errors import InputError
 from faultgauge.identification.fit import FitReport, fit
 from faultgauge.plants.gray_box import GrayBoxPlant
@@ -14,29 +21,29 @@ from faultgauge.plants.model import Model
 from faultgauge.plants.plant_file import parse_plant
 from faultgauge.telemetry import Run, cut, plant_skeleton
 
-__all__ = ["Checkup", "black_box", "check", "parts"]
+__all__ = ["Checkup", "black_box", "check", "parts", "with_some_fault"]
 
 FIT_SHARE = 0.6  # of each healthy run; the rest validates and calibrates
+LEAST_SHARE = 0.4  # where the rest would be too short otherwise
+TO_CALIBRATE = FEWEST_BLOCKS * MEMORY + 50  # samples: the blocks, and what is held off
 
 
 @dataclass(frozen=True)
 class Checkup:
-    """Everything that a check found."""
+    """Everything that a check found; no bank where none could be calibrated."""
 
     model: Model
     account: FitReport
     calibration: Calibration
-    judgements: list[Judgement]
-    bank: Bank
+    decisions: list[Decision]
+    bank: FaultBank | None
     held_out: list[Run]
 
     @property
-    def events(self) -> list[Event]:
-        return [event for judgement in self.judgements for event in judgement.events]
-
-    @property
     def sentences(self) -> list[str]:
-        return sentences(self.model, self.events)
+        if self.bank is None:
+            return [unjudged_sentence(self.model)]
+        return answers(self.bank, self.decisions)
 
 
 def parts(runs: Sequence[Run], *shares: float) -> list[list[Run]]:
@@ -52,7 +59,7 @@ def parts(runs: Sequence[Run], *shares: float) -> list[list[Run]]:
 
 
 def black_box(runs: Sequence[Run], name: str) -> GrayBoxPlant:
-    """A plant for logs without a plant file: a network per state, a fault on each state.
+    """A plant for logs without a plant file: a network per state.
 
     Raises `InputError` where no column looks like an input.
     """
@@ -64,11 +71,21 @@ def black_box(runs: Sequence[Run], name: str) -> GrayBoxPlant:
             "rename one with --map u=COLUMN, or give a plant file with --plant (draft one with "
             "`faultgauge inspect LOG --init-plant plant.toml`)."
         )
+    return GrayBoxPlant.untrained(spec)
+
+
+def with_some_fault(plant: GrayBoxPlant) -> GrayBoxPlant:
+    """`plant`; where its file declares no fault, one may enter each of its states."""
+    if plant.signals.faults:
+        return plant
     faults = "".join(
-        f'\n[faults.{state.name}_drift]\nenters = "state"\ntarget = "{state.name}"\n'
-        for state in spec.signals.states
+        f"\n[faults.{json.dumps(f'{state.name}_drift', ensure_ascii=False)}]\n"
+        f'enters = "state"\ntarget = "{state.name}"\n'
+        + (f"unit = {json.dumps(f'{state.unit}/s', ensure_ascii=False)}\n" if state.unit else "")
+        for state in plant.signals.states
     )
-    return GrayBoxPlant.untrained(parse_plant(text + faults, "the plant guessed from the log"))
+    text = f"{plant.spec.text}\n{faults}"
+    return GrayBoxPlant.untrained(parse_plant(text, plant.spec.name))
 
 
 def check(
@@ -79,10 +96,16 @@ def check(
     seed: int = 0,
     progress: Callable[[str], None] = lambda text: None,
 ) -> Checkup:
-    """Fit on the first 60 % of each healthy run, validate and calibrate on the rest, then judge
-    `suspect`. Raises `InputError` as its steps do."""
-    training, held_out = parts(healthy, FIT_SHARE)
+    """Fit on the first 60 % of each healthy run (40 % at least, where the logs are short), validate
+    and calibrate on the rest, then judge `suspect` by the bank. A plant that declares no fault gets
+    one on each of its states. Raises `InputError` as its steps do, and where every fault is
+    disabled."""
+    plant = with_some_fault(plant)
+    evaluated_faults(plant.signals)
+    spare = 1 - TO_CALIBRATE / sum(len(run.t) for run in healthy)
+    training, held_out = parts(healthy, float(np.clip(spare, LEAST_SHARE, FIT_SHARE)))
     model, account = fit(plant, training, held_out, seed=seed, progress=progress)
     calibration = calibrate(model, held_out, progress=progress)
-    judgements, bank = estimate(calibration.model, suspect)
-    return Checkup(calibration.model, account, calibration, judgements, bank, held_out)
+    progress("judging the suspect log")
+    decisions, bank = decide_runs(calibration.model, suspect)
+    return Checkup(calibration.model, account, calibration, decisions, bank, held_out)

@@ -1,11 +1,13 @@
 """The report of `check`."""
 
+from faultgauge.detection.evidence import MOST_SHOWN, evidence
 from faultgauge.identification.evaluation import evaluate
-from faultgauge.reporting.chapters import (
-    calibration_report,
-    estimate_section,
-    evaluation_section,
-    fit_sections,
+from faultgauge.reporting.chapters import evaluation_section, fit_sections
+from faultgauge.reporting.decision_chapter import (
+    calibration_section,
+    decision_report,
+    proof,
+    unjudged_report,
 )
 from faultgauge.reporting.report import Report
 from faultgauge.studies.checkup import Checkup
@@ -14,18 +16,32 @@ __all__ = ["checkup_report"]
 
 
 def checkup_report(checkup: Checkup) -> Report:
-    """The answer first, then the estimates, then why to believe them."""
+    """The answer first, then the posterior and its evidence, then why to believe them."""
     model = checkup.model
+    decided = _decided(checkup)
     found, predictions = evaluate(model.plant, checkup.held_out, model.max_step)
-    calibration = calibration_report(checkup.calibration)
     warnings = (*checkup.account.warnings, *checkup.calibration.warnings)
     return Report(
         f"Check: {model.plant.spec.name}",
-        (*checkup.sentences[:5], *calibration.summary_sentences[:1], *(f"{w}." for w in warnings)),
         (
-            estimate_section(model, checkup.judgements, checkup.bank, "free"),
+            *decided.summary_sentences,
+            *((proof(model),) if checkup.bank else ()),
+            *(f"{warning}." for warning in warnings),
+        ),
+        (
+            *decided.sections,
             evaluation_section(model, found, predictions),
-            *calibration.sections,
+            *((calibration_section(model),) if checkup.bank else ()),
             *fit_sections(model, checkup.account),
         ),
     )
+
+
+def _decided(checkup: Checkup) -> Report:
+    """What `estimate` would report."""
+    bank = checkup.bank
+    if bank is None:
+        return unjudged_report(checkup.model, checkup.decisions, checkup.sentences[0])
+    told = [(each, event) for each in checkup.decisions for event in each.events]
+    windows = [evidence(bank, each, event) for each, event in told[:MOST_SHOWN]]
+    return decision_report(bank, checkup.decisions, (), windows)

@@ -7,7 +7,7 @@ is what it must find. Where the files are absent a simulated drive of the same k
 """
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -17,9 +17,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from faultgauge.detection.bank import FaultBank
 from faultgauge.detection.calibration import Calibration, calibrate
+from faultgauge.detection.decisions import Decision, decide_runs
 from faultgauge.detection.estimation import Judgement, estimate
 from faultgauge.detection.judged import Bank
+from faultgauge.detection.uncalibrated import unjudged_sentence
+from faultgauge.errors import InputError
 from faultgauge.identification.evaluation import Prediction, evaluate
 from faultgauge.identification.fit import FitReport, fit
 from faultgauge.plants.gray_box import load_plant
@@ -52,16 +56,18 @@ class DriveLogs:
 
 @dataclass(frozen=True)
 class Drive:
-    """What one body of the plant (physics or network) made of the logs."""
+    """What one body of the plant (physics or network) made of the logs: decided by `bank`, and, for
+    comparison, estimated by the ESO of `observers` alone."""
 
     whole: Model
     account: FitReport
     scores: dict[str, Any]
     predictions: list[Prediction]
     calibration: Calibration
-    quiet: Judgement
+    decision: Decision
+    bank: FaultBank
     judgement: Judgement
-    bank: Bank
+    observers: Bank
     figures: dict[str, float | int]
 
 
@@ -137,7 +143,8 @@ def run_drive(
     The free run is that of a model fitted on the whole healthy record, fed with what was really
     applied. For the alarms nothing is used twice: fitted on the first half of the healthy
     record, validated and calibrated on the third quarter, and tried on the last, which neither
-    has seen, before the pulses are looked for.
+    has seen, before the pulses are looked for. Raises `InputError` where the bank cannot be
+    calibrated.
     """
     plant = load_plant(BODIES[body])
     whole, account = fit(plant, [logs.healthy], seed=seed, progress=progress)
@@ -147,26 +154,37 @@ def run_drive(
     first, third, last = parts([logs.healthy], 0.5, 0.75)
     model, _ = fit(plant, first, third, seed=seed, progress=progress)
     calibration = calibrate(model, third, progress=progress)
-    (quiet, judgement), bank = estimate(calibration.model, [*last, logs.faulty])
+    (quiet, decision), bank = decide_runs(calibration.model, [*last, logs.faulty])
+    if bank is None:
+        raise InputError(unjudged_sentence(calibration.model))
+    (alone, judgement), observers = estimate(calibration.model, [*last, logs.faulty])
+    by_eso = pulse_figures(logs, judgement.f[FAULT], judgement.status)
     figures = {
         "free_run_rmse_mm": 1e3 * (scores["outputs"]["q"]["rmse"] or np.inf),
-        "events_on_held_out_nominal": len(quiet.events),
-        **pulse_figures(logs, judgement),
+        "events_on_held_out_nominal": merit.alarms(quiet.status),
+        **pulse_figures(logs, decision.posterior.f[:, 0], decision.status),
+        "eso_events_on_held_out_nominal": merit.alarms(alone.status),
+        **{f"eso_{name}": value for name, value in by_eso.items()},
     }
-    return Drive(whole, account, scores, predictions, calibration, quiet, judgement, bank, figures)
+    return Drive(
+        whole, account, scores, predictions, calibration, decision, bank, judgement, observers,
+        figures,
+    )  # fmt: skip
 
 
-def pulse_figures(logs: DriveLogs, judgement: Judgement) -> dict[str, float | int]:
+def pulse_figures(
+    logs: DriveLogs, f: Float[np.ndarray, "samples"], status: Sequence[str]
+) -> dict[str, float | int]:
     """How well the pulse was found: error after settling, settling time, wrong half periods.
 
     A half period is wrong when any settled sample has the wrong status.
     """
-    t, pulse, f = logs.faulty.t, logs.pulse, judgement.f[FAULT]
+    t, pulse = logs.faulty.t, logs.pulse
     edges = merit.edges_of(pulse)
     scored = merit.settled(t, edges, SETTLED)
     judged = [bool(part.any()) for part in np.split(scored, edges)[1:]]
     times = merit.settling_times(t, f, pulse, edges, BAND)[judged]
-    right = merit.intervals_right(judgement.status, pulse, edges, scored)
+    right = merit.intervals_right(status, pulse, edges, scored)
     error = merit.rmse(f, pulse, scored)
     return {
         "pulse_rmse_v": error,

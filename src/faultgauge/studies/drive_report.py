@@ -5,21 +5,28 @@ from dataclasses import replace
 
 import numpy as np
 
+from faultgauge.detection.evidence import evidence
+from faultgauge.detection.verdicts import NOT_JUDGED, STALE
 from faultgauge.reporting.chapters import (
-    calibration_report,
     envelope_figure,
     estimate_section,
     evaluation_section,
     fit_sections,
 )
 from faultgauge.reporting.curves import curve
+from faultgauge.reporting.decision_chapter import (
+    calibration_section,
+    decision_report,
+    headline,
+    leading,
+)
 from faultgauge.reporting.model_figures import learned_curve
 from faultgauge.reporting.report import Report, Section, Table
 from faultgauge.reporting.svg import Figure
 from faultgauge.reporting.time_figures import fault_estimate
 from faultgauge.studies.drive import FAULT, PULSE, Drive, DriveLogs
 
-__all__ = ["drive_report", "friction_figure", "rows"]
+__all__ = ["drive_report", "friction_figure", "rows", "told"]
 
 
 def rows(drives: Mapping[str, Drive]) -> tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]:
@@ -33,6 +40,9 @@ def rows(drives: Mapping[str, Drive]) -> tuple[tuple[str, ...], tuple[tuple[str,
         "settling_max_s": ("settling to 5 %, worst", "s", ".3f"),
         "half_periods_wrong": (f"half periods judged wrong, of {first['half_periods']}", "", "d"),
         "events_on_held_out_nominal": ("false alarms on the held-out healthy part", "", "d"),
+        "eso_pulse_rmse_v": ("an ESO alone: RMSE after settling", "V", ".3f"),
+        "eso_settling_max_s": ("an ESO alone: settling to 5 %, worst", "s", ".3f"),
+        "eso_half_periods_wrong": ("an ESO alone: half periods judged wrong", "", "d"),
     }
     body = tuple(
         (
@@ -44,14 +54,22 @@ def rows(drives: Mapping[str, Drive]) -> tuple[tuple[str, ...], tuple[tuple[str,
     return ("", *(f"friction by {name}" for name in drives)), body
 
 
+def told(drive: Drive) -> str:
+    """The first answer, and how many there are."""
+    first, more = leading(drive.bank, [drive.decision])
+    head, _ = headline(first)
+    return f"{head}, and {len(more)} more" if more else head
+
+
 def drive_report(logs: DriveLogs, drives: Mapping[str, Drive]) -> Report:
     """The answer, the estimates against the truth, the free runs, what was learned."""
     header, body = rows(drives)
     network = drives["network"]
     summary = (
-        f"Positioning drive, {logs.source}: a hidden {PULSE:g} V pulse was estimated to "
-        f"{network.figures['pulse_rmse_v']:.3f} V (RMSE after settling, "
-        f"{network.figures['pulse_rmse_share']:.2%}), each edge within "
+        f"Positioning drive, {logs.source}, a {PULSE:g} V pulse hidden every second: "
+        f"{told(network)}.",
+        f"The pulse was estimated to {network.figures['pulse_rmse_v']:.3f} V (RMSE after "
+        f"settling, {network.figures['pulse_rmse_share']:.2%}), each edge within "
         f"{network.figures['settling_max_s']:.3f} s.",
         f"{network.figures['half_periods'] - network.figures['half_periods_wrong']} of "
         f"{network.figures['half_periods']} half periods were judged right; "
@@ -62,14 +80,18 @@ def drive_report(logs: DriveLogs, drives: Mapping[str, Drive]) -> Report:
         Section("In newtons", (), (), (newtons_figure(logs, network),)),
         Section("What was learned", (), (), (friction_figure(drives),)),
     ]
+    truth = {FAULT: logs.pulse}
     for name, drive in drives.items():
-        estimates = estimate_section(
-            drive.calibration.model, [drive.judgement], drive.bank, "free", {FAULT: logs.pulse}
+        windows = [evidence(drive.bank, drive.decision, e) for e in drive.decision.events[:1]]
+        decided = decision_report(drive.bank, [drive.decision], (), windows, truth)
+        alone = estimate_section(
+            drive.calibration.model, [drive.judgement], drive.observers, "free", truth
         )
+        alone = replace(alone, title="An ESO alone")
+        proven = calibration_section(drive.calibration.model)
         free = evaluation_section(drive.whole, drive.scores, drive.predictions)
-        calibration = calibration_report(drive.calibration).sections[0]
         training = fit_sections(drive.whole, drive.account)[0]
-        for section in (estimates, free, calibration, training):
+        for section in (*decided.sections, proven, free, training, alone):
             sections.append(replace(section, title=f"{section.title}: friction by {name}"))
     seen = {"q": drives["network"].predictions[0].x[:, 0], "v": network.predictions[0].x[:, 1]}
     seen["u"] = logs.faulty.columns["u"] + logs.pulse
@@ -86,19 +108,19 @@ def drive_report(logs: DriveLogs, drives: Mapping[str, Drive]) -> Report:
 def newtons_figure(logs: DriveLogs, drive: Drive) -> Figure:
     """The pulse as a force: the motor's constant times its voltage."""
     gtau = float(drive.whole.plant.parameters["gtau"])
-    f = gtau * drive.judgement.f[FAULT]
-    width = gtau * drive.judgement.half_width[FAULT]
-    channel = (drive.calibration.model.calibration or {})["channels"][FAULT]
+    found = drive.decision.posterior
     return fault_estimate(
         logs.faulty.t,
-        f,
-        f - width,
-        f + width,
-        limit=gtau * channel["limit"],
+        gtau * found.f[:, 0],
+        gtau * found.lo[:, 0],
+        gtau * found.hi[:, 0],
+        limit=None,
         name="force of the pulse",
         unit="N",
         truth=gtau * logs.pulse,
-        events=[(e.start, e.end) for e in drive.judgement.events],
+        events=[(e.start, e.end) for e in drive.decision.events],
+        not_judged=np.isin(drive.decision.status, [NOT_JUDGED, STALE]),
+        probable=True,
     )
 
 
