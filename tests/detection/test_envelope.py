@@ -102,10 +102,11 @@ def test_what_is_applied_is_what_the_plant_is_given():
     sets = ((), (0,), (0, 1))
     p = np.array([[0.2, 0.5, 0.3]])
     f = np.array([[[0.0, 0.0], [2.0, 0.0], [4.0, 0.5]]])
-    found = applied(model(), sets, np.array([[1.5]]), p, f)
+    found, driven = applied(model(), sets, np.array([[1.5]]), p, f)
     dx, _ = respond(plant, *(jnp.asarray(a) for a in ([0.0, 0.0], [1.5], [2.2, 0.15])))
     assert found[0, 0] == pytest.approx(float(dx[1]))
-    assert applied(model(), sets, np.array([[50.0]]), p, f)[0, 0] == 9.0
+    assert not driven.any()  # no fault enters a state
+    assert applied(model(), sets, np.array([[50.0]]), p, f)[0][0, 0] == 9.0
 
 
 def test_a_tenth_of_the_range_is_still_inside():

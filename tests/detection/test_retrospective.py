@@ -293,7 +293,7 @@ def test_a_fault_that_is_not_constant_is_not_given_one_size(bank):
 def test_samples_outside_the_training_envelope_say_nothing(bank):
     decision = decide(bank, log(6))
     decision.run.columns["x"][300:310] += 5.0  # as if the model were wrong there
-    decision.posterior.inside[300:310] = False
+    decision.posterior.outside[300:310] = 1
     (seen,) = retrospect(bank, decision)
     assert seen.cause == "healthy"
 

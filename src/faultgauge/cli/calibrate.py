@@ -24,6 +24,15 @@ def calibrate(
             "--mtbfa", metavar="SECONDS", help="Mean time between false alarms [default: longest]."
         ),
     ] = None,
+    plant: Annotated[
+        str | None,
+        typer.Option(
+            "--plant",
+            metavar="FILE|PRESET",
+            help="Take [faults], [detection] and [observer] from this plant file "
+            "[default: as they were at the fit].",
+        ),
+    ] = None,
     time: options.Time = None,
     map: options.Map = None,
     where: options.Where = None,
@@ -39,6 +48,11 @@ def calibrate(
 
     check_folder(out, report)
     fitted = load_model(model)
+    if plant is not None:
+        from faultgauge.plants.settings import with_settings
+
+        fitted = with_settings(fitted, plant)
+        options.warn(fitted.plant.spec.warnings)
     runs = options.read_logs(fitted.plant.signals, logs, time, map, where)
     with options.narrate("calibrating") as progress:
         found = find_limit(fitted, runs, mtbfa=mtbfa, progress=progress)

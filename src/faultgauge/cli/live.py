@@ -15,6 +15,7 @@ from faultgauge.cli.writing import check_folder
 from faultgauge.errors import InputError
 
 if TYPE_CHECKING:
+    from faultgauge.detection.misfit import Misfit
     from faultgauge.detection.online import Said
     from faultgauge.detection.residual import Reference
     from faultgauge.plants.model import Model
@@ -90,6 +91,7 @@ class _Speaker:
 
     def say(self, said: Iterable["Said"]) -> None:
         from faultgauge.detection import decisions, estimation
+        from faultgauge.detection.misfit import Misfit
 
         faults = self.model.plant.signals.fault_names
         for each in said:
@@ -103,6 +105,8 @@ class _Speaker:
                     self.writer.write(row)
                 if self.view:
                     self.view.row(row)
+            elif isinstance(each, Misfit):
+                self.misfit(each)
             else:
                 self.event(each)
 
@@ -130,3 +134,13 @@ class _Speaker:
             self.view.event(text)
         else:
             options.say(text)
+
+    def misfit(self, said: "Misfit") -> None:
+        """A warning about the whole stream."""
+        if self.lines:
+            content = {"said": "warning", **asdict(said)}
+            print(json.dumps(content, allow_nan=False), file=self.lines)
+        if self.view:
+            self.view.event(f"warning: {said.text}")
+        else:
+            options.warn([said.text])

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
+from faultgauge.detection.coverage import Region, regions_of
 from faultgauge.detection.envelope import read
 from faultgauge.detection.judged import measured_outputs
 from faultgauge.detection.levels import MEMORY, driven, levels_of, probes_of
@@ -38,7 +39,8 @@ class FaultBank:
 
     `level` are the log-odds of a fault from which on there is an alarm, `error` the standard
     deviation that the model's own error adds to each fault of a set, and last to what drives the
-    states undeclared; `hold_off` in s; the model depends on the states `read`.
+    states undeclared; `hold_off` in s; the model depends on the states `read`, and `regions` are
+    what its networks were trained on.
     """
 
     model: Model
@@ -53,6 +55,7 @@ class FaultBank:
     error: Float[np.ndarray, "some slots"]
     hold_off: float
     read: Bool[np.ndarray, "states"]
+    regions: tuple[Region, ...]
 
     def with_monitor(self, which: str) -> Bool[np.ndarray, "faults"]:
         """The declared faults that are `which`: active, passive or disabled."""
@@ -118,5 +121,5 @@ def build_fault_bank(model: Model, runs: Sequence[Run], noise: Noise) -> FaultBa
     return FaultBank(
         model, modes, sets, levels, noise, outputs, step, known,
         float(found.get("level", CERTAIN)), error, HOLD_OFF * step if wait is None else wait,
-        read(model),
+        read(model), regions_of(model, outputs),
     )  # fmt: skip

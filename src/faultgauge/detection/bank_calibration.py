@@ -184,7 +184,7 @@ def _scores(
     score = np.full(len(run.t), np.nan)
     for rows in run_over(bank, run):
         odds = np.maximum(log_odds(calm_of(bank, rows)), -CEILING)
-        score[rows.part] = np.where(rows.held, np.nan, np.where(rows.inside, odds, -CEILING))
+        score[rows.part] = np.where(rows.held, np.nan, np.where(rows.outside > 0, -CEILING, odds))
     count = 1 + int(np.ceil(bank.model.plant.signals.detection.persistence / bank.step))
     edges = np.flatnonzero(np.diff(np.isfinite(score), prepend=False, append=False))
     found = []
@@ -225,7 +225,7 @@ def _errors(
             if block.run == run.name:
                 healthy &= (run.t < block.start) | (run.t >= block.end)
         for rows in run_over(forced, run):
-            kept = healthy[rows.part] & rows.inside
+            kept = healthy[rows.part] & (rows.outside == 0)
             e.append(rows.f[kept])
             v.append(rows.sd[kept] ** 2)
     estimates, variances = np.concatenate(e), np.concatenate(v)

@@ -15,7 +15,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 from scipy.linalg import expm
 
 from faultgauge.detection.bank import FaultBank
@@ -49,7 +49,8 @@ class Rows(NamedTuple):
 
     `p` of every mode, `f` and `sd` of its fault slots, `x` the posterior mean of [states,
     drifting parameters], `seen` whether a fault of that direction (down, up) would show,
-    `inside` the training envelope, `held` back after a start or a gap.
+    `outside` what of the training envelope: 0 nothing, 1 the range of a state or an input, 2 and
+    more the region of a network; `held` back after a start or a gap.
     """
 
     part: slice
@@ -58,7 +59,7 @@ class Rows(NamedTuple):
     sd: Float[np.ndarray, "samples modes slots"]
     x: Float[np.ndarray, "samples kept"]
     seen: Bool[np.ndarray, "samples faults two"]
-    inside: Bool[np.ndarray, "samples"]
+    outside: Int[np.ndarray, "samples"]
     held: Bool[np.ndarray, "samples"]
 
 
@@ -115,11 +116,18 @@ class Course:
         p, f, sd, x, seen = (np.asarray(each) for each in said)
         points = operating_points(self.model)
         trusted = inside(points.x[:, self.bank.read], x[:, : points.x.shape[1]][:, self.bank.read])
-        acting = applied(self.model, self.bank.sets, u, p, f)
+        acting, driven = applied(self.model, self.bank.sets, u, p, f)
         trusted &= inside(points.u, u) | inside(points.u, acting)
+        outside = np.where(trusted, 0, 1)
+        states = x[:, : points.x.shape[1]]
+        for k, region in enumerate(self.bank.regions, 2):
+            out = np.flatnonzero(~region.holds(states, u, np.zeros_like(driven)) & (outside == 0))
+            if len(out):
+                out = out[~region.holds(states[out], acting[out], driven[out])]
+            outside[out] = k
         held = (since < self.bank.hold_off) | foreseen
         would = (seen >= 1.0) | (np.asarray(self.bank.modes.probes) == 0.0)
-        return Rows(part, p, f, sd, x, would, trusted, held)
+        return Rows(part, p, f, sd, x, would, outside, held)
 
 
 def run_over(bank: FaultBank, log: Run) -> Iterator[Rows]:

@@ -12,7 +12,7 @@ from faultgauge.detection.course import Rows, run_over
 from faultgauge.detection.flat_line import FlatLine
 from faultgauge.detection.noise import noise_of
 from faultgauge.detection.onset import onset_of
-from faultgauge.detection.posterior import Posterior, posterior_of
+from faultgauge.detection.posterior import Posterior, posterior_of, untrusted
 from faultgauge.detection.probability import probability
 from faultgauge.detection.residual import Reference, residuals
 from faultgauge.detection.uncalibrated import prior_of, uncalibrated
@@ -111,6 +111,7 @@ def decide(bank: FaultBank, run: Run, reference: Reference = "free") -> Decision
 
     found = posterior_of(bank, run, noted())
     verdict = Verdicts(bank).judge(used, found, standing)
+    found = untrusted(bank, found, verdict.status)
     r = residuals(bank.model, run, reference)
     said = events(bank, run, found, verdict, p, float(run.t[0]))
     return Decision(run, found, r, verdict.status, verdict.reason, said)

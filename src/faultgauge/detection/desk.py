@@ -13,6 +13,7 @@ from faultgauge.detection.episode import Alarm
 from faultgauge.detection.estimation import Event, Judgement
 from faultgauge.detection.flat_line import FlatLine
 from faultgauge.detection.live import Answer, Live, Track
+from faultgauge.detection.misfit import Misfit
 from faultgauge.detection.residual import HealthyReference, Reference
 from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run
@@ -22,7 +23,7 @@ from faultgauge.telemetry.runs import joined
 __all__ = ["Desk", "Residuals", "Said"]
 
 Residuals = dict[Reference, dict[str, Float[np.ndarray, "1"]]]  # of one row
-Said = Judgement | Alarm | Event | Decision | BankEvent
+Said = Judgement | Alarm | Event | Decision | BankEvent | Misfit
 
 
 class Desk(abc.ABC):

@@ -14,14 +14,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
+from faultgauge.detection.coverage import MARGIN
 from faultgauge.detection.judged import operating_points
 from faultgauge.observers.modes import Set
 from faultgauge.plants.model import Model
 from faultgauge.plants.plant import respond
 
 __all__ = ["applied", "inside", "read"]
-
-MARGIN = 0.1  # of the training envelope's range, beyond which a model is not trusted
 
 
 def read(model: Model) -> Bool[np.ndarray, "states"]:
@@ -42,15 +41,17 @@ def applied(
     u: Float[np.ndarray, "samples inputs"],
     p: Float[np.ndarray, "samples modes"],
     f: Float[np.ndarray, "samples modes slots"],
-) -> Float[np.ndarray, "samples inputs"]:
-    """The inputs as they act, with the posterior means of the faults in `sets`, as `respond` has
-    them."""
+) -> tuple[Float[np.ndarray, "samples inputs"], Float[np.ndarray, "samples states"]]:
+    """(the inputs as they act, what is added to the states' derivatives) with the posterior means
+    of the faults in `sets`, as `respond` has them."""
     signals = model.plant.signals
     gain, extra = np.ones(u.shape), np.zeros(u.shape)
+    driven = np.zeros((len(u), len(signals.states)))
     for k, fault in enumerate(signals.faults):
-        if fault.enters not in ("input", "gain"):
+        if fault.enters == "output":
             continue
-        at = signals.input_names.index(fault.target)
+        names = signals.state_names if fault.enters == "state" else signals.input_names
+        at = names.index(fault.target)
         mean = np.zeros(len(u))
         for m, each in enumerate(sets):
             if k in each:
@@ -58,9 +59,9 @@ def applied(
         if fault.enters == "gain":
             gain[:, at] *= 1 - mean
         else:
-            extra[:, at] += mean
+            (driven if fault.enters == "state" else extra)[:, at] += mean
     low, high = [e.min for e in signals.inputs], [e.max for e in signals.inputs]
-    return np.clip(gain * u + extra, low, high) if signals.inputs else u
+    return np.clip(gain * u + extra, low, high) if signals.inputs else u, driven
 
 
 def inside(

@@ -5,6 +5,7 @@ which fault it is; both answers look sound.
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,13 +14,14 @@ from faultgauge.identification.evaluation import evaluate
 from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run, cut
 
-__all__ = ["alarmed_throughout", "not_followed"]
+__all__ = ["FEWEST", "Alarmed", "Misfit", "alarmed_throughout", "not_followed"]
 
 LONGEST = 20_000  # samples of a free run
 WORSE = 10.0  # times the free run's error on the data that the fit was validated on
 NOTABLE = 0.1  # of an output's standard deviation
 ALMOST_ALL = 0.8  # of the judged samples of a run
 AT_ONCE = 0.05  # of them, within which the alarm begins
+FEWEST = 20  # judged samples before which a stream says nothing: AT_ONCE is one of them
 
 
 def not_followed(model: Model, runs: Sequence[Run]) -> list[str]:
@@ -50,12 +52,50 @@ def alarmed_throughout(statuses: Mapping[str, Sequence[str]]) -> list[str]:
     """A sentence for every run whose status is FAULT from its beginning on and nearly always."""
     found = []
     for run, status in statuses.items():
-        judged = np.array([each for each in status if each in ("HEALTHY", "FAULT")])
-        alarm = judged == "FAULT"
-        if len(alarm) and alarm.mean() >= ALMOST_ALL and np.argmax(alarm) <= AT_ONCE * len(alarm):
-            found.append(
-                f"run {run}: alarm in {alarm.mean():.0%} of what could be judged, from the "
-                "beginning on: a fault older than the log, or the model of another plant; "
-                "`faultgauge evaluate` on a healthy log of this plant tells"
-            )
+        alarmed = Alarmed(run)
+        alarmed.add(status)
+        if alarmed.throughout:
+            found.append(alarmed.sentence())
     return found
+
+
+@dataclass(frozen=True)
+class Misfit:
+    """The same of a stream, said at `t` [s], once: as soon as it is true of the rows so far, and
+    these are as many judged ones as a block of the calibration has; at the latest, as of a file,
+    when the stream ends."""
+
+    run: str
+    t: float
+    text: str
+
+
+@dataclass
+class Alarmed:
+    """How much of one run is under alarm, in judged samples; `calm` of them before the first."""
+
+    run: str
+    judged: int = 0
+    alarms: int = 0
+    calm: int = 0
+
+    def add(self, status: Sequence[str]) -> None:
+        """The next samples."""
+        for each in status:
+            if each in ("HEALTHY", "FAULT"):
+                self.judged += 1
+                self.alarms += each == "FAULT"
+                self.calm += self.alarms == 0
+
+    @property
+    def throughout(self) -> bool:
+        """From the beginning on and nearly always."""
+        often = self.alarms >= ALMOST_ALL * self.judged
+        return self.alarms > 0 and often and self.calm <= AT_ONCE * self.judged
+
+    def sentence(self) -> str:
+        return (
+            f"run {self.run}: alarm in {self.alarms / self.judged:.0%} of what could be judged, "
+            "from the beginning on: a fault older than the log, or the model of another plant; "
+            "`faultgauge evaluate` on a healthy log of this plant tells"
+        )

@@ -11,11 +11,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from faultgauge.detection.decisions import Decision
 from faultgauge.detection.desk import Desk, Residuals, Said
 from faultgauge.detection.episode import Episode
-from faultgauge.detection.estimation import judged
+from faultgauge.detection.estimation import Judgement, judged
 from faultgauge.detection.judged import Bank, Estimates, build_bank, check_observer
 from faultgauge.detection.live import Answer
+from faultgauge.detection.misfit import FEWEST, Alarmed, Misfit
 from faultgauge.detection.online_bank import BankDesk, UnjudgedDesk
 from faultgauge.detection.residual import Reference, curved_inputs
 from faultgauge.detection.uncalibrated import uncalibrated
@@ -51,6 +53,7 @@ class Online:
         self.reference: Reference = reference
         self.first: list[Sample] = []
         self.desk: Desk | None = None
+        self.alarmed: Alarmed | None = Alarmed(NAME)  # until it is said
 
     @property
     def bank(self) -> Bank | None:
@@ -60,7 +63,7 @@ class Online:
     def push(self, sample: Sample) -> Iterator[Said]:
         """Judgements of one row each, alarms and events, in the order of time."""
         if self.desk is not None:
-            yield from self.desk.push(_rows([sample], self.desk.pace))
+            yield from self._watched(self.desk.push(_rows([sample], self.desk.pace)))
             return
         self.first.append(sample)
         if len(self.first) == PACE_SAMPLES:
@@ -73,7 +76,9 @@ class Online:
                 raise InputError(f"{SOURCE}: fewer than two samples came; send a header and rows.")
             yield from self._open()
         assert self.desk is not None
-        yield from self.desk.finish()
+        yield from self._watched(self.desk.finish())
+        if self.alarmed is not None and self.desk.newest is not None:
+            yield from self._misfit(float(self.desk.newest.t[0]))
 
     def _open(self) -> Iterator[Said]:
         run = paced(_rows(self.first, None))
@@ -84,7 +89,29 @@ class Online:
         else:
             self.desk = _Observers(self.model, run, self.observer, self.reference)
         for sample in self.first:
-            yield from self.desk.push(_rows([sample], run.pace))
+            yield from self._watched(self.desk.push(_rows([sample], run.pace)))
+
+    def _watched(self, said: Iterator[Said]) -> Iterator[Said]:
+        """What is said, and whether the alarm is there from the beginning on."""
+        for each in said:
+            yield each
+            if self.alarmed is not None and isinstance(each, Judgement | Decision):
+                self.alarmed.add(each.status)
+                if self.alarmed.judged >= self._block():
+                    yield from self._misfit(float(each.run.t[0]))
+
+    def _misfit(self, t: float) -> Iterator[Misfit]:
+        if self.alarmed is not None and self.alarmed.throughout:
+            yield Misfit(NAME, t, self.alarmed.sentence())
+            self.alarmed = None
+
+    def _block(self) -> int:
+        """Samples of a block of the calibration: ten correlation times."""
+        assert self.desk is not None
+        found = self.model.calibration or {}
+        if self.observer == "bank":
+            found = found.get("bank", {})
+        return max(int(np.ceil(found.get("block_s", 0.0) / self.desk.pace)), FEWEST)
 
     def _check_rates(self, run: Run) -> None:
         held = [each.name for each in self.model.plant.signals.inputs if each.hold == "zero"]

@@ -13,7 +13,7 @@ from faultgauge.detection.desk import Desk, Residuals, Said
 from faultgauge.detection.episode import Alarm
 from faultgauge.detection.live import Answer
 from faultgauge.detection.noise import noise_of
-from faultgauge.detection.posterior import Posterior, posterior_of
+from faultgauge.detection.posterior import Posterior, posterior_of, untrusted
 from faultgauge.detection.residual import HealthyReference, Reference
 from faultgauge.detection.verdicts import Verdict, Verdicts, log_odds
 from faultgauge.plants.model import Model
@@ -68,6 +68,7 @@ class BankDesk(Desk):
         rows = [] if answer is None else [self._rows(acting, answer)]
         found = posterior_of(self.fault_bank, row, rows)
         verdict = self.verdicts.judge(acting, found, self.standing)
+        found = untrusted(self.fault_bank, found, verdict.status)
         yield Decision(row, found, r[self.reference], verdict.status, verdict.reason, [])
         modes = len(self.fault_bank.sets) + len(self.fault_bank.levels.unknown)
         p = rows[0].p.astype(np.float32) if rows else np.full((1, modes), np.nan, np.float32)

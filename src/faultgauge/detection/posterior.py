@@ -6,11 +6,11 @@ quantiles, where an undeclared fault leaves each fault as uncertain as its prior
 error, as calibration found it, adds to the variance of each estimate.
 """
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from scipy.special import ndtr
 
 from faultgauge.detection.bank import FaultBank
@@ -19,7 +19,7 @@ from faultgauge.observers.modes import with_unknown
 from faultgauge.plants.signals import Fault
 from faultgauge.telemetry import Run
 
-__all__ = ["Posterior", "calm_of", "marginals", "mixture_quantiles", "posterior_of"]
+__all__ = ["Posterior", "calm_of", "marginals", "mixture_quantiles", "posterior_of", "untrusted"]
 
 LIKELY = 0.5  # p of a fault from which on it is there rather than not
 TAIL = 0.025
@@ -34,7 +34,8 @@ class Posterior:
     they are disabled.
 
     `calm` is the probability that there is no active fault beyond the model's own error, `x` the
-    posterior mean of [states, drifting parameters], `held` whether a hold-off is on.
+    posterior mean of [states, drifting parameters], `outside` what of the training envelope
+    as in `Rows`, `held` whether a hold-off is on.
     """
 
     p: Float[np.ndarray, "samples faults"]
@@ -45,9 +46,14 @@ class Posterior:
     unknown: Float[np.ndarray, "samples"]
     calm: Float[np.ndarray, "samples"]
     seen: Bool[np.ndarray, "samples faults two"]
-    inside: Bool[np.ndarray, "samples"]
+    outside: Int[np.ndarray, "samples"]
     x: Float[np.ndarray, "samples kept"]
     held: Bool[np.ndarray, "samples"]
+
+    @property
+    def inside(self) -> Bool[np.ndarray, "samples"]:
+        """Whether the model is trusted there."""
+        return self.outside == 0
 
 
 def members(bank: FaultBank, fault: int) -> tuple[list[int], list[int]]:
@@ -115,7 +121,7 @@ def posterior_of(bank: FaultBank, run: Run, blocks: Iterable[Rows]) -> Posterior
     p, f, lo, hi = (np.full((count, len(faults)), np.nan) for _ in range(4))
     healthy, unknown, calm = (np.full(count, np.nan) for _ in range(3))
     seen = np.zeros((count, len(faults), 2), bool)
-    inside, held = np.zeros(count, bool), np.zeros(count, bool)
+    outside, held = np.ones(count, int), np.zeros(count, bool)
     kept = len(bank.model.plant.signals.states) + len(bank.modes.drifting)
     x = np.full((count, kept), np.nan)
     for rows in blocks:
@@ -123,7 +129,7 @@ def posterior_of(bank: FaultBank, run: Run, blocks: Iterable[Rows]) -> Posterior
         healthy[part] = rows.p[:, 0]
         unknown[part] = rows.p[:, len(bank.sets) :].sum(axis=1)
         calm[part] = calm_of(bank, rows)
-        seen[part], inside[part], x[part] = rows.seen, rows.inside, rows.x
+        seen[part], outside[part], x[part] = rows.seen, rows.outside, rows.x
         held[part] = rows.held
         p[part] = marginals(bank, rows.p)
         for k, fault in enumerate(faults):
@@ -131,7 +137,7 @@ def posterior_of(bank: FaultBank, run: Run, blocks: Iterable[Rows]) -> Posterior
                 p[part, k] = np.nan
                 continue
             f[part, k], lo[part, k], hi[part, k] = _estimate(bank, rows, k, fault)
-    return Posterior(p, f, lo, hi, healthy, unknown, calm, seen, inside, x, held)
+    return Posterior(p, f, lo, hi, healthy, unknown, calm, seen, outside, x, held)
 
 
 def _estimate(
@@ -159,3 +165,14 @@ def _estimate(
     hi = np.where(blind[:, 1], np.maximum(hi, WIDE * size), hi)
     lo, hi = np.clip(lo, fault.min, fault.max), np.clip(hi, fault.min, fault.max)
     return f, np.minimum(lo, f), np.maximum(hi, f)  # the mean of a mixture may lie outside
+
+
+def untrusted(bank: FaultBank, found: Posterior, status: Sequence[str]) -> Posterior:
+    """`found` with intervals as wide as the priors where the model is not trusted and no alarm that
+    began before goes on: the network that was left may make up any fault."""
+    where = (found.outside > 0) & (np.array(status) == "NOT_JUDGED")
+    faults, reach = bank.model.plant.signals.faults, WIDE * bank.levels.size[: found.p.shape[1]]
+    lo = np.maximum(np.minimum(found.lo, -reach), [fault.min for fault in faults])
+    hi = np.minimum(np.maximum(found.hi, reach), [fault.max for fault in faults])
+    out = where[:, None]
+    return replace(found, lo=np.where(out, lo, found.lo), hi=np.where(out, hi, found.hi))

@@ -49,7 +49,7 @@ def prior_of(model: Model, run: Run) -> Posterior:
         unknown=np.full(count, np.nan),
         calm=np.full(count, np.nan),
         seen=np.zeros((count, len(faults), 2), bool),
-        inside=no,
+        outside=np.ones(count, int),
         x=np.full((count, len(signals.states)), np.nan),
         held=no,
     )

@@ -97,7 +97,7 @@ class Verdicts:
             elif alarm[k]:
                 answer = FAULT, self._cause(found, named, k)
             elif not found.inside[k]:
-                answer = NOT_JUDGED, "outside the training envelope"
+                answer = NOT_JUDGED, self._where(int(found.outside[k]))
             elif not quiet[k]:
                 answer = NOT_JUDGED, self._small(found, k) if calm[k] else UNDECIDED
             elif not clear[k]:
@@ -157,6 +157,11 @@ class Verdicts:
         shares = {"something undeclared": found.unknown[k], **dict(zip(names, p, strict=True))}
         likely = sorted(shares, key=lambda name: -shares[name])[:2]
         return f"cause undecided: {' or '.join(likely)}"
+
+    def _where(self, outside: int) -> str:
+        """What of the training envelope was left."""
+        said = "outside the training envelope"
+        return said if outside == 1 else f"{said} of {self.bank.regions[outside - 2].name}"
 
     def _small(self, found: Posterior, k: int) -> str:
         """Why what is there raises no alarm."""

@@ -1,0 +1,94 @@
+"""What of a plant file no weight depends on: its faults, and what judges them.
+
+`[faults]`, `[detection]` and `[observer]` may change without a new fit; all else may not.
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from faultgauge.errors import InputError
+from faultgauge.plants.gray_box import GrayBoxPlant
+from faultgauge.plants.model import Model
+from faultgauge.plants.plant_file import PlantSpec, parse_plant, read_plant_text
+from faultgauge.plants.schema import FileTable
+from faultgauge.plants.toml_file import parse_toml, typed
+
+__all__ = ["with_settings"]
+
+FREE = {"faults", "detection", "observer"}
+KINDS = ("states", "inputs", "outputs", "parameters", "networks")
+
+
+def with_settings(model: Model, source: str | Path) -> Model:
+    """`model` with `[faults]`, `[detection]` and `[observer]` as in the plant file (or preset)
+    `source`, which its own text becomes.
+
+    Raises `InputError` that names the first key in which they differ otherwise.
+    """
+    spec = parse_plant(read_plant_text(source), str(source))
+    difference = _difference(model.plant.spec, spec, str(source))
+    if difference:
+        raise InputError(
+            f"{source}: {difference}; only [faults], [detection] and [observer] may differ from "
+            f"the plant file that the model was fitted with, so restore it, or fit anew with "
+            f"`faultgauge fit {source} LOG... --out MODEL`."
+        )
+    members = tuple(_set(member, spec) for member in model.members)
+    return replace(model, plant=_set(model.plant, spec), members=members)
+
+
+def _set(plant: GrayBoxPlant, spec: PlantSpec) -> GrayBoxPlant:
+    signals = replace(
+        plant.signals,
+        faults=spec.signals.faults,
+        observation=spec.signals.observation,
+        max_simultaneous=spec.signals.max_simultaneous,
+        detection=spec.signals.detection,
+    )
+    own = replace(plant.spec, text=spec.text, signals=signals, warnings=spec.warnings)
+    return GrayBoxPlant(signals, own, plant.networks, plant.parameters)
+
+
+def _difference(own: PlantSpec, given: PlantSpec, source: str) -> str:
+    """The first key of `given` that is not as in `own`, in words; empty where there is none."""
+    ours, theirs = _tables(own, "the model"), _tables(given, source)
+    if ours["name"] != theirs["name"]:
+        return f"name = {theirs['name']!r} is not the model's {ours['name']!r}"
+    for kind in KINDS:
+        mine, other = list(ours[kind]), list(theirs[kind])
+        for name in other:
+            if name not in mine:
+                return f"[{kind}.{name}] is not in the model"
+        for name in mine:
+            if name not in other:
+                return f"[{kind}.{name}] of the model is missing"
+        if mine != other:
+            return f"[{kind}] {', '.join(other)} stand in the model as {', '.join(mine)}"
+    trees, new = _trees(own), _trees(given)
+    for kind in KINDS:
+        for name, table in theirs[kind].items():
+            for key, value in table.items():
+                was, place = ours[kind][name][key], (kind, name, key)
+                if (value != was) if place not in new else (new[place] != trees[place]):
+                    return f"[{kind}.{name}] {key} = {_said(value)} is {_said(was)} in the model"
+    return ""
+
+
+def _tables(spec: PlantSpec, source: str) -> dict[str, Any]:
+    """The keys as the file has them, with the defaults of those left out."""
+    return typed(FileTable, parse_toml(spec.text, source), source).model_dump(exclude=FREE)
+
+
+def _trees(spec: PlantSpec) -> Mapping[tuple[str, str, str], Any]:
+    """What the expressions mean, so that a space more makes no difference."""
+    signals = spec.signals
+    states = zip(signals.state_names, spec.derivatives, strict=True)
+    outputs = zip(signals.output_names, spec.values, strict=True)
+    found = {("states", name, "derivative"): each.tree for name, each in states}
+    return found | {("outputs", name, "value"): each.tree for name, each in outputs}
+
+
+def _said(value: Any) -> str:
+    return "left out" if value is None else repr(value)

@@ -1,0 +1,89 @@
+"""A log under alarm from its beginning on: said of a file, and of a stream in time."""
+
+import io
+import json
+
+import pytest
+
+from faultgauge.detection.misfit import Alarmed, alarmed_throughout
+from faultgauge.plants.model import load_model
+
+SAID = "a fault older than the log, or the model of another plant"
+OBSERVERS = ("eso", "bank")
+
+
+@pytest.fixture
+def stream(call, workshop, tmp_path, monkeypatch):
+    """Rows of the suspect log into `estimate -`: (outcome, the lines of --events)."""
+
+    def streaming(observer, first, last):
+        header, *rows = workshop.suspect.read_text().splitlines()
+        text = "\n".join([header, *rows[first:last]]) + "\n"
+        monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(text.encode())))
+        events = tmp_path / "events.ndjson"
+        given = ("--observer", observer, "--events", events)
+        said = call("estimate", workshop.calibrated, "-", *given)
+        assert said.code == 0, said.err
+        return said, [json.loads(line) for line in events.read_text().splitlines()]
+
+    return streaming
+
+
+@pytest.mark.parametrize("observer", OBSERVERS)
+def test_a_stream_that_begins_under_the_fault_is_warned_of_once(stream, workshop, observer):
+    said, lines = stream(observer, 320, 600)  # the leak began at row 300
+    (warning,) = (line for line in said.err.splitlines() if SAID in line)
+    assert warning.startswith("warning: run stream: alarm in ")
+    (event,) = (line for line in lines if line["said"] == "warning")
+    assert warning == f"warning: {event['text']}."
+    assert event["run"] == "stream"
+    calibration = load_model(workshop.calibrated).calibration or {}
+    block = (calibration["bank"] if observer == "bank" else calibration)["block_s"]
+    held = 1.0 if observer == "bank" else 5.0  # s: 10 samples; 5 / (1 rad/s)
+    # as many rows as a block has, 20 at least; two rows of 0.1 s for the ends of either
+    assert event["t"] - 32.0 - held == pytest.approx(max(block, 2.0), abs=0.2)
+
+
+@pytest.mark.parametrize("observer", OBSERVERS)
+def test_a_fault_that_comes_later_is_none(stream, observer):
+    said, lines = stream(observer, 150, 600)
+    assert {line["said"] for line in lines} == {"alarm", "event"}
+    assert SAID not in said.err
+
+
+@pytest.mark.parametrize("observer", OBSERVERS)
+def test_a_short_stream_is_told_at_its_end_what_its_file_is(
+    call, workshop, stream, tmp_path, observer
+):
+    header, *rows = workshop.suspect.read_text().splitlines()
+    short = tmp_path / "short.csv"
+    short.write_text("\n".join([header, *rows[320:375]]) + "\n")
+    given = ("--observer", observer, "--out", tmp_path / "rows.csv")
+    whole = call("estimate", workshop.calibrated, short, *given)
+    said, _ = stream(observer, 320, 375)
+    of_file, of_stream = (
+        [line.replace("run short", "run stream") for line in each.err.splitlines() if SAID in line]
+        for each in (whole, said)
+    )
+    assert of_file == of_stream
+    assert len(of_stream) == 1
+
+
+BOTH = {"almost all": (1, 4, True), "too few": (0, 79, False), "too late": (6, 94, False),
+        "at once": (5, 95, True), "never": (10, 0, False)}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", BOTH)
+def test_the_criterion_by_hand(case):
+    """From within the first twentieth on, and four fifths; what is not judged does not count."""
+    calm, alarms, wanted = BOTH[case]
+    status = ["NOT_JUDGED"] * 30 + ["HEALTHY"] * calm + ["FAULT"] * alarms
+    if case == "too few":
+        status += ["HEALTHY"] * 21
+    if case == "almost all":
+        status = ["FAULT", *["HEALTHY"], *["FAULT"] * 3, "STALE"]  # 4 of 5
+    assert bool(alarmed_throughout({"log": status})) == wanted
+    one_by_one = Alarmed("log")
+    for each in status:
+        one_by_one.add([each])
+    assert one_by_one.throughout == wanted
