@@ -1,11 +1,17 @@
 """A fitted plant among others, and what it is worth on samples that no fit has seen."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+from jaxtyping import Float
 
-from faultgauge.identification.refinement.data import FIRST_SIGMA, Data, validation_error
+from faultgauge.identification.refinement.data import (
+    FIRST_SIGMA,
+    Data,
+    unseen_errors,
+    validation_error,
+)
 from faultgauge.identification.refinement.records import Piece
 from faultgauge.identification.refinement.simulation_error import Fitted
 from faultgauge.identification.refinement.unknowns import Unknowns
@@ -20,7 +26,7 @@ WARM = "warm start"
 @dataclass(frozen=True)
 class Candidate:
     """A fitted plant, how it came about, and its free-run error on unseen samples (a share of
-    the outputs' spread)."""
+    the outputs' spread): RMS, and sample by sample."""
 
     plant: GrayBoxPlant
     unknowns: Unknowns
@@ -28,6 +34,7 @@ class Candidate:
     validation: float
     origin: str
     ridge: float = 1.0
+    unseen: Float[np.ndarray, "samples"] = field(default_factory=lambda: np.zeros(0))
 
 
 def sigma_of(fitted: Fitted) -> float:
@@ -39,5 +46,8 @@ def sample_count(pieces: Sequence[Piece]) -> int:
 
 
 def validated(data: Data, candidate: Candidate) -> Candidate:
-    error = validation_error(data, candidate.plant, candidate.unknowns, candidate.fitted)
-    return replace(candidate, validation=error if candidate.fitted.usable else np.inf)
+    plant, unknowns, fitted = candidate.plant, candidate.unknowns, candidate.fitted
+    if not fitted.usable:
+        return replace(candidate, validation=np.inf)
+    unseen = unseen_errors(data, plant, unknowns, fitted)
+    return replace(candidate, validation=validation_error(data, fitted, unseen), unseen=unseen)

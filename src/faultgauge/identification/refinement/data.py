@@ -19,14 +19,13 @@ from faultgauge.identification.refinement.simulation_error import (
     Window,
     fit_starts,
     fit_windows,
-    mean_square,
     simulated,
 )
 from faultgauge.identification.refinement.unknowns import Unknowns
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.signals import Signals
 
-__all__ = ["BUDGET", "FIRST_SIGMA", "Data", "prepare", "validation_error"]
+__all__ = ["BUDGET", "FIRST_SIGMA", "Data", "prepare", "unseen_errors", "validation_error"]
 
 SHORT, SHORT_SHARE, SHORT_MOST = (64, 512), 1 / 20, 16  # samples and number of short windows
 # Longer runs are cut: what a plant does beside its model adds up along a window, and over a long
@@ -257,30 +256,21 @@ def _from_fitted_samples(
     return moved
 
 
-def validation_error(
-    data: Data,
-    plant: GrayBoxPlant,
-    unknowns: Unknowns,
-    fitted: Fitted,
-) -> float:
-    """Free-run error over all samples that were not fitted, as a share of the outputs' spread.
+def unseen_errors(
+    data: Data, plant: GrayBoxPlant, unknowns: Unknowns, fitted: Fitted
+) -> Float[np.ndarray, "samples"]:
+    """Free-run errors at all samples that were not fitted, as shares of the outputs' spread.
 
     Where a run was fitted in part it goes on from there, through all its samples: what is off by
     little adds up, and no window of a fit sees it. Runs of their own start from first samples.
-    Infinite where every sample is lost, or the fit itself.
     """
-    if not fitted.mse < DIVERGED**2:
-        return np.inf
-    sigma = float(np.clip(np.sqrt(fitted.mse), 1e-6, None))
-    bound = min(OUTLIER * sigma, LOST) if data.robust else LOST
-    total, count = 0.0, 0
+    found = []
     left = [~mask for mask in data.masks]
     runs, local = data.courses(fitted)
     windows = data.windows(runs, left)
-    scored = int(np.sum(windows.weight > 0))
-    if scored:
+    if np.any(windows.weight > 0):
         errors = simulated(plant, unknowns, fitted.theta, local, windows, data.substeps)[1]
-        total, count = mean_square(errors, windows, bound) * scored, scored
+        found.append(errors[windows.weight > 0])
     if data.alone:
         first, whole = data.lead_ins()
         rest = [mask.copy() for mask in left]
@@ -292,12 +282,26 @@ def validation_error(
             fitted.theta,
             data.windows(first, [np.ones(len(mask), bool) for mask in left]),
             data.substeps,
-            sigma=sigma,
+            sigma=expected_error(fitted),
             robust=data.robust,
         )
         windows = data.windows(whole, rest)
-        scored = int(np.sum(windows.weight > 0))
         errors = simulated(plant, unknowns, fitted.theta, starts.z, windows, data.substeps)[1]
-        total, count = total + mean_square(errors, windows, bound) * scored, count + scored
-    error = float(np.sqrt(total / count)) if count else np.inf
+        found.append(errors[windows.weight > 0])
+    return np.concatenate([np.zeros(0), *found])
+
+
+def expected_error(fitted: Fitted) -> float:
+    return float(np.clip(np.sqrt(fitted.mse), 1e-6, None))
+
+
+def validation_error(data: Data, fitted: Fitted, errors: Float[np.ndarray, "samples"]) -> float:
+    """RMS of `errors`; where `data` are robust, none counts for more than a few expected ones.
+
+    Infinite where every sample is lost, or the fit itself.
+    """
+    if not fitted.mse < DIVERGED**2 or not errors.size:
+        return np.inf
+    bound = min(OUTLIER * expected_error(fitted), LOST) if data.robust else LOST
+    error = float(np.sqrt(np.mean(np.fmin(np.abs(errors), bound) ** 2)))
     return error if error < bound else np.inf

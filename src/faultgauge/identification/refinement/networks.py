@@ -31,7 +31,8 @@ from faultgauge.plants.shape import FREE
 
 __all__ = ["FINALISTS", "with_networks"]
 
-SILENT_STARTS, MANY_STARTS = 2, 4  # where samples are many, and where they are few
+SILENT_STARTS, MANY_STARTS = 2, 4  # where samples are many; where they are few, or bases more
+PROMISING = 2.0  # times the least error of the physics: minima that networks start from
 SCALE_POINTS = 500
 FIRST_ROUND, FINALISTS = 2, 2  # after this prior weight, so many starts go on down the path
 # Weights of the networks' prior. Stronger ones first lead the search into worse minima.
@@ -56,19 +57,21 @@ def with_networks(
 ) -> list[Candidate]:
     """Networks beside the parameters: silent ones from several starts, and the warm starts."""
     bases = [c for c in candidates if c.origin == "physics"] or list(candidates[:1])
-    bases += _equivalent(data, bases[0], np.random.default_rng([seed, 13]))
+    bases = [c for c in bases if c.validation <= PROMISING * bases[0].validation]
     sigma = sigma_of(bases[0].fitted)
     if bases[0].plant.spec.open_sizes:
         progress("networks: how many hidden units")
         sizes = _sizes(data, bases[0], sigma, seed)
         bases = [replace(base, plant=with_hidden(base.plant, sizes)) for base in bases]
     found: list[Candidate] = []
-    if len(bases) > FINALISTS and sample_count(data.pieces) > SCREEN:
+    few = sample_count(data.pieces) <= SCREEN
+    equivalent = _equivalent(data, bases[0], np.random.default_rng([seed, 13]))
+    bases = [*(bases if few else bases[:FINALISTS]), *equivalent]
+    if len(bases) > MANY_STARTS and not few:
         progress("networks: which start to take, over short windows")
         sigma, plant, fitted = _screened(data, bases, seed)
         found += _path(data, "networks", [plant], LEARNED_RIDGES, sigma, progress, [fitted])
     else:
-        few = sample_count(data.pieces) <= SCREEN
         count = min(restarts, MANY_STARTS if few else max(SILENT_STARTS, len(bases)))
         for margin in MARGINS if few else MARGINS[:1]:
             silent: list[GrayBoxPlant] = []

@@ -27,6 +27,7 @@ from faultgauge.identification.refinement.data import (
     FIRST_SIGMA,
     Data,
     prepare,
+    validation_error,
 )
 from faultgauge.identification.refinement.networks import FINALISTS, with_networks
 from faultgauge.identification.refinement.records import Piece, Record
@@ -42,8 +43,10 @@ from faultgauge.simulation.free_run import RATE_STEP, fastest_rate, substeps_for
 
 __all__ = ["Search", "refine"]
 
-KEPT, ALIKE = 3, 1.5  # members of an ensemble, and their error at most, times the best's
+KEPT, ALIKE = 3, 1.5  # members of an ensemble at most, and times the best's error before the end
+GAIN = 0.99  # of the ensemble's error: more does not pay another member
 NEAR = 0.05  # prior standard deviations: two starts that found one minimum
+SAME = 0.01  # of both their errors, fitted and unseen: the same of two fits
 PLACES, GOOD = 4, 4.0  # minima of the physics that go on, and their squared error at most
 FIRST_TRIALS, LAST_TRIALS = 16, 60  # of the physics, where networks follow and where none do
 HEAT_TRIALS, FAVOURITES = 10, 5  # of every start over short windows, and how many go on
@@ -106,6 +109,7 @@ def refine(
         holds, data.signals = _choose_hold(data, candidates, plant.spec.open_holds)
         candidates = _distinct([_again(data, c) for c in candidates])
     if plant.spec.networks and candidates:
+        candidates = _fine_enough(data, candidates, progress)
         candidates += with_networks(data, candidates, warm, seed, restarts, progress)
     tried = [(c.origin, c.validation) for c in candidates]
     if not any(np.isfinite(c.validation) for c in candidates):
@@ -116,22 +120,43 @@ def refine(
     if len(data.pieces) < len(data.whole):
         progress("fitting the best to all samples")
         members = _on_all_samples(data, members[:FINALISTS])
+    members = _ensemble(data, members)
     won = members[0].origin != WARM
     return Search(members, data, holds, tried, won, notes)
 
 
 def _distinct(candidates: Sequence[Candidate]) -> list[Candidate]:
-    """Finite ones, best first, the same minimum only once."""
+    """Finite ones, best first, the same minimum only once: by its errors, since what a silent
+    network's weights are, say, does not matter."""
     found: list[Candidate] = []
     for each in sorted(candidates, key=lambda c: c.validation):
-        if np.isfinite(each.validation) and not any(
-            other.origin == each.origin
-            and other.fitted.theta.shape == each.fitted.theta.shape
-            and np.max(np.abs(other.fitted.theta - each.fitted.theta)) < NEAR
-            for other in found
-        ):
+        if np.isfinite(each.validation) and not any(_same(each, other) for other in found):
             found.append(each)
     return found
+
+
+def _same(one: Candidate, other: Candidate) -> bool:
+    pairs = (one.validation, other.validation), (one.fitted.mse, other.fitted.mse)
+    close = all(abs(a - b) <= SAME * max(a, b) for a, b in pairs)
+    return one.origin == other.origin and close
+
+
+def _ensemble(data: Data, candidates: Sequence[Candidate]) -> list[Candidate]:
+    """The best, and those that make the mean of the free runs better on unseen samples.
+
+    Forward selection (R. Caruana et al., "Ensemble selection from libraries of models", ICML 2004).
+    """
+    best, *others = candidates
+    members, error = [best], best.validation
+    while others and len(members) < KEPT:
+        means = [np.mean([c.unseen for c in (*members, each)], axis=0) for each in others]
+        errors = [validation_error(data, best.fitted, mean) for mean in means]
+        k = int(np.argmin(errors))
+        if not errors[k] < GAIN * error:
+            break
+        members.append(others.pop(k))
+        error = errors[k]
+    return members
 
 
 def _on_all_samples(data: Data, members: Sequence[Candidate]) -> list[Candidate]:
@@ -153,7 +178,8 @@ def _on_all_samples(data: Data, members: Sequence[Candidate]) -> list[Candidate]
             )[0]
             refitted = validated(data, replace(c, fitted=fitted, ridge=c.ridge * share))
         if not refitted.validation < c.validation:
-            refitted = replace(c, fitted=data.fit_starts(c.plant, c.unknowns, c.fitted.theta))
+            kept = data.fit_starts(c.plant, c.unknowns, c.fitted.theta)
+            refitted = validated(data, replace(c, fitted=kept))
         found.append(refitted)
     return sorted(found, key=lambda c: c.validation)
 
@@ -171,6 +197,17 @@ def _finer(
             break
         members = finer
     return members
+
+
+def _fine_enough(
+    data: Data, candidates: list[Candidate], progress: Callable[[str], None]
+) -> list[Candidate]:
+    """The same with so many substeps that they do not matter: networks would learn what they do."""
+    while data.substeps < MOST_SUBSTEPS and step_error(data, candidates[0]) > MATTERS:
+        progress(f"fitting the physics with {2 * data.substeps} substeps")
+        data.substeps *= 2
+        candidates = _distinct([_again(data, c) for c in candidates]) or candidates
+    return candidates
 
 
 def _substeps(plant: GrayBoxPlant, records: Sequence[Record]) -> int:

@@ -39,6 +39,7 @@ TAU = 1e-9
 MOST_TRIALS = 300
 FULL = 8  # windows, side by side, that keep a core busy: more starts at once would gain nothing
 HUBER = 1.345  # standard deviations: 95 % as efficient as least squares under Gaussian noise
+NORMAL = 1.4826  # standard deviation of Gaussian noise over the median of its size
 
 
 class Window(eqx.Module):
@@ -270,7 +271,7 @@ def _fit(
         theta, z = np.split(solution.theta[k], [size])
         z = z.reshape(count, local)
         x, errors = simulated(plant, unknowns, theta, z, windows, substeps)
-        mse = mean_square(errors, windows, HUBER * sigma if robust else None)
+        mse = mean_square(errors, windows, robust)
         found.append(Fitted(theta, z, x, mse, int(solution.status[k]), int(solution.trials[k])))
     return found
 
@@ -296,13 +297,14 @@ def simulated(
 
 
 def mean_square(
-    errors: Float[np.ndarray, "*grid outputs"], windows: Window, bound: float | None = None
+    errors: Float[np.ndarray, "*grid outputs"], windows: Window, robust: bool = False
 ) -> float:
-    """Mean square of the weighted errors; with `bound` none counts for more than that."""
-    if bound is not None:
-        errors = np.fmin(np.abs(errors), bound)
+    """Mean square of the weighted errors; `robust`: as their median has it under Gaussian noise."""
+    weighed = np.abs(errors[windows.weight > 0])
+    if robust:
+        return float((NORMAL * np.median(weighed)) ** 2)
     with np.errstate(over="ignore"):
-        return float(np.sum(errors**2)) / max(int(np.sum(windows.weight > 0)), 1)
+        return float(np.sum(weighed**2)) / max(len(weighed), 1)
 
 
 @eqx.filter_jit
