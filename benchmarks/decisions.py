@@ -36,6 +36,12 @@ def spread(values: Sequence[float], digits: int = 3) -> str:
     return f"{median:.{digits}g} [{low:.{digits}g}, {high:.{digits}g}]"
 
 
+def onsets(dated: Sequence[merit.Dated | None]) -> str:
+    found = [each for each in dated if each is not None]
+    widths = spread([each.width for each in found]) if found else "none"
+    return f"{share([each.inside for each in found])}, as long as [s] {widths}"
+
+
 def over_runs(values: Sequence[float], samples: Sequence[int] | None = None) -> str:
     weights = None if samples is None else np.asarray(samples, float)
     each = merit.mean_of_runs(np.asarray(values, float), weights)
@@ -58,6 +64,9 @@ def naming(first: int, count: int) -> None:
     )
     print(f"  interval as wide as the prior: {share([v.wide for v in hidden])}")
     print(f"rig: hidden beside a visible one, that one exact: {share([v.exact for v in beside])}")
+    for count, which in enumerate((single, pair), 1):
+        dated = [each for v in which for each in v.dated]
+        print(f"rig: onset inside its 95 % interval, {count} acting: {onsets(dated)}")
     print(f"rig: windows with an event that names a healthy channel: {blamed(verdicts)}")
     print(
         "rig: healthy windows HEALTHY or NOT_JUDGED: "
@@ -84,6 +93,7 @@ def optimal(first: int, count: int) -> None:
     print(f"linear: RMSE over the Kalman filter's: {spread([e.bank / e.kalman for e in found])}")
     print(f"linear: coverage {over_runs([e.coverage for e in found])}")
     print(f"linear: delay [s] {spread([e.delay for e in found])}")
+    print(f"linear: onset inside its 95 % interval: {onsets([e.dated for e in found])}")
 
 
 def tanks(first: int, count: int) -> None:
@@ -92,7 +102,7 @@ def tanks(first: int, count: int) -> None:
     print(f"tank: leak named: {share([each is not None for each in found])}")
     print(f"tank: size inside its 95 % interval: {share([each.sized for each in leaks])}")
     print(f"tank: half of that interval, of the size: {spread([each.width for each in leaks])}")
-    print(f"tank: onset inside its 95 % interval: {share([each.dated for each in leaks])}")
+    print(f"tank: onset inside its 95 % interval: {onsets([each.dated for each in leaks])}")
     print(f"tank: false alarms before the onset, in all: {sum(each.early for each in leaks)}")
 
 
@@ -112,8 +122,7 @@ def wheel(first: int, flights: int, healthy: int, calibration: int) -> None:
     covered = over_runs([a.covered for a in found], weights)
     later = over_runs([a.covered_settled for a in found], settled)
     print(f"wheel: coverage given alarm {covered}, settled {later} ({flights} flights)")
-    dated = [a.dated for a in found if a.dated is not None]
-    print(f"wheel: onset inside its 95 % interval: {share(dated)}")
+    print(f"wheel: onset inside its 95 % interval: {onsets([a.dated for a in found])}")
     counts = np.array([false_alarms(bank, HEALTHY + k) for k in range(healthy)]).sum(axis=0)
     rate = merit.alarm_rate(int(counts[0]), counts[1] / 1e6)
     print(

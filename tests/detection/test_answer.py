@@ -8,7 +8,8 @@ import pytest
 
 from faultgauge.detection.answer import answers, as_dicts, exclusions, least_told
 from faultgauge.detection.bank import build_fault_bank
-from faultgauge.detection.decisions import decide, events
+from faultgauge.detection.decisions import decide
+from faultgauge.detection.events import Judged, events
 from faultgauge.detection.evidence import evidence, same
 from faultgauge.detection.noise import Noise
 from faultgauge.detection.verdicts import Verdicts
@@ -43,7 +44,10 @@ ONSET, LEAK = 300.0, -0.1
 NOISE = Noise(np.array([SIGMA]), np.array([PROCESS]), np.zeros(0))
 
 
-def log(seed, leak=0.0):
+LATE = STEP * np.arange(COUNT) >= ONSET
+
+
+def log(seed, leak=0.0, acts=LATE):
     """Exact under the hold."""
     rng = np.random.default_rng(seed)
     u = np.repeat(rng.uniform(0.5, 1.5, COUNT // 20), 20)
@@ -51,7 +55,7 @@ def log(seed, leak=0.0):
     fade = np.exp(-0.2 * STEP)
     x = np.full(COUNT, u[0] / 0.2)
     for k in range(COUNT - 1):
-        driven = u[k] + leak * (t[k] >= ONSET)
+        driven = u[k] + leak * acts[k]
         x[k + 1] = fade * x[k] + (1 - fade) / 0.2 * driven
     y = x + SIGMA * rng.standard_normal(COUNT)
     return Run(f"run{seed}", "tank.csv", t, {"u": u, "x": y})
@@ -128,6 +132,7 @@ def test_an_alarm_without_a_name_is_no_silence(bank, decision):
 def test_an_event_ends_with_its_alarm_and_the_next_has_an_onset_of_its_own(bank, decision):
     """A fault within the model's own error, from 400 to 800, keeps its probability."""
     count, names = 1200, len(bank.model.plant.signals.faults)
+    k = np.arange(count)
     found = decision.posterior
     p, calm, size = np.zeros(count), np.ones(count), np.zeros(count)
     p[200:], calm[200:400], calm[800:] = 0.97, 0.001, 0.001
@@ -142,11 +147,16 @@ def test_an_event_ends_with_its_alarm_and_the_next_has_an_onset_of_its_own(bank,
     modes = np.zeros((count, len(bank.sets) + len(bank.levels.unknown)))
     modes[:, bank.sets.index((0,))], modes[:, 0] = p, 1 - p
     verdict = Verdicts(bank).judge(decision.run, found, [""] * count)
-    early, late = events(bank, decision.run, found, verdict, modes, 0.0)
+    run = log(4, -0.1, ((k >= 200) & (k < 400)) | (k >= 800))
+    early, late = events(bank, Judged(bank.modes.plant, run, found, verdict, modes), 0.0)
     assert (early.end, late.end) == (399 * STEP, 1199 * STEP)
     assert early.size == pytest.approx(-0.05)
     assert late.size == pytest.approx(-0.1)
-    assert late.onset == pytest.approx(800 * STEP, abs=10 * STEP)  # the delay of a name
+    # 0.1 moves x by 0.05 a sample, twice its noise: dated to a few samples, and each by itself
+    for event, begun in ((early, 200), (late, 800)):
+        assert event.onset_lo <= begun * STEP <= event.onset_hi
+        assert event.onset == pytest.approx(begun * STEP, abs=4 * STEP)
+        assert event.onset_hi - event.onset_lo <= 8 * STEP
     unsigned = replace(found, lo=-np.abs(f), hi=np.abs(f))
     verdict = Verdicts(bank).judge(decision.run, unsigned, [""] * count)
     assert not verdict.named[:, 0].any()

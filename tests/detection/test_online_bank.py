@@ -5,10 +5,11 @@ import numpy as np
 import pytest
 
 from faultgauge.detection.calibration import calibrate
-from faultgauge.detection.decisions import BankEvent, Decision, decide_runs, table
+from faultgauge.detection.decisions import Decision, decide_runs, table
 from faultgauge.detection.episode import Alarm
 from faultgauge.detection.estimation import Judgement, estimate
 from faultgauge.detection.estimation import table as plain_table
+from faultgauge.detection.events import BankEvent
 from faultgauge.detection.flat_line import FlatLine, longest_repeats
 from faultgauge.detection.online import Online
 from faultgauge.plants.gray_box import GrayBoxPlant

@@ -6,7 +6,8 @@ from typing import TypeAlias
 
 import numpy as np
 
-from faultgauge.detection.decisions import decide_runs, stretches
+from faultgauge.detection.decisions import decide_runs
+from faultgauge.detection.events import stretches
 from faultgauge.errors import InputError
 from faultgauge.plants.model import load_model
 from faultgauge.telemetry import Run

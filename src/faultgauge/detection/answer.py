@@ -13,8 +13,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from faultgauge.detection.bank import FaultBank, alone_error
-from faultgauge.detection.decisions import FEWEST, UNKNOWN, BankEvent, Decision, stretches
+from faultgauge.detection.decisions import Decision
 from faultgauge.detection.decisions import as_dicts as events_as_dicts
+from faultgauge.detection.events import FEWEST, UNKNOWN, BankEvent, stretches
 from faultgauge.detection.posterior import WIDE
 from faultgauge.detection.probability import probability
 from faultgauge.detection.verdicts import FAULT
@@ -137,7 +138,7 @@ def moment(clock: datetime | None, t: float, resolution: float) -> str:
     """`t` [s] as a clock that showed `clock` at 0 s shows it, or as seconds; as fine as
     `resolution` [s] is. With the date where that is another day."""
     if clock is None:
-        return f"{t:.6g} s"
+        return f"{round(t, _digits(resolution)):.12g} s"
     at = clock + timedelta(seconds=t)
     date = "" if at.date() == clock.date() else f"{at.date().isoformat()} "
     return date + at.time().isoformat("seconds" if resolution >= 1 else "milliseconds")

@@ -17,9 +17,10 @@ import numpy as np
 from jaxtyping import Float
 
 from faultgauge.detection.bank import FaultBank
-from faultgauge.detection.change_points import Causes, Window, causes_of, shocks_of, total
+from faultgauge.detection.change_points import causes_of, total
 from faultgauge.detection.decisions import Decision
 from faultgauge.detection.verdicts import NAMED
+from faultgauge.detection.window import Causes, Window, shocks_of
 
 __all__ = ["Change", "Changes", "Sized", "changes_of"]
 

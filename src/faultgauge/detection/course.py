@@ -36,6 +36,7 @@ from faultgauge.observers.interacting import FLOOR, BankInfo, BankState, Interac
 from faultgauge.observers.modes import with_unknown
 from faultgauge.observers.sigma_point import Belief
 from faultgauge.plants.model import Model
+from faultgauge.plants.plant import Plant
 from faultgauge.telemetry import Run, segments
 
 __all__ = ["AT_START", "Course", "Rows", "run_over"]
@@ -45,7 +46,7 @@ AT_START = 1e-3  # probability that a given fault is there when a log begins, at
 
 
 class Rows(NamedTuple):
-    """What the bank says about the samples `part` of a run.
+    """What the bank over the run's `plant` says about the samples `part` of a run.
 
     `p` of every mode, `f` and `sd` of its fault slots, `x` the posterior mean of [states,
     drifting parameters], `seen` whether a fault of that direction (down, up) would show,
@@ -53,6 +54,7 @@ class Rows(NamedTuple):
     more the region of a network; `held` back after a start or a gap.
     """
 
+    plant: Plant
     part: slice
     p: Float[np.ndarray, "samples modes"]
     f: Float[np.ndarray, "samples modes slots"]
@@ -105,6 +107,7 @@ class Course:
 
     def rows(
         self,
+        plant: Plant,
         part: slice,
         said: BankInfo,
         u: Float[np.ndarray, "samples inputs"],
@@ -127,7 +130,7 @@ class Course:
             outside[out] = k
         held = (since < self.bank.hold_off) | foreseen
         would = (seen >= 1.0) | (np.asarray(self.bank.modes.probes) == 0.0)
-        return Rows(part, p, f, sd, x, would, outside, held)
+        return Rows(plant, part, p, f, sd, x, would, outside, held)
 
 
 def run_over(bank: FaultBank, log: Run) -> Iterator[Rows]:
@@ -145,7 +148,7 @@ def run_over(bank: FaultBank, log: Run) -> Iterator[Rows]:
             state, info = follow(modes, state, [each[block] for each in given])
             foreseen = np.arange(block.start, block.stop) < start.samples
             where = slice(part.start + block.start, part.start + block.stop)
-            yield course.rows(where, info, given[0][block], t[block] - t[0], foreseen)
+            yield course.rows(modes.plant, where, info, given[0][block], t[block] - t[0], foreseen)
         last = float(t[-1])
 
 

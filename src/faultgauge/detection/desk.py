@@ -8,9 +8,10 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from faultgauge.detection.decisions import BankEvent, Decision
+from faultgauge.detection.decisions import Decision
 from faultgauge.detection.episode import Alarm
 from faultgauge.detection.estimation import Event, Judgement
+from faultgauge.detection.events import BankEvent
 from faultgauge.detection.flat_line import FlatLine
 from faultgauge.detection.live import Answer, Live, Track
 from faultgauge.detection.misfit import Misfit

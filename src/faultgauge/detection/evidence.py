@@ -10,7 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from faultgauge.detection.bank import FaultBank
-from faultgauge.detection.decisions import BankEvent, Decision, decide
+from faultgauge.detection.decisions import Decision, decide
+from faultgauge.detection.events import BankEvent
 from faultgauge.detection.levels import MEMORY
 from faultgauge.telemetry import Run, cut
 

@@ -243,13 +243,15 @@ def pad_stretch(
     u: Float[np.ndarray, "samples inputs"],
     y: Float[np.ndarray, "samples outputs"],
     t: Float[np.ndarray, "samples"],
+    least: int = 0,
 ) -> tuple[
     Float[np.ndarray, "padded inputs"],
     Float[np.ndarray, "padded outputs"],
     Float[np.ndarray, "padded"],
 ]:
-    """(u, y, dt) at the length of a bucket; nothing is sampled in what was added."""
-    length = bucket(len(t))
+    """(u, y, dt) at the length of a bucket, of `least` samples or more; nothing is sampled in what
+    was added."""
+    length = bucket(max(len(t), least))
     dt = np.zeros(length)
     dt[1 : len(t)] = np.diff(t)
     padded = np.concatenate([y, np.full((length - len(t), y.shape[1]), np.nan)])

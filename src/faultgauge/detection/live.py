@@ -97,6 +97,11 @@ class Live:
         self.waiting, self.judge, self.last = [], None, None
         return due
 
+    @property
+    def latest(self) -> Any:
+        """What runs along the stretch, or ran along the last one."""
+        return self.judge if self.past is None or self.judge is not None else self.past[0]
+
     def _opens(self, row: Run) -> bool:
         return all(np.isfinite(row.columns[name][0]) for name in self.track.opening)
 

@@ -1,6 +1,7 @@
 """`estimate` by the bank while telemetry arrives: the rows and events of a file, row by row."""
 
-from collections.abc import Iterator
+from collections import deque
+from collections.abc import Iterator, Sequence
 from dataclasses import fields
 
 import numpy as np
@@ -8,21 +9,26 @@ from jaxtyping import Float
 
 from faultgauge.detection.bank import build_fault_bank, evaluated_faults
 from faultgauge.detection.course import Course, Rows
-from faultgauge.detection.decisions import PAUSE, UNKNOWN, Decision, events, unjudged
+from faultgauge.detection.decisions import Decision, unjudged
 from faultgauge.detection.desk import Desk, Residuals, Said
 from faultgauge.detection.episode import Alarm
+from faultgauge.detection.events import PAUSE, UNKNOWN, Judged, events
 from faultgauge.detection.live import Answer
 from faultgauge.detection.noise import noise_of
+from faultgauge.detection.onset import EARLIEST
 from faultgauge.detection.posterior import Posterior, posterior_of, untrusted
 from faultgauge.detection.residual import HealthyReference, Reference
 from faultgauge.detection.verdicts import Verdict, Verdicts, log_odds
 from faultgauge.plants.model import Model
+from faultgauge.plants.plant import Plant
 from faultgauge.telemetry import Run
 from faultgauge.telemetry.runs import joined
 
 __all__ = ["BankDesk", "UnjudgedDesk"]
 
 WHOLE = slice(0, 1)
+
+Row = tuple[Run, Posterior, Verdict, Float[np.ndarray, "1 modes"]]
 
 
 class UnjudgedDesk(Desk):
@@ -44,7 +50,7 @@ class BankDesk(Desk):
     """The bank along one stream.
 
     What may become an event, or is one, is kept until it is over; then the same function finds
-    events in it as in a whole log.
+    events in it as in a whole log, and their onsets in what came `before` too.
     """
 
     def __init__(self, model: Model, run: Run, reference: Reference) -> None:
@@ -53,8 +59,9 @@ class BankDesk(Desk):
         super().__init__(model, run, self.course, [reference])
         self.reference: Reference = reference
         self.verdicts = Verdicts(self.fault_bank)
-        self.begun = float(run.t[0])
-        self.kept: list[tuple[Run, Posterior, Verdict, Float[np.ndarray, "1 modes"]]] = []
+        self.since = float(run.t[0])  # the end of the last event
+        self.before: deque[Row] = deque(maxlen=EARLIEST)
+        self.kept: list[Row] = []
         self.calm = 0  # sampled rows in a row that speak of no fault
         self.told: set[str] = set()
 
@@ -72,7 +79,7 @@ class BankDesk(Desk):
         yield Decision(row, found, r[self.reference], verdict.status, verdict.reason, [])
         modes = len(self.fault_bank.sets) + len(self.fault_bank.levels.unknown)
         p = rows[0].p.astype(np.float32) if rows else np.full((1, modes), np.nan, np.float32)
-        yield from self._keep(row, found, verdict, p)
+        yield from self._keep((acting, found, verdict, p))
 
     def closed(self, newest: Run) -> Iterator[Said]:
         yield from self._over()
@@ -80,21 +87,20 @@ class BankDesk(Desk):
     def _rows(self, acting: Run, answer: Answer) -> Rows:
         u = self.course.samples(acting, WHOLE)[0]
         since = np.array([answer.since])
-        return self.course.rows(WHOLE, answer.infos, u, since, np.array([not answer.unforeseen]))
+        plant = self.lives[0].latest.plant
+        foreseen = np.array([not answer.unforeseen])
+        return self.course.rows(plant, WHOLE, answer.infos, u, since, foreseen)
 
-    def _keep(
-        self, row: Run, found: Posterior, verdict: Verdict, p: Float[np.ndarray, "1 modes"]
-    ) -> Iterator[Said]:
+    def _keep(self, said: Row) -> Iterator[Said]:
         """Keep the row where it belongs to what may be an event; tell alarms and events."""
-        bank = self.fault_bank
+        bank, (row, found, verdict, _) = self.fault_bank, said
         release = bank.model.plant.signals.detection.release
         columns = np.append(found.p[0], found.unknown[0])
         speaks = verdict.named.any() or np.any(np.nan_to_num(columns) >= release)
         speaks |= log_odds(found.healthy)[0] >= bank.level
         sampled = np.isfinite(found.healthy[0])
         self.calm = 0 if speaks else self.calm + sampled
-        if speaks or self.kept:
-            self.kept.append((row, found, verdict, p))
+        (self.kept if speaks or self.kept else self.before).append(said)
         names = (*bank.model.plant.signals.fault_names, UNKNOWN)
         for k in np.flatnonzero(verdict.named[0]):
             if names[k] not in self.told:
@@ -105,20 +111,27 @@ class BankDesk(Desk):
             yield from self._over()
 
     def _over(self) -> Iterator[Said]:
-        if self.kept:
-            runs, founds, verdicts, p = zip(*self.kept, strict=True)
-            found = Posterior(
-                **{
-                    each.name: np.concatenate([getattr(one, each.name) for one in founds])
-                    for each in fields(Posterior)
-                }
-            )
-            verdict = Verdict(
-                [each.status[0] for each in verdicts],
-                [each.reason[0] for each in verdicts],
-                np.concatenate([each.alarm for each in verdicts]),
-                np.concatenate([each.named for each in verdicts]),
-            )
-            run = joined(list(runs))
-            yield from events(self.fault_bank, run, found, verdict, np.concatenate(p), self.begun)
+        if any(verdict.named.any() for _, _, verdict, _ in self.kept):
+            rows = _joined(self.lives[0].latest.plant, [*self.before, *self.kept])
+            for event in events(self.fault_bank, rows, self.since, len(self.before)):
+                self.since = max(self.since, event.end)
+                yield event
+        self.before.extend(self.kept)
         self.kept, self.told = [], set()
+
+
+def _joined(plant: Plant, rows: Sequence[Row]) -> Judged:
+    runs, founds, verdicts, p = zip(*rows, strict=True)
+    found = Posterior(
+        **{
+            each.name: np.concatenate([getattr(one, each.name) for one in founds])
+            for each in fields(Posterior)
+        }
+    )
+    verdict = Verdict(
+        [each.status[0] for each in verdicts],
+        [each.reason[0] for each in verdicts],
+        np.concatenate([each.alarm for each in verdicts]),
+        np.concatenate([each.named for each in verdicts]),
+    )
+    return Judged(plant, joined(list(runs)), found, verdict, np.concatenate(p))

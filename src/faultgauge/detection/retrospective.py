@@ -12,14 +12,16 @@ from scipy.special import logsumexp
 
 from faultgauge.detection.answer import EXCLUDED, moment
 from faultgauge.detection.bank import CERTAIN, FaultBank, alone_error
-from faultgauge.detection.change_points import Causes, Window, total, windows_of
+from faultgauge.detection.change_points import total, windows_of
 from faultgauge.detection.changes import Changes, Sized, changes_of
-from faultgauge.detection.decisions import UNKNOWN, Decision
+from faultgauge.detection.decisions import Decision
+from faultgauge.detection.events import UNKNOWN
 from faultgauge.detection.over_onsets import onset_over, size_over
 from faultgauge.detection.posterior import WIDE
 from faultgauge.detection.probability import probability
 from faultgauge.detection.shocks import Shocks
 from faultgauge.detection.verdicts import FAULT
+from faultgauge.detection.window import Causes, Window
 
 __all__ = ["HEALTHY", "Retrospect", "Told", "as_dicts", "retrospect", "sentences"]
 

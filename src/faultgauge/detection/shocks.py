@@ -93,10 +93,13 @@ def shocks(
     sizes: Sizes,
     drifting: tuple[str, ...],
     substeps: int,
+    span: Float[Array, "faults"] | None = None,
 ) -> Shocks:
     """Filter forwards, collect backwards; `belief` is of [states, drifting parameters].
 
-    What the filter is told is a slot of its own that is known to be 1, times the faults.
+    What the filter is told is a slot of its own that is known to be 1, times the faults. With a
+    `span`, a fault acts in proportion to what that size of it does, limits and all, instead of by
+    its slope at what was told.
     """
     kept = len(belief.mean)
     mean = jnp.append(belief.mean, 1.0)
@@ -109,7 +112,7 @@ def shocks(
         told = sample.f + sample.known
         lane = SigmaPointFilter(plant, noise._replace(select=told[:, None]), drifting, substeps)
         after, likelihood, gain = lane.step(before, u_before, sample.u, sample.y, sample.dt)
-        H, s, A, b = _linear(lane, before.mean[:kept], u_before, sample)
+        H, s, A, b = _linear(lane, before.mean[:kept], u_before, sample, span)
         seen = jnp.isfinite(sample.y)[:, None]
         whiten = jax.vmap(solve_lower, (None, 1), 1)
         H, s = (whiten(gain.root, jnp.where(seen, part, 0.0)) for part in (H, s))
@@ -131,7 +134,11 @@ def shocks(
 
 
 def _linear(
-    lane: SigmaPointFilter, z: Float[Array, "kept"], u: Float[Array, "inputs"], sample: Record
+    lane: SigmaPointFilter,
+    z: Float[Array, "kept"],
+    u: Float[Array, "inputs"],
+    sample: Record,
+    span: Float[Array, "faults"] | None,
 ) -> tuple[Array, Array, Array, Array]:
     """(dy/dz, dy/df, dz'/dz, dz'/df) over one sample, z' and y being the next ones."""
     states = len(lane.plant.signals.states)
@@ -142,6 +149,10 @@ def _linear(
         return respond(plant, x, sample.u, f)[1], jnp.concatenate([x, z[states:]])
 
     (y_z, y_f), (z_z, z_f) = jax.jacfwd(look, (0, 1))(z, sample.f + sample.known)
+    if span is not None:
+        y, after = look(z, sample.known)
+        y_all, after_all = jax.vmap(look, (None, 0))(z, sample.known + jnp.diag(span))
+        y_f, z_f = ((y_all - y) / span[:, None]).T, ((after_all - after) / span[:, None]).T
     return y_z, y_f, z_z, z_f
 
 

@@ -7,7 +7,8 @@ from jaxtyping import Float
 
 from faultgauge.detection.answer import answers, told
 from faultgauge.detection.bank import FaultBank
-from faultgauge.detection.decisions import BankEvent, Decision
+from faultgauge.detection.decisions import Decision
+from faultgauge.detection.events import BankEvent
 from faultgauge.detection.evidence import Evidence
 from faultgauge.detection.probability import probability
 from faultgauge.detection.retrospective import Retrospect

@@ -10,11 +10,15 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 from scipy.stats import beta, chi2
 
+from faultgauge.detection.events import BankEvent
+
 __all__ = [
+    "Dated",
     "Interval",
     "alarms",
     "alarm_rate",
     "coverage",
+    "dated",
     "edges_of",
     "exact_set",
     "found_after",
@@ -98,6 +102,25 @@ def found_after(told: Sequence[float], onset: float) -> float:
     """Delay [s] from the onset until the fault is first named: `told` are the times at which an
     event of this fault was told; inf where none comes at or after the onset."""
     return min((t for t in told if t >= onset), default=np.inf) - onset
+
+
+class Dated(NamedTuple):
+    """Whether an event's 95 % onset interval holds the true onset, and its length [s]."""
+
+    inside: bool
+    width: float
+
+
+def dated(
+    events: Sequence[BankEvent], fault: str, onset: float, until: float = np.inf
+) -> Dated | None:
+    """The first event that names `fault`, told before `until` and not over before its `onset` [s];
+    None where there is none."""
+    for event in sorted(events, key=lambda event: event.start):
+        if event.fault == fault and event.end >= onset and event.start < until:
+            inside = event.onset_lo <= onset <= event.onset_hi
+            return Dated(bool(inside), event.onset_hi - event.onset_lo)
+    return None
 
 
 def alarms(status: Sequence[str]) -> int:

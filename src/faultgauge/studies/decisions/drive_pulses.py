@@ -48,7 +48,8 @@ class Found:
     """What one observer made of both records; `f` [V] with its interval, on the pulses.
 
     `figures`: RMSE [V] and its share of 5 V from 60 ms after each edge, settling times [s] to 5 %,
-    half periods and how many are wrong, alarms on the healthy stretch, coverage.
+    half periods and how many are wrong, alarms on the healthy stretch, coverage; of the bank also
+    how the onsets of the pulses were told.
     """
 
     quiet: Judgement | Decision
@@ -102,8 +103,19 @@ def by_bank(body: Body, logs: DriveLogs) -> Found:
     """The bank."""
     last = parts([logs.healthy], *SHARES)[3]
     (quiet, pulses), _ = decide_runs(body.model, [*last, logs.faulty])
-    found = pulses.posterior
-    return judged(quiet, pulses, found.f[:, 0], found.lo[:, 0], found.hi[:, 0], logs)
+    f = pulses.posterior
+    found = judged(quiet, pulses, f.f[:, 0], f.lo[:, 0], f.hi[:, 0], logs)
+    edges = [float(logs.faulty.t[k]) for k in merit.edges_of(logs.pulse)]
+    edges = edges if logs.pulse[0] == 0 else edges[1:]
+    ends = [*edges[1::2], np.inf]  # of the last one too
+    told = [
+        merit.dated(pulses.events, FAULT, *each) for each in zip(edges[::2], ends, strict=False)
+    ]
+    dated = [each for each in told if each is not None]
+    found.figures["onsets_told"] = float(len(dated))
+    found.figures["onsets_inside"] = float(sum(each.inside for each in dated))
+    found.figures["onset_width_median_s"] = float(np.median([each.width for each in dated]))
+    return found
 
 
 def judged(

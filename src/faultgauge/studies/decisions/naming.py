@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 from faultgauge.detection.bank import FaultBank, build_fault_bank
 from faultgauge.detection.bank_calibration import calibrate_bank
-from faultgauge.detection.decisions import UNKNOWN, Decision, decide
+from faultgauge.detection.decisions import Decision, decide
+from faultgauge.detection.events import UNKNOWN
 from faultgauge.detection.noise import estimate_noise
 from faultgauge.detection.posterior import WIDE
 from faultgauge.detection.verdicts import QUIET
@@ -31,7 +32,8 @@ class Verdict:
     what was said at the end, whether every fault could be seen at all, and whether all still act
     at the end, where a heater may just have come to a limit.
 
-    `wide` says whether the interval of a hidden fault reached as far as its prior.
+    `wide` says whether the interval of a hidden fault reached as far as its prior, `dated` how the
+    onsets of those that were named were told.
     """
 
     truth: tuple[str, ...]
@@ -43,6 +45,7 @@ class Verdict:
     status: str
     unknown: float
     wide: bool
+    dated: tuple[merit.Dated, ...]
 
 
 def rig_bank(left_out: str | None = None) -> FaultBank:
@@ -84,6 +87,7 @@ def _judged(bank: FaultBank, case: Window) -> Verdict:
     said = {name for name, p in zip(names, end, strict=True) if p >= QUIET}
     told = {event.fault for event in decision.events} - {UNKNOWN}
     truth = set(case.faults) - {case.hidden}
+    dated = [merit.dated(decision.events, name, case.onsets[name]) for name in case.faults]
     return Verdict(
         truth=tuple(case.faults),
         hidden=case.hidden,
@@ -94,6 +98,7 @@ def _judged(bank: FaultBank, case: Window) -> Verdict:
         status=decision.status[-1],
         unknown=float(decision.posterior.unknown[-1]),
         wide=case.hidden is None or _reaches(bank, decision, case.hidden),
+        dated=tuple(each for each in dated if each is not None),
     )
 
 

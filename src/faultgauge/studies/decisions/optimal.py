@@ -43,12 +43,13 @@ SIZE = 0.2
 @dataclass(frozen=True)
 class Errors:
     """RMSE of the fault from 200 samples after its onset, and the share of them inside the bank's
-    95 % interval; `delay` [s] until the fault is named."""
+    95 % interval; `delay` [s] until the fault is named, and how its onset was told."""
 
     bank: float
     kalman: float
     coverage: float
     delay: float
+    dated: merit.Dated | None
 
 
 def linear_bank(walk: float | None = WALK) -> FaultBank:
@@ -80,6 +81,7 @@ def against_kalman(bank: FaultBank, seed: int) -> Errors:
         merit.rmse(_kalman(run), f, late),
         merit.coverage(found.lo[:, 0], found.hi[:, 0], f, late),
         merit.found_after(told, ONSET * STEP),
+        merit.dated(decision.events, "f", ONSET * STEP),
     )
 
 

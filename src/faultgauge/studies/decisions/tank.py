@@ -8,21 +8,22 @@ from faultgauge.detection.calibration import calibrate
 from faultgauge.detection.decisions import decide_runs
 from faultgauge.identification.fit import fit
 from faultgauge.plants.gray_box import load_plant
+from faultgauge.studies import merit
 from faultgauge.telemetry import Run
 
 __all__ = ["Leak", "leak_found", "tank_log"]
 
-LEAK, ONSET = -0.002, 4002.0  # m/s, s: the first sample after 4000 s from which it acts
+LEAK, ONSET = -0.002, 4000.0  # m/s, s
 STEP, SECONDS = 2.0, 7200.0  # s
 
 
 @dataclass(frozen=True)
 class Leak:
-    """The last event of the leak: whether its 95 % intervals hold size and onset, half the size's
-    interval over the truth, and the healthy log's alarms before the onset."""
+    """The last event of the leak: whether its 95 % interval holds the size, how the onset was told,
+    half the size's interval over the truth, and the alarms before the onset."""
 
     sized: bool
-    dated: bool
+    dated: merit.Dated | None
     width: float
     early: int
 
@@ -54,7 +55,7 @@ def leak_found(seed: int) -> Leak | None:
     lo, hi = (float(value) for value in (late[-1].lo, late[-1].hi) if value is not None)
     return Leak(
         sized=lo <= LEAK <= hi,
-        dated=late[-1].onset_lo <= ONSET <= late[-1].onset_hi,
+        dated=merit.dated(events, "leak", ONSET),
         width=(hi - lo) / 2 / abs(LEAK),
         early=sum(e.start < ONSET for e in decision.events),
     )

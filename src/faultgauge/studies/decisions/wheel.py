@@ -51,8 +51,7 @@ PER_ALARM = 1e6  # samples: the rate that is asked for
 class Alarm:
     """One flight with the fault: `delay` [s] until it is named, the run mean after 60 s over the
     truth less one, the shares of samples under alarm (all, and settled) whose interval holds it,
-    how many samples those are, and whether the onset was inside its interval; None where the fault
-    was not named."""
+    how many samples those are, and how the onset was told; None where the fault was not named."""
 
     delay: float
     bias: float
@@ -60,7 +59,7 @@ class Alarm:
     covered_settled: float
     samples: int
     samples_settled: int
-    dated: bool | None
+    dated: merit.Dated | None
 
 
 def flight(seed: int, size: float = 0.0) -> Run:
@@ -117,7 +116,7 @@ def friction_found(bank: FaultBank, seed: int) -> Alarm:
         covered_settled=merit.coverage(found.lo[:, 0], found.hi[:, 0], FRICTION, settled),
         samples=int(alarm.sum()),
         samples_settled=int(settled.sum()),
-        dated=events[0].onset_lo <= ONSET <= events[0].onset_hi if events else None,
+        dated=merit.dated(decision.events, "friction", ONSET),
     )
 
 
