@@ -118,8 +118,10 @@ def levenberg_marquardt(
     the compiled program is found again.
     """
 
+    bordered = bool(local) or linearised is not None
+
     def equations(theta: Array) -> tuple[Array, Array, Array, Array | None]:
-        if local or linearised is not None:
+        if bordered:
             at_once = linearised or forward(residual)
             cost, hessian, gradient, rows = bordered_equations(at_once, theta, samples, local)
         else:
@@ -133,6 +135,12 @@ def levenberg_marquardt(
             gradient + penalty * theta,
             rows,
         )
+
+    def no_rows(theta: Array) -> Array:
+        """Zeros in the shape of `equations`' rows, which need not be traced for it."""
+        each = own(theta, samples, local)
+        r = jax.eval_shape(lambda: jax.vmap(residual)(each, samples))
+        return jnp.zeros((*r.shape, each.shape[1] + 1))
 
     def bend(s: _State, rows: Array, factor: Any, held: Array, step: Array) -> Array:
         """a / 2; the curvature from one residual at a part of the step."""
@@ -154,14 +162,13 @@ def levenberg_marquardt(
     def begin(theta: Array) -> _State:
         """Before the first trial, which only evaluates: one place in the program that does."""
         nothing = jnp.zeros_like(theta)
-        rows = jax.eval_shape(equations, theta)[3]
         infinite = jnp.asarray(jnp.inf)
         return _State(
             theta=theta,
             cost=infinite,
             hessian=jnp.zeros((theta.size, theta.size)),
             gradient=nothing,
-            rows=None if rows is None else jnp.zeros(rows.shape),
+            rows=no_rows(theta) if bordered else None,
             mu=jnp.asarray(1.0),
             nu=jnp.asarray(2.0),
             best=theta,

@@ -16,6 +16,7 @@ from faultgauge.identification.refinement.candidate import (
     sigma_of,
     validated,
 )
+from faultgauge.identification.refinement.cores import side_by_side
 from faultgauge.identification.refinement.data import BUDGET, Data
 from faultgauge.identification.refinement.linear_starts import equivalents
 from faultgauge.identification.refinement.records import Piece
@@ -106,21 +107,26 @@ def _screened(
 ) -> tuple[float, GrayBoxPlant, Fitted]:
     """(sigma, plant, fit) of the best of `bases` with networks: all over short windows, then the
     best of them over all."""
-    short, tried = data.short(), []
-    for k, base in enumerate(bases):
+    short = data.short()
+
+    def tried(k: int) -> tuple[float, GrayBoxPlant, Fitted] | None:
+        base = bases[k]
         sigma, theta = sigma_of(base.fitted), base.fitted.theta[None]
         settled = data.fit(
             base.plant, base.unknowns, theta, pieces=short, sigma=sigma, trials=SETTLE_TRIALS
         )[0]
-        if settled.usable:
-            scaled = _scaled(data, replace(base, fitted=settled), short)
-            plant = _silent(scaled, np.random.default_rng([seed, 11, k]), MARGINS[0])
-            tried.append(_learned(data, plant, short, sigma, TRIALS))
-    tried.sort(key=lambda each: each[0])
+        if not settled.usable:
+            return None
+        scaled = _scaled(data, replace(base, fitted=settled), short)
+        plant = _silent(scaled, np.random.default_rng([seed, 11, k]), MARGINS[0])
+        return _learned(data, plant, short, sigma, TRIALS)
+
+    found = [each for each in side_by_side(tried, range(len(bases))) if each is not None]
+    found.sort(key=lambda each: each[0])
     sigma = sigma_of(bases[0].fitted)
-    finals = [
-        _learned(data, plant, data.pieces, sigma, FINAL_TRIALS) for _, plant, _ in tried[:FINALISTS]
-    ]
+    finals = side_by_side(
+        lambda each: _learned(data, each[1], data.pieces, sigma, FINAL_TRIALS), found[:FINALISTS]
+    )
     return min(finals, key=lambda each: each[0])
 
 

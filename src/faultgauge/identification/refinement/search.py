@@ -23,6 +23,7 @@ from faultgauge.identification.refinement.candidate import (
     sigma_of,
     validated,
 )
+from faultgauge.identification.refinement.cores import side_by_side
 from faultgauge.identification.refinement.data import (
     FIRST_SIGMA,
     Data,
@@ -55,7 +56,7 @@ COARSE = 2.0  # times a simulation's step: a search is done before the last digi
 MATTERS, MOST_SUBSTEPS = 0.5, 32  # of the fit's error: what halving the step may change
 SCATTER = 0.5  # prior standard deviations: a factor of 3 for positive constants
 HOLD_STARTS = 3
-MORE_TRIALS, ALL_TRIALS = 40, 25  # of what stands already, and of the best over all samples
+MORE_TRIALS, ALL_TRIALS = 40, 16  # of what stands already, and of the best over all samples
 CLEARLY = 0.9  # of the error with a simpler hold: half a sample of delay hides in many constants
 HOLDS: tuple[Hold, ...] = ("zero", "linear", "band-limited")
 
@@ -164,8 +165,8 @@ def _on_all_samples(data: Data, members: Sequence[Candidate]) -> list[Candidate]
     share = sample_count(data.whole) / sample_count(data.pieces)
     data.reach(members[0].plant, members[0].unknowns, members[0].fitted)
     data.pieces = data.whole
-    found = []
-    for c in members:
+
+    def to_all(c: Candidate) -> Candidate:
         refitted = c
         if c.origin != WARM:
             fitted = data.fit(
@@ -180,8 +181,9 @@ def _on_all_samples(data: Data, members: Sequence[Candidate]) -> list[Candidate]
         if not refitted.validation < c.validation:
             kept = data.fit_starts(c.plant, c.unknowns, c.fitted.theta)
             refitted = validated(data, replace(c, fitted=kept))
-        found.append(refitted)
-    return sorted(found, key=lambda c: c.validation)
+        return refitted
+
+    return sorted(side_by_side(to_all, members), key=lambda c: c.validation)
 
 
 def _finer(

@@ -16,7 +16,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from faultgauge.identification.levenberg_marquardt import FAILED, Options, levenberg_marquardt
+from faultgauge.identification.levenberg_marquardt import (
+    FAILED,
+    Options,
+    Solution,
+    levenberg_marquardt,
+)
+from faultgauge.identification.refinement.cores import side_by_side
 from faultgauge.identification.refinement.unknowns import Unknowns
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant import respond
@@ -249,22 +255,26 @@ def _fit(
     first = np.zeros((starts, count * local)) if z is None else z.reshape(starts, -1)
     first = np.concatenate([thetas, first], axis=1)
     batch = starts if count < FULL else 1
-    parts = [
-        levenberg_marquardt(
+    together = batch if batch > 1 else None
+    samples = jax.tree.map(jnp.asarray, windows)
+
+    def fit(some: Float[np.ndarray, "starts unknowns"]) -> Solution:
+        found = levenberg_marquardt(
             residual,
-            jnp.asarray(first[k : k + batch]),
-            jax.tree.map(jnp.asarray, windows),
+            jnp.asarray(some),
+            samples,
             None,
             jnp.asarray(np.concatenate([lower, -free])),
             jnp.asarray(np.concatenate([upper, free])),
-            Options(max_trials=MOST_TRIALS, tau=TAU, tolerance=tolerance, batch=batch),
+            Options(max_trials=MOST_TRIALS, tau=TAU, tolerance=tolerance, batch=together),
             jnp.asarray(sigma**2 * penalty),
             local,
             residual.linearised,
             jnp.asarray(trials),
         )
-        for k in range(0, starts, batch)
-    ]
+        return jax.tree.map(np.asarray, found)
+
+    parts = side_by_side(fit, [first[k : k + batch] for k in range(0, starts, batch)])
     solution = jax.tree.map(lambda *each: np.concatenate(each), *parts)
     found = []
     for k in range(starts):

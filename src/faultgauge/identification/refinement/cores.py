@@ -1,0 +1,16 @@
+"""Independent fits, one to a core: a compiled program lets go of Python's lock."""
+
+import os
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
+from typing import TypeVar
+
+__all__ = ["side_by_side"]
+
+Given, Found = TypeVar("Given"), TypeVar("Found")
+
+
+def side_by_side(function: Callable[[Given], Found], items: Iterable[Given]) -> list[Found]:
+    """`function` of each of `items`, in their order."""
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        return list(pool.map(function, items))
