@@ -15,6 +15,7 @@ and J. P. Sethna, "Improvements to the Levenberg-Marquardt algorithm", arXiv:120
     theta + v + a / 2,   a = -(H + mu I)^-1 J k,   k = d^2 r / dh^2 along theta + h v
 """
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -107,10 +108,12 @@ def levenberg_marquardt(
     local: int = 0,
     linearised: Linearised | None = None,
     limit: Int[Array, ""] | None = None,
+    beside: Callable[[Float[Array, "parameters"]], Float[Array, "rows"]] | None = None,
 ) -> Solution:
     """Fit from every start. `samples` and `validation` are trees of arrays, samples first.
 
-    `penalty` is part of `cost` and not of the cost over `validation` samples. With `validation`
+    `penalty`, and the squares of the rows `beside` all samples, are part of `cost` and not of the
+    cost over `validation` samples. With `validation`
     the parameters of the lowest validation cost are returned; unknowns that are `local` to the
     samples allow none. Steps are projected on [lower, upper] (D. P. Bertsekas, "Projected Newton
     methods", SICON 20, 1982). `limit` is a lower cap of the trials, with which nothing is compiled
@@ -127,6 +130,9 @@ def levenberg_marquardt(
         else:
             cost, hessian, gradient = normal_equations(residual, theta, samples)
             rows = None
+        if beside is not None:
+            r, J = beside(theta), jax.jacrev(beside)(theta)
+            cost, hessian, gradient = cost + r @ r, hessian + J.T @ J, gradient + J.T @ r
         if penalty is None:
             return cost, hessian, gradient, rows
         return (

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Float
 
+from faultgauge.identification.refinement.claims import Claims
 from faultgauge.identification.refinement.data import (
     FIRST_SIGMA,
     Data,
@@ -26,7 +27,7 @@ WARM = "warm start"
 @dataclass(frozen=True)
 class Candidate:
     """A fitted plant, how it came about, and its free-run error on unseen samples (a share of
-    the outputs' spread): RMS, and sample by sample."""
+    the outputs' spread): RMS, and sample by sample; what its networks leave to the physics."""
 
     plant: GrayBoxPlant
     unknowns: Unknowns
@@ -35,6 +36,7 @@ class Candidate:
     origin: str
     ridge: float = 1.0
     unseen: Float[np.ndarray, "samples"] = field(default_factory=lambda: np.zeros(0))
+    claims: Claims | None = None
 
 
 def sigma_of(fitted: Fitted) -> float:

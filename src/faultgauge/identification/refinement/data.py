@@ -1,10 +1,10 @@
 """What a refinement fits and what it validates on."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Array, Bool, Float
 
 from faultgauge.errors import InputError
 from faultgauge.identification.refinement.records import (
@@ -84,6 +84,7 @@ class Data:
         ridge: float = 1.0,
         trials: int = 60,
         tolerance: float = 1e-4,
+        claims: Callable[[GrayBoxPlant], Float[Array, "rows"]] | None = None,
     ) -> list[Fitted]:
         """`fit_windows` over the pieces that are worked on, or others.
 
@@ -103,6 +104,7 @@ class Data:
             trials=trials,
             tolerance=tolerance,
             robust=self.robust,
+            claims=claims,
         )
 
     def fit_starts(

@@ -16,6 +16,7 @@ from faultgauge.identification.refinement.candidate import (
     sigma_of,
     validated,
 )
+from faultgauge.identification.refinement.claims import Claims, claims_of
 from faultgauge.identification.refinement.cores import side_by_side
 from faultgauge.identification.refinement.data import BUDGET, Data
 from faultgauge.identification.refinement.linear_starts import equivalents
@@ -45,6 +46,7 @@ WARM_RIDGES = tuple(10.0**k for k in range(-1, 4))  # upwards: networks that are
 TRIALS, MOST_EFFORT = 25, 6.0  # per prior weight; more of them where a log is short
 PATIENCE, BETTER = 2, 0.99  # of the validation error: less gain does not pay another prior weight
 WHISPER = 0.3  # of a start's output weights where squares of them count: at 0 they have no slope
+FEATURE_SEED = 0  # of the functions that networks are taken to be able to imitate
 MARGINS = (1.2, 2.0)  # of the arguments' range under the physics alone: networks will move it
 
 
@@ -70,8 +72,8 @@ def with_networks(
     bases = [*(bases if few else bases[:FINALISTS]), *equivalent]
     if len(bases) > MANY_STARTS and not few:
         progress("networks: which start to take, over short windows")
-        sigma, plant, fitted = _screened(data, bases, seed)
-        found += _path(data, "networks", [plant], LEARNED_RIDGES, sigma, progress, [fitted])
+        sigma, plant, fitted, claims = _screened(data, bases, seed)
+        found += _path(data, "networks", [plant], LEARNED_RIDGES, sigma, claims, progress, [fitted])
     else:
         count = min(restarts, MANY_STARTS if few else max(SILENT_STARTS, len(bases)))
         for margin in MARGINS if few else MARGINS[:1]:
@@ -83,33 +85,43 @@ def with_networks(
                 rng = np.random.default_rng([seed, 11, k])
                 silent.append(_silent(scaled, rng, 1.0 if silent else margin))
             name = f"networks, margin {margin:g}"
-            found += _path(data, name, silent, RIDGES, sigma, progress)
+            claims = _claims(data, replace(bases[0], plant=silent[0]), data.pieces)
+            found += _path(data, name, silent, RIDGES, sigma, claims, progress)
     if warm:
         sigma = sigma_of(candidates[0].fitted)
         name = "warm start, refined"
-        found += _path(data, name, list(warm[:FINALISTS]), WARM_RIDGES, sigma, progress)
+        claims = _claims(data, replace(bases[0], plant=warm[0]), data.pieces)
+        found += _path(data, name, list(warm[:FINALISTS]), WARM_RIDGES, sigma, claims, progress)
     return found
 
 
 def _equivalent(data: Data, base: Candidate, rng: np.random.Generator) -> list[Candidate]:
     """Starts that only a nonlinearity can tell from `base` (see `linear_starts`)."""
-    paths = zip(base.fitted.x, data.pieces, strict=True)
-    x = np.concatenate([path[: p.stop - p.start] for path, p in paths])
-    u = np.concatenate([data.records[p.record].u[p.start : p.stop] for p in data.pieces])
+    x, u = _visited(data, base, data.pieces)
     thetas = equivalents(
         base.plant, base.unknowns, base.fitted.theta, x.mean(axis=0), u.mean(axis=0), rng
     )
     return [replace(base, fitted=base.fitted._replace(theta=theta)) for theta in thetas]
 
 
+def _claims(data: Data, base: Candidate, pieces: Sequence[Piece]) -> Claims | None:
+    """What the physics of `base`, fitted over `pieces`, keeps to itself."""
+    if not base.unknowns.parameters:
+        return None
+    x, u = _visited(data, base, pieces)
+    fitted, sigma = base.fitted, sigma_of(base.fitted)
+    windows, rng = data.windows(pieces), np.random.default_rng(FEATURE_SEED)
+    return claims_of(base.plant, fitted.theta, fitted.z, windows, data.substeps, sigma, (x, u), rng)
+
+
 def _screened(
     data: Data, bases: Sequence[Candidate], seed: int
-) -> tuple[float, GrayBoxPlant, Fitted]:
-    """(sigma, plant, fit) of the best of `bases` with networks: all over short windows, then the
-    best of them over all."""
+) -> tuple[float, GrayBoxPlant, Fitted, Claims | None]:
+    """(sigma, plant, fit, claims) of the best of `bases` with networks: all over short windows,
+    then the best of them over all."""
     short = data.short()
 
-    def tried(k: int) -> tuple[float, GrayBoxPlant, Fitted] | None:
+    def tried(k: int) -> tuple[float, GrayBoxPlant, Fitted, Claims | None] | None:
         base = bases[k]
         sigma, theta = sigma_of(base.fitted), base.fitted.theta[None]
         settled = data.fit(
@@ -119,13 +131,15 @@ def _screened(
             return None
         scaled = _scaled(data, replace(base, fitted=settled), short)
         plant = _silent(scaled, np.random.default_rng([seed, 11, k]), MARGINS[0])
-        return _learned(data, plant, short, sigma, TRIALS)
+        claims = _claims(data, replace(base, plant=plant, fitted=settled), short)
+        return _learned(data, plant, short, sigma, TRIALS, claims)
 
     found = [each for each in side_by_side(tried, range(len(bases))) if each is not None]
     found.sort(key=lambda each: each[0])
     sigma = sigma_of(bases[0].fitted)
     finals = side_by_side(
-        lambda each: _learned(data, each[1], data.pieces, sigma, FINAL_TRIALS), found[:FINALISTS]
+        lambda each: _learned(data, each[1], data.pieces, sigma, FINAL_TRIALS, each[3]),
+        found[:FINALISTS],
     )
     return min(finals, key=lambda each: each[0])
 
@@ -146,14 +160,21 @@ def _sizes(data: Data, base: Candidate, sigma: float, seed: int) -> dict[str, in
 
 
 def _learned(
-    data: Data, plant: GrayBoxPlant, pieces: Sequence[Piece], sigma: float, trials: int
-) -> tuple[float, GrayBoxPlant, Fitted]:
-    """(sigma, plant, fit) after some trials."""
+    data: Data,
+    plant: GrayBoxPlant,
+    pieces: Sequence[Piece],
+    sigma: float,
+    trials: int,
+    claims: Claims | None,
+) -> tuple[float, GrayBoxPlant, Fitted, Claims | None]:
+    """(sigma, plant, fit, claims) after some trials."""
     unknowns = unknowns_of(plant)
     theta = unknowns.vector(plant)[None]
-    fitted = data.fit(plant, unknowns, theta, pieces=pieces, sigma=sigma, trials=trials)[0]
+    fitted = data.fit(
+        plant, unknowns, theta, pieces=pieces, sigma=sigma, trials=trials, claims=claims
+    )[0]
     sigma = sigma_of(fitted) if fitted.usable else np.inf
-    return sigma, unknowns.assemble(plant, jnp.asarray(fitted.theta)), fitted
+    return sigma, unknowns.assemble(plant, jnp.asarray(fitted.theta)), fitted, claims
 
 
 def _like(plant: GrayBoxPlant, values: GrayBoxPlant) -> GrayBoxPlant:
@@ -167,6 +188,7 @@ def _path(
     plants: list[GrayBoxPlant],
     ridges: tuple[float, ...],
     sigma: float,
+    claims: Claims | None,
     progress: Callable[[str], None],
     fits: Sequence[Fitted] = (),
 ) -> list[Candidate]:
@@ -182,11 +204,19 @@ def _path(
     for step, ridge in enumerate(ridges):
         progress(f"{name}: prior weight {ridge:.3g}")
         fits = data.fit(
-            plants[0], unknowns, thetas, after=fits, sigma=sigma, ridge=ridge, trials=trials
+            plants[0],
+            unknowns,
+            thetas,
+            after=fits,
+            sigma=sigma,
+            ridge=ridge,
+            trials=trials,
+            claims=claims,
         )
         quiet += 1
         for k, fitted in zip(going, fits, strict=True):
-            found = validated(data, Candidate(plants[0], unknowns, fitted, np.inf, name, ridge))
+            each = Candidate(plants[0], unknowns, fitted, np.inf, name, ridge, claims=claims)
+            found = validated(data, each)
             before = best[k].validation if k in best else np.inf
             if k not in best or found.validation < BETTER * before:  # or the stronger prior stays
                 best[k], quiet = found, 0
@@ -266,17 +296,24 @@ def _scaled(data: Data, base: Candidate, pieces: Sequence[Piece]) -> GrayBoxPlan
     """The plant of `base`, its networks scaled by measured states, and where it takes hidden ones
     along the `pieces` that it was fitted to."""
     plant = base.unknowns.assemble(base.plant, jnp.asarray(base.fitted.theta))
-    paths = zip(base.fitted.x, pieces, strict=True)
-    x = np.concatenate([path[: p.stop - p.start] for path, p in paths])
+    x, u = _visited(data, base, pieces)
     measured = np.concatenate([data.records[p.record].x[p.start : p.stop] for p in pieces])
     x = np.where(np.isfinite(measured), measured, x)
-    u = np.concatenate([data.records[p.record].u[p.start : p.stop] for p in pieces])
     y = np.concatenate([data.records[p.record].y[p.start : p.stop] for p in pieces])
     dx = np.asarray(jax.vmap(plant.derivative)(jnp.asarray(x), jnp.asarray(u)))
     samples = Samples(x, u, dx, np.nan_to_num(y))
     for group in groups(plant.spec, plant.signals.output_names):
         plant = scale_networks(plant, group, samples)
     return _outputs_scaled(plant, x, u)
+
+
+def _visited(
+    data: Data, base: Candidate, pieces: Sequence[Piece]
+) -> tuple[Float[np.ndarray, "samples states"], Float[np.ndarray, "samples inputs"]]:
+    """(states, inputs) along the `pieces` that `base` was fitted to."""
+    paths = zip(base.fitted.x, pieces, strict=True)
+    x = np.concatenate([path[: p.stop - p.start] for path, p in paths])
+    return x, np.concatenate([data.records[p.record].u[p.start : p.stop] for p in pieces])
 
 
 def _outputs_scaled(

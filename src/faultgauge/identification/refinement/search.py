@@ -176,6 +176,7 @@ def _on_all_samples(data: Data, members: Sequence[Candidate]) -> list[Candidate]
                 sigma=sigma_of(c.fitted),
                 ridge=c.ridge * share,
                 trials=ALL_TRIALS,
+                claims=c.claims,
             )[0]
             refitted = validated(data, replace(c, fitted=fitted, ridge=c.ridge * share))
         if not refitted.validation < c.validation:
@@ -344,6 +345,7 @@ def _again(data: Data, candidate: Candidate) -> Candidate:
             sigma=sigma,
             ridge=candidate.ridge,
             trials=MORE_TRIALS,
+            claims=candidate.claims,
         )[0]
     return validated(data, replace(candidate, fitted=fitted))
 

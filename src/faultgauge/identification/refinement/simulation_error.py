@@ -8,6 +8,7 @@ the priors of unknowns and starts against the samples. Multiple shooting in its 
 window has a start of its own (H. G. Bock, 1981), and windows grow until they are whole runs.
 """
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -43,6 +44,9 @@ __all__ = [
 # would hold the parameters where they are.
 TAU = 1e-9
 MOST_TRIALS = 300
+CLAIM = (
+    100.0  # a share of a hundredth that networks should leave alone weighs as much as all errors
+)
 FULL = 8  # windows, side by side, that keep a core busy: more starts at once would gain nothing
 HUBER = 1.345  # standard deviations: 95 % as efficient as least squares under Gaussian noise
 NORMAL = 1.4826  # standard deviation of Gaussian noise over the median of its size
@@ -171,6 +175,20 @@ class SimulationResidual(eqx.Module):
         return error * jnp.sqrt(2.0 / (jnp.sqrt(1.0 + ratio**2) + 1.0))
 
 
+class _Beside(eqx.Module):
+    """Rows of the plant that theta stands for, as the weighted errors count."""
+
+    plant: GrayBoxPlant
+    rows: Callable[[GrayBoxPlant], Float[Array, "rows"]]
+    weight: Float[Array, ""]
+    unknowns: Unknowns = eqx.field(static=True)
+    shared: int = eqx.field(static=True)
+
+    def __call__(self, theta: Float[Array, "parameters"]) -> Float[Array, "rows"]:
+        plant = self.unknowns.assemble(self.plant, theta[: self.shared])
+        return self.weight * self.rows(plant)
+
+
 class Fitted(NamedTuple):
     """A fit over windows: unknowns, starts of the windows, states along them, mean square of the
     weighted errors, and how it ended (see `Solution`)."""
@@ -200,16 +218,18 @@ def fit_windows(
     trials: int = 60,
     tolerance: float = 1e-5,
     robust: bool = False,
+    claims: Callable[[GrayBoxPlant], Float[Array, "rows"]] | None = None,
 ) -> list[Fitted]:
     """Levenberg-Marquardt from every start, all side by side; the windows start at `z`.
 
     `sigma` is the error expected, as a share of the outputs' spread; `ridge` multiplies the
-    networks' share of the prior. `robust` bounds the pull of errors beyond `HUBER` sigma.
+    networks' share of the prior. `robust` bounds the pull of errors beyond `HUBER` sigma; `claims`
+    are rows of a plant that are to be 0 (see `claims`).
     """
     lower, upper = unknowns.bounds(plant)
     return _fit(
         plant, unknowns, thetas, z, windows, substeps, sigma, ridge, trials, tolerance, robust,
-        lower, upper,
+        lower, upper, claims,
     )  # fmt: skip
 
 
@@ -244,6 +264,7 @@ def _fit(
     robust: bool,
     lower: Float[np.ndarray, "unknowns"],
     upper: Float[np.ndarray, "unknowns"],
+    claims: Callable[[GrayBoxPlant], Float[Array, "rows"]] | None = None,
 ) -> list[Fitted]:
     residual = SimulationResidual(plant, jnp.asarray(sigma), unknowns, substeps, robust)
     count, local = len(windows.center), residual.local(windows)
@@ -257,6 +278,10 @@ def _fit(
     batch = starts if count < FULL else 1
     together = batch if batch > 1 else None
     samples = jax.tree.map(jnp.asarray, windows)
+    beside = None
+    if claims is not None:
+        weight = CLAIM * sigma * np.sqrt(windows.dt.size)
+        beside = _Beside(plant, claims, jnp.asarray(weight), unknowns, size)
 
     def fit(some: Float[np.ndarray, "starts unknowns"]) -> Solution:
         found = levenberg_marquardt(
@@ -271,6 +296,7 @@ def _fit(
             local,
             residual.linearised,
             jnp.asarray(trials),
+            beside,
         )
         return jax.tree.map(np.asarray, found)
 
