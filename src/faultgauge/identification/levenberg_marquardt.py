@@ -156,6 +156,11 @@ def levenberg_marquardt(
         slope = jnp.einsum("seo,so->se", jacobian, own(step, samples, local))
         k = 2 / REACH * ((reached - r) / REACH - slope)
         pulled = shared(jnp.einsum("seo,se->so", jacobian, k), local)
+        if beside is not None:
+            r, pull = jax.vjp(beside, s.theta)
+            slope = jax.jvp(beside, (s.theta,), (step,))[1]
+            k = 2 / REACH * ((beside(s.theta + REACH * step) - r) / REACH - slope)
+            pulled += pull(k)[0]
         a = -jax.scipy.linalg.cho_solve(factor, jnp.where(held, 0.0, pulled))
         return jnp.where(jnp.linalg.norm(a) <= BENDS * jnp.linalg.norm(step), a / 2, 0.0)
 

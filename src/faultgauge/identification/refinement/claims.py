@@ -35,11 +35,12 @@ from faultgauge.plants.network import Network
 from faultgauge.plants.plant import respond
 from faultgauge.plants.shape import Shape
 
-__all__ = ["Claims", "claims_of"]
+__all__ = ["Claims", "claims_of", "imitating"]
 
 FEATURES = 25  # of every network, at random
 POINTS = 500
 IMITATED = 0.99  # cos^2
+AT_BOUND = 1e-3  # prior standard deviations
 DISTINCT = 1e-9  # of the largest eigenvalue: parameters that the data do not tell apart
 
 
@@ -75,8 +76,10 @@ def claims_of(
     weights = unknowns.weights(wide)
     values = np.concatenate([unknowns.vector(wide)[:weights], theta])
     hessian = _information(wide, unknowns, values, z, windows, substeps, sigma)
-    told = [k for k in range(len(theta)) if k not in unknowns.varying]
-    directions = _imitating(hessian, weights, [weights + k for k in told])
+    lower, upper = (ends[weights:] for ends in unknowns.bounds(wide))
+    free = (theta - lower > AT_BOUND) & (upper - theta > AT_BOUND)  # others can carry no more
+    told = [k for k in range(len(theta)) if free[k] and k not in unknowns.varying]
+    directions = imitating(hessian, weights, [weights + k for k in told])
     kept = np.linspace(0, len(points[0]) - 1, min(POINTS, len(points[0]))).astype(int)
     x, u = points[0][kept], points[1][kept]
     half = np.ptp(np.asarray(_equations(wide, jnp.asarray(x), jnp.asarray(u))), axis=0) / 2
@@ -95,10 +98,11 @@ def claims_of(
     return Claims(x, u, scale, basis)
 
 
-def _imitating(
+def imitating(
     hessian: Float[np.ndarray, "n n"], weights: int, told: list[int]
 ) -> Float[np.ndarray, "n directions"]:
-    """Changes of the output weights that do what combinations of parameters do."""
+    """Changes of the first `weights` unknowns that do what combinations of those `told` do, by the
+    `hessian` of the outputs."""
     seen = [k for k in range(weights) if hessian[k, k] > 0]
     told = [k for k in told if hessian[k, k] > 0]
     found = np.zeros((len(hessian), 0))

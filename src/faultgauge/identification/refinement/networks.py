@@ -22,6 +22,7 @@ from faultgauge.identification.refinement.data import BUDGET, Data
 from faultgauge.identification.refinement.linear_starts import equivalents
 from faultgauge.identification.refinement.records import Piece
 from faultgauge.identification.refinement.simulation_error import Fitted
+from faultgauge.identification.refinement.stepping import fine_enough
 from faultgauge.identification.refinement.unknowns import WEIGHTS, Unknowns, unknowns_of
 from faultgauge.identification.samples import Samples
 from faultgauge.identification.sizes import chosen_sizes, smallest_sufficient, with_hidden
@@ -86,7 +87,8 @@ def with_networks(
                 silent.append(_silent(scaled, rng, 1.0 if silent else margin))
             name = f"networks, margin {margin:g}"
             claims = _claims(data, replace(bases[0], plant=silent[0]), data.pieces)
-            found += _path(data, name, silent, RIDGES, sigma, claims, progress)
+            floor = bases[0].validation
+            found += _path(data, name, silent, RIDGES, sigma, claims, progress, floor=floor)
     if warm:
         sigma = sigma_of(candidates[0].fitted)
         name = "warm start, refined"
@@ -191,13 +193,16 @@ def _path(
     claims: Claims | None,
     progress: Callable[[str], None],
     fits: Sequence[Fitted] = (),
+    floor: float = np.inf,
 ) -> list[Candidate]:
     """Every start's best along the prior weights, until none has got better twice running.
 
     `plants` share one scaling; `fits` are theirs so far. After a few weights only the best go on.
+    A network that is no better than `floor`, the physics alone, has been shrunk to nothing and
+    would not come to life again: its start tries anew under the next weight.
     """
     unknowns = unknowns_of(plants[0])
-    thetas = np.stack([unknowns.vector(each) for each in plants])
+    thetas = first = np.stack([unknowns.vector(each) for each in plants])
     trials = int(TRIALS * np.clip(BUDGET / sample_count(data.pieces), 1.0, MOST_EFFORT))
     going, quiet = list(range(len(plants))), 0
     best: dict[int, Candidate] = {}
@@ -220,15 +225,20 @@ def _path(
             before = best[k].validation if k in best else np.inf
             if k not in best or found.validation < BETTER * before:  # or the stronger prior stays
                 best[k], quiet = found, 0
-        if quiet == PATIENCE:
+        learned = np.array([best[k].validation < BETTER * floor for k in going])
+        if quiet >= PATIENCE and learned.any():
             break
         thetas = np.stack([fitted.theta for fitted in fits])
+        thetas = np.where(learned[:, None], thetas, first)
         if step == FIRST_ROUND and len(going) > FINALISTS:
             order = np.argsort([best[k].validation for k in going], kind="stable")[:FINALISTS]
-            going, thetas = [going[k] for k in order], thetas[order]
+            going, thetas, first = [going[k] for k in order], thetas[order], first[order]
             fits = [fits[k] for k in order]
         now = min(best.values(), key=lambda c: c.validation)
-        plants, thetas = _followed(data, plants, unknowns, thetas, now)
+        while not fine_enough(data, now):  # what was small beside the physics' error may not be now
+            data.substeps *= 2
+        plants, moved = _followed(data, plants, unknowns, np.concatenate([thetas, first]), now)
+        thetas, first = np.split(moved, 2)
     return list(best.values())
 
 
@@ -297,8 +307,6 @@ def _scaled(data: Data, base: Candidate, pieces: Sequence[Piece]) -> GrayBoxPlan
     along the `pieces` that it was fitted to."""
     plant = base.unknowns.assemble(base.plant, jnp.asarray(base.fitted.theta))
     x, u = _visited(data, base, pieces)
-    measured = np.concatenate([data.records[p.record].x[p.start : p.stop] for p in pieces])
-    x = np.where(np.isfinite(measured), measured, x)
     y = np.concatenate([data.records[p.record].y[p.start : p.stop] for p in pieces])
     dx = np.asarray(jax.vmap(plant.derivative)(jnp.asarray(x), jnp.asarray(u)))
     samples = Samples(x, u, dx, np.nan_to_num(y))
@@ -310,9 +318,11 @@ def _scaled(data: Data, base: Candidate, pieces: Sequence[Piece]) -> GrayBoxPlan
 def _visited(
     data: Data, base: Candidate, pieces: Sequence[Piece]
 ) -> tuple[Float[np.ndarray, "samples states"], Float[np.ndarray, "samples inputs"]]:
-    """(states, inputs) along the `pieces` that `base` was fitted to."""
+    """(states, inputs) along the `pieces` that `base` was fitted to: measured, or as fitted."""
     paths = zip(base.fitted.x, pieces, strict=True)
     x = np.concatenate([path[: p.stop - p.start] for path, p in paths])
+    measured = np.concatenate([data.records[p.record].x[p.start : p.stop] for p in pieces])
+    x = np.where(np.isfinite(measured), measured, x)
     return x, np.concatenate([data.records[p.record].u[p.start : p.stop] for p in pieces])
 
 

@@ -90,7 +90,13 @@ def refine_on_logs(
     progress("standard errors")
     data = found.data
     known = information(
-        best.plant, best.unknowns, best.fitted, data.windows(data.pieces), data.substeps, best.ridge
+        best.plant,
+        best.unknowns,
+        best.fitted,
+        data.windows(data.pieces),
+        data.substeps,
+        best.ridge,
+        best.claims,
     )
     warnings += [*found.notes, *known.warnings()]
     if warm and not found.won:

@@ -36,7 +36,7 @@ from faultgauge.identification.refinement.simulation_error import (
     Fitted,
     simulated,
 )
-from faultgauge.identification.refinement.stepping import step_error
+from faultgauge.identification.refinement.stepping import fine_enough
 from faultgauge.identification.refinement.unknowns import Unknowns, unknowns_of
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.signals import Hold, Signals
@@ -53,7 +53,6 @@ FIRST_TRIALS, LAST_TRIALS = 16, 60  # of the physics, where networks follow and 
 HEAT_TRIALS, FAVOURITES = 10, 5  # of every start over short windows, and how many go on
 WILD = 1e6  # times its start: a simulation that blows up
 COARSE = 2.0  # times a simulation's step: a search is done before the last digits matter
-MATTERS, MOST_SUBSTEPS = 0.5, 32  # of the fit's error: what halving the step may change
 SCATTER = 0.5  # prior standard deviations: a factor of 3 for positive constants
 HOLD_STARTS = 3
 MORE_TRIALS, ALL_TRIALS = 40, 16  # of what stands already, and of the best over all samples
@@ -191,7 +190,7 @@ def _finer(
     data: Data, members: list[Candidate], progress: Callable[[str], None]
 ) -> list[Candidate]:
     """The members with more substeps, while they matter to the best one and help on validation."""
-    while data.substeps < MOST_SUBSTEPS and step_error(data, members[0]) > MATTERS:
+    while not fine_enough(data, members[0]):
         progress(f"fitting the best with {2 * data.substeps} substeps")
         data.substeps *= 2
         finer = sorted((_again(data, c) for c in members), key=lambda c: c.validation)
@@ -206,7 +205,7 @@ def _fine_enough(
     data: Data, candidates: list[Candidate], progress: Callable[[str], None]
 ) -> list[Candidate]:
     """The same with so many substeps that they do not matter: networks would learn what they do."""
-    while data.substeps < MOST_SUBSTEPS and step_error(data, candidates[0]) > MATTERS:
+    while not fine_enough(data, candidates[0]):
         progress(f"fitting the physics with {2 * data.substeps} substeps")
         data.substeps *= 2
         candidates = _distinct([_again(data, c) for c in candidates]) or candidates

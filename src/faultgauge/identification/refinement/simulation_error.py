@@ -31,9 +31,11 @@ from faultgauge.simulation.free_run import simulate_through
 from faultgauge.simulation.integrators import sensitive_step
 
 __all__ = [
+    "Beside",
     "Fitted",
     "SimulationResidual",
     "Window",
+    "beside_of",
     "fit_starts",
     "fit_windows",
     "mean_square",
@@ -175,18 +177,28 @@ class SimulationResidual(eqx.Module):
         return error * jnp.sqrt(2.0 / (jnp.sqrt(1.0 + ratio**2) + 1.0))
 
 
-class _Beside(eqx.Module):
+class Beside(eqx.Module):
     """Rows of the plant that theta stands for, as the weighted errors count."""
 
     plant: GrayBoxPlant
     rows: Callable[[GrayBoxPlant], Float[Array, "rows"]]
     weight: Float[Array, ""]
     unknowns: Unknowns = eqx.field(static=True)
-    shared: int = eqx.field(static=True)
 
     def __call__(self, theta: Float[Array, "parameters"]) -> Float[Array, "rows"]:
-        plant = self.unknowns.assemble(self.plant, theta[: self.shared])
-        return self.weight * self.rows(plant)
+        return self.weight * self.rows(self.unknowns.assemble(self.plant, theta))
+
+
+def beside_of(
+    plant: GrayBoxPlant,
+    claims: Callable[[GrayBoxPlant], Float[Array, "rows"]],
+    unknowns: Unknowns,
+    windows: Window,
+    sigma: float,
+) -> Beside:
+    """`claims` beside a fit over `windows` whose errors are about `sigma`."""
+    weight = CLAIM * sigma * np.sqrt(windows.dt.size)
+    return Beside(plant, claims, jnp.asarray(weight), unknowns)
 
 
 class Fitted(NamedTuple):
@@ -278,10 +290,7 @@ def _fit(
     batch = starts if count < FULL else 1
     together = batch if batch > 1 else None
     samples = jax.tree.map(jnp.asarray, windows)
-    beside = None
-    if claims is not None:
-        weight = CLAIM * sigma * np.sqrt(windows.dt.size)
-        beside = _Beside(plant, claims, jnp.asarray(weight), unknowns, size)
+    beside = None if claims is None else beside_of(plant, claims, unknowns, windows, sigma)
 
     def fit(some: Float[np.ndarray, "starts unknowns"]) -> Solution:
         found = levenberg_marquardt(

@@ -8,7 +8,14 @@ from faultgauge.identification.refinement.candidate import Candidate
 from faultgauge.identification.refinement.data import Data
 from faultgauge.identification.refinement.simulation_error import simulated
 
-__all__ = ["step_error"]
+__all__ = ["fine_enough"]
+
+MATTERS, MOST_SUBSTEPS = 0.05, 32  # of the fit's error: what halving the step may change
+
+
+def fine_enough(data: Data, candidate: Candidate) -> bool:
+    """Whether more substeps would change nothing that matters, or there are no more."""
+    return data.substeps >= MOST_SUBSTEPS or step_error(data, candidate) <= MATTERS
 
 
 def step_error(data: Data, candidate: Candidate) -> float:

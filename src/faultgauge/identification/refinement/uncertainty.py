@@ -2,10 +2,11 @@
 
 With J the sensitivities of the weighted outputs over all windows, starts included, and P the prior,
 
-    cov(theta) = s^2 tau (J J' + sigma^2 P)^-1,
+    cov(theta) = s^2 tau (J J' + sigma^2 P + C C')^-1,
 
-s^2 the mean square residual. Residuals of a simulation are not white: tau, their integrated
-autocorrelation time, is the number of samples that count as one.
+C what networks leave to the physics (see `claims`), s^2 the mean square residual. Residuals of a
+simulation are not white: tau, their integrated autocorrelation time, is the number of samples that
+count as one.
 """
 
 from dataclasses import dataclass
@@ -18,10 +19,12 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from faultgauge.identification.normal_equations import bordered_equations
+from faultgauge.identification.refinement.claims import Claims
 from faultgauge.identification.refinement.simulation_error import (
     Fitted,
     SimulationResidual,
     Window,
+    beside_of,
     simulated,
 )
 from faultgauge.identification.refinement.unknowns import WEIGHTS, Unknowns
@@ -76,7 +79,8 @@ class Information:
             if each.imitated_by:
                 found.append(
                     f"parameter {each.name!r} is not identifiable: network {each.imitated_by!r} "
-                    "can imitate it; fix it, or leave its part to the network"
+                    "can imitate it, though it is kept from doing so; fix it, or leave its part "
+                    "to the network"
                 )
         for i, a in enumerate(self.constants):
             for j, b in enumerate(self.constants[:i]):
@@ -109,8 +113,10 @@ def information(
     windows: Window,
     substeps: int,
     ridge: float,
+    claims: Claims | None = None,
 ) -> Information:
-    """Standard errors and warnings at a fit over `windows`, its networks' prior being `ridge`."""
+    """Standard errors and warnings at a fit over `windows`, its networks' prior being `ridge` and
+    what they leave to the physics `claims`."""
     silent = SimulationResidual(plant, jnp.asarray(0.0), unknowns, substeps)
     local = silent.local(windows)
     theta = jnp.concatenate([jnp.asarray(fitted.theta), jnp.asarray(fitted.z).ravel()])
@@ -121,7 +127,12 @@ def information(
     prior[:weights] = ridge
     s2 = max(fitted.mse, 1e-300)
     tau = _residual_time(plant, unknowns, fitted, windows, substeps)
-    covariance = s2 * tau * np.linalg.pinv(hessian + np.diag(s2 * prior), hermitian=True)
+    precision = hessian + np.diag(s2 * prior)
+    if claims is not None:
+        beside = beside_of(plant, claims, unknowns, windows, float(np.sqrt(s2)))
+        rows = np.asarray(jax.jacrev(beside)(theta))
+        precision += rows.T @ rows
+    covariance = s2 * tau * np.linalg.pinv(precision, hermitian=True)
     covariance = covariance[weights:size, weights:size]
     sd = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     with np.errstate(invalid="ignore", divide="ignore"):
