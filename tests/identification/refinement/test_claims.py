@@ -26,7 +26,7 @@ a = { value = 1.0, min = 0 }
 [networks.NN]
 hidden = 5
 """
-STEP, COUNT, WIDTH, NOISE = 0.05, 800, 10, 0.005
+STEP, COUNT, WIDTH, NOISE = 0.05, 6000, 10, 0.005
 
 
 def leak(x):
@@ -107,7 +107,7 @@ def test_the_parameter_carries_all_that_it_can():
     )
     x = runs[0].columns["x"]
     (a,) = report.refinement.information.constants
-    # 500 of 800 points, and features that imitate x to some parts in a thousand
+    # 500 of 6000 points, and features that imitate x to some parts in a thousand
     assert a.value == pytest.approx(x @ leak(x) / (x @ x), rel=0.01)
     rest = np.array([float(model.plant.networks["NN"](jnp.asarray(each))) for each in x])
     assert abs(rest @ x) < 0.03 * np.linalg.norm(rest) * np.linalg.norm(x)

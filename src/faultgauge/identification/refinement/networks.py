@@ -47,6 +47,7 @@ WARM_RIDGES = tuple(10.0**k for k in range(-1, 4))  # upwards: networks that are
 TRIALS, MOST_EFFORT = 25, 6.0  # per prior weight; more of them where a log is short
 PATIENCE, BETTER = 2, 0.99  # of the validation error: less gain does not pay another prior weight
 WHISPER = 0.3  # of a start's output weights where squares of them count: at 0 they have no slope
+TELLING = 5_000  # samples
 FEATURE_SEED = 0  # of the functions that networks are taken to be able to imitate
 MARGINS = (1.2, 2.0)  # of the arguments' range under the physics alone: networks will move it
 
@@ -107,8 +108,9 @@ def _equivalent(data: Data, base: Candidate, rng: np.random.Generator) -> list[C
 
 
 def _claims(data: Data, base: Candidate, pieces: Sequence[Piece]) -> Claims | None:
-    """What the physics of `base`, fitted over `pieces`, keeps to itself."""
-    if not base.unknowns.parameters:
+    """What the physics of `base`, fitted over `pieces`, keeps to itself. Over few samples networks
+    can imitate anything, and what they are kept from says nothing."""
+    if not base.unknowns.parameters or sample_count(pieces) < TELLING:
         return None
     x, u = _visited(data, base, pieces)
     fitted, sigma = base.fitted, sigma_of(base.fitted)
