@@ -15,6 +15,8 @@ __all__ = ["Plant", "Stuck", "clip_state", "respond"]
 
 # Every JAX module of faultgauge imports this one. float32 surprises: identification needs 1e-8.
 jax.config.update("jax_enable_x64", True)
+# A program runs in the thread that calls it; else two of them wait for each other's threads.
+jax.config.update("jax_cpu_enable_async_dispatch", False)
 
 
 class Plant(eqx.Module):

@@ -11,6 +11,11 @@ Given, Found = TypeVar("Given"), TypeVar("Found")
 
 
 def side_by_side(function: Callable[[Given], Found], items: Iterable[Given]) -> list[Found]:
-    """`function` of each of `items`, in their order."""
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
+    """`function` of each of `items`, in their order.
+
+    One after another where programs have threads of their own, which would wait for each other;
+    the commands have none (see `cli.options.prepare`).
+    """
+    alone = "--xla_cpu_multi_thread_eigen=false" not in os.environ.get("XLA_FLAGS", "")
+    with ThreadPoolExecutor(1 if alone else os.cpu_count()) as pool:
         return list(pool.map(function, items))
