@@ -7,7 +7,8 @@ from typing import TypeVar
 
 __all__ = ["side_by_side"]
 
-Given, Found = TypeVar("Given"), TypeVar("Found")
+Given = TypeVar("Given")
+Found = TypeVar("Found")
 
 
 def side_by_side(function: Callable[[Given], Found], items: Iterable[Given]) -> list[Found]:
