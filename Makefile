@@ -10,7 +10,7 @@ demo: $(STAMP)
 	$(BIN)/faultgauge demo --out out
 
 test: $(STAMP)
-	$(BIN)/python -m pytest -q -n 2
+	$(BIN)/python -m pytest -q -n 2 --dist loadfile --no-loadscope-reorder
 
 lint: $(STAMP)
 	$(BIN)/ruff format --check .

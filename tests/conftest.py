@@ -1,15 +1,20 @@
 """Fixtures for every test. Types and shapes are checked while tests run (jaxtyping, beartype)."""
 
+import gc
 import os
+import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import jaxtyping
 import pytest
 
+# Most tests run a program once: quick compiling beats quick code.
+QUICK = "--xla_cpu_multi_thread_eigen=false --xla_cpu_use_fusion_emitters=false"
 # As the commands have it: one thread each; a program is compiled once for all workers.
 for name, value in {
     "OPENBLAS_NUM_THREADS": "1",
-    "XLA_FLAGS": "--xla_cpu_multi_thread_eigen=false",
+    "XLA_FLAGS": f"{QUICK} --xla_backend_optimization_level=0",
     "JAX_PLATFORMS": "cpu",
     "JAX_COMPILATION_CACHE_DIR": str(Path(__file__).parents[1] / ".cache" / "jax"),
     "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.2",
@@ -18,11 +23,37 @@ for name, value in {
 }.items():
     os.environ.setdefault(name, value)
 
+gc.set_threshold(200_000)  # as the commands have it: tracing makes many objects and few cycles
+
 jaxtyping.install_import_hook("faultgauge", "beartype.beartype").__enter__()
 
 import jax  # noqa: E402  (after the hook, so that nothing of ours is imported before it)
 
 jax.config.update("jax_enable_x64", True)
+
+MAPS = Path("/proc/self/maps")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def few_programs() -> Iterator[None]:
+    """Compiled programs go before there are too many: six mappings each, and Linux allows a
+    process 65530, where one process alone runs every test."""
+    yield
+    if MAPS.exists() and MAPS.read_bytes().count(b"\n") > 30_000:
+        jax.clear_caches()
+
+
+@pytest.fixture(scope="session")
+def long_jobs() -> dict[str, str]:
+    """Environment of processes that run what they compile for long, and one after another the
+    same: some more effort, and everything kept."""
+    programs = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    return {
+        **os.environ,
+        "PATH": programs,
+        "XLA_FLAGS": f"{QUICK} --xla_backend_optimization_level=1",
+        "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
+    }
 
 
 @pytest.fixture(scope="session")

@@ -1,10 +1,8 @@
 """docs/accommodation.md: its commands run, and do what the page says."""
 
-import os
 import re
 import shutil
 import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -18,12 +16,11 @@ LEVELS = {"h1": 12.4, "h2": 12.7}  # cm, where the scenarios hold them
 
 
 @pytest.fixture(scope="module")
-def logs(tmp_path_factory):
+def logs(tmp_path_factory, long_jobs):
     """(accommodated, left alone): the runs that the page's commands write."""
     folder = tmp_path_factory.mktemp("page")
     for path in (ROOT / "examples" / "four_tanks").glob("*.toml"):
         shutil.copy(path, folder)
-    programs = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     for text in re.findall(r"^```bash\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL):
         done = subprocess.run(
             ["bash", "-euc", text],
@@ -31,7 +28,7 @@ def logs(tmp_path_factory):
             capture_output=True,
             text=True,
             check=False,
-            env={**os.environ, "PATH": programs},
+            env=long_jobs,
         )
         assert done.returncode == 0, done.stderr
     return [read_telemetry(folder / name)[0] for name in ("faulty.csv", "left_alone.csv")]

@@ -1,6 +1,5 @@
 """The README's snippets run, and the generated pages are up to date."""
 
-import os
 import re
 import subprocess
 import sys
@@ -13,27 +12,19 @@ FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 README = FENCE.findall((ROOT / "README.md").read_text())
 
 
-def run(command: list[str], folder: Path) -> str:
-    programs = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
-    done = subprocess.run(
-        command,
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        check=False,
-        env={**os.environ, "PATH": programs},
-    )
+def run(command: list[str], folder: Path, env: dict[str, str]) -> str:
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, env=env)
     assert done.returncode == 0, done.stderr
     return done.stdout
 
 
-def test_every_snippet_of_the_readme_runs_and_says_what_the_readme_says(tmp_path):
+def test_every_snippet_of_the_readme_runs_and_says_what_the_readme_says(tmp_path, long_jobs):
     printed = ""
     for language, text in README:
         if language == "python":
-            printed += run([sys.executable, "-c", text], tmp_path)
+            printed += run([sys.executable, "-c", text], tmp_path, long_jobs)
         elif language == "bash":
-            printed += run(["bash", "-euc", text], tmp_path)
+            printed += run(["bash", "-euc", text], tmp_path, long_jobs)
     answers = [text.strip() for language, text in README if language == "text"]
     assert answers
     for answer in answers:
@@ -46,7 +37,7 @@ def test_every_snippet_of_the_readme_runs_and_says_what_the_readme_says(tmp_path
     (quoted,) = re.findall(
         r"`level_drift (\S+) .* since (\d+) s`", (ROOT / "README.md").read_text()
     )
-    black_box = run(["faultgauge", "check", "healthy.csv", "suspect.csv"], tmp_path)
+    black_box = run(["faultgauge", "check", "healthy.csv", "suspect.csv"], tmp_path, long_jobs)
     *weaker, found = re.findall(r"level_drift (\S+) \+- \S+ since (\d+) s", black_box)
     assert float(found[0]) == pytest.approx(float(quoted[0]), rel=5e-3)
     assert abs(float(found[1]) - float(quoted[1])) <= 2
@@ -71,5 +62,5 @@ def test_links_of_the_pages_lead_somewhere():
             assert (page.parent / target).exists(), f"{page.name}: {target}"
 
 
-def test_the_command_page_is_what_the_commands_say():
-    run([sys.executable, "docs/generate_cli.py", "--check"], ROOT)
+def test_the_command_page_is_what_the_commands_say(long_jobs):
+    run([sys.executable, "docs/generate_cli.py", "--check"], ROOT, long_jobs)

@@ -125,6 +125,7 @@ def part(**columns):
 def test_an_argument_that_the_log_does_not_move():
     load = '[inputs.load]\nhold = "zero"\n[inputs.u]'
     text = CART.replace("drag(v)", "drag(v, load)").replace("[inputs.u]", load)
+    text = text.replace("hidden = 4", "hidden = 1")
     with pytest.raises(InputError, match=r"'load' never changes in the logs.*no excitation"):
         fit(plant(text), [part(load=np.full(100, 3.0))], restarts=1)
 

@@ -70,9 +70,11 @@ def named(bank: FaultBank, seed: int) -> list[Verdict]:
 
 
 def left_out(banks: dict[str, FaultBank], seed: int) -> list[Verdict]:
-    """A window with each single fault, judged by the bank that does not know this kind."""
+    """A window with each single fault, judged by the bank of `banks` that does not know it."""
     return [
-        _judged(banks[name], window(_seed(seed, 30 + k), (name,))) for k, name in enumerate(FAULTS)
+        _judged(banks[name], window(_seed(seed, 30 + k), (name,)))
+        for k, name in enumerate(FAULTS)
+        if name in banks
     ]
 
 
