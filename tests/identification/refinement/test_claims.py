@@ -8,6 +8,7 @@ from scipy.linalg import subspace_angles
 
 from faultgauge.identification.fit import fit
 from faultgauge.identification.levenberg_marquardt import levenberg_marquardt
+from faultgauge.identification.refinement import networks
 from faultgauge.identification.refinement.claims import imitating
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant_file import parse_plant
@@ -26,7 +27,7 @@ a = { value = 1.0, min = 0 }
 [networks.NN]
 hidden = 5
 """
-STEP, COUNT, WIDTH, NOISE = 0.05, 6000, 10, 0.005
+STEP, COUNT, WIDTH, NOISE = 0.05, 800, 10, 0.005
 
 
 def leak(x):
@@ -94,20 +95,21 @@ def test_as_many_directions_as_small_angles_between_the_subspaces(alike):
         assert np.max(angles) < 0.02  # of 0.01, twice for being one draw
 
 
-def test_the_parameter_carries_all_that_it_can():
+def test_the_parameter_carries_all_that_it_can(monkeypatch):
     """Of leak(x) the share along x, by hand: a = sum x leak(x) / sum x^2 over the visited points;
     the network has the rest, which is orthogonal to x."""
+    monkeypatch.setattr(networks, "TELLING", 500)
     runs = [log(0), log(1)]
     model, report = fit(
         GrayBoxPlant.untrained(parse_plant(SPRING, "leak.toml")),
         runs[:1],
         runs[1:],
-        restarts=2,
+        restarts=1,
         refine=True,
     )
     x = runs[0].columns["x"]
     (a,) = report.refinement.information.constants
-    # 500 of 6000 points, and features that imitate x to some parts in a thousand
+    # 500 of 800 points, and features that imitate x to some parts in a thousand
     assert a.value == pytest.approx(x @ leak(x) / (x @ x), rel=0.01)
     rest = np.array([float(model.plant.networks["NN"](jnp.asarray(each))) for each in x])
     assert abs(rest @ x) < 0.03 * np.linalg.norm(rest) * np.linalg.norm(x)
