@@ -60,12 +60,14 @@ class Constant:
 
 @dataclass(frozen=True)
 class Information:
-    """Constants, their correlations, and combinations of states that no output shows."""
+    """Constants, their correlations, and combinations of states that no output shows; whether
+    networks were kept from what they could imitate."""
 
     constants: tuple[Constant, ...]
     correlation: Float[np.ndarray, "constants constants"]
     unseen: tuple[str, ...]
     residual_time: float
+    kept_apart: bool = False
 
     def warnings(self) -> list[str]:
         """What somebody who reads the numbers should know, a sentence each."""
@@ -77,10 +79,10 @@ class Information:
                     "bound, not the data's"
                 )
             if each.imitated_by:
+                kept = ", though it is kept from doing so" if self.kept_apart else ""
                 found.append(
                     f"parameter {each.name!r} is not identifiable: network {each.imitated_by!r} "
-                    "can imitate it, though it is kept from doing so; fix it, or leave its part "
-                    "to the network"
+                    f"can imitate it{kept}; fix it, or leave its part to the network"
                 )
         for i, a in enumerate(self.constants):
             for j, b in enumerate(self.constants[:i]):
@@ -144,7 +146,7 @@ def information(
         for k in range(len(unknowns.parameters))
     )
     unseen = _unseen(plant, hessian, size, windows)
-    return Information(constants, correlations, unseen, tau)
+    return Information(constants, correlations, unseen, tau, claims is not None)
 
 
 @eqx.filter_jit
