@@ -1,0 +1,80 @@
+"""Does it help to keep networks from what parameters can do? On training records alone.
+
+    python benchmarks/extrapolation.py [--seeds N]
+
+Silverbox' training record is cut into windows of 512 samples. Fits take the calm ones (peak of |y|
+among the lowest 40 %; every sixth of them is left out), free runs are scored on the calm ones left
+out and on the wildest 15 %. The tanks' training record is cut into four parts, each left out in
+turn (see left_out.py). Both with what networks leave to the physics, and without. RMSE of free
+runs, starts from 50 samples.
+"""
+
+import argparse
+
+import numpy as np
+
+import left_out
+from faultgauge.identification.evaluation import predict
+from faultgauge.identification.fit import fit
+from faultgauge.identification.refinement import networks
+from faultgauge.studies.published.benchmark import benchmark, plant_of, records
+from faultgauge.studies.published.run import mean_of
+from faultgauge.telemetry import Run, cut
+
+LENGTH, CALM, WILD, EVERY = 512, 0.4, 0.85, 6
+VARIANTS = {"with": 0, "without": np.inf}  # from how many samples on
+
+
+def windows() -> tuple[list[Run], dict[str, list[Run]]]:
+    """(runs to fit, runs to score by name) of Silverbox."""
+    (run,) = records(benchmark("silverbox")).train
+    starts = np.arange(0, len(run.t) - LENGTH, LENGTH)
+    peaks = np.array([np.max(np.abs(run.columns["y"][k : k + LENGTH])) for k in starts])
+    pieces = [cut(run, slice(int(k), int(k) + LENGTH)) for k in starts]
+    low, high = np.quantile(peaks, (CALM, WILD))
+    calm = [piece for piece, peak in zip(pieces, peaks, strict=True) if peak < low]
+    wild = [piece for piece, peak in zip(pieces, peaks, strict=True) if peak > high]
+    fitted = [piece for k, piece in enumerate(calm) if k % EVERY]
+    return fitted, {"calm": calm[::EVERY], "wild": wild}
+
+
+def silverbox(seed: int) -> dict[str, float]:
+    chosen = benchmark("silverbox")
+    fitted, scored = windows()
+    model, _ = fit(plant_of(chosen), fitted, seed=seed, refine=True, ensemble=True)
+    found = {}
+    for name, runs in scored.items():
+        members = [
+            predict(m, runs, model.max_step, left_out.WARMUP) for m in (model.plant, *model.members)
+        ]
+        wrong = [(each.measured - each.predicted)[each.warmup :] for each in mean_of(members)]
+        found[name] = chosen.scale * float(np.sqrt(np.mean(np.concatenate(wrong) ** 2)))
+    return found
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seeds", type=int, default=3)
+    seeds = range(parser.parse_args().seeds)
+    tanks = benchmark("cascaded_tanks")
+    parts = left_out.splits(list(records(tanks).train), 4)
+    for name, samples in VARIANTS.items():
+        networks.TELLING = samples
+        boxes = [silverbox(seed) for seed in seeds]
+        for split in ("calm", "wild"):
+            errors = [box[split] for box in boxes]
+            print(
+                f"{name}: silverbox, {split}: {np.median(errors):.3g} "
+                f"[{min(errors):.3g}, {max(errors):.3g}] mV",
+                flush=True,
+            )
+        found = [
+            left_out.error(tanks, plant_of(tanks), fitted, left, seed)
+            for fitted, left in parts
+            for seed in seeds
+        ]
+        print(f"{name}: tanks: geometric mean {np.exp(np.mean(np.log(found))):.3g} V", flush=True)
+
+
+if __name__ == "__main__":
+    main()
