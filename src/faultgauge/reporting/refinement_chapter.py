@@ -61,8 +61,8 @@ def _parameters(found: Information) -> tuple[Table, ...]:
     header = ("parameter", "value", "standard error", "at its bound", "imitated by")
     caption = (
         "A parameter at its bound has the file's value, not the data's; one that a network can "
-        "imitate is not identifiable; from some thousand samples on it has all that it can explain, "
-        "and the network the rest."
+        "imitate is not identifiable; from some thousand samples on it has all that it can "
+        "explain, and the network the rest."
     )
     return (Table(header, rows, caption),)
 
