@@ -108,6 +108,7 @@ def test_the_parameter_carries_all_that_it_can(monkeypatch):
         refine=True,
     )
     x = runs[0].columns["x"]
+    assert report.refinement is not None
     (a,) = report.refinement.information.constants
     # 500 of 800 points, and features that imitate x to some parts in a thousand
     assert a.value == pytest.approx(x @ leak(x) / (x @ x), rel=0.01)
@@ -116,4 +117,10 @@ def test_the_parameter_carries_all_that_it_can(monkeypatch):
     np.testing.assert_allclose(a.value * x + rest, leak(x), atol=0.02 * np.max(leak(x)))
     assert a.imitated_by == "NN"
     # with the network held to it, the parameter is as well known as noise of 0.005 allows
-    assert a.standard_error < 0.01 * a.value
+    assert a.standard_error is not None and a.standard_error < 0.01 * a.value
+
+
+def test_what_says_nothing_claims_nothing():
+    """No output moves, or the simulation does not hold."""
+    for hessian in (np.zeros((5, 5)), np.full((5, 5), np.nan)):
+        assert imitating(hessian, 3, [3, 4]).shape == (5, 0)

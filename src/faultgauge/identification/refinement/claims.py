@@ -115,7 +115,7 @@ def imitating(
     whitened = vectors[:, clear] / np.sqrt(values[clear])
     own = scaled[np.ix_(seen, seen)] + DISTINCT * len(seen) * np.eye(len(seen))
     cross = scaled[np.ix_(seen, told)] @ whitened
-    imitation = np.linalg.solve(own, cross)
+    imitation = np.linalg.lstsq(own, cross)[0]
     cosines, along = np.linalg.eigh(cross.T @ imitation)
     alike = along[:, cosines > IMITATED]
     found = np.zeros((len(hessian), alike.shape[1]))
@@ -138,8 +138,10 @@ def _information(
     local = residual.local(windows)
     whole = np.asarray(_hessian(residual, theta, jax.tree.map(jnp.asarray, windows), local))
     n = len(values)
+    if not np.all(np.isfinite(whole)):  # a simulation that does not hold tells nothing
+        return np.zeros((n, n))
     border = whole[:n, n:]
-    return whole[:n, :n] - border @ np.linalg.solve(whole[n:, n:], border.T)
+    return whole[:n, :n] - border @ np.linalg.pinv(whole[n:, n:], hermitian=True) @ border.T
 
 
 @eqx.filter_jit
