@@ -68,6 +68,8 @@ def main() -> None:
                 f"[{min(errors):.3g}, {max(errors):.3g}] mV",
                 flush=True,
             )
+    for name, samples in VARIANTS.items():
+        networks.TELLING = samples
         found = [
             left_out.error(tanks, plant_of(tanks), fitted, left, seed)
             for fitted, left in parts
