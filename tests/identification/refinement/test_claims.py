@@ -117,7 +117,8 @@ def test_the_parameter_carries_all_that_it_can(monkeypatch):
     np.testing.assert_allclose(a.value * x + rest, leak(x), atol=0.02 * np.max(leak(x)))
     assert a.imitated_by == "NN"
     # with the network held to it, the parameter is as well known as noise of 0.005 allows
-    assert a.standard_error is not None and a.standard_error < 0.01 * a.value
+    assert a.standard_error is not None
+    assert a.standard_error < 0.01 * a.value
 
 
 def test_what_says_nothing_claims_nothing():
