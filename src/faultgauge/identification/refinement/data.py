@@ -1,10 +1,10 @@
 """What a refinement fits and what it validates on."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Bool, Float
 
 from faultgauge.errors import InputError
 from faultgauge.identification.refinement.records import (
@@ -16,6 +16,7 @@ from faultgauge.identification.refinement.records import (
 )
 from faultgauge.identification.refinement.simulation_error import (
     Fitted,
+    Rows,
     Window,
     fit_starts,
     fit_windows,
@@ -84,7 +85,7 @@ class Data:
         ridge: float = 1.0,
         trials: int = 60,
         tolerance: float = 1e-4,
-        claims: Callable[[GrayBoxPlant], Float[Array, "rows"]] | None = None,
+        claims: Rows | None = None,
     ) -> list[Fitted]:
         """`fit_windows` over the pieces that are worked on, or others.
 

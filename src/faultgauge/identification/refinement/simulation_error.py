@@ -33,6 +33,7 @@ from faultgauge.simulation.integrators import sensitive_step
 __all__ = [
     "Beside",
     "Fitted",
+    "Rows",
     "SimulationResidual",
     "Window",
     "beside_of",
@@ -46,12 +47,14 @@ __all__ = [
 # would hold the parameters where they are.
 TAU = 1e-9
 MOST_TRIALS = 300
-CLAIM = (
-    100.0  # a share of a hundredth that networks should leave alone weighs as much as all errors
-)
+# A share of a hundredth of what networks should leave alone weighs as much as all errors.
+CLAIM = 100.0
 FULL = 8  # windows, side by side, that keep a core busy: more starts at once would gain nothing
 HUBER = 1.345  # standard deviations: 95 % as efficient as least squares under Gaussian noise
 NORMAL = 1.4826  # standard deviation of Gaussian noise over the median of its size
+
+
+Rows = Callable[[GrayBoxPlant], Float[Array, "rows"]]  # what should be 0 of a plant
 
 
 class Window(eqx.Module):
@@ -181,7 +184,7 @@ class Beside(eqx.Module):
     """Rows of the plant that theta stands for, as the weighted errors count."""
 
     plant: GrayBoxPlant
-    rows: Callable[[GrayBoxPlant], Float[Array, "rows"]]
+    rows: Rows
     weight: Float[Array, ""]
     unknowns: Unknowns = eqx.field(static=True)
 
@@ -191,7 +194,7 @@ class Beside(eqx.Module):
 
 def beside_of(
     plant: GrayBoxPlant,
-    claims: Callable[[GrayBoxPlant], Float[Array, "rows"]],
+    claims: Rows,
     unknowns: Unknowns,
     windows: Window,
     sigma: float,
@@ -230,7 +233,7 @@ def fit_windows(
     trials: int = 60,
     tolerance: float = 1e-5,
     robust: bool = False,
-    claims: Callable[[GrayBoxPlant], Float[Array, "rows"]] | None = None,
+    claims: Rows | None = None,
 ) -> list[Fitted]:
     """Levenberg-Marquardt from every start, all side by side; the windows start at `z`.
 
@@ -276,7 +279,7 @@ def _fit(
     robust: bool,
     lower: Float[np.ndarray, "unknowns"],
     upper: Float[np.ndarray, "unknowns"],
-    claims: Callable[[GrayBoxPlant], Float[Array, "rows"]] | None = None,
+    claims: Rows | None = None,
 ) -> list[Fitted]:
     residual = SimulationResidual(plant, jnp.asarray(sigma), unknowns, substeps, robust)
     count, local = len(windows.center), residual.local(windows)
