@@ -3,7 +3,6 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 from scipy.linalg import subspace_angles
 
 from faultgauge.identification.fit import fit
@@ -13,6 +12,8 @@ from faultgauge.identification.refinement.claims import imitating
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant_file import parse_plant
 from faultgauge.telemetry import Run
+
+from .conftest import over_stairs
 
 SPRING = """
 name = "leak"
@@ -37,19 +38,8 @@ def leak(x):
 def log(seed):
     """x' = u - 2 x - 0.5 x^3 by SciPy over every stair of u."""
     rng = np.random.default_rng(seed)
-    u, x = np.repeat(rng.uniform(-5, 5, COUNT // WIDTH), WIDTH), np.zeros(COUNT)
-    ticks = STEP * np.arange(WIDTH + 1)
-    for first in range(0, COUNT, WIDTH):
-        found = solve_ivp(
-            lambda t, x, drive: drive - leak(x),
-            (0, ticks[-1]),
-            x[first : first + 1],
-            t_eval=ticks,
-            args=(u[first],),
-            rtol=1e-8,
-            atol=1e-10,
-        )
-        x[first : first + WIDTH + 1] = found.y[0, : COUNT - first]
+    u = np.repeat(rng.uniform(-5, 5, COUNT // WIDTH), WIDTH)
+    x = over_stairs(lambda x, u: u - leak(x), 0.0, u, STEP, WIDTH)
     y = x + NOISE * rng.standard_normal(COUNT)
     return Run(f"leak{seed}", "leak.csv", STEP * np.arange(COUNT), {"u": u, "y": y, "x": x})
 

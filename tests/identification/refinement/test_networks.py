@@ -3,7 +3,6 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares
 
 from faultgauge.errors import InputError
@@ -12,6 +11,8 @@ from faultgauge.identification.fit import fit
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant_file import parse_plant
 from faultgauge.telemetry import Run
+
+from .conftest import over_stairs
 
 CART = """
 name = "cart"
@@ -40,19 +41,8 @@ def drag(v):
 def run(seed, scale):
     """(log, v): v' = 2 u - 0.3 v - drag(v) by SciPy over every stair; v itself is not logged."""
     rng = np.random.default_rng(seed)
-    u, v = np.repeat(rng.uniform(-scale, scale, COUNT // WIDTH), WIDTH), np.zeros(COUNT)
-    v[0], ticks = 0.3, STEP * np.arange(WIDTH + 1)
-    for first in range(0, COUNT, WIDTH):
-        found = solve_ivp(
-            lambda t, v, drive: 2 * drive - 0.3 * v - drag(v),
-            (0, ticks[-1]),
-            v[first : first + 1],
-            t_eval=ticks,
-            args=(u[first],),
-            rtol=1e-8,
-            atol=1e-10,
-        )
-        v[first : first + WIDTH + 1] = found.y[0, : COUNT - first]
+    u = np.repeat(rng.uniform(-scale, scale, COUNT // WIDTH), WIDTH)
+    v = over_stairs(lambda v, u: 2 * u - 0.3 * v - drag(v), 0.3, u, STEP, WIDTH)
     y = 2 * v + 2 * NOISE * rng.standard_normal(COUNT)
     return Run(f"cart{seed}", "cart.csv", STEP * np.arange(COUNT), {"u": u, "y": y}), v
 
@@ -92,6 +82,14 @@ def test_what_is_chosen_has_the_least_error_on_unseen_samples(fitted):
     # noise alone is 0.1 of y's spread of 4, to 7 % on some 120 samples held out; what is left of
     # the plant is at most as much again: sqrt(2) in all
     assert refinement.error < 1.5 * 2 * NOISE / np.std(run(0, 2.0)[0].columns["y"])
+
+
+def test_prior_weights_by_evidence_are_tried(fitted):
+    tried = fitted[1].refinement.tried
+    physics = min(error for name, error in tried if name == "physics")
+    found = [error for name, error in tried if name.endswith("by evidence")]
+    assert len(found) == 2  # one for either start
+    assert max(found) < 0.25 * physics  # and they go on from what is learned
 
 
 @pytest.mark.parametrize("seed", [9, 10])

@@ -2,12 +2,13 @@
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
 from faultgauge.identification.fit import fit
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant_file import parse_plant
 from faultgauge.telemetry import Run
+
+from .conftest import over_stairs
 
 WHEEL = """
 name = "wheel with drag"
@@ -31,20 +32,7 @@ LEVELS = (0.02, 0.1, 0.3)  # the state's own spread is 0.9
 def experiment():
     """(u, h): h' = u - 0.2 h - 0.4 h |h| by SciPy over every stair."""
     u = np.repeat(np.random.default_rng(7).uniform(-2, 2, COUNT // WIDTH), WIDTH)
-    h, ticks = np.zeros(COUNT), STEP * np.arange(WIDTH + 1)
-    h[0] = 0.3
-    for first in range(0, COUNT, WIDTH):
-        found = solve_ivp(
-            lambda t, h, drive: drive - 0.2 * h - 0.4 * h * abs(h),
-            (0, ticks[-1]),
-            h[first : first + 1],
-            t_eval=ticks,
-            args=(u[first],),
-            rtol=1e-8,
-            atol=1e-10,
-        )
-        h[first : first + WIDTH + 1] = found.y[0, : COUNT - first]
-    return u, h
+    return u, over_stairs(lambda h, u: u - 0.2 * h - 0.4 * h * abs(h), 0.3, u, STEP, WIDTH)
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,7 @@ from faultgauge.identification.refinement.data import (
     validation_error,
 )
 from faultgauge.identification.refinement.records import Piece
-from faultgauge.identification.refinement.simulation_error import Fitted
+from faultgauge.identification.refinement.simulation_error import Fitted, Ridge
 from faultgauge.identification.refinement.unknowns import Unknowns
 from faultgauge.plants.gray_box import GrayBoxPlant
 
@@ -27,14 +27,15 @@ WARM = "warm start"
 @dataclass(frozen=True)
 class Candidate:
     """A fitted plant, how it came about, and its free-run error on unseen samples (a share of
-    the outputs' spread): RMS, and sample by sample; what its networks leave to the physics."""
+    the outputs' spread): RMS, and sample by sample; what its networks leave to the physics. The fit
+    weighs its networks' weights theta with ridge s^2 |theta|^2, s its own error, `sigma_of`."""
 
     plant: GrayBoxPlant
     unknowns: Unknowns
     fitted: Fitted
     validation: float
     origin: str
-    ridge: float = 1.0
+    ridge: Ridge = 1.0
     unseen: Float[np.ndarray, "samples"] = field(default_factory=lambda: np.zeros(0))
     claims: Claims | None = None
 

@@ -16,6 +16,7 @@ from faultgauge.identification.refinement.records import (
 )
 from faultgauge.identification.refinement.simulation_error import (
     Fitted,
+    Ridge,
     Rows,
     Window,
     fit_starts,
@@ -82,7 +83,7 @@ class Data:
         pieces: Sequence[Piece] | None = None,
         after: Sequence[Fitted] = (),
         sigma: float,
-        ridge: float = 1.0,
+        ridge: Ridge = 1.0,
         trials: int = 60,
         tolerance: float = 1e-4,
         claims: Rows | None = None,

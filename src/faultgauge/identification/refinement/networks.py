@@ -19,6 +19,7 @@ from faultgauge.identification.refinement.candidate import (
 from faultgauge.identification.refinement.claims import Claims, claims_of
 from faultgauge.identification.refinement.cores import side_by_side
 from faultgauge.identification.refinement.data import BUDGET, Data
+from faultgauge.identification.refinement.evidence import by_evidence
 from faultgauge.identification.refinement.linear_starts import equivalents
 from faultgauge.identification.refinement.records import Piece
 from faultgauge.identification.refinement.simulation_error import Fitted
@@ -44,7 +45,8 @@ LEARNED_RIDGES = tuple(10.0**k for k in (1, 0, -1))  # after a screening
 SCREEN = 10_000  # samples to fit: fewer can be gone through whole, from every start
 SETTLE_TRIALS, FINAL_TRIALS = 5, 12  # of a screening, before its networks and after
 WARM_RIDGES = tuple(10.0**k for k in range(-1, 4))  # upwards: networks that are already learned
-TRIALS, MOST_EFFORT = 25, 6.0  # per prior weight; more of them where a log is short
+TRIALS, MOST_EFFORT = 50, 3.0  # per prior weight; more of them where a log is short
+LEARNED_TRIALS = 25  # in and after a screening
 PATIENCE, BETTER = 2, 0.99  # of the validation error: less gain does not pay another prior weight
 WHISPER = 0.3  # of a start's output weights where squares of them count: at 0 they have no slope
 TELLING = 5_000  # samples
@@ -75,7 +77,10 @@ def with_networks(
     if len(bases) > MANY_STARTS and not few:
         progress("networks: which start to take, over short windows")
         sigma, plant, fitted, claims = _screened(data, bases, seed)
-        found += _path(data, "networks", [plant], LEARNED_RIDGES, sigma, claims, progress, [fitted])
+        found += _path(
+            data, "networks", [plant], LEARNED_RIDGES, sigma, claims, progress, [fitted],
+            trials=LEARNED_TRIALS,
+        )  # fmt: skip
     else:
         count = min(restarts, MANY_STARTS if few else max(SILENT_STARTS, len(bases)))
         for margin in MARGINS if few else MARGINS[:1]:
@@ -95,7 +100,10 @@ def with_networks(
         name = "warm start, refined"
         claims = _claims(data, replace(bases[0], plant=warm[0]), data.pieces)
         found += _path(data, name, list(warm[:FINALISTS]), WARM_RIDGES, sigma, claims, progress)
-    return found
+    progress("networks: prior weights by evidence")
+    usable = [each for each in found if np.isfinite(each.validation)]
+    best = sorted(usable, key=lambda c: c.validation)[:FINALISTS]
+    return [*found, *side_by_side(lambda each: by_evidence(data, each), best)]
 
 
 def _equivalent(data: Data, base: Candidate, rng: np.random.Generator) -> list[Candidate]:
@@ -136,7 +144,7 @@ def _screened(
         scaled = _scaled(data, replace(base, fitted=settled), short)
         plant = _silent(scaled, np.random.default_rng([seed, 11, k]), MARGINS[0])
         claims = _claims(data, replace(base, plant=plant, fitted=settled), short)
-        return _learned(data, plant, short, sigma, TRIALS, claims)
+        return _learned(data, plant, short, sigma, LEARNED_TRIALS, claims)
 
     found = [each for each in side_by_side(tried, range(len(bases))) if each is not None]
     found.sort(key=lambda each: each[0])
@@ -157,7 +165,7 @@ def _sizes(data: Data, base: Candidate, sigma: float, seed: int) -> dict[str, in
         start = _silent(scaled, np.random.default_rng([seed, 11, 0]), MARGINS[0])
         unknowns = unknowns_of(start)
         theta = unknowns.vector(start)[None]
-        fitted = data.fit(start, unknowns, theta, sigma=sigma, trials=TRIALS)[0]
+        fitted = data.fit(start, unknowns, theta, sigma=sigma, trials=LEARNED_TRIALS)[0]
         return validated(data, Candidate(start, unknowns, fitted, np.inf, "")).validation, start
 
     return chosen_sizes(base.plant.spec, smallest_sufficient(base.plant, fit))
@@ -196,6 +204,7 @@ def _path(
     progress: Callable[[str], None],
     fits: Sequence[Fitted] = (),
     floor: float = np.inf,
+    trials: int = TRIALS,
 ) -> list[Candidate]:
     """Every start's best along the prior weights, until none has got better twice running.
 
@@ -205,7 +214,7 @@ def _path(
     """
     unknowns = unknowns_of(plants[0])
     thetas = first = np.stack([unknowns.vector(each) for each in plants])
-    trials = int(TRIALS * np.clip(BUDGET / sample_count(data.pieces), 1.0, MOST_EFFORT))
+    trials = int(trials * np.clip(BUDGET / sample_count(data.pieces), 1.0, MOST_EFFORT))
     going, quiet = list(range(len(plants))), 0
     best: dict[int, Candidate] = {}
     for step, ridge in enumerate(ridges):
@@ -222,7 +231,8 @@ def _path(
         )
         quiet += 1
         for k, fitted in zip(going, fits, strict=True):
-            each = Candidate(plants[0], unknowns, fitted, np.inf, name, ridge, claims=claims)
+            own = ridge * (sigma / sigma_of(fitted)) ** 2
+            each = Candidate(plants[0], unknowns, fitted, np.inf, name, own, claims=claims)
             found = validated(data, each)
             before = best[k].validation if k in best else np.inf
             if k not in best or found.validation < BETTER * before:  # or the stronger prior stays

@@ -33,6 +33,7 @@ from faultgauge.simulation.integrators import sensitive_step
 __all__ = [
     "Beside",
     "Fitted",
+    "Ridge",
     "Rows",
     "SimulationResidual",
     "Window",
@@ -54,6 +55,7 @@ HUBER = 1.345  # standard deviations: 95 % as efficient as least squares under G
 NORMAL = 1.4826  # standard deviation of Gaussian noise over the median of its size
 
 
+Ridge = float | Float[np.ndarray, "weights"]  # of the networks' prior, for all weights or for each
 Rows = Callable[[GrayBoxPlant], Float[Array, "rows"]]  # what should be 0 of a plant
 
 
@@ -229,7 +231,7 @@ def fit_windows(
     *,
     z: Float[np.ndarray, "starts windows local"] | None = None,
     sigma: float,
-    ridge: float = 1.0,
+    ridge: Ridge = 1.0,
     trials: int = 60,
     tolerance: float = 1e-5,
     robust: bool = False,
@@ -273,7 +275,7 @@ def _fit(
     windows: Window,
     substeps: int,
     sigma: float,
-    ridge: float,
+    ridge: Ridge,
     trials: int,
     tolerance: float,
     robust: bool,

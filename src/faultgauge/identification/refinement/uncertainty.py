@@ -10,7 +10,7 @@ count as one.
 """
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -22,6 +22,7 @@ from faultgauge.identification.normal_equations import bordered_equations
 from faultgauge.identification.refinement.claims import Claims
 from faultgauge.identification.refinement.simulation_error import (
     Fitted,
+    Ridge,
     SimulationResidual,
     Window,
     beside_of,
@@ -31,7 +32,7 @@ from faultgauge.identification.refinement.unknowns import WEIGHTS, Unknowns
 from faultgauge.identification.validation.correlation import correlation, integrated_time
 from faultgauge.plants.gray_box import GrayBoxPlant
 
-__all__ = ["Constant", "Information", "information"]
+__all__ = ["Constant", "Curvature", "Information", "curvature", "information"]
 
 IMITATED = 0.99  # of what a parameter does to the outputs, a network's weights can do too
 ALIKE = 0.99  # correlation at which two parameters cannot be told apart
@@ -108,32 +109,55 @@ class Information:
         }
 
 
+class Curvature(NamedTuple):
+    """H = J J' over all windows, starts included; that with the priors and what networks leave to
+    the physics; tau, samples."""
+
+    hessian: Float[np.ndarray, "n n"]
+    precision: Float[np.ndarray, "n n"]
+    residual_time: float
+
+
+def curvature(
+    plant: GrayBoxPlant,
+    unknowns: Unknowns,
+    fitted: Fitted,
+    windows: Window,
+    substeps: int,
+    ridge: Ridge,
+    claims: Claims | None = None,
+) -> Curvature:
+    """The curvature of the cost at a fit over `windows`, its networks' prior being `ridge`."""
+    silent = SimulationResidual(plant, jnp.asarray(0.0), unknowns, substeps)
+    local = silent.local(windows)
+    theta = jnp.concatenate([jnp.asarray(fitted.theta), jnp.asarray(fitted.z).ravel()])
+    found = _normal_equations(silent, theta, jax.tree.map(jnp.asarray, windows), local)
+    hessian = np.asarray(found[1])
+    prior = np.ones(len(hessian))
+    prior[: unknowns.weights(plant)] = ridge
+    s2 = max(fitted.mse, 1e-300)
+    precision = hessian + np.diag(s2 * prior)
+    if claims is not None:
+        beside = beside_of(plant, claims, unknowns, windows, float(np.sqrt(s2)))
+        rows = np.asarray(jax.jacrev(beside)(theta))
+        precision += rows.T @ rows
+    return Curvature(hessian, precision, _residual_time(plant, unknowns, fitted, windows, substeps))
+
+
 def information(
     plant: GrayBoxPlant,
     unknowns: Unknowns,
     fitted: Fitted,
     windows: Window,
     substeps: int,
-    ridge: float,
+    ridge: Ridge,
     claims: Claims | None = None,
 ) -> Information:
     """Standard errors and warnings at a fit over `windows`, its networks' prior being `ridge` and
     what they leave to the physics `claims`."""
-    silent = SimulationResidual(plant, jnp.asarray(0.0), unknowns, substeps)
-    local = silent.local(windows)
-    theta = jnp.concatenate([jnp.asarray(fitted.theta), jnp.asarray(fitted.z).ravel()])
-    found = _normal_equations(silent, theta, jax.tree.map(jnp.asarray, windows), local)
-    hessian = np.asarray(found[1])
+    hessian, precision, tau = curvature(plant, unknowns, fitted, windows, substeps, ridge, claims)
     size, weights = fitted.theta.size, unknowns.weights(plant)
-    prior = np.ones(len(hessian))
-    prior[:weights] = ridge
     s2 = max(fitted.mse, 1e-300)
-    tau = _residual_time(plant, unknowns, fitted, windows, substeps)
-    precision = hessian + np.diag(s2 * prior)
-    if claims is not None:
-        beside = beside_of(plant, claims, unknowns, windows, float(np.sqrt(s2)))
-        rows = np.asarray(jax.jacrev(beside)(theta))
-        precision += rows.T @ rows
     covariance = s2 * tau * np.linalg.pinv(precision, hermitian=True)
     covariance = covariance[weights:size, weights:size]
     sd = np.sqrt(np.maximum(np.diag(covariance), 0.0))
