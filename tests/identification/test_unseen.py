@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from faultgauge.identification.evaluation import evaluate
 from faultgauge.identification.fit import fit
 from faultgauge.identification.unseen import held_out, on_unseen
 from faultgauge.plants.gray_box import GrayBoxPlant
@@ -80,6 +81,21 @@ def test_scores_and_tests_are_of_the_tail(fitted):
 def test_runs_given_for_validation_are_taken_whole(fitted):
     unseen = on_unseen(*fitted, [log()], [log(1), log(2)])
     assert [run["samples"] for run in unseen.scores["runs"]] == [COUNT, COUNT]
+
+
+def test_a_model_fitted_to_the_tail_too_is_scored_as_it_was_before():
+    columns = {"u": log().columns["u"], "y": 2 * log().columns["x"]}
+    hidden = Run("hidden", "a.csv", log().t, columns)
+    text = PLANT.replace('outputs.x]\nvalue = "x"', 'outputs.y]\nvalue = "2*x"')  # x is hidden
+    model, account = fit(plant(text), [hidden], restarts=2)
+    judged = account.refinement.judged
+    (tail,) = held_out(model, account, [hidden])
+    assert np.isin(tail.columns["u"], account.training.u).all()
+    assert not np.isin(tail.columns["u"][20:], judged.training.u).any()
+    unseen, (before,) = on_unseen(model, account, [hidden]), judged.plants
+    for name, plants in {"before": before, "after": model.plant}.items():
+        scores, _ = evaluate(plants, [tail], model.max_step)
+        assert (scores == unseen.scores) == (name == "before")
 
 
 def test_nothing_to_run_through(fitted):

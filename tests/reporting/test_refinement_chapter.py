@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from faultgauge.identification.refinement.result import Refinement
+from faultgauge.identification.refinement.result import Members, Refinement
 from faultgauge.identification.refinement.uncertainty import Constant, Information
 from faultgauge.identification.samples import Samples
 from faultgauge.plants.gray_box import load_plant
@@ -11,9 +11,10 @@ from faultgauge.reporting.report import Report, render
 from faultgauge.reporting.style import quantity
 
 
-def refinement(choices=None, tried=None):
+def refinement(choices=None, tried=None, refitted=False):
     plant = load_plant("tank")
     nothing = np.zeros((1, 1))
+    training = Samples(nothing, nothing, nothing, nothing)
     constants = (
         Constant("k_in", "m/s/V", 0.0123, 0.0004, None, None),
         Constant("k_out", "m**0.5/s", 0.0, None, "min = 0", "outlet"),
@@ -22,7 +23,9 @@ def refinement(choices=None, tried=None):
     return Refinement(
         plant=plant,
         members=[plant],
-        training=Samples(nothing, nothing, nothing, nothing),
+        training=training,
+        judged=Members([plant], training),
+        refitted=refitted,
         error=0.02,
         substeps=1,
         sample_time=0.1,
@@ -57,3 +60,9 @@ def test_choices_are_named():
     assert section.tables[2].rows == (("u", "hold", "linear"), ("outlet", "hidden", "4"))
     page = render(Report("t", ("s",), (section,), versions={}))
     assert "linear" in page
+
+
+def test_a_fit_to_what_was_held_out_is_told():
+    before, after = (refinement_section(refinement(refitted=told)) for told in (False, True))
+    assert after.paragraphs[:-1] == before.paragraphs
+    assert "was then fitted to those data, too" in after.paragraphs[-1]

@@ -94,7 +94,11 @@ def fit(
     for line in _parameters(model, account):
         print(line)
     error = model.record["metrics"]["validation_free_run_nrmse"]
-    print(f"free run on held-out data: error {error:.2%} of each output's standard deviation")
+    refitted = account.refinement is not None and account.refinement.refitted
+    before = ", before the model was fitted to them, too" if refitted else ""
+    print(
+        f"free run on held-out data: error {error:.2%} of each output's standard deviation{before}"
+    )
     options.say(f"wrote {out}; next: faultgauge calibrate {out} HEALTHY_LOG")
 
 

@@ -9,6 +9,7 @@ from faultgauge.errors import InputError
 from faultgauge.identification.evaluation import Prediction, evaluate, predict
 from faultgauge.identification.fit import FitReport
 from faultgauge.identification.holdout import LAST_SHARE
+from faultgauge.identification.refinement.result import Members
 from faultgauge.identification.samples import channels, in_effect
 from faultgauge.identification.validation import Validation, validate
 from faultgauge.plants.model import Model
@@ -32,18 +33,22 @@ def on_unseen(
     """The model on the runs `held` for validation; without any, on what its fit held out of
     `logs`. None where that is too short to run through.
 
-    Models from other starts that the refinement kept are tested beside it.
+    Models from other starts that the refinement kept are tested beside it. A refinement that went
+    on to fit the held-out part, too, is tested as it was before.
     """
     runs = list(held) or held_out(model, account, logs)
     if not runs:
         return None
+    judged = Members([model.plant], account.training)
+    if account.refinement is not None:
+        judged = account.refinement.judged
+    plant, *others = judged.plants
     try:
-        scores, predictions = evaluate(model.plant, runs, model.max_step)
+        scores, predictions = evaluate(plant, runs, model.max_step)
     except InputError:  # no two complete samples in a row
         return None
-    others = account.refinement.members[1:] if account.refinement else []
-    beside = [predict(member, runs, model.max_step) for member in others]
-    checked = validate(model.plant, predictions, account.training, beside)
+    beside = [predict(other, runs, model.max_step) for other in others]
+    checked = validate(plant, predictions, judged.training, beside)
     return Unseen(scores, predictions, checked)
 
 

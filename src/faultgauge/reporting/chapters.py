@@ -35,6 +35,10 @@ __all__ = [
     "fit_sections",
 ]
 
+REFITTED = (
+    "Since the log is short, the model in the file was then fitted to them as well, from there; "
+    "all that is said of unseen data here is about the model before."
+)
 MOST_FIGURES = 12  # per section: a report is read, not scrolled
 
 
@@ -58,6 +62,8 @@ def fit_report(
             f"Unseen are {origin}. No weight was fitted to them, but they chose among the starts; "
             "a log that had no part at all is a harder test: `faultgauge evaluate`."
         )
+        if account.refinement is not None and account.refinement.refitted:
+            note += f" {REFITTED}"
         checked = replace(checked, paragraphs=(note, *checked.paragraphs))
         sections = (*sections, runs, checked)
     return Report(f"Fit: {model.plant.spec.name}", summary, sections, _parameters(model))

@@ -11,12 +11,17 @@ __all__ = ["refinement_section"]
 
 MOST_CORRELATIONS = 20  # rows: the strongest pairs
 MOST_TRIED = 40
+REFITTED = (
+    "Since the log is short, the best was then fitted to those data, too: parameters and standard "
+    "errors are of all samples, errors on unseen data of the model before."
+)
 
 
 def refinement_section(found: Refinement) -> Section:
     """Parameters with standard errors, their correlations, and every candidate that was tried."""
     diverged = sum(not np.isfinite(error) for _, error in found.tried)
     losses = f"; {diverged} of them diverged" if diverged else ""
+    after = (REFITTED,) if found.refitted else ()
     return Section(
         "Refinement by simulation error",
         (
@@ -25,6 +30,7 @@ def refinement_section(found: Refinement) -> Section:
             f"with the least error there was kept{losses}.",
             "A residual of a simulation is not white: a standard error counts "
             f"{found.information.residual_time:.3g} samples as one.",
+            *after,
         ),
         (
             *_parameters(found.information),

@@ -105,14 +105,21 @@ def constants(report):
 
 @pytest.fixture(scope="module")
 def tank_fits():
-    """(values, standard errors) over 20 noise seeds."""
+    """(values, standard errors, values before the fit to what was held out) over 20 noise seeds."""
     model = plant(TANKS)
-    found = [constants(fit(model, [tank_log(seed)], restarts=3)[1]) for seed in range(20)]
-    return np.array([value for value, _ in found]), np.array([error for _, error in found])
+    values, errors, before = [], [], []
+    for seed in range(20):
+        report = fit(model, [tank_log(seed)], restarts=3)[1]
+        value, error = constants(report)
+        values.append(value)
+        errors.append(error)
+        judged = report.refinement.judged.plants[0].parameters
+        before.append([float(judged[name]) for name in TRUTH])
+    return np.array(values), np.array(errors), np.array(before)
 
 
 def test_within_three_standard_errors(tank_fits):
-    values, errors = tank_fits
+    values, errors, _ = tank_fits
     far = np.abs(values - list(TRUTH.values())) > 3 * errors
     # Three constants leave 3 sigma with at most 0.8 %: of five fits two would, with 0.07 %
     assert far[:5].any(axis=1).sum() <= 1
@@ -121,7 +128,7 @@ def test_within_three_standard_errors(tank_fits):
 
 
 def test_standard_errors_are_the_spread_over_noise(tank_fits):
-    values, errors = tank_fits
+    values, errors, _ = tank_fits
     for k in range(3):
         ratio = np.sum((values[:, k] - values[:, k].mean()) ** 2 / errors[:, k] ** 2)
         # chi-square of 19 degrees: outside with 0.2 %, or 0.6 % for all three
@@ -133,21 +140,39 @@ def test_standard_errors_are_the_spread_over_noise(tank_fits):
 
 @pytest.mark.parametrize("seed", [0, 1])
 def test_same_constants_as_scipy(tank_fits, seed):
-    """Three constants and two starts by SciPy, on the samples that are not held out."""
-    log, fitted = tank_log(seed), split_record(COUNT)
+    """On all samples; and where unseen ones judged them, on those that were not held out."""
+    values, errors, before = (each[seed] for each in tank_fits)
+    best, spread = by_scipy(tank_log(seed), np.ones(COUNT, bool))
+    # our search ends at a relative gain of 1e-4 of the cost, which 400 errors of sigma^2 make up:
+    # sqrt(400 * 1e-4) = 0.2 standard errors; priors of a factor of 10 add less
+    np.testing.assert_allclose(values, best, rtol=0, atol=0.2 * spread.min())
+    # the residual's correlation time, at least 1, is found from noise: up to some 10 % more
+    np.testing.assert_allclose(errors, spread, rtol=0.15)
+    best, spread = by_scipy(tank_log(seed), split_record(COUNT))
+    np.testing.assert_allclose(before, best, rtol=0, atol=0.2 * spread.min())
+
+
+def by_scipy(log, fitted):
+    """(constants, their standard errors) of least squares over them and two starts."""
 
     def errors(p):
         k, a, b, upper, lower = p
         return (tanks(k, a, b, upper, lower, log.columns["u"]) - log.columns["level"])[fitted]
 
-    reference = least_squares(errors, [1.0, 0.5, 0.5, 0.0, 0.0])
-    covariance = np.linalg.inv(reference.jac.T @ reference.jac) * np.mean(reference.fun**2)
-    spread = np.sqrt(np.diag(covariance))[:3]
-    # our search ends at a relative gain of 1e-4 of the cost, which 340 errors of sigma^2 make up:
-    # sqrt(340 * 1e-4) = 0.2 standard errors; priors of a factor of 10 add less
-    np.testing.assert_allclose(tank_fits[0][seed], reference.x[:3], rtol=0, atol=0.2 * spread.min())
-    # the residual's correlation time, at least 1, is found from noise: up to some 10 % more
-    np.testing.assert_allclose(tank_fits[1][seed], spread, rtol=0.15)
+    found = least_squares(errors, [1.0, 0.5, 0.5, 0.0, 0.0])
+    covariance = np.linalg.inv(found.jac.T @ found.jac) * np.mean(found.fun**2)
+    return found.x[:3], np.sqrt(np.diag(covariance))[:3]
+
+
+def test_runs_for_validation_are_never_fitted():
+    runs = [tank_log(0)], [tank_log(1)]
+    refinement = fit(plant(TANKS), *runs, restarts=1)[1].refinement
+    assert refinement is not None
+    assert not refinement.refitted
+    assert refinement.judged.plants == refinement.members
+    best, spread = by_scipy(tank_log(0), np.ones(COUNT, bool))
+    found = [float(refinement.plant.parameters[name]) for name in TRUTH]
+    np.testing.assert_allclose(found, best, rtol=0, atol=0.2 * spread.min())
 
 
 def test_hidden_states_need_the_refinement():

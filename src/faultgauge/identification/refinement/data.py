@@ -1,7 +1,7 @@
 """What a refinement fits and what it validates on."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -117,6 +117,10 @@ class Data:
         return fit_starts(
             plant, unknowns, theta, windows, self.substeps, sigma=FIRST_SIGMA, robust=self.robust
         )
+
+    def with_held_out(self) -> "Data":
+        """The same pieces, and what was held out of them to be fitted, too."""
+        return replace(self, masks=[np.ones(len(mask), bool) for mask in self.masks])
 
     def split(self, length: int) -> list[Piece]:
         """Pieces of about `length` with samples to fit."""

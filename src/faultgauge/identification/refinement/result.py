@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -20,18 +20,28 @@ from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.settle import settle
 from faultgauge.telemetry import Run
 
-__all__ = ["Refinement", "refine_on_logs"]
+__all__ = ["Members", "Refinement", "refine_on_logs"]
+
+
+class Members(NamedTuple):
+    """Plants, best first, and the points that the best was fitted to."""
+
+    plants: list[GrayBoxPlant]
+    training: Samples
 
 
 @dataclass(frozen=True)
 class Refinement:
     """The refined plant, best of its `members`; `error` is its free-run error on data that no fit
     has seen, a share of the outputs' spread; `tried` names every candidate with that error;
-    `per_run` are the runs' own values of the parameters that vary."""
+    `per_run` are the runs' own values of the parameters that vary. `judged` is what `error` is
+    of: the same, or where `refitted` the members before they were fitted to those data, too."""
 
     plant: GrayBoxPlant
     members: list[GrayBoxPlant]
     training: Samples
+    judged: Members
+    refitted: bool
     error: float
     substeps: int
     sample_time: float
@@ -45,6 +55,7 @@ class Refinement:
         """For the model's record."""
         return {
             "substeps": self.substeps,
+            "refitted": self.refitted,
             "tried": [[name, None if np.isinf(e) else e] for name, e in self.tried],
             "per_run": self.per_run,
             **self.information.to_dict(),
@@ -85,10 +96,11 @@ def refine_on_logs(
         for k, name in enumerate(signals.input_names)
         if all(np.ptp(record.u[:, k]) == 0 for record in records)
     ]
-    best = found.members[0]
-    members = [_settled(each, found) for each in found.members]
+    judged = _members(found, found.members, found.data)
+    data = found.data.with_held_out() if found.refitted else found.data
+    shipped = _members(found, found.refitted, data) if found.refitted else judged
+    best = (found.refitted or found.members)[0]
     progress("standard errors")
-    data = found.data
     known = information(
         best.plant,
         best.unknowns,
@@ -105,13 +117,15 @@ def refine_on_logs(
             "warm start is kept"
         )
     return Refinement(
-        plant=members[0],
-        members=members,
-        training=_training(members[0], best, data),
+        plant=shipped.plants[0],
+        members=shipped.plants,
+        training=shipped.training,
+        judged=judged,
+        refitted=bool(found.refitted),
         error=best.validation,
         substeps=data.substeps,
         sample_time=float(np.median([record.step for record in records])),
-        choices={"hold": found.holds, "hidden": chosen_sizes(plant.spec, members[0])},
+        choices={"hold": found.holds, "hidden": chosen_sizes(plant.spec, best.plant)},
         tried=found.tried,
         information=known,
         warnings=warnings,
@@ -134,6 +148,11 @@ def _per_run(best: Candidate, data: Data) -> dict[str, dict[str, float]]:
             values.setdefault(run, []).append(float(value[-len(unknowns.parameters) + k]))
         found[unknowns.parameters[k]] = {r: float(np.mean(each)) for r, each in values.items()}
     return found
+
+
+def _members(found: Search, members: Sequence[Candidate], data: Data) -> Members:
+    plants = [_settled(each, found) for each in members]
+    return Members(plants, _training(plants[0], members[0], data))
 
 
 def _settled(candidate: Candidate, found: Search) -> GrayBoxPlant:

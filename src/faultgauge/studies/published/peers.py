@@ -148,7 +148,9 @@ def _write_task(folder: Path, chosen: Benchmark, records: Records) -> None:
 
 def _run(python: Path, folder: Path, seed: int) -> str | None:
     """One seed; None, or what went wrong."""
-    kept = {key: value for key, value in os.environ.items() if not key.startswith("JAX_")}
+    # settings of our JAX may be unknown to the peer's
+    ours = ("JAX_", "XLA_")
+    kept = {key: value for key, value in os.environ.items() if not key.startswith(ours)}
     try:
         done = subprocess.run(
             [str(python), str(SCRIPT), str(folder), str(seed)],
