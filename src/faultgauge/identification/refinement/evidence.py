@@ -30,10 +30,11 @@ LEAST, MOST = 1e-6, 1e6  # prior weights
 
 
 def by_evidence(data: Data, candidate: Candidate) -> Candidate:
-    """`candidate`, fitted anew with prior weights by evidence while that wins on unseen samples."""
-    best = now = candidate
+    """`candidate` fitted anew with prior weights by evidence, updated while that wins on unseen
+    samples."""
     name = f"{candidate.origin}, by evidence"
-    for _ in range(ROUNDS if candidate.fitted.usable else 0):
+    best = now = replace(candidate, origin=name, validation=np.inf)
+    for _ in range(ROUNDS):
         ridge = _by_evidence(data, now)
         fitted = data.fit(
             now.plant,
@@ -45,7 +46,7 @@ def by_evidence(data: Data, candidate: Candidate) -> Candidate:
             trials=TRIALS,
             claims=now.claims,
         )[0]
-        now = validated(data, replace(now, origin=name, fitted=fitted, ridge=ridge))
+        now = validated(data, replace(now, fitted=fitted, ridge=ridge))
         if not now.validation < best.validation:
             break
         best = now

@@ -101,9 +101,9 @@ def with_networks(
         claims = _claims(data, replace(bases[0], plant=warm[0]), data.pieces)
         found += _path(data, name, list(warm[:FINALISTS]), WARM_RIDGES, sigma, claims, progress)
     progress("networks: prior weights by evidence")
-    found.sort(key=lambda each: each.validation)
-    best, others = found[:FINALISTS], found[FINALISTS:]
-    return [*side_by_side(lambda each: by_evidence(data, each), best), *others]
+    usable = [each for each in found if np.isfinite(each.validation)]
+    best = sorted(usable, key=lambda each: each.validation)[:FINALISTS]
+    return [*found, *side_by_side(lambda each: by_evidence(data, each), best)]
 
 
 def _equivalent(data: Data, base: Candidate, rng: np.random.Generator) -> list[Candidate]:
