@@ -18,7 +18,7 @@ from faultgauge.identification.refinement.simulation_error import Fitted, Ridge
 from faultgauge.identification.refinement.unknowns import Unknowns
 from faultgauge.plants.gray_box import GrayBoxPlant
 
-__all__ = ["WARM", "Candidate", "sample_count", "sigma_of", "validated"]
+__all__ = ["WARM", "Candidate", "fitted_again", "sample_count", "sigma_of", "validated"]
 
 LEAST_SIGMA = 1e-4  # of the outputs' spread
 WARM = "warm start"
@@ -46,6 +46,21 @@ def sigma_of(fitted: Fitted) -> float:
 
 def sample_count(pieces: Sequence[Piece]) -> int:
     return sum(piece.stop - piece.start for piece in pieces)
+
+
+def fitted_again(data: Data, candidate: Candidate, ridge: Ridge, trials: int) -> Candidate:
+    """The candidate fitted on from where it stands, over the same pieces; not validated."""
+    fitted = data.fit(
+        candidate.plant,
+        candidate.unknowns,
+        candidate.fitted.theta[None],
+        after=[candidate.fitted],
+        sigma=sigma_of(candidate.fitted),
+        ridge=ridge,
+        trials=trials,
+        claims=candidate.claims,
+    )[0]
+    return replace(candidate, fitted=fitted, ridge=ridge)
 
 
 def validated(data: Data, candidate: Candidate) -> Candidate:

@@ -18,7 +18,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from faultgauge.identification.refinement.candidate import Candidate, sigma_of, validated
+from faultgauge.identification.refinement.candidate import Candidate, fitted_again, validated
 from faultgauge.identification.refinement.data import Data
 from faultgauge.identification.refinement.uncertainty import curvature
 from faultgauge.identification.refinement.unknowns import WEIGHTS
@@ -35,18 +35,7 @@ def by_evidence(data: Data, candidate: Candidate) -> Candidate:
     name = f"{candidate.origin}, by evidence"
     best = now = replace(candidate, origin=name, validation=np.inf)
     for _ in range(ROUNDS):
-        ridge = _by_evidence(data, now)
-        fitted = data.fit(
-            now.plant,
-            now.unknowns,
-            now.fitted.theta[None],
-            after=[now.fitted],
-            sigma=sigma_of(now.fitted),
-            ridge=ridge,
-            trials=TRIALS,
-            claims=now.claims,
-        )[0]
-        now = validated(data, replace(now, fitted=fitted, ridge=ridge))
+        now = validated(data, fitted_again(data, now, _by_evidence(data, now), TRIALS))
         if not now.validation < best.validation:
             break
         best = now
