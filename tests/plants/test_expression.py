@@ -57,6 +57,10 @@ VALUES = [
     ("max(x, y, 2)", [2, 4]),
     ("clip(y, -1, x)", [-1, 3]),
     ("clip(x, 2, 3)", [2, 3]),
+    ("overflow(x, 3)", [0, 1]),
+    ("overflow(3, x)", [2, 0]),
+    ("deadzone(y, 0.5)", [-1.5, 2.5]),
+    ("deadzone(y, 2.5)", [0, 0.5]),
     (" x ", [1, 4]),
     ("(x +\n y)", [-1, 7]),
     ("1e-3*x + .5 + 1_000*0", [0.501, 0.504]),
@@ -219,6 +223,8 @@ def test_columns_count_characters_where_names_are_not_ascii():
         ("min(x)", "min() takes 2 to 8 argument(s), not 1"),
         ("max(" + ", ".join("x" * 9) + ")", "max() takes 2 to 8 argument(s), not 9"),
         ("clip(x, y)", "clip() takes 3 argument(s), not 2"),
+        ("overflow(x)", "overflow() takes 2 argument(s), not 1"),
+        ("deadzone(x)", "deadzone() takes 2 argument(s), not 1"),
     ],
 )
 def test_a_wrong_number_of_arguments_is_refused(text, wanted):

@@ -50,7 +50,9 @@ FUNCTIONS: dict[str, tuple[int, int]] = {
     "tanh": (1, 1),
     "min": (2, 8),
     "max": (2, 8),
-    "clip": (3, 3),
+    "clip": (3, 3),  # clip(x, low, high): saturation
+    "overflow": (2, 2),  # overflow(x, rim) = max(x - rim, 0)
+    "deadzone": (2, 2),  # deadzone(x, width) = x - clip(x, -width, width)
 }
 
 OPERATORS: dict[type[ast.operator], str] = {
@@ -374,5 +376,10 @@ def _function(function: str, arguments: list[Any], xp: Any) -> Any:
             return result
         case "clip":
             return xp.minimum(xp.maximum(arguments[0], arguments[1]), arguments[2])
+        case "overflow":
+            return xp.maximum(arguments[0] - arguments[1], 0)
+        case "deadzone":
+            x, width = arguments
+            return x - xp.minimum(xp.maximum(x, -width), width)
         case _:
             return getattr(xp, function)(*arguments)

@@ -24,7 +24,8 @@ __all__ = ["check", "text"]
 
 PER_SECOND = parse_unit("1/s")
 PURE = ("exp", "log", "sin", "cos", "tanh")  # dimensionless argument and result
-ALIKE = ("min", "max", "clip")  # arguments of one dimension, which is the result's
+# Arguments of one dimension, which is the result's.
+ALIKE = ("min", "max", "clip", "overflow", "deadzone")
 READ = ("states", "inputs", "parameters")  # the tables whose names expressions may read
 MAX_EXPONENT = 100  # beyond it no unit is meant
 

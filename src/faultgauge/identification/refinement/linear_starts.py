@@ -86,14 +86,15 @@ def equivalents(
         )
         for _ in range(TRIES):
             start = np.clip(theta + rng.standard_normal(len(theta)), lower + 1e-9, upper - 1e-9)
-            solved = least_squares(
-                lambda t, to: np.asarray(error(t, to)),
-                start,
-                lambda t, to: np.asarray(jacobian(t, to)),  # pyright: ignore[reportArgumentType]
-                bounds=(lower, upper),
-                max_nfev=200,
-                args=(wanted,),
-            )
+            with np.errstate(over="ignore"):  # a step too far: infinite cost, and it is shortened
+                solved = least_squares(
+                    lambda t, to: np.asarray(error(t, to)),
+                    start,
+                    lambda t, to: np.asarray(jacobian(t, to)),  # pyright: ignore[reportArgumentType]
+                    bounds=(lower, upper),
+                    max_nfev=200,
+                    args=(wanted,),
+                )
             exact = np.max(np.abs(solved.fun[: -len(theta)])) < CLOSE
             new = all(np.max(np.abs(solved.x - other)) > SAME for other in found)
             if exact and new:
