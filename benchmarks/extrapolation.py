@@ -4,9 +4,8 @@
 
 Silverbox' training record is cut into windows of 512 samples. Fits take the calm ones (peak of |y|
 among the lowest 40 %; every sixth of them is left out), free runs are scored on the calm ones left
-out and on the wildest 15 %. The tanks' training record is cut into four parts, each left out in
-turn (see left_out.py). Both with what networks leave to the physics, and without. RMSE of free
-runs, starts from 50 samples.
+out and on the wildest 15 %, with what networks leave to the physics and without. RMSE of free runs,
+starts from 50 samples.
 """
 
 import argparse
@@ -56,8 +55,6 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=3)
     seeds = range(parser.parse_args().seeds)
-    tanks = benchmark("cascaded_tanks")
-    parts = left_out.splits(list(records(tanks).train), 4)
     for name, samples in VARIANTS.items():
         networks.TELLING = samples
         boxes = [silverbox(seed) for seed in seeds]
@@ -68,14 +65,6 @@ def main() -> None:
                 f"[{min(errors):.3g}, {max(errors):.3g}] mV",
                 flush=True,
             )
-    for name, samples in VARIANTS.items():
-        networks.TELLING = samples
-        found = [
-            left_out.error(tanks, plant_of(tanks), fitted, left, seed)
-            for fitted, left in parts
-            for seed in seeds
-        ]
-        print(f"{name}: tanks: geometric mean {np.exp(np.mean(np.log(found))):.3g} V", flush=True)
 
 
 if __name__ == "__main__":
