@@ -1,6 +1,6 @@
 """Does it pay to fit short logs' held-out samples, too, once they have chosen? On training records.
 
-    python benchmarks/held_out_too.py [NAME] [--seeds N] [--parts K]
+    python benchmarks/held_out_too.py [NAME [PLANT.toml]] [--seeds N] [--parts K]
 
 The training record is cut into K parts, each left out in turn (see left_out.py): the model as
 judged on held-out samples of the others, and as fitted to those as well. Where a log is not short
@@ -13,6 +13,7 @@ import numpy as np
 
 import left_out
 from faultgauge.identification.refinement import search
+from faultgauge.plants.gray_box import load_plant
 from faultgauge.studies.published.benchmark import benchmark, plant_of, records
 
 VARIANTS = {"as judged": 0.0, "held-out samples too": np.inf}  # short: fewer samples than that
@@ -21,15 +22,17 @@ VARIANTS = {"as judged": 0.0, "held-out samples too": np.inf}  # short: fewer sa
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("name", nargs="?", default="cascaded_tanks")
+    parser.add_argument("plant", nargs="?", metavar="PLANT.toml")
     parser.add_argument("--seeds", type=int, default=2)
     parser.add_argument("--parts", type=int, default=4)
     given = parser.parse_args()
     chosen = benchmark(given.name)
+    plant = load_plant(given.plant) if given.plant else plant_of(chosen)
     parts = left_out.splits(list(records(chosen).train), given.parts)
     for variant, short in VARIANTS.items():
         search.SHORT = short
         found = [
-            left_out.error(chosen, plant_of(chosen), fitted, left, seed)
+            left_out.error(chosen, plant, fitted, left, seed)
             for fitted, left in parts
             for seed in range(given.seeds)
         ]
