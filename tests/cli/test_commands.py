@@ -101,6 +101,16 @@ def test_fit(call, workshop, tmp_path):
     assert out.read_bytes() == workshop.model.read_bytes(), "the same fit gives the same bytes"
 
 
+def test_fit_with_other_seeds(call, workshop, tmp_path):
+    out, report = tmp_path / "again.fgm", tmp_path / "report.html"
+    said = call("fit", workshop.plant, workshop.healthy, "--seeds", "3", "--out", out,
+                "--report", report)  # fmt: skip
+    assert said.code == 0
+    assert "over 3 seeds: " in said.out
+    assert out.read_bytes() == workshop.model.read_bytes(), "the model is the first seed's"
+    assert "over 3 seeds, each a whole fit, e is" in report.read_text()
+
+
 def test_fit_says_what_it_found(call, workshop, tmp_path):
     out = tmp_path / "m.fgm"
     said = call("fit", workshop.plant, workshop.healthy, "--validate", workshop.healthy2,

@@ -103,3 +103,29 @@ def test_nothing_to_run_through(fitted):
     x = np.where(np.arange(COUNT) % 2, np.nan, whole.columns["x"])
     bare = Run("a", "a.csv", whole.t, {"u": whole.columns["u"], "x": x})
     assert on_unseen(*fitted, [bare]) is None
+
+
+NETWORK = """
+name = "first order"
+networks.NN = { hidden = 3 }
+[states.x]
+derivative = "NN(u) - a*x"
+[inputs.u]
+hold = "zero"
+[outputs.x]
+value = "x"
+[parameters]
+a = { value = 1.0, min = 0 }
+"""
+
+
+@pytest.mark.parametrize("refine", [False, True])
+def test_other_seeds_tell_how_much_is_luck(refine):
+    """RMSE of the model of every seed, from its own score on the same tail."""
+    fits = [fit(plant(NETWORK), [log()], seed=k, restarts=2, refine=refine) for k in range(3)]
+    found = on_unseen(*fits[0], [log()], others=fits[1:]).validation.outputs[0].seeds
+    alone = [on_unseen(*each, [log()]).validation.outputs[0] for each in fits]
+    np.testing.assert_allclose(found.rmse, [each.rmse for each in alone], rtol=1e-9)
+    assert len(set(np.round(found.rmse, 9))) > 1
+    assert found.spread > 0
+    assert all(each.seeds is None for each in alone)

@@ -97,11 +97,11 @@ def test_too_few_independent_samples_confirm_nothing():
     assert "too few independent samples to tell" in text
 
 
-def test_the_luck_of_the_start():
+def test_the_luck_of_the_seed():
     runs = free_runs(lambda noise, u, h: noise)
     # the other start is off by 1 more: mean square error 0.25 + noise, of which 0.25 differs
     other = [p._replace(predicted=p.predicted + 1.0) for p in runs]
-    assert "over 2 starts e is" in said(runs, [other])
+    assert "over 2 seeds, each a whole fit, e is" in said(runs, [other])
     lost = [p._replace(predicted=p.predicted * np.inf) for p in runs]
     assert "1 diverge." in said(runs, [other, lost])
 

@@ -40,6 +40,16 @@ def fit(
         int, typer.Option("--restarts", min=1, max=1000, help="How many starts.")
     ] = 10,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the starts.")] = 0,
+    seeds: Annotated[
+        int,
+        typer.Option(
+            "--seeds",
+            min=1,
+            max=100,
+            help="Fit with so many seeds, from --seed on, to see how much they matter; MODEL is of "
+            "the first.",
+        ),
+    ] = 1,
     despite_alarms: Annotated[
         bool,
         typer.Option("--despite-alarms", help="Fit logs under alarm too, which are refused."),
@@ -67,20 +77,26 @@ def fit(
     from faultgauge.plants.model import save_model
 
     with options.narrate("fitting") as progress:
-        model, account = identify(
-            untrained,
-            runs,
-            held,
-            seed=seed,
-            restarts=restarts,
-            refine=refine,
-            robust=robust,
-            ensemble=ensemble,
-            progress=progress,
-        )
+        fits = [
+            identify(
+                untrained,
+                runs,
+                held,
+                seed=seed + k,
+                restarts=restarts,
+                refine=refine,
+                robust=robust,
+                ensemble=ensemble,
+                progress=progress,
+            )
+            for k in range(seeds)
+        ]
+        (model, account), *others = fits
         save_model(model, out)
         progress("validating")
-        unseen = on_unseen(model, account, runs, held) if json or report is not None else None
+        unseen = None
+        if json or report is not None:
+            unseen = on_unseen(model, account, runs, held, others)
     options.warn(account.warnings)
     if report is not None:
         from faultgauge.reporting.chapters import fit_report
@@ -99,6 +115,9 @@ def fit(
     print(
         f"free run on held-out data: error {error:.2%} of each output's standard deviation{before}"
     )
+    if others:
+        errors = [each.record["metrics"]["validation_free_run_nrmse"] for each, _ in fits]
+        print(f"over {seeds} seeds: {min(errors):.2%} to {max(errors):.2%}")
     options.say(f"wrote {out}; next: faultgauge calibrate {out} HEALTHY_LOG")
 
 

@@ -9,9 +9,9 @@ from faultgauge.errors import InputError
 from faultgauge.identification.evaluation import Prediction, evaluate, predict
 from faultgauge.identification.fit import FitReport
 from faultgauge.identification.holdout import LAST_SHARE
-from faultgauge.identification.refinement.result import Members
-from faultgauge.identification.samples import channels, in_effect
+from faultgauge.identification.samples import Samples, channels, in_effect
 from faultgauge.identification.validation import Validation, validate
+from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run, cut, segments
 from faultgauge.telemetry.runs import ROUNDING
@@ -28,28 +28,36 @@ class Unseen(NamedTuple):
 
 
 def on_unseen(
-    model: Model, account: FitReport, logs: Sequence[Run], held: Sequence[Run] = ()
+    model: Model,
+    account: FitReport,
+    logs: Sequence[Run],
+    held: Sequence[Run] = (),
+    others: Sequence[tuple[Model, FitReport]] = (),
 ) -> Unseen | None:
     """The model on the runs `held` for validation; without any, on what its fit held out of
     `logs`. None where that is too short to run through.
 
-    Models from other starts that the refinement kept are tested beside it. A refinement that went
-    on to fit the held-out part, too, is tested as it was before.
+    `others` are fits of the same logs with other seeds, tested beside it. A refinement that went on
+    to fit the held-out part, too, is tested as it was before.
     """
     runs = list(held) or held_out(model, account, logs)
     if not runs:
         return None
-    judged = Members([model.plant], account.training)
-    if account.refinement is not None:
-        judged = account.refinement.judged
-    plant, *others = judged.plants
+    plant, training = _judged(model, account)
     try:
         scores, predictions = evaluate(plant, runs, model.max_step)
     except InputError:  # no two complete samples in a row
         return None
-    beside = [predict(other, runs, model.max_step) for other in others]
-    checked = validate(plant, predictions, judged.training, beside)
+    beside = [predict(_judged(*other)[0], runs, other[0].max_step) for other in others]
+    checked = validate(plant, predictions, training, beside)
     return Unseen(scores, predictions, checked)
+
+
+def _judged(model: Model, account: FitReport) -> tuple[GrayBoxPlant, Samples]:
+    """The plant before it was fitted to what was held out, and the points it was fitted to."""
+    if account.refinement is None:
+        return model.plant, account.training
+    return account.refinement.judged.plants[0], account.refinement.judged.training
 
 
 def held_out(model: Model, account: FitReport, logs: Sequence[Run]) -> list[Run]:

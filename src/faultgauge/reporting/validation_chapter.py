@@ -58,8 +58,7 @@ def verdicts(output: OutputValidation) -> tuple[str, ...]:
     worst = max(output.profiles, key=lambda each: each.explained - each.by_chance, default=None)
     if worst is not None:
         sentences.append(_place(worst, output))
-    if output.seeds is not None:
-        sentences.append(_seeds(output))
+    sentences.append(_seeds(output))
     return tuple(f"{name}: {sentence}" for sentence in sentences if sentence)
 
 
@@ -154,14 +153,16 @@ def _place(profile: Profile, output: OutputValidation) -> str:
 
 def _seeds(output: OutputValidation) -> str:
     seeds = output.seeds
-    assert seeds is not None
+    if seeds is None:
+        return "no other seed was tried; `fit --seeds 3` tells how much it matters."
     rmse = seeds.rmse[seeds.rmse == seeds.rmse]
     lost = len(seeds.rmse) - len(rmse)
     return (
-        f"over {len(seeds.rmse)} starts e is {quantity(float(rmse.min()), output.unit)} to "
+        f"over {len(seeds.rmse)} seeds, each a whole fit, e is "
+        f"{quantity(float(rmse.min()), output.unit)} to "
         f"{quantity(float(rmse.max()), output.unit)} RMS, and the free runs differ by "
         f"{quantity(seeds.spread, output.unit)} (standard deviation): "
-        f"{_percent(seeds.explained)} of the mean square error is the luck of the start"
+        f"{_percent(seeds.explained)} of the mean square error is the luck of the seed"
         + (f"; {lost} diverge." if lost else ", the rest is common to all.")
     )
 

@@ -1,4 +1,4 @@
-"""How much of the error is the luck of the start: free runs of models from several starts."""
+"""How much of the error is the luck of the seed: free runs of models fitted with several seeds."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ __all__ = ["SeedSpread", "seed_spread"]
 
 @dataclass(frozen=True)
 class SeedSpread:
-    """Free runs of models that differ in their start only; the model itself comes first.
+    """Free runs of models that differ in their seed only; the model itself comes first.
 
     Attributes:
         rmse: of each model, the output's unit; NaN where it diverges.

@@ -54,7 +54,7 @@ class OutputValidation:
         residual: autocorrelation of e.
         inputs: correlation of e with every input that moves.
         profiles: e against every state and input.
-        seeds: spread over models from other starts.
+        seeds: spread over models fitted with other seeds; None where there are none.
     """
 
     name: str
@@ -96,8 +96,8 @@ def validate(
 ) -> Validation:
     """Judge `plant` by its free runs on unseen data.
 
-    `training` are the points that it was fitted on; `others` are free runs of models from other
-    starts over the same stretches. `band` gives, per output, the half width of a 95 % band found
+    `training` are the points that it was fitted on; `others` are free runs of models fitted
+    with other seeds over the same stretches. `band` gives, per output, the half width of a 95 % band found
     on other data; without it the unseen runs are held against each other.
     """
     signals, found = plant.signals, []
