@@ -96,9 +96,9 @@ def validate(
 ) -> Validation:
     """Judge `plant` by its free runs on unseen data.
 
-    `training` are the points that it was fitted on; `others` are free runs of models fitted
-    with other seeds over the same stretches. `band` gives, per output, the half width of a 95 % band found
-    on other data; without it the unseen runs are held against each other.
+    `training` are the points that it was fitted on; `others` are free runs of models fitted with
+    other seeds over the same stretches. `band` gives, per output, the half width of a 95 % band
+    found on other data; without it the unseen runs are held against each other.
     """
     signals, found = plant.signals, []
     for j, output in enumerate(signals.outputs):
