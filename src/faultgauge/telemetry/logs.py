@@ -93,7 +93,8 @@ def _log_file(path: Path, table: Table, time: str | None, mapped: bool, taken: s
 
 
 def _kept(log: LogFile, where: str) -> LogFile:
-    table, rows, runs = keep_rows(log.table, log.time, log.runs, met(log.table, where))
+    kept = met(log.table, where, log.time, log.t, log.runs)
+    table, rows, runs = keep_rows(log.table, log.time, log.runs, kept)
     if not runs:
         raise InputError(
             f"{table.source}, --where: no run has two rows that meet {where[:80]!r}; widen the "
