@@ -100,8 +100,8 @@ def _check_unit(table: Table, name: str, wanted: str) -> None:
     )
     if change is None:
         raise InputError(
-            f"{said} in {wanted!r}, which is no unit of the same; choose the right column with "
-            f"--map '{name}=COLUMN', or correct the unit in the plant file."
+            f"{said} in {wanted!r}, which is no unit of the same; take another column, or this one "
+            f"as it is, with --map '{name}={alias(column)}'."
         )
     raise InputError(
         f"{said} in {wanted!r}; convert it with --map '{name}={alias(column)}{change}'."
