@@ -178,6 +178,8 @@ def test_a_mode_logged_on_change_holds_until_the_next(log, modes):
 
 def test_a_mode_that_is_logged_once_holds_to_the_end(log):
     assert kept(log(sampled_at({30: 2})), "mode == 2") == list(range(30, 100))
+    (run,) = read_telemetry(log("t,mode\n0,\n1,2\n2,\n"), where="mode == 2")
+    np.testing.assert_array_equal(run.t, [1, 2])
 
 
 def test_even_phases_are_no_clock(log):

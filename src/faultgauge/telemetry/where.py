@@ -214,7 +214,7 @@ class _Condition:
             t, sampled = self.t[rows], ~np.isnan(cells[rows])
             if not sampled.any():
                 continue
-            longest, alone = _reach(t, cells[rows], discrete, self.shortest(rows))
+            longest, alone = _reach(t, cells[rows], discrete, self.fastest(rows))
             own = np.flatnonzero(sampled)
             steps = np.append(np.diff(t[own]), np.inf)
             last = np.searchsorted(own, np.arange(len(rows)), side="right") - 1
@@ -224,30 +224,29 @@ class _Condition:
             result[rows[fill]] = cells[rows[before[fill]]]
         return result
 
-    def shortest(self, rows: Int[np.ndarray, "_"]) -> float:
-        """The median interval of the fastest column, s: rows of several clocks lie closer."""
+    def fastest(self, rows: Int[np.ndarray, "_"]) -> Float[np.ndarray, "_"]:
+        """The times, s, of the column with most samples: rows of several clocks lie closer."""
         t = self.t[rows]
-        intervals = []
+        most = t[:0]
         for name, cells in self.table.columns.items():
             if name in (self.time, "t", "run"):  # on every row, whatever is sampled there
                 continue
             found = cells[rows]
             own = t[found != ""] if is_text(cells) else t[~np.isnan(found)]
-            if len(own) >= FEWEST:
-                intervals.append(float(np.median(np.diff(own))))
-        return min(intervals, default=0.0)
+            most = max(most, own, key=len)
+        return most
 
 
 def _reach(
     t: Float[np.ndarray, "rows"],
     cells: Float[np.ndarray, "rows"],
     discrete: bool,
-    shortest: float,
+    fastest: Float[np.ndarray, "_"],
 ) -> tuple[float, float]:
     """How long a column keeps a value, s: to a next sample this far, and with none so near.
 
-    It is told by the pattern of its samples in one run. A periodic column of full rate (interval
-    `shortest`) that misses a sample has dropped out, a slower one where it misses three; its value
+    It is told by the pattern of its samples in one run. A periodic column of the rate of
+    `fastest` (s) that misses a sample has dropped out, a slower one where it misses three; its value
     then stands for one interval. Anything else is logged when it changes and keeps its value until
     the next: samples without a rate, and `discrete` ones that never repeat, as on a clock some do.
     """
@@ -256,7 +255,7 @@ def _reach(
         return np.inf, np.inf
     steps = np.diff(t[own])
     interval = float(np.median(steps))
-    fast = interval <= SLOWER * shortest
+    fast = interval <= SLOWER * np.median(np.diff(fastest))
     regular = np.mean(np.abs(steps - interval) <= 0.5 * interval) >= REGULAR
     on_change = discrete and bool(np.all(cells[own][1:] != cells[own][:-1]))
     dense = own.sum() * interval >= DENSE * (t[-1] - t[0])
