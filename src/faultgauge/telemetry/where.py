@@ -246,7 +246,7 @@ def _reach(
     """How long a column keeps a value, s: to a next sample this far, and with none so near.
 
     It is told by the pattern of its samples in one run. A periodic column of the rate of
-    `fastest` (s) that misses a sample has dropped out, a slower one where it misses three; its value
+    `fastest` (s) that misses a sample has dropped out, a slower one that misses three; its value
     then stands for one interval. Anything else is logged when it changes and keeps its value until
     the next: samples without a rate, and `discrete` ones that never repeat, as on a clock some do.
     """
