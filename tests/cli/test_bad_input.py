@@ -35,6 +35,51 @@ def refuse(call, tmp_path):
     return refusing
 
 
+@pytest.mark.parametrize("suffix", [".parquet", ".h5"])
+def test_a_log_in_millimetres_for_a_plant_in_metres(refuse, workshop, tmp_path, suffix):
+    t, u, x = np.loadtxt(workshop.healthy, delimiter=",", skiprows=1, unpack=True)
+    log = tmp_path / f"log{suffix}"
+    columns = {"t": (t, "s"), "u": (u, "V"), "x": (1000 * x, "mm")}
+    if suffix == ".h5":
+        h5py = pytest.importorskip("h5py", reason="the extra io is not installed")
+        with h5py.File(log, "w") as file:
+            for name, (values, unit) in columns.items():
+                file[name] = values
+                file[name].attrs["unit"] = unit
+    else:
+        pyarrow = pytest.importorskip("pyarrow", reason="the extra io is not installed")
+        parquet = pytest.importorskip("pyarrow.parquet")
+        fields = [pyarrow.field(k, "double", metadata={"unit": v[1]}) for k, v in columns.items()]
+        arrays = [values for values, _ in columns.values()]
+        parquet.write_table(pyarrow.table(arrays, schema=pyarrow.schema(fields)), log)
+    naming = (log, "column 'x'", "'mm'", "'m'", "--map 'x=x*0.001'")
+    out, csv = tmp_path / "m.fgm", tmp_path / "f.csv"
+    refuse("fit", workshop.plant, log, "--out", out, naming=naming)
+    refuse("evaluate", workshop.model, log, naming=naming)
+    refuse("calibrate", workshop.model, log, "--out", out, naming=naming)
+    refuse("estimate", workshop.calibrated, log, "--out", csv, naming=naming)
+    naming = ("column 'x'", "'mm'", "'V'", "no unit of the same")
+    plant = tmp_path / "volts.toml"
+    plant.write_text(workshop.plant.read_text().replace('unit = "m"', 'unit = "V"'))
+    refuse("fit", plant, log, "--out", out, naming=naming)
+
+
+def test_a_map_is_taken_as_it_is(call, workshop, tmp_path):
+    h5py = pytest.importorskip("h5py", reason="the extra io is not installed")
+    t, u, x = np.loadtxt(workshop.healthy, delimiter=",", skiprows=1, unpack=True)
+    with h5py.File(tmp_path / "log.h5", "w") as file:
+        for name, values, unit in (("t", t * 1000, "ms"), ("u", u, "V"), ("x", 1000 * x, "mm")):
+            file[name] = values
+            file[name].attrs["unit"] = unit
+    said = call("evaluate", workshop.model, tmp_path / "log.h5", "--map", "x=x*0.001", "--json")
+    assert said.code == 0, said.err
+    plain = call("evaluate", workshop.model, workshop.healthy, "--json")
+
+    # the rounding of x * 1000 * 0.001 is all that differs
+    found, expected = (outcome.json["outputs"]["x"]["nrmse"] for outcome in (said, plain))
+    assert found == pytest.approx(expected, rel=1e-9)
+
+
 def edited(workshop, change):
     """The lines of the healthy log after `change(lines)`, as text."""
     lines = workshop.healthy.read_text().splitlines()

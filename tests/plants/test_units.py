@@ -1,10 +1,11 @@
 """Units of a plant file: what they mean, and what is said when they do not fit together."""
 
+import math
 from fractions import Fraction
 
 import pytest
 
-from faultgauge.plants.dimensions import describe, parse_unit
+from faultgauge.plants.dimensions import conversion, describe, parse_unit
 from faultgauge.plants.plant_file import parse_plant
 
 BASE = ("kg", "m", "s", "A", "K", "mol", "cd")
@@ -243,3 +244,62 @@ def test_absurd_exponents_end_quickly_and_without_an_error():
     for _ in range(15):
         text = f"({text})**1e300"
     assert warnings(plant(text)) == []
+
+
+@pytest.mark.parametrize(
+    ("given", "wanted", "value", "result"),
+    [
+        ("mm", "m", 5, 0.005),
+        ("m", "mm", 0.005, 5),
+        ("mm**2", "m^2", 3, 3e-6),
+        ("g", "kg", 500, 0.5),
+        ("t", "kg", 2, 2000),
+        ("km/h", "m/s", 36, 10),
+        ("rpm", "rad/s", 60, 2 * math.pi),
+        ("deg", "rad", 180, math.pi),
+        ("rev", "deg", 0.25, 90),
+        ("kWh", "J", 1, 3.6e6),
+        ("bar", "kPa", 1, 100),
+        ("L/min", "m**3/s", 6, 1e-4),
+        ("kOhm", "V/A", 2, 2000),
+        ("%", "1", 50, 0.5),
+        ("ms", "min", 6000, 0.1),
+        ("degC", "K", 20, 293.15),
+        ("K", "°C", 293.15, 20),
+        ("degC", "mK", 20, 293150),
+        ("mK", "degC", 293150, 20),
+        ("mm/degC", "m/K", 1, 0.001),  # a difference has no zero
+    ],
+)
+def test_what_makes_one_unit_of_another(given, wanted, value, result):
+    found = eval(f"{value}{conversion(given, wanted)}")  # noqa: S307
+    assert found == pytest.approx(result, rel=1e-9)  # ten digits are written
+
+
+@pytest.mark.parametrize(
+    ("given", "wanted"),
+    [
+        ("m", "m"),
+        ("N*m", "J"),
+        ("°C", "degC"),
+        ("Ohm", "V/A"),
+        ("rpm", "Hz"),  # which may be meant per turn or per radian
+        ("rad", "1"),
+        ("counts", "1"),
+        ("dB", "%"),
+        ("", "m"),
+        ("m", " "),
+        ("-", "m"),
+        ("furlong", "m"),
+        ("km^999", "m^999"),  # beyond float64
+        ("0*m", "m"),
+        ("m", "0*m"),
+    ],
+)
+def test_nothing_to_convert_or_nothing_known(given, wanted):
+    assert conversion(given, wanted) == ""
+
+
+@pytest.mark.parametrize(("given", "wanted"), [("V", "m"), ("m", "m/s"), ("1", "N"), ("K", "rpm")])
+def test_units_of_different_things(given, wanted):
+    assert conversion(given, wanted) is None

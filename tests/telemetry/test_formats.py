@@ -255,6 +255,109 @@ def test_inspection_shows_units_and_what_was_left_out():
     assert any("calibration (7)" in hint for hint in report.hints)
 
 
+def with_units(path: Path, columns: dict[str, tuple[np.ndarray, str]]) -> Path:
+    """A file of `columns` {name: (values, unit)}, by the package's own writer."""
+    if path.suffix == ".h5":
+        h5py = pytest.importorskip("h5py", reason="the extra io is not installed")
+        with h5py.File(path, "w") as file:
+            for name, (values, unit) in columns.items():
+                file[name] = values
+                file[name].attrs["units"] = unit
+    elif path.suffix == ".parquet":
+        pyarrow = pytest.importorskip("pyarrow", reason="the extra io is not installed")
+        parquet = pytest.importorskip("pyarrow.parquet")
+        fields = [
+            pyarrow.field(name, pyarrow.array(values).type, metadata={"unit": unit})
+            for name, (values, unit) in columns.items()
+        ]
+        arrays = [pyarrow.array(values) for values, _ in columns.values()]
+        table = pyarrow.Table.from_arrays(arrays, schema=pyarrow.schema(fields))
+        parquet.write_table(table, path)
+    else:
+        asammdf = pytest.importorskip("asammdf", reason="the extra io is not installed")
+        signals = [
+            asammdf.Signal(values, np.arange(len(values)) * 7.0, name=name, unit=unit)
+            for name, (values, unit) in columns.items()
+        ]
+        with asammdf.MDF(version="4.10") as file:
+            file.append(signals)
+            file.save(path)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("unit", "times", "seconds"),
+    [
+        ("s", [1.0, 2.0, 3.5], [1, 2, 3.5]),
+        ("ms", [10.0, 20.0, 35.0], [0.01, 0.02, 0.035]),
+        ("us", [3.0, 5.0, 8.0], [3e-6, 5e-6, 8e-6]),
+        ("ns", [3e9, 5e9, 8e9], [3, 5, 8]),
+        ("min", [0.5, 1.0, 3.0], [30, 60, 180]),
+        ("h", [0.0, 1.0, 1.5], [0, 3600, 5400]),
+        ("Milliseconds since 2026-01-01", [1.0, 2.0, 4.0], [0.001, 0.002, 0.004]),
+        ("V", [1.0, 2.0, 3.0], [1, 2, 3]),  # no unit of time: as without one
+        ("ticks", [1.0, 2.0, 3.0], [1, 2, 3]),
+    ],
+)
+@pytest.mark.parametrize("suffix", [".h5", ".parquet", ".mf4"])
+def test_time_in_the_unit_that_the_file_gives(tmp_path, suffix, unit, times, seconds):
+    columns = {"clock": (np.array(times), unit), "u": (np.arange(3.0), "V")}
+    path = with_units(tmp_path / f"log{suffix}", columns)
+    (run,) = read_telemetry(path, time="clock", names=["u"])
+    np.testing.assert_array_equal(run.t, seconds)
+    np.testing.assert_array_equal(run.columns["u"], [0, 1, 2])
+
+
+@pytest.mark.parametrize("suffix", [".h5", ".parquet"])
+def test_a_column_t_in_milliseconds(tmp_path, suffix):
+    columns = {"t": (np.array([10.0, 20, 30]), "ms"), "u": (np.arange(3.0), "V")}
+    path = with_units(tmp_path / f"log{suffix}", columns)
+    (run,) = read_telemetry(path, names=["u"])
+    np.testing.assert_array_equal(run.t, [0.01, 0.02, 0.03])
+    (run,) = read_telemetry(path, names=["u"], where="t > 0.015")  # in seconds there, too
+    np.testing.assert_array_equal(run.t, [0.02, 0.03])
+    (run,) = read_telemetry(path, names=["u"], maps=["t=t/100"])  # the user's own business
+    np.testing.assert_array_equal(run.t, [0.1, 0.2, 0.3])
+
+
+def test_time_stamps_of_parquet_are_converted_once(tmp_path):
+    stamps = np.array([0, 10, 20], dtype="datetime64[ms]")
+    columns = {"t": (stamps, "ms"), "u": (np.arange(3.0), "V")}
+    (run,) = read_telemetry(with_units(tmp_path / "log.parquet", columns))
+    np.testing.assert_array_equal(run.t, [0, 0.01, 0.02])
+
+
+@pytest.mark.parametrize("suffix", [".h5", ".parquet", ".mf4"])
+def test_a_column_in_another_unit_than_the_plant(tmp_path, suffix):
+    columns = {
+        "q": (np.array([1.0, 2, 3]), "mm"),
+        "w": (np.array([1.0, 2, 3]), "rpm"),
+        "v": (np.array([1.0, 2, 3]), "?"),
+    }
+    path = with_units(tmp_path / f"log{suffix}", columns)
+    options = {"names": ["q"]} | ({} if suffix == ".mf4" else {"time": "v"})
+
+    def said(**more) -> str:
+        return refusal(path, **(options | more))
+
+    message = said(units={"q": "m"})
+    assert "column 'q' is in 'mm'" in message
+    assert "'q' of the plant is in 'm'" in message
+    assert "--map 'q=q*0.001'" in message
+    assert "--map 'w=w*0.1047197551'" in said(names=["w"], units={"w": "rad/s"})  # pi / 30
+    message = said(units={"q": "V"})
+    assert "'mm'" in message
+    assert "'V', which is no unit of the same" in message
+    for unit in ("mm", "", "cubits"):
+        (run,) = read_telemetry(path, units={"q": unit}, **options)
+        np.testing.assert_array_equal(run.columns["q"], [1, 2, 3])
+    read_telemetry(path, units={"q": "mm", "w": "m"}, **options)  # w is not read
+    (run,) = read_telemetry(path, units={"q": "m"}, maps=["q=q*0.001"], **options)
+    np.testing.assert_array_equal(run.columns["q"], [0.001, 0.002, 0.003])
+    (run,) = read_telemetry(path, units={"q": "V"}, maps=["q=q"], **options)
+    np.testing.assert_array_equal(run.columns["q"], [1, 2, 3])
+
+
 @pytest.mark.parametrize("suffix", BINARY)
 @pytest.mark.parametrize("content", [b"", b"t,u\n0,1\n1,2\n", b"\x00\x01\x02\xff" * 300])
 def test_a_file_of_another_kind(tmp_path, suffix, content):

@@ -1,5 +1,7 @@
 """`--where`: which rows stay, how a run is split by it, and what is no condition."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 import typer
@@ -11,6 +13,7 @@ from faultgauge.telemetry.table import Table
 from faultgauge.telemetry.where import met
 
 NAN = np.nan
+DATA = Path(__file__).parents[1] / "data"
 TABLE = Table(
     "log.csv",
     {
@@ -21,6 +24,12 @@ TABLE = Table(
     },
     np.arange(2, 8),
 )
+
+
+def met_rows(condition: str) -> list[int]:
+    """The rows of TABLE, one a second, that meet `condition`."""
+    found = met(TABLE, condition, "t", np.arange(6.0), {"log": np.arange(6)})
+    return np.flatnonzero(found).tolist()
 
 
 @pytest.fixture
@@ -54,7 +63,7 @@ def log(tmp_path):
     ],
 )
 def test_which_rows_meet_a_condition(condition, rows):
-    assert np.flatnonzero(met(TABLE, condition)).tolist() == rows
+    assert met_rows(condition) == rows
 
 
 @pytest.mark.parametrize(
@@ -86,7 +95,7 @@ def test_which_rows_meet_a_condition(condition, rows):
 )
 def test_what_is_no_condition(condition, words):
     with pytest.raises(InputError) as caught:
-        met(TABLE, condition)
+        met_rows(condition)
     message = str(caught.value)
     assert "\n" not in message
     for word in ["log.csv, --where", *words]:
@@ -94,7 +103,7 @@ def test_what_is_no_condition(condition, words):
 
 
 def test_a_condition_may_be_written_over_several_lines_in_parentheses():
-    assert met(TABLE, "(mode == 3\n and u > 5)").sum() == 1
+    assert met_rows("(mode == 3\n and u > 5)") == [5]
 
 
 def test_kept_rows_and_the_split_between_them(log):
@@ -144,6 +153,89 @@ def test_a_slow_text_column_keeps_its_last_text(log):
     path = log("\n".join(["t,u,phase", *rows]))
     (run,) = read_telemetry(path, names=["u"], where="phase == 'b' and u < 50")
     np.testing.assert_array_equal(run.columns["u"], np.arange(20.0, 40.0))
+
+
+def sampled_at(cells: dict[int, object], rows: int = 100) -> str:
+    """A log at 10 Hz with `u` the row number and `mode` empty but for `cells`."""
+    return "\n".join(["t,u,mode", *(f"{k / 10},{k},{cells.get(k, '')}" for k in range(rows))])
+
+
+def kept(path, where: str) -> list[float]:
+    (run,) = read_telemetry(path, names=["u"], where=where)
+    return run.columns["u"][np.isfinite(run.columns["u"])].tolist()
+
+
+@pytest.mark.parametrize("modes", [{1: 1, 2: 2, 3: 3}, {1: "idle", 2: "spin", 3: "run"}])
+def test_a_mode_logged_on_change_holds_until_the_next(log, modes):
+    cells = {5: modes[1], 10: modes[2], 17: modes[1], 40: modes[3], 70: modes[1], 95: modes[3]}
+    path = log(sampled_at(cells))
+    written = repr(modes[1])
+    assert kept(path, f"mode == {written}") == [*range(5, 10), *range(17, 40), *range(70, 95)]
+    assert kept(path, f"mode == {modes[3]!r}") == [*range(40, 70), *range(95, 100)]
+    # what the mode was before its first value is not known
+    assert kept(path, f"not mode == {written}") == [*range(10, 17), *range(40, 70), *range(95, 100)]
+
+
+def test_a_mode_that_is_logged_once_holds_to_the_end(log):
+    assert kept(log(sampled_at({30: 2})), "mode == 2") == list(range(30, 100))
+    (run,) = read_telemetry(log("t,mode\n0,\n1,2\n2,\n"), where="mode == 2")
+    np.testing.assert_array_equal(run.t, [1, 2])
+
+
+def test_even_phases_are_no_clock(log):
+    """Logged every second for four seconds and then no more: the values never repeat."""
+    path = log(sampled_at({0: 1, 10: 2, 20: 1, 30: 2}))
+    assert kept(path, "mode == 2") == [*range(10, 20), *range(30, 100)]
+
+
+def test_modes_that_change_in_bursts(log):
+    path = log(sampled_at({0: 1, 1: 2, 2: 3, 3: 4, 60: 1, 61: 2, 62: 3, 63: 4}))
+    assert kept(path, "mode == 4") == [*range(3, 60), *range(63, 100)]
+
+
+def test_a_mode_of_one_run_says_nothing_of_another(log):
+    lines = ["t,run,u,mode", "0,a,0,1", "1,a,1,", "2,a,2,", "0,b,3,", "1,b,4,1", "2,b,5,"]
+    runs = read_telemetry(log("\n".join(lines)), names=["u"], where="mode == 1")
+    assert [run.columns["u"].tolist() for run in runs] == [[0, 1, 2], [4, 5]]
+
+
+def test_a_dropout_of_full_rate_is_not_held(log):
+    cells = {k: 3 for k in range(100) if k not in (20, *range(50, 80))}
+    assert kept(log(sampled_at(cells)), "mode == 3") == list(cells)
+
+
+def test_many_dropouts_of_full_rate_are_not_held(log):
+    cells = {k: 3 for k in range(100) if k % 7 not in (2, 5)}  # steps 1 and 2: no even rate
+    assert kept(log(sampled_at(cells)), "mode == 3") == list(cells)
+
+
+def test_a_sensor_of_full_rate_that_dies_is_not_held(log):
+    cells = {k: 3.25 + k for k in range(30)}
+    assert kept(log(sampled_at(cells)), "mode > 0") == list(range(30))
+
+
+def test_a_slow_periodic_column_holds_over_two_missed_samples_and_not_over_more(log):
+    """Every 5 rows: held over 70 and 75, and for its own interval where 25 to 55 are missing."""
+    cells = {k: 3 for k in range(0, 100, 5) if not 25 <= k < 60 and k not in (70, 75)}
+    assert kept(log(sampled_at(cells)), "mode == 3") == [*range(25), *range(60, 100)]
+
+
+def test_rows_of_another_clock_are_no_dropouts(log):
+    """`u` every 0.1 s and `y` every 0.3 s, 0.01 s later: u holds on the rows that are y's."""
+    rows = [(k / 10, f"{k / 10},{k},") for k in range(60)]
+    rows += [(k / 10 + 0.01, f"{k / 10 + 0.01},,{k}") for k in range(0, 60, 3)]
+    path = log("\n".join(["t,u,y", *(text for _, text in sorted(rows))]))
+    (run,) = read_telemetry(path, names=["y"], where="u >= 30")
+    assert run.columns["y"].tolist() == list(range(30, 60, 3))
+
+
+def test_a_mode_topic_of_a_bag():
+    """/mode twice in the bag: idle at 0 s, run at 0.25 s (row 25 of 50)."""
+    bag = {"maps": ["w=imu_angular_velocity_x"], "names": ["w"]}
+    (run,) = read_telemetry(DATA / "rosbags.mcap", where="mode_data == 'run'", **bag)
+    np.testing.assert_array_equal(run.columns["w"], np.arange(25, 50) / 2)
+    (run,) = read_telemetry(DATA / "rosbags.mcap", where="mode_data == 'idle'", **bag)
+    np.testing.assert_array_equal(run.columns["w"], np.arange(25) / 2)
 
 
 def test_no_row_left(log):

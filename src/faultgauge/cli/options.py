@@ -99,6 +99,7 @@ def read_logs(
         optional=[*optional, *(signals.instruments if fitting else ())],
         held=[each.name for each in signals.inputs if each.hold == "zero"],
         where=where,
+        units=signals.units,
     )
 
 

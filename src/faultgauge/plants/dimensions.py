@@ -1,9 +1,21 @@
-"""Dimensions of units: "N*m/s" to powers of the SI base units, and back. No scales."""
+"""Units: "N*m/s" to powers of the SI base units and a scale, and the powers back to a text."""
 
+import math
 import re
 from fractions import Fraction
+from typing import NamedTuple
 
-__all__ = ["DIMENSIONLESS", "Dimension", "describe", "parse_unit", "power", "product"]
+__all__ = [
+    "DIMENSIONLESS",
+    "Dimension",
+    "Unit",
+    "conversion",
+    "describe",
+    "parse_unit",
+    "power",
+    "product",
+    "read_unit",
+]
 
 # Powers of BASE, in that order.
 Dimension = tuple[Fraction, ...]
@@ -12,43 +24,59 @@ BASE = ("kg", "m", "s", "A", "K", "mol", "cd")
 DIMENSIONLESS: Dimension = (Fraction(0),) * len(BASE)
 MAX_CHARACTERS = 100  # bounds the depth of the recursion as well
 
-PREFIXES = (*"YZEPTGMkhdcmµμunpfazy", "da")
-DERIVED = {  # later ones may use earlier ones; all take a prefix
-    "rad": "1",
-    "N": "kg*m/s**2",
-    "J": "N*m",
-    "W": "J/s",
-    "Pa": "N/m**2",
-    "bar": "Pa",
-    "C": "A*s",
-    "V": "W/A",
-    "ohm": "V/A",
-    "Ohm": "V/A",
-    "Ω": "V/A",  # Greek capital omega
-    "\u2126": "V/A",  # ohm sign
-    "S": "1/ohm",
-    "F": "C/V",
-    "Wb": "V*s",
-    "T": "Wb/m**2",
-    "H": "Wb/A",
-    "Hz": "1/s",
-    "L": "m**3",
-    "l": "m**3",
-    "Wh": "J",
-    "Ah": "C",
-    "eV": "J",
+PREFIXES = {
+    **dict(zip("YZEPTGMk", (1e24, 1e21, 1e18, 1e15, 1e12, 1e9, 1e6, 1e3), strict=True)),
+    **dict(zip("hdcmµμunpfazy", (
+        1e2, 1e-1, 1e-2, 1e-3, 1e-6, 1e-6, 1e-6, 1e-9, 1e-12, 1e-15, 1e-18, 1e-21, 1e-24
+    ), strict=True)),
+    "da": 1e1,
+}  # fmt: skip
+NO_SCALE = math.nan  # of what has a dimension, but no fixed size
+TURN = 2 * math.pi
+DERIVED = {  # unit: what it is, times; later ones may use earlier ones; all take a prefix
+    "N": ("kg*m/s**2", 1.0),
+    "J": ("N*m", 1.0),
+    "W": ("J/s", 1.0),
+    "Pa": ("N/m**2", 1.0),
+    "bar": ("Pa", 1e5),
+    "C": ("A*s", 1.0),
+    "V": ("W/A", 1.0),
+    "ohm": ("V/A", 1.0),
+    "Ohm": ("V/A", 1.0),
+    "Ω": ("V/A", 1.0),  # Greek capital omega
+    "\u2126": ("V/A", 1.0),  # ohm sign
+    "S": ("1/ohm", 1.0),
+    "F": ("C/V", 1.0),
+    "Wb": ("V*s", 1.0),
+    "T": ("Wb/m**2", 1.0),
+    "H": ("Wb/A", 1.0),
+    "Hz": ("1/s", 1.0),
+    "L": ("m**3", 1e-3),
+    "l": ("m**3", 1e-3),
+    "Wh": ("J", 3600.0),
+    "Ah": ("C", 3600.0),
+    "eV": ("J", 1.602176634e-19),
 }
 BARE = {  # units that take no prefix
-    **dict.fromkeys(("%", "°", "deg", "rev", "turn", "cycle", "dB", "ppm"), "1"),
-    **dict.fromkeys(("count", "counts", "sample", "samples", "step", "steps"), "1"),
-    **dict.fromkeys(("min", "h", "d", "day"), "s"),
-    **dict.fromkeys(("degC", "°C"), "K"),
-    "rpm": "1/s",
-    "t": "kg",
-    "atm": "Pa",
+    **dict.fromkeys(("°", "deg"), ("rad", TURN / 360)),
+    **dict.fromkeys(("rev", "turn", "cycle"), ("rad", TURN)),
+    **dict.fromkeys(("count", "counts", "sample", "samples", "step", "steps"), ("1", NO_SCALE)),
+    "%": ("1", 1e-2),
+    "ppm": ("1", 1e-6),
+    "dB": ("1", NO_SCALE),
+    "min": ("s", 60.0),
+    "h": ("s", 3600.0),
+    **dict.fromkeys(("d", "day"), ("s", 86400.0)),
+    **dict.fromkeys(("degC", "°C"), ("K", 1.0)),
+    "rpm": ("rad/s", TURN / 60),
+    "t": ("kg", 1e3),
+    "atm": ("Pa", 101325.0),
 }
 # Units in which a dimension is written for the reader where that is shorter than base units.
 READABLE = ("N", "V", "W", "Pa", "ohm")
+
+CELSIUS = ("degC", "°C")
+ZERO_CELSIUS = 273.15  # K
 
 TOKEN = re.compile(r"\s*(\*\*|[*·/^()+-]|\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+|%|°C?|[^\W\d_]+)")
 DECIMAL = re.compile(r"\d+\.?\d*|\.\d+")
@@ -64,12 +92,68 @@ def power(base: Dimension, exponent: Fraction) -> Dimension:
     return tuple(a * exponent for a in base)
 
 
+class Unit(NamedTuple):
+    """A unit: its dimension, the power of an angle in it, and how many SI units it is.
+
+    An angle has no dimension, but rpm and Hz are no multiples of each other. NaN is no scale.
+    """
+
+    dimension: Dimension
+    angle: Fraction = Fraction(0)
+    scale: float = 1.0
+
+    def times(self, other: "Unit", sign: int = 1) -> "Unit":
+        """self * other, or self / other with `sign` = -1."""
+        return Unit(
+            product(self.dimension, other.dimension, sign),
+            self.angle + sign * other.angle,
+            self.scale * _raise(other.scale, float(sign)),
+        )
+
+    def power(self, exponent: Fraction) -> "Unit":
+        """self ** exponent."""
+        scale = _raise(self.scale, float(exponent))
+        return Unit(power(self.dimension, exponent), self.angle * exponent, scale)
+
+
+def _raise(scale: float, exponent: float) -> float:
+    try:
+        return scale**exponent
+    except (OverflowError, ZeroDivisionError):
+        return NO_SCALE
+
+
 def parse_unit(text: str) -> Dimension:
     """Dimension of a unit such as "kg*m**2", "1/min" or "m^0.5/s".
 
     Raises `ValueError` saying in a few words what cannot be read.
     """
+    return read_unit(text).dimension
+
+
+def read_unit(text: str) -> Unit:
+    """`text` as a unit. Raises `ValueError` saying in a few words what cannot be read."""
     return _Parser(text).parse()
+
+
+def conversion(given: str, wanted: str) -> str | None:
+    """What makes `wanted` of a number in `given`, to be written behind it: "*0.001", "+273.15".
+
+    "" where they are the same, or where one is absent, unreadable or without a fixed size; None
+    where they measure different things.
+    """
+    try:
+        one, other = read_unit(given), read_unit(wanted)
+    except ValueError:  # of an empty text, too
+        return ""
+    if one.dimension != other.dimension:
+        return None
+    factor = one.scale / other.scale if other.scale else NO_SCALE
+    if one.angle != other.angle or not math.isfinite(factor) or factor <= 0:
+        return ""
+    scaled = "" if math.isclose(factor, 1, rel_tol=1e-9) else f"*{factor:.10g}"
+    zero = ZERO_CELSIUS * (factor * (given.strip() in CELSIUS) - (wanted.strip() in CELSIUS))
+    return scaled + (f"{zero:+.10g}" if abs(zero) > 1e-9 else "")
 
 
 class _Parser:
@@ -87,7 +171,7 @@ class _Parser:
             self.tokens.append(match[1])
             position = match.end()
 
-    def parse(self) -> Dimension:
+    def parse(self) -> Unit:
         unit = self.unit()
         if self.tokens:
             raise ValueError(f"an operator is missing before {self.tokens[0]!r}")
@@ -105,23 +189,25 @@ class _Parser:
         if not self.accept(")"):
             raise ValueError("a ')' is missing")
 
-    def unit(self) -> Dimension:
+    def unit(self) -> Unit:
         unit = self.factor()
         while operator := self.accept("*", "·", "/"):
-            unit = product(unit, self.factor(), -1 if operator == "/" else 1)
+            unit = unit.times(self.factor(), -1 if operator == "/" else 1)
         return unit
 
-    def factor(self) -> Dimension:
+    def factor(self) -> Unit:
         atom = self.atom()
-        return power(atom, self.exponent()) if self.accept("**", "^") else atom
+        return atom.power(self.exponent()) if self.accept("**", "^") else atom
 
-    def atom(self) -> Dimension:
+    def atom(self) -> Unit:
         if self.accept("("):
             unit = self.unit()
             self.close()
             return unit
         token = self.take()
-        return DIMENSIONLESS if token[0] in ".0123456789" else _named(token)
+        if token[0] in ".0123456789":
+            return Unit(DIMENSIONLESS, scale=float(token))
+        return _named(token)
 
     def exponent(self) -> Fraction:
         if not self.accept("("):
@@ -149,26 +235,26 @@ def _base(index: int) -> Dimension:
 
 
 # The table of units, filled by the parser itself.
-_BARE: dict[str, Dimension] = {}
-_PREFIXED: dict[str, Dimension] = {
-    "g" if unit == "kg" else unit: _base(index) for index, unit in enumerate(BASE)
-}
+_BARE: dict[str, Unit] = {}
+_PREFIXED: dict[str, Unit] = {
+    unit: Unit(_base(index)) for index, unit in enumerate(BASE) if unit != "kg"
+} | {"g": Unit(_base(0), scale=1e-3), "rad": Unit(DIMENSIONLESS, Fraction(1))}
 
 
-def _named(name: str) -> Dimension:
+def _named(name: str) -> Unit:
     for table in (_BARE, _PREFIXED):
         if name in table:
             return table[name]
-    for prefix in PREFIXES:
+    for prefix, scale in PREFIXES.items():
         if name.startswith(prefix) and name.removeprefix(prefix) in _PREFIXED:
-            return _PREFIXED[name.removeprefix(prefix)]
+            unit = _PREFIXED[name.removeprefix(prefix)]
+            return unit._replace(scale=scale * unit.scale)
     raise ValueError(f"unknown unit {name!r}")
 
 
-for _name, _text in DERIVED.items():
-    _PREFIXED[_name] = parse_unit(_text)
-for _name, _text in BARE.items():
-    _BARE[_name] = parse_unit(_text)
+for _table, _texts in ((_PREFIXED, DERIVED), (_BARE, BARE)):
+    for _name, (_text, _times) in _texts.items():
+        _table[_name] = read_unit(_text).times(Unit(DIMENSIONLESS, scale=_times))
 
 
 def describe(dimension: Dimension) -> str:
@@ -177,7 +263,7 @@ def describe(dimension: Dimension) -> str:
     mass = dimension[0]
     for unit in READABLE if mass else ():  # every readable unit holds a mass: m/s**2, not N/kg
         sign = 1 if mass > 0 else -1
-        rest = product(dimension, _PREFIXED[unit], -sign)
+        rest = product(dimension, _PREFIXED[unit].dimension, -sign)
         choices.append({unit: Fraction(sign), **dict(zip(BASE, rest, strict=True))})
     shortest = min(choices, key=lambda powers: sum(abs(power) for power in powers.values()))
     above, below = "", ""

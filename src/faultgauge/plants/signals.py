@@ -118,6 +118,13 @@ class Signals:
     detection: Detection = Detection()
 
     @property
+    def units(self) -> dict[str, str]:
+        """The units that are given, by the name of the column: also of d_h, the rate of state h."""
+        rates = [(f"d_{each.name}", each.unit and f"({each.unit})/s") for each in self.states]
+        named = [(each.name, each.unit) for each in (*self.states, *self.inputs, *self.outputs)]
+        return {name: unit for name, unit in (*rates, *named) if unit.strip()}
+
+    @property
     def state_names(self) -> tuple[str, ...]:
         return tuple(state.name for state in self.states)
 

@@ -1,4 +1,4 @@
-"""Do the units of a plant file fit together? Warnings only: a unit is a label, never a scale."""
+"""Do the units of a plant file fit together? Warnings only, by dimensions: scales do not matter."""
 
 import enum
 import reprlib

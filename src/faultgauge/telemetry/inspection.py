@@ -147,13 +147,13 @@ def _column(logs: list[LogFile], name: str) -> ColumnReport:
 def _time_hints(logs: list[LogFile], runs: tuple[RunReport, ...]) -> list[str]:
     hints = []
     for log in logs:
-        conversion = unit_map(log.time, log.table.units.get(log.time, ""))
-        if is_text(log.table.columns[log.time]):
+        if is_text(log.table.columns[log.time]) or log.table.units.get(log.time) == "s":
             continue
+        conversion = unit_map(log.time)
         if conversion:
             hints.append(
-                f"Time column {log.time!r} is taken as seconds but its name or unit says "
-                f"otherwise: use {conversion} instead."
+                f"Time column {log.time!r} is taken as seconds but its name says otherwise: "
+                f"use {conversion} instead."
             )
         elif log.time == "t" and np.median(np.diff(log.t)) >= COARSE_STEP and not np.any(log.t % 1):
             hints.append(

@@ -13,7 +13,7 @@ from faultgauge.errors import InputError
 from faultgauge.telemetry.mapping import apply_maps, parse_maps
 from faultgauge.telemetry.readers import read_table, stem
 from faultgauge.telemetry.table import Table, is_text
-from faultgauge.telemetry.timing import check_increasing, clock_of, find_time, seconds
+from faultgauge.telemetry.timing import check_increasing, clock_of, find_time, in_seconds, seconds
 from faultgauge.telemetry.where import keep_rows, met
 
 __all__ = ["LogFile", "Paths", "open_logs"]
@@ -79,6 +79,7 @@ def _check_new(path: Path, seen: dict[tuple[int, int], Path]) -> None:
 
 def _log_file(path: Path, table: Table, time: str | None, mapped: bool, taken: set[str]) -> LogFile:
     column = find_time(table, time, mapped)
+    table = in_seconds(table, column)
     t = seconds(table, column)
     runs = {}
     for label, samples in _groups(table).items():
@@ -93,7 +94,8 @@ def _log_file(path: Path, table: Table, time: str | None, mapped: bool, taken: s
 
 
 def _kept(log: LogFile, where: str) -> LogFile:
-    table, rows, runs = keep_rows(log.table, log.time, log.runs, met(log.table, where))
+    kept = met(log.table, where, log.time, log.t, log.runs)
+    table, rows, runs = keep_rows(log.table, log.time, log.runs, kept)
     if not runs:
         raise InputError(
             f"{table.source}, --where: no run has two rows that meet {where[:80]!r}; widen the "

@@ -1,14 +1,15 @@
 """Reading telemetry: files in, runs of checked signals out."""
 
 import difflib
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Float
 
 from faultgauge.errors import InputError
+from faultgauge.plants.dimensions import conversion
 from faultgauge.telemetry.logs import LogFile, Paths, open_logs
-from faultgauge.telemetry.mapping import find_column
+from faultgauge.telemetry.mapping import alias, find_column, parse_maps
 from faultgauge.telemetry.rates import align
 from faultgauge.telemetry.runs import Run
 from faultgauge.telemetry.table import Table, is_text, text_error
@@ -25,6 +26,7 @@ def read_telemetry(
     optional: Sequence[str] | None = None,
     held: Collection[str] = (),
     where: str | None = None,
+    units: Mapping[str, str] | None = None,
 ) -> list[Run]:
     """Read one log or several into runs.
 
@@ -33,21 +35,28 @@ def read_telemetry(
     - `paths`: one path or several; several files are several runs, and so are the labels of a
       column `run` (rows of one label need not be together).
     - `time`: the time column, `t` by default; seconds, or ISO 8601 timestamps, which become
-      seconds since the first sample of their file.
+      seconds since the first sample of their file. Another unit that the file gives is converted.
     - `maps`: `NAME=EXPRESSION` texts over the file's columns.
     - `names`: columns that every run must have, after mapping, in the units of the log.
     - `optional`: columns that are taken where they are. With neither, all number columns are.
     - `held`: columns that keep their value between samples, as inputs do. It matters where
       columns are sampled at different rates: they are brought onto common rows (`align`).
     - `where`: a condition over the file's columns; only rows that meet it are kept.
+    - `units`: those that columns must have where the file gives them one; what a map made is taken
+      as it is.
 
     Raises `InputError` that names file, column and row for a file that cannot be read, a missing
     required column, text or Inf in a column that is taken, an all-empty one, and a time that is
-    missing, empty, repeated or reversed, and a condition that no row meets.
+    missing, empty, repeated or reversed, a condition that no row meets, and another unit.
     """
+    maps = list(maps)
+    made = parse_maps(maps)
+    given = {name: unit for name, unit in (units or {}).items() if name not in made}
     runs = []
     for log in open_logs(paths, time, maps, where):
         columns = _columns(log, names, optional)
+        for name in columns:
+            _check_unit(log.table, name, given.get(name, ""))
         required = set(names or ())
         for name, samples in log.runs.items():
             runs.append(_run(log, name, samples, columns, required, held))
@@ -77,6 +86,25 @@ def check_present(table: Table, names: Sequence[str]) -> None:
         f"{table.source} has no column {', '.join(map(repr, missing))}{hint}; it has "
         f"{', '.join(table.columns)}; rename or convert one with "
         f'--map "{missing[0]}=EXPRESSION".'
+    )
+
+
+def _check_unit(table: Table, name: str, wanted: str) -> None:
+    column = find_column(table, name) or name
+    given = table.units.get(column, "")
+    change = conversion(given, wanted)
+    if change == "":
+        return
+    said = (
+        f"{table.source}: column {column!r} is in {given.strip()!r}, but {name!r} of the plant is"
+    )
+    if change is None:
+        raise InputError(
+            f"{said} in {wanted!r}, which is no unit of the same; take another column, or this one "
+            f"as it is, with --map '{name}={alias(column)}'."
+        )
+    raise InputError(
+        f"{said} in {wanted!r}; convert it with --map '{name}={alias(column)}{change}'."
     )
 
 

@@ -1,12 +1,14 @@
 """From the time column of a table to seconds."""
 
 import re
+from dataclasses import replace
 from datetime import datetime
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from faultgauge.errors import InputError
+from faultgauge.plants.dimensions import parse_unit, read_unit
 from faultgauge.plants.expression import unknown
 from faultgauge.telemetry.mapping import alias, find_column
 from faultgauge.telemetry.table import Table, float_cells, is_text, text_error
@@ -16,12 +18,18 @@ __all__ = [
     "check_increasing",
     "clock_of",
     "find_time",
+    "in_seconds",
     "seconds",
     "unit_map",
 ]
 
 # How a name ends -> what makes seconds of it.
 UNITS = {"ms": "/1000", "us": "/1e6", "ns": "/1e9", "min": "*60"}
+# Words for a unit of time, as netCDF has them: "seconds since 1970-01-01".
+WORDS = {
+    "sec": "s", "second": "s", "millisecond": "ms", "msec": "ms", "microsecond": "us", "usec": "us",
+    "nanosecond": "ns", "nsec": "ns", "minute": "min", "hour": "h",
+}  # fmt: skip
 # Not T, which is a torque or a temperature.
 TIME_NAME = re.compile(r"(t|(?i:time|timestamp|datetime|date|clock|epoch|sec|seconds))([\W_].*)?")
 
@@ -50,13 +58,10 @@ def called_like_time(column: str) -> bool:
     return any(TIME_NAME.fullmatch(name) for name in (column, last))
 
 
-def unit_map(column: str, given: str = "") -> str | None:
-    """The `--map` that makes seconds of a time column named in ms, us, ns or min, if it is.
-
-    `given` is the unit that the file itself gives the column, if it does.
-    """
+def unit_map(column: str) -> str | None:
+    """The `--map` that makes seconds of a time column named in ms, us, ns or min, if it is."""
     for unit, factor in UNITS.items():
-        if given == unit or re.search(rf"(?i)(^|[\W_\d]){unit}\W*$", column):
+        if re.search(rf"(?i)(^|[\W_\d]){unit}\W*$", column):
             return f'--map "t={alias(column)}{factor}"'
     return None
 
@@ -81,6 +86,24 @@ def _likely(table: Table, name: str) -> int:
     if is_text(cells):
         return int(all(_timestamp(cell) is not None for cell in cells[:3]))
     return int(bool(np.all(np.diff(cells) > 0)))
+
+
+def in_seconds(table: Table, column: str) -> Table:
+    """`table` with its time `column` in seconds, where the file gives it a unit of time."""
+    word = table.units.get(column, "").split(" since ")[0].strip()
+    try:
+        unit = read_unit(WORDS.get(word.lower().removesuffix("s"), word))
+    except ValueError:
+        return table
+    cells = table.columns[column]
+    if is_text(cells) or unit.dimension != parse_unit("s") or not 0 < unit.scale < np.inf:
+        return table
+    # 35 ms / 1000 is the number 0.035, 35 ms * 0.001 is not; 1 / 1e-9 misses 1e9 by its last bit.
+    small = unit.scale < 1
+    cells = cells / float(f"{1 / unit.scale:.15g}") if small else cells * unit.scale
+    return replace(
+        table, columns=table.columns | {column: cells}, units=table.units | {column: "s"}
+    )
 
 
 def seconds(table: Table, column: str) -> Float[np.ndarray, "rows"]:

@@ -11,7 +11,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float, Shaped
+from jaxtyping import Bool, Float, Int, Shaped
 
 from faultgauge.errors import InputError
 from faultgauge.plants.expression import (
@@ -25,7 +25,8 @@ from faultgauge.plants.expression import (
     unknown,
 )
 from faultgauge.telemetry.mapping import alias, find_column
-from faultgauge.telemetry.rates import align
+from faultgauge.telemetry.rates import DROPOUT, FEWEST, REGULAR, SLOWER
+from faultgauge.telemetry.runs import GAP_STEPS, ROUNDING
 from faultgauge.telemetry.table import Table, is_text
 
 __all__ = ["keep_rows", "met"]
@@ -38,6 +39,7 @@ COMPARISONS = {
     ast.Gt: np.greater,
     ast.GtE: np.greater_equal,
 }
+DENSE = 0.5  # of the time of a run covered by samples of full rate: with dropouts, not on change
 EXAMPLE = '--where "mode == 3 and abs(u) < 5" or --where "phase == \'cruise\'"'
 
 
@@ -48,14 +50,20 @@ class _Truth(NamedTuple):
     no: Bool[np.ndarray, "rows"]
 
 
-def met(table: Table, condition: str) -> Bool[np.ndarray, "rows"]:
+def met(
+    table: Table,
+    condition: str,
+    time: str,
+    t: Float[np.ndarray, "rows"],
+    runs: dict[str, Int[np.ndarray, "_"]],
+) -> Bool[np.ndarray, "rows"]:
     """The rows of `table` that meet `condition`; one that rests on an empty cell is not met.
 
-    A column that is sampled more slowly than the rows keeps its last value between its samples.
-    Raises `InputError` for an unknown column, what is not a condition, and text compared
-    with numbers.
+    Within each of `runs` (their rows; `t`, s, is the time, from column `time`) a column keeps its
+    last value for as long as `_reach` says. Raises `InputError` for an unknown column, what is not
+    a condition, and text compared with numbers.
     """
-    return _Condition(table, condition).truth().yes
+    return _Condition(table, condition, time, t, runs).truth().yes
 
 
 def keep_rows(
@@ -94,8 +102,16 @@ def _blanked(cells: Shaped[np.ndarray, "rows"], blank: Bool[np.ndarray, "rows"])
 
 
 class _Condition:
-    def __init__(self, table: Table, text: str) -> None:
+    def __init__(
+        self,
+        table: Table,
+        text: str,
+        time: str,
+        t: Float[np.ndarray, "rows"],
+        runs: dict[str, Int[np.ndarray, "_"]],
+    ) -> None:
         self.table, self.text = table, text.strip()
+        self.time, self.t, self.runs = time, t, runs
         self.where = f"{table.source}, --where"
         self.names = list(dict.fromkeys(alias(name) for name in table.columns))
 
@@ -181,16 +197,73 @@ class _Condition:
             raise self.error(unknown("column", name, self.names))
         cells = self.table.columns[column]
         if not is_text(cells):
-            return _held(cells)
+            return self.held(
+                cells, discrete=not np.any(cells != np.round(cells), where=~np.isnan(cells))
+            )
         texts = np.array([cell.strip() for cell in cells])
         labels, codes = np.unique(texts, return_inverse=True)
-        held = _held(np.where(texts == "", np.nan, codes))
+        held = self.held(np.where(texts == "", np.nan, codes), discrete=True)
         return np.where(np.isnan(held), "", labels[np.nan_to_num(held).astype(int)]).astype(object)
 
+    def held(self, cells: Float[np.ndarray, "rows"], discrete: bool) -> Float[np.ndarray, "rows"]:
+        """`cells` with the empty ones filled that the sample before them reaches."""
+        if not np.isnan(cells).any():
+            return cells
+        result = cells.copy()
+        for rows in self.runs.values():
+            t, sampled = self.t[rows], ~np.isnan(cells[rows])
+            if not sampled.any():
+                continue
+            longest, alone = _reach(t, cells[rows], discrete, self.fastest(rows))
+            own = np.flatnonzero(sampled)
+            steps = np.append(np.diff(t[own]), np.inf)
+            last = np.searchsorted(own, np.arange(len(rows)), side="right") - 1
+            before = own[last]  # of rows before the first sample, the last: not used
+            linked = (steps[last] <= longest) | (t - t[before] < alone)
+            fill = ~sampled & (last >= 0) & linked
+            result[rows[fill]] = cells[rows[before[fill]]]
+        return result
 
-def _held(cells: Float[np.ndarray, "rows"]) -> Float[np.ndarray, "rows"]:
-    rows = np.arange(len(cells), dtype=np.float64)
-    return align(rows, {"rows": rows, "cells": cells}, held=("cells",)).columns["cells"]
+    def fastest(self, rows: Int[np.ndarray, "_"]) -> Float[np.ndarray, "_"]:
+        """The times, s, of the column with most samples: rows of several clocks lie closer."""
+        t = self.t[rows]
+        most = t[:0]
+        for name, cells in self.table.columns.items():
+            if name in (self.time, "t", "run"):  # on every row, whatever is sampled there
+                continue
+            found = cells[rows]
+            own = t[found != ""] if is_text(cells) else t[~np.isnan(found)]
+            most = max(most, own, key=len)
+        return most
+
+
+def _reach(
+    t: Float[np.ndarray, "rows"],
+    cells: Float[np.ndarray, "rows"],
+    discrete: bool,
+    fastest: Float[np.ndarray, "_"],
+) -> tuple[float, float]:
+    """How long a column keeps a value, s: to a next sample this far, and with none so near.
+
+    It is told by the pattern of its samples in one run. A periodic column of the rate of
+    `fastest` (s) that misses a sample has dropped out, a slower one that misses three; its value
+    then stands for one interval. Anything else is logged when it changes and keeps its value until
+    the next: samples without a rate, and `discrete` ones that never repeat, as on a clock some do.
+    """
+    own = ~np.isnan(cells)
+    if own.sum() < FEWEST:
+        return np.inf, np.inf
+    steps = np.diff(t[own])
+    interval = float(np.median(steps))
+    fast = interval <= SLOWER * np.median(np.diff(fastest))
+    regular = np.mean(np.abs(steps - interval) <= 0.5 * interval) >= REGULAR
+    on_change = discrete and bool(np.all(cells[own][1:] != cells[own][:-1]))
+    dense = own.sum() * interval >= DENSE * (t[-1] - t[0])
+    if fast and (dense or (regular and not on_change)):
+        return DROPOUT * interval, (DROPOUT - 1) * interval
+    if regular and not on_change:
+        return (GAP_STEPS + ROUNDING) * interval, (1 - ROUNDING) * interval
+    return np.inf, np.inf
 
 
 def _joined(parts: list[_Truth], every: bool) -> _Truth:

@@ -39,7 +39,7 @@ def read_parquet(path: Path) -> Table:
                 continue
             columns[name] = cells
             unit = next((u for k in UNIT_KEYS if (u := (field.metadata or {}).get(k))), None)
-            if unit is not None:
+            if unit is not None and not pyarrow.types.is_temporal(field.type):  # in seconds by now
                 units[name] = unit.decode()
     if len(set(names)) < len(names):
         repeated = next(name for name in names if names.count(name) > 1)
