@@ -86,8 +86,8 @@ def fit(
     `algorithm` is Levenberg-Marquardt or the paper's gradient descent with momentum. `refine`
     goes on from equation error to simulation error (None: where a state is hidden, a parameter
     varies or a sensor is slower than the rows, which equation error cannot treat); `robust` bounds
-    what an outlier can do to it;
-    `ensemble` keeps its next best models in the model too, as `members`.
+    what an outlier can do to it; `ensemble` keeps its next best models in the model too, as
+    `members`.
     Raises `InputError` for logs that cannot determine the unknowns.
     """
     spec = plant.spec
@@ -101,7 +101,7 @@ def fit(
         )
     warnings += log_warnings(spec.signals, [*logs, *validate])
     by_simulation = _by_simulation(spec, how, refine)
-    slow = slow_columns(how, [*logs, *validate])
+    slow = slow_columns(how, logs)
     if slow and refine is False:
         warnings.append(_between_samples(slow))
     refine = bool(by_simulation or slow) if refine is None else refine
