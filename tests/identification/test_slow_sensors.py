@@ -8,6 +8,8 @@ from scipy.stats import chi2
 
 from faultgauge.identification.evaluation import evaluate
 from faultgauge.identification.fit import fit
+from faultgauge.identification.refinement.records import records_of
+from faultgauge.identification.samples import channels, slow_columns
 from faultgauge.identification.unseen import on_unseen
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant_file import parse_plant
@@ -74,9 +76,16 @@ def log(folder, rates, name, seed, noise=0.05, jitter=0.0):
     return read_telemetry(path, names=["u"], optional=[name], held=["u"])
 
 
-def off(report, truth):
+def refined(untrained, runs):
+    """The refinement that `fit` goes on to by itself, and the warnings."""
+    _, report = fit(untrained, runs, restarts=3)
+    assert report.refinement is not None
+    return report.refinement, report.warnings
+
+
+def off(refinement, truth):
     """Errors of the constants in their standard errors."""
-    rows = report.refinement.information.constants
+    rows = refinement.information.constants
     return [(c.value - truth[c.name]) / c.standard_error for c in rows]
 
 
@@ -88,10 +97,7 @@ def off(report, truth):
 def test_constants_are_within_their_standard_errors(tmp_path, text, rates, name, truth):
     untrained = plant(text)
     found = np.array(
-        [
-            off(fit(untrained, log(tmp_path, rates, name, seed), restarts=3)[1], truth)
-            for seed in SEEDS
-        ]
+        [off(refined(untrained, log(tmp_path, rates, name, seed))[0], truth) for seed in SEEDS]
     )
     # chi-square of 8 degrees for each constant: beyond with 0.1 %
     assert np.all(np.sum(found**2, axis=0) < chi2.ppf(0.999, len(SEEDS)))
@@ -102,19 +108,27 @@ def test_constants_are_within_their_standard_errors(tmp_path, text, rates, name,
 def test_the_biased_start_is_not_returned_where_noise_makes_it_look_better(tmp_path):
     """Noise of a third of the output: on held-out samples luck decides between 0.65 and 0.8."""
     untrained = plant(LAG)
-    found = [
-        fit(untrained, log(tmp_path, LAG_RATES, "x", seed, noise=0.5), restarts=3)[1]
-        for seed in SEEDS
-    ]
-    assert any(dict(r.refinement.tried)["warm start"] <= r.refinement.error for r in found)
-    assert not any("did not beat" in text for r in found for text in r.warnings)
+    found = [refined(untrained, log(tmp_path, LAG_RATES, "x", seed, noise=0.5)) for seed in SEEDS]
+    assert any(dict(each.tried)["warm start"] <= each.error for each, _ in found)
+    assert not any("did not beat" in text for _, warnings in found for text in warnings)
 
 
 def test_a_clock_that_jitters_loses_no_sample(tmp_path):
     runs = log(tmp_path, LAG_RATES, "x", 0, noise=0.01, jitter=0.05)
-    _, report = fit(plant(LAG), runs, restarts=3)
+    found, _ = refined(plant(LAG), runs)
     # stamps are up to 5 ms off beside a time constant of 1.25 s, 0.4 %; the noise adds as much
-    assert report.refinement.information.constants[0].value == pytest.approx(0.8, rel=0.02)
+    assert found.information.constants[0].value == pytest.approx(0.8, rel=0.02)
+
+
+def test_an_input_between_its_samples_is_what_acts(tmp_path):
+    spec = plant(LAG.replace('"zero"', '"linear"')).spec
+    rows = [f"{k / 10},{k if k % 10 == 0 else ''},{k % 7}" for k in range(201)]
+    (tmp_path / "log.csv").write_text("\n".join(["t,u,x", *rows]))
+    runs = read_telemetry(tmp_path / "log.csv", names=["u"], optional=["x"])
+    how = channels(spec, runs)
+    (record,) = records_of(spec.signals, runs, how)
+    np.testing.assert_allclose(record.u[:, 0], np.arange(201.0), rtol=1e-13)
+    assert slow_columns(how, runs) == []
 
 
 def test_equation_error_alone_says_so(tmp_path):

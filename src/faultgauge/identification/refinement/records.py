@@ -75,7 +75,8 @@ def _record(signals: Signals, run: Run, part: slice, how: Channels) -> Record:
         columns[each.name] = np.clip(columns[each.name], each.min, each.max)
     held = {each.name for each in signals.inputs if each.hold == "zero"}
     step, t, on = on_grid(run.t[part], columns, held)
-    on = {name: as_sampled(run, name, t, values) for name, values in on.items()}
+    for name in on.keys() - how.inputs:  # an input acts between its samples, too
+        on[name] = as_sampled(run, name, t, on[name])
     empty = np.full(len(t), np.nan)
     x, sd = [], []
     for source in how.states:
