@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from faultgauge.errors import InputError
-from faultgauge.telemetry import inspect_runs, read_telemetry, segments
+from faultgauge.telemetry import as_sampled, cut, inspect_runs, read_telemetry, segments
 from faultgauge.telemetry.rates import align
+from faultgauge.telemetry.runs import joined
 
 NAN = np.nan
 
@@ -80,6 +81,26 @@ def test_rows_become_those_of_the_fastest_of_several_clocks():
     assert np.isnan(found.columns["z"][~inside]).all()
 
 
+def test_the_cells_that_stand_for_samples_are_the_nearest_to_them():
+    fast = np.arange(41) / 100
+    # a row 0 before the first sample is empty, and a fifth sample comes after the last row
+    for shift, rows in (
+        (0.0, [0, 10, 20, 30, 40]),
+        (0.003, [10, 20, 30]),
+        (0.007, [1, 11, 21, 31]),
+    ):
+        slow = shift + np.arange(5) / 10
+        t = np.union1d(fast, slow)
+        columns = {
+            "y": sparse(len(t), np.searchsorted(t, fast), fast),
+            "z": sparse(len(t), np.searchsorted(t, slow), slow),
+        }
+        found = align(t, columns)
+        assert set(found.sampled) == {"z"}
+        cells = found.sampled["z"] & np.isfinite(found.columns["z"])
+        np.testing.assert_array_equal(np.flatnonzero(cells), rows)
+
+
 def test_two_clocks_of_one_rate():
     first, second = np.arange(50) / 10, 0.01 + np.arange(50) / 10
     t = np.union1d(first, second)
@@ -106,6 +127,20 @@ def test_a_log_of_two_rates_has_complete_rows(log):
     assert segments(run, ["y", "u", "z"]) == [slice(0, 101)]
     np.testing.assert_array_equal(run.columns["u"], np.arange(101) // 10 * 10)
     np.testing.assert_allclose(run.columns["z"], np.arange(101.0), rtol=1e-13)
+
+
+def test_a_run_knows_its_samples_in_parts_too(log):
+    (run,) = read_telemetry(log, names=["u"], optional=["y", "z"], held=["u"])
+    assert set(run.sampled) == {"z"}  # an input is known in between
+    parts = [cut(run, slice(0, 45)), cut(run, slice(45, 101))]
+    for each, rows in (
+        (run, range(0, 101, 10)),
+        (parts[1], range(5, 56, 10)),
+        (joined(parts), range(0, 101, 10)),
+    ):
+        left = as_sampled(each, "z", each.t, each.columns["z"])
+        np.testing.assert_array_equal(np.flatnonzero(np.isfinite(left)), rows)
+        assert as_sampled(each, "y", each.t, each.columns["y"]) is each.columns["y"]
 
 
 def test_inspection_names_the_slow_column(log):

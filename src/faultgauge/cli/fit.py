@@ -26,8 +26,8 @@ def fit(
         bool | None,
         typer.Option(
             "--refine/--no-refine",
-            help="Go on to the simulation error [default: where a state is hidden or a parameter "
-            "varies].",
+            help="Go on to the simulation error [default: where a state is hidden, a parameter "
+            "varies or a sensor is slower than the rows].",
         ),
     ] = None,
     robust: Annotated[

@@ -16,11 +16,12 @@ from faultgauge.identification.samples import in_effect, spread, state_column
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant import Plant
 from faultgauge.simulation.free_run import bucket, free_run, pad, simulate, substeps_for
-from faultgauge.telemetry import Run, segments
+from faultgauge.telemetry import Run, as_sampled, segments
 
 __all__ = [
     "WARMUP",
     "Prediction",
+    "at_samples",
     "evaluate",
     "evaluate_ensemble",
     "predict",
@@ -36,7 +37,7 @@ NOTHING = Unknowns((), (), (), (), ())
 class Prediction(NamedTuple):
     """A free run beside one gap-free stretch of a log; `warmup` samples are not scored.
 
-    Outputs without telemetry are NaN in `measured`; `u` are the inputs in effect.
+    Outputs are NaN in `measured` where they were not sampled; `u` are the inputs in effect.
     """
 
     run: str
@@ -46,6 +47,16 @@ class Prediction(NamedTuple):
     x: Float[np.ndarray, "samples states"]
     warmup: int
     u: Float[np.ndarray, "samples inputs"]
+
+
+def at_samples(prediction: Prediction, output: int) -> Prediction:
+    """`prediction` at the samples of one output: all of it, but where its sensor is slower."""
+    sampled = np.isfinite(prediction.measured[:, output])
+    rows = ("t", "measured", "predicted", "x", "u")
+    return prediction._replace(
+        warmup=int(np.sum(sampled[: prediction.warmup])),
+        **{name: getattr(prediction, name)[sampled] for name in rows},
+    )
 
 
 def start_of_run(
@@ -208,6 +219,8 @@ def _predict_part(
     )
     x, _, predicted = jax.device_get(simulated)
     predicted, x = np.asarray(predicted)[:count], np.asarray(x)[:count]
+    measured = [as_sampled(run, n, t, y[:, j]) for j, n in enumerate(signals.output_names)]
+    y = np.stack(measured, axis=1)
     return Prediction(run.name, t, y, predicted, x, scored_from, _clipped(plant, u))
 
 

@@ -24,7 +24,7 @@ from faultgauge.identification.instruments import reference_columns
 from faultgauge.identification.levenberg_marquardt import CONVERGED
 from faultgauge.identification.log_checks import log_warnings
 from faultgauge.identification.refinement.result import Refinement, refine_on_logs
-from faultgauge.identification.samples import Channels, Samples, channels, in_effect
+from faultgauge.identification.samples import Channels, Samples, channels, in_effect, slow_columns
 from faultgauge.identification.sizes import chosen_sizes, smallest_sufficient, with_hidden
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
@@ -84,9 +84,10 @@ def fit(
     Runs of `validate` stop and select, and never fit; a run that is in both is used for
     validation only. Without them the last 15 % of each run and spread windows are held out.
     `algorithm` is Levenberg-Marquardt or the paper's gradient descent with momentum. `refine`
-    goes on from equation error to simulation error (None: where a state is hidden or a parameter
-    varies, which equation error cannot treat); `robust` bounds what an outlier can do to it;
-    `ensemble` keeps its next best models in the model too, as `members`.
+    goes on from equation error to simulation error (None: where a state is hidden, a parameter
+    varies or a sensor is slower than the rows, which equation error cannot treat); `robust` bounds
+    what an outlier can do to it; `ensemble` keeps its next best models in the model too, as
+    `members`.
     Raises `InputError` for logs that cannot determine the unknowns.
     """
     spec = plant.spec
@@ -100,7 +101,10 @@ def fit(
         )
     warnings += log_warnings(spec.signals, [*logs, *validate])
     by_simulation = _by_simulation(spec, how, refine)
-    refine = bool(by_simulation) if refine is None else refine
+    slow = slow_columns(how, logs)
+    if slow and refine is False:
+        warnings.append(_between_samples(slow))
+    refine = bool(by_simulation or slow) if refine is None else refine
     if (ensemble or robust) and not refine:
         option = "--ensemble" if ensemble else "--robust"
         raise InputError(
@@ -174,6 +178,14 @@ def _by_simulation(spec: PlantSpec, how: Channels, refine: bool | None) -> list[
             "found by simulation error only; leave the refinement on."
         )
     return names
+
+
+def _between_samples(slow: Sequence[str]) -> str:
+    names = ", ".join(map(repr, slow))
+    return (
+        f"column {names} is sampled more slowly than the rows, and equation error takes the slopes "
+        "between its samples for derivatives, which biases constants; use --refine"
+    )
 
 
 def _error_and_stage(stage: EquationFit) -> tuple[float, EquationFit]:

@@ -11,7 +11,7 @@ from faultgauge.errors import InputError
 from faultgauge.plants.expression import Name, derivatives_used, names_used
 from faultgauge.plants.plant_file import PlantSpec
 from faultgauge.plants.signals import Signals
-from faultgauge.telemetry import Run, segments
+from faultgauge.telemetry import Run, as_sampled, segments
 from faultgauge.telemetry.dead_time import delayed
 from faultgauge.telemetry.derivatives import Kernel, choose_kernel, noise_sd
 from faultgauge.telemetry.resampling import on_grid
@@ -24,6 +24,7 @@ __all__ = [
     "collect",
     "column_names",
     "in_effect",
+    "slow_columns",
     "spread",
     "state_column",
 ]
@@ -46,7 +47,7 @@ class Stretch:
     """A gap-free stretch of one run on a uniform grid.
 
     `samples[k]` is centred at `t[k]` and made of data up to `reach` samples away; `measured` holds
-    the outputs as sampled at `t` (NaN columns for outputs without telemetry), `applied` the inputs
+    the outputs as sampled at `t` (NaN where they were not), `applied` the inputs
     inside their limits, `references` the instruments through the samples' kernel.
     """
 
@@ -135,6 +136,14 @@ def channels(spec: PlantSpec, runs: Sequence[Run]) -> Channels:
     )
 
 
+def slow_columns(how: Channels, runs: Sequence[Run]) -> list[str]:
+    """Measured columns that are slower than the rows of a run: what is between their samples is
+    a straight line, whose slope is not the derivative that an equation asks for."""
+    filled = set[str]().union(*(run.sampled for run in runs))
+    apart = {*how.inputs, *how.references}
+    return [name for name in how.needed if name in filled and name not in apart]
+
+
 def spread(y: Float[np.ndarray, "samples outputs"]) -> Float[np.ndarray, "outputs"]:
     """Standard deviation of every output; 1 where it was not sampled or does not change."""
     sampled = [column[np.isfinite(column)] for column in y.T]
@@ -156,7 +165,7 @@ def collect(
                 columns[each.name] = np.clip(columns[each.name], each.min, each.max)
             step, t, on = on_grid(run.t[part], columns, held)
             if len(t) >= 16:
-                grids.append((run.name, step, t, on))
+                grids.append((run, step, t, on))
     kernel, noise = _kernel(spec, how, grids) if grids else (None, {})
     shortest = 16 + (2 * kernel.half if kernel else 0)
     grids = [grid for grid in grids if len(grid[2]) >= shortest]
@@ -225,7 +234,7 @@ def _stretch(
     how: Channels,
     kernel: Kernel | None,
     held: set[str],
-    run: str,
+    run: Run,
     step: float,
     t: np.ndarray,
     on: dict[str, np.ndarray],
@@ -249,7 +258,7 @@ def _stretch(
         given = f"d_{state}" in how.rates
         rates.append(mean(f"d_{state}") if given else mean(column, order + 1))
     return Stretch(
-        run=run,
+        run=run.name,
         step=step,
         reach=half,
         t=t[inside],
@@ -261,7 +270,9 @@ def _stretch(
         ),
         measured=table(
             [
-                on[n][inside] if n in how.outputs else np.full(len(t[inside]), np.nan)
+                as_sampled(run, n, t, on[n])[inside]
+                if n in how.outputs
+                else np.full(len(t[inside]), np.nan)
                 for n in signals.output_names
             ]
         ),

@@ -11,7 +11,7 @@ from faultgauge.detection.calibration import Calibration
 from faultgauge.detection.estimation import NOT_JUDGED, Judgement, sentences
 from faultgauge.detection.judged import Bank
 from faultgauge.detection.residual import Reference
-from faultgauge.identification.evaluation import Prediction
+from faultgauge.identification.evaluation import Prediction, at_samples
 from faultgauge.identification.fit import FitReport
 from faultgauge.identification.unseen import Unseen
 from faultgauge.plants.model import Model
@@ -168,9 +168,9 @@ def evaluation_section(
             run=p.run,
             warmup=p.warmup,
         )
-        for p in predictions
+        for whole in predictions
         for j, output in enumerate(outputs)
-        if np.isfinite(p.measured[:, j]).any()
+        if len((p := at_samples(whole, j)).t) > p.warmup
     ]
     header = ("run", "output", "RMSE", "R2", "samples scored")
     return Section(

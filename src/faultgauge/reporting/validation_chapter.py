@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from faultgauge.identification.evaluation import Prediction
+from faultgauge.identification.evaluation import Prediction, at_samples
 from faultgauge.identification.validation import OutputValidation, Validation, errors_of
 from faultgauge.identification.validation.operating import Profile
 from faultgauge.identification.validation.ranges import Range
@@ -253,7 +253,7 @@ def _figures(
     predictions: Sequence[Prediction],
 ) -> list[Figure]:
     j = plant.signals.output_names.index(output.name)
-    parts = [p for p in predictions if (p.measured[:, j] == p.measured[:, j]).all()]
+    parts = [p for p in (at_samples(p, j) for p in predictions) if len(p.t) > max(p.warmup, 1)]
     assert output.band is not None
     assert output.rmse is not None
     look = {"name": output.name, "unit": output.unit}

@@ -6,12 +6,13 @@ a plant. Readers live in `readers/`, one file format each.
 
 from faultgauge.telemetry.inspection import Inspection, inspect_runs
 from faultgauge.telemetry.reading import read_telemetry
-from faultgauge.telemetry.runs import Run, cut, segments
+from faultgauge.telemetry.runs import Run, as_sampled, cut, segments
 from faultgauge.telemetry.skeleton import plant_skeleton
 
 __all__ = [
     "Inspection",
     "Run",
+    "as_sampled",
     "cut",
     "inspect_runs",
     "plant_skeleton",

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from faultgauge.telemetry.runs import GAP_STEPS, ROUNDING
+from faultgauge.telemetry.runs import GAP_STEPS, ROUNDING, nearest
 
 __all__ = ["Aligned", "align"]
 
@@ -27,11 +27,15 @@ FEWEST = 4  # samples of a column that show a rate
 
 @dataclass(frozen=True, eq=False)
 class Aligned:
-    """Columns on common rows: `kept` of the rows given, `filled` the names that gained cells."""
+    """Columns on common rows: `kept` of the rows given, `filled` the names that gained cells.
+
+    `sampled` marks the cells of the slower ones that stand for a sample: the nearest to it.
+    """
 
     kept: Bool[np.ndarray, "rows"]
     columns: dict[str, Float[np.ndarray, "kept"]]
     filled: tuple[str, ...]
+    sampled: dict[str, Bool[np.ndarray, "kept"]]
 
 
 def align(
@@ -52,11 +56,11 @@ def align(
     }
     kept = np.ones(len(t), dtype=bool)
     if not intervals:
-        return Aligned(kept, dict(columns), ())
+        return Aligned(kept, dict(columns), (), {})
     fastest = max(columns, key=lambda name: sampled[name].sum())
     shortest = min(float(np.median(np.diff(t[sampled[fastest]]))), *intervals.values())
     found = dict(columns)
-    filled = []
+    filled, slow = [], []
     for name, interval in intervals.items():
         slower = name != fastest and interval > SLOWER * shortest
         between = _between(t, sampled[name], interval, slower)
@@ -65,7 +69,13 @@ def align(
         elif between.any():
             found[name] = _filled(t, columns[name], sampled[name], between, name in held)
             filled.append(name)
-    return Aligned(kept, {name: values[kept] for name, values in found.items()}, tuple(filled))
+            slow += [name] if slower and name not in held else []
+    return Aligned(
+        kept,
+        {name: values[kept] for name, values in found.items()},
+        tuple(filled),
+        {name: nearest(t[kept], t[sampled[name]]) for name in slow},
+    )
 
 
 def _between(

@@ -162,4 +162,6 @@ def _run(
                 "regular rate."
             )
         del columns[column]
-    return Run(name, log.table.source, t[aligned.kept], columns, clock=log.clock)
+    sampled = {column: cells for column, cells in aligned.sampled.items() if column in columns}
+    source = log.table.source
+    return Run(name, source, t[aligned.kept], columns, clock=log.clock, sampled=sampled)

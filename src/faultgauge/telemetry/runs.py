@@ -2,13 +2,23 @@
 
 import hashlib
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-__all__ = ["PACE_SAMPLES", "Run", "cut", "gaps", "joined", "paced", "segments"]
+__all__ = [
+    "PACE_SAMPLES",
+    "Run",
+    "as_sampled",
+    "cut",
+    "gaps",
+    "joined",
+    "nearest",
+    "paced",
+    "segments",
+]
 
 GAP_STEPS = 3.0
 PACE_SAMPLES = 20  # samples that tell the step of a run to whoever cannot wait for its end
@@ -22,7 +32,8 @@ class Run:
     `t` is in seconds and strictly increasing; `columns` are in the units of the log, NaN where
     nothing was sampled; `source` is the file as the user gave it and `name` is unique among the
     runs read together. `pace` is the step where it is settled, `paced`; `clock` is what a clock
-    showed at 0 s, where the log has timestamps.
+    showed at 0 s, where the log has timestamps. `sampled` marks, in a column of a slow sensor that
+    was filled in between, the cells that stand for its samples.
     """
 
     name: str
@@ -31,6 +42,7 @@ class Run:
     columns: dict[str, Float[np.ndarray, "samples"]]
     pace: float | None = None
     clock: datetime | None = None
+    sampled: dict[str, Bool[np.ndarray, "samples"]] = field(default_factory=dict)
 
     @property
     def step(self) -> float:
@@ -79,10 +91,37 @@ def segments(run: Run, names: Iterable[str]) -> list[slice]:
 def cut(run: Run, part: slice) -> Run:
     """The samples `part` of `run`, under the same name."""
     columns = {name: values[part] for name, values in run.columns.items()}
-    return replace(run, t=run.t[part], columns=columns)
+    sampled = {name: cells[part] for name, cells in run.sampled.items()}
+    return replace(run, t=run.t[part], columns=columns, sampled=sampled)
 
 
 def joined(parts: Sequence[Run]) -> Run:
     """Parts of one run, in order, as one."""
     columns = {name: np.concatenate([p.columns[name] for p in parts]) for name in parts[0].columns}
-    return replace(parts[0], t=np.concatenate([p.t for p in parts]), columns=columns)
+    sampled = {name: np.concatenate([p.sampled[name] for p in parts]) for name in parts[0].sampled}
+    t = np.concatenate([p.t for p in parts])
+    return replace(parts[0], t=t, columns=columns, sampled=sampled)
+
+
+def nearest(
+    t: Float[np.ndarray, "rows"], times: Float[np.ndarray, "times"]
+) -> Bool[np.ndarray, "rows"]:
+    """Which of the rows `t` are the nearest to one of `times`; times outside of `t` have none."""
+    times = times[(times >= t[0]) & (times <= t[-1])]
+    after = np.searchsorted(t, times)
+    before = np.maximum(after - 1, 0)
+    found = np.zeros(len(t), dtype=bool)
+    found[np.where(times - t[before] < t[after] - times, before, after)] = True
+    return found
+
+
+def as_sampled(
+    run: Run,
+    name: str,
+    t: Float[np.ndarray, "rows"],
+    values: Float[np.ndarray, "rows"],
+) -> Float[np.ndarray, "rows"]:
+    """`values` of column `name` at `t`, within `run`: NaN where they were filled in between."""
+    if name not in run.sampled:
+        return values
+    return np.where(nearest(t, run.t[run.sampled[name]]), values, np.nan)

@@ -15,7 +15,7 @@ from faultgauge.identification.refinement.simulation_error import Window
 from faultgauge.identification.samples import Channels, spread
 from faultgauge.plants.signals import Signals
 from faultgauge.simulation.intersample import intersample
-from faultgauge.telemetry import Run, segments
+from faultgauge.telemetry import Run, as_sampled, segments
 from faultgauge.telemetry.derivatives import noise_sd
 from faultgauge.telemetry.resampling import on_grid
 
@@ -75,6 +75,8 @@ def _record(signals: Signals, run: Run, part: slice, how: Channels) -> Record:
         columns[each.name] = np.clip(columns[each.name], each.min, each.max)
     held = {each.name for each in signals.inputs if each.hold == "zero"}
     step, t, on = on_grid(run.t[part], columns, held)
+    for name in on.keys() - how.inputs:  # an input acts between its samples, too
+        on[name] = as_sampled(run, name, t, on[name])
     empty = np.full(len(t), np.nan)
     x, sd = [], []
     for source in how.states:
@@ -101,7 +103,7 @@ def _guess(
         return np.full(len(column), np.nan), np.nan
     filled = np.interp(np.arange(len(column)), np.flatnonzero(known), column[known])
     if order == 0:
-        return filled, max(3 * noise_sd(filled), 1e-9 * float(np.ptp(filled)), 1e-12)
+        return filled, max(3 * noise_sd(column[known]), 1e-9 * float(np.ptp(filled)), 1e-12)
     half = min(SLOPE_WINDOW, (len(column) - 1) // 2)
     degree = min(order + 1, 2 * half)
     smooth = np.asarray(savgol_filter(filled, 2 * half + 1, degree, deriv=order, delta=step))

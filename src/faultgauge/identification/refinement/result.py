@@ -14,7 +14,7 @@ from faultgauge.identification.refinement.data import Data
 from faultgauge.identification.refinement.records import records_of
 from faultgauge.identification.refinement.search import Search, refine
 from faultgauge.identification.refinement.uncertainty import Information, information
-from faultgauge.identification.samples import Channels, Samples
+from faultgauge.identification.samples import Channels, Samples, slow_columns
 from faultgauge.identification.sizes import chosen_sizes
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.settle import settle
@@ -89,6 +89,8 @@ def refine_on_logs(
         seed=seed,
         restarts=restarts,
         robust=robust,
+        # on few samples luck would choose it, biased as it is
+        warm_counts=not slow_columns(how, logs),
         progress=progress,
     )
     warnings = [

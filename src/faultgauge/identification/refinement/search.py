@@ -90,12 +90,14 @@ def refine(
     seed: int = 0,
     restarts: int = 10,
     robust: bool = False,
+    warm_counts: bool = True,
     progress: Callable[[str], None] = lambda text: None,
 ) -> Search:
     """Least simulation error of `plant`'s unknowns over `records`, where `masks` are True.
 
     `warm` are fitted plants to start from, best first (none: the file's values, silent networks);
-    `held` are records of runs given for validation.
+    `held` are records of runs given for validation. Where not `warm_counts`, the warm starts are
+    that only: none is returned as it is while anything else is finite.
     """
     substeps = _substeps(warm[0] if warm else plant, records)
     data = prepare(
@@ -118,6 +120,9 @@ def refine(
     tried = [(c.origin, c.validation) for c in candidates]
     if not any(np.isfinite(c.validation) for c in candidates):
         raise InputError(blow_up(data, plant))
+    if not warm_counts:
+        refined = [c for c in candidates if c.origin != WARM and np.isfinite(c.validation)]
+        candidates = refined or candidates
     members = _distinct(candidates)[:KEPT]
     members = [c for c in members if c.validation <= ALIKE * members[0].validation]
     members = _finer(data, members, progress)

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.stats import t as student
 
-from faultgauge.identification.evaluation import Prediction
+from faultgauge.identification.evaluation import Prediction, at_samples
 from faultgauge.identification.samples import Samples
 from faultgauge.identification.validation.band import Band, free_run_band, given_band
 from faultgauge.identification.validation.correlation import (
@@ -122,8 +122,9 @@ def _output(
     others: Sequence[Sequence[Prediction]],
     half_width: float | None,
 ) -> OutputValidation:
-    index = [k for k, p in enumerate(predictions) if np.isfinite(p.measured[:, j]).all()]
-    parts = [predictions[k] for k in index]
+    runs = [[at_samples(p, j) for p in run] for run in (predictions, *others)]
+    index = [k for k, p in enumerate(runs[0]) if len(p.t) > max(p.warmup, 1)]
+    parts = [runs[0][k] for k in index]
     errors = [errors_of(p, j) for p in parts]
     whole = np.concatenate([*errors, np.zeros(0)])
     diverges = not np.isfinite(whole).all()
@@ -136,7 +137,6 @@ def _output(
     independent = len(whole) / time
     measured = np.concatenate([p.measured[p.warmup :, j] for p in parts])
     spread, rmse = float(np.std(measured)), float(np.sqrt(np.mean(whole**2)))
-    runs = [predictions, *others]
     free_runs = [
         np.concatenate([run[k].predicted[run[k].warmup :, j] for k in index]) for run in runs
     ]
