@@ -191,7 +191,7 @@ def test_evaluate_of_an_ensemble(call, workshop, tmp_path):
 
 def test_evaluate(call, workshop):
     found = one_object(call("evaluate", workshop.model, workshop.healthy2, "--json"))
-    assert found.keys() == {"outputs", "runs"}
+    assert found.keys() == {"outputs", "runs", "warnings"}
     assert found["outputs"].keys() == {"x"}
     score = found["outputs"]["x"]
     assert score.keys() >= {"r2", "rmse", "nrmse"}
