@@ -78,7 +78,7 @@ def held_out(model: Model, account: FitReport, logs: Sequence[Run]) -> list[Run]
         for names in needed:
             tails &= _tails(acting, names)
         edges = np.flatnonzero(np.diff(tails, prepend=False, append=False)).reshape(-1, 2)
-        for first, stop in edges[np.diff(edges)[:, 0] > 1]:
+        for first, stop in edges[np.diff(edges)[:, 0] > 1].tolist():
             begin = max(first - lead, _start_of_stretch(acting, how.inputs, first))
             start = np.searchsorted(run.t, run.t[begin] - delay)  # commands that act from it on
             found.append(cut(run, slice(int(start), int(stop))))
