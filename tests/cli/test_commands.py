@@ -142,7 +142,7 @@ def test_fit_with_a_hidden_state_gives_standard_errors(call, workshop, hidden, t
     assert out.read_bytes() == model.read_bytes()
     told = one_object(call(*fit, "--report", page, "--json"))
     assert sorted(each["name"] for each in told["refinement"]["parameters"]) == ["a", "k"]
-    assert told["validation"]["outputs"][0]["samples"] == 40, "15 % of 600, less 50 to start from"
+    assert told["validation"]["outputs"][0]["samples"] == 90, "15 % of 600"
     text = page.read_text()
     assert "Refinement by simulation error" in text
     assert "Validation on unseen data" in text

@@ -232,14 +232,14 @@ def _parts_of(plant: Plant, log: Run, warmup: int) -> tuple[list[_Part], list[in
             f"{run.source}: none of the outputs {', '.join(signals.output_names)} has a "
             "column; name one with --map OUTPUT=EXPRESSION."
         )
-    measured = np.isfinite(outputs).any(axis=0)
-    ready = measured & np.all([np.isfinite(x) for x in states.values()] or [measured], axis=0)
+    measured = np.any([np.isfinite(y) for y in outputs], axis=0)
+    ready = np.all([measured, *(np.isfinite(x) for x in states.values())], axis=0)
     unknown = finds_start(plant, [run])
     found, lost = list[_Part](), list[int]()
     for part in segments(run, signals.input_names):
-        # states that are never sampled together are hidden where they are empty
-        at = ready[part] if ready[part].any() else measured[part]
-        start = part.start + int(np.argmax(at))
+        start = part.start + int(np.argmax(measured[part]))
+        # a state that stays empty is as good as hidden; waiting for it would cost too much
+        start += int(np.argmax(ready[start : min(start + WARMUP, part.stop)]))
         known = {name: float(x[start]) for name, x in states.items() if np.isfinite(x[start])}
         first = warmup if unknown or len(known) < len(signals.states) else 0
         scored = int(np.sum(measured[start + first : part.stop]))
