@@ -152,7 +152,7 @@ def test_fit_with_a_hidden_state_gives_standard_errors(call, workshop, hidden, t
     assert out.read_bytes() == model.read_bytes()
     told = one_object(call(*fit, "--report", page, "--json"))
     assert sorted(each["name"] for each in told["refinement"]["parameters"]) == ["a", "k"]
-    assert told["validation"]["outputs"][0]["samples"] == 40, "15 % of 600, less 50 to start from"
+    assert told["validation"]["outputs"][0]["samples"] == 90, "15 % of 600"
     text = page.read_text()
     assert "Refinement by simulation error" in text
     assert "Validation on unseen data" in text
@@ -173,6 +173,39 @@ def test_a_hidden_state_goes_through_evaluate_calibrate_and_estimate(
     longest = max(found["events"], key=lambda e: e["end"] - e["start"])
     # as with the level itself
     assert longest["size"] == pytest.approx(workshop.leak, rel=0.1)
+
+
+def test_evaluate_where_the_warm_up_leaves_nothing(call, workshop, hidden, tmp_path):
+    _, model = hidden
+    short, maps = tmp_path / "short.csv", ("--map", "y=2*x")
+    lines = workshop.healthy2.read_text().splitlines()
+    short.write_text("\n".join(lines[:41]) + "\n")
+    said = call("evaluate", model, short, *maps)
+    assert said.code == 2
+    assert "'short' of" in said.err
+    assert "at most 40 samples" in said.err
+    assert "give a smaller --warmup or a longer log" in said.err
+    assert call("evaluate", model, short, *maps, "--warmup", 20).code == 0
+    page = tmp_path / "page.html"
+    said = call("evaluate", model, short, workshop.healthy2, *maps, "--json", "--report", page)
+    (warning,) = one_object(said)["warnings"]
+    assert "'short'" in warning
+    assert warning in said.err
+    assert "1 of 1 stretches, of at most 40 samples" in page.read_text()
+
+
+def test_evaluate_through_empty_cells(call, workshop, tmp_path):
+    """Every tenth level is empty: one figure, and nine tenths of the samples."""
+    sparse, page = tmp_path / "sparse.csv", tmp_path / "page.html"
+    head, *rows = [line.split(",") for line in workshop.healthy2.read_text().splitlines()]
+    for row in rows[5::10]:
+        row[head.index("x")] = ""
+    sparse.write_text("\n".join(",".join(row) for row in [head, *rows]) + "\n")
+    said = call("evaluate", workshop.model, sparse, "--json", "--report", page)
+    (run,) = one_object(said)["runs"]
+    assert run["samples"] == 540
+    assert page.read_text().count("<svg") == 1
+    assert 0.0015 < run["outputs"]["x"]["rmse"] < 0.006  # as without empty cells, below
 
 
 def test_evaluate_of_an_ensemble(call, workshop, tmp_path):
@@ -201,7 +234,7 @@ def test_evaluate_of_an_ensemble(call, workshop, tmp_path):
 
 def test_evaluate(call, workshop):
     found = one_object(call("evaluate", workshop.model, workshop.healthy2, "--json"))
-    assert found.keys() == {"outputs", "runs"}
+    assert found.keys() == {"outputs", "runs", "warnings"}
     assert found["outputs"].keys() == {"x"}
     score = found["outputs"]["x"]
     assert score.keys() >= {"r2", "rmse", "nrmse"}

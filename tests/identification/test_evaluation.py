@@ -155,16 +155,53 @@ def test_without_warm_up_hidden_states_start_as_the_plant_says():
 
 def test_gaps_split_and_every_part_starts_anew():
     t, u, x = truth((0.7, -1.3))
-    q = x[:, 0].copy()
-    q[120] = np.nan
+    u = np.where(np.arange(COUNT) == 120, np.nan, u)
     t = np.where(np.arange(COUNT) >= 200, t + 9.0, t)
-    found, parts = evaluate(plant(), [run(t, u=u, q=q, v=x[:, 1], pos=x[:, 0])], LONGEST)
+    found, parts = evaluate(plant(), [run(t, u=u, q=x[:, 0], v=x[:, 1], pos=x[:, 0])], LONGEST)
     edges = [(p.t[0], p.t[-1]) for p in parts]
     assert edges == [(t[0], t[119]), (t[121], t[199]), (t[200], t[299])]
     for part, first in zip(parts, (0, 121, 200), strict=True):
         np.testing.assert_array_equal(part.x[0], x[first])
     assert found["runs"][0]["samples"] == COUNT - 1
     assert found["outputs"]["pos"]["rmse"] < 1e-6  # LONGEST's error, over all three parts
+
+
+def test_empty_outputs_are_gone_through_and_not_scored():
+    """One free run, from the warm-up on, through single cells and a long hole."""
+    t, u, x = truth((0.7, -1.3))
+    empty = np.random.default_rng(3).random(COUNT) < 0.1
+    empty[150:220] = True
+    empty[0] = False
+    off = x[:, 0] + 0.25 * (np.arange(COUNT) >= 50)  # the warm-up does not see it
+    found, (part,) = evaluate(plant(), [run(t, u=u, pos=np.where(empty, np.nan, off))], LONGEST)
+    np.testing.assert_allclose(part.x, x, rtol=0, atol=1e-5)  # as with the warm-up above
+    np.testing.assert_array_equal(np.isnan(part.measured[:, 0]), empty)
+    assert found["runs"][0]["samples"] == np.sum(~empty[50:])
+    assert found["outputs"]["pos"]["rmse"] == pytest.approx(0.25, abs=1e-5)
+    assert found["warnings"] == []
+
+
+def test_a_run_starts_where_all_measured_states_are():
+    t, u, x = truth((0.7, -1.3))
+    q, v = x[:, 0].copy(), x[:, 1].copy()
+    q[:3], v[3] = np.nan, np.nan
+    (found,) = predict(plant(), [run(t, u=u, q=q, v=v, pos=x[:, 0])], LONGEST)
+    assert (found.t[0], found.warmup) == (t[4], 0)
+    np.testing.assert_allclose(found.x, x[4:], rtol=0, atol=1e-6)
+    v[:200] = np.nan  # too late to wait for: found as a hidden state is
+    (found,) = predict(plant(), [run(t, u=u, q=q, v=v, pos=x[:, 0])], LONGEST)
+    assert (found.t[0], found.warmup) == (t[0], 50)
+    np.testing.assert_allclose(found.x, x, rtol=0, atol=1e-5)
+
+
+def test_states_that_are_never_sampled_together():
+    """Sensors that take turns: the one that is empty at first is found as a hidden state is."""
+    t, u, x = truth((0.7, -1.3))
+    even = np.arange(COUNT) % 2 == 0
+    q, v = np.where(even, x[:, 0], np.nan), np.where(even, np.nan, x[:, 1])
+    (found,) = predict(plant(), [run(t, u=u, q=q, v=v, pos=q)], LONGEST)
+    assert (found.t[0], found.warmup) == (t[0], 50)
+    np.testing.assert_allclose(found.x, x, rtol=0, atol=1e-5)
 
 
 def test_runs_are_scored_apart_and_together():
@@ -185,15 +222,37 @@ def test_refusals():
     t, u, x = truth((0.7, -1.3), 20)
     with pytest.raises(InputError, match=r"a\.csv: none of the outputs pos, twice has a column"):
         predict(plant(), [run(t, u=u, q=x[:, 0])], LONGEST)
-    holes = np.where(np.arange(20) % 2, np.nan, x[:, 0])
+    holes = np.where(np.arange(20) % 2, np.nan, u)
     with pytest.raises(InputError, match=r"a\.csv: no two samples in a row"):
-        predict(plant(), [run(t, u=u, pos=holes)], LONGEST)
+        predict(plant(), [run(t, u=holes, pos=x[:, 0])], LONGEST)
+    with pytest.raises(InputError, match=r"a\.csv: no two samples in a row"):
+        predict(plant(), [run(t, u=u, pos=np.full(20, np.nan))], LONGEST)
 
 
-def test_short_stretch_is_all_warm_up_but_its_last_sample():
-    t, u, x = truth((0.7, -1.3), 20)
-    (found,) = predict(plant(), [run(t, u=u, pos=x[:, 0])], LONGEST)
-    assert found.warmup == 19
+def test_a_log_that_the_warm_up_uses_up():
+    t, u, x = truth((0.7, -1.3), 60)
+    log = run(t[:54], u=u[:54], pos=x[:54, 0])
+    sentence = (
+        r"run 'a' of a\.csv has at most 54 samples .* takes 50 .* smaller --warmup or a longer"
+    )
+    with pytest.raises(InputError, match=sentence):
+        evaluate(plant(), [log], LONGEST)
+    found, _ = evaluate(plant(), [log], LONGEST, warmup=49)
+    assert found["runs"][0]["samples"] == 5
+
+
+def test_a_stretch_that_the_warm_up_uses_up_is_named():
+    t, u, x = truth((0.7, -1.3))
+    late = np.where(np.arange(COUNT) >= 260, t + 9.0, t)
+    logs = [run(late, "cut", u=u, pos=x[:, 0]), run(t[:30], "brief", u=u[:30], pos=x[:30, 0])]
+    found, (part,) = evaluate(plant(), logs, LONGEST)
+    assert (part.run, part.t[-1]) == ("cut", t[259])
+    cut, brief = found["warnings"]
+    assert "'cut' of a.csv: 1 of 2 stretches, of at most 40 samples, are left out" in cut
+    assert "'brief' of a.csv: 1 of 1 stretches, of at most 30 samples" in brief
+    # where every state is measured, none needs a warm-up
+    logs = [run(each.t, each.name, **each.columns, v=x[: len(each.t), 1]) for each in logs]
+    assert evaluate(plant(), logs, LONGEST)[0]["warnings"] == []
 
 
 def test_plant_without_inputs():

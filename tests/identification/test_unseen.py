@@ -8,7 +8,7 @@ from faultgauge.identification.fit import fit
 from faultgauge.identification.unseen import held_out, on_unseen
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant_file import parse_plant
-from faultgauge.telemetry import Run
+from faultgauge.telemetry import Run, cut
 
 PLANT = """
 name = "first order"
@@ -22,6 +22,7 @@ value = "x"
 a = { value = 1.0, min = 0 }
 b = { value = 1.0 }
 """
+HIDDEN = PLANT.replace('outputs.x]\nvalue = "x"', 'outputs.y]\nvalue = "2*x"')
 STEP, COUNT = 0.05, 600
 
 
@@ -37,6 +38,11 @@ def log(seed=0, a=0.8, b=2.5):
         x[k + 1] = decay * x[k] + (1 - decay) / a * b * u[k]
     x += 0.01 * rng.standard_normal(COUNT)
     return Run(f"run{seed}", "a.csv", STEP * np.arange(COUNT), {"u": u, "x": x})
+
+
+def hidden_log():
+    columns = {"u": log().columns["u"], "y": 2 * log().columns["x"]}
+    return Run("hidden", "a.csv", log().t, columns)
 
 
 @pytest.fixture(scope="module")
@@ -83,15 +89,39 @@ def test_runs_given_for_validation_are_taken_whole(fitted):
     assert [run["samples"] for run in unseen.scores["runs"]] == [COUNT, COUNT]
 
 
+def test_a_hidden_start_is_found_before_the_tail():
+    """The whole tail is scored: 45 samples of 300, which a warm-up inside it would use up."""
+    whole = hidden = cut(hidden_log(), slice(0, 300))
+    model, account = fit(plant(HIDDEN), [hidden], restarts=2)
+    (tail,) = held_out(model, account, [hidden])
+    np.testing.assert_array_equal(tail.t, whole.t[255 - 50 :])
+    unseen = on_unseen(model, account, [hidden])
+    assert unseen.predictions[0].t[50] == whole.t[255]
+    (output,) = unseen.validation.outputs
+    assert output.samples == unseen.scores["runs"][0]["samples"] == 45
+    # noise of 0.02 and two fitted constants; the sd of a sd of 45 is 11 %
+    assert 0.012 < output.rmse < 0.03
+
+
+def test_a_lead_in_does_not_reach_beyond_its_stretch(fitted):
+    """What is there of a lead-in is taken; the warm-up's other samples are the tail's own."""
+    late, _ = fit(plant(HIDDEN), [hidden_log()], restarts=2)
+    account = fitted[1]._replace(groups=[], refinement=object())
+    whole = hidden_log()
+    whole.columns["u"][40] = np.nan
+    first, second = held_out(late, account, [whole])
+    np.testing.assert_array_equal(first.t, whole.t[:40])  # 85 % of 40 is 34, less than 50
+    np.testing.assert_array_equal(second.t, whole.t[41 + 476 - 50 :])  # 85 % of 559 is 475.15
+
+
 def test_a_model_fitted_to_the_tail_too_is_scored_as_it_was_before():
-    columns = {"u": log().columns["u"], "y": 2 * log().columns["x"]}
-    hidden = Run("hidden", "a.csv", log().t, columns)
-    text = PLANT.replace('outputs.x]\nvalue = "x"', 'outputs.y]\nvalue = "2*x"')  # x is hidden
-    model, account = fit(plant(text), [hidden], restarts=2)
+    hidden = hidden_log()
+    model, account = fit(plant(HIDDEN), [hidden], restarts=2)
     judged = account.refinement.judged
     (tail,) = held_out(model, account, [hidden])
     assert np.isin(tail.columns["u"], account.training.u).all()
-    assert not np.isin(tail.columns["u"][20:], judged.training.u).any()
+    # 50 samples of warm-up come before; every stair of 20 has its own height
+    assert not np.isin(tail.columns["u"][50 + 20 :], judged.training.u).any()
     unseen, (before,) = on_unseen(model, account, [hidden]), judged.plants
     for name, plants in {"before": before, "after": model.plant}.items():
         scores, _ = evaluate(plants, [tail], model.max_step)

@@ -90,6 +90,39 @@ def test_correlation_is_the_sum_over_pairs_of_every_stretch():
         assert found[11 + k] == pytest.approx(total / (19 * one.std() * other.std()), abs=1e-13)
 
 
+def test_correlation_over_the_pairs_that_were_sampled():
+    rng = np.random.default_rng(0)
+    a, b = ([rng.standard_normal(n) for n in (7, 12)] for _ in range(2))
+    a[0][2] = a[1][0] = a[1][5] = np.nan
+    found = correlation(a, b)
+    one, other = np.concatenate(a), np.concatenate(b)
+    for k in range(-11, 12):
+        total = sum(
+            (x[t + k] - np.nanmean(one)) * (y[t] - other.mean())
+            for x, y in zip(a, b, strict=True)
+            for t in range(len(x))
+            if 0 <= t + k < len(x) and np.isfinite(x[t + k])
+        )
+        # rounding of a short FFT
+        assert found[11 + k] == pytest.approx(
+            total / (16 * np.nanstd(one) * other.std()), abs=1e-13
+        )
+
+
+def test_independent_samples_of_an_ar1_with_empty_cells():
+    """n / tau is what gives the mean its variance: that of 400 means, simulated."""
+    phi, count, means, claimed = 0.9, 2000, [], []
+    for seed in range(400):
+        rng = np.random.default_rng(seed)
+        e = ar1(phi, count, rng)
+        e[rng.random(count) < 0.5] = np.nan
+        _, time = residual_test([e], 1.0)
+        means.append(np.nanmean(e))
+        claimed.append(np.nanvar(e) * time / np.sum(np.isfinite(e)))
+    # the sd of a variance of 400 is 7 %; the sum over lags is biased by some percent
+    assert np.mean(claimed) == pytest.approx(np.var(means), rel=0.25)
+
+
 def test_no_correlation_of_a_signal_that_does_not_change():
     assert correlation([np.full(20, 0.1)], [np.arange(20.0)]) is None
     assert residual_test([np.full(20, 0.1)], STEP) == (None, 1.0)
@@ -334,3 +367,38 @@ def test_stretches_sampled_at_another_rate_are_left_out_of_the_lags():
     assert output.samples == 2400
     assert output.residual.bound == pytest.approx(norm.isf(0.025) / np.sqrt(2000), rel=1e-12)
     assert output.residual.lags_s[0] == pytest.approx(STEP, rel=1e-12)
+
+
+def test_empty_cells_are_not_tested_and_do_not_split():
+    """A tenth of the cells is empty: the tests are of the rest, in one stretch."""
+    rng = np.random.default_rng(0)
+    u = rng.standard_normal(3000)
+    e = 0.02 * rng.standard_normal(3000) + 0.01 * np.roll(u, 4) + 0.01
+    empty = rng.random(3000) < 0.1
+    run = prediction(np.where(empty, np.nan, e), u, warmup=50)
+    other = run._replace(predicted=run.predicted + 0.01)
+    (found,) = validate(drive(), [run], training(), others=[[other]]).outputs
+    kept = e[50:][~empty[50:]]
+    assert (found.samples, found.stretches, found.diverges) == (len(kept), 1, False)
+    assert found.rmse == pytest.approx(np.sqrt(np.mean(kept**2)), rel=1e-12)
+    assert found.bias == pytest.approx(kept.mean(), rel=1e-12)
+    assert found.inputs[0].peak_lag_s == pytest.approx(4 * STEP, rel=1e-12)
+    # 0.01 / sqrt(0.02^2 + 0.01^2); its standard deviation is 1 / sqrt(2655) = 0.019
+    assert found.inputs[0].peak == pytest.approx(0.447, abs=0.07)
+    assert found.residual.bound == pytest.approx(norm.isf(0.025) / np.sqrt(len(kept)), rel=1e-12)
+    assert sum(found.profiles[0].samples) == len(kept)
+    assert found.seeds.spread == pytest.approx(0.01 / np.sqrt(2), rel=1e-9)  # two, 0.01 apart
+    assert 0.9 < found.band.share_inside < 0.99
+
+
+def test_a_sensor_slower_than_the_log_has_lags_of_its_own():
+    """Every tenth row is an AR(1) sample: its memory is (1 + phi) / (1 - phi) of its own steps."""
+    rng = np.random.default_rng(0)
+    e = np.full(100_000, np.nan)
+    e[3::10] = ar1(0.5, 10_000, rng)
+    (found,) = validate(drive(), [prediction(e, rng.standard_normal(len(e)))], training()).outputs
+    assert found.samples == 10_000
+    assert found.residual.lags_s[0] == pytest.approx(10 * STEP, rel=1e-9)
+    assert found.residual.correlation[0] == pytest.approx(0.5, abs=0.04)  # 4 sd of 1 / sqrt(10,000)
+    assert found.time_s == pytest.approx(3 * 10 * STEP, rel=0.15)
+    assert found.independent == pytest.approx(10_000 / 3, rel=0.15)

@@ -138,6 +138,16 @@ def test_the_section_has_every_figure_with_units_and_stays_small():
     assert "nan" not in " ".join(section.paragraphs).lower()
 
 
+def test_empty_cells_leave_the_section_whole():
+    runs = free_runs(lambda noise, u, h: noise)
+    for run in runs:
+        run.measured[::7] = np.nan
+    section = validation_section(plant(), validate(plant(), runs, training(2.0)), runs)
+    assert len(section.figures) == 4
+    assert "nan" not in " ".join(section.paragraphs).lower()
+    assert "hm: e is white" in said(runs)
+
+
 def test_the_outermost_argument_is_named():
     runs = free_runs(lambda noise, u, h: noise)
     section = validation_section(plant(), validate(plant(), runs, training(1.0)), runs)

@@ -37,6 +37,7 @@ def evaluate(
         if fitted.members:
             plants = [fitted.plant, *fitted.members]
             found["ensemble"] = evaluate_ensemble(plants, runs, fitted.max_step, warmup)
+    options.warn(found["warnings"])
     if report is not None:
         from faultgauge.reporting.chapters import evaluation_report
         from faultgauge.reporting.report import write

@@ -24,20 +24,24 @@ __all__ = [
     "at_samples",
     "evaluate",
     "evaluate_ensemble",
+    "finds_start",
     "predict",
     "scores",
     "start_of_run",
+    "too_short",
 ]
 
 WARMUP = 50
+FEWEST_SCORED = 5  # samples after a warm-up
 PRIOR = 1e-3  # of a varying parameter, for what the first samples do not tell
 NOTHING = Unknowns((), (), (), (), ())
 
 
 class Prediction(NamedTuple):
-    """A free run beside one gap-free stretch of a log; `warmup` samples are not scored.
+    """A free run beside one stretch of a log without a gap in time or inputs.
 
-    Outputs are NaN in `measured` where they were not sampled; `u` are the inputs in effect.
+    The first `warmup` samples are not scored, nor are outputs that were not sampled, NaN in
+    `measured`; `u` are the inputs in effect.
     """
 
     run: str
@@ -157,40 +161,108 @@ def _solve_start(
 def predict(
     plant: Plant, runs: Sequence[Run], max_step: float, warmup: int = WARMUP
 ) -> list[Prediction]:
-    """Free runs over every gap-free stretch of `runs`, from its first samples' state."""
-    signals = plant.signals
-    predictions = []
-    for log in runs:
-        run = in_effect(signals, log)
-        states = {
-            name: state_column(signals, name, list(run.columns)) for name in signals.state_names
-        }
-        outputs = [name for name in signals.output_names if name in run.columns]
-        if not outputs:
-            raise InputError(
-                f"{run.source}: none of the outputs {', '.join(signals.output_names)} has a "
-                "column; name one with --map OUTPUT=EXPRESSION."
+    """Free runs over every stretch of `runs` without a gap in time or inputs.
+
+    A stretch starts from the first sample that has all measured states and an output; outputs that
+    are empty later are gone through, not scored. Where states are hidden or parameters vary,
+    `warmup` samples find them, and stretches that leave too little to score are left out.
+    Raises `InputError` where no stretch is left.
+    """
+    return [_predict_part(plant, part, max_step) for part in _parts(plant, runs, warmup)[0]]
+
+
+def finds_start(plant: Plant, runs: Sequence[Run]) -> bool:
+    """Whether first samples find part of a run's start: hidden states, a run's own parameters."""
+    names = plant.signals.state_names
+    hidden = any(not state_column(plant.signals, s, list(r.columns)) for r in runs for s in names)
+    return hidden or bool(varying_parameters(plant).parameters)
+
+
+def too_short(plant: Plant, runs: Sequence[Run], warmup: int = WARMUP) -> list[str]:
+    """A sentence for every run without a stretch that outlasts the warm-up."""
+    sentences = []
+    for run in runs:
+        parts, lost = _parts_of(plant, run, warmup)
+        if lost and not parts:
+            sentences.append(
+                f"run {run.name!r} of {run.source} has at most {max(lost)} samples without a gap, "
+                f"and a free run takes {warmup} to find its hidden start and {FEWEST_SCORED} to be "
+                "scored: the model cannot be validated on it; give a longer one"
             )
-        columns = [*signals.input_names, *outputs, *(c for c in states.values() if c)]
-        for part in segments(run, dict.fromkeys(columns)):
-            predictions.append(_predict_part(plant, run, part, states, max_step, warmup))
-    if not predictions:
+    return sentences
+
+
+class _Part(NamedTuple):
+    """A stretch to run through: the states that its first sample tells, and its warm-up."""
+
+    run: Run
+    part: slice
+    known: dict[str, float]
+    warmup: int
+
+
+def _parts(plant: Plant, runs: Sequence[Run], warmup: int) -> tuple[list[_Part], list[str]]:
+    """All stretches long enough to be scored, and a sentence for every run that lost some."""
+    found: list[_Part] = []
+    sentences, longest = [], (0, runs[0])
+    for run in runs:
+        parts, lost = _parts_of(plant, run, warmup)
+        found += parts
+        if lost:
+            longest = max(longest, (max(lost), run), key=lambda each: each[0])
+            sentences.append(
+                f"run {run.name!r} of {run.source}: {len(lost)} of {len(lost) + len(parts)} "
+                f"stretches, of at most {max(lost)} samples, are left out: {warmup} samples of "
+                f"warm-up leave fewer than {FEWEST_SCORED} to score; give a smaller --warmup or a "
+                "longer log"
+            )
+    count, run = longest
+    if not found and count:
         raise InputError(
-            f"{runs[0].source}: no two samples in a row are complete; look at it with "
-            "`faultgauge inspect`."
+            f"run {run.name!r} of {run.source} has at most {count} samples without a gap; the "
+            f"warm-up that finds the hidden start takes {warmup} and leaves fewer than "
+            f"{FEWEST_SCORED} to score; give a smaller --warmup or a longer log."
         )
-    return predictions
+    if not found:
+        raise InputError(
+            f"{run.source}: no two samples in a row have all inputs and a measured output; look "
+            "at it with `faultgauge inspect`."
+        )
+    return found, sentences
 
 
-def _predict_part(
-    plant: Plant,
-    run: Run,
-    part: slice,
-    states: dict[str, str | None],
-    max_step: float,
-    warmup: int,
-) -> Prediction:
+def _parts_of(plant: Plant, log: Run, warmup: int) -> tuple[list[_Part], list[int]]:
+    """The stretches of one run, and the lengths of those that the warm-up uses up."""
     signals = plant.signals
+    run = in_effect(signals, log)
+    columns = {s: state_column(signals, s, list(run.columns)) for s in signals.state_names}
+    states = {state: run.columns[column] for state, column in columns.items() if column}
+    outputs = [run.columns[name] for name in signals.output_names if name in run.columns]
+    if not outputs:
+        raise InputError(
+            f"{run.source}: none of the outputs {', '.join(signals.output_names)} has a "
+            "column; name one with --map OUTPUT=EXPRESSION."
+        )
+    measured = np.any([np.isfinite(y) for y in outputs], axis=0)
+    ready = np.all([measured, *(np.isfinite(x) for x in states.values())], axis=0)
+    unknown = finds_start(plant, [run])
+    found, lost = list[_Part](), list[int]()
+    for part in segments(run, signals.input_names):
+        start = part.start + int(np.argmax(measured[part]))
+        # a state that stays empty is as good as hidden; waiting for it would cost too much
+        start += int(np.argmax(ready[start : min(start + WARMUP, part.stop)]))
+        known = {name: float(x[start]) for name, x in states.items() if np.isfinite(x[start])}
+        first = warmup if unknown or len(known) < len(signals.states) else 0
+        scored = int(np.sum(measured[start + first : part.stop]))
+        if scored >= (FEWEST_SCORED if first else 2):
+            found.append(_Part(run, slice(start, part.stop), known, first))
+        elif first and measured[part].any():
+            lost.append(part.stop - start)
+    return found, lost
+
+
+def _predict_part(plant: Plant, each: _Part, max_step: float) -> Prediction:
+    signals, (run, part, known, warmup) = plant.signals, each
     t = run.t[part]
     count = len(t)
     u = (
@@ -202,12 +274,9 @@ def _predict_part(
     y = np.stack(
         [run.columns[n][part] if n in run.columns else nothing for n in signals.output_names], 1
     )
-    known = {name: float(run.columns[c][part][0]) for name, c in states.items() if c}
-    hidden = len(known) < len(signals.states) or bool(varying_parameters(plant).parameters)
-    scored_from = min(warmup, count - 1) if hidden else 0
-    first = max(scored_from, 2)
+    first = max(warmup, 2)
     x0 = np.array([known.get(s.name, s.initial) for s in signals.states])
-    if scored_from:
+    if warmup:
         plant, x0 = start_of_run(plant, t[:first], u[:first], y[:first], known, max_step)
     length = bucket(count)
     dt = np.zeros(length)
@@ -221,7 +290,7 @@ def _predict_part(
     predicted, x = np.asarray(predicted)[:count], np.asarray(x)[:count]
     measured = [as_sampled(run, n, t, y[:, j]) for j, n in enumerate(signals.output_names)]
     y = np.stack(measured, axis=1)
-    return Prediction(run.name, t, y, predicted, x, scored_from, _clipped(plant, u))
+    return Prediction(run.name, t, y, predicted, x, warmup, _clipped(plant, u))
 
 
 def _clipped(
@@ -250,8 +319,11 @@ def scores(
 def evaluate(
     plant: Plant, runs: Sequence[Run], max_step: float, warmup: int = WARMUP
 ) -> tuple[dict[str, Any], list[Prediction]]:
-    """`{"outputs": {NAME: {r2, rmse, nrmse}}, "runs": [...]}` and the free runs behind it."""
-    predictions = predict(plant, runs, max_step, warmup)
+    """`{"outputs": {NAME: {r2, rmse, nrmse}}, "runs": [...], "warnings": [...]}` and the free runs
+    behind it. `samples` of a run are those scored in any output; `warnings` name what is left out.
+    """
+    parts, warnings = _parts(plant, runs, warmup)
+    predictions = [_predict_part(plant, part, max_step) for part in parts]
     names = plant.signals.output_names
 
     def table(parts: Sequence[Prediction]) -> dict[str, dict[str, float | None]]:
@@ -269,12 +341,15 @@ def evaluate(
         rows.append(
             {
                 "run": name,
-                "samples": int(sum(len(p.t) - p.warmup for p in parts)),
+                "samples": int(
+                    np.sum(np.isfinite(_scored([p.measured for p in parts], parts)).any(1))
+                ),
                 "warmup": int(sum(p.warmup for p in parts)),
                 "outputs": table(parts),
             }
         )
-    return {"outputs": table(predictions), "runs": rows}, predictions
+    found = {"outputs": table(predictions), "runs": rows, "warnings": warnings}
+    return found, predictions
 
 
 def evaluate_ensemble(

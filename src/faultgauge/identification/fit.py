@@ -20,6 +20,7 @@ from faultgauge.identification.equation_fit import (
     material,
     max_step,
 )
+from faultgauge.identification.evaluation import too_short
 from faultgauge.identification.instruments import reference_columns
 from faultgauge.identification.levenberg_marquardt import CONVERGED
 from faultgauge.identification.log_checks import log_warnings
@@ -100,6 +101,7 @@ def fit(
             f"has a column in {logs[0].source}; name one with --map OUTPUT=EXPRESSION."
         )
     warnings += log_warnings(spec.signals, [*logs, *validate])
+    warnings += too_short(plant, [*logs, *validate])
     by_simulation = _by_simulation(spec, how, refine)
     slow = slow_columns(how, logs)
     if slow and refine is False:

@@ -6,7 +6,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from faultgauge.errors import InputError
-from faultgauge.identification.evaluation import Prediction, evaluate, predict
+from faultgauge.identification.evaluation import (
+    WARMUP,
+    Prediction,
+    evaluate,
+    finds_start,
+    predict,
+)
 from faultgauge.identification.fit import FitReport
 from faultgauge.identification.holdout import LAST_SHARE
 from faultgauge.identification.samples import Samples, channels, in_effect
@@ -46,7 +52,7 @@ def on_unseen(
     plant, training = _judged(model, account)
     try:
         scores, predictions = evaluate(plant, runs, model.max_step)
-    except InputError:  # no two complete samples in a row
+    except InputError:  # nothing to score beside the warm-up
         return None
     beside = [predict(_judged(*other)[0], runs, other[0].max_step) for other in others]
     checked = validate(plant, predictions, training, beside)
@@ -64,24 +70,31 @@ def held_out(model: Model, account: FitReport, logs: Sequence[Run]) -> list[Run]
     """The last 15 % of every stretch of `logs`, each a run of its own: no stage has fitted them.
 
     A stretch ends where the stage that fits needs it to: equation error where any column is
-    empty, simulation error where an input is.
+    empty, simulation error where an input is. Where a free run has to find its start, the samples
+    of its warm-up come before: the fit has seen them, and they are not scored.
     """
     signals = model.plant.signals
     how = channels(model.plant.spec, logs)
     needed = [how.needed] if account.groups else []
     needed += [how.inputs] if account.refinement else []
     delay = max((each.delay for each in signals.inputs), default=0.0)
+    lead = WARMUP if finds_start(model.plant, logs) else 0
     found = []
     for run in logs:
         acting = in_effect(signals, run)
         tails = np.ones(len(run.t), bool)
         for names in needed:
             tails &= _tails(acting, names)
-        edges = np.flatnonzero(np.diff(tails, prepend=False, append=False))
-        for first, stop in edges.reshape(-1, 2):
-            start = np.searchsorted(run.t, run.t[first] - delay)  # commands that act from first on
+        edges = np.flatnonzero(np.diff(tails, prepend=False, append=False)).reshape(-1, 2)
+        for first, stop in edges[np.diff(edges)[:, 0] > 1].tolist():
+            begin = max(first - lead, _start_of_stretch(acting, how.inputs, first))
+            start = np.searchsorted(run.t, run.t[begin] - delay)  # commands that act from it on
             found.append(cut(run, slice(int(start), int(stop))))
-    return [run for run in found if len(run.t) > 1]
+    return found
+
+
+def _start_of_stretch(run: Run, names: Iterable[str], sample: int) -> int:
+    return next(part.start for part in segments(run, names) if sample < part.stop)
 
 
 def _tails(run: Run, names: Iterable[str]) -> np.ndarray:

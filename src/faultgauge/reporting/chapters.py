@@ -136,6 +136,7 @@ def evaluation_report(
         for name, s in found.get("ensemble", {}).items()
         if s["rmse"] is not None
     )
+    summary += tuple(f"Warning: {warning}." for warning in found["warnings"])
     section = evaluation_section(model, found, predictions)
     return Report(f"Evaluation: {model.plant.spec.name}", summary, (section,), _parameters(model))
 

@@ -2,8 +2,8 @@
 
 from collections.abc import Sequence
 
-from faultgauge.identification.evaluation import Prediction, at_samples
-from faultgauge.identification.validation import OutputValidation, Validation, errors_of
+from faultgauge.identification.evaluation import Prediction
+from faultgauge.identification.validation import OutputValidation, Validation, errors_of, tested
 from faultgauge.identification.validation.operating import Profile
 from faultgauge.identification.validation.ranges import Range
 from faultgauge.plants.gray_box import GrayBoxPlant
@@ -253,7 +253,7 @@ def _figures(
     predictions: Sequence[Prediction],
 ) -> list[Figure]:
     j = plant.signals.output_names.index(output.name)
-    parts = [p for p in (at_samples(p, j) for p in predictions) if len(p.t) > max(p.warmup, 1)]
+    parts = [predictions[k] for k in tested(predictions, j)]
     assert output.band is not None
     assert output.rmse is not None
     look = {"name": output.name, "unit": output.unit}

@@ -75,13 +75,25 @@ def test_a_run_of_a_dozen_samples():
     assert re.search(r"heat\.csv: no 16 samples in a row", said(HEATER, run(count=12)))
 
 
-def test_a_run_shorter_than_the_warm_up():
-    assert "samples" in said(HEATER, run(count=20))
-
-
-def test_a_validation_run_shorter_than_the_warm_up():
+def test_a_run_too_short_for_a_window():
+    assert re.search(
+        r"'heat0': 1\d samples are left .* needs 25 in a row", said(HEATER, run(count=20))
+    )
     text = said(HEATER, run(), validate=[run(1, count=20)])
-    assert "heat1" in text or "heat.csv" in text
+    assert re.search(r"'heat1' has 20 samples in a row, too few .* needs 25", text)
+
+
+def test_a_run_shorter_than_the_warm_up():
+    """It is fitted, or selects; a free run from a hidden start has nothing left to score."""
+    sentence = (
+        r"run 'heat{}' of heat\.csv has at most 4[05] samples .* takes 50 .* cannot be validated"
+    )
+    assert re.search(sentence.format(0), said(HEATER, run(count=45)))
+    assert re.search(sentence.format(1), said(HEATER, run(), validate=[run(1, count=40)]))
+    text = said(HEATER, run(), run(1, count=40))
+    assert "'heat1'" in text
+    assert "'heat0'" not in text
+    assert "cannot be validated" not in said(HEATER, run(count=55))
 
 
 def test_missing_outputs_cost_samples_only():

@@ -4,7 +4,8 @@ from faultgauge.identification.validation.validate import (
     OutputValidation,
     Validation,
     errors_of,
+    tested,
     validate,
 )
 
-__all__ = ["OutputValidation", "Validation", "errors_of", "validate"]
+__all__ = ["OutputValidation", "Validation", "errors_of", "tested", "validate"]

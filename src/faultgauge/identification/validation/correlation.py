@@ -2,7 +2,9 @@
 
 Tests of Ljung, System Identification (2nd ed., 1999), section 16.6, over several stretches; no
 pair of samples spans a gap. Signals come as one array per stretch, and their common mean is
-removed.
+removed. NaN stands for "not sampled": it is in no pair and counts for no sample, so that var(mean)
+= var(e) tau / N holds for the samples that are there (Parzen, Sankhya A 25, 1963: sums over the
+pairs at hand).
 """
 
 from collections.abc import Sequence
@@ -91,16 +93,18 @@ class InputTest:
 def correlation(a: Signal, b: Signal) -> Float[np.ndarray, "lags"] | None:
     """r(k) = sum_t a(t + k) b(t) / (N s_a s_b), k = 1 - n ... n - 1, n the longest stretch.
 
-    N counts all samples. None where a signal does not change.
+    Sums are over the pairs that were sampled; N counts those of the signal with fewer samples.
+    None where a signal does not change.
     """
-    count = sum(len(each) for each in a)
+    count = min(_sampled(a), _sampled(b))
     centred, size = [], 1.0
     for signal in (a, b):
         whole = np.concatenate(signal)
-        spread = float(np.std(whole))
-        if spread <= ROUNDING * float(np.max(np.abs(whole))):
+        whole = whole[np.isfinite(whole)]
+        spread = float(np.std(whole)) if whole.size else 0.0
+        if spread <= ROUNDING * float(np.max(np.abs(whole), initial=0.0)):
             return None
-        centred.append([each - np.mean(whole) for each in signal])
+        centred.append([np.nan_to_num(each - np.mean(whole)) for each in signal])
         size *= spread
     longest = max(len(each) for each in a)
     total = np.zeros(2 * longest - 1)
@@ -148,7 +152,7 @@ def residual_test(e: Signal, step: float) -> tuple[ResidualTest | None, float]:
     chosen = _lags(len(rho), time)
     if not chosen.size:
         return None, time
-    found, count = rho[chosen], sum(len(each) for each in e)
+    found, count = rho[chosen], _sampled(e)
     bound, limit = _limits(1.0 / np.sqrt(count), len(chosen))
     share = float(np.mean(np.abs(found) > bound))
     white = bool(np.max(np.abs(found)) <= limit)
@@ -167,7 +171,7 @@ def input_test(name: str, e: Signal, u: Signal, step: float, time: float) -> Inp
     chosen = np.concatenate([[0], _lags(middle + 1, time)])
     if len(chosen) < 2:
         return None
-    count = sum(len(each) for each in e)
+    count = _sampled(e)
     spread = spread_of_cross_correlation(rho_e[middle:], rho_u[middle:], count)
     # neighbouring lags of a coloured residual move together: two of them count per integrated time
     bound, limit = _limits(spread, min(len(chosen), 1 + int(np.ceil(2.0 * chosen[-1] / time))))
@@ -186,6 +190,10 @@ def input_test(name: str, e: Signal, u: Signal, step: float, time: float) -> Inp
         dependent=bool(abs(after[peak]) > limit),
         feedback=bool(np.max(np.abs(before)) > max(limit, abs(after[peak]))),
     )
+
+
+def _sampled(signal: Signal) -> int:
+    return sum(int(np.sum(np.isfinite(each))) for each in signal)
 
 
 def _positive(r: Float[np.ndarray, "lags"] | None) -> Float[np.ndarray, "half"] | None:

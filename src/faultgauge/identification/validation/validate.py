@@ -6,10 +6,10 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy.stats import t as student
 
-from faultgauge.identification.evaluation import Prediction, at_samples
+from faultgauge.identification.evaluation import Prediction
 from faultgauge.identification.samples import Samples
 from faultgauge.identification.validation.band import Band, free_run_band, given_band
 from faultgauge.identification.validation.correlation import (
@@ -24,7 +24,7 @@ from faultgauge.identification.validation.seeds import SeedSpread, seed_spread
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.signals import Output, Signals
 
-__all__ = ["OutputValidation", "Validation", "errors_of", "validate"]
+__all__ = ["OutputValidation", "Validation", "errors_of", "tested", "validate"]
 
 SAME_STEP = 0.01  # stretches sampled this much alike, relative, share their lags
 FEWEST_SAMPLES = 20
@@ -41,15 +41,15 @@ class OutputValidation:
     Attributes:
         name: the output.
         unit: its unit as declared.
-        samples: scored.
-        stretches: gap-free ones that they come from.
+        samples: scored; empty cells are not.
+        stretches: that they come from, without a gap in time or inputs.
         diverges: whether a free run leaves the finite numbers.
         rmse: root mean square of e.
         nrmse: that over the standard deviation of the output; None where it does not change.
         bias: mean of e.
         bias_95: half width of that mean's 95 % interval (Student, independent samples).
         time_s: integrated autocorrelation time of e, s.
-        independent: samples / (time_s / step): what they are worth.
+        independent: what the samples are worth, N / tau with tau of those that are there.
         band: the 95 % band of the free-run error.
         residual: autocorrelation of e.
         inputs: correlation of e with every input that moves.
@@ -110,8 +110,14 @@ def validate(
 
 
 def errors_of(p: Prediction, output: int) -> Float[np.ndarray, "scored"]:
-    """e = measured - predicted of one output, after the warm-up."""
+    """e = measured - predicted of one output after the warm-up; NaN where it was not sampled."""
     return (p.measured[:, output] - p.predicted[:, output])[p.warmup :]
+
+
+def tested(predictions: Sequence[Prediction], output: int) -> list[int]:
+    """The free runs in which an output was sampled twice at least, after the warm-up."""
+    cells = [np.isfinite(p.measured[p.warmup :, output]) for p in predictions]
+    return [k for k, each in enumerate(cells) if np.sum(each) > 1]
 
 
 def _output(
@@ -122,24 +128,30 @@ def _output(
     others: Sequence[Sequence[Prediction]],
     half_width: float | None,
 ) -> OutputValidation:
-    runs = [[at_samples(p, j) for p in run] for run in (predictions, *others)]
-    index = [k for k, p in enumerate(runs[0]) if len(p.t) > max(p.warmup, 1)]
-    parts = [runs[0][k] for k in index]
-    errors = [errors_of(p, j) for p in parts]
+    index = tested(predictions, j)
+    parts = [predictions[k] for k in index]
+    rows = [p.warmup + np.flatnonzero(np.isfinite(p.measured[p.warmup :, j])) for p in parts]
+
+    def sampled(arrays: Sequence[np.ndarray]) -> np.ndarray:
+        return np.concatenate([a[r] for a, r in zip(arrays, rows, strict=True)])
+
+    errors = [(p.measured - p.predicted)[r, j] for p, r in zip(parts, rows, strict=True)]
     whole = np.concatenate([*errors, np.zeros(0)])
     diverges = not np.isfinite(whole).all()
     counts = (output.name, output.unit, len(whole), len(parts), diverges)
     if diverges or len(whole) < FEWEST_SAMPLES:
         return OutputValidation(*counts)
-    alike, step = _alike(parts)
-    usual = [errors[k] for k in alike]
+    grids = [_own_grid(each) for each in rows]
+    alike, step = _alike([p.t[grid] for p, grid in zip(parts, grids, strict=True)])
+    usual = [(parts[k].measured - parts[k].predicted)[grids[k], j] for k in alike]
+    inputs = [parts[k].u[grids[k]] for k in alike]
     residual, time = residual_test(usual, step)
     independent = len(whole) / time
-    measured = np.concatenate([p.measured[p.warmup :, j] for p in parts])
+    measured = sampled([p.measured[:, j] for p in parts])
     spread, rmse = float(np.std(measured)), float(np.sqrt(np.mean(whole**2)))
-    free_runs = [
-        np.concatenate([run[k].predicted[run[k].warmup :, j] for k in index]) for run in runs
-    ]
+    runs = [predictions, *others]
+    free_runs = [sampled([run[k].predicted[:, j] for k in index]) for run in runs]
+    times = [p.t[r] - p.t[0] for p, r in zip(parts, rows, strict=True)]
     return OutputValidation(
         *counts,
         rmse=rmse,
@@ -147,21 +159,27 @@ def _output(
         bias=float(np.mean(whole)),
         bias_95=float(np.std(whole) * student.isf(0.025, max(independent - 1.0, 1.0)))
         / np.sqrt(independent),
-        time_s=time * step,
+        time_s=time * step / float(np.mean(np.isfinite(np.concatenate(usual)))),
         independent=independent,
-        band=_band([p.t[p.warmup :] - p.t[0] for p in parts], errors, usual, step, half_width),
+        band=_band(times, errors, usual, step, half_width),
         residual=residual,
-        inputs=_inputs(signals, [parts[k] for k in alike], usual, step, time),
-        profiles=_profiles(signals, parts, whole, time),
+        inputs=_inputs(signals, inputs, usual, step, time),
+        profiles=_profiles(
+            signals, sampled([p.x for p in parts]), sampled([p.u for p in parts]), whole, time
+        ),
         seeds=seed_spread(measured, free_runs) if others else None,
     )
 
 
 def _inputs(
-    signals: Signals, parts: Sequence[Prediction], errors: Parts, step: float, time: float
+    signals: Signals,
+    inputs: Sequence[Float[np.ndarray, "_ inputs"]],
+    errors: Parts,
+    step: float,
+    time: float,
 ) -> tuple[InputTest, ...]:
     tests = [
-        input_test(name, errors, [p.u[p.warmup :, i] for p in parts], step, time)
+        input_test(name, errors, [u[:, i] for u in inputs], step, time)
         for i, name in enumerate(signals.input_names)
     ]
     return tuple(test for test in tests if test is not None)
@@ -174,10 +192,15 @@ def _band(times: Parts, errors: Parts, alike: Parts, step: float, half_width: fl
     return given_band(times, errors, time, half_width)
 
 
-def _alike(parts: Sequence[Prediction]) -> tuple[list[int], float]:
+def _own_grid(rows: Int[np.ndarray, "_"]) -> slice:
+    """Every so many-th row, from the first on: lags of a sensor that is slower than the log."""
+    return slice(rows[0], rows[-1] + 1, int(np.median(np.diff(rows))))
+
+
+def _alike(times: Parts) -> tuple[list[int], float]:
     """The stretches with the most usual sampling time, and that time, s."""
-    steps = np.array([np.median(np.diff(p.t)) for p in parts])
-    weights = np.array([len(p.t) for p in parts])
+    steps = np.array([np.median(np.diff(t)) for t in times])
+    weights = np.array([len(t) for t in times])
     near = np.abs(steps[:, None] / steps - 1.0) < SAME_STEP
     usual = int(np.argmax(near @ weights))
     return np.flatnonzero(near[usual]).tolist(), float(steps[usual])
@@ -185,12 +208,11 @@ def _alike(parts: Sequence[Prediction]) -> tuple[list[int], float]:
 
 def _profiles(
     signals: Signals,
-    parts: Sequence[Prediction],
+    x: Float[np.ndarray, "samples states"],
+    u: Float[np.ndarray, "samples inputs"],
     errors: Float[np.ndarray, "samples"],
     time: float,
 ) -> tuple[Profile, ...]:
-    x = np.concatenate([p.x[p.warmup :] for p in parts])
-    u = np.concatenate([p.u[p.warmup :] for p in parts])
     quantities = [*zip(signals.states, x.T, strict=True), *zip(signals.inputs, u.T, strict=True)]
     return tuple(
         profile(signal.name, signal.unit, values, errors, time)
