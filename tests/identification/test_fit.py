@@ -186,6 +186,23 @@ def test_the_plants_warnings_are_passed_on():
     assert any("idle" in warning for warning in report.warnings)
 
 
+@pytest.mark.parametrize("end", ["max = 2.0", "min = 3"])
+def test_a_parameter_at_its_bound(end):
+    """b is 2.5; the same sentence with and without the refinement."""
+    low = ", value = 4" if end.startswith("min") else ", value = 1.0"
+    text = FIRST_ORDER.replace("b = { value = 1.0 }", f"b = {{ {end}{low} }}")
+    said = []
+    for refine in (False, True):
+        _, report = fit(plant(text), [first_order()], restarts=2, refine=refine)
+        said.append([w for w in report.warnings if w.startswith("parameter ")])
+    name, _, value = end.partition(" = ")
+    assert said[0] == said[1]
+    assert said[0] == [
+        f"parameter 'b' is at its {name} = {float(value):g}; its value is the file's bound, not "
+        "the data's"
+    ]
+
+
 def test_refusals():
     log = first_order()
     silent = Run("r", "a.csv", log.t, {"u": log.columns["u"], "z": log.columns["x"]})

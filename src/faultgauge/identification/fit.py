@@ -12,6 +12,7 @@ import numpy as np
 from faultgauge.errors import InputError
 from faultgauge.identification.algorithms import AlgorithmName
 from faultgauge.identification.command_checks import response_warnings
+from faultgauge.identification.constants import Information
 from faultgauge.identification.equation_fit import (
     EquationFit,
     GroupReport,
@@ -20,6 +21,7 @@ from faultgauge.identification.equation_fit import (
     material,
     max_step,
 )
+from faultgauge.identification.equation_uncertainty import equation_information
 from faultgauge.identification.instruments import reference_columns
 from faultgauge.identification.levenberg_marquardt import CONVERGED
 from faultgauge.identification.log_checks import log_warnings
@@ -42,7 +44,8 @@ WEAK = 0.1  # share of an input that its instrument explains, below which a fit 
 class FitReport(NamedTuple):
     """What happened during a fit: for the report, not needed to use the model.
 
-    `training` holds the points that were fitted; `noise` what smoothing left per state.
+    `training` holds the points that were fitted; `noise` what smoothing left per state;
+    `information` what they say about the parameters, where equation error had the last word.
     """
 
     groups: list[GroupReport]
@@ -50,6 +53,7 @@ class FitReport(NamedTuple):
     noise: dict[str, dict[str, float]]
     warnings: list[str]
     refinement: Refinement | None = None
+    information: Information | None = None
 
 
 INSTRUMENT_UNUSED = (
@@ -136,6 +140,10 @@ def fit(
         result = _of_refinement(refinement)
     assert result is not None
     warnings += _of_no_use(result)
+    known = None
+    if given is not None and refinement is None:
+        known = equation_information(result.plant)
+        warnings += known.warnings()
     if given is not None and result.error < 1:  # a model of no use says nothing about the input
         warnings += response_warnings(result.plant, given.stretches, given.noise)
     record = _record(result, how, logs, validate, noise, groups, refinement, seed)
@@ -146,7 +154,7 @@ def fit(
     model = Model(result.plant, record)
     if ensemble and refinement is not None:
         model = model.with_members(refinement.members[1:])
-    return model, FitReport(groups, result.training, noise, warnings, refinement)
+    return model, FitReport(groups, result.training, noise, warnings, refinement, known)
 
 
 def _of_no_use(result: _Result) -> list[str]:

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from faultgauge.identification.constants import Constant, Information
 from faultgauge.identification.refinement.result import Refinement
-from faultgauge.identification.refinement.uncertainty import Constant, Information
 from faultgauge.reporting.report import Section, Table
 from faultgauge.reporting.style import quantity
 
