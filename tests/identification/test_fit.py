@@ -1,5 +1,7 @@
 """`fit` from log to model, on plants whose truth is known."""
 
+import re
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -272,5 +274,20 @@ def test_model_that_runs_away():
     text = FIRST_ORDER.replace("b*u - a*x", "b*u + x**3").replace(
         "a = { value = 1.0, min = 0 }", ""
     )
-    with pytest.raises(InputError, match="every start diverges in free run"):
-        fit(plant(text), [first_order(800)], restarts=2)
+    log = first_order(800)
+    with pytest.raises(InputError, match="every start diverges") as refused:
+        fit(plant(text), [log], restarts=2)
+    named = re.search(r"state 'x' .* at t = ([0-9.]+) s of run 'run0'", str(refused.value))
+    assert named is not None
+    # by SciPy, with the b that least squares finds: the time at which x passes the millions
+    x, u = log.columns["x"], log.columns["u"]
+    half = slice(1, -1)
+    slope = (x[2:] - x[:-2]) / (2 * STEP) - x[half] ** 3
+    b = slope @ u[half] / (u[half] @ u[half])
+    t, state = 0.0, x[:1]
+    for k, drive in enumerate(u):
+        found = solve_ivp(lambda t, x, drive: b * drive + x**3, (0, STEP), state, args=(drive,))
+        t, state = k * STEP + found.t[-1], found.y[:, -1]
+        if not found.success or abs(state[0]) > 1e6:
+            break
+    assert float(named[1]) == pytest.approx(t, abs=4 * STEP)  # b by another derivative

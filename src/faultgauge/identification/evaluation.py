@@ -15,12 +15,13 @@ from faultgauge.identification.refinement.unknowns import Unknowns, unknowns_of
 from faultgauge.identification.samples import in_effect, spread, state_column
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant import Plant
-from faultgauge.simulation.free_run import bucket, free_run, pad, simulate, substeps_for
+from faultgauge.simulation.free_run import blow_up, bucket, free_run, pad, simulate, substeps_for
 from faultgauge.telemetry import Run, segments
 
 __all__ = [
     "WARMUP",
     "Prediction",
+    "divergence",
     "evaluate",
     "evaluate_ensemble",
     "predict",
@@ -209,6 +210,13 @@ def _predict_part(
     x, _, predicted = jax.device_get(simulated)
     predicted, x = np.asarray(predicted)[:count], np.asarray(x)[:count]
     return Prediction(run.name, t, y, predicted, x, scored_from, _clipped(plant, u))
+
+
+def divergence(plant: Plant, predictions: Sequence[Prediction]) -> str:
+    """That the free run diverges, and where where a state leaves all bounds."""
+    names = plant.signals.state_names
+    found = filter(None, (blow_up(p.run, p.t, p.x, names) for p in predictions))
+    return "the free run diverges" + next((f": {where}" for where in found), "")
 
 
 def _clipped(

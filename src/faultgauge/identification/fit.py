@@ -22,6 +22,7 @@ from faultgauge.identification.equation_fit import (
     max_step,
 )
 from faultgauge.identification.equation_uncertainty import equation_information
+from faultgauge.identification.evaluation import divergence, predict
 from faultgauge.identification.instruments import reference_columns
 from faultgauge.identification.levenberg_marquardt import CONVERGED
 from faultgauge.identification.log_checks import log_warnings
@@ -139,7 +140,7 @@ def fit(
         warnings += refinement.warnings
         result = _of_refinement(refinement)
     assert result is not None
-    warnings += _of_no_use(result)
+    warnings += _of_no_use(result, validate or logs)
     known = None
     if given is not None and refinement is None:
         known = equation_information(result.plant)
@@ -157,11 +158,12 @@ def fit(
     return model, FitReport(groups, result.training, noise, warnings, refinement, known)
 
 
-def _of_no_use(result: _Result) -> list[str]:
+def _of_no_use(result: _Result, runs: Sequence[Run]) -> list[str]:
     """A warning where each output's mean would do better. Raises where every start diverges."""
     if not np.isfinite(result.error):
+        where = divergence(result.plant, predict(result.plant, runs, result.max_step))
         raise InputError(
-            "every start diverges in free run on the held-out data; likely causes: (a) a sign or "
+            f"every start diverges on the held-out data, {where}; likely causes: (a) a sign or "
             "unit error in the plant file or --map, (b) an unstable plant logged in closed loop, "
             "(c) too little excitation. Check the report of `faultgauge inspect`."
         )

@@ -11,7 +11,7 @@ from faultgauge.detection.calibration import Calibration
 from faultgauge.detection.estimation import NOT_JUDGED, Judgement, sentences
 from faultgauge.detection.judged import Bank
 from faultgauge.detection.residual import Reference
-from faultgauge.identification.evaluation import Prediction
+from faultgauge.identification.evaluation import Prediction, divergence
 from faultgauge.identification.fit import FitReport
 from faultgauge.identification.unseen import Unseen
 from faultgauge.plants.model import Model
@@ -124,7 +124,7 @@ def evaluation_report(
     """The report of `evaluate`."""
     units = {output.name: output.unit for output in model.plant.signals.outputs}
     summary = tuple(
-        f"{name}: the free run diverges."
+        f"{name}: {divergence(model.plant, predictions)}."
         if s["rmse"] is None
         else f"{name}: free-run RMSE {quantity(s['rmse'], units[name])}"
         + ("." if s["r2"] is None else f", R2 {s['r2']:.4%}.")
