@@ -205,6 +205,17 @@ def test_a_parameter_at_its_bound(end):
     ]
 
 
+def test_a_parameter_that_a_network_imitates():
+    """a x beside NN(x) is a part of it; b u is not."""
+    text = FIRST_ORDER.replace("- a*x", "- a*x - NN(x)") + "[networks.NN]\nhidden = 3\n"
+    _, report = fit(plant(text), [first_order()], restarts=2)
+    assert report.information is not None
+    imitated = {each.name: each.imitated_by for each in report.information.constants}
+    assert imitated == {"a": "NN", "b": None}
+    (said,) = [each for each in report.warnings if each.startswith("parameter ")]
+    assert "'a' is not identifiable: network 'NN' can imitate it; fix it" in said
+
+
 def test_refusals():
     log = first_order()
     silent = Run("r", "a.csv", log.t, {"u": log.columns["u"], "z": log.columns["x"]})
