@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Int
 
 from faultgauge.errors import InputError
 from faultgauge.identification.algorithms import AlgorithmName
@@ -36,7 +37,8 @@ class GroupReport(NamedTuple):
 
 
 class Material(NamedTuple):
-    """What the stage fits, selects on, and found out about the columns' noise.
+    """What the stage fits, selects on, and found out about the columns' noise; `places` are those
+    of the training samples among all samples of the stretches.
 
     With instruments, `exogenous` holds what of the training samples comes from them, `explained`
     how much of each input that is.
@@ -49,6 +51,7 @@ class Material(NamedTuple):
     noise: dict[str, dict[str, float]]
     exogenous: Samples | None
     explained: dict[str, float]
+    places: Int[np.ndarray, "training"]
 
 
 class EquationFit(NamedTuple):
@@ -88,7 +91,8 @@ def material(
     training, exogenous = training.take(kept), exogenous and exogenous.take(kept)
     validation = validation.take(_thinned(validation, VALIDATION_POINTS, seed))
     windows = windows_from(held, cuts, spread(np.concatenate([s.measured for s in stretches])))
-    return Material(training, validation, windows, stretches, noise, exogenous, explained)
+    places = np.flatnonzero(np.concatenate(masks))[kept]
+    return Material(training, validation, windows, stretches, noise, exogenous, explained, places)
 
 
 def fit_equations(
