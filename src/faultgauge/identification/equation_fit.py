@@ -13,7 +13,12 @@ from faultgauge.identification.algorithms import AlgorithmName
 from faultgauge.identification.equation_error import Group, fit_group, groups, scale_networks
 from faultgauge.identification.holdout import split
 from faultgauge.identification.instruments import project
-from faultgauge.identification.levenberg_marquardt import FAILED, NOT_CONVERGED, Solution
+from faultgauge.identification.levenberg_marquardt import (
+    FAILED,
+    NOT_CONVERGED,
+    Solution,
+    not_converged,
+)
 from faultgauge.identification.samples import Channels, Samples, Stretch, collect, spread
 from faultgauge.identification.selection import Windows, free_run_errors, windows_from
 from faultgauge.plants.gray_box import GrayBoxPlant
@@ -146,10 +151,7 @@ def fit_equations(
         errors = errors[:starts] if chosen < starts else errors[starts:]
         chosen %= starts
         if solution.status[chosen] == NOT_CONVERGED:
-            warnings.append(
-                f"{group.name}: not converged after {solution.trials[chosen]} trials; the fit may "
-                "still be good (see its validation), more data or fewer hidden units would help"
-            )
+            warnings.append(not_converged(group.name, int(solution.trials[chosen])))
         reports.append(GroupReport(group, solution, errors, chosen))
     if reports:  # the last group's choice is the whole plant's
         error = float(reports[-1].free_run[reports[-1].chosen])

@@ -113,7 +113,7 @@ def refine(
         candidates = _distinct([_again(data, c) for c in candidates])
     if plant.spec.networks and candidates:
         candidates = _fine_enough(data, candidates, progress)
-        candidates += with_networks(data, candidates, warm, seed, restarts, progress)
+        candidates += with_networks(data, candidates, warm, seed, restarts, progress, notes)
     tried = [(c.origin, c.validation) for c in candidates]
     if not any(np.isfinite(c.validation) for c in candidates):
         raise InputError(no_finite_start(data, plant))
@@ -270,7 +270,7 @@ def _physics(
     short = data.short()
     fits, failed = _over_short_windows(data, plant, unknowns, thetas, short)
     if failed:
-        notes.append(f"{failed} of {len(thetas)} starts had no finite simulation error")
+        notes.append(f"physics: {failed} of {len(thetas)} starts had no finite simulation error")
     if not fits:
         return []
     data.remember(short, fits[0].x)
