@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -90,12 +91,15 @@ def test_fit(call, workshop, tmp_path):
     found = one_object(call("fit", workshop.plant, workshop.healthy, "--out", out, "--json"))
     assert found.keys() == {
         "model", "parameters", "metrics", "derivatives", "envelope", "warnings", "choices",
-        "refinement", "members", "validation",
+        "refinement", "members", "validation", "equation_error",
     }  # fmt: skip
     assert found["choices"] == {"hold": {}, "hidden": {}}
     assert (found["refinement"], found["members"]) == (None, 0)
     (output,) = found["validation"]["outputs"]
     assert (output["name"], output["samples"]) == ("x", 90), "15 % of 600"
+    told = {each["name"]: each for each in found["equation_error"]["parameters"]}
+    assert {name: each["value"] for name, each in told.items()} == found["parameters"]
+    assert all(0 < each["standard_error"] < 0.01 * each["value"] for each in told.values())
     # 600 samples with noise of 0.1 % of the signal: the fit stands within 1 % of the truth
     assert found["parameters"] == pytest.approx({"a": 0.8, "b": 2.5}, rel=0.01)
     assert out.read_bytes() == workshop.model.read_bytes(), "the same fit gives the same bytes"
@@ -116,8 +120,8 @@ def test_fit_says_what_it_found(call, workshop, tmp_path):
     said = call("fit", workshop.plant, workshop.healthy, "--validate", workshop.healthy2,
                 "--out", out)  # fmt: skip
     assert said.code == 0
-    assert "a = " in said.out
-    assert "b = " in said.out
+    for line, name in zip(said.out.splitlines(), "ab", strict=False):
+        assert re.fullmatch(rf"{name} = [0-9.]+ \+- [0-9.e-]+( .+)?", line)
     assert str(out) in said.err
 
 

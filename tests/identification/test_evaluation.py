@@ -1,11 +1,14 @@
 """Scoring by free run: the scores, the start of a run, and what is not scored."""
 
+import re
+
 import numpy as np
 import pytest
 from scipy.signal import cont2discrete
 
 from faultgauge.errors import InputError
 from faultgauge.identification.evaluation import (
+    divergence,
     evaluate,
     evaluate_ensemble,
     predict,
@@ -289,6 +292,22 @@ def test_ensemble_with_a_member_that_diverges():
     plants = [plant(good), plant(good.replace('"-x"', '"1e3*x**3"'))]
     found = evaluate_ensemble(plants, [log], LONGEST)
     assert found["x"] == dict.fromkeys(("r2", "rmse", "nrmse", "spread"))
+
+
+def test_divergence_says_when_and_in_which_state():
+    """x' = x^3 from 1 ends at its pole, t = 1/2."""
+    t = STEP * np.arange(60)
+    log = run(t, x=np.ones(60))
+    text = 'name = "d"\n[states.x]\nderivative = "x**3"\n[outputs.x]\nvalue = "x"'
+    wild = plant(text)
+    said = divergence(wild, predict(wild, [log], LONGEST))
+    named = re.fullmatch(
+        rf"the free run diverges: state 'x' .* t = (.+) s of run '{log.name}'", said
+    )
+    assert named is not None
+    assert 0.5 <= float(named[1]) <= 0.5 + 2 * STEP  # the next sample, and a step over the pole
+    calm = plant(text.replace("x**3", "-x"))
+    assert divergence(calm, predict(calm, [log], LONGEST)) == "the free run diverges"
 
 
 def test_dead_time_of_an_input():

@@ -1,5 +1,7 @@
 """`fit` from log to model, on plants whose truth is known."""
 
+import re
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -186,6 +188,34 @@ def test_the_plants_warnings_are_passed_on():
     assert any("idle" in warning for warning in report.warnings)
 
 
+@pytest.mark.parametrize("end", ["max = 2.0", "min = 3"])
+def test_a_parameter_at_its_bound(end):
+    """b is 2.5; the same sentence with and without the refinement."""
+    low = ", value = 4" if end.startswith("min") else ", value = 1.0"
+    text = FIRST_ORDER.replace("b = { value = 1.0 }", f"b = {{ {end}{low} }}")
+    said = []
+    for refine in (False, True):
+        _, report = fit(plant(text), [first_order()], restarts=2, refine=refine)
+        said.append([w for w in report.warnings if w.startswith("parameter ")])
+    name, _, value = end.partition(" = ")
+    assert said[0] == said[1]
+    assert said[0] == [
+        f"parameter 'b' is at its {name} = {float(value):g}; its value is the file's bound, not "
+        "the data's"
+    ]
+
+
+def test_a_parameter_that_a_network_imitates():
+    """a x beside NN(x) is a part of it; b u is not."""
+    text = FIRST_ORDER.replace("- a*x", "- a*x - NN(x)") + "[networks.NN]\nhidden = 3\n"
+    _, report = fit(plant(text), [first_order()], restarts=2)
+    assert report.information is not None
+    imitated = {each.name: each.imitated_by for each in report.information.constants}
+    assert imitated == {"a": "NN", "b": None}
+    (said,) = [each for each in report.warnings if each.startswith("parameter ")]
+    assert "'a' is not identifiable: network 'NN' can imitate it; fix it" in said
+
+
 def test_refusals():
     log = first_order()
     silent = Run("r", "a.csv", log.t, {"u": log.columns["u"], "z": log.columns["x"]})
@@ -255,5 +285,20 @@ def test_model_that_runs_away():
     text = FIRST_ORDER.replace("b*u - a*x", "b*u + x**3").replace(
         "a = { value = 1.0, min = 0 }", ""
     )
-    with pytest.raises(InputError, match="every start diverges in free run"):
-        fit(plant(text), [first_order(800)], restarts=2)
+    log = first_order(800)
+    with pytest.raises(InputError, match="every start diverges") as refused:
+        fit(plant(text), [log], restarts=2)
+    named = re.search(r"state 'x' .* at t = ([0-9.]+) s of run 'run0'", str(refused.value))
+    assert named is not None
+    # by SciPy, with the b that least squares finds: the time at which x passes the millions
+    x, u = log.columns["x"], log.columns["u"]
+    half = slice(1, -1)
+    slope = (x[2:] - x[:-2]) / (2 * STEP) - x[half] ** 3
+    b = slope @ u[half] / (u[half] @ u[half])
+    t, state = 0.0, x[:1]
+    for k, drive in enumerate(u):
+        found = solve_ivp(lambda t, x, drive: b * drive + x**3, (0, STEP), state, args=(drive,))
+        t, state = k * STEP + found.t[-1], found.y[:, -1]
+        if not found.success or abs(state[0]) > 1e6:
+            break
+    assert float(named[1]) == pytest.approx(t, abs=4 * STEP)  # b by another derivative

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from faultgauge.identification.constants import Constant, Information
 from faultgauge.identification.refinement.result import Members, Refinement
-from faultgauge.identification.refinement.uncertainty import Constant, Information
 from faultgauge.identification.samples import Samples
 from faultgauge.plants.gray_box import load_plant
 from faultgauge.reporting.refinement_chapter import refinement_section

@@ -25,8 +25,8 @@ def evaluate(
 ) -> None:
     """Score a model by pure simulation on logs."""
     from faultgauge.cli.writing import check_folder
+    from faultgauge.identification.evaluation import divergence, evaluate_ensemble
     from faultgauge.identification.evaluation import evaluate as score
-    from faultgauge.identification.evaluation import evaluate_ensemble
     from faultgauge.plants.model import load_model
 
     check_folder(report)
@@ -50,7 +50,8 @@ def evaluate(
     for run in found["runs"]:
         for name, s in run["outputs"].items():
             if s["rmse"] is None:
-                print(f"{run['run']}: {name}: the free run diverges")
+                own = [p for p in predictions if p.run == run["run"]]
+                print(f"{run['run']}: {name}: {divergence(fitted.plant, own)}")
                 continue
             print(f"{run['run']}: {name}: free-run RMSE {s['rmse']:.4g} {units[name]}{_share(s)}")
     for name, s in found.get("ensemble", {}).items():

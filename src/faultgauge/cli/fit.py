@@ -130,6 +130,7 @@ def _content(model: "Model", account: "FitReport") -> dict[str, Any]:
         "envelope": record["envelope"],
         "choices": record.get("choices", {"hold": {}, "hidden": {}}),
         "refinement": record["metrics"].get("refinement"),
+        "equation_error": account.information.to_dict() if account.information else None,
         "members": len(model.members),
         "warnings": account.warnings,
     }
@@ -137,8 +138,8 @@ def _content(model: "Model", account: "FitReport") -> dict[str, Any]:
 
 def _parameters(model: "Model", account: "FitReport") -> list[str]:
     """A line for every fitted parameter: value, standard error where it is known, unit."""
-    constants = account.refinement.information.constants if account.refinement else ()
-    errors = {each.name: each.standard_error for each in constants}
+    known = account.refinement.information if account.refinement else account.information
+    errors = {each.name: each.standard_error for each in known.constants} if known else {}
     lines = []
     for p in model.plant.spec.parameters:
         if not p.fixed:

@@ -24,7 +24,15 @@ from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.network import Network
 from faultgauge.plants.plant_file import PlantSpec
 
-__all__ = ["Group", "assemble", "fit_group", "groups", "scale_networks"]
+__all__ = [
+    "Group",
+    "assemble",
+    "equation_errors",
+    "fit_group",
+    "groups",
+    "scale_networks",
+    "target_scales",
+]
 
 INNER = np.array([-1.0, 1.0])  # assumed of what one network gives to another: not known yet
 WEIGHTS = ("weights_out", "weights_in", "bias", "bias_out")
@@ -98,17 +106,22 @@ class EquationResidual(eqx.Module):
         self, theta: Float[Array, "unknowns"], sample: Samples
     ) -> Float[Array, "equations"]:
         plant = assemble(self.plant, self.group, theta, self.units)
-        values = plant.point(jnp.asarray(sample.x), jnp.asarray(sample.u))
-        rates = dict(zip(plant.signals.state_names, sample.dx, strict=True))
+        return equation_errors(plant, self.group, sample) / self.scales
 
-        def value(expression: Expression) -> Array:
-            return evaluate(
-                expression.tree, values, jnp, derivatives=rates, networks=plant.networks
-            )
 
-        errors = [value(plant.spec.derivatives[i]) - sample.dx[i] for i in self.group.states]
-        errors += [value(plant.spec.values[j]) - sample.y[j] for j in self.group.outputs]
-        return jnp.stack(errors) / self.scales
+def equation_errors(
+    plant: GrayBoxPlant, group: Group, sample: Samples
+) -> Float[Array, "equations"]:
+    """F(x, u) - dx and h(dx, x, u) - y of the group's equations at one sample."""
+    values = plant.point(jnp.asarray(sample.x), jnp.asarray(sample.u))
+    rates = dict(zip(plant.signals.state_names, sample.dx, strict=True))
+
+    def value(expression: Expression) -> Array:
+        return evaluate(expression.tree, values, jnp, derivatives=rates, networks=plant.networks)
+
+    errors = [value(plant.spec.derivatives[i]) - sample.dx[i] for i in group.states]
+    errors += [value(plant.spec.values[j]) - sample.y[j] for j in group.outputs]
+    return jnp.stack(errors)
 
 
 def assemble(
@@ -219,6 +232,13 @@ def _scaled(
     )
 
 
+def target_scales(group: Group, samples: Samples) -> Float[np.ndarray, "equations"]:
+    """The spread of every equation's target."""
+    targets = [samples.dx[:, i] for i in group.states]
+    targets += [samples.y[:, j] for j in group.outputs]
+    return np.array([np.std(target) or 1.0 for target in targets])
+
+
 def start_vector(
     plant: GrayBoxPlant, group: Group, units: np.ndarray, rng: np.random.Generator | None
 ) -> Float[np.ndarray, "unknowns"]:
@@ -268,9 +288,7 @@ def fit_group(
             [getattr(p, key) / unit for p, unit in zip(chosen, units, strict=True)],
         ]
     )
-    targets = [training.dx[:, i] for i in group.states]
-    targets += [training.y[:, j] for j in group.outputs]
-    scales = np.array([np.std(target) or 1.0 for target in targets])
+    scales = target_scales(group, training)
     starts = []
     for k, rng in enumerate(rngs):
         start = start_vector(plant, group, units, rng)

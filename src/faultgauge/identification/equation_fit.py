@@ -6,13 +6,19 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Int
 
 from faultgauge.errors import InputError
 from faultgauge.identification.algorithms import AlgorithmName
 from faultgauge.identification.equation_error import Group, fit_group, groups, scale_networks
 from faultgauge.identification.holdout import split
 from faultgauge.identification.instruments import project
-from faultgauge.identification.levenberg_marquardt import FAILED, NOT_CONVERGED, Solution
+from faultgauge.identification.levenberg_marquardt import (
+    FAILED,
+    NOT_CONVERGED,
+    Solution,
+    not_converged,
+)
 from faultgauge.identification.samples import Channels, Samples, Stretch, collect, spread
 from faultgauge.identification.selection import Windows, free_run_errors, windows_from
 from faultgauge.plants.gray_box import GrayBoxPlant
@@ -36,7 +42,8 @@ class GroupReport(NamedTuple):
 
 
 class Material(NamedTuple):
-    """What the stage fits, selects on, and found out about the columns' noise.
+    """What the stage fits, selects on, and found out about the columns' noise; `places` are those
+    of the training samples among all samples of the stretches.
 
     With instruments, `exogenous` holds what of the training samples comes from them, `explained`
     how much of each input that is.
@@ -49,6 +56,7 @@ class Material(NamedTuple):
     noise: dict[str, dict[str, float]]
     exogenous: Samples | None
     explained: dict[str, float]
+    places: Int[np.ndarray, "training"]
 
 
 class EquationFit(NamedTuple):
@@ -88,7 +96,8 @@ def material(
     training, exogenous = training.take(kept), exogenous and exogenous.take(kept)
     validation = validation.take(_thinned(validation, VALIDATION_POINTS, seed))
     windows = windows_from(held, cuts, spread(np.concatenate([s.measured for s in stretches])))
-    return Material(training, validation, windows, stretches, noise, exogenous, explained)
+    places = np.flatnonzero(np.concatenate(masks))[kept]
+    return Material(training, validation, windows, stretches, noise, exogenous, explained, places)
 
 
 def fit_equations(
@@ -142,10 +151,7 @@ def fit_equations(
         errors = errors[:starts] if chosen < starts else errors[starts:]
         chosen %= starts
         if solution.status[chosen] == NOT_CONVERGED:
-            warnings.append(
-                f"{group.name}: not converged after {solution.trials[chosen]} trials; the fit may "
-                "still be good (see its validation), more data or fewer hidden units would help"
-            )
+            warnings.append(not_converged(group.name, int(solution.trials[chosen])))
         reports.append(GroupReport(group, solution, errors, chosen))
     if reports:  # the last group's choice is the whole plant's
         error = float(reports[-1].free_run[reports[-1].chosen])

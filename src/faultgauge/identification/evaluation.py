@@ -15,13 +15,14 @@ from faultgauge.identification.refinement.unknowns import Unknowns, unknowns_of
 from faultgauge.identification.samples import in_effect, spread, state_column
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant import Plant
-from faultgauge.simulation.free_run import bucket, free_run, pad, simulate, substeps_for
+from faultgauge.simulation.free_run import blow_up, bucket, free_run, pad, simulate, substeps_for
 from faultgauge.telemetry import Run, as_sampled, segments
 
 __all__ = [
     "WARMUP",
     "Prediction",
     "at_samples",
+    "divergence",
     "evaluate",
     "evaluate_ensemble",
     "finds_start",
@@ -291,6 +292,13 @@ def _predict_part(plant: Plant, each: _Part, max_step: float) -> Prediction:
     measured = [as_sampled(run, n, t, y[:, j]) for j, n in enumerate(signals.output_names)]
     y = np.stack(measured, axis=1)
     return Prediction(run.name, t, y, predicted, x, warmup, _clipped(plant, u))
+
+
+def divergence(plant: Plant, predictions: Sequence[Prediction]) -> str:
+    """That the free run diverges, and where where a state leaves all bounds."""
+    names = plant.signals.state_names
+    found = filter(None, (blow_up(p.run, p.t, p.x, names) for p in predictions))
+    return "the free run diverges" + next((f": {where}" for where in found), "")
 
 
 def _clipped(

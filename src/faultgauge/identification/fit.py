@@ -12,6 +12,7 @@ import numpy as np
 from faultgauge.errors import InputError
 from faultgauge.identification.algorithms import AlgorithmName
 from faultgauge.identification.command_checks import response_warnings
+from faultgauge.identification.constants import Information
 from faultgauge.identification.equation_fit import (
     EquationFit,
     GroupReport,
@@ -20,7 +21,8 @@ from faultgauge.identification.equation_fit import (
     material,
     max_step,
 )
-from faultgauge.identification.evaluation import too_short
+from faultgauge.identification.equation_uncertainty import equation_information
+from faultgauge.identification.evaluation import divergence, predict, too_short
 from faultgauge.identification.instruments import reference_columns
 from faultgauge.identification.levenberg_marquardt import CONVERGED
 from faultgauge.identification.log_checks import log_warnings
@@ -43,7 +45,8 @@ WEAK = 0.1  # share of an input that its instrument explains, below which a fit 
 class FitReport(NamedTuple):
     """What happened during a fit: for the report, not needed to use the model.
 
-    `training` holds the points that were fitted; `noise` what smoothing left per state.
+    `training` holds the points that were fitted; `noise` what smoothing left per state;
+    `information` what they say about the parameters, where equation error had the last word.
     """
 
     groups: list[GroupReport]
@@ -51,6 +54,7 @@ class FitReport(NamedTuple):
     noise: dict[str, dict[str, float]]
     warnings: list[str]
     refinement: Refinement | None = None
+    information: Information | None = None
 
 
 INSTRUMENT_UNUSED = (
@@ -141,7 +145,11 @@ def fit(
         warnings += refinement.warnings
         result = _of_refinement(refinement)
     assert result is not None
-    warnings += _of_no_use(result)
+    warnings += _of_no_use(result, validate or logs)
+    known = None
+    if given is not None and refinement is None:
+        known = equation_information(result.plant, how.outputs, given)
+        warnings += known.warnings()
     if given is not None and result.error < 1:  # a model of no use says nothing about the input
         warnings += response_warnings(result.plant, given.stretches, given.noise)
     record = _record(result, how, logs, validate, noise, groups, refinement, seed)
@@ -152,14 +160,15 @@ def fit(
     model = Model(result.plant, record)
     if ensemble and refinement is not None:
         model = model.with_members(refinement.members[1:])
-    return model, FitReport(groups, result.training, noise, warnings, refinement)
+    return model, FitReport(groups, result.training, noise, warnings, refinement, known)
 
 
-def _of_no_use(result: _Result) -> list[str]:
+def _of_no_use(result: _Result, runs: Sequence[Run]) -> list[str]:
     """A warning where each output's mean would do better. Raises where every start diverges."""
     if not np.isfinite(result.error):
+        where = divergence(result.plant, predict(result.plant, runs, result.max_step))
         raise InputError(
-            "every start diverges in free run on the held-out data; likely causes: (a) a sign or "
+            f"every start diverges on the held-out data, {where}; likely causes: (a) a sign or "
             "unit error in the plant file or --map, (b) an unstable plant logged in closed loop, "
             "(c) too little excitation. Check the report of `faultgauge inspect`."
         )

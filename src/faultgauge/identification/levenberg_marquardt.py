@@ -41,6 +41,7 @@ __all__ = [
     "Solution",
     "VALIDATION_STOP",
     "levenberg_marquardt",
+    "not_converged",
 ]
 
 CONVERGED, VALIDATION_STOP, NOT_CONVERGED, FAILED = range(4)
@@ -75,6 +76,14 @@ class Solution(NamedTuple):
     status: Int[Array, "starts"]
     trials: Int[Array, "starts"]
     history: Float[Array, "starts trials 2"]
+
+
+def not_converged(name: str, trials: int) -> str:
+    """What to tell of a fit of `name` that hit the cap."""
+    return (
+        f"{name}: not converged after {trials} trials; the fit may still be good (see its "
+        "validation), more data or fewer hidden units would help"
+    )
 
 
 class _State(NamedTuple):

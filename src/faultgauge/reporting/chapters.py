@@ -11,13 +11,17 @@ from faultgauge.detection.calibration import Calibration
 from faultgauge.detection.estimation import NOT_JUDGED, Judgement, sentences
 from faultgauge.detection.judged import Bank
 from faultgauge.detection.residual import Reference
-from faultgauge.identification.evaluation import Prediction, at_samples
+from faultgauge.identification.evaluation import Prediction, at_samples, divergence
 from faultgauge.identification.fit import FitReport
 from faultgauge.identification.unseen import Unseen
 from faultgauge.plants.model import Model
 from faultgauge.reporting.curves import network_figures
 from faultgauge.reporting.model_figures import bars, envelope, fit_history
-from faultgauge.reporting.refinement_chapter import refinement_section
+from faultgauge.reporting.refinement_chapter import (
+    correlation_table,
+    parameter_table,
+    refinement_section,
+)
 from faultgauge.reporting.report import Report, Section, Table
 from faultgauge.reporting.style import quantity
 from faultgauge.reporting.svg import Figure
@@ -38,6 +42,11 @@ __all__ = [
 REFITTED = (
     "Since the log is short, the model in the file was then fitted to them as well, from there; "
     "all that is said of unseen data here is about the model before."
+)
+PARAMETERS = (
+    "By equation error: how far other logs would scatter the parameters, not the bias that noise "
+    "in the states leaves. A parameter at its bound has the file's value, not the data's; one that "
+    "a network can imitate is not identifiable."
 )
 MOST_FIGURES = 12  # per section: a report is read, not scrolled
 
@@ -86,7 +95,10 @@ def fit_sections(model: Model, account: FitReport) -> tuple[Section, ...]:
         for state, row in account.noise.items()
     )
     header = ("derivative", "kernel's width", "noise left", "share of its spread")
-    tables = (Table(header, noise, "Derivatives by smoothing, and the noise it leaves."),)
+    known = account.information
+    found = (*parameter_table(known, PARAMETERS), *correlation_table(known)) if known else ()
+    smoothing = Table(header, noise, "Derivatives by smoothing, and the noise it leaves.")
+    tables = (*((smoothing,) if noise else ()), *found)
     starts = (
         "Every start is drawn; the one with the best free run on held-out data is kept, not the "
         "one with the lowest cost.",
@@ -94,7 +106,7 @@ def fit_sections(model: Model, account: FitReport) -> tuple[Section, ...]:
     training = Section(
         "Training",
         starts if histories else (),
-        tables if noise else (),
+        tables,
         (*histories, *envelope_figure(model, account)),
     )
     refined = (refinement_section(account.refinement),) if account.refinement else ()
@@ -124,7 +136,7 @@ def evaluation_report(
     """The report of `evaluate`."""
     units = {output.name: output.unit for output in model.plant.signals.outputs}
     summary = tuple(
-        f"{name}: the free run diverges."
+        f"{name}: {divergence(model.plant, predictions)}."
         if s["rmse"] is None
         else f"{name}: free-run RMSE {quantity(s['rmse'], units[name])}"
         + ("." if s["r2"] is None else f", R2 {s['r2']:.4%}.")

@@ -2,15 +2,20 @@
 
 import numpy as np
 
+from faultgauge.identification.constants import Constant, Information
 from faultgauge.identification.refinement.result import Refinement
-from faultgauge.identification.refinement.uncertainty import Constant, Information
 from faultgauge.reporting.report import Section, Table
 from faultgauge.reporting.style import quantity
 
-__all__ = ["refinement_section"]
+__all__ = ["correlation_table", "parameter_table", "refinement_section"]
 
 MOST_CORRELATIONS = 20  # rows: the strongest pairs
 MOST_TRIED = 40
+PARAMETERS = (
+    "A parameter at its bound has the file's value, not the data's; one that a network can imitate "
+    "is not identifiable; from some thousand samples on it has all that it can explain, and the "
+    "network the rest."
+)
 REFITTED = (
     "Since the log is short, the best was then fitted to those data, too: parameters and standard "
     "errors are of all samples, errors on unseen data of the model before."
@@ -33,9 +38,9 @@ def refinement_section(found: Refinement) -> Section:
             *after,
         ),
         (
-            *_parameters(found.information),
+            *parameter_table(found.information, PARAMETERS),
             *_per_run(found),
-            *_correlations(found.information),
+            *correlation_table(found.information),
             *_choices(found),
             _tried(found),
         ),
@@ -51,7 +56,7 @@ def _tried(found: Refinement) -> Table:
     return Table(header, rows, "What was tried, best first; shares of the outputs' spread.")
 
 
-def _parameters(found: Information) -> tuple[Table, ...]:
+def parameter_table(found: Information, caption: str) -> tuple[Table, ...]:
     if not found.constants:
         return ()
     rows = tuple(
@@ -65,11 +70,6 @@ def _parameters(found: Information) -> tuple[Table, ...]:
         for each in found.constants
     )
     header = ("parameter", "value", "standard error", "at its bound", "imitated by")
-    caption = (
-        "A parameter at its bound has the file's value, not the data's; one that a network can "
-        "imitate is not identifiable; from some thousand samples on it has all that it can "
-        "explain, and the network the rest."
-    )
     return (Table(header, rows, caption),)
 
 
@@ -90,7 +90,7 @@ def _error(each: Constant) -> str:
     return quantity(each.standard_error, each.unit or "1")
 
 
-def _correlations(found: Information) -> tuple[Table, ...]:
+def correlation_table(found: Information) -> tuple[Table, ...]:
     names = [each.name for each in found.constants]
     pairs = [
         (float(found.correlation[i, j]), names[j], names[i])

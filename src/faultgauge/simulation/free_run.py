@@ -1,5 +1,6 @@
 """Free runs: the plant beside a log, fed with the log's inputs alone."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import equinox as eqx
@@ -15,6 +16,7 @@ from faultgauge.simulation.intersample import intersample
 __all__ = [
     "RATE_STEP",
     "Trajectory",
+    "blow_up",
     "bucket",
     "fastest_rate",
     "free_run",
@@ -26,6 +28,7 @@ __all__ = [
 
 MAX_SUBSTEPS = 64
 RATE_STEP = 0.5  # longest RK4 step times the fastest rate: error per step about 3e-4 of it
+WILD = 1e6  # times its start: a simulation that blows up
 
 
 class Trajectory(NamedTuple):
@@ -77,6 +80,21 @@ def simulate_through(
         return step_through(plant, x, stages, f, dt, substeps), Trajectory(x, dx, y)
 
     return jax.lax.scan(body, x0, (stages, dt, f))[1]
+
+
+def blow_up(
+    run: str,
+    t: Float[np.ndarray, "samples"],
+    x: Float[np.ndarray, "samples states"],
+    names: Sequence[str],
+) -> str | None:
+    """Which state of a simulated run leaves all bounds first, and when; None where none does."""
+    wild = ~(np.abs(x) < WILD * (1 + np.abs(x[0])))
+    if not wild.any():
+        return None
+    k = int(np.argmax(wild.any(axis=1)))
+    state = names[int(np.argmax(wild[k]))]
+    return f"state {state!r} leaves all bounds at t = {t[k]:.6g} s of run {run!r}"
 
 
 def substeps_for(step: float, max_step: float) -> int:

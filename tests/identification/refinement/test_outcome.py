@@ -1,10 +1,14 @@
 """What a refinement returns: the warm start where it wins, robust fits, and the same bytes."""
 
+import re
+
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from faultgauge.identification.fit import fit
+from faultgauge.identification.refinement import search
 from faultgauge.identification.refinement.data import prepare, unseen_errors, validation_error
 from faultgauge.identification.refinement.records import records_of
 from faultgauge.identification.refinement.result import refine_on_logs
@@ -93,6 +97,43 @@ def test_a_warm_start_that_wins_is_returned():
     assert any("did not beat the warm start" in text for text in found.warnings)
     assert found.error == min(error for _, error in found.tried)
     assert len(found.tried) > 1
+
+
+ROOT = HEATER.replace("- a*T", "- a*T + ROOT - 1")
+IN_CONSTANT = ROOT.replace("ROOT", "sqrt(max(b - 1, 0) / (b - 1))")  # 1 for b > 1, not below
+IN_NETWORK = ROOT.replace("ROOT", "sqrt(NN(T) - 1)") + "[networks.NN]\nhidden = 2\n"
+
+
+@pytest.mark.parametrize(("text", "who"), [(IN_CONSTANT, "physics"), (IN_NETWORK, "networks")])
+def test_starts_without_a_finite_error_beside_a_warm_start_that_wins(text, who):
+    """The file's b = 1 gives 0 / 0, a silent network the root of -1; the warm start's b = 2 and
+    NN = 2 give 1, and it is the plant that the refinement is validated on."""
+    plant = GrayBoxPlant.untrained(parse_plant(text, "heater.toml"))
+    parameters = {name: jnp.asarray(v) for name, v in TRUTH.items()}
+    networks = {
+        name: eqx.tree_at(
+            lambda n: (n.weights_out, n.bias_out, n.input_scale, n.output_scale),
+            network,
+            (0 * network.weights_out, jnp.full((), 2.0), 10 * network.input_scale, jnp.ones(())),
+        )
+        for name, network in plant.networks.items()
+    }
+    warm = GrayBoxPlant(plant.signals, plant.spec, networks, parameters)
+    logs, held = [run(0, a=0.4, b=3.0)], [run(1)]
+    how = channels(warm.spec, [*logs, *held])
+    found = refine_on_logs(plant, [warm], logs, held, how, 0, 2, False, lambda text: None)
+    assert found.plant.parameters == TRUTH
+    said = rf"{who}: (\d+) of (\d+) starts had no finite simulation error"
+    (lost,) = filter(None, (re.fullmatch(said, each) for each in found.warnings))
+    assert 0 < int(lost[1]) <= int(lost[2])
+
+
+def test_a_refinement_that_ends_at_its_cap_says_so(monkeypatch):
+    monkeypatch.setattr(search, "LAST_TRIALS", 1)
+    monkeypatch.setattr(search, "HEAT_TRIALS", 1)
+    monkeypatch.setattr(search, "ALL_TRIALS", 1)
+    _, report = fit(heater(), [run(0)], restarts=1)
+    assert any(each.startswith("refinement: not converged after ") for each in report.warnings)
 
 
 def test_a_refinement_that_wins_says_nothing():

@@ -61,6 +61,7 @@ def with_networks(
     seed: int,
     restarts: int,
     progress: Callable[[str], None],
+    notes: list[str],
 ) -> list[Candidate]:
     """Networks beside the parameters: silent ones from several starts, and the warm starts."""
     bases = [c for c in candidates if c.origin == "physics"] or list(candidates[:1])
@@ -102,6 +103,9 @@ def with_networks(
         found += _path(data, name, list(warm[:FINALISTS]), WARM_RIDGES, sigma, claims, progress)
     progress("networks: prior weights by evidence")
     usable = [each for each in found if np.isfinite(each.validation)]
+    if len(usable) < len(found):
+        lost = len(found) - len(usable)
+        notes.append(f"networks: {lost} of {len(found)} starts had no finite simulation error")
     best = sorted(usable, key=lambda each: each.validation)[:FINALISTS]
     return [*found, *side_by_side(lambda each: by_evidence(data, each), best)]
 
@@ -247,6 +251,9 @@ def _path(
             going, thetas, first = [going[k] for k in order], thetas[order], first[order]
             fits = [fits[k] for k in order]
         now = min(best.values(), key=lambda c: c.validation)
+        if not np.isfinite(now.validation):  # no path to follow: all begin anew
+            fits = ()
+            continue
         while not fine_enough(data, now):  # what was small beside the physics' error may not be now
             data.substeps *= 2
         plants, moved = _followed(data, plants, unknowns, np.concatenate([thetas, first]), now)

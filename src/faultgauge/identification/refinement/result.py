@@ -9,7 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from faultgauge.identification.holdout import split_record
-from faultgauge.identification.refinement.candidate import Candidate
+from faultgauge.identification.levenberg_marquardt import NOT_CONVERGED, not_converged
+from faultgauge.identification.refinement.candidate import WARM, Candidate
 from faultgauge.identification.refinement.data import Data
 from faultgauge.identification.refinement.records import records_of
 from faultgauge.identification.refinement.search import Search, refine
@@ -113,6 +114,8 @@ def refine_on_logs(
         best.claims,
     )
     warnings += [*found.notes, *known.warnings()]
+    if best.origin != WARM and best.fitted.status == NOT_CONVERGED:
+        warnings.append(not_converged("refinement", best.fitted.trials))
     if warm and not found.won:
         warnings.append(
             "the refinement by simulation error did not beat the warm start on held-out data; the "

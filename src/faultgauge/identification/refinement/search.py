@@ -41,7 +41,7 @@ from faultgauge.identification.refinement.stepping import fine_enough
 from faultgauge.identification.refinement.unknowns import Unknowns, unknowns_of
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.signals import Hold, Signals
-from faultgauge.simulation.free_run import RATE_STEP, fastest_rate, substeps_for
+from faultgauge.simulation.free_run import RATE_STEP, blow_up, fastest_rate, substeps_for
 
 __all__ = ["Search", "refine"]
 
@@ -52,7 +52,6 @@ SAME = 0.01  # of both their errors, fitted and unseen: the same of two fits
 PLACES, GOOD = 4, 4.0  # minima of the physics that go on, and their squared error at most
 FIRST_TRIALS, LAST_TRIALS = 16, 60  # of the physics, where networks follow and where none do
 HEAT_TRIALS, FAVOURITES = 10, 5  # of every start over short windows, and how many go on
-WILD = 1e6  # times its start: a simulation that blows up
 COARSE = 2.0  # times a simulation's step: a search is done before the last digits matter
 SCATTER = 0.5  # prior standard deviations: a factor of 3 for positive constants
 HOLD_STARTS = 3
@@ -116,10 +115,10 @@ def refine(
         candidates = _distinct([_again(data, c) for c in candidates])
     if plant.spec.networks and candidates:
         candidates = _fine_enough(data, candidates, progress)
-        candidates += with_networks(data, candidates, warm, seed, restarts, progress)
+        candidates += with_networks(data, candidates, warm, seed, restarts, progress, notes)
     tried = [(c.origin, c.validation) for c in candidates]
     if not any(np.isfinite(c.validation) for c in candidates):
-        raise InputError(blow_up(data, plant))
+        raise InputError(no_finite_start(data, plant))
     if not warm_counts:
         refined = [c for c in candidates if c.origin != WARM and np.isfinite(c.validation)]
         candidates = refined or candidates
@@ -276,7 +275,7 @@ def _physics(
     short = data.short()
     fits, failed = _over_short_windows(data, plant, unknowns, thetas, short)
     if failed:
-        notes.append(f"{failed} of {len(thetas)} starts had no finite simulation error")
+        notes.append(f"physics: {failed} of {len(thetas)} starts had no finite simulation error")
     if not fits:
         return []
     data.remember(short, fits[0].x)
@@ -360,24 +359,22 @@ def _again(data: Data, candidate: Candidate) -> Candidate:
     return validated(data, fitted_again(data, candidate, candidate.ridge, MORE_TRIALS))
 
 
-def blow_up(data: Data, plant: GrayBoxPlant) -> str:
-    """Where the simulation of the plant as its file states it leaves all bounds."""
+def no_finite_start(data: Data, plant: GrayBoxPlant) -> str:
+    """A sentence: where the simulation of the plant as its file states it leaves all bounds."""
     unknowns = unknowns_of(plant)
     windows = data.windows(data.pieces)
     z = np.zeros((len(data.pieces), windows.center.shape[1] + len(unknowns.varying)))
     x, _ = simulated(plant, unknowns, unknowns.vector(plant), z, windows, data.substeps)
-    names = plant.signals.state_names
     for path, piece in zip(x, data.pieces, strict=True):
         record = data.records[piece.record]
-        wild = ~(np.abs(path[: piece.stop - piece.start]) < WILD * (1 + np.abs(path[0])))
-        if wild.any():
-            k = int(np.argmax(wild.any(axis=1)))
-            state = names[int(np.argmax(wild[k]))]
+        cut = slice(piece.start, piece.stop)
+        path = path[: piece.stop - piece.start]
+        where = blow_up(record.run, record.t[cut], path, plant.signals.state_names)
+        if where:
             return (
-                f"the simulation of plant {plant.spec.name!r} blows up: state {state!r} leaves all "
-                f"bounds at t = {record.t[piece.start + k]:.6g} s of run {record.run!r}; likely "
-                "causes: (a) a wrong sign or unit in its derivative, (b) parameter values far from "
-                "the truth, so give better ones or min and max, (c) an unstable plant logged in "
+                f"the simulation of plant {plant.spec.name!r} blows up: {where}; likely causes: "
+                "(a) a wrong sign or unit in its derivative, (b) parameter values far from the "
+                "truth, so give better ones or min and max, (c) an unstable plant logged in "
                 "closed loop"
             )
     return (

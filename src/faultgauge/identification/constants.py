@@ -1,0 +1,156 @@
+"""Fitted parameters and what the data say about them, whichever way they were fitted."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from faultgauge.identification.refinement.unknowns import WEIGHTS, Unknowns
+from faultgauge.plants.gray_box import GrayBoxPlant
+
+__all__ = ["Constant", "Information", "constants", "imitated"]
+
+IMITATED = 0.99  # of what a parameter does to what is fitted, a network's weights can do too
+ALIKE = 0.99  # correlation at which two parameters cannot be told apart
+VAGUE = 0.1
+NEAR = 1e-3  # of the range: a parameter this near to a bound is at it
+
+
+@dataclass(frozen=True)
+class Constant:
+    """A fitted parameter: value, standard error and unit; `bound` names the bound it is at,
+    `imitated_by` the network that can do what it does."""
+
+    name: str
+    unit: str
+    value: float
+    standard_error: float | None
+    bound: str | None
+    imitated_by: str | None
+
+    @property
+    def vague(self) -> bool:
+        """Whether its standard error is more than a tenth of it."""
+        return self.standard_error is not None and self.standard_error > VAGUE * abs(self.value)
+
+
+@dataclass(frozen=True)
+class Information:
+    """Constants, their correlations, and combinations of states that no output shows; whether
+    networks were kept from what they could imitate."""
+
+    constants: tuple[Constant, ...]
+    correlation: Float[np.ndarray, "constants constants"]
+    unseen: tuple[str, ...]
+    residual_time: float
+    kept_apart: bool = False
+
+    def warnings(self) -> list[str]:
+        """What somebody who reads the numbers should know, a sentence each."""
+        found = []
+        for each in self.constants:
+            if each.bound:
+                found.append(
+                    f"parameter {each.name!r} is at its {each.bound}; its value is the file's "
+                    "bound, not the data's"
+                )
+            if each.imitated_by:
+                kept = ", though it is kept from doing so" if self.kept_apart else ""
+                found.append(
+                    f"parameter {each.name!r} is not identifiable: network {each.imitated_by!r} "
+                    f"can imitate it{kept}; fix it, or leave its part to the network"
+                )
+        for i, a in enumerate(self.constants):
+            for j, b in enumerate(self.constants[:i]):
+                if abs(self.correlation[i, j]) > ALIKE and a.vague and b.vague:
+                    found.append(
+                        f"parameters {b.name!r} and {a.name!r} cannot be told apart by these "
+                        f"logs (correlation {self.correlation[i, j]:+.3f}); fix one of them"
+                    )
+        for direction in self.unseen:
+            found.append(
+                f"the outputs do not show {direction}: no log can tell where it starts; measure "
+                "one of these states, or leave it out"
+            )
+        return found
+
+    def to_dict(self) -> dict[str, Any]:
+        rows = [vars(each) for each in self.constants]
+        return {
+            "parameters": rows,
+            "correlation": np.round(self.correlation, 6).tolist(),
+            "unseen": list(self.unseen),
+            "residual_time_samples": self.residual_time,
+        }
+
+
+def constants(
+    plant: GrayBoxPlant,
+    unknowns: Unknowns,
+    theta: Float[np.ndarray, "unknowns"],
+    covariance: Float[np.ndarray, "parameters parameters"],
+    imitated_by: Sequence[str | None],
+) -> tuple[tuple[Constant, ...], Float[np.ndarray, "parameters parameters"]]:
+    """(the parameters at `theta`, their correlations), with the covariance of their theta (NaN:
+    not known)."""
+    sd = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        correlations = np.where(np.outer(sd, sd) > 0, covariance / np.outer(sd, sd), 0.0)
+    np.fill_diagonal(correlations, 1.0)
+    own = theta[unknowns.weights(plant) :]
+    found = tuple(
+        _constant(plant, unknowns, own, k, float(sd[k]), imitated_by[k])
+        for k in range(len(unknowns.parameters))
+    )
+    return found, correlations
+
+
+def _constant(
+    plant: GrayBoxPlant,
+    unknowns: Unknowns,
+    theta: Float[np.ndarray, "parameters"],
+    k: int,
+    sd: float,
+    imitated: str | None,
+) -> Constant:
+    name = unknowns.parameters[k]
+    spec = next(p for p in plant.spec.parameters if p.name == name)
+    center, scale = unknowns.centers[k], unknowns.scales[k]
+    value = center * np.exp(scale * theta[k]) if unknowns.positive[k] else center + scale * theta[k]
+    slope = abs(value) * scale if unknowns.positive[k] else scale
+    width = spec.max - spec.min if np.isfinite(spec.max - spec.min) else abs(value)
+    bound = None
+    if value - spec.min <= NEAR * width:
+        bound = f"min = {spec.min:g}"
+    elif spec.max - value <= NEAR * width:
+        bound = f"max = {spec.max:g}"
+    error = None if bound or np.isnan(sd) else float(slope * sd)
+    return Constant(name, spec.unit, float(value), error, bound, imitated)
+
+
+def imitated(
+    plant: GrayBoxPlant, unknowns: Unknowns, hessian: Float[np.ndarray, "n n"]
+) -> list[str | None]:
+    """For every parameter the network whose weights span what it does to what is fitted."""
+    found: list[str | None] = []
+    first = unknowns.weights(plant)
+    spans, start = {}, 0
+    for name in unknowns.networks:
+        size = sum(getattr(plant.networks[name], f).size for f in WEIGHTS)
+        spans[name] = slice(start, start + size)
+        start += size
+    for k in range(first, first + len(unknowns.parameters)):
+        own = hessian[k, k]
+        shares = {}
+        for name, span in spans.items():
+            block = hessian[span, span] + 1e-9 * np.trace(hessian[span, span]) * np.eye(
+                span.stop - span.start
+            )
+            cross = hessian[span, k]
+            if own > 0 and np.trace(block) > 0:
+                shares[name] = float(cross @ np.linalg.solve(block, cross) / own)
+        name = max(shares, key=lambda n: shares[n]) if shares else None
+        found.append(name if name is not None and shares[name] > IMITATED else None)
+    return found
