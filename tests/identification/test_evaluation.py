@@ -120,6 +120,21 @@ def test_start_takes_noise_as_least_squares_does():
     np.testing.assert_allclose(start, reference, rtol=0, atol=1e-5)
 
 
+def test_a_hidden_start_keeps_to_the_states_bounds():
+    """dx = -x seen through y = 2 x: least squares in closed form, or the bound where it is less."""
+    text = """
+    name = "leak"
+    states.x = { derivative = "-x", min = 0 }
+    outputs.y = { value = "2*x" }
+    """
+    t, decay = STEP * np.arange(50), np.exp(-STEP * np.arange(50))
+    for true in (0.3, -0.3):
+        y = 2 * true * decay + 0.01 * np.random.default_rng(2).normal(size=50)
+        wanted = max(2 * decay @ y / (4 * decay @ decay), 0.0)
+        _, start = start_of_run(plant(text), t, np.zeros((50, 0)), y[:, None], {}, LONGEST)
+        np.testing.assert_allclose(start, [wanted], rtol=0, atol=1e-5)
+
+
 def test_warm_up_is_not_scored():
     """Rubbish in one output's first samples costs the start, but is not itself an error."""
     t, u, x = truth((0.7, -1.3))

@@ -76,7 +76,8 @@ def start_of_run(
 
     States in `known` are taken as measured; the hidden ones, and the run's own values of
     parameters that vary, minimise the free run's squared output error over the samples given
-    (Levenberg-Marquardt through the simulation). Where all are known nothing is solved.
+    (Levenberg-Marquardt through the simulation), states within their min and max. Where all are
+    known nothing is solved.
     """
     signals = plant.signals
     x0 = np.array([known.get(state.name, state.initial) for state in signals.states])
@@ -136,8 +137,14 @@ def _solve_start(
     f = jnp.zeros((len(dt), len(plant.signals.faults)))
     states = len(x0)
 
+    least = jnp.asarray([state.min for state in plant.signals.states])
+    most = jnp.asarray([state.max for state in plant.signals.states])
+
+    def start_of(change: Array) -> Array:
+        return jnp.where(hidden, jnp.clip(x0 + change[:states], least, most), x0)
+
     def run(change: Array) -> Array:
-        start = x0 + jnp.where(hidden, change[:states], 0.0)
+        start = start_of(change)
         if isinstance(plant, GrayBoxPlant):
             return simulate(varying.assemble(plant, change[states:]), start, u, dt, f, substeps).y
         return simulate(plant, start, u, dt, f, substeps).y
@@ -156,7 +163,7 @@ def _solve_start(
         throw=False,
     )
     change = jnp.where(jnp.all(jnp.isfinite(solution.value)), solution.value, 0.0)
-    return x0 + jnp.where(hidden, change[:states], 0.0), change[states:]
+    return start_of(change), change[states:]
 
 
 def predict(

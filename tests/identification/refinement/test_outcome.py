@@ -203,6 +203,21 @@ def test_a_long_run_is_validated_through_its_whole_length():
     assert found == pytest.approx(wanted, rel=1e-5)
 
 
+@pytest.mark.parametrize(("limits", "start"), [("", 0.4), ("min = 0.5", 0.5), ("max = 0.3", 0.3)])
+def test_a_start_keeps_to_the_states_bounds(limits, start):
+    """Cooling from 0.4 without noise: the least squares start is that, or the bound before it."""
+    text = HEATER.replace("[inputs.u]", limits + "\n[inputs.u]")
+    plant = GrayBoxPlant.untrained(parse_plant(text, "heater.toml"))
+    t, zero = STEP * np.arange(COUNT), np.zeros(COUNT)
+    log = Run("cooling", "heat.csv", t, {"u": zero, "y": 2 * 0.4 * np.exp(-0.5 * t)})
+    records = records_of(plant.signals, [log], channels(plant.spec, [log]))
+    data = prepare(plant.signals, records, [np.ones(COUNT, bool)], [], 1, False, False)
+    unknowns = unknowns_of(plant)
+    fitted = data.fit_starts(plant, unknowns, unknowns.vector(plant))
+    # the prior of a start draws the free one by some thousandths
+    assert fitted.x[0, 0, 0] == pytest.approx(start, abs=5e-3 if not limits else 1e-9)
+
+
 def test_the_same_seed_gives_the_same_bytes(tmp_path):
     for name in ("one", "two"):
         model, _ = fit(heater(), [run(0)], restarts=STARTS, seed=4)

@@ -289,7 +289,7 @@ def _fit(
     penalty = np.ones(size + count * local)
     penalty[: unknowns.weights(plant)] = ridge
     penalty[size:] = 0.0  # the starts' prior is in the residual
-    free = np.full(count * local, np.inf)
+    least, most = _range_of_starts(plant, windows, local)
     first = np.zeros((starts, count * local)) if z is None else z.reshape(starts, -1)
     first = np.concatenate([thetas, first], axis=1)
     batch = starts if count < FULL else 1
@@ -303,8 +303,8 @@ def _fit(
             jnp.asarray(some),
             samples,
             None,
-            jnp.asarray(np.concatenate([lower, -free])),
-            jnp.asarray(np.concatenate([upper, free])),
+            jnp.asarray(np.concatenate([lower, least])),
+            jnp.asarray(np.concatenate([upper, most])),
             Options(max_trials=MOST_TRIALS, tau=TAU, tolerance=tolerance, batch=together),
             jnp.asarray(sigma**2 * penalty),
             local,
@@ -324,6 +324,19 @@ def _fit(
         mse = mean_square(errors, windows, robust)
         found.append(Fitted(theta, z, x, mse, int(solution.status[k]), int(solution.trials[k])))
     return found
+
+
+def _range_of_starts(
+    plant: GrayBoxPlant, windows: Window, local: int
+) -> tuple[Float[np.ndarray, "starts"], Float[np.ndarray, "starts"]]:
+    """Bounds of the windows' own unknowns: a state starts within its min and max."""
+    found = []
+    for limit, free in (("min", -np.inf), ("max", np.inf)):
+        ends = np.full((len(windows.center), local), free)
+        limits = np.array([getattr(state, limit) for state in plant.signals.states])
+        ends[:, : len(limits)] = (limits - windows.center) / windows.sd
+        found.append(ends.ravel())
+    return found[0], found[1]
 
 
 def simulated(
