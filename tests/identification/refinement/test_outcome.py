@@ -218,6 +218,25 @@ def test_a_start_keeps_to_the_states_bounds(limits, start):
     assert fitted.x[0, 0, 0] == pytest.approx(start, abs=5e-3 if not limits else 1e-9)
 
 
+@pytest.mark.parametrize("hold", ["zero", "linear"])
+def test_the_hold_left_open_is_that_of_the_log(hold):
+    """The input as held and as a straight line between samples, by closed forms."""
+    plant = GrayBoxPlant.untrained(parse_plant(HEATER.replace('hold = "zero"', ""), "heater.toml"))
+    rng = np.random.default_rng(0)
+    a, b = TRUTH["a"], TRUTH["b"]
+    u, T, decay = rng.uniform(-2, 2, COUNT), np.zeros(COUNT), np.exp(-a * STEP)
+    for k in range(COUNT - 1):
+        T[k + 1] = decay * T[k] + (1 - decay) / a * b * u[k]
+        if hold == "linear":  # a ramp from 0 to u[k + 1] - u[k] on top
+            rise = (u[k + 1] - u[k]) / STEP
+            T[k + 1] += b * rise / a * (STEP - (1 - decay) / a)
+    y = 2 * T + 0.01 * rng.standard_normal(COUNT)
+    log = Run("held", "heat.csv", STEP * np.arange(COUNT), {"u": u, "y": y})
+    model, _ = fit(plant, [log], restarts=STARTS)
+    assert model.record["choices"]["hold"] == {"u": hold}
+    np.testing.assert_allclose(values(model), [a, b], rtol=0.02)  # noise of 1 % of the output
+
+
 def test_the_same_seed_gives_the_same_bytes(tmp_path):
     for name in ("one", "two"):
         model, _ = fit(heater(), [run(0)], restarts=STARTS, seed=4)
