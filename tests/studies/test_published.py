@@ -176,7 +176,13 @@ def test_the_report_shows_everyone(made_up, stand_in):
     page = render(benchmark_report(run.measure(BENCHMARK, range(2))))
     for text in ("Somebody", "A Paper", "jax-sysid", "exact", "something small", "Error over time"):
         assert text in page
+    assert "fitted on 20000 samples of the training run" in page
     assert page.count("<svg") == 4  # per split: the free run, and the error over time
+
+
+def test_what_the_peer_is_fitted_on_is_said():
+    assert "every 5th sample" in peers.fitted_on("emps")
+    assert "the whole" in peers.fitted_on("cascaded_tanks")
 
 
 def test_the_report_without_a_peer(made_up, no_peer):

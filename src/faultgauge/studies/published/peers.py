@@ -13,7 +13,7 @@ import numpy as np
 from faultgauge.studies.published.benchmark import Benchmark, Records, Split
 from faultgauge.studies.published.spread import spread
 
-__all__ = ["interpreter", "jax_sysid"]
+__all__ = ["fitted_on", "interpreter", "jax_sysid"]
 
 SCRIPT = Path(__file__).with_name("jax_sysid_peer.py")
 PATIENCE = 1200.0  # s per seed; a fit takes two to three minutes on one core
@@ -79,6 +79,16 @@ SETTINGS: dict[str, dict[str, Any]] = {
         ),
     },
 }  # fmt: skip
+
+
+def fitted_on(name: str) -> str:
+    """What jax-sysid gets of the training runs of a benchmark, as a sentence."""
+    settings = SETTINGS[name]
+    if "longest" in settings:
+        return f"jax-sysid is fitted on {settings['longest']} samples of the training run."
+    if settings["every"] > 1:
+        return f"jax-sysid is fitted on every {settings['every']}th sample of the training runs."
+    return "jax-sysid is fitted on the whole training run."
 
 
 def interpreter() -> Path | None:

@@ -9,6 +9,7 @@ from faultgauge.reporting.report import Report, Section, Table
 from faultgauge.reporting.svg import Figure
 from faultgauge.reporting.time_figures import Panel, free_run, panels
 from faultgauge.studies.published.benchmark import Split
+from faultgauge.studies.published.peers import fitted_on
 from faultgauge.studies.published.run import Found, as_dict
 
 __all__ = ["benchmark_report", "score_rows", "section"]
@@ -44,7 +45,7 @@ def section(found: Found) -> Section:
     notes = (
         *(f"{p.rmse:g} {found.benchmark.unit}, {p.by}: {p.source}; {p.where}."
           for p in sorted(sources, key=lambda each: (each.by, each.rmse))),
-        *((f"jax-sysid: {peer}",) if isinstance(peer, str) else ()),
+        f"jax-sysid: {peer}" if isinstance(peer, str) else fitted_on(found.benchmark.name),
         *_warnings(found),
     )  # fmt: skip
     header, rows = score_rows(found)
