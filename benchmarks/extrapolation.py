@@ -17,7 +17,7 @@ from faultgauge.identification.evaluation import predict
 from faultgauge.identification.fit import fit
 from faultgauge.identification.refinement import networks
 from faultgauge.studies.published.benchmark import benchmark, plant_of, records
-from faultgauge.studies.published.run import mean_of
+from faultgauge.studies.published.run import error_of, mean_of
 from faultgauge.telemetry import Run, cut
 
 LENGTH, CALM, WILD, EVERY = 512, 0.4, 0.85, 6
@@ -46,8 +46,7 @@ def silverbox(seed: int) -> dict[str, float]:
         members = [
             predict(m, runs, model.max_step, left_out.WARMUP) for m in (model.plant, *model.members)
         ]
-        wrong = [(each.measured - each.predicted)[each.warmup :] for each in mean_of(members)]
-        found[name] = chosen.scale * float(np.sqrt(np.mean(np.concatenate(wrong) ** 2)))
+        found[name] = error_of(chosen, mean_of(members))
     return found
 
 

@@ -18,7 +18,7 @@ from faultgauge.identification.evaluation import predict
 from faultgauge.identification.fit import fit
 from faultgauge.plants.gray_box import GrayBoxPlant, load_plant
 from faultgauge.studies.published.benchmark import Benchmark, benchmark, plant_of, records
-from faultgauge.studies.published.run import mean_of
+from faultgauge.studies.published.run import error_of, mean_of
 from faultgauge.telemetry import Run, cut
 
 __all__ = ["error", "splits"]
@@ -41,10 +41,7 @@ def error(chosen: Benchmark, plant: GrayBoxPlant, fitted: list[Run], left: Run, 
     """RMSE of the ensemble's mean on the run `left` out, in the benchmark's unit."""
     model, _ = fit(plant, fitted, seed=seed, refine=True, ensemble=True)
     members = [predict(m, [left], model.max_step, WARMUP) for m in (model.plant, *model.members)]
-    wrong = [(each.measured - each.predicted)[each.warmup :] for each in mean_of(members)]
-    with np.errstate(over="ignore", invalid="ignore"):
-        found = chosen.scale * float(np.sqrt(np.mean(np.concatenate(wrong) ** 2)))
-    return found if np.isfinite(found) else np.inf
+    return error_of(chosen, mean_of(members))
 
 
 def main() -> None:

@@ -135,18 +135,10 @@ def test_nothing_to_run_through(fitted):
     assert on_unseen(*fitted, [bare]) is None
 
 
-NETWORK = """
-name = "first order"
-networks.NN = { hidden = 3 }
-[states.x]
-derivative = "NN(u) - a*x"
-[inputs.u]
-hold = "zero"
-[outputs.x]
-value = "x"
-[parameters]
-a = { value = 1.0, min = 0 }
-"""
+NETWORK = (
+    PLANT.replace("b*u - a*x", "NN(u) - a*x").replace("b = { value = 1.0 }", "")
+    + "[networks.NN]\nhidden = 3\n"
+)
 
 
 @pytest.mark.parametrize("refine", [False, True])

@@ -107,18 +107,24 @@ def fit(
         checked = unseen.validation.to_dict() if unseen else None
         options.print_json({"model": str(out), **_content(model, account), "validation": checked})
         return
-    for line in _parameters(model, account):
+    for line in (*_parameters(model, account), *_errors(fits)):
         print(line)
+    options.say(f"wrote {out}; next: faultgauge calibrate {out} HEALTHY_LOG")
+
+
+def _errors(fits: "list[tuple[Model, FitReport]]") -> list[str]:
+    """The free run's error on held-out data, of the model and over the seeds."""
+    model, account = fits[0]
     error = model.record["metrics"]["validation_free_run_nrmse"]
     refitted = account.refinement is not None and account.refinement.refitted
     before = ", before the model was fitted to them, too" if refitted else ""
-    print(
+    lines = [
         f"free run on held-out data: error {error:.2%} of each output's standard deviation{before}"
-    )
-    if others:
+    ]
+    if len(fits) > 1:
         errors = [each.record["metrics"]["validation_free_run_nrmse"] for each, _ in fits]
-        print(f"over {seeds} seeds: {min(errors):.2%} to {max(errors):.2%}")
-    options.say(f"wrote {out}; next: faultgauge calibrate {out} HEALTHY_LOG")
+        lines.append(f"over {len(fits)} seeds: {min(errors):.2%} to {max(errors):.2%}")
+    return lines
 
 
 def _content(model: "Model", account: "FitReport") -> dict[str, Any]:

@@ -302,7 +302,7 @@ def _predict_part(plant: Plant, each: _Part, max_step: float) -> Prediction:
 
 
 def divergence(plant: Plant, predictions: Sequence[Prediction]) -> str:
-    """That the free run diverges, and where where a state leaves all bounds."""
+    """That the free run diverges; when and in which state, where one leaves all bounds."""
     names = plant.signals.state_names
     found = filter(None, (blow_up(p.run, p.t, p.x, names) for p in predictions))
     return "the free run diverges" + next((f": {where}" for where in found), "")

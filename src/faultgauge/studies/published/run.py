@@ -14,7 +14,7 @@ from faultgauge.studies.published.benchmark import Benchmark, Records, plant_of,
 from faultgauge.studies.published.peers import jax_sysid
 from faultgauge.studies.published.spread import spread
 
-__all__ = ["Found", "Trial", "as_dict", "mean_of", "measure"]
+__all__ = ["Found", "Trial", "as_dict", "error_of", "mean_of", "measure"]
 
 
 @dataclass(frozen=True)
@@ -74,9 +74,9 @@ def _trial(chosen: Benchmark, held: Records, seed: int, progress: Callable[[str]
             predict(member, [split.test], model.max_step, split.window)
             for member in (model.plant, *model.members)
         ]
-        alone[split.name] = _error(chosen, members[0])
+        alone[split.name] = error_of(chosen, members[0])
         predictions[split.name] = mean_of(members)
-        rmse[split.name] = _error(chosen, predictions[split.name])
+        rmse[split.name] = error_of(chosen, predictions[split.name])
     return Trial(seed, model, fit_s, rmse, alone, predictions, list(account.warnings))
 
 
@@ -91,9 +91,12 @@ def mean_of(members: Sequence[Sequence[Prediction]]) -> list[Prediction]:
     ]
 
 
-def _error(chosen: Benchmark, predictions: Sequence[Prediction]) -> float:
-    """RMSE in the benchmark's unit, infinite where a free run diverges."""
-    parts = [(each.measured - each.predicted)[each.warmup :] for each in predictions]
+def error_of(chosen: Benchmark, predictions: Sequence[Prediction]) -> float:
+    """RMSE over what was sampled, in the benchmark's unit; infinite where a free run diverges."""
+    parts = []
+    for each in predictions:
+        measured = each.measured[each.warmup :]
+        parts.append((measured - each.predicted[each.warmup :])[np.isfinite(measured)])
     with np.errstate(over="ignore", invalid="ignore"):
         error = chosen.scale * float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
     return error if np.isfinite(error) else np.inf
