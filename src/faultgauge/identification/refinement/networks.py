@@ -18,10 +18,11 @@ from faultgauge.identification.refinement.candidate import (
 )
 from faultgauge.identification.refinement.claims import Claims, claims_of
 from faultgauge.identification.refinement.cores import side_by_side
-from faultgauge.identification.refinement.data import BUDGET, Data
+from faultgauge.identification.refinement.data import BUDGET, FIRST_SIGMA, Data
 from faultgauge.identification.refinement.evidence import by_evidence
 from faultgauge.identification.refinement.linear_starts import equivalents
 from faultgauge.identification.refinement.records import Piece
+from faultgauge.identification.refinement.short_windows import around, over_short_windows
 from faultgauge.identification.refinement.simulation_error import Fitted
 from faultgauge.identification.refinement.stepping import fine_enough
 from faultgauge.identification.refinement.unknowns import WEIGHTS, Unknowns, unknowns_of
@@ -51,6 +52,7 @@ PATIENCE, BETTER = 2, 0.99  # of the validation error: less gain does not pay an
 WHISPER = 0.3  # of a start's output weights where squares of them count: at 0 they have no slope
 TELLING = 5_000  # samples
 FEATURE_SEED = 0  # of the functions that networks are taken to be able to imitate
+POOR = 0.5  # of the outputs' spread: physics that tells little without its networks
 MARGINS = (1.2, 2.0)  # of the arguments' range under the physics alone: networks will move it
 
 
@@ -72,6 +74,8 @@ def with_networks(
         sizes = _sizes(data, bases[0], sigma, seed)
         bases = [replace(base, plant=with_hidden(base.plant, sizes)) for base in bases]
     found: list[Candidate] = []
+    if bases[0].validation > POOR:
+        found += _together(data, bases[0].plant, seed, restarts, progress, notes)
     few = sample_count(data.pieces) <= SCREEN
     equivalent = _equivalent(data, bases[0], np.random.default_rng([seed, 13]))
     bases = [*(bases if few else bases[:FINALISTS]), *equivalent]
@@ -108,6 +112,40 @@ def with_networks(
         notes.append(f"networks: {lost} of {len(found)} starts had no finite simulation error")
     best = sorted(usable, key=lambda each: each.validation)[:FINALISTS]
     return [*found, *side_by_side(lambda each: by_evidence(data, each), best)]
+
+
+def _together(
+    data: Data,
+    plant: GrayBoxPlant,
+    seed: int,
+    restarts: int,
+    progress: Callable[[str], None],
+    notes: list[str],
+) -> list[Candidate]:
+    """Parameters and networks fitted at once from the file's values, over short windows first:
+    where a plant does nothing sensible without its networks, the parameters that are best without
+    them are no place to start."""
+    progress("networks and physics together, over short windows")
+    fresh, short = data.afresh(), data.short()
+    unknowns, physics = unknowns_of(plant), unknowns_of(plant, networks=False)
+    silent: list[GrayBoxPlant] = []
+    first = physics.vector(plant)
+    for k in range(restarts):
+        theta = around(first, seed, k) if k else first
+        fitted = fresh.fit(plant, physics, theta[None], pieces=short, sigma=FIRST_SIGMA, trials=0)
+        base = Candidate(plant, physics, fitted[0], np.inf, "")
+        values = physics.assemble(plant, jnp.asarray(theta))
+        scaled = _like(silent[0], values) if silent else _scaled(fresh, base, short)
+        rng = np.random.default_rng([seed, 11, k])
+        silent.append(_silent(scaled, rng, 1.0 if silent else MARGINS[0]))
+    thetas = [unknowns.vector(each) for each in silent]
+    fits, failed = over_short_windows(fresh, silent[0], unknowns, thetas, short)
+    if not fits:
+        notes.append(f"networks: none of {failed} starts had a finite simulation error")
+        return []
+    fresh.remember(short, fits[0].x)
+    plants = [unknowns.assemble(silent[0], jnp.asarray(f.theta)) for f in fits[:FINALISTS]]
+    return _path(fresh, "networks, together", plants, LEARNED_RIDGES, FIRST_SIGMA, None, progress)
 
 
 def _equivalent(data: Data, base: Candidate, rng: np.random.Generator) -> list[Candidate]:
