@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import scipy.io
-from scipy.io.matlab import varmats_from_mat
+from scipy.io.matlab import MatlabOpaque, varmats_from_mat
 
 from faultgauge.errors import InputError
 from faultgauge.telemetry.readers.arrays import array_table
@@ -37,11 +37,11 @@ def read_mat(path: Path) -> Table:
     package("h5py", path)  # pymatreader asks for it only when it meets v7.3
     with reading(path, "MATLAB"):
         content = pymatreader.read_mat(path)
-        if NAMELESS in content:
+        if NAMELESS in content and (names := _object_names(path)):
             del content[NAMELESS]
-            content |= dict.fromkeys(_object_names(path), None)
+            content |= dict.fromkeys(names, None)
     leaves = _leaves("", content)
-    if "__header__" not in content:  # of v7.3, pymatreader returns the names in any order
+    if "__header__" not in content:  # pymatreader returns the names of v7.3 in any order
         leaves = sorted(leaves, key=itemgetter(0))
     found = {name: value for name, value in leaves if not name.startswith(("__", "#"))}
     objects = [name for name, value in found.items() if value is None]
@@ -54,9 +54,10 @@ def read_mat(path: Path) -> Table:
 
 
 def _object_names(path: Path) -> list[str]:
+    """The names of the objects in a file of v5, where SciPy does not tell them."""
     with path.open("rb") as file:
-        parts = [scipy.io.loadmat(part) for _, part in varmats_from_mat(file)]
-    return [as_text(part[NAMELESS]["s0"][0]) for part in parts if NAMELESS in part]
+        parts = [scipy.io.loadmat(part).get(NAMELESS) for _, part in varmats_from_mat(file)]
+    return [as_text(part["s0"][0]) for part in parts if isinstance(part, MatlabOpaque)]
 
 
 def _unreadable(path: Path, names: list[str]) -> str:
@@ -96,8 +97,8 @@ def _leaves(name: str, value: Any) -> Iterator[tuple[str, Any]]:
     match value:
         case None | {"_TypeSystem": ["MCOS"]} | {"s1": [b"MCOS"]}:  # v5, SciPy from 1.18, before
             yield name, None
-        case {"time": np.ndarray() as times, "signals": {"values": values, "label": labels}}:
-            yield f"{name}.time", times
+        case {"time": _, "signals": {"values": values, "label": labels}} if name:
+            yield from _leaves(name, {key: value[key] for key in value if key != "signals"})
             yield from _signals(name, values, labels)
         case dict():
             for key, item in value.items():
