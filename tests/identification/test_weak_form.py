@@ -205,8 +205,7 @@ def test_the_form_is_chosen_by_free_run():
     # its standard errors are refused, with the reason
     assert [each.standard_error for each in report.information.constants] == [None, None]
     assert report.warnings == [
-        "parameter 'k', 'c': fitted in the weak form, of which the standard errors are not known; "
-        "--refine gives some"
+        "k, c: fitted in the weak form, whose standard errors are not known; --refine gives some"
     ]
     assert fit_sections(model, report)[0].paragraphs[-1].endswith("the better one: k, c.")
 

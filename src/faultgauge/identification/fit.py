@@ -148,9 +148,9 @@ def fit(
     warnings += _of_no_use(result, validate or logs)
     known = None
     if given is not None and refinement is None:
-        weak = [p for each in groups if each.form == "weak" for p in each.group.parameters]
-        known = equation_information(result.plant, how.outputs, given, weak)
-        warnings += [*known.warnings(), *_without_errors(weak)]
+        averaged = [p for each in groups if each.form == "weak" for p in each.group.parameters]
+        known = equation_information(result.plant, how.outputs, given, averaged)
+        warnings += [*known.warnings(), *_without_errors(averaged)]
     if given is not None and result.error < 1:  # a model of no use says nothing about the input
         warnings += response_warnings(result.plant, given.stretches, given.noise)
     record = _record(result, how, logs, validate, noise, groups, refinement, seed)
@@ -219,8 +219,8 @@ def _without_errors(weak: Sequence[str]) -> list[str]:
     if not weak:
         return []
     return [
-        f"parameter {', '.join(map(repr, weak))}: fitted in the weak form, of which the standard "
-        "errors are not known; --refine gives some"
+        f"{', '.join(weak)}: fitted in the weak form, whose standard errors are not known; "
+        "--refine gives some"
     ]
 
 

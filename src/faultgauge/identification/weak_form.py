@@ -128,7 +128,8 @@ def weak_samples(
 
 
 def gap(plant: GrayBoxPlant, group: Group, states: tuple[int, ...], samples: WeakSamples) -> float:
-    """rms of mean F - F(mean), as a share of the derivative's spread: the largest of `states`."""
+    """rms of mean F - F(mean), as a share of the derivative's spread: the largest of `states`; NaN
+    where F is not defined at every sample as measured."""
 
     @eqx.filter_jit
     def differences(plant: GrayBoxPlant, samples: WeakSamples) -> Array:
