@@ -1,8 +1,9 @@
 """The weak form of the equation error: F averaged over the kernel, not F of averages.
 
 The kernel phi that smooths the samples is a test function with compact support, and integration by
-parts takes the derivative off the state (J. Loeb and G. Cahen, Automatisme 8, 1963; D. A. Messenger
-and D. M. Bortz, "Weak SINDy", Multiscale Model. Simul. 19, 2021):
+parts takes the derivative off the state (J. Loeb and G. Cahen, "More about process identification",
+IEEE Trans. Automatic Control 10, 1965; D. A. Messenger and D. M. Bortz, "Weak SINDy", Multiscale
+Modeling and Simulation 19, 2021):
 
     integral phi(t - s) F(x(s), u(s)) ds = integral phi'(t - s) x(s) ds
 
