@@ -38,10 +38,11 @@ __all__ = ["equation_information"]
 
 
 def equation_information(
-    plant: GrayBoxPlant, outputs: Sequence[str], given: Material
+    plant: GrayBoxPlant, outputs: Sequence[str], given: Material, weak: Sequence[str] = ()
 ) -> Information:
     """What the samples that `plant` was fitted to, `outputs` with telemetry among them, say about
-    its parameters."""
+    its parameters. Those of `weak` were fitted in the weak form, to other samples: they get no
+    standard errors."""
     unknowns = unknowns_of(plant)
     theta = unknowns.vector(plant)
     parts = groups(plant.spec, outputs)
@@ -57,6 +58,7 @@ def equation_information(
     covariance = np.outer(wide, wide) * (moved.T @ moved) + s2 * inverse @ inverse.T
     # nothing is known of what no equation holds, nor of the scatter of another estimator
     unknown = (np.diag(hessian)[first:] == 0) | (given.exogenous is not None)
+    unknown |= np.array([name in weak for name in unknowns.parameters])
     covariance[unknown] = covariance[:, unknown] = np.nan
     found = constants(plant, unknowns, theta, covariance, imitated(plant, unknowns, hessian))
     return Information(*found, (), float(np.max(times)))

@@ -48,6 +48,10 @@ PARAMETERS = (
     "in the states leaves. A parameter at its bound has the file's value, not the data's; one that "
     "a network can imitate is not identifiable."
 )
+WEAK_FORM = (
+    "In the weak form, which averages an equation over the smoothing's kernel instead of taking it "
+    "at averages, and whose free run was the better one: {}."
+)
 MOST_FIGURES = 12  # per section: a report is read, not scrolled
 
 
@@ -103,9 +107,10 @@ def fit_sections(model: Model, account: FitReport) -> tuple[Section, ...]:
         "Every start is drawn; the one with the best free run on held-out data is kept, not the "
         "one with the lowest cost.",
     )
+    weak = ", ".join(each.group.name for each in account.groups if each.form == "weak")
     training = Section(
         "Training",
-        starts if histories else (),
+        (*(starts if histories else ()), *((WEAK_FORM.format(weak),) if weak else ())),
         tables,
         (*histories, *envelope_figure(model, account)),
     )
