@@ -21,7 +21,7 @@ def test_straight_lines_between_knots():
 
 
 def test_it_walks_as_far_as_its_scale_says():
-    """Over `across` samples the variance of independent increments adds up to the scale's square."""
+    """Over `across` samples the variances of independent increments add up to its square."""
     drift = Drift(np.array([0.3]), across=160, segment=10)
     end = drift.walk(161)[-1, :, 0]
     assert np.sum(end**2) == pytest.approx(0.3**2)
