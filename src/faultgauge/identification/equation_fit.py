@@ -35,10 +35,13 @@ WORSE = 1.5  # times the free-run error without instruments: they determine too 
 
 
 class GroupReport(NamedTuple):
+    """A group's account; `freed`: it was fitted with the instruments, and that fit was kept."""
+
     group: Group
     solution: Solution
     free_run: np.ndarray
     chosen: int
+    freed: bool = False
 
 
 class Material(NamedTuple):
@@ -146,13 +149,14 @@ def fit_equations(
                 f"{freed:.2%}, without it by {plain:.2%}; the fit without is kept, and may have "
                 "the loop's bias; give logs in which the reference moves more"
             )
+        instrumented = given.exogenous is not None and chosen < starts
         plant = candidates[chosen]
         others = [candidates[k] for k in np.argsort(errors, kind="stable") if k != chosen]
         errors = errors[:starts] if chosen < starts else errors[starts:]
         chosen %= starts
         if solution.status[chosen] == NOT_CONVERGED:
             warnings.append(not_converged(group.name, int(solution.trials[chosen])))
-        reports.append(GroupReport(group, solution, errors, chosen))
+        reports.append(GroupReport(group, solution, errors, chosen, instrumented))
     if reports:  # the last group's choice is the whole plant's
         error = float(reports[-1].free_run[reports[-1].chosen])
     else:

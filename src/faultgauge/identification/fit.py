@@ -148,7 +148,7 @@ def fit(
     warnings += _of_no_use(result, validate or logs)
     known = None
     if given is not None and refinement is None:
-        known = equation_information(result.plant, how.outputs, given)
+        known = equation_information(result.plant, groups, given)
         warnings += known.warnings()
     if given is not None and result.error < 1:  # a model of no use says nothing about the input
         warnings += response_warnings(result.plant, given.stretches, given.noise)
