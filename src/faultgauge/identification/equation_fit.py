@@ -54,13 +54,15 @@ class WeakMaterial(NamedTuple):
 
 
 class GroupReport(NamedTuple):
-    """`solution`, and the free runs of its starts, are those of the `form` that was kept."""
+    """A group's account: `solution`, and the free runs of its starts, are those of the `form` that
+    was kept; `freed`: with the instruments."""
 
     group: Group
     solution: Solution
     free_run: np.ndarray
     chosen: int
     form: Literal["filtered", "weak"] = "filtered"
+    freed: bool = False
 
 
 class Material(NamedTuple):
@@ -193,6 +195,7 @@ def fit_equations(
                 f"{freed:.2%}, without it by {plain:.2%}; the fit without is kept, and may have "
                 "the loop's bias; give logs in which the reference moves more"
             )
+        instrumented = given.exogenous is not None and chosen < starts
         plant = candidates[chosen]
         others = [candidates[k] for k in np.argsort(errors, kind="stable") if k != chosen]
         form = "filtered"
@@ -202,7 +205,7 @@ def fit_equations(
         chosen %= starts
         if solution.status[chosen] == NOT_CONVERGED:
             warnings.append(not_converged(group.name, int(solution.trials[chosen])))
-        reports.append(GroupReport(group, solution, errors, chosen, form))
+        reports.append(GroupReport(group, solution, errors, chosen, form, instrumented))
     if reports:  # the last group's choice is the whole plant's
         error = float(reports[-1].free_run[reports[-1].chosen])
     else:

@@ -148,8 +148,8 @@ def fit(
     warnings += _of_no_use(result, validate or logs)
     known = None
     if given is not None and refinement is None:
+        known = equation_information(result.plant, groups, given)
         averaged = [p for each in groups if each.form == "weak" for p in each.group.parameters]
-        known = equation_information(result.plant, how.outputs, given, averaged)
         warnings += [*known.warnings(), *_without_errors(averaged)]
     if given is not None and result.error < 1:  # a model of no use says nothing about the input
         warnings += response_warnings(result.plant, given.stretches, given.noise)

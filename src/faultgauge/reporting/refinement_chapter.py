@@ -114,6 +114,7 @@ def correlation_table(found: Information) -> tuple[Table, ...]:
         (float(found.correlation[i, j]), names[j], names[i])
         for i in range(len(names))
         for j in range(i)
+        if np.isfinite(found.correlation[i, j])
     ]
     if not pairs:
         return ()

@@ -152,7 +152,8 @@ def _run(
                 "fill it or remove the run."
             )
         del taken[column]
-    aligned = align(t, taken, held)
+    holes = None if log.holes is None else log.holes[samples]
+    aligned = align(t, taken, held, holes)
     columns = dict(aligned.columns)
     for column in [column for column, values in columns.items() if np.isnan(values).all()]:
         if column in required:

@@ -81,11 +81,15 @@ def with_networks(
     bases = [*(bases if few else bases[:FINALISTS]), *equivalent]
     if len(bases) > MANY_STARTS and not few:
         progress("networks: which start to take, over short windows")
-        sigma, plant, fitted, claims = _screened(data, bases, seed)
-        found += _path(
-            data, "networks", [plant], LEARNED_RIDGES, sigma, claims, progress, [fitted],
-            trials=LEARNED_TRIALS,
-        )  # fmt: skip
+        screened = _screened(data, bases, seed)
+        if screened is None:
+            notes.append("networks: over short windows no start had a finite simulation error")
+        else:
+            sigma, plant, fitted, claims = screened
+            found += _path(
+                data, "networks", [plant], LEARNED_RIDGES, sigma, claims, progress, [fitted],
+                trials=LEARNED_TRIALS,
+            )  # fmt: skip
     else:
         count = min(restarts, MANY_STARTS if few else max(SILENT_STARTS, len(bases)))
         for margin in MARGINS if few else MARGINS[:1]:
@@ -170,9 +174,9 @@ def _claims(data: Data, base: Candidate, pieces: Sequence[Piece]) -> Claims | No
 
 def _screened(
     data: Data, bases: Sequence[Candidate], seed: int
-) -> tuple[float, GrayBoxPlant, Fitted, Claims | None]:
+) -> tuple[float, GrayBoxPlant, Fitted, Claims | None] | None:
     """(sigma, plant, fit, claims) of the best of `bases` with networks: all over short windows,
-    then the best of them over all."""
+    then the best of them over all. None where none has a finite error over short windows."""
     short = data.short()
 
     def tried(k: int) -> tuple[float, GrayBoxPlant, Fitted, Claims | None] | None:
@@ -195,7 +199,7 @@ def _screened(
         lambda each: _learned(data, each[1], data.pieces, sigma, FINAL_TRIALS, each[3]),
         found[:FINALISTS],
     )
-    return min(finals, key=lambda each: each[0])
+    return min(finals, key=lambda each: each[0], default=None)
 
 
 def _sizes(data: Data, base: Candidate, sigma: float, seed: int) -> dict[str, int]:
