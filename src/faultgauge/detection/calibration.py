@@ -207,7 +207,7 @@ def _usual_correlation(
     lengths = np.array([part.stop - part.start for *_, part in stretches])
     taus = np.array(
         [
-            [correlation_time(x[part], bank.step) for x in (each.innovation or values).values()]
+            [_correlation(x[part], bank.step) for x in (each.innovation or values).values()]
             for each, values, part in stretches
         ]
     )
@@ -217,6 +217,12 @@ def _usual_correlation(
         half = np.searchsorted(np.cumsum(lengths[order]), lengths.sum() / 2)
         found.append(column[order][half])
     return float(max(found))
+
+
+def _correlation(x: Float[np.ndarray, "samples"], step: float) -> float:
+    """Correlation time [s] of what was sampled: a slow sensor has lags of its own step."""
+    own = x[np.isfinite(x)]
+    return correlation_time(own, step * (len(x) / max(len(own), 1)))
 
 
 def _without_suspects(blocks: list[Block], runs: Sequence[Run]) -> tuple[list[Block], list[Block]]:

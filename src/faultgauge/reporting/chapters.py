@@ -275,8 +275,8 @@ def estimate_section(
             )
         figures += [
             residual(
-                each.run.t,
-                each.residuals[output.name],
+                each.run.t[each.run.sampled.get(output.name, slice(None))],
+                each.residuals[output.name][each.run.sampled.get(output.name, slice(None))],
                 name=output.name,
                 unit=output.unit,
                 reference=reference,

@@ -49,6 +49,16 @@ class Run:
         """The time step, s: `pace`, or the median of the whole run."""
         return float(np.median(np.diff(self.t))) if self.pace is None else self.pace
 
+    def own(self, name: str) -> Float[np.ndarray, "samples"]:
+        """Column `name` as its sensor sampled it: NaN where it was filled in between."""
+        values = self.columns[name]
+        return np.where(self.sampled[name], values, np.nan) if name in self.sampled else values
+
+    def rows_per_sample(self, name: str) -> int:
+        """How many rows it is from one sample of column `name` to the next, in the median."""
+        rows = np.flatnonzero(np.isfinite(self.own(name)))
+        return int(np.median(np.diff(rows))) if len(rows) > 1 else 1
+
     @property
     def content_hash(self) -> str:
         """SHA-256 over time and columns, whatever the file and the run are called."""
