@@ -27,14 +27,14 @@ def fit(
         typer.Option(
             "--refine/--no-refine",
             help="Go on to the simulation error [default: where a state is hidden, a parameter "
-            "varies or a sensor is slower than the rows].",
+            "varies or a sensor is slower than the rows, and with --robust or --ensemble].",
         ),
     ] = None,
     robust: Annotated[
-        bool, typer.Option("--robust", help="Bound what an outlier can do to the refinement.")
+        bool, typer.Option("--robust", help="Refine, and bound what an outlier can do to it.")
     ] = False,
     ensemble: Annotated[
-        bool, typer.Option("--ensemble", help="Keep the next best refined models in MODEL too.")
+        bool, typer.Option("--ensemble", help="Refine, and keep the next best models in MODEL too.")
     ] = False,
     restarts: Annotated[
         int, typer.Option("--restarts", min=1, max=1000, help="How many starts.")
