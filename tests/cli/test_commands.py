@@ -91,7 +91,7 @@ def test_fit(call, workshop, tmp_path):
     found = one_object(call("fit", workshop.plant, workshop.healthy, "--out", out, "--json"))
     assert found.keys() == {
         "model", "parameters", "metrics", "derivatives", "envelope", "warnings", "choices",
-        "refinement", "members", "validation", "equation_error",
+        "noise", "refinement", "members", "validation", "equation_error",
     }  # fmt: skip
     assert found["choices"] == {"hold": {}, "hidden": {}}
     assert (found["refinement"], found["members"]) == (None, 0)
@@ -157,9 +157,13 @@ def test_fit_with_a_hidden_state_gives_standard_errors(call, workshop, hidden, t
     told = one_object(call(*fit, "--report", page, "--json"))
     assert sorted(each["name"] for each in told["refinement"]["parameters"]) == ["a", "k"]
     assert told["validation"]["outputs"][0]["samples"] == 90, "15 % of 600"
+    # twice 0.002 m, as 600 samples tell it (tests/identification/test_noise_floor.py)
+    assert told["noise"]["y"]["sd"] == pytest.approx(0.004, rel=3 * 1.77 / 600**0.5)
+    assert told["noise"]["y"]["unit"] == "V"
     text = page.read_text()
     assert "Refinement by simulation error" in text
     assert "Validation on unseen data" in text
+    assert "times the noise" in text
 
 
 def test_a_hidden_state_goes_through_evaluate_calibrate_and_estimate(

@@ -133,6 +133,7 @@ def _content(model: "Model", account: "FitReport") -> dict[str, Any]:
         "parameters": {name: float(value) for name, value in model.plant.parameters.items()},
         "metrics": record["metrics"],
         "derivatives": record["derivatives"],
+        "noise": record["noise"],
         "envelope": record["envelope"],
         "choices": record.get("choices", {"hold": {}, "hidden": {}}),
         "refinement": record["metrics"].get("refinement"),

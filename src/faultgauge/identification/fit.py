@@ -26,6 +26,7 @@ from faultgauge.identification.evaluation import divergence, predict, too_short
 from faultgauge.identification.instruments import reference_columns
 from faultgauge.identification.levenberg_marquardt import CONVERGED
 from faultgauge.identification.log_checks import log_warnings
+from faultgauge.identification.noise_floor import noise_floor
 from faultgauge.identification.refinement.result import Refinement, refine_on_logs
 from faultgauge.identification.samples import Channels, Samples, channels, in_effect, slow_columns
 from faultgauge.identification.sizes import chosen_sizes, smallest_sufficient, with_hidden
@@ -155,6 +156,7 @@ def fit(
     record = _record(result, how, logs, validate, noise, groups, refinement, seed)
     if given is not None and given.explained:
         record["instruments"] = given.explained
+    record["noise"] = noise_floor(spec.signals, acting)
     if spec.open_holds or spec.open_sizes:
         record["choices"] = _choices(spec, result.plant, refinement)
     model = Model(result.plant, record)
