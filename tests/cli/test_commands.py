@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 
 import equinox as eqx
+import numpy as np
 import pytest
 
 from faultgauge.cli.app import app, run
@@ -443,6 +444,17 @@ def test_check_does_it_all(call, workshop, tmp_path):
     page = (out / "report.html").read_text()
     assert "Evidence of leak, suspect" in page
     assert "What the healthy log proves" in page
+
+
+def test_check_names_a_column_of_another_size(call, workshop, tmp_path):
+    t, u, x = np.loadtxt(workshop.suspect, delimiter=",", skiprows=1, unpack=True)
+    odd = tmp_path / "odd.csv"
+    rows = np.stack([t, u, 1000 * x], axis=1)
+    np.savetxt(odd, rows, delimiter=",", header="t,u,x", comments="")
+    said = call("check", workshop.healthy, odd, "--plant", workshop.plant)
+    assert said.code == 0
+    assert "warning: column 'x' spreads" in said.err
+    assert "times as far in run 'odd' as in run 'healthy'" in said.err
 
 
 def test_check_answers_as_estimate_does_with_the_model_that_it_keeps(call, workshop, tmp_path):

@@ -32,6 +32,7 @@ from faultgauge.detection.noise import estimate_noise
 from faultgauge.detection.residual import residuals
 from faultgauge.errors import InputError
 from faultgauge.identification.command_checks import command_warnings
+from faultgauge.identification.log_checks import other_units
 from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run
 
@@ -88,6 +89,7 @@ def calibrate(
             f"{', '.join(doubled)}: also used in fit, where the model looks better than it is; "
             "the limit may be too low. Calibrate on other runs if you can"
         )
+    warnings += other_units(runs)
     warnings += command_warnings(model.plant, runs)
     warnings += not_followed(model, runs)
     bank = build_bank(model, runs, observer)
