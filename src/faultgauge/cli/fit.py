@@ -63,11 +63,13 @@ def fit(
     """Learn a plant's unknowns from healthy logs and write a model file."""
     from faultgauge.cli.writing import check_folder
     from faultgauge.plants.gray_box import load_plant
+    from faultgauge.telemetry import check_same_units
 
     check_folder(out, report)
     untrained = load_plant(plant)
     runs = options.read_logs(untrained.signals, logs, time, map, where, fitting=True)
     held = options.read_logs(untrained.signals, validate, time, map, where) if validate else []
+    check_same_units([*runs, *held], map or ())
     if not despite_alarms:
         from faultgauge.detection.alarmed import refuse_alarms
 

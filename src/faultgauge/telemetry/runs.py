@@ -33,7 +33,8 @@ class Run:
     nothing was sampled; `source` is the file as the user gave it and `name` is unique among the
     runs read together. `pace` is the step where it is settled, `paced`; `clock` is what a clock
     showed at 0 s, where the log has timestamps. `sampled` marks, in a column of a slow sensor that
-    was filled in between, the cells that stand for its samples.
+    was filled in between, the cells that stand for its samples. `units` are those that the file
+    gives.
     """
 
     name: str
@@ -43,6 +44,7 @@ class Run:
     pace: float | None = None
     clock: datetime | None = None
     sampled: dict[str, Bool[np.ndarray, "samples"]] = field(default_factory=dict)
+    units: dict[str, str] = field(default_factory=dict)
 
     @property
     def step(self) -> float:
