@@ -42,7 +42,7 @@ SIGMA = {"x": 0.02, "z": 0.05}
 LOSS = -0.1
 
 
-def model():
+def model(text=HEATER):
     points = np.random.default_rng(0).uniform([-4, -6, -2], [4, 6, 2], (80, 3))
     record = {
         "max_step": 1.0,
@@ -50,7 +50,7 @@ def model():
         "columns": {"states": [["x", 0], ["z", 0]], "outputs": ["x", "z"]},
         "data": {"fit": [], "validate": []},
     }
-    return Model(GrayBoxPlant.untrained(parse_plant(HEATER)), record)
+    return Model(GrayBoxPlant.untrained(parse_plant(text)), record)
 
 
 def cells(seed, loss=0.0, every=EVERY):
@@ -133,6 +133,21 @@ def test_intervals_of_a_healthy_log_hold_zero_as_often_as_they_say(calibration):
     assert judged.mean() > 0.5
     inside = (found.lo[judged, 0] <= 0) & (found.hi[judged, 0] >= 0)
     assert inside.mean() >= 0.8
+
+
+def test_without_faults_a_residual_stands_until_the_next_sample():
+    """The observer of rows of 0.1 s has omega_o = 1 rad/s; an offset of 0.5, ten standard
+    deviations, is one event until it dies out, not one per sample."""
+    plain = model(HEATER[: HEATER.index("[faults")])
+    known = calibrate(plain, [log(seed) for seed in (0, 1, 2)]).model
+    odd = log(10)
+    odd.columns["z"][ONSET : ONSET + 50] += 0.5
+    (judgement,), _ = estimate(known, [odd])
+    alarms = np.flatnonzero(np.array(judgement.status) == "FAULT")
+    assert set(range(ONSET, ONSET + EVERY)) <= set(alarms)
+    assert judgement.events[0].start == ONSET * STEP
+    (quiet,), _ = estimate(known, [log(11)])
+    assert "FAULT" not in quiet.status
 
 
 @pytest.mark.parametrize("observer", ["eso", "bank"])

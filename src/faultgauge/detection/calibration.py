@@ -53,7 +53,16 @@ def channels_of(bank: Bank, estimates: Estimates) -> dict[str, Float[np.ndarray,
     """The channels that are judged: fault estimates, or the observer's residuals without any."""
     if estimates.f:
         return estimates.f
-    return residuals(bank.model, estimates.run, "observer")
+    found = residuals(bank.model, estimates.run, "observer")
+    return {name: _held(estimates.run, name, r) for name, r in found.items()}
+
+
+def _held(run: Run, name: str, r: Float[np.ndarray, "samples"]) -> Float[np.ndarray, "samples"]:
+    """A slow sensor's residual as it stands until its next sample, like an estimate."""
+    if name not in run.sampled:
+        return r
+    last = np.maximum.accumulate(np.where(np.isfinite(r), np.arange(len(r)), 0))
+    return np.where(np.isfinite(run.columns[name]), r[last], np.nan)
 
 
 def score(
