@@ -26,7 +26,7 @@ from faultgauge.reporting.report import Report, Section, Table
 from faultgauge.reporting.style import quantity
 from faultgauge.reporting.svg import Figure
 from faultgauge.reporting.time_figures import fault_estimate, free_run, residual
-from faultgauge.reporting.validation_chapter import validation_section
+from faultgauge.reporting.validation_chapter import noise_table, validation_section
 
 __all__ = [
     "calibration_report",
@@ -77,7 +77,10 @@ def fit_report(
         )
         if account.refinement is not None and account.refinement.refitted:
             note += f" {REFITTED}"
-        checked = replace(checked, paragraphs=(note, *checked.paragraphs))
+        floor = noise_table(model, unseen.validation)
+        checked = replace(
+            checked, paragraphs=(note, *checked.paragraphs), tables=(*checked.tables, *floor)
+        )
         sections = (*sections, runs, checked)
     return Report(f"Fit: {model.plant.spec.name}", summary, sections, _parameters(model))
 
@@ -280,8 +283,8 @@ def estimate_section(
             )
         figures += [
             residual(
-                each.run.t,
-                each.residuals[output.name],
+                each.run.t[each.run.sampled.get(output.name, slice(None))],
+                each.residuals[output.name][each.run.sampled.get(output.name, slice(None))],
                 name=output.name,
                 unit=output.unit,
                 reference=reference,
