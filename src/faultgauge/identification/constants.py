@@ -1,7 +1,7 @@
 """Fitted parameters and what the data say about them, whichever way they were fitted."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,7 @@ __all__ = ["Constant", "Information", "at_bound", "constants", "imitated"]
 IMITATED = 0.99  # of what a parameter does to what is fitted, a network's weights can do too
 ALIKE = 0.99  # correlation at which two parameters cannot be told apart
 VAGUE = 0.1
+CHANGES = 0.5  # of the squared error, to be worth a word
 NEAR = 1e-3  # of the range: a parameter this near to a bound is at it
 
 
@@ -40,13 +41,15 @@ class Constant:
 @dataclass(frozen=True)
 class Information:
     """Constants, their correlations (NaN: not known), and combinations of states that no output
-    shows; whether networks were kept from what they could imitate."""
+    shows; whether networks were kept from what they could imitate; by which share the squared error
+    would fall if a parameter changed within the runs (see `constancy`)."""
 
     constants: tuple[Constant, ...]
     correlation: Float[np.ndarray, "constants constants"]
     unseen: tuple[str, ...]
     residual_time: float
     kept_apart: bool = False
+    changing: dict[str, float] = field(default_factory=dict)
 
     def warnings(self) -> list[str]:
         """What somebody who reads the numbers should know, a sentence each."""
@@ -76,6 +79,13 @@ class Information:
                         f"parameters {b.name!r} and {a.name!r} cannot be told apart by these "
                         f"logs (correlation {self.correlation[i, j]:+.3f}); fix one of them"
                     )
+        best = max(self.changing, key=self.changing.__getitem__, default="")
+        if best and self.changing[best] > CHANGES:
+            found.append(
+                f"parameter {best!r} seems to change within the runs: that would explain "
+                f"{min(self.changing[best], 1.0):.0%} of the squared error; if it may drift, say "
+                'vary = "slow", if not, the model lacks something that looks like it'
+            )
         for direction in self.unseen:
             found.append(
                 f"the outputs do not show {direction}: no log can tell where it starts; measure "
@@ -92,6 +102,7 @@ class Information:
                 for row in np.round(self.correlation, 6).tolist()
             ],
             "unseen": list(self.unseen),
+            "changing": self.changing,
             "residual_time_samples": self.residual_time,
         }
 

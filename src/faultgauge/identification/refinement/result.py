@@ -25,6 +25,9 @@ from faultgauge.telemetry import Run
 __all__ = ["Members", "Refinement", "refine_on_logs"]
 
 
+PARTS = 4  # of a run, from one to the next of which a constant might change
+
+
 class Members(NamedTuple):
     """Plants, best first, and the points that the best was fitted to."""
 
@@ -116,6 +119,8 @@ def refine_on_logs(
         data.substeps,
         best.ridge,
         best.claims,
+        # of whole runs; the windows of long ones are parts already
+        parts=PARTS if len(data.pieces) <= len(data.records) else 1,
     )
     per_run, courses = along_runs(best, data)
     warnings += [*found.notes, *known.warnings()]

@@ -9,6 +9,7 @@ simulation are not white: tau, their integrated autocorrelation time, is the num
 count as one.
 """
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import equinox as eqx
@@ -20,6 +21,7 @@ from jaxtyping import Array, Float
 from faultgauge.identification.constants import Information, constants, imitated
 from faultgauge.identification.normal_equations import bordered_equations
 from faultgauge.identification.refinement.claims import Claims
+from faultgauge.identification.refinement.constancy import drops, steps
 from faultgauge.identification.refinement.simulation_error import (
     Fitted,
     Ridge,
@@ -39,10 +41,11 @@ UNSEEN = 1e-10  # of the information on a state that stands alone
 
 class Curvature(NamedTuple):
     """H = J J' over all windows, starts included; that with the priors and what networks leave to
-    the physics; tau, samples."""
+    the physics; half the slope of the cost, with both; tau, samples."""
 
     hessian: Float[np.ndarray, "n n"]
     precision: Float[np.ndarray, "n n"]
+    gradient: Float[np.ndarray, "n"]
     residual_time: float
 
 
@@ -65,11 +68,14 @@ def curvature(
     prior[: unknowns.weights(plant)] = ridge
     s2 = max(fitted.mse, 1e-300)
     precision = hessian + np.diag(s2 * prior)
+    gradient = np.asarray(found[2]) + s2 * prior * np.asarray(theta)
     if claims is not None:
         beside = beside_of(plant, claims, unknowns, windows, float(np.sqrt(s2)))
         rows = np.asarray(jax.jacrev(beside)(theta))
         precision += rows.T @ rows
-    return Curvature(hessian, precision, _residual_time(plant, unknowns, fitted, windows, substeps))
+        gradient += rows.T @ np.asarray(beside(theta))
+    tau = _residual_time(plant, unknowns, fitted, windows, substeps)
+    return Curvature(hessian, precision, gradient, tau)
 
 
 def information(
@@ -80,17 +86,46 @@ def information(
     substeps: int,
     ridge: Ridge,
     claims: Claims | None = None,
+    parts: int = 1,
 ) -> Information:
     """Standard errors and warnings at a fit over `windows`, its networks' prior being `ridge` and
-    what they leave to the physics `claims`."""
-    hessian, precision, tau = curvature(plant, unknowns, fitted, windows, substeps, ridge, claims)
-    size, weights = fitted.theta.size, unknowns.weights(plant)
-    s2 = max(fitted.mse, 1e-300)
-    covariance = s2 * tau * np.linalg.pinv(precision, hermitian=True)
-    covariance = covariance[weights:size, weights:size]
-    found = constants(plant, unknowns, fitted.theta, covariance, imitated(plant, unknowns, hessian))
+    what they leave to the physics `claims`. Parameters are looked at for being constant unless some
+    drift: from part to part of the windows, of which each has so many `parts`."""
+    size, weights, count = fitted.theta.size, unknowns.weights(plant), len(unknowns.parameters)
+    watched = 0 if unknowns.slow else count * parts
+    if watched:
+        unknowns, fitted, windows = _with_steps(unknowns, fitted, windows, parts)
+    found = curvature(plant, unknowns, fitted, windows, substeps, ridge, claims)
+    local = fitted.z.shape[1]
+    own = size + np.arange(len(fitted.z))[:, None] * local + np.arange(local - watched, local)
+    inner = np.setdiff1d(np.arange(len(found.hessian)), own)
+    hessian, s2 = found.hessian[np.ix_(inner, inner)], max(fitted.mse, 1e-300)
+    inverse = np.linalg.pinv(found.precision[np.ix_(inner, inner)], hermitian=True)
+    covariance = s2 * found.residual_time * inverse[weights:size, weights:size]
+    told = constants(plant, unknowns, fitted.theta, covariance, imitated(plant, unknowns, hessian))
     unseen = _unseen(plant, hessian, size, windows)
-    return Information(*found, unseen, tau, claims is not None)
+    changing: dict[str, float] = {}
+    if watched:
+        columns = [own[:, k::count].ravel() for k in range(count)]
+        dropped = drops(found.hessian, inverse, found.gradient, inner, columns)
+        whole = s2 * np.sum(np.asarray(windows.weight) > 0)
+        changing = dict(zip(unknowns.parameters, (dropped / whole).tolist(), strict=True))
+    return Information(*told, unseen, found.residual_time, claims is not None, changing)
+
+
+def _with_steps(
+    unknowns: Unknowns, fitted: Fitted, windows: Window, parts: int
+) -> tuple[Unknowns, Fitted, Window]:
+    """The same with values of their own for all parameters in every part of a window, all 0 yet."""
+    count = len(unknowns.parameters)
+    walk = steps(windows.dt.shape[1], parts, count)
+    walk = np.broadcast_to(walk, (len(fitted.z), *walk.shape))
+    z = np.pad(fitted.z, ((0, 0), (0, parts * count)))
+    return (
+        replace(unknowns, slow=tuple(range(count))),
+        fitted._replace(z=z),
+        eqx.tree_at(lambda each: each.walk, windows, walk),
+    )
 
 
 @eqx.filter_jit
