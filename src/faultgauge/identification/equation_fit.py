@@ -10,7 +10,13 @@ from jaxtyping import Int
 
 from faultgauge.errors import InputError
 from faultgauge.identification.algorithms import AlgorithmName
-from faultgauge.identification.equation_error import Group, fit_group, groups, scale_networks
+from faultgauge.identification.equation_error import (
+    Group,
+    crowds,
+    fit_group,
+    groups,
+    scale_networks,
+)
 from faultgauge.identification.holdout import split
 from faultgauge.identification.instruments import project
 from faultgauge.identification.levenberg_marquardt import (
@@ -21,6 +27,7 @@ from faultgauge.identification.levenberg_marquardt import (
 )
 from faultgauge.identification.samples import Channels, Samples, Stretch, collect, spread
 from faultgauge.identification.selection import Windows, free_run_errors, windows_from
+from faultgauge.identification.starts import Box
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant_file import PlantSpec
 from faultgauge.simulation.free_run import RATE_STEP, fastest_rate
@@ -35,10 +42,14 @@ WORSE = 1.5  # times the free-run error without instruments: they determine too 
 
 
 class GroupReport(NamedTuple):
+    """The `chosen` start of several; `crowded`: whether its networks' units stand where their
+    arguments crowd, None where no argument does."""
+
     group: Group
     solution: Solution
     free_run: np.ndarray
     chosen: int
+    crowded: bool | None = None
 
 
 class Material(NamedTuple):
@@ -112,10 +123,12 @@ def fit_equations(
     """Fit every group, take the best by equation error, then select each by free run."""
     training, validation, windows = given.training, given.validation, given.windows
     found, reports, others = [], [], []
+    crowded: dict[str, Box] = {}
     warnings: list[str] = []
     for number, group in enumerate(groups(plant.spec, how.outputs)):
         progress(f"fitting {group.name}")
         plant = scale_networks(plant, group, training)
+        crowded |= crowds(plant, group, training)
         rngs = [np.random.default_rng([seed, number, k]) for k in range(restarts)]
         plants, solution = fit_group(
             plant,
@@ -125,6 +138,7 @@ def fit_equations(
             rngs,
             algorithm=algorithm,
             exogenous=given.exogenous,
+            crowded=crowded,
         )
         _judge(group, solution, warnings)
         plant = plants[int(np.nanargmin(_ranked(solution)))]
@@ -152,7 +166,8 @@ def fit_equations(
         chosen %= starts
         if solution.status[chosen] == NOT_CONVERGED:
             warnings.append(not_converged(group.name, int(solution.trials[chosen])))
-        reports.append(GroupReport(group, solution, errors, chosen))
+        where = chosen % 2 == 1 if crowded.keys() & set(group.networks) else None
+        reports.append(GroupReport(group, solution, errors, chosen, where))
     if reports:  # the last group's choice is the whole plant's
         error = float(reports[-1].free_run[reports[-1].chosen])
     else:

@@ -299,11 +299,13 @@ def _record(
 
 
 def _group(report: GroupReport) -> dict[str, Any]:
+    where = {} if report.crowded is None else {"crowded": report.crowded}
     return {
         "unknowns": report.group.name,
         "starts": len(report.solution.status),
         "converged": int(np.sum(report.solution.status == CONVERGED)),
         "trials": int(report.solution.trials[report.chosen]),
         "chosen": report.chosen,
+        **where,
         "free_run_nrmse": float(report.free_run[report.chosen]),
     }
