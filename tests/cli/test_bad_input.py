@@ -64,6 +64,26 @@ def test_a_log_in_millimetres_for_a_plant_in_metres(refuse, workshop, tmp_path, 
     refuse("fit", plant, log, "--out", out, naming=naming)
 
 
+def test_a_suspect_log_in_millimetres_beside_a_healthy_one_in_metres(refuse, workshop, tmp_path):
+    """Neither of `check`, whose black box has no units, nor of logs that are fitted together."""
+    h5py = pytest.importorskip("h5py", reason="the extra io is not installed")
+    paths = []
+    for name, unit, factor in (("healthy", "m", 1), ("suspect", "mm", 1000)):
+        t, u, x = np.loadtxt(getattr(workshop, name), delimiter=",", skiprows=1, unpack=True)
+        paths.append(tmp_path / f"{name}.h5")
+        with h5py.File(paths[-1], "w") as file:
+            for column, values in (("t", t), ("u", u), ("x", factor * x)):
+                file[column] = values
+            file["x"].attrs["unit"] = unit
+    naming = (paths[1], "'x' is in 'mm'", "'m'", "--map 'x=x*0.001'")
+    refuse("check", *paths, naming=naming)
+    plant = tmp_path / "bare.toml"
+    plant.write_text(workshop.plant.read_text().replace('unit = "m"', ""))
+    out = tmp_path / "m.fgm"
+    refuse("fit", plant, *paths, "--out", out, naming=naming)
+    refuse("fit", plant, paths[0], "--validate", paths[1], "--out", out, naming=naming)
+
+
 def test_a_map_is_taken_as_it_is(call, workshop, tmp_path):
     h5py = pytest.importorskip("h5py", reason="the extra io is not installed")
     t, u, x = np.loadtxt(workshop.healthy, delimiter=",", skiprows=1, unpack=True)

@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 
 import equinox as eqx
+import numpy as np
 import pytest
 
 from faultgauge.cli.app import app, run
@@ -91,7 +92,7 @@ def test_fit(call, workshop, tmp_path):
     found = one_object(call("fit", workshop.plant, workshop.healthy, "--out", out, "--json"))
     assert found.keys() == {
         "model", "parameters", "metrics", "derivatives", "envelope", "warnings", "choices",
-        "refinement", "members", "validation", "equation_error",
+        "noise", "refinement", "members", "validation", "equation_error",
     }  # fmt: skip
     assert found["choices"] == {"hold": {}, "hidden": {}}
     assert (found["refinement"], found["members"]) == (None, 0)
@@ -157,9 +158,13 @@ def test_fit_with_a_hidden_state_gives_standard_errors(call, workshop, hidden, t
     told = one_object(call(*fit, "--report", page, "--json"))
     assert sorted(each["name"] for each in told["refinement"]["parameters"]) == ["a", "k"]
     assert told["validation"]["outputs"][0]["samples"] == 90, "15 % of 600"
+    # twice 0.002 m, as 600 samples tell it (tests/identification/test_noise_floor.py)
+    assert told["noise"]["y"]["sd"] == pytest.approx(0.004, rel=3 * 1.77 / 600**0.5)
+    assert told["noise"]["y"]["unit"] == "V"
     text = page.read_text()
     assert "Refinement by simulation error" in text
     assert "Validation on unseen data" in text
+    assert "times the noise" in text
 
 
 def test_a_hidden_state_goes_through_evaluate_calibrate_and_estimate(
@@ -439,6 +444,17 @@ def test_check_does_it_all(call, workshop, tmp_path):
     page = (out / "report.html").read_text()
     assert "Evidence of leak, suspect" in page
     assert "What the healthy log proves" in page
+
+
+def test_check_names_a_column_of_another_size(call, workshop, tmp_path):
+    t, u, x = np.loadtxt(workshop.suspect, delimiter=",", skiprows=1, unpack=True)
+    odd = tmp_path / "odd.csv"
+    rows = np.stack([t, u, 1000 * x], axis=1)
+    np.savetxt(odd, rows, delimiter=",", header="t,u,x", comments="")
+    said = call("check", workshop.healthy, odd, "--plant", workshop.plant)
+    assert said.code == 0
+    assert "warning: column 'x' spreads" in said.err
+    assert "times as far in run 'odd' as in run 'healthy'" in said.err
 
 
 def test_check_answers_as_estimate_does_with_the_model_that_it_keeps(call, workshop, tmp_path):

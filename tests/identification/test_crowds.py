@@ -71,9 +71,9 @@ def test_units_stand_where_validation_says(truth, crowded, seed):
     assert (in_crowd < over_range) == crowded
     (record,) = model.record["metrics"]["groups"]
     assert record["crowded"] is crowded
-    # what was chosen holds elsewhere: other stairs, few of them large, scatter by some tenths
-    unseen = scores["outputs"]["y"]["nrmse"]
-    assert unseen < 1.5 * model.record["metrics"]["validation_free_run_nrmse"]
+    # unseen stairs: 18 rare ones in training leave gaps of some units of u between them, and what
+    # stands in a gap for a thirteenth of the time may be off by half the spread
+    assert scores["outputs"]["y"]["nrmse"] < 0.25
     (said,) = [text for text in fit_sections(model, report)[0].paragraphs if "small part" in text]
     assert ("over the whole range" in said) is not crowded
 

@@ -235,12 +235,22 @@ def test_refusals():
 def test_what_needs_the_refinement_says_so():
     log = first_order()
     for option in ("ensemble", "robust"):
-        with pytest.raises(InputError, match=f"--{option} is about the refinement.*add --refine"):
-            fit(plant(FIRST_ORDER), [log], **{option: True})
+        with pytest.raises(InputError, match=f"--{option} is about the refinement.*--no-refine"):
+            fit(plant(FIRST_ORDER), [log], refine=False, **{option: True})
     hidden = plant(FIRST_ORDER.replace('value = "x"', 'value = "2*x"').replace(".x]\nv", ".y]\nv"))
     seen = Run("r", "a.csv", log.t, {"u": log.columns["u"], "y": 2 * log.columns["x"]})
     with pytest.raises(InputError, match="x of plant 'first order': hidden states"):
         fit(hidden, [seen], refine=False)
+
+
+@pytest.mark.parametrize("option", ["ensemble", "robust"])
+def test_what_is_about_the_refinement_switches_it_on(option):
+    plain = fit(plant(FIRST_ORDER), [first_order()], restarts=1)[1]
+    assert plain.refinement is None  # all states are measured
+    asked, said = fit(plant(FIRST_ORDER), [first_order()], restarts=1, **{option: True})
+    told, _ = fit(plant(FIRST_ORDER), [first_order()], restarts=1, refine=True, **{option: True})
+    assert said.refinement is not None
+    assert asked.record == told.record
 
 
 DELAY = 0.3  # s: six steps

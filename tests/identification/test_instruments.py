@@ -6,8 +6,10 @@ from dataclasses import replace
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from faultgauge.errors import InputError
+from faultgauge.identification import equation_fit
 from faultgauge.identification.equation_fit import material
 from faultgauge.identification.fit import fit
 from faultgauge.identification.instruments import project, refit
@@ -37,19 +39,19 @@ def plant(key=INSTRUMENT):
     return GrayBoxPlant.untrained(parse_plant(PLANT.format(key=key), "plant.toml"))
 
 
-def closed_loop(gain, seed):
+def closed_loop(gain, seed, count=COUNT):
     """x' = b u - a x + load under u = r - gain * x as measured: held and sampled in closed form."""
     random = np.random.default_rng(seed)
-    r = np.repeat(random.uniform(-2, 2, COUNT // 40), 40)
-    sensor, drive = random.standard_normal((2, COUNT))
+    r = np.repeat(random.uniform(-2, 2, count // 40), 40)
+    sensor, drive = random.standard_normal((2, count))
     decay, keep = np.exp(-A * STEP), np.exp(-STEP / 0.3)
-    x, u, state, load = np.zeros(COUNT), np.zeros(COUNT), 0.0, 0.0
-    for k in range(COUNT):
+    x, u, state, load = np.zeros(count), np.zeros(count), 0.0, 0.0
+    for k in range(count):
         load = keep * load + 0.3 * np.sqrt(1 - keep**2) * drive[k]
         x[k] = state + 0.02 * sensor[k]
         u[k] = r[k] - gain * x[k]
         state = decay * state + (1 - decay) / A * (B * u[k] + load)
-    return Run(f"run{seed}", "loop.csv", STEP * np.arange(COUNT), {"x": x, "u": u, "r": r})
+    return Run(f"run{seed}", "loop.csv", STEP * np.arange(count), {"x": x, "u": u, "r": r})
 
 
 def bias(gain, key):
@@ -70,6 +72,28 @@ def test_the_bias_grows_with_the_gain_and_the_instrument_removes_it():
     # A run scatters by 6 % in a and by 2 % in b at the highest gain, a median of three by 0.7 of
     # it; twice that.
     assert np.all(np.abs(freed) < [0.09, 0.03])
+
+
+def test_standard_errors_with_an_instrument_are_the_scatter():
+    logs, rows = 20, []
+    for seed in range(logs):
+        known = fit(plant(), [closed_loop(1.0, seed, 2000)], restarts=1)[1].information
+        rows.append([(each.value, each.standard_error) for each in known.constants])
+    values, errors = np.moveaxis(np.array(rows), 2, 0)
+    ratio = np.mean(errors**2, axis=0) / values.var(axis=0, ddof=1)
+    # the scatter of 20 is a chi-square of 19, one in a thousand on either side: 0.43 to 3.5
+    low, high = (logs - 1) / chi2.ppf([0.999, 0.001], logs - 1)
+    assert np.all((ratio > low) & (ratio < high))
+
+
+def test_the_fit_without_has_the_standard_errors_without(monkeypatch):
+    monkeypatch.setattr(equation_fit, "WORSE", 1e-9)  # the fit without is kept
+    told = []
+    for key in (INSTRUMENT, ""):
+        account = fit(plant(key), [closed_loop(1.0, 0)], restarts=1)[1]
+        assert not account.groups[0].freed
+        told.append([vars(each) for each in account.information.constants])
+    assert told[0] == told[1]
 
 
 def test_a_linear_equation_gets_the_textbook_estimate():

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from faultgauge.identification.log_checks import log_warnings
+from faultgauge.identification.log_checks import log_warnings, other_units
 from faultgauge.plants.plant_file import parse_plant
 from faultgauge.telemetry import Run
 
@@ -83,3 +83,38 @@ def test_an_input_that_hardly_moves():
     (text,) = warnings(log(u=lambda u: u / 20))
     # 8 V / 20 of 10 V, a little less as 400 draws do not reach their ends
     assert text.startswith("input 'u' moves through 4.0% of its range from -5 to 5 only")
+
+
+def levels(name, scale, least=0.0, units=None):
+    """400 samples of `least` to `scale`, and an input that is alike in all runs."""
+    random = np.random.default_rng(0)
+    columns = {"q": random.uniform(least, scale, COUNT), "u": random.uniform(-1, 1, COUNT)}
+    return Run(name, f"{name}.csv", 0.1 * np.arange(COUNT), columns, units=units or {})
+
+
+def test_a_run_in_another_unit_than_the_others_is_named():
+    (text,) = other_units([levels("a", 2.0), levels("b", 2000.0), levels("c", 2.1)])
+    # 1000 times as far as the narrower of the other two
+    assert text.startswith("column 'q' spreads 1e+03 times as far in run 'b' as in run 'a'")
+    assert "--map serves all logs" in text
+    near = log()
+    wide = Run("wide", "tank.csv", near.t, near.columns | {"more": 1e4 * near.columns["u"]})
+    narrow = Run("narrow", "tank.csv", near.t, near.columns | {"more": near.columns["u"]})
+    (found,) = warnings(wide, narrow)  # `fit` asks, over its logs and those for validation
+    assert found.startswith("column 'more' spreads 1e+04 times as far in run 'wide'")
+
+
+def test_runs_that_only_do_less_are_not_in_another_unit():
+    assert other_units([levels("a", 2.0), levels("b", 500.0)]) == []  # 250 times
+    assert other_units([levels("at rest", 2.0, 1.9999), levels("b", 2.0)]) == []
+    still = levels("still", 2.0)
+    still.columns["q"][:] = 0.0
+    assert other_units([still, levels("b", 2.0)]) == []
+    still.columns["q"][:] = np.nan
+    assert other_units([still, levels("b", 2.0)]) == []
+
+
+def test_units_that_the_logs_give_are_left_to_the_reading():
+    known = [levels("a", 2.0, units={"q": "m"}), levels("b", 2000.0, units={"q": "m"})]
+    assert other_units(known) == []
+    assert len(other_units([known[0], levels("b", 2000.0)])) == 1

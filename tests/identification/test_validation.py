@@ -142,6 +142,20 @@ def test_five_percent_of_the_lags_of_white_residuals_are_outside():
     assert white >= 95  # 99 % each: six or more misses have a chance of 5e-4
 
 
+def test_five_percent_are_outside_where_cells_are_empty():
+    """Half of them are: pairs are a quarter, and the bound comes down with the correlation."""
+    shares = []
+    for seed in range(100):
+        rng = np.random.default_rng(seed)
+        e = rng.standard_normal(2000)
+        e[rng.random(2000) < 0.5] = np.nan
+        found, _ = residual_test([e[:1500], e[1500:]], STEP)
+        # q is a half; the cells that are there scatter by 2 %
+        assert found.bound == pytest.approx(1.96 * np.sqrt(0.5 / 1000), rel=0.1)
+        shares.append(found.share_outside)
+    assert np.mean(shares) == pytest.approx(0.05, abs=0.015)  # as above
+
+
 @pytest.mark.parametrize("phi", [0.5, 0.9])
 def test_autocorrelation_and_integrated_time_of_ar1(phi):
     e = ar1(phi, 200_000, np.random.default_rng(0))
@@ -385,7 +399,9 @@ def test_empty_cells_are_not_tested_and_do_not_split():
     assert found.inputs[0].peak_lag_s == pytest.approx(4 * STEP, rel=1e-12)
     # 0.01 / sqrt(0.02^2 + 0.01^2); its standard deviation is 1 / sqrt(2655) = 0.019
     assert found.inputs[0].peak == pytest.approx(0.447, abs=0.07)
-    assert found.residual.bound == pytest.approx(norm.isf(0.025) / np.sqrt(len(kept)), rel=1e-12)
+    # a tenth less of the pairs; how many of them by chance: 1 / sqrt(25 * 2950 * 0.8) of it
+    bound = norm.isf(0.025) * np.sqrt(0.9 / len(kept))
+    assert found.residual.bound == pytest.approx(bound, rel=0.01)
     assert sum(found.profiles[0].samples) == len(kept)
     assert found.seeds.spread == pytest.approx(0.01 / np.sqrt(2), rel=1e-9)  # two, 0.01 apart
     assert 0.9 < found.band.share_inside < 0.99

@@ -1,8 +1,11 @@
 """The chapter on the refinement says what was found, and how surely."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from faultgauge.identification.constants import Constant, Information
+from faultgauge.identification.refinement.courses import Course
 from faultgauge.identification.refinement.result import Members, Refinement
 from faultgauge.identification.samples import Samples
 from faultgauge.plants.gray_box import load_plant
@@ -68,3 +71,13 @@ def test_a_fit_to_what_was_held_out_is_told():
     before, after = (refinement_section(refinement(refitted=told)) for told in (False, True))
     assert after.paragraphs[:-1] == before.paragraphs
     assert "was then fitted to those data, too" in after.paragraphs[-1]
+
+
+def test_a_drift_is_drawn():
+    courses = [Course("monday", [0.0, 10.0], [1.0, 2.0]), Course("friday", [5.0, 20.0], [3.0, 4.0])]
+    drifted = replace(refinement(), courses={"k_in": courses})
+    (drawn,) = refinement_section(drifted).figures
+    assert refinement_section(refinement()).figures == ()
+    page = render(Report("t", ("s",), (refinement_section(drifted),), versions={}))
+    assert drawn.title == "How k_in drifted"
+    assert all(word in page for word in ("monday", "friday"))

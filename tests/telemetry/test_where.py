@@ -229,6 +229,36 @@ def test_rows_of_another_clock_are_no_dropouts(log):
     assert run.columns["y"].tolist() == list(range(30, 60, 3))
 
 
+def clocked(log, out):
+    """A log at 10 Hz with `x` on every row, `y` and `z` on every tenth; `ok` is 0 on rows `out`."""
+    cells = (f"{k if k % 10 == 0 else ''}" for k in range(101))
+    rows = [f"{k / 10},{k},{y},{y},{int(k not in out)}" for k, y in enumerate(cells)]
+    return log("\n".join(["t,x,y,z,ok", *rows]))
+
+
+@pytest.mark.parametrize("names", [["y"], ["y", "z"]])
+def test_a_hole_between_two_samples_of_slow_columns_splits_the_run(log, names):
+    (run,) = read_telemetry(clocked(log, range(33, 38)), names=names, where="ok == 1")
+    np.testing.assert_allclose(run.t, [0, 1, 2, 3, 3.3, *range(4, 11)])
+    assert segments(run, names) == [slice(0, 4), slice(5, 12)]
+
+
+@pytest.mark.parametrize(
+    ("out", "left"),
+    [
+        (range(33, 38), [*range(31), *range(40, 101)]),
+        (range(38, 44), [*range(31), *range(50, 101)]),
+    ],
+)
+@pytest.mark.parametrize("held", [[], ["y"]])
+def test_a_slow_column_is_not_filled_across_a_hole(log, held, out, left):
+    """Of what lies in the hole nothing is known, and the sample at 40 may be out of it."""
+    path = clocked(log, out)
+    (run,) = read_telemetry(path, names=["x", "y"], held=held, where="ok == 1")
+    both = np.isfinite(run.columns["x"]) & np.isfinite(run.columns["y"])
+    assert run.columns["x"][both].tolist() == left
+
+
 def test_a_mode_topic_of_a_bag():
     """/mode twice in the bag: idle at 0 s, run at 0.25 s (row 25 of 50)."""
     bag = {"maps": ["w=imu_angular_velocity_x"], "names": ["w"]}

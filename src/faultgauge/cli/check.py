@@ -33,7 +33,7 @@ def check(
     from faultgauge.plants.gray_box import load_plant
     from faultgauge.plants.model import save_model
     from faultgauge.studies import checkup
-    from faultgauge.telemetry import read_telemetry
+    from faultgauge.telemetry import check_same_units, read_telemetry
     from faultgauge.telemetry.writing import write_table
 
     check_folder(report)
@@ -46,6 +46,7 @@ def check(
         body = load_plant(plant)
     good = options.read_logs(body.signals, [healthy], time, map, where, fitting=True)
     doubtful = options.read_logs(body.signals, [suspect], time, map, where)
+    check_same_units([*good, *doubtful], map or ())
     with options.narrate("checking") as progress:
         found = checkup.check(body, good, doubtful, seed=seed, progress=progress)
     options.warn([*found.account.warnings, *found.calibration.warnings])

@@ -21,7 +21,8 @@ def estimate(
     logs: Annotated[
         list[Path],
         typer.Argument(
-            help="Logs: CSV (.gz too), Parquet, MAT, HDF5, MDF, MCAP; or - for standard input."
+            help="Logs: CSV (.gz too), Parquet, MAT, HDF5, MDF, MCAP, ROS 2 bags; or - for "
+            "standard input."
         ),
     ],
     out: Annotated[

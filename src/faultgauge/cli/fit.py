@@ -27,14 +27,14 @@ def fit(
         typer.Option(
             "--refine/--no-refine",
             help="Go on to the simulation error [default: where a state is hidden, a parameter "
-            "varies or a sensor is slower than the rows].",
+            "varies or a sensor is slower than the rows, and with --robust or --ensemble].",
         ),
     ] = None,
     robust: Annotated[
-        bool, typer.Option("--robust", help="Bound what an outlier can do to the refinement.")
+        bool, typer.Option("--robust", help="Refine, and bound what an outlier can do to it.")
     ] = False,
     ensemble: Annotated[
-        bool, typer.Option("--ensemble", help="Keep the next best refined models in MODEL too.")
+        bool, typer.Option("--ensemble", help="Refine, and keep the next best models in MODEL too.")
     ] = False,
     restarts: Annotated[
         int, typer.Option("--restarts", min=1, max=1000, help="How many starts.")
@@ -63,11 +63,13 @@ def fit(
     """Learn a plant's unknowns from healthy logs and write a model file."""
     from faultgauge.cli.writing import check_folder
     from faultgauge.plants.gray_box import load_plant
+    from faultgauge.telemetry import check_same_units
 
     check_folder(out, report)
     untrained = load_plant(plant)
     runs = options.read_logs(untrained.signals, logs, time, map, where, fitting=True)
     held = options.read_logs(untrained.signals, validate, time, map, where) if validate else []
+    check_same_units([*runs, *held], map or ())
     if not despite_alarms:
         from faultgauge.detection.alarmed import refuse_alarms
 
@@ -133,6 +135,7 @@ def _content(model: "Model", account: "FitReport") -> dict[str, Any]:
         "parameters": {name: float(value) for name, value in model.plant.parameters.items()},
         "metrics": record["metrics"],
         "derivatives": record["derivatives"],
+        "noise": record["noise"],
         "envelope": record["envelope"],
         "choices": record.get("choices", {"hold": {}, "hidden": {}}),
         "refinement": record["metrics"].get("refinement"),

@@ -54,7 +54,8 @@ ReportFile = Annotated[
 ]
 RowFormat = Literal["csv", "ndjson"]
 Logs = Annotated[
-    list[Path], typer.Argument(help="Logs: CSV (.gz too), Parquet, MAT, HDF5, MDF, MCAP.")
+    list[Path],
+    typer.Argument(help="Logs: CSV (.gz too), Parquet, MAT, HDF5, MDF, MCAP, ROS 2 bags."),
 ]
 
 

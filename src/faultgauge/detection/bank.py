@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float
 
 from faultgauge.detection.coverage import Region, regions_of
 from faultgauge.detection.envelope import read
-from faultgauge.detection.judged import measured_outputs
+from faultgauge.detection.judged import measured_outputs, rows_between
 from faultgauge.detection.levels import MEMORY, driven, levels_of, probes_of
 from faultgauge.detection.noise import Noise, drifting_of
 from faultgauge.errors import InputError
@@ -99,7 +99,12 @@ def build_fault_bank(model: Model, runs: Sequence[Run], noise: Noise) -> FaultBa
     evaluated = evaluated_faults(signals)
     step = float(np.median([run.step for run in runs]))
     outputs = measured_outputs(model, runs)
-    levels, known = levels_of(model, noise, step, outputs)
+    # White noise as strong as sigma at one sample in n is sigma sqrt(n) at every row.
+    rows = [rows_between(runs, name) for name in signals.output_names]
+    levels, known = levels_of(
+        model, noise._replace(sigma=noise.sigma * np.sqrt(rows)), step, outputs
+    )
+    levels = levels._replace(sigma=noise.sigma, noisier=noise.sigma)
     sets = mode_sets(evaluated, signals.max_simultaneous)
     probes = probes_of(model, levels)
     modes = InteractingModes(

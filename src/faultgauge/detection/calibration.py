@@ -32,6 +32,7 @@ from faultgauge.detection.noise import estimate_noise
 from faultgauge.detection.residual import residuals
 from faultgauge.errors import InputError
 from faultgauge.identification.command_checks import command_warnings
+from faultgauge.identification.log_checks import other_units
 from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run
 
@@ -52,7 +53,16 @@ def channels_of(bank: Bank, estimates: Estimates) -> dict[str, Float[np.ndarray,
     """The channels that are judged: fault estimates, or the observer's residuals without any."""
     if estimates.f:
         return estimates.f
-    return residuals(bank.model, estimates.run, "observer")
+    found = residuals(bank.model, estimates.run, "observer")
+    return {name: _held(estimates.run, name, r) for name, r in found.items()}
+
+
+def _held(run: Run, name: str, r: Float[np.ndarray, "samples"]) -> Float[np.ndarray, "samples"]:
+    """A slow sensor's residual as it stands until its next sample, like an estimate."""
+    if name not in run.sampled:
+        return r
+    last = np.maximum.accumulate(np.where(np.isfinite(r), np.arange(len(r)), 0))
+    return np.where(np.isfinite(run.columns[name]), r[last], np.nan)
 
 
 def score(
@@ -88,6 +98,7 @@ def calibrate(
             f"{', '.join(doubled)}: also used in fit, where the model looks better than it is; "
             "the limit may be too low. Calibrate on other runs if you can"
         )
+    warnings += other_units(runs)
     warnings += command_warnings(model.plant, runs)
     warnings += not_followed(model, runs)
     bank = build_bank(model, runs, observer)
@@ -207,7 +218,7 @@ def _usual_correlation(
     lengths = np.array([part.stop - part.start for *_, part in stretches])
     taus = np.array(
         [
-            [correlation_time(x[part], bank.step) for x in (each.innovation or values).values()]
+            [_correlation(x[part], bank.step) for x in (each.innovation or values).values()]
             for each, values, part in stretches
         ]
     )
@@ -217,6 +228,12 @@ def _usual_correlation(
         half = np.searchsorted(np.cumsum(lengths[order]), lengths.sum() / 2)
         found.append(column[order][half])
     return float(max(found))
+
+
+def _correlation(x: Float[np.ndarray, "samples"], step: float) -> float:
+    """Correlation time [s] of what was sampled: a slow sensor has lags of its own step."""
+    own = x[np.isfinite(x)]
+    return correlation_time(own, step * (len(x) / max(len(own), 1)))
 
 
 def _without_suspects(blocks: list[Block], runs: Sequence[Run]) -> tuple[list[Block], list[Block]]:

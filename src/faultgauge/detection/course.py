@@ -27,6 +27,7 @@ from faultgauge.detection.judged import (
     record_arrays,
     start_from_samples,
     steps_to,
+    stretches,
 )
 from faultgauge.detection.levels import driven
 from faultgauge.detection.noise import spread_of_start
@@ -37,7 +38,7 @@ from faultgauge.observers.modes import with_unknown
 from faultgauge.observers.sigma_point import Belief
 from faultgauge.plants.model import Model
 from faultgauge.plants.plant import Plant
-from faultgauge.telemetry import Run, segments
+from faultgauge.telemetry import Run
 
 __all__ = ["AT_START", "Course", "Rows", "run_over"]
 
@@ -138,7 +139,7 @@ def run_over(bank: FaultBank, log: Run) -> Iterator[Rows]:
     run = in_effect(bank.model.plant.signals, log)
     course = Course(bank, tuple(run.columns))
     modes, state, last = bank.modes, None, 0.0
-    for part in _stretches(course, run):
+    for part in stretches(run, course.names, course.opening):
         start = start_from_samples(bank.model, run, part)
         t, given = run.t[part], course.samples(run, part)
         past = None if state is None else Past(modes, state, float(t[0] - last))
@@ -150,15 +151,6 @@ def run_over(bank: FaultBank, log: Run) -> Iterator[Rows]:
             where = slice(part.start + block.start, part.start + block.stop)
             yield course.rows(modes.plant, where, info, given[0][block], t[block] - t[0], foreseen)
         last = float(t[-1])
-
-
-def _stretches(course: Course, run: Run) -> Iterator[slice]:
-    """Stretches from their first sample with every output on."""
-    for each in segments(run, course.names):
-        complete = np.all([np.isfinite(run.columns[n][each]) for n in course.opening], axis=0)
-        found = np.flatnonzero(complete)
-        if len(found) and each.stop - each.start - found[0] >= 2:
-            yield slice(each.start + int(found[0]), each.stop)
 
 
 def first_state(

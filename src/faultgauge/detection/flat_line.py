@@ -31,7 +31,7 @@ def longest_repeats(model: Model, runs: Sequence[Run]) -> dict[str, int]:
     """For each output, the most samples on end that repeat one value."""
     found = {}
     for name in model.plant.signals.output_names:
-        counts = [_repeats(run.columns[name])[0] for run in runs if name in run.columns]
+        counts = [_repeats(run.own(name))[0] for run in runs if name in run.columns]
         found[name] = max((int(each.max(initial=1)) for each in counts), default=1)
     return found
 
@@ -54,7 +54,11 @@ class FlatLine:
         first output that is none, or "")."""
         columns, standing = dict(run.columns), np.full(len(run.t), "", object)
         for name in [name for name in self.most if name in columns]:
-            counts, self.last[name] = _repeats(columns[name], *self.last[name])
+            counts, self.last[name] = _repeats(run.own(name), *self.last[name])
+            if name in run.sampled:  # what was filled in is as good as the sample before it
+                counts = counts[
+                    np.maximum.accumulate(np.where(counts > 0, np.arange(len(counts)), 0))
+                ]
             flat = counts > self.most[name]
             columns[name] = np.where(flat, np.nan, columns[name])
             standing[flat & (standing == "")] = name

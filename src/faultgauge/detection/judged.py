@@ -1,7 +1,7 @@
 """Running a model's observers beside a log: one row per sample, and what cannot be judged."""
 
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,7 +17,7 @@ from faultgauge.observers.follow import follow
 from faultgauge.observers.observer import OperatingPoints
 from faultgauge.plants.model import Model
 from faultgauge.plants.plant import Plant
-from faultgauge.simulation.free_run import bucket, pad
+from faultgauge.simulation.free_run import bucket, pad, substeps_for
 from faultgauge.telemetry import Run, segments
 
 __all__ = [
@@ -34,6 +34,8 @@ __all__ = [
     "pad_stretch",
     "record_arrays",
     "steps_to",
+    "stretches",
+    "rows_between",
     "samples_to_start",
     "start_from_samples",
 ]
@@ -84,7 +86,8 @@ class Bank:
 class Estimates:
     """Fault estimates of one run, one row per sample; NaN where there is none.
 
-    `innovation` is that of each fault's observer on its own output (unit of that output).
+    `innovation` is that of each fault's observer on its own output (unit of that output), NaN
+    between the samples of a slow sensor.
     `settled` is False during the hold-off after a start or a gap, and where nothing was sampled;
     `standing` names the output that is stuck or saturated.
     """
@@ -117,6 +120,13 @@ def measured_outputs(model: Model, runs: Sequence[Run]) -> tuple[str, ...]:
     return found
 
 
+def rows_between(runs: Sequence[Run], output: str) -> int:
+    """How many rows it is from sample to sample of `output` in `runs`: 1 but for slow sensors."""
+    return int(
+        np.median([run.rows_per_sample(output) for run in runs if output in run.columns] or [1])
+    )
+
+
 def bandwidth_of(model: Model, step: float) -> float:
     """`[observer] bandwidth`, or omega_o dt = 0.1 where the plant file gives none."""
     return model.plant.signals.observation.bandwidth or 1.0 / (SAMPLES_PER_RADIAN * step)
@@ -141,27 +151,35 @@ def build_bank(model: Model, runs: Sequence[Run], observer: str = "eso") -> Bank
     points = operating_points(model)
     designs: dict[str, Design] = {}
     refused: dict[str, str] = {}
+
+    def design(fault: str, omega: float, dt: float) -> Design:
+        return OBSERVERS[observer](model.plant, fault, points, dt, omega, measured, model.max_step)
+
     for fault in [f.name for f in model.plant.signals.faults if f.monitor != "disabled"]:
-
-        def design(omega: float, fault: str = fault) -> Design:
-            return OBSERVERS[observer](
-                model.plant, fault, points, step, omega, measured, model.max_step
-            )
-
         try:
-            designs[fault] = design(bandwidth)
+            designs[fault] = design(fault, bandwidth, step)
         except InputError as refusal:
             refused[fault] = str(refusal)
-            continue
+    # A slow sensor corrects at its own samples, over the rows between which the model predicts.
+    every = {fault: step * rows_between(runs, d.output) for fault, d in designs.items()}
+    if max(every.values(), default=step) > step:
+        bandwidth = bandwidth_of(model, max(every.values()))
+        substeps = substeps_for(step, model.max_step)
+        for fault, dt in every.items():
+            found = design(fault, bandwidth, dt)
+            designs[fault] = found._replace(observer=replace(found.observer, substeps=substeps))
+    for fault, dt in every.items():
         if designs[fault].radius >= 1:
-            stable = [w for w in bandwidth * 2.0 ** np.arange(-6, 7) if design(w).radius < 1]
+            stable = [
+                w for w in bandwidth * 2.0 ** np.arange(-6, 7) if design(fault, w, dt).radius < 1
+            ]
             advice = (
                 f"bandwidths that are: {', '.join(f'{w:.3g}' for w in stable)} rad/s"
                 if stable
                 else "none between 1/64 and 64 times it is; measure another state"
             )
             raise InputError(
-                f"[observer] bandwidth = {bandwidth:g} rad/s at {step:g} s per sample is not "
+                f"[observer] bandwidth = {bandwidth:g} rad/s at {dt:g} s per sample is not "
                 f"stable over the whole training envelope for fault {fault!r}; {advice}."
             )
     if refused and not designs:
@@ -169,14 +187,25 @@ def build_bank(model: Model, runs: Sequence[Run], observer: str = "eso") -> Bank
     return Bank(model, designs, refused, bandwidth, step)
 
 
+def stretches(run: Run, names: Sequence[str], opening: Sequence[str]) -> Iterator[slice]:
+    """Stretches of `run` with `names` sampled throughout, each from its first sample with all of
+    `opening`; where slow sensors are never sampled together, from where all are under way."""
+    for each in segments(run, names):
+        alive = np.all([np.isfinite(run.columns[n][each]) for n in opening], axis=0)
+        complete = np.all([np.isfinite(run.own(n)[each]) for n in opening], axis=0)
+        found = np.flatnonzero(complete if complete.any() else alive)
+        if len(found) and each.stop - each.start - found[0] >= 2:
+            yield slice(each.start + int(found[0]), each.stop)
+
+
 def record_arrays(
     model: Model, run: Run, part: slice
 ) -> tuple[Float[np.ndarray, "samples inputs"], Float[np.ndarray, "samples outputs"]]:
-    """(u, y) of a stretch; outputs without a column are NaN."""
+    """(u, y) of a stretch; y is NaN between the samples of a slow sensor, and without a column."""
     signals, count = model.plant.signals, part.stop - part.start
     nothing = np.full(count, np.nan)
     u = [run.columns[name][part] for name in signals.input_names]
-    y = [run.columns[n][part] if n in run.columns else nothing for n in signals.output_names]
+    y = [run.own(n)[part] if n in run.columns else nothing for n in signals.output_names]
     return np.stack(u, axis=1) if u else np.zeros((count, 0)), np.stack(y, axis=1)
 
 
@@ -218,11 +247,13 @@ def start_from_samples(model: Model, run: Run, part: slice) -> Start:
     ):
         if column not in run.columns:
             continue
-        values = run.columns[column][part][:START_SAMPLES]
         if order == 0:
-            known[state] = float(values[0])
+            known[state] = float(run.columns[column][part][0])
         else:
-            slopes = np.polynomial.polynomial.polyfit(t, values, min(order + 1, len(t) - 1))
+            values = run.own(column)[part][:START_SAMPLES]
+            at = np.isfinite(values)
+            degree = min(order + 1, max(int(at.sum()) - 1, 0))
+            slopes = np.polynomial.polynomial.polyfit(t[at], values[at], degree)
             padded = np.append(slopes, np.zeros(order))
             known[state] = float(padded[order] * np.prod(np.arange(1, order + 1)))
     u, y = record_arrays(model, run, part)
@@ -275,7 +306,8 @@ def estimate_run(bank: Bank, log: Run) -> Estimates:
         infos = follow(judge, state, (u, y, dt))[1]
         for (fault, design), info in zip(bank.designs.items(), infos, strict=True):
             f[fault][part] = info.f
-            innovation[fault][part] = info.innovation[:, outputs.index(design.output)]
+            j = outputs.index(design.output)
+            innovation[fault][part] = np.where(np.isfinite(y[:, j]), info.innovation[:, j], np.nan)
         sampled[part] = True
         settled[part] = bank.has_settled(t - t[0])
         settled[part.start : part.start + start.samples] = False  # they knew what came later

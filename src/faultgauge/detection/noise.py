@@ -274,8 +274,8 @@ def _guess(model: Model, runs: Sequence[Run], stretches: Sequence[_Stretch]) -> 
     signals, step = model.plant.signals, runs[0].step
     sigma = np.ones(len(signals.outputs))
     for j, output in enumerate(signals.outputs):
-        second = np.concatenate([np.diff(s.y[:, j], 2) for s in stretches])
-        second = second[np.isfinite(second)]
+        own = [s.y[np.isfinite(s.y[:, j]), j] for s in stretches]
+        second = np.concatenate([np.diff(y, 2) for y in own])
         if len(second):
             sigma[j] = 1.4826 * np.median(np.abs(second)) / np.sqrt(6)
             sigma[j] = max(sigma[j], 1e-6 * np.std(second), 1e-12)

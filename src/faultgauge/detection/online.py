@@ -2,8 +2,8 @@
 
 What is said of a sample is the same to the bit, because the same compiled step and the same
 judgement say it. Three things cannot be had without the future, and are not: columns of different
-rates are not brought onto common rows, one stream is one run, and `--reference free` is refused
-where an input is band-limited.
+rates are not brought onto common rows (but the bank predicts an output between its samples), one
+stream is one run, and `--reference free` is refused where an input is band-limited.
 """
 
 from collections.abc import Iterator, Sequence
@@ -116,8 +116,11 @@ class Online:
     def _check_rates(self, run: Run) -> None:
         held = [each.name for each in self.model.plant.signals.inputs if each.hold == "zero"]
         aligned = align(run.t, run.columns, held)
-        if aligned.filled or not aligned.kept.all():
-            slow = aligned.filled[0] if aligned.filled else next(iter(run.columns))
+        outputs = [name for name in self.model.plant.signals.output_names if name in run.columns]
+        together = np.all([np.isfinite(run.columns[name]) for name in outputs], axis=0).any()
+        predicted = set(outputs) if self.observer == "bank" and together else set[str]()
+        if not (aligned.kept.all() and set(aligned.filled) <= predicted):
+            slow = next((n for n in aligned.filled if n not in predicted), next(iter(run.columns)))
             raise InputError(
                 f"{SOURCE}: column {slow!r} is sampled at times of its own; what lies between two "
                 "of its samples is known after the second only, so send complete rows, or give "

@@ -1,6 +1,6 @@
 """The residual r = y - yhat (paper, eq 9) against one of three healthy references."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import equinox as eqx
@@ -15,8 +15,10 @@ from faultgauge.detection.judged import (
     measured_outputs,
     operating_points,
     record_arrays,
+    rows_between,
     start_from_samples,
     steps_to,
+    stretches,
 )
 from faultgauge.errors import InputError
 from faultgauge.identification.samples import in_effect, state_column
@@ -27,7 +29,7 @@ from faultgauge.observers.measured_states import MeasuredStates
 from faultgauge.observers.open_loop import OpenLoop
 from faultgauge.plants.model import Model
 from faultgauge.simulation.free_run import bucket, free_run, pad, substeps_for
-from faultgauge.telemetry import Run, segments
+from faultgauge.telemetry import Run
 
 __all__ = ["REFERENCES", "HealthyReference", "Reference", "curved_inputs", "residuals"]
 
@@ -49,7 +51,7 @@ def residuals(
     healthy = HealthyReference.of(model, run, reference)
     found = {name: np.full(len(run.t), np.nan) for name in healthy.outputs}
     ahead = reference == "free" and curved_inputs(model)
-    for part in segments(run, healthy.names):
+    for part in stretches(run, healthy.names, healthy.opening):
         start = start_from_samples(model, run, part)
         if ahead:
             r = _free(model, run, part, start)
@@ -71,8 +73,8 @@ def curved_inputs(model: Model) -> list[str]:
 class HealthyReference:
     """A reference for one run: `judge` answers every sample with yhat.
 
-    `outputs` have a column; `names` must be sampled throughout a stretch; `states` are the columns
-    that the judge is fed with, if it is.
+    `outputs` have a column; `names`, all but those of slow sensors, must be sampled throughout a
+    stretch; `states` are the columns that the judge is fed with, if it is.
     """
 
     model: Model
@@ -86,27 +88,32 @@ class HealthyReference:
         """Raises `InputError` where `run` has not the columns that the reference needs."""
         signals = model.plant.signals
         outputs = tuple(name for name in signals.output_names if name in run.columns)
-        names = (*signals.input_names, *outputs)
+        steady = [name for name in outputs if rows_between([run], name) == 1]
+        names = (*signals.input_names, *steady)
         substeps = substeps_for(run.step, model.max_step)
         if reference == "free":
             return HealthyReference(model, OpenLoop(model.plant, -1, substeps), outputs, names)
         if reference == "measured":
             judge = MeasuredStates(model.plant, substeps)
             return HealthyReference(model, judge, outputs, names, _state_columns(model, run))
+        measured = measured_outputs(model, [run])
+        # placed for the fastest sensor; a slower one beside it corrects less often, and so later
+        step = run.step * min(rows_between([run], name) for name in measured)
         design = design_luenberger(
             model.plant,
             operating_points(model),
-            run.step,
-            bandwidth_of(model, run.step),
-            measured_outputs(model, [run]),
+            step,
+            bandwidth_of(model, step),
+            measured,
             model.max_step,
         )
-        return HealthyReference(model, design.observer, outputs, names)
+        judge = replace(design.observer, substeps=substeps)
+        return HealthyReference(model, judge, outputs, names)
 
     @property
     def opening(self) -> tuple[str, ...]:
         """The columns that its first sample must have."""
-        return self.names
+        return tuple(dict.fromkeys([*self.names, *self.outputs]))
 
     def begin(
         self, start: Start, u: Float[np.ndarray, "inputs"], past: Past | None = None
@@ -120,7 +127,7 @@ class HealthyReference:
         given = (*record_arrays(self.model, run, part), steps_to(run.t[part]))
         if not self.states:
             return given
-        return *given, np.stack([run.columns[name][part] for name in self.states], axis=1)
+        return *given, np.stack([run.own(name)[part] for name in self.states], axis=1)
 
 
 def _state_columns(model: Model, run: Run) -> tuple[str, ...]:

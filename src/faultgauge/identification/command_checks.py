@@ -23,7 +23,7 @@ from scipy.signal import lfilter
 
 from faultgauge.errors import InputError
 from faultgauge.identification.log_checks import beyond_limits
-from faultgauge.identification.samples import Stretch, channels, collect, in_effect
+from faultgauge.identification.samples import Stretch, channels, collect, in_effect, slow_columns
 from faultgauge.plants.expression import Expression, names_used, networks_used
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.signals import Input
@@ -56,7 +56,7 @@ def command_warnings(plant: GrayBoxPlant, runs: Sequence[Run]) -> list[str]:
     signals, spec = plant.signals, plant.spec
     found = [text for each in signals.inputs for text in beyond_limits(each, runs)]
     how = channels(spec, runs)
-    if how.hidden or any(p.vary for p in spec.parameters):
+    if how.hidden or any(p.vary for p in spec.parameters) or slow_columns(how, runs):
         return found  # there is no rho without simulation
     try:
         stretches, noise = collect(spec, [in_effect(signals, run) for run in runs], how)

@@ -5,12 +5,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from faultgauge.identification.refinement.unknowns import WEIGHTS, Unknowns
 from faultgauge.plants.gray_box import GrayBoxPlant
+from faultgauge.plants.plant_file import Parameter
 
-__all__ = ["Constant", "Information", "constants", "imitated"]
+__all__ = ["Constant", "Information", "at_bound", "constants", "imitated"]
 
 IMITATED = 0.99  # of what a parameter does to what is fitted, a network's weights can do too
 ALIKE = 0.99  # correlation at which two parameters cannot be told apart
@@ -38,8 +39,8 @@ class Constant:
 
 @dataclass(frozen=True)
 class Information:
-    """Constants, their correlations, and combinations of states that no output shows; whether
-    networks were kept from what they could imitate."""
+    """Constants, their correlations (NaN: not known), and combinations of states that no output
+    shows; whether networks were kept from what they could imitate."""
 
     constants: tuple[Constant, ...]
     correlation: Float[np.ndarray, "constants constants"]
@@ -55,6 +56,12 @@ class Information:
                 found.append(
                     f"parameter {each.name!r} is at its {each.bound}; its value is the file's "
                     "bound, not the data's"
+                )
+            elif each.standard_error is None:
+                found.append(
+                    f"parameter {each.name!r} moves no equation that these logs show, so that its "
+                    f"value, {each.value:g}, is not the data's; map a column to its output (--map "
+                    "OUTPUT=EXPRESSION), give a log in which it matters, or fix it"
                 )
             if each.imitated_by:
                 kept = ", though it is kept from doing so" if self.kept_apart else ""
@@ -80,7 +87,10 @@ class Information:
         rows = [vars(each) for each in self.constants]
         return {
             "parameters": rows,
-            "correlation": np.round(self.correlation, 6).tolist(),
+            "correlation": [
+                [None if np.isnan(each) else each for each in row]
+                for row in np.round(self.correlation, 6).tolist()
+            ],
             "unseen": list(self.unseen),
             "residual_time_samples": self.residual_time,
         }
@@ -97,7 +107,7 @@ def constants(
     not known)."""
     sd = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     with np.errstate(invalid="ignore", divide="ignore"):
-        correlations = np.where(np.outer(sd, sd) > 0, covariance / np.outer(sd, sd), 0.0)
+        correlations = np.where(np.outer(sd, sd) == 0, 0.0, covariance / np.outer(sd, sd))
     np.fill_diagonal(correlations, 1.0)
     own = theta[unknowns.weights(plant) :]
     found = tuple(
@@ -120,14 +130,24 @@ def _constant(
     center, scale = unknowns.centers[k], unknowns.scales[k]
     value = center * np.exp(scale * theta[k]) if unknowns.positive[k] else center + scale * theta[k]
     slope = abs(value) * scale if unknowns.positive[k] else scale
-    width = spec.max - spec.min if np.isfinite(spec.max - spec.min) else abs(value)
-    bound = None
-    if value - spec.min <= NEAR * width:
-        bound = f"min = {spec.min:g}"
-    elif spec.max - value <= NEAR * width:
-        bound = f"max = {spec.max:g}"
+    bound = _bound(spec, float(value))
     error = None if bound or np.isnan(sd) else float(slope * sd)
     return Constant(name, spec.unit, float(value), error, bound, imitated)
+
+
+def _bound(spec: Parameter, value: float) -> str | None:
+    """The bound that `value` is at."""
+    width = spec.max - spec.min if np.isfinite(spec.max - spec.min) else abs(value)
+    if value - spec.min <= NEAR * width:
+        return f"min = {spec.min:g}"
+    return f"max = {spec.max:g}" if spec.max - value <= NEAR * width else None
+
+
+def at_bound(plant: GrayBoxPlant, unknowns: Unknowns) -> Bool[np.ndarray, "parameters"]:
+    """Which of the unknown parameters are at a bound of theirs."""
+    specs = {p.name: p for p in plant.spec.parameters}
+    bounds = [_bound(specs[n], float(plant.parameters[n])) for n in unknowns.parameters]
+    return np.array([bound is not None for bound in bounds])
 
 
 def imitated(

@@ -3,9 +3,10 @@
 Equations that share a network or a free parameter form one group and are fitted together.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -100,21 +101,6 @@ def groups(spec: PlantSpec, outputs: Sequence[str]) -> list[Group]:
     ]
 
 
-class EquationResidual(eqx.Module):
-    """Residuals of one group at one sample, each divided by its target's spread."""
-
-    plant: GrayBoxPlant
-    scales: Float[Array, "equations"]
-    units: Float[Array, "parameters"]
-    group: Group = eqx.field(static=True)
-
-    def __call__(
-        self, theta: Float[Array, "unknowns"], sample: Samples
-    ) -> Float[Array, "equations"]:
-        plant = assemble(self.plant, self.group, theta, self.units)
-        return equation_errors(plant, self.group, sample) / self.scales
-
-
 def equation_errors(
     plant: GrayBoxPlant, group: Group, sample: Samples
 ) -> Float[Array, "equations"]:
@@ -128,6 +114,20 @@ def equation_errors(
     errors = [value(plant.spec.derivatives[i]) - sample.dx[i] for i in group.states]
     errors += [value(plant.spec.values[j]) - sample.y[j] for j in group.outputs]
     return jnp.stack(errors)
+
+
+class EquationResidual(eqx.Module):
+    """Residuals of one group at one sample, each divided by its target's spread."""
+
+    plant: GrayBoxPlant
+    scales: Float[Array, "equations"]
+    units: Float[Array, "parameters"]
+    group: Group = eqx.field(static=True)
+    errors: Callable[[GrayBoxPlant, Group, Any], Array] = equation_errors
+
+    def __call__(self, theta: Float[Array, "unknowns"], sample: Any) -> Float[Array, "equations"]:
+        plant = assemble(self.plant, self.group, theta, self.units)
+        return self.errors(plant, self.group, sample) / self.scales
 
 
 def assemble(
@@ -279,8 +279,8 @@ def _scaled(
     )
 
 
-def target_scales(group: Group, samples: Samples) -> Float[np.ndarray, "equations"]:
-    """The spread of every equation's target."""
+def target_scales(group: Group, samples: Any) -> Float[np.ndarray, "equations"]:
+    """The spread of every equation's target (`dx` and `y` of the samples)."""
     targets = [samples.dx[:, i] for i in group.states]
     targets += [samples.y[:, j] for j in group.outputs]
     return np.array([np.std(target) or 1.0 for target in targets])
@@ -311,22 +311,24 @@ def start_vector(
 def fit_group(
     plant: GrayBoxPlant,
     group: Group,
-    training: Samples,
-    validation: Samples,
+    training: Any,
+    validation: Any,
     rngs: Sequence[np.random.Generator],
     options: Options | DescentOptions | None = None,
     *,
     algorithm: AlgorithmName = "lm",
     exogenous: Samples | None = None,
     crowded: Mapping[str, Box] = MappingProxyType({}),
+    errors: Callable[[GrayBoxPlant, Group, Any], Array] = equation_errors,
 ) -> tuple[list[GrayBoxPlant], Solution]:
     """Fit one group from one start per generator; the first keeps the file's parameters. In every
     other one the networks' units stand where their arguments crowd (see `crowds`).
 
-    `options` are those of `algorithm` (None: its defaults). With `exogenous`, the part of the
-    training samples that comes from outside the loop, every start goes on to two-stage least
-    squares. Returns a plant per start (the same other groups in each), with `exogenous` those of
-    two-stage least squares before the others, and the algorithm's own account of least squares.
+    `training` and `validation` are what `errors` takes: `Samples` in the filtered form. `options`
+    are those of `algorithm` (None: its defaults). With `exogenous`, the part of the training
+    samples that comes from outside the loop, every start goes on to two-stage least squares.
+    Returns a plant per start (the same other groups in each), with `exogenous` those of two-stage
+    least squares before the others, and the algorithm's own account of least squares.
     """
     minimise, defaults = ALGORITHMS[algorithm]
     parameters = {p.name: p for p in plant.spec.parameters}
@@ -346,7 +348,7 @@ def fit_group(
         if k == 0 and group.parameters:
             start[weights:] = start_vector(plant, group, units, None)[weights:]
         starts.append(start)
-    residual = EquationResidual(plant, jnp.asarray(scales), jnp.asarray(units), group)
+    residual = EquationResidual(plant, jnp.asarray(scales), jnp.asarray(units), group, errors)
     solution = minimise(
         residual,
         jnp.asarray(np.stack(starts)),

@@ -3,7 +3,7 @@ by free run on what was held out."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Int
@@ -28,6 +28,13 @@ from faultgauge.identification.levenberg_marquardt import (
 from faultgauge.identification.samples import Channels, Samples, Stretch, collect, spread
 from faultgauge.identification.selection import Windows, free_run_errors, windows_from
 from faultgauge.identification.starts import Box
+from faultgauge.identification.weak_form import (
+    WeakSamples,
+    fit_weak,
+    gap,
+    weak_samples,
+    weak_states,
+)
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant_file import PlantSpec
 from faultgauge.simulation.free_run import RATE_STEP, fastest_rate
@@ -38,17 +45,32 @@ __all__ = ["EquationFit", "GroupReport", "Material", "fit_equations", "material"
 
 POINTS = 10_000  # training points kept; the paper advises 1,000 to 10,000
 VALIDATION_POINTS = 2000
+# Of a derivative's spread, where mean F - F(mean) counts: the kernel is as wide as it is to leave
+# noise below the same share, and from there on its width costs more than it saves.
+MATERIAL = 0.01
 WORSE = 1.5  # times the free-run error without instruments: they determine too little here
 
 
+class WeakMaterial(NamedTuple):
+    """Samples of the weak form, to fit and to validate on, and windows to choose the form on: a
+    start at a mean of bent states would suit the form that takes them for states."""
+
+    training: WeakSamples
+    validation: WeakSamples
+    windows: Windows
+
+
 class GroupReport(NamedTuple):
-    """The `chosen` start of several; `crowded`: whether its networks' units stand where their
-    arguments crowd, None where no argument does."""
+    """A group's account: `solution`, and the free runs of its starts, are those of the `form` that
+    was kept; `freed`: with the instruments; `crowded`: whether the `chosen` start's units stood
+    where the networks' arguments crowd, None where none do."""
 
     group: Group
     solution: Solution
     free_run: np.ndarray
     chosen: int
+    form: Literal["filtered", "weak"] = "filtered"
+    freed: bool = False
     crowded: bool | None = None
 
 
@@ -57,7 +79,7 @@ class Material(NamedTuple):
     of the training samples among all samples of the stretches.
 
     With instruments, `exogenous` holds what of the training samples comes from them, `explained`
-    how much of each input that is.
+    how much of each input that is. `weak` is None with instruments, and where nothing is smoothed.
     """
 
     training: Samples
@@ -68,6 +90,7 @@ class Material(NamedTuple):
     exogenous: Samples | None
     explained: dict[str, float]
     places: Int[np.ndarray, "training"]
+    weak: WeakMaterial | None
 
 
 class EquationFit(NamedTuple):
@@ -105,10 +128,21 @@ def material(
         exogenous, explained = project(spec.signals, stretches, masks)
     kept = _thinned(training, POINTS, seed)
     training, exogenous = training.take(kept), exogenous and exogenous.take(kept)
-    validation = validation.take(_thinned(validation, VALIDATION_POINTS, seed))
-    windows = windows_from(held, cuts, spread(np.concatenate([s.measured for s in stretches])))
+    unseen = _thinned(validation, VALIDATION_POINTS, seed)
+    validation = validation.take(unseen)
+    spreads = spread(np.concatenate([s.measured for s in stretches]))
+    windows = windows_from(held, cuts, spreads)
     places = np.flatnonzero(np.concatenate(masks))[kept]
-    return Material(training, validation, windows, stretches, noise, exogenous, explained, places)
+    weak = None
+    if exogenous is None and stretches[0].unsmoothed is not None:
+        weak = WeakMaterial(
+            _weak(spec, stretches, places, training, POINTS, seed),
+            _weak(spec, held, _places(held, cuts)[unseen], validation, VALIDATION_POINTS, seed),
+            windows_from(held, cuts, spreads, parabola=True),
+        )
+    return Material(
+        training, validation, windows, stretches, noise, exogenous, explained, places, weak
+    )
 
 
 def fit_equations(
@@ -120,7 +154,10 @@ def fit_equations(
     algorithm: AlgorithmName,
     progress: Callable[[str], None],
 ) -> EquationFit:
-    """Fit every group, take the best by equation error, then select each by free run."""
+    """Fit every group, take the best by equation error, then select each by free run.
+
+    Where it makes a difference the starts are also fitted in the weak form, and compete.
+    """
     training, validation, windows = given.training, given.validation, given.windows
     found, reports, others = [], [], []
     crowded: dict[str, Box] = {}
@@ -129,30 +166,40 @@ def fit_equations(
         progress(f"fitting {group.name}")
         plant = scale_networks(plant, group, training)
         crowded |= crowds(plant, group, training)
-        rngs = [np.random.default_rng([seed, number, k]) for k in range(restarts)]
+        seeds = [[seed, number, k] for k in range(restarts)]
         plants, solution = fit_group(
             plant,
             group,
             training,
             validation,
-            rngs,
+            [np.random.default_rng(each) for each in seeds],
             algorithm=algorithm,
             exogenous=given.exogenous,
             crowded=crowded,
         )
         _judge(group, solution, warnings)
         plant = plants[int(np.nanargmin(_ranked(solution)))]
-        found.append((group, plants, solution))
+        weak, runs, states = None, windows, weak_states(plant.spec, how, group)
+        if given.weak and states and gap(plant, group, states, given.weak.training) > MATERIAL:
+            progress(f"fitting {group.name} in the weak form")
+            rngs = [np.random.default_rng(each) for each in seeds]
+            points, unseen, runs = given.weak
+            more, weak = fit_weak(plant, group, states, points, unseen, rngs, algorithm)
+            plants = [*plants, *more]
+        found.append((group, plants, solution, weak, runs))
     longest = max_step(plant, training)
-    for group, plants, solution in found:
+    for group, plants, solution, weak, runs in found:
         progress(f"selecting {group.name} by free run")
         candidates = [_exchange(plant, other, group) for other in plants]
-        errors = free_run_errors(candidates, windows, longest)
+        errors = free_run_errors(candidates, runs, longest)
         starts = len(solution.status)
-        errors = np.where(np.resize(solution.status, len(plants)) == FAILED, np.inf, errors)
-        # the file's own start wins ties, then the earliest: the same bytes on every run
-        chosen = int(np.argmin(np.round(errors[:starts], 12)))
-        freed, plain = errors[chosen], np.min(errors[starts:], initial=np.inf)
+        status = np.concatenate([solution.status, (weak or solution).status])[: len(plants)]
+        errors = np.where(status == FAILED, np.inf, errors)
+        # the file's own start wins ties, then the earliest, of the weak form last: the same bytes
+        # on every run
+        equals = len(plants) if weak else starts
+        chosen = int(np.argmin(np.round(errors[:equals], 12)))
+        freed, plain = errors[chosen], np.min(errors[equals:], initial=np.inf)
         if plain * WORSE < freed:  # only with instruments
             chosen = starts + int(np.argmin(np.round(errors[starts:], 12)))
             warnings.append(
@@ -160,14 +207,18 @@ def fit_equations(
                 f"{freed:.2%}, without it by {plain:.2%}; the fit without is kept, and may have "
                 "the loop's bias; give logs in which the reference moves more"
             )
+        instrumented = given.exogenous is not None and chosen < starts
         plant = candidates[chosen]
         others = [candidates[k] for k in np.argsort(errors, kind="stable") if k != chosen]
+        form = "filtered"
+        if weak and chosen >= starts:
+            form, solution = "weak", weak
         errors = errors[:starts] if chosen < starts else errors[starts:]
         chosen %= starts
         if solution.status[chosen] == NOT_CONVERGED:
             warnings.append(not_converged(group.name, int(solution.trials[chosen])))
         where = chosen % 2 == 1 if crowded.keys() & set(group.networks) else None
-        reports.append(GroupReport(group, solution, errors, chosen, where))
+        reports.append(GroupReport(group, solution, errors, chosen, form, instrumented, where))
     if reports:  # the last group's choice is the whole plant's
         error = float(reports[-1].free_run[reports[-1].chosen])
     else:
@@ -204,6 +255,27 @@ def _exchange(plant: GrayBoxPlant, other: GrayBoxPlant, group: Group) -> GrayBox
 
 def _join(parts: list[Samples]) -> Samples:
     return Samples(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
+
+
+def _places(stretches: Sequence[Stretch], cuts: Sequence[Sequence[slice]]) -> np.ndarray:
+    """Where the samples of `cuts` stand among those of all stretches."""
+    starts = np.cumsum([0, *(len(s.t) for s in stretches)])
+    pairs = zip(starts, cuts, strict=False)
+    return np.concatenate([start + np.r_[cut] for start, each in pairs for cut in each])
+
+
+def _weak(
+    spec: PlantSpec,
+    stretches: Sequence[Stretch],
+    places: np.ndarray,
+    samples: Samples,
+    points: int,
+    seed: int,
+) -> WeakSamples:
+    """Weak samples at as many of `samples` as stand a quarter of a kernel apart among `points`:
+    neighbours share most of their kernels, and more tell nothing more."""
+    kept = _thinned(samples, 2 * points // stretches[0].reach, seed)
+    return weak_samples(spec.signals, stretches, places[kept], samples.take(kept))
 
 
 def _check_enough(training: Samples, validation: Samples) -> None:

@@ -26,6 +26,7 @@ from faultgauge.identification.evaluation import divergence, predict, too_short
 from faultgauge.identification.instruments import reference_columns
 from faultgauge.identification.levenberg_marquardt import CONVERGED
 from faultgauge.identification.log_checks import log_warnings
+from faultgauge.identification.noise_floor import noise_floor
 from faultgauge.identification.refinement.result import Refinement, refine_on_logs
 from faultgauge.identification.samples import Channels, Samples, channels, in_effect, slow_columns
 from faultgauge.identification.sizes import chosen_sizes, smallest_sufficient, with_hidden
@@ -90,11 +91,17 @@ def fit(
     validation only. Without them the last 15 % of each run and spread windows are held out.
     `algorithm` is Levenberg-Marquardt or the paper's gradient descent with momentum. `refine`
     goes on from equation error to simulation error (None: where a state is hidden, a parameter
-    varies or a sensor is slower than the rows, which equation error cannot treat); `robust` bounds
-    what an outlier can do to it; `ensemble` keeps its next best models in the model too, as
-    `members`.
+    varies or a sensor is slower than the rows, which equation error cannot treat, and where one of
+    the next two is asked for); `robust` bounds what an outlier can do to it; `ensemble` keeps its
+    next best models in the model too, as `members`.
     Raises `InputError` for logs that cannot determine the unknowns.
     """
+    if (ensemble or robust) and refine is False:
+        option = "--ensemble" if ensemble else "--robust"
+        raise InputError(
+            f"{option} is about the refinement, which --no-refine leaves out; leave one of the two "
+            "away."
+        )
     spec = plant.spec
     warnings = list(spec.warnings)
     logs = _not_validated(logs, validate, warnings)
@@ -110,13 +117,7 @@ def fit(
     slow = slow_columns(how, logs)
     if slow and refine is False:
         warnings.append(_between_samples(slow))
-    refine = bool(by_simulation or slow) if refine is None else refine
-    if (ensemble or robust) and not refine:
-        option = "--ensemble" if ensemble else "--robust"
-        raise InputError(
-            f"{option} is about the refinement, which plant {spec.name!r} does not need; add "
-            "--refine."
-        )
+    refine = bool(by_simulation or slow or ensemble or robust) if refine is None else refine
     acting, unseen = ([in_effect(spec.signals, run) for run in runs] for runs in (logs, validate))
     groups: list[GroupReport] = []
     noise: dict[str, dict[str, float]] = {}
@@ -148,13 +149,15 @@ def fit(
     warnings += _of_no_use(result, validate or logs)
     known = None
     if given is not None and refinement is None:
-        known = equation_information(result.plant, how.outputs, given)
-        warnings += known.warnings()
+        known = equation_information(result.plant, groups, given)
+        averaged = [p for each in groups if each.form == "weak" for p in each.group.parameters]
+        warnings += [*known.warnings(), *_without_errors(averaged)]
     if given is not None and result.error < 1:  # a model of no use says nothing about the input
         warnings += response_warnings(result.plant, given.stretches, given.noise)
     record = _record(result, how, logs, validate, noise, groups, refinement, seed)
     if given is not None and given.explained:
         record["instruments"] = given.explained
+    record["noise"] = noise_floor(spec.signals, acting)
     if spec.open_holds or spec.open_sizes:
         record["choices"] = _choices(spec, result.plant, refinement)
     model = Model(result.plant, record)
@@ -210,6 +213,16 @@ def _weak(signals: Signals, explained: dict[str, float]) -> list[str]:
         "logs in which the reference moves more"
         for each in signals.inputs
         if explained.get(each.name, 1.0) < WEAK
+    ]
+
+
+def _without_errors(weak: Sequence[str]) -> list[str]:
+    """The parameters that the weak form fitted."""
+    if not weak:
+        return []
+    return [
+        f"{', '.join(weak)}: fitted in the weak form, whose standard errors are not known; "
+        "--refine gives some"
     ]
 
 
@@ -302,6 +315,7 @@ def _group(report: GroupReport) -> dict[str, Any]:
     where = {} if report.crowded is None else {"crowded": report.crowded}
     return {
         "unknowns": report.group.name,
+        "form": report.form,
         "starts": len(report.solution.status),
         "converged": int(np.sum(report.solution.status == CONVERGED)),
         "trials": int(report.solution.trials[report.chosen]),

@@ -11,7 +11,7 @@ from faultgauge.plants.signals import Input, Signals, State
 from faultgauge.telemetry import Run
 from faultgauge.telemetry.stuck import stuck_stretches
 
-__all__ = ["beyond_limits", "log_warnings"]
+__all__ = ["beyond_limits", "log_warnings", "other_units"]
 
 MANY_EMPTY = 0.05  # of the cells of an output
 OTHER_UNIT = 300.0  # times the declared range: prefixes are off by 1000, ranges by less
@@ -34,7 +34,33 @@ def log_warnings(signals: Signals, runs: Sequence[Run]) -> list[str]:
     for each in signals.inputs:
         values = [run.columns[each.name] for run in runs]
         found += list(_of_range(each, values, f"input {each.name!r}")) or beyond_limits(each, runs)
+    return found + other_units(runs)
+
+
+def other_units(runs: Sequence[Run]) -> list[str]:
+    """A sentence for every column that one run has in another unit than another one, as its spread
+    and its level tell: a run at rest has less spread, but not on a level as much lower. Where the
+    logs give units these are compared as they are read."""
+    found = []
+    for name in dict.fromkeys(name for run in runs for name in run.columns):
+        extents = [(*_extent(run, name), run) for run in runs if name in run.columns]
+        told = sorted((each for each in extents if each[0] > 0), key=lambda each: each[0])
+        if len(told) < 2 or all(name in run.units for *_, run in told):
+            continue
+        (spread, level, low), (wide, high_level, high) = told[0], told[-1]
+        if min(wide / spread, high_level / level) > OTHER_UNIT:
+            found.append(
+                f"column {name!r} spreads {wide / spread:.2g} times as far in run {high.name!r} as "
+                f"in run {low.name!r}; is it in the same unit in both? If not, convert it in one "
+                "of the files (--map serves all logs of a call)"
+            )
     return found
+
+
+def _extent(run: Run, name: str) -> tuple[float, float]:
+    """(range of a column, its largest absolute value)"""
+    values = run.columns[name][np.isfinite(run.columns[name])]
+    return (float(np.ptp(values)), float(np.abs(values).max())) if values.size else (0.0, 0.0)
 
 
 def beyond_limits(each: Input, runs: Sequence[Run]) -> list[str]:

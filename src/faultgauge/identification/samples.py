@@ -20,6 +20,7 @@ __all__ = [
     "Channels",
     "Samples",
     "Stretch",
+    "Unsmoothed",
     "channels",
     "collect",
     "column_names",
@@ -42,13 +43,23 @@ class Samples(NamedTuple):
         return Samples(*(array[index] for array in self))
 
 
+class Unsmoothed(NamedTuple):
+    """What `kernel` made the samples of, from its half before the first to its half after the last;
+    NaN for a state that is the derivative of a column."""
+
+    kernel: Kernel
+    x: Float[np.ndarray, "grid states"]
+    u: Float[np.ndarray, "grid inputs"]
+
+
 @dataclass(frozen=True)
 class Stretch:
     """A gap-free stretch of one run on a uniform grid.
 
     `samples[k]` is centred at `t[k]` and made of data up to `reach` samples away; `measured` holds
     the outputs as sampled at `t` (NaN where they were not), `applied` the inputs
-    inside their limits, `references` the instruments through the samples' kernel.
+    inside their limits, `references` the instruments through the samples' kernel, `unsmoothed` what
+    the samples were made of (None where no kernel was needed).
     """
 
     run: str
@@ -59,6 +70,7 @@ class Stretch:
     measured: Float[np.ndarray, "samples outputs"]
     applied: Float[np.ndarray, "samples inputs"]
     references: Float[np.ndarray, "samples references"]
+    unsmoothed: Unsmoothed | None = None
 
 
 @dataclass(frozen=True)
@@ -253,6 +265,11 @@ def _stretch(
     def table(columns: list[np.ndarray]) -> np.ndarray:
         return np.stack(columns, axis=1) if columns else np.zeros((len(t[inside]), 0))
 
+    unsmoothed = kernel and Unsmoothed(
+        kernel,
+        np.stack([np.full(len(t), np.nan) if r else on[c] for c, r in how.sources], axis=1),
+        np.array([on[name] for name in signals.input_names]).reshape(-1, len(t)).T,
+    )
     rates = []
     for state, (column, order) in zip(signals.state_names, how.sources, strict=True):
         given = f"d_{state}" in how.rates
@@ -278,4 +295,5 @@ def _stretch(
         ),
         applied=table([on[name][inside] for name in signals.input_names]),
         references=table([mean(name) for name in how.references]),
+        unsmoothed=unsmoothed,
     )

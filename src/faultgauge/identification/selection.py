@@ -31,11 +31,13 @@ def windows_from(
     stretches: Sequence[Stretch],
     cuts: Sequence[Sequence[slice]],
     spread: Float[np.ndarray, "outputs"],
+    *,
+    parabola: bool = False,
 ) -> Windows:
     """Windows for `free_run_errors`; `spread` is each output's standard deviation in the log.
 
-    A window starts at the smoothed state of its first sample; outputs without telemetry and
-    padding have weight 0.
+    A window starts at the smoothed state of its first sample, with `parabola` where one through
+    the measurements under the kernel passes; outputs without telemetry and padding have weight 0.
     """
     pieces = []
     for stretch, slices in zip(stretches, cuts, strict=True):
@@ -53,7 +55,7 @@ def windows_from(
         dt[count - 1 :] = 0.0
         padded = np.zeros((length - count, y.shape[1]))
         row = (
-            stretch.samples.x[cut.start],
+            _on_parabola(stretch, cut.start) if parabola else stretch.samples.x[cut.start],
             pad(stretch.applied[cut], length),
             dt,
             pad(np.nan_to_num(y), length),
@@ -62,6 +64,19 @@ def windows_from(
         for field, value in zip(fields, row, strict=True):
             field.append(value)
     return Windows(*(np.stack(field) for field in fields))
+
+
+def _on_parabola(stretch: Stretch, k: int) -> Float[np.ndarray, "states"]:
+    """The states of sample k, by least squares on the measurements under its kernel (A. Savitzky
+    and M. J. E. Golay, Analytical Chemistry 36, 1964): no bend of x biases it, as it does a mean.
+    States that no column holds stay smoothed."""
+    smoothed = stretch.samples.x[k]
+    if stretch.unsmoothed is None:
+        return smoothed
+    around = np.linspace(-1.0, 1.0, 2 * stretch.reach + 1)
+    weights = np.linalg.pinv(np.vander(around, 3, increasing=True))[0]
+    found = weights @ stretch.unsmoothed.x[k : k + len(around)]
+    return np.where(np.isnan(found), smoothed, found)
 
 
 @eqx.filter_jit

@@ -30,10 +30,12 @@ class MeasuredStates(eqx.Module):
         dt: Float[Array, ""],
         x: Float[Array, "states"],
     ) -> tuple[ObserverState, ObserverInfo]:
-        """One sample: `u`, `y` (NaN: not sampled) and the measured `x`, `dt` s after the last."""
+        """One sample: `u`, `y` and the measured `x` (NaN: not sampled, and predicted), `dt` s after
+        the last."""
         signals = self.plant.signals
         healthy = jnp.zeros(len(signals.faults))
         ahead = integrate(self.plant, state.x, state.u, u, healthy, dt, self.substeps)
+        x = jnp.where(jnp.isfinite(x), x, ahead)
         predicted = respond(self.plant, x, u)[1]
         for j, output in enumerate(signals.outputs):
             if output.measures is not None:

@@ -26,7 +26,7 @@ from faultgauge.reporting.report import Report, Section, Table
 from faultgauge.reporting.style import quantity
 from faultgauge.reporting.svg import Figure
 from faultgauge.reporting.time_figures import fault_estimate, free_run, residual
-from faultgauge.reporting.validation_chapter import validation_section
+from faultgauge.reporting.validation_chapter import noise_table, validation_section
 
 __all__ = [
     "calibration_report",
@@ -53,6 +53,10 @@ PARAMETERS = (
     "in the states leaves. A parameter at its bound has the file's value, not the data's; one that "
     "a network can imitate is not identifiable."
 )
+WEAK_FORM = (
+    "In the weak form, which averages an equation over the smoothing's kernel instead of taking it "
+    "at averages, and whose free run was the better one: {}."
+)
 MOST_FIGURES = 12  # per section: a report is read, not scrolled
 
 
@@ -78,7 +82,10 @@ def fit_report(
         )
         if account.refinement is not None and account.refinement.refitted:
             note += f" {REFITTED}"
-        checked = replace(checked, paragraphs=(note, *checked.paragraphs))
+        floor = noise_table(model, unseen.validation)
+        checked = replace(
+            checked, paragraphs=(note, *checked.paragraphs), tables=(*checked.tables, *floor)
+        )
         sections = (*sections, runs, checked)
     return Report(f"Fit: {model.plant.spec.name}", summary, sections, _parameters(model))
 
@@ -113,9 +120,10 @@ def fit_sections(model: Model, account: FitReport) -> tuple[Section, ...]:
             if each.crowded is not None
         ),
     )
+    weak = ", ".join(each.group.name for each in account.groups if each.form == "weak")
     training = Section(
         "Training",
-        starts if histories else (),
+        (*(starts if histories else ()), *((WEAK_FORM.format(weak),) if weak else ())),
         tables,
         (*histories, *envelope_figure(model, account)),
     )
@@ -285,8 +293,8 @@ def estimate_section(
             )
         figures += [
             residual(
-                each.run.t,
-                each.residuals[output.name],
+                each.run.t[each.run.sampled.get(output.name, slice(None))],
+                each.residuals[output.name][each.run.sampled.get(output.name, slice(None))],
                 name=output.name,
                 unit=output.unit,
                 reference=reference,

@@ -6,11 +6,14 @@ from faultgauge.identification.constants import Constant, Information
 from faultgauge.identification.refinement.result import Refinement
 from faultgauge.reporting.report import Section, Table
 from faultgauge.reporting.style import quantity
+from faultgauge.reporting.svg import Figure
+from faultgauge.reporting.time_figures import curves
 
 __all__ = ["correlation_table", "parameter_table", "refinement_section"]
 
 MOST_CORRELATIONS = 20  # rows: the strongest pairs
 MOST_TRIED = 40
+MOST_RUNS = 8
 PARAMETERS = (
     "A parameter at its bound has the file's value, not the data's; one that a network can imitate "
     "is not identifiable; from some thousand samples on it has all that it can explain, and the "
@@ -44,6 +47,7 @@ def refinement_section(found: Refinement) -> Section:
             *_choices(found),
             _tried(found),
         ),
+        tuple(_drift(found, name) for name in found.courses),
     )
 
 
@@ -81,7 +85,21 @@ def _per_run(found: Refinement) -> tuple[Table, ...]:
         for run, value in runs.items()
     )
     header = ("parameter", "run", "its value there")
-    return (Table(header, rows, "Parameters with a value per run."),) if rows else ()
+    caption = "Parameters with a value per run; the mean over it of one that drifts."
+    return (Table(header, rows, caption),) if rows else ()
+
+
+def _drift(found: Refinement, name: str) -> Figure:
+    """How a drifting parameter went, run by run."""
+    (unit,) = {each.unit or "1" for each in found.information.constants if each.name == name}
+    shown = list(dict.fromkeys(course.run for course in found.courses[name]))[:MOST_RUNS]
+    courses = [course for course in found.courses[name] if course.run in shown]
+    t = np.unique(np.concatenate([course.t for course in courses]))
+    values = {run: np.full(len(t), np.nan) for run in shown}
+    for course in courses:
+        within = (t >= course.t[0]) & (t <= course.t[-1])
+        values[course.run][within] = np.interp(t[within], course.t, course.value)
+    return curves(t, values, title=f"How {name} drifted", name=name, unit=unit)
 
 
 def _error(each: Constant) -> str:
@@ -96,6 +114,7 @@ def correlation_table(found: Information) -> tuple[Table, ...]:
         (float(found.correlation[i, j]), names[j], names[i])
         for i in range(len(names))
         for j in range(i)
+        if np.isfinite(found.correlation[i, j])
     ]
     if not pairs:
         return ()

@@ -7,6 +7,7 @@ from faultgauge.identification.validation import OutputValidation, Validation, e
 from faultgauge.identification.validation.operating import Profile
 from faultgauge.identification.validation.ranges import Range
 from faultgauge.plants.gray_box import GrayBoxPlant
+from faultgauge.plants.model import Model
 from faultgauge.reporting.report import Section, Table
 from faultgauge.reporting.style import pretty_unit, quantity
 from faultgauge.reporting.svg import Figure
@@ -17,7 +18,7 @@ from faultgauge.reporting.validation_figures import (
     ranges,
 )
 
-__all__ = ["validation_section", "verdicts"]
+__all__ = ["noise_table", "validation_section", "verdicts"]
 
 MOST_OUTPUTS = 4  # with figures: three each
 LEVEL = 0.95
@@ -45,6 +46,24 @@ def validation_section(
         (_numbers(found.outputs), _range_table(found.ranges)),
         (*figures, *((covered,) if covered else ())),
     )
+
+
+def noise_table(model: Model, found: Validation) -> tuple[Table, ...]:
+    """The free run's error on unseen data beside the noise of each output's own samples."""
+    rows = []
+    for each in found.outputs:
+        sd = model.record["noise"].get(each.name, {}).get("sd")
+        if sd is None or each.rmse is None or each.bias is None:
+            continue
+        left = max(each.rmse**2 - each.bias**2, 0.0) ** 0.5
+        times = f"{left / sd:.3g}" if sd > 0 else ""
+        rows.append((each.name, quantity(sd, each.unit), quantity(left, each.unit), times))
+    said = (
+        "Standard deviations. Near 1 the model is at the noise floor and no fit of these data can "
+        "do better; above it, the rest is the model's error, or what disturbs the plant."
+    )
+    header = ("output", "noise", "error without its mean", "times the noise")
+    return (Table(header, tuple(rows), said),) if rows else ()
 
 
 def verdicts(output: OutputValidation) -> tuple[str, ...]:

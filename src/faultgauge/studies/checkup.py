@@ -16,6 +16,7 @@ from faultgauge.detection.levels import MEMORY
 from faultgauge.detection.uncalibrated import unjudged_sentence
 from faultgauge.errors import InputError
 from faultgauge.identification.fit import FitReport, fit
+from faultgauge.identification.log_checks import other_units
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
 from faultgauge.plants.plant_file import parse_plant
@@ -102,10 +103,12 @@ def check(
     disabled."""
     plant = with_some_fault(plant)
     evaluated_faults(plant.signals)
+    unlike = other_units([*healthy, *suspect])
     spare = 1 - TO_CALIBRATE / sum(len(run.t) for run in healthy)
     training, held_out = parts(healthy, float(np.clip(spare, LEAST_SHARE, FIT_SHARE)))
     model, account = fit(plant, training, held_out, seed=seed, progress=progress)
     calibration = calibrate(model, held_out, progress=progress)
     progress("judging the suspect log")
     decisions, bank = decide_runs(calibration.model, suspect)
+    account = account._replace(warnings=[*account.warnings, *unlike])
     return Checkup(calibration.model, account, calibration, decisions, bank, held_out)

@@ -5,7 +5,7 @@ a plant. Readers live in `readers/`, one file format each.
 """
 
 from faultgauge.telemetry.inspection import Inspection, inspect_runs
-from faultgauge.telemetry.reading import read_telemetry
+from faultgauge.telemetry.reading import check_same_units, read_telemetry
 from faultgauge.telemetry.runs import Run, as_sampled, cut, segments
 from faultgauge.telemetry.skeleton import plant_skeleton
 
@@ -13,6 +13,7 @@ __all__ = [
     "Inspection",
     "Run",
     "as_sampled",
+    "check_same_units",
     "cut",
     "inspect_runs",
     "plant_skeleton",

@@ -84,7 +84,7 @@ def noise_sd(x: Signal, inputs: Sequence[Signal] = ()) -> float:
     return float(found / 0.6745 / np.sqrt(20.0))
 
 
-def _spread_left(kernel: Kernel, step: float, inputs: Sequence[Signal]) -> float:
+def _spread_left(kernel: Kernel, step: float, inputs: Sequence[Float[np.ndarray, "_"]]) -> float:
     """The smallest share of an input's spread that the kernel's mean keeps."""
     usable = [u for u in inputs if len(u) > 2 * kernel.half + 1 and np.std(u) > 0]
     shares = [np.std(kernel.smooth(u, step, held=True)) / np.std(u) for u in usable]

@@ -7,7 +7,7 @@ from datetime import datetime
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from faultgauge.errors import InputError
 from faultgauge.telemetry.mapping import apply_maps, parse_maps
@@ -26,7 +26,8 @@ Paths = str | Path | Sequence[str | Path]
 @dataclass(frozen=True, eq=False)
 class LogFile:
     """One file after `--map`: its time (s) and the samples of each of its runs; `clock` is what
-    a clock showed at 0 s, where the file tells.
+    a clock showed at 0 s, where the file tells; `holes` are the rows that stand for those that
+    `--where` left out.
 
     `signals` are the names of all columns except the time, `t` and `run`.
     """
@@ -36,6 +37,7 @@ class LogFile:
     t: Float[np.ndarray, "rows"]
     runs: dict[str, Int[np.ndarray, "_"]]
     clock: datetime | None = None
+    holes: Bool[np.ndarray, "rows"] | None = None
 
     @property
     def signals(self) -> list[str]:
@@ -95,13 +97,13 @@ def _log_file(path: Path, table: Table, time: str | None, mapped: bool, taken: s
 
 def _kept(log: LogFile, where: str) -> LogFile:
     kept = met(log.table, where, log.time, log.t, log.runs)
-    table, rows, runs = keep_rows(log.table, log.time, log.runs, kept)
+    table, rows, runs, holes = keep_rows(log.table, log.time, log.runs, kept)
     if not runs:
         raise InputError(
             f"{table.source}, --where: no run has two rows that meet {where[:80]!r}; widen the "
             "condition, or leave the file out."
         )
-    return LogFile(table, log.time, log.t[rows], runs, log.clock)
+    return LogFile(table, log.time, log.t[rows], runs, log.clock, holes)
 
 
 def _groups(table: Table) -> dict[str, Int[np.ndarray, "_"]]:

@@ -42,11 +42,13 @@ def align(
     t: Float[np.ndarray, "rows"],
     columns: Mapping[str, Float[np.ndarray, "rows"]],
     held: Collection[str] = (),
+    holes: Bool[np.ndarray, "rows"] | None = None,
 ) -> Aligned:
     """`columns` (NaN where not sampled at `t`, s) of one run on the rows of the fastest of them.
 
-    `held` names those that keep their value between samples. Columns that are sampled together
-    come back as they are, every row kept.
+    `held` names those that keep their value between samples. `holes` are empty rows that split the
+    run: they stay, and nothing is filled across one. Columns that are sampled together come back
+    as they are, every row kept.
     """
     sampled = {name: np.isfinite(values) for name, values in columns.items()}
     intervals = {
@@ -55,6 +57,7 @@ def align(
         if not cells.all() and cells.sum() >= FEWEST
     }
     kept = np.ones(len(t), dtype=bool)
+    holes = np.zeros(len(t), dtype=bool) if holes is None else holes
     if not intervals:
         return Aligned(kept, dict(columns), (), {})
     fastest = max(columns, key=lambda name: sampled[name].sum())
@@ -65,8 +68,10 @@ def align(
         slower = name != fastest and interval > SLOWER * shortest
         between = _between(t, sampled[name], interval, slower)
         if name == fastest:
-            kept = _own(sampled[name], between) if between.any() else kept
-        elif between.any():
+            kept = _own(sampled[name], between) | holes if between.any() else kept
+            continue
+        between &= ~_across(sampled[name], holes)
+        if between.any():
             found[name] = _filled(t, columns[name], sampled[name], between, name in held)
             filled.append(name)
             slow += [name] if slower and name not in held else []
@@ -91,6 +96,15 @@ def _between(
     inside = ~sampled & (after > 0) & (after < len(rows))
     inside[inside] = steps[after[inside] - 1] <= longest
     return inside
+
+
+def _across(
+    sampled: Bool[np.ndarray, "rows"], holes: Bool[np.ndarray, "rows"]
+) -> Bool[np.ndarray, "rows"]:
+    """The rows between two samples of a column with one of `holes` between them."""
+    rows, before = np.flatnonzero(sampled), np.cumsum(holes)
+    after = np.clip(np.searchsorted(rows, np.arange(len(sampled))), 1, len(rows) - 1)
+    return before[rows[after]] > before[rows[after - 1]]
 
 
 def _own(

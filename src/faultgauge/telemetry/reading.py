@@ -14,7 +14,7 @@ from faultgauge.telemetry.rates import align
 from faultgauge.telemetry.runs import Run
 from faultgauge.telemetry.table import Table, is_text, text_error
 
-__all__ = ["check_present", "finite_or_empty", "read_telemetry"]
+__all__ = ["check_present", "check_same_units", "finite_or_empty", "read_telemetry"]
 
 
 def read_telemetry(
@@ -42,25 +42,47 @@ def read_telemetry(
     - `held`: columns that keep their value between samples, as inputs do. It matters where
       columns are sampled at different rates: they are brought onto common rows (`align`).
     - `where`: a condition over the file's columns; only rows that meet it are kept.
-    - `units`: those that columns must have where the file gives them one; what a map made is taken
-      as it is.
+    - `units`: those that columns must have where the file gives them one. What a map computes has
+      none; what it only renames keeps its own.
 
     Raises `InputError` that names file, column and row for a file that cannot be read, a missing
     required column, text or Inf in a column that is taken, an all-empty one, and a time that is
-    missing, empty, repeated or reversed, a condition that no row meets, and another unit.
+    missing, empty, repeated or reversed, a condition that no row meets, and another unit, be it
+    only than in another of the files.
     """
-    maps = list(maps)
-    made = parse_maps(maps)
-    given = {name: unit for name, unit in (units or {}).items() if name not in made}
-    runs = []
+    maps, wanted, runs = list(maps), units or {}, []
     for log in open_logs(paths, time, maps, where):
         columns = _columns(log, names, optional)
         for name in columns:
-            _check_unit(log.table, name, given.get(name, ""))
+            _check_unit(log.table, name, wanted.get(name, ""), maps)
         required = set(names or ())
         for name, samples in log.runs.items():
             runs.append(_run(log, name, samples, columns, required, held))
+    check_same_units(runs, maps)
     return runs
+
+
+def check_same_units(runs: Iterable[Run], maps: Iterable[str] = ()) -> None:
+    """Refuse logs, read with `maps`, that give one column in units of different size, or of
+    different things."""
+    known: dict[str, Run] = {}
+    for run in runs:
+        for name, unit in run.units.items():
+            first = known.setdefault(name, run)
+            change = conversion(unit, first.units[name])
+            if change == "":
+                continue
+            source = parse_maps(maps).get(name, alias(name))
+            said = (
+                f"{run.source}: column {name!r} is in {unit!r}, but in {first.source} it is in "
+                f"{first.units[name]!r}"
+            )
+            if change is None:
+                raise InputError(f"{said}, which is no unit of the same; take another column.")
+            raise InputError(
+                f"{said}, and --map serves all logs of a call; convert it in the file, or give "
+                f"this log to a call of its own, with --map '{name}={source}{change}'."
+            )
 
 
 def _columns(
@@ -89,23 +111,25 @@ def check_present(table: Table, names: Sequence[str]) -> None:
     )
 
 
-def _check_unit(table: Table, name: str, wanted: str) -> None:
+def _check_unit(table: Table, name: str, wanted: str, maps: Iterable[str]) -> None:
     column = find_column(table, name) or name
-    given = table.units.get(column, "")
+    given = _unit(table, name)
     change = conversion(given, wanted)
     if change == "":
         return
-    said = (
-        f"{table.source}: column {column!r} is in {given.strip()!r}, but {name!r} of the plant is"
-    )
+    source = parse_maps(maps).get(name, alias(column))  # a computed column has no unit
+    said = f"{table.source}: column {column!r} is in {given!r}, but {name!r} of the plant is"
     if change is None:
         raise InputError(
             f"{said} in {wanted!r}, which is no unit of the same; take another column, or this one "
-            f"as it is, with --map '{name}={alias(column)}'."
+            f"as it is, with --map '{name}={source}*1'."
         )
-    raise InputError(
-        f"{said} in {wanted!r}; convert it with --map '{name}={alias(column)}{change}'."
-    )
+    raise InputError(f"{said} in {wanted!r}; convert it with --map '{name}={source}{change}'.")
+
+
+def _unit(table: Table, name: str) -> str:
+    """The unit that the file gives for column `name`; "" where it gives none."""
+    return table.units.get(find_column(table, name) or name, "").strip()
 
 
 def _numbers(table: Table, column: str) -> Float[np.ndarray, "rows"]:
@@ -152,7 +176,8 @@ def _run(
                 "fill it or remove the run."
             )
         del taken[column]
-    aligned = align(t, taken, held)
+    holes = None if log.holes is None else log.holes[samples]
+    aligned = align(t, taken, held, holes)
     columns = dict(aligned.columns)
     for column in [column for column, values in columns.items() if np.isnan(values).all()]:
         if column in required:
@@ -163,5 +188,13 @@ def _run(
             )
         del columns[column]
     sampled = {column: cells for column, cells in aligned.sampled.items() if column in columns}
-    source = log.table.source
-    return Run(name, source, t[aligned.kept], columns, clock=log.clock, sampled=sampled)
+    units = {column: _unit(log.table, column) for column in columns}
+    return Run(
+        name,
+        log.table.source,
+        t[aligned.kept],
+        columns,
+        clock=log.clock,
+        sampled=sampled,
+        units={column: unit for column, unit in units.items() if unit},
+    )

@@ -33,7 +33,8 @@ class Run:
     nothing was sampled; `source` is the file as the user gave it and `name` is unique among the
     runs read together. `pace` is the step where it is settled, `paced`; `clock` is what a clock
     showed at 0 s, where the log has timestamps. `sampled` marks, in a column of a slow sensor that
-    was filled in between, the cells that stand for its samples.
+    was filled in between, the cells that stand for its samples. `units` are those that the file
+    gives.
     """
 
     name: str
@@ -43,11 +44,22 @@ class Run:
     pace: float | None = None
     clock: datetime | None = None
     sampled: dict[str, Bool[np.ndarray, "samples"]] = field(default_factory=dict)
+    units: dict[str, str] = field(default_factory=dict)
 
     @property
     def step(self) -> float:
         """The time step, s: `pace`, or the median of the whole run."""
         return float(np.median(np.diff(self.t))) if self.pace is None else self.pace
+
+    def own(self, name: str) -> Float[np.ndarray, "samples"]:
+        """Column `name` as its sensor sampled it: NaN where it was filled in between."""
+        values = self.columns[name]
+        return np.where(self.sampled[name], values, np.nan) if name in self.sampled else values
+
+    def rows_per_sample(self, name: str) -> int:
+        """How many rows it is from one sample of column `name` to the next, in the median."""
+        rows = np.flatnonzero(np.isfinite(self.own(name)))
+        return int(np.median(np.diff(rows))) if len(rows) > 1 else 1
 
     @property
     def content_hash(self) -> str:

@@ -31,7 +31,9 @@ WORDS = {
     "nanosecond": "ns", "nsec": "ns", "minute": "min", "hour": "h",
 }  # fmt: skip
 # Not T, which is a torque or a temperature.
-TIME_NAME = re.compile(r"(t|(?i:time|timestamp|datetime|date|clock|epoch|sec|seconds))([\W_].*)?")
+TIME_NAME = re.compile(
+    r"(t|tout|(?i:time|timestamp|datetime|date|clock|epoch|sec|seconds))([\W_].*)?"
+)
 
 
 def find_time(table: Table, time: str | None, mapped: bool) -> str:
@@ -71,7 +73,9 @@ def _proposal(table: Table) -> str:
     best = max(1, *scores.values())
     likely = [name for name, score in scores.items() if score == best][:3]
     options = [unit_map(name) or f"--time {_quoted(name)}" for name in likely]
-    return f"try {' or '.join(options)}" if options else "name the time column with --time COLUMN"
+    if options:
+        return f"try {' or '.join(options)}"
+    return "name the time column with --time COLUMN, or log one (to a MAT file, its step Ts in s)"
 
 
 def _quoted(name: str) -> str:

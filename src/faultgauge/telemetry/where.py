@@ -68,8 +68,9 @@ def met(
 
 def keep_rows(
     table: Table, time: str, runs: dict[str, np.ndarray], kept: Bool[np.ndarray, "rows"]
-) -> tuple[Table, np.ndarray, dict[str, np.ndarray]]:
-    """`table` without the rows that are not `kept`, the rows it has now, and `runs` in it.
+) -> tuple[Table, np.ndarray, dict[str, np.ndarray], np.ndarray]:
+    """`table` without the rows that are not `kept`, the rows it has now, `runs` in it, and which of
+    its rows are holes.
 
     Of each hole inside a run one row stays, empty but for its `time`, so that the run is split
     there however short the hole is. A run with fewer than two rows left is dropped.
@@ -94,7 +95,8 @@ def keep_rows(
         for name, cells in table.columns.items()
     }
     smaller = replace(table, columns=columns, rows=table.rows[rows])
-    return smaller, rows, {name: place[samples] for name, samples in left.items()}
+    left = {name: place[samples] for name, samples in left.items()}
+    return smaller, rows, left, blank[rows]
 
 
 def _blanked(cells: Shaped[np.ndarray, "rows"], blank: Bool[np.ndarray, "rows"]) -> np.ndarray:

@@ -65,10 +65,12 @@ WRITERS: dict[str, Callable[[dict[str, list[Any]]], bytes]] = {
 
 
 def as_table(run: Run) -> dict[str, list[Any]]:
-    """The columns of a log that holds `run`: time as `t`, None where nothing was sampled."""
+    """The columns of a log that holds `run`: time as `t`, None where nothing was sampled, between
+    the samples of a slow sensor too."""
+    own = {name: run.own(name) for name in run.columns}
     return {
         name: [None if math.isnan(value) else value for value in values.tolist()]
-        for name, values in {"t": run.t, **run.columns}.items()
+        for name, values in {"t": run.t, **own}.items()
     }
 
 

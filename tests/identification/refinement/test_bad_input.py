@@ -176,6 +176,7 @@ def known(text, weights=None):
         dt=dt[None],
         y=NOISE * np.random.default_rng(1).standard_normal((1, count, 1)),
         weight=np.ones((1, count, 1)),
+        walk=np.zeros((1, count, 0, 0)),
     )
     theta, start = unknowns.vector(model), np.zeros((1, states))
     fitted = Fitted(theta, start, np.zeros((1, count, states)), NOISE**2, 0, 1)

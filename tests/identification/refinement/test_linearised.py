@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
+from faultgauge.identification.refinement.drift import Drift
 from faultgauge.identification.refinement.simulation_error import SimulationResidual, Window
 from faultgauge.identification.refinement.unknowns import WEIGHTS, unknowns_of
 from faultgauge.plants.gray_box import GrayBoxPlant
@@ -70,7 +71,7 @@ def replaced(net, field, value):
     return type(net)(**values)
 
 
-def window(outputs, substeps, seed=1):
+def window(outputs, substeps, slow, seed=1):
     """A window with samples that weigh nothing, and a padded tail."""
     rng = np.random.default_rng(seed)
     u = 1.5 * np.sin(np.linspace(0, 7, SAMPLES))
@@ -87,6 +88,7 @@ def window(outputs, substeps, seed=1):
         dt=jnp.asarray(dt),
         y=jnp.asarray(rng.normal(size=(SAMPLES, outputs))),
         weight=jnp.asarray(weight),
+        walk=jnp.asarray(Drift.over(slow, SAMPLES, SAMPLES).walk(SAMPLES)),
     )
 
 
@@ -114,8 +116,9 @@ def test_jacobian(name):
     unknowns = unknowns_of(model)
     assert len(unknowns.varying) == 1
     residual = SimulationResidual(model, jnp.asarray(0.3), unknowns, substeps, robust)
-    at = window(len(model.signals.outputs), substeps)
-    start = np.array([0.2, -0.3, 0.15])  # of the states, and the window's own parameter
+    at = window(len(model.signals.outputs), substeps, len(unknowns.slow))
+    # of the states, the window's own parameter, and how it drifts over 3 stretches of 16 samples
+    start = np.array([0.2, -0.3, 0.15, *(3.0, -2.0, 4.0)[: 3 * len(unknowns.slow)]])
     own = jnp.asarray(np.concatenate([unknowns.vector(model), start]))
     (r, J), forward = jax.tree.map(np.asarray, jacobians(residual, own, at))
     # three programs of the same sums over 40 steps: rounding
@@ -141,7 +144,7 @@ def test_the_prior_of_a_start_stands_below_the_errors():
     model = plant(PLAIN)
     unknowns = unknowns_of(model)
     residual = SimulationResidual(model, jnp.asarray(0.3), unknowns, 1)
-    at = window(2, 1)
+    at = window(2, 1, 0)
     own = jnp.asarray(np.concatenate([unknowns.vector(model), [0.2, -0.3, 0.15]]))
     r = np.asarray(errors(residual, own, at))
     np.testing.assert_allclose(r[-3:], 0.3 * np.array([0.2, -0.3, 0.15]), rtol=1e-14)
@@ -157,9 +160,9 @@ def test_bounded_errors_by_hand(size):
     sigma = 0.2
     plain = SimulationResidual(model, jnp.asarray(sigma), unknowns_of(model), 1)
     robust = SimulationResidual(model, jnp.asarray(sigma), unknowns_of(model), 1, True)
-    at = window(1, 1)
-    at = Window(at.center, at.sd, at.stages, at.dt, at.y, size * at.weight)
-    own = jnp.asarray(np.concatenate([unknowns_of(model).vector(model), np.zeros(3)]))
+    at = window(1, 1, 1)
+    at = Window(at.center, at.sd, at.stages, at.dt, at.y, size * at.weight, at.walk)
+    own = jnp.asarray(np.concatenate([unknowns_of(model).vector(model), np.zeros(6)]))
     r, bounded = (np.asarray(errors(each, own, at))[:SAMPLES] for each in (plain, robust))
     b = 1.345 * sigma
     np.testing.assert_allclose(

@@ -1,5 +1,7 @@
 """Networks beside known physics: an unknown term behind a hidden state is found and pays."""
 
+from unittest.mock import create_autospec
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -8,7 +10,10 @@ from scipy.optimize import least_squares
 from faultgauge.errors import InputError
 from faultgauge.identification.evaluation import evaluate
 from faultgauge.identification.fit import fit
-from faultgauge.identification.refinement.networks import CROWDED
+from faultgauge.identification.refinement.candidate import Candidate
+from faultgauge.identification.refinement.data import Data
+from faultgauge.identification.refinement.networks import CROWDED, _screened
+from faultgauge.identification.refinement.simulation_error import Fitted
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant_file import parse_plant
 from faultgauge.telemetry import Run
@@ -138,3 +143,11 @@ def test_a_plant_of_networks_alone():
     # 2 u alone has no damping at all: its error is that of an integrator
     assert report.refinement is not None
     assert report.refinement.error < 0.25
+
+
+def test_a_screening_in_which_every_start_diverges_finds_nothing():
+    diverged = create_autospec(Fitted, instance=True, usable=False, mse=np.inf, theta=np.zeros(1))
+    data = create_autospec(Data, instance=True)
+    data.fit.return_value = [diverged]
+    base = create_autospec(Candidate, instance=True, plant=None, unknowns=None, fitted=diverged)
+    assert _screened(data, [base, base], 0) is None

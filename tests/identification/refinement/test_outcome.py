@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from faultgauge.identification.fit import fit
-from faultgauge.identification.refinement import search
+from faultgauge.identification.refinement import search, short_windows
 from faultgauge.identification.refinement.data import prepare, unseen_errors, validation_error
 from faultgauge.identification.refinement.records import records_of
 from faultgauge.identification.refinement.result import refine_on_logs
@@ -130,7 +130,8 @@ def test_starts_without_a_finite_error_beside_a_warm_start_that_wins(text, who):
 
 def test_a_refinement_that_ends_at_its_cap_says_so(monkeypatch):
     monkeypatch.setattr(search, "LAST_TRIALS", 1)
-    monkeypatch.setattr(search, "HEAT_TRIALS", 1)
+    monkeypatch.setattr(short_windows, "HEAT_TRIALS", 1)
+    monkeypatch.setattr(short_windows, "MORE_TRIALS", 1)
     monkeypatch.setattr(search, "ALL_TRIALS", 1)
     _, report = fit(heater(), [run(0)], restarts=1)
     assert any(each.startswith("refinement: not converged after ") for each in report.warnings)
@@ -186,7 +187,7 @@ def test_a_long_run_is_validated_through_its_whole_length():
     mask = np.arange(count) % 1000 < 800
     mask[:400] = False  # the first window begins behind this
     records = records_of(plant.signals, [log], channels(plant.spec, [log]))
-    data = prepare(plant.signals, records, [mask], [], 1, False, False)
+    data = prepare(plant.signals, records, [mask], [], 1, False, unknowns_of(plant))
     unknowns = unknowns_of(plant)
     fitted = data.fit_starts(plant, unknowns, unknowns.vector(plant))
     assert len(data.pieces) > 1
@@ -211,7 +212,7 @@ def test_a_start_keeps_to_the_states_bounds(limits, start):
     t, zero = STEP * np.arange(COUNT), np.zeros(COUNT)
     log = Run("cooling", "heat.csv", t, {"u": zero, "y": 2 * 0.4 * np.exp(-0.5 * t)})
     records = records_of(plant.signals, [log], channels(plant.spec, [log]))
-    data = prepare(plant.signals, records, [np.ones(COUNT, bool)], [], 1, False, False)
+    data = prepare(plant.signals, records, [np.ones(COUNT, bool)], [], 1, False, unknowns_of(plant))
     unknowns = unknowns_of(plant)
     fitted = data.fit_starts(plant, unknowns, unknowns.vector(plant))
     # the prior of a start draws the free one by some thousandths

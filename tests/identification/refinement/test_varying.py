@@ -109,3 +109,73 @@ def test_a_new_run_takes_its_value_from_the_warm_up(fitted, b):
 def test_varying_parameters_need_the_refinement():
     with pytest.raises(InputError, match=r"b of plant 'heater'.*simulation error only"):
         fit(plant("run"), [run(0, 1.5)], refine=False)
+
+
+def drifting(seed, b):
+    """`run` with b as it goes, one value to each sample."""
+    rng = np.random.default_rng(seed)
+    u, T, decay = np.repeat(rng.uniform(-2, 2, COUNT // 10), 10), np.zeros(COUNT), np.exp(-A * STEP)
+    T[0] = 1.0
+    for k in range(COUNT - 1):
+        T[k + 1] = decay * T[k] + (1 - decay) / A * (b[k] * u[k] + 0.1)
+    noisy = T + NOISE * rng.standard_normal(COUNT)
+    return Run(f"heat{seed}", "heat.csv", STEP * np.arange(COUNT), {"u": u, "T": noisy})
+
+
+SHARE = np.arange(COUNT) / COUNT
+COURSES = {
+    "sine": 2.0 + 0.6 * np.sin(2 * np.pi * SHARE),
+    "ramp": 1.5 + 1.5 * SHARE,
+    "constant": np.full(COUNT, 2.0),
+}
+
+
+@pytest.fixture(scope="module", params=COURSES)
+def drifted(request):
+    b = COURSES[request.param]
+    logs = [drifting(seed, b) for seed in range(3)]
+    _, report = fit(plant("slow"), logs, restarts=3)
+    return request.param, b, logs, report.refinement
+
+
+def test_a_drift_within_a_run_is_followed(drifted):
+    kind, b, logs, found = drifted
+    shared = next(c for c in found.information.constants if c.name == "a")
+    assert abs(shared.value - A) < 4 * shared.standard_error
+    # as well known as without a drift (0.0007), but for 3 runs of 300 and 16 unknowns to each
+    assert 0 < shared.standard_error < 0.005 * A
+    for log, course in zip(logs, found.courses["b"], strict=True):
+        assert course.run == log.name
+        at = np.interp(log.t, course.t, course.value)
+        # of a segment of 19 samples b alone is known to exact_error times sqrt(300 / 19); straight
+        # lines over it are off a sine of 0.6 by h^2 / 8 * 0.6 (2 pi / 300)^2 = 0.012
+        error = exact_error(COUNT, log) * np.sqrt(COUNT / 19) + 0.012
+        assert np.sqrt(np.mean((at - b) ** 2)) < 1.5 * error
+        assert found.per_run["b"][log.name] == pytest.approx(b.mean(), abs=error)
+    if kind == "constant":  # the evidence leaves it where it is
+        assert max(np.std(course.value) for course in found.courses["b"]) < 0.005
+    else:
+        assert min(np.std(course.value) for course in found.courses["b"]) > 0.9 * np.std(b)
+
+
+def test_one_value_per_run_spoils_what_a_drift_does_not(drifted):
+    """The logs fitted with `vary = "run"`: off by many times the noise unless b is constant."""
+    kind, _, logs, found = drifted
+    _, report = fit(plant("run"), logs, restarts=3)
+    share = NOISE / np.std(np.concatenate([log.columns["T"] for log in logs]))
+    if kind == "constant":
+        assert report.refinement.error == pytest.approx(share, rel=0.3)
+        assert found.error < 1.05 * report.refinement.error
+    else:
+        assert report.refinement.error > 10 * share
+        assert found.error < report.refinement.error / 2
+        # the tail goes on from where the drift was last seen, and b moves on by up to a fifth
+
+
+def test_courses_stand_in_the_record(drifted):
+    _, _, logs, found = drifted
+    told = found.metrics()["courses"]["b"]
+    assert [each["run"] for each in told] == [log.name for log in logs]
+    for each, log in zip(told, logs, strict=True):
+        assert len(each["t"]) == len(each["value"]) == 17  # knots every 19 of 300 samples, and ends
+        assert (each["t"][0], each["t"][-1]) == (log.t[0], log.t[-1])

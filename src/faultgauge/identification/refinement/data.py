@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from faultgauge.errors import InputError
+from faultgauge.identification.refinement.drift import Drift
 from faultgauge.identification.refinement.records import (
     Piece,
     Record,
@@ -55,6 +56,7 @@ class Data:
     scale: Float[np.ndarray, "outputs"]
     guesses: list[Float[np.ndarray, "_ states"]]
     sd: Float[np.ndarray, "states"]
+    drift: Drift
     robust: bool = False
     whole: list[Piece] = field(default_factory=list)
     pieces: list[Piece] = field(default_factory=list)  # those that are worked on
@@ -72,6 +74,7 @@ class Data:
             self.sd,
             self.substeps,
             self.scale,
+            self.drift,
         )
 
     def fit(
@@ -93,7 +96,7 @@ class Data:
         `after` are fits over the same pieces, one to a start: windows start where they did.
         """
         windows = self.windows(self.pieces if pieces is None else pieces)
-        z = np.stack([_starts(windows, each) for each in after]) if after else None
+        z = np.stack([self.starts(windows, each) for each in after]) if after else None
         return fit_windows(
             plant,
             unknowns,
@@ -108,6 +111,12 @@ class Data:
             robust=self.robust,
             claims=claims,
         )
+
+    def afresh(self) -> "Data":
+        """The same without the guesses of hidden states that fits have left."""
+        initial = [state.initial for state in self.signals.states]
+        guesses = [np.tile(np.array(initial, float), (len(each), 1)) for each in self.guesses]
+        return replace(self, guesses=guesses)
 
     def fit_starts(
         self, plant: GrayBoxPlant, unknowns: Unknowns, theta: Float[np.ndarray, "unknowns"]
@@ -127,15 +136,24 @@ class Data:
         pieces = _from_fitted_samples(pieces_of(self.records, length), self.masks)
         return [piece for piece in pieces if self.fitted_samples(piece) >= FEWEST]
 
+    def starts(self, windows: Window, fitted: Fitted) -> Float[np.ndarray, "windows local"]:
+        """What is local to the windows, where a fit over such as begin alike found it."""
+        states = windows.center.shape[1]
+        x0 = (fitted.x[:, 0] - np.asarray(windows.center)) / np.asarray(windows.sd)
+        z = np.concatenate([x0, fitted.z[:, states:]], axis=1)
+        return self.drift.lengthened(z, fitted.x.shape[1], windows.dt.shape[1])
+
     def courses(self, fitted: Fitted) -> tuple[list[Piece], Float[np.ndarray, "courses local"]]:
         """(free runs over whole records, each from the start of a fitted window, what is local to
-        them); those of long records begin anew after `LONGEST_WHOLE` samples."""
-        starts = _starts(self.windows(self.pieces), fitted)
+        the window); those of long records begin anew after `LONGEST_WHOLE` samples, or, where
+        parameters drift, with every window."""
+        starts = self.starts(self.windows(self.pieces), fitted)
+        longest = 0 if self.drift.scale.size else LONGEST_WHOLE
         found, local = list[Piece](), list[Float[np.ndarray, "local"]]()
         for piece, own in zip(self.pieces, starts, strict=True):
             last = found[-1] if found else None
             if last is not None and last.record == piece.record:
-                if piece.start - last.start < LONGEST_WHOLE:
+                if piece.start - last.start < longest:
                     continue
                 found[-1] = last._replace(stop=piece.start)
             found.append(Piece(piece.record, piece.start, len(self.masks[piece.record])))
@@ -179,7 +197,7 @@ class Data:
         ]
         windows = self.windows(longer)
         x, _ = simulated(
-            plant, unknowns, fitted.theta, _starts(windows, fitted), windows, self.substeps
+            plant, unknowns, fitted.theta, self.starts(windows, fitted), windows, self.substeps
         )
         self.remember(longer, x)
 
@@ -198,9 +216,10 @@ def prepare(
     held: list[Record],
     substeps: int,
     robust: bool,
-    whole_runs: bool,
+    unknowns: Unknowns,
 ) -> Data:
-    """Windows as long as runs where `whole_runs` asks for it, as values per run do."""
+    """Windows of at most some thousand samples, or as long as runs where values per run ask for
+    it."""
     initial = np.array([state.initial for state in signals.states])
     ranges = np.array([state.max - state.min for state in signals.states])
     for record in held:
@@ -209,6 +228,11 @@ def prepare(
                 f"run {record.run!r} has {len(record.t)} samples in a row, too few to validate on; "
                 f"a run needs {FEWEST} at least, so leave it out or give a longer one."
             )
+    longest = max(len(record.t) for record in (*records, *held))
+    whole_runs = bool(unknowns.varying)
+    most, part = (LONGEST_WHOLE, LONG_PART) if whole_runs else (LONGEST, LONG_WINDOW)
+    length = part if longest > most else longest
+    total = sum(len(record.t) for record in records)
     data = Data(
         signals,
         [*records, *held],
@@ -217,11 +241,10 @@ def prepare(
         output_scale(records),
         [np.tile(initial, (len(record.t), 1)) for record in (*records, *held)],
         np.where(np.isfinite(ranges), ranges / 4, np.maximum(np.abs(initial), 1.0)),
+        Drift.over(len(unknowns.slow), length, total),
         robust,
     )
-    longest = max(len(record.t) for record in data.records)
-    most, part = (LONGEST_WHOLE, LONG_PART) if whole_runs else (LONGEST, LONG_WINDOW)
-    data.whole = data.split(part if longest > most else longest)
+    data.whole = data.split(length)
     alone = {k for k, mask in enumerate(data.masks) if not mask.any()}
     data.alone = [p for p in pieces_of(data.records, LONGEST_WHOLE) if p.record in alone]
     if not data.whole:
@@ -233,13 +256,6 @@ def prepare(
     data.whole = _some(data.whole, max(MOST, longest if longest <= most else 0))
     data.pieces = _some(data.whole, BUDGET) if longest > most else data.whole
     return data
-
-
-def _starts(windows: Window, fitted: Fitted) -> Float[np.ndarray, "windows local"]:
-    """What is local to the windows, where a fit found it."""
-    states = windows.center.shape[1]
-    x0 = (fitted.x[:, 0] - np.asarray(windows.center)) / np.asarray(windows.sd)
-    return np.concatenate([x0, fitted.z[:, states:]], axis=1)
 
 
 def _some(pieces: list[Piece], budget: int) -> list[Piece]:
@@ -276,6 +292,7 @@ def unseen_errors(
     left = [~mask for mask in data.masks]
     runs, local = data.courses(fitted)
     windows = data.windows(runs, left)
+    local = data.drift.lengthened(local, fitted.x.shape[1], windows.dt.shape[1])
     if np.any(windows.weight > 0):
         errors = simulated(plant, unknowns, fitted.theta, local, windows, data.substeps)[1]
         found.append(errors[windows.weight > 0])
@@ -294,7 +311,8 @@ def unseen_errors(
             robust=data.robust,
         )
         windows = data.windows(whole, rest)
-        errors = simulated(plant, unknowns, fitted.theta, starts.z, windows, data.substeps)[1]
+        local = data.drift.lengthened(starts.z, starts.x.shape[1], windows.dt.shape[1])
+        errors = simulated(plant, unknowns, fitted.theta, local, windows, data.substeps)[1]
         found.append(errors[windows.weight > 0])
     return np.concatenate([np.zeros(0), *found])
 

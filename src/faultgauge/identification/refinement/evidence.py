@@ -23,7 +23,7 @@ from faultgauge.identification.refinement.data import Data
 from faultgauge.identification.refinement.uncertainty import curvature
 from faultgauge.identification.refinement.unknowns import WEIGHTS
 
-__all__ = ["by_evidence", "updated"]
+__all__ = ["by_evidence", "drift_by_evidence", "updated"]
 
 ROUNDS, TRIALS = 3, 8  # updates, and Levenberg-Marquardt trials after each
 LEAST, MOST = 1e-6, 1e6  # prior weights
@@ -60,6 +60,35 @@ def _by_evidence(data: Data, candidate: Candidate) -> Float[np.ndarray, "weights
     return updated(
         fitted.theta[:weights], np.diag(covariance)[:weights], ridge, found.residual_time, sizes
     )
+
+
+def drift_by_evidence(data: Data, candidate: Candidate) -> Float[np.ndarray, "slow"]:
+    """How many times as far as `data.drift` has it each parameter walks, at `candidate`.
+
+    The increments' prior is N(0, tau), or a = 1 / tau; with tau a by evidence they are
+    sqrt(1 / (tau a)) times as large.
+    """
+    plant, unknowns, fitted = candidate.plant, candidate.unknowns, candidate.fitted
+    windows = data.windows(data.pieces)
+    found = curvature(
+        plant, unknowns, fitted, windows, data.substeps, candidate.ridge, candidate.claims
+    )
+    inverse = np.linalg.pinv(found.precision, hermitian=True)
+    variance = max(fitted.mse, 1e-300) * found.residual_time * np.diag(inverse)
+    count, increments, slow = len(fitted.z), windows.walk.shape[-2], windows.walk.shape[-1]
+
+    def by_parameter(local: Float[np.ndarray, "windows local"]) -> Float[np.ndarray, "increments"]:
+        walked = local[:, local.shape[1] - increments * slow :].reshape(count, increments, slow)
+        return np.moveaxis(walked, 2, 0).ravel()
+
+    tau_a = updated(
+        by_parameter(fitted.z),
+        by_parameter(variance[fitted.theta.size :].reshape(count, -1)),
+        np.ones(count * increments * slow),
+        found.residual_time,
+        [count * increments] * slow,
+    )
+    return 1 / np.sqrt(tau_a[:: count * increments])
 
 
 def updated(

@@ -16,10 +16,11 @@ from faultgauge.identification.refinement.candidate import (
 )
 from faultgauge.identification.refinement.claims import Claims, claims_of
 from faultgauge.identification.refinement.cores import side_by_side
-from faultgauge.identification.refinement.data import BUDGET, Data
+from faultgauge.identification.refinement.data import BUDGET, FIRST_SIGMA, Data
 from faultgauge.identification.refinement.evidence import by_evidence
 from faultgauge.identification.refinement.linear_starts import equivalents
 from faultgauge.identification.refinement.records import Piece
+from faultgauge.identification.refinement.short_windows import around, over_short_windows
 from faultgauge.identification.refinement.silent import scaled, silent, visited
 from faultgauge.identification.refinement.simulation_error import Fitted
 from faultgauge.identification.refinement.stepping import fine_enough
@@ -45,6 +46,7 @@ PATIENCE, BETTER = 2, 0.99  # of the validation error: less gain does not pay an
 TELLING = 5_000  # samples
 FEATURE_SEED = 0  # of the functions that networks are taken to be able to imitate
 CROWDED = "units where arguments crowd"  # every other start, where a few samples lie far off
+POOR = 0.5  # of the outputs' spread: physics that tells little without its networks
 MARGINS = (1.2, 2.0)  # of the arguments' range under the physics alone: networks will move it
 
 
@@ -66,16 +68,22 @@ def with_networks(
         sizes = _sizes(data, bases[0], sigma, seed)
         bases = [replace(base, plant=with_hidden(base.plant, sizes)) for base in bases]
     found: list[Candidate] = []
+    if bases[0].validation > POOR:
+        found += _together(data, bases[0].plant, seed, restarts, progress, notes)
     few = sample_count(data.pieces) <= SCREEN
     equivalent = _equivalent(data, bases[0], np.random.default_rng([seed, 13]))
     bases = [*(bases if few else bases[:FINALISTS]), *equivalent]
     if len(bases) > MANY_STARTS and not few:
         progress("networks: which start to take, over short windows")
-        sigma, plant, fitted, claims = _screened(data, bases, seed)
-        found += _path(
-            data, ["networks"], [plant], LEARNED_RIDGES, sigma, claims, progress, [fitted],
-            trials=LEARNED_TRIALS,
-        )  # fmt: skip
+        screened = _screened(data, bases, seed)
+        if screened is None:
+            notes.append("networks: over short windows no start had a finite simulation error")
+        else:
+            sigma, plant, fitted, claims = screened
+            found += _path(
+                data, ["networks"], [plant], LEARNED_RIDGES, sigma, claims, progress, [fitted],
+                trials=LEARNED_TRIALS,
+            )  # fmt: skip
     else:
         count = min(restarts, MANY_STARTS if few else max(SILENT_STARTS, len(bases)))
         first, crowded = scaled(data, bases[0], data.pieces)
@@ -106,6 +114,48 @@ def with_networks(
     return [*found, *side_by_side(lambda each: by_evidence(data, each), best)]
 
 
+def _together(
+    data: Data,
+    plant: GrayBoxPlant,
+    seed: int,
+    restarts: int,
+    progress: Callable[[str], None],
+    notes: list[str],
+) -> list[Candidate]:
+    """Parameters and networks fitted at once from the file's values, over short windows first:
+    where a plant does nothing sensible without its networks, the parameters that are best without
+    them are no place to start."""
+    progress("networks and physics together, over short windows")
+    fresh, short = data.afresh(), data.short()
+    unknowns, physics = unknowns_of(plant), unknowns_of(plant, networks=False)
+    starts: list[GrayBoxPlant] = []
+    first = physics.vector(plant)
+    for k in range(restarts):
+        theta = around(first, seed, k) if k else first
+        fitted = fresh.fit(plant, physics, theta[None], pieces=short, sigma=FIRST_SIGMA, trials=0)
+        base = Candidate(plant, physics, fitted[0], np.inf, "")
+        values = physics.assemble(plant, jnp.asarray(theta))
+        scales = _like(starts[0], values) if starts else scaled(fresh, base, short)[0]
+        rng = np.random.default_rng([seed, 11, k])
+        starts.append(silent(scales, rng, 1.0 if starts else MARGINS[0]))
+    thetas = [unknowns.vector(each) for each in starts]
+    fits, failed = over_short_windows(fresh, starts[0], unknowns, thetas, short)
+    if not fits:
+        notes.append(f"networks: none of {failed} starts had a finite simulation error")
+        return []
+    fresh.remember(short, fits[0].x)
+    plants = [unknowns.assemble(starts[0], jnp.asarray(f.theta)) for f in fits[:FINALISTS]]
+    return _path(
+        fresh,
+        ["networks, together"] * len(plants),
+        plants,
+        LEARNED_RIDGES,
+        FIRST_SIGMA,
+        None,
+        progress,
+    )
+
+
 def _equivalent(data: Data, base: Candidate, rng: np.random.Generator) -> list[Candidate]:
     """Starts that only a nonlinearity can tell from `base` (see `linear_starts`)."""
     x, u = visited(data, base, data.pieces)
@@ -128,9 +178,9 @@ def _claims(data: Data, base: Candidate, pieces: Sequence[Piece]) -> Claims | No
 
 def _screened(
     data: Data, bases: Sequence[Candidate], seed: int
-) -> tuple[float, GrayBoxPlant, Fitted, Claims | None]:
+) -> tuple[float, GrayBoxPlant, Fitted, Claims | None] | None:
     """(sigma, plant, fit, claims) of the best of `bases` with networks: all over short windows,
-    then the best of them over all."""
+    then the best of them over all. None where none has a finite error over short windows."""
     short = data.short()
 
     def tried(k: int) -> tuple[float, GrayBoxPlant, Fitted, Claims | None] | None:
@@ -153,7 +203,7 @@ def _screened(
         lambda each: _learned(data, each[1], data.pieces, sigma, FINAL_TRIALS, each[3]),
         found[:FINALISTS],
     )
-    return min(finals, key=lambda each: each[0])
+    return min(finals, key=lambda each: each[0], default=None)
 
 
 def _sizes(data: Data, base: Candidate, sigma: float, seed: int) -> dict[str, int]:

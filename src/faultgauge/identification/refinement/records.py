@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float
 from scipy.signal import savgol_filter
 
 from faultgauge.errors import InputError
+from faultgauge.identification.refinement.drift import Drift
 from faultgauge.identification.refinement.simulation_error import Window
 from faultgauge.identification.samples import Channels, spread
 from faultgauge.plants.signals import Signals
@@ -132,6 +133,7 @@ def cut_windows(
     sd: Float[np.ndarray, "states"],
     substeps: int,
     scale: Float[np.ndarray, "outputs"],
+    drift: Drift,
 ) -> Window:
     """Windows, one per piece, padded to one length; samples outside `masks` weigh nothing.
 
@@ -158,9 +160,10 @@ def cut_windows(
                 dt=_pad(dt, length),
                 y=_pad(np.nan_to_num(y), length),
                 weight=_pad(weight, length),
+                walk=drift.walk(length),
             )
         )
-    fields = ("center", "sd", "stages", "dt", "y", "weight")
+    fields = ("center", "sd", "stages", "dt", "y", "weight", "walk")
     return Window(*(np.stack([getattr(row, field) for row in rows]) for field in fields))
 
 

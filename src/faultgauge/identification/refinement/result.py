@@ -11,6 +11,7 @@ import numpy as np
 from faultgauge.identification.holdout import split_record
 from faultgauge.identification.levenberg_marquardt import NOT_CONVERGED, not_converged
 from faultgauge.identification.refinement.candidate import WARM, Candidate
+from faultgauge.identification.refinement.courses import Course, PerRun, along_runs
 from faultgauge.identification.refinement.data import Data
 from faultgauge.identification.refinement.records import records_of
 from faultgauge.identification.refinement.search import Search, refine
@@ -36,7 +37,7 @@ class Refinement:
     """The refined plant, best of its `members`; `error` is its free-run error on data that no fit
     has seen, a share of the outputs' spread; `tried` names every candidate with that error,
     `chosen` the one that was taken; `per_run` are the runs' own values of the parameters that
-    vary. `judged` is what `error` is
+    vary, `courses` how those that drift went. `judged` is what `error` is
     of: the same, or where `refitted` the members before they were fitted to those data, too."""
 
     plant: GrayBoxPlant
@@ -52,7 +53,8 @@ class Refinement:
     chosen: str
     information: Information
     warnings: list[str]
-    per_run: dict[str, dict[str, float]] = field(default_factory=dict)
+    per_run: PerRun = field(default_factory=dict)
+    courses: dict[str, list[Course]] = field(default_factory=dict)
 
     def metrics(self) -> dict[str, Any]:
         """For the model's record."""
@@ -62,6 +64,7 @@ class Refinement:
             "tried": [[name, None if np.isinf(e) else e] for name, e in self.tried],
             "chosen": self.chosen,
             "per_run": self.per_run,
+            "courses": {n: [c._asdict() for c in each] for n, each in self.courses.items()},
             **self.information.to_dict(),
         }
 
@@ -116,6 +119,7 @@ def refine_on_logs(
         best.ridge,
         best.claims,
     )
+    per_run, courses = along_runs(best, data)
     warnings += [*found.notes, *known.warnings()]
     if best.origin != WARM and best.fitted.status == NOT_CONVERGED:
         warnings.append(not_converged("refinement", best.fitted.trials))
@@ -138,25 +142,9 @@ def refine_on_logs(
         chosen=best.origin,
         information=known,
         warnings=warnings,
-        per_run=_per_run(best, data),
+        per_run=per_run,
+        courses=courses,
     )
-
-
-def _per_run(best: Candidate, data: Data) -> dict[str, dict[str, float]]:
-    """Every run's own value of every parameter that varies; a run in pieces has their mean."""
-    unknowns, fitted = best.unknowns, best.fitted
-    first = unknowns.weights(best.plant)
-    found: dict[str, dict[str, float]] = {}
-    for j, k in enumerate(unknowns.varying):
-        values: dict[str, list[float]] = {}
-        for piece, own in zip(data.pieces, fitted.z, strict=True):
-            moved = fitted.theta.copy()
-            moved[first + k] += own[len(own) - len(unknowns.varying) + j]
-            value = unknowns.natural(best.plant, jnp.asarray(moved))
-            run = data.records[piece.record].run
-            values.setdefault(run, []).append(float(value[-len(unknowns.parameters) + k]))
-        found[unknowns.parameters[k]] = {r: float(np.mean(each)) for r, each in values.items()}
-    return found
 
 
 def _members(found: Search, members: Sequence[Candidate], data: Data) -> Members:

@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Bool, Float
 
 from faultgauge.errors import InputError
 from faultgauge.identification.refinement.candidate import (
@@ -26,19 +26,21 @@ from faultgauge.identification.refinement.candidate import (
 )
 from faultgauge.identification.refinement.cores import side_by_side
 from faultgauge.identification.refinement.data import (
-    FIRST_SIGMA,
     Data,
     prepare,
     validation_error,
 )
+from faultgauge.identification.refinement.evidence import drift_by_evidence
 from faultgauge.identification.refinement.networks import FINALISTS, with_networks
-from faultgauge.identification.refinement.records import Piece, Record
+from faultgauge.identification.refinement.records import Record
+from faultgauge.identification.refinement.short_windows import around, over_short_windows
 from faultgauge.identification.refinement.simulation_error import (
     Fitted,
+    local_unknowns,
     simulated,
 )
 from faultgauge.identification.refinement.stepping import fine_enough
-from faultgauge.identification.refinement.unknowns import Unknowns, unknowns_of
+from faultgauge.identification.refinement.unknowns import unknowns_of
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.signals import Hold, Signals
 from faultgauge.simulation.free_run import RATE_STEP, blow_up, fastest_rate, substeps_for
@@ -51,10 +53,9 @@ NEAR = 0.05  # prior standard deviations: two starts that found one minimum
 SAME = 0.01  # of both their errors, fitted and unseen: the same of two fits
 PLACES, GOOD = 4, 4.0  # minima of the physics that go on, and their squared error at most
 FIRST_TRIALS, LAST_TRIALS = 16, 60  # of the physics, where networks follow and where none do
-HEAT_TRIALS, FAVOURITES = 10, 5  # of every start over short windows, and how many go on
 COARSE = 2.0  # times a simulation's step: a search is done before the last digits matter
-SCATTER = 0.5  # prior standard deviations: a factor of 3 for positive constants
 HOLD_STARTS = 3
+DRIFT_ROUNDS = 4
 SHORT = 5_000  # samples: below, what is held out would be missed
 MORE_TRIALS, ALL_TRIALS = 40, 16  # of what stands already, and of the best over all samples
 CLEARLY = 0.9  # of the error with a simpler hold: half a sample of delay hides in many constants
@@ -99,9 +100,7 @@ def refine(
     that only: none is returned as it is while anything else is finite.
     """
     substeps = _substeps(warm[0] if warm else plant, records)
-    data = prepare(
-        plant.signals, records, masks, held, substeps, robust, bool(unknowns_of(plant).varying)
-    )
+    data = prepare(plant.signals, records, masks, held, substeps, robust, unknowns_of(plant))
     notes: list[str] = []
     candidates: list[Candidate] = []
     if warm:
@@ -113,6 +112,9 @@ def refine(
         progress("choosing the inputs' hold")
         holds, data.signals = _choose_hold(data, candidates, plant.spec.open_holds)
         candidates = _distinct([_again(data, c) for c in candidates])
+    if data.drift.scale.size and candidates:
+        progress("drifting parameters: how far they walk, by evidence")
+        candidates = _choose_drift(data, candidates)
     if plant.spec.networks and candidates:
         candidates = _fine_enough(data, candidates, progress)
         candidates += with_networks(data, candidates, warm, seed, restarts, progress, notes)
@@ -268,12 +270,11 @@ def _physics(
     thetas = [unknowns.vector(warm[0])] if warm else []
     thetas.append(first)
     # where every state is measured the equation error has been through the starts already
-    for k in range(len(thetas), 4 if warm else restarts):
-        rng = np.random.default_rng([seed, 7, k])
-        thetas.append(first + SCATTER * rng.standard_normal(len(first)))
+    count = 4 if warm else restarts
+    thetas += [around(first, seed, k) for k in range(len(thetas), count)]
     progress("fitting the physics over short windows")
     short = data.short()
-    fits, failed = _over_short_windows(data, plant, unknowns, thetas, short)
+    fits, failed = over_short_windows(data, plant, unknowns, thetas, short)
     if failed:
         notes.append(f"physics: {failed} of {len(thetas)} starts had no finite simulation error")
     if not fits:
@@ -287,34 +288,6 @@ def _physics(
     return _distinct(
         [validated(data, Candidate(plant, unknowns, each, np.inf, "physics")) for each in longs]
     )
-
-
-def _over_short_windows(
-    data: Data,
-    plant: GrayBoxPlant,
-    unknowns: Unknowns,
-    thetas: Sequence[np.ndarray],
-    short: Sequence[Piece],
-) -> tuple[list[Fitted], int]:
-    """(fits, best first; number of starts without a finite error): a heat of all, then the best."""
-    found: list[Fitted] = []
-    failed = 0
-    for trials in (HEAT_TRIALS, 40 - HEAT_TRIALS):
-        fits = data.fit(
-            plant,
-            unknowns,
-            np.stack([each.theta for each in found] or thetas),
-            pieces=short,
-            after=found,
-            sigma=FIRST_SIGMA,
-            trials=trials,
-        )
-        failed += sum(not each.usable for each in fits)
-        found = sorted((each for each in fits if each.usable), key=lambda each: each.mse)
-        found = found[:FAVOURITES]
-        if not found:
-            break
-    return found, failed
 
 
 def _apart(fits: Sequence[Fitted]) -> list[np.ndarray]:
@@ -344,6 +317,29 @@ def _choose_hold(
     return dict.fromkeys(names, chosen), _held(given, names, chosen)
 
 
+def _choose_drift(data: Data, candidates: list[Candidate]) -> list[Candidate]:
+    """The candidates with such a prior of the drift as the best has by evidence, updated while that
+    wins on unseen samples."""
+    for _ in range(DRIFT_ROUNDS):
+        before, factor = data.drift, drift_by_evidence(data, candidates[0])
+        data.drift = before.rescaled(factor)
+        again = _distinct([_again(data, _in_units(data, c, factor)) for c in candidates])
+        if not again or not again[0].validation < candidates[0].validation:
+            data.drift = before
+            break
+        candidates = again
+    return candidates
+
+
+def _in_units(data: Data, candidate: Candidate, factor: Float[np.ndarray, "slow"]) -> Candidate:
+    """The candidate with the increments of its drift in units `factor` times as large."""
+    fitted, z = candidate.fitted, candidate.fitted.z.copy()
+    increments = data.drift.increments(fitted.x.shape[1]) * len(factor)
+    walked = z[:, z.shape[1] - increments :].reshape(len(z), -1, len(factor))
+    z[:, z.shape[1] - increments :] = (walked / factor).reshape(len(z), -1)
+    return replace(candidate, fitted=fitted._replace(z=z))
+
+
 def _held(signals: Signals, names: Sequence[str], hold: Hold) -> Signals:
     inputs = tuple(
         replace(each, hold=hold) if each.name in names else each for each in signals.inputs
@@ -363,7 +359,7 @@ def no_finite_start(data: Data, plant: GrayBoxPlant) -> str:
     """A sentence: where the simulation of the plant as its file states it leaves all bounds."""
     unknowns = unknowns_of(plant)
     windows = data.windows(data.pieces)
-    z = np.zeros((len(data.pieces), windows.center.shape[1] + len(unknowns.varying)))
+    z = np.zeros((len(data.pieces), local_unknowns(unknowns, windows)))
     x, _ = simulated(plant, unknowns, unknowns.vector(plant), z, windows, data.substeps)
     for path, piece in zip(x, data.pieces, strict=True):
         record = data.records[piece.record]

@@ -8,6 +8,7 @@ the priors of unknowns and starts against the samples. Multiple shooting in its 
 window has a start of its own (H. G. Bock, 1981), and windows grow until they are whole runs.
 """
 
+import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -27,8 +28,7 @@ from faultgauge.identification.refinement.cores import side_by_side
 from faultgauge.identification.refinement.unknowns import Unknowns
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant import respond
-from faultgauge.simulation.free_run import simulate_through
-from faultgauge.simulation.integrators import sensitive_step
+from faultgauge.simulation.integrators import sensitive_step, step_through
 
 __all__ = [
     "Beside",
@@ -40,6 +40,7 @@ __all__ = [
     "beside_of",
     "fit_starts",
     "fit_windows",
+    "local_unknowns",
     "mean_square",
     "simulated",
 ]
@@ -61,7 +62,8 @@ Rows = Callable[[GrayBoxPlant], Float[Array, "rows"]]  # what should be 0 of a p
 
 class Window(eqx.Module):
     """Windows of one length, windows first: stage inputs (see `intersample`), time steps [s],
-    outputs, and weights (0 where a sample is not to be fitted); starts as centre and spread."""
+    outputs, and weights (0 where a sample is not to be fitted); starts as centre and spread; what
+    each increment of a drifting parameter adds to it at each sample (see `drift`)."""
 
     center: Float[Array | np.ndarray, "*windows states"]
     sd: Float[Array | np.ndarray, "*windows states"]
@@ -69,6 +71,7 @@ class Window(eqx.Module):
     dt: Float[Array | np.ndarray, "*windows samples"]
     y: Float[Array | np.ndarray, "*windows samples outputs"]
     weight: Float[Array | np.ndarray, "*windows samples outputs"]
+    walk: Float[Array | np.ndarray, "*windows samples increments slow"]
 
 
 class SimulationResidual(eqx.Module):
@@ -86,17 +89,26 @@ class SimulationResidual(eqx.Module):
         return jnp.concatenate([self._bounded(error).ravel(), self.sigma * local])
 
     def local(self, window: Any) -> int:
-        """Unknowns of one window alone: its start, and its values of the varying parameters."""
-        return window.center.shape[-1] + len(self.unknowns.varying)
+        return local_unknowns(self.unknowns, window)
 
     def run(
         self, own: Float[Array, "own"], window: Any
     ) -> tuple[Float[Array, "samples states"], Float[Array, "samples outputs"]]:
         """(states, weighted errors) of one window."""
-        plant, x0 = self._plant(own, window), self._start(own, window)
-        f = jnp.zeros((window.dt.size, len(plant.signals.faults)))
-        found = simulate_through(plant, x0, window.stages, window.dt, f, self.substeps)
-        return found.x, self._errors(found.y, window)
+        x0, f = self._start(own, window), jnp.zeros(len(self.plant.signals.faults))
+        values = self._values(own, window)
+        constant = self.unknowns.assemble(self.plant, values)
+
+        def body(x: Array, sample: tuple[Array, ...]) -> tuple[Array, tuple[Array, Array]]:
+            stages, dt, drift = sample
+            drifted = self._drifted(values, drift)
+            plant = self.unknowns.assemble(self.plant, drifted) if self.unknowns.slow else constant
+            y = respond(plant, x, stages[0], f)[1]
+            return step_through(plant, x, stages, f, dt, self.substeps), (x, y)
+
+        samples = window.stages, window.dt, self._drift(own, window)
+        x, y = jax.lax.scan(body, x0, samples)[1]
+        return x, self._errors(y, window)
 
     def linearised(
         self, own: Float[Array, "own"], window: Any
@@ -110,42 +122,60 @@ class SimulationResidual(eqx.Module):
         """
         states, unknowns = window.center.shape[-1], self.unknowns
         values = self._values(own, window)
-        natural, slopes = unknowns.natural(self.plant, values), unknowns.slopes(self.plant, values)
 
-        def in_own(pulled: list[Array], rows: int) -> Float[Array, "rows own"]:
-            """Slopes against `natural` as slopes against the window's own unknowns."""
+        def at(drift: Float[Array, "slow"]) -> tuple[list[Array], Float[Array, "unknowns"]]:
+            """(natural values, their slopes against `values`) where parameters have drifted."""
+            now = self._drifted(values, drift) if unknowns.slow else values
+            return unknowns.natural(self.plant, now), unknowns.slopes(self.plant, now)
+
+        def in_own(
+            pulled: list[Array],
+            rows: int,
+            slopes: Float[Array, "unknowns"],
+            walked: Float[Array, "increments slow"],
+        ) -> Float[Array, "rows own"]:
+            """Slopes against natural values as slopes against the window's own unknowns."""
             each_row = [each.reshape(rows, -1) for each in pulled]
             shared = slopes * jnp.concatenate([jnp.zeros((rows, 0)), *each_row], axis=1)
-            varying = shared[:, [unknowns.weights(self.plant) + k for k in unknowns.varying]]
-            return jnp.concatenate([shared, jnp.zeros((rows, states)), varying], axis=1)
+            first = unknowns.weights(self.plant)
+            varying = shared[:, [first + k for k in unknowns.varying]]
+            drifting = shared[:, None, [first + k for k in unknowns.slow]] * walked
+            blocks = shared, jnp.zeros((rows, states)), varying, drifting.reshape(rows, -1)
+            return jnp.concatenate(blocks, axis=1)
 
-        def flow(
-            x: Float[Array, "states"], S: Float[Array, "states own"], u: Float[Array, "inputs"]
-        ) -> tuple[Float[Array, "states"], Float[Array, "states own"]]:
-            def rate(x: Array, natural: list[Array]) -> Array:
-                return respond(unknowns.put(self.plant, natural), x, u)[0]
+        def body(carry: tuple[Array, Array], sample: tuple[Array, ...]) -> Any:
+            stages, dt, drift, walked = sample
+            natural, slopes = at(drift)
 
-            dx, pull = jax.vjp(rate, x, natural)
-            in_x, in_natural = jax.vmap(pull)(jnp.eye(states))
-            return dx, in_x @ S + in_own(in_natural, len(in_x))
+            def flow(
+                x: Float[Array, "states"], S: Float[Array, "states own"], u: Float[Array, "inputs"]
+            ) -> tuple[Float[Array, "states"], Float[Array, "states own"]]:
+                def rate(x: Array, natural: list[Array]) -> Array:
+                    return respond(unknowns.put(self.plant, natural), x, u)[0]
 
-        def body(carry: tuple[Array, Array], sample: tuple[Array, Array]) -> Any:
-            stages, dt = sample
+                dx, pull = jax.vjp(rate, x, natural)
+                in_x, in_natural = jax.vmap(pull)(jnp.eye(states))
+                return dx, in_x @ S + in_own(in_natural, len(in_x), slopes, walked)
+
             return sensitive_step(self.plant, flow, carry, stages, dt, self.substeps), carry
 
         x0 = self._start(own, window)
         S0 = jax.jacfwd(self._start)(own, window)
-        _, (x, S) = jax.lax.scan(body, (x0, S0), (window.stages, window.dt))
+        samples = window.stages, window.dt, self._drift(own, window), window.walk
+        _, (x, S) = jax.lax.scan(body, (x0, S0), samples)
 
-        def seen(x: Array, S: Array, u: Array) -> tuple[Array, Array]:
+        def seen(x: Array, S: Array, sample: tuple[Array, ...]) -> tuple[Array, Array]:
+            stages, _, drift, walked = sample
+            natural, slopes = at(drift)
+
             def output(x: Array, natural: list[Array]) -> Array:
-                return respond(unknowns.put(self.plant, natural), x, u)[1]
+                return respond(unknowns.put(self.plant, natural), x, stages[0])[1]
 
             y, pull = jax.vjp(output, x, natural)
             in_x, in_natural = jax.vmap(pull)(jnp.eye(len(y)))
-            return y, in_x @ S + in_own(in_natural, len(in_x))
+            return y, in_x @ S + in_own(in_natural, len(in_x), slopes, walked)
 
-        y, in_all = jax.vmap(seen)(x, S, window.stages[:, 0])
+        y, in_all = jax.vmap(seen)(x, S, samples)
         error = self._errors(y, window)
         bounded, slope = jax.jvp(self._bounded, (error,), (jnp.ones_like(error),))
         in_all = jnp.where(window.weight > 0, slope * window.weight, 0.0)[..., None] * in_all
@@ -154,15 +184,26 @@ class SimulationResidual(eqx.Module):
         prior = self.sigma * jnp.eye(local, own.size, own.size - local)
         return r, jnp.concatenate([in_all.reshape(-1, own.size), prior])
 
-    def _plant(self, own: Float[Array, "own"], window: Any) -> GrayBoxPlant:
-        return self.unknowns.assemble(self.plant, self._values(own, window))
-
     def _values(self, own: Float[Array, "own"], window: Any) -> Float[Array, "unknowns"]:
-        """theta with the window's own values of the varying parameters."""
+        """theta with the window's own values of the varying parameters, where it begins."""
         shared, states = own.size - self.local(window), window.center.shape[-1]
         first, values = self.unknowns.weights(self.plant), own[:shared]
         for k, index in enumerate(self.unknowns.varying):
             values = values.at[first + index].add(own[shared + states + k])
+        return values
+
+    def _drift(self, own: Float[Array, "own"], window: Any) -> Float[Array, "samples slow"]:
+        """How far drifting parameters have gone from where the window began."""
+        shape = window.walk.shape[-2:]
+        increments = own[own.size - math.prod(shape) :].reshape(shape)
+        return jnp.einsum("nks,ks->ns", window.walk, increments)
+
+    def _drifted(
+        self, values: Float[Array, "unknowns"], drift: Float[Array, "slow"]
+    ) -> Float[Array, "unknowns"]:
+        first = self.unknowns.weights(self.plant)
+        for k, index in enumerate(self.unknowns.slow):
+            values = values.at[first + index].add(drift[k])
         return values
 
     def _start(self, own: Float[Array, "own"], window: Any) -> Float[Array, "states"]:
@@ -180,6 +221,13 @@ class SimulationResidual(eqx.Module):
             return error
         ratio = error / (HUBER * self.sigma)
         return error * jnp.sqrt(2.0 / (jnp.sqrt(1.0 + ratio**2) + 1.0))
+
+
+def local_unknowns(unknowns: Unknowns, window: Any) -> int:
+    """How many unknowns are of one window alone: its start, its values of the varying parameters,
+    and the increments of those that drift."""
+    increments = math.prod(window.walk.shape[-2:])
+    return window.center.shape[-1] + len(unknowns.varying) + increments
 
 
 class Beside(eqx.Module):

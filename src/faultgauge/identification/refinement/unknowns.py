@@ -36,6 +36,7 @@ class Unknowns:
     centers: tuple[float, ...]
     scales: tuple[float, ...]
     varying: tuple[int, ...] = ()  # of the parameters: those with a value per run
+    slow: tuple[int, ...] = ()  # of these: those that also drift within it
 
     def vector(self, plant: GrayBoxPlant) -> Float[np.ndarray, "unknowns"]:
         """theta of `plant`."""
@@ -66,10 +67,14 @@ class Unknowns:
                 old = getattr(plant.networks[name], field)
                 arrays.append(theta[start : start + old.size].reshape(old.shape))
                 start += old.size
-        for k in range(len(self.parameters)):
-            change, center = self.scales[k] * theta[start + k], self.centers[k]
-            arrays.append(center * jnp.exp(change) if self.positive[k] else center + change)
-        return arrays
+        return arrays + [self.parameter(k, theta[start + k]) for k in range(len(self.parameters))]
+
+    def parameter(
+        self, k: int, theta: Float[Array | np.ndarray, "*points"]
+    ) -> Float[Array, "*points"]:
+        """The k-th parameter, in its unit, where its element of the vector is `theta`."""
+        change, center = self.scales[k] * jnp.asarray(theta), self.centers[k]
+        return center * jnp.exp(change) if self.positive[k] else center + change
 
     def put(self, plant: GrayBoxPlant, natural: Sequence[Array]) -> GrayBoxPlant:
         """`plant` with those arrays and constants."""
@@ -126,6 +131,7 @@ def unknowns_of(plant: GrayBoxPlant, *, networks: bool = True) -> Unknowns:
         centers=tuple(centers),
         scales=tuple(scales),
         varying=tuple(k for k, p in enumerate(free) if p.vary),
+        slow=tuple(k for k, p in enumerate(free) if p.vary == "slow"),
     )
 
 

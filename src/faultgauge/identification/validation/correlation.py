@@ -40,8 +40,8 @@ class ResidualTest:
 
     Attributes:
         lags_s: lags, s.
-        correlation: rho_e at each.
-        bound: 95 % of the lags of a white residual stay below it, 1.96 / sqrt(N).
+        correlation: rho_e at each; less by the share q of pairs that empty cells leave of it.
+        bound: 95 % of the lags of a white residual stay below it, 1.96 sqrt(q / N).
         limit: all lags of a white residual stay below it with 99 % (Bonferroni).
         share_outside: of the lags, beyond `bound`; 5 % by chance.
         white: whether all lags stay below `limit`.
@@ -104,7 +104,8 @@ def correlation(a: Signal, b: Signal) -> Float[np.ndarray, "lags"] | None:
         spread = float(np.std(whole)) if whole.size else 0.0
         if spread <= ROUNDING * float(np.max(np.abs(whole), initial=0.0)):
             return None
-        centred.append([np.nan_to_num(each - np.mean(whole)) for each in signal])
+        mean = np.mean(whole)
+        centred.append([np.where(np.isfinite(each), each - mean, 0.0) for each in signal])
         size *= spread
     longest = max(len(each) for each in a)
     total = np.zeros(2 * longest - 1)
@@ -153,7 +154,7 @@ def residual_test(e: Signal, step: float) -> tuple[ResidualTest | None, float]:
     if not chosen.size:
         return None, time
     found, count = rho[chosen], _sampled(e)
-    bound, limit = _limits(1.0 / np.sqrt(count), len(chosen))
+    bound, limit = _limits(1.0 / np.sqrt(count / _paired(e, chosen)), len(chosen))
     share = float(np.mean(np.abs(found) > bound))
     white = bool(np.max(np.abs(found)) <= limit)
     return ResidualTest(chosen * step, found, bound, limit, share, white), time
@@ -194,6 +195,16 @@ def input_test(name: str, e: Signal, u: Signal, step: float, time: float) -> Inp
 
 def _sampled(signal: Signal) -> int:
     return sum(int(np.sum(np.isfinite(each))) for each in signal)
+
+
+def _paired(signal: Signal, lags: Int[np.ndarray, "lags"]) -> float:
+    """Of the samples that are there, the share that has a partner `lags` later; 1 without gaps."""
+    there = [np.isfinite(each).astype(float) for each in signal]
+    if all(each.all() for each in there):
+        return 1.0
+    pairs = sum(float(each[k:] @ each[: max(len(each) - k, 0)]) for each in there for k in lags)
+    places = sum(max(len(each) - k, 0) for each in there for k in lags)
+    return max(pairs, 1.0) / places * sum(map(len, there)) / _sampled(signal)
 
 
 def _positive(r: Float[np.ndarray, "lags"] | None) -> Float[np.ndarray, "half"] | None:

@@ -1,13 +1,13 @@
-"""Readers of log files: one file each, registered by suffix in `READERS`."""
+"""Readers of log files: one file each, registered by suffix in `READERS`; folders are ROS bags."""
 
 from collections.abc import Callable
 from pathlib import Path
 
 from faultgauge.errors import InputError
+from faultgauge.telemetry.readers.bag import BAG_FILES, read_bag
 from faultgauge.telemetry.readers.csv import read_csv
 from faultgauge.telemetry.readers.hdf5 import read_hdf5
 from faultgauge.telemetry.readers.mat import read_mat
-from faultgauge.telemetry.readers.mcap import read_mcap
 from faultgauge.telemetry.readers.mdf import read_mdf
 from faultgauge.telemetry.readers.parquet import read_parquet
 from faultgauge.telemetry.table import Table
@@ -23,27 +23,32 @@ READERS: dict[str, Callable[[Path], Table]] = {
     ".hdf5": read_hdf5,
     ".mf4": read_mdf,
     ".mdf": read_mdf,
-    ".mcap": read_mcap,
+    **dict.fromkeys(BAG_FILES, read_bag),
 }
 
 
 def read_table(path: Path) -> Table:
-    """Read one file with the reader of its suffix.
+    """Read one file with the reader of its suffix, or a folder as a ROS 2 bag.
 
-    Raises `InputError` if it is missing, a directory, of an unknown suffix, or refused by the
-    reader.
+    Raises `InputError` if it is missing, of an unknown suffix, or refused by the reader.
     """
-    if path.is_dir():
-        raise InputError(f"{path} is a directory; name the log files in it.")
     suffix = _suffix(path)
     try:
         path.stat()
+        if path.is_dir():
+            return read_bag(path)
         if suffix is not None:
             return READERS[suffix](path)
     except FileNotFoundError:
         raise InputError(f"{path} does not exist; check the path of the log.") from None
     except OSError as failure:
         raise InputError(f"{path} cannot be read: {failure.strerror or failure}.") from None
+    if path.suffix.lower() == ".bag":
+        raise InputError(
+            f"{path} is a bag of ROS 1, which is not read; make one of ROS 2 from it with "
+            f"`rosbags-convert --src {path.name} --dst {path.stem}` (pip install rosbags), and "
+            "give the folder."
+        )
     raise InputError(
         f"{path}: a log must end in {', '.join(READERS)}, not in {path.suffix or 'nothing'}; "
         "convert the file."
@@ -51,8 +56,9 @@ def read_table(path: Path) -> Table:
 
 
 def stem(path: Path) -> str:
-    """File name without directory and without the suffix of its reader."""
-    return path.name[: len(path.name) - len(_suffix(path) or "")]
+    """Name of a file or folder without directory and without the suffix of its reader."""
+    name = path.name or path.resolve().name  # `.` has none
+    return name.removesuffix(name[len(name) - len(_suffix(path) or "") :])
 
 
 def _suffix(path: Path) -> str | None:

@@ -1,0 +1,49 @@
+"""The walk of a drifting parameter, by hand."""
+
+import numpy as np
+import pytest
+
+from faultgauge.identification.refinement.drift import Drift
+
+
+def test_straight_lines_between_knots():
+    drift = Drift(np.array([2.0, 1.0]), across=40, segment=10)
+    walk = drift.walk(35)
+    assert walk.shape == (35, 4, 2)
+    c = np.array([[1.0, 0.0], [-3.0, 0.0], [0.5, 2.0], [9.0, 0.0]])
+    course = np.einsum("nks,ks->ns", walk, c)
+    unit = np.sqrt(10 / 40)
+    knots = 2.0 * unit * np.array([0.0, 1.0, -2.0, -1.5])
+    wanted = np.interp(np.arange(31), [0, 10, 20, 30], knots)
+    np.testing.assert_allclose(course[:31, 0], wanted, atol=1e-14)
+    np.testing.assert_allclose(course[30:, 0], -1.5 + 0.1 * 9.0 * np.arange(5), atol=1e-14)
+    np.testing.assert_allclose(course[[0, 20, 25, 34], 1], unit * np.array([0, 0, 1, 2]))
+
+
+def test_it_walks_as_far_as_its_scale_says():
+    """Over `across` samples the variances of independent increments add up to its square."""
+    drift = Drift(np.array([0.3]), across=160, segment=10)
+    end = drift.walk(161)[-1, :, 0]
+    assert np.sum(end**2) == pytest.approx(0.3**2)
+
+
+def test_longer_windows_hold_what_is_known():
+    drift = Drift(np.array([1.0]), across=100, segment=10)
+    z = np.arange(8.0).reshape(1, 8)  # a start of three, then five increments of 50 samples
+    longer = drift.lengthened(z, 50, 100)
+    assert longer.shape == (1, 13)
+    short, long = drift.walk(50)[..., 0] @ z[0, 3:], drift.walk(100)[..., 0] @ longer[0, 3:]
+    np.testing.assert_allclose(short, long[:50], rtol=1e-14)  # sums in another order
+    np.testing.assert_allclose(long[50:], np.sum(z[0, 3:]) * np.sqrt(0.1))
+
+
+def test_nothing_drifts():
+    assert Drift.over(0, 300, 900).walk(64).shape == (64, 0, 0)
+    assert Drift.over(2, 300, 900).none().walk(64).shape == (64, 0, 0)
+
+
+@pytest.mark.parametrize(("runs", "segments"), [(3, 16), (100, 10), (5000, 1)])
+def test_many_runs_have_fewer_knots_each(runs, segments):
+    """So that the normal equations stay near a thousand unknowns."""
+    drift = Drift.over(1, 1600, 1600 * runs)
+    assert drift.increments(1600) == segments

@@ -1,0 +1,61 @@
+"""Plants that do nothing sensible without their networks."""
+
+import numpy as np
+import pytest
+
+from faultgauge.identification.evaluation import evaluate
+from faultgauge.identification.fit import fit
+from faultgauge.plants.gray_box import GrayBoxPlant
+from faultgauge.plants.plant_file import parse_plant
+from faultgauge.telemetry import Run
+
+TANKS = """
+name = "two tanks"
+[states.upper]
+derivative = "b*u - k*sqrt(max(upper, 0.001))"
+min = 0
+[states.lower]
+derivative = "k*sqrt(max(upper, 0.001)) - outflow(lower)"
+[inputs.u]
+hold = "zero"
+[outputs.lower]
+value = "lower"
+[parameters]
+k = { value = 0.5, min = 0 }
+b = { value = 1.0, min = 0 }
+[networks.outflow]
+hidden = 3
+"""
+B, K, OUT, STEP, COUNT, NOISE = 1.2, 0.6, 0.7, 0.1, 600, 0.005
+
+
+def run(seed):
+    """The lower tank empties as 0.7 of its level; Euler steps of a tenth of a sample."""
+    rng = np.random.default_rng(seed)
+    u = np.repeat(rng.uniform(0, 1, COUNT // 20), 20)
+    upper, lower, levels = 0.5, 0.5, []
+    for k in range(COUNT):
+        levels.append(lower)
+        for _ in range(10):
+            through = K * np.sqrt(max(upper, 0.001))
+            upper = max(upper + STEP / 10 * (B * u[k] - through), 0.0)
+            lower = lower + STEP / 10 * (through - OUT * lower)
+    noisy = np.array(levels) + NOISE * rng.standard_normal(COUNT)
+    return Run(f"tanks{seed}", "tanks.csv", STEP * np.arange(COUNT), {"u": u, "lower": noisy})
+
+
+@pytest.mark.parametrize("restarts", [2, 5])
+def test_a_network_that_the_physics_cannot_do_without(restarts):
+    """With a silent network the lower tank only ever fills, and the best physics is that nothing
+    flows at all: no start for anything."""
+    plant = GrayBoxPlant.untrained(parse_plant(TANKS, "tanks.toml"))
+    model, report = fit(plant, [run(0), run(1)], restarts=restarts)
+    tried = dict(report.refinement.tried)
+    assert tried["physics"] > 0.5  # or this plant tests nothing
+    spread = np.std(np.concatenate([run(seed).columns["lower"] for seed in (0, 1)]))
+    # the noise is known to a few percent from a sixth of 1200 samples; Euler's steps and three
+    # hidden units may take as much again
+    assert report.refinement.error < 1.3 * NOISE / spread
+    assert float(model.plant.parameters["k"]) == pytest.approx(K, rel=0.03)
+    unseen, _ = evaluate(model.plant, [run(2)], model.record["max_step"])
+    assert unseen["outputs"]["lower"]["rmse"] < 1.5 * NOISE
