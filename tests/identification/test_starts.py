@@ -2,10 +2,13 @@
 
 import math
 
+import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from faultgauge.identification.starts import nguyen_widrow, scattered
+from faultgauge.identification.starts import Box, nguyen_widrow, scattered, spread_over
+from faultgauge.plants.network import Network
 from faultgauge.plants.shape import Shape
 
 
@@ -27,6 +30,37 @@ def test_units_of_one_argument_cover_the_interval_evenly():
     start = nguyen_widrow(9, 1, np.random.default_rng(1))
     centres = np.sort(-start["bias"] / start["weights_in"][:, 0])
     np.testing.assert_allclose(centres, np.linspace(-1, 1, 9), rtol=0, atol=1e-14)  # rounding
+
+
+@pytest.mark.parametrize(
+    ("shape", "spread"),
+    [
+        (Shape(), np.linspace(-1, 1, 9)),
+        (Shape(monotone="increasing"), np.linspace(-1, 1, 9)),
+        (Shape(odd=True), (np.arange(9) + 0.5) / 9),
+    ],
+)
+def test_units_cover_a_crowd(shape, spread):
+    """Arguments from -10 to 30, most of them from 3 to 5 (an odd function: from -4 to 4)."""
+    network = Network.zeros(9, 1, shape)
+    network = eqx.tree_at(
+        lambda n: (n.input_center, n.input_scale), network, (jnp.array([10.0]), jnp.array([20.0]))
+    )
+    center, half = (10.0, 4.0) if shape.odd else (4.0, 1.0)
+    crowd = Box(np.array([center]), np.array([half]))
+    start = spread_over(network, np.random.default_rng(1), crowd)
+    weights, usual = start["weights_in"][:, 0], spread_over(network, np.random.default_rng(1))
+    acting = weights**2 if shape.monotone else weights
+    places = 10.0 + 20.0 * -start["bias"] / acting
+    sign = np.sign(places - center) if shape.odd else 1.0
+    np.testing.assert_allclose(
+        np.sort(sign * (places - center)),
+        half * spread,
+        atol=1e-12,  # rounding
+    )
+    before = usual["weights_in"][:, 0] ** (2 if shape.monotone else 1)
+    np.testing.assert_allclose(acting / before, 20.0 / half, rtol=1e-12)
+    np.testing.assert_array_equal(start["weights_out"], usual["weights_out"])
 
 
 def test_one_unit_is_centred():

@@ -34,6 +34,7 @@ def refinement(choices=None, tried=None, refitted=False):
         sample_time=0.1,
         choices=choices or {"hold": {}, "hidden": {}},
         tried=tried or [("physics", 0.3), ("networks", np.inf), ("networks", 0.02)],
+        chosen="networks",
         information=Information(constants, correlation, (), 12.0),
         warnings=[],
     )
@@ -47,6 +48,7 @@ def test_the_numbers_stand_where_they_belong():
     assert correlations.rows == (("k_in", "k_out", "-0.750"),)
     assert tried.rows == (("networks", "2.000%"), ("physics", "30.000%"), ("networks", "diverges"))
     assert "3 candidates" in section.paragraphs[0]
+    assert "kept (networks)" in section.paragraphs[0]
     assert "1 of them diverged" in section.paragraphs[0]
     assert "12 samples as one" in section.paragraphs[1]
 

@@ -10,7 +10,13 @@ from jaxtyping import Int
 
 from faultgauge.errors import InputError
 from faultgauge.identification.algorithms import AlgorithmName
-from faultgauge.identification.equation_error import Group, fit_group, groups, scale_networks
+from faultgauge.identification.equation_error import (
+    Group,
+    crowds,
+    fit_group,
+    groups,
+    scale_networks,
+)
 from faultgauge.identification.holdout import split
 from faultgauge.identification.instruments import project
 from faultgauge.identification.levenberg_marquardt import (
@@ -21,6 +27,7 @@ from faultgauge.identification.levenberg_marquardt import (
 )
 from faultgauge.identification.samples import Channels, Samples, Stretch, collect, spread
 from faultgauge.identification.selection import Windows, free_run_errors, windows_from
+from faultgauge.identification.starts import Box
 from faultgauge.identification.weak_form import (
     WeakSamples,
     fit_weak,
@@ -55,7 +62,8 @@ class WeakMaterial(NamedTuple):
 
 class GroupReport(NamedTuple):
     """A group's account: `solution`, and the free runs of its starts, are those of the `form` that
-    was kept; `freed`: with the instruments."""
+    was kept; `freed`: with the instruments; `crowded`: whether the `chosen` start's units stood
+    where the networks' arguments crowd, None where none do."""
 
     group: Group
     solution: Solution
@@ -63,6 +71,7 @@ class GroupReport(NamedTuple):
     chosen: int
     form: Literal["filtered", "weak"] = "filtered"
     freed: bool = False
+    crowded: bool | None = None
 
 
 class Material(NamedTuple):
@@ -151,10 +160,12 @@ def fit_equations(
     """
     training, validation, windows = given.training, given.validation, given.windows
     found, reports, others = [], [], []
+    crowded: dict[str, Box] = {}
     warnings: list[str] = []
     for number, group in enumerate(groups(plant.spec, how.outputs)):
         progress(f"fitting {group.name}")
         plant = scale_networks(plant, group, training)
+        crowded |= crowds(plant, group, training)
         seeds = [[seed, number, k] for k in range(restarts)]
         plants, solution = fit_group(
             plant,
@@ -164,6 +175,7 @@ def fit_equations(
             [np.random.default_rng(each) for each in seeds],
             algorithm=algorithm,
             exogenous=given.exogenous,
+            crowded=crowded,
         )
         _judge(group, solution, warnings)
         plant = plants[int(np.nanargmin(_ranked(solution)))]
@@ -205,7 +217,8 @@ def fit_equations(
         chosen %= starts
         if solution.status[chosen] == NOT_CONVERGED:
             warnings.append(not_converged(group.name, int(solution.trials[chosen])))
-        reports.append(GroupReport(group, solution, errors, chosen, form, instrumented))
+        where = chosen % 2 == 1 if crowded.keys() & set(group.networks) else None
+        reports.append(GroupReport(group, solution, errors, chosen, form, instrumented, where))
     if reports:  # the last group's choice is the whole plant's
         error = float(reports[-1].free_run[reports[-1].chosen])
     else:

@@ -312,6 +312,7 @@ def _record(
 
 
 def _group(report: GroupReport) -> dict[str, Any]:
+    where = {} if report.crowded is None else {"crowded": report.crowded}
     return {
         "unknowns": report.group.name,
         "form": report.form,
@@ -319,5 +320,6 @@ def _group(report: GroupReport) -> dict[str, Any]:
         "converged": int(np.sum(report.solution.status == CONVERGED)),
         "trials": int(report.solution.trials[report.chosen]),
         "chosen": report.chosen,
+        **where,
         "free_run_nrmse": float(report.free_run[report.chosen]),
     }

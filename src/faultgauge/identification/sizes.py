@@ -38,14 +38,26 @@ def smallest_sufficient(
 ) -> Found:
     """What `fit` finds (validation error, result) with the fewest units that suffice.
 
-    Sizes grow until one more step no longer lowers the error clearly.
+    All open networks grow together until one more step no longer lowers the error clearly: one
+    may hide what another gains. Of several, each in turn then takes the fewest units that do not
+    raise it clearly.
     """
-    if not plant.spec.open_sizes:
+    names = plant.spec.open_sizes
+    if not names:
         return fit(plant)[1]
-    best, result = fit(with_hidden(plant, dict.fromkeys(plant.spec.open_sizes, SIZES[0])))
+    sizes = dict.fromkeys(names, SIZES[0])
+    best, result = fit(with_hidden(plant, sizes))
     for size in SIZES[1:]:
-        error, found = fit(with_hidden(plant, dict.fromkeys(plant.spec.open_sizes, size)))
+        larger = dict.fromkeys(names, size)
+        error, found = fit(with_hidden(plant, larger))
         if not error < CLEARLY * best:
             break
-        best, result = error, found
+        best, result, sizes = error, found, larger
+    for name in names if len(names) > 1 else ():
+        for size in SIZES[: SIZES.index(sizes[name])]:
+            smaller = sizes | {name: size}
+            error, found = fit(with_hidden(plant, smaller))
+            if not best < CLEARLY * error:
+                best, result, sizes = min(error, best), found, smaller
+                break
     return result

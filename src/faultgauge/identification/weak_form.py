@@ -27,6 +27,7 @@ from jaxtyping import Array, Float, Int
 from faultgauge.identification.algorithms import AlgorithmName
 from faultgauge.identification.equation_error import (
     Group,
+    crowds,
     equation_errors,
     fit_group,
     scale_networks,
@@ -156,9 +157,17 @@ def fit_weak(
     algorithm: AlgorithmName,
 ) -> tuple[list[GrayBoxPlant], Solution]:
     """`fit_group` with the equations of `states` in the weak form."""
-    scaled = scale_networks(plant, group, _reached(training))
+    reached = _reached(training)
+    scaled = scale_networks(plant, group, reached)
     return fit_group(
-        scaled, group, training, validation, rngs, algorithm=algorithm, errors=WeakErrors(states)
+        scaled,
+        group,
+        training,
+        validation,
+        rngs,
+        algorithm=algorithm,
+        errors=WeakErrors(states),
+        crowded=crowds(scaled, group, reached),
     )
 
 

@@ -43,6 +43,11 @@ REFITTED = (
     "Since the log is short, the model in the file was then fitted to them as well, from there; "
     "all that is said of unseen data here is about the model before."
 )
+CROWDED = (
+    "{}: arguments seldom leave a small part of their range, and every other start has its units "
+    "there; the one that was kept {}."
+)
+KEPT = {True: "has", False: "has them over the whole range"}
 PARAMETERS = (
     "By equation error: how far other logs would scatter the parameters, not the bias that noise "
     "in the states leaves. A parameter at its bound has the file's value, not the data's; one that "
@@ -109,6 +114,11 @@ def fit_sections(model: Model, account: FitReport) -> tuple[Section, ...]:
     starts = (
         "Every start is drawn; the one with the best free run on held-out data is kept, not the "
         "one with the lowest cost.",
+        *(
+            CROWDED.format(each.group.name, KEPT[each.crowded])
+            for each in account.groups
+            if each.crowded is not None
+        ),
     )
     weak = ", ".join(each.group.name for each in account.groups if each.form == "weak")
     training = Section(

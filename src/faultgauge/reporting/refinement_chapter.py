@@ -35,7 +35,7 @@ def refinement_section(found: Refinement) -> Section:
         (
             "The model was fitted to the outputs as sampled, by simulation through whole runs. "
             f"{len(found.tried)} candidates were run over data that no fit had seen, and the one "
-            f"with the least error there was kept{losses}.",
+            f"with the least error there was kept ({found.chosen}){losses}.",
             "A residual of a simulation is not white: a standard error counts "
             f"{found.information.residual_time:.3g} samples as one.",
             *after,

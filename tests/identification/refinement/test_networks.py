@@ -12,7 +12,7 @@ from faultgauge.identification.evaluation import evaluate
 from faultgauge.identification.fit import fit
 from faultgauge.identification.refinement.candidate import Candidate
 from faultgauge.identification.refinement.data import Data
-from faultgauge.identification.refinement.networks import _screened
+from faultgauge.identification.refinement.networks import CROWDED, _screened
 from faultgauge.identification.refinement.simulation_error import Fitted
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant_file import parse_plant
@@ -83,6 +83,8 @@ def test_what_is_chosen_has_the_least_error_on_unseen_samples(fitted):
     refinement = fitted[1].refinement
     tried = refinement.tried
     assert refinement.error == min(error for _, error in tried)
+    assert (refinement.chosen, refinement.error) in tried
+    assert not any(CROWDED in name for name, _ in tried)  # v is spread over its range
     physics = min(error for name, error in tried if name == "physics")
     assert refinement.error < 0.25 * physics  # measured by free run: drag is not small
     # noise alone is 0.1 of y's spread of 4, to 7 % on some 120 samples held out; what is left of

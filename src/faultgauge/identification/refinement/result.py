@@ -38,9 +38,9 @@ class Members(NamedTuple):
 @dataclass(frozen=True)
 class Refinement:
     """The refined plant, best of its `members`; `error` is its free-run error on data that no fit
-    has seen, a share of the outputs' spread; `tried` names every candidate with that error;
-    `per_run` are the runs' own values of the parameters that vary, `courses` how those that drift
-    went. `judged` is what `error` is
+    has seen, a share of the outputs' spread; `tried` names every candidate with that error,
+    `chosen` the one that was taken; `per_run` are the runs' own values of the parameters that
+    vary, `courses` how those that drift went. `judged` is what `error` is
     of: the same, or where `refitted` the members before they were fitted to those data, too."""
 
     plant: GrayBoxPlant
@@ -53,6 +53,7 @@ class Refinement:
     sample_time: float
     choices: dict[str, dict[str, Any]]
     tried: list[tuple[str, float]]
+    chosen: str
     information: Information
     warnings: list[str]
     per_run: PerRun = field(default_factory=dict)
@@ -64,6 +65,7 @@ class Refinement:
             "substeps": self.substeps,
             "refitted": self.refitted,
             "tried": [[name, None if np.isinf(e) else e] for name, e in self.tried],
+            "chosen": self.chosen,
             "per_run": self.per_run,
             "courses": {n: [c._asdict() for c in each] for n, each in self.courses.items()},
             **self.information.to_dict(),
@@ -142,6 +144,7 @@ def refine_on_logs(
         sample_time=float(np.median([record.step for record in records])),
         choices={"hold": found.holds, "hidden": chosen_sizes(plant.spec, best.plant)},
         tried=found.tried,
+        chosen=best.origin,
         information=known,
         warnings=warnings,
         per_run=per_run,
