@@ -116,7 +116,7 @@ def test_a_fit_that_stopped_early_says_how_far():
     given = equation_fit.material(plant.spec, [log(0)], [], how, 0)
     said = equation_fit.fit_equations(plant, how, given, 0, 1, "lm", lambda text: None)
     off = eqx.tree_at(lambda p: p.parameters["b"], said.plant, replace_fn=lambda b: b + 0.3)
-    a, b = equation_information(off, said.reports, given).constants
+    a, b = equation_information(off, how, said.reports, given).constants
     assert b.standard_error == pytest.approx(0.3, rel=0.1)  # what moves b moves the cosines, too
     assert a.standard_error < 0.1
 

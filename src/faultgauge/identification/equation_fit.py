@@ -53,11 +53,13 @@ WORSE = 1.5  # times the free-run error without instruments: they determine too 
 
 class WeakMaterial(NamedTuple):
     """Samples of the weak form, to fit and to validate on, and windows to choose the form on: a
-    start at a mean of bent states would suit the form that takes them for states."""
+    start at a mean of bent states would suit the form that takes them for states. `places` as in
+    `Material`."""
 
     training: WeakSamples
     validation: WeakSamples
     windows: Windows
+    places: Int[np.ndarray, "training"]
 
 
 class GroupReport(NamedTuple):
@@ -135,11 +137,10 @@ def material(
     places = np.flatnonzero(np.concatenate(masks))[kept]
     weak = None
     if exogenous is None and stretches[0].unsmoothed is not None:
-        weak = WeakMaterial(
-            _weak(spec, stretches, places, training, POINTS, seed),
-            _weak(spec, held, _places(held, cuts)[unseen], validation, VALIDATION_POINTS, seed),
-            windows_from(held, cuts, spreads, parabola=True),
-        )
+        fitted, at = _weak(spec, stretches, places, training, POINTS, seed)
+        rest = _places(held, cuts)[unseen]
+        judged, _ = _weak(spec, held, rest, validation, VALIDATION_POINTS, seed)
+        weak = WeakMaterial(fitted, judged, windows_from(held, cuts, spreads, parabola=True), at)
     return Material(
         training, validation, windows, stretches, noise, exogenous, explained, places, weak
     )
@@ -183,7 +184,7 @@ def fit_equations(
         if given.weak and states and gap(plant, group, states, given.weak.training) > MATERIAL:
             progress(f"fitting {group.name} in the weak form")
             rngs = [np.random.default_rng(each) for each in seeds]
-            points, unseen, runs = given.weak
+            points, unseen, runs, _ = given.weak
             more, weak = fit_weak(plant, group, states, points, unseen, rngs, algorithm)
             plants = [*plants, *more]
         found.append((group, plants, solution, weak, runs))
@@ -271,11 +272,12 @@ def _weak(
     samples: Samples,
     points: int,
     seed: int,
-) -> WeakSamples:
-    """Weak samples at as many of `samples` as stand a quarter of a kernel apart among `points`:
-    neighbours share most of their kernels, and more tell nothing more."""
+) -> tuple[WeakSamples, np.ndarray]:
+    """Weak samples at as many of `samples` as stand a quarter of a kernel apart among `points`, and
+    their places: neighbours share most of their kernels, and more tell nothing more."""
     kept = _thinned(samples, 2 * points // stretches[0].reach, seed)
-    return weak_samples(spec.signals, stretches, places[kept], samples.take(kept))
+    at = places[kept]
+    return weak_samples(spec.signals, stretches, at, samples.take(kept)), at
 
 
 def _check_enough(training: Samples, validation: Samples) -> None:

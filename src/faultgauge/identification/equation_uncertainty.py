@@ -21,23 +21,29 @@ power of z at its B slowest cosines along the log of N samples, k being a sample
 J. Business and Economic Statistics 36, 2018). Runs follow each other as if they were one: the
 cosines are slow beside what a residual remembers, so the joints do not matter.
 
+Groups of equations share no unknowns: H falls into blocks, each with the samples and residuals of
+the form, filtered or weak, that its group was fitted in. V does not, as groups read the same noise,
+at their own places along the same log.
+
 Two-stage least squares has slopes G_k at the projected samples in the place of the first J_k:
 z_k = (sum_k G_k' J_k + s^2 P)^-1 G_k' r_k.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int
 
 from faultgauge.identification.constants import Information, at_bound, constants, imitated
 from faultgauge.identification.equation_error import Group, equation_errors, target_scales
 from faultgauge.identification.equation_fit import GroupReport, Material
 from faultgauge.identification.refinement.unknowns import Unknowns, unknowns_of
-from faultgauge.identification.samples import Samples
+from faultgauge.identification.samples import Channels
+from faultgauge.identification.weak_form import WeakErrors, weak_states
 from faultgauge.plants.gray_box import GrayBoxPlant
 
 __all__ = ["equation_information", "scatter"]
@@ -45,37 +51,42 @@ __all__ = ["equation_information", "scatter"]
 COSINES = 24  # a standard error is known to 1 / sqrt(2 * 24) = 14 %; more would be less slow
 
 
+class _Linearised(NamedTuple):
+    """A group's residuals, their Jacobian J and the slopes G (J in least squares) at its samples,
+    and the samples' places along the log."""
+
+    r: Float[np.ndarray, "samples equations"]
+    J: Float[np.ndarray, "samples equations unknowns"]
+    G: Float[np.ndarray, "samples equations unknowns"]
+    places: Int[np.ndarray, "samples"]
+
+
 def equation_information(
-    plant: GrayBoxPlant, reports: Sequence[GroupReport], given: Material
+    plant: GrayBoxPlant, how: Channels, reports: Sequence[GroupReport], given: Material
 ) -> Information:
     """What the samples that `plant` was fitted to, its groups as in `reports`, say about its
-    parameters. Those in the weak form were fitted to other samples: they get no standard errors."""
+    parameters."""
     unknowns = unknowns_of(plant)
     theta = unknowns.vector(plant)
     if not unknowns.parameters or not reports:
         return Information((), np.zeros((0, 0)), (), 1.0)
-    every = _together([report.group for report in reports], unknowns)
-    r, J = _linearised(plant, unknowns, every, given.training, given.training)
-    G = J
-    if given.exogenous is not None:
-        freed = _equations(every, [report.group for report in reports if report.freed])
-        _, projected = _linearised(plant, unknowns, every, given.exogenous, given.training)
-        G = np.where(freed[:, None], projected, J)
-    hessian = np.einsum("sei,sej->ij", J, J)
-    first, s2 = unknowns.weights(plant), max(float(np.mean(r**2)), 1e-300)
+    parts = [_linearised(plant, unknowns, how, report, given) for report in reports]
+    hessian = np.sum([np.einsum("sei,sej->ij", part.J, part.J) for part in parts], axis=0)
+    slopes = np.sum([np.einsum("sei,sej->ij", part.G, part.J) for part in parts], axis=0)
+    s2 = max(float(np.mean(np.concatenate([part.r.ravel() for part in parts]) ** 2)), 1e-300)
+    first = unknowns.weights(plant)
     free = np.append(np.ones(first, bool), ~at_bound(plant, unknowns))  # what may move
-    curvature = np.einsum("sei,sej->ij", G, J)[np.ix_(free, free)] + s2 * np.eye(free.sum())
-    inverse = np.linalg.pinv(curvature)[first:]
-    moved = np.einsum("sei,se->si", G[..., free], r) @ inverse.T
-    found = scatter(moved, given.places, sum(len(s.t) for s in given.stretches))
+    inverse = np.linalg.pinv(slopes[np.ix_(free, free)] + s2 * np.eye(free.sum()))[first:]
+    pulls = [np.einsum("sei,se->si", part.G[..., free], part.r) for part in parts]
+    moved = np.concatenate(pulls) @ inverse.T
+    places = np.concatenate([part.places for part in parts])
+    found = scatter(moved, places, sum(len(s.t) for s in given.stretches))
     times = np.diag(found) / np.maximum(np.sum(moved**2, axis=0), 1e-300)
     covariance = np.full((len(theta) - first, len(theta) - first), np.nan)
     left = np.sum(moved, axis=0)
     own = found + np.outer(left, left) + s2 * inverse @ inverse.T
     covariance[np.ix_(free[first:], free[first:])] = own
     unknown = np.diag(hessian)[first:] == 0  # no equation that was fitted holds it
-    averaged = {p for each in reports if each.form == "weak" for p in each.group.parameters}
-    unknown |= np.array([name in averaged for name in unknowns.parameters])
     covariance[unknown] = covariance[:, unknown] = np.nan
     rows = constants(plant, unknowns, theta, covariance, imitated(plant, unknowns, hessian))
     return Information(*rows, (), float(np.max(times, initial=0.0)))
@@ -90,36 +101,41 @@ def scatter(
     return 2.0 / len(slow) * sums.T @ sums
 
 
-def _together(parts: Sequence[Group], unknowns: Unknowns) -> Group:
-    return Group(
-        states=tuple(i for part in parts for i in part.states),
-        outputs=tuple(j for part in parts for j in part.outputs),
-        networks=unknowns.networks,
-        parameters=unknowns.parameters,
-    )
-
-
-def _equations(every: Group, some: Sequence[Group]) -> Bool[np.ndarray, "equations"]:
-    """Which equations of `every` are in one of the groups `some`."""
-    states = {i for group in some for i in group.states}
-    outputs = {j for group in some for j in group.outputs}
-    return np.array([i in states for i in every.states] + [j in outputs for j in every.outputs])
-
-
 def _linearised(
-    plant: GrayBoxPlant, unknowns: Unknowns, every: Group, samples: Samples, training: Samples
-) -> tuple[Float[np.ndarray, "samples equations"], Float[np.ndarray, "samples equations unknowns"]]:
-    """(residuals at `samples`, each over its target's spread in training; Jacobian)."""
-    scales = target_scales(every, training)
+    plant: GrayBoxPlant, unknowns: Unknowns, how: Channels, report: GroupReport, given: Material
+) -> _Linearised:
+    group, samples, places = report.group, given.training, given.places
+    errors: Callable[[GrayBoxPlant, Group, Any], Array] = equation_errors
+    if report.form == "weak":
+        assert given.weak is not None
+        samples, places = given.weak.training, given.weak.places
+        errors = WeakErrors(weak_states(plant.spec, how, group))
+    theta, scales = map(jnp.asarray, (unknowns.vector(plant), target_scales(group, samples)))
 
-    @eqx.filter_jit
-    def both(theta: Array, samples: Samples) -> tuple[Array, Array]:
-        def error(theta: Array, sample: Samples) -> tuple[Array, Array]:
-            r = equation_errors(unknowns.assemble(plant, theta), every, sample) / scales
-            return r, r
+    def at(samples: Any) -> tuple[np.ndarray, np.ndarray]:
+        samples = jax.tree.map(jnp.asarray, samples)
+        r, J = _residuals(theta, samples, plant, unknowns, group, errors, scales)
+        return np.asarray(r), np.asarray(J)
 
-        J, r = jax.vmap(jax.jacrev(error, has_aux=True), (None, 0))(theta, samples)
-        return r, J
+    r, J = at(samples)
+    return _Linearised(r, J, at(given.exogenous)[1] if report.freed else J, places)
 
-    found = both(jnp.asarray(unknowns.vector(plant)), jax.tree.map(jnp.asarray, samples))
-    return np.asarray(found[0]), np.asarray(found[1])
+
+@eqx.filter_jit
+def _residuals(
+    theta: Float[Array, "unknowns"],
+    samples: Any,
+    plant: GrayBoxPlant,
+    unknowns: Unknowns,
+    group: Group,
+    errors: Callable[[GrayBoxPlant, Group, Any], Array],
+    scales: Float[Array, "equations"],
+) -> tuple[Float[Array, "samples equations"], Float[Array, "samples equations unknowns"]]:
+    """(`errors` of the group at every sample, each over its scale; their Jacobian)."""
+
+    def error(theta: Array, sample: Any) -> tuple[Array, Array]:
+        r = errors(unknowns.assemble(plant, theta), group, sample) / scales
+        return r, r
+
+    J, r = jax.vmap(jax.jacrev(error, has_aux=True), (None, 0))(theta, samples)
+    return r, J

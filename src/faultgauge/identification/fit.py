@@ -149,9 +149,8 @@ def fit(
     warnings += _of_no_use(result, validate or logs)
     known = None
     if given is not None and refinement is None:
-        known = equation_information(result.plant, groups, given)
-        averaged = [p for each in groups if each.form == "weak" for p in each.group.parameters]
-        warnings += [*known.warnings(), *_without_errors(averaged)]
+        known = equation_information(result.plant, how, groups, given)
+        warnings += known.warnings()
     if given is not None and result.error < 1:  # a model of no use says nothing about the input
         warnings += response_warnings(result.plant, given.stretches, given.noise)
     record = _record(result, how, logs, validate, noise, groups, refinement, seed)
@@ -213,16 +212,6 @@ def _weak(signals: Signals, explained: dict[str, float]) -> list[str]:
         "logs in which the reference moves more"
         for each in signals.inputs
         if explained.get(each.name, 1.0) < WEAK
-    ]
-
-
-def _without_errors(weak: Sequence[str]) -> list[str]:
-    """The parameters that the weak form fitted."""
-    if not weak:
-        return []
-    return [
-        f"{', '.join(weak)}: fitted in the weak form, whose standard errors are not known; "
-        "--refine gives some"
     ]
 
 
