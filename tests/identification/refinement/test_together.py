@@ -5,6 +5,11 @@ import pytest
 
 from faultgauge.identification.evaluation import evaluate
 from faultgauge.identification.fit import fit
+from faultgauge.identification.refinement import networks
+from faultgauge.identification.refinement.data import prepare
+from faultgauge.identification.refinement.records import records_of
+from faultgauge.identification.refinement.unknowns import unknowns_of
+from faultgauge.identification.samples import channels
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant_file import parse_plant
 from faultgauge.telemetry import Run
@@ -59,3 +64,43 @@ def test_a_network_that_the_physics_cannot_do_without(restarts):
     assert float(model.plant.parameters["k"]) == pytest.approx(K, rel=0.03)
     unseen, _ = evaluate(model.plant, [run(2)], model.record["max_step"])
     assert unseen["outputs"]["lower"]["rmse"] < 1.5 * NOISE
+
+
+HIDDEN = """
+name = "hidden"
+[states.h]
+derivative = "rate(h, u)"
+[inputs.u]
+hold = "zero"
+[outputs.y]
+value = "g*h"
+[parameters]
+g = { value = 2.0, fixed = true }
+[networks.rate]
+hidden = 2
+"""
+
+
+def test_an_argument_that_only_networks_move():
+    """Nothing moves h at the file's values, so that its range is not known there."""
+    plant = GrayBoxPlant.untrained(parse_plant(HIDDEN, "hidden.toml"))
+    logs = [
+        Run(each.name, each.source, each.t, {"u": each.columns["u"], "y": each.columns["lower"]})
+        for each in (run(0), run(1))
+    ]
+    _, report = fit(plant, logs, restarts=1)
+    tried = dict(report.refinement.tried)
+    assert tried["physics"] > 0.5  # or nothing would be fitted together
+    assert report.refinement.error < 0.5
+
+
+def test_substeps_that_were_needed_stay(monkeypatch):
+    """Else what was fitted with them would be fitted on without."""
+    plant = GrayBoxPlant.untrained(parse_plant(TANKS, "tanks.toml"))
+    records = records_of(plant.signals, [run(0)], channels(plant.spec, [run(0)]))
+    masks = [np.arange(COUNT) < 500]
+    data = prepare(plant.signals, records, masks, [], 1, False, unknowns_of(plant))
+    monkeypatch.setattr(networks, "fine_enough", lambda data, candidate: data.substeps >= 2)
+    found = networks._together(data, plant, 0, 1, lambda text: None, [])
+    assert found
+    assert data.substeps == 2
