@@ -8,6 +8,7 @@ from faultgauge.identification.fit import fit
 from faultgauge.identification.refinement import networks
 from faultgauge.identification.refinement.data import prepare
 from faultgauge.identification.refinement.records import records_of
+from faultgauge.identification.refinement.simulation_error import simulated
 from faultgauge.identification.refinement.unknowns import unknowns_of
 from faultgauge.identification.samples import channels
 from faultgauge.plants.gray_box import GrayBoxPlant
@@ -94,13 +95,19 @@ def test_an_argument_that_only_networks_move():
     assert report.refinement.error < 0.5
 
 
-def test_substeps_that_were_needed_stay(monkeypatch):
-    """Else what was fitted with them would be fitted on without."""
+def test_what_was_fitted_afresh_stands_among_the_others(monkeypatch):
+    """With as many substeps as it needed, and its starts beside the others' guesses of them."""
     plant = GrayBoxPlant.untrained(parse_plant(TANKS, "tanks.toml"))
     records = records_of(plant.signals, [run(0)], channels(plant.spec, [run(0)]))
     masks = [np.arange(COUNT) < 500]
     data = prepare(plant.signals, records, masks, [], 1, False, unknowns_of(plant))
     monkeypatch.setattr(networks, "fine_enough", lambda data, candidate: data.substeps >= 2)
     found = networks._together(data, plant, 0, 1, lambda text: None, [])
-    assert found
     assert data.substeps == 2
+    windows = data.windows(data.pieces)
+    for each in found:
+        theta, z = each.fitted.theta, each.fitted.z
+        x, _ = simulated(each.plant, each.unknowns, theta, z, windows, data.substeps)
+        # the starts to rounding; what follows them depends on the substeps of its round
+        np.testing.assert_allclose(x[:, 0], each.fitted.x[:, 0], rtol=1e-9)
+    assert found

@@ -150,7 +150,9 @@ def _together(
     names = ["networks, together"] * len(plants)
     found = _path(fresh, names, plants, LEARNED_RIDGES, FIRST_SIGMA, None, progress)
     data.substeps = fresh.substeps  # what they were fitted with
-    return found
+    windows = data.windows(data.pieces)  # hidden states' first guesses are others here
+    z = [data.starts(windows, each.fitted) for each in found]
+    return [replace(c, fitted=c.fitted._replace(z=own)) for c, own in zip(found, z, strict=True)]
 
 
 def _equivalent(data: Data, base: Candidate, rng: np.random.Generator) -> list[Candidate]:
