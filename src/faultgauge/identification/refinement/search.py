@@ -384,7 +384,8 @@ def no_finite_start(data: Data, plant: GrayBoxPlant) -> str:
                 f"the simulation of plant {plant.spec.name!r} blows up: {where}; likely causes: "
                 "(a) a wrong sign or unit in its derivative, (b) parameter values far from the "
                 "truth, so give better ones or min and max, (c) an unstable plant logged in "
-                "closed loop"
+                "closed loop, (d) sqrt, log or a power of what falls below 0, or a division by "
+                "0, so protect it with max()"
             )
     return (
         f"no start of plant {plant.spec.name!r} simulates to a finite error on the held-out data; "
