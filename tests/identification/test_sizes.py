@@ -134,7 +134,7 @@ def chosen(text, log, held, seed):
     return model, model.record["choices"]["hidden"]
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize(
     ("truth", "noise", "scale", "size"), [(two, 0.002, 1.9, 2), (many, 0.0005, 1.5, 10)]
 )
@@ -150,22 +150,20 @@ def test_as_many_units_as_the_truth_needs(tmp_path, truth, noise, scale, size, s
     assert len(again.plant.networks["f"].bias) == size
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_validation_decides(seed):
+def test_validation_decides():
     """The same log to fit: held-out data with so much noise that no unit shows give two."""
-    log = slow(2 * seed, {"x": many}, 0.0005, 1.5)
-    held = slow(2 * seed + 1, {"x": many}, 0.0005, 1.275)
-    assert chosen(SLOW, log, held, seed)[1] == {"f": 10}
+    log = slow(0, {"x": many}, 0.0005, 1.5)
+    held = slow(1, {"x": many}, 0.0005, 1.275)
+    assert chosen(SLOW, log, held, 0)[1] == {"f": 10}
     # 0.2 on a spread of 0.5: what two units miss of x, 0.013, is 0.2 % of the error, 3 % count
-    held.columns["x"] += 0.2 * np.random.default_rng(seed).standard_normal(COUNT)
-    assert chosen(SLOW, log, held, seed)[1] == {"f": 2}
+    held.columns["x"] += 0.2 * np.random.default_rng(0).standard_normal(COUNT)
+    assert chosen(SLOW, log, held, 0)[1] == {"f": 2}
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_two_networks_get_what_each_needs(seed):
+def test_two_networks_get_what_each_needs():
     truths = {"x": many, "z": two}
-    log, held = slow(2 * seed, truths, 0.0005, 1.5), slow(2 * seed + 1, truths, 0.0005, 1.275)
-    assert chosen(SLOW + SECOND, log, held, seed)[1] == {"f": 10, "g": 2}
+    log, held = slow(0, truths, 0.0005, 1.5), slow(1, truths, 0.0005, 1.275)
+    assert chosen(SLOW + SECOND, log, held, 0)[1] == {"f": 10, "g": 2}
 
 
 HIDDEN = """
@@ -203,19 +201,16 @@ def hidden(seed, truth, noise):
     return Run(f"hidden{seed}", "hidden.csv", 0.1 * np.arange(1000), {"u": u, "w": w, "y": y})
 
 
-@pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize(
     ("truth", "noise", "sizes"), [(slope, 0.05, {2, 5}), (hills, 0.01, {10, 20})]
 )
-def test_a_refinement_takes_as_many_units_as_the_truth_needs(
-    monkeypatch, truth, noise, sizes, seed
-):
+def test_a_refinement_takes_as_many_units_as_the_truth_needs(monkeypatch, truth, noise, sizes):
     """A size has one start and 25 trials: where two units end beside the best, five may win."""
     monkeypatch.setattr(networks, "RIDGES", (1.0,))  # what follows the choice is of no interest
     monkeypatch.setattr(networks, "MARGINS", (1.2,))
     plant = GrayBoxPlant.untrained(parse_plant(HIDDEN, "hidden.toml"))
-    logs = [hidden(2 * seed + k, truth, noise) for k in range(2)]
-    model, report = fit(plant, logs[:1], logs[1:], seed=seed, restarts=1)
+    logs = [hidden(k, truth, noise) for k in range(2)]
+    model, report = fit(plant, logs[:1], logs[1:], restarts=1)
     assert report.refinement is not None
     assert report.refinement.chosen.startswith("networks")
     assert model.record["choices"]["hidden"]["g"] in sizes

@@ -42,7 +42,7 @@ class Constant:
 class Information:
     """Constants, their correlations (NaN: not known), and combinations of states that no output
     shows; whether networks were kept from what they could imitate; by which share the squared error
-    would fall if a parameter changed within the runs (see `constancy`)."""
+    would fall if a parameter changed along the logs (see `constancy`)."""
 
     constants: tuple[Constant, ...]
     correlation: Float[np.ndarray, "constants constants"]
@@ -82,9 +82,9 @@ class Information:
         best = max(self.changing, key=self.changing.__getitem__, default="")
         if best and self.changing[best] > CHANGES:
             found.append(
-                f"parameter {best!r} seems to change within the runs: that would explain "
-                f"{min(self.changing[best], 1.0):.0%} of the squared error; if it may drift, say "
-                'vary = "slow", if not, the model lacks something that looks like it'
+                f"parameter {best!r} seems to change within the runs or between them: that would "
+                f"explain {min(self.changing[best], 1.0):.0%} of the squared error; if it may, say "
+                'vary = "slow" or "run", if not, the model lacks something that looks like it'
             )
         for direction in self.unseen:
             found.append(

@@ -3,7 +3,14 @@
 import numpy as np
 import pytest
 
+from faultgauge.identification.refinement.data import prepare
 from faultgauge.identification.refinement.drift import Drift
+from faultgauge.identification.refinement.records import records_of
+from faultgauge.identification.refinement.unknowns import unknowns_of
+from faultgauge.identification.samples import channels
+from faultgauge.plants.gray_box import GrayBoxPlant
+from faultgauge.plants.plant_file import parse_plant
+from faultgauge.telemetry import Run
 
 
 def test_straight_lines_between_knots():
@@ -38,12 +45,51 @@ def test_longer_windows_hold_what_is_known():
 
 
 def test_nothing_drifts():
-    assert Drift.over(0, 300, 900).walk(64).shape == (64, 0, 0)
-    assert Drift.over(2, 300, 900).none().walk(64).shape == (64, 0, 0)
+    assert Drift.over(0, 300, 3).walk(64).shape == (64, 0, 0)
+    assert Drift.over(2, 300, 3).none().walk(64).shape == (64, 0, 0)
 
 
 @pytest.mark.parametrize(("runs", "segments"), [(3, 16), (100, 10), (5000, 1)])
 def test_many_runs_have_fewer_knots_each(runs, segments):
     """So that the normal equations stay near a thousand unknowns."""
-    drift = Drift.over(1, 1600, 1600 * runs)
+    drift = Drift.over(1, 1600, runs)
     assert drift.increments(1600) == segments
+
+
+HEATER = """
+name = "heater"
+[states.T]
+derivative = "u - a*T"
+[inputs.u]
+[outputs.T]
+value = "T"
+[parameters]
+a = { value = 0.5, min = 0, vary = "slow" }
+"""
+
+
+@pytest.mark.parametrize(
+    ("fitted", "held", "windows", "knots"),
+    [
+        ([320, 320], [6400], 2, 16),  # a long log to validate on says nothing of the fitted ones
+        ([1600, *[100] * 199], [], 200, 5),  # every run has the longest one's unknowns
+        ([300_000], [], 24, 16),  # of 73 windows no more are fitted than 100,000 samples hold
+    ],
+)
+def test_knots_are_counted_over_the_windows_that_are_fitted(fitted, held, windows, knots):
+    plant = GrayBoxPlant.untrained(parse_plant(HEATER, "heater.toml"))
+
+    def records(counts):
+        logs = [
+            Run(
+                f"{n}", "heat.csv", 0.1 * np.arange(n), {"u": np.sin(np.arange(n)), "T": np.ones(n)}
+            )
+            for n in counts
+        ]
+        return records_of(plant.signals, logs, channels(plant.spec, logs)) if logs else []
+
+    masks = [np.ones(n, bool) for n in fitted]
+    unknowns = unknowns_of(plant)
+    data = prepare(plant.signals, records(fitted), masks, records(held), 1, False, unknowns)
+    longest = max(piece.stop - piece.start for piece in data.whole)
+    assert (len(data.whole), data.drift.increments(longest)) == (windows, knots)

@@ -88,7 +88,7 @@ def window(outputs, substeps, slow, seed=1):
         dt=jnp.asarray(dt),
         y=jnp.asarray(rng.normal(size=(SAMPLES, outputs))),
         weight=jnp.asarray(weight),
-        walk=jnp.asarray(Drift.over(slow, SAMPLES, SAMPLES).walk(SAMPLES)),
+        walk=jnp.asarray(Drift.over(slow, SAMPLES, 1).walk(SAMPLES)),
     )
 
 

@@ -5,6 +5,12 @@ import pytest
 
 from faultgauge.identification.evaluation import evaluate
 from faultgauge.identification.fit import fit
+from faultgauge.identification.refinement import networks
+from faultgauge.identification.refinement.data import prepare
+from faultgauge.identification.refinement.records import records_of
+from faultgauge.identification.refinement.simulation_error import simulated
+from faultgauge.identification.refinement.unknowns import unknowns_of
+from faultgauge.identification.samples import channels
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant_file import parse_plant
 from faultgauge.telemetry import Run
@@ -59,3 +65,49 @@ def test_a_network_that_the_physics_cannot_do_without(restarts):
     assert float(model.plant.parameters["k"]) == pytest.approx(K, rel=0.03)
     unseen, _ = evaluate(model.plant, [run(2)], model.record["max_step"])
     assert unseen["outputs"]["lower"]["rmse"] < 1.5 * NOISE
+
+
+HIDDEN = """
+name = "hidden"
+[states.h]
+derivative = "rate(h, u)"
+[inputs.u]
+hold = "zero"
+[outputs.y]
+value = "g*h"
+[parameters]
+g = { value = 2.0, fixed = true }
+[networks.rate]
+hidden = 2
+"""
+
+
+def test_an_argument_that_only_networks_move():
+    """Nothing moves h at the file's values, so that its range is not known there."""
+    plant = GrayBoxPlant.untrained(parse_plant(HIDDEN, "hidden.toml"))
+    logs = [
+        Run(each.name, each.source, each.t, {"u": each.columns["u"], "y": each.columns["lower"]})
+        for each in (run(0), run(1))
+    ]
+    _, report = fit(plant, logs, restarts=1)
+    tried = dict(report.refinement.tried)
+    assert tried["physics"] > 0.5  # or nothing would be fitted together
+    assert report.refinement.error < 0.5
+
+
+def test_what_was_fitted_afresh_stands_among_the_others(monkeypatch):
+    """With as many substeps as it needed, and its starts beside the others' guesses of them."""
+    plant = GrayBoxPlant.untrained(parse_plant(TANKS, "tanks.toml"))
+    records = records_of(plant.signals, [run(0)], channels(plant.spec, [run(0)]))
+    masks = [np.arange(COUNT) < 500]
+    data = prepare(plant.signals, records, masks, [], 1, False, unknowns_of(plant))
+    monkeypatch.setattr(networks, "fine_enough", lambda data, candidate: data.substeps >= 2)
+    found = networks._together(data, plant, 0, 1, lambda text: None, [])
+    assert data.substeps == 2
+    windows = data.windows(data.pieces)
+    for each in found:
+        theta, z = each.fitted.theta, each.fitted.z
+        x, _ = simulated(each.plant, each.unknowns, theta, z, windows, data.substeps)
+        # the starts to rounding; what follows them depends on the substeps of its round
+        np.testing.assert_allclose(x[:, 0], each.fitted.x[:, 0], rtol=1e-9)
+    assert found

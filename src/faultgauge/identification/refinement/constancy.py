@@ -1,4 +1,4 @@
-"""Whether constants are constant: what they would explain if they changed within the runs.
+"""Whether constants are constant: what they would explain if they changed along the logs.
 
 Let a parameter have a value of its own in every part of a window (a quarter of a run; a whole
 window where a run is cut into many). With the Jacobian J of the errors r over all unknowns, o those

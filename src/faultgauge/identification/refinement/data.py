@@ -56,8 +56,8 @@ class Data:
     scale: Float[np.ndarray, "outputs"]
     guesses: list[Float[np.ndarray, "_ states"]]
     sd: Float[np.ndarray, "states"]
-    drift: Drift
     robust: bool = False
+    drift: Drift = field(default_factory=lambda: Drift.over(0, 1, 1))
     whole: list[Piece] = field(default_factory=list)
     pieces: list[Piece] = field(default_factory=list)  # those that are worked on
     alone: list[Piece] = field(default_factory=list)
@@ -232,7 +232,6 @@ def prepare(
     whole_runs = bool(unknowns.varying)
     most, part = (LONGEST_WHOLE, LONG_PART) if whole_runs else (LONGEST, LONG_WINDOW)
     length = part if longest > most else longest
-    total = sum(len(record.t) for record in records)
     data = Data(
         signals,
         [*records, *held],
@@ -241,7 +240,6 @@ def prepare(
         output_scale(records),
         [np.tile(initial, (len(record.t), 1)) for record in (*records, *held)],
         np.where(np.isfinite(ranges), ranges / 4, np.maximum(np.abs(initial), 1.0)),
-        Drift.over(len(unknowns.slow), length, total),
         robust,
     )
     data.whole = data.split(length)
@@ -255,6 +253,8 @@ def prepare(
         )
     data.whole = _some(data.whole, max(MOST, longest if longest <= most else 0))
     data.pieces = _some(data.whole, BUDGET) if longest > most else data.whole
+    longest = max(piece.stop - piece.start for piece in data.whole)
+    data.drift = Drift.over(len(unknowns.slow), longest, len(data.whole))
     return data
 
 

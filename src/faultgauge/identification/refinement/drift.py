@@ -15,7 +15,7 @@ from jaxtyping import Float
 
 __all__ = ["Drift"]
 
-SEGMENTS, SHORTEST = 16, 16  # of the longest record, at most; samples of one, at least
+SEGMENTS, SHORTEST = 16, 16  # of the longest window, at most; samples of one, at least
 INCREMENTS = 1000  # of all windows together: normal equations are as large
 FIRST = 0.1  # prior standard deviations of theta: positive constants move by a quarter
 
@@ -29,10 +29,9 @@ class Drift:
     segment: int
 
     @classmethod
-    def over(cls, slow: int, longest: int, total: int) -> "Drift":
-        """Of `slow` parameters in windows of up to `longest` samples, `total` together."""
-        windows = max(1.0, total / longest)
-        segments = min(SEGMENTS, max(1, int(INCREMENTS / windows / max(slow, 1))))
+    def over(cls, slow: int, longest: int, windows: int) -> "Drift":
+        """Of `slow` parameters in so many `windows` of up to `longest` samples."""
+        segments = min(SEGMENTS, max(1, INCREMENTS // (windows * max(slow, 1))))
         return cls(np.full(slow, FIRST), longest, max(SHORTEST, math.ceil(longest / segments)))
 
     def increments(self, length: int) -> int:

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from faultgauge.errors import InputError
 from faultgauge.identification.refinement.candidate import (
     Candidate,
     sample_count,
@@ -128,16 +129,17 @@ def _together(
     progress("networks and physics together, over short windows")
     fresh, short = data.afresh(), data.short()
     unknowns, physics = unknowns_of(plant), unknowns_of(plant, networks=False)
-    starts: list[GrayBoxPlant] = []
     first = physics.vector(plant)
-    for k in range(restarts):
-        theta = around(first, seed, k) if k else first
-        fitted = fresh.fit(plant, physics, theta[None], pieces=short, sigma=FIRST_SIGMA, trials=0)
-        base = Candidate(plant, physics, fitted[0], np.inf, "")
-        values = physics.assemble(plant, jnp.asarray(theta))
-        scales = _like(starts[0], values) if starts else scaled(fresh, base, short)[0]
+    at_file = fresh.fit(plant, physics, first[None], pieces=short, sigma=FIRST_SIGMA, trials=0)[0]
+    try:
+        scales, _ = scaled(fresh, Candidate(plant, physics, at_file, np.inf, ""), short)
+    except InputError:  # these values leave an argument where it is: its range is not known
+        return []
+    starts = [silent(scales, np.random.default_rng([seed, 11, 0]), MARGINS[0])]
+    for k in range(1, restarts):
+        values = physics.assemble(plant, jnp.asarray(around(first, seed, k)))
         rng = np.random.default_rng([seed, 11, k])
-        starts.append(silent(scales, rng, 1.0 if starts else MARGINS[0]))
+        starts.append(silent(_like(starts[0], values), rng, 1.0))
     thetas = [unknowns.vector(each) for each in starts]
     fits, failed = over_short_windows(fresh, starts[0], unknowns, thetas, short)
     if not fits:
@@ -145,15 +147,12 @@ def _together(
         return []
     fresh.remember(short, fits[0].x)
     plants = [unknowns.assemble(starts[0], jnp.asarray(f.theta)) for f in fits[:FINALISTS]]
-    return _path(
-        fresh,
-        ["networks, together"] * len(plants),
-        plants,
-        LEARNED_RIDGES,
-        FIRST_SIGMA,
-        None,
-        progress,
-    )
+    names = ["networks, together"] * len(plants)
+    found = _path(fresh, names, plants, LEARNED_RIDGES, FIRST_SIGMA, None, progress)
+    data.substeps = fresh.substeps  # what they were fitted with
+    windows = data.windows(data.pieces)  # hidden states' first guesses are others here
+    z = [data.starts(windows, each.fitted) for each in found]
+    return [replace(c, fitted=c.fitted._replace(z=own)) for c, own in zip(found, z, strict=True)]
 
 
 def _equivalent(data: Data, base: Candidate, rng: np.random.Generator) -> list[Candidate]:

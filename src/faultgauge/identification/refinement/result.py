@@ -122,7 +122,7 @@ def refine_on_logs(
         best.ridge,
         best.claims,
         # of whole runs; the windows of long ones are parts already
-        parts=PARTS if len(data.pieces) <= len(data.records) else 1,
+        parts=PARTS if len(data.pieces) == len({p.record for p in data.pieces}) else 1,
     )
     per_run, courses = along_runs(best, data)
     warnings += [*found.notes, *known.warnings()]

@@ -36,16 +36,20 @@ from faultgauge.plants.gray_box import GrayBoxPlant
 
 __all__ = ["Curvature", "curvature", "information"]
 
+WATCHED = (
+    2000  # values of all parameters in all parts: the information on them is as large, squared
+)
 UNSEEN = 1e-10  # of the information on a state that stands alone
 
 
 class Curvature(NamedTuple):
     """H = J J' over all windows, starts included; that with the priors and what networks leave to
-    the physics; half the slope of the cost, with both; tau, samples."""
+    the physics; half the slope of the cost, with both; r' r; tau, samples."""
 
     hessian: Float[np.ndarray, "n n"]
     precision: Float[np.ndarray, "n n"]
     gradient: Float[np.ndarray, "n"]
+    squares: float
     residual_time: float
 
 
@@ -75,7 +79,7 @@ def curvature(
         precision += rows.T @ rows
         gradient += rows.T @ np.asarray(beside(theta))
     tau = _residual_time(plant, unknowns, fitted, windows, substeps)
-    return Curvature(hessian, precision, gradient, tau)
+    return Curvature(hessian, precision, gradient, float(found[0]), tau)
 
 
 def information(
@@ -89,10 +93,13 @@ def information(
     parts: int = 1,
 ) -> Information:
     """Standard errors and warnings at a fit over `windows`, its networks' prior being `ridge` and
-    what they leave to the physics `claims`. Parameters are looked at for being constant unless some
-    drift: from part to part of the windows, of which each has so many `parts`."""
+    what they leave to the physics `claims`. Unless some drift, parameters are looked at for being
+    constant from part to part of the windows, of which each has so many `parts`; but not where that
+    is too much to look at (`WATCHED`)."""
     size, weights, count = fitted.theta.size, unknowns.weights(plant), len(unknowns.parameters)
-    watched = 0 if unknowns.slow else count * parts
+    watched = count * parts
+    if unknowns.slow or watched * len(fitted.z) > WATCHED:
+        watched = 0
     if watched:
         unknowns, fitted, windows = _with_steps(unknowns, fitted, windows, parts)
     found = curvature(plant, unknowns, fitted, windows, substeps, ridge, claims)
@@ -108,8 +115,8 @@ def information(
     if watched:
         columns = [own[:, k::count].ravel() for k in range(count)]
         dropped = drops(found.hessian, inverse, found.gradient, inner, columns)
-        whole = s2 * np.sum(np.asarray(windows.weight) > 0)
-        changing = dict(zip(unknowns.parameters, (dropped / whole).tolist(), strict=True))
+        shares = dropped / max(found.squares, 1e-300)
+        changing = dict(zip(unknowns.parameters, shares.tolist(), strict=True))
     return Information(*told, unseen, found.residual_time, claims is not None, changing)
 
 
