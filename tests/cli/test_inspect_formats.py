@@ -189,3 +189,19 @@ def test_what_is_not_read_is_said_in_a_sentence(call, tmp_path, name, advice, js
     assert advice in found.err
     assert found.err.endswith(".\n")
     assert found.err.count("\n") == 1
+
+
+def test_a_narrow_screen_cuts_no_number_and_no_name(call, tmp_path, monkeypatch):
+    """Against the log's own extremes and names, on 80 columns."""
+    t = np.arange(400) * 0.01
+    motor = np.c_[t, -1234.5678 * np.sin(t), -0.0023456 * np.cos(t), 98.765 * np.cos(3 * t)]
+    header = "t,voltage_of_the_drive,current,speed"
+    np.savetxt(tmp_path / "log.csv", motor, delimiter=",", header=header, comments="")
+    monkeypatch.setenv("COLUMNS", "80")
+    said = call("inspect", tmp_path / "log.csv").out
+    assert "…" not in said
+    for column in motor.T[1:]:
+        assert f"{column.min():.4g}" in said
+        assert f"{column.mean():.4g}" in said
+    cells = [line.split("│")[1].strip() for line in said.splitlines() if line.startswith("│")]
+    assert "voltage_of_the_drive" in "".join(cells)  # folded over lines

@@ -118,3 +118,13 @@ def test_units_that_the_logs_give_are_left_to_the_reading():
     known = [levels("a", 2.0, units={"q": "m"}), levels("b", 2000.0, units={"q": "m"})]
     assert other_units(known) == []
     assert len(other_units([known[0], levels("b", 2000.0)])) == 1
+
+
+def test_an_input_with_empty_cells():
+    def sparse(u):
+        return np.where(np.arange(COUNT) % 10 == 3, np.nan, u)
+
+    (text,) = warnings(log(u=sparse))
+    assert "input 'u' is empty in 10% of the rows of run 'first', and each empty cell cuts" in text
+    (text,) = warnings(log(), log(u=sparse))  # once, of the run that has them
+    assert warnings(log(u=lambda u: np.where(np.arange(COUNT) == 3, np.nan, u))) == []

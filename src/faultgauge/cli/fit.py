@@ -152,7 +152,8 @@ def _parameters(model: "Model", account: "FitReport") -> list[str]:
     lines = []
     for p in model.plant.spec.parameters:
         if not p.fixed:
-            error = errors.get(p.name)
+            # of what varies the runs tell their own values; the common one leans on the prior
+            error = None if p.vary else errors.get(p.name)
             width = "" if error is None else f" +- {error:.2g}"
             value = float(model.plant.parameters[p.name])
             lines.append(f"{p.name} = {value:.6g}{width} {p.unit}".rstrip())

@@ -65,26 +65,26 @@ def _show(found) -> None:
     console.print(runs)
     units = ["unit"] if any(column.unit for column in found.columns) else []
     numbers = ("min", "max", "mean", "std", "noise", "quantum")
-    columns = Table("column", *units, *numbers, "remarks")
+    columns, lines = Table(), []
+    for title in ("column", *units, *numbers):  # neither numbers nor names are cut off
+        columns.add_column(title, no_wrap=title != "column", overflow="fold")
     for column in found.columns:
-        s = column.statistics
+        s, remarks = column.statistics, []
         head = [column.name, column.unit] if units else [column.name]
         if s is None:
-            columns.add_row(*head, *[""] * len(numbers), column.kind)
-            continue
-        remarks = [
-            text
-            for text, holds in (("constant", s.constant), ("held between changes", s.held))
-            if holds
-        ]
-        if column.known_as != column.name:
-            remarks.append(f"known as {column.known_as}")
-        values = (s.min, s.max, s.mean, s.std, s.noise, s.quantum)
-        columns.add_row(
-            *head,
-            *("" if value is None else f"{value:.4g}" for value in values),
-            ", ".join(remarks),
-        )
+            columns.add_row(*head, *[""] * len(numbers))
+            remarks.append(column.kind)
+        else:
+            values = (s.min, s.max, s.mean, s.std, s.noise, s.quantum)
+            columns.add_row(*head, *("" if v is None else f"{v:.4g}" for v in values))
+            told = (("constant", s.constant), ("held between changes", s.held))
+            remarks += [text for text, holds in told if holds]
+            if column.known_as != column.name:
+                remarks.append(f"known as {column.known_as}")
+        if remarks:
+            lines.append(f"{column.name}: {', '.join(remarks)}")
     console.print(columns)
+    for line in lines:
+        console.print(line)
     for hint in found.hints:
         console.print(f"hint: {hint}")

@@ -33,6 +33,7 @@ def log_warnings(signals: Signals, runs: Sequence[Run]) -> list[str]:
         found += _of_range(state, values, f"state {state.name!r}")
     for each in signals.inputs:
         values = [run.columns[each.name] for run in runs]
+        found += [text for run in runs for text in _of_input(run, each.name)]
         found += list(_of_range(each, values, f"input {each.name!r}")) or beyond_limits(each, runs)
     return found + other_units(runs)
 
@@ -93,6 +94,16 @@ def _of_output(run: Run, name: str) -> Iterator[str]:
         yield (
             f"output {name!r} is empty in {empty:.0%} of the rows of run {run.name!r}; what is not "
             "sampled is neither fitted nor scored"
+        )
+
+
+def _of_input(run: Run, name: str) -> Iterator[str]:
+    empty = float(np.mean(np.isnan(run.columns[name])))
+    if empty > MANY_EMPTY:
+        yield (
+            f"input {name!r} is empty in {empty:.0%} of the rows of run {run.name!r}, and each "
+            "empty cell cuts the run: short stretches tell little and may bias constants; fill in "
+            "the file what the input held there"
         )
 
 

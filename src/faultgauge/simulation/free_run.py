@@ -93,8 +93,9 @@ def blow_up(
     if not wild.any():
         return None
     k = int(np.argmax(wild.any(axis=1)))
-    state = names[int(np.argmax(wild[k]))]
-    return f"state {state!r} leaves all bounds at t = {t[k]:.6g} s of run {run!r}"
+    i = int(np.argmax(wild[k]))
+    does = "is no longer a number" if np.isnan(x[k, i]) else "leaves all bounds"
+    return f"state {names[i]!r} {does} at t = {t[k]:.6g} s of run {run!r}"
 
 
 def substeps_for(step: float, max_step: float) -> int:

@@ -158,6 +158,15 @@ def test_a_plant_that_grows_without_end():
     assert re.search(r"'heater' blows up: state 'T'", said(text, run()))
 
 
+def test_a_root_of_what_falls_below_zero():
+    """T' = -1 from 0: the root of its negative value is no number after one step."""
+    text = HEATER.replace("b*u - a*T", "b*0*u - a*0 - 1 - sqrt(T)")
+    sentence = said(text, run())
+    assert f"state 'T' is no longer a number at t = {STEP:g} s of run 'heat0'" in sentence
+    assert "sqrt" in sentence
+    assert "protect it with max()" in sentence
+
+
 def known(text, weights=None):
     """The information at parameters as the file has them, over one window of 120 samples."""
     model = plant(text)

@@ -26,6 +26,7 @@ from faultgauge.identification.refinement.candidate import (
 )
 from faultgauge.identification.refinement.cores import side_by_side
 from faultgauge.identification.refinement.data import (
+    FIRST_SIGMA,
     Data,
     prepare,
     validation_error,
@@ -58,6 +59,7 @@ HOLD_STARTS = 3
 DRIFT_ROUNDS = 4
 SHORT = 5_000  # samples: below, what is held out would be missed
 MORE_TRIALS, ALL_TRIALS = 40, 16  # of what stands already, and of the best over all samples
+WIDER = 1000.0  # times the spread of hidden starts: 0 +- 1 says nothing of a temperature in K
 CLEARLY = 0.9  # of the error with a simpler hold: half a sample of delay hides in many constants
 HOLDS: tuple[Hold, ...] = ("zero", "linear", "band-limited")
 
@@ -275,6 +277,11 @@ def _physics(
     progress("fitting the physics over short windows")
     short = data.short()
     fits, failed = over_short_windows(data, plant, unknowns, thetas, short)
+    if not plant.spec.networks and fits and fits[0].mse > FIRST_SIGMA**2:
+        wider = replace(data, sd=_wider(data))
+        again, failed_again = over_short_windows(wider, plant, unknowns, thetas, short)
+        if again and again[0].mse < CLEARLY * fits[0].mse:
+            data.sd, fits, failed = wider.sd, again, failed_again
     if failed:
         notes.append(f"physics: {failed} of {len(thetas)} starts had no finite simulation error")
     if not fits:
@@ -288,6 +295,12 @@ def _physics(
     return _distinct(
         [validated(data, Candidate(plant, unknowns, each, np.inf, "physics")) for each in longs]
     )
+
+
+def _wider(data: Data) -> Float[np.ndarray, "states"]:
+    """Spreads of hidden states' starts that leave them free, but between `min` and `max`."""
+    limited = [np.isfinite(state.max - state.min) for state in data.signals.states]
+    return np.where(limited, data.sd, WIDER * data.sd)
 
 
 def _apart(fits: Sequence[Fitted]) -> list[np.ndarray]:
@@ -371,7 +384,8 @@ def no_finite_start(data: Data, plant: GrayBoxPlant) -> str:
                 f"the simulation of plant {plant.spec.name!r} blows up: {where}; likely causes: "
                 "(a) a wrong sign or unit in its derivative, (b) parameter values far from the "
                 "truth, so give better ones or min and max, (c) an unstable plant logged in "
-                "closed loop"
+                "closed loop, (d) sqrt, log or a power of what falls below 0, or a division by "
+                "0, so protect it with max()"
             )
     return (
         f"no start of plant {plant.spec.name!r} simulates to a finite error on the held-out data; "
