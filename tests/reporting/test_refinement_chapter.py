@@ -73,6 +73,12 @@ def test_a_fit_to_what_was_held_out_is_told():
     assert "was then fitted to those data, too" in after.paragraphs[-1]
 
 
+def test_a_common_value_has_no_error():
+    """Runs have values of their own, which say next to nothing of one that they have in common."""
+    own = replace(refinement(), per_run={"k_in": {"monday": 0.01}})
+    assert refinement_section(own).tables[0].rows[0][2] == ""
+
+
 def test_a_drift_is_drawn():
     courses = [Course("monday", [0.0, 10.0], [1.0, 2.0]), Course("friday", [5.0, 20.0], [3.0, 4.0])]
     drifted = replace(refinement(), courses={"k_in": courses})

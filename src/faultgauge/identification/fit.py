@@ -40,6 +40,11 @@ from faultgauge.telemetry.resampling import cover
 __all__ = ["FitReport", "fit"]
 
 ENVELOPE_POINTS = 400
+POOR = 0.5  # of the outputs' spread: a quarter of the variance is not explained
+LOOK_FOR = (
+    "look for outliers (--robust), a stuck sensor or wrong units, give better parameter values, "
+    "more restarts or more excitation, or add what the plant file lacks"
+)
 WEAK = 0.1  # share of an input that its instrument explains, below which a fit is loose
 
 
@@ -166,7 +171,7 @@ def fit(
 
 
 def _of_no_use(result: _Result, runs: Sequence[Run]) -> list[str]:
-    """A warning where each output's mean would do better. Raises where every start diverges."""
+    """A warning where the free run is far off. Raises where every start diverges."""
     if not np.isfinite(result.error):
         where = divergence(result.plant, predict(result.plant, runs, result.max_step))
         raise InputError(
@@ -174,11 +179,16 @@ def _of_no_use(result: _Result, runs: Sequence[Run]) -> list[str]:
             "unit error in the plant file or --map, (b) an unstable plant logged in closed loop, "
             "(c) too little excitation. Check the report of `faultgauge inspect`."
         )
-    if result.error < 1:
+    if result.error < POOR:
         return []
+    if result.error < 1:
+        return [
+            f"on held-out data the free run is off by {result.error:.0%} of each output's standard "
+            f"deviation, which is little to rely on: {LOOK_FOR}"
+        ]
     return [
         "on held-out data the free run is worse than each output's mean would be: do not use "
-        "this model; give better parameter values, more restarts or more excitation"
+        f"this model; {LOOK_FOR}"
     ]
 
 

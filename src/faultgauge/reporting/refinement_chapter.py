@@ -1,5 +1,7 @@
 """The chapter on the refinement: what was found, how surely, and what else was tried."""
 
+from collections.abc import Collection
+
 import numpy as np
 
 from faultgauge.identification.constants import Constant, Information
@@ -41,7 +43,7 @@ def refinement_section(found: Refinement) -> Section:
             *after,
         ),
         (
-            *parameter_table(found.information, PARAMETERS),
+            *parameter_table(found.information, PARAMETERS, found.per_run),
             *_per_run(found),
             *correlation_table(found.information),
             *_choices(found),
@@ -60,14 +62,17 @@ def _tried(found: Refinement) -> Table:
     return Table(header, rows, "What was tried, best first; shares of the outputs' spread.")
 
 
-def parameter_table(found: Information, caption: str) -> tuple[Table, ...]:
+def parameter_table(
+    found: Information, caption: str, varying: Collection[str] = ()
+) -> tuple[Table, ...]:
+    """Parameters; of the `varying` ones the value that they have in common has no error."""
     if not found.constants:
         return ()
     rows = tuple(
         (
             each.name,
             quantity(each.value, each.unit or "1"),
-            _error(each),
+            "" if each.name in varying else _error(each),
             each.bound or "",
             each.imitated_by or "",
         )

@@ -137,6 +137,19 @@ def test_a_refinement_that_ends_at_its_cap_says_so(monkeypatch):
     assert any(each.startswith("refinement: not converged after ") for each in report.warnings)
 
 
+@pytest.mark.parametrize(("share", "poor"), [(0.3, False), (1.0, True)])
+def test_a_poor_model_is_called_poor(share, poor):
+    """Noise of that share of the signal is what no model explains: s / sqrt(1 + s^2) of the whole,
+    0.29 and 0.71."""
+    log = run(0)
+    y = log.columns["y"]
+    y += share * np.std(y) * np.random.default_rng(0).standard_normal(COUNT)
+    _, report = fit(heater(), [log], restarts=1)
+    told = [each for each in report.warnings if "little to rely on" in each]
+    assert len(told) == poor
+    assert all("--robust" in each for each in told)
+
+
 def test_a_refinement_that_wins_says_nothing():
     warm, logs, held = heater(a=0.4, b=3.0), [run(0)], [run(1)]
     how = channels(warm.spec, [*logs, *held])
