@@ -134,15 +134,14 @@ def chosen(text, log, held, seed):
     return model, model.record["choices"]["hidden"]
 
 
-@pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize(
     ("truth", "noise", "scale", "size"), [(two, 0.002, 1.9, 2), (many, 0.0005, 1.5, 10)]
 )
-def test_as_many_units_as_the_truth_needs(tmp_path, truth, noise, scale, size, seed):
+def test_as_many_units_as_the_truth_needs(tmp_path, truth, noise, scale, size):
     """Validation moves through less of the range, so that none of it is extrapolation."""
-    log = slow(2 * seed, {"x": truth}, noise, scale)
-    held = slow(2 * seed + 1, {"x": truth}, noise, 0.85 * scale)
-    model, sizes = chosen(SLOW, log, held, seed)
+    log = slow(0, {"x": truth}, noise, scale)
+    held = slow(1, {"x": truth}, noise, 0.85 * scale)
+    model, sizes = chosen(SLOW, log, held, 0)
     assert sizes == {"f": size}
     save_model(model, tmp_path / "model.fgm")
     again = load_model(tmp_path / "model.fgm")

@@ -15,8 +15,8 @@ from faultgauge.identification.evaluation import Prediction, at_samples, diverge
 from faultgauge.identification.fit import FitReport
 from faultgauge.identification.unseen import Unseen
 from faultgauge.plants.model import Model
-from faultgauge.reporting.curves import network_figures
 from faultgauge.reporting.model_figures import bars, envelope, fit_history
+from faultgauge.reporting.network_curves import network_figures
 from faultgauge.reporting.refinement_chapter import (
     correlation_table,
     parameter_table,

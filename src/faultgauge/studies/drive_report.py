@@ -13,7 +13,6 @@ from faultgauge.reporting.chapters import (
     evaluation_section,
     fit_sections,
 )
-from faultgauge.reporting.curves import curve
 from faultgauge.reporting.decision_chapter import (
     calibration_section,
     decision_report,
@@ -21,6 +20,7 @@ from faultgauge.reporting.decision_chapter import (
     leading,
 )
 from faultgauge.reporting.model_figures import learned_curve
+from faultgauge.reporting.network_curves import curve
 from faultgauge.reporting.report import Report, Section, Table
 from faultgauge.reporting.svg import Figure
 from faultgauge.reporting.time_figures import fault_estimate

@@ -50,12 +50,11 @@ def run(seed):
     return Run(f"tanks{seed}", "tanks.csv", STEP * np.arange(COUNT), {"u": u, "lower": noisy})
 
 
-@pytest.mark.parametrize("restarts", [2, 5])
-def test_a_network_that_the_physics_cannot_do_without(restarts):
+def test_a_network_that_the_physics_cannot_do_without():
     """With a silent network the lower tank only ever fills, and the best physics is that nothing
     flows at all: no start for anything."""
     plant = GrayBoxPlant.untrained(parse_plant(TANKS, "tanks.toml"))
-    model, report = fit(plant, [run(0), run(1)], restarts=restarts)
+    model, report = fit(plant, [run(0), run(1)], restarts=5)
     tried = dict(report.refinement.tried)
     assert tried["physics"] > 0.5  # or this plant tests nothing
     spread = np.std(np.concatenate([run(seed).columns["lower"] for seed in (0, 1)]))
