@@ -72,8 +72,8 @@ def plant(derivative="b*u - a*x", key="", more=""):
 def test_what_stands_between_the_command_and_the_plant_is_named(applied, words):
     for seed in range(2):
         model, account = fit(plant(), [log(0.5, seed, applied)], restarts=1)
-        (text,) = account.warnings
-        assert "input 'u' looks like the command" in text
+        # beside it stands, where the limit makes the model a poor one, that it is
+        (text,) = (each for each in account.warnings if "input 'u' looks like the command" in each)
         assert all(word in text for word in words)
         assert command_warnings(model.plant, [log(0.5, seed, applied)]) == [text]
 
