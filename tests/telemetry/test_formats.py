@@ -12,19 +12,11 @@ from faultgauge.errors import InputError
 from faultgauge.telemetry import inspect_runs, read_telemetry, segments
 from faultgauge.telemetry.readers import READERS, read_table
 
+from .conftest import refusal
+
 DATA = Path(__file__).parents[1] / "data"
 I = np.arange(50.0)  # noqa: E741  (the row number, as the README of the folder has it)
 BINARY = [suffix for suffix in READERS if not suffix.startswith(".csv")]
-
-
-def refusal(path: Path, **options) -> str:
-    with pytest.raises(InputError) as caught:
-        read_telemetry(path, **options)
-    message = str(caught.value)
-    assert str(path) in message
-    assert "\n" not in message
-    assert message.endswith(".")
-    return message
 
 
 def test_parquet_of_duckdb():

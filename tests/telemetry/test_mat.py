@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 import scipy.io
 
-from faultgauge.errors import InputError
 from faultgauge.telemetry import inspect_runs, read_telemetry
 from faultgauge.telemetry.readers import read_table
+
+from .conftest import refusal
 
 h5py = pytest.importorskip("h5py", reason="the extra io is not installed")
 pytest.importorskip("pymatreader", reason="the extra io is not installed")
@@ -90,16 +91,6 @@ def signal(values: np.ndarray, label: str) -> dict:
 
 def of_simulink(signals) -> dict:
     return {"time": K[:, None] / 100, "signals": signals, "blockName": "rig/Scope"}
-
-
-def refusal(path: Path, **options) -> str:
-    with pytest.raises(InputError) as caught:
-        read_telemetry(path, **options)
-    message = str(caught.value)
-    assert str(path) in message
-    assert "\n" not in message
-    assert message.endswith(".")
-    return message
 
 
 @pytest.mark.parametrize("version", ["v5", "v7.3"])

@@ -45,7 +45,7 @@ LOOK_FOR = (
     "look for outliers (--robust), a stuck sensor or wrong units, give better parameter values, "
     "more restarts or more excitation, or add what the plant file lacks"
 )
-WEAK = 0.1  # share of an input that its instrument explains, below which a fit is loose
+LOOSE = 0.1  # share of an input that its instrument explains, below which a fit is loose
 
 
 class FitReport(NamedTuple):
@@ -139,7 +139,7 @@ def fit(
                 fit_equations(sized, how, given, seed, restarts, algorithm, progress)
             ),
         )
-        warnings += [*stage.warnings, *_weak(spec.signals, given.explained)]
+        warnings += [*stage.warnings, *_loose(spec.signals, given.explained)]
         groups, noise, warm = stage.reports, given.noise, [stage.plant, *stage.others]
         if spec.open_sizes:
             plant = with_hidden(plant, chosen_sizes(spec, stage.plant))
@@ -215,13 +215,13 @@ def _error_and_stage(stage: EquationFit) -> tuple[float, EquationFit]:
     return stage.error, stage
 
 
-def _weak(signals: Signals, explained: dict[str, float]) -> list[str]:
+def _loose(signals: Signals, explained: dict[str, float]) -> list[str]:
     return [
         f"column {each.instrument!r}, the instrument of input {each.name!r}, explains only "
         f"{explained[each.name]:.1%} of it: the fit is free of the loop's bias, but loose; give "
         "logs in which the reference moves more"
         for each in signals.inputs
-        if explained.get(each.name, 1.0) < WEAK
+        if explained.get(each.name, 1.0) < LOOSE
     ]
 
 

@@ -143,7 +143,7 @@ class Data:
         z = np.concatenate([x0, fitted.z[:, states:]], axis=1)
         return self.drift.lengthened(z, fitted.x.shape[1], windows.dt.shape[1])
 
-    def courses(self, fitted: Fitted) -> tuple[list[Piece], Float[np.ndarray, "courses local"]]:
+    def free_runs(self, fitted: Fitted) -> tuple[list[Piece], Float[np.ndarray, "runs local"]]:
         """(free runs over whole records, each from the start of a fitted window, what is local to
         the window); those of long records begin anew after `LONGEST_WHOLE` samples, or, where
         parameters drift, with every window."""
@@ -290,7 +290,7 @@ def unseen_errors(
     """
     found = []
     left = [~mask for mask in data.masks]
-    runs, local = data.courses(fitted)
+    runs, local = data.free_runs(fitted)
     windows = data.windows(runs, left)
     local = data.drift.lengthened(local, fitted.x.shape[1], windows.dt.shape[1])
     if np.any(windows.weight > 0):
