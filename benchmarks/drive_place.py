@@ -17,6 +17,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial import KDTree
 
+from faultgauge.detection.decisions import Decision
 from faultgauge.detection.judged import operating_points
 from faultgauge.plants.gray_box import load_plant
 from faultgauge.studies import merit
@@ -36,6 +37,7 @@ def one_seed(logs: DriveLogs, seed: int) -> None:
     right = np.abs(found.f - logs.pulse) < GOOD
     points = operating_points(placed.model).x
     width = np.ptp(points, axis=0)
+    assert isinstance(found.pulses, Decision)
     posterior = found.pulses.posterior
     away = KDTree(points / width).query(posterior.x / width, p=np.inf)[0]
     print(f"seed {seed}:")

@@ -13,6 +13,7 @@ COMMANDS = (
     "evaluate",
     "calibrate",
     "estimate",
+    "rehearse",
     "simulate",
     "reproduce",
     "benchmark",

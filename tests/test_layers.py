@@ -13,6 +13,7 @@ LAYERS = (
     "studies",
     "reporting",
     "accommodation",
+    "rehearsal",
     "detection",
     "observers",
     "identification",

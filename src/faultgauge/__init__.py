@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from faultgauge.plants.gray_box import load_plant
     from faultgauge.plants.model import load_model, save_model
     from faultgauge.plants.plant import Plant
+    from faultgauge.rehearsal import rehearse
     from faultgauge.telemetry import read_telemetry
 
 __all__ = [
@@ -26,6 +27,7 @@ __all__ = [
     "load_model",
     "load_plant",
     "read_telemetry",
+    "rehearse",
     "save_model",
     "simulate",
 ]
@@ -39,6 +41,7 @@ _HOMES = {
     "load_model": "faultgauge.plants.model.load_model",
     "load_plant": "faultgauge.plants.gray_box.load_plant",
     "read_telemetry": "faultgauge.telemetry.read_telemetry",
+    "rehearse": "faultgauge.rehearsal.rehearse.rehearse",
     "save_model": "faultgauge.plants.model.save_model",
     "simulate": "faultgauge.accommodation.simulate.simulate",
 }

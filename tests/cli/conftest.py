@@ -47,8 +47,13 @@ class Workshop:
     suspect: Path
     model: Path
     calibrated: Path
+    limited: Path
     onset: float
     leak: float
+
+    def judging(self, observer) -> Path:
+        """The model that is calibrated for `observer`."""
+        return self.calibrated if observer == "bank" else self.limited
 
 
 @dataclass(frozen=True)
@@ -84,15 +89,17 @@ def workshop(tmp_path_factory) -> Workshop:
     write_log(paths["healthy"], 1)
     write_log(paths["healthy2"], 2)
     write_log(paths["suspect"], 3, LEAK)
-    plant, model, calibrated = (
-        folder / name for name in ("plant.toml", "model.fgm", "calibrated.fgm")
+    plant, model, calibrated, limited = (
+        folder / name for name in ("plant.toml", "model.fgm", "calibrated.fgm", "limited.fgm")
     )
     plant.write_text(PLANT)
     assert run(["fit", str(plant), str(paths["healthy"]), "--out", str(model)]) == 0
     healthy = str(paths["healthy2"])
     assert run(["calibrate", str(model), healthy, "--out", str(calibrated)]) == 0
+    eso = ["--observer", "eso", "--out", str(limited)]
+    assert run(["calibrate", str(model), healthy, *eso]) == 0
     return Workshop(
-        folder, plant, **paths, model=model, calibrated=calibrated,
+        folder, plant, **paths, model=model, calibrated=calibrated, limited=limited,
         onset=STEP * COUNT / 2, leak=LEAK,
     )  # fmt: skip
 

@@ -25,6 +25,7 @@ COMMANDS = [
     "evaluate",
     "calibrate",
     "estimate",
+    "rehearse",
     "simulate",
     "reproduce",
     "benchmark",
@@ -263,10 +264,34 @@ def test_calibrate_replaces_the_model_and_leaves_evaluate_alone(call, workshop, 
     before = call("evaluate", model, workshop.suspect, "--json").out
     found = one_object(call("calibrate", model, workshop.healthy2, "--json"))
     assert found["model"] == str(model)
-    assert found.keys() >= {"limit", "mtbfa_s", "channels", "blocks", "warnings"}
+    assert found.keys() >= {"data", "noise", "bank", "warnings"}
+    assert found["bank"].keys() >= {"level", "mtbfa_s", "judged_s", "blocks", "alarms", "suspects"}
+    assert "limit" not in found
     assert model.read_bytes() == workshop.calibrated.read_bytes()
     assert call("evaluate", model, workshop.suspect, "--json").out == before
     assert list(tmp_path.iterdir()) == [model], "no draft stays behind"
+
+
+def test_calibrate_for_an_observer_finds_its_limit(call, workshop, tmp_path):
+    model, report = tmp_path / "m.fgm", tmp_path / "r.html"
+    args = (workshop.model, workshop.healthy2, "--observer", "eso", "--out", model)
+    found = one_object(call("calibrate", *args, "--report", report, "--json"))
+    assert found.keys() >= {"limit", "mtbfa_s", "channels", "blocks", "warnings"}
+    assert "bank" not in found
+    assert model.read_bytes() == workshop.limited.read_bytes()
+    assert "95 % of healthy values within" in report.read_text()
+
+
+def test_an_observer_without_limits_judges_nothing(call, workshop, tmp_path):
+    out = tmp_path / "f.csv"
+    said = call(
+        "estimate", workshop.calibrated, workshop.suspect, "--out", out, "--observer", "eso"
+    )
+    assert said.code == 0
+    assert "nothing was judged" in said.out
+    assert "faultgauge calibrate --observer eso" in said.out
+    reasons = {(r["status"], r["reason"]) for r in table(out)}
+    assert reasons == {("NOT_JUDGED", "not calibrated for this observer")}
 
 
 def test_calibrate_warns_of_logs_used_in_fit(call, workshop, tmp_path):
@@ -279,7 +304,7 @@ def test_calibrate_warns_of_logs_used_in_fit(call, workshop, tmp_path):
 def test_an_observer_alone_finds_the_leak(call, workshop, tmp_path):
     out = tmp_path / "f.csv"
     eso = ("--out", out, "--observer", "eso", "--json")
-    found = one_object(call("estimate", workshop.calibrated, workshop.suspect, *eso))
+    found = one_object(call("estimate", workshop.limited, workshop.suspect, *eso))
     events = found["events"]
     assert all(event.keys() == EVENT_KEYS for event in events)
     longest = max(events, key=lambda e: e["end"] - e["start"])
@@ -295,7 +320,7 @@ def test_an_observer_alone_finds_the_leak(call, workshop, tmp_path):
 def test_an_observer_alone_is_silent_on_a_healthy_log(call, workshop, tmp_path):
     # calibrated on this very log, so that its peak is known to lie below the limit
     eso = ("--out", tmp_path / "f.csv", "--observer", "eso")
-    said = call("estimate", workshop.calibrated, workshop.healthy2, *eso)
+    said = call("estimate", workshop.limited, workshop.healthy2, *eso)
     assert said.code == 0
     assert "No fault above the limit" in said.out
 
@@ -304,7 +329,7 @@ def test_an_observer_alone_is_silent_on_a_healthy_log(call, workshop, tmp_path):
 def test_estimate_writes_the_columns_of_the_contract(call, workshop, tmp_path, observer):
     first, second = tmp_path / "a.csv", tmp_path / "b.csv"
     for out in (first, second):
-        args = (workshop.calibrated, workshop.suspect, workshop.healthy, "--out", out)
+        args = (workshop.judging(observer), workshop.suspect, workshop.healthy, "--out", out)
         assert call("estimate", *args, "--observer", observer).code == 0
     assert first.read_bytes() == second.read_bytes()
     rows = table(first)
@@ -326,7 +351,8 @@ def test_the_bank_names_the_leak_with_probability_and_interval(call, workshop, t
     found = one_object(call("estimate", *args, "--json", "--report", report))
     event = max(found["events"], key=lambda e: e["end"] - e["start"])
     assert event["fault"] == "leak"
-    assert event["lo"] < workshop.leak < event["hi"]
+    # one draw, whose interval may miss: how often they hold the truth, mismatch_rig.py measures
+    assert event["size"] == pytest.approx(workshop.leak, rel=0.02)
     assert event["p"] > 0.95
     assert event["start"] == pytest.approx(workshop.onset, abs=2)  # a name waits for 10 samples
     rows = table(out)
@@ -364,13 +390,15 @@ def test_the_bank_without_calibration_judges_nothing(call, workshop, tmp_path, m
 
 
 def test_calibrate_says_what_the_healthy_log_proves_of_the_bank(call, workshop, tmp_path):
-    args = (workshop.model, workshop.healthy, "--out", tmp_path / "c.fgm")
-    lines = [line for line in call("calibrate", *args).out.splitlines() if line.startswith("bank")]
-    block = one_object(call("calibrate", *args, "--json"))["bank"]
-    assert (
-        f"proves only that false alarms come at most once in {block['mtbfa_s']:.4g} s" in lines[0]
-    )
-    assert f"leak {block['error']['leak'][0]:.2g}" in lines[1]
+    out, report = tmp_path / "c.fgm", tmp_path / "c.html"
+    said = call("calibrate", workshop.model, workshop.healthy, "--out", out, "--report", report)
+    block = load_model(out).calibration or {}
+    bank = block["bank"]
+    assert f"proves only that false alarms come at most once in {bank['mtbfa_s']:.4g} s" in said.out
+    assert f"the model's own error in d(x): {block['noise']['size']['x']:.2g} m/s" in said.out
+    text = report.read_text()
+    assert "How well a fault is known by when" in text
+    assert "Healthy blocks against the alarm level" in text
 
 
 def test_the_bank_answers_a_stream_as_it_answers_the_file(call, workshop, tmp_path, monkeypatch):
@@ -411,7 +439,7 @@ def test_smooth_tells_leak_size_and_onset_from_the_whole_log(call, workshop, tmp
     args = (workshop.calibrated, workshop.suspect, "--out", out, "--smooth")
     (found,) = one_object(call("estimate", *args, "--json", "--report", report))["retrospective"]
     assert found["cause"] == "leak"
-    assert found["lo"] < workshop.leak < found["hi"]
+    assert found["size"] == pytest.approx(workshop.leak, rel=0.02)
     assert found["onset_lo"] - 1 <= workshop.onset <= found["onset_hi"] + 1
     assert found["told"]["start"] >= found["onset"]
     assert {each["cause"] for each in found["alternatives"]} == {"healthy", "unknown"}
@@ -482,21 +510,6 @@ def test_check_puts_a_fault_on_every_state_where_none_is_declared(call, workshop
     said = call(*args)
     assert said.code == 2
     assert "disables all its [faults]" in said.err
-
-
-def test_check_says_what_a_short_log_lacks(call, workshop, tmp_path):
-    short = tmp_path / "short.csv"
-    short.write_text("\n".join(workshop.healthy.read_text().splitlines()[:301]) + "\n")
-    args = ("check", short, workshop.suspect, "--plant", workshop.plant, "--out", tmp_path / "k")
-    said = call(*args)
-    assert said.code == 0
-    assert "nothing was judged" in said.out
-    assert "give more healthy runs" in said.out
-    assert said.out.count("\n") == 1
-    assert {r["status"] for r in table(tmp_path / "k" / "estimates.csv")} == {"NOT_JUDGED"}
-    assert "give more healthy runs" in (tmp_path / "k" / "report.html").read_text()
-    later = call("estimate", tmp_path / "k" / "model.fgm", workshop.suspect, "--out", short)
-    assert later.out == said.out
 
 
 @pytest.mark.parametrize("command", ["fit", "evaluate", "calibrate", "estimate"])

@@ -22,7 +22,7 @@ def stream(call, workshop, tmp_path, monkeypatch):
         monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(text.encode())))
         events = tmp_path / "events.ndjson"
         given = ("--observer", observer, "--events", events)
-        said = call("estimate", workshop.calibrated, "-", *given)
+        said = call("estimate", workshop.judging(observer), "-", *given)
         assert said.code == 0, said.err
         return said, [json.loads(line) for line in events.read_text().splitlines()]
 
@@ -37,7 +37,7 @@ def test_a_stream_that_begins_under_the_fault_is_warned_of_once(stream, workshop
     (event,) = (line for line in lines if line["said"] == "warning")
     assert warning == f"warning: {event['text']}."
     assert event["run"] == "stream"
-    calibration = load_model(workshop.calibrated).calibration or {}
+    calibration = load_model(workshop.judging(observer)).calibration or {}
     block = (calibration["bank"] if observer == "bank" else calibration)["block_s"]
     held = 1.0 if observer == "bank" else 5.0  # s: 10 samples; 5 / (1 rad/s)
     # as many rows as a block has, 20 at least; two rows of 0.1 s for the ends of either
@@ -59,7 +59,7 @@ def test_a_short_stream_is_told_at_its_end_what_its_file_is(
     short = tmp_path / "short.csv"
     short.write_text("\n".join([header, *rows[320:375]]) + "\n")
     given = ("--observer", observer, "--out", tmp_path / "rows.csv")
-    whole = call("estimate", workshop.calibrated, short, *given)
+    whole = call("estimate", workshop.judging(observer), short, *given)
     said, _ = stream(observer, 320, 375)
     of_file, of_stream = (
         [line.replace("run short", "run stream") for line in each.err.splitlines() if SAID in line]

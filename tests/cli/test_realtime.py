@@ -64,9 +64,9 @@ def without_run(text):
 def test_a_stream_is_answered_as_its_file(pipe, workshop, tmp_path):
     out, events = tmp_path / "e.csv", tmp_path / "events.ndjson"
     eso = ("--observer", "eso")
-    said = pipe("", "estimate", workshop.calibrated, workshop.suspect, "--out", out, "--json", *eso)
+    said = pipe("", "estimate", workshop.limited, workshop.suspect, "--out", out, "--json", *eso)
     text = workshop.suspect.read_text()
-    piped = pipe(text, "estimate", workshop.calibrated, "-", "--events", events, *eso)
+    piped = pipe(text, "estimate", workshop.limited, "-", "--events", events, *eso)
     assert piped.code == 0, piped.err
     assert without_run(piped.out) == without_run(out.read_text())
     alarm, event = ndjson(events.read_text())

@@ -51,7 +51,7 @@ def test_faults_and_what_judges_them_are_taken(call, workshop, tmp_path):
     assert (signals.faults[1].monitor, signals.faults[1].prior_per_hour) == ("passive", 0.5)
     assert (signals.detection.persistence, signals.max_simultaneous) == (0.5, 1)
     assert signals.observation.bandwidth == 2
-    assert (after.calibration or {})["bandwidth"] == 2
+    assert set((after.calibration or {})["bank"]["size"]) == {"leak", "gauge"}
 
     weights, same = tensors(before.plant), tensors(after.plant)
     assert {k: v.tobytes() for k, v in weights.items()} == {k: v.tobytes() for k, v in same.items()}
@@ -66,6 +66,27 @@ def test_faults_and_what_judges_them_are_taken(call, workshop, tmp_path):
     assert {"p_leak", "p_gauge"} <= set(header)
     size = np.array([float(row[header.index("f_leak")]) for row in rows[-50:]])
     assert size == pytest.approx(workshop.leak, abs=0.05)  # 2 mm noise at bandwidths of 1/s
+
+
+def test_what_is_trusted_needs_no_new_fit(call, workshop, tmp_path):
+    out = tmp_path / "m.fgm"
+    text = PLANT.replace("[states.x]", "[states.x]\nexact = true\ntrusted = [-1, 9]")
+    text = text.replace("[inputs.u]", "[inputs.u]\ntrusted = [0, 4]")
+    text = text.replace("[outputs.x]", "[outputs.x]\ntrusted = [0, 5.5]")
+    said = call(
+        "calibrate",
+        workshop.model,
+        workshop.healthy2,
+        "--plant",
+        given(tmp_path, text),
+        "--out",
+        out,
+    )
+    assert said.code == 0, said.err
+    signals, before = load_model(out).plant.signals, load_model(workshop.model).plant.signals
+    assert (signals.states[0].exact, signals.states[0].trusted) == (True, (-1.0, 9.0))
+    assert (signals.inputs[0].trusted, signals.outputs[0].trusted) == ((0.0, 4.0), (0.0, 5.5))
+    assert signals.inputs[0].hold == before.inputs[0].hold
 
 
 def test_the_file_of_the_fit_changes_nothing(call, workshop, tmp_path):
@@ -132,4 +153,4 @@ def test_only_one_object_on_stdout(call, workshop, tmp_path):
     said = call(
         "calibrate", workshop.model, workshop.healthy2, "--plant", plant, "--out", out, "--json"
     )
-    assert json.loads(said.out)["bandwidth"] == 2
+    assert set(json.loads(said.out)["bank"]["size"]) == {"leak", "gauge"}

@@ -34,7 +34,13 @@ enters = "gain"
 target = "u"
 """
 STEP, COUNT, SIGMA = 0.5, 800, 0.02
-NOISE = Noise(np.array([SIGMA]), np.array([1e-3]), np.array([1e-3]))
+NOISE = Noise(
+    *(np.array(each) for each in (
+        [SIGMA], [1e-3], [1e-3],
+        *([1e-4], [100.0], [1e-3], [5.0]),  # next to no error of the model
+        [], [],
+    ))
+)  # fmt: skip
 
 
 def model(text=TANK):
@@ -88,20 +94,24 @@ def test_a_pump_that_is_off_is_named_sized_and_dated(bank):
     assert np.all((found.lo <= found.f + 1e-9) & (found.f <= found.hi + 1e-9))
 
 
-def test_a_bias_that_the_limit_cuts_off_is_not_judged_with_an_interval_as_wide_as_its_prior(bank):
+def test_a_bias_that_the_limit_cuts_off_has_an_interval_as_wide_as_its_prior(bank):
+    """Upwards at the upper limit nothing shows, so nothing is claimed; downwards it would."""
     decision = decide(bank, log(2, pump=0.5, u=2.0))
-    assert set(decision.status) == {"NOT_JUDGED"}
-    assert decision.reason[-1] == "pump would not show: u is at its limit"
-    assert decision.posterior.hi[-1, 0] == pytest.approx(1.96 * bank.levels.size[0], rel=1e-3)
+    assert "FAULT" not in decision.status
     assert decision.events == []
+    assert decision.posterior.hi[-1, 0] == pytest.approx(1.96 * bank.size[0], rel=1e-3)
+    assert decision.posterior.lo[-1, 0] > -0.1
 
 
-def test_a_gain_fault_without_excitation_is_not_judged(bank):
-    """At u = 0 a lost gain takes nothing away; at the limit 0 a bias still shows upwards."""
+def test_a_gain_fault_without_excitation_is_not_judged_alone(bank):
+    """At u = 0 a lost gain takes nothing away; at the limit 0 a bias still shows upwards, and the
+    status speaks of it."""
     decision = decide(bank, log(3, u=0.0))
-    assert decision.status[-1] == "NOT_JUDGED"
-    assert decision.posterior.lo[-1, 1] == pytest.approx(-1.96 * bank.levels.size[1], rel=1e-3)
-    assert decision.posterior.hi[-1, 1] == pytest.approx(1.96 * bank.levels.size[1], rel=1e-3)
+    assert (decision.status[-1], decision.reason[-1]) == (
+        "HEALTHY", "weak would not show: u does not excite it",
+    )  # fmt: skip
+    assert decision.posterior.lo[-1, 1] == pytest.approx(-1.96 * bank.size[1], rel=1e-3)
+    assert decision.posterior.hi[-1, 1] == pytest.approx(1.96 * bank.size[1], rel=1e-3)
 
 
 def test_old_data_are_stale_and_what_was_not_sampled_is_not_judged(bank):

@@ -1,6 +1,7 @@
 """The drift test against SciPy's regression, chance, and plants whose drift is known."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -8,12 +9,14 @@ from scipy.stats import linregress
 
 from faultgauge.detection.calibration import calibrate
 from faultgauge.detection.decisions import decide_runs
-from faultgauge.detection.drift import as_dicts, drifts, sentences, trend
+from faultgauge.detection.drift import as_dicts, bank_drifts, drifts, sentences, trend
 from faultgauge.detection.estimation import estimate
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
 from faultgauge.plants.plant_file import parse_plant
 from faultgauge.telemetry import Run
+
+by_eso = partial(calibrate, observer="eso")
 
 LAG = """
 name = "lag"
@@ -64,7 +67,7 @@ def model():
         "columns": {"states": [["x", 0]], "outputs": ["x"]},
         "data": {"fit": [], "validate": []},
     }
-    return calibrate(
+    return by_eso(
         Model(GrayBoxPlant.untrained(parse_plant(LAG)), record), [run_of(90), run_of(91)]
     ).model
 
@@ -147,7 +150,7 @@ def test_a_drifting_parameter_is_told_from_a_fault():
     calibrated = calibrate(Model(plant, record), [run_of(s, walk) for s in (80, 81)]).model
     run = run_of(7, 0.1 + 0.08 * np.linspace(0, 1, COUNT))
     decisions, bank = decide_runs(calibrated, [run])
-    found = drifts(calibrated, estimate(calibrated, [run])[0], decisions, bank)
+    found = bank_drifts(bank, decisions)
     told = [each for each in found if each.cause == "plant"]
     assert [each.channel for each in told] == ["warm"]
     assert told[0].change == pytest.approx(0.08, rel=0.25)

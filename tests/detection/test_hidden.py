@@ -1,5 +1,7 @@
 """Calibration and estimates where a state is hidden, a parameter varies, or an input acts late."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from scipy.signal import cont2discrete
@@ -13,6 +15,8 @@ from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
 from faultgauge.plants.plant_file import parse_plant
 from faultgauge.telemetry import Run
+
+by_eso = partial(calibrate, observer="eso")
 
 PLANT = """
 name = "two tanks"
@@ -74,7 +78,7 @@ def test_hidden_state_starts_from_the_first_samples():
 
 
 def test_a_leak_beside_a_hidden_state():
-    calibrated = calibrate(model(), [log(1), log(2)]).model
+    calibrated = by_eso(model(), [log(1), log(2)]).model
     (healthy, faulty), bank = estimate(calibrated, [log(3), log(4, leak=-0.3)])
     assert bank.refused == {}
     assert not healthy.events
@@ -96,7 +100,7 @@ def test_what_the_observer_cannot_reach_is_refused():
     far = model(text)
     far.record["columns"]["states"].insert(0, ["", 0])
     far.record["envelope_points"] = np.ones((5, 4)).tolist()
-    for job in (calibrate, estimate):
+    for job in (by_eso, estimate):
         with pytest.raises(InputError, match="fault 'pump'") as refusal:
             job(far, [log(1)])
         assert str(refusal.value).count(". ") == 0
@@ -111,15 +115,15 @@ def test_a_varying_parameter_is_the_runs_own():
     r = residuals(varying, log(0, c=0.6, noise=0.0), "free")["level"]
     assert np.abs(r).max() < 1e-2 * np.std(log(0).columns["level"])
     run = [log(k, c=0.6) for k in (1, 2)]
-    (judged,), _ = estimate(calibrate(varying, run).model, [log(3, c=0.6)])
+    (judged,), _ = estimate(by_eso(varying, run).model, [log(3, c=0.6)])
     assert not judged.events
 
 
 def test_dead_time_on_every_path():
     """A command 0.5 s early and `delay = 0.5` are the same as neither."""
     late = model(PLANT.replace('"zero"', '"zero"\ndelay = 0.5'))
-    plain = calibrate(model(), [log(1), log(2)])
-    told = calibrate(late, [log(1, early=5), log(2, early=5)])
+    plain = by_eso(model(), [log(1), log(2)])
+    told = by_eso(late, [log(1, early=5), log(2, early=5)])
     limits = [f.model.calibration["channels"]["leak"]["limit"] for f in (plain, told)]
     assert limits[1] == pytest.approx(limits[0], rel=0.1)  # five samples fewer
     (early,), _ = estimate(told.model, [log(3, early=5)])

@@ -1,5 +1,7 @@
 """Calibration and judgement against closed forms and arithmetic by hand."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 
@@ -12,6 +14,8 @@ from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model, tensors
 from faultgauge.plants.plant_file import parse_plant
 from faultgauge.telemetry import Run
+
+by_eso = partial(calibrate, observer="eso")
 
 PLANT = """
 name = "integrator"
@@ -87,8 +91,8 @@ def test_the_score_is_the_largest_channel_in_its_own_units():
 
 def test_calibration_changes_nothing_but_the_calibration():
     before = model()
-    found = calibrate(before, [log(1)])
-    again = calibrate(before, [log(1)])
+    found = by_eso(before, [log(1)])
+    again = by_eso(before, [log(1)])
     assert found.model.calibration == again.model.calibration
     assert found.warnings == []
     for name, values in tensors(before.plant).items():
@@ -100,18 +104,18 @@ def test_a_faulty_stretch_of_a_healthy_log_is_left_out():
     x = spoiled.columns["x"].copy()
     x[1500:] += 0.5  # a jump that no healthy block has
     spoiled = Run("spoiled", "spoiled.csv", spoiled.t, {**spoiled.columns, "x": x})
-    found = calibrate(model(), [spoiled])
+    found = by_eso(model(), [spoiled])
     assert any(b.start <= 150.0 <= b.end + 1.0 for b in found.suspects)
     assert "spoiled" in found.warnings[0]
 
 
 def test_too_short_a_log_is_refused():
     with pytest.raises(InputError, match=r"too short|at least 3 blocks"):
-        calibrate(model(), [log(1, samples=60)])
+        by_eso(model(), [log(1, samples=60)])
 
 
 def test_a_step_is_one_event_of_the_right_time_and_size():
-    calibrated = calibrate(model(), [log(1), log(2)]).model
+    calibrated = by_eso(model(), [log(1), log(2)]).model
     (quiet, faulty), _ = estimate(calibrated, [log(3), log(4, fault=0.2)])
     assert quiet.events == []
     (event,) = faulty.events
@@ -127,7 +131,7 @@ def test_a_gap_and_an_empty_cell_are_not_judged():
     x[1000] = np.nan
     t = run.t.copy()
     t[2000:] += 30.0
-    calibrated = calibrate(model(), [log(1)]).model
+    calibrated = by_eso(model(), [log(1)]).model
     (judged,), _ = estimate(calibrated, [Run("r", "r.csv", t, {**run.columns, "x": x})])
     assert judged.reason[1000] == "not sampled"
     settling = "settling after a start or a gap"
@@ -167,7 +171,7 @@ def test_a_passive_fault_is_reported_without_an_alarm_and_a_disabled_one_is_not_
     def judged(state):
         text = PLANT.replace('unit = "m/s"', f'unit = "m/s"\nmonitor = "{state}"')
         plant = GrayBoxPlant.untrained(parse_plant(text))
-        found = calibrate(Model(plant, model().record), [log(1)]).model
+        found = by_eso(Model(plant, model().record), [log(1)]).model
         (judgement,), bank = estimate(found, [log(2, fault=0.05)])
         return judgement, bank
 
@@ -192,8 +196,8 @@ def test_suspect_blocks_that_follow_on_each_other_are_one_stretch():
 def test_a_fault_in_one_run_does_not_lengthen_the_blocks():
     """Correlation time of the usual stretch: with a third run that leaks, the blocks are as long
     as without it."""
-    clean = calibrate(model(), [log(1), log(2)]).model.calibration
-    found = calibrate(model(), [log(1), log(2), log(3, fault=0.6)])
+    clean = by_eso(model(), [log(1), log(2)]).model.calibration
+    found = by_eso(model(), [log(1), log(2), log(3, fault=0.6)])
     assert found.model.calibration["block_s"] == pytest.approx(clean["block_s"], rel=0.3)
     assert found.suspects
     assert {block.run for block in found.suspects} == {"run3"}

@@ -1,5 +1,7 @@
 """A stream is judged as its file is: the same bits, status, reasons and events."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from scipy.signal import cont2discrete
@@ -14,6 +16,8 @@ from faultgauge.plants.model import Model
 from faultgauge.plants.plant_file import parse_plant
 from faultgauge.telemetry import Run
 from faultgauge.telemetry.stream import Sample
+
+by_eso = partial(calibrate, observer="eso")
 
 PLANT = """
 name = "two tanks"
@@ -98,7 +102,7 @@ def streamed(judge, run):
 
 @pytest.fixture(scope="module")
 def calibrated():
-    return calibrate(model(), [log(1), log(2)]).model
+    return by_eso(model(), [log(1), log(2)]).model
 
 
 @pytest.mark.parametrize("reference", ["free", "measured", "observer"])
@@ -135,7 +139,7 @@ def test_whatever_a_stretch_starts_from(change, states, outputs):
     }[change]
     late = 3 if change == "delay" else 0
     healthy = [log(k, outputs=outputs, late=late) for k in (1, 2)]
-    found = calibrate(model(text, states), healthy).model
+    found = by_eso(model(text, states), healthy).model
     run = holed(log(3, leak=-0.3, outputs=outputs, late=late))
     (judged,), _ = estimate(found, [run])
     expected = table([judged], found.plant.signals.fault_names)

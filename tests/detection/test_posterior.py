@@ -1,12 +1,12 @@
-"""Mixture quantiles against SciPy, the noise against the truth, sd(n) against least squares."""
+"""Mixture quantiles against SciPy, and a model that holds no noise."""
 
 import numpy as np
 import pytest
 from scipy.optimize import brentq
 from scipy.stats import norm
 
-from faultgauge.detection.levels import levels_of
-from faultgauge.detection.noise import Noise, estimate_noise, noise_of
+from faultgauge.detection.noise import noise_of
+from faultgauge.detection.noise_estimation import estimate_noise
 from faultgauge.detection.posterior import mixture_quantiles
 from faultgauge.errors import InputError
 from faultgauge.plants.gray_box import GrayBoxPlant
@@ -89,46 +89,8 @@ def test_quantiles_of_the_mixture_are_scipys(weights, means, sds):
         assert found == pytest.approx(quantile(weights, means, sds, level), abs=1e-6)
 
 
-def test_noise_is_found_where_it_is_known():
-    """4000 samples tell sigma to about 1/sqrt(2 * 4000) = 1 %, the state's noise three times less
-    well, since it is half hidden behind the sensor's."""
-    runs = [healthy(1), healthy(2)]
-    found = estimate_noise(model(), runs)
-    assert found.sigma[0] == pytest.approx(SIGMA, rel=0.05)
-    assert found.process[0] == pytest.approx(PROCESS, rel=0.15)
-    block = {"noise": found.as_dict(model())}
-    again = noise_of(model().with_calibration(block))
-    assert all(np.array_equal(a, b) for a, b in zip(again, found, strict=True))
-
-
 def test_a_model_without_noise_is_refused():
     with pytest.raises(InputError, match="faultgauge calibrate"):
         noise_of(model())
     with pytest.raises(InputError, match="at least 100 samples"):
         estimate_noise(model(), [healthy(1, 60)])
-
-
-def test_what_a_fault_leaves_after_n_samples_is_least_squares():
-    """With hardly any noise of the state, a push that began n samples ago has moved x by
-    f (1 - exp(-a h k)) / a at sample k: sd(n) = sigma / sqrt(sum of its squares)."""
-    noise = Noise(np.array([SIGMA]), np.array([1e-7]), np.zeros(0))
-    known = levels_of(model(), noise, STEP, ("x",))[1]
-    moved = (1 - np.exp(-A * STEP * np.arange(1, 1001))) / A
-    for n in (1, 10, 100):
-        wanted = SIGMA / np.sqrt(np.sum(moved[:n] ** 2))
-        assert known[n - 1, 0] == pytest.approx(wanted, rel=1e-3)  # RK4 at h a = 0.1; process
-        assert known[n - 1, 1] == pytest.approx(SIGMA / np.sqrt(n), rel=1e-3)
-
-
-def test_keys_of_the_plant_file_and_what_stands_in_for_them():
-    noise = Noise(np.array([SIGMA]), np.array([1e-7]), np.zeros(0))
-    levels, known = levels_of(model(), noise, STEP, ("x",))
-    assert levels.onset == pytest.approx([1e-7 / STEP, 3.6 / 3600])
-    assert levels.size[1] == 0.25  # half of max, less than a quarter of x's range
-    # push: a quarter of the range of d(x) over the envelope
-    points = np.asarray(model().record["envelope_points"])
-    assert levels.size[0] == pytest.approx(np.ptp(points[:, 1] - 0.2 * points[:, 0]) / 4)
-    # rate T = sd(T) = sigma / sqrt(T / h)  at  T = (sigma^2 h / rate^2)^(1/3), to the next sample
-    T = np.ceil((SIGMA**2 * STEP / 0.01**2) ** (1 / 3) / STEP) * STEP
-    assert levels.walk[1] == pytest.approx(0.01 * np.sqrt(T), rel=0.05)
-    assert levels.walk[0] == pytest.approx(known[-1, 0] / np.sqrt(1000 * STEP))

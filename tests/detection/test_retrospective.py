@@ -1,7 +1,6 @@
 """Change-point smoothing: against the dense algebra of a Gaussian record, and on a tank."""
 
 import json
-from dataclasses import replace
 
 import jax.numpy as jnp
 import numpy as np
@@ -12,8 +11,9 @@ from faultgauge.detection.bank import build_fault_bank
 from faultgauge.detection.decisions import decide
 from faultgauge.detection.noise import Noise
 from faultgauge.detection.retrospective import as_dicts, retrospect, sentences
-from faultgauge.detection.shocks import Record, Sizes, shocks
-from faultgauge.observers.sigma_point import Belief, Hypothesis
+from faultgauge.detection.shocks import Record, shocks
+from faultgauge.observers import divided_difference as dd
+from faultgauge.plants.disturbed import Disturbed, Error
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
 from faultgauge.plants.plant_file import parse_plant
@@ -66,28 +66,30 @@ def dense():
 @pytest.fixture(scope="module")
 def record():
     rng = np.random.default_rng(0)
-    y = rng.standard_normal(COUNT) + np.where(np.arange(COUNT) >= 11, 1.0, 0.0)
+    # no sample is so far off that it would count as an outlier
+    y = 0.4 * rng.standard_normal(COUNT) + np.where(np.arange(COUNT) >= 11, 0.4, 0.0)
     y[MISSING] = np.nan
     return y
 
 
+def lane(text, process):
+    base = GrayBoxPlant.untrained(parse_plant(text))
+    nothing = Error(*[jnp.zeros(0)] * 3)
+    plant = Disturbed.of(base, (), (), nothing, (), jnp.zeros(0), jnp.zeros((0, 0)))
+    noise = dd.Noise(jnp.array([process]), jnp.zeros(3), jnp.array([SIGMA]))
+    filter = dd.DividedDifferenceFilter(plant, jnp.ones(1), jnp.full(3, SIZE), (), 1)
+    return filter, noise
+
+
 def found(y, f=None):
-    plant = GrayBoxPlant.untrained(parse_plant(LAG))
-    noise = Hypothesis(
-        jnp.zeros((3, 1)), jnp.array([PROCESS]), jnp.array([0.0]), jnp.array([SIGMA])
-    )
+    filter, noise = lane(LAG, PROCESS)
     dt = np.full(COUNT, STEP)
     dt[0] = 0.0
     f = np.zeros((COUNT, 3)) if f is None else f
     arrays = (np.zeros((COUNT, 1)), y[:, None], dt, f, np.zeros((COUNT, 3)))
+    record = Record(*(jnp.asarray(a) for a in arrays))
     return shocks(
-        plant,
-        noise,
-        Belief(jnp.zeros(1), jnp.array([[START]])),
-        Record(*(jnp.asarray(a) for a in arrays)),
-        Sizes(jnp.array([SIZE]), jnp.array([JUMP])),
-        (),
-        1,
+        filter, noise, filter.begin(jnp.zeros(1), jnp.array([START])), record, jnp.array([JUMP])
     )
 
 
@@ -97,29 +99,26 @@ def test_score_and_information_of_every_onset_are_those_of_the_dense_record(reco
     y, R = record[seen], R[np.ix_(seen, seen)]
     answer = found(record)
     for column, effect in enumerate((bias[seen], leak[seen])):
-        # forty Kalman steps against one solve: rounding
+        # forty Kalman steps against one solve, and slopes by differences: rounding
         np.testing.assert_allclose(
-            answer.score[:, column], effect.T @ np.linalg.solve(R, y), rtol=1e-9, atol=1e-9
+            answer.score[:, column], effect.T @ np.linalg.solve(R, y), rtol=1e-6, atol=1e-7
         )
         information = np.diagonal(effect.T @ np.linalg.solve(R, effect))
-        np.testing.assert_allclose(answer.information[:, column], information, rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(answer.information[:, column], information, rtol=1e-6, atol=1e-7)
     expected = multivariate_normal(np.zeros(len(y)), R).logpdf(y)
-    assert float(answer.base) == pytest.approx(expected, rel=1e-10)
+    assert float(answer.base) == pytest.approx(expected, rel=1e-7)
 
 
-def test_undeclared_drives_and_jumps_gain_the_likelihood_of_the_dense_record(record):
-    _, R, _, leak, jump = dense()
+def test_an_unknown_shock_gains_the_likelihood_of_the_dense_record(record):
+    _, R, _, _, jump = dense()
     seen = np.isfinite(record)
-    y, R, leak, jump = record[seen], R[np.ix_(seen, seen)], leak[seen], jump[seen]
+    y, R, jump = record[seen], R[np.ix_(seen, seen)], jump[seen]
     answer = found(record)
     healthy = multivariate_normal(np.zeros(len(y)), R).logpdf(y)
     for onset in (0, 5, 11, 20):
-        driven = R + SIZE**2 * np.outer(leak[:, onset], leak[:, onset])
-        jumped = driven + JUMP**2 * np.outer(jump[:, onset], jump[:, onset])
-        gains = [
-            multivariate_normal(np.zeros(len(y)), S).logpdf(y) - healthy for S in (driven, jumped)
-        ]
-        np.testing.assert_allclose(answer.unknown[onset], gains, rtol=1e-8, atol=1e-9)
+        jumped = R + JUMP**2 * np.outer(jump[:, onset], jump[:, onset])
+        gain = multivariate_normal(np.zeros(len(y)), jumped).logpdf(y) - healthy
+        np.testing.assert_allclose(answer.unknown[onset], gain, rtol=1e-6, atol=1e-7)
 
 
 def test_on_a_linear_plant_it_does_not_matter_where_it_is_linearised(record):
@@ -128,9 +127,9 @@ def test_on_a_linear_plant_it_does_not_matter_where_it_is_linearised(record):
     plain, around = found(record), found(record, told)
     for name in ("score", "information", "unknown", "base"):
         np.testing.assert_allclose(
-            getattr(around, name), getattr(plain, name), rtol=1e-9, atol=1e-9
+            getattr(around, name), getattr(plain, name), rtol=1e-6, atol=1e-7
         )
-    np.testing.assert_allclose(around.white + around.fit, plain.white, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(around.white + around.fit, plain.white, rtol=1e-6, atol=1e-7)
 
 
 def test_a_mean_that_changes_in_known_noise_is_the_textbook_one():
@@ -138,24 +137,15 @@ def test_a_mean_that_changes_in_known_noise_is_the_textbook_one():
     the mean of what follows, its information the number of samples over SIGMA^2."""
     rng = np.random.default_rng(1)
     y = SIGMA * rng.standard_normal(COUNT) + np.where(np.arange(COUNT) >= 10, 1.0, 0.0)
-    plant = GrayBoxPlant.untrained(parse_plant(LAG.replace("u - 0.5*x", "u")))
-    zero = jnp.zeros(1)
-    noise = Hypothesis(jnp.zeros((3, 1)), zero, zero, jnp.array([SIGMA]))
-    dt = np.full(COUNT, STEP)
-    arrays = (np.zeros((COUNT, 1)), y[:, None], dt, *np.zeros((2, COUNT, 3)))
-    answer = shocks(
-        plant,
-        noise,
-        Belief(zero, jnp.zeros((1, 1))),
-        Record(*(jnp.asarray(a) for a in arrays)),
-        Sizes(jnp.array([SIZE]), jnp.array([JUMP])),
-        (),
-        1,
-    )
+    filter, noise = lane(LAG.replace("u - 0.5*x", "u"), 0.0)
+    arrays = (np.zeros((COUNT, 1)), y[:, None], np.full(COUNT, STEP), *np.zeros((2, COUNT, 3)))
+    record = Record(*(jnp.asarray(a) for a in arrays))
+    begin = filter.begin(jnp.zeros(1), jnp.zeros(1))
+    answer = shocks(filter, noise, begin, record, jnp.array([JUMP]))
     left = COUNT - np.arange(COUNT)
     means = np.cumsum(y[::-1])[::-1] / left
-    np.testing.assert_allclose(answer.information[:, 0], left / SIGMA**2, rtol=1e-12)
-    np.testing.assert_allclose(answer.score[:, 0] / answer.information[:, 0], means, rtol=1e-9)
+    np.testing.assert_allclose(answer.information[:, 0], left / SIGMA**2, rtol=1e-7)
+    np.testing.assert_allclose(answer.score[:, 0] / answer.information[:, 0], means, rtol=1e-6)
 
 
 TANK = """
@@ -192,7 +182,8 @@ def bank():
         "data": {"fit": [], "validate": []},
     }
     model = Model(GrayBoxPlant.untrained(parse_plant(TANK)), record)
-    noise = Noise(np.array([NOISE]), np.array([1e-3]), np.array([1e-4]))
+    levels = [NOISE], [1e-3], [1e-4], [1e-4], [100.0], [1e-3], [5.0], [], []
+    noise = Noise(*(np.array(each) for each in levels))  # next to no error of the model
     return build_fault_bank(model, [log(0)], noise)
 
 
@@ -312,25 +303,6 @@ def test_sentence_json_and_report_say_the_same(bank, biased):
     page = render(decision_report(bank, [decision], seen))
     assert "With the whole log in hand" in page
     assert "Onset of pump" in page
-
-
-def test_the_models_own_error_widens_the_size_and_hides_what_lies_within_it(bank, biased):
-    """An error of 0.03 adds to the variance; 1.96 * 0.06 exceeds a push of 0.1."""
-    decision, (plain,) = biased
-    k = bank.sets.index((0,))
-
-    def wrong(by):
-        error = bank.error.copy()
-        error[k, 0] = by
-        return replace(bank, error=error)
-
-    (seen,) = retrospect(wrong(0.03), decision)
-    noise = (plain.hi - plain.lo) / 2 / 1.96
-    assert (seen.hi - seen.lo) / 2 == pytest.approx(1.96 * np.hypot(noise, 0.03), rel=0.05)
-    assert seen.size == pytest.approx(plain.size, abs=1e-6)
-    (quiet,) = retrospect(wrong(0.06), decision)
-    assert quiet.cause == "healthy"
-    assert quiet.least["pump"] == pytest.approx(1.959964 * 0.06, rel=1e-6)
 
 
 def test_the_size_given_an_onset_is_its_part_of_the_mixture(biased):

@@ -5,6 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.integrate import odeint
 from scipy.linalg import solve_discrete_are
 
 from faultgauge.errors import InputError
@@ -176,3 +177,19 @@ def test_faults_that_look_alike_are_refused_by_name():
 def test_a_fault_that_shows_nowhere_is_refused_by_name():
     with pytest.raises(InputError, match="'loss' moves none of the measured outputs"):
         build(TWO, [SIGMA, SIGMA], u=0.0)
+
+
+@pytest.mark.parametrize("jump", [0.6, -0.3])
+def test_a_share_of_a_parameter_is_read_as_such(jump):
+    """x' = u - (1 + f) c x in SciPy, c = 0.4; noise-free, so the estimate settles on f."""
+    text = INTEGRATOR.replace('"u"', '"u - c*h"', 1).split("[faults.push]")[0]
+    text += "[parameters]\nc = { value = 0.4 }\n"
+    text += '[faults.drag]\nenters = "parameter"\ntarget = "c"\nrelative = true\n'
+    plant = GrayBoxPlant.untrained(parse_plant(text))
+    x = np.linspace(1.0, 3.0, 50)[:, None]
+    observer = design_joint(plant, OperatingPoints(x, x), DT, BANDWIDTH, np.array([SIGMA]), DT)
+    t, u = np.arange(600) * DT, np.ones((600, 1))
+    y = odeint(lambda h, _: 1 - (1 + jump) * 0.4 * h, 0.0, t, rtol=1e-10, atol=1e-12)
+    _, info = run(observer, u, y)
+    # 60 s are 30 time constants of the observer; RK4 steps of 0.1 s err by 1e-8
+    np.testing.assert_allclose(info.f[-1], [jump], atol=1e-4)

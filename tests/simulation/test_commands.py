@@ -62,6 +62,12 @@ def commands():
             Constant(0.4, 3.0),
         ),
         (
+            "inject hm gain 0.4",
+            {"name": "hm", "kind": "gain", "size": 0.4},
+            ("hm_gain", "output_gain", "hm", "add"),
+            Constant(0.4, 3.0),
+        ),
+        (
             "inject hm stuck 7",
             {"name": "hm", "kind": "stuck", "size": 7},
             ("hm_stuck", "output", "hm", "stuck"),
@@ -121,7 +127,8 @@ def test_clear_and_stop(commands):
         ("inject friction 1 ramp -1", "ramp = -1.0: should be greater than 0"),
         ("inject friction gain 0.1", "is no gain loss; write `inject INPUT gain SIZE`"),
         ("inject u 0.1", "write one of bias, gain, stuck, dropout"),
-        ("inject hm gain 0.1", "unknown input 'hm'"),
+        ("inject h gain 0.1", "unknown input or output 'h'"),
+        ("inject state h gain 0.1", "a state has no gain to lose; name an input or an output"),
         ("inject output u bias 0.1", "unknown output 'u'"),
         ("inject u dropout 1", "neither size nor ramp"),
         ("inject u stuck 1 ramp 2", "has no ramp"),

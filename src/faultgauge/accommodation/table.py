@@ -149,12 +149,12 @@ class _Builder:
         return float(found)
 
     def estimator(self, model: GrayBoxPlant, bandwidth: float) -> Estimator:
-        """An ESO for one additive fault, the joint observer for several or a loss of gain."""
+        """An ESO for one additive fault, the joint observer for several or one that multiplies."""
         step, faults = self.scenario.step, model.signals.faults
         rate = fastest_rate(model, self.points.x, self.points.u)
         longest = RATE_STEP / rate if rate > 0 else step
         chosen = model.signals.observation.outputs or model.signals.output_names
-        if len(faults) == 1 and faults[0].enters != "gain":
+        if len(faults) == 1 and faults[0].enters in ("state", "input", "output"):
             design = design_eso(
                 model, faults[0].name, self.points, step, bandwidth, chosen, longest
             )

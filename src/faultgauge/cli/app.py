@@ -18,6 +18,7 @@ from faultgauge.cli.estimate import estimate
 from faultgauge.cli.evaluate import evaluate
 from faultgauge.cli.fit import fit
 from faultgauge.cli.inspect import inspect
+from faultgauge.cli.rehearse import rehearse
 from faultgauge.cli.reproduce import reproduce
 from faultgauge.cli.simulate import simulate
 from faultgauge.errors import InputError
@@ -44,6 +45,7 @@ COMMANDS = (
     evaluate,
     calibrate,
     estimate,
+    rehearse,
     simulate,
     reproduce,
     benchmark,

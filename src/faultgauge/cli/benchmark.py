@@ -1,5 +1,6 @@
 """`faultgauge benchmark`"""
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -14,7 +15,8 @@ def benchmark(
         str,
         typer.Argument(
             metavar="NAME",
-            help="emps, cascaded_tanks, silverbox, wiener_hammerstein_2009 or quarter_drone.",
+            help="emps, cascaded_tanks, silverbox, wiener_hammerstein_2009 or quarter_drone: free "
+            "runs. crazypad or skab: decisions on real faults.",
         ),
     ],
     seeds: Annotated[
@@ -25,9 +27,13 @@ def benchmark(
 ) -> None:
     """Fit a public benchmark and score it beside published results and a peer."""
     from faultgauge.cli.writing import check_folder
+    from faultgauge.studies.published.benchmark import FAULTED
     from faultgauge.studies.published.benchmark import benchmark as find
 
     check_folder(report)
+    if name in FAULTED:
+        _decisions(name, seeds, report, json)
+        return
     chosen = find(name)
     from faultgauge.studies.published.report import benchmark_report, score_rows
     from faultgauge.studies.published.run import as_dict, measure
@@ -46,6 +52,26 @@ def benchmark(
     peer = found.peers["jax_sysid"]
     if isinstance(peer, str):
         options.say(f"jax-sysid: {peer}")
+    if report is not None:
+        options.say(f"wrote {report}")
+
+
+def _decisions(name: str, seeds: int, report: Path | None, json: bool) -> None:
+    """A benchmark of decisions."""
+    from faultgauge.studies.published.faulted import MEASURES, faulted_report
+
+    with options.narrate("starting") as progress:
+        outcome = MEASURES[name](range(seeds), progress)
+    if report is not None:
+        from faultgauge.reporting.report import write
+
+        write(faulted_report(name, outcome), report)
+    if json:
+        options.print_json(outcome.as_dict())
+        return
+    _show(*outcome.table())
+    for note in outcome.notes:
+        options.say(note)
     if report is not None:
         options.say(f"wrote {report}")
 

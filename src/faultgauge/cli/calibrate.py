@@ -1,8 +1,7 @@
 """`faultgauge calibrate`"""
 
-import math
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -33,17 +32,24 @@ def calibrate(
             "[default: as they were at the fit].",
         ),
     ] = None,
+    observer: Annotated[
+        str,
+        typer.Option(
+            "--observer",
+            help="bank: noise, model error and alarm level; eso: a limit for its estimates.",
+        ),
+    ] = "bank",
     time: options.Time = None,
     map: options.Map = None,
     where: options.Where = None,
+    resample: options.Resample = None,
     report: options.ReportFile = None,
     json: options.Json = False,
 ) -> None:
     """Find the alarm limit on healthy logs and add it to the model."""
     from faultgauge.cli.writing import check_folder
-    from faultgauge.detection import drift
     from faultgauge.detection.calibration import calibrate as find_limit
-    from faultgauge.detection.estimation import estimate
+    from faultgauge.detection.calibration_words import summary
     from faultgauge.plants.model import load_model, save_model
 
     check_folder(out, report)
@@ -53,51 +59,23 @@ def calibrate(
 
         fitted = with_settings(fitted, plant)
         options.warn(fitted.plant.spec.warnings)
-    runs = options.read_logs(fitted.plant.signals, logs, time, map, where)
+    runs, odd = options.read_logs_for(fitted, logs, time, map, where, resample)
     with options.narrate("calibrating") as progress:
-        found = find_limit(fitted, runs, mtbfa=mtbfa, progress=progress)
-        progress("testing for drift")
-        drifting = drift.drifts(found.model, estimate(found.model, runs)[0])
+        found = find_limit(fitted, runs, mtbfa=mtbfa, observer=observer, progress=progress)
     save_model(found.model, out or model)
     options.warn(found.warnings)
     if report is not None:
         from faultgauge.reporting.chapters import calibration_report
-        from faultgauge.reporting.report import with_sentences, write
+        from faultgauge.reporting.report import write
 
-        write(with_sentences(calibration_report(found), drift.sentences(drifting)), report)
+        write(calibration_report(found, runs), report)
     block = found.model.calibration or {}
     if json:
-        warned = {"drift": drift.as_dicts(drifting), "warnings": found.warnings}
+        warned = {"warnings": [*odd, *found.warnings]}
         options.print_json({"model": str(out or model), **block, **warned})
         return
-    units = {fault.name: fault.unit for fault in fitted.plant.signals.faults}
-    for name, channel in block["channels"].items():
-        print(f"{name}: limit {channel['limit']:.4g} {units.get(name, '')}".rstrip())
-    print(
-        f"from {block['blocks']} healthy blocks ({block['judged_s']:.4g} s): false alarms at most "
-        f"once in {block['mtbfa_s']:.4g} s (95 % confidence)"
-    )
-    for line in (*_bank_lines(block.get("bank"), units), *drift.sentences(drifting)):
+    for line in summary(found.model):
         print(line)
     options.say(
         f"wrote {out or model}; next: faultgauge estimate {out or model} LOG --out FILE.csv"
     )
-
-
-def _bank_lines(bank: dict[str, Any] | None, units: dict[str, str]) -> list[str]:
-    """What calibration found for the bank, in words."""
-    if bank is None:
-        return []
-    errors = [
-        f"{name} {bank['error'][name][0]:.2g} {unit}".rstrip()
-        for name, unit in units.items()
-        if name in bank["error"]
-    ]
-    alarms = bank["alarms"]
-    told = f"{alarms} alarm{'' if alarms == 1 else 's'}" if alarms else "no alarm"
-    return [
-        f"bank: alarm at odds of {math.exp(bank['level']):.3g} to 1; {told} in {bank['blocks']} "
-        f"healthy blocks ({bank['judged_s']:.4g} s) proves only that false alarms come at most "
-        f"once in {bank['mtbfa_s']:.4g} s (95 % confidence)",
-        f"bank: the model's own error, in its intervals: {', '.join(errors)}",
-    ]

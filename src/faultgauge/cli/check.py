@@ -24,6 +24,7 @@ def check(
     time: options.Time = None,
     map: options.Map = None,
     where: options.Where = None,
+    resample: options.Resample = None,
     report: options.ReportFile = None,
     json: options.Json = False,
 ) -> None:
@@ -40,12 +41,13 @@ def check(
     folder = make_folder(out) if out is not None else None
     if plant is None:
         body = checkup.black_box(
-            read_telemetry([healthy], time=time, maps=map or (), where=where), "log"
+            read_telemetry([healthy], time=time, maps=map or (), where=where, resample=resample),
+            "log",
         )
     else:
         body = load_plant(plant)
-    good = options.read_logs(body.signals, [healthy], time, map, where, fitting=True)
-    doubtful = options.read_logs(body.signals, [suspect], time, map, where)
+    good = options.read_logs(body.spec, [healthy], time, map, where, resample, fitting=True)
+    doubtful = options.read_logs(body.spec, [suspect], time, map, where, resample)
     check_same_units([*good, *doubtful], map or ())
     with options.narrate("checking") as progress:
         found = checkup.check(body, good, doubtful, seed=seed, progress=progress)

@@ -55,6 +55,7 @@ def estimate(
     time: options.Time = None,
     map: options.Map = None,
     where: options.Where = None,
+    resample: options.Resample = None,
     report: options.ReportFile = None,
     stream: Annotated[
         options.RowFormat | None,
@@ -82,6 +83,7 @@ def estimate(
                 "more than one log": len(logs) > 1,
                 "--out": out is not None,
                 "--where": where is not None,
+                "--resample": resample is not None,
                 "--report": report is not None,
                 "--json": json,
                 "--smooth": smooth,
@@ -110,12 +112,12 @@ def estimate(
     check_writable(out)
     check_folder(out, report)
     fitted = load_model(model)
-    runs = options.read_logs(fitted.plant.signals, logs, time, map, where)
+    runs, warned = options.read_logs_for(fitted, logs, time, map, where, resample)
     if observer == "bank":
         folder = None if evidence is None else make_folder(evidence)
-        _decide(fitted, runs, reference, out, report, smooth, folder, json)
+        _decide(fitted, runs, reference, out, report, smooth, folder, json, warned)
         return
-    _estimate(fitted, runs, observer, reference, out, report, json)
+    _estimate(fitted, runs, observer, reference, out, report, json, warned)
 
 
 def _refuse_beside_a_stream(given: dict[str, bool]) -> None:
@@ -134,6 +136,7 @@ def _estimate(
     out: Path,
     report: Path | None,
     json: bool,
+    warned: list[str],
 ) -> None:
     """An estimate for every fault, each by an observer of its own, under one limit."""
     from faultgauge.detection import drift, estimation, misfit
@@ -154,7 +157,8 @@ def _estimate(
     found = [event for judgement in judgements for event in judgement.events]
     if json:
         said = {"answer": estimation.sentences(model, found), "drift": drift.as_dicts(drifting)}
-        options.print_json({"events": estimation.as_dicts(found), **said, "warnings": odd})
+        said |= {"warnings": [*warned, *odd]}
+        options.print_json({"events": estimation.as_dicts(found), **said})
         return
     for line in [*estimation.sentences(model, found), *slow]:
         print(line)
@@ -170,24 +174,25 @@ def _decide(
     smooth: bool,
     folder: Path | None,
     json: bool,
+    warned: list[str],
 ) -> None:
     """By the bank: probabilities, intervals, a status and events; `smooth`: and what
     the whole log tells; `folder`: for the events' evidence."""
     from faultgauge.cli.evidence import write_evidence
-    from faultgauge.detection import answer, decisions, drift, estimation, misfit, retrospective
+    from faultgauge.detection import answer, decisions, drift, misfit, retrospective
     from faultgauge.detection.evidence import MOST_SHOWN, evidence
     from faultgauge.telemetry.writing import write_table
 
     with options.narrate("estimating"):
         decided, bank = decisions.decide_runs(model, runs, reference)
         if bank is None:
-            _undecided(model, decided, out, report, smooth, json)
+            _undecided(model, decided, out, report, smooth, json, warned)
             return
         judged = decided if smooth else []
         seen = [each for one in judged for each in retrospective.retrospect(bank, one)]
         told = [(one, event) for one in decided for event in one.events]
         most = None if folder else MOST_SHOWN if report else 0
-        drifting = drift.drifts(model, estimation.estimate(model, runs)[0], decided, bank)
+        drifting = drift.bank_drifts(bank, decided)
         slow = drift.sentences(drifting)
         windows = [evidence(bank, one, event) for one, event in told[:most]]
     write_table(decisions.table(decided, model.plant.signals.fault_names), out)
@@ -205,7 +210,7 @@ def _decide(
         for event, path in zip(events, paths, strict=False):
             event["evidence"] = path
         more = {"retrospective": retrospective.as_dicts(seen)} if smooth else {}
-        more |= {"drift": drift.as_dicts(drifting), "warnings": odd}
+        more |= {"drift": drift.as_dicts(drifting), "warnings": [*warned, *odd]}
         options.print_json({"answer": sentences, "events": events, **more})
         return
     hindsight = retrospective.sentences(bank, seen) if smooth else []
@@ -221,6 +226,7 @@ def _undecided(
     report: Path | None,
     smooth: bool,
     json: bool,
+    warned: list[str],
 ) -> None:
     """A model that was not calibrated for the bank: rows and a sentence that say so."""
     from faultgauge.detection.decisions import table
@@ -237,7 +243,7 @@ def _undecided(
     if json:
         more = {"retrospective": []} if smooth else {}
         options.print_json(
-            {"answer": [sentence], "events": [], **more, "drift": [], "warnings": []}
+            {"answer": [sentence], "events": [], **more, "drift": [], "warnings": warned}
         )
         return
     print(sentence)

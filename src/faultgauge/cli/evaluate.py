@@ -20,6 +20,7 @@ def evaluate(
     time: options.Time = None,
     map: options.Map = None,
     where: options.Where = None,
+    resample: options.Resample = None,
     report: options.ReportFile = None,
     json: options.Json = False,
 ) -> None:
@@ -31,13 +32,14 @@ def evaluate(
 
     check_folder(report)
     fitted = load_model(model)
-    runs = options.read_logs(fitted.plant.signals, logs, time, map, where)
+    runs, odd = options.read_logs_for(fitted, logs, time, map, where, resample)
     with options.narrate("simulating"):
         found, predictions = score(fitted.plant, runs, fitted.max_step, warmup)
         if fitted.members:
             plants = [fitted.plant, *fitted.members]
             found["ensemble"] = evaluate_ensemble(plants, runs, fitted.max_step, warmup)
     options.warn(found["warnings"])
+    found["warnings"] = [*odd, *found["warnings"]]
     if report is not None:
         from faultgauge.reporting.chapters import evaluation_report
         from faultgauge.reporting.report import write

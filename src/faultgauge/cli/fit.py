@@ -57,6 +57,7 @@ def fit(
     time: options.Time = None,
     map: options.Map = None,
     where: options.Where = None,
+    resample: options.Resample = None,
     report: options.ReportFile = None,
     json: options.Json = False,
 ) -> None:
@@ -67,8 +68,9 @@ def fit(
 
     check_folder(out, report)
     untrained = load_plant(plant)
-    runs = options.read_logs(untrained.signals, logs, time, map, where, fitting=True)
-    held = options.read_logs(untrained.signals, validate, time, map, where) if validate else []
+    spec = untrained.spec
+    runs = options.read_logs(spec, logs, time, map, where, resample, fitting=True)
+    held = options.read_logs(spec, validate, time, map, where, resample) if validate else []
     check_same_units([*runs, *held], map or ())
     if not despite_alarms:
         from faultgauge.detection.alarmed import refuse_alarms

@@ -37,7 +37,7 @@ def answer(
     if view and not sys.stderr.isatty():
         raise InputError("--view draws on standard error, which is no terminal here; leave it out.")
     check_folder(events)
-    from faultgauge.detection.estimation import sentences
+    from faultgauge.detection import estimation
     from faultgauge.detection.online import Online
     from faultgauge.detection.uncalibrated import uncalibrated, unjudged_sentence
     from faultgauge.identification.samples import column_names
@@ -56,8 +56,8 @@ def answer(
         speaker = _Speaker(fitted, observer, form, lines, shown)
         if observer == "bank" and uncalibrated(fitted):
             options.say(unjudged_sentence(fitted))
-        elif fitted.calibration is None:
-            options.say(sentences(fitted, [])[0])
+        elif observer != "bank" and estimation.limits_in(fitted) is None:
+            options.say(estimation.sentences(fitted, [])[0])
         for sample in samples:
             speaker.say(online.push(sample))
         speaker.say(online.finish())

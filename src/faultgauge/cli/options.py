@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 if TYPE_CHECKING:
-    from faultgauge.plants.signals import Signals
+    from faultgauge.plants.model import Model
+    from faultgauge.plants.plant_file import PlantSpec
     from faultgauge.telemetry import Run
 
 __all__ = [
@@ -20,6 +21,7 @@ __all__ = [
     "Logs",
     "Map",
     "ReportFile",
+    "Resample",
     "RowFormat",
     "Time",
     "Where",
@@ -27,6 +29,7 @@ __all__ = [
     "prepare",
     "print_json",
     "read_logs",
+    "read_logs_for",
     "say",
     "warn",
 ]
@@ -47,6 +50,14 @@ Where = Annotated[
         "--where",
         metavar="CONDITION",
         help="Keep the rows that meet it, as in --where 'mode == 3 and abs(u) < 5'.",
+    ),
+]
+Resample = Annotated[
+    float | None,
+    typer.Option(
+        "--resample",
+        metavar="RATE",
+        help="Bring the logs to RATE (Hz), anti-aliased [default: the model's, where it has one].",
     ),
 ]
 ReportFile = Annotated[
@@ -79,21 +90,24 @@ def prepare() -> None:
 
 
 def read_logs(
-    signals: "Signals",
+    spec: "PlantSpec",
     paths: Sequence[Path],
     time: str | None,
     maps: Iterable[str] | None,
     where: str | None,
+    resample: float | None,
     *,
     fitting: bool = False,
+    slower: Literal["refuse", "keep"] = "refuse",
 ) -> list["Run"]:
-    """The runs in `paths` with the columns that a plant with these `signals` reads; `fitting`,
-    with its instruments too."""
-    from faultgauge.identification.samples import column_names
+    """The runs in `paths` with the columns that a plant reads, at the rate `resample` (Hz);
+    `fitting`, with its instruments too."""
+    from faultgauge.identification.samples import column_names, jumping
     from faultgauge.telemetry import read_telemetry
 
+    signals = spec.signals
     required, optional = column_names(signals)
-    return read_telemetry(
+    runs = read_telemetry(
         list(paths),
         time=time,
         maps=maps or (),
@@ -102,7 +116,40 @@ def read_logs(
         held=[each.name for each in signals.inputs if each.hold == "zero"],
         where=where,
         units=signals.units,
+        resample=resample,
+        averaged=jumping(spec),
+        slower=slower,
     )
+    for note in dict.fromkeys(note for run in runs for note in run.notes):
+        say(f"note: {note}")
+    return runs
+
+
+def read_logs_for(
+    model: "Model",
+    paths: Sequence[Path],
+    time: str | None,
+    maps: Iterable[str] | None,
+    where: str | None,
+    resample: float | None,
+) -> tuple[list["Run"], list[str]]:
+    """The runs in `paths` for a fitted `model`: at its own rate, where it has one and they are
+    faster; and warnings about their time, which are said at once."""
+    from faultgauge.errors import InputError
+    from faultgauge.telemetry.other_clock import other_clock
+
+    own = model.resample
+    if own is not None and resample not in (None, own):
+        raise InputError(
+            f"--resample {resample:g}: the model was fitted at {own:g} Hz, which faster logs are "
+            "brought to anyway; leave the option out."
+        )
+    slower = "refuse" if own is None else "keep"
+    rate = resample if own is None else own
+    runs = read_logs(model.plant.spec, paths, time, maps, where, rate, slower=slower)
+    odd = other_clock(model, runs, time, maps)
+    warn(odd)
+    return runs, odd
 
 
 def print_json(content: dict[str, Any]) -> None:

@@ -28,7 +28,7 @@ class View:
         signals = model.plant.signals
         self.units = {f"r_{each.name}": each.unit for each in signals.outputs}
         self.units |= {f"f_{each.name}": each.unit for each in signals.faults}
-        known = (model.calibration or {"channels": {}})["channels"]
+        known = (model.calibration or {}).get("channels", {})
         self.by_bank = observer == "bank"
         self.limits = {f"f_{name}": channel["limit"] for name, channel in known.items()}
         self.traces: dict[str, deque[float | None]] = {}

@@ -7,7 +7,7 @@ from typing import TypeAlias
 import numpy as np
 
 from faultgauge.detection.decisions import decide_runs
-from faultgauge.detection.events import stretches
+from faultgauge.detection.events import pause, stretches
 from faultgauge.errors import InputError
 from faultgauge.plants.model import load_model
 from faultgauge.telemetry import Run
@@ -70,13 +70,13 @@ def _by_model(runs: Sequence[Run], path: Path) -> dict[str, Stretches]:
         model = load_model(path)
         if model.calibration is None:
             return {}
-        decisions, _ = decide_runs(model, runs)
+        decisions, bank = decide_runs(model, runs)
     except (InputError, KeyError):  # another plant's model, or no model at all
         return {}
     found = dict[str, Stretches]()
     for each in decisions:
         t, alarm = each.run.t, np.array(each.status) == "FAULT"
-        edges = stretches(alarm, np.isfinite(each.posterior.healthy))
+        edges = stretches(alarm, np.isfinite(each.posterior.healthy), pause(bank) if bank else 1)
         if edges:
             times = [(float(t[a]), float(t[b - 1])) for a, b in edges]
             found.setdefault(each.run.source, []).extend(times)

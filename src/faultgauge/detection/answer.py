@@ -12,13 +12,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from faultgauge.detection.bank import FaultBank, alone_error
+from faultgauge.detection.bank import FaultBank
 from faultgauge.detection.decisions import Decision
 from faultgauge.detection.decisions import as_dicts as events_as_dicts
-from faultgauge.detection.events import FEWEST, UNKNOWN, BankEvent, stretches
-from faultgauge.detection.posterior import WIDE
+from faultgauge.detection.events import FEWEST, UNKNOWN, BankEvent, pause, stretches
 from faultgauge.detection.probability import probability
-from faultgauge.detection.verdicts import FAULT
+from faultgauge.detection.verdicts import FAULT, NAMED
+from faultgauge.observers.branching import SCALES
 from faultgauge.telemetry import Run
 
 __all__ = [
@@ -33,6 +33,7 @@ __all__ = [
 ]
 
 EXCLUDED = 20.0  # odds from which on a cause is
+NINE_IN_TEN = 1.2816  # standard deviations
 MOST = 1 / FEWEST  # odds beyond which an alternative is not listed
 
 
@@ -66,7 +67,7 @@ def _told(bank: FaultBank, decision: Decision) -> list[Told]:
     run, events = decision.run, decision.events
     found = [Told(e.start, e.end, answer(bank, decision, e)) for e in events]
     alarm = np.array(decision.status) == FAULT
-    for start, stop in stretches(alarm, np.isfinite(decision.posterior.healthy)):
+    for start, stop in stretches(alarm, np.isfinite(decision.posterior.healthy), pause(bank)):
         first, last = float(run.t[start]), float(run.t[stop - 1])
         if any(min(e.onset, e.start) <= last and first <= e.end for e in events):
             continue
@@ -119,19 +120,20 @@ def least_told(bank: FaultBank, run: Run, fault: int) -> float | None:
     """The size [the fault's unit] that would have been named by the end of `run` had the fault
     begun in its middle; None where none would.
 
-    A fault of size f leaves f^2 / (2 sd(n)^2) of log-likelihood after n samples, which must
-    outweigh the prior odds of an onset and what the unknown size costs (`onset`) by the level of an
-    alarm; and a fault within the model's own error is none.
+    A fault of size f leaves f^2 / (2 sd^2) of log-likelihood (`knowledge`), which must outweigh the
+    prior odds of an onset, and what not knowing the size costs, by the level of an alarm or a name;
+    one that does so 9 times in 10 is 1.3 sd larger.
     """
     if (fault,) not in bank.sets:
         return None
-    n = min(max(len(run.t) // 2, 1), len(bank.known))
-    sd = float(bank.known[n - 1, fault])
-    if not np.isfinite(sd) or sd >= bank.levels.size[fault]:
+    sd = bank.knowledge.at(fault, float(run.t[-1] - run.t[0]) / 2)
+    size = float(bank.size[fault])
+    if not np.isfinite(sd) or sd >= size:
         return None
-    needed = bank.level - np.log(bank.levels.onset[fault] * bank.step)
-    seen = sd * np.sqrt(2 * (needed + np.log(bank.levels.size[fault] / sd)))
-    return float(max(seen, WIDE * alone_error(bank, fault)))
+    sure = max(bank.level, float(np.log(NAMED / (1 - NAMED))))
+    prior = np.log(len(SCALES) / (bank.onset[fault] * float(run.t[-1] - run.t[0])))
+    occam = np.log1p((SCALES[-1] * size / sd) ** 2) / 2
+    return float(sd * (np.sqrt(2 * max(sure + prior + occam, 1.0)) + NINE_IN_TEN))
 
 
 def moment(clock: datetime | None, t: float, resolution: float) -> str:

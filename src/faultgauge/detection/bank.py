@@ -1,4 +1,4 @@
-"""The bank of a calibrated model: its modes, its noise, and what calibration says of both."""
+"""The bank of a calibrated model: its branches, its noise, and what calibration says of both."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,73 +8,85 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from faultgauge.detection.coverage import Region, regions_of
-from faultgauge.detection.envelope import read
 from faultgauge.detection.judged import measured_outputs, rows_between
-from faultgauge.detection.levels import MEMORY, driven, levels_of, probes_of
-from faultgauge.detection.noise import Noise, drifting_of
+from faultgauge.detection.knowledge import Knowledge, knowledge_of
+from faultgauge.detection.noise import (
+    Noise,
+    disturbed,
+    drifting_of,
+    process_of,
+    rates_of,
+    scale_of,
+    spread_of_start,
+)
+from faultgauge.detection.priors import (
+    onsets_of,
+    prior_of_faults,
+    sizes_of,
+    undeclared_faults,
+)
+from faultgauge.detection.sets import Set, fault_sets
 from faultgauge.errors import InputError
-from faultgauge.observers.interacting import InteractingModes
-from faultgauge.observers.modes import Levels, Set, hypotheses, links, mode_sets
+from faultgauge.observers import divided_difference as dd
+from faultgauge.observers.branching import Branching
+from faultgauge.observers.divided_difference import DividedDifferenceFilter
+from faultgauge.plants.disturbed import Disturbed
 from faultgauge.plants.model import Model
 from faultgauge.plants.signals import Signals
+from faultgauge.simulation.closed_loop import with_faults
 from faultgauge.simulation.free_run import substeps_for
 from faultgauge.telemetry import Run
 
-__all__ = [
-    "CERTAIN",
-    "FaultBank",
-    "alone_error",
-    "build_fault_bank",
-    "evaluated_faults",
-    "set_names",
-]
+__all__ = ["CERTAIN", "FaultBank", "build_fault_bank", "evaluated_faults", "unknown_shock"]
 
 CERTAIN = float(np.log(0.95 / 0.05))  # log-odds below which nothing is ever told or named
 HOLD_OFF = 10  # samples
+BRANCHES = 4  # sets of faults that are followed at once
+UNKNOWN = 3  # unknown filters, each of an age of its own
+ONSETS = 12  # of every fault beside every branch
+FAR = 10.0  # times the learned discrepancy: an unknown one
+NOTABLE = 0.1  # of a state's rate: and at least that
+TRIED = 0.3  # of a fault's widest size: by which it is linearised
+LONG = 200  # samples that an onset is remembered by default
 
 
 @dataclass(frozen=True)
 class FaultBank:
-    """The modes of a model's faults, and the levels behind them; `known` is sd(n) of `levels`.
+    """The branches of a model's faults.
 
-    `level` are the log-odds of a fault from which on there is an alarm, `error` the standard
-    deviation that the model's own error adds to each fault of a set, and last to what drives the
-    states undeclared; `hold_off` in s; the model depends on the states `read`, and `regions` are
-    what its networks were trained on.
+    `sets` of faults, healthy first and the unknown not among them; `size` the widest prior of each
+    fault and `onset` its rate [1/s]; `knowledge` how well a fault is known by when; `level` are the
+    log-odds of a fault from which on there is an alarm; `hold_off` in s;
+    `regions` are what its networks were trained on.
     """
 
     model: Model
-    modes: InteractingModes
+    modes: Branching
     sets: tuple[Set, ...]
-    levels: Levels
+    size: Float[np.ndarray, "faults"]
+    onset: Float[np.ndarray, "faults"]
     noise: Noise
     outputs: tuple[str, ...]
     step: float
-    known: Float[np.ndarray, "times faults"]
+    knowledge: Knowledge
     level: float
-    error: Float[np.ndarray, "some slots"]
     hold_off: float
-    read: Bool[np.ndarray, "states"]
     regions: tuple[Region, ...]
+
+    @property
+    def plant(self) -> Disturbed:
+        plant = self.modes.filter.plant
+        assert isinstance(plant, Disturbed)
+        return plant
+
+    @property
+    def wait(self) -> float:
+        """How long [s] a name must be likely to be told, and a pause may be that ends no event."""
+        return max(self.knowledge.memory / 4, self.step)
 
     def with_monitor(self, which: str) -> Bool[np.ndarray, "faults"]:
         """The declared faults that are `which`: active, passive or disabled."""
         return np.array([f.monitor == which for f in self.model.plant.signals.faults])
-
-
-def set_names(model: Model, sets: Sequence[Set]) -> list[str]:
-    """Names of the sets of faults in a model file; the agile ones come after their like, and last
-    what drives the states undeclared."""
-    names = model.plant.signals.fault_names
-    labels = ["+".join(names[k] for k in each) for each in sets]
-    named = [f"{x} (changing)" if x in labels[:k] else x for k, x in enumerate(labels)]
-    return [*named, "(undeclared)"]
-
-
-def alone_error(bank: FaultBank, fault: int) -> float:
-    """The standard deviation that the model's own error adds to `fault` by itself; 0 where it is
-    disabled."""
-    return float(bank.error[bank.sets.index((fault,)), 0]) if (fault,) in bank.sets else 0.0
 
 
 def evaluated_faults(signals: Signals) -> list[int]:
@@ -90,41 +102,129 @@ def evaluated_faults(signals: Signals) -> list[int]:
     return evaluated
 
 
-def build_fault_bank(model: Model, runs: Sequence[Run], noise: Noise) -> FaultBank:
-    """The bank for `runs`, with alarm level and model error where `model` is calibrated for it.
+def build_fault_bank(
+    model: Model, runs: Sequence[Run], noise: Noise, healthy: float | None = None
+) -> FaultBank:
+    """The bank for `runs`, with the alarm level where `model` is calibrated for it.
 
-    Raises `InputError` where the plant file declares no fault that is not disabled.
+    `healthy` [s] is how long the healthy logs are, by default as calibration found them. Raises
+    `InputError` where the plant file declares no fault that is not disabled.
     """
     signals = model.plant.signals
     evaluated = evaluated_faults(signals)
     step = float(np.median([run.step for run in runs]))
     outputs = measured_outputs(model, runs)
-    # White noise as strong as sigma at one sample in n is sigma sqrt(n) at every row.
-    rows = [rows_between(runs, name) for name in signals.output_names]
-    levels, known = levels_of(
-        model, noise._replace(sigma=noise.sigma * np.sqrt(rows)), step, outputs
-    )
-    levels = levels._replace(sigma=noise.sigma, noisier=noise.sigma)
-    sets = mode_sets(evaluated, signals.max_simultaneous)
-    probes = probes_of(model, levels)
-    modes = InteractingModes(
-        plant=driven(model),
-        hypothesis=hypotheses(sets, levels),
-        links=links(sets, len(signals.states), levels),
-        probes=jnp.asarray(probes),
-        memory=jnp.asarray(MEMORY * step),
-        enough=jnp.asarray(-2 * np.log(levels.onset.min() * step)),
-        drifting=drifting_of(model),
-        substeps=substeps_for(step, model.max_step),
-    )
     found = (model.calibration or {}).get("bank", {})
-    error = np.zeros((len(sets) + 1, modes.hypothesis.select.shape[-1]))
-    for row, name in zip(error, set_names(model, sets), strict=True):
-        sizes = found.get("error", {}).get(name, [])
-        row[: len(sizes)] = sizes
+    if healthy is None:
+        healthy = float(found.get("healthy_s", sum(run.t[-1] - run.t[0] for run in runs)))
+    onset = onsets_of(model, healthy)
+    undeclared = undeclared_faults(model, outputs)
+    plant = disturbed(model, noise, undeclared)
+    size = sizes_of(model, with_faults(model.plant, plant.signals.faults))
+    growing = tuple(k for k in evaluated if signals.faults[k].rate is not None)
+    sets = fault_sets(evaluated, signals.max_simultaneous)
+    more, less = _changes(sets, signals, len(undeclared), growing)
+    knowledge = knowledge_of(
+        model, plant, noise, size, step, outputs, [rows_between(runs, n) for n in outputs], healthy
+    )
+    modes = Branching(
+        filter=DividedDifferenceFilter(
+            plant,
+            jnp.asarray(scale_of(model, noise)),
+            jnp.asarray(TRIED * size),
+            growing,
+            substeps_for(step, model.max_step),
+        ),
+        noise=_levels(model, noise, len(size), knowledge.memory),
+        prior=prior_of_faults(model, size, onset, growing),
+        alien=jnp.asarray(_alien(model, noise, len(size) + len(growing))),
+        own=jnp.asarray(_own(model, noise)),
+        usual=jnp.asarray(_usual(model, noise, len(size) + len(growing))),
+        memory=jnp.asarray(knowledge.memory),
+        more=more,
+        less=less,
+        declared=len(signals.faults),
+        branches=BRANCHES,
+        onsets=ONSETS,
+    )
     wait = signals.detection.hold_off
     return FaultBank(
-        model, modes, sets, levels, noise, outputs, step, known,
-        float(found.get("level", CERTAIN)), error, HOLD_OFF * step if wait is None else wait,
-        read(model), regions_of(model, outputs),
+        model, modes, sets, size[: len(signals.faults)], onset, noise, outputs, step, knowledge,
+        float(found.get("level", CERTAIN)), HOLD_OFF * step if wait is None else wait,
+        regions_of(model, outputs),
     )  # fmt: skip
+
+
+def _changes(
+    sets: tuple[Set, ...], signals: Signals, undeclared: int, growing: tuple[int, ...]
+) -> tuple[tuple[tuple[int, ...], ...], tuple[tuple[int, ...], ...]]:
+    """Where a change of each kind, and the end of each fault, leads from every set; -1: nowhere."""
+    declared = len(signals.faults)
+    kinds = [*range(declared), *[None] * undeclared, *growing]
+    more, less = [], []
+    for each in sets:
+        row = []
+        for kind in kinds:
+            if kind is None:
+                row.append(len(sets) if not each else -1)
+            else:
+                new = tuple(sorted({*each, kind}))
+                row.append(sets.index(new) if new in sets else -1)
+        more.append(tuple(row))
+        rest = [tuple(k for k in each if k != fault) for fault in range(declared)]
+        gone = [sets.index(r) if r != each else -1 for r in rest]
+        less.append((*gone, *[-1] * undeclared))
+    nowhere = (-1,) * len(kinds)
+    # an undeclared bias may go again
+    back = (*[-1] * declared, *[0] * undeclared)
+    return (*more, nowhere), (*less, back)
+
+
+def _levels(model: Model, noise: Noise, faults: int, memory: float) -> dd.Noise:
+    """Of the branches, and of the unknown filters behind them: theirs changes all the time, or it
+    would be a constant fault by another name."""
+    drifted = spread_of_start(model, noise.sigma, ())[1]
+    usual = process_of(noise, drifted)
+    quick = np.minimum(noise.lasting, memory)
+    far = process_of(noise._replace(size=_far(model, noise), lasting=quick), drifted)
+    count = BRANCHES + UNKNOWN
+    return dd.Noise(
+        jnp.asarray(np.stack([*[usual] * BRANCHES, *[far] * UNKNOWN])),
+        jnp.zeros((count, faults)),
+        jnp.asarray(np.tile(noise.sigma, (count, 1))),
+    )
+
+
+def _far(model: Model, noise: Noise) -> Float[np.ndarray, "driven"]:
+    """A discrepancy far beyond the learned one."""
+    usual = rates_of(model)[list(disturbed(model, noise).driven)]
+    return np.maximum(FAR * noise.size, NOTABLE * usual)
+
+
+def _parts(model: Model, noise: Noise) -> tuple[int, int, int]:
+    """How many states, driven ones and, behind their discrepancies, other ones there are."""
+    states, driven = len(model.plant.signals.states), len(noise.size)
+    return states, driven, len(noise.lag) + len(drifting_of(model)) + len(noise.spread)
+
+
+def unknown_shock(bank: FaultBank) -> Float[np.ndarray, "extended"]:
+    """Standard deviations of what an unknown fault does to [states, discrepancy, others]."""
+    states, _, others = _parts(bank.model, bank.noise)
+    far = _far(bank.model, bank.noise)
+    return np.concatenate([np.zeros(states), far, np.zeros(others)])
+
+
+def _alien(model: Model, noise: Noise, slots: int) -> Float[np.ndarray, "n n"]:
+    states, _, others = _parts(model, noise)
+    far = _far(model, noise) ** 2
+    return np.diag(np.concatenate([np.zeros(states), far, np.zeros(others + slots)]))
+
+
+def _own(model: Model, noise: Noise) -> Float[np.ndarray, "extended"]:
+    states, driven, others = _parts(model, noise)
+    return np.concatenate([np.ones(states), np.zeros(driven), np.ones(others)])
+
+
+def _usual(model: Model, noise: Noise, slots: int) -> Float[np.ndarray, "n"]:
+    states, _, others = _parts(model, noise)
+    return np.concatenate([np.zeros(states), noise.size**2, np.zeros(others + slots)])

@@ -1,8 +1,8 @@
-"""`calibrate`: one limit from healthy runs, with the false-alarm rate that the data support.
+"""`calibrate`: what healthy runs say of the bank, or of one observer under one limit.
 
-The score of a sample is the largest |estimate| over all channels, each in units of its own
-healthy RMS. Healthy runs are cut into blocks of at least ten correlation times of the observer's
-innovation; the limit follows from the blocks' peaks.
+An observer's score of a sample is the largest |estimate| over all channels, each in units of its
+own healthy RMS. Healthy runs are cut into blocks of at least ten correlation times of the
+observer's innovation; the limit follows from the blocks' peaks.
 """
 
 from collections.abc import Callable, Sequence
@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from faultgauge.detection.bank import evaluated_faults
 from faultgauge.detection.bank_calibration import calibrate_bank, without_calibration
 from faultgauge.detection.blocks import (
     BLOCK_TIMES,
@@ -28,11 +29,13 @@ from faultgauge.detection.equal_faults import equal_faults
 from faultgauge.detection.flat_line import longest_repeats
 from faultgauge.detection.judged import Bank, Estimates, build_bank, estimate_run
 from faultgauge.detection.misfit import not_followed
-from faultgauge.detection.noise import estimate_noise
+from faultgauge.detection.noise import Noise
+from faultgauge.detection.noise_estimation import estimate_noise
 from faultgauge.detection.residual import residuals
 from faultgauge.errors import InputError
 from faultgauge.identification.command_checks import command_warnings
 from faultgauge.identification.log_checks import other_units
+from faultgauge.plants.disturbed import dynamic_states
 from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run
 
@@ -80,17 +83,24 @@ def calibrate(
     runs: Sequence[Run],
     *,
     mtbfa: float | None = None,
-    observer: str = "eso",
+    observer: str = "bank",
+    discrepancy: bool = True,
     progress: Callable[[str], None] = lambda text: None,
 ) -> Calibration:
-    """Find the limit on healthy `runs`; weights and evaluation do not change.
+    """What `model` makes of healthy `runs`; weights and evaluation do not change.
 
-    `mtbfa` [s] is the requested mean time between false alarms; by default the longest that the
-    data support: no alarm in T seconds proves only a rate below 3/T (at 95 %). Raises
-    `InputError` where more is asked for, where the data are too short, or where every block
-    looks faulty.
+    The bank's noise, discrepancy and alarm level; with another `observer`, or where the plant
+    declares no fault, the limit of that observer's estimates (or of residuals). `mtbfa` [s] is the
+    requested mean time between false alarms; by default the longest that the data support: no alarm
+    in T seconds proves only a rate below 3/T (at 95 %). Without `discrepancy` all that the model
+    errs is taken for noise. Raises `InputError` where more is asked for than the data support, or
+    where they are too short. The rate that runs
+    were resampled to becomes that of a model that has none.
     """
     warnings, model = [], without_calibration(model)
+    rates = {run.resampled for run in runs if run.resampled is not None}
+    if model.resample is None and rates:
+        model = model.with_resample(max(rates))
     fitted = set(model.record["data"]["fit"])
     doubled = [run.name for run in runs if run.content_hash in fitted]
     if doubled:
@@ -101,7 +111,47 @@ def calibrate(
     warnings += other_units(runs)
     warnings += command_warnings(model.plant, runs)
     warnings += not_followed(model, runs)
-    bank = build_bank(model, runs, observer)
+    known = {
+        "data": sorted(run.content_hash for run in runs),
+        "repeats": longest_repeats(model, runs),
+    }
+    if observer == "bank" and model.plant.signals.faults:
+        return _by_bank(model, runs, mtbfa, discrepancy, known, warnings, progress)
+    return _by_observer(model, runs, mtbfa, observer, known, warnings, progress)
+
+
+def _by_bank(
+    model: Model,
+    runs: Sequence[Run],
+    mtbfa: float | None,
+    discrepancy: bool,
+    known: dict[str, Any],
+    warnings: list[str],
+    progress: Callable[[str], None],
+) -> Calibration:
+    evaluated_faults(model.plant.signals)
+    warnings += equal_faults(model, runs)
+    progress("finding noise and model error")
+    noise = estimate_noise(model, runs, discrepancy)
+    warnings += lasting_warnings(model, runs, noise)
+    progress("finding the alarm level")
+    found = calibrate_bank(model, runs, noise, mtbfa)
+    block = known | {"observer": "bank", "noise": noise.as_dict(model), "bank": found.block}
+    calibrated = model.with_calibration(block)
+    return Calibration(calibrated, found.blocks, found.suspects, [*warnings, *found.warnings])
+
+
+def _by_observer(
+    model: Model,
+    runs: Sequence[Run],
+    mtbfa: float | None,
+    observer: str,
+    known: dict[str, Any],
+    warnings: list[str],
+    progress: Callable[[str], None],
+) -> Calibration:
+    """One limit of an observer's estimates."""
+    bank = build_bank(model, runs, "eso" if observer == "bank" else observer)
     progress("running the observers over the healthy logs")
     estimated = [estimate_run(bank, run) for run in runs]
     channels = [channels_of(bank, each) for each in estimated]
@@ -117,7 +167,7 @@ def calibrate(
     allowed, supported = allowed_peaks(judged, mtbfa, len(peaks))
     limit = float(peaks[allowed] + MARGIN * np.std(peaks, ddof=1))
     good = [_inside(e, c, blocks) for e, c in zip(estimated, channels, strict=True)]
-    block: dict[str, Any] = {
+    block = known | {
         "observer": observer,
         "bandwidth": bank.bandwidth,
         "limit": limit,
@@ -127,8 +177,6 @@ def calibrate(
         "blocks": len(blocks),
         "block_s": float(np.median([b.end - b.start for b in blocks])),
         "suspects": [[b.run, b.start, b.end] for b in suspects],
-        "data": sorted(run.content_hash for run in runs),
-        "repeats": longest_repeats(model, runs),
         "channels": {
             name: {
                 "scale": scales[name],
@@ -140,18 +188,27 @@ def calibrate(
             for name in scales
         },
     }
-    if model.plant.signals.faults:
-        progress("finding noise, alarm level and model error of the bank")
-        warnings += equal_faults(model, runs)
-        try:
-            noise = estimate_noise(model, runs)
-            found = calibrate_bank(model, runs, noise, mtbfa, block["block_s"], suspects)
-            block |= {"noise": noise.as_dict(model), "bank": found.block}
-            warnings += found.warnings
-        except InputError as refusal:
-            block["no_bank"] = str(refusal)
-            warnings.append(f"nothing will be judged by the bank: {refusal}".rstrip("."))
     return Calibration(model.with_calibration(block), blocks, suspects, warnings)
+
+
+def lasting_warnings(model: Model, runs: Sequence[Run], noise: Noise) -> list[str]:
+    """What the healthy logs are too short, or too few, to tell."""
+    found = []
+    longest = max(float(run.t[-1] - run.t[0]) for run in runs)
+    names = [model.plant.signals.state_names[k] for k in dynamic_states(model.plant)]
+    slow = [n for n, tau in zip(names, noise.lasting, strict=True) if tau > longest]
+    if slow:
+        found.append(
+            f"the model's own error in {', '.join(slow)} lasts longer than the longest healthy log "
+            f"({longest:.3g} s), so these logs cannot tell how long, nor a fault that began before "
+            "a log from that error; give longer healthy logs if you have them"
+        )
+    if len(runs) == 1 and len(noise.spread):
+        found.append(
+            "one healthy run cannot tell by how much the plant differs from run to run; give "
+            "several"
+        )
+    return found
 
 
 def _scales(

@@ -4,7 +4,6 @@ A window ends where the bank saw its fault go, and at a gap.
 """
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -13,12 +12,10 @@ from faultgauge.detection.bank import FaultBank
 from faultgauge.detection.decisions import Decision
 from faultgauge.detection.flat_line import FlatLine
 from faultgauge.detection.judged import start_from_samples
-from faultgauge.detection.levels import driven
-from faultgauge.detection.onset import longest_delay
+from faultgauge.detection.knowledge import longest_delay
 from faultgauge.detection.verdicts import FAULT, NAMED
 from faultgauge.detection.window import Causes, Window, causes_in, shocks_of, window_of
 from faultgauge.identification.samples import in_effect
-from faultgauge.plants.plant import Plant
 from faultgauge.telemetry import Run, segments
 
 __all__ = ["causes_of", "total", "windows_of"]
@@ -33,19 +30,13 @@ def total(weight: Float[np.ndarray, "..."]) -> float:
 
 
 def windows_of(bank: FaultBank, decision: Decision) -> Iterator[Window]:
-    """The windows of a judged run that have samples to judge, in order.
-
-    Parameters of the run are found at its first window: at a later one they would take up a fault
-    that is there already.
-    """
+    """The windows of a judged run that have samples to judge, in order."""
     run = in_effect(bank.model.plant.signals, decision.run)
     run, _ = FlatLine(bank.model, sized=True).used(run)
     believed = _believed(bank, decision)
-    plant = None
     for part in _windows(bank, decision, run):
-        window = _window(bank, run, part, believed, plant)
+        window = _window(bank, run, part, believed)
         if window is not None:
-            plant = window.plant
             yield window
 
 
@@ -89,7 +80,10 @@ def _windows(bank: FaultBank, decision: Decision, run: Run) -> Iterator[slice]:
                 continue
             late = 0.0
             if event.size is not None:
-                late = bank.step * (1 + longest_delay(bank, names.index(event.fault), event.size))
+                k = names.index(event.fault)
+                late = longest_delay(
+                    bank.knowledge, k, event.size, float(bank.onset[k]), bank.level
+                )
             last = int(np.searchsorted(run.t, max(event.end - late, event.start), "right"))
             yield slice(first, max(last, first))
             first = stop
@@ -109,7 +103,6 @@ def _window(
     run: Run,
     part: slice,
     believed: Bool[np.ndarray, "samples"],
-    plant: Plant | None,
 ) -> Window | None:
     complete = np.all([np.isfinite(run.columns[n][part]) for n in bank.outputs], axis=0)
     usable = np.flatnonzero(complete & believed[part])
@@ -118,8 +111,5 @@ def _window(
     part = slice(part.start + int(usable[0]), part.stop)
     model = bank.model
     start = start_from_samples(model, run, part)
-    if plant is None:
-        plant = driven(replace(model, plant=start.plant))
-    values = getattr(plant, "parameters", {})
-    drifting = [float(values[name]) for name in bank.modes.drifting]
-    return window_of(bank, plant, run, part, believed, np.append(start.x, drifting))
+    more = np.zeros(len(bank.plant.signals.states) - len(start.x))
+    return window_of(bank, run, part, believed, np.append(start.x, more))

@@ -152,7 +152,7 @@ def _sized(
         seen = shocks_of(bank, _knowing(window, _others(told, j)), _steps(window, [change]))
         effects.append(np.asarray(seen.fit)[: len(window.t)])
     S = np.stack([e.ravel() / c.size for e, c in zip(effects, told, strict=True)], axis=1)
-    prior = np.array([bank.levels.size[change.fault] for change in told])
+    prior = np.array([bank.size[change.fault] for change in told])
     G = S.T @ S + np.diag(prior**-2.0)
     spread = np.linalg.inv(G)
     found = []

@@ -86,8 +86,7 @@ class Region:
 
 
 def regions_of(model: Model, outputs: Sequence[str]) -> tuple[Region, ...]:
-    """A region for every network of two or more arguments that a derivative or one of `outputs`
-    calls."""
+    """A region for every network that a derivative or one of `outputs` calls."""
     spec, points = model.plant.spec, operating_points(model)
     values = zip(model.plant.signals.output_names, spec.values, strict=True)
     calls: dict[str, dict[tuple[Node, ...], None]] = {}
@@ -97,7 +96,6 @@ def regions_of(model: Model, outputs: Sequence[str]) -> tuple[Region, ...]:
     return tuple(
         _region(network, Arguments(model.plant, tuple(each)), points.x, points.u)
         for network, each in calls.items()
-        if len(next(iter(each))) > 1
     )
 
 

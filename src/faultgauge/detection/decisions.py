@@ -19,7 +19,6 @@ from faultgauge.detection.uncalibrated import prior_of, uncalibrated
 from faultgauge.detection.verdicts import NOT_JUDGED, Verdicts
 from faultgauge.identification.samples import in_effect
 from faultgauge.plants.model import Model
-from faultgauge.plants.plant import Plant
 from faultgauge.telemetry import Run
 from faultgauge.telemetry.runs import paced
 
@@ -68,16 +67,15 @@ def unjudged(model: Model, run: Run, r: dict[str, Float[np.ndarray, "samples"]])
 
 def decide(bank: FaultBank, run: Run, reference: Reference = "free") -> Decision:
     """Judge one run."""
-    modes = len(bank.sets) + len(bank.levels.unknown)
-    p = np.full((len(run.t), modes), np.nan, np.float32)  # halves what a long log takes
+    p = np.full(
+        (len(run.t), len(bank.sets) + 1), np.nan, np.float32
+    )  # halves what a long log takes
 
     used, standing = FlatLine(bank.model, sized=True).used(run)
-    plants: list[Plant] = []
 
     def noted() -> Iterator[Rows]:
         for rows in run_over(bank, used):
             p[rows.part] = rows.p
-            plants.append(rows.plant)
             yield rows
 
     found = posterior_of(bank, run, noted())
@@ -85,7 +83,7 @@ def decide(bank: FaultBank, run: Run, reference: Reference = "free") -> Decision
     found = untrusted(bank, found, verdict.status)
     r = residuals(bank.model, run, reference)
     acting = in_effect(bank.model.plant.signals, used)
-    said = events(bank, Judged(plants[-1], acting, found, verdict, p), float(run.t[0]))
+    said = events(bank, Judged(acting, found, verdict, p))
     return Decision(run, found, r, verdict.status, verdict.reason, said)
 
 

@@ -1,8 +1,8 @@
 """A slow change of the healthy plant: a test on the samples that nothing alarmed.
 
-The healthy estimate of every fault (or, where a plant declares none, the residual) is averaged
-over blocks of at least ten correlation times of what the fit leaves, and the means over time are
-fitted by
+What the bank takes for the model's own error (an observer: the healthy estimate of every fault, or,
+where a plant declares none, the residual) is averaged over blocks of at least ten correlation times
+of what the fit leaves, and the means over time are fitted by
 
     x_b = a + s t_b + e_b,      s / sd(s) ~ Student's t with B - 2 degrees of freedom.
 
@@ -29,10 +29,11 @@ from faultgauge.detection.bank import FaultBank
 from faultgauge.detection.calibration import correlation_time
 from faultgauge.detection.decisions import Decision
 from faultgauge.detection.estimation import Judgement
+from faultgauge.detection.noise import drifting_of
 from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run
 
-__all__ = ["Drift", "Trend", "as_dicts", "drifts", "sentences", "trend"]
+__all__ = ["Drift", "Trend", "as_dicts", "bank_drifts", "drifts", "sentences", "trend"]
 
 BLOCK_TIMES = 10.0  # correlation times per block
 FEWEST_BLOCKS = 8
@@ -139,21 +140,13 @@ def _slope(
     return slope, sd, float(2 * student.sf(abs(slope) / max(sd, 1e-300), free))
 
 
-def drifts(
-    model: Model,
-    judgements: Sequence[Judgement],
-    decisions: Sequence[Decision] = (),
-    bank: FaultBank | None = None,
-) -> list[Drift]:
-    """Drifts in judged runs. With the bank's `decisions` on the same runs its status says what is
-    healthy, and its drifting parameters are tested too. None for a model without calibration."""
+def drifts(model: Model, judgements: Sequence[Judgement]) -> list[Drift]:
+    """Drifts of an observer's estimates in judged runs. None for a model without calibration."""
     known = (model.calibration or {}).get("channels", {})
     units = {fault.name: fault.unit for fault in model.plant.signals.faults}
     found = []
-    for k, each in enumerate(judgements):
+    for each in judgements:
         healthy = np.array(each.status) == "HEALTHY"
-        if decisions:
-            healthy &= np.array(decisions[k].status) == "HEALTHY"
         channels = {n: x for n, x in (each.f or each.residuals).items() if n in known}
         chance = CHANCE / max(len(channels), 1)
         for name, x in channels.items():
@@ -161,8 +154,26 @@ def drifts(
             if seen is not None:
                 scale = float(known[name]["scale"])
                 found += _drift(each.run.name, name, units.get(name, ""), seen, scale, chance)
-        if decisions and bank is not None:
-            found += _parameters(bank, decisions[k], healthy)
+    return found
+
+
+def bank_drifts(bank: FaultBank, decisions: Sequence[Decision]) -> list[Drift]:
+    """Drifts of what the bank tracks beside all faults: the discrepancy of every dynamic state,
+    against its learned size, and parameters that may drift."""
+    signals, plant = bank.model.plant.signals, bank.plant
+    found = []
+    for each in decisions:
+        healthy = np.array(each.status) == "HEALTHY"
+        for k, state in enumerate(plant.driven):
+            x = each.posterior.x[:, len(signals.states) + k]
+            chance = CHANCE / len(plant.driven)
+            seen = trend(each.run, x, healthy, _measured(bank.model, each.run), chance)
+            if seen is not None:
+                unit = f"{signals.states[state].unit}/s" if signals.states[state].unit else ""
+                name = f"the model's error in {signals.states[state].name}"
+                scale = STANDING * float(bank.noise.size[k])
+                found += _drift(each.run.name, name, unit, seen, scale, chance)
+        found += _parameters(bank, each, healthy)
     return found
 
 
@@ -188,13 +199,14 @@ def _parameters(
     bank: FaultBank, decision: Decision, healthy: Bool[np.ndarray, "samples"]
 ) -> list[Drift]:
     """Drifting parameters that moved by more than their prior spread."""
-    states = len(bank.model.plant.signals.states)
+    first = len(bank.model.plant.signals.states) + len(bank.noise.size) + len(bank.noise.lag)
     units = {p.name: p.unit for p in bank.model.plant.spec.parameters}
     found = []
-    for k, name in enumerate(bank.modes.drifting):
-        x = decision.posterior.x[:, states + k]
+    for k, name in enumerate(drifting_of(bank.model)):
+        spread = float(bank.plant.directions[k, k])
+        x = spread * decision.posterior.x[:, first + k]
         seen = trend(decision.run, x, healthy, {})
-        if seen and seen.p < CHANCE and abs(seen.change) > bank.levels.drifted[k]:
+        if seen and seen.p < CHANCE and abs(seen.change) > spread:
             change = (seen.change, seen.lo, seen.hi)
             found.append(
                 Drift(decision.run.name, name, units[name], "plant", False, *change,

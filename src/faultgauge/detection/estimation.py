@@ -23,6 +23,7 @@ __all__ = [
     "estimate",
     "events",
     "judged",
+    "limits_in",
     "pause",
     "sentence",
     "sentences",
@@ -82,9 +83,15 @@ def estimate(
     return [_judge(bank, run, reference) for run in runs], bank
 
 
+def limits_in(model: Model) -> dict[str, Any] | None:
+    """The calibration block of `model`; None where it holds no limits of an observer."""
+    block = model.calibration
+    return block if block is not None and "channels" in block else None
+
+
 def _judge(bank: Bank, run: Run, reference: Reference) -> Judgement:
     estimates = estimate_run(bank, run)
-    values = {} if bank.model.calibration is None else channels_of(bank, estimates)
+    values = {} if limits_in(bank.model) is None else channels_of(bank, estimates)
     return judged(bank, estimates, values, residuals(bank.model, run, reference))
 
 
@@ -100,7 +107,7 @@ class Limits:
     @staticmethod
     def of(bank: Bank, names: Collection[str]) -> "Limits":
         """Of the channels `names`; an uncalibrated model has no limit."""
-        calibration = bank.model.calibration or {"channels": {}, "limit": np.inf}
+        calibration = limits_in(bank.model) or {"channels": {}, "limit": np.inf}
         known = calibration["channels"]
         passive = {f.name for f in bank.model.plant.signals.faults if f.monitor == "passive"}
         scales = {name: known[name]["scale"] for name in names if name in known}
@@ -119,7 +126,7 @@ def judged(
     r: dict[str, Float[np.ndarray, "samples"]],
 ) -> Judgement:
     """What `estimates` and the channels' `values` mean, beside the residuals `r`."""
-    run, calibration = estimates.run, bank.model.calibration
+    run, uncalibrated = estimates.run, _uncalibrated(bank.model)
     nothing = np.full(len(run.t), np.nan)
     f = {n: estimates.f.get(n, nothing) for n in bank.model.plant.signals.fault_names}
     limits = Limits.of(bank, values)
@@ -140,8 +147,8 @@ def judged(
             if still
             else "not sampled"
             if not sampled
-            else "not calibrated"
-            if calibration is None
+            else uncalibrated
+            if uncalibrated
             else "settling after a start or a gap"
             if not settled
             else ""
@@ -151,6 +158,13 @@ def judged(
         status.append(NOT_JUDGED if why else FAULT if alarm else HEALTHY)
         reason.append(why)
     return Judgement(run, r, f, limits.half_width, status, reason, found)
+
+
+def _uncalibrated(model: Model) -> str:
+    """Why nothing is judged; empty where there are limits."""
+    if model.calibration is None:
+        return "not calibrated"
+    return "not calibrated for this observer" if limits_in(model) is None else ""
 
 
 def _passive(
@@ -242,12 +256,18 @@ def sentences(model: Model, events: Sequence[Event]) -> list[str]:
         return [
             "Not calibrated, so nothing was judged: run `faultgauge calibrate` on healthy logs."
         ]
+    known = limits_in(model)
+    if known is None:
+        return [
+            "Calibrated for the bank, so nothing was judged: an observer needs limits of its own; "
+            "run `faultgauge calibrate --observer eso --out OTHER_MODEL` on healthy logs."
+        ]
     units = {fault.name: fault.unit for fault in model.plant.signals.faults}
     if events:
         return [sentence(event, units.get(event.fault, "")) for event in events]
     limits = ", ".join(
         f"{name} {channel['limit']:.3g} {units.get(name, '')}".rstrip()
-        for name, channel in model.calibration["channels"].items()
+        for name, channel in known["channels"].items()
     )
     return [f"No fault above the limit ({limits})."]
 

@@ -12,7 +12,6 @@ import numpy as np
 from faultgauge.detection.bank import FaultBank
 from faultgauge.detection.decisions import Decision, decide
 from faultgauge.detection.events import BankEvent
-from faultgauge.detection.levels import MEMORY
 from faultgauge.telemetry import Run, cut
 
 __all__ = ["MOST_SHOWN", "Evidence", "evidence", "same"]
@@ -41,7 +40,7 @@ def evidence(bank: FaultBank, decision: Decision, event: BankEvent) -> Evidence:
     t = decision.run.t
     stop = int(np.searchsorted(t, event.end, "right"))
     onset = int(np.searchsorted(t, event.onset_lo))
-    before = max(MEMORY, (stop - onset) // 4)
+    before = max(100, (stop - onset) // 4)
     while True:
         part = slice(max(onset - before, 0), stop)
         run = cut(decision.run, part)

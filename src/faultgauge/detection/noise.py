@@ -1,63 +1,76 @@
-"""Noise of outputs, states and drifting parameters, by innovation likelihood on healthy runs.
-
-    maximise  sum_k ln N(y_k; yhat_k|k-1, S_k)   over   ln sigma, ln process, ln drift
-
-(Schweppe, IEEE TAC 11 (1965); Mehra, IEEE TAC 15 (1970)), with the healthy filter of the bank.
-The levels of states and drifting parameters are then widened to what the model errs over many
-samples (`coloured`).
-"""
+"""How far the plant is from its model: what calibration finds, and the plant that it makes."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
-from scipy.optimize import minimize
 
-from faultgauge.detection.coloured import widening
-from faultgauge.detection.judged import (
-    operating_points,
-    pad_stretch,
-    record_arrays,
-    start_from_samples,
-)
+from faultgauge.detection.judged import operating_points
 from faultgauge.errors import InputError
-from faultgauge.identification.samples import in_effect
-from faultgauge.observers.sigma_point import Belief, Hypothesis, SigmaPointFilter, solve_lower
+from faultgauge.plants.disturbed import Disturbed, Error, dynamic_states, following_states
 from faultgauge.plants.model import Model
-from faultgauge.plants.plant import Plant
-from faultgauge.simulation.free_run import substeps_for
-from faultgauge.telemetry import Run, segments
+from faultgauge.plants.plant import respond
+from faultgauge.plants.signals import Fault
 
-__all__ = ["Noise", "drifting_of", "estimate_noise", "noise_of", "spread_of_start"]
+__all__ = [
+    "directions_of",
+    "error_of",
+    "offset_of",
+    "process_of",
+    "Constants",
+    "Noise",
+    "constants_of",
+    "disturbed",
+    "drifting_of",
+    "noise_of",
+    "rates_of",
+    "scale_of",
+    "spread_of_start",
+    "start_spread",
+    "usual_spread",
+    "width_of",
+]
 
-SAMPLES = 2048  # of a stretch, at most
-STRETCHES = 4
-LASTING = (16, 16384)  # stretches, and samples of each, for what lasts
-REACH = np.log(1e4)  # a level is looked for within this factor of its first guess
-DIFFERENCE = 1e-4  # of a logarithm, for the slope of the likelihood
-STEPS = 30
+MOST_CONSTANTS = 6  # that are tracked: those that matter most
+USUAL_SPREAD = 0.01  # of a constant, from run to run
+START_SHARE = 1.0  # of a rate's spread: what may still follow an input when a log begins
 
 
 class Noise(NamedTuple):
-    """Standard deviations: `sigma` of a sample, `process` and `drift` per sqrt(s)."""
+    """Standard deviations: `sigma` of a sample, `process` and `drift` per sqrt(s), `size` of the
+    discrepancy beside the dynamic states [its state's unit per s], which lasts for `lasting` [s];
+    a share `lag` of what an input's change does lags behind it, and settles in `settling` [s];
+    `spread` of the constants between runs, and by how much `shift` their mean is off the fitted
+    value, which an error of the model may have biased."""
 
     sigma: Float[np.ndarray, "outputs"]
     process: Float[np.ndarray, "states"]
     drift: Float[np.ndarray, "drifting"]
+    size: Float[np.ndarray, "driven"]
+    lasting: Float[np.ndarray, "driven"]
+    lag: Float[np.ndarray, "following"]
+    settling: Float[np.ndarray, "following"]
+    spread: Float[np.ndarray, "constants"]
+    shift: Float[np.ndarray, "constants"]
 
     def as_dict(self, model: Model) -> dict[str, dict[str, float]]:
         """For the calibration block of a model file."""
-        signals = model.plant.signals
-        names = (signals.output_names, signals.state_names, drifting_of(model))
         return {
             key: dict(zip(each, values.tolist(), strict=True))
-            for key, each, values in zip(self._fields, names, self, strict=True)
+            for key, each, values in zip(self._fields, _names(model), self, strict=True)
         }
+
+
+def _names(model: Model) -> tuple[Sequence[str], ...]:
+    signals = model.plant.signals
+    driven = [signals.state_names[k] for k in dynamic_states(model.plant)]
+    following = [signals.state_names[k] for k in following_states(model.plant)]
+    known = constants_of(model).names
+    measured = signals.output_names, signals.state_names, drifting_of(model)
+    return (*measured, driven, driven, following, following, known, known)
 
 
 def drifting_of(model: Model) -> tuple[str, ...]:
@@ -68,23 +81,143 @@ def drifting_of(model: Model) -> tuple[str, ...]:
 def noise_of(model: Model) -> Noise:
     """What `calibrate` found. Raises `InputError` for a model without it."""
     block = (model.calibration or {}).get("noise")
-    if block is None:
+    if block is None or set(block) != set(Noise._fields):
         raise InputError(
             "the model holds no noise levels, which the bank needs; run `faultgauge "
             "calibrate` on healthy logs, or use --observer eso."
         )
-    signals = model.plant.signals
-    names = (signals.output_names, signals.state_names, drifting_of(model))
     return Noise(
         *(
             np.array([float(block[key][name]) for name in each])
-            for key, each in zip(Noise._fields, names, strict=True)
+            for key, each in zip(Noise._fields, _names(model), strict=True)
         )
     )
 
 
+class Constants(NamedTuple):
+    """The constants that are uncertain, with the covariance that the fit gives them."""
+
+    names: tuple[str, ...]
+    covariance: Float[np.ndarray, "constants constants"]
+
+
+def constants_of(model: Model) -> Constants:
+    """Those that move the states' rates most, by their standard errors and the usual spread."""
+    known = model.record.get("constants", {"names": [], "errors": [], "correlation": []})
+    slow = drifting_of(model)
+    free = [p.name for p in model.plant.spec.parameters if not p.fixed and p.name not in slow]
+    if not free:
+        return Constants((), np.zeros((0, 0)))
+    values = model.plant.parameters
+    error = dict(zip(known["names"], known["errors"], strict=True))
+    se = np.array([float(error.get(name) or 0.0) for name in free])
+    usual = np.array([usual_spread(float(values[n]), s) for n, s in zip(free, se, strict=True)])
+    order = np.argsort(-_effects(model, tuple(free)) * np.hypot(se, usual), kind="stable")
+    kept = sorted(order[:MOST_CONSTANTS].tolist())
+    place = {name: k for k, name in enumerate(known["names"])}
+    correlation = np.eye(len(kept))
+    for a, i in enumerate(kept):
+        for b, j in enumerate(kept):
+            if a != b and free[i] in place and free[j] in place:
+                found = known["correlation"][place[free[i]]][place[free[j]]]
+                correlation[a, b] = found or 0.0
+    covariance = correlation * np.outer(se[kept], se[kept])
+    w, v = np.linalg.eigh(covariance)
+    return Constants(tuple(free[k] for k in kept), (v * np.maximum(w, 0.0)) @ v.T)
+
+
+def usual_spread(value: float, se: float) -> float:
+    return max(USUAL_SPREAD * abs(value), se, 1e-9)
+
+
+def rates_of(model: Model) -> Float[np.ndarray, "states"]:
+    """Standard deviation of the states' derivatives over the training envelope."""
+    points = operating_points(model)
+    rates = jax.vmap(lambda x, u: respond(model.plant, x, u)[0])(
+        jnp.asarray(points.x), jnp.asarray(points.u)
+    )
+    found = np.asarray(rates)
+    found = found[np.isfinite(found).all(axis=1)]
+    return np.std(found, axis=0) + 1e-9 * np.abs(found).max(axis=0, initial=0.0) + 1e-12
+
+
+def _effects(model: Model, names: tuple[str, ...]) -> Float[np.ndarray, "constants"]:
+    """How far a unit of each constant moves rates and outputs, in units of their spread."""
+    points = operating_points(model)
+    nothing = Error(*[jnp.zeros(0)] * 3)
+    plant = Disturbed.of(
+        model.plant, (), (), nothing, names, jnp.zeros(len(names)), jnp.eye(len(names))
+    )
+    count = len(model.plant.signals.states)
+
+    def both(xi: Array, x: Array, u: Array) -> Array:
+        dx, y = respond(plant, jnp.concatenate([x, xi]), u)
+        return jnp.concatenate([dx[:count], y])
+
+    slopes, usual = (
+        np.asarray(jax.vmap(f, (None, 0, 0))(jnp.zeros(len(names)), *map(jnp.asarray, points)))
+        for f in (jax.jacfwd(both), both)
+    )
+    usual = np.nanstd(np.where(np.isfinite(usual), usual, np.nan), axis=0) + 1e-12
+    slopes = np.where(np.isfinite(slopes), slopes, 0.0) / usual[:, None]
+    return np.sqrt(np.mean(np.sum(slopes**2, axis=1), axis=0))
+
+
+def directions_of(
+    model: Model, known: Constants, spread: Float[np.ndarray, "constants"]
+) -> Float[np.ndarray, "parameters directions"]:
+    """W: what a unit of each xi does to the parameters, drifting ones first."""
+    _, drifted = spread_of_start(model, np.ones(len(model.plant.signals.outputs)), ())
+    k = len(drifted)
+    W = np.zeros((k + len(spread), k + len(spread)))
+    W[:k, :k] = np.diag(drifted)
+    W[k:, k:] = np.linalg.cholesky(known.covariance + np.diag(spread**2 + 1e-30))
+    return W
+
+
+def disturbed(model: Model, noise: Noise, undeclared: tuple[Fault, ...] = ()) -> Disturbed:
+    """The plant with the discrepancy and the uncertain constants that `noise` says."""
+    known = constants_of(model)
+    return Disturbed.of(
+        model.plant,
+        dynamic_states(model.plant),
+        following_states(model.plant),
+        error_of(noise),
+        (*drifting_of(model), *known.names),
+        jnp.asarray(offset_of(model, noise)),
+        jnp.asarray(directions_of(model, known, noise.spread)),
+        undeclared,
+    )
+
+
+def offset_of(model: Model, noise: Noise) -> Float[np.ndarray, "parameters"]:
+    """What the mean of each parameter of `Disturbed` is off the fitted value."""
+    return np.concatenate([np.zeros(len(drifting_of(model))), noise.shift])
+
+
+def error_of(noise: Noise) -> Error:
+    """What of `noise` the plant itself has."""
+    parts = (noise.lasting, noise.settling, noise.lag)
+    return Error(*(jnp.asarray(each) for each in parts))
+
+
+def process_of(
+    noise: Noise, drifted: Float[np.ndarray, "drifting"]
+) -> Float[np.ndarray, "extended"]:
+    """Per sqrt(s), of the states of `Disturbed`."""
+    return np.concatenate(
+        [
+            noise.process,
+            noise.size * np.sqrt(2 / noise.lasting),
+            np.zeros(len(noise.lag)),
+            noise.drift / np.maximum(drifted, 1e-300),
+            np.zeros(len(noise.spread)),
+        ]
+    )
+
+
 def spread_of_start(
-    model: Model, noise: Noise, columns: Sequence[str]
+    model: Model, sigma: Float[np.ndarray, "outputs"], columns: Sequence[str]
 ) -> tuple[Float[np.ndarray, "states"], Float[np.ndarray, "drifting"]]:
     """How uncertain the state and the drifting parameters of a first sample are.
 
@@ -93,203 +226,36 @@ def spread_of_start(
     """
     signals = model.plant.signals
     sd = np.std(operating_points(model).x, axis=0) + 1e-9
-    for output, sigma in zip(signals.outputs, noise.sigma, strict=True):
+    for output, noise in zip(signals.outputs, sigma, strict=True):
         if output.measures is not None and output.name in columns:
             state = signals.state_names.index(output.measures)
-            sd[state] = max(2 * sigma, 1e-12)
+            sd[state] = max(2 * noise, 1e-12)
     values = {p.name: p for p in model.plant.spec.parameters}
     drifted = [
-        0.1 * abs(values[name].value) or (_range(values[name].min, values[name].max) / 10)
+        0.1 * abs(values[name].value) or (width_of(values[name].min, values[name].max) / 10)
         for name in drifting_of(model)
     ]
     return sd, np.array(drifted, float)
 
 
-def _range(low: float, high: float) -> float:
+def start_spread(
+    model: Model, noise: Noise, columns: Sequence[str]
+) -> Float[np.ndarray, "extended"]:
+    """Of the states of `Disturbed` when a log begins."""
+    sd, drifted = spread_of_start(model, noise.sigma, columns)
+    usual = rates_of(model)[list(following_states(model.plant))]
+    follows = START_SHARE * noise.lag * usual
+    rest = follows, np.ones(len(drifted) + len(noise.spread))
+    return np.concatenate([sd, noise.size, *rest])
+
+
+def scale_of(model: Model, noise: Noise) -> Float[np.ndarray, "extended"]:
+    """How large the states of `Disturbed` are."""
+    x = np.std(operating_points(model).x, axis=0) + 1e-9
+    rest = np.ones(len(drifting_of(model)) + len(noise.spread))
+    follows = rates_of(model)[list(following_states(model.plant))]
+    return np.concatenate([x, noise.size, follows, rest])
+
+
+def width_of(low: float, high: float) -> float:
     return high - low if np.isfinite(high - low) else 1.0
-
-
-@dataclass(frozen=True)
-class _Stretch:
-    plant: Plant
-    x: Float[np.ndarray, "states"]
-    u: Float[np.ndarray, "samples inputs"]
-    y: Float[np.ndarray, "samples outputs"]
-    dt: Float[np.ndarray, "samples"]
-
-
-def estimate_noise(model: Model, runs: Sequence[Run]) -> Noise:
-    """The most likely levels on healthy `runs`.
-
-    Raises `InputError` where no stretch is long enough or the filter never follows the data.
-    """
-    stretches = _stretches(model, runs)
-    if not stretches:
-        raise InputError(
-            f"{runs[0].source}: no stretch of healthy data is long enough to tell the noise; give "
-            "at least 100 samples in a row."
-        )
-    guess = _guess(model, runs, stretches)
-    start = np.log(np.concatenate(guess))
-    sizes = np.cumsum([len(part) for part in guess])[:-1]
-    sd, drifted = spread_of_start(model, guess, list(runs[0].columns))
-    root = np.diag(np.concatenate([sd, drifted]))
-    drifting = drifting_of(model)
-    substeps = substeps_for(runs[0].step, model.max_step)
-    steps = np.concatenate([np.zeros((1, len(start))), DIFFERENCE * np.eye(len(start))])
-
-    def cost(logs: Float[np.ndarray, "levels"]) -> tuple[float, Float[np.ndarray, "levels"]]:
-        levels = np.exp(logs + steps)
-        sigma, process, walk = np.split(levels, sizes, axis=1)
-        select = np.zeros((len(levels), len(model.plant.signals.faults), 0))
-        lanes = Hypothesis(*(jnp.asarray(a) for a in (select, process, walk, sigma)))
-        total = np.zeros(len(levels))
-        for s in stretches:
-            mean = [float(getattr(s.plant, "parameters", {})[name]) for name in drifting]
-            belief = Belief(jnp.asarray(np.append(s.x, mean)), jnp.asarray(root))
-            u, y, dt = (jnp.asarray(a) for a in (s.u, s.y, s.dt))
-            total -= np.asarray(_likelihoods(s.plant, lanes, belief, u, y, dt, drifting, substeps))
-        count = sum(np.isfinite(s.y).sum() for s in stretches)
-        return float(total[0] / count), (total[1:] - total[0]) / DIFFERENCE / count
-
-    found: Any = minimize(
-        cost,
-        start,
-        jac=True,
-        method="L-BFGS-B",
-        bounds=np.stack([start - REACH, start + REACH], axis=1),
-        options={"maxiter": STEPS},
-    )
-    if not np.all(np.isfinite(found.x)):
-        raise InputError(
-            f"{runs[0].source}: the model does not follow these data at all, so its noise cannot "
-            "be told; look at `faultgauge evaluate`."
-        )
-    noise = Noise(*np.split(np.exp(found.x), sizes))
-    return _widened(model, runs, noise)
-
-
-def _widened(model: Model, runs: Sequence[Run], noise: Noise) -> Noise:
-    """`noise` with the levels of states and drifting parameters as `coloured` wants them."""
-    stretches = _stretches(model, runs, *LASTING)
-    sd, drifted = spread_of_start(model, noise, list(runs[0].columns))
-    root = jnp.asarray(np.diag(np.concatenate([sd, drifted])))
-    drifting = drifting_of(model)
-    substeps = substeps_for(runs[0].step, model.max_step)
-    select = np.zeros((len(model.plant.signals.faults), 0))
-
-    def whitened(factor: float) -> list[Float[np.ndarray, "samples outputs"]]:
-        levels = (select, factor * noise.process, factor * noise.drift, noise.sigma)
-        lane = Hypothesis(*(jnp.asarray(a) for a in levels))
-        found = []
-        for s in stretches:
-            mean = [float(getattr(s.plant, "parameters", {})[name]) for name in drifting]
-            belief = Belief(jnp.asarray(np.append(s.x, mean)), root)
-            u, y, dt = (jnp.asarray(a) for a in (s.u, s.y, s.dt))
-            e = np.array(_innovations(s.plant, lane, belief, u, y, dt, drifting, substeps))
-            e[~np.isfinite(s.y)] = np.nan
-            found.append(e[:, np.isfinite(s.y).any(axis=0)])
-        return found
-
-    factor = widening(whitened)
-    return noise._replace(process=factor * noise.process, drift=factor * noise.drift)
-
-
-@eqx.filter_jit
-def _innovations(
-    plant: Plant,
-    hypothesis: Hypothesis,
-    belief: Belief,
-    u: Float[Array, "samples inputs"],
-    y: Float[Array, "samples outputs"],
-    dt: Float[Array, "samples"],
-    drifting: tuple[str, ...],
-    substeps: int,
-) -> Float[Array, "samples outputs"]:
-    """The healthy filter's innovations, in their own standard deviations."""
-    lane = SigmaPointFilter(plant, hypothesis, drifting, substeps)
-
-    def body(
-        carry: tuple[Belief, Array], sample: tuple[Array, Array, Array]
-    ) -> tuple[tuple[Belief, Array], Array]:
-        belief, before = carry
-        u, y, dt = sample
-        belief, _, gain = lane.step(belief, before, u, y, dt)
-        return (belief, u), solve_lower(gain.root, gain.innovation)
-
-    return jax.lax.scan(body, (belief, u[0]), (u, y, dt))[1]
-
-
-@eqx.filter_jit
-def _likelihoods(
-    plant: Plant,
-    lanes: Hypothesis,
-    belief: Belief,
-    u: Float[Array, "samples inputs"],
-    y: Float[Array, "samples outputs"],
-    dt: Float[Array, "samples"],
-    drifting: tuple[str, ...],
-    substeps: int,
-) -> Float[Array, "lanes"]:
-    """ln p(y) of a stretch under every lane's noise levels, healthy."""
-
-    def body(
-        carry: tuple[Belief, Array, Array], sample: tuple[Array, Array, Array]
-    ) -> tuple[tuple[Belief, Array, Array], None]:
-        belief, before, total = carry
-        u, y, dt = sample
-
-        def one(hypothesis: Hypothesis, belief: Belief) -> tuple[Belief, Array]:
-            lane = SigmaPointFilter(plant, hypothesis, drifting, substeps)
-            return lane.step(belief, before, u, y, dt)[:2]
-
-        belief, more = jax.vmap(one)(lanes, belief)
-        return (belief, u, total + more), None
-
-    count = len(lanes.sigma)
-    start = jax.tree.map(lambda a: jnp.broadcast_to(a, (count, *a.shape)), belief)
-    return jax.lax.scan(body, (start, u[0], jnp.zeros(count)), (u, y, dt))[0][2]
-
-
-def _stretches(
-    model: Model, runs: Sequence[Run], most: int = STRETCHES, longest: int = SAMPLES
-) -> list[_Stretch]:
-    found = []
-    for log in runs:
-        run = in_effect(model.plant.signals, log)
-        outputs = [n for n in model.plant.signals.output_names if n in run.columns]
-        for part in segments(run, [*model.plant.signals.input_names, *outputs]):
-            if part.stop - part.start >= 100 and len(found) < most:
-                part = slice(part.start, min(part.stop, part.start + longest))
-                start = start_from_samples(model, run, part)
-                u, y = record_arrays(model, run, part)
-                u, y, dt = pad_stretch(u, y, run.t[part])
-                found.append(_Stretch(start.plant, start.x, u, y, dt))
-    return found
-
-
-def _guess(model: Model, runs: Sequence[Run], stretches: Sequence[_Stretch]) -> Noise:
-    """First guesses: sigma from second differences, a state as unsure as a tenth of its own
-    output's noise in one sample, or a thousandth of its range where it is hidden."""
-    signals, step = model.plant.signals, runs[0].step
-    sigma = np.ones(len(signals.outputs))
-    for j, output in enumerate(signals.outputs):
-        own = [s.y[np.isfinite(s.y[:, j]), j] for s in stretches]
-        second = np.concatenate([np.diff(y, 2) for y in own])
-        if len(second):
-            sigma[j] = 1.4826 * np.median(np.abs(second)) / np.sqrt(6)
-            sigma[j] = max(sigma[j], 1e-6 * np.std(second), 1e-12)
-        if output.sigma:
-            sigma[j] = output.sigma
-    process = 1e-3 * np.ptp(operating_points(model).x, axis=0) + 1e-12
-    for j, output in enumerate(signals.outputs):
-        if output.measures is not None:
-            process[signals.state_names.index(output.measures)] = 0.1 * sigma[j]
-    process = process / np.sqrt(step)
-    values = {p.name: p for p in model.plant.spec.parameters}
-    length = float(np.sum(stretches[0].dt))
-    drift = [
-        (0.1 * abs(values[n].value) or _range(values[n].min, values[n].max) / 10) / length**0.5
-        for n in drifting_of(model)
-    ]
-    return Noise(sigma, process, np.array(drift, float))

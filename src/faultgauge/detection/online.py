@@ -1,9 +1,10 @@
 """`estimate` while telemetry arrives: the rows and events of a file, row by row.
 
 What is said of a sample is the same to the bit, because the same compiled step and the same
-judgement say it. Three things cannot be had without the future, and are not: columns of different
-rates are not brought onto common rows (but the bank predicts an output between its samples), one
-stream is one run, and `--reference free` is refused where an input is band-limited.
+judgement say it. Four things cannot be had without the future, and are not: columns of different
+rates are not brought onto common rows (but the bank predicts an output between its samples), nor is
+a stream to the lower rate of its model, one stream is one run, and `--reference free` is refused
+where an input is band-limited.
 """
 
 from collections.abc import Iterator, Sequence
@@ -14,7 +15,7 @@ import numpy as np
 from faultgauge.detection.decisions import Decision
 from faultgauge.detection.desk import Desk, Residuals, Said
 from faultgauge.detection.episode import Episode
-from faultgauge.detection.estimation import Judgement, judged
+from faultgauge.detection.estimation import Judgement, judged, limits_in
 from faultgauge.detection.judged import Bank, Estimates, build_bank, check_observer
 from faultgauge.detection.live import Answer
 from faultgauge.detection.misfit import FEWEST, Alarmed, Misfit
@@ -25,6 +26,7 @@ from faultgauge.errors import InputError
 from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run
 from faultgauge.telemetry.rates import align
+from faultgauge.telemetry.resampling import same_rate
 from faultgauge.telemetry.runs import PACE_SAMPLES, paced
 from faultgauge.telemetry.stream import SOURCE, Sample
 
@@ -52,6 +54,7 @@ class Online:
         self.model, self.observer = model, observer
         self.reference: Reference = reference
         self.first: list[Sample] = []
+        self.rate: float | None = None  # of the model, where that is the stream's
         self.desk: Desk | None = None
         self.alarmed: Alarmed | None = Alarmed(NAME)  # until it is said
 
@@ -63,7 +66,7 @@ class Online:
     def push(self, sample: Sample) -> Iterator[Said]:
         """Judgements of one row each, alarms and events, in the order of time."""
         if self.desk is not None:
-            yield from self._watched(self.desk.push(_rows([sample], self.desk.pace)))
+            yield from self._watched(self.desk.push(self._rows([sample], self.desk.pace)))
             return
         self.first.append(sample)
         if len(self.first) == PACE_SAMPLES:
@@ -81,7 +84,8 @@ class Online:
             yield from self._misfit(float(self.desk.newest.t[0]))
 
     def _open(self) -> Iterator[Said]:
-        run = paced(_rows(self.first, None))
+        self._take_rate(paced(self._rows(self.first, None)))
+        run = paced(self._rows(self.first, None))
         self._check_rates(run)
         if self.observer == "bank":
             desk = UnjudgedDesk if uncalibrated(self.model) else BankDesk
@@ -89,7 +93,7 @@ class Online:
         else:
             self.desk = _Observers(self.model, run, self.observer, self.reference)
         for sample in self.first:
-            yield from self._watched(self.desk.push(_rows([sample], run.pace)))
+            yield from self._watched(self.desk.push(self._rows([sample], run.pace)))
 
     def _watched(self, said: Iterator[Said]) -> Iterator[Said]:
         """What is said, and whether the alarm is there from the beginning on."""
@@ -112,6 +116,26 @@ class Online:
         if self.observer == "bank":
             found = found.get("bank", {})
         return max(int(np.ceil(found.get("block_s", 0.0) / self.desk.pace)), FEWEST)
+
+    def _rows(self, samples: Sequence[Sample], pace: float | None) -> Run:
+        names = samples[0].values
+        columns = {name: np.array([sample.values[name] for sample in samples]) for name in names}
+        t = np.array([sample.t for sample in samples])
+        return Run(NAME, SOURCE, t, columns, pace, resampled=self.rate)
+
+    def _take_rate(self, run: Run) -> None:
+        """Refuses a stream that is faster than the rate of the model."""
+        rate = self.model.resample
+        if rate is None:
+            return
+        if same_rate(rate, 1 / run.step):
+            self.rate = rate
+        elif rate * run.step < 1:
+            raise InputError(
+                f"{SOURCE}: rows come at {1 / run.step:.4g} Hz and the model was fitted at "
+                f"{rate:g} Hz (--resample), where the filter that brings them there needs rows "
+                f"that are yet to come; send rows at {rate:g} Hz, or give the log as a file."
+            )
 
     def _check_rates(self, run: Run) -> None:
         held = [each.name for each in self.model.plant.signals.inputs if each.hold == "zero"]
@@ -147,7 +171,7 @@ class _Observers(Desk):
     ) -> Iterator[Said]:
         estimates = self._estimates(row, answer)
         values = {}
-        if self.model.calibration is not None:
+        if limits_in(self.model) is not None:
             values = estimates.f if self.bank.designs else r["observer"]
         judgement = replace(judged(self.bank, estimates, values, r[self.reference]), events=[])
         yield judgement
@@ -170,10 +194,3 @@ class _Observers(Desk):
         }
         settled = self.bank.has_settled(np.array([answer.since])) & answer.unforeseen
         return Estimates(row, f, innovation, np.ones(1, bool), settled, self.standing)
-
-
-def _rows(samples: Sequence[Sample], pace: float | None) -> Run:
-    columns = {
-        name: np.array([sample.values[name] for sample in samples]) for name in samples[0].values
-    }
-    return Run(NAME, SOURCE, np.array([sample.t for sample in samples]), columns, pace)

@@ -1,6 +1,5 @@
 """`estimate` by the bank while telemetry arrives: the rows and events of a file, row by row."""
 
-from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import fields
 
@@ -12,15 +11,13 @@ from faultgauge.detection.course import Course, Rows
 from faultgauge.detection.decisions import Decision, unjudged
 from faultgauge.detection.desk import Desk, Residuals, Said
 from faultgauge.detection.episode import Alarm
-from faultgauge.detection.events import PAUSE, UNKNOWN, Judged, events
+from faultgauge.detection.events import UNKNOWN, Judged, events, pause
 from faultgauge.detection.live import Answer
 from faultgauge.detection.noise import noise_of
-from faultgauge.detection.onset import EARLIEST
 from faultgauge.detection.posterior import Posterior, posterior_of, untrusted
 from faultgauge.detection.residual import HealthyReference, Reference
 from faultgauge.detection.verdicts import Verdict, Verdicts, log_odds
 from faultgauge.plants.model import Model
-from faultgauge.plants.plant import Plant
 from faultgauge.telemetry import Run
 from faultgauge.telemetry.runs import joined
 
@@ -59,8 +56,6 @@ class BankDesk(Desk):
         super().__init__(model, run, self.course, [reference])
         self.reference: Reference = reference
         self.verdicts = Verdicts(self.fault_bank)
-        self.since = float(run.t[0])  # the end of the last event
-        self.before: deque[Row] = deque(maxlen=EARLIEST)
         self.kept: list[Row] = []
         self.calm = 0  # sampled rows in a row that speak of no fault
         self.told: set[str] = set()
@@ -77,7 +72,7 @@ class BankDesk(Desk):
         verdict = self.verdicts.judge(acting, found, self.standing)
         found = untrusted(self.fault_bank, found, verdict.status)
         yield Decision(row, found, r[self.reference], verdict.status, verdict.reason, [])
-        modes = len(self.fault_bank.sets) + len(self.fault_bank.levels.unknown)
+        modes = len(self.fault_bank.sets) + 1
         p = rows[0].p.astype(np.float32) if rows else np.full((1, modes), np.nan, np.float32)
         yield from self._keep((acting, found, verdict, p))
 
@@ -87,9 +82,8 @@ class BankDesk(Desk):
     def _rows(self, acting: Run, answer: Answer) -> Rows:
         u = self.course.samples(acting, WHOLE)[0]
         since = np.array([answer.since])
-        plant = self.lives[0].latest.plant
         foreseen = np.array([not answer.unforeseen])
-        return self.course.rows(plant, WHOLE, answer.infos, u, since, foreseen)
+        return self.course.rows(WHOLE, answer.infos, u, since, foreseen)
 
     def _keep(self, said: Row) -> Iterator[Said]:
         """Keep the row where it belongs to what may be an event; tell alarms and events."""
@@ -100,27 +94,25 @@ class BankDesk(Desk):
         speaks |= log_odds(found.healthy)[0] >= bank.level
         sampled = np.isfinite(found.healthy[0])
         self.calm = 0 if speaks else self.calm + sampled
-        (self.kept if speaks or self.kept else self.before).append(said)
+        if speaks or self.kept:
+            self.kept.append(said)
         names = (*bank.model.plant.signals.fault_names, UNKNOWN)
         for k in np.flatnonzero(verdict.named[0]):
             if names[k] not in self.told:
                 self.told.add(names[k])
                 size = float(found.f[0, k] / found.p[0, k]) if names[k] != UNKNOWN else None
                 yield Alarm(row.name, names[k], float(row.t[0]), size)
-        if self.calm > PAUSE:
+        if self.calm > pause(self.fault_bank):
             yield from self._over()
 
     def _over(self) -> Iterator[Said]:
         if any(verdict.named.any() for _, _, verdict, _ in self.kept):
-            rows = _joined(self.lives[0].latest.plant, [*self.before, *self.kept])
-            for event in events(self.fault_bank, rows, self.since, len(self.before)):
-                self.since = max(self.since, event.end)
-                yield event
-        self.before.extend(self.kept)
+            rows = _joined(self.kept)
+            yield from events(self.fault_bank, rows)
         self.kept, self.told = [], set()
 
 
-def _joined(plant: Plant, rows: Sequence[Row]) -> Judged:
+def _joined(rows: Sequence[Row]) -> Judged:
     runs, founds, verdicts, p = zip(*rows, strict=True)
     found = Posterior(
         **{
@@ -134,4 +126,4 @@ def _joined(plant: Plant, rows: Sequence[Row]) -> Judged:
         np.concatenate([each.alarm for each in verdicts]),
         np.concatenate([each.named for each in verdicts]),
     )
-    return Judged(plant, joined(list(runs)), found, verdict, np.concatenate(p))
+    return Judged(joined(list(runs)), found, verdict, np.concatenate(p))

@@ -1,9 +1,8 @@
-"""From the modes of the bank to probabilities, estimates and intervals.
+"""From the sets of faults to probabilities, estimates and intervals.
 
-Every figure is of the one mixture over all modes: `p_<fault>` sums the modes that hold it, the
+Every figure is of the one mixture over all sets: `p_<fault>` sums the sets that hold it, the
 estimate is the mean (0 where the fault is absent), and the interval its 2.5 % and 97.5 %
-quantiles, where an undeclared fault leaves each fault as uncertain as its prior. The model's own
-error, as calibration found it, adds to the variance of each estimate.
+quantiles, where an undeclared fault leaves each fault as uncertain as its prior.
 """
 
 from collections.abc import Iterable, Sequence
@@ -15,7 +14,6 @@ from scipy.special import ndtr
 
 from faultgauge.detection.bank import FaultBank
 from faultgauge.detection.course import Rows
-from faultgauge.observers.modes import with_unknown
 from faultgauge.plants.signals import Fault
 from faultgauge.telemetry import Run
 
@@ -33,9 +31,10 @@ class Posterior:
     """Columns of one run, NaN where nothing was sampled; faults in the plant's order, NaN where
     they are disabled.
 
-    `calm` is the probability that there is no active fault beyond the model's own error, `x` the
-    posterior mean of [states, drifting parameters], `outside` what of the training envelope
-    as in `Rows`, `held` whether a hold-off is on.
+    `calm` is the probability that there is no active fault, `x` the posterior mean of [states,
+    discrepancy, directions], `outside` what is not trusted as in `Rows`, `held` whether a hold-off
+    is on; `onset` how long ago each fault began if it is there (mean, standard deviation [s]),
+    and the probability that it `ever` was.
     """
 
     p: Float[np.ndarray, "samples faults"]
@@ -47,7 +46,9 @@ class Posterior:
     calm: Float[np.ndarray, "samples"]
     seen: Bool[np.ndarray, "samples faults two"]
     outside: Int[np.ndarray, "samples"]
-    x: Float[np.ndarray, "samples kept"]
+    x: Float[np.ndarray, "samples extended"]
+    onset: Float[np.ndarray, "samples faults two"]
+    ever: Float[np.ndarray, "samples faults"]
     held: Bool[np.ndarray, "samples"]
 
     @property
@@ -56,36 +57,24 @@ class Posterior:
         return self.outside == 0
 
 
-def members(bank: FaultBank, fault: int) -> tuple[list[int], list[int]]:
-    """(modes that hold the fault, the slot it has in each)."""
-    found = [(m, each.index(fault)) for m, each in enumerate(bank.sets) if fault in each]
-    return [m for m, _ in found], [slot for _, slot in found]
+def members(bank: FaultBank, fault: int) -> list[int]:
+    """The sets that hold the fault."""
+    return [k for k, each in enumerate(bank.sets) if fault in each]
 
 
 def marginals(
-    bank: FaultBank, p: Float[np.ndarray, "samples modes"]
+    bank: FaultBank, p: Float[np.ndarray, "samples sets"]
 ) -> Float[np.ndarray, "samples faults"]:
     """p of every fault, alone or with others."""
     faults = range(len(bank.model.plant.signals.faults))
-    return np.stack([p[:, members(bank, k)[0]].sum(axis=1) for k in faults], axis=1)
+    return np.stack([p[:, members(bank, k)].sum(axis=1) for k in faults], axis=1)
 
 
-def calm_of(bank: FaultBank, rows: Rows) -> Float[np.ndarray, "samples"]:
-    """The probability that there is no active fault beyond what the model errs by: the modes
-    without one, and the others as far as each of their faults lies within 1.96 of its `error`; so
-    too what drives the states undeclared."""
+def calm_of(bank: FaultBank, p: Float[np.ndarray, "samples sets"]) -> Float[np.ndarray, "samples"]:
+    """The probability that there is no active fault, declared or not."""
     active = bank.with_monitor("active")
-    calm = np.zeros(len(rows.p))
-    everyone = with_unknown(bank.sets, bank.levels)
-    for m, each in enumerate(everyone[: len(bank.error)]):
-        within = np.ones(len(calm))
-        for slot, fault in enumerate(each):
-            if fault >= len(active) or active[fault]:
-                reach, f = WIDE * bank.error[m, slot], rows.f[:, m, slot]
-                sd = np.maximum(rows.sd[:, m, slot], 1e-300)
-                within = within * (ndtr((reach - f) / sd) - ndtr((-reach - f) / sd))
-        calm += rows.p[:, m] * within
-    return calm
+    calm = [k for k, each in enumerate(bank.sets) if not active[list(each)].any()]
+    return p[:, calm].sum(axis=1)
 
 
 def mixture_quantiles(
@@ -122,22 +111,23 @@ def posterior_of(bank: FaultBank, run: Run, blocks: Iterable[Rows]) -> Posterior
     healthy, unknown, calm = (np.full(count, np.nan) for _ in range(3))
     seen = np.zeros((count, len(faults), 2), bool)
     outside, held = np.ones(count, int), np.zeros(count, bool)
-    kept = len(bank.model.plant.signals.states) + len(bank.modes.drifting)
-    x = np.full((count, kept), np.nan)
+    x = np.full((count, len(bank.plant.signals.states)), np.nan)
+    onset, ever = np.zeros((count, len(faults), 2)), np.zeros((count, len(faults)))
     for rows in blocks:
         part = rows.part
         healthy[part] = rows.p[:, 0]
         unknown[part] = rows.p[:, len(bank.sets) :].sum(axis=1)
-        calm[part] = calm_of(bank, rows)
+        calm[part] = calm_of(bank, rows.p)
         seen[part], outside[part], x[part] = rows.seen, rows.outside, rows.x
         held[part] = rows.held
+        onset[part], ever[part] = rows.onset, rows.ever
         p[part] = marginals(bank, rows.p)
         for k, fault in enumerate(faults):
             if fault.monitor == "disabled":
                 p[part, k] = np.nan
                 continue
             f[part, k], lo[part, k], hi[part, k] = _estimate(bank, rows, k, fault)
-    return Posterior(p, f, lo, hi, healthy, unknown, calm, seen, outside, x, held)
+    return Posterior(p, f, lo, hi, healthy, unknown, calm, seen, outside, x, onset, ever, held)
 
 
 def _estimate(
@@ -146,10 +136,10 @@ def _estimate(
     Float[np.ndarray, "samples"], Float[np.ndarray, "samples"], Float[np.ndarray, "samples"]
 ]:
     """(mean, lower, upper) of one fault; as wide as its prior where it would not be seen."""
-    modes, slots = members(bank, k)
-    weight, size = rows.p[:, modes], float(bank.levels.size[k])
-    mean = np.clip(rows.f[:, modes, slots], fault.min, fault.max)
-    sd = np.hypot(rows.sd[:, modes, slots], bank.error[modes, slots])
+    sets = members(bank, k)
+    weight, size = rows.p[:, sets], float(bank.size[k])
+    mean = np.clip(rows.f[:, sets, k], fault.min, fault.max)
+    sd = rows.sd[:, sets, k]
     f = np.sum(weight * mean, axis=1)
     unknown = np.zeros((len(f), 1))
     undeclared = rows.p[:, len(bank.sets) :].sum(axis=1, keepdims=True)
@@ -160,7 +150,7 @@ def _estimate(
     )
     blind = ~rows.seen[:, k]
     absent = weight.sum(axis=1) < LIKELY
-    blind &= (absent | blind.all(axis=1))[:, None]
+    blind &= absent[:, None]
     lo = np.where(blind[:, 0], np.minimum(lo, -WIDE * size), lo)
     hi = np.where(blind[:, 1], np.maximum(hi, WIDE * size), hi)
     lo, hi = np.clip(lo, fault.min, fault.max), np.clip(hi, fault.min, fault.max)
@@ -171,7 +161,7 @@ def untrusted(bank: FaultBank, found: Posterior, status: Sequence[str]) -> Poste
     """`found` with intervals as wide as the priors where the model is not trusted and no alarm that
     began before goes on: the network that was left may make up any fault."""
     where = (found.outside > 0) & (np.array(status) == "NOT_JUDGED")
-    faults, reach = bank.model.plant.signals.faults, WIDE * bank.levels.size[: found.p.shape[1]]
+    faults, reach = bank.model.plant.signals.faults, WIDE * bank.size
     lo = np.maximum(np.minimum(found.lo, -reach), [fault.min for fault in faults])
     hi = np.minimum(np.maximum(found.hi, reach), [fault.max for fault in faults])
     out = where[:, None]

@@ -11,13 +11,12 @@ from jaxtyping import Float
 from scipy.special import logsumexp
 
 from faultgauge.detection.answer import EXCLUDED, moment
-from faultgauge.detection.bank import CERTAIN, FaultBank, alone_error
+from faultgauge.detection.bank import CERTAIN, FaultBank
 from faultgauge.detection.change_points import total, windows_of
 from faultgauge.detection.changes import Changes, Sized, changes_of
 from faultgauge.detection.decisions import Decision
 from faultgauge.detection.events import UNKNOWN
 from faultgauge.detection.over_onsets import onset_over, size_over
-from faultgauge.detection.posterior import WIDE
 from faultgauge.detection.probability import probability
 from faultgauge.detection.shocks import Shocks
 from faultgauge.detection.verdicts import FAULT
@@ -91,16 +90,12 @@ def _answers(
     bank: FaultBank, decision: Decision, window: Window, changes: Changes
 ) -> list[Retrospect]:
     """The likeliest of: nothing; the declared changes; something undeclared, be it beside them."""
-    declared = len(bank.levels.onset)
+    declared = len(bank.onset)
     alien = total(changes.alone.weight[:, declared:])
     beside = changes.weight + total(changes.more.weight[:, declared:])
     logs = np.array([0.0, changes.weight, np.logaddexp(alien, beside)])
     share = np.exp(logs - total(logs))
     best = int(np.argmax(logs))
-    if best == 1 and all(_slight(bank, each) for each in changes.found):
-        sound = float(share[0] + share[1])
-        found = _answer(bank, decision, window, changes.alone, None, sound, {})
-        return [replace(found, alternatives=())]
     if best != 1:
         which = None if best == 0 else declared
         return [_answer(bank, decision, window, changes.alone, which, float(share[best]), {})]
@@ -111,12 +106,6 @@ def _answers(
             for each in changes.found
         ]
     )
-
-
-def _slight(bank: FaultBank, found: Sized) -> bool:
-    """Whether a level is within the model's own error, and so no fault."""
-    change = found.change
-    return abs(found.before + change.size) <= WIDE * alone_error(bank, change.fault)
 
 
 def _answer(
@@ -143,7 +132,7 @@ def _answer(
         density = np.exp(columns[k] - logs[k])
     if isinstance(which, Sized):
         given = causes.mean[:, k] + which.before
-        sd = np.hypot(causes.sd[:, k] * which.wider, alone_error(bank, k))
+        sd = causes.sd[:, k] * which.wider
         size = size_over(density, given, sd, faults[k].min, faults[k].max)
     onset = onset_over(window.t, density)
     data = causes.seen[min(k, len(faults))]
@@ -195,13 +184,12 @@ def _until(found: list[Retrospect]) -> list[Retrospect]:
 
 def _least(bank: FaultBank, found: Shocks, count: int) -> dict[str, float | None]:
     """The size of each fault that would have been named had it begun in the window's middle."""
-    information = np.asarray(found.information)[count // 2]
-    levels, faults = bank.levels, bank.model.plant.signals.faults
-    needed = CERTAIN - np.log(levels.onset * bank.step)
-    needed = needed + np.log1p(information * levels.size[: len(faults)] ** 2) / 2
-    shown = information * levels.size[: len(faults)] ** 2 > 1
+    faults = bank.model.plant.signals.faults
+    information = np.asarray(found.information)[count // 2, : len(faults)]
+    needed = CERTAIN - np.log(bank.onset * bank.step)
+    needed = needed + np.log1p(information * bank.size**2) / 2
+    shown = information * bank.size**2 > 1
     least = np.sqrt(2 * needed / np.maximum(information, 1e-300))
-    least = np.maximum(least, [WIDE * alone_error(bank, k) for k in range(len(faults))])
     return {fault.name: float(least[k]) if shown[k] else None for k, fault in enumerate(faults)}
 
 

@@ -14,7 +14,7 @@ over all samples, for every n at once:
 (de Jong and Penzer, JASA 93 (1998), "Diagnosing shocks in time series"; the generalised likelihood
 ratio of Willsky and Jones, IEEE TAC 21 (1976)). The filter is told the faults that are known, and a
 guess of the one that is looked for, around which it is linearised: what the guess does to e is
-added back.
+added back. A fault is varied by its own size, to the side of the guess, so that a limit counts.
 """
 
 from typing import NamedTuple
@@ -25,23 +25,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from faultgauge.observers.interacting import cholesky
-from faultgauge.observers.sigma_point import (
-    Belief,
-    Hypothesis,
-    SigmaPointFilter,
-    solve_lower,
-    with_parameters,
-)
-from faultgauge.plants.plant import Plant, respond
-from faultgauge.simulation.integrators import step as integrate
+from faultgauge.observers.divided_difference import Belief, DividedDifferenceFilter, Noise
 
-__all__ = ["Record", "Shocks", "Sizes", "shocks"]
+__all__ = ["Record", "Shocks", "shocks"]
 
 
 class Record(NamedTuple):
     """A stretch, the faults that are `known` and a guess `f` of another, per sample; `dt[k]`
-    leads to sample k."""
+    leads to sample k. Declared faults come first, then undeclared ones."""
 
     u: Float[Array, "samples inputs"]
     y: Float[Array, "samples outputs"]
@@ -50,25 +41,17 @@ class Record(NamedTuple):
     known: Float[Array, "samples faults"]
 
 
-class Sizes(NamedTuple):
-    """Prior standard deviations of what acts undeclared: `driven` behind the declared faults, and
-    a `jump` of the states."""
-
-    driven: Float[Array, "driven"]
-    jump: Float[Array, "states"]
-
-
 class Shocks(NamedTuple):
-    """For an onset at each sample: `score` and `information` of each declared fault's size, and
-    the log-likelihood gained by undeclared drives of all states, without and with a jump.
+    """For an onset at each sample: `score` and `information` of each fault's size, and the
+    log-likelihood gained by an `unknown` shock of the states.
 
     `base` is ln p(y) with the known faults alone; `fit` the guess's part of the innovations and
     `white` what it leaves of them, both in standard deviations.
     """
 
-    score: Float[Array, "samples declared"]
-    information: Float[Array, "samples declared"]
-    unknown: Float[Array, "samples two"]
+    score: Float[Array, "samples faults"]
+    information: Float[Array, "samples faults"]
+    unknown: Float[Array, "samples"]
     base: Float[Array, ""]
     white: Float[Array, "samples outputs"]
     fit: Float[Array, "samples outputs"]
@@ -86,104 +69,65 @@ class _Effect(NamedTuple):
 
 @eqx.filter_jit
 def shocks(
-    plant: Plant,
-    noise: Hypothesis,
+    lane: DividedDifferenceFilter,
+    noise: Noise,
     belief: Belief,
     record: Record,
-    sizes: Sizes,
-    drifting: tuple[str, ...],
-    substeps: int,
-    span: Float[Array, "faults"] | None = None,
+    shock: Float[Array, "states"],
 ) -> Shocks:
-    """Filter forwards, collect backwards; `belief` is of [states, drifting parameters].
-
-    What the filter is told is a slot of its own that is known to be 1, times the faults. With a
-    `span`, a fault acts in proportion to what that size of it does, limits and all, instead of by
-    its slope at what was told.
-    """
-    kept = len(belief.mean)
-    mean = jnp.append(belief.mean, 1.0)
-    root = jnp.zeros((kept + 1, kept + 1)).at[:kept, :kept].set(belief.root)
+    """Filter forwards, collect backwards; `belief` is of the states, `shock` the standard
+    deviations of an unknown shock to each."""
+    n, F = lane.states, lane.faults
+    up = jnp.sum(record.f + record.known, axis=0) >= 0
 
     def forwards(
         carry: tuple[Belief, Array, Array], sample: Record
     ) -> tuple[tuple[Belief, Array, Array], _Effect]:
         before, u_before, d = carry
         told = sample.f + sample.known
-        lane = SigmaPointFilter(plant, noise._replace(select=told[:, None]), drifting, substeps)
-        after, likelihood, gain = lane.step(before, u_before, sample.u, sample.y, sample.dt)
-        H, s, A, b = _linear(lane, before.mean[:kept], u_before, sample, span)
-        seen = jnp.isfinite(sample.y)[:, None]
-        whiten = jax.vmap(solve_lower, (None, 1), 1)
-        H, s = (whiten(gain.root, jnp.where(seen, part, 0.0)) for part in (H, s))
-        white, cross = solve_lower(gain.root, gain.innovation), gain.cross[:kept]
-        A, b = A - cross @ H, b - cross @ s
-        part = H @ d + s @ sample.f
-        e = white + part
-        likelihood += (white @ white - e @ e) / 2
-        below = jnp.eye(len(sample.f), kept + len(sample.f), kept)
-        T = jnp.concatenate([jnp.concatenate([A, b], axis=1), below])
-        effect = _Effect(e, part, jnp.concatenate([H, s], axis=1), T, likelihood)
-        return (after, sample.u, A @ d + b @ sample.f), effect
+        mean = jnp.concatenate([before.mean[:n], told, before.mean[n + F :]])
+        after, likelihood, flow, look, seen = lane.step(
+            Belief(mean, before.P), noise, u_before, sample.u, sample.y, sample.dt
+        )
+        B, D = jnp.where(up, flow.up, flow.down), jnp.where(up, look.up, look.down)
+        M = jnp.concatenate([flow.A[:n, :n], B], axis=1)
+        rows = []
+        for j in range(len(seen.white)):
+            row = look.C[j, :n] @ M + jnp.concatenate([jnp.zeros(n), D[j]])
+            rows.append(row / seen.root[j])
+            row = jnp.where(jnp.isfinite(seen.root[j]), row, 0.0)
+            M = M - seen.gain[j, :n, None] * row
+        G = jnp.stack(rows)
+        guess = jnp.concatenate([d, sample.f])
+        part = G @ guess
+        e = seen.white + part
+        likelihood += (seen.white @ seen.white - e @ e) / 2
+        T = jnp.concatenate([M, np.eye(n + F)[n:]])
+        return (after, sample.u, M @ guess), _Effect(e, part, G, T, likelihood)
 
-    start = Belief(mean, root), record.u[0], jnp.zeros(kept)
+    start = belief, record.u[0], jnp.zeros(n)
     effects = jax.lax.scan(forwards, start, record)[1]
-    score, information, unknown = _backwards(effects, kept, sizes)
+    score, information, unknown = _backwards(effects, n, shock)
     base = jnp.sum(effects.likelihood)
     return Shocks(score, information, unknown, base, effects.e - effects.part, effects.part)
 
 
-def _linear(
-    lane: SigmaPointFilter,
-    z: Float[Array, "kept"],
-    u: Float[Array, "inputs"],
-    sample: Record,
-    span: Float[Array, "faults"] | None,
-) -> tuple[Array, Array, Array, Array]:
-    """(dy/dz, dy/df, dz'/dz, dz'/df) over one sample, z' and y being the next ones."""
-    states = len(lane.plant.signals.states)
-
-    def look(z: Array, f: Array) -> tuple[Array, Array]:
-        plant = with_parameters(lane.plant, lane.drifting, z[states:])
-        x = integrate(plant, z[:states], u, sample.u, f, sample.dt, lane.substeps)
-        return respond(plant, x, sample.u, f)[1], jnp.concatenate([x, z[states:]])
-
-    (y_z, y_f), (z_z, z_f) = jax.jacfwd(look, (0, 1))(z, sample.f + sample.known)
-    if span is not None:
-        y, after = look(z, sample.known)
-        y_all, after_all = jax.vmap(look, (None, 0))(z, sample.known + jnp.diag(span))
-        y_f, z_f = ((y_all - y) / span[:, None]).T, ((after_all - after) / span[:, None]).T
-    return y_z, y_f, z_z, z_f
-
-
-def _backwards(effects: _Effect, kept: int, sizes: Sizes) -> tuple[Array, Array, Array]:
-    n = effects.T.shape[-1]
-    declared = slice(kept, n - len(sizes.driven))
-    driven = np.arange(n - len(sizes.driven), n)
-    jumped = np.concatenate([np.arange(len(sizes.jump)), driven])
-    both = jnp.concatenate([sizes.jump, sizes.driven])
+def _backwards(
+    effects: _Effect, n: int, shock: Float[Array, "states"]
+) -> tuple[Array, Array, Array]:
+    size = effects.T.shape[-1]
 
     def body(carry: tuple[Array, Array], effect: _Effect) -> tuple[tuple[Array, Array], Array]:
         r, N = carry
         r = effect.G.T @ effect.e + effect.T.T @ r
         N = effect.G.T @ effect.G + effect.T.T @ N @ effect.T
-        alien = jnp.stack([_gained(r, N, driven, sizes.driven), _gained(r, N, jumped, both)])
-        return (r, N), jnp.concatenate([r[declared], jnp.diagonal(N)[declared], alien])
+        M = shock[:, None] * N[:n, :n] * shock + jnp.eye(n)
+        L = jnp.linalg.cholesky(M)
+        white = jax.scipy.linalg.solve_triangular(L, shock * r[:n], lower=True)
+        gained = white @ white / 2 - jnp.sum(jnp.log(jnp.diagonal(L)))
+        return (r, N), jnp.concatenate([r[n:], jnp.diagonal(N)[n:], gained[None]])
 
-    start = jnp.zeros(n), jnp.zeros((n, n))
+    start = jnp.zeros(size), jnp.zeros((size, size))
     rows = jax.lax.scan(body, start, effects, reverse=True)[1]
-    count = declared.stop - declared.start
-    return rows[:, :count], rows[:, count : 2 * count], rows[:, 2 * count :]
-
-
-def _gained(
-    r: Float[Array, "n"],
-    N: Float[Array, "n n"],
-    which: np.ndarray,
-    size: Float[Array, "k"],
-) -> Float[Array, ""]:
-    """ln of the likelihood ratio of shocks ~ N(0, diag size^2) to none."""
-    M = size[:, None] * N[np.ix_(which, which)] * size + jnp.eye(len(size))
-    L = cholesky(M)
-    white = solve_lower(L, size * r[which])
-    return white @ white / 2 - jnp.sum(jnp.log(jnp.diagonal(L)))
+    count = size - n
+    return rows[:, :count], rows[:, count : 2 * count], rows[:, -1]

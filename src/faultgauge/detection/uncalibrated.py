@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from faultgauge.detection.levels import ranges
 from faultgauge.detection.posterior import WIDE, Posterior
+from faultgauge.detection.priors import sizes_of
 from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run
 
@@ -30,12 +30,11 @@ def unjudged_sentence(model: Model) -> str:
 
 
 def prior_of(model: Model, run: Run) -> Posterior:
-    """No probabilities, and every fault as its prior has it: 0, within a quarter of the range of
-    what it enters, or of its limits."""
+    """No probabilities, and every fault as its prior has it."""
     signals, count = model.plant.signals, len(run.t)
     faults = signals.faults
     nothing = np.full((count, len(faults)), np.nan)
-    reach = WIDE * ranges(model, model.plant) / 4
+    reach = WIDE * sizes_of(model, model.plant)
     on = np.where([fault.monitor == "disabled" for fault in faults], np.nan, 1.0)
     lo = on * np.maximum(-reach, [fault.min for fault in faults])
     hi = on * np.minimum(reach, [fault.max for fault in faults])
@@ -51,5 +50,7 @@ def prior_of(model: Model, run: Run) -> Posterior:
         seen=np.zeros((count, len(faults), 2), bool),
         outside=np.ones(count, int),
         x=np.full((count, len(signals.states)), np.nan),
+        onset=np.zeros((count, len(faults), 2)),
+        ever=np.zeros((count, len(faults))),
         held=no,
     )

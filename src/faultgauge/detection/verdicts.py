@@ -1,11 +1,12 @@
 """What the posterior means: a status with its reason, an alarm, and the faults that are named.
 
 An alarm begins where the log-odds of an active fault, ln (1 - p0) / p0 with p0 the probability that
-there is none beyond the model's own error, reach the calibrated level, inside the training envelope
-and outside the hold-off, and have done so for `persistence`. It ends where the probability falls
-below `release`. A fault is named while there is an alarm and its own probability has been 0.95 for
-`persistence`, and for 10 samples at least, from when on its sign is known: while one fault follows
-another, a third may fit for a few. A passive fault is named without an alarm.
+there is none, reach the calibrated level, where the model is trusted and outside the hold-off, and
+have done so for `persistence`. It ends where the probability falls
+below `release`. A fault is named while there is an alarm and its own probability has been 0.98 for
+`persistence`, and for a quarter of the bank's memory at least, from when on its sign is known:
+while one fault follows another, a third may fit for a while. A passive fault is named without an
+alarm.
 """
 
 from collections.abc import Sequence
@@ -15,6 +16,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from faultgauge.detection.bank import FaultBank
+from faultgauge.detection.envelope import bounds_of
 from faultgauge.detection.flat_line import standing_still
 from faultgauge.detection.limit_checker import LimitChecker
 from faultgauge.detection.posterior import Posterior
@@ -34,9 +36,8 @@ __all__ = [
 
 HEALTHY, FAULT, NOT_JUDGED, STALE = "HEALTHY", "FAULT", "NOT_JUDGED", "STALE"
 QUIET = 0.5  # p of no fault above: nothing speaks of one
-NAMED = 0.95  # p of a fault from which on it is named
+NAMED = 0.98  # p of a fault from which on it is named
 UNDECIDED = "undecided whether there is a fault"
-NAMING = 10  # samples
 FRESH = 10.0  # samples without any output after which the answer is stale
 
 
@@ -64,7 +65,7 @@ class Verdicts:
         rules = bank.model.plant.signals.detection
         count = len(bank.model.plant.signals.faults) + 1
 
-        wait = max(rules.persistence, NAMING * bank.step)
+        wait = max(rules.persistence, bank.wait)
         self.release = rules.release
         self.alarm = LimitChecker(rules.persistence, rules.latch)
         self.names = [LimitChecker(wait, rules.latch) for _ in range(count)]
@@ -83,7 +84,8 @@ class Verdicts:
         old = age > FRESH * self.bank.step
         quiet, calm = np.asarray(found.healthy > QUIET), np.asarray(found.calm > QUIET)
         disabled = self.bank.with_monitor("disabled")
-        clear = np.asarray(found.seen[:, ~disabled].all(axis=(1, 2)))
+        shown = np.any(found.seen[:, ~disabled], axis=2)
+        clear, blind = np.any(shown, axis=1), ~np.all(shown, axis=1)
         status, reason = [], []
         for k in range(len(run.t)):
             if not sampled[k]:
@@ -103,7 +105,7 @@ class Verdicts:
             elif not clear[k]:
                 answer = NOT_JUDGED, _blind(self.bank, run, found, k)
             else:
-                answer = HEALTHY, ""
+                answer = HEALTHY, _blind(self.bank, run, found, k) if blind[k] else ""
             status.append(answer[0])
             reason.append(answer[1])
         return Verdict(status, reason, alarm, named)
@@ -159,9 +161,12 @@ class Verdicts:
         return f"cause undecided: {' or '.join(likely)}"
 
     def _where(self, outside: int) -> str:
-        """What of the training envelope was left."""
-        said = "outside the training envelope"
-        return said if outside == 1 else f"{said} of {self.bank.regions[outside - 2].name}"
+        """What is not trusted."""
+        regions = self.bank.regions
+        if outside <= len(regions):
+            return f"outside of what training covered of {regions[outside - 1].name}"
+        name, _, _, low, high = bounds_of(self.bank.model)[outside - 1 - len(regions)]
+        return f"{name} is outside of its trusted range, {low:g} to {high:g}"
 
     def _small(self, found: Posterior, k: int) -> str:
         """Why what is there raises no alarm."""
@@ -169,13 +174,13 @@ class Verdicts:
         name = self.bank.model.plant.signals.fault_names[likely]
         if self.passive[likely]:
             return f"{name}, which is passive"
-        return f"{name}, if it is there, is within the model's own error"
+        return f"{name} is possible, but not certain enough for an alarm"
 
 
 def _blind(bank: FaultBank, run: Run, found: Posterior, k: int) -> str:
     """Why a fault would not show."""
     signals = bank.model.plant.signals
-    hidden = ~found.seen[k].all(axis=1) & ~bank.with_monitor("disabled")
+    hidden = ~found.seen[k].any(axis=1) & ~bank.with_monitor("disabled")
     fault = signals.faults[int(np.argmax(hidden))]
     if fault.enters in ("input", "gain"):
         target = signals.inputs[signals.input_names.index(fault.target)]

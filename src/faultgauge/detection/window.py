@@ -12,19 +12,20 @@ cause's onset rate times the step.
 
 from typing import NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.special import log_ndtr
 
-from faultgauge.detection.bank import FaultBank
-from faultgauge.detection.course import AT_START
+from faultgauge.detection.bank import FaultBank, unknown_shock
 from faultgauge.detection.judged import pad_stretch, record_arrays
-from faultgauge.detection.noise import spread_of_start
-from faultgauge.detection.shocks import Record, Shocks, Sizes, shocks
-from faultgauge.observers.sigma_point import Belief, Hypothesis
-from faultgauge.plants.plant import Plant
+from faultgauge.detection.noise import start_spread
+from faultgauge.detection.priors import ALIEN, AT_START
+from faultgauge.detection.shocks import Record, Shocks, shocks
+from faultgauge.observers.branching import SCALES
+from faultgauge.observers.divided_difference import Belief
 from faultgauge.telemetry import Run
 
 __all__ = ["Causes", "Window", "causes_in", "shocks_of", "window_of"]
@@ -33,8 +34,6 @@ __all__ = ["Causes", "Window", "causes_in", "shocks_of", "window_of"]
 class Window(NamedTuple):
     """The samples `part` of a run, its arrays padded to the length of a bucket."""
 
-    plant: Plant
-    noise: Hypothesis
     belief: Belief
     record: Record
     t: Float[np.ndarray, "samples"]
@@ -43,8 +42,8 @@ class Window(NamedTuple):
 
 class Causes(NamedTuple):
     """ln of posterior weight (not normalised) of every onset and cause, declared ones first and
-    then undeclared drives without and with a jump; mean and sd of a declared fault's size; the
-    innovations as each declared fault is linearised, the last ones without any."""
+    then undeclared ones; mean and sd of a declared fault's size; the innovations as each declared
+    fault is linearised, the last ones without any."""
 
     weight: Float[np.ndarray, "samples causes"]
     mean: Float[np.ndarray, "samples declared"]
@@ -54,33 +53,27 @@ class Causes(NamedTuple):
 
 def window_of(
     bank: FaultBank,
-    plant: Plant,
     run: Run,
     part: slice,
     believed: Bool[np.ndarray, "samples"],
-    mean: Float[np.ndarray, "kept"],
+    mean: Float[np.ndarray, "extended"],
     least: int = 0,
 ) -> Window:
     """The samples `part` of `run`, of which those are used that are `believed`; they start at
-    about `mean` [states, drifting parameters]. Padded to the bucket of `least` samples or more."""
-    model, levels = bank.model, bank.levels
+    about `mean` [states, discrepancy, directions]. Padded to the bucket of `least` samples or
+    more."""
+    model = bank.model
     u, y = record_arrays(model, run, part)
     y[:, [n not in bank.outputs for n in model.plant.signals.output_names]] = np.nan
     y[~believed[part]] = np.nan
     u, y, dt = pad_stretch(u, y, run.t[part], least)
     # The first sample has found the start: it is not to be believed twice, least of all where
     # a sensor's bias may have been there already.
-    nobody, drifted = spread_of_start(model, bank.noise, ())
-    belief = Belief(jnp.asarray(mean), jnp.diag(jnp.asarray(np.append(nobody, drifted))))
-    every = len(levels.size)
-    noise = Hypothesis(
-        jnp.zeros((every, 1)),
-        jnp.asarray(levels.process),
-        jnp.asarray(np.append(levels.drift, 0.0)),
-        jnp.asarray(levels.sigma),
-    )
-    record = Record(*(jnp.asarray(a) for a in (u, y, dt, *np.zeros((2, len(dt), every)))))
-    return Window(plant, noise, belief, record, run.t[part], part)
+    sd = start_spread(model, bank.noise, ())
+    lane = bank.modes.filter
+    faults = np.zeros((len(dt), lane.faults))
+    record = Record(*(jnp.asarray(a) for a in (u, y, dt, faults, faults)))
+    return Window(lane.begin(jnp.asarray(mean), jnp.asarray(sd)), record, run.t[part], part)
 
 
 def shocks_of(
@@ -91,38 +84,37 @@ def shocks_of(
 ) -> Shocks:
     """What the filter says of a window, linearised around the guess `f`, or over `span`."""
     record = window.record if f is None else window.record._replace(f=f)
-    declared, levels = len(bank.levels.onset), bank.levels
-    sizes = Sizes(jnp.asarray(levels.size[declared:]), jnp.asarray(levels.jump))
-    return shocks(
-        window.plant,
-        window.noise,
-        window.belief,
-        record,
-        sizes,
-        bank.modes.drifting,
-        bank.modes.substeps,
-        span,
-    )
+    noise = jax.tree.map(lambda a: a[0], bank.modes.noise)
+    lane = bank.modes.filter
+    if span is not None:
+        lane = eqx.tree_at(lambda each: each.probe, lane, jnp.abs(span))
+    return shocks(lane, noise, window.belief, record, jnp.asarray(unknown_shock(bank)))
 
 
 def causes_in(bank: FaultBank, window: Window, found: Shocks) -> Causes:
     """The posterior of a window from what the filter says of it."""
-    levels, faults = bank.levels, bank.model.plant.signals.faults
+    faults = bank.model.plant.signals.faults
     count, declared = len(window.t), len(faults)
     dt = np.asarray(window.record.dt)[:count, None]
-    rate = np.concatenate([levels.onset, levels.unknown[:2]])
-    with np.errstate(divide="ignore"):  # an unknown mode that is not worth having
-        prior = np.log(rate * dt)
-        prior[0] = np.log(np.minimum(rate * 3600, AT_START))
+    more = bank.modes.filter.faults - declared
+    rate = np.concatenate([bank.onset, np.full(more + 1, ALIEN * bank.onset.max() / (more + 1))])
+    prior = np.log(rate * np.maximum(dt, 1e-12))
+    prior[0] = np.log(AT_START)
+    size = np.asarray(bank.modes.prior.size)[: bank.modes.filter.faults]
     score, information = (np.asarray(a)[:count] for a in (found.score, found.information))
-    size = levels.size[:declared]
     variance = 1 / (information + size**-2.0)
-    mean, sd = score * variance, np.sqrt(variance)
-    gain = (score**2 * variance - np.log1p(information * size**2)) / 2
-    for k, fault in enumerate(faults):
-        gain[:, k] += _mass(fault.min, fault.max, mean[:, k], sd[:, k])
-        gain[:, k] -= _mass(fault.min, fault.max, np.zeros(1), size[k : k + 1])
-    gain = np.concatenate([gain, np.asarray(found.unknown)[:count]], axis=1)
+    mean, sd = (score * variance)[:, :declared], np.sqrt(variance)[:, :declared]
+    each = []
+    for scale in SCALES:
+        s = scale * size
+        V = 1 / (information + s**-2.0)
+        gain = (score**2 * V - np.log1p(information * s**2)) / 2
+        for k, fault in enumerate(faults):
+            gain[:, k] += _mass(fault.min, fault.max, (score * V)[:, k], np.sqrt(V)[:, k])
+            gain[:, k] -= _mass(fault.min, fault.max, np.zeros(1), s[k : k + 1])
+        each.append(gain)
+    gain = np.logaddexp.reduce(each, axis=0) - np.log(len(SCALES))
+    gain = np.concatenate([gain, np.asarray(found.unknown)[:count, None]], axis=1)
     return Causes(prior + gain, mean, sd, (found,))
 
 

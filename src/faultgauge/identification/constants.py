@@ -93,6 +93,14 @@ class Information:
             )
         return found
 
+    def for_bank(self) -> dict[str, Any]:
+        """How uncertain the constants are, for whoever uses the model."""
+        return {
+            "names": [each.name for each in self.constants],
+            "errors": [each.standard_error for each in self.constants],
+            "correlation": self.to_dict()["correlation"],
+        }
+
     def to_dict(self) -> dict[str, Any]:
         rows = [vars(each) for each in self.constants]
         return {

@@ -34,7 +34,7 @@ from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
 from faultgauge.plants.plant_file import PlantSpec
 from faultgauge.plants.signals import Signals
-from faultgauge.telemetry import Run
+from faultgauge.telemetry import Run, rate_of
 from faultgauge.telemetry.resampling import cover
 
 __all__ = ["FitReport", "fit"]
@@ -107,6 +107,9 @@ def fit(
             f"{option} is about the refinement, which --no-refine leaves out; leave one of the two "
             "away."
         )
+    rate = rate_of([*logs, *validate])
+    if rate is not None:
+        plant = _held_at_zero(plant)
     spec = plant.spec
     warnings = list(spec.warnings)
     logs = _not_validated(logs, validate, warnings)
@@ -159,15 +162,26 @@ def fit(
     if given is not None and result.error < 1:  # a model of no use says nothing about the input
         warnings += response_warnings(result.plant, given.stretches, given.noise)
     record = _record(result, how, logs, validate, noise, groups, refinement, seed)
+    if rate is not None:
+        steps = [run.logged for run in logs if run.logged is not None]
+        record |= {"resample": rate, "log_step": float(np.median(steps))}
     if given is not None and given.explained:
         record["instruments"] = given.explained
     record["noise"] = noise_floor(spec.signals, acting)
+    told = refinement.information if refinement is not None else known
+    if told is not None:
+        record["constants"] = told.for_bank()
     if spec.open_holds or spec.open_sizes:
         record["choices"] = _choices(spec, result.plant, refinement)
     model = Model(result.plant, record)
     if ensemble and refinement is not None:
         model = model.with_members(refinement.members[1:])
     return model, FitReport(groups, result.training, noise, warnings, refinement, known)
+
+
+def _held_at_zero(plant: GrayBoxPlant) -> GrayBoxPlant:
+    """`plant` with no hold left open: resampling took means, which are held in between."""
+    return replace(plant, spec=replace(plant.spec, open_holds=()))
 
 
 def _of_no_use(result: _Result, runs: Sequence[Run]) -> list[str]:

@@ -9,6 +9,7 @@ from jaxtyping import Float
 from faultgauge.identification.samples import state_column
 from faultgauge.plants.signals import Input, Signals, State
 from faultgauge.telemetry import Run
+from faultgauge.telemetry.oversampling import oversampled
 from faultgauge.telemetry.stuck import stuck_stretches
 
 __all__ = ["beyond_limits", "log_warnings", "other_units"]
@@ -17,6 +18,7 @@ MANY_EMPTY = 0.05  # of the cells of an output
 OTHER_UNIT = 300.0  # times the declared range: prefixes are off by 1000, ranges by less
 LITTLE = 0.05  # of the declared range of an input
 ROUNDING = 1e-3  # of an input's spread: what a log may round a limit by
+OVERSHOOT = 0.05  # of an input's range: that of the filter that brings logs to a lower rate
 FEW = 3  # samples beyond a limit that are no slip of the log
 
 
@@ -35,7 +37,9 @@ def log_warnings(signals: Signals, runs: Sequence[Run]) -> list[str]:
         values = [run.columns[each.name] for run in runs]
         found += [text for run in runs for text in _of_input(run, each.name)]
         found += list(_of_range(each, values, f"input {each.name!r}")) or beyond_limits(each, runs)
-    return found + other_units(runs)
+    apart = {*signals.input_names, *signals.instruments}
+    measured = dict.fromkeys(name for run in runs for name in run.columns if name not in apart)
+    return found + other_units(runs) + oversampled(runs, measured)
 
 
 def other_units(runs: Sequence[Run]) -> list[str]:
@@ -69,7 +73,8 @@ def beyond_limits(each: Input, runs: Sequence[Run]) -> list[str]:
     u = np.concatenate([run.columns[each.name] for run in runs])
     u = u[np.isfinite(u)]
     over = np.maximum(u - each.max, each.min - u)
-    outside = over > ROUNDING * np.std(u)
+    lowered = any(run.resampled is not None for run in runs)
+    outside = over > (OVERSHOOT * np.ptp(u) if lowered else ROUNDING * np.std(u))
     if np.count_nonzero(outside) < FEW:
         return []
     return [

@@ -25,6 +25,7 @@ __all__ = [
     "collect",
     "column_names",
     "in_effect",
+    "jumping",
     "slow_columns",
     "spread",
     "state_column",
@@ -168,7 +169,7 @@ def collect(
 ) -> tuple[list[Stretch], dict[str, dict[str, float]]]:
     """Stretches of all runs, and what the smoothing left: per state the kernel's window [s],
     the noise of the measured column and the noise of the derivative (its unit and share)."""
-    held = _held(spec)
+    held = jumping(spec)
     grids = []
     for run in runs:
         for part in segments(run, how.needed):
@@ -189,7 +190,7 @@ def collect(
     return [_stretch(spec, how, kernel, held, *grid) for grid in grids], noise
 
 
-def _held(spec: PlantSpec) -> set[str]:
+def jumping(spec: PlantSpec) -> set[str]:
     """Signals that jump with a held input: the input itself and what it feeds straight into."""
     held = {each.name for each in spec.signals.inputs if each.hold == "zero"}
     if held:

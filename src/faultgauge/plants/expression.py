@@ -28,6 +28,7 @@ __all__ = [
     "Scope",
     "derivatives_used",
     "evaluate",
+    "is_state",
     "names_used",
     "networks_used",
     "parse",
@@ -307,6 +308,11 @@ def names_used(expression: Expression) -> frozenset[str]:
                     yield from names(argument)
 
     return frozenset(names(expression.tree))
+
+
+def is_state(node: Node, states: Collection[str]) -> bool:
+    """Whether an expression is one state and nothing else."""
+    return isinstance(node, Name) and node.name in states
 
 
 def networks_used(expression: Expression) -> dict[str, list[tuple[Node, ...]]]:

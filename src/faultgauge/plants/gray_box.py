@@ -1,5 +1,6 @@
 """A plant file as a `Plant`: its integrators and physics as written, its networks as leaves."""
 
+import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -8,9 +9,9 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from faultgauge.plants.expression import evaluate
+from faultgauge.plants.expression import Call, evaluate, networks_used
 from faultgauge.plants.network import Network
-from faultgauge.plants.plant import Plant
+from faultgauge.plants.plant import Change, Plant
 from faultgauge.plants.plant_file import PlantSpec, parse_plant, read_plant_text
 from faultgauge.plants.signals import Signals
 
@@ -64,6 +65,29 @@ class GrayBoxPlant(Plant):
             for value in self.spec.values
         ]
         return jnp.stack([jnp.asarray(output, float) for output in outputs])
+
+    def altered(self, changes: Mapping[str, Change]) -> "GrayBoxPlant":
+        """The plant with its parameters and networks changed, by their names."""
+        parameters, networks = dict(self.parameters), dict(self.networks)
+        for name, change in changes.items():
+            if name in parameters:
+                parameters[name] = change.of(parameters[name])
+            else:
+                networks[name] = networks[name].altered(change)
+        return dataclasses.replace(self, parameters=parameters, networks=networks)
+
+    def network_values(
+        self, name: str, x: Float[Array, "states"], u: Float[Array, "inputs"]
+    ) -> Float[Array, "calls"]:
+        """What network `name` gives at each place where the file calls it."""
+        values = self.point(x, u)
+        rates = dict(zip(self.signals.state_names, self.derivative(x, u), strict=True))
+        found = [
+            evaluate(Call(name, call), values, jnp, derivatives=rates, networks=self.networks)
+            for expression in (*self.spec.derivatives, *self.spec.values)
+            for call in networks_used(expression).get(name, ())
+        ]
+        return jnp.stack(found)
 
     def point(
         self, x: Float[Array, "states"], u: Float[Array, "inputs"]

@@ -39,8 +39,9 @@ class Model:
 
     `record` is plain JSON: training envelope, metrics, data hashes, time steps, versions, the
     `choices` of hold and hidden that the plant file left to the fit and, after `calibrate`, the
-    calibration. `members` are the other plants of an ensemble, `plant` being its best; the record
-    counts them.
+    calibration; where the logs were brought to a lower rate, that rate, `resample` [Hz], and their
+    step before, `log_step` [s]. `members` are the other plants of an ensemble, `plant` being its
+    best; the record counts them.
     """
 
     plant: GrayBoxPlant
@@ -56,8 +57,17 @@ class Model:
     def calibration(self) -> dict[str, Any] | None:
         return self.record.get("calibration")
 
+    @property
+    def resample(self) -> float | None:
+        """The rate [Hz] that faster logs are brought to before the model sees them, if any."""
+        return self.record.get("resample")
+
     def with_calibration(self, calibration: dict[str, Any]) -> "Model":
         return replace(self, record={**self.record, "calibration": calibration})
+
+    def with_resample(self, rate: float) -> "Model":
+        """The model with a `rate` [Hz] that faster logs are brought to."""
+        return replace(self, record={**self.record, "resample": rate})
 
     def with_members(self, members: Sequence[GrayBoxPlant]) -> "Model":
         """The model as the best of an ensemble, `members` being the others."""
@@ -152,6 +162,8 @@ def load_model(path: str | Path) -> Model:
         model = Model(filled(GrayBoxPlant.untrained(spec), own), record, members)
         if not 0 < model.max_step < np.inf:
             raise ValueError("max_step")
+        if model.resample is not None and not 0 < model.resample < np.inf:
+            raise ValueError("resample")
         return model
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         raise InputError(f"{path}: its description is damaged{advice}.") from None

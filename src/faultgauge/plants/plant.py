@@ -1,6 +1,7 @@
 """The one protocol: dx = F(x, u), y = h(dx, x, u)."""
 
 import abc
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import equinox as eqx
@@ -9,14 +10,24 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from faultgauge.plants.signals import Signals
+from faultgauge.plants.signals import INNER, Signals
 
-__all__ = ["Plant", "Stuck", "clip_state", "respond"]
+__all__ = ["Change", "Plant", "Stuck", "clip_state", "respond"]
 
 # Every JAX module of faultgauge imports this one. float32 surprises: identification needs 1e-8.
 jax.config.update("jax_enable_x64", True)
 # A program runs in the thread that calls it; else two of them wait for each other's threads.
 jax.config.update("jax_cpu_enable_async_dispatch", False)
+
+
+class Change(NamedTuple):
+    """What faults make of the value v of a parameter or a network: factor v + shift."""
+
+    factor: Float[Array, ""] | float = 1.0
+    shift: Float[Array, ""] | float = 0.0
+
+    def of(self, value: Float[Array, "*any"]) -> Float[Array, "*any"]:
+        return self.factor * value + self.shift
 
 
 class Plant(eqx.Module):
@@ -45,6 +56,15 @@ class Plant(eqx.Module):
     ) -> Float[Array, "outputs"]:
         """h(dx, x, u): each output in its own unit."""
 
+    def altered(self, changes: Mapping[str, Change]) -> "Plant":
+        """The plant with its parameters and networks, by name, as `changes` make them.
+
+        Only a plant that declares faults which enter a parameter or a network needs one.
+        """
+        raise NotImplementedError(
+            f"{type(self).__name__} declares faults of {', '.join(changes)} and has no `altered`"
+        )
+
 
 class Stuck(NamedTuple):
     """Channels that hold a value whatever happens: what each is stuck at, NaN where it is free."""
@@ -63,35 +83,61 @@ def respond(
 ) -> tuple[Float[Array, "states"], Float[Array, "outputs"]]:
     """(dx, y) of the plant under command `u` with fault sizes `f` (None: healthy).
 
-    u  <-  clip((1 - f_gain) u + f_input, min, max)
+    p   <-  (1 + f_relative) p + f_parameter      (a network's value likewise, wherever called)
+    u   <-  clip((1 - f_gain) u + f_input, min, max)
     dx  =  F(x, u) + f_state
-    y   =  h(dx, x, u) + f_output
+    y   =  (1 - f_output_gain) h(dx, x, u) + f_output
 
-    each overwritten where it is `stuck`.
+    each overwritten where it is `stuck`. Several factors of one place multiply.
     """
     signals = plant.signals
-    extra_x, extra_y = jnp.zeros(len(signals.states)), jnp.zeros(len(signals.outputs))
-    extra_u, gain = jnp.zeros(len(signals.inputs)), jnp.ones(len(signals.inputs))
-    if f is not None:
-        for size, fault in zip(f, signals.faults, strict=True):
-            match fault.enters:
-                case "state":
-                    extra_x = extra_x.at[signals.state_names.index(fault.target)].add(size)
-                case "output":
-                    extra_y = extra_y.at[signals.output_names.index(fault.target)].add(size)
-                case "input":
-                    extra_u = extra_u.at[signals.input_names.index(fault.target)].add(size)
-                case "gain":
-                    gain = gain.at[signals.input_names.index(fault.target)].multiply(1.0 - size)
+    added: dict[str, list[tuple[int, Array]]] = {"state": [], "output": [], "input": []}
+    lost: dict[str, list[tuple[int, Array]]] = {"gain": [], "output_gain": []}
+    changes: dict[str, Change] = {}
+    names = {"state": signals.state_names, "input": signals.input_names}
+    names |= {"output": signals.output_names, "gain": signals.input_names}
+    names |= {"output_gain": signals.output_names}
+    for size, fault in () if f is None else zip(f, signals.faults, strict=True):
+        if fault.enters in INNER:
+            known = changes.get(fault.target, Change())
+            changes[fault.target] = _changed(known, size, fault.relative)
+        else:
+            into = added if fault.enters in added else lost
+            into[fault.enters].append((names[fault.enters].index(fault.target), size))
+    if changes:
+        plant = plant.altered(changes)
     lower = jnp.array([each.min for each in signals.inputs])
     upper = jnp.array([each.max for each in signals.inputs])
-    u = jnp.clip(gain * u + extra_u, lower, upper)
-    if stuck is None:
-        dx = plant.derivative(x, u) + extra_x
-        return dx, plant.output(dx, x, u) + extra_y
-    u = _overwritten(u, stuck.u)
-    dx = _overwritten(plant.derivative(x, u) + extra_x, stuck.dx)
-    return dx, _overwritten(plant.output(dx, x, u) + extra_y, stuck.y)
+    u = jnp.clip(_scaled(u, lost["gain"]) + _placed(added["input"], len(u)), lower, upper)
+    if stuck is not None:
+        u = _overwritten(u, stuck.u)
+    dx = plant.derivative(x, u) + _placed(added["state"], len(x))
+    if stuck is not None:
+        dx = _overwritten(dx, stuck.dx)
+    y = _scaled(plant.output(dx, x, u), lost["output_gain"])
+    y = y + _placed(added["output"], len(signals.outputs))
+    return dx, y if stuck is None else _overwritten(y, stuck.y)
+
+
+def _placed(sizes: list[tuple[int, Array]], count: int) -> Float[Array, "count"]:
+    """The sum of `sizes`, each at its place."""
+    total = jnp.zeros(count)
+    for place, size in sizes:
+        total = total + size * np.eye(count)[place]
+    return total
+
+
+def _scaled(values: Float[Array, "n"], losses: list[tuple[int, Array]]) -> Float[Array, "n"]:
+    """`values` less the share of each that is lost."""
+    for place, size in losses:
+        values = values * (1.0 - size * np.eye(len(values))[place])
+    return values
+
+
+def _changed(known: Change, size: Float[Array, ""], relative: bool) -> Change:
+    if relative:
+        return known._replace(factor=known.factor * (1.0 + size))
+    return known._replace(shift=known.shift + size)
 
 
 def _overwritten(

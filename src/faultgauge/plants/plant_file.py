@@ -2,6 +2,7 @@
 
 import keyword
 import math
+import reprlib
 import unicodedata
 from dataclasses import dataclass, field
 from importlib import resources
@@ -21,9 +22,18 @@ from faultgauge.plants.expression import (
     parse,
     unknown,
 )
-from faultgauge.plants.schema import FileTable, NetworkTable, StateTable
+from faultgauge.plants.schema import FaultTable, FileTable, NetworkTable, StateTable
 from faultgauge.plants.shape import Monotone, Shape
-from faultgauge.plants.signals import Detection, Fault, Input, Observation, Output, Signals, State
+from faultgauge.plants.signals import (
+    INNER,
+    Detection,
+    Fault,
+    Input,
+    Observation,
+    Output,
+    Signals,
+    State,
+)
 from faultgauge.plants.toml_file import parse_toml, read_text, typed
 
 __all__ = ["NetworkSpec", "Parameter", "PlantSpec", "parse_plant", "presets", "read_plant_text"]
@@ -119,6 +129,10 @@ def _bounds(table: Any) -> tuple[float, float]:
     return low, math.inf if table.max is None else float(table.max)
 
 
+def _trusted(table: Any) -> tuple[float, float] | None:
+    return None if table.trusted is None else (float(table.trusted[0]), float(table.trusted[1]))
+
+
 def _initial(table: StateTable) -> float:
     """Where the state starts if nobody says: at zero, or as near to it as its limits allow."""
     if table.initial is not None:
@@ -140,13 +154,21 @@ class _Checker:
         file = self.file
         self.check_names()
         self.check_bounds()
+        self.check_trusted()
         self.check_instruments()
         derivatives = self.expressions("states", "derivative")
         values = self.expressions("outputs", "value")
         self.check_shared(values)
         signals = Signals(
             states=tuple(
-                State(name, table.unit, *_bounds(table), initial=_initial(table))
+                State(
+                    name,
+                    table.unit,
+                    *_bounds(table),
+                    _initial(table),
+                    table.exact,
+                    _trusted(table),
+                )
                 for name, table in file.states.items()
             ),
             inputs=tuple(
@@ -157,14 +179,15 @@ class _Checker:
                     table.hold or "zero",
                     table.delay,
                     table.instrument,
+                    _trusted(table),
                 )
                 for name, table in file.inputs.items()
             ),
             outputs=tuple(
-                Output(name, table.unit, table.sigma, self.measures(value))
+                Output(name, table.unit, table.sigma, self.measures(value), _trusted(table))
                 for (name, table), value in zip(file.outputs.items(), values, strict=True)
             ),
-            faults=self.faults(),
+            faults=self.faults((*derivatives, *values)),
             observation=self.observation(),
             max_simultaneous=file.detection.max_simultaneous,
             detection=self.detection(),
@@ -228,6 +251,17 @@ class _Checker:
                     f"parameters.{name}",
                     f"fixed = true and vary = {table.vary!r} contradict each other; keep one",
                 )
+
+    def check_trusted(self) -> None:
+        for kind in ("states", "inputs", "outputs"):
+            for name, table in getattr(self.file, kind).items():
+                given = table.trusted
+                if given is not None and not (len(given) == 2 and given[0] < given[1]):
+                    raise self.fail(
+                        f"{kind}.{name}",
+                        f"trusted = {reprlib.repr(given)}: should be two numbers, the lower bound "
+                        "and then the upper one, as in trusted = [0, 10]",
+                    )
 
     def check_instruments(self) -> None:
         """An instrument comes from outside the loop; the plant's own signals are inside."""
@@ -328,13 +362,9 @@ class _Checker:
             done.extend(ready)
         return tuple(names.index(n) for n in done)
 
-    def faults(self) -> tuple[Fault, ...]:
-        kinds = {"state": "states", "input": "inputs", "output": "outputs", "gain": "inputs"}
+    def faults(self, expressions: tuple[Expression, ...]) -> tuple[Fault, ...]:
         for name, table in self.file.faults.items():
-            legal = getattr(self.file, kinds[table.enters])
-            if table.target not in legal:
-                problem = unknown(f"{kinds[table.enters][:-1]} as target", table.target, legal)
-                raise self.fail(f"faults.{name}", problem)
+            self.check_fault(name, table, expressions)
         return tuple(
             Fault(
                 name,
@@ -345,9 +375,31 @@ class _Checker:
                 table.rate,
                 table.prior_per_hour,
                 table.monitor,
+                bool(table.relative),
             )
             for name, table in self.file.faults.items()
         )
+
+    def check_fault(
+        self, name: str, table: FaultTable, expressions: tuple[Expression, ...]
+    ) -> None:
+        kind = {"gain": "input", "output_gain": "output"}.get(table.enters, table.enters)
+        legal = getattr(self.file, f"{kind}s")
+        if table.target not in legal:
+            problem = unknown(f"{kind} as target", table.target, legal)
+            raise self.fail(f"faults.{name}", problem)
+        if table.relative is not None and table.enters not in INNER:
+            raise self.fail(
+                f"faults.{name}",
+                'relative goes with enters = "parameter" or "network" alone, not with '
+                f'"{table.enters}"; remove it',
+            )
+        if kind == "network" and not any(table.target in networks_used(e) for e in expressions):
+            raise self.fail(
+                f"faults.{name}",
+                f"target = {table.target!r}: no expression calls this network, so nothing can go "
+                "wrong in it; call it or remove the fault",
+            )
 
     def detection(self) -> Detection:
         table = self.file.detection

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 import pydantic
 
 from faultgauge.plants.shape import Monotone
-from faultgauge.plants.signals import Hold, Monitor
+from faultgauge.plants.signals import Entry, Hold, Monitor
 from faultgauge.plants.toml_file import Number, Positive, Table
 
 __all__ = [
@@ -33,6 +33,8 @@ class StateTable(Table):
     min: Number | None = None
     max: Number | None = None
     initial: Number | None = None
+    exact: bool = False
+    trusted: list[Number] | None = None
 
 
 class InputTable(Table):
@@ -42,12 +44,14 @@ class InputTable(Table):
     hold: Hold | None = None
     delay: Seconds = 0.0
     instrument: Text | None = None
+    trusted: list[Number] | None = None
 
 
 class OutputTable(Table):
     value: Text
     unit: Text = ""
     sigma: Positive | None = None
+    trusted: list[Number] | None = None
 
 
 class ParameterTable(Table):
@@ -71,7 +75,7 @@ class NetworkTable(Table):
 
 
 class FaultTable(Table):
-    enters: Literal["state", "input", "output", "gain"]
+    enters: Entry
     target: Text
     unit: Text = ""
     min: Number | None = None
@@ -79,6 +83,7 @@ class FaultTable(Table):
     rate: Positive | None = None
     prior_per_hour: Positive | None = None
     monitor: Monitor = "active"
+    relative: bool | None = None
 
 
 class ObserverTable(Table):

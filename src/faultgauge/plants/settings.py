@@ -1,6 +1,7 @@
 """What of a plant file no weight depends on: its faults, and what judges them.
 
-`[faults]`, `[detection]` and `[observer]` may change without a new fit; all else may not.
+`[faults]`, `[detection]`, `[observer]` and the keys `exact` and `trusted` may change without a new
+fit; all else may not.
 """
 
 from collections.abc import Mapping
@@ -18,12 +19,13 @@ from faultgauge.plants.toml_file import parse_toml, typed
 __all__ = ["with_settings"]
 
 FREE = {"faults", "detection", "observer"}
+FREE_KEYS = {"exact", "trusted"}  # of states, inputs and outputs
 KINDS = ("states", "inputs", "outputs", "parameters", "networks")
 
 
 def with_settings(model: Model, source: str | Path) -> Model:
-    """`model` with `[faults]`, `[detection]` and `[observer]` as in the plant file (or preset)
-    `source`, which its own text becomes.
+    """`model` with `[faults]`, `[detection]`, `[observer]`, `exact` and `trusted` as in the plant
+    file (or preset) `source`, which its own text becomes.
 
     Raises `InputError` that names the first key in which they differ otherwise.
     """
@@ -31,24 +33,36 @@ def with_settings(model: Model, source: str | Path) -> Model:
     difference = _difference(model.plant.spec, spec, str(source))
     if difference:
         raise InputError(
-            f"{source}: {difference}; only [faults], [detection] and [observer] may differ from "
-            f"the plant file that the model was fitted with, so restore it, or fit anew with "
-            f"`faultgauge fit {source} LOG... --out MODEL`."
+            f"{source}: {difference}; only [faults], [detection], [observer] and the keys `exact` "
+            "and `trusted` may differ from the plant file that the model was fitted with, so "
+            f"restore it, or fit anew with `faultgauge fit {source} LOG... --out MODEL`."
         )
     members = tuple(_set(member, spec) for member in model.members)
     return replace(model, plant=_set(model.plant, spec), members=members)
 
 
 def _set(plant: GrayBoxPlant, spec: PlantSpec) -> GrayBoxPlant:
+    own, given = plant.signals, spec.signals
     signals = replace(
-        plant.signals,
-        faults=spec.signals.faults,
-        observation=spec.signals.observation,
-        max_simultaneous=spec.signals.max_simultaneous,
-        detection=spec.signals.detection,
+        own,
+        states=tuple(
+            replace(s, exact=new.exact, trusted=new.trusted)
+            for s, new in zip(own.states, given.states, strict=True)
+        ),
+        inputs=tuple(
+            replace(i, trusted=new.trusted) for i, new in zip(own.inputs, given.inputs, strict=True)
+        ),
+        outputs=tuple(
+            replace(o, trusted=new.trusted)
+            for o, new in zip(own.outputs, given.outputs, strict=True)
+        ),
+        faults=given.faults,
+        observation=given.observation,
+        max_simultaneous=given.max_simultaneous,
+        detection=given.detection,
     )
-    own = replace(plant.spec, text=spec.text, signals=signals, warnings=spec.warnings)
-    return GrayBoxPlant(signals, own, plant.networks, plant.parameters)
+    changed = replace(plant.spec, text=spec.text, signals=signals, warnings=spec.warnings)
+    return GrayBoxPlant(signals, changed, plant.networks, plant.parameters)
 
 
 def _difference(own: PlantSpec, given: PlantSpec, source: str) -> str:
@@ -70,6 +84,8 @@ def _difference(own: PlantSpec, given: PlantSpec, source: str) -> str:
     for kind in KINDS:
         for name, table in theirs[kind].items():
             for key, value in table.items():
+                if key in FREE_KEYS:
+                    continue
                 was, place = ours[kind][name][key], (kind, name, key)
                 if (value != was) if place not in new else (new[place] != trees[place]):
                     return f"[{kind}.{name}] {key} = {_said(value)} is {_said(was)} in the model"

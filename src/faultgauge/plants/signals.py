@@ -6,9 +6,12 @@ from typing import Literal
 
 __all__ = [
     "Detection",
+    "Entry",
     "Fault",
     "Hold",
+    "INNER",
     "Input",
+    "LOSSES",
     "Monitor",
     "Observation",
     "Output",
@@ -18,17 +21,26 @@ __all__ = [
 
 Hold = Literal["zero", "linear", "band-limited"]
 Monitor = Literal["active", "passive", "disabled"]
+Entry = Literal["state", "input", "output", "gain", "output_gain", "parameter", "network"]
+LOSSES: tuple[Entry, ...] = ("gain", "output_gain")  # 1 - f multiplies
+INNER: tuple[Entry, ...] = ("parameter", "network")  # which no log shows
 
 
 @dataclass(frozen=True)
 class State:
-    """A state; simulation keeps it inside [min, max]."""
+    """A state; simulation keeps it inside [min, max].
+
+    `exact`: its derivative is kinematics, in which the model makes no error. Values outside
+    `trusted` (low, high) are not to be relied on; None: all are.
+    """
 
     name: str
     unit: str = ""
     min: float = -math.inf
     max: float = math.inf
     initial: float = 0.0
+    exact: bool = False
+    trusted: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -36,7 +48,7 @@ class Input:
     """An input; the actuator clips it to [min, max]; `hold` is how it runs between samples.
 
     What is commanded at t acts at t + `delay` [s]. `instrument` is the column of a reference from
-    outside the loop.
+    outside the loop. `trusted` as for a `State`.
     """
 
     name: str
@@ -46,24 +58,31 @@ class Input:
     hold: Hold = "zero"
     delay: float = 0.0
     instrument: str | None = None
+    trusted: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
 class Output:
     """An output; `sigma` is its measurement noise (standard deviation, its own unit).
 
-    `measures` names the state whose value the output is exactly, if there is one.
+    `measures` names the state whose value the output is exactly, if there is one. `trusted` as for
+    a `State`.
     """
 
     name: str
     unit: str = ""
     sigma: float | None = None
     measures: str | None = None
+    trusted: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
 class Fault:
-    """A hypothesis: additive on a state's derivative, an input or an output, or a gain loss.
+    """A hypothesis: what may go wrong, where it enters and by how much.
+
+    f adds to a state's derivative, an input, an output, a parameter's or a network's value; to the
+    latter two as a share of what they are where it is `relative`, that is times 1 + f. A gain loss
+    multiplies an input ("gain") or an output ("output_gain") by 1 - f.
 
     The estimate is kept inside [min, max]. `rate` is its fastest growth (unit/s) and
     `prior_per_hour` how often it begins; None where the plant file leaves them to the bank.
@@ -72,7 +91,7 @@ class Fault:
     """
 
     name: str
-    enters: Literal["state", "input", "output", "gain"]
+    enters: Entry
     target: str
     unit: str = ""
     min: float = -math.inf
@@ -80,6 +99,7 @@ class Fault:
     rate: float | None = None
     prior_per_hour: float | None = None
     monitor: Monitor = "active"
+    relative: bool = False
 
 
 @dataclass(frozen=True)

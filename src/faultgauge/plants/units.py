@@ -97,6 +97,10 @@ def _faults(spec: "PlantSpec", unit: Units) -> Iterator[str]:
                 place = unit["inputs", fault.target]
             case "output":
                 place = unit["outputs", fault.target]
+            case "parameter" if not fault.relative:
+                place = unit["parameters", fault.target]
+            case "network" if not fault.relative:
+                place = UNKNOWN  # a network gives whatever is needed
             case _:
                 place = DIMENSIONLESS
         found = unit["faults", fault.name]

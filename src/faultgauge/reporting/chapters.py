@@ -7,14 +7,18 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from faultgauge.detection.bank import build_fault_bank
 from faultgauge.detection.calibration import Calibration
+from faultgauge.detection.calibration_words import errors
 from faultgauge.detection.estimation import NOT_JUDGED, Judgement, sentences
 from faultgauge.detection.judged import Bank
+from faultgauge.detection.noise import noise_of
 from faultgauge.detection.residual import Reference
 from faultgauge.identification.evaluation import Prediction, at_samples, divergence
 from faultgauge.identification.fit import FitReport
 from faultgauge.identification.unseen import Unseen
 from faultgauge.plants.model import Model
+from faultgauge.reporting.calibration_chapter import calibration_section
 from faultgauge.reporting.model_figures import bars, envelope, fit_history
 from faultgauge.reporting.network_curves import network_figures
 from faultgauge.reporting.refinement_chapter import (
@@ -27,6 +31,7 @@ from faultgauge.reporting.style import quantity
 from faultgauge.reporting.svg import Figure
 from faultgauge.reporting.time_figures import fault_estimate, free_run, residual
 from faultgauge.reporting.validation_chapter import noise_table, validation_section
+from faultgauge.telemetry import Run
 
 __all__ = [
     "calibration_report",
@@ -212,9 +217,18 @@ def evaluation_section(
     )
 
 
-def calibration_report(found: Calibration) -> Report:
-    """The report of `calibrate`: the healthy blocks' peaks and the limit above them."""
+def calibration_report(found: Calibration, runs: Sequence[Run]) -> Report:
+    """The report of `calibrate` on `runs`: the healthy blocks' peaks and the level above them; of
+    the bank also how well each fault can be known."""
     block = found.model.calibration or {}
+    warnings = tuple(f"Warning: {warning}." for warning in found.warnings)
+    if "bank" in block:
+        bank = build_fault_bank(found.model, runs, noise_of(found.model))
+        section = calibration_section(bank, found.blocks)
+        said = (f"{line[0].upper()}{line[1:]}." for line in errors(found.model))
+        head = (*section.paragraphs[:1], *said, *warnings)
+        section = replace(section, paragraphs=section.paragraphs[1:])
+        return Report(f"Calibration: {found.model.plant.spec.name}", head, (section,))
     peaks = np.array([[b.peak, b.peak, b.peak] for b in found.blocks])
     labels = [f"{b.run}: {b.start:.4g} to {b.end:.4g} s" for b in found.blocks]
     limit = np.full(len(peaks), block["limit"])
@@ -239,7 +253,7 @@ def calibration_report(found: Calibration) -> Report:
     summary = (
         f"From {block['blocks']} healthy blocks ({block['judged_s']:.4g} s), false alarms come at "
         f"most once in {block['mtbfa_s']:.4g} s (95 % confidence).",
-        *(f"Warning: {warning}." for warning in found.warnings),
+        *warnings,
     )
     table = Table(("channel", "limit", "95 % of healthy values within"), rows)
     section = Section("Healthy blocks", (), (table,), (figure,))
@@ -267,7 +281,7 @@ def estimate_section(
 ) -> Section:
     """Estimates and residuals of every run; `truth` (fault: size) where it is known."""
     signals = model.plant.signals
-    calibration = model.calibration or {"channels": {}}
+    limits = (model.calibration or {}).get("channels", {})
     figures = []
     for each in judgements:
         judged = np.array(each.status) != NOT_JUDGED
@@ -276,7 +290,7 @@ def estimate_section(
                 continue
             f = each.f[fault.name]
             width = each.half_width.get(fault.name, np.nan)
-            channel = calibration["channels"].get(fault.name)
+            channel = limits.get(fault.name)
             figures.append(
                 fault_estimate(
                     each.run.t,

@@ -17,16 +17,13 @@ from faultgauge.plants.model import Model
 from faultgauge.reporting.evidence_chapter import evidence_section
 from faultgauge.reporting.report import Report, Section, Table
 from faultgauge.reporting.retrospective_chapter import retrospective_section
-from faultgauge.reporting.style import quantity
 from faultgauge.reporting.svg import Figure
 from faultgauge.reporting.time_figures import Panel, fault_estimate, panels
 
 __all__ = [
-    "calibration_section",
     "decision_report",
     "headline",
     "leading",
-    "proof",
     "unjudged_report",
 ]
 
@@ -83,32 +80,6 @@ def headline(sentence: str) -> tuple[str, tuple[str, ...]]:
     """An answer as what is said largest, fault, size, onset and p, and the sentence behind it."""
     head, told_at, rest = sentence.partition("; told at")
     return head, (f"Told at{rest}.",) if told_at else ()
-
-
-def proof(model: Model) -> str:
-    """What the healthy logs prove of the posterior's alarms."""
-    block = (model.calibration or {})["bank"]
-    alarms = {0: "no alarm", 1: "1 alarm"}.get(block["alarms"], f"{block['alarms']} alarms")
-    return (
-        f"{alarms[0].upper()}{alarms[1:]} in {block['blocks']} healthy blocks "
-        f"({block['judged_s']:.4g} s) proves that false alarms come at most once in "
-        f"{block['mtbfa_s']:.4g} s (95 % confidence); one begins at odds of "
-        f"{np.exp(block['level']):.3g} to 1."
-    )
-
-
-def calibration_section(model: Model) -> Section:
-    """What the posterior was calibrated with: noise, and the model's own error in every fault."""
-    signals, calibration = model.plant.signals, model.calibration or {}
-    sigma, error = calibration["noise"]["sigma"], calibration["bank"]["error"]
-    rows = [(f"noise of {e.name}", quantity(sigma[e.name], e.unit)) for e in signals.outputs]
-    rows += [
-        (f"the model's own error in {fault.name}", quantity(error[fault.name][0], fault.unit))
-        for fault in signals.faults
-        if fault.name in error
-    ]
-    table = Table(("", "standard deviation"), tuple(rows))
-    return Section("What the healthy log proves", (proof(model),), (table,), ())
 
 
 def unjudged_report(model: Model, decisions: Sequence[Decision], sentence: str) -> Report:

@@ -16,9 +16,9 @@ import numpy as np
 
 from faultgauge.errors import InputError
 from faultgauge.plants.expression import unknown
-from faultgauge.plants.signals import Signals
+from faultgauge.plants.signals import LOSSES, Entry, Signals
 from faultgauge.plants.toml_file import Number, Positive, Table, typed
-from faultgauge.simulation.fault_tables import Entry, entry
+from faultgauge.simulation.fault_tables import entry, unfit
 from faultgauge.simulation.scenario import TRUTH, Scenario
 from faultgauge.simulation.schedules import Constant, Ramp, Schedule, truth
 
@@ -28,6 +28,7 @@ Effect = Literal["add", "stuck", "dropout"]
 
 EFFECTS: dict[str, Effect] = {"bias": "add", "gain": "add", "stuck": "stuck", "dropout": "dropout"}
 ENTRIES: tuple[Entry, ...] = ("state", "input", "output")
+GAINS: dict[Entry, Entry] = {"input": "gain", "output": "output_gain"}
 FORMS = (
     "inject NAME SIZE, inject TARGET bias|gain|stuck|dropout SIZE, each with [ramp SECONDS], "
     "clear NAME, clear all or stop"
@@ -113,22 +114,24 @@ class Commands:
         else:
             meant = self._channel(table, where)
         name, enters, target, effect = meant
-        if effect == "stuck" and enters == "gain":
-            raise InputError(f"{where}: a gain is not stuck but lost; write a SIZE from 0 to 1.")
+        problem = unfit(enters, effect)
+        if problem:
+            size = "a SIZE from 0 to 1" if enters in LOSSES else "its SIZE alone"
+            raise InputError(f"{where}: {problem}; write {size}.")
         size, begin = self._sizes(table, name, effect, t, where)
         profile = Constant(size, t)
         if table.ramp is not None:
             profile = Ramp(size, t, t + table.ramp, begin)
-        unit = entry(where, name, enters, target, self.signals)[2]
-        return Schedule(name, enters, target, profile, effect, unit)
+        place = entry(where, name, enters, target, self.signals)
+        return Schedule(name, enters, target, profile, effect, place.unit, place.relative)
 
     def _declared(self, table: _Inject, where: str) -> _Meant:
         """A fault of the scenario, of the plant, or injected before."""
         name, (enters, target) = table.name, self.known[table.name]
-        if table.kind == "gain" and enters != "gain":
+        if table.kind == "gain" and enters not in LOSSES:
             raise InputError(
                 f"{where}: fault {name!r} enters the {enters} {target!r} and is no gain loss; "
-                "write `inject INPUT gain SIZE` for one."
+                "write `inject INPUT gain SIZE` or `inject OUTPUT gain SIZE` for one."
             )
         effect = EFFECTS[table.kind] if table.kind else self.effects.get(name, "add")
         return _Meant(name, enters, target, effect)
@@ -159,12 +162,19 @@ class Commands:
             "output": signals.output_names,
         }
         found: list[Entry] = [each for each in places if target in places[each]]
-        wanted: Entry | None = "input" if kind == "gain" else table.enters
-        meant: list[Entry] = [each for each in found if wanted in (None, each)]
+        may: list[Entry] = list(GAINS if kind == "gain" else places)
+        wanted: list[Entry] = [each for each in may if table.enters in (None, each)]
+        if not wanted:
+            raise InputError(
+                f"{where}: a {table.enters} has no gain to lose; name an input or an output."
+            )
+        meant: list[Entry] = [each for each in found if each in wanted]
         if not meant:
-            every = dict.fromkeys([*self.known, *sum(places.values(), ())])
-            legal = places[wanted] if wanted else list(every)
-            what = wanted or "fault, state, input or output"
+            legal = [name for each in wanted for name in places[each]]
+            what = " or ".join(wanted)
+            if len(wanted) == len(places):
+                legal, what = [*self.known, *legal], "fault, state, input or output"
+            legal = list(dict.fromkeys(legal))
             raise InputError(f"{where}: {unknown(what, target, legal)}.")
         if kind is None:
             raise InputError(
@@ -182,7 +192,7 @@ class Commands:
                 f"{where}: its truth, {TRUTH}{name}, is a signal of the plant; declare the fault "
                 "in the scenario under another name."
             )
-        enters: Entry = "gain" if kind == "gain" else meant[0]
+        enters: Entry = GAINS[meant[0]] if kind == "gain" else meant[0]
         return _Meant(name, enters, target, EFFECTS[kind])
 
 

@@ -1,18 +1,25 @@
 """Tables of a scenario file that become schedules: its faults and disturbances."""
 
 from collections.abc import Mapping
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 from faultgauge.errors import InputError
 from faultgauge.plants.expression import unknown
-from faultgauge.plants.signals import Signals
+from faultgauge.plants.signals import INNER, LOSSES, Entry, Signals
 from faultgauge.plants.toml_file import Table, typed
 from faultgauge.simulation.schedules import Profile, Schedule
 from faultgauge.simulation.sources import PROFILES
 
-__all__ = ["Entry", "entry", "schedules"]
+__all__ = ["Place", "entry", "schedules", "unfit"]
 
-Entry = Literal["state", "input", "output", "gain"]
+
+class Place(NamedTuple):
+    """Where a fault enters, and what it is measured in: `unit`, or a share where `relative`."""
+
+    enters: Entry
+    target: str
+    unit: str
+    relative: bool = False
 
 
 class _Schedule(Table):
@@ -35,11 +42,24 @@ def schedules(
 def _schedule(where: str, name: str, data: dict[str, Any], signals: Signals) -> Schedule:
     keys = list(_Schedule.model_fields)
     head = typed(_Schedule, {key: value for key, value in data.items() if key in keys}, where)
-    enters, target, unit = entry(where, name, head.enters, head.target, signals)
-    if head.effect == "stuck" and enters == "gain":
-        raise InputError(f"{where} a gain is not stuck but lost; remove `effect`.")
+    place = entry(where, name, head.enters, head.target, signals)
+    problem = unfit(place.enters, head.effect)
+    if problem:
+        raise InputError(f"{where} {problem}; remove `effect`.")
     body = {key: value for key, value in data.items() if key not in keys}
-    return Schedule(name, enters, target, _profile(where, head, body), head.effect, unit)
+    profile = _profile(where, head, body)
+    return Schedule(
+        name, place.enters, place.target, profile, head.effect, place.unit, place.relative
+    )
+
+
+def unfit(enters: Entry, effect: str) -> str:
+    """Why what enters so cannot have this effect; empty where it can."""
+    if enters in LOSSES and effect == "stuck":
+        return "a gain is not stuck but lost"
+    if enters in INNER and effect != "add":
+        return f"what enters a {enters} changes its value and is neither stuck nor dropped out"
+    return ""
 
 
 def _profile(where: str, head: _Schedule, body: dict[str, Any]) -> Profile:
@@ -59,8 +79,9 @@ def _profile(where: str, head: _Schedule, body: dict[str, Any]) -> Profile:
 
 def entry(
     where: str, name: str, enters: Entry | None, target: str | None, signals: Signals
-) -> tuple[Entry, str, str]:
-    """Where it enters, its target and its unit: as written, or as the plant declares `name`."""
+) -> Place:
+    """As written, or as the plant declares `name`; what enters a parameter or a network has to be
+    a fault that the plant declares."""
     declared = next((fault for fault in signals.faults if fault.name == name), None)
     enters = enters or (declared.enters if declared else None)
     target = target or (declared.target if declared else None)
@@ -70,13 +91,19 @@ def entry(
             f"{where} key {missing!r} is missing, and the plant declares no fault {name!r} to take "
             "it from; add it."
         )
-    channels = {"state": signals.states, "output": signals.outputs}.get(enters, signals.inputs)
+    if declared and (declared.enters, declared.target) == (enters, target):
+        return Place(enters, target, declared.unit, declared.relative)
+    if enters in INNER:
+        legal = ", ".join(fault.name for fault in signals.faults if fault.enters == enters)
+        raise InputError(
+            f"{where} the plant declares no fault {name!r} of {enters} {target!r}; declare it in "
+            f"the plant file, or take one that it declares: {legal or 'none'}."
+        )
+    kind = {"gain": "input", "output_gain": "output"}.get(enters, enters)
+    channels = {"state": signals.states, "output": signals.outputs}.get(kind, signals.inputs)
     units = {channel.name: channel.unit for channel in channels}
     if target not in units:
-        problem = unknown("input" if enters == "gain" else enters, target, units)
-        raise InputError(f"{where} target: {problem}.")
-    if declared and (declared.enters, declared.target) == (enters, target):
-        return enters, target, declared.unit
+        raise InputError(f"{where} target: {unknown(kind, target, units)}.")
     if enters == "state":
-        return enters, target, f"({units[target]})/s" if units[target] else ""
-    return enters, target, "" if enters == "gain" else units[target]
+        return Place(enters, target, f"({units[target]})/s" if units[target] else "")
+    return Place(enters, target, "" if enters in LOSSES else units[target])

@@ -121,13 +121,31 @@ def _rates(plant: Plant, x: Array, u: Array) -> Float[Array, "samples states sta
     return jax.vmap(jax.jacfwd(plant.derivative), (0, 0))(x, u)
 
 
+@eqx.filter_jit
+def _faulty_rates(
+    plant: Plant, x: Array, u: Array, f: Array
+) -> Float[Array, "samples states states"]:
+    def rate(x: Array, u: Array, f: Array) -> Array:
+        return respond(plant, x, u, f)[0]
+
+    return jax.vmap(jax.jacfwd(rate))(x, u, f)
+
+
 def fastest_rate(
     plant: Plant,
     x: Float[np.ndarray, "samples states"],
     u: Float[np.ndarray, "samples inputs"],
+    f: Float[np.ndarray, "samples faults"] | None = None,
 ) -> float:
-    """Largest |eigenvalue| [1/s] of dF/dx over the points, leaving out the top 1 % (kinks)."""
-    jacobians = np.asarray(_rates(plant, jnp.asarray(x), jnp.asarray(u)))
+    """Largest |eigenvalue| [1/s] of dF/dx over the points, leaving out the top 1 % (kinks).
+
+    With fault sizes `f`, that of the faulty plant under the commands `u`.
+    """
+    if f is None:
+        jacobians = np.asarray(_rates(plant, jnp.asarray(x), jnp.asarray(u)))
+    else:
+        given = (jnp.asarray(each) for each in (x, u, f))
+        jacobians = np.asarray(_faulty_rates(plant, *given))
     jacobians = jacobians[np.all(np.isfinite(jacobians), axis=(1, 2))]
     if len(jacobians) == 0:
         return 0.0

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from faultgauge.errors import InputError
+from faultgauge.plants.signals import INNER
 from faultgauge.simulation.closed_loop import Conditions, Record, governed_loop, with_faults
 from faultgauge.simulation.free_run import RATE_STEP, fastest_rate
 from faultgauge.simulation.policy import Policy
@@ -266,7 +267,13 @@ def _signal(
 def _needed(scenario: Scenario, record: Record) -> int:
     """Integration steps per sample that the plant asks for where the run has led it."""
     points = np.linspace(0, scenario.samples - 1, POINTS).astype(int)
-    rate = fastest_rate(scenario.plant, np.asarray(record.x)[points], np.asarray(record.u)[points])
+    x, u = np.asarray(record.x)[points], np.asarray(record.u)[points]
+    rate = fastest_rate(scenario.plant, x, u)
+    every = [*scenario.faults, *scenario.disturbances]
+    if any(s.enters in INNER for s in every):  # they may make it faster
+        happens = inject(every, scenario.plant.signals, grid(scenario.samples, scenario.step)[:, 0])
+        faulty = with_faults(scenario.plant, happens.faults)
+        rate = max(rate, fastest_rate(faulty, x, u, happens.f[points]))
     return int(min(np.ceil(scenario.step * rate / RATE_STEP), MOST_STEPS))
 
 

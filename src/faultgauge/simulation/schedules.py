@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from faultgauge.plants.plant import Stuck
-from faultgauge.plants.signals import Fault, Signals
+from faultgauge.plants.signals import LOSSES, Entry, Fault, Signals
 
 __all__ = [
     "Constant",
@@ -113,18 +113,20 @@ Profile = Constant | Steps | Ramp | Intermittent | Sine
 class Schedule:
     """One fault or disturbance: where it enters, what it does there, and its size over time.
 
-    "add" is the additive fault or gain loss that an estimator looks for. "stuck" overwrites the
-    channel (of a state: its derivative) with the size while the profile is active. "dropout" cuts
-    the channel: an output gives no sample, an input is 0, a state stands still, a gain is lost
-    whole. Of two that overwrite one channel at a time, the later in the list does.
+    "add" is what an estimator looks for: the additive or relative fault or the loss of gain that
+    `enters` says. "stuck" overwrites the channel (of a state: its derivative) with the size while
+    the profile is active. "dropout" cuts the channel: an output gives no sample, an input is 0, a
+    state stands still, a gain is lost whole. Of two that overwrite one channel at a time, the later
+    in the list does. A parameter and a network know "add" alone.
     """
 
     name: str
-    enters: Literal["state", "input", "output", "gain"]
+    enters: Entry
     target: str
     profile: Profile
     effect: Literal["add", "stuck", "dropout"] = "add"
     unit: str = ""
+    relative: bool = False
 
 
 class Injection(NamedTuple):
@@ -153,7 +155,7 @@ def inject(
     schedules: Sequence[Schedule], signals: Signals, t: Float[np.ndarray, "*grid"]
 ) -> Injection:
     """What `schedules` do to a plant with these `signals` at the times `t` [s]."""
-    added = [s for s in schedules if s.effect == "add" or s.enters == "gain"]
+    added = [s for s in schedules if s.effect == "add" or s.enters in LOSSES]
     f = np.zeros((*t.shape, len(added)))
     for k, schedule in enumerate(added):
         lost = schedule.effect == "dropout"
@@ -166,7 +168,7 @@ def inject(
     }
     dropped = np.zeros((*t.shape, len(signals.outputs)), bool)
     for schedule in schedules:
-        if schedule.effect == "add" or schedule.enters == "gain":
+        if schedule.effect == "add" or schedule.enters in LOSSES:
             continue
         names, held = channels[schedule.enters]
         channel, active = names.index(schedule.target), schedule.profile.active(t)
@@ -176,7 +178,7 @@ def inject(
             value = schedule.profile.sizes(t) if schedule.effect == "stuck" else 0.0
             held[..., channel] = np.where(active, value, held[..., channel])
     stuck = Stuck(channels["state"][1], channels["input"][1], channels["output"][1])
-    faults = tuple(Fault(s.name, s.enters, s.target, s.unit) for s in added)
+    faults = tuple(Fault(s.name, s.enters, s.target, s.unit, relative=s.relative) for s in added)
     return Injection(faults, f, stuck, dropped)
 
 

@@ -9,10 +9,8 @@ import numpy as np
 
 from faultgauge.detection.answer import answers
 from faultgauge.detection.bank import FaultBank, evaluated_faults
-from faultgauge.detection.blocks import FEWEST_BLOCKS
 from faultgauge.detection.calibration import Calibration, calibrate
 from faultgauge.detection.decisions import Decision, decide_runs
-from faultgauge.detection.levels import MEMORY
 from faultgauge.detection.uncalibrated import unjudged_sentence
 from faultgauge.errors import InputError
 from faultgauge.identification.fit import FitReport, fit
@@ -26,7 +24,7 @@ __all__ = ["Checkup", "black_box", "check", "parts", "with_some_fault"]
 
 FIT_SHARE = 0.6  # of each healthy run; the rest validates and calibrates
 LEAST_SHARE = 0.4  # where the rest would be too short otherwise
-TO_CALIBRATE = FEWEST_BLOCKS * MEMORY + 50  # samples: the blocks, and what is held off
+TO_CALIBRATE = 350  # samples: three blocks, and what is held off
 
 
 @dataclass(frozen=True)

@@ -2,13 +2,9 @@
 
 from faultgauge.detection.evidence import MOST_SHOWN, evidence
 from faultgauge.identification.evaluation import evaluate
+from faultgauge.reporting.calibration_chapter import calibration_section, proof
 from faultgauge.reporting.chapters import evaluation_section, fit_sections
-from faultgauge.reporting.decision_chapter import (
-    calibration_section,
-    decision_report,
-    proof,
-    unjudged_report,
-)
+from faultgauge.reporting.decision_chapter import decision_report, unjudged_report
 from faultgauge.reporting.report import Report
 from faultgauge.studies.checkup import Checkup
 
@@ -31,7 +27,11 @@ def checkup_report(checkup: Checkup) -> Report:
         (
             *decided.sections,
             evaluation_section(model, found, predictions),
-            *((calibration_section(model),) if checkup.bank else ()),
+            *(
+                (calibration_section(checkup.bank, checkup.calibration.blocks),)
+                if checkup.bank
+                else ()
+            ),
             *fit_sections(model, checkup.account),
         ),
     )

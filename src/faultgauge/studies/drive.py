@@ -157,7 +157,8 @@ def run_drive(
     (quiet, decision), bank = decide_runs(calibration.model, [*last, logs.faulty])
     if bank is None:
         raise InputError(unjudged_sentence(calibration.model))
-    (alone, judgement), observers = estimate(calibration.model, [*last, logs.faulty])
+    limited = calibrate(model, third, observer="eso", progress=progress).model
+    (alone, judgement), observers = estimate(limited, [*last, logs.faulty])
     by_eso = pulse_figures(logs, judgement.f[FAULT], judgement.status)
     figures = {
         "free_run_rmse_mm": 1e3 * (scores["outputs"]["q"]["rmse"] or np.inf),

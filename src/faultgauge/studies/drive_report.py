@@ -7,18 +7,14 @@ import numpy as np
 
 from faultgauge.detection.evidence import evidence
 from faultgauge.detection.verdicts import NOT_JUDGED, STALE
+from faultgauge.reporting.calibration_chapter import calibration_section
 from faultgauge.reporting.chapters import (
     envelope_figure,
     estimate_section,
     evaluation_section,
     fit_sections,
 )
-from faultgauge.reporting.decision_chapter import (
-    calibration_section,
-    decision_report,
-    headline,
-    leading,
-)
+from faultgauge.reporting.decision_chapter import decision_report, headline, leading
 from faultgauge.reporting.model_figures import learned_curve
 from faultgauge.reporting.network_curves import curve
 from faultgauge.reporting.report import Report, Section, Table
@@ -69,8 +65,7 @@ def drive_report(logs: DriveLogs, drives: Mapping[str, Drive]) -> Report:
         f"Positioning drive, {logs.source}, a {PULSE:g} V pulse hidden every second: "
         f"{told(network)}.",
         f"The pulse was estimated to {network.figures['pulse_rmse_v']:.3f} V (RMSE after "
-        f"settling, {network.figures['pulse_rmse_share']:.2%}), each edge within "
-        f"{network.figures['settling_max_s']:.3f} s.",
+        f"settling, {network.figures['pulse_rmse_share']:.2%}), {_settled(network)}.",
         f"{network.figures['half_periods'] - network.figures['half_periods_wrong']} of "
         f"{network.figures['half_periods']} half periods were judged right; "
         f"{network.figures['events_on_held_out_nominal']} false alarms on the healthy part that "
@@ -85,10 +80,10 @@ def drive_report(logs: DriveLogs, drives: Mapping[str, Drive]) -> Report:
         windows = [evidence(drive.bank, drive.decision, e) for e in drive.decision.events[:1]]
         decided = decision_report(drive.bank, [drive.decision], (), windows, truth)
         alone = estimate_section(
-            drive.calibration.model, [drive.judgement], drive.observers, "free", truth
+            drive.observers.model, [drive.judgement], drive.observers, "free", truth
         )
         alone = replace(alone, title="An ESO alone")
-        proven = calibration_section(drive.calibration.model)
+        proven = calibration_section(drive.bank, drive.calibration.blocks)
         free = evaluation_section(drive.whole, drive.scores, drive.predictions)
         training = fit_sections(drive.whole, drive.account)[0]
         for section in (*decided.sections, proven, free, training, alone):
@@ -103,6 +98,12 @@ def drive_report(logs: DriveLogs, drives: Mapping[str, Drive]) -> Report:
         tuple(sections),
         Table(header, body),
     )
+
+
+def _settled(drive: Drive) -> str:
+    """How soon the edges are followed."""
+    longest = drive.figures["settling_max_s"]
+    return f"each edge within {longest:.3f} s" if np.isfinite(longest) else "but not at every edge"
 
 
 def newtons_figure(logs: DriveLogs, drive: Drive) -> Figure:

@@ -6,6 +6,7 @@ a plant. Readers live in `readers/`, one file format each.
 
 from faultgauge.telemetry.inspection import Inspection, inspect_runs
 from faultgauge.telemetry.reading import check_same_units, read_telemetry
+from faultgauge.telemetry.resampling import rate_of, resampled
 from faultgauge.telemetry.runs import Run, as_sampled, cut, segments
 from faultgauge.telemetry.skeleton import plant_skeleton
 
@@ -17,6 +18,8 @@ __all__ = [
     "cut",
     "inspect_runs",
     "plant_skeleton",
+    "rate_of",
     "read_telemetry",
+    "resampled",
     "segments",
 ]

@@ -35,7 +35,10 @@ def delayed(run: Run, delays: Mapping[str, float], held: Collection[str]) -> Run
 
 
 def shifted(run: Run, name: str, delay: float, held: bool) -> Float[np.ndarray, "samples"]:
-    """u(t - delay) of input `name`, NaN where it is not known; needs two samples."""
+    """u(t - delay) of input `name`, NaN where it is not known; needs two samples.
+
+    What was averaged over the intervals of a lower rate is averaged over the delayed ones, too.
+    """
     t, u = run.t, run.columns[name]
     steps = np.diff(t)
     sought = t - delay
@@ -45,6 +48,7 @@ def shifted(run: Run, name: str, delay: float, held: bool) -> Float[np.ndarray, 
     left = np.clip(left, 0, len(steps) - 1)  # sought < t[-1], as the delay is not 0
     share = np.clip((sought - t[left]) / steps[left], 0.0, 1.0)
     met = np.abs(sought - t[left]) <= ROUNDING * run.step
-    between = u[left] if held else u[left] + share * (u[left + 1] - u[left])
+    stays = held and run.resampled is None
+    between = u[left] if stays else u[left] + share * (u[left + 1] - u[left])
     between = np.where(gaps(t, run.step)[left], np.nan, between)
     return np.where(known, np.where(met, u[left], between), np.nan)

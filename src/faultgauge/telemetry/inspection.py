@@ -8,6 +8,7 @@ import numpy as np
 
 from faultgauge.telemetry.logs import LogFile, Paths, open_logs
 from faultgauge.telemetry.mapping import alias
+from faultgauge.telemetry.oversampling import oversampled
 from faultgauge.telemetry.rates import align
 from faultgauge.telemetry.runs import Run, gaps
 from faultgauge.telemetry.skeleton import called_like_input
@@ -20,6 +21,7 @@ __all__ = ["ColumnReport", "Gap", "Inspection", "RunReport", "inspect_runs"]
 
 UNEVEN = 0.2  # jitter worth a remark
 MOST_NAMES = 6  # in one hint
+FULL_RATE = 0.5  # of the cells of a column are there at least
 COARSE_STEP = 1.0  # s: whole-number times with steps of this or more may be milliseconds
 
 
@@ -91,7 +93,7 @@ def inspect_runs(
     runs = tuple(_run(log, name) for log in logs for name in log.runs)
     names = list(dict.fromkeys(name for log in logs for name in log.signals))
     columns = tuple(_column([log for log in logs if name in log.signals], name) for name in names)
-    hints = [note for log in logs for note in log.table.notes]
+    hints = [note for log in logs for note in (*log.table.notes, *log.notes)]
     hints += [*_time_hints(logs, runs), *(hint for log in logs for hint in _cell_hints(log))]
     hints += [hint for column in columns for hint in _column_hints(column)]
     hints += _renamed(columns)
@@ -101,6 +103,7 @@ def inspect_runs(
         if called_like_input(column.known_as) or (column.statistics and column.statistics.held)
     }
     hints += [h for log in logs for name in log.runs for h in _sensor_hints(log, name, driven)]
+    hints += [h for log in logs for name in log.runs for h in _rate_hints(log, name, driven)]
     return Inspection(runs, columns, tuple(dict.fromkeys(hints)))
 
 
@@ -147,7 +150,8 @@ def _column(logs: list[LogFile], name: str) -> ColumnReport:
 def _time_hints(logs: list[LogFile], runs: tuple[RunReport, ...]) -> list[str]:
     hints = []
     for log in logs:
-        if is_text(log.table.columns[log.time]) or log.table.units.get(log.time) == "s":
+        known = log.notes or log.table.units.get(log.time) == "s"
+        if known or is_text(log.table.columns[log.time]):
             continue
         conversion = unit_map(log.time)
         if conversion:
@@ -232,6 +236,20 @@ def _sensor_hints(log: LogFile, name: str, driven: set[str]) -> list[str]:
                 "stuck or saturated, unless it is an input; --where leaves such rows out."
             )
     return hints
+
+
+def _rate_hints(log: LogFile, name: str, driven: set[str]) -> list[str]:
+    """A hint where all that a run measures moves far more slowly than it is sampled."""
+    samples = log.runs[name]
+    t = log.t[samples]
+    columns = {each: log.table.columns[each] for each in log.signals if each not in driven}
+    columns = {
+        each: cells[samples]
+        for each, cells in columns.items()
+        if not is_text(cells) and np.isfinite(cells[samples]).mean() > FULL_RATE
+    }
+    run = Run(name, log.table.source, t, columns)
+    return [f"{text[0].upper()}{text[1:]}." for text in oversampled([run], columns)]
 
 
 def _column_hints(column: ColumnReport) -> list[str]:

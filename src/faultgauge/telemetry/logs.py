@@ -13,7 +13,14 @@ from faultgauge.errors import InputError
 from faultgauge.telemetry.mapping import apply_maps, parse_maps
 from faultgauge.telemetry.readers import read_table, stem
 from faultgauge.telemetry.table import Table, is_text
-from faultgauge.telemetry.timing import check_increasing, clock_of, find_time, in_seconds, seconds
+from faultgauge.telemetry.timing import (
+    check_increasing,
+    clock_of,
+    epoch_note,
+    find_time,
+    in_seconds,
+    seconds,
+)
 from faultgauge.telemetry.where import keep_rows, met
 
 __all__ = ["LogFile", "Paths", "open_logs"]
@@ -27,7 +34,7 @@ Paths = str | Path | Sequence[str | Path]
 class LogFile:
     """One file after `--map`: its time (s) and the samples of each of its runs; `clock` is what
     a clock showed at 0 s, where the file tells; `holes` are the rows that stand for those that
-    `--where` left out.
+    `--where` left out; `notes` say how its time was understood, where that is not plain.
 
     `signals` are the names of all columns except the time, `t` and `run`.
     """
@@ -38,6 +45,7 @@ class LogFile:
     runs: dict[str, Int[np.ndarray, "_"]]
     clock: datetime | None = None
     holes: Bool[np.ndarray, "rows"] | None = None
+    notes: tuple[str, ...] = ()
 
     @property
     def signals(self) -> list[str]:
@@ -92,7 +100,9 @@ def _log_file(path: Path, table: Table, time: str | None, mapped: bool, taken: s
                 "least two samples, so remove it or correct its label."
             )
         runs[name] = samples
-    return LogFile(table, column, t, runs, clock_of(table, column))
+    note = epoch_note(table, column)
+    notes = () if note is None else (note,)
+    return LogFile(table, column, t, runs, clock_of(table, column), notes=notes)
 
 
 def _kept(log: LogFile, where: str) -> LogFile:
@@ -103,7 +113,7 @@ def _kept(log: LogFile, where: str) -> LogFile:
             f"{table.source}, --where: no run has two rows that meet {where[:80]!r}; widen the "
             "condition, or leave the file out."
         )
-    return LogFile(table, log.time, log.t[rows], runs, log.clock, holes)
+    return LogFile(table, log.time, log.t[rows], runs, log.clock, holes, log.notes)
 
 
 def _groups(table: Table) -> dict[str, Int[np.ndarray, "_"]]:

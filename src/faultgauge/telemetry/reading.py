@@ -2,6 +2,7 @@
 
 import difflib
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -11,6 +12,7 @@ from faultgauge.plants.dimensions import conversion
 from faultgauge.telemetry.logs import LogFile, Paths, open_logs
 from faultgauge.telemetry.mapping import alias, find_column, parse_maps
 from faultgauge.telemetry.rates import align
+from faultgauge.telemetry.resampling import check_rate, resampled, same_rate
 from faultgauge.telemetry.runs import Run
 from faultgauge.telemetry.table import Table, is_text, text_error
 
@@ -27,6 +29,9 @@ def read_telemetry(
     held: Collection[str] = (),
     where: str | None = None,
     units: Mapping[str, str] | None = None,
+    resample: float | None = None,
+    averaged: Collection[str] = (),
+    slower: Literal["refuse", "keep"] = "refuse",
 ) -> list[Run]:
     """Read one log or several into runs.
 
@@ -44,12 +49,18 @@ def read_telemetry(
     - `where`: a condition over the file's columns; only rows that meet it are kept.
     - `units`: those that columns must have where the file gives them one. What a map computes has
       none; what it only renames keeps its own.
+    - `resample`: a rate [Hz] that runs are brought to, anti-aliased (`resampled`): `held` columns
+      and those `averaged`, which jump with them, by their means.
+    - `slower`: what becomes of a run that has a lower rate than that. A fitted model's own rate
+      asks for `resample=model.resample, slower="keep"`.
 
     Raises `InputError` that names file, column and row for a file that cannot be read, a missing
     required column, text or Inf in a column that is taken, an all-empty one, and a time that is
     missing, empty, repeated or reversed, a condition that no row meets, and another unit, be it
-    only than in another of the files.
+    only than in another of the files; and for a rate that cannot be had.
     """
+    if resample is not None:
+        check_rate(resample)
     maps, wanted, runs = list(maps), units or {}, []
     for log in open_logs(paths, time, maps, where):
         columns = _columns(log, names, optional)
@@ -59,7 +70,16 @@ def read_telemetry(
         for name, samples in log.runs.items():
             runs.append(_run(log, name, samples, columns, required, held))
     check_same_units(runs, maps)
-    return runs
+    if resample is None:
+        return runs
+    kept = [
+        slower == "keep" and resample * run.step > 1 and not same_rate(resample, 1 / run.step)
+        for run in runs
+    ]
+    return [
+        run if as_it_is else resampled(run, resample, held, averaged)
+        for run, as_it_is in zip(runs, kept, strict=True)
+    ]
 
 
 def check_same_units(runs: Iterable[Run], maps: Iterable[str] = ()) -> None:
@@ -197,4 +217,5 @@ def _run(
         clock=log.clock,
         sampled=sampled,
         units={column: unit for column, unit in units.items() if unit},
+        notes=log.notes,
     )

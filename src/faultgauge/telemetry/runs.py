@@ -34,7 +34,8 @@ class Run:
     runs read together. `pace` is the step where it is settled, `paced`; `clock` is what a clock
     showed at 0 s, where the log has timestamps. `sampled` marks, in a column of a slow sensor that
     was filled in between, the cells that stand for its samples. `units` are those that the file
-    gives.
+    gives. `resampled` is the rate [Hz] that the run was brought to, where it was, and `logged` the
+    step [s] that its log has; `notes` say in sentences how the time of the file was understood.
     """
 
     name: str
@@ -45,6 +46,9 @@ class Run:
     clock: datetime | None = None
     sampled: dict[str, Bool[np.ndarray, "samples"]] = field(default_factory=dict)
     units: dict[str, str] = field(default_factory=dict)
+    resampled: float | None = None
+    logged: float | None = None
+    notes: tuple[str, ...] = ()
 
     @property
     def step(self) -> float:

@@ -2,7 +2,7 @@
 
 import re
 from dataclasses import replace
-from datetime import datetime
+from datetime import UTC, datetime, timedelta
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -17,6 +17,7 @@ __all__ = [
     "called_like_time",
     "check_increasing",
     "clock_of",
+    "epoch_note",
     "find_time",
     "in_seconds",
     "seconds",
@@ -30,6 +31,9 @@ WORDS = {
     "sec": "s", "second": "s", "millisecond": "ms", "msec": "ms", "microsecond": "us", "usec": "us",
     "nanosecond": "ns", "nsec": "ns", "minute": "min", "hour": "h",
 }  # fmt: skip
+# Time since 1970 in units that are told by the size of the numbers -> how many make a second.
+EPOCHS = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}
+EARLIEST, LATEST = 946_684_800.0, 4_102_444_800.0  # s: 2000 and 2100
 # Not T, which is a torque or a temperature.
 TIME_NAME = re.compile(
     r"(t|tout|(?i:time|timestamp|datetime|date|clock|epoch|sec|seconds))([\W_].*)?"
@@ -111,10 +115,11 @@ def in_seconds(table: Table, column: str) -> Table:
 
 
 def seconds(table: Table, column: str) -> Float[np.ndarray, "rows"]:
-    """Time column in seconds: numbers as they are, ISO 8601 timestamps from the file's first.
+    """Time column in seconds: numbers as they are, timestamps from the file's first.
 
-    Timestamps are good to a microsecond; those with a time zone are compared as instants. Raises
-    `InputError` for an empty or infinite time, text that is neither, and zones on some rows only.
+    Timestamps are ISO 8601, good to a microsecond, or milli-, micro- or nanoseconds since 1970
+    (`epoch_note`); those with a time zone are compared as instants. Raises `InputError` for an
+    empty or infinite time, text that is neither, and zones on some rows only.
     """
     cells = table.columns[column]
     if is_text(cells):
@@ -123,7 +128,36 @@ def seconds(table: Table, column: str) -> Float[np.ndarray, "rows"]:
     if wrong.size:
         found = "empty" if np.isnan(cells[wrong[0]]) else cells[wrong[0]]
         raise _refusal(table, column, wrong[0], f"the time is {found}")
-    return cells
+    unit = _epoch_unit(table, column)
+    return cells if unit is None else (cells - cells[0]) / EPOCHS[unit]
+
+
+def _epoch_unit(table: Table, column: str) -> str | None:
+    """The unit of time since 1970 that number column `column` is in, if its size tells one.
+
+    All of it must lie between 2000 and 2100. Seconds are left as they are, and so is what the file
+    gives a unit.
+    """
+    cells = table.columns[column]
+    if is_text(cells) or table.units.get(column):
+        return None
+    low, high = float(cells.min()), float(cells.max())
+    for unit, per_second in EPOCHS.items():
+        if low >= EARLIEST * per_second and high < LATEST * per_second:
+            return unit
+    return None
+
+
+def epoch_note(table: Table, column: str) -> str | None:
+    """A sentence where the time column was taken for milli-, micro- or nanoseconds since 1970."""
+    unit = _epoch_unit(table, column)
+    if unit is None:
+        return None
+    return (
+        f"{table.source}: the time column {column!r} holds {unit} since 1970 by its size (the "
+        f"first is {clock_of(table, column):%Y-%m-%d %H:%M:%S} UTC) and is read so, in seconds "
+        "since its first."
+    )
 
 
 def _since_first(table: Table, column: str) -> Float[np.ndarray, "rows"]:
@@ -147,7 +181,12 @@ def _since_first(table: Table, column: str) -> Float[np.ndarray, "rows"]:
 def clock_of(table: Table, column: str) -> datetime | None:
     """What the clock showed at 0 s of `seconds`, where the time column holds timestamps."""
     cells = table.columns[column]
-    return _timestamp(cells[0]) if is_text(cells) else None
+    if is_text(cells):
+        return _timestamp(cells[0])
+    unit = _epoch_unit(table, column)
+    if unit is None:
+        return None
+    return datetime(1970, 1, 1, tzinfo=UTC) + timedelta(seconds=float(cells[0]) / EPOCHS[unit])
 
 
 def _timestamp(cell: str) -> datetime | None:

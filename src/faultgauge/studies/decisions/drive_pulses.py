@@ -33,12 +33,14 @@ NETWORK = "positioning_drive_network"
 
 @dataclass(frozen=True)
 class Body:
-    """A trained and calibrated plant: its free run's error on the stretch that stops the fit, as
+    """A trained plant, calibrated for the bank (`model`) and for the ESO (`limited`): its free
+    run's error on the stretch that stops the fit, as
     a share of the output's standard deviation, and the RMS [V] of its healthy estimate on the
     stretch that calibrates."""
 
     name: str
     model: Model
+    limited: Model
     free_run: float
     healthy: float
 
@@ -85,16 +87,17 @@ def trained(name: str, plant: GrayBoxPlant, logs: DriveLogs, seed: int) -> Body:
     first, stop, third, _ = parts([logs.healthy], *SHARES)
     model, _ = fit(plant, first, stop, seed=seed)
     calibrated = calibrate(model, third).model
-    quiet = estimate(calibrated, third)[0][0]
+    limited = calibrate(model, third, observer="eso").model
+    quiet = estimate(limited, third)[0][0]
     healthy = merit.rms(quiet.f[FAULT][np.array(quiet.status) != "NOT_JUDGED"])
     free = model.record["metrics"]["validation_free_run_nrmse"]
-    return Body(name, calibrated, free, healthy)
+    return Body(name, calibrated, limited, free, healthy)
 
 
 def by_eso(body: Body, logs: DriveLogs) -> Found:
     """The extended state observer at 100 rad/s."""
     last = parts([logs.healthy], *SHARES)[3]
-    quiet, pulses = estimate(body.model, [*last, logs.faulty])[0]
+    quiet, pulses = estimate(body.limited, [*last, logs.faulty])[0]
     f, width = pulses.f[FAULT], pulses.half_width[FAULT]
     return judged(quiet, pulses, f, f - width, f + width, logs)
 

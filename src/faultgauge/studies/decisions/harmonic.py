@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from faultgauge.detection.bank import FaultBank, build_fault_bank
 from faultgauge.detection.decisions import Decision, decide
-from faultgauge.detection.noise import estimate_noise
+from faultgauge.detection.noise_estimation import estimate_noise
 from faultgauge.plants.gray_box import load_plant
 from faultgauge.plants.model import Model
 from faultgauge.simulation.run_scenario import simulate

@@ -6,7 +6,7 @@ from faultgauge.detection.bank import FaultBank, build_fault_bank
 from faultgauge.detection.bank_calibration import calibrate_bank
 from faultgauge.detection.decisions import Decision, decide
 from faultgauge.detection.events import UNKNOWN
-from faultgauge.detection.noise import estimate_noise
+from faultgauge.detection.noise_estimation import estimate_noise
 from faultgauge.detection.posterior import WIDE
 from faultgauge.detection.verdicts import QUIET
 from faultgauge.studies import merit
@@ -108,7 +108,7 @@ def _reaches(bank: FaultBank, decision: Decision, fault: str) -> bool:
     """The interval at the end reaches the prior's end on one side at least."""
     k = bank.model.plant.signals.fault_names.index(fault)
     far = max(-decision.posterior.lo[-1, k], decision.posterior.hi[-1, k])
-    return bool(far >= 0.99 * WIDE * bank.levels.size[k])
+    return bool(far >= 0.99 * WIDE * bank.size[k])
 
 
 def _acts(case: Window, fault: str) -> bool:

@@ -13,7 +13,6 @@ from scipy.linalg import solve_discrete_are
 from faultgauge.detection.bank import FaultBank, build_fault_bank
 from faultgauge.detection.decisions import decide
 from faultgauge.detection.noise import Noise
-from faultgauge.observers.modes import hypotheses
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant_file import parse_plant
 from faultgauge.studies import merit
@@ -57,16 +56,17 @@ def linear_bank(walk: float | None = WALK) -> FaultBank:
     sqrt(s); None: as for a plant file that declares no rate."""
     run = _record(0, 0.0)[0]
     model = true_model(GrayBoxPlant.untrained(parse_plant(PLANT)), [run])
-    bank = build_fault_bank(
-        model, [run], Noise(np.array([SIGMA]), np.array([PROCESS]), np.zeros(0))
-    )
+    nothing, soon = np.array([1e-9]), np.array([10 * STEP])
+    none = np.zeros(0)
+    noise = Noise(
+        np.array([SIGMA]), np.array([PROCESS]), none, nothing, soon, nothing, soon,
+        none, none,
+    )  # fmt: skip
+    bank = build_fault_bank(model, [run], noise)
     if walk is None:
         return bank
-    walks = bank.levels.walk.copy()
-    walks[0] = walk
-    levels = bank.levels._replace(walk=walks)
-    modes = eqx.tree_at(lambda m: m.hypothesis, bank.modes, hypotheses(bank.sets, levels))
-    return replace(bank, levels=levels, modes=modes)
+    walks = bank.modes.noise.walk.at[:, 0].set(walk)
+    return replace(bank, modes=eqx.tree_at(lambda m: m.noise.walk, bank.modes, walks))
 
 
 def against_kalman(bank: FaultBank, seed: int) -> Errors:

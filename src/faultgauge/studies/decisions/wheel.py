@@ -8,7 +8,7 @@ import numpy as np
 from faultgauge.detection.bank import FaultBank, build_fault_bank
 from faultgauge.detection.bank_calibration import calibrate_bank
 from faultgauge.detection.decisions import Decision, decide
-from faultgauge.detection.noise import estimate_noise
+from faultgauge.detection.noise_estimation import estimate_noise
 from faultgauge.detection.verdicts import FAULT
 from faultgauge.plants.gray_box import load_plant
 from faultgauge.plants.model import Model

@@ -1,4 +1,4 @@
-"""The five benchmarks: what is trained on, what is scored, and from which sample on.
+"""The five benchmarks of free runs: what is trained on, what is scored, and from which sample on.
 
 Splits and windows are those of nonlinear_benchmarks 1.0.1 (`benchmarks.py` there); where another
 convention is in use, it is a split of its own. Every test run is simulated from its inputs alone;
@@ -16,12 +16,26 @@ from faultgauge.studies.published import data
 from faultgauge.studies.published.results import PUBLISHED, Published
 from faultgauge.telemetry import Run
 
-__all__ = ["BENCHMARKS", "Benchmark", "Records", "Split", "benchmark", "plant_of", "records"]
+__all__ = [
+    "BENCHMARKS",
+    "FAULTED",
+    "Benchmark",
+    "Records",
+    "Split",
+    "benchmark",
+    "plant_named",
+    "plant_of",
+    "plant_text",
+    "records",
+]
 
 # The first and last sample of each part: silverbox and Wiener-Hammerstein are cut from one record.
 SB_TRAIN, SB_MULTISINE = (40650, 105712), (105712, 127400)
 SB_ARROW, SB_ARROW_INSIDE = (100, 40575), (100, 32100)
 WH_TRAIN, WH_TEST, WH_TEST_STEADY = (0, 100000), (100000, 188000), (105200, 184000)
+
+
+FAULTED = ("crazypad", "skab")  # benchmarks of decisions, `faulted.py`
 
 
 @dataclass(frozen=True)
@@ -155,9 +169,10 @@ BENCHMARKS: Mapping[str, Benchmark] = {
 
 
 def benchmark(name: str) -> Benchmark:
-    """The benchmark called `name`; `InputError` with the legal names."""
+    """The benchmark of a free run called `name`; `InputError` with the names of all benchmarks."""
     if name not in BENCHMARKS:
-        raise InputError(f"{name!r} is no benchmark; choose one of {', '.join(BENCHMARKS)}.")
+        legal = ", ".join((*BENCHMARKS, *FAULTED))
+        raise InputError(f"{name!r} is no benchmark; choose one of {legal}.")
     return BENCHMARKS[name]
 
 
@@ -176,6 +191,15 @@ def records(chosen: Benchmark) -> Records:
 
 def plant_of(chosen: Benchmark) -> GrayBoxPlant:
     """The plant file of a benchmark, untrained."""
-    file = f"{chosen.name}.toml"
-    text = resources.files("faultgauge.studies.published").joinpath("plants", file).read_text()
-    return GrayBoxPlant.untrained(parse_plant(text, file))
+    return plant_named(chosen.name)
+
+
+def plant_named(name: str) -> GrayBoxPlant:
+    """The plant file that is shipped for the benchmark `name`, untrained."""
+    return GrayBoxPlant.untrained(parse_plant(plant_text(name), f"{name}.toml"))
+
+
+def plant_text(name: str) -> str:
+    """The text of that plant file."""
+    folder = resources.files("faultgauge.studies.published")
+    return folder.joinpath("plants", f"{name}.toml").read_text()

@@ -1,0 +1,1 @@
+"""Plants that are not their models: simulated here, apart from faultgauge's own simulator."""

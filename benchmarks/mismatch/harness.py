@@ -1,0 +1,167 @@
+"""One case from its logs to its figures: fitted once, calibrated once, then judged log by log."""
+
+import inspect
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from itertools import combinations, cycle, islice
+from typing import Any
+
+import numpy as np
+
+from faultgauge.detection.answer import least_told
+from faultgauge.detection.bank import FaultBank
+from faultgauge.detection.calibration import calibrate
+from faultgauge.detection.decisions import decide_runs
+from faultgauge.errors import InputError
+from faultgauge.identification.fit import fit
+from faultgauge.plants.model import Model
+from faultgauge.telemetry import Run
+from mismatch.case import Case, Injected
+from mismatch.scoring import Trial, figures, scored
+
+__all__ = ["calibrated", "measure", "without_discrepancy"]
+
+CALIBRATIONS = 5  # logs
+FIT, CALIBRATE, HEALTHY, FAULTY = range(4)  # the first number of a log's seed; then 0 to N - 1
+EARLIEST, LATEST = 0.25, 0.6  # of the log: where onsets lie
+RULES = ("engineering", "x4", "x8")
+BATCH = 10  # logs judged at a time
+
+Faults = tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Draw:
+    """What a test log shall hold: its faults, and how they are sized."""
+
+    faults: Faults
+    rule: str
+
+
+def without_discrepancy() -> dict[str, Any]:
+    """How to switch model error off, THE ONE PLACE that knows. Raises `SystemExit` where
+    `calibrate` has no such switch."""
+    if "discrepancy" not in inspect.signature(calibrate).parameters:
+        raise SystemExit("calibrate has no option `discrepancy`: there is nothing to switch off.")
+    return {"discrepancy": False}
+
+
+def predicted_smallest(bank: FaultBank, run: Run, fault: int) -> float | None:
+    """The smallest size the model itself says it would tell; THE ONE PLACE that asks."""
+    return least_told(bank, run, fault)
+
+
+def calibrated(
+    plant: Any, fitted: Sequence[Run], healthy: Sequence[Run], options: Mapping[str, Any]
+) -> tuple[Model, list[str]]:
+    """A model from logs, by the verbs that a user calls, and their warnings."""
+    model, report = fit(plant, fitted)
+    found = calibrate(model, healthy, **options)
+    return found.model, [*report.warnings, *found.warnings]
+
+
+def measure(
+    case: Case,
+    faulty: int,
+    healthy: int,
+    options: Mapping[str, Any],
+    progress: Callable[[str], None],
+) -> dict[str, Any]:
+    """The case's figures and trials as plain JSON, or why there are none."""
+    progress(f"{case.name}: fitting and calibrating")
+    fitted = [case.log(f"fit {k}", _rng(FIT, k)) for k in range(case.fits)]
+    sound = [case.log(f"calibrate {k}", _rng(CALIBRATE, k)) for k in range(CALIBRATIONS)]
+    try:
+        model, warnings = calibrated(case.plant, fitted, sound, options)
+    except InputError as refusal:
+        return {"case": case.name, "refused": str(refusal)}
+    logs = [case.log(f"healthy {k}", _rng(HEALTHY, k)) for k in range(healthy)]
+    quiet, bank = _judge(case, model, logs, [""] * healthy, [{}] * healthy, progress)
+    smallest = _smallest(case, bank, logs[0])
+    sized = [injections(case, each, smallest, k) for k, each in enumerate(draws(case, faulty))]
+    rules, injected = [rule for rule, _ in sized], [each for _, each in sized]
+    logs = [case.log(f"faulty {k}", _rng(FAULTY, k), each) for k, each in enumerate(injected)]
+    trials, _ = _judge(case, model, logs, rules, injected, progress)
+    return {
+        "case": case.name,
+        "warnings": warnings,
+        "smallest": smallest,
+        **figures(quiet, trials),
+        "trials": [asdict(each) for each in (*quiet, *trials)],
+    }
+
+
+def draws(case: Case, count: int) -> list[Draw]:
+    """`count` of every set of faults with every rule of sizes, in a random order that repeats;
+    singles and pairs take turns."""
+    rng = np.random.default_rng(0)
+    singles: list[Faults] = [(name,) for name in case.sizes]
+    groups = [singles, list(combinations(case.sizes, 2))] if case.pairs else [singles]
+    shuffled = []
+    for group in groups:
+        every = [Draw(faults, rule) for faults in group for rule in RULES]
+        shuffled.append(cycle([every[k] for k in rng.permutation(len(every))]))
+    return [next(turn) for turn in islice(cycle(shuffled), count)]
+
+
+def injections(
+    case: Case, draw: Draw, smallest: Mapping[str, float | None], seed: int
+) -> tuple[str, dict[str, Injected]]:
+    """Size, sign and onset of every fault of a log, and the rule that sized them. It is
+    "engineering" too where the model predicts no smallest size, and "largest" where a multiple of
+    it makes no sense and the largest sensible size stands for it."""
+    rng = np.random.default_rng([FAULTY, seed, 1])
+    truth = case.truth(_rng(FAULTY, seed))
+    samples, rule, found = len(truth.noise), draw.rule, dict[str, Injected]()
+    for name in draw.faults:
+        sizes = case.sizes[name]
+        size = float(rng.uniform(sizes.low, sizes.high))
+        told, times = case.told_as.get(name, (name, 1.0))
+        least = smallest[told]
+        if draw.rule != RULES[0] and least is None:
+            rule = RULES[0]
+        elif draw.rule != RULES[0] and least is not None:
+            wanted = int(draw.rule[1:]) * least / times
+            size = min(wanted, sizes.most)
+            rule = rule if size == wanted else "largest"
+        at = int(rng.uniform(EARLIEST, LATEST) * samples)
+        found[name] = Injected(float(rng.choice(sizes.signs)) * size, at * truth.step)
+    return rule, found
+
+
+def _smallest(case: Case, bank: FaultBank | None, run: Run) -> dict[str, float | None]:
+    names = case.plant.signals.fault_names
+    if bank is None:
+        return dict.fromkeys(names)
+    return {name: predicted_smallest(bank, run, k) for k, name in enumerate(names)}
+
+
+def _judge(
+    case: Case,
+    model: Model,
+    runs: Sequence[Run],
+    rules: Sequence[str],
+    injected: Sequence[Mapping[str, Injected]],
+    progress: Callable[[str], None],
+) -> tuple[list[Trial], FaultBank | None]:
+    found, bank, names = list[Trial](), None, case.plant.signals.fault_names
+    for first in range(0, len(runs), BATCH):
+        part = slice(first, first + BATCH)
+        decisions, bank = decide_runs(model, runs[part])
+        for decision, rule, each in zip(decisions, rules[part], injected[part], strict=True):
+            found.append(scored(decision, names, _by_right_name(case, each), rule))
+        progress(f"{case.name}: {len(found)} of {len(runs)} {runs[0].name.split()[0]}")
+    return found, bank
+
+
+def _by_right_name(case: Case, injected: Mapping[str, Injected]) -> dict[str, Injected]:
+    """The faults under the names, and in the sizes, in which they are rightly told."""
+    found = {}
+    for name, each in injected.items():
+        told, times = case.told_as.get(name, (name, 1.0))
+        found[told] = Injected(each.size * times, each.onset)
+    return found
+
+
+def _rng(*seed: int) -> np.random.Generator:
+    return np.random.default_rng(seed)

@@ -1,0 +1,90 @@
+"""`faultgauge rehearse`"""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from faultgauge.cli import options
+from faultgauge.errors import InputError
+
+__all__ = ["rehearse"]
+
+
+def rehearse(
+    model: Annotated[Path, typer.Argument(help="Calibrated model file.")],
+    logs: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="HEALTHY", help="Healthy logs that neither fit nor calibrate has seen."
+        ),
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out", metavar="DIR", help="Write report.html, rehearsal.json and trials.csv here."
+        ),
+    ] = None,
+    size: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--size",
+            metavar="FAULT=SIZE",
+            help="Rehearse this fault of this size alone, as in --size friction=0.1.",
+        ),
+    ] = None,
+    trials: Annotated[int, typer.Option("--trials", min=2, help="Logs to judge, at most.")] = 200,
+    time: options.Time = None,
+    map: options.Map = None,
+    where: options.Where = None,
+    report: options.ReportFile = None,
+    json: options.Json = False,
+) -> None:
+    """Put declared faults into healthy logs: what would be found?"""
+    from faultgauge.cli.writing import check_folder, make_folder
+    from faultgauge.plants.model import load_model
+    from faultgauge.rehearsal import rehearse as run_rehearsal
+
+    sizes = dict(_size(each) for each in size or ())
+    check_folder(report)
+    fitted = load_model(model)
+    runs, _ = options.read_logs_for(fitted, logs, time, map, where, None)
+    folder = make_folder(out) if out is not None else None
+    with options.narrate("rehearsing") as progress:
+        found = run_rehearsal(fitted, runs, sizes=sizes, trials=trials, progress=progress)
+    options.warn(found.warnings)
+    files = [report] if report is not None else []
+    if folder is not None:
+        from json import dumps
+
+        from faultgauge.files import write_atomically
+        from faultgauge.telemetry.writing import write_table
+
+        files.append(folder / "report.html")
+        text = dumps(found.as_dict(), indent=1, allow_nan=False)
+        write_atomically(folder / "rehearsal.json", text.encode())
+        write_table(found.table(), folder / "trials.csv")
+    if files:
+        from faultgauge.reporting.rehearsal_chapter import rehearsal_report
+        from faultgauge.reporting.report import write
+
+        page = rehearsal_report(found)
+        for file in files:
+            write(page, file)
+    if json:
+        options.print_json(found.as_dict())
+        return
+    print(found)
+    if files:
+        options.say(f"wrote {', '.join(str(file) for file in files)}")
+
+
+def _size(text: str) -> tuple[str, float]:
+    """A fault and its size from "friction=0.1"."""
+    name, _, value = text.partition("=")
+    try:
+        return name.strip(), float(value)
+    except ValueError:
+        raise InputError(
+            f"--size {text}: {value.strip()!r} is not a number; write it as in --size friction=0.1."
+        ) from None

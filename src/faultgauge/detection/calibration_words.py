@@ -1,0 +1,79 @@
+"""What calibration found, in words."""
+
+import numpy as np
+
+from faultgauge.detection.noise import drifting_of, noise_of
+from faultgauge.plants.disturbed import dynamic_states
+from faultgauge.plants.model import Model
+
+__all__ = ["errors", "summary"]
+
+
+def summary(model: Model) -> list[str]:
+    """A line for each thing that a user should know of a calibrated `model`."""
+    block = model.calibration or {}
+    if "bank" not in block:
+        return _limits(model)
+    return [*errors(model), *_priors(model), _level(model)]
+
+
+def _limits(model: Model) -> list[str]:
+    block, units = model.calibration or {}, _units(model)
+    lines = [
+        f"{name}: limit {channel['limit']:.4g} {units.get(name, '')}".rstrip()
+        for name, channel in block["channels"].items()
+    ]
+    rate = (
+        f"from {block['blocks']} healthy blocks ({block['judged_s']:.4g} s): false alarms at most "
+        f"once in {block['mtbfa_s']:.4g} s (95 % confidence)"
+    )
+    return [*lines, rate]
+
+
+def errors(model: Model) -> list[str]:
+    """How far the plant is from its model, and for how long."""
+    signals, noise = model.plant.signals, noise_of(model)
+    lines = []
+    for k, state in enumerate(dynamic_states(model.plant)):
+        each = signals.states[state]
+        unit = f" {each.unit}/s" if each.unit else " per second"
+        lasting = noise.lasting[k]
+        lines.append(
+            f"the model's own error in d({each.name}): {noise.size[k]:.2g}{unit}, lasting about "
+            f"{lasting:.2g} s"
+        )
+    known = (model.calibration or {})["noise"]["spread"]
+    values = model.plant.parameters
+    spread = [
+        f"{name} {s:.2g} ({s / abs(float(values[name])):.1%})"
+        if float(values[name])
+        else f"{name} {s:.2g}"
+        for name, s in known.items()
+    ]
+    if spread:
+        lines.append(f"constants differ from run to run by about {', '.join(spread)}")
+    slow = drifting_of(model)
+    if slow:
+        lines.append(f"tracked as it drifts: {', '.join(slow)}")
+    return lines
+
+
+def _priors(model: Model) -> list[str]:
+    found, units = (model.calibration or {})["bank"]["size"], _units(model)
+    sizes = [f"{name} {size:.2g} {units[name]}".rstrip() for name, size in found.items()]
+    return [f"faults are looked for up to about twice: {', '.join(sizes)}"]
+
+
+def _level(model: Model) -> str:
+    bank = (model.calibration or {})["bank"]
+    alarms = bank["alarms"]
+    told = f"{alarms} alarm{'' if alarms == 1 else 's'}" if alarms else "no alarm"
+    return (
+        f"alarm at odds of {np.exp(min(bank['level'], 100.0)):.3g} to 1; {told} in "
+        f"{bank['blocks']} healthy blocks ({bank['judged_s']:.4g} s) proves only that false alarms "
+        f"come at most once in {bank['mtbfa_s']:.4g} s (95 % confidence)"
+    )
+
+
+def _units(model: Model) -> dict[str, str]:
+    return {fault.name: fault.unit for fault in model.plant.signals.faults}

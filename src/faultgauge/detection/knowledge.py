@@ -1,0 +1,122 @@
+"""How well a fault can be known by when, beside noise, discrepancy and uncertain constants.
+
+The healthy filter, linearised at the middle of the training envelope, is in its steady state when a
+constant fault of unit size begins. What it leaves in the innovations adds up (Willsky and Jones,
+IEEE TAC 21 (1976)),
+
+    1 / sd(t)^2 = sum |S^-1/2 dv|^2,
+
+on a grid of times that reaches as far as the healthy logs are long. Where the discrepancy lasts
+shorter than that, sd falls on; where it lasts longer, sd ends at what the discrepancy hides.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from faultgauge.detection.judged import operating_points
+from faultgauge.detection.noise import Noise, process_of, spread_of_start
+from faultgauge.observers.observer import OperatingPoints, linearise
+from faultgauge.plants.disturbed import Disturbed
+from faultgauge.plants.model import Model
+from faultgauge.simulation.free_run import substeps_for
+
+__all__ = ["Knowledge", "knowledge_of", "longest_delay"]
+
+TIMES = 400
+SHARE = 0.25  # of the healthy logs: how far the times reach
+CLEAR = 8.0  # standard deviations by which a fault of its widest size shows
+FEWEST = 20  # samples of the memory
+
+
+class Knowledge(NamedTuple):
+    """`sd` of each declared fault at times `t` [s] after its onset (inf: nothing shows), and the
+    time [s] after which one of its widest size shows, in the median: the bank's memory."""
+
+    t: Float[np.ndarray, "times"]
+    sd: Float[np.ndarray, "times faults"]
+    memory: float
+
+    def at(self, fault: int, t: float) -> float:
+        """sd of `fault` `t` [s] after its onset."""
+        k = int(np.searchsorted(self.t, t, "right")) - 1
+        return float(self.sd[k, fault]) if k >= 0 else np.inf
+
+
+def knowledge_of(
+    model: Model,
+    plant: Disturbed,
+    noise: Noise,
+    size: Float[np.ndarray, "faults"],
+    step: float,
+    outputs: Sequence[str],
+    rows: Sequence[int],
+    healthy: float,
+) -> Knowledge:
+    """`rows` between the samples of each of `outputs`; times reach a share of `healthy` [s]."""
+    stride = max(1, int(SHARE * healthy / (TIMES * step)))
+    dt = stride * step
+    points = operating_points(model)
+    more = len(plant.signals.states) - points.x.shape[1]
+    x = np.concatenate([points.x, np.zeros((len(points.x), more))], axis=1)
+    linear = linearise(plant, OperatingPoints(x, points.u), dt, substeps_for(dt, model.max_step))
+    measured = [plant.signals.output_names.index(name) for name in outputs]
+    A, B = np.median(linear.A, axis=0), np.median(linear.B, axis=0)
+    C, D = np.median(linear.C, axis=0)[measured], np.median(linear.D, axis=0)[measured]
+    # white noise as strong as sigma at one sample in n is sigma sqrt(n) at every row
+    R = np.diag(noise.sigma[measured] ** 2 * np.array(rows) / stride)
+    q = process_of(noise, spread_of_start(model, noise.sigma, ())[1])
+    states = points.x.shape[1]
+    Q = np.diag(q**2 * dt)
+    P = Q.copy()
+    n = states + len(noise.size) + len(noise.lag)
+    P[range(n, len(P)), range(n, len(P))] += 1.0
+    for _ in range(TIMES):
+        P = _predicted(A, C, Q, R, P)
+    shift, total = np.zeros(B.shape), np.zeros(B.shape[1])
+    sd = np.zeros((TIMES, B.shape[1]))
+    for k in range(TIMES):
+        S = C @ P @ C.T + R
+        K, white = np.linalg.solve(S, C @ P).T, np.linalg.inv(np.linalg.cholesky(S))
+        shift = A @ shift + B
+        change = C @ shift + D
+        total += np.sum((white @ change) ** 2, axis=0)
+        shift = shift - K @ change
+        sd[k] = 1 / np.sqrt(np.maximum(total, 1e-300))
+        P = _predicted(A, C, Q, R, P)
+    sd = np.where(sd > 1e100, np.inf, sd)
+    t = dt * np.arange(1, TIMES + 1)
+    declared = len(model.plant.signals.faults)
+    shows = CLEAR * sd[:, :declared] <= size[:declared]
+    when = [float(t[np.argmax(each)]) if each.any() else float(t[-1]) for each in shows.T]
+    memory = float(np.clip(np.median(when), FEWEST * step, t[-1]))
+    return Knowledge(t, sd[:, :declared], memory)
+
+
+def _predicted(
+    A: Float[np.ndarray, "n n"],
+    C: Float[np.ndarray, "m n"],
+    Q: Float[np.ndarray, "n n"],
+    R: Float[np.ndarray, "m m"],
+    P: Float[np.ndarray, "n n"],
+) -> Float[np.ndarray, "n n"]:
+    """The predicted covariance one step on."""
+    S = C @ P @ C.T + R
+    P = A @ (P - P @ C.T @ np.linalg.solve(S, C @ P)) @ A.T + Q
+    return (P + P.T) / 2
+
+
+def longest_delay(known: Knowledge, fault: int, size: float, onset: float, level: float) -> float:
+    """After how long [s] a fault of this `size` is told, at the latest (97.5 %).
+
+    It leaves f^2 / (2 sd(t)^2) of log-likelihood after a time t, with a standard deviation of the
+    root of twice that (a Gaussian mean shift), and is told when this outweighs the prior odds of an
+    `onset` [1/s] up to the alarm's log-odds.
+    """
+    needed = level - np.log(onset * known.t[0])
+    spread = 1.96 * np.sqrt(2.0)
+    longest = ((spread + np.sqrt(spread**2 + 4 * needed)) / 2) ** 2
+    told = np.flatnonzero(size**2 / (2 * known.sd[:, fault] ** 2) >= longest)
+    return float(known.t[told[0] if len(told) else -1])

@@ -1,0 +1,143 @@
+"""What is known of faults before any data: how large, how often, and what nobody declared.
+
+- `size`, the widest standard deviation of a step: half of the fault's own larger limit, or a
+  quarter of the range of what it enters: an input's limits, else what the training envelope holds.
+  Decades below are as likely (`branching.SCALES`), so it matters little.
+- a growth is as fast as `rate` says.
+- `onset`: `prior_per_hour`, or once in a thousand records as long as the healthy ones.
+- an output that has no fault of its own may be off undeclared, as far as its range.
+"""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from faultgauge.detection.judged import operating_points
+from faultgauge.observers.branching import Prior
+from faultgauge.plants.gray_box import GrayBoxPlant
+from faultgauge.plants.model import Model
+from faultgauge.plants.plant import respond
+from faultgauge.plants.signals import LOSSES, Fault
+
+__all__ = ["AT_START", "onsets_of", "prior_of_faults", "ranges", "sizes_of", "undeclared_faults"]
+
+RARE = 1e-3  # faults in as much time as the healthy logs have
+ALIEN = 0.01  # of the largest onset rate: how often something undeclared happens
+RECOVERY = 30.0  # times the onset rate
+CHANGED = 0.1  # times the recovery rate: how often a fault changes its size
+COMMON = 1e-3  # of onsets: one in a thousand brings two faults at once, by a common cause
+AT_START = 1e-3  # probability that a given fault is there when a log begins
+
+
+def ranges(model: Model, plant: GrayBoxPlant) -> Float[np.ndarray, "faults"]:
+    """Range over the training envelope of what each fault enters, in the fault's unit."""
+    points, signals = operating_points(model), plant.signals
+    rates, outputs = jax.vmap(lambda x, u: respond(plant, x, u))(
+        jnp.asarray(points.x), jnp.asarray(points.u)
+    )
+    found = []
+    for fault in signals.faults:
+        values = np.zeros(0)
+        match fault.enters:
+            case _ if fault.relative or fault.enters in LOSSES:
+                found.append(2.0)
+                continue
+            case "parameter":
+                found.append(_parameter_range(model.plant, fault.target))
+                continue
+            case "network":
+                values = _network_values(plant, fault.target, points.x, points.u)
+            case "state":
+                values = np.asarray(rates)[:, signals.state_names.index(fault.target)]
+            case "output":
+                values = np.asarray(outputs)[:, signals.output_names.index(fault.target)]
+            case "input":
+                at = signals.input_names.index(fault.target)
+                limits = signals.inputs[at]
+                if np.isfinite(limits.max - limits.min):
+                    found.append(limits.max - limits.min)
+                    continue
+                values = points.u[:, at]
+        values = values[np.isfinite(values)]
+        width = float(np.ptp(values)) if len(values) else 0.0
+        # a signal that stands still in training says how large it is, not how far it moves
+        found.append(max(width, 0.1 * float(np.abs(values).max(initial=0.0)), 1e-9))
+    return np.array(found)
+
+
+def _parameter_range(plant: GrayBoxPlant, name: str) -> float:
+    """From minus to plus its own size, or from its min to its max where that is less."""
+    declared = next(each for each in plant.spec.parameters if each.name == name)
+    widths = [2 * abs(float(plant.parameters[name])), declared.max - declared.min]
+    return min((each for each in widths if 0 < each < np.inf), default=0.0)
+
+
+def _network_values(
+    plant: GrayBoxPlant,
+    name: str,
+    x: Float[np.ndarray, "points states"],
+    u: Float[np.ndarray, "points inputs"],
+) -> Float[np.ndarray, "values"]:
+    at = jax.vmap(lambda x, u: plant.network_values(name, x, u))
+    return np.asarray(at(jnp.asarray(x), jnp.asarray(u))).ravel()
+
+
+def sizes_of(model: Model, plant: GrayBoxPlant) -> Float[np.ndarray, "faults"]:
+    """Widest standard deviation of each fault of `plant`."""
+    size = ranges(model, plant) / 4
+    for k, fault in enumerate(plant.signals.faults):
+        widest = max(abs(fault.min), abs(fault.max))
+        if np.isfinite(widest):
+            size[k] = widest / 2
+    return size
+
+
+def undeclared_faults(model: Model, columns: tuple[str, ...]) -> tuple[Fault, ...]:
+    """A bias of every output that has no fault of its own."""
+    signals = model.plant.signals
+    own = {f.target for f in signals.faults if f.enters in ("output", "output_gain")}
+    return tuple(
+        Fault(f"undeclared {n}", "output", n)
+        for n in signals.output_names
+        if n in columns and n not in own
+    )
+
+
+def onsets_of(model: Model, healthy: float) -> Float[np.ndarray, "faults"]:
+    """Rates [1/s] of the declared faults; `healthy` [s] is how long the healthy logs are."""
+    given = [fault.prior_per_hour for fault in model.plant.signals.faults]
+    return np.array([RARE / healthy if p is None else p / 3600 for p in given])
+
+
+def prior_of_faults(
+    model: Model,
+    size: Float[np.ndarray, "faults"],
+    onset: Float[np.ndarray, "declared"],
+    growing: tuple[int, ...],
+) -> Prior:
+    """`size` of all faults, the undeclared ones last."""
+    faults = model.plant.signals.faults
+    more = len(size) - len(faults)
+    largest = float(onset.max())
+    rate = np.concatenate([onset, np.full(more, ALIEN * largest / max(more, 1))])
+    low = np.array([*(f.min for f in faults), *[-np.inf] * more])
+    high = np.array([*(f.max for f in faults), *[np.inf] * more])
+    grow = list(growing)
+    slopes = np.array([float(faults[k].rate or 0.0) for k in growing])
+    wide = np.full(len(grow), np.inf)
+    at_start = np.full(len(size) + len(grow), np.log(AT_START))
+    at_start[len(faults) : len(size)] += np.log(ALIEN)
+    shown = np.array([f.monitor != "disabled" for f in faults] + [True] * more)
+    never = np.where(np.concatenate([shown, shown[grow]]), 1.0, 1e-300)
+    return Prior(
+        size=jnp.asarray(np.concatenate([size, slopes])),
+        low=jnp.asarray(np.concatenate([low, -wide])),
+        high=jnp.asarray(np.concatenate([high, wide])),
+        onset=jnp.asarray(np.concatenate([rate, rate[grow]]) * never),
+        recovery=jnp.asarray(RECOVERY * rate),
+        common=jnp.asarray(COMMON),
+        unknown=jnp.asarray(ALIEN * largest),
+        first=jnp.asarray(at_start),
+        changed=jnp.asarray(RECOVERY * CHANGED),
+    )

@@ -1,0 +1,221 @@
+"""A filter that needs no derivatives: first-order divided differences (DD1).
+
+    z = [x, faults, growth rates of faults],    A_i = (Phi(z + s_i e_i) - Phi(z - s_i e_i)) / 2 s_i
+
+with s_i the standard deviation of z_i, so that a sign, a dead zone or a limit counts as far as it
+lies within what is not known (Norgaard, Poulsen and Ravn, Automatica 36 (2000), "New developments
+in state estimation for nonlinear systems"). Outputs are taken one after another, in Joseph's form.
+A sample far outside of what is expected has its noise raised until it is `FAR` standard deviations
+off: a glitch moves nothing, and what stays off speaks for whatever explains it.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from faultgauge.plants.disturbed import Disturbed
+from faultgauge.plants.plant import respond
+from faultgauge.simulation.integrators import step as integrate
+
+__all__ = ["Belief", "DividedDifferenceFilter", "Flow", "Look", "Noise", "Seen"]
+
+FAR = 5.0  # standard deviations of an innovation beyond which it is no noise
+LEAST = 1e-7  # of a state's scale: the shortest difference
+HUGE = 1e60  # above any number in any unit: its square must not overflow
+LOST = -1e3  # log-likelihood of a sample that no finite prediction precedes
+
+
+class Belief(NamedTuple):
+    """Mean and covariance of z."""
+
+    mean: Float[Array, "*many n"]
+    P: Float[Array, "*many n n"]
+
+
+class Noise(NamedTuple):
+    """Standard deviations: `process` per sqrt(s) of the states, `walk` per sqrt(s) of the faults,
+    `sigma` of a sample."""
+
+    process: Float[Array, "*many states"]
+    walk: Float[Array, "*many faults"]
+    sigma: Float[Array, "*many outputs"]
+
+
+class Flow(NamedTuple):
+    """One step linearised: z' = A z; `up` and `down` are what a unit of each fault does to the
+    states upwards and downwards, which a limit makes different."""
+
+    A: Float[Array, "*many n n"]
+    up: Float[Array, "*many states faults"]
+    down: Float[Array, "*many states faults"]
+
+
+class Look(NamedTuple):
+    """The outputs linearised: y = C z, with `up` and `down` of each fault as in `Flow`."""
+
+    C: Float[Array, "*many outputs n"]
+    up: Float[Array, "*many outputs faults"]
+    down: Float[Array, "*many outputs faults"]
+
+
+class Seen(NamedTuple):
+    """What each output said, in turn: the whitened innovation (0: not sampled), the root of its
+    variance (infinite: not sampled), and the gain of z."""
+
+    white: Float[Array, "*many outputs"]
+    root: Float[Array, "*many outputs"]
+    gain: Float[Array, "*many outputs n"]
+
+
+class DividedDifferenceFilter(eqx.Module):
+    """One filter over a plant and its discrepancy; pure `step`.
+
+    `growing` are the faults that have a growth rate in z, `scale` the sizes of the states and
+    `probe` those of the faults, by which those that are known exactly are varied.
+    """
+
+    plant: Disturbed
+    scale: Float[Array, "states"]
+    probe: Float[Array, "faults"]
+    growing: tuple[int, ...] = eqx.field(static=True)
+    substeps: int = eqx.field(static=True)
+
+    @property
+    def states(self) -> int:
+        return len(self.plant.signals.states)
+
+    @property
+    def faults(self) -> int:
+        return len(self.plant.signals.faults)
+
+    def begin(self, x: Float[Array, "states"], sd: Float[Array, "states"]) -> Belief:
+        """The states at `x` +- `sd`, and no fault."""
+        more = self.faults + len(self.growing)
+        mean = jnp.concatenate([x, jnp.zeros(more)])
+        return Belief(mean, jnp.diag(jnp.concatenate([sd, jnp.zeros(more)]) ** 2))
+
+    def predict(
+        self,
+        belief: Belief,
+        noise: Noise,
+        u_before: Float[Array, "inputs"],
+        u: Float[Array, "inputs"],
+        dt: Float[Array, ""],
+    ) -> tuple[Belief, Flow]:
+        """The belief `dt` s later."""
+        n, k = self.states, self.faults
+
+        def flow(x: Array, f: Array) -> Array:
+            return integrate(self.plant, x, u_before, u, f, dt, self.substeps)
+
+        after, F, up, down = self._differences(flow, belief)
+        size = len(belief.mean)
+        A = jnp.concatenate([F, (up + down) / 2, jnp.zeros((n, size - n - k))], axis=1)
+        grows = np.zeros((size - n, size))
+        grows[list(self.growing), range(n + k, size)] = 1.0
+        A = jnp.concatenate([A, np.eye(size)[n:] + dt * grows])
+        jump = self.plant.kicked(after, u_before, u, belief.mean[n : n + k])
+        mean = jnp.concatenate([after + jump, A[n:] @ belief.mean])
+        rates = jnp.zeros(size - n - k)
+        Q = dt * jnp.concatenate([noise.process, noise.walk * self._present(belief), rates]) ** 2
+        return Belief(mean, A @ belief.P @ A.T + jnp.diag(Q)), Flow(A, up, down)
+
+    def look(
+        self, belief: Belief, u: Float[Array, "inputs"]
+    ) -> tuple[Float[Array, "outputs"], Look]:
+        """(the outputs expected under `u`, how they depend on z)."""
+        n, k = self.states, self.faults
+
+        def look(x: Array, f: Array) -> Array:
+            return respond(self.plant, x, u, f)[1]
+
+        y, H, up, down = self._differences(look, belief)
+        rates = jnp.zeros((len(y), len(belief.mean) - n - k))
+        return y, Look(jnp.concatenate([H, (up + down) / 2, rates], axis=1), up, down)
+
+    def update(
+        self,
+        belief: Belief,
+        noise: Noise,
+        expected: Float[Array, "outputs"],
+        look: Look,
+        y: Float[Array, "outputs"],
+    ) -> tuple[Belief, Float[Array, ""], Seen]:
+        """(the belief after `y` (NaN: not sampled), its log-likelihood, what each output said)."""
+        mean, P, total, said = belief.mean, belief.P, jnp.zeros(()), []
+        for j in range(len(y)):
+            there, H = jnp.isfinite(y[j]), look.C[j]
+            S = H @ P @ H + noise.sigma[j] ** 2
+            e = jnp.where(there, y[j] - expected[j] - H @ (mean - belief.mean), 0.0)
+            S = S * jnp.maximum(1.0, e**2 / (FAR**2 * S))
+            R = S - H @ P @ H
+            K = jnp.where(there, P @ H / S, 0.0)
+            keep = jnp.eye(len(mean)) - jnp.outer(K, H)
+            mean, P = mean + K * e, keep @ P @ keep.T + R * jnp.outer(K, K)
+            root = jnp.sqrt(S)
+            total += jnp.where(there, -0.5 * (e**2 / S + jnp.log(2 * jnp.pi * S)), 0.0)
+            said.append((e / root, jnp.where(there, root, jnp.inf), K))
+        white, root, gain = (jnp.stack(each) for each in zip(*said, strict=True))
+        return Belief(mean, (P + P.T) / 2), total, Seen(white, root, gain)
+
+    def step(
+        self,
+        belief: Belief,
+        noise: Noise,
+        u_before: Float[Array, "inputs"],
+        u: Float[Array, "inputs"],
+        y: Float[Array, "outputs"],
+        dt: Float[Array, ""],
+    ) -> tuple[Belief, Float[Array, ""], Flow, Look, Seen]:
+        """One sample, `dt` s after the last: a filter that leaves all bounds stays where it was,
+        and says so by its likelihood."""
+        predicted, flow = self.predict(belief, noise, u_before, u, dt)
+        expected, look = self.look(predicted, u)
+        after, likelihood, seen = self.update(predicted, noise, expected, look, y)
+        sound = jnp.isfinite(likelihood)
+        for part in (*after, *flow, *look):
+            sound &= jnp.all(jnp.abs(part) < HUGE)
+        nothing = Seen(
+            jnp.zeros_like(seen.white), jnp.full_like(seen.root, jnp.inf), jnp.zeros_like(seen.gain)
+        )
+        still = Flow(jnp.eye(len(belief.mean)), 0 * flow.up, 0 * flow.down)
+        blind = jax.tree.map(jnp.zeros_like, look)
+        return jax.tree.map(
+            lambda new, old: jnp.where(sound, new, old),
+            (after, likelihood, flow, look, seen),
+            (belief, jnp.asarray(LOST), still, blind, nothing),
+        )
+
+    def _present(self, belief: Belief) -> Float[Array, "faults"]:
+        """1 for every fault that is there: not known to be 0."""
+        n, k = self.states, self.faults
+        return jnp.where(jnp.diagonal(belief.P)[n : n + k] > 0, 1.0, 0.0)
+
+    def _differences(
+        self, of: Callable[[Array, Array], Array], belief: Belief
+    ) -> tuple[
+        Float[Array, "m"],
+        Float[Array, "m states"],
+        Float[Array, "m faults"],
+        Float[Array, "m faults"],
+    ]:
+        """(`of` in the middle, its slopes over the states, and over the faults upwards and
+        downwards); all points run at once."""
+        n, k = self.states, self.faults
+        sd = jnp.sqrt(jnp.maximum(jnp.diagonal(belief.P)[: n + k], 0.0))
+        s = jnp.where(
+            sd > 0,
+            jnp.maximum(sd, LEAST * jnp.concatenate([self.scale, self.probe])),
+            jnp.concatenate([LEAST * self.scale, self.probe]),
+        )
+        off = jnp.concatenate([np.zeros((1, n + k)), jnp.diag(s), -jnp.diag(s)])
+        points = belief.mean[: n + k] + off
+        images = jax.vmap(of)(points[:, :n], points[:, n:])
+        at, over, under = images[0], images[1 : 1 + n + k], images[1 + n + k :]
+        up, down = (over - at) / s[:, None], (at - under) / s[:, None]
+        return at, (up[:n] + down[:n]).T / 2, up[n:].T, down[n:].T

@@ -1,0 +1,159 @@
+"""A plant that is not its model: F is followed by a discrepancy, and constants are uncertain.
+
+    x' = F(x, u; theta + offset + W xi) + E (d + e),    d' = -d / tau + w,    xi' = 0,
+
+    e' = -e / settling,    and by -lag (F(x, u) - F(x, u before)) where u changes
+
+d is a Gauss-Markov process beside every state that is not exact kinematics (Kennedy and O'Hagan,
+J. R. Statist. Soc. B 63 (2001), "Bayesian calibration of computer models": what the model lacks is
+a process of its own); with infinite tau it is a random walk. e is what follows an input: with
+lag = 1 the input acts through a lag that the model does not have. xi are the
+directions in which the constants are uncertain, of unit variance.
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from faultgauge.plants.expression import is_state, names_used
+from faultgauge.plants.gray_box import GrayBoxPlant
+from faultgauge.plants.plant import Change, Plant, respond
+from faultgauge.plants.signals import Fault, Signals, State
+
+__all__ = ["Disturbed", "Error", "dynamic_states", "following_states"]
+
+
+class Error(NamedTuple):
+    """Time constant `tau` [s] of every driven state's d; of every e its time constant `settling`
+    [s] and the share `lag` of what an input's change does at once."""
+
+    tau: Float[Array, "driven"]
+    settling: Float[Array, "following"]
+    lag: Float[Array, "following"]
+
+
+class Disturbed(Plant):
+    """`base` with the states [x, d, e, xi]; `driven` are the states that d acts on, `following`
+    those that e acts on, `names` the parameters, of which `directions` (W) is a row each."""
+
+    signals: Signals = eqx.field(static=True)
+    base: Plant
+    error: Error
+    offset: Float[Array, "parameters"]
+    directions: Float[Array, "parameters directions"]
+    driven: tuple[int, ...] = eqx.field(static=True)
+    following: tuple[int, ...] = eqx.field(static=True)
+    names: tuple[str, ...] = eqx.field(static=True)
+
+    @staticmethod
+    def of(
+        base: Plant,
+        driven: tuple[int, ...],
+        following: tuple[int, ...],
+        error: Error,
+        names: tuple[str, ...],
+        offset: Float[Array, "parameters"],
+        directions: Float[Array, "parameters directions"],
+        undeclared: tuple[Fault, ...] = (),
+    ) -> "Disturbed":
+        """`undeclared` faults stand behind those that `base` declares."""
+        signals = base.signals
+        more = [State(f"d({signals.state_names[i]})") for i in driven]
+        more += [State(f"e({signals.state_names[i]})") for i in following]
+        more += [State(f"xi({k})") for k in range(directions.shape[1])]
+        own = replace(
+            signals,
+            states=(*signals.states, *more),
+            faults=(*signals.faults, *undeclared),
+        )
+        return Disturbed(own, base, error, offset, directions, driven, following, names)
+
+    @property
+    def count(self) -> int:
+        """How many states `base` has."""
+        return len(self.base.signals.states)
+
+    def derivative(
+        self, x: Float[Array, "states"], u: Float[Array, "inputs"]
+    ) -> Float[Array, "states"]:
+        n, k, m = self.count, len(self.driven), len(self.following)
+        d, e = x[n : n + k], x[n + k : n + k + m]
+        dx = self.plant_at(x).derivative(x[:n], u)
+        dx = dx + self._acts(self.driven) @ d + self._acts(self.following) @ e
+        slow, quick = -d / self.error.tau, -e / self.error.settling
+        return jnp.concatenate([dx, slow, quick, jnp.zeros(len(x) - n - k - m)])
+
+    def output(
+        self,
+        dx: Float[Array, "states"],
+        x: Float[Array, "states"],
+        u: Float[Array, "inputs"],
+    ) -> Float[Array, "outputs"]:
+        n = self.count
+        return self.plant_at(x).output(dx[:n], x[:n], u)
+
+    def kicked(
+        self,
+        x: Float[Array, "states"],
+        u_before: Float[Array, "inputs"],
+        u: Float[Array, "inputs"],
+        f: Float[Array, "faults"],
+    ) -> Float[Array, "states"]:
+        """By how much the states jump where the input changes."""
+        n, k, m = self.count, len(self.driven), len(self.following)
+        if m == 0:
+            return jnp.zeros(len(x))
+        both = jax.vmap(lambda u: respond(self, x, u, f)[0])(jnp.stack([u, u_before]))
+        change = self._acts(self.following).T @ (both[0] - both[1])[:n]
+        jump = -self.error.lag * change
+        return jnp.concatenate([jnp.zeros(n + k), jump, jnp.zeros(len(x) - n - k - m)])
+
+    def _acts(self, states: tuple[int, ...]) -> Float[np.ndarray, "own some"]:
+        acts = np.zeros((self.count, len(states)))
+        acts[list(states), range(len(states))] = 1.0
+        return acts
+
+    def altered(self, changes: Mapping[str, Change]) -> "Disturbed":
+        """`base` altered: what xi adds to a constant is not."""
+        return replace(self, base=self.base.altered(changes))
+
+    def plant_at(self, x: Float[Array, "states"]) -> Plant:
+        """`base` with the constants that xi makes of them."""
+        plant = self.base
+        if not self.names or not isinstance(plant, GrayBoxPlant):
+            return plant
+        shift = (
+            self.offset + self.directions @ x[self.count + len(self.driven) + len(self.following) :]
+        )
+        changed = {name: plant.parameters[name] + shift[k] for k, name in enumerate(self.names)}
+        return GrayBoxPlant(
+            plant.signals, plant.spec, plant.networks, {**plant.parameters, **changed}
+        )
+
+
+def dynamic_states(plant: Plant) -> tuple[int, ...]:
+    """The states whose equation may be wrong: those that are not exact kinematics, which the file
+    says, or whose derivative is another state and nothing else."""
+    states = plant.signals.states
+    exact = [each.exact for each in states]
+    if isinstance(plant, GrayBoxPlant):
+        names = plant.signals.state_names
+        trees = [each.tree for each in plant.spec.derivatives]
+        exact = [e or is_state(tree, names) for e, tree in zip(exact, trees, strict=True)]
+    return tuple(k for k, known in enumerate(exact) if not known)
+
+
+def following_states(plant: Plant) -> tuple[int, ...]:
+    """Those of the dynamic states whose derivative reads an input: what an input does at once may
+    in truth lag."""
+    dynamic = dynamic_states(plant)
+    if not isinstance(plant, GrayBoxPlant):
+        return dynamic
+    inputs = set(plant.signals.input_names)
+    return tuple(k for k in dynamic if inputs & set(names_used(plant.spec.derivatives[k])))

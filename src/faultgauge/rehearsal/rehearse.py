@@ -1,0 +1,249 @@
+"""`rehearse`: put declared faults into healthy logs and ask the calibrated model."""
+
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import groupby
+
+import numpy as np
+
+from faultgauge.errors import InputError
+from faultgauge.plants.expression import unknown
+from faultgauge.plants.model import Model
+from faultgauge.plants.signals import Fault, Signals
+from faultgauge.rehearsal.design import Dose, Plan, Subject, doses_of, plans, windows_of
+from faultgauge.rehearsal.injection import Injected, NotInjectable, inject
+from faultgauge.rehearsal.judging import (
+    Event,
+    Judgement,
+    check_calibrated,
+    false_alarm_rate,
+    judge,
+    predicted_smallest,
+)
+from faultgauge.rehearsal.result import Answer, Rehearsal, Trial
+from faultgauge.rehearsal.scoring import fault_results, large, pair_results
+from faultgauge.rehearsal.shares import poisson, wilson
+from faultgauge.rehearsal.ways import way_of
+from faultgauge.telemetry import Run
+
+__all__ = ["TRIALS", "rehearse", "score"]
+
+TRIALS = 200  # logs that are judged
+UNTOUCHED = 4  # at most one in so many of them is an untouched window
+BATCH = 10  # logs judged in one call: they share its preparation
+
+
+def rehearse(
+    model: Model,
+    runs: Sequence[Run],
+    *,
+    sizes: Mapping[str, float] | None = None,
+    trials: int = TRIALS,
+    progress: Callable[[str], None] = lambda text: None,
+) -> Rehearsal:
+    """What `model` finds of its declared faults in healthy `runs` that neither its fit nor its
+    calibration has seen, at most `trials` logs being judged in all.
+
+    Each run is cut into windows of at most 2000 samples. Into each window go, one at a time, every
+    fault that is not disabled and can be put into a recorded log (`ways`), in 8 sizes from 0.25 to
+    16 times the smallest one that the model foretells, or the one of `sizes` [the fault's unit],
+    both signs where the limits allow them, from an onset at random on; pairs of faults at 4 and 8
+    times; and nothing. Where `rate` is declared the fault grows at that rate, else it is there at
+    once.
+
+    Raises `InputError` for a model without calibration, where no fault can be rehearsed, for runs
+    that are too short, for an unknown fault or a size of 0 in `sizes`, and for fewer than 2
+    `trials`.
+    """
+    signals, sizes = model.plant.signals, sizes or {}
+    check_calibrated(model)
+    _check(signals, sizes, trials)
+    windows, warnings = windows_of(runs)
+    usual = sorted(windows, key=lambda each: len(each.t))[len(windows) // 2]
+    progress("asking the model for its smallest faults")
+    subjects, left_out = _subjects(model, usual, sizes)
+    if not subjects:
+        why = "; ".join(f"{name}: {reason}" for name, reason in left_out.items())
+        raise InputError(f"no fault can be rehearsed on these logs ({why}); declare others.")
+
+    lab = _Lab(signals, windows, {each.fault.name: each for each in subjects})
+    untouched = _spread(len(windows), max(trials // UNTOUCHED, 1))
+    pairs = signals.max_simultaneous > 1 and not sizes
+    planned = plans(subjects, windows, trials - len(untouched), lab.allows, pairs=pairs)
+    if not planned:
+        why = "; ".join(f"{name}: {', '.join(reasons)}" for name, reasons in lab.refused.items())
+        raise InputError(
+            f"no fault fits into these logs ({why}); give logs farther from the limits."
+        )
+    planned.sort(key=lambda plan: plan.window)  # logs of one window are judged together
+    logs = [*((k, windows[k]) for k in untouched), *((p.window, lab.log(p)) for p in planned)]
+    said = list(_judged(model, logs, progress))
+    calm, asked = said[: len(untouched)], said[len(untouched) :]
+    done = tuple(
+        score(k, windows[plan.window].name, plan, each)
+        for k, (plan, each) in enumerate(zip(planned, asked, strict=True))
+    )
+    return Rehearsal(
+        plant=model.plant.spec.name,
+        windows={each.name: len(each.t) for each in windows},
+        faults=fault_results(subjects, done, lab.refused),
+        pairs=pair_results(done),
+        exact=wilson(sum(e.exact for e in large(done)), len(large(done))),
+        false_alarms=poisson(sum(len(e.alarms) for e in calm), sum(e.hours for e in calm)),
+        calibrated_rate=false_alarm_rate(model),
+        left_out=left_out,
+        trials=done,
+        warnings=(*_seen_before(model, runs), *warnings),
+    )
+
+
+@dataclass(frozen=True)
+class _Lab:
+    """Puts `subjects` into `windows`, and counts what these do not allow."""
+
+    signals: Signals
+    windows: Sequence[Run]
+    subjects: Mapping[str, Subject]
+    refused: dict[str, Counter[str]] = field(default_factory=lambda: defaultdict(Counter))
+
+    def log(self, plan: Plan) -> Run:
+        """The window with the faults in it. Raises `NotInjectable`."""
+        injected = []
+        for dose, onset in zip(plan.doses, plan.onsets, strict=True):
+            fault, way, *_ = self.subjects[dose.fault]
+            injected.append(Injected(way, dose.size, onset, fault.rate))
+        return inject(self.windows[plan.window], self.signals, injected)
+
+    def allows(self, plan: Plan) -> bool:
+        """Whether the window allows the faults; counted where it does not allow a single one."""
+        try:
+            self.log(plan)
+        except NotInjectable as reason:
+            if len(plan.doses) == 1:
+                self.refused[plan.doses[0].fault][str(reason)] += 1
+            return False
+        return True
+
+
+def score(number: int, window: str, plan: Plan, said: Judgement) -> Trial:
+    """What `said` makes of the faults that `plan` put into `window`."""
+    first = min(plan.onsets)
+    after = [each for each in said.events if each.told >= first]
+    return Trial(
+        number,
+        window,
+        tuple(_answer(d, at, after) for d, at in zip(plan.doses, plan.onsets, strict=True)),
+        tuple(dict.fromkeys(each.fault for each in after)),
+        any(last >= first for _, last in said.alarms),
+        len(said.events) - len(after),
+        said.not_judged,
+    )
+
+
+def _answer(dose: Dose, onset: float, events: Sequence[Event]) -> Answer:
+    unasked = Answer(dose.fault, dose.size, onset, dose.times)
+    mine = [each for each in events if each.fault == dose.fault and each.told >= onset]
+    if not mine:
+        return unasked
+    first = min(mine, key=lambda each: each.told)
+    longest = max(mine, key=lambda each: each.end - each.told)
+    low, high = longest.lo, longest.hi
+    return replace(
+        unasked,
+        delay=first.told - onset,
+        estimate=longest.size,
+        size_covered=None if low is None or high is None else bool(low <= dose.size <= high),
+        onset_covered=bool(first.onset_lo <= onset <= first.onset_hi),
+    )
+
+
+def _check(signals: Signals, sizes: Mapping[str, float], trials: int) -> None:
+    if trials < 2:
+        raise InputError(f"{trials} trials are too few: one untouched log and one with a fault.")
+    for name, size in sizes.items():
+        if name not in signals.fault_names:
+            raise InputError(f"size of {unknown('fault', name, signals.fault_names)}.")
+        if size == 0 or not np.isfinite(size):
+            raise InputError(
+                f"fault {name!r} of size {size:g} is none; give a size that is finite and not 0."
+            )
+        fault = signals.faults[signals.fault_names.index(name)]
+        if not fault.min <= size <= fault.max:
+            raise InputError(
+                f"fault {name!r} of size {size:g} is outside its limits in the plant file, "
+                f"{fault.min:g} to {fault.max:g}; give a size within them."
+            )
+
+
+def _subjects(
+    model: Model, window: Run, sizes: Mapping[str, float]
+) -> tuple[list[Subject], dict[str, str]]:
+    """(the faults to rehearse, why the others are not); where `sizes` are given, those alone."""
+    found: list[Subject] = []
+    left_out: dict[str, str] = {}
+    for fault in model.plant.signals.faults:
+        if sizes and fault.name not in sizes:
+            continue
+        said = _subject(model, window, fault, sizes.get(fault.name))
+        if isinstance(said, Subject):
+            found.append(said)
+        else:
+            left_out[fault.name] = said
+    return found, left_out
+
+
+def _subject(model: Model, window: Run, fault: Fault, size: float | None) -> Subject | str:
+    if fault.monitor == "disabled":
+        return "disabled in the plant file"
+    way = way_of(model, fault)
+    if way is None:
+        return f"a {fault.enters} fault, which cannot be put into a recorded log"
+    if way.column not in window.columns:
+        return f"the log has no column {way.column!r}"
+    smallest = predicted_smallest(model, window, fault.name)
+    doses = doses_of(fault, smallest, size)
+    if not doses and smallest is None:
+        return (
+            f"the model foretells none that it would name in {len(window.t)} samples; "
+            "give a size to try"
+        )
+    return Subject(fault, way, smallest, doses) if doses else "its limits allow none of the sizes"
+
+
+def _spread(count: int, most: int) -> list[int]:
+    """At most `most` of `count` windows, evenly."""
+    return [int(k) for k in np.unique(np.linspace(0, count - 1, min(count, most)).round())]
+
+
+def _judged(
+    model: Model, logs: Sequence[tuple[int, Run]], progress: Callable[[str], None]
+) -> Iterator[Judgement]:
+    """What the model says of each of `logs`, at most ten in one call; each call has logs of one
+    window, as they must have one step."""
+    done = 0
+    for _, group in groupby(logs, key=lambda each: each[0]):
+        runs = [run for _, run in group]
+        for k in range(0, len(runs), BATCH):
+            progress(f"rehearsing: {done} of {len(logs)} logs judged")
+            batch = runs[k : k + BATCH]
+            yield from judge(model, batch)
+            done += len(batch)
+
+
+def _seen_before(model: Model, runs: Sequence[Run]) -> list[str]:
+    """A sentence for what the model was made with, which it knows better than new logs."""
+    data = model.record["data"]
+    known = {
+        "the fit": {*data["fit"], *data["validate"]},
+        "the calibration": {*(model.calibration or {})["data"]},
+    }
+    found = []
+    for where, hashes in known.items():
+        names = [run.name for run in runs if run.content_hash in hashes]
+        if names:
+            found.append(
+                f"{', '.join(names)}: also used in {where}, so the rehearsal may look better than "
+                "the model is; give other healthy logs if you can"
+            )
+    return found

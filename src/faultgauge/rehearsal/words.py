@@ -1,0 +1,140 @@
+"""A rehearsal as a person reads it: a table, and what else is to be said."""
+
+from collections.abc import Sequence
+
+from faultgauge.rehearsal.result import FaultResult, PairResult, Rehearsal, Trial
+from faultgauge.rehearsal.shares import Share
+
+__all__ = ["HEADER", "amount", "fault_row", "legend", "lines", "percent", "remarks", "said"]
+
+MOST_INSTEAD = 4  # of what was told instead
+HEADER = (
+    "fault",
+    "foretold",
+    "found in 90 %",
+    "alarm",
+    "found",
+    "named exactly",
+    "size error",
+    "size inside",
+    "onset inside",
+    "told after",
+)
+
+
+def lines(rehearsal: Rehearsal) -> list[str]:
+    """The table of the faults with its legend, and the remarks."""
+    rows = [HEADER, *(fault_row(each) for each in rehearsal.faults)]
+    widths = [max(len(row[k]) for row in rows) for k in range(len(HEADER))]
+    table = [
+        "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
+        for row in rows
+    ]
+    return [*table, "", legend(rehearsal), *remarks(rehearsal)]
+
+
+def legend(rehearsal: Rehearsal) -> str:
+    """What the columns of the table mean."""
+    some_predicted = any(each.predicted is not None for each in rehearsal.faults)
+    which = "of at least 4 times the foretold size" if some_predicted else "of all sizes"
+    return (
+        "foretold: the smallest size that the model says it would name; found in 90 %: the one "
+        f"that was found in 90 % of the logs; right of that: faults {which}, medians, and how "
+        "often the truth was inside the 95 % interval."
+    )
+
+
+def fault_row(fault: FaultResult) -> tuple[str, ...]:
+    """The cells of `HEADER`."""
+    large = fault.large
+    return (
+        fault.name,
+        amount(fault.predicted, fault.unit),
+        _smallest(fault),
+        _count(large.alarmed),
+        _count(large.found),
+        _count(large.exact),
+        percent(large.error_median),
+        _count(large.size_covered),
+        _count(large.onset_covered),
+        amount(large.delay_median, "s"),
+    )
+
+
+def remarks(rehearsal: Rehearsal) -> list[str]:
+    """Sentences on names, pairs, false alarms, and what was not rehearsed."""
+    alarms, found = rehearsal.false_alarms, []
+    if rehearsal.exact.total:
+        found.append(
+            "Named exactly, all faults of at least 4 times the foretold size: "
+            f"{said(rehearsal.exact)}."
+        )
+    for times in sorted({each.times for each in rehearsal.pairs}):
+        found.append(_pairs([each for each in rehearsal.pairs if each.times == times], times))
+    found.append(
+        f"Untouched: {alarms.count} false alarm{'' if alarms.count == 1 else 's'} in "
+        f"{alarms.hours:.3g} h, {alarms.value:.3g} per hour (95 % interval {alarms.lo:.2g} to "
+        f"{alarms.hi:.2g}); calibration allows at most {rehearsal.calibrated_rate:.3g} per hour."
+    )
+    found.append(_before(rehearsal.trials))
+    found += [f"Not rehearsed: {name}, {reason}." for name, reason in rehearsal.left_out.items()]
+    for each in rehearsal.faults:
+        if each.large.instead:
+            instead = sorted(each.large.instead.items(), key=lambda item: -item[1])
+            listed = ", ".join(f"{name} ({count})" for name, count in instead[:MOST_INSTEAD])
+            found.append(f"{each.name}, where not named exactly, was told as: {listed}.")
+        found += [
+            f"{each.name}: {count} time{'' if count == 1 else 's'} left out: {reason}."
+            for reason, count in each.not_injectable.items()
+        ]
+    return found
+
+
+def _before(trials: Sequence[Trial]) -> str:
+    early = sum(each.false_before > 0 for each in trials)
+    silent = sum(each.not_judged for each in trials) / len(trials)
+    return (
+        f"Told before any onset: in {early} of {len(trials)} logs; not judged: {silent:.2g} of the "
+        "rows."
+    )
+
+
+def _pairs(some: Sequence[PairResult], times: float) -> str:
+    worst = min(some, key=lambda each: each.figures.exact.value)
+    exact = sum(each.figures.exact.count for each in some)
+    total = sum(each.figures.exact.total for each in some)
+    names = " and ".join(worst.names)
+    count = _count(worst.figures.exact)
+    return (
+        f"Pairs at {times:g} times the foretold sizes: {exact} of {total} named exactly; "
+        f"least often {names} ({count})."
+    )
+
+
+def _smallest(fault: FaultResult) -> str:
+    if fault.smallest is None:
+        return "not reached"
+    value = amount(fault.smallest.size, fault.unit)
+    return f"<= {value}" if fault.smallest.at_most else value
+
+
+def said(share: Share) -> str:
+    """ "47 of 50, 94 % (84 to 98 %)" """
+    return (
+        f"{share.count} of {share.total}, {share.value:.0%} "
+        f"({share.lo:.0%} to {share.hi:.0%})".replace("%", " %")
+    )
+
+
+def amount(value: float | None, unit: str) -> str:
+    """ "0.00117 m/s"; "-" for nothing."""
+    return "-" if value is None else f"{value:.3g} {unit}".rstrip()
+
+
+def percent(value: float | None) -> str:
+    """ "3.1 %"; "-" for nothing."""
+    return "-" if value is None else f"{100 * value:.2g} %"
+
+
+def _count(share: Share) -> str:
+    return f"{share.count}/{share.total}" if share.total else "-"

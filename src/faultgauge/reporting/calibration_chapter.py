@@ -1,0 +1,169 @@
+"""What the bank was calibrated with: its alarm level, and what noise and model error hide."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from faultgauge.detection.bank import FaultBank
+from faultgauge.detection.blocks import Block
+from faultgauge.detection.knowledge import Knowledge
+from faultgauge.detection.noise import Noise
+from faultgauge.plants.disturbed import dynamic_states
+from faultgauge.plants.model import Model
+from faultgauge.plants.signals import Fault
+from faultgauge.reporting import style
+from faultgauge.reporting.report import Section, Table
+from faultgauge.reporting.style import quantity
+from faultgauge.reporting.svg import Figure, figure
+
+__all__ = ["calibration_section", "knowledge_figure", "peaks_figure", "proof"]
+
+MOST_PANELS = 12  # a report is read, not scrolled
+LOWEST = -30.0  # natural log-odds: what lies below is drawn there
+FLAT = 1.1  # times the last standard deviation: from there on it is flat
+
+
+def proof(model: Model) -> str:
+    """What the healthy logs prove of the posterior's alarms."""
+    block = (model.calibration or {})["bank"]
+    alarms = {0: "no alarm", 1: "1 alarm"}.get(block["alarms"], f"{block['alarms']} alarms")
+    return (
+        f"{alarms[0].upper()}{alarms[1:]} in {block['blocks']} healthy blocks "
+        f"({block['judged_s']:.4g} s) proves that false alarms come at most once in "
+        f"{block['mtbfa_s']:.4g} s (95 % confidence); one begins at odds of "
+        f"{np.exp(min(block['level'], 100.0)):.3g} to 1."
+    )
+
+
+def calibration_section(bank: FaultBank, blocks: Sequence[Block] = ()) -> Section:
+    """Proof, healthy `blocks` against the alarm level, and how well each fault can be known."""
+    figures = (peaks_figure(blocks, bank.level),) if len(blocks) else ()
+    return Section(
+        "What the healthy log proves",
+        (proof(bank.model), *_hidden(bank)),
+        (_levels(bank.model, bank.noise),),
+        (*figures, knowledge_figure(bank.knowledge, bank.model.plant.signals.faults)),
+    )
+
+
+def peaks_figure(blocks: Sequence[Block], level: float) -> Figure:
+    """Draw the highest odds of a fault in every healthy block; `level` in log-odds."""
+    peaks = np.exp(np.clip([block.peak for block in blocks], LOWEST, -LOWEST))
+    with style.drawing():
+        canvas, (axes,) = style.panels((2.4,))
+        count = np.arange(1, len(peaks) + 1)
+        axes.plot(count, peaks, "o", markersize=4.0, color=style.PREDICTED, label="healthy block")
+        look = {"color": style.LIMIT, "linestyle": (0, (9, 2, 2, 2)), "linewidth": 1.0}
+        axes.axhline(np.exp(min(level, -LOWEST)), label="alarm", **look)
+        axes.set_yscale("log")
+        style.plain_powers(axes.yaxis)
+        axes.margins(x=0.03, y=0.1)
+        axes.set_xlabel("block, in the order of the logs (number)")
+        axes.set_ylabel(style.upright_label("highest odds of a fault", "to 1"))
+        style.legend(axes)
+        return figure(
+            canvas,
+            "Healthy blocks against the alarm level",
+            "The highest odds of any fault, against none, in every block of the healthy logs. "
+            "Dash-dotted: the odds from which on there is an alarm.",
+        )
+
+
+def knowledge_figure(known: Knowledge, faults: Sequence[Fault]) -> Figure:
+    """Draw how well each of `faults` is known against the time since its onset."""
+    shown = [k for k, fault in enumerate(faults) if fault.monitor != "disabled"][:MOST_PANELS]
+    columns = min(len(shown), 2)
+    rows = -(-len(shown) // columns)
+    with style.drawing():
+        canvas, axes = style.panels((2.3,) * rows, columns)
+        for spare in axes[len(shown) :]:
+            spare.remove()
+        for panel, k in zip(axes, shown, strict=False):
+            _known(panel, known, k, faults[k])
+        return figure(
+            canvas,
+            "How well a fault is known by when",
+            "Standard deviation of a fault against the time since it began, from noise, the "
+            "model's own error and the constants' spread. Where a curve flattens out, the model's "
+            "own error hides what is smaller, however long one waits.",
+        )
+
+
+def _known(axes: Axes, known: Knowledge, fault: int, declared: Fault) -> None:
+    """One panel: sd against time, both logarithmic."""
+    sd = known.sd[:, fault]
+    seen = np.isfinite(sd)
+    axes.set_xlabel(style.axis_label("time since onset", "s"))
+    axes.set_ylabel(style.upright_label(declared.name, declared.unit))
+    if not seen.any():
+        axes.set_xticks([])
+        axes.set_yticks([])
+        axes.text(0.5, 0.5, "nothing shows", ha="center", va="center", transform=axes.transAxes)
+        return
+    axes.plot(known.t[seen], sd[seen], color=style.PREDICTED, linewidth=1.6)
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.margins(y=0.1)
+    style.plain_powers(axes.xaxis)
+    style.plain_powers(axes.yaxis)
+
+
+def _hidden(bank: FaultBank) -> tuple[str, ...]:
+    """A sentence for each fault: what stays hidden, and from when on waiting no longer helps."""
+    told = []
+    for k, fault in enumerate(bank.model.plant.signals.faults):
+        sd = bank.knowledge.sd[:, k]
+        if fault.monitor == "disabled":
+            continue
+        if not np.isfinite(sd).any():
+            told.append(f"{fault.name}: does not show in what is measured.")
+            continue
+        last = float(sd[-1])
+        flat = float(bank.knowledge.t[np.argmax(sd <= FLAT * last)])
+        told.append(
+            f"{fault.name} is known to {quantity(last, fault.unit)} (one standard deviation) "
+            f"after {bank.knowledge.t[-1]:.3g} s, and within {FLAT - 1:.0%} of that after "
+            f"{flat:.3g} s."
+        )
+    return tuple(told)
+
+
+def _levels(model: Model, noise: Noise) -> Table:
+    """Every level that calibration found."""
+    signals, block = model.plant.signals, (model.calibration or {})["noise"]
+    rows = [
+        (f"noise of {each.name}", quantity(float(sigma), each.unit), "")
+        for each, sigma in zip(signals.outputs, noise.sigma, strict=True)
+    ]
+    for k, place in enumerate(dynamic_states(model.plant)):
+        state = signals.states[place]
+        unit = f"{state.unit}/s" if state.unit else "1/s"
+        rows.append(
+            (
+                f"the model's own error in d({state.name})",
+                quantity(float(noise.size[k]), unit),
+                f"lasts {quantity(float(noise.lasting[k]), 's')}",
+            )
+        )
+        rows.append(
+            (
+                f"of what an input does to d({state.name}): lags",
+                f"{noise.lag[k]:.2%}",
+                f"settles in {quantity(float(noise.settling[k]), 's')}",
+            )
+        )
+    rows += [
+        (f"drift of {n}", quantity(s, "1"), "per root second") for n, s in block["drift"].items()
+    ]
+    units = {each.name: each.unit or "1" for each in model.plant.spec.parameters}
+    rows += [
+        (
+            f"{name}, from run to run",
+            quantity(spread, units[name]),
+            f"mean off the fit by {quantity(block['shift'][name], units[name])}",
+        )
+        for name, spread in block["spread"].items()
+    ]
+    header = ("", "standard deviation", "")
+    return Table(header, tuple(rows), "What calibration found.")

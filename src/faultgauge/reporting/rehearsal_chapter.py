@@ -1,0 +1,99 @@
+"""The report of `rehearse`: how small a fault would be found in these logs, named and sized."""
+
+from faultgauge.rehearsal.result import FaultResult, Figures, Rehearsal
+from faultgauge.rehearsal.shares import Share
+from faultgauge.rehearsal.words import HEADER, amount, fault_row, legend, percent, remarks, said
+from faultgauge.reporting.rehearsal_figures import by_size
+from faultgauge.reporting.report import Report, Section, Table
+
+__all__ = ["rehearsal_report"]
+
+FIGURES = (
+    "logs",
+    "alarm",
+    "found",
+    "named exactly",
+    "another named",
+    "undeclared told",
+    "size error, median",
+    "nine in ten below",
+    "size inside",
+    "onset inside",
+    "told after",
+)
+HOW = (
+    "Declared faults were put into healthy logs and the calibrated model was asked. What acted on "
+    "the plant is left as it was; of a fault at an input, the command that the model is told makes "
+    "up for it. The loop's answer to the fault, as far as the log does not hold it, is not in it."
+)
+
+
+def rehearsal_report(rehearsal: Rehearsal) -> Report:
+    """The table of all faults, then each by its size."""
+    faults = Table(HEADER, tuple(fault_row(each) for each in rehearsal.faults), legend(rehearsal))
+    sections = [
+        Section("What would be found", (HOW, *remarks(rehearsal)), (faults, *_pairs(rehearsal)), ())
+    ]
+    sections += [_section(rehearsal, each) for each in rehearsal.faults if each.by_size]
+    return Report(
+        f"Rehearsal: {rehearsal.plant}",
+        (_headline(rehearsal), *(f"{text}." for text in rehearsal.warnings)),
+        tuple(sections),
+    )
+
+
+def _headline(rehearsal: Rehearsal) -> str:
+    count, windows = len(rehearsal.trials), len(rehearsal.windows)
+    head = f"{count} faults put into {windows} healthy log{'' if windows == 1 else 's'}"
+    if not rehearsal.exact.total:
+        return f"{head}."
+    return f"{head}; of the larger ones, named exactly: {said(rehearsal.exact)}."
+
+
+def _section(rehearsal: Rehearsal, fault: FaultResult) -> Section:
+    rows = tuple((amount(row.size, fault.unit), *_cells(row)) for row in fault.by_size)
+    caption = (
+        "In brackets: 95 % intervals of the shares; size error, what is inside its interval and "
+        "the delay are of what was found."
+    )
+    table = Table(("size", *FIGURES), rows, caption)
+    trials = [each for each in rehearsal.trials if each.names == (fault.name,)]
+    return Section(f"{fault.name}, by size", (), (table,), (by_size(fault, trials),))
+
+
+def _pairs(rehearsal: Rehearsal) -> tuple[Table, ...]:
+    if not rehearsal.pairs:
+        return ()
+    rows = tuple(
+        (f"{' and '.join(each.names)}, {each.times:g} times", *_cells(each.figures))
+        for each in rehearsal.pairs
+    )
+    caption = "Two faults in one log, each of so many times the foretold size; found: both."
+    return (Table(("pair", *FIGURES), rows, caption),)
+
+
+def _cells(row: Figures) -> tuple[str, ...]:
+    return (
+        str(row.trials),
+        _plain(row.alarmed),
+        _share(row.found),
+        _share(row.exact),
+        _plain(row.wrong),
+        _plain(row.unknown),
+        percent(row.error_median),
+        percent(row.error_p90),
+        _plain(row.size_covered),
+        _plain(row.onset_covered),
+        amount(row.delay_median, "s"),
+    )
+
+
+def _plain(share: Share) -> str:
+    return f"{100 * share.value:.0f} %" if share.total else "-"
+
+
+def _share(share: Share) -> str:
+    """ "94 % (84 to 98)" """
+    if not share.total:
+        return "-"
+    return f"{100 * share.value:.0f} % ({100 * share.lo:.0f} to {100 * share.hi:.0f})"

@@ -1,0 +1,87 @@
+"""How well a fault can be known: closed forms of an integrator; and priors of a plant file."""
+
+import numpy as np
+import pytest
+
+from faultgauge.detection.bank import build_fault_bank
+from faultgauge.detection.knowledge import longest_delay
+from faultgauge.detection.noise import Noise
+from faultgauge.plants.gray_box import GrayBoxPlant
+from faultgauge.plants.model import Model
+from faultgauge.plants.plant_file import parse_plant
+from faultgauge.telemetry import Run
+
+TEXT = """
+name = "integrator"
+[states.x]
+derivative = "u"
+[inputs.u]
+[outputs.x]
+value = "x"
+[faults.drive]
+enters = "state"
+target = "x"
+[faults.bias]
+enters = "output"
+target = "x"
+rate = 0.01
+prior_per_hour = 3.6
+max = 0.5
+min = -0.5
+"""
+STEP, SIGMA, PROCESS, LENGTH = 0.5, 0.1, 0.2, 2000.0
+
+
+def bank(size=1e-9, lasting=100.0, sigma=SIGMA, process=PROCESS):
+    points = np.random.default_rng(0).uniform(-1, 1, (40, 2))
+    record = {
+        "max_step": 1.0,
+        "envelope_points": points.tolist(),
+        "columns": {"states": [["x", 0]], "outputs": ["x"]},
+        "data": {"fit": [], "validate": []},
+    }
+    model = Model(GrayBoxPlant.untrained(parse_plant(TEXT)), record)
+    small = [1e-9]
+    levels = [sigma], [process], [], [size], [lasting], small, [5.0], [], []
+    t = np.arange(0.0, 100.0, STEP)
+    run = Run("r", "r.csv", t, {"u": 0 * t, "x": 0 * t})
+    return build_fault_bank(model, [run], Noise(*(np.array(each) for each in levels)), LENGTH)
+
+
+def test_a_constant_drive_of_an_integrator_in_white_noise():
+    """x is seen to sigma, and is driven by white noise of q per sqrt(s): a drive f is the slope of
+    a random walk, known after t >> sigma^2 / q^2 to q / sqrt(t), however often it is sampled."""
+    known = bank().knowledge
+    for t in (100.0, 400.0):
+        # the ends, known to sigma, cost as much as sigma^2 / q^2 = 0.25 s and a step or two
+        assert known.at(0, t) == pytest.approx(PROCESS / np.sqrt(t), rel=0.02)
+
+
+def test_a_drive_beside_a_discrepancy_is_known_to_its_mean():
+    """d lasts tau and has the size s: its mean over t >> tau scatters by s sqrt(2 tau / t)."""
+    size, tau = 0.05, 5.0
+    known = bank(size, tau, sigma=1e-4, process=1e-6).knowledge
+    for t in (200.0, 450.0):
+        # the mean of a process that begins in its steady state: tau / t of relative correction
+        assert known.at(0, t) == pytest.approx(size * np.sqrt(2 * tau / t), rel=2 * tau / t + 0.02)
+
+
+def test_keys_of_the_plant_file_and_what_stands_in_for_them():
+    found = bank()
+    # nothing given: a fault in a thousand records as long as the healthy ones
+    assert found.onset == pytest.approx([1e-3 / LENGTH, 3.6 / 3600])
+    assert found.size[1] == 0.25  # half of max
+    points = np.asarray(found.model.record["envelope_points"])
+    assert found.size[0] == pytest.approx(np.ptp(points[:, 1]) / 4)  # the range of d(x)
+    prior = found.modes.prior
+    assert float(prior.size[-1]) == 0.01  # the growth that `rate` declares
+    assert float(prior.low[1]), float(prior.high[1]) == (-0.5, 0.5)
+
+
+def test_the_delay_falls_with_size_and_rises_with_the_level():
+    known = bank().knowledge
+    sizes = [longest_delay(known, 0, size, 1e-6, 3.0) for size in (0.2, 0.4, 0.8)]
+    assert sizes == sorted(sizes, reverse=True)
+    assert longest_delay(known, 0, 0.4, 1e-6, 10.0) >= sizes[1]
+    # f^2 / (2 sd^2) = needed, at twice the size in a quarter of the time (sd falls as t^-1/2)
+    assert sizes[0] / sizes[1] == pytest.approx(4.0, rel=0.1)

@@ -1,0 +1,282 @@
+"""The branches against brute force: a Kalman filter for every onset and every width of the size's
+prior, whose likelihoods are Bayes' theorem written out."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.special import expit, logsumexp
+
+from faultgauge.observers import divided_difference as dd
+from faultgauge.observers.branching import SCALES, Branching, Prior
+from faultgauge.observers.divided_difference import DividedDifferenceFilter
+from faultgauge.observers.follow import follow
+from faultgauge.plants.disturbed import Disturbed, Error
+from faultgauge.plants.gray_box import GrayBoxPlant
+from faultgauge.plants.plant_file import parse_plant
+
+LAG = """
+name = "lag"
+[states.x]
+derivative = "u - 0.5*x"
+[inputs.u]
+hold = "zero"
+[outputs.x]
+value = "x"
+[faults.push]
+enters = "state"
+target = "x"
+[faults.bias]
+enters = "output"
+target = "x"
+"""
+A, STEP, COUNT = 0.5, 0.2, 200
+SIGMA, PROCESS, SIZE, TAU = 0.05, 1e-3, 0.05, 2.0  # noise, and the discrepancy
+WIDTHS, ONSET, FIRST = (0.6, 0.6), 1e-4, 1e-3
+START = np.array([0.1, SIZE, 0.0])  # standard deviations of x, d and e
+PUSH, BIAS = 0, 1
+HEALTHY, PUSHED, BIASED, BOTH = range(4)
+NEVER = 1e-300
+
+
+def bank(faults=(PUSH,), sigma=SIGMA, recovery=NEVER, common=NEVER):
+    """Only `faults` happen, go at the rate `recovery`, and have `common` causes; nothing
+    undeclared does."""
+    base = GrayBoxPlant.untrained(parse_plant(LAG))
+    error = Error(*(jnp.array([each]) for each in (TAU, 1.0, 0.0)))
+    plant = Disturbed.of(base, (0,), (0,), error, (), jnp.zeros(0), jnp.zeros((0, 0)))
+    process = np.array([PROCESS, SIZE * np.sqrt(2 / TAU), 0.0])
+    noise = dd.Noise(np.tile(process, (5, 1)), np.zeros((5, 2)), np.full((5, 1), sigma))
+    may = np.isin(range(2), faults)
+    prior = Prior(
+        size=jnp.array(WIDTHS),
+        low=jnp.full(2, -jnp.inf),
+        high=jnp.full(2, jnp.inf),
+        onset=jnp.asarray(np.where(may, ONSET, NEVER)),
+        recovery=jnp.full(2, recovery),
+        common=jnp.asarray(common),
+        unknown=jnp.asarray(NEVER),
+        first=jnp.asarray(np.log(np.where(may, FIRST, NEVER))),
+        changed=jnp.asarray(0.1),
+    )
+    return Branching(
+        filter=DividedDifferenceFilter(plant, jnp.ones(3), jnp.full(2, 0.1), (), 1),
+        noise=jax.tree.map(jnp.asarray, noise),
+        prior=prior,
+        alien=jnp.zeros((5, 5)),
+        own=jnp.array([1.0, 0.0, 0.0]),
+        usual=jnp.array([0.0, SIZE**2, 0.0, 0.0, 0.0]),
+        memory=jnp.asarray(20.0),
+        more=((PUSHED, BIASED), (PUSHED, BOTH), (BOTH, BIASED), (BOTH, BOTH), (-1, -1)),
+        less=((-1, -1), (HEALTHY, -1), (-1, HEALTHY), (BIASED, PUSHED), (-1, -1)),
+        declared=2,
+        branches=4,
+        onsets=12,
+    )
+
+
+def log(seed, push=(), bias=(), count=COUNT, dt=STEP, sigma=SIGMA, hold=20):
+    """(u, y, dt): exact under the hold, of the lag with its discrepancy; a fault is (size, from
+    sample, to sample)."""
+    rng = np.random.default_rng(seed)
+    u = np.repeat(rng.uniform(-1, 1, count // hold), hold)
+    k = np.arange(count)
+    f, b = (sum((s * ((k >= i) & (k < j)) for s, i, j in each), 0.0 * k) for each in (push, bias))
+    d, x = SIZE * rng.standard_normal(), np.zeros(count)
+    fade, slow = np.exp(-A * dt), np.exp(-dt / TAU)
+    for i in range(count - 1):
+        x[i + 1] = fade * x[i] + (1 - fade) / A * (u[i] + d + f[i])
+        d = slow * d + SIZE * np.sqrt(1 - slow**2) * rng.standard_normal()
+    y = x + b + sigma * rng.standard_normal(count)
+    steps = np.full(count, dt)
+    steps[0] = 0.0
+    return u[:, None], y[:, None], steps
+
+
+def judged(each, samples):
+    u = samples[0]
+    start = each.init(jnp.zeros(3), jnp.asarray(START), jnp.asarray(u[0]))
+    return follow(each, start, samples)
+
+
+def linear(dt):
+    """(F, G, Q) of [x, d, push]: one classical Runge-Kutta step is the series to fourth order."""
+    rates = np.zeros((4, 4))
+    rates[0], rates[1, 1] = [-A, 1, 1, 1], -1 / TAU
+    term = series = np.eye(4)
+    for k in range(1, 5):
+        term = term @ rates * dt / k
+        series = series + term
+    Q = np.diag([PROCESS**2 * dt, SIZE**2 * 2 / TAU * dt, 0.0])
+    return series[:3, :3].copy(), series[:3, 3], Q
+
+
+def brute(samples, fault, sigma=SIGMA):
+    """(p of the fault, its mean and sd if it is there, mean onset [s]) after the last sample: all
+    onsets, all widths of the prior, a Kalman filter each."""
+    u, y, steps = (each.ravel() for each in samples)
+    count, dt = len(y), steps[1]
+    F, G, Q = linear(dt)
+    C = np.array([1.0, 0.0, 0.0 if fault == PUSH else 1.0])
+    if fault == BIAS:
+        F[0, 2] = 0.0
+    widths = np.array([*np.repeat(WIDTHS[fault] * np.array(SCALES), count), 0.0])
+    begun = np.array([*np.tile(np.arange(-1, count - 1), len(SCALES)), 0])
+    m, P = (
+        np.zeros((len(widths), 3)),
+        np.tile(np.diag([START[0] ** 2, SIZE**2, 0.0]), (len(widths), 1, 1)),
+    )
+    total = np.zeros(len(widths))
+    P[begun == -1, 2, 2] = widths[begun == -1] ** 2
+    for k in range(count):
+        if k:
+            m, P = m @ F.T + G * u[k - 1], F @ P @ F.T + Q
+        S = P @ C @ C + sigma**2
+        K = P @ C / S[:, None]
+        e = y[k] - m @ C
+        total -= 0.5 * (e**2 / S + np.log(2 * np.pi * S))
+        m, P = m + K * e[:, None], P - S[:, None, None] * K[:, :, None] * K[:, None]
+        P[begun == k, 2, 2] += widths[begun == k] ** 2
+    before = np.log(ONSET * np.maximum(steps[:-1], 1e-12))
+    prior = np.concatenate([[np.log(FIRST)], before]) - np.log(len(SCALES))
+    ell = np.tile(prior, len(SCALES)) + total[:-1] - total[-1]
+    w = np.exp(ell - logsumexp(ell))
+    mean = w @ m[:-1, 2]
+    sd = np.sqrt(w @ (P[:-1, 2, 2] + (m[:-1, 2] - mean) ** 2))
+    return float(logsumexp(ell)), mean, sd, float(w @ (begun[:-1] * dt))
+
+
+def odds(p):
+    return np.log(p) - np.log1p(-p)
+
+
+@pytest.mark.parametrize(
+    ("fault", "size", "since"),
+    [
+        (PUSH, 0.0, 0),
+        (PUSH, 0.12, 100),
+        (PUSH, -0.3, 60),
+        (PUSH, 0.3, 0),
+        (BIAS, 0.08, 100),
+        (BIAS, -0.4, 60),
+        (BIAS, 0.4, 0),
+    ],
+)
+def test_one_fault_is_bayes_over_all_onsets(fault, size, since):
+    """Kept onsets lie as close as their age needs it: beside the likely one an onset is off by a
+    few samples, which costs the likelihood less than it took to keep it (e^1 in odds). After its
+    promotion a fault has the widest prior alone: within a tenth of an sd in its size."""
+    acts = [(size, since, COUNT)]
+    samples = log(1, **{"push" if fault == PUSH else "bias": acts})
+    wanted, mean, sd, begun = brute(samples, fault)
+    _, info = judged(bank((fault,)), samples)
+    k = PUSHED if fault == PUSH else BIASED
+    p = float(info.p[-1, k])
+    if wanted < 15:
+        assert abs(odds(p) - wanted) < 1.0
+    else:
+        assert p > 1 - 1e-5
+    if expit(wanted) > 0.5:
+        assert abs(info.f[-1, k, fault] - mean) < 0.5 * sd
+        assert info.sd[-1, k, fault] == pytest.approx(sd, rel=0.3)
+        ago, wide = info.onset[-1, fault]
+        assert abs(STEP * (COUNT - 1) - ago - begun) < max(
+            2 * wide, 1.01 * STEP
+        )  # older than the log: within a step of its start
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_probabilities_sum_to_one_at_every_sample(seed):
+    _, info = judged(bank((PUSH, BIAS)), log(seed, push=[(0.2, 50, 150)], bias=[(0.3, 120, COUNT)]))
+    np.testing.assert_allclose(info.p.sum(axis=1), 1.0, atol=1e-12)
+    assert np.all(info.p >= 0)
+    assert np.all(np.isfinite(info.f))
+    assert np.all(np.isfinite(info.sd))
+
+
+def test_a_common_cause_costs_what_its_prior_says():
+    """A push that was there from the first sample on explains everything. That a bias came with it
+    has its prior times its Bayes factor, by Kalman filters for every pair of widths; the push's own
+    widths cancel but for what both say of the same data, a factor of e^0.5."""
+    samples, common = log(1, push=[(0.3, 0, COUNT)]), 1e-2
+    _, info = judged(bank((PUSH,), common=common), samples)
+    factors = [pair_at_start(samples, a, b) for a in SCALES for b in (0.0, *SCALES)]
+    alone, pair = factors[::4], [f for k, f in enumerate(factors) if k % 4]
+    wanted = logsumexp(pair) - np.log(9) - logsumexp(alone) + np.log(3) + np.log(common)
+    assert abs(np.log(info.p[-1, BOTH] / info.p[-1, PUSHED]) - wanted) < 0.5
+
+
+def pair_at_start(samples, a, b):
+    """ln p(y) of a push and a bias, as wide as `a` and `b` of their widest, that are there from
+    the first sample on."""
+    u, y, steps = (each.ravel() for each in samples)
+    F, G, Q = linear(steps[1])
+    C = np.array([1.0, 0.0, 0.0, 1.0])
+    F = np.block([[F, np.zeros((3, 1))], [np.zeros((1, 3)), np.ones((1, 1))]])
+    G, Q = np.append(G, 0.0), np.pad(Q, (0, 1))
+    m, total = np.zeros(4), 0.0
+    P = np.diag([START[0], START[1], a * WIDTHS[PUSH], b * WIDTHS[BIAS]]) ** 2
+    for k in range(len(y)):
+        if k:
+            m, P = F @ m + G * u[k - 1], F @ P @ F.T + Q
+        S, e = C @ P @ C + SIGMA**2, y[k] - C @ m
+        total -= 0.5 * (e**2 / S + np.log(2 * np.pi * S))
+        m, P = m + P @ C * e / S, P - np.outer(P @ C, P @ C) / S
+    return total
+
+
+def test_two_faults_are_told_as_a_pair():
+    samples = log(2, push=[(0.3, 60, COUNT)], bias=[(-0.5, 120, COUNT)])
+    _, info = judged(bank((PUSH, BIAS)), samples)
+    assert info.p[-1, BOTH] > 0.99
+    for fault, size in ((PUSH, 0.3), (BIAS, -0.5)):
+        # three standard deviations, which are neither nothing nor everything
+        assert abs(info.f[-1, BOTH, fault] - size) < 3 * info.sd[-1, BOTH, fault]
+        assert info.sd[-1, BOTH, fault] < 0.1
+    for fault, since in ((PUSH, 60), (BIAS, 120)):
+        assert STEP * (COUNT - 1) - info.onset[-1, fault, 0] == pytest.approx(STEP * since, abs=2.0)
+
+
+def test_a_fault_that_goes_is_gone_and_was_there():
+    samples = log(3, push=[(0.5, 60, 120)])
+    _, info = judged(bank((PUSH,), recovery=3e-3), samples)
+    assert info.p[119, PUSHED] > 0.99
+    assert info.p[-1, HEALTHY] > 0.95
+    assert info.ever[-1, PUSH] > 0.99
+    assert info.ever[50, PUSH] < 0.01
+    _, calm = judged(bank((PUSH,), recovery=3e-3), log(3))
+    assert calm.ever[-1, PUSH] < 0.1
+
+
+def test_the_same_log_at_a_tenth_of_its_rate_says_the_same():
+    """What hides the push is a discrepancy that lasts 2 s, of which samples 0.02 s apart tell no
+    more of its size than samples 0.2 s apart: the intervals agree to a fifth. The odds are those of
+    Bayes at either rate, but for onsets between two that are kept (2 in ln, in the median of five
+    seeds)."""
+    off, ratios, moved = [], [], []
+    for seed in range(5):
+        fine = log(seed, push=[(0.12, 600, 1200)], count=1200, dt=0.02, sigma=2e-3, hold=200)
+        slow = (*(each[::10] for each in fine[:2]), np.where(np.arange(120) > 0, STEP, 0.0))
+        told = []
+        for samples in (fine, slow):
+            _, info = judged(bank(sigma=2e-3), samples)
+            off.append(abs(odds(info.p[-1, PUSHED]) - brute(samples, PUSH, sigma=2e-3)[0]))
+            told.append((info.f[-1, PUSHED, PUSH], info.sd[-1, PUSHED, PUSH]))
+        (often, narrow), (seldom, wide) = told
+        ratios.append(narrow / wide)
+        moved.append(abs(often - seldom) / wide)
+    assert np.median(off) < 2.0
+    assert np.median(ratios) == pytest.approx(1.0, rel=0.2)
+    assert np.median(moved) < 1.5
+
+
+def test_stepping_in_two_halves_is_stepping_at_once():
+    each, samples = bank((PUSH, BIAS)), log(5, push=[(0.3, 60, COUNT)])
+    state, whole = judged(each, samples)
+    half, first = judged(each, tuple(part[:90] for part in samples))
+    kept = jax.tree.map(np.array, half)  # a checkpoint is arrays and nothing else
+    again, second = follow(each, jax.tree.map(jnp.asarray, kept), [part[90:] for part in samples])
+    for one, other, all_of_it in zip(first, second, whole, strict=True):
+        np.testing.assert_array_equal(np.concatenate([one, other]), all_of_it)
+    assert eqx.tree_equal(again, state)

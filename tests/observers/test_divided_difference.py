@@ -1,0 +1,178 @@
+"""The divided-difference filter against a textbook Kalman filter, and what it does with samples
+that no model expects."""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from faultgauge.observers.divided_difference import (
+    FAR,
+    LOST,
+    Belief,
+    DividedDifferenceFilter,
+    Noise,
+)
+from faultgauge.plants.disturbed import Disturbed, Error
+from faultgauge.plants.gray_box import GrayBoxPlant
+from faultgauge.plants.plant_file import parse_plant
+
+LAG = """
+name = "lag"
+[states.x]
+derivative = "u - 0.5*x"
+[inputs.u]
+hold = "zero"
+{limits}
+[outputs.x]
+value = "x"
+[outputs.sum]
+value = "2*x + u"
+[faults.push]
+enters = "input"
+target = "u"
+rate = 0.01
+[faults.bias]
+enters = "output"
+target = "x"
+"""
+A, TAU, SETTLING, LAGS, STEP = 0.5, 8.0, 1.5, 0.2, 0.4
+SIGMA, PROCESS = (0.1, 0.3), (0.05, 0.04, 0.0)
+COUNT = 40
+NOISE = Noise(jnp.array(PROCESS), jnp.array([0.02, 0.0]), jnp.array(SIGMA))
+START = jnp.array([0.5, 0.0, 0.0, 0.0, 0.0, 0.0])  # x, d, e, push, bias, the push's growth
+SPREAD = np.array([0.4, 0.1, 0.2, 0.5, 0.0, 0.01])
+
+
+def lane(text=LAG, limits=""):
+    base = GrayBoxPlant.untrained(parse_plant(text.format(limits=limits)))
+    error = Error(*(jnp.array([each]) for each in (TAU, SETTLING, LAGS)))
+    plant = Disturbed.of(base, (0,), (0,), error, (), jnp.zeros(0), jnp.zeros((0, 0)))
+    return DividedDifferenceFilter(plant, jnp.ones(3), jnp.full(2, 0.1), (0,), 1)
+
+
+@eqx.filter_jit
+def stepped(each, belief, before, u, y, dt):
+    return each.step(belief, NOISE, before, u, y, dt)
+
+
+def run(each, u, y):
+    """Beliefs and likelihoods; the first sample comes at once."""
+    belief, before, found = Belief(START, jnp.diag(SPREAD**2)), u[:1], []
+    for k in range(len(u)):
+        now, dt = jnp.asarray(u[k : k + 1]), jnp.asarray(STEP if k else 0.0)
+        belief, said, *_ = stepped(each, belief, jnp.asarray(before), now, jnp.asarray(y[k]), dt)
+        before = now
+        found.append((belief, float(said)))
+    return found
+
+
+def textbook(u, y):
+    """The Kalman filter of z' = F z + G u, both outputs at once; F by the Taylor series that one
+    Runge-Kutta step of a linear plant is."""
+    n = 6
+    rates = np.zeros((n, n + 1))  # of z and of u
+    rates[0] = [-A, 1, 1, 1, 0, 0, 1]
+    rates[1, 1], rates[2, 2] = -1 / TAU, -1 / SETTLING
+    whole = np.vstack([rates, np.zeros(n + 1)])
+    z, term, series = whole * STEP, np.eye(n + 1), np.eye(n + 1)
+    for k in range(1, 5):
+        term = term @ z / k
+        series = series + term
+    F, G = series[:n, :n], series[:n, n]
+    F[:, 5] = 0.0  # a growth adds to its fault between steps, and acts from the next on
+    F[3, 5], F[5, 5] = STEP, 1.0
+    H = np.array([[1, 0, 0, 0, 1, 0], [2, 0, 0, 1, 0, 0]], float)
+    q = np.array([*PROCESS, 0.02, 0.0, 0.0])
+    mean, P, found = np.array(START), np.diag(SPREAD**2), []
+    for k in range(len(u)):
+        if k:
+            mean, P = F @ mean + G * u[k - 1], F @ P @ F.T + np.diag(q**2 * STEP)
+            change = u[k] - u[k - 1]
+            mean[2] -= LAGS * change
+        seen = np.isfinite(y[k])
+        C, R = H[seen], np.diag(np.array(SIGMA)[seen] ** 2)
+        e = y[k][seen] - C @ mean - np.array([0.0, u[k]])[seen]
+        S = C @ P @ C.T + R
+        K = np.linalg.solve(S, C @ P).T
+        said = -0.5 * (e @ np.linalg.solve(S, e) + np.linalg.slogdet(2 * np.pi * S)[1])
+        mean, P = mean + K @ e, P - K @ S @ K.T
+        found.append((mean, P, said if seen.any() else 0.0))
+    return found
+
+
+@pytest.fixture(scope="module")
+def signals():
+    rng = np.random.default_rng(0)
+    u = np.repeat(rng.uniform(-1, 1, COUNT // 5), 5)
+    x = np.zeros(COUNT)
+    for k in range(COUNT - 1):
+        x[k + 1] = np.exp(-A * STEP) * x[k] + (1 - np.exp(-A * STEP)) / A * u[k]
+    y = np.stack([x, 2 * x + u], axis=1) + np.array(SIGMA) * rng.standard_normal((COUNT, 2))
+    return u, y
+
+
+@pytest.mark.parametrize("missing", [False, True])
+def test_on_a_linear_plant_it_is_the_kalman_filter(signals, missing):
+    """Differences of a linear function are exact, outputs taken in turn are outputs taken at once;
+    forty steps of rounding, over differences of about 0.01, stay below 1e-9."""
+    u, y = signals
+    if missing:
+        y = y.copy()
+        y[5:9, 0] = y[7, 1] = y[20:24] = np.nan
+    for (belief, said), (mean, P, wanted) in zip(run(lane(), u, y), textbook(u, y), strict=True):
+        np.testing.assert_allclose(belief.mean, mean, rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(belief.P, P, rtol=1e-9, atol=1e-9)
+        assert said == pytest.approx(wanted, rel=1e-9, abs=1e-9)
+
+
+def test_a_glitch_moves_little_and_what_stays_is_believed(signals):
+    """A sample that is e off has its variance raised to e^2 / FAR^2, so that the state moves by no
+    more than K e = P H e / S = FAR^2 P H / e: a ten-thousandth of its own sd at e = -9999."""
+    u, y = signals
+    odd = y.copy()
+    odd[20, 0] = -9999.0
+    plain, spoiled = run(lane(), u, y), run(lane(), u, odd)
+    without = y.copy()
+    without[20, 0] = np.nan
+    skipped = run(lane(), u, without)
+    sd = float(np.sqrt(skipped[20][0].P[0, 0]))
+    bound = FAR**2 * sd**2 / 9990.0
+    assert bound < 0.01 * sd
+    assert abs(float(spoiled[20][0].mean[0] - skipped[20][0].mean[0])) <= bound
+    # 25 / 2 for the distance, and the logarithm of the factor by which its noise was raised
+    assert plain[20][1] - spoiled[20][1] < FAR**2 / 2 + np.log(1e4 / (FAR * SIGMA[0])) + 3.0
+    lasting = y.copy()
+    lasting[20:, 0] += 3.0  # thirty standard deviations, on one of the two outputs, for good
+    stayed = run(lane(), u, lasting)
+    assert sum(p[1] - s[1] for p, s in zip(plain, stayed, strict=True)) > 50.0
+
+
+def test_an_input_at_its_limit_takes_a_push_one_way_only():
+    """u = 1 of at most 1: nothing upwards, RK4's (1 - exp(-A h)) / A = 0.36 downwards."""
+    one = lane(limits="min = -1\nmax = 1")
+    belief = Belief(START, jnp.diag(SPREAD**2 * np.array([1, 1, 1, 0, 0, 0])))
+    at, nothing = jnp.array([1.0]), jnp.full(2, jnp.nan)
+    flow = stepped(one, belief, at, at, nothing, jnp.asarray(STEP))[2]
+    assert float(flow.up[0, 0]) == 0.0
+    # the fourth-order series: (A h)^5 / 120 A is below 1e-5
+    assert float(flow.down[0, 0]) == pytest.approx((1 - np.exp(-A * STEP)) / A, abs=1e-5)
+    between = jnp.array([0.0])
+    flow = stepped(one, belief, between, between, nothing, jnp.asarray(STEP))[2]
+    assert float(flow.up[0, 0]) == pytest.approx(float(flow.down[0, 0]), rel=1e-12)
+
+
+def test_a_filter_that_blows_up_stays_and_says_so():
+    """x' = exp(50 x) leaves all numbers within a step from x = 20 on."""
+    wild = lane(LAG.replace("u - 0.5*x", "u + exp(50*x)"))
+    belief = Belief(START.at[0].set(20.0), jnp.diag(SPREAD**2))
+    zero = jnp.zeros(1)
+    after, said, flow, look, seen = stepped(
+        wild, belief, zero, zero, jnp.array([20.0, 40.0]), jnp.asarray(STEP)
+    )
+    assert float(said) == LOST
+    np.testing.assert_array_equal(after.mean, belief.mean)
+    np.testing.assert_array_equal(after.P, belief.P)
+    np.testing.assert_array_equal(flow.A, np.eye(6))
+    assert not np.asarray(look.C).any()
+    assert np.isinf(np.asarray(seen.root)).all()

@@ -1,0 +1,88 @@
+"""A plant that is not its model: the discrepancy, what follows an input, and constants."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from faultgauge.plants.disturbed import Disturbed, Error, dynamic_states
+from faultgauge.plants.gray_box import GrayBoxPlant
+from faultgauge.plants.plant_file import parse_plant
+from faultgauge.plants.signals import Fault
+
+CART = """
+name = "cart"
+[states.q]
+derivative = "v"
+[states.v]
+derivative = "k*u - c*v"
+[inputs.u]
+min = -2
+max = 2
+[outputs.q]
+value = "q"
+[outputs.a]
+value = "d(v)"
+[parameters]
+k = { value = 3 }
+c = { value = 0.5 }
+[faults.push]
+enters = "input"
+target = "u"
+"""
+TAU, SETTLING, LAG = 4.0, 0.8, 0.6
+OFFSET, W = np.array([0.2, -0.1]), np.array([[0.3, 0.0], [0.05, 0.02]])
+X = np.array([1.0, 2.0, 0.7, -0.4, 1.0, -2.0])  # q, v, d, e, xi
+U = np.array([1.5])
+
+
+@pytest.fixture(scope="module")
+def plant():
+    base = GrayBoxPlant.untrained(parse_plant(CART))
+    error = Error(*(jnp.array([each]) for each in (TAU, SETTLING, LAG)))
+    more = (Fault("undeclared q", "output", "q"),)
+    return Disturbed.of(
+        base, (1,), (1,), error, ("k", "c"), jnp.asarray(OFFSET), jnp.asarray(W), more
+    )
+
+
+def test_only_what_is_not_kinematics_may_err(plant):
+    assert dynamic_states(plant.base) == (1,)
+    assert plant.signals.state_names == ("q", "v", "d(v)", "e(v)", "xi(0)", "xi(1)")
+    assert plant.signals.fault_names == ("push", "undeclared q")
+    exact = CART.replace('"k*u - c*v"', '"k*u - c*v"\nexact = true')
+    assert dynamic_states(GrayBoxPlant.untrained(parse_plant(exact))) == ()
+
+
+def test_derivative_and_output_by_hand(plant):
+    """k = 3 + 0.2 + 0.3 = 3.5; c = 0.5 - 0.1 + 0.05 - 0.04 = 0.41; v' = 3.5 * 1.5 - 0.82 + 0.3."""
+    dx = np.asarray(plant.derivative(jnp.asarray(X), jnp.asarray(U)))
+    wanted = [2.0, 3.5 * 1.5 - 0.41 * 2.0 + 0.7 - 0.4, -0.7 / TAU, 0.4 / SETTLING, 0.0, 0.0]
+    np.testing.assert_allclose(dx, wanted, rtol=1e-12)
+    y = plant.output(jnp.asarray(dx), jnp.asarray(X), jnp.asarray(U))
+    np.testing.assert_allclose(y, [1.0, wanted[1]], rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("before", "now", "push", "change"),
+    [(0.5, 1.5, 0.0, 1.0), (1.5, 1.5, 0.0, 0.0), (0.5, 3.0, 0.0, 1.5), (0.5, 1.5, 1.0, 0.5)],
+)
+def test_what_follows_an_input_is_the_change_of_its_effect(plant, before, now, push, change):
+    """k = 3.5 times the change of u as it acts, inside its limits, with the fault."""
+    f = jnp.array([push, 0.0])
+    args = (jnp.array([before]), jnp.array([now]), f)
+    jump = np.asarray(plant.kicked(jnp.asarray(X), *args))
+    np.testing.assert_allclose(jump, [0, 0, 0, -LAG * 3.5 * change, 0, 0], atol=1e-12)
+
+
+def test_with_lag_1_an_input_acts_as_through_a_lag(plant):
+    """e = -change at once and e' = -e / settling: F + e is F before, and F after `settling`s."""
+    whole = Disturbed(
+        plant.signals, plant.base, plant.error._replace(lag=jnp.ones(1)), plant.offset,
+        plant.directions, plant.driven, plant.following, plant.names,
+    )  # fmt: skip
+    calm = jnp.asarray(X).at[3].set(0.0)
+    u0, u1 = jnp.array([0.5]), jnp.array([1.5])
+    jump = whole.kicked(calm, u0, u1, jnp.zeros(2))
+    after = whole.derivative(calm + jump, u1)
+    assert float(after[1]) == pytest.approx(float(whole.derivative(calm, u0)[1]), rel=1e-12)
+    assert float(after[3]) == pytest.approx(3.5 / SETTLING, rel=1e-12)

@@ -1,0 +1,91 @@
+"""A linear tank that is known exactly, its healthy logs, and one calibrated model."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from faultgauge.detection.calibration import calibrate
+from faultgauge.identification.fit import fit
+from faultgauge.plants.gray_box import GrayBoxPlant
+from faultgauge.plants.model import Model, save_model
+from faultgauge.plants.plant_file import parse_plant
+from faultgauge.telemetry import Run
+
+STEP, A, B, NOISE = 0.1, 0.8, 2.5, 0.002
+PLANT = """name = "tank"
+
+[states.x]
+unit = "m"
+derivative = "b*u - a*x"
+
+[inputs.u]
+unit = "V"
+min = -3
+max = 3
+
+[outputs.x]
+unit = "m"
+value = "x"
+
+[parameters]
+a = { value = 0.8, fixed = true }
+b = { value = 1.0 }
+
+[faults.bias]
+enters = "input"
+target = "u"
+unit = "V"
+
+[faults.drift]
+enters = "output"
+target = "x"
+unit = "m"
+max = 1.0
+"""
+
+
+def healthy(seed, count=400):
+    """x' = b u - a x over each held input, exactly, with sensor noise."""
+    random = np.random.default_rng(seed)
+    u = np.repeat(random.choice([-1.0, 1.0], -(-count // 10)), 10)[:count]
+    x, decay = np.zeros(count), np.exp(-A * STEP)
+    for k in range(count - 1):
+        x[k + 1] = decay * x[k] + (1 - decay) / A * B * u[k]
+    x += NOISE * random.standard_normal(count)
+    return Run(f"h{seed}", f"h{seed}.csv", STEP * np.arange(count), {"u": u, "x": x})
+
+
+def as_csv(run, path):
+    rows = zip(run.t, run.columns["u"], run.columns["x"], strict=True)
+    path.write_text("t,u,x\n" + "".join(f"{t:.17g},{u:.17g},{x:.17g}\n" for t, u, x in rows))
+    return path
+
+
+@pytest.fixture(scope="session")
+def log():
+    """Make a healthy log: `log(seed, count) -> Run`."""
+    return healthy
+
+
+@dataclass(frozen=True)
+class Tank:
+    """Models in memory and as files, and logs as files."""
+
+    folder: Path
+    fitted: Model
+    calibrated: Model
+
+
+@pytest.fixture(scope="session")
+def tank(tmp_path_factory) -> Tank:
+    folder = tmp_path_factory.mktemp("tank")
+    plant = GrayBoxPlant.untrained(parse_plant(PLANT, "tank.toml"))
+    fitted, _ = fit(plant, [healthy(1)])
+    calibrated = calibrate(fitted, [healthy(2, 800), healthy(3, 800)]).model
+    save_model(fitted, folder / "fitted.fgm")
+    save_model(calibrated, folder / "calibrated.fgm")
+    for seed, count in ((2, 800), (4, 400), (5, 100)):
+        as_csv(healthy(seed, count), folder / f"h{seed}.csv")
+    return Tank(folder, fitted, calibrated)
