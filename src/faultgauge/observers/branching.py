@@ -351,7 +351,8 @@ class Branching(eqx.Module):
         B, K = self.branches, changes.ell.shape[1]
         total = logsumexp(changes.ell, axis=2)
         weight = state.weight[:B, None]
-        worth = jnp.where((weight > np.log(KEPT)) & (total > PROMOTED), weight + total, NEVER)
+        after = weight + total
+        worth = jnp.where((after > np.log(KEPT)) & (total > PROMOTED), after, NEVER)
         best = jnp.argmax(worth)
         b, k = best // K, best % K
         ell = changes.ell[:, : self.kinds]
