@@ -1,4 +1,11 @@
-"""`calibrate` for the bank: its alarm level.
+"""`calibrate` for the bank: how far its evidence can be believed, and its alarm level.
+
+Were the model right in all, odds of L for a fault would be reached by chance once in L times
+(J. Ville's inequality: the likelihood ratio is a martingale), so healthy logs, which hold a fault
+with odds of one in a thousand, would hardly ever show even odds. Where they do, what the model errs
+is none of the kinds that noise and discrepancy can be, and all evidence is too strong. It is then
+believed by so much less that they do not: its logarithm is divided by s^2 where all standard
+deviations are s times as large, which changes no gain (P. Grunwald, "Safe learning", COLT 2011).
 
 The score of a healthy sample is the log-odds of a fault, as low as it was within `persistence`.
 Healthy runs are cut into blocks of several memories of the bank, and the level follows from the
@@ -11,7 +18,7 @@ may lie above it as the rate allows. No alarm in T seconds proves only a rate be
 confidence.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -29,6 +36,7 @@ from faultgauge.detection.blocks import (
 from faultgauge.detection.course import run_over
 from faultgauge.detection.noise import Noise
 from faultgauge.detection.posterior import calm_of
+from faultgauge.detection.priors import RARE
 from faultgauge.detection.verdicts import log_odds
 from faultgauge.errors import InputError
 from faultgauge.plants.model import Model
@@ -39,14 +47,19 @@ __all__ = ["BankCalibration", "calibrate_bank", "level_of", "without_calibration
 SAMPLES = 100_000  # that tell the level, but for as many as --mtbfa needs
 MEMORIES = 4.0  # of the bank in a block
 SHORTEST = 50  # samples of a block
+EVEN = 0.0  # log-odds that no healthy log shows
+TRIES = 5  # of how far the evidence can be believed
+STEEP = 1.05  # so that few are needed
 LOWEST = -30.0  # log-odds: what lies below is alike
 MARGIN = 3.0  # mean excesses: -ln(0.05)
 
 
 class BankCalibration(NamedTuple):
-    """The `bank` part of a calibration block, and what is to be said of it."""
+    """The `bank` part of a calibration block, the noise as large as the evidence can be believed,
+    and what is to be said of both."""
 
     block: dict[str, Any]
+    noise: Noise
     blocks: list[Block]
     suspects: list[Block]
     warnings: list[str]
@@ -62,15 +75,22 @@ def calibrate_bank(
     healthy. Raises `InputError` where they are too short.
     """
     healthy = float(sum(run.t[-1] - run.t[0] for run in runs))
-    bank = build_fault_bank(without_calibration(model), runs, noise, healthy)
-    most = SAMPLES if mtbfa is None else int(1.1 * 3 * mtbfa / bank.step) + SAMPLES // 100
+    step = float(np.median([run.step for run in runs]))
+    most = SAMPLES if mtbfa is None else int(1.1 * 3 * mtbfa / step) + SAMPLES // 100
     taken = _first_samples(runs, most)
-    blocks = _blocks(bank, taken)
+
+    def tried(widened: float) -> tuple[FaultBank, list[Block]]:
+        plain = without_calibration(model)
+        bank = build_fault_bank(plain, runs, noise.widened(widened), healthy)
+        return bank, _blocks(bank, taken)
+
+    bank, blocks = tried(1.0)
+    suspects = merged([b for b in blocks if b.peak >= CERTAIN])
+    widened, bank, blocks = _believed(bank, blocks, tried)
     judged = sum(each.end - each.start for each in blocks)
     peaks = np.sort([b.peak for b in blocks])[::-1]
     allowed, mtbfa = allowed_peaks(judged, mtbfa, len(peaks))
     level = level_of(peaks, allowed)
-    suspects = merged([b for b in blocks if b.peak >= CERTAIN])
     warnings = [
         f"run {b.run}, {b.start:.6g} s to {b.end:.6g} s: looks faulty (odds {_odds(b.peak)}); "
         "it is kept as healthy, so that only what stands out from it will raise an alarm; leave it "
@@ -79,6 +99,7 @@ def calibrate_bank(
     ]
     found = {
         "level": level,
+        "widened": widened,
         "mtbfa_s": mtbfa,
         "confidence": CONFIDENCE,
         "alarms": int(np.sum(peaks >= level)),
@@ -91,7 +112,28 @@ def calibrate_bank(
         "suspects": [[b.run, b.start, b.end] for b in suspects],
         "size": dict(zip(model.plant.signals.fault_names, bank.size.tolist(), strict=True)),
     }
-    return BankCalibration(found, blocks, suspects, warnings)
+    return BankCalibration(found, noise.widened(widened), blocks, suspects, warnings)
+
+
+def _believed(
+    bank: FaultBank,
+    blocks: list[Block],
+    tried: Callable[[float], tuple[FaultBank, list[Block]]],
+) -> tuple[float, FaultBank, list[Block]]:
+    """(how many times as large the noise must be for the blocks to show no fault, and the bank and
+    its blocks with that).
+
+    Evidence falls with the square of it, from the least odds that any block has.
+    """
+    widened = 1.0
+    for _ in range(TRIES):
+        peaks = [each.peak for each in blocks]
+        if max(peaks) <= EVEN:
+            break
+        nothing = min(min(peaks), -np.log(1 / RARE))
+        widened *= STEEP * float(np.sqrt((max(peaks) - nothing) / (EVEN - nothing)))
+        bank, blocks = tried(widened)
+    return widened, bank, blocks
 
 
 def level_of(peaks: Float[np.ndarray, "blocks"], allowed: int) -> float:

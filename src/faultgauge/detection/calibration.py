@@ -136,7 +136,7 @@ def _by_bank(
     warnings += lasting_warnings(model, runs, noise)
     progress("finding the alarm level")
     found = calibrate_bank(model, runs, noise, mtbfa)
-    block = known | {"observer": "bank", "noise": noise.as_dict(model), "bank": found.block}
+    block = known | {"observer": "bank", "noise": found.noise.as_dict(model), "bank": found.block}
     calibrated = model.with_calibration(block)
     return Calibration(calibrated, found.blocks, found.suspects, [*warnings, *found.warnings])
 

@@ -56,6 +56,11 @@ class Noise(NamedTuple):
     spread: Float[np.ndarray, "constants"]
     shift: Float[np.ndarray, "constants"]
 
+    def widened(self, factor: float) -> "Noise":
+        """All standard deviations `factor` times as large: no gain of a filter changes."""
+        own = ("sigma", "process", "drift", "size", "spread")
+        return self._replace(**{name: factor * getattr(self, name) for name in own})
+
     def as_dict(self, model: Model) -> dict[str, dict[str, float]]:
         """For the calibration block of a model file."""
         return {

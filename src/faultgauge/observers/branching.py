@@ -382,15 +382,16 @@ class Branching(eqx.Module):
         eta = state.lanes.eta[b, :, kind, a]
         f, V = self._alone(state, changes, b, k, kind, a, gone)
         mean = state.belief.mean[b] + eta * f
-        # the other onsets make the belief as wide as they lie apart from this one
+        # the other onsets, kept or not, make the belief as wide as they lie apart from this one
         every = state.lanes.eta[b, :, kind]
         apart = (every * changes.f[b, k] - (eta * f)[:, None]) * jnp.sqrt(w)
         spread = every * jnp.sqrt(w * changes.V[b, k])
-        P = state.belief.P[b] + apart @ apart.T + spread @ spread.T
+        when, blur = state.lanes.onset[b, kind], self._blur(state)[b, kind]
+        between = self._slope(state, b, kind) * changes.f[b, k] * jnp.sqrt(w * blur)
+        P = state.belief.P[b] + apart @ apart.T + spread @ spread.T + between @ between.T
         mean, P = self._known_gone(mean, P, fault, gone)
-        when = state.lanes.onset[b, kind]
         onset = w @ when
-        wide = w @ ((when - onset) ** 2 + self._blur(state)[b, kind])
+        wide = w @ ((when - onset) ** 2 + blur)
         old = self._present(state)[b, fault]
         began = jnp.where(old, state.since[b, fault], jnp.stack([onset, wide]))
         since = state.since[b].at[fault].set(began)
@@ -421,6 +422,16 @@ class Branching(eqx.Module):
             ever=placed(state.ever, ever),
             lanes=lanes,
         )
+
+    def _slope(
+        self, state: BranchState, b: Int[Array, ""], kind: Int[Array, ""]
+    ) -> Float[Array, "n onsets"]:
+        """By how much the signatures of one kind grow per second that the onset lies earlier."""
+        eta, when = state.lanes.eta[b, :, kind], state.lanes.onset[b, kind]
+        begins = jnp.zeros((len(eta), 1)).at[self.filter.states + kind].set(1.0)
+        younger = jnp.concatenate([eta[:, 1:], begins], axis=1)
+        apart = jnp.diff(when, append=state.t)
+        return (eta - younger) / jnp.maximum(apart, TICK)
 
     def _alone(
         self,

@@ -54,7 +54,7 @@ def rig_bank(left_out: str | None = None) -> FaultBank:
     model = true_model(rig(left_out), runs)
     noise = estimate_noise(model, runs)
     found = calibrate_bank(model, runs, noise)
-    return build_fault_bank(model.with_calibration({"bank": found.block}), runs, noise)
+    return build_fault_bank(model.with_calibration({"bank": found.block}), runs, found.noise)
 
 
 def named(bank: FaultBank, seed: int) -> list[Verdict]:

@@ -97,7 +97,7 @@ def wheel_bank(flights: int = TELLING) -> FaultBank:
     more = [flight(CALIBRATION + k) for k in range(TELLING, flights)]
     asked = PER_ALARM * STEP if flights > TELLING else None
     found = calibrate_bank(model, [*runs, *more], noise, asked)
-    return build_fault_bank(model.with_calibration({"bank": found.block}), runs, noise)
+    return build_fault_bank(model.with_calibration({"bank": found.block}), runs, found.noise)
 
 
 def friction_found(bank: FaultBank, seed: int) -> Alarm:
