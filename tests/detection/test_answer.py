@@ -145,7 +145,6 @@ def test_a_report_leads_with_what_lasts(bank, decision):
     assert "p 1" not in " ".join(report.summary_sentences)
 
 
-@pytest.mark.skip(reason="not met by the present core of the bank, see KNOWN_GAPS.md")
 def test_a_fault_of_twice_the_least_size_is_told_and_one_of_a_third_is_not(bank):
     size = least_told(bank, log(0), 0)
     told = [bool(decide(bank, log(s, -2 * size)).events) for s in (4, 5, 6)]

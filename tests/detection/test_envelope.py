@@ -82,7 +82,6 @@ def swing(level):
     return level * np.sign(np.sin(np.pi * (np.arange(COUNT) + 0.5) / 4))
 
 
-@pytest.mark.skip(reason="not met by the present core of the bank, see KNOWN_GAPS.md")
 def test_a_fault_that_the_loop_answers_is_named(bank):
     """The loop commands 3 less where 3 is pushed: u is far outside, what is applied is not."""
     push = np.where(np.arange(COUNT) >= COUNT // 2, 3.0, 0.0)

@@ -9,7 +9,6 @@ from faultgauge.studies.decisions.rig import rig, window
 from faultgauge.studies.decisions.tank import leak_found
 
 
-@pytest.mark.skip(reason="not met by the present core of the bank, see KNOWN_GAPS.md")
 def test_where_the_kalman_filter_is_optimal_the_bank_is_as_good():
     found = against_kalman(linear_bank(), 3)
     # 1800 samples after the onset, correlated over about 100: ratios scatter by some percent
@@ -27,7 +26,6 @@ def test_a_window_is_drawn_from_its_seed_and_its_fault_is_where_it_says():
     assert moved[first.run.t >= onset] == pytest.approx(size, abs=1e-12)
 
 
-@pytest.mark.skip(reason="not met by the present core of the bank, see KNOWN_GAPS.md")
 def test_the_rig_is_named_hidden_and_left_out():
     verdicts = named(rig_bank(), 1)
     assert len(verdicts) == 1 + 10 + 3
@@ -36,7 +34,6 @@ def test_the_rig_is_named_hidden_and_left_out():
     assert all(v.wide and not v.visible for v in verdicts[11:])
 
 
-@pytest.mark.skip(reason="not met by the present core of the bank, see KNOWN_GAPS.md")
 def test_a_kind_of_fault_that_is_left_out_is_unknown():
     assert "sensor_b" not in rig("sensor_b").signals.fault_names
     (verdict,) = left_out({"sensor_b": rig_bank("sensor_b")}, 1)
@@ -44,7 +41,6 @@ def test_a_kind_of_fault_that_is_left_out_is_unknown():
     assert not verdict.blamed
 
 
-@pytest.mark.skip(reason="not met by the present core of the bank, see KNOWN_GAPS.md")
 def test_hindsight_is_scored_against_the_bound():
     found = linear_hindsight(linear_bank(walk=None), 3)
     assert found.named
@@ -54,7 +50,6 @@ def test_hindsight_is_scored_against_the_bound():
     assert found.delay > 0
 
 
-@pytest.mark.skip(reason="not met by the present core of the bank, see KNOWN_GAPS.md")
 def test_a_model_with_an_error_of_its_own_gives_intervals_that_hold_the_truth():
     """The fitted tank errs by half a percent, which its noise alone would put at 0.25 %."""
     found = leak_found(1)

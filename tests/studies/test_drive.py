@@ -19,7 +19,6 @@ def measured(data_dir):
     return {name: run_drive(logs, name).figures for name in BODIES}
 
 
-@pytest.mark.skip(reason="not met by the present core of the bank, see KNOWN_GAPS.md")
 @pytest.mark.parametrize("body", list(BODIES))
 def test_goals_on_the_measured_drive(measured, body):
     figures = measured[body]
@@ -36,13 +35,11 @@ def test_goals_on_the_measured_drive(measured, body):
     assert figures["eso_events_on_held_out_nominal"] == 0
 
 
-@pytest.mark.skip(reason="not met by the present core of the bank, see KNOWN_GAPS.md")
 def test_a_network_does_as_well_as_the_physics_within_20_percent(measured):
     for key in ("free_run_rmse_mm", "pulse_rmse_v"):
         assert measured["network"][key] <= 1.2 * measured["physics"][key]
 
 
-@pytest.mark.skip(reason="not met by the present core of the bank, see KNOWN_GAPS.md")
 def test_the_simulated_drive_stands_in():
     logs = simulated_logs()
     assert logs.source.startswith("simulated")

@@ -12,7 +12,6 @@ from faultgauge.studies.drive import measured_logs, simulated_logs
 BODY = "network of speed, 2 units"
 
 
-@pytest.mark.skip(reason="not met by the present core of the bank, see KNOWN_GAPS.md")
 def test_a_learned_network_runs_in_the_bank():
     """A simulated drive, encoder noise of 1e-7 m, ripple of 3 N that the network does not know.
 
@@ -31,7 +30,6 @@ def test_a_learned_network_runs_in_the_bank():
     assert found.figures["coverage_settled"] > 0.8  # 25 half periods: 25 draws of model error
 
 
-@pytest.mark.skip(reason="not met by the present core of the bank, see KNOWN_GAPS.md")
 def test_measured_pulses_are_told_from_a_healthy_stretch():
     logs = measured_logs()
     if logs is None:
@@ -45,7 +43,6 @@ def test_measured_pulses_are_told_from_a_healthy_stretch():
     assert found["coverage_settled"] > 0.9
 
 
-@pytest.mark.skip(reason="not met by the present core of the bank, see KNOWN_GAPS.md")
 def test_a_sine_in_the_plant_file_is_told_from_friction():
     flown = intermittent(harmonic_bank(PRESETS[0]), 0)
     assert flown.quality.rmse <= 2e-4  # N*m, the goal

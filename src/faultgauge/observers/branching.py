@@ -392,7 +392,9 @@ class Branching(eqx.Module):
         mean, P = self._known_gone(mean, P, fault, gone)
         onset = w @ when
         wide = w @ ((when - onset) ** 2 + blur)
-        old = self._present(state)[b, fault]
+        # a fault began when most of it came
+        most = jnp.abs(f) <= jnp.abs(state.belief.mean[b, self.filter.states + fault])
+        old = self._present(state)[b, fault] & ((kind >= self.filter.faults) | most)
         began = jnp.where(old, state.since[b, fault], jnp.stack([onset, wide]))
         since = state.since[b].at[fault].set(began)
         ever = state.ever[b].at[fault].set(1.0)
