@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from faultgauge.detection.flat_line import FlatLine
+from faultgauge.detection.remember import once
 from faultgauge.errors import InputError
 from faultgauge.identification.evaluation import WARMUP, start_of_run, varying_parameters
 from faultgauge.identification.samples import in_effect
@@ -100,6 +101,7 @@ class Estimates:
     standing: list[str]
 
 
+@once
 def operating_points(model: Model) -> OperatingPoints:
     """The points of the training envelope that the model file keeps."""
     points = np.asarray(model.record["envelope_points"], float)

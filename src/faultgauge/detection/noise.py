@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from faultgauge.detection.judged import operating_points
+from faultgauge.detection.remember import once
 from faultgauge.errors import InputError
 from faultgauge.plants.disturbed import Disturbed, Error, dynamic_states, following_states
 from faultgauge.plants.model import Model
@@ -106,6 +107,7 @@ class Constants(NamedTuple):
     covariance: Float[np.ndarray, "constants constants"]
 
 
+@once
 def constants_of(model: Model) -> Constants:
     """Those that move the states' rates most, by their standard errors and the usual spread."""
     known = model.record.get("constants", {"names": [], "errors": [], "correlation": []})
@@ -135,6 +137,7 @@ def usual_spread(value: float, se: float) -> float:
     return max(USUAL_SPREAD * abs(value), se, 1e-9)
 
 
+@once
 def rates_of(model: Model) -> Float[np.ndarray, "states"]:
     """Standard deviation of the states' derivatives over the training envelope."""
     points = operating_points(model)

@@ -20,7 +20,15 @@ from faultgauge.plants.model import Model
 from faultgauge.plants.plant import respond
 from faultgauge.plants.signals import LOSSES, Fault
 
-__all__ = ["AT_START", "RARE", "onsets_of", "prior_of_faults", "ranges", "sizes_of", "undeclared_faults"]
+__all__ = [
+    "AT_START",
+    "RARE",
+    "onsets_of",
+    "prior_of_faults",
+    "ranges",
+    "sizes_of",
+    "undeclared_faults",
+]
 
 RARE = 1e-3  # faults in as much time as the healthy logs have
 ALIEN = 0.01  # of the largest onset rate: how often something undeclared happens
