@@ -70,8 +70,8 @@ def _widened(model: Model) -> list[str]:
         return []
     return [
         "the model errs in ways that noise does not, so that healthy logs look faulty: all "
-        f"intervals are {widened:.2g} times as wide as noise alone would make them, and faults must "
-        f"be {widened:.2g} times as large"
+        f"intervals are {widened:.2g} times as wide as noise alone would make them, and a fault "
+        f"must be {widened:.2g} times as large to be told"
     ]
 
 

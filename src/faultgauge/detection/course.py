@@ -1,8 +1,9 @@
 """The bank along one run: from its first sample, over samples, and across gaps.
 
 In a gap of length T nothing is sampled, and what was known goes on: the weights of all branches and
-onsets, faults and constants as they were, the discrepancy as far as it lasts, exp(-T / tau). The
-states begin anew from the samples after the gap. An output that a branch takes for faulty is
+onsets, and faults as they were, the discrepancy as far as it lasts, exp(-T / tau), and constants
+but for what they differ between the stretches of a healthy run. The states begin anew from the
+samples after the gap. An output that a branch takes for faulty is
 corrected by the fault's estimate before it says where its state is, x = y - f, so that a fault
 which outlasts the gap fits as well as it did before.
 """
@@ -153,12 +154,18 @@ def resumed(
     M[:states, before - bank.modes.kinds :] = -_carried(bank)
     fade = np.exp(-gap / bank.noise.lasting)
     M[range(states, states + driven), range(states, states + driven)] = fade
+    # what a gap makes anew of the constants
+    new = np.zeros(before)
+    end = before - bank.modes.kinds
+    new[end - len(bank.noise.renewed) : end] = bank.noise.renewed
+    M *= np.sqrt(1 - new)[:, None]
     mean = np.asarray(state.belief.mean) @ M.T
     mean[:, :states] += x
     P = M @ np.asarray(state.belief.P) @ M.T
     sd = spread_of_start(bank.model, bank.noise.sigma, columns)[0]
     more = np.concatenate([sd**2, bank.noise.size**2 * (1 - fade**2)])
     P[:, range(states + driven), range(states + driven)] += more
+    P += np.diag(new)
     eta = np.einsum("ij,bjka->bika", M, np.asarray(state.lanes.eta))
     return state._replace(
         belief=Belief(jnp.asarray(mean), jnp.asarray(P)),

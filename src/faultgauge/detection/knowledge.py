@@ -7,7 +7,10 @@ IEEE TAC 21 (1976)),
     1 / sd(t)^2 = sum |S^-1/2 dv|^2,
 
 on a grid of times that reaches as far as the healthy logs are long. Where the discrepancy lasts
-shorter than that, sd falls on; where it lasts longer, sd ends at what the discrepancy hides.
+shorter than that, sd falls on; where it lasts longer, sd ends at what the discrepancy hides. To be
+named, a fault must not leave what another one of some size would, whenever that began:
+
+    1 / apart(t)^2 = min over others, onsets of  J - J_12^2 / J_22.
 """
 
 from collections.abc import Sequence
@@ -29,20 +32,50 @@ TIMES = 400
 SHARE = 0.25  # of the healthy logs: how far the times reach
 CLEAR = 8.0  # standard deviations by which a fault of its widest size shows
 FEWEST = 20  # samples of the memory
+ONSETS = 40  # of another fault
+ALIKE = 1e-6  # of the information: two faults that differ by less are one
 
 
 class Knowledge(NamedTuple):
     """`sd` of each declared fault at times `t` [s] after its onset (inf: nothing shows), and the
-    time [s] after which one of its widest size shows, in the median: the bank's memory."""
+    time [s] after which one of its widest size shows, in the median: the bank's memory; `left` is
+    what a unit of each leaves in the whitened innovations."""
 
     t: Float[np.ndarray, "times"]
     sd: Float[np.ndarray, "times faults"]
     memory: float
+    left: Float[np.ndarray, "times outputs faults"]
 
     def at(self, fault: int, t: float) -> float:
         """sd of `fault` `t` [s] after its onset."""
-        k = int(np.searchsorted(self.t, t, "right")) - 1
+        k = self._index(t)
         return float(self.sd[k, fault]) if k >= 0 else np.inf
+
+    def apart(self, fault: int, t: float, others: Sequence[int]) -> float:
+        """sd of `fault` `t` [s] after its onset beside the one of `others` that is most like it."""
+        k = self._index(t)
+        if k < 0:
+            return np.inf
+        own = self.left[: k + 1, :, fault]
+        least = J = float(np.sum(own**2))
+        for other in others:
+            for later in _onsets(k + 1, len(self.left)):
+                # the other one began `later`, or earlier, which shows before
+                theirs = self.left[max(-later, 0) : k + 1 - later, :, other]
+                whole = self.left[: k + 1 - later, :, other]
+                J22, J12 = np.sum(whole**2), np.sum(own[max(later, 0) :][: len(theirs)] * theirs)
+                if J22 > 0:
+                    least = min(least, J - float(J12**2 / J22))
+        return 1 / np.sqrt(max(least, 0.0)) if least > ALIKE * J else np.inf
+
+    def _index(self, t: float) -> int:
+        return int(np.searchsorted(self.t, t, "right")) - 1
+
+
+def _onsets(count: int, kept: int) -> list[int]:
+    """Steps by which another fault may begin later (or earlier: negative), ever sparser."""
+    far = sorted({int(each) for each in np.geomspace(1, max(count - 1, 1), ONSETS)})
+    return [0, *far, *[-each for each in far if count + each <= kept]]
 
 
 def knowledge_of(
@@ -70,19 +103,22 @@ def knowledge_of(
     q = process_of(noise, spread_of_start(model, noise.sigma, ())[1])
     states = points.x.shape[1]
     Q = np.diag(q**2 * dt)
-    P = Q.copy()
-    n = states + len(noise.size) + len(noise.lag)
-    P[range(n, len(P)), range(n, len(P))] += 1.0
+    start = np.ones(len(q))
+    start[:states] = q[:states] * np.sqrt(dt)
+    start[states : states + len(noise.size)] = noise.size
+    start[states + len(noise.size) :][: len(noise.lag)] = 0.0
+    P = np.diag(start**2)
     for _ in range(TIMES):
         P = _predicted(A, C, Q, R, P)
     shift, total = np.zeros(B.shape), np.zeros(B.shape[1])
-    sd = np.zeros((TIMES, B.shape[1]))
+    sd, left = np.zeros((TIMES, B.shape[1])), np.zeros((TIMES, len(measured), B.shape[1]))
     for k in range(TIMES):
         S = C @ P @ C.T + R
         K, white = np.linalg.solve(S, C @ P).T, np.linalg.inv(np.linalg.cholesky(S))
         shift = A @ shift + B
         change = C @ shift + D
-        total += np.sum((white @ change) ** 2, axis=0)
+        left[k] = white @ change
+        total += np.sum(left[k] ** 2, axis=0)
         shift = shift - K @ change
         sd[k] = 1 / np.sqrt(np.maximum(total, 1e-300))
         P = _predicted(A, C, Q, R, P)
@@ -92,7 +128,7 @@ def knowledge_of(
     shows = CLEAR * sd[:, :declared] <= size[:declared]
     when = [float(t[np.argmax(each)]) if each.any() else float(t[-1]) for each in shows.T]
     memory = float(np.clip(np.median(when), FEWEST * step, t[-1]))
-    return Knowledge(t, sd[:, :declared], memory)
+    return Knowledge(t, sd[:, :declared], memory, left[:, :, :declared])
 
 
 def _predicted(

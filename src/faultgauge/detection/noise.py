@@ -44,8 +44,9 @@ class Noise(NamedTuple):
     """Standard deviations: `sigma` of a sample, `process` and `drift` per sqrt(s), `size` of the
     discrepancy beside the dynamic states [its state's unit per s], which lasts for `lasting` [s];
     a share `lag` of what an input's change does lags behind it, and settles in `settling` [s];
-    `spread` of the constants between runs, and by how much `shift` their mean is off the fitted
-    value, which an error of the model may have biased."""
+    `spread` of the constants between runs, by how much `shift` their mean is off the fitted
+    value, which an error of the model may have biased, and what share of their variance a gap
+    within a run makes anew (`renewed`)."""
 
     sigma: Float[np.ndarray, "outputs"]
     process: Float[np.ndarray, "states"]
@@ -56,6 +57,7 @@ class Noise(NamedTuple):
     settling: Float[np.ndarray, "following"]
     spread: Float[np.ndarray, "constants"]
     shift: Float[np.ndarray, "constants"]
+    renewed: Float[np.ndarray, "constants"] = np.zeros(0)
 
     def widened(self, factor: float) -> "Noise":
         """All standard deviations `factor` times as large: no gain of a filter changes."""
@@ -76,7 +78,7 @@ def _names(model: Model) -> tuple[Sequence[str], ...]:
     following = [signals.state_names[k] for k in following_states(model.plant)]
     known = constants_of(model).names
     measured = signals.output_names, signals.state_names, drifting_of(model)
-    return (*measured, driven, driven, following, following, known, known)
+    return (*measured, driven, driven, following, following, known, known, known)
 
 
 def drifting_of(model: Model) -> tuple[str, ...]:

@@ -16,7 +16,8 @@ of its own (the EM algorithm: Dempster, Laird and Rubin, J. R. Statist. Soc. B 3
 
     mean = avg m_r,    C = (sum_r (m_r - mean)^2 + V_r + C_0) / (R + 1),
 
-constants of one unit pooled, since few runs tell each one's spread badly.
+constants of one unit pooled, since few runs tell each one's spread badly. What of it lies between
+the stretches of one run, a gap makes anew: a vehicle that has landed flies on with another trim.
 """
 
 from collections.abc import Sequence
@@ -74,11 +75,16 @@ USUAL_SHARE = 0.1  # of an input's effect: what lags behind it
 QUICK = 10.0  # samples in which that settles
 UNSURE = 1.5  # standard deviation of the logarithms of these
 ENOUGH = 2e-6  # of log-likelihood per sample: a step that gains less is the last
+SEARCHED = Noise._fields.index("spread")  # the levels before the constants' are
 NONE = 1e-6  # times the usual: as good as no discrepancy
 
 
 @dataclass(frozen=True)
 class _Stretch:
+    """A piece of stretch `part` of run number `run`."""
+
+    run: int
+    part: int
     x: Float[np.ndarray, "states"]
     u: Float[np.ndarray, "samples inputs"]
     y: Float[np.ndarray, "samples outputs"]
@@ -103,7 +109,7 @@ def estimate_noise(model: Model, runs: Sequence[Run], discrepancy: bool = True) 
     if not discrepancy:
         noise = noise._replace(**{n: NONE * getattr(noise, n) for n in ("size", "lag", "spread")})
         fixed = ("size", "lasting", "lag", "settling")
-        names = np.repeat(Noise._fields[:-2], [len(part) for part in noise[:-2]])
+        names = np.repeat(Noise._fields[:SEARCHED], [len(part) for part in noise[:SEARCHED]])
         free = ~np.isin(names, fixed)
     center = _logs(noise)
     for steps in ROUNDS:
@@ -115,7 +121,7 @@ def estimate_noise(model: Model, runs: Sequence[Run], discrepancy: bool = True) 
 
 def _logs(noise: Noise) -> Float[np.ndarray, "levels"]:
     """The logarithms of all levels but the constants'."""
-    return np.log(np.concatenate(noise[:-2]))
+    return np.log(np.concatenate(noise[:SEARCHED]))
 
 
 def _searched(
@@ -129,7 +135,7 @@ def _searched(
     """The likeliest `free` levels, by at most so many steps of L-BFGS from `noise`."""
     low, high, pull, center = limits
     start, at = _logs(noise), np.flatnonzero(free)
-    sizes = np.cumsum([len(part) for part in noise[:-2]])[:-1]
+    sizes = np.cumsum([len(part) for part in noise[:SEARCHED]])[:-1]
     steps = np.concatenate([np.zeros((1, len(start))), DIFFERENCE * np.eye(len(start))[at]])
 
     def cost(x: Float[np.ndarray, "free"]) -> tuple[float, Float[np.ndarray, "free"]]:
@@ -162,7 +168,7 @@ def _levels(
     values: Float[np.ndarray, "levels"], sizes: Int[np.ndarray, "parts"], noise: Noise
 ) -> Noise:
     """`values` in their places, and the constants of `noise`."""
-    parts: list[Any] = [*np.split(values, sizes), *noise[-2:]]
+    parts: list[Any] = [*np.split(values, sizes), *noise[SEARCHED:]]
     return Noise(*parts)
 
 
@@ -182,8 +188,29 @@ def _retold(model: Model, batch: "_Batch", noise: Noise) -> Noise:
         sums = np.sum((own - middle) ** 2 + V, axis=0)
         squares, count = _pooled(model, known.names, sums), len(own)
         spread = np.sqrt((squares + usual**2) / (count + 1) * (1 + 1 / count))
-        noise = noise._replace(spread=spread, shift=noise.shift + middle)
+        new = _pooled(model, known.names, _within(batch, own, V)) / spread**2
+        noise = noise._replace(
+            spread=spread, shift=noise.shift + middle, renewed=np.clip(new, 0.0, 1.0)
+        )
     return noise
+
+
+def _within(
+    batch: "_Batch",
+    own: Float[np.ndarray, "stretches constants"],
+    V: Float[np.ndarray, "stretches constants"],
+) -> Float[np.ndarray, "constants"]:
+    """Variance of the constants between the stretches of one run, beyond what is not known of them;
+    0 where no run has two."""
+    found = []
+    for run in np.unique(batch.runs):
+        parts = np.unique(batch.parts[batch.runs == run])
+        if len(parts) > 1:
+            means, unsure = (
+                np.stack([a[batch.parts == part].mean(axis=0) for part in parts]) for a in (own, V)
+            )
+            found.append(np.var(means, axis=0, ddof=1) - unsure.mean(axis=0))
+    return np.maximum(np.mean(found, axis=0), 0.0) if found else np.zeros(own.shape[1])
 
 
 def _pooled(
@@ -205,6 +232,8 @@ class _Batch:
     u: Float[Array, "stretches samples inputs"]
     y: Float[Array, "stretches samples outputs"]
     dt: Float[Array, "stretches samples"]
+    runs: Int[np.ndarray, "stretches"]
+    parts: Int[np.ndarray, "stretches"]
     columns: tuple[str, ...]
     substeps: int
     count: int
@@ -230,6 +259,8 @@ class _Batch:
             stacked("u", 0.0),
             stacked("y", np.nan),
             stacked("dt", 0.0),
+            np.array([s.run for s in stretches]),
+            np.array([s.part for s in stretches]),
             tuple(runs[0].columns),
             substeps_for(runs[0].step, model.max_step),
             int(sum(np.isfinite(s.y).sum() for s in stretches)),
@@ -335,18 +366,18 @@ def _costs(
 
 def _stretches(model: Model, runs: Sequence[Run]) -> list[_Stretch]:
     parts = []
-    for log in runs:
+    for number, log in enumerate(runs):
         run = in_effect(model.plant.signals, log)
         outputs = [n for n in model.plant.signals.output_names if n in run.columns]
         for part in segments(run, [*model.plant.signals.input_names, *outputs]):
             if part.stop - part.start >= 100:
-                parts.append((run, part))
+                parts.append((number, run, part))
     if not parts:
         return []
-    total = sum(part.stop - part.start for _, part in parts)
+    total = sum(part.stop - part.start for *_, part in parts)
     share = min(1.0, SAMPLES / total)
     found = []
-    for run, part in parts:
+    for at, (number, run, part) in enumerate(parts):
         count = part.stop - part.start
         pieces = max(1, int(np.ceil(share * count / LONGEST)))
         length = max(min(int(share * count / pieces), LONGEST), 100)
@@ -356,7 +387,7 @@ def _stretches(model: Model, runs: Sequence[Run]) -> list[_Stretch]:
             start = start_from_samples(model, run, piece)
             u, y = record_arrays(model, run, piece)
             u, y, dt = pad_stretch(u, y, run.t[piece])
-            found.append(_Stretch(start.x, u, y, dt))
+            found.append(_Stretch(number, at, start.x, u, y, dt))
     return found
 
 
@@ -398,7 +429,7 @@ def _guess(model: Model, runs: Sequence[Run], stretches: Sequence[_Stretch]) -> 
     settling = np.full(following, QUICK * step)
     return Noise(
         sigma, process, np.array(drift, float), size, lasting, share, settling,
-        np.array(spread, float), np.zeros(len(spread)),
+        np.array(spread, float), np.zeros(len(spread)), np.zeros(len(spread)),
     )  # fmt: skip
 
 
@@ -407,9 +438,9 @@ def _limits(
 ) -> tuple[Float[np.ndarray, "levels"], Float[np.ndarray, "levels"], Float[np.ndarray, "levels"]]:
     """(lowest, highest, how far from the guess they are likely) of the logarithms."""
     length = float(max(np.sum(s.dt) for s in stretches))
-    logs: list[Any] = [np.log(part) for part in guess[:-2]]
-    lowest: list[Any] = [each - REACH for each in logs] + list(guess[-2:])
-    highest: list[Any] = [each + REACH for each in logs] + list(guess[-2:])
+    logs: list[Any] = [np.log(part) for part in guess[:SEARCHED]]
+    lowest: list[Any] = [each - REACH for each in logs] + list(guess[SEARCHED:])
+    highest: list[Any] = [each + REACH for each in logs] + list(guess[SEARCHED:])
     low, high = Noise(*lowest), Noise(*highest)
     wide: list[Any] = [np.full(len(part), np.inf) for part in guess]
     pull = Noise(*wide)
@@ -417,4 +448,8 @@ def _limits(
     low.settling[:], high.settling[:] = np.log(2 * step), np.log(length / 4)
     high.lag[:] = 0.0
     pull.size[:] = pull.lag[:] = UNSURE
-    return np.concatenate(low[:-2]), np.concatenate(high[:-2]), np.concatenate(pull[:-2])
+    return (
+        np.concatenate(low[:SEARCHED]),
+        np.concatenate(high[:SEARCHED]),
+        np.concatenate(pull[:SEARCHED]),
+    )
