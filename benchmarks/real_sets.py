@@ -188,7 +188,7 @@ def rehearsed(each: RealSet, trials: int) -> dict[str, object]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--set", action="append", choices=list(SETS), dest="sets")
     parser.add_argument("--trials", type=int, default=TRIALS)
     parser.add_argument("--list", action="store_true")
