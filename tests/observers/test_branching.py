@@ -269,6 +269,21 @@ def test_two_faults_are_told_as_a_pair():
         assert STEP * (COUNT - 1) - info.onset[-1, fault, 0] == pytest.approx(STEP * since, abs=2.0)
 
 
+def test_a_fault_that_begins_between_two_samples_is_off_by_its_standard_deviation():
+    """Its first step moves x by less than a whole one does, which is not a smaller push. Twelve
+    samples later, in twenty logs: were they normal, their mean square would be above 1.37^2 once in
+    a hundred times (chi-square of 20 degrees)."""
+    errors, k, size = [], np.arange(COUNT), 1.2
+    for seed, share in enumerate(np.repeat([0.1, 0.3, 0.5, 0.7, 0.9], 4)):
+        u, y, steps = log(seed, push=[(size, 100, COUNT)], sigma=3e-3)
+        first = size * (1 - np.exp(-A * share * STEP)) / A  # what it had done by sample 100
+        early = np.where(k >= 100, first * np.exp(-A * STEP * (k - 100)), 0.0)
+        _, info = judged(bank(sigma=3e-3), (u, y + early[:, None], steps))
+        assert info.p[112, PUSHED] > 0.99
+        errors.append((info.f[112, PUSHED, PUSH] - size) / info.sd[112, PUSHED, PUSH])
+    assert np.sqrt(np.mean(np.square(errors))) < 1.37
+
+
 def test_a_fault_that_goes_is_gone_and_was_there():
     samples = log(3, push=[(0.5, 60, 120)])
     _, info = judged(bank((PUSH,), recovery=3e-3), samples)
