@@ -398,10 +398,21 @@ def a_window(bank, length):
     return Window(belief, record, PACE * np.arange(length), slice(0, length))
 
 
-def test_without_data_something_undeclared_is_a_hundred_times_rarer_than_a_fault(bank):
-    """As the method says: at every onset behind the first sample, where nothing began."""
-    count = bank.modes.filter.faults
-    found = Shocks(*(jnp.asarray(np.zeros(s)) for s in ((4, count), (4, count), 4, (), *[(4, 1)] * 2)))
-    weight = causes_in(bank, a_window(bank, 4), found).weight
-    declared, undeclared = weight[1:, :2], np.logaddexp.reduce(weight[1:, 2:], axis=1)
-    np.testing.assert_allclose(np.exp(undeclared[:, None] - declared), 0.01, rtol=1e-9)
+def test_before_any_data_something_undeclared_is_a_hundred_times_rarer_than_a_fault(bank):
+    """As the method says: at the start of a log, at any time in it, and, with the log in hand, at
+    every onset behind its first sample. The tank's gauge may be off undeclared, or it is no fault
+    of a kind that anyone thought of: a hundredth each online, and both together in hindsight."""
+    prior = bank.modes.prior
+    rate, first = np.asarray(prior.onset), np.exp(prior.first)
+    for undeclared, declared in (
+        (rate[2], rate[:2]),
+        (prior.unknown, rate[:2]),
+        (first[2], first[:2]),
+    ):
+        np.testing.assert_allclose(undeclared / declared, 0.01, rtol=1e-9)
+    faults, count = bank.modes.filter.faults, 4
+    nothing = (count, faults), (count, faults), count, (), (count, 1), (count, 1)
+    found = Shocks(*(jnp.asarray(np.zeros(shape)) for shape in nothing))
+    weight = causes_in(bank, a_window(bank, count), found).weight[1:]
+    undeclared = np.logaddexp.reduce(weight[:, 2:], axis=1)
+    np.testing.assert_allclose(np.exp(undeclared[:, None] - weight[:, :2]), 0.01, rtol=1e-9)

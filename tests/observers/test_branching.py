@@ -210,7 +210,7 @@ ALIKE = LAG.replace('[faults.bias]\nenters = "output"\ntarget = "x"',
 def test_of_two_faults_that_act_alike_neither_is_excluded():
     """A push of the lag and one of its input, without limits: no data tell one from the other, and
     their priors are equal. The first one is promoted by a sample that nothing else explains, and is
-    given the widest prior then: more than odds of 19 to 1, which tell a fault, that must not make."""
+    given the widest prior then; that must not make odds of 19 to 1, from which a fault is told."""
     samples = log(1, push=[(1.0, 100, COUNT)], sigma=0.01)
     _, info = judged(bank((PUSH, BIAS), text=ALIKE, sigma=0.01), samples)
     assert info.p[-1, HEALTHY] < 1e-6
