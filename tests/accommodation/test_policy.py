@@ -1,5 +1,6 @@
 """What the observer in the loop is told of a command."""
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -41,11 +42,12 @@ def test_a_command_beyond_its_limit_is_estimated_as_what_the_actuator_does(joint
         estimator = SingleFault(found.observer)
     limits = Limits(authority=jnp.ones(1), slew=jnp.ones(1))
     policy = Accommodation(estimator, None, None, limits)
+    step = eqx.filter_jit(policy.step)
     state = policy.init(jnp.zeros(1), jnp.ones(1))
     rest = 2 * (1 + DRAG) / 0.1
     for k in range(1, 60):
         h = rest * (1 - np.exp(-0.1 * STEP * k))
-        state, u, info = policy.step(state, jnp.array([5.0]), jnp.array([h]), jnp.asarray(STEP))
+        state, u, info = step(state, jnp.array([5.0]), jnp.array([h]), jnp.asarray(STEP))
     assert (float(u[0]), bool(info.short[0])) == (5.0, True)
     # 6 s at 2 rad/s leave e^-8 of the way to go
     assert float(info.f[0]) == pytest.approx(DRAG, abs=2e-3)
