@@ -114,10 +114,13 @@ def test_evidence_is_believed_as_far_as_healthy_logs_show_no_fault():
     wrong = calibrate_bank(model(), [log(k, error=wave) for k in (1, 2, 3)], NOISE)
     factor = wrong.block["widened"]
     assert factor > 1.0
-    assert max(each.peak for each in wrong.blocks) <= 0.0  # even odds
-    for name in ("sigma", "process", "drift", "size", "spread"):
+    # one fault in a thousand such sets of logs, and as many at the start of each of three: 4 in a
+    # thousand per declared fault, 20 times which is seen by chance once in 20 times
+    faults = len(model().plant.signals.faults)
+    assert max(each.peak for each in wrong.blocks) <= np.log(20 * 0.004 * faults)
+    for name in ("sigma", "process", "drift", "size"):
         np.testing.assert_allclose(getattr(wrong.noise, name), factor * getattr(NOISE, name))
-    for name in ("lasting", "lag", "settling", "shift"):
+    for name in ("lasting", "lag", "settling", "shift", "spread"):
         np.testing.assert_array_equal(getattr(wrong.noise, name), getattr(NOISE, name))
 
 
@@ -131,11 +134,11 @@ def test_evidence_falls_with_the_square_of_how_far_it_is_believed():
         peaks = -7 + evidence / widened**2
         return bank, [Block("a", 0.0, 1.0, float(peak)) for peak in peaks]
 
-    widened, _, blocks = _believed(*tried(1.0), tried)
+    widened, _, blocks = _believed(*tried(1.0), 0.0, tried)
     assert np.sqrt(6) <= widened <= 1.05 * np.sqrt(6)
     assert max(each.peak for each in blocks) <= 0.0
     calm = [Block("a", 0.0, 1.0, -0.1)]
-    assert _believed(bank, calm, tried) == (1.0, bank, calm)
+    assert _believed(bank, calm, 0.0, tried) == (1.0, bank, calm)
 
 
 def test_a_longer_time_than_the_blocks_support_is_refused():

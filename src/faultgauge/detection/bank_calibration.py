@@ -1,11 +1,12 @@
 """`calibrate` for the bank: how far its evidence can be believed, and its alarm level.
 
 Were the model right in all, odds of L for a fault would be reached by chance once in L times
-(J. Ville's inequality: the likelihood ratio is a martingale), so healthy logs, which hold a fault
-with odds of one in a thousand, would hardly ever show even odds. Where they do, what the model errs
-is none of the kinds that noise and discrepancy can be, and all evidence is too strong. It is then
-believed by so much less that they do not: its logarithm is divided by s^2 where all standard
-deviations are s times as large, which changes no gain (P. Grunwald, "Safe learning", COLT 2011).
+(J. Ville's inequality: a likelihood ratio is a martingale), so healthy logs, in which E faults are
+expected before any data, would show odds of E / 0.05 once in 20 times. Where they show more, or
+even odds, what the model errs is none of the kinds that noise and discrepancy can be, and all
+evidence is too strong. It is then believed by so much less that they do not: its logarithm is
+divided by s^2 where noise and discrepancy are s times as large, which changes no gain (P. Grunwald,
+"Safe learning", COLT 2011).
 
 The score of a healthy sample is the log-odds of a fault, as low as it was within `persistence`.
 Healthy runs are cut into blocks of several memories of the bank, and the level follows from the
@@ -36,7 +37,7 @@ from faultgauge.detection.blocks import (
 from faultgauge.detection.course import run_over
 from faultgauge.detection.noise import Noise
 from faultgauge.detection.posterior import calm_of
-from faultgauge.detection.priors import RARE
+from faultgauge.detection.priors import AT_START, RARE
 from faultgauge.detection.verdicts import log_odds
 from faultgauge.errors import InputError
 from faultgauge.plants.model import Model
@@ -47,7 +48,7 @@ __all__ = ["BankCalibration", "calibrate_bank", "level_of", "without_calibration
 SAMPLES = 100_000  # that tell the level, but for as many as --mtbfa needs
 MEMORIES = 4.0  # of the bank in a block
 SHORTEST = 50  # samples of a block
-EVEN = 0.0  # log-odds that no healthy log shows
+BY_CHANCE = 0.05  # how often healthy logs may show more
 TRIES = 5  # of how far the evidence can be believed
 STEEP = 1.05  # so that few are needed
 LOWEST = -30.0  # log-odds: what lies below is alike
@@ -86,7 +87,9 @@ def calibrate_bank(
 
     bank, blocks = tried(1.0)
     suspects = merged([b for b in blocks if b.peak >= CERTAIN])
-    widened, bank, blocks = _believed(bank, blocks, tried)
+    expected = bank.onset.sum() * healthy + AT_START * len(bank.onset) * len(runs)
+    most = min(float(np.log(expected / BY_CHANCE)), 0.0)
+    widened, bank, blocks = _believed(bank, blocks, most, tried)
     judged = sum(each.end - each.start for each in blocks)
     peaks = np.sort([b.peak for b in blocks])[::-1]
     allowed, mtbfa = allowed_peaks(judged, mtbfa, len(peaks))
@@ -118,20 +121,21 @@ def calibrate_bank(
 def _believed(
     bank: FaultBank,
     blocks: list[Block],
+    most: float,
     tried: Callable[[float], tuple[FaultBank, list[Block]]],
 ) -> tuple[float, FaultBank, list[Block]]:
-    """(how many times as large the noise must be for the blocks to show no fault, and the bank and
-    its blocks with that).
+    """(how many times as large the noise must be for no block to show log-odds above `most`, and
+    the bank and its blocks with that).
 
     Evidence falls with the square of it, from the least odds that any block has.
     """
     widened = 1.0
     for _ in range(TRIES):
         peaks = [each.peak for each in blocks]
-        if max(peaks) <= EVEN:
+        if max(peaks) <= most:
             break
         nothing = min(min(peaks), -np.log(1 / RARE))
-        widened *= STEEP * float(np.sqrt((max(peaks) - nothing) / (EVEN - nothing)))
+        widened *= STEEP * float(np.sqrt((max(peaks) - nothing) / (most - nothing)))
         bank, blocks = tried(widened)
     return widened, bank, blocks
 

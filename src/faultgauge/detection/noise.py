@@ -60,8 +60,9 @@ class Noise(NamedTuple):
     renewed: Float[np.ndarray, "constants"] = np.zeros(0)
 
     def widened(self, factor: float) -> "Noise":
-        """All standard deviations `factor` times as large: no gain of a filter changes."""
-        own = ("sigma", "process", "drift", "size", "spread")
+        """All that acts within a run `factor` times as large, which changes no gain of a filter; how
+        constants differ between runs is no error of it."""
+        own = ("sigma", "process", "drift", "size")
         return self._replace(**{name: factor * getattr(self, name) for name in own})
 
     def as_dict(self, model: Model) -> dict[str, dict[str, float]]:
