@@ -60,7 +60,7 @@ class Noise(NamedTuple):
     renewed: Float[np.ndarray, "constants"] = np.zeros(0)
 
     def widened(self, factor: float) -> "Noise":
-        """All that acts within a run `factor` times as large, which changes no gain of a filter; how
+        """What acts within a run `factor` times as large, which changes no gain of a filter; how
         constants differ between runs is no error of it."""
         own = ("sigma", "process", "drift", "size")
         return self._replace(**{name: factor * getattr(self, name) for name in own})
