@@ -1,25 +1,35 @@
 """The measured healthy sets made ready to rehearse: a plant file with a bias declared on every
 input and output, runs to fit, runs to calibrate, and healthy runs that neither has seen.
 
-    python benchmarks/real_sets.py
+    python benchmarks/real_sets.py [--set NAME]... [--trials N] [--json FILE]
+    python benchmarks/real_sets.py --list
 
-prints what each set holds. A set of one record is split in time. The plant files are those that
+fits and calibrates each set and rehearses its faults in runs that neither has seen; `--list` prints
+what each set holds. A set of one record is split in time. The plant files are those that
 are shipped for `faultgauge benchmark`; a bias may be as large as half of the signal's range in the
 runs to fit. CrazyPAD's healthy flights give five sets, each flight left out of the other four in
 turn: trims differ between flights, and fewer would not tell by how much. Set FAULTGAUGE_DATA to the
 folder that holds the records.
 """
 
+import argparse
+import json
+import sys
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
+from faultgauge.detection.calibration import calibrate
 from faultgauge.errors import InputError
+from faultgauge.identification.fit import fit
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant_file import parse_plant
+from faultgauge.rehearsal.rehearse import TRIALS, rehearse
 from faultgauge.studies.published import data
 from faultgauge.studies.published.benchmark import plant_text
 from faultgauge.studies.published.crazypad import case_of
@@ -147,20 +157,57 @@ def _seconds(runs: Sequence[Run]) -> str:
     return ", ".join(f"{run.name} {run.t[0]:.4g} to {run.t[-1]:.4g} s" for run in runs)
 
 
+def listed(each: RealSet) -> None:
+    print(f"{each.name}")
+    print(f"  fit: {_seconds(each.fit)}\n  calibrate: {_seconds(each.calibrate)}")
+    print(f"  rehearse: {_seconds(each.rehearse)}")
+    for fault in each.body().signals.faults:
+        bounds = f"{fault.min:g} to {fault.max:g} {fault.unit}".rstrip()
+        print(f"  {fault.name}: {fault.enters} {fault.target}, {bounds}")
+
+
+def rehearsed(each: RealSet, trials: int) -> dict[str, object]:
+    """Fit, calibrate and rehearse one set with seed 0; prints what a user would read."""
+
+    def progress(text: str) -> None:
+        print(f"{each.name}: {text}", file=sys.stderr, flush=True)
+
+    times = [time.perf_counter()]
+    model, _ = fit(each.body(), each.fit, seed=0, progress=progress)
+    times.append(time.perf_counter())
+    found = calibrate(model, each.calibrate, progress=progress)
+    times.append(time.perf_counter())
+    said = rehearse(found.model, each.rehearse, trials=trials, progress=progress)
+    times.append(time.perf_counter())
+    bank = (found.model.calibration or {})["bank"]
+    own = {k: bank[k] for k in ("widened", "level", "memory_s")}
+    fit_s, calibrate_s, rehearse_s = (b - a for a, b in pairwise(times))
+    took = {"fit_s": fit_s, "calibrate_s": calibrate_s, "rehearse_s": rehearse_s}
+    print(f"== {each.name}: {own}, {took}\n{said}\n", flush=True)
+    return {"set": each.name, **own, **took, "rehearsal": said.as_dict()}
+
+
 def main() -> None:
-    for name, make in SETS.items():
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--set", action="append", choices=list(SETS), dest="sets")
+    parser.add_argument("--trials", type=int, default=TRIALS)
+    parser.add_argument("--list", action="store_true")
+    parser.add_argument("--json", type=Path)
+    given = parser.parse_args()
+    results = []
+    for name in given.sets or SETS:
         try:
-            found = make()
+            sets = SETS[name]()
         except InputError as refusal:
             print(f"{name}: {refusal}")
             continue
-        for each in found:
-            print(f"{each.name}")
-            print(f"  fit: {_seconds(each.fit)}\n  calibrate: {_seconds(each.calibrate)}")
-            print(f"  rehearse: {_seconds(each.rehearse)}")
-            for fault in each.body().signals.faults:
-                bounds = f"{fault.min:g} to {fault.max:g} {fault.unit}".rstrip()
-                print(f"  {fault.name}: {fault.enters} {fault.target}, {bounds}")
+        for each in sets:
+            if given.list:
+                listed(each)
+            else:
+                results.append(rehearsed(each, given.trials))
+    if given.json:
+        given.json.write_text(json.dumps(results, indent=1) + "\n")
 
 
 if __name__ == "__main__":

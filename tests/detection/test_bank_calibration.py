@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from faultgauge.detection.bank import CERTAIN, build_fault_bank
-from faultgauge.detection.bank_calibration import calibrate_bank, level_of
+from faultgauge.detection.bank_calibration import _believed, calibrate_bank, level_of
+from faultgauge.detection.blocks import Block
 from faultgauge.detection.decisions import decide, decide_runs
 from faultgauge.detection.noise import Noise
 from faultgauge.detection.uncalibrated import unjudged_sentence
@@ -56,12 +57,13 @@ def model(more="", rules="", text=LAG):
 def log(seed, push=0.0, error=0.0, bias=0.0, until=COUNT, samples=COUNT):
     """Exact under the hold, with `error` on x' throughout: what the model does not know."""
     rng = np.random.default_rng(seed)
+    error = np.broadcast_to(error, samples)
     u = np.repeat(rng.uniform(-1, 1, samples // 20), 20)
     k = np.arange(samples)
     acts = (k >= COUNT // 2) & (k < until)
     fade, x = np.exp(-0.2 * STEP), np.zeros(samples)
     for j in range(samples - 1):
-        x[j + 1] = fade * x[j] + (1 - fade) / 0.2 * (u[j] + error + push * acts[j])
+        x[j + 1] = fade * x[j] + (1 - fade) / 0.2 * (u[j] + error[j] + push * acts[j])
     y = x + bias * acts + SIGMA * rng.standard_normal(samples)
     return Run(f"run{seed}", "lag.csv", STEP * k, {"u": u, "x": y})
 
@@ -100,6 +102,40 @@ def test_a_run_that_looks_faulty_is_named_and_kept():
     assert any("run3" in each and "looks faulty" in each for each in found.warnings)
     assert {run for run, *_ in found.block["suspects"]} == {"run3"}
     assert found.block["level"] > max(b.peak for b in found.blocks)  # kept: it raises the level
+
+
+def test_evidence_is_believed_as_far_as_healthy_logs_show_no_fault():
+    """A model that is right is believed in full. One that errs by a square wave of 0.1 in x', which
+    is neither white nor a rare step, would be sure of faults in healthy logs."""
+    right = calibrate_bank(model(), [log(1), log(2), log(3)], NOISE)
+    assert right.block["widened"] == 1.0
+    assert right.noise.as_dict(model()) == NOISE.as_dict(model())
+    wave = 0.1 * np.sign(np.sin(2 * np.pi * np.arange(COUNT) / 200))
+    wrong = calibrate_bank(model(), [log(k, error=wave) for k in (1, 2, 3)], NOISE)
+    factor = wrong.block["widened"]
+    assert factor > 1.0
+    assert max(each.peak for each in wrong.blocks) <= 0.0  # even odds
+    for name in ("sigma", "process", "drift", "size", "spread"):
+        np.testing.assert_allclose(getattr(wrong.noise, name), factor * getattr(NOISE, name))
+    for name in ("lasting", "lag", "settling", "shift"):
+        np.testing.assert_array_equal(getattr(wrong.noise, name), getattr(NOISE, name))
+
+
+def test_evidence_falls_with_the_square_of_how_far_it_is_believed():
+    """Blocks of a filter with noise s times as large: ln odds -7 + E / s^2 with E the evidence, so
+    E = 42 at most shows none from s = sqrt(42 / 7) on, and s is taken no more than 5 % larger."""
+    bank = build_fault_bank(model(), [log(1)], NOISE)
+    evidence = np.array([42.0, 12.0, 0.0])
+
+    def tried(widened):
+        peaks = -7 + evidence / widened**2
+        return bank, [Block("a", 0.0, 1.0, float(peak)) for peak in peaks]
+
+    widened, _, blocks = _believed(*tried(1.0), tried)
+    assert np.sqrt(6) <= widened <= 1.05 * np.sqrt(6)
+    assert max(each.peak for each in blocks) <= 0.0
+    calm = [Block("a", 0.0, 1.0, -0.1)]
+    assert _believed(bank, calm, tried) == (1.0, bank, calm)
 
 
 def test_a_longer_time_than_the_blocks_support_is_refused():

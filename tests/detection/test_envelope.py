@@ -1,5 +1,7 @@
 """Where the bank trusts its model: a cart on a rail, whose place nothing depends on."""
 
+from dataclasses import replace
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -8,6 +10,7 @@ from faultgauge.detection.bank import build_fault_bank
 from faultgauge.detection.decisions import decide
 from faultgauge.detection.envelope import applied
 from faultgauge.detection.noise import Noise
+from faultgauge.detection.verdicts import Verdicts
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
 from faultgauge.plants.plant import respond
@@ -110,6 +113,24 @@ def test_what_the_file_bounds_is_not_trusted_beyond():
     decision = decide(build(bounded), log(3, swing(3.0), np.zeros(COUNT)))
     assert set(decision.status[20:]) == {"NOT_JUDGED"}
     assert decision.reason[-1] == "u is outside of its trusted range, -1 to 1"
+
+
+@pytest.mark.parametrize("monitor", ["active", "passive"])
+def test_where_the_model_is_not_trusted_no_fault_raises_an_alarm_or_gets_a_name(bank, monitor):
+    """One posterior, sure of a push, judged where the model is trusted and where it is not."""
+    push = np.where(np.arange(COUNT) >= COUNT // 2, 0.5, 0.0)
+    decision = decide(bank, log(4, swing(0.5), push))
+    text = CART.replace('target = "u"', f'target = "u"\nmonitor = "{monitor}"')
+    text = text.replace("max = 9", "max = 9\ntrusted = [-1, 1]")
+    judging = replace(bank, model=model(text))
+    active = monitor == "active"
+    found = decision.posterior if active else replace(decision.posterior, calm=np.ones(COUNT))
+    assert found.p[-1, 0] > 0.99
+    for outside, told in ((0, True), (1, False)):
+        where = replace(found, outside=np.full(COUNT, outside))
+        verdict = Verdicts(judging).judge(decision.run, where, [""] * COUNT)
+        assert verdict.alarm.any() == (told and active)
+        assert verdict.named.any() == told
 
 
 def test_what_is_applied_is_what_the_plant_is_given():

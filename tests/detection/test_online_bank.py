@@ -11,6 +11,7 @@ from faultgauge.detection.estimation import Judgement, estimate
 from faultgauge.detection.estimation import table as plain_table
 from faultgauge.detection.events import BankEvent
 from faultgauge.detection.flat_line import FlatLine, longest_repeats
+from faultgauge.detection.noise import Noise
 from faultgauge.detection.online import Online
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
@@ -71,6 +72,11 @@ def holed(run):
     return Run(run.name, run.source, t, columns)
 
 
+def short(run, count):
+    columns = {name: values[:count] for name, values in run.columns.items()}
+    return Run(run.name, run.source, run.t[:count], columns)
+
+
 def streamed(judge, run):
     said = []
     for k, t in enumerate(run.t):
@@ -81,8 +87,7 @@ def streamed(judge, run):
 @pytest.mark.parametrize("block", [None, {"channels": {}, "limit": 1.0}])
 def test_without_calibration_every_row_says_so_as_in_the_file(block):
     plain = model() if block is None else model().with_calibration(block)
-    run = log(3)
-    run = Run(run.name, run.source, run.t[:300], {n: v[:300] for n, v in run.columns.items()})
+    run = short(log(3), 300)
     (judged,), _ = decide_runs(plain, [run])
     said = streamed(Online(plain, observer="bank"), run)
     names = plain.plant.signals.fault_names
@@ -108,6 +113,38 @@ def test_every_bit_of_a_holed_log_is_that_of_the_file(calibrated):
     assert {"pump", "gauge"} <= {e.fault for e in events}
     alarms = [(a.fault, a.start) for a in said if isinstance(a, Alarm)]
     assert set(alarms) == {(e.fault, e.start) for e in events}
+
+
+LIMITED = TANK.replace('hold = "zero"', 'hold = "zero"\nmin = 0.7\nmax = 1.2')
+LIMITED = LIMITED.replace('enters = "input"\ntarget = "u"', 'enters = "state"\ntarget = "x"')
+LEVELS = [SIGMA], [1e-3], [], [1e-4], [100.0], [1e-3], [5.0], [], []
+
+
+@pytest.mark.parametrize("observer", ["bank", "eso"])
+def test_a_command_beyond_its_limits_is_the_limit_in_file_and_stream(observer):
+    """The log of a pump that does 0.7 to 1.2 l/s of what it is told, and of one told just that."""
+    plain = model(LIMITED)
+    noise = Noise(*(np.array(each) for each in LEVELS)).as_dict(plain)
+    judging = plain.with_calibration({"noise": noise, "bank": {"level": 3.0, "healthy_s": 700.0}})
+    done = short(log(3), 120)
+    u = np.clip(done.columns["u"], 0.7, 1.2)
+    done = Run(done.name, done.source, done.t, done.columns | {"u": u})
+    beyond = np.where(u == 1.2, 5.0, np.where(u == 0.7, -1.0, u))
+    told = Run(done.name, done.source, done.t, done.columns | {"u": beyond})
+    assert not np.array_equal(u, beyond)
+    tables = []
+    for run in (done, told):
+        if observer == "bank":
+            judged, form = decide_runs(judging, [run])[0], table
+        else:
+            judged, form = estimate(judging, [run])[0], plain_table
+        said = streamed(Online(judging, observer=observer), run)
+        rows = [each for each in said if type(each) is type(judged[0])]
+        names = plain.plant.signals.fault_names
+        tables += [form(judged, names), form(rows, names)]
+    for each in tables[1:]:
+        for name, cells in tables[0].items():
+            np.testing.assert_array_equal(np.array(each[name]), np.array(cells), name)
 
 
 LEAKY = TANK.replace('[faults.gauge]\nenters = "output"\ntarget = "x"', "")

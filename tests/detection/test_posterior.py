@@ -5,9 +5,11 @@ import pytest
 from scipy.optimize import brentq
 from scipy.stats import norm
 
-from faultgauge.detection.noise import noise_of
+from faultgauge.detection.bank import build_fault_bank
+from faultgauge.detection.course import Rows
+from faultgauge.detection.noise import Noise, noise_of
 from faultgauge.detection.noise_estimation import estimate_noise
-from faultgauge.detection.posterior import mixture_quantiles
+from faultgauge.detection.posterior import mixture_quantiles, posterior_of
 from faultgauge.errors import InputError
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
@@ -94,3 +96,20 @@ def test_a_model_without_noise_is_refused():
         noise_of(model())
     with pytest.raises(InputError, match="at least 100 samples"):
         estimate_noise(model(), [healthy(1, 60)])
+
+
+def test_an_estimate_and_its_interval_keep_to_the_faults_limits():
+    """A bias for certain, 0.7 +- 2 in the filter, of which the file allows -0.5 to 0.5."""
+    levels = [SIGMA], [PROCESS], [], [1e-4], [100.0], [1e-3], [5.0], [], []
+    run = healthy(1, 100)
+    bank = build_fault_bank(model(), [run], Noise(*(np.array(each) for each in levels)))
+    held = bank.sets.index((1,))
+    p, f, sd = np.zeros((1, len(bank.sets) + 1)), *np.zeros((2, 1, len(bank.sets), 2))
+    p[0, held], f[0, held, 1], sd[0, held, 1] = 1.0, 0.7, 2.0
+    rows = Rows(
+        part=slice(0, 1), p=p, f=f, sd=sd, x=np.zeros((1, len(bank.plant.signals.states))),
+        seen=np.ones((1, 2, 2), bool), onset=np.ones((1, 2, 2)), ever=np.ones((1, 2)),
+        outside=np.zeros(1, int), held=np.zeros(1, bool),
+    )  # fmt: skip
+    found = posterior_of(bank, run, [rows])
+    assert (found.f[0, 1], found.lo[0, 1], found.hi[0, 1]) == (0.5, -0.5, 0.5)

@@ -1,18 +1,22 @@
 """Change-point smoothing: against the dense algebra of a Gaussian record, and on a tank."""
 
 import json
+from dataclasses import replace
 
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.stats import multivariate_normal
+from scipy.integrate import quad
+from scipy.stats import multivariate_normal, norm
 
 from faultgauge.detection.bank import build_fault_bank
 from faultgauge.detection.decisions import decide
 from faultgauge.detection.noise import Noise
 from faultgauge.detection.retrospective import as_dicts, retrospect, sentences
-from faultgauge.detection.shocks import Record, shocks
+from faultgauge.detection.shocks import Record, Shocks, shocks
+from faultgauge.detection.window import Window, causes_in
 from faultgauge.observers import divided_difference as dd
+from faultgauge.observers.branching import SCALES
 from faultgauge.plants.disturbed import Disturbed, Error
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
@@ -146,6 +150,30 @@ def test_a_mean_that_changes_in_known_noise_is_the_textbook_one():
     means = np.cumsum(y[::-1])[::-1] / left
     np.testing.assert_allclose(answer.information[:, 0], left / SIGMA**2, rtol=1e-7)
     np.testing.assert_allclose(answer.score[:, 0] / answer.information[:, 0], means, rtol=1e-6)
+
+
+def test_a_fault_that_an_input_at_its_limit_hides_shows_to_the_other_side():
+    """x' = u, known at the start, and u stands at its limit, 1: more of it changes nothing; less
+    from n on changes x_k by the steps into the samples n to k; there is none into the first. The
+    guess is the truth, so that no sample counts as an outlier."""
+    text = LAG.replace("u - 0.5*x", "u").replace('hold = "zero"', 'hold = "zero"\nmax = 1')
+    text = text.replace('[faults.leak]\nenters = "state"\ntarget = "x"',
+                        '[faults.leak]\nenters = "input"\ntarget = "u"')  # fmt: skip
+    filter, noise = lane(text, 0.0)
+    dt, k = np.where(np.arange(COUNT) > 0, STEP, 0.0), np.arange(COUNT)
+    found = []
+    for guess in (-0.5, 0.5):
+        f = np.zeros((COUNT, 3))
+        f[:, 1] = guess
+        x = STEP * k[:, None] * min(1 + guess, 1)
+        arrays = np.ones((COUNT, 1)), x, dt, f, np.zeros((COUNT, 3))
+        record = Record(*(jnp.asarray(a) for a in arrays))
+        begin = filter.begin(jnp.zeros(1), jnp.zeros(1))
+        found.append(shocks(filter, noise, begin, record, jnp.array([JUMP])).information[:, 1])
+    steps = np.clip(np.add.outer(1 - np.maximum(k, 1), k), 0, None)  # onset by sample
+    wanted = np.sum((STEP * steps / SIGMA) ** 2, axis=1)
+    np.testing.assert_allclose(found[0], wanted, rtol=1e-6)
+    np.testing.assert_array_equal(found[1], 0.0)
 
 
 TANK = """
@@ -310,3 +338,81 @@ def test_the_size_given_an_onset_is_its_part_of_the_mixture(biased):
     seen = biased[1][0]
     assert seen.density @ seen.given == pytest.approx(seen.size, rel=1e-6)
     assert seen.given[np.searchsorted(seen.t, 200.0) + 1] == pytest.approx(0.1, abs=0.01)
+
+
+def limited(bank, low, high):
+    """`bank` with these limits of its pump's fault, and nothing else changed."""
+    limits = f'unit = "l/s"\nmin = {low}\nmax = {high}'
+    spec = parse_plant(TANK.replace('unit = "l/s"', limits))
+    return replace(bank, model=Model(GrayBoxPlant.untrained(spec), bank.model.record))
+
+
+def test_no_size_is_told_beyond_the_limit_of_its_fault(bank, biased):
+    """The pump is off by 0.1, of which the file allows 0.095."""
+    (seen,) = retrospect(limited(bank, -1.0, 0.095), biased[0])
+    assert seen.cause == "pump"
+    assert 0 < seen.lo <= seen.size <= seen.hi <= 0.095
+
+
+@pytest.mark.parametrize("limits", [(-1e9, 1e9), (0.0, 1e9), (-1e9, 0.0), (-0.05, 0.1)])
+@pytest.mark.parametrize("score", [-30.0, 0.0, 30.0])
+def test_evidence_for_a_fault_is_that_of_the_sizes_it_may_have(bank, limits, score):
+    """By SciPy's quadrature: exp(score f - information f^2 / 2) over the normal prior of each
+    width, cut off at the limits."""
+    information, (low, high) = 400.0, limits
+    size, length = float(bank.size[0]), 3
+    count = bank.modes.filter.faults
+    nothing = np.zeros((length, 1))
+    scores, known = np.zeros((length, count)), np.full((length, count), information)
+    scores[:, 0] = score
+    found = Shocks(
+        *(jnp.asarray(a) for a in (scores, known, np.zeros(length), 0.0, nothing, nothing))
+    )
+    weight = causes_in(limited(bank, low, high), a_window(bank, length), found).weight[1:, 0]
+
+    def share(s):
+        a, b = max(low, -9 * s), min(high, 9 * s)
+        mass = norm.cdf(high, 0, s) - norm.cdf(low, 0, s)
+        peak = float(np.clip(score / (information + s**-2), a, b))
+        top = score * peak - information * peak**2 / 2
+
+        def density(f):
+            return np.exp(score * f - information * f**2 / 2 - top) * norm.pdf(f, 0, s)
+
+        width = 9 / np.sqrt(information)
+        ends = max(a, peak - width), min(b, peak + width)
+        return quad(density, *ends, points=[peak], limit=200)[0] * np.exp(top) / mass
+
+    wanted = np.log(np.mean([share(scale * size) for scale in SCALES]))
+    # a mass below a thousandth of a side is taken for that of the nearer limit alone
+    np.testing.assert_allclose(weight - np.log(bank.onset[0] * PACE), wanted, rtol=1e-6, atol=1e-6)
+
+
+def a_window(bank, length):
+    """So many samples in which nothing is said of inputs and outputs."""
+    dt, nothing = np.full(length, PACE), np.zeros((length, 1))
+    faults = np.zeros((length, bank.modes.filter.faults))
+    record = Record(*(jnp.asarray(a) for a in (nothing, nothing, dt, faults, faults)))
+    start = jnp.zeros(bank.modes.filter.states)
+    belief = bank.modes.filter.begin(start, start)
+    return Window(belief, record, PACE * np.arange(length), slice(0, length))
+
+
+def test_before_any_data_something_undeclared_is_a_hundred_times_rarer_than_a_fault(bank):
+    """As the method says: at the start of a log, at any time in it, and, with the log in hand, at
+    every onset behind its first sample. The tank's gauge may be off undeclared, or it is no fault
+    of a kind that anyone thought of: a hundredth each online, and both together in hindsight."""
+    prior = bank.modes.prior
+    rate, first = np.asarray(prior.onset), np.exp(prior.first)
+    for undeclared, declared in (
+        (rate[2], rate[:2]),
+        (prior.unknown, rate[:2]),
+        (first[2], first[:2]),
+    ):
+        np.testing.assert_allclose(undeclared / declared, 0.01, rtol=1e-9)
+    faults, count = bank.modes.filter.faults, 4
+    nothing = (count, faults), (count, faults), count, (), (count, 1), (count, 1)
+    found = Shocks(*(jnp.asarray(np.zeros(shape)) for shape in nothing))
+    weight = causes_in(bank, a_window(bank, count), found).weight[1:]
+    undeclared = np.logaddexp.reduce(weight[:, 2:], axis=1)
+    np.testing.assert_allclose(np.exp(undeclared[:, None] - weight[:, :2]), 0.01, rtol=1e-9)

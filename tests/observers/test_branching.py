@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.special import expit, logsumexp
+from scipy.stats import norm
 
 from faultgauge.observers import divided_difference as dd
 from faultgauge.observers.branching import SCALES, Branching, Prior
@@ -40,10 +41,12 @@ HEALTHY, PUSHED, BIASED, BOTH = range(4)
 NEVER = 1e-300
 
 
-def bank(faults=(PUSH,), sigma=SIGMA, recovery=NEVER, common=NEVER):
-    """Only `faults` happen, go at the rate `recovery`, and have `common` causes; nothing
-    undeclared does."""
-    base = GrayBoxPlant.untrained(parse_plant(LAG))
+def bank(
+    faults=(PUSH,), sigma=SIGMA, recovery=NEVER, common=NEVER, text=LAG, limits=(-np.inf, np.inf)
+):
+    """Only `faults` happen, within `limits`, go at the rate `recovery`, and have `common` causes;
+    nothing undeclared does."""
+    base = GrayBoxPlant.untrained(parse_plant(text))
     error = Error(*(jnp.array([each]) for each in (TAU, 1.0, 0.0)))
     plant = Disturbed.of(base, (0,), (0,), error, (), jnp.zeros(0), jnp.zeros((0, 0)))
     process = np.array([PROCESS, SIZE * np.sqrt(2 / TAU), 0.0])
@@ -51,8 +54,8 @@ def bank(faults=(PUSH,), sigma=SIGMA, recovery=NEVER, common=NEVER):
     may = np.isin(range(2), faults)
     prior = Prior(
         size=jnp.array(WIDTHS),
-        low=jnp.full(2, -jnp.inf),
-        high=jnp.full(2, jnp.inf),
+        low=jnp.full(2, limits[0]),
+        high=jnp.full(2, limits[1]),
         onset=jnp.asarray(np.where(may, ONSET, NEVER)),
         recovery=jnp.full(2, recovery),
         common=jnp.asarray(common),
@@ -112,9 +115,10 @@ def linear(dt):
     return series[:3, :3].copy(), series[:3, 3], Q
 
 
-def brute(samples, fault, sigma=SIGMA):
-    """(p of the fault, its mean and sd if it is there, mean onset [s]) after the last sample: all
-    onsets, all widths of the prior, a Kalman filter each."""
+def brute(samples, fault, sigma=SIGMA, limits=(-np.inf, np.inf)):
+    """(ln odds of the fault, its mean and sd if it is there, mean onset [s]) after the last sample:
+    all onsets, all widths of the prior, a Kalman filter each; of the odds, the share of the size's
+    posterior within the `limits` over that of its prior."""
     u, y, steps = (each.ravel() for each in samples)
     count, dt = len(y), steps[1]
     F, G, Q = linear(dt)
@@ -141,6 +145,9 @@ def brute(samples, fault, sigma=SIGMA):
     before = np.log(ONSET * np.maximum(steps[:-1], 1e-12))
     prior = np.concatenate([[np.log(FIRST)], before]) - np.log(len(SCALES))
     ell = np.tile(prior, len(SCALES)) + total[:-1] - total[-1]
+    after = norm(m[:-1, 2], np.sqrt(P[:-1, 2, 2]))
+    for sign, spread in ((1, after), (-1, norm(0, widths[:-1]))):
+        ell += sign * np.log(spread.cdf(limits[1]) - spread.cdf(limits[0]))
     w = np.exp(ell - logsumexp(ell))
     mean = w @ m[:-1, 2]
     sd = np.sqrt(w @ (P[:-1, 2, 2] + (m[:-1, 2] - mean) ** 2))
@@ -184,6 +191,30 @@ def test_one_fault_is_bayes_over_all_onsets(fault, size, since):
         assert abs(STEP * (COUNT - 1) - ago - begun) < max(
             2 * wide, 1.01 * STEP
         )  # older than the log: within a step of its start
+
+
+@pytest.mark.parametrize(("size", "limits"), [(-0.1, (0.0, np.inf)), (0.12, (-0.03, 0.03))])
+def test_sizes_that_a_fault_cannot_have_say_nothing_for_it(size, limits):
+    """Odds of Bayes with the prior cut off at the limits, as close as without: e^1."""
+    samples = log(1, push=[(size, 100, COUNT)])
+    wanted = brute(samples, PUSH, limits=limits)[0]
+    assert wanted < brute(samples, PUSH)[0] - 4  # or this tests nothing
+    _, info = judged(bank(limits=limits), samples)
+    assert abs(odds(info.p[-1, PUSHED]) - wanted) < 1.0
+
+
+ALIKE = LAG.replace('[faults.bias]\nenters = "output"\ntarget = "x"',
+                    '[faults.pump]\nenters = "input"\ntarget = "u"')  # fmt: skip
+
+
+def test_of_two_faults_that_act_alike_neither_is_excluded():
+    """A push of the lag and one of its input, without limits: no data tell one from the other, and
+    their priors are equal. The first one is promoted by a sample that nothing else explains, and is
+    given the widest prior then; that must not make odds of 19 to 1, from which a fault is told."""
+    samples = log(1, push=[(1.0, 100, COUNT)], sigma=0.01)
+    _, info = judged(bank((PUSH, BIAS), text=ALIKE, sigma=0.01), samples)
+    assert info.p[-1, HEALTHY] < 1e-6
+    assert min(info.p[-1, PUSHED], info.p[-1, BIASED]) > 0.05
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -236,6 +267,21 @@ def test_two_faults_are_told_as_a_pair():
         assert info.sd[-1, BOTH, fault] < 0.1
     for fault, since in ((PUSH, 60), (BIAS, 120)):
         assert STEP * (COUNT - 1) - info.onset[-1, fault, 0] == pytest.approx(STEP * since, abs=2.0)
+
+
+def test_a_fault_that_begins_between_two_samples_is_off_by_its_standard_deviation():
+    """Its first step moves x by less than a whole one does, which is not a smaller push. Twelve
+    samples later, in twenty logs: were they normal, their mean square would be above 1.37^2 once in
+    a hundred times (chi-square of 20 degrees)."""
+    errors, k, size = [], np.arange(COUNT), 1.2
+    for seed, share in enumerate(np.repeat([0.1, 0.3, 0.5, 0.7, 0.9], 4)):
+        u, y, steps = log(seed, push=[(size, 100, COUNT)], sigma=3e-3)
+        first = size * (1 - np.exp(-A * share * STEP)) / A  # what it had done by sample 100
+        early = np.where(k >= 100, first * np.exp(-A * STEP * (k - 100)), 0.0)
+        _, info = judged(bank(sigma=3e-3), (u, y + early[:, None], steps))
+        assert info.p[112, PUSHED] > 0.99
+        errors.append((info.f[112, PUSHED, PUSH] - size) / info.sd[112, PUSHED, PUSH])
+    assert np.sqrt(np.mean(np.square(errors))) < 1.37
 
 
 def test_a_fault_that_goes_is_gone_and_was_there():

@@ -52,21 +52,24 @@ class Knowledge(NamedTuple):
         return float(self.sd[k, fault]) if k >= 0 else np.inf
 
     def apart(self, fault: int, t: float, others: Sequence[int]) -> float:
-        """sd of `fault` `t` [s] after its onset beside the one of `others` that is most like it."""
+        """sd of `fault` `t` [s] after its onset beside the one of `others` that is most like it;
+        those that only a change of the input tells apart do not count."""
         k = self._index(t)
         if k < 0:
             return np.inf
         own = self.left[: k + 1, :, fault]
         least = J = float(np.sum(own**2))
         for other in others:
-            for later in _onsets(k + 1, len(self.left)):
-                # the other one began `later`, or earlier, which shows before
-                theirs = self.left[max(-later, 0) : k + 1 - later, :, other]
-                whole = self.left[: k + 1 - later, :, other]
-                J22, J12 = np.sum(whole**2), np.sum(own[max(later, 0) :][: len(theirs)] * theirs)
-                if J22 > 0:
-                    least = min(least, J - float(J12**2 / J22))
-        return 1 / np.sqrt(max(least, 0.0)) if least > ALIKE * J else np.inf
+            left = [J - self._shared(own, other, each) for each in _onsets(k + 1, len(self.left))]
+            if min(left) > ALIKE * J:
+                least = min(least, *left)
+        return 1 / np.sqrt(least) if least > 0 else np.inf
+
+    def _shared(self, own: Float[np.ndarray, "times outputs"], other: int, later: int) -> float:
+        """Information on `own` that `other` explains if it began `later` (negative: before)."""
+        whole = self.left[: len(own) - later, :, other]
+        J12 = np.sum(own[max(later, 0) :] * whole[max(-later, 0) :])
+        return float(J12**2 / np.sum(whole**2)) if whole.any() else 0.0
 
     def _index(self, t: float) -> int:
         return int(np.searchsorted(self.t, t, "right")) - 1

@@ -1,0 +1,77 @@
+"""The levels of noise and model error that calibration finds are those that a simulation put in."""
+
+import numpy as np
+import pytest
+
+from faultgauge.detection.noise_estimation import estimate_noise
+from faultgauge.plants.gray_box import GrayBoxPlant
+from faultgauge.plants.model import Model
+from faultgauge.plants.plant_file import parse_plant
+from faultgauge.telemetry import Run
+
+LAG = """
+name = "lag"
+[states.x]
+derivative = "u - a*x"
+[inputs.u]
+hold = "zero"
+[outputs.x]
+value = "x"
+[parameters]
+a = { value = 0.2, fixed = FIXED }
+"""
+A, STEP, COUNT, LOGS = 0.2, 0.5, 240, 8
+SIGMA, PROCESS = 0.05, 0.02  # of a sample, per sqrt(s)
+SIZE, TAU = 0.2, 6.0  # of the discrepancy, and how long it lasts [s]
+
+
+def model(fixed):
+    points = np.random.default_rng(0).uniform([-3, -1], [3, 1], (60, 2))
+    record = {
+        "max_step": 1.0,
+        "envelope_points": points.tolist(),
+        "columns": {"states": [["x", 0]], "outputs": ["x"]},
+        "data": {"fit": [], "validate": []},
+    }
+    text = LAG.replace("FIXED", str(fixed).lower())
+    return Model(GrayBoxPlant.untrained(parse_plant(text)), record)
+
+
+def log(seed, a=A, size=SIZE, count=COUNT):
+    """x' = u + d - a x + w, d a Gauss-Markov process: exact under the hold of u and d."""
+    rng = np.random.default_rng(seed)
+    u = np.repeat(rng.uniform(-1, 1, count // 20), 20)
+    slow, fade = np.exp(-STEP / TAU), np.exp(-a * STEP)
+    d, x = size * rng.standard_normal(), np.zeros(count)
+    for k in range(count - 1):
+        x[k + 1] = fade * x[k] + (1 - fade) / a * (u[k] + d)
+        x[k + 1] += PROCESS * np.sqrt(STEP) * rng.standard_normal()
+        d = slow * d + size * np.sqrt(1 - slow**2) * rng.standard_normal()
+    y = x + SIGMA * rng.standard_normal(count)
+    return Run(f"{seed}", "lag.csv", STEP * np.arange(count), {"u": u, "x": y})
+
+
+def test_noise_and_discrepancy_are_found_as_large_and_as_lasting_as_they_were():
+    """The scatter is at least that of someone who sees noise and discrepancy themselves, relative:
+    1 / sqrt(2 n) of sigma from n samples, sqrt(tau / 2 T) of the size and sqrt(2 tau / T) of tau
+    from T seconds (M. S. Bartlett, 1946); three of those."""
+    found = estimate_noise(model(True), [log(seed) for seed in range(LOGS)])
+    samples = LOGS * COUNT
+    slow = TAU / (samples * STEP)
+    for name, truth, scatter in (
+        ("sigma", SIGMA, 1 / np.sqrt(2 * samples)),
+        ("size", SIZE, np.sqrt(slow / 2)),
+        ("lasting", TAU, np.sqrt(2 * slow)),
+    ):
+        off = float(np.log(getattr(found, name)[0] / truth))
+        assert abs(off) < 3 * scatter, name
+
+
+def test_constants_spread_between_runs_as_much_as_they_were_drawn():
+    """Twelve constants scatter about their own spread by 1 / sqrt(22), a fifth; what is found is
+    that of the twelve themselves to half of it, and their mean to as much of the spread."""
+    own = A * (1 + 0.1 * np.random.default_rng(100).standard_normal(12))
+    found = estimate_noise(model(False), [log(k, a, size=0.01) for k, a in enumerate(own)])
+    spread = np.std(own, ddof=1)
+    assert found.spread[0] == pytest.approx(spread, rel=0.1)
+    assert A + found.shift[0] == pytest.approx(np.mean(own), abs=0.1 * spread)
