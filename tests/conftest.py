@@ -11,10 +11,34 @@ import pytest
 
 # Most tests run a program once: quick compiling beats quick code.
 QUICK = "--xla_cpu_multi_thread_eigen=false --xla_cpu_use_fusion_emitters=false"
+# By the time that they take: were one of these among the last, it would run on one core alone.
+LONGEST = (
+    "studies/test_reproduction.py",
+    "test_docs.py",
+    "identification/test_sizes.py",
+    "cli/test_commands.py",
+    "test_accommodation_page.py",
+    "identification/refinement/test_together.py",
+    "identification/test_crowds.py",
+    "cli/test_resample.py",
+    "identification/test_unseen.py",
+    "detection/test_online_bank.py",
+    "detection/test_slow_sensors.py",
+    "rehearsal/test_rehearse.py",
+    "cli/test_settings.py",
+    "cli/test_suspect_data.py",
+    "studies/test_published_tanks.py",
+    "detection/test_bank_calibration.py",
+    "cli/test_bad_input.py",
+    "studies/test_accommodating.py",
+    "identification/refinement/test_claims.py",
+    "identification/test_command_checks.py",
+)
 # As the commands have it: one thread each; a program is compiled once for all workers.
 for name, value in {
     "OPENBLAS_NUM_THREADS": "1",
-    "XLA_FLAGS": f"{QUICK} --xla_backend_optimization_level=0",
+    "XLA_FLAGS": f"{QUICK} --xla_backend_optimization_level=1",
+    "JAX_DISABLE_MOST_OPTIMIZATIONS": "1",
     "JAX_PLATFORMS": "cpu",
     "JAX_COMPILATION_CACHE_DIR": str(Path(__file__).parents[1] / ".cache" / "jax"),
     "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.2",
@@ -25,13 +49,18 @@ for name, value in {
 
 gc.set_threshold(200_000)  # as the commands have it: tracing makes many objects and few cycles
 
-jaxtyping.install_import_hook("faultgauge", "beartype.beartype").__enter__()
+jaxtyping.install_import_hook("faultgauge", "type_checks.checked").__enter__()
 
 import jax  # noqa: E402  (after the hook, so that nothing of ours is imported before it)
 
 jax.config.update("jax_enable_x64", True)
 
 MAPS = Path("/proc/self/maps")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    place = {Path(__file__).parent / name: k for k, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: place.get(item.path, len(LONGEST)))
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -43,6 +72,17 @@ def few_programs() -> Iterator[None]:
         jax.clear_caches()
 
 
+@pytest.fixture(scope="module")
+def quick_code() -> Iterator[None]:
+    """For modules that run what they compile for long. No program is shared with others: theirs
+    may differ in the last bit."""
+    jax.clear_caches()
+    jax.config.update("jax_disable_most_optimizations", False)
+    yield
+    jax.config.update("jax_disable_most_optimizations", True)
+    jax.clear_caches()
+
+
 @pytest.fixture(scope="session")
 def long_jobs() -> dict[str, str]:
     """Environment of processes that run what they compile for long, and one after another the
@@ -51,7 +91,7 @@ def long_jobs() -> dict[str, str]:
     return {
         **os.environ,
         "PATH": programs,
-        "XLA_FLAGS": f"{QUICK} --xla_backend_optimization_level=1",
+        "JAX_DISABLE_MOST_OPTIMIZATIONS": "0",
         "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
     }
 

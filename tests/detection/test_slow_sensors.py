@@ -21,6 +21,8 @@ from faultgauge.telemetry.rates import align
 from faultgauge.telemetry.stream import Sample
 from faultgauge.telemetry.writing import as_table, write_table
 
+pytestmark = pytest.mark.usefixtures("quick_code")
+
 HEATER = """
 name = "heater"
 [states.x]

@@ -13,6 +13,8 @@ from faultgauge.plants.plant_file import parse_plant
 from faultgauge.reporting.chapters import fit_sections
 from faultgauge.telemetry import Run
 
+pytestmark = pytest.mark.usefixtures("quick_code")
+
 PLANT = """
 name = "filter"
 [states.x]

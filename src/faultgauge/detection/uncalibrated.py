@@ -1,9 +1,11 @@
 """The bank over a model that was not calibrated for it: rows that say so."""
 
 import numpy as np
+from jaxtyping import Float
 
 from faultgauge.detection.posterior import WIDE, Posterior
 from faultgauge.detection.priors import sizes_of
+from faultgauge.detection.remember import once
 from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run
 
@@ -29,12 +31,18 @@ def unjudged_sentence(model: Model) -> str:
     )
 
 
+@once
+def _reach(model: Model) -> Float[np.ndarray, "faults"]:
+    """How far the prior of each fault reaches; a stream asks at every row."""
+    return WIDE * sizes_of(model, model.plant)
+
+
 def prior_of(model: Model, run: Run) -> Posterior:
     """No probabilities, and every fault as its prior has it."""
     signals, count = model.plant.signals, len(run.t)
     faults = signals.faults
     nothing = np.full((count, len(faults)), np.nan)
-    reach = WIDE * sizes_of(model, model.plant)
+    reach = _reach(model)
     on = np.where([fault.monitor == "disabled" for fault in faults], np.nan, 1.0)
     lo = on * np.maximum(-reach, [fault.min for fault in faults])
     hi = on * np.minimum(reach, [fault.max for fault in faults])
