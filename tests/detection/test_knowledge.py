@@ -100,6 +100,10 @@ def test_a_fault_is_named_by_what_no_other_one_leaves():
         (size,), *_ = np.linalg.lstsq(theirs[:, None], own, rcond=None)
         left.append(np.sum((own - size * theirs) ** 2))
     # only some of the onsets are tried: the least may be missed by a little
-    assert known.apart(0, 100.0, [1]) == pytest.approx(1 / np.sqrt(min(left)), rel=0.02)
-    assert known.apart(0, 100.0, []) == pytest.approx(known.at(0, 100.0))
-    assert known.apart(0, 100.0, [0]) == known.apart(0, 100.0, [])  # itself: nothing tells apart
+    assert known.apart(0, 100.0, {1: 1e9}) == pytest.approx(1 / np.sqrt(min(left)), rel=0.02)
+    assert known.apart(0, 100.0, {}) == pytest.approx(known.at(0, 100.0))
+    assert known.apart(0, 100.0, {0: 1e9}) == known.apart(
+        0, 100.0, {}
+    )  # itself: nothing tells apart
+    # a bias that cannot be large explains little
+    assert known.apart(0, 100.0, {1: 1e-9}) == pytest.approx(known.at(0, 100.0))

@@ -128,7 +128,7 @@ def least_told(bank: FaultBank, run: Run, fault: int) -> float | None:
     if (fault,) not in bank.sets:
         return None
     half = float(run.t[-1] - run.t[0]) / 2
-    others = [k for k in range(len(bank.size)) if k != fault and (k,) in bank.sets]
+    others = {k: float(s) for k, s in enumerate(bank.size) if k != fault and (k,) in bank.sets}
     sd, apart = bank.knowledge.at(fault, half), bank.knowledge.apart(fault, half, others)
     size = float(bank.size[fault])
     if not max(sd, apart) < size:

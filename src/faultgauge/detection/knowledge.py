@@ -10,10 +10,10 @@ on a grid of times that reaches as far as the healthy logs are long. Where the d
 shorter than that, sd falls on; where it lasts longer, sd ends at what the discrepancy hides. To be
 named, a fault must not leave what another one of some size would, whenever that began:
 
-    1 / apart(t)^2 = min over others, onsets of  J - J_12^2 / J_22.
+    1 / apart(t)^2 = min over others of size s, onsets of  J - J_12^2 / (J_22 + 1 / s^2).
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -51,25 +51,29 @@ class Knowledge(NamedTuple):
         k = self._index(t)
         return float(self.sd[k, fault]) if k >= 0 else np.inf
 
-    def apart(self, fault: int, t: float, others: Sequence[int]) -> float:
-        """sd of `fault` `t` [s] after its onset beside the one of `others` that is most like it;
-        those that only a change of the input tells apart do not count."""
+    def apart(self, fault: int, t: float, others: Mapping[int, float]) -> float:
+        """sd of `fault` `t` [s] after its onset beside the one of `others`, each of a standard
+        deviation, that is most like it; those that only a change of the input tells apart do not
+        count."""
         k = self._index(t)
         if k < 0:
             return np.inf
         own = self.left[: k + 1, :, fault]
         least = J = float(np.sum(own**2))
-        for other in others:
-            left = [J - self._shared(own, other, each) for each in _onsets(k + 1, len(self.left))]
+        for other, size in others.items():
+            onsets = _onsets(k + 1, len(self.left))
+            left = [J - self._shared(own, other, size, later) for later in onsets]
             if min(left) > ALIKE * J:
                 least = min(least, *left)
         return 1 / np.sqrt(least) if least > 0 else np.inf
 
-    def _shared(self, own: Float[np.ndarray, "times outputs"], other: int, later: int) -> float:
+    def _shared(
+        self, own: Float[np.ndarray, "times outputs"], other: int, size: float, later: int
+    ) -> float:
         """Information on `own` that `other` explains if it began `later` (negative: before)."""
         whole = self.left[: len(own) - later, :, other]
         J12 = np.sum(own[max(later, 0) :] * whole[max(-later, 0) :])
-        return float(J12**2 / np.sum(whole**2)) if whole.any() else 0.0
+        return float(J12**2 / (np.sum(whole**2) + 1 / size**2))
 
     def _index(self, t: float) -> int:
         return int(np.searchsorted(self.t, t, "right")) - 1

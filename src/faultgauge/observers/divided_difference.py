@@ -120,9 +120,10 @@ class DividedDifferenceFilter(eqx.Module):
         grows[list(self.growing), range(n + k, size)] = 1.0
         A = jnp.concatenate([A, np.eye(size)[n:] + dt * grows])
         jump = self.plant.kicked(after, u_before, u, belief.mean[n : n + k])
-        mean = jnp.concatenate([after + jump, A[n:] @ belief.mean])
+        mean = jnp.concatenate([after, A[n:] @ belief.mean])
         rates = jnp.zeros(size - n - k)
         Q = dt * jnp.concatenate([noise.process, noise.walk * self._present(belief), rates]) ** 2
+        Q = Q.at[:n].add(jump**2)
         return Belief(mean, A @ belief.P @ A.T + jnp.diag(Q)), Flow(A, up, down)
 
     def look(
