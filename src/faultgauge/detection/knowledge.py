@@ -62,18 +62,18 @@ class Knowledge(NamedTuple):
         least = J = float(np.sum(own**2))
         for other, size in others.items():
             onsets = _onsets(k + 1, len(self.left))
-            left = [J - self._shared(own, other, size, later) for later in onsets]
-            if min(left) > ALIKE * J:
-                least = min(least, *left)
+            J12, J22 = np.array([self._shared(own, other, later) for later in onsets]).T
+            if J - np.max(J12**2 / J22) > ALIKE * J:
+                least = min(least, J - np.max(J12**2 / (J22 + 1 / size**2)))
         return 1 / np.sqrt(least) if least > 0 else np.inf
 
     def _shared(
-        self, own: Float[np.ndarray, "times outputs"], other: int, size: float, later: int
-    ) -> float:
-        """Information on `own` that `other` explains if it began `later` (negative: before)."""
+        self, own: Float[np.ndarray, "times outputs"], other: int, later: int
+    ) -> tuple[float, float]:
+        """(J_12, J_22) of `own` and what `other` leaves if it began `later` (negative: before)."""
         whole = self.left[: len(own) - later, :, other]
         J12 = np.sum(own[max(later, 0) :] * whole[max(-later, 0) :])
-        return float(J12**2 / (np.sum(whole**2) + 1 / size**2))
+        return float(J12), float(np.sum(whole**2)) + 1e-300
 
     def _index(self, t: float) -> int:
         return int(np.searchsorted(self.t, t, "right")) - 1
