@@ -120,7 +120,7 @@ def test_evidence_is_believed_as_far_as_healthy_logs_show_no_fault():
     assert max(each.peak for each in wrong.blocks) <= np.log(20 * 0.004 * faults)
     for name in ("sigma", "process", "drift", "size"):
         np.testing.assert_allclose(getattr(wrong.noise, name), factor * getattr(NOISE, name))
-    for name in ("lasting", "lag", "settling", "shift", "spread"):
+    for name in ("lasting", "share", "settling", "shift", "spread"):
         np.testing.assert_array_equal(getattr(wrong.noise, name), getattr(NOISE, name))
 
 

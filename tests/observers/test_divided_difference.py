@@ -36,7 +36,7 @@ rate = 0.01
 enters = "output"
 target = "x"
 """
-A, TAU, SETTLING, LAGS, STEP = 0.5, 8.0, 1.5, 0.2, 0.4
+A, TAU, SETTLING, SHARE, STEP = 0.5, 8.0, 1.5, 0.2, 0.4
 SIGMA, PROCESS = (0.1, 0.3), (0.05, 0.04, 0.0)
 COUNT = 40
 NOISE = Noise(jnp.array(PROCESS), jnp.array([0.02, 0.0]), jnp.array(SIGMA))
@@ -46,7 +46,7 @@ SPREAD = np.array([0.4, 0.1, 0.2, 0.5, 0.0, 0.01])
 
 def lane(text=LAG, limits=""):
     base = GrayBoxPlant.untrained(parse_plant(text.format(limits=limits)))
-    error = Error(*(jnp.array([each]) for each in (TAU, SETTLING, LAGS)))
+    error = Error(*(jnp.array([each]) for each in (TAU, SETTLING, SHARE)))
     plant = Disturbed.of(base, (0,), (0,), error, (), jnp.zeros(0), jnp.zeros((0, 0)))
     return DividedDifferenceFilter(plant, jnp.ones(3), jnp.full(2, 0.1), (0,), 1)
 
@@ -89,7 +89,7 @@ def textbook(u, y):
         if k:
             mean, P = F @ mean + G * u[k - 1], F @ P @ F.T + np.diag(q**2 * STEP)
             change = u[k] - u[k - 1]
-            mean[2] -= LAGS * change
+            P[2, 2] += (SHARE * change) ** 2
         seen = np.isfinite(y[k])
         C, R = H[seen], np.diag(np.array(SIGMA)[seen] ** 2)
         e = y[k][seen] - C @ mean - np.array([0.0, u[k]])[seen]

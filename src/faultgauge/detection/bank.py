@@ -204,7 +204,7 @@ def _far(model: Model, noise: Noise) -> Float[np.ndarray, "driven"]:
 def _parts(model: Model, noise: Noise) -> tuple[int, int, int]:
     """How many states, driven ones and, behind their discrepancies, other ones there are."""
     states, driven = len(model.plant.signals.states), len(noise.size)
-    return states, driven, len(noise.lag) + len(drifting_of(model)) + len(noise.spread)
+    return states, driven, len(noise.share) + len(drifting_of(model)) + len(noise.spread)
 
 
 def unknown_shock(bank: FaultBank) -> Float[np.ndarray, "extended"]:

@@ -113,7 +113,7 @@ def knowledge_of(
     start = np.ones(len(q))
     start[:states] = q[:states] * np.sqrt(dt)
     start[states : states + len(noise.size)] = noise.size
-    start[states + len(noise.size) :][: len(noise.lag)] = 0.0
+    start[states + len(noise.size) :][: len(noise.share)] = 0.0
     P = np.diag(start**2)
     for _ in range(TIMES):
         P = _predicted(A, C, Q, R, P)

@@ -37,13 +37,12 @@ __all__ = [
 
 MOST_CONSTANTS = 6  # that are tracked: those that matter most
 USUAL_SPREAD = 0.01  # of a constant, from run to run
-START_SHARE = 1.0  # of a rate's spread: what may still follow an input when a log begins
 
 
 class Noise(NamedTuple):
     """Standard deviations: `sigma` of a sample, `process` and `drift` per sqrt(s), `size` of the
     discrepancy beside the dynamic states [its state's unit per s], which lasts for `lasting` [s];
-    a share `lag` of what an input's change does lags behind it, and settles in `settling` [s];
+    what an input's change does is off by a random `share` of it, and settles in `settling` [s];
     `spread` of the constants between runs, by how much `shift` their mean is off the fitted
     value, which an error of the model may have biased, and what share of their variance a gap
     within a run makes anew (`renewed`)."""
@@ -53,7 +52,7 @@ class Noise(NamedTuple):
     drift: Float[np.ndarray, "drifting"]
     size: Float[np.ndarray, "driven"]
     lasting: Float[np.ndarray, "driven"]
-    lag: Float[np.ndarray, "following"]
+    share: Float[np.ndarray, "following"]
     settling: Float[np.ndarray, "following"]
     spread: Float[np.ndarray, "constants"]
     shift: Float[np.ndarray, "constants"]
@@ -62,7 +61,7 @@ class Noise(NamedTuple):
     def widened(self, factor: float) -> "Noise":
         """What acts within a run `factor` times as large, which changes no gain of a filter; how
         constants differ between runs is no error of it."""
-        own = ("sigma", "process", "drift", "size")
+        own = ("sigma", "process", "drift", "size", "share")
         return self._replace(**{name: factor * getattr(self, name) for name in own})
 
     def as_dict(self, model: Model) -> dict[str, dict[str, float]]:
@@ -208,7 +207,7 @@ def offset_of(model: Model, noise: Noise) -> Float[np.ndarray, "parameters"]:
 
 def error_of(noise: Noise) -> Error:
     """What of `noise` the plant itself has."""
-    parts = (noise.lasting, noise.settling, noise.lag)
+    parts = (noise.lasting, noise.settling, noise.share)
     return Error(*(jnp.asarray(each) for each in parts))
 
 
@@ -220,7 +219,7 @@ def process_of(
         [
             noise.process,
             noise.size * np.sqrt(2 / noise.lasting),
-            np.zeros(len(noise.lag)),
+            np.zeros(len(noise.share)),
             noise.drift / np.maximum(drifted, 1e-300),
             np.zeros(len(noise.spread)),
         ]
@@ -255,7 +254,7 @@ def start_spread(
     """Of the states of `Disturbed` when a log begins."""
     sd, drifted = spread_of_start(model, noise.sigma, columns)
     usual = rates_of(model)[list(following_states(model.plant))]
-    follows = START_SHARE * noise.lag * usual
+    follows = noise.share * usual
     rest = follows, np.ones(len(drifted) + len(noise.spread))
     return np.concatenate([sd, noise.size, *rest])
 

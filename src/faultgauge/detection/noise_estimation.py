@@ -71,7 +71,7 @@ REACH = np.log(1e4)  # a level is looked for within this factor of its first gue
 DIFFERENCE = 1e-4  # of a logarithm, for the slope of the likelihood
 ROUNDS = (20, 12, 8)  # steps of each search; the constants are told anew between them
 USUAL_SIZE = 0.03  # of a state's rate: the discrepancy
-USUAL_SHARE = 0.1  # of an input's effect: what lags behind it
+USUAL_SHARE = 0.1  # of an input's effect: what a change of it is off by
 QUICK = 10.0  # samples in which that settles
 UNSURE = 1.5  # standard deviation of the logarithms of these
 ENOUGH = 2e-6  # of log-likelihood per sample: a step that gains less is the last
@@ -107,8 +107,8 @@ def estimate_noise(model: Model, runs: Sequence[Run], discrepancy: bool = True) 
     batch = _Batch.of(model, runs, noise, stretches)
     free = np.ones(len(low), bool)
     if not discrepancy:
-        noise = noise._replace(**{n: NONE * getattr(noise, n) for n in ("size", "lag", "spread")})
-        fixed = ("size", "lasting", "lag", "settling")
+        noise = noise._replace(**{n: NONE * getattr(noise, n) for n in ("size", "share", "spread")})
+        fixed = ("size", "lasting", "share", "settling")
         names = np.repeat(Noise._fields[:SEARCHED], [len(part) for part in noise[:SEARCHED]])
         free = ~np.isin(names, fixed)
     center = _logs(noise)
@@ -446,8 +446,8 @@ def _limits(
     pull = Noise(*wide)
     low.lasting[:], high.lasting[:] = np.log(5 * step), np.log(100 * length)
     low.settling[:], high.settling[:] = np.log(2 * step), np.log(length / 4)
-    high.lag[:] = 0.0
-    pull.size[:] = pull.lag[:] = UNSURE
+    high.share[:] = 0.0
+    pull.size[:] = pull.share[:] = UNSURE
     return (
         np.concatenate(low[:SEARCHED]),
         np.concatenate(high[:SEARCHED]),

@@ -2,13 +2,14 @@
 
     x' = F(x, u; theta + offset + W xi) + E (d + e),    d' = -d / tau + w,    xi' = 0,
 
-    e' = -e / settling,    and by -lag (F(x, u) - F(x, u before)) where u changes
+    e' = -e / settling,    and by N(0, (share (F(x, u) - F(x, u before)))^2) where u changes
 
 d is a Gauss-Markov process beside every state that is not exact kinematics (Kennedy and O'Hagan,
 J. R. Statist. Soc. B 63 (2001), "Bayesian calibration of computer models": what the model lacks is
-a process of its own); with infinite tau it is a random walk. e is what follows an input: with
-lag = 1 the input acts through a lag that the model does not have. xi are the
-directions in which the constants are uncertain, of unit variance.
+a process of its own); with infinite tau it is a random walk. e is what an input's change does
+besides: a random share of its effect, so that a lag or a delay that the model does not have is
+borne for as long as `settling`, and no loop that answers d by u makes d look like an effect of u.
+xi are the directions in which the constants are uncertain, of unit variance.
 """
 
 from collections.abc import Mapping
@@ -31,11 +32,11 @@ __all__ = ["Disturbed", "Error", "dynamic_states", "following_states"]
 
 class Error(NamedTuple):
     """Time constant `tau` [s] of every driven state's d; of every e its time constant `settling`
-    [s] and the share `lag` of what an input's change does at once."""
+    [s] and its `share` of what an input's change does (a standard deviation)."""
 
     tau: Float[Array, "driven"]
     settling: Float[Array, "following"]
-    lag: Float[Array, "following"]
+    share: Float[Array, "following"]
 
 
 class Disturbed(Plant):
@@ -105,13 +106,13 @@ class Disturbed(Plant):
         u: Float[Array, "inputs"],
         f: Float[Array, "faults"],
     ) -> Float[Array, "states"]:
-        """By how much the states jump where the input changes."""
+        """By how much the states may jump where the input changes (standard deviations)."""
         n, k, m = self.count, len(self.driven), len(self.following)
         if m == 0:
             return jnp.zeros(len(x))
         both = jax.vmap(lambda u: respond(self, x, u, f)[0])(jnp.stack([u, u_before]))
         change = self._acts(self.following).T @ (both[0] - both[1])[:n]
-        jump = -self.error.lag * change
+        jump = jnp.abs(self.error.share * change)
         return jnp.concatenate([jnp.zeros(n + k), jump, jnp.zeros(len(x) - n - k - m)])
 
     def _acts(self, states: tuple[int, ...]) -> Float[np.ndarray, "own some"]:
@@ -150,8 +151,7 @@ def dynamic_states(plant: Plant) -> tuple[int, ...]:
 
 
 def following_states(plant: Plant) -> tuple[int, ...]:
-    """Those of the dynamic states whose derivative reads an input: what an input does at once may
-    in truth lag."""
+    """Those of the dynamic states whose derivative reads an input."""
     dynamic = dynamic_states(plant)
     if not isinstance(plant, GrayBoxPlant):
         return dynamic

@@ -9,7 +9,7 @@ from faultgauge.detection.bank import FaultBank
 from faultgauge.detection.blocks import Block
 from faultgauge.detection.knowledge import Knowledge
 from faultgauge.detection.noise import Noise
-from faultgauge.plants.disturbed import dynamic_states
+from faultgauge.plants.disturbed import dynamic_states, following_states
 from faultgauge.plants.model import Model
 from faultgauge.plants.signals import Fault
 from faultgauge.reporting import style
@@ -146,11 +146,12 @@ def _levels(model: Model, noise: Noise) -> Table:
                 f"lasts {quantity(float(noise.lasting[k]), 's')}",
             )
         )
+    for k, place in enumerate(following_states(model.plant)):
         rows.append(
             (
-                f"of what an input does to d({state.name}): lags",
-                f"{noise.lag[k]:.2%}",
-                f"settles in {quantity(float(noise.settling[k]), 's')}",
+                f"of what a change of an input does to d({signals.states[place].name}), it errs by",
+                f"{noise.share[k]:.2%}",
+                f"for {quantity(float(noise.settling[k]), 's')}",
             )
         )
     rows += [
