@@ -16,8 +16,9 @@ of its own (the EM algorithm: Dempster, Laird and Rubin, J. R. Statist. Soc. B 3
 
     mean = avg m_r,    C = (sum_r (m_r - mean)^2 + V_r + C_0) / (R + 1),
 
-constants of one unit pooled, since few runs tell each one's spread badly. What of it lies between
-the stretches of one run, a gap makes anew: a vehicle that has landed flies on with another trim.
+the fitted values being those of one more run, and constants of one unit pooled, since few runs tell
+each one's spread badly. What of it lies between the stretches of one run, a gap makes anew: a
+vehicle that has landed flies on with another trim.
 """
 
 from collections.abc import Sequence
@@ -182,16 +183,15 @@ def _retold(model: Model, batch: "_Batch", noise: Noise) -> Noise:
         W = directions_of(model, known, noise.spread)[skip:, skip:]
         own = mean[0, :, skip:] @ W.T
         V = np.einsum("ij,rjk,ik->ri", W, P[0][:, skip:, skip:], W)
-        middle = own.mean(axis=0)
+        off = np.concatenate([noise.shift + own, np.zeros((1, own.shape[1]))])  # the fit: one more
+        mean_off, count = off.mean(axis=0), len(off)
         values = [float(model.plant.parameters[n]) for n in known.names]
         usual = np.array([usual_spread(value, 0.0) for value in values])
-        sums = np.sum((own - middle) ** 2 + V, axis=0)
-        squares, count = _pooled(model, known.names, sums), len(own)
+        sums = np.sum((off - mean_off) ** 2, axis=0) + V.sum(axis=0)
+        squares = _pooled(model, known.names, sums)
         spread = np.sqrt((squares + usual**2) / (count + 1) * (1 + 1 / count))
         new = _pooled(model, known.names, _within(batch, own, V)) / spread**2
-        noise = noise._replace(
-            spread=spread, shift=noise.shift + middle, renewed=np.clip(new, 0.0, 1.0)
-        )
+        noise = noise._replace(spread=spread, shift=mean_off, renewed=np.clip(new, 0.0, 1.0))
     return noise
 
 
