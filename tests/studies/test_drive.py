@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from faultgauge.studies import merit
 from faultgauge.studies.checkup import black_box, parts, with_some_fault
-from faultgauge.studies.drive import BODIES, measured_logs, run_drive, simulated_logs
+from faultgauge.studies.drive import BODIES, SETTLED, measured_logs, run_drive, simulated_logs
 from faultgauge.telemetry import Run
 
 
@@ -43,9 +44,14 @@ def test_a_network_does_as_well_as_the_physics_within_20_percent(measured):
 def test_the_simulated_drive_stands_in():
     logs = simulated_logs()
     assert logs.source.startswith("simulated")
-    figures = run_drive(logs, "physics").figures
-    assert figures["half_periods_wrong"] == 0
-    assert figures["pulse_rmse_share"] <= 0.03
+    drive = run_drive(logs, "physics")
+    # the screw's ripple, which the model does not know, leaves one half period of 50 undecided
+    assert drive.figures["half_periods_wrong"] <= 1
+    status = np.array(drive.decision.status)
+    settled = merit.settled(logs.faulty.t, merit.edges_of(logs.pulse), SETTLED)
+    assert "HEALTHY" not in status[settled & (logs.pulse > 0)]
+    assert "FAULT" not in status[settled & (logs.pulse == 0)]
+    assert drive.figures["pulse_rmse_share"] <= 0.03
 
 
 def test_the_pulse_is_hidden_from_the_input(data_dir, monkeypatch):
