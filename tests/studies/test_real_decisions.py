@@ -44,7 +44,7 @@ def test_measured_pulses_are_told_from_a_healthy_stretch():
 
 
 def test_a_sine_in_the_plant_file_is_told_from_friction():
-    flown = intermittent(harmonic_bank(PRESETS[0]), 0)
+    flown = intermittent(harmonic_bank(PRESETS[0], flights=1), 0)
     assert flown.quality.rmse <= 2e-4  # N*m, the goal
     run, error = flown.decision.run, flown.estimate - flown.truth
     edges = merit.edges_of(flown.truth)

@@ -64,10 +64,10 @@ def harmonic_flight(seed: int, faulty: bool) -> tuple[Run, Float[np.ndarray, "sa
     return Run(f"{seed}", "flight", run.t, columns), truth
 
 
-def harmonic_bank(preset: str) -> FaultBank:
-    """The bank over the equations of `preset`, calibrated on three healthy flights."""
+def harmonic_bank(preset: str, flights: int = len(CALIBRATION)) -> FaultBank:
+    """The bank over the equations of `preset`, calibrated on so many healthy flights."""
     plant = load_plant(preset)
-    runs = [harmonic_flight(seed, faulty=False)[0] for seed in CALIBRATION]
+    runs = [harmonic_flight(seed, faulty=False)[0] for seed in CALIBRATION[:flights]]
     points = np.concatenate([np.stack([r.columns["hm"], r.columns["u"]], axis=1) for r in runs])
     points = points[::20]
     hidden = len(plant.signals.states) - 1

@@ -48,9 +48,9 @@ class Verdict:
     dated: tuple[merit.Dated, ...]
 
 
-def rig_bank(left_out: str | None = None) -> FaultBank:
-    """The bank of the rig, calibrated on two healthy logs."""
-    runs = [window(seed, seconds=4000.0).run for seed in CALIBRATION]
+def rig_bank(left_out: str | None = None, seconds: float = 4000.0) -> FaultBank:
+    """The bank of the rig, calibrated on two healthy logs of so many `seconds`."""
+    runs = [window(seed, seconds=seconds).run for seed in CALIBRATION]
     model = true_model(rig(left_out), runs)
     noise = estimate_noise(model, runs)
     found = calibrate_bank(model, runs, noise)
