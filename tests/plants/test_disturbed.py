@@ -69,6 +69,13 @@ def test_derivative_and_output_by_hand(plant):
 def test_a_change_of_an_input_is_off_by_a_share_of_its_effect(plant, before, now, push, change):
     """k = 3.5 times the change of u as it acts, inside its limits, with the fault."""
     f = jnp.array([push, 0.0])
-    args = (jnp.array([before]), jnp.array([now]), f)
-    jump = np.asarray(plant.kicked(jnp.asarray(X), *args))
+    args = (jnp.array([before]), jnp.array([now]), f, f)
+    jump = np.asarray(plant.jumps(jnp.asarray(X), *args))
     np.testing.assert_allclose(jump, [0, 0, 0, SHARE * 3.5 * change, 0, 0], atol=1e-12)
+
+
+def test_a_fault_that_enters_with_an_input_is_off_by_that_share_too(plant):
+    """k = 3.5 times a push of 0.8; a sensor's fault moves nothing."""
+    u, none = jnp.array([0.5]), jnp.zeros(2)
+    pushed = plant.jumps(jnp.asarray(X), u, u, none, jnp.array([0.8, 0.3]))
+    np.testing.assert_allclose(pushed, [0, 0, 0, SHARE * 3.5 * 0.8, 0, 0], atol=1e-12)

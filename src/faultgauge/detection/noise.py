@@ -142,13 +142,23 @@ def usual_spread(value: float, se: float) -> float:
 @once
 def rates_of(model: Model) -> Float[np.ndarray, "states"]:
     """Standard deviation of the states' derivatives over the training envelope."""
+    found = _rates(model)
+    return np.std(found, axis=0) + 1e-9 * np.abs(found).max(axis=0, initial=0.0) + 1e-12
+
+
+@once
+def largest_rates(model: Model) -> Float[np.ndarray, "states"]:
+    """Of the states' derivatives over the training envelope."""
+    return np.abs(_rates(model)).max(axis=0, initial=1e-12)
+
+
+def _rates(model: Model) -> Float[np.ndarray, "points states"]:
     points = operating_points(model)
     rates = jax.vmap(lambda x, u: respond(model.plant, x, u)[0])(
         jnp.asarray(points.x), jnp.asarray(points.u)
     )
     found = np.asarray(rates)
-    found = found[np.isfinite(found).all(axis=1)]
-    return np.std(found, axis=0) + 1e-9 * np.abs(found).max(axis=0, initial=0.0) + 1e-12
+    return found[np.isfinite(found).all(axis=1)]
 
 
 def _effects(model: Model, names: tuple[str, ...]) -> Float[np.ndarray, "constants"]:
@@ -253,8 +263,8 @@ def start_spread(
 ) -> Float[np.ndarray, "extended"]:
     """Of the states of `Disturbed` when a log begins."""
     sd, drifted = spread_of_start(model, noise.sigma, columns)
-    usual = rates_of(model)[list(following_states(model.plant))]
-    follows = noise.share * usual
+    largest = largest_rates(model)[list(following_states(model.plant))]
+    follows = noise.share * largest  # an input may have changed by all it can just before
     rest = follows, np.ones(len(drifted) + len(noise.spread))
     return np.concatenate([sd, noise.size, *rest])
 

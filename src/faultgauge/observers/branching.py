@@ -304,15 +304,17 @@ class Branching(eqx.Module):
         changed = jnp.where(present, jnp.log(prior.changed), 0.0)
         ell = jnp.where(legal, lanes.mass + changed + gain, NEVER)
         steps = _Changes(ell, mean, V)
-        # a fault that goes: a step back by as much as it is
+        # a fault that goes: a step after which it is 0, where a unit of it still stands in the
+        # estimate by as much as the signature has `left` there
         F = self.filter.faults
         at = slice(self.filter.states, self.filter.states + F)
         m = -state.belief.mean[:B, at, None]
         v = jnp.diagonal(state.belief.P[:B], axis1=1, axis2=2)[:, at, None] + 1e-300
         c, J = c[:, :F], J[:, :F]
-        V = 1 / (J + 1 / v)
-        f = V * (c + m / v)
-        gain = (f**2 / V - m**2 / v - jnp.log1p(J * v)) / 2
+        left = jnp.stack([lanes.eta[:, self.filter.states + k, k] for k in range(F)], 1)
+        V = 1 / (J + left**2 / v + 1e-300)
+        f = V * (c + left * m / v)
+        gain = (f**2 / V - m**2 / v - jnp.log(jnp.maximum(J * v + left**2, 1e-300))) / 2
         rare = jnp.log(prior.recovery / prior.onset[:F])[:, None]
         legal = ((less[which] >= 0) & self._present(state))[:, :, None]
         gone = _Changes(jnp.where(legal, lanes.mass[:, :F] + rare + gain, NEVER), f, V)
@@ -389,13 +391,11 @@ class Branching(eqx.Module):
         when, blur = state.lanes.onset[b, kind], self._blur(state)[b, kind]
         between = self._slope(state, b, kind) * changes.f[b, k] * jnp.sqrt(w * blur)
         P = state.belief.P[b] + apart @ apart.T + spread @ spread.T + between @ between.T
+        P = P + jnp.diag(self._entry(state, b, kind, f) ** 2)
         mean, P = self._known_gone(mean, P, fault, gone)
         onset = w @ when
         wide = w @ ((when - onset) ** 2 + blur)
-        # a fault began when most of it came
-        most = jnp.abs(f) <= jnp.abs(state.belief.mean[b, self.filter.states + fault])
-        old = self._present(state)[b, fault] & ((kind >= self.filter.faults) | most)
-        began = jnp.where(old, state.since[b, fault], jnp.stack([onset, wide]))
+        began = self._began(state, b, kind, jnp.stack([onset, wide]), f)
         since = state.since[b].at[fault].set(began)
         ever = state.ever[b].at[fault].set(1.0)
         weight = state.weight[b] + logsumexp(ell)
@@ -425,6 +425,38 @@ class Branching(eqx.Module):
             lanes=lanes,
         )
 
+    def _began(
+        self,
+        state: BranchState,
+        b: Int[Array, ""],
+        kind: Int[Array, ""],
+        new: Float[Array, "two"],
+        f: Float[Array, ""],
+    ) -> Float[Array, "two"]:
+        """When a fault began (mean, variance) to which a change by `f` is added at `new`: at one of
+        the two times, each as likely as what came then is large."""
+        fault = jnp.asarray(self.owner)[kind]
+        old, there = state.since[b, fault], self._present(state)[b, fault]
+        had = jnp.abs(state.belief.mean[b, self.filter.states + fault])
+        more = jnp.where(kind < self.filter.faults, jnp.abs(f), 0.0)
+        share = jnp.where(there, more / jnp.maximum(had + more, 1e-300), 1.0)
+        mean = (1 - share) * old[0] + share * new[0]
+        within = (1 - share) * old[1] + share * new[1]
+        apart = (1 - share) * share * (new[0] - old[0]) ** 2
+        return jnp.stack([mean, within + apart])
+
+    def _entry(
+        self, state: BranchState, b: Int[Array, ""], kind: Int[Array, ""], f: Float[Array, ""]
+    ) -> Float[Array, "n"]:
+        """How far off what follows an input may be where a fault enters with it (standard
+        deviations), as where the input changes."""
+        n, F = self.filter.states, self.filter.faults
+        z, plant = state.belief.mean[b], self.filter.plant
+        before = z[n : n + F]
+        after = before.at[jnp.asarray(self.owner)[kind]].add(jnp.where(kind < F, f, 0.0))
+        jump = plant.jumps(z[:n], state.u, state.u, before, after)
+        return jnp.concatenate([jump, jnp.zeros(len(z) - n)])
+
     def _slope(
         self, state: BranchState, b: Int[Array, ""], kind: Int[Array, ""]
     ) -> Float[Array, "n onsets"]:
@@ -452,7 +484,8 @@ class Branching(eqx.Module):
         V = 1 / (lanes.J[b, which, which] + 1 / self.prior.size[kind] ** 2)
         f = V * lanes.score[b, kind, a]
         i = self.filter.states + kind
-        v = 1 / (lanes.J[b, which, which] + 1 / (state.belief.P[b, i, i] + 1e-300))
+        left = lanes.eta[b, i, kind, a]
+        v = 1 / (lanes.J[b, which, which] + left**2 / (state.belief.P[b, i, i] + 1e-300))
         return jnp.where(gone, changes.f[b, k, a], f), jnp.where(gone, v, V)
 
     def _known_gone(

@@ -119,7 +119,8 @@ class DividedDifferenceFilter(eqx.Module):
         grows = np.zeros((size - n, size))
         grows[list(self.growing), range(n + k, size)] = 1.0
         A = jnp.concatenate([A, np.eye(size)[n:] + dt * grows])
-        jump = self.plant.kicked(after, u_before, u, belief.mean[n : n + k])
+        f = belief.mean[n : n + k]
+        jump = self.plant.jumps(after, u_before, u, f, f)
         mean = jnp.concatenate([after, A[n:] @ belief.mean])
         rates = jnp.zeros(size - n - k)
         Q = dt * jnp.concatenate([noise.process, noise.walk * self._present(belief), rates]) ** 2

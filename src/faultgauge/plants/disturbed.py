@@ -99,18 +99,20 @@ class Disturbed(Plant):
         n = self.count
         return self.plant_at(x).output(dx[:n], x[:n], u)
 
-    def kicked(
+    def jumps(
         self,
         x: Float[Array, "states"],
         u_before: Float[Array, "inputs"],
         u: Float[Array, "inputs"],
+        f_before: Float[Array, "faults"],
         f: Float[Array, "faults"],
     ) -> Float[Array, "states"]:
-        """By how much the states may jump where the input changes (standard deviations)."""
+        """By how much the states may jump where input or faults change (standard deviations)."""
         n, k, m = self.count, len(self.driven), len(self.following)
         if m == 0:
             return jnp.zeros(len(x))
-        both = jax.vmap(lambda u: respond(self, x, u, f)[0])(jnp.stack([u, u_before]))
+        us, fs = jnp.stack([u, u_before]), jnp.stack([f, f_before])
+        both = jax.vmap(lambda u, f: respond(self, x, u, f)[0])(us, fs)
         change = self._acts(self.following).T @ (both[0] - both[1])[:n]
         jump = jnp.abs(self.error.share * change)
         return jnp.concatenate([jnp.zeros(n + k), jump, jnp.zeros(len(x) - n - k - m)])
