@@ -6,7 +6,7 @@ not, and what this log could not tell.
 """
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from datetime import datetime, timedelta
 from typing import Any, NamedTuple
 
@@ -16,8 +16,9 @@ from faultgauge.detection.bank import FaultBank
 from faultgauge.detection.decisions import Decision
 from faultgauge.detection.decisions import as_dicts as events_as_dicts
 from faultgauge.detection.events import FEWEST, UNKNOWN, BankEvent, pause, stretches
+from faultgauge.detection.posterior import LIKELY
 from faultgauge.detection.probability import probability
-from faultgauge.detection.verdicts import FAULT, NAMED
+from faultgauge.detection.verdicts import FAULT, NAMED, NOT_JUDGED
 from faultgauge.observers.branching import SCALES
 from faultgauge.telemetry import Run
 
@@ -26,6 +27,7 @@ __all__ = [
     "answer",
     "answers",
     "as_dicts",
+    "beside",
     "exclusions",
     "least_told",
     "moment",
@@ -46,13 +48,18 @@ class Told(NamedTuple):
 
 
 def answers(bank: FaultBank, decisions: Sequence[Decision]) -> list[str]:
-    """A sentence for every event and every alarm without one; one for all runs where there is
-    neither."""
-    return [each.text for each in told(bank, decisions)] or [_silence(bank, decisions)]
+    """A sentence for every event, every alarm without one and every log that ends undecided; one
+    for the runs in which there is none of these."""
+    found = [each.text for each in told(bank, decisions)]
+    silent = [one for one in decisions if not _told(bank, one)]
+    if found and silent:
+        return [*found, f"No fault in {', '.join(f'run {one.run.name}' for one in silent)}."]
+    return found or [_silence(bank, decisions)]
 
 
 def told(bank: FaultBank, decisions: Sequence[Decision]) -> list[Told]:
-    """Every event and every alarm without one, run by run, in the order of time."""
+    """Every event, every alarm without one, and what a log ends undecided about, run by run, in the
+    order of time."""
     return [each for one in decisions for each in _told(bank, one)]
 
 
@@ -75,7 +82,29 @@ def _told(bank: FaultBank, decision: Decision) -> list[Told]:
         when = f"from {moment(run.clock, first, bank.step)} to {moment(run.clock, last, bank.step)}"
         cause = f"; {_usual(why)}" if why else ""
         found.append(Told(first, last, f"An alarm {when} (run {run.name}){cause}"))
-    return sorted(found)
+    return sorted([*found, *_undecided(bank, decision)])
+
+
+def _undecided(bank: FaultBank, decision: Decision) -> list[Told]:
+    """What stands at the end of a log, without an alarm: likelier than not, and not sure."""
+    run, found = decision.run, decision.posterior
+    sampled = np.flatnonzero(np.isfinite(found.healthy))
+    if not len(sampled) or decision.status[sampled[-1]] != NOT_JUDGED:
+        return []
+    if not found.healthy[sampled[-1]] < LIKELY:
+        return []
+    certain = sampled[found.healthy[sampled] >= LIKELY]
+    first = int(certain[-1]) + 1 if len(certain) else int(sampled[0])
+    shares = dict(zip(bank.model.plant.signals.fault_names, found.p[sampled[-1]], strict=True))
+    shares["something undeclared"] = found.unknown[sampled[-1]]
+    cause = max(shares, key=lambda name: np.nan_to_num(shares[name]))
+    since = moment(run.clock, float(run.t[first]), bank.step)
+    text = (
+        f"Undecided since {since}, to the end of the log (run {run.name}): {cause} is likeliest "
+        f"(p {probability(float(shares[cause]))}), no fault has p "
+        f"{probability(float(found.healthy[sampled[-1]]))}"
+    )
+    return [Told(float(run.t[first]), float(run.t[sampled[-1]]), text)]
 
 
 def _usual(reasons: Sequence[str]) -> str:
@@ -96,7 +125,7 @@ def answer(bank: FaultBank, decision: Decision, event: BankEvent) -> str:
         size = f"{event.size:+.{_digits(width)}f} +- {width:.2g}"
         what = f"{event.fault} {size} {_unit(bank, event.fault)}".rstrip()
     said = [f"{what} {since} (p {probability(event.p)}, run {event.run})", until]
-    for cause, odds in exclusions(bank, event).items():
+    for cause, odds in exclusions(bank, event, beside(decision, event)).items():
         more = "more than " if odds >= MOST else ""
         verb = "excluded" if odds >= EXCLUDED else "not excluded,"
         name = "something undeclared" if cause == UNKNOWN else cause
@@ -104,14 +133,27 @@ def answer(bank: FaultBank, decision: Decision, event: BankEvent) -> str:
             f"{name} {verb} {more}{odds:.0f}:1" if odds >= 10 else f"{name} {verb} {odds:.2g}:1"
         )
     if event.fault != UNKNOWN:
-        said.append(_could_not_tell(bank, run, (event.fault,)))
+        k = bank.model.plant.signals.fault_names.index(event.fault)
+        if least_told(bank, run, k) is not None:  # else it shows only as the input moves
+            said.append(_could_not_tell(bank, run, (event.fault,)))
     return "; ".join(said)
 
 
-def exclusions(bank: FaultBank, event: BankEvent) -> dict[str, float]:
+def beside(decision: Decision, event: BankEvent) -> frozenset[str]:
+    """The faults that are told for the same time as `event`."""
+    return frozenset(
+        each.fault
+        for each in decision.events
+        if each.fault != event.fault and each.onset <= event.end and event.onset <= each.end
+    )
+
+
+def exclusions(bank: FaultBank, event: BankEvent, told: Collection[str] = ()) -> dict[str, float]:
     """Odds of the best explanation at the event's end against each other declared fault alone, and
-    against an undeclared one; those beyond 1000 stand at 1000."""
-    others = [n for n in (*bank.model.plant.signals.fault_names, UNKNOWN) if n != event.fault]
+    against an undeclared one, but for those that are `told` beside it; those beyond 1000 stand at
+    1000."""
+    names = (*bank.model.plant.signals.fault_names, UNKNOWN)
+    others = [n for n in names if n != event.fault and n not in told]
     listed = dict(event.alternatives)
     return {name: min(listed.get(name, MOST), MOST) for name in others}
 
@@ -166,7 +208,7 @@ def _said(bank: FaultBank, decision: Decision, event: BankEvent) -> dict[str, An
     return {
         "sentence": answer(bank, decision, event),
         "onset_clock": clock and (clock + timedelta(seconds=event.onset)).isoformat(),
-        "excluded": exclusions(bank, event),
+        "excluded": exclusions(bank, event, beside(decision, event)),
         "least": least,
     }
 

@@ -51,6 +51,7 @@ SHORTEST = 50  # samples of a block
 BY_CHANCE = 0.05  # how often healthy logs may show more
 TRIES = 5  # of how far the evidence can be believed
 STEEP = 1.05  # so that few are needed
+MOST_NAMED = 3  # stretches that look faulty
 LOWEST = -30.0  # log-odds: what lies below is alike
 MARGIN = 3.0  # mean excesses: -ln(0.05)
 
@@ -94,12 +95,7 @@ def calibrate_bank(
     peaks = np.sort([b.peak for b in blocks])[::-1]
     allowed, mtbfa = allowed_peaks(judged, mtbfa, len(peaks))
     level = level_of(peaks, allowed)
-    warnings = [
-        f"run {b.run}, {b.start:.6g} s to {b.end:.6g} s: looks faulty (odds {_odds(b.peak)}); "
-        "it is kept as healthy, so that only what stands out from it will raise an alarm; leave it "
-        "out with --where if it is not"
-        for b in suspects
-    ]
+    warnings = [*_look_faulty(suspects), *_believed_less(widened)]
     found = {
         "level": level,
         "widened": widened,
@@ -116,6 +112,29 @@ def calibrate_bank(
         "size": dict(zip(model.plant.signals.fault_names, bank.size.tolist(), strict=True)),
     }
     return BankCalibration(found, noise.widened(widened), blocks, suspects, warnings)
+
+
+def _look_faulty(suspects: Sequence[Block]) -> list[str]:
+    """The worst of them."""
+    worst = sorted(suspects, key=lambda each: -each.peak)[:MOST_NAMED]
+    found = [
+        f"run {b.run}, {b.start:.6g} s to {b.end:.6g} s: looks faulty (odds {_odds(b.peak)}); "
+        "it is kept as healthy, so that only what stands out from it will raise an alarm; leave it "
+        "out with --where if it is not"
+        for b in worst
+    ]
+    more = len(suspects) - len(worst)
+    return [*found, f"{more} more stretches of the healthy logs look faulty"] if more else found
+
+
+def _believed_less(widened: float) -> list[str]:
+    if widened == 1.0:
+        return []
+    return [
+        "the model errs in ways that noise does not, so that healthy logs would look faulty: all "
+        f"intervals are made {widened:.2g} times as wide, and a fault must be {widened:.2g} times "
+        "as large to be told"
+    ]
 
 
 def _believed(

@@ -14,7 +14,7 @@ def summary(model: Model) -> list[str]:
     block = model.calibration or {}
     if "bank" not in block:
         return _limits(model)
-    return [*errors(model), *_priors(model), *_widened(model), _level(model)]
+    return [*errors(model), *_priors(model), _level(model)]
 
 
 def _limits(model: Model) -> list[str]:
@@ -62,17 +62,6 @@ def _priors(model: Model) -> list[str]:
     found, units = (model.calibration or {})["bank"]["size"], _units(model)
     sizes = [f"{name} {size:.2g} {units[name]}".rstrip() for name, size in found.items()]
     return [f"faults are looked for up to about twice: {', '.join(sizes)}"]
-
-
-def _widened(model: Model) -> list[str]:
-    widened = (model.calibration or {})["bank"]["widened"]
-    if widened == 1.0:
-        return []
-    return [
-        "the model errs in ways that noise does not, so that healthy logs look faulty: all "
-        f"intervals are {widened:.2g} times as wide as noise alone would make them, and a fault "
-        f"must be {widened:.2g} times as large to be told"
-    ]
 
 
 def _level(model: Model) -> str:

@@ -434,11 +434,11 @@ class Branching(eqx.Module):
         f: Float[Array, ""],
     ) -> Float[Array, "two"]:
         """When a fault began (mean, variance) to which a change by `f` is added at `new`: at one of
-        the two times, each as likely as what came then is large."""
+        the two times, each as likely as the square of what came then is large."""
         fault = jnp.asarray(self.owner)[kind]
         old, there = state.since[b, fault], self._present(state)[b, fault]
-        had = jnp.abs(state.belief.mean[b, self.filter.states + fault])
-        more = jnp.where(kind < self.filter.faults, jnp.abs(f), 0.0)
+        had = state.belief.mean[b, self.filter.states + fault] ** 2
+        more = jnp.where(kind < self.filter.faults, f**2, 0.0)
         share = jnp.where(there, more / jnp.maximum(had + more, 1e-300), 1.0)
         mean = (1 - share) * old[0] + share * new[0]
         within = (1 - share) * old[1] + share * new[1]
