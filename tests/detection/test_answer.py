@@ -133,6 +133,33 @@ def test_an_alarm_without_a_name_is_no_silence(bank, decision):
     assert not any("No fault" in line for line in nameless)
 
 
+def test_a_log_that_ends_undecided_says_so_and_one_without_a_fault_is_named(bank, decision):
+    """From 575 s on the leak has p 0.8, without an alarm."""
+    quiet = decide(bank, log(2))
+    found, last = quiet.posterior, STEP * np.arange(COUNT) >= 575
+    healthy, p = np.where(last, 0.2, 1.0), np.where(last[:, None], [0.8, 0.0], 0.0)
+    status = ["NOT_JUDGED" if each else "HEALTHY" for each in last]
+    open_ = replace(quiet, posterior=replace(found, healthy=healthy, p=p), status=status)
+    (line,) = answers(bank, [open_])
+    assert line == (
+        "Undecided since 575 s, to the end of the log (run run2): leak is likeliest (p 0.8), "
+        "no fault has p 0.2"
+    )
+    told, silent = answers(bank, [decision, quiet])
+    assert told == answers(bank, [decision])[0]
+    assert silent == "No fault in run run2."
+
+
+def test_a_fault_that_is_told_beside_another_is_not_said_to_be_excluded(bank, decision):
+    (event,) = decision.events
+    other = replace(event, fault="gauge", onset=event.onset + 50, start=event.start + 50)
+    both = replace(decision, events=[event, other])
+    assert set(as_dicts(bank, [both])[0]["excluded"]) == {"unknown"}
+    early = replace(other, onset=1.0, start=2.0, end=10.0)  # over before the leak begins
+    apart = replace(decision, events=[early, event])
+    assert set(as_dicts(bank, [apart])[1]["excluded"]) == {"gauge", "unknown"}
+
+
 def test_a_report_leads_with_what_lasts(bank, decision):
     (event,) = decision.events
     brief = replace(event, start=10.0, end=20.0, onset=10.0, onset_lo=9.0, onset_hi=11.0)
