@@ -4,20 +4,24 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed-$(shell $(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info[:2])')
 
-.PHONY: demo test check lint bench lock docs peers clean
+.PHONY: demo test studies check lint bench lock docs peers clean
 
 demo: $(STAMP)
 	$(BIN)/faultgauge demo --out out
 
 test: $(STAMP)
-	$(BIN)/python -m pytest -q -n 2 --dist loadfile --no-loadscope-reorder
+	$(BIN)/python -m pytest -q -n 2 --dist loadfile --no-loadscope-reorder -m "not study"
+
+# Whole studies, on measured and simulated plants: minutes each.
+studies: $(STAMP)
+	$(BIN)/python -m pytest -q -m study
 
 lint: $(STAMP)
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/pyright
 
-check: lint test
+check: lint test studies
 	$(BIN)/python docs/generate_cli.py --check
 
 docs: $(STAMP)

@@ -118,9 +118,9 @@ def test_evidence_is_believed_as_far_as_healthy_logs_show_no_fault():
     # thousand per declared fault, 20 times which is seen by chance once in 20 times
     faults = len(model().plant.signals.faults)
     assert max(each.peak for each in wrong.blocks) <= np.log(20 * 0.004 * faults)
-    for name in ("sigma", "process", "drift", "size"):
+    for name in ("sigma", "process", "drift", "size", "share"):
         np.testing.assert_allclose(getattr(wrong.noise, name), factor * getattr(NOISE, name))
-    for name in ("lasting", "share", "settling", "shift", "spread"):
+    for name in ("lasting", "settling", "shift", "spread"):
         np.testing.assert_array_equal(getattr(wrong.noise, name), getattr(NOISE, name))
 
 

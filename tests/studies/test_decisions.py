@@ -28,6 +28,7 @@ def test_a_window_is_drawn_from_its_seed_and_its_fault_is_where_it_says():
     assert moved[first.run.t >= onset] == pytest.approx(size, abs=1e-12)
 
 
+@pytest.mark.study
 def test_the_rig_is_named_hidden_and_left_out():
     verdicts = named(rig_bank(seconds=SHORT), 1)
     assert len(verdicts) == 1 + 10 + 3
