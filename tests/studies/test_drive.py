@@ -26,7 +26,7 @@ def test_goals_on_the_measured_drive(measured, body):
     figures = measured[body]
     assert figures["free_run_rmse_mm"] <= 11.0
     assert figures["pulse_rmse_share"] <= 0.03
-    # with friction by physics one of 49 estimates stays 6 % off, inside its interval (KNOWN_GAPS.md)
+    # with friction by physics one of 49 estimates stays 6 % off, inside its interval
     late = "settling_max_s" if body == "network" else "settling_median_s"
     assert figures[late] <= 0.15
     assert figures["half_periods"] == 50  # 49 edges
