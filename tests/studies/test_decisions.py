@@ -38,6 +38,7 @@ def test_the_rig_is_named_hidden_and_left_out():
     assert all(v.wide and not v.visible for v in verdicts[11:])
 
 
+@pytest.mark.study
 def test_a_kind_of_fault_that_is_left_out_is_unknown():
     assert "sensor_b" not in rig("sensor_b").signals.fault_names
     (verdict,) = left_out({"sensor_b": rig_bank("sensor_b", SHORT)}, 1)
@@ -54,6 +55,7 @@ def test_hindsight_is_scored_against_the_bound():
     assert found.delay > 0
 
 
+@pytest.mark.study
 def test_a_model_with_an_error_of_its_own_gives_intervals_that_hold_the_truth():
     """The fitted tank errs by half a percent, which its noise alone would put at 0.25 %."""
     found = leak_found(1)
