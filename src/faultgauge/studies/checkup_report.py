@@ -22,7 +22,7 @@ def checkup_report(checkup: Checkup) -> Report:
         (
             *decided.summary_sentences,
             *((proof(model),) if checkup.bank else ()),
-            *(f"{warning}." for warning in warnings),
+            *(f"Warning: {warning}." for warning in warnings),
         ),
         (
             *decided.sections,
