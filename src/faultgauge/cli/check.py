@@ -26,6 +26,7 @@ def check(
     where: options.Where = None,
     resample: options.Resample = None,
     report: options.ReportFile = None,
+    verbose: options.Verbose = False,
     json: options.Json = False,
 ) -> None:
     """Fit, calibrate, estimate and report in one: is SUSPECT like HEALTHY, and if not, how much?"""
@@ -68,9 +69,11 @@ def check(
             write(page, file)
     if json:
         events = answer.as_dicts(found.bank, found.decisions) if found.bank else []
-        options.print_json({"events": events, "sentences": found.sentences})
+        names = found.model.plant.signals.fault_names
+        runs = answer.runs_as_dicts(found.bank, found.decisions, names)
+        options.print_json({"events": events, "sentences": found.sentences, "runs": runs})
         return
-    for line in found.sentences:
+    for line in found.sentences if verbose else found.first_screen:
         print(line)
     if files:
         options.say(f"wrote {', '.join(str(file) for file in files)}")

@@ -70,6 +70,7 @@ def estimate(
     view: Annotated[
         bool, typer.Option("--view", help="With -: residuals, estimates and events, live.")
     ] = False,
+    verbose: options.Verbose = False,
     json: options.Json = False,
 ) -> None:
     """Estimate faults in logs, in physical units: a row per sample, and events.
@@ -115,7 +116,7 @@ def estimate(
     runs, warned = options.read_logs_for(fitted, logs, time, map, where, resample)
     if observer == "bank":
         folder = None if evidence is None else make_folder(evidence)
-        _decide(fitted, runs, reference, out, report, smooth, folder, json, warned)
+        _decide(fitted, runs, reference, out, report, smooth, folder, verbose, json, warned)
         return
     _estimate(fitted, runs, observer, reference, out, report, json, warned)
 
@@ -173,6 +174,7 @@ def _decide(
     report: Path | None,
     smooth: bool,
     folder: Path | None,
+    verbose: bool,
     json: bool,
     warned: list[str],
 ) -> None:
@@ -211,10 +213,12 @@ def _decide(
             event["evidence"] = path
         more = {"retrospective": retrospective.as_dicts(seen)} if smooth else {}
         more |= {"drift": drift.as_dicts(drifting), "warnings": [*warned, *odd]}
+        more |= {"runs": answer.runs_as_dicts(bank, decided, bank.model.plant.signals.fault_names)}
         options.print_json({"answer": sentences, "events": events, **more})
         return
     hindsight = retrospective.sentences(bank, seen) if smooth else []
-    for line in [*sentences, *hindsight, *slow]:
+    shown = sentences if verbose else answer.first_screen(bank, decided)
+    for line in [*shown, *hindsight, *slow]:
         print(line)
     options.say(f"wrote {out}")
 
@@ -229,6 +233,7 @@ def _undecided(
     warned: list[str],
 ) -> None:
     """A model that was not calibrated for the bank: rows and a sentence that say so."""
+    from faultgauge.detection.answer import runs_as_dicts
     from faultgauge.detection.decisions import table
     from faultgauge.detection.uncalibrated import unjudged_sentence
     from faultgauge.telemetry.writing import write_table
@@ -242,6 +247,7 @@ def _undecided(
         write(unjudged_report(model, decided, sentence), report)
     if json:
         more = {"retrospective": []} if smooth else {}
+        more |= {"runs": runs_as_dicts(None, decided, model.plant.signals.fault_names)}
         options.print_json(
             {"answer": [sentence], "events": [], **more, "drift": [], "warnings": warned}
         )

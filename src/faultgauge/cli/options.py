@@ -35,6 +35,7 @@ __all__ = [
 ]
 
 Json = Annotated[bool, typer.Option("--json", help="One JSON object on stdout, nothing else.")]
+Verbose = Annotated[bool, typer.Option("--verbose", help="Say every sentence whole.")]
 Time = Annotated[str | None, typer.Option("--time", help="Name of the time column [default: t].")]
 Map = Annotated[
     list[str] | None,

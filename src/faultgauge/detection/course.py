@@ -170,7 +170,7 @@ def resumed(
     return state._replace(
         belief=Belief(jnp.asarray(mean), jnp.asarray(P)),
         lanes=state.lanes._replace(eta=jnp.asarray(eta)),
-        probe=state.probe._replace(J=state.probe.J * np.exp(-gap / bank.modes.memory)),
+        probe=state.probe._replace(J=state.probe.J * np.exp(-gap / bank.knowledge.when)[:, None]),
         u=jnp.asarray(u),
         t=state.t + gap,
     )
