@@ -21,13 +21,14 @@ from faultgauge.detection.posterior import LIKELY
 from faultgauge.detection.probability import probability
 from faultgauge.detection.shares import shares_of
 from faultgauge.detection.verdicts import FAULT, NAMED, NOT_JUDGED
-from faultgauge.detection.words import amount, less_likely, moment
+from faultgauge.detection.words import PURE, amount, less_likely, moment
 from faultgauge.observers.branching import SCALES
 from faultgauge.telemetry import Run
 
 __all__ = ["answer", "answers", "as_dicts", "first_screen", "least_told", "runs_as_dicts", "told"]
 
 NINE_IN_TEN = 1.2816  # standard deviations
+POSSIBLE = 20.0  # odds up to which something undeclared is spoken of: nobody can list it all
 WHOLE = 0.99  # share of a log from which on all of it counts as judged
 SPOKEN = 3  # silent stretches that a sentence names
 LINES = 4  # of a first screen
@@ -168,9 +169,10 @@ def answer(bank: FaultBank, decision: Decision, event: BankEvent) -> Told:
     others = {each.fault for each in _beside(decision, event)}
     causes = dict[float, list[str]]()
     for cause, odds in event.instead:
-        if cause not in others:
-            name = "something undeclared" if cause == UNKNOWN else cause
-            causes.setdefault(odds, []).append(name)
+        if cause == UNKNOWN and odds < POSSIBLE:
+            rest.append(f"something undeclared is only {odds:.2g} times less likely")
+        elif cause not in (*others, UNKNOWN):
+            causes.setdefault(odds, []).append(cause)
     rest += [less_likely(causes[odds], odds) for odds in sorted(causes)]
     rest += [
         f"{name} may be there too (p {probability(p)})"
@@ -268,4 +270,5 @@ def _would_not_show(bank: FaultBank, runs: Sequence[Run], only: Sequence[str] = 
 
 
 def _unit(bank: FaultBank, fault: str) -> str:
-    return next(each.unit for each in bank.model.plant.signals.faults if each.name == fault)
+    units = {each.name: each.unit for each in bank.model.plant.signals.faults}
+    return "" if units[fault] in PURE else units[fault]

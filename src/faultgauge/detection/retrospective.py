@@ -20,7 +20,7 @@ from faultgauge.detection.probability import probability
 from faultgauge.detection.shocks import Shocks
 from faultgauge.detection.verdicts import FAULT
 from faultgauge.detection.window import Causes, Window
-from faultgauge.detection.words import amount, less_likely, moment
+from faultgauge.detection.words import PURE, amount, less_likely, moment
 
 __all__ = ["HEALTHY", "Retrospect", "Told", "as_dicts", "retrospect", "sentences"]
 
@@ -221,7 +221,11 @@ def sentences(bank: FaultBank, found: Sequence[Retrospect]) -> list[str]:
         sizes = [each.least[name] for each in found]
         shown = max((size for size in sizes if size is not None), default=None)
         blind = shown is None or None in sizes
-        least[name] = f"any {name}" if blind else f"{name} below {shown:.2g} {unit}".rstrip()
+        least[name] = (
+            f"any {name}"
+            if blind
+            else f"{name} below {shown:.2g} {'' if unit in PURE else unit}".rstrip()
+        )
     return [f"With the whole log in hand: no fault; {', '.join(least.values())} would not show."]
 
 

@@ -5,9 +5,10 @@ from datetime import datetime, timedelta
 
 import numpy as np
 
-__all__ = ["MOST", "amount", "less_likely", "moment"]
+__all__ = ["MOST", "PURE", "amount", "less_likely", "moment"]
 
 MOST = 1000.0  # odds beyond which what is told rests on the model more than on them
+PURE = ("1", "-")  # units that nobody says
 SMALL = 1e-4  # below which a number is said in powers of ten
 
 
@@ -18,6 +19,7 @@ def amount(size: float, low: float, high: float, unit: str) -> str:
     style = f"+.{digits}f"
     if 0 < largest < SMALL:
         style = f"+.{max(digits + int(np.floor(np.log10(largest))), 0)}e"
+    unit = "" if unit in PURE else unit
     return f"{size:{style}} {unit}".rstrip() + f" ({low:{style}} to {high:{style}})"
 
 
