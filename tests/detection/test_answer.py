@@ -138,6 +138,9 @@ def test_an_alarm_without_a_name_is_no_silence(bank, decision):
     nameless = answers(bank, [replace(decision, status=status, reason=reason, events=[])])
     assert nameless[0] == first
     assert not any("No fault" in line for line in nameless)
+    unnamed = replace(decision, status=status, reason=reason, events=[])
+    found = runs_as_dicts(bank, [unnamed], ["leak", "gauge"])["run1"]["unnamed"]
+    assert found[0] == {"from": 100.0, "to": 110.0, "sentence": first}
 
 
 def test_a_log_that_ends_undecided_says_so_and_one_without_a_fault_is_named(bank, decision):

@@ -111,8 +111,14 @@ def _runs(decisions: Sequence[Decision]) -> str:
 
 
 def _told(bank: FaultBank, decision: Decision) -> list[Told]:
+    found = [answer(bank, decision, each) for each in decision.events]
+    return sorted([*found, *_unnamed(bank, decision)])
+
+
+def _unnamed(bank: FaultBank, decision: Decision) -> list[Told]:
+    """Alarms without an event, and what the log ends undecided about."""
     run, events = decision.run, decision.events
-    found = [answer(bank, decision, each) for each in events]
+    found = list[Told]()
     alarm = np.array(decision.status) == FAULT
     for start, stop in stretches(alarm, np.isfinite(decision.posterior.healthy), pause(bank)):
         first, last = float(run.t[start]), float(run.t[stop - 1])
@@ -122,7 +128,7 @@ def _told(bank: FaultBank, decision: Decision) -> list[Told]:
         when = f"from {moment(run.clock, first, bank.step)} to {moment(run.clock, last, bank.step)}"
         cause = f"; {_usual(why)}" if why else ""
         found.append(Told(first, last, f"An alarm {when} (run {run.name}){cause}"))
-    return sorted([*found, *_undecided(bank, decision)])
+    return [*found, *_undecided(bank, decision)]
 
 
 def _undecided(bank: FaultBank, decision: Decision) -> list[Told]:
@@ -231,17 +237,18 @@ def as_dicts(bank: FaultBank, decisions: Sequence[Decision]) -> list[dict[str, A
 def runs_as_dicts(
     bank: FaultBank | None, decisions: Sequence[Decision], faults: Sequence[str]
 ) -> dict[str, Any]:
-    """What was judged of every run, and the smallest size of each of `faults` that it would have
-    told (None: none), as plain JSON; there is no `bank` where nothing was calibrated."""
-    return {
-        one.run.name: shares_of(one).as_dict(
-            {
-                name: None if bank is None else least_told(bank, one.run, k)
-                for k, name in enumerate(faults)
-            }
-        )
-        for one in decisions
-    }
+    """What was judged of every run, the smallest size of each of `faults` that it would have told
+    (None: none), and what stands in no event, as plain JSON; there is no `bank` where nothing was
+    calibrated."""
+    found = dict[str, Any]()
+    for one in decisions:
+        least = [None if bank is None else least_told(bank, one.run, k) for k in range(len(faults))]
+        unnamed = [] if bank is None else _unnamed(bank, one)
+        found[one.run.name] = {
+            **shares_of(one).as_dict(dict(zip(faults, least, strict=True))),
+            "unnamed": [{"from": e.start, "to": e.end, "sentence": e.text} for e in unnamed],
+        }
+    return found
 
 
 def _said(bank: FaultBank, decision: Decision, event: BankEvent) -> dict[str, Any]:
