@@ -21,6 +21,8 @@ from faultgauge.cli.inspect import inspect
 from faultgauge.cli.rehearse import rehearse
 from faultgauge.cli.reproduce import reproduce
 from faultgauge.cli.simulate import simulate
+from faultgauge.cli.streaming import end_as_interrupts
+from faultgauge.cli.writing import guarded
 from faultgauge.errors import InputError
 
 __all__ = ["app", "main"]
@@ -51,7 +53,7 @@ COMMANDS = (
     benchmark,
 )
 for command in COMMANDS:
-    app.command()(command)
+    app.command()(guarded(command))
 
 
 def _version(wanted: bool | None) -> None:
@@ -74,6 +76,7 @@ def root(
 
 def main() -> None:
     """Run the command line: exit 0 done, 2 wrong input, 1 our own fault, 130 interrupted."""
+    end_as_interrupts()
     sys.exit(run(sys.argv[1:]))
 
 
@@ -118,5 +121,5 @@ def _with_speed(arguments: list[str]) -> Iterator[str]:
 def _fail(message: str, code: int, debug: bool) -> int:
     if debug:
         traceback.print_exc()
-    print(f"faultgauge: {message}", file=sys.stderr)
+    options.say(f"faultgauge: {message}")
     return code

@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from faultgauge.cli import options
+from faultgauge.cli.writing import Writes
 
 __all__ = ["inspect"]
 
@@ -15,6 +16,7 @@ def inspect(
     init_plant: Annotated[
         Path | None,
         typer.Option("--init-plant", metavar="FILE", help="Write a plant-file skeleton to edit."),
+        Writes(),
     ] = None,
     time: options.Time = None,
     map: options.Map = None,

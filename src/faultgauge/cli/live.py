@@ -11,7 +11,6 @@ from typing import IO, TYPE_CHECKING
 from faultgauge.cli import options
 from faultgauge.cli.streaming import Interrupt, RowWriter, input_lines, while_read
 from faultgauge.cli.view import View
-from faultgauge.cli.writing import check_folder
 from faultgauge.errors import InputError
 
 if TYPE_CHECKING:
@@ -36,7 +35,6 @@ def answer(
     """Answer standard input until it ends; an interrupt ends it too, and loses no row."""
     if view and not sys.stderr.isatty():
         raise InputError("--view draws on standard error, which is no terminal here; leave it out.")
-    check_folder(events)
     from faultgauge.detection import estimation
     from faultgauge.detection.online import Online
     from faultgauge.detection.uncalibrated import uncalibrated, unjudged_sentence

@@ -5,11 +5,13 @@ import json
 import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
+
+from faultgauge.cli.writing import READS, Writes
 
 if TYPE_CHECKING:
     from faultgauge.plants.model import Model
@@ -61,12 +63,15 @@ Resample = Annotated[
     ),
 ]
 ReportFile = Annotated[
-    Path | None, typer.Option("--report", metavar="FILE.html", help="Write a report with figures.")
+    Path | None,
+    typer.Option("--report", metavar="FILE.html", help="Write a report with figures."),
+    Writes(),
 ]
 RowFormat = Literal["csv", "ndjson"]
 Logs = Annotated[
     list[Path],
     typer.Argument(help="Logs: CSV (.gz too), Parquet, MAT, HDF5, MDF, MCAP, ROS 2 bags."),
+    READS,
 ]
 
 
@@ -158,7 +163,8 @@ def print_json(content: dict[str, Any]) -> None:
 
 def say(text: str = "") -> None:
     """A line for the person in front of the terminal (stderr, so that stdout can be piped)."""
-    print(text, file=sys.stderr)
+    with suppress(OSError):  # a terminal that was closed
+        print(text, file=sys.stderr)
 
 
 def warn(warnings: Iterable[str]) -> None:

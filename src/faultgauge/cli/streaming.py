@@ -1,6 +1,7 @@
 """Rows on standard output as they come, and lines from standard input."""
 
 import contextlib
+import errno
 import itertools
 import json
 import math
@@ -12,7 +13,13 @@ from typing import Any
 
 from faultgauge.errors import InputError
 
-__all__ = ["Interrupt", "RowWriter", "input_lines", "while_read"]
+__all__ = ["Interrupt", "RowWriter", "end_as_interrupts", "input_lines", "while_read"]
+
+# Ctrl-C, kill, and the terminal that closes; not every system has the last.
+ENDS = [
+    getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
+]
+GONE = {errno.EPIPE, errno.EIO}  # nobody reads the pipe; the terminal was closed
 
 
 class RowWriter:
@@ -45,33 +52,51 @@ def while_read() -> Iterator[None]:
     """Ends the block quietly when whoever reads standard output has gone."""
     try:
         yield
-    except BrokenPipeError:
+    except OSError as failure:
+        if failure.errno not in GONE:
+            raise
         # what is still to be written goes nowhere, or Python would complain at exit
         with contextlib.suppress(OSError, ValueError):  # no real file, as under a test
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-class Interrupt:
-    """Ctrl-C while it waits for input ends the wait; while a row is made, it waits for the row.
+def end_as_interrupts() -> None:
+    """What ends a program by default ends it as Ctrl-C does; not what it was begun to ignore, as
+    under nohup."""
 
-    A context manager, which raises `KeyboardInterrupt` at its end where one came.
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    for each in ENDS:
+        if signal.getsignal(each) is signal.SIG_DFL:
+            signal.signal(each, interrupt)
+
+
+class Interrupt:
+    """Ctrl-C, and what ends as it does, cuts short what is `waiting`, and else waits for that.
+
+    A context manager, which raises `KeyboardInterrupt` at its end where one came. However many
+    come, the first alone is raised: a terminal that closes sends several.
     """
 
     came = False
     idle = False
 
     def __enter__(self) -> "Interrupt":
-        self.usual = signal.signal(signal.SIGINT, self._note)
+        heard = [each for each in ENDS if signal.getsignal(each) is not signal.SIG_IGN]
+        self.usual = {each: signal.signal(each, self._note) for each in heard}
         return self
 
     def __exit__(self, *failure: object) -> None:
-        signal.signal(signal.SIGINT, self.usual)
+        for each, usual in self.usual.items():
+            signal.signal(each, usual)
         if self.came:
             raise KeyboardInterrupt from None
 
     def _note(self, *_: object) -> None:
         self.came = True
         if self.idle:
+            self.idle = False
             raise KeyboardInterrupt
 
     @contextlib.contextmanager
