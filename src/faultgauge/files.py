@@ -2,13 +2,13 @@
 
 import contextlib
 import errno
+import io
 import os
 import re
 import secrets
 import stat
 from collections.abc import Iterator
 from pathlib import Path
-from typing import IO
 
 from faultgauge.errors import InputError
 
@@ -55,7 +55,7 @@ def read_within(path: str | Path, limit: int, what: str) -> bytes:
         return take(file, limit, path, what)
 
 
-def take(file: IO[bytes], limit: int, path: str | Path, what: str) -> bytes:
+def take(file: io.BufferedIOBase, limit: int, path: str | Path, what: str) -> bytes:
     """All bytes of an open `file`, of at most `limit`."""
     pieces, left = [], limit
     while piece := file.read(min(1 << 24, left + 1)):

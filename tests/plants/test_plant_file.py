@@ -344,7 +344,7 @@ def test_a_file_that_cannot_be_read_is_named(tmp_path):
     for path, part in [
         (binary, "not a text file"),
         (folder, "cannot be read (Is a directory)"),
-        (big, "larger than 1 MB"),
+        (big, "more than 1 MB"),
         (empty, "key 'name' is missing"),
         (tmp_path / "absent.toml", "cannot be read (No such file or directory)"),
     ]:

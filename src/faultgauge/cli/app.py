@@ -21,9 +21,10 @@ from faultgauge.cli.inspect import inspect
 from faultgauge.cli.rehearse import rehearse
 from faultgauge.cli.reproduce import reproduce
 from faultgauge.cli.simulate import simulate
-from faultgauge.cli.streaming import end_as_interrupts
+from faultgauge.cli.streaming import end_as_interrupts, let_go
 from faultgauge.cli.writing import guarded
 from faultgauge.errors import InputError
+from faultgauge.files import full_disk
 
 __all__ = ["app", "main"]
 
@@ -88,6 +89,8 @@ def run(arguments: list[str]) -> int:
     try:
         arguments = list(_with_speed(arguments))
         code = typer.main.get_command(app)(arguments, standalone_mode=False)
+        if sys.stdout is not None:
+            sys.stdout.flush()  # here its failure can be told
         if code == INTERRUPTED:  # typer has caught the interrupt itself, and says nothing
             return _fail(STOPPED, INTERRUPTED, debug=False)
         return code if isinstance(code, int) else 0
@@ -100,15 +103,26 @@ def run(arguments: list[str]) -> int:
     except (KeyboardInterrupt, typer.Abort):
         return _fail(STOPPED, INTERRUPTED, debug)
     except BrokenPipeError:
+        let_go()
         return 0
+    except OSError as failure:
+        if not full_disk(failure):
+            return _our_fault(failure, debug)
+        let_go()
+        name = failure.filename or "standard output"
+        return _fail(f"{name}: cannot be written, because the disk is full; make room.", 2, debug)
     except Exception as fault:  # noqa: BLE001  (the last net: our own fault, said as such)
-        text = " ".join(str(fault).split())[:300]
-        return _fail(
-            f"internal error ({type(fault).__name__}: {text}). This is our fault: please report "
-            f"it at {ISSUES} with the output of the same command and --debug.",
-            1,
-            debug,
-        )
+        return _our_fault(fault, debug)
+
+
+def _our_fault(fault: Exception, debug: bool) -> int:
+    text = " ".join(str(fault).split())[:300]
+    return _fail(
+        f"internal error ({type(fault).__name__}: {text}). This is our fault: please report "
+        f"it at {ISSUES} with the output of the same command and --debug.",
+        1,
+        debug,
+    )
 
 
 def _with_speed(arguments: list[str]) -> Iterator[str]:

@@ -75,6 +75,9 @@ def estimate(
     view: Annotated[
         bool, typer.Option("--view", help="With -: residuals, estimates and events, live.")
     ] = False,
+    strict: Annotated[
+        bool, typer.Option("--strict", help="With -: refuse rows that are else left out.")
+    ] = False,
     json: options.Json = False,
 ) -> None:
     """Estimate faults in logs, in physical units: a row per sample, and events.
@@ -97,11 +100,16 @@ def estimate(
         )
         from faultgauge.cli.live import answer
 
-        answer(model, observer, reference, time, map, stream or "csv", events, view)
+        answer(model, observer, reference, time, map, stream or "csv", events, view, strict)
         return
     if out is None:
         raise InputError("--out FILE is missing: the table to write (.csv, .csv.gz, .parquet).")
-    for name, given in (("--stream", stream), ("--events", events), ("--view", view)):
+    for name, given in (
+        ("--stream", stream),
+        ("--events", events),
+        ("--view", view),
+        ("--strict", strict),
+    ):
         if given:
             raise InputError(f"{name} goes with standard input only; give - for the log.")
     for name, given in (("--smooth", smooth), ("--evidence", evidence is not None)):

@@ -11,14 +11,23 @@ import sys
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from faultgauge.cli import options
 from faultgauge.errors import InputError
+from faultgauge.files import size_in_words
 
-__all__ = ["Interrupt", "RowWriter", "end_as_interrupts", "input_lines", "while_read"]
+__all__ = [
+    "Interrupt",
+    "RowWriter",
+    "Skipped",
+    "end_as_interrupts",
+    "input_lines",
+    "let_go",
+    "while_read",
+]
 
 # Ctrl-C, kill, and the terminal that closes; not every system has the last.
-ENDS = [
-    getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
-]
+ENDS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+LONGEST = 1_000_000  # bytes of a line
 GONE = {errno.EPIPE, errno.EIO}  # nobody reads the pipe; the terminal was closed
 
 
@@ -55,9 +64,13 @@ def while_read() -> Iterator[None]:
     except OSError as failure:
         if failure.errno not in GONE:
             raise
-        # what is still to be written goes nowhere, or Python would complain at exit
-        with contextlib.suppress(OSError, ValueError):  # no real file, as under a test
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        let_go()
+
+
+def let_go() -> None:
+    """What is still to be printed goes nowhere, or Python would complain at exit."""
+    with contextlib.suppress(OSError, ValueError):  # no real file, as under a test
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def end_as_interrupts() -> None:
@@ -87,11 +100,11 @@ class Interrupt:
         self.usual = {each: signal.signal(each, self._note) for each in heard}
         return self
 
-    def __exit__(self, *failure: object) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *failure: object) -> None:
         for each, usual in self.usual.items():
             signal.signal(each, usual)
-        if self.came:
-            raise KeyboardInterrupt from None
+        if self.came and kind is None:  # what failed meanwhile is to be told instead
+            raise KeyboardInterrupt
 
     def _note(self, *_: object) -> None:
         self.came = True
@@ -112,18 +125,42 @@ class Interrupt:
 
 
 def input_lines(interrupt: Interrupt) -> Iterator[str]:
-    """Lines of standard input, each as soon as it is whole, until it ends or is interrupted."""
+    """Lines of standard input, each as soon as it is whole, until it ends or is interrupted; bytes
+    that are not UTF-8 become surrogates."""
+    try:
+        source = sys.stdin.buffer
+    except AttributeError:
+        raise InputError(
+            "standard input is closed; send telemetry there, or give the log as a file."
+        ) from None
     for row in itertools.count(1):
         try:
             with interrupt.waiting():
-                line = sys.stdin.buffer.readline()
+                line = source.readline(LONGEST + 1)
         except KeyboardInterrupt:
             return
         if not line:
             return
-        try:
-            yield line.decode()
-        except UnicodeDecodeError:
+        if len(line) > LONGEST:
             raise InputError(
-                f"standard input, row {row}: the text is not UTF-8; send UTF-8."
-            ) from None
+                f"standard input, row {row}: longer than {size_in_words(LONGEST)}, which no row "
+                "is; send rows that end with a newline."
+            )
+        yield line.decode(errors="surrogateescape")
+
+
+class Skipped:
+    """Counts rows that are left out; says so at the first, and at the end."""
+
+    count = 0
+
+    def __call__(self, wrong: InputError) -> None:
+        if not self.count:
+            text = str(wrong).rstrip(".")
+            options.warn([f"{text} (rows like this are left out, with --strict they end the call)"])
+        self.count += 1
+
+    def summary(self) -> None:
+        if self.count:
+            rows = "1 row was" if self.count == 1 else f"{self.count} rows were"
+            options.warn([f"standard input: {rows} left out"])

@@ -1,5 +1,6 @@
 """The user's TOML files: read, typed by pydantic, and every mistake answered by its key."""
 
+import io
 import reprlib
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -9,6 +10,7 @@ from typing import Annotated, Any, TypeVar, get_args
 import pydantic
 
 from faultgauge.errors import InputError
+from faultgauge.files import read_within
 from faultgauge.plants.expression import unknown
 
 __all__ = ["Number", "Positive", "Table", "parse_toml", "read_text", "typed"]
@@ -31,9 +33,8 @@ T = TypeVar("T", bound=Table)
 def read_text(path: Path, kind: str, advice: str) -> str:
     """Text of a file of the user's; `kind` is what it should be, `advice` what to give instead."""
     try:
-        if path.stat().st_size > MAX_BYTES:
-            raise InputError(f"{path}: larger than 1 MB, which no {kind} is; check the path.")
-        return path.read_text("utf-8-sig")
+        data = read_within(path, MAX_BYTES, f"which no {kind} does; check the path")
+        return io.TextIOWrapper(io.BytesIO(data), "utf-8-sig").read()
     except UnicodeDecodeError:
         raise InputError(
             f"{path}: not a text file; a {kind} is TOML in UTF-8 (did you pass a log or a "

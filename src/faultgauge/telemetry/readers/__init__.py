@@ -4,6 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from faultgauge.errors import InputError
+from faultgauge.files import check_regular
 from faultgauge.telemetry.readers.bag import BAG_FILES, read_bag
 from faultgauge.telemetry.readers.csv import read_csv
 from faultgauge.telemetry.readers.hdf5 import read_hdf5
@@ -35,6 +36,7 @@ def read_table(path: Path) -> Table:
     suffix = _suffix(path)
     try:
         path.stat()
+        check_regular(path)
         if path.is_dir():
             return read_bag(path)
         if suffix is not None:
