@@ -11,6 +11,7 @@ from typer.exceptions import TyperException
 
 from faultgauge.cli import options
 from faultgauge.cli.benchmark import benchmark
+from faultgauge.cli.cache import renew_when_damaged
 from faultgauge.cli.calibrate import calibrate
 from faultgauge.cli.check import check
 from faultgauge.cli.demo import demo
@@ -78,6 +79,7 @@ def root(
 def main() -> None:
     """Run the command line: exit 0 done, 2 wrong input, 1 our own fault, 130 interrupted."""
     end_as_interrupts()
+    renew_when_damaged()
     sys.exit(run(sys.argv[1:]))
 
 
