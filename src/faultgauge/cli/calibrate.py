@@ -76,7 +76,7 @@ def calibrate(
         options.print_json({"model": str(out or model), **block, **warned})
         return
     for line in summary(found.model):
-        print(line)
+        options.tell(line)
     options.say(
         f"wrote {out or model}; next: faultgauge estimate {out or model} LOG --out FILE.csv"
     )

@@ -73,6 +73,6 @@ def check(
         options.print_json({"events": events, "sentences": found.sentences})
         return
     for line in found.sentences:
-        print(line)
+        options.tell(line)
     if files:
         options.say(f"wrote {', '.join(str(file) for file in files)}")

@@ -173,7 +173,7 @@ def _estimate(
         options.print_json({"events": estimation.as_dicts(found), **said})
         return
     for line in [*estimation.sentences(model, found), *slow]:
-        print(line)
+        options.tell(line)
     options.say(f"wrote {out}")
 
 
@@ -232,7 +232,7 @@ def _decide(
         return
     hindsight = retrospective.sentences(bank, seen) if smooth else []
     for line in [*sentences, *hindsight, *slow]:
-        print(line)
+        options.tell(line)
     options.say(f"wrote {out}")
 
 
@@ -263,5 +263,5 @@ def _undecided(
             {"answer": [sentence], "events": [], **more, "drift": [], "warnings": warned}
         )
         return
-    print(sentence)
+    options.tell(sentence)
     options.say(f"wrote {out}")

@@ -52,9 +52,11 @@ def evaluate(
         for name, s in run["outputs"].items():
             if s["rmse"] is None:
                 own = [p for p in predictions if p.run == run["run"]]
-                print(f"{run['run']}: {name}: {divergence(fitted.plant, own)}")
+                options.tell(f"{run['run']}: {name}: {divergence(fitted.plant, own)}")
                 continue
-            print(f"{run['run']}: {name}: free-run RMSE {s['rmse']:.4g} {units[name]}{_share(s)}")
+            options.tell(
+                f"{run['run']}: {name}: free-run RMSE {s['rmse']:.4g} {units[name]}{_share(s)}"
+            )
     for name, s in found.get("ensemble", {}).items():
         if s["rmse"] is None:
             print(f"ensemble: {name}: a member's free run diverges")

@@ -114,7 +114,7 @@ def fit(
         options.print_json({"model": str(out), **_content(model, account), "validation": checked})
         return
     for line in (*_parameters(model, account), *_errors(fits)):
-        print(line)
+        options.tell(line)
     options.say(f"wrote {out}; next: faultgauge calibrate {out} HEALTHY_LOG")
 
 

@@ -51,11 +51,11 @@ def _show(found) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    console = Console(highlight=False)
+    console = Console(highlight=False, markup=False, emoji=False)
     runs = Table("run", "rows", "from (s)", "to (s)", "rate (Hz)", "jitter", "gaps", "empty cells")
     for run in found.runs:
         runs.add_row(
-            run.name,
+            options.plain(run.name),
             str(run.rows),
             f"{run.start:.6g}",
             f"{run.end:.6g}",
@@ -72,7 +72,7 @@ def _show(found) -> None:
         columns.add_column(title, no_wrap=title != "column", overflow="fold")
     for column in found.columns:
         s, remarks = column.statistics, []
-        head = [column.name, column.unit] if units else [column.name]
+        head = [options.plain(each) for each in (column.name, column.unit)[: 1 + len(units)]]
         if s is None:
             columns.add_row(*head, *[""] * len(numbers))
             remarks.append(column.kind)
@@ -87,6 +87,6 @@ def _show(found) -> None:
             lines.append(f"{column.name}: {', '.join(remarks)}")
     console.print(columns)
     for line in lines:
-        console.print(line)
+        console.print(options.plain(line))
     for hint in found.hints:
-        console.print(f"hint: {hint}")
+        console.print(options.plain(f"hint: {hint}"))

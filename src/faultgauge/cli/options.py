@@ -28,14 +28,17 @@ __all__ = [
     "Time",
     "Where",
     "narrate",
+    "plain",
     "prepare",
     "print_json",
     "read_logs",
     "read_logs_for",
     "say",
+    "tell",
     "warn",
 ]
 
+LONGEST = 4000  # characters of a sentence
 Json = Annotated[bool, typer.Option("--json", help="One JSON object on stdout, nothing else.")]
 Time = Annotated[str | None, typer.Option("--time", help="Name of the time column [default: t].")]
 Map = Annotated[
@@ -163,8 +166,20 @@ def print_json(content: dict[str, Any]) -> None:
 
 def say(text: str = "") -> None:
     """A line for the person in front of the terminal (stderr, so that stdout can be piped)."""
+    if len(text) > LONGEST:
+        text = f"{text[: LONGEST // 2]} ... {text[-LONGEST // 2 :]}"
     with suppress(OSError):  # a terminal that was closed
-        print(text, file=sys.stderr)
+        print(plain(text), file=sys.stderr)
+
+
+def tell(text: str) -> None:
+    """A line of the answer (stdout)."""
+    print(plain(text))
+
+
+def plain(text: str) -> str:
+    """`text` without what would command a terminal: names in a log may hold anything."""
+    return "".join(c if c.isprintable() or c == "\n" else ascii(c)[1:-1] for c in text)
 
 
 def warn(warnings: Iterable[str]) -> None:

@@ -1,9 +1,10 @@
 """The user's TOML files: read, typed by pydantic, and every mistake answered by its key."""
 
 import io
+import re
 import reprlib
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, get_args
 
@@ -13,12 +14,22 @@ from faultgauge.errors import InputError
 from faultgauge.files import read_within
 from faultgauge.plants.expression import unknown
 
-__all__ = ["Number", "Positive", "Table", "parse_toml", "read_text", "typed"]
+__all__ = ["Number", "Positive", "Table", "parse_toml", "read_text", "typed", "values_in"]
 
 MAX_BYTES = 1_000_000
 
-Number = Annotated[float, pydantic.Field(allow_inf_nan=False)]
-Positive = Annotated[float, pydantic.Field(gt=0, allow_inf_nan=False)]
+LEAST, LARGEST = 1e-50, 1e50  # of a number that is not 0: squares and ratios are numbers too
+MOST_DOTS = re.compile(r"""(?<![\w'"-])(?:[\w'"-]++[ \t]*+\.[ \t]*+){20}""")
+
+
+def _sensible(value: float) -> float:
+    if value and not LEAST <= abs(value) <= LARGEST:
+        raise ValueError(f"should be 0 or of a size between {LEAST:g} and {LARGEST:g}")
+    return value
+
+
+Number = Annotated[float, pydantic.Field(allow_inf_nan=False), pydantic.AfterValidator(_sensible)]
+Positive = Annotated[Number, pydantic.Field(gt=0)]
 
 
 class Table(pydantic.BaseModel):
@@ -46,10 +57,28 @@ def read_text(path: Path, kind: str, advice: str) -> str:
 
 def parse_toml(text: str, source: str) -> dict[str, Any]:
     """The tables of a TOML text."""
+    found = MOST_DOTS.search(text)
+    if found:  # of which TOML's parser takes the square in time
+        raise InputError(f"{source}: {found[0][:40]!r}... has more than 20 parts; no key has.")
     try:
-        return tomllib.loads(text)
+        tables = tomllib.loads(text)
     except (ValueError, RecursionError) as failure:  # ValueError: also a number of 5000 digits
         raise InputError(f"{source}: not valid TOML: {failure}.") from None
+    for value in values_in(tables):
+        if isinstance(value, int) and value.bit_length() > 63:
+            raise InputError(
+                f"{source}: holds a whole number of more than 63 bits; write it as 1e20."
+            )
+    return tables
+
+
+def values_in(tree: Any) -> Iterator[Any]:
+    """Everything in what TOML holds that is no table and no list."""
+    if isinstance(tree, dict | list):
+        for each in tree.values() if isinstance(tree, dict) else tree:
+            yield from values_in(each)
+    else:
+        yield tree
 
 
 def typed(
@@ -92,6 +121,7 @@ def _first(
             message = "should be a table of keys"
             if error["type"] not in ("model_type", "dict_type"):
                 message = error["msg"].replace("Input should be", "should be")
+                message = message.removeprefix("Value error, ")
                 message = message.replace("a valid integer", "a whole number")
                 message = message.replace("valid ", "")
             return f"{place}{key} = {reprlib.repr(error['input'])}: {message}."

@@ -2,7 +2,7 @@
 
 import math
 import os
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -18,7 +18,15 @@ from faultgauge.plants.expression import unknown
 from faultgauge.plants.gray_box import GrayBoxPlant, load_plant
 from faultgauge.plants.model import load_model
 from faultgauge.plants.plant_file import presets
-from faultgauge.plants.toml_file import Number, Positive, Table, parse_toml, read_text, typed
+from faultgauge.plants.toml_file import (
+    Number,
+    Positive,
+    Table,
+    parse_toml,
+    read_text,
+    typed,
+    values_in,
+)
 from faultgauge.simulation.closed_loop import Controller
 from faultgauge.simulation.fault_tables import schedules
 from faultgauge.simulation.satellite.observatory import (
@@ -151,17 +159,9 @@ def parse_scenario(text: str, source: str = "scenario", folder: Path = Path()) -
     tables = parse_toml(text, source)
     file = typed(_File, tables, source)
     plant = trained_plant(file.plant, f"{source}: plant", folder)
-    reads = tuple(folder / each for each in _texts(tables) if os.path.isfile(folder / each))
+    texts = [each for each in values_in(tables) if isinstance(each, str)]
+    reads = tuple(folder / each for each in texts if os.path.isfile(folder / each))
     return replace(_Checker(file, plant, source, folder).scenario(), reads=reads)
-
-
-def _texts(value: Any) -> Iterator[str]:
-    """Every text in what TOML holds."""
-    if isinstance(value, str):
-        yield value
-    elif isinstance(value, dict | list):
-        for each in value.values() if isinstance(value, dict) else value:
-            yield from _texts(each)
 
 
 def trained_plant(name: str, where: str, folder: Path) -> GrayBoxPlant:

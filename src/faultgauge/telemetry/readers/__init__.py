@@ -27,6 +27,8 @@ READERS: dict[str, Callable[[Path], Table]] = {
     **dict.fromkeys(BAG_FILES, read_bag),
 }
 
+MOST_COLUMNS = 10_000
+
 
 def read_table(path: Path) -> Table:
     """Read one file with the reader of its suffix, or a folder as a ROS 2 bag.
@@ -38,9 +40,9 @@ def read_table(path: Path) -> Table:
         path.stat()
         check_regular(path)
         if path.is_dir():
-            return read_bag(path)
+            return _narrow(read_bag(path))
         if suffix is not None:
-            return READERS[suffix](path)
+            return _narrow(READERS[suffix](path))
     except FileNotFoundError:
         raise InputError(f"{path} does not exist; check the path of the log.") from None
     except OSError as failure:
@@ -55,6 +57,15 @@ def read_table(path: Path) -> Table:
         f"{path}: a log must end in {', '.join(READERS)}, not in {path.suffix or 'nothing'}; "
         "convert the file."
     )
+
+
+def _narrow(table: Table) -> Table:
+    if len(table.columns) > MOST_COLUMNS:
+        raise InputError(
+            f"{table.source}: has {len(table.columns)} columns, and at most {MOST_COLUMNS} are "
+            "read; leave out those of no use."
+        )
+    return table
 
 
 def stem(path: Path) -> str:
