@@ -2,12 +2,11 @@
 
 import contextlib
 import errno
-import io
 import os
 import re
 import secrets
 import stat
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from faultgauge.errors import InputError
@@ -52,13 +51,13 @@ def read_within(path: str | Path, limit: int, what: str) -> bytes:
     says; `what` names it in the refusal."""
     check_regular(path)
     with open(path, "rb") as file:
-        return take(file, limit, path, what)
+        return take(file.read, limit, path, what)
 
 
-def take(file: io.BufferedIOBase, limit: int, path: str | Path, what: str) -> bytes:
-    """All bytes of an open `file`, of at most `limit`."""
+def take(read: Callable[[int], bytes], limit: int, path: str | Path, what: str) -> bytes:
+    """All that `read` gives, piece by piece, of at most `limit` bytes."""
     pieces, left = [], limit
-    while piece := file.read(min(1 << 24, left + 1)):
+    while piece := read(min(1 << 24, left + 1)):
         left -= len(piece)
         if left < 0:
             raise InputError(f"{path}: holds more than {size_in_words(limit)}, {what}.")

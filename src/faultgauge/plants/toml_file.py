@@ -64,21 +64,27 @@ def parse_toml(text: str, source: str) -> dict[str, Any]:
         tables = tomllib.loads(text)
     except (ValueError, RecursionError) as failure:  # ValueError: also a number of 5000 digits
         raise InputError(f"{source}: not valid TOML: {failure}.") from None
-    for value in values_in(tables):
+    for (*places, key), value in values_in(tables):
         if isinstance(value, int) and value.bit_length() > 63:
+            digits = str(value) if value.bit_length() < 10_000 else hex(value)
+            place = f"[{'.'.join(places)}] " if places else ""
             raise InputError(
-                f"{source}: holds a whole number of more than 63 bits; write it as 1e20."
+                f"{source}: {place}{key} = {digits[:20]}...: a whole number of more than 63 bits; "
+                "give a smaller one, or write it as 1e20."
             )
     return tables
 
 
-def values_in(tree: Any) -> Iterator[Any]:
-    """Everything in what TOML holds that is no table and no list."""
-    if isinstance(tree, dict | list):
-        for each in tree.values() if isinstance(tree, dict) else tree:
-            yield from values_in(each)
+def values_in(tree: Any, place: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
+    """(keys, value) of everything in what TOML holds that is no table; lists are their items."""
+    if isinstance(tree, dict):
+        for key, each in tree.items():
+            yield from values_in(each, (*place, key))
+    elif isinstance(tree, list):
+        for each in tree:
+            yield from values_in(each, place)
     else:
-        yield tree
+        yield place, tree
 
 
 def typed(

@@ -159,7 +159,7 @@ def parse_scenario(text: str, source: str = "scenario", folder: Path = Path()) -
     tables = parse_toml(text, source)
     file = typed(_File, tables, source)
     plant = trained_plant(file.plant, f"{source}: plant", folder)
-    texts = [each for each in values_in(tables) if isinstance(each, str)]
+    texts = [each for _, each in values_in(tables) if isinstance(each, str)]
     reads = tuple(folder / each for each in texts if os.path.isfile(folder / each))
     return replace(_Checker(file, plant, source, folder).scenario(), reads=reads)
 

@@ -11,7 +11,7 @@ from faultgauge.telemetry.readers.hdf5 import read_hdf5
 from faultgauge.telemetry.readers.mat import read_mat
 from faultgauge.telemetry.readers.mdf import read_mdf
 from faultgauge.telemetry.readers.parquet import read_parquet
-from faultgauge.telemetry.table import Table
+from faultgauge.telemetry.table import Table, check_width
 
 __all__ = ["READERS", "read_table", "stem"]
 
@@ -26,8 +26,6 @@ READERS: dict[str, Callable[[Path], Table]] = {
     ".mdf": read_mdf,
     **dict.fromkeys(BAG_FILES, read_bag),
 }
-
-MOST_COLUMNS = 10_000
 
 
 def read_table(path: Path) -> Table:
@@ -60,11 +58,7 @@ def read_table(path: Path) -> Table:
 
 
 def _narrow(table: Table) -> Table:
-    if len(table.columns) > MOST_COLUMNS:
-        raise InputError(
-            f"{table.source}: has {len(table.columns)} columns, and at most {MOST_COLUMNS} are "
-            "read; leave out those of no use."
-        )
+    check_width(table.source, len(table.columns))
     return table
 
 

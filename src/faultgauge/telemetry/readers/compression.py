@@ -42,7 +42,9 @@ def plain_bytes(path: Path, data: bytes) -> bytes:
     if not data.startswith(MAGIC):
         return data
     with _decompressor(path).stream_reader(data) as unpacked:
-        return take(unpacked, MOST_MESSAGE, path, "in one compressed message, more than is read")
+        return take(
+            unpacked.read, MOST_MESSAGE, path, "in one compressed message, more than is read"
+        )
 
 
 def _decompressor(path: Path) -> Any:

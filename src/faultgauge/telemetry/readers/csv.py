@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from faultgauge.errors import InputError
 from faultgauge.files import read_within, take
-from faultgauge.telemetry.table import Table, float_cells
+from faultgauge.telemetry.table import Table, check_width, float_cells
 
 __all__ = ["check_separator", "header", "read_csv"]
 
@@ -51,7 +51,7 @@ def _text(path: Path) -> str:
     if path.name.lower().endswith(".gz"):
         try:
             with gzip.open(path) as file:
-                data = take(file, MOST_TEXT, path, f"when it is unpacked, {ADVICE}")
+                data = take(file.read, MOST_TEXT, path, f"when it is unpacked, {ADVICE}")
         except (gzip.BadGzipFile, EOFError, zlib.error) as failure:
             raise InputError(
                 f"{path} is not gzip or is damaged ({failure}); copy or compress it again."
@@ -97,6 +97,7 @@ def header(path: Path, lines: list[str]) -> tuple[list[str], int]:
             "needs a name (a comma at either end of the row makes an empty one, as does the index "
             "column of pandas, which index=False leaves out)."
         )
+    check_width(path, len(names))
     name, count = Counter(names).most_common(1)[0]
     if count > 1:
         raise InputError(
