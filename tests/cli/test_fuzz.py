@@ -128,6 +128,7 @@ def test_logs(attempt, workshop, tmp_path):
         draft = tmp_path / "draft.toml"
         draft.unlink(missing_ok=True)
         attempt(case, "inspect", log, "--init-plant", draft)
+        attempt(case, "inspect", log, "--json")
         if draft.exists():
             attempt(case, "fit", draft, tmp_path / "none.csv", "--out", tmp_path / "m.fgm")
         if case % WHOLE == 0:

@@ -10,9 +10,10 @@ from jaxtyping import Bool, Float, Int, Shaped
 
 from faultgauge.errors import InputError
 
-__all__ = ["Table", "check_width", "float_cells", "is_text", "text_cells", "text_error"]
+__all__ = ["LARGEST", "Table", "check_width", "float_cells", "is_text", "text_cells", "text_error"]
 
 MOST_COLUMNS = 10_000
+LARGEST = 1e100  # of a number: its square is one too
 
 
 @dataclass(frozen=True, eq=False)
