@@ -1,0 +1,203 @@
+"""The smallest safe test input that would tell a fault of a given size.
+
+Steps, pulses and multisines on each input go on from where the log ends, within the actuator's
+limits and what training covered; the least amplitude is found by halving. Each is simulated through
+the model, healthy and with the fault: what the fault then leaves in the healthy filter's innovations,
+beside its rival of any size, must reach what a name takes, and so must what was foretold of it.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from faultgauge.detection.bank import FaultBank
+from faultgauge.detection.judged import operating_points
+from faultgauge.detection.smallest import apart_size, information_left, seen_size
+from faultgauge.detection.unit_faults import Effects, effects_along, information
+from faultgauge.excitation.multisine import multisine
+from faultgauge.foresight.problems import Problem
+from faultgauge.simulation.free_run import free_run, substeps_for
+from faultgauge.telemetry import Run
+
+__all__ = ["KINDS", "Bench", "Proposal", "Tested", "propose"]
+
+FEWEST, MOST = 60, 1000  # rows of a test
+HALVINGS = 8  # of the amplitude's logarithm
+SMALLEST = 1e-3  # of what the limits allow
+MARGIN = 0.1  # of the training range, that a state may leave it by
+BEGINS, ENDS = 0.1, 0.5  # of the test: where a step begins, where a pulse ends
+
+
+def _step(k: Float[np.ndarray, "rows"]) -> Float[np.ndarray, "rows"]:
+    return (k >= BEGINS) * 1.0
+
+
+def _pulse(k: Float[np.ndarray, "rows"]) -> Float[np.ndarray, "rows"]:
+    return ((k >= BEGINS) & (k < ENDS)) * 1.0
+
+
+def _sines(k: Float[np.ndarray, "rows"]) -> Float[np.ndarray, "rows"]:
+    count = len(k)
+    x = multisine(np.random.default_rng(0), count, 1.0, 1 / count, 0.1, 1.0)
+    return x / np.abs(x).max()
+
+
+KINDS: dict[str, Callable[[Float[np.ndarray, "rows"]], Float[np.ndarray, "rows"]]] = {
+    "step": _step,
+    "pulse": _pulse,
+    "multisine": _sines,
+}
+
+
+@dataclass(frozen=True)
+class Tested:
+    """What a test input told: `promised` and `obtained` are the sizes from which on the fault would
+    be told, by the linearised filter and by what the simulated fault left; `safe` whether the
+    states stayed where training was, healthy and with the fault."""
+
+    promised: float
+    obtained: float
+    safe: bool
+
+    def reaches(self, size: float) -> bool:
+        return self.safe and max(self.promised, self.obtained) <= size
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """`amplitude` (signed, beside `base`; peak of a multisine) [`unit`] of a `kind` of test on an
+    input, for `seconds` every `step` [s], and what it told."""
+
+    input: str
+    kind: str
+    amplitude: float
+    base: float
+    unit: str
+    seconds: float
+    step: float
+    told: Tested
+
+
+class Bench:
+    """Simulated tests that go on from the end of a log."""
+
+    def __init__(self, bank: FaultBank, run: Run, effects: Effects) -> None:
+        self.bank = bank
+        model, names = bank.model, bank.model.plant.signals.input_names
+        self.x = effects.x[-1, : len(model.plant.signals.states)]
+        last = [run.columns[n][np.isfinite(run.columns[n])] for n in names]
+        self.u = np.array([each[-1] if len(each) else 0.0 for each in last])
+        self.rows = int(np.clip(bank.knowledge.memory / bank.step, FEWEST, MOST))
+        points = operating_points(model)
+        low, high = points.x.min(axis=0), points.x.max(axis=0)
+        self.low, self.high = low - MARGIN * (high - low), high + MARGIN * (high - low)
+        limits = model.plant.signals.inputs
+        self.least = np.maximum(points.u.min(axis=0), [each.min for each in limits])
+        self.most = np.minimum(points.u.max(axis=0), [each.max for each in limits])
+
+    def room(self, which: int) -> float:
+        """The farthest that an input may go from where it is, signed."""
+        up, down = self.most[which] - self.u[which], self.u[which] - self.least[which]
+        return float(max(up, 0.0) if up >= down else -max(down, 0.0))
+
+    def shaped(self, which: int, kind: str, amplitude: float) -> Float[np.ndarray, "rows inputs"]:
+        """The inputs of a test."""
+        u = np.tile(self.u, (self.rows, 1))
+        u[:, which] += amplitude * KINDS[kind](np.arange(self.rows) / self.rows)
+        return u
+
+    def simulated(
+        self, u: Float[np.ndarray, "rows inputs"], f: Float[np.ndarray, "faults"]
+    ) -> tuple[Run, Float[np.ndarray, "rows states"]]:
+        """(the log of a test with constant faults, its states), without noise."""
+        bank, signals = self.bank, self.bank.model.plant.signals
+        dt = np.full(len(u), bank.step)
+        given = (jnp.asarray(each) for each in (self.x, u, dt, np.tile(f, (len(u), 1))))
+        substeps = substeps_for(bank.step, bank.model.max_step)
+        found = free_run(bank.model.plant, *given, substeps)
+        columns = dict(zip(signals.input_names, u.T, strict=True))
+        columns |= {n: np.asarray(found.y)[:, signals.output_names.index(n)] for n in bank.outputs}
+        return Run("test", "test", bank.step * np.arange(len(u)), columns), np.asarray(found.x)
+
+    def told(self, u: Float[np.ndarray, "rows inputs"], problem: Problem) -> Tested:
+        """What a test tells of a fault that is there throughout."""
+        bank, (fault, rival, size) = self.bank, problem
+        f = np.zeros(len(bank.size))
+        healthy, x = self.simulated(u, f)
+        limits = bank.model.plant.signals.faults[fault]
+        f[fault] = size if limits.max >= size else -size
+        faulty, moved = self.simulated(u, f)
+        safe = all(self._inside(each) for each in (x, moved))
+        if not safe:
+            return Tested(np.inf, np.inf, safe)
+        effects = effects_along(bank, healthy, self.x)
+        rows = len(effects.t)
+        if rows < len(u):
+            return Tested(np.inf, np.inf, safe)
+        found = information(effects, 0, [0], [rows - 1])
+        left = effects_along(bank, faulty, self.x).white - effects.white
+        obtained = float(np.sum(left**2))
+        if rival is None:
+            promised = float(found.own[-1, fault])
+        else:
+            promised = float(information_left(found, bank, fault, rival)[-1])
+            theirs = found.left[:, :, rival]
+            J22 = float(np.sum(theirs**2)) + float(bank.size[rival]) ** -2.0
+            obtained -= float(np.sum(left * theirs)) ** 2 / J22
+        return Tested(self._size(problem, promised), self._size(problem, obtained / size**2), safe)
+
+    def _size(self, problem: Problem, left: float) -> float:
+        if left <= 0:
+            return np.inf
+        sd = 1 / np.sqrt(left)
+        if problem.rival is not None:
+            return apart_size(sd)
+        return seen_size(self.bank, problem.fault, sd, self.rows * self.bank.step)
+
+    def _inside(self, x: Float[np.ndarray, "rows states"]) -> bool:
+        return bool(np.all((x >= self.low) & (x <= self.high)))
+
+
+def propose(bench: Bench, problem: Problem) -> Proposal | None:
+    """The test that tells a problem's fault with the least share of what its input may do; None
+    where none does."""
+    signals, best = bench.bank.model.plant.signals, None
+    for which, each in enumerate(signals.inputs):
+        room = bench.room(which)
+        for kind in KINDS if room else ():
+            found = _least(bench, problem, which, kind, room)
+            if found is not None and (best is None or found[0] < best[0]):
+                share, told = found
+                best = share, Proposal(
+                    each.name, kind, share * room, float(bench.u[which]), each.unit,
+                    bench.rows * bench.bank.step, bench.bank.step, told,
+                )  # fmt: skip
+    return None if best is None else best[1]
+
+
+def _least(
+    bench: Bench, problem: Problem, which: int, kind: str, room: float
+) -> tuple[float, Tested] | None:
+    """(the least share of `room` that tells, what it told): larger is tried where what is larger
+    leaves the safe range only."""
+    def at(share: float) -> Tested:
+        return bench.told(bench.shaped(which, kind, share * room), problem)
+
+    high, told = 1.0, at(1.0)
+    while not told.safe and high > SMALLEST:
+        high /= 2
+        told = at(high)
+    if not told.reaches(problem.size):
+        return None
+    low = SMALLEST
+    for _ in range(HALVINGS):
+        middle = float(np.sqrt(low * high))
+        tried = at(middle)
+        if tried.reaches(problem.size):
+            high, told = middle, tried
+        else:
+            low = middle
+    return high, told
