@@ -41,13 +41,14 @@ MOST = 20_000  # rows, around the middle of a longer log
 
 class Effects(NamedTuple):
     """At every row that the filter used: `t` [s], M, G, the innovations in standard deviations and
-    the filter's states; faults as declared."""
+    the filter's states; faults as declared. What the filter believes at the `end`."""
 
     t: Float[np.ndarray, "samples"]
     M: Float[np.ndarray, "samples n more"]
     G: Float[np.ndarray, "samples outputs more"]
     white: Float[np.ndarray, "samples outputs"]
     x: Float[np.ndarray, "samples n"]
+    end: Belief
 
 
 class Information(NamedTuple):
@@ -94,11 +95,9 @@ def effects_of(bank: FaultBank, log: Run) -> Effects:
     return effects_along(bank, run)
 
 
-def effects_along(
-    bank: FaultBank, run: Run, x: Float[np.ndarray, "states"] | None = None
-) -> Effects:
-    """The filter along a run whose inputs are those that act; `x` is the state at the first row
-    where it is known."""
+def effects_along(bank: FaultBank, run: Run, before: Effects | None = None) -> Effects:
+    """The filter along a run whose inputs are those that act; where it goes on from what was
+    `before`, its rows have no gaps."""
     signals, lane = bank.model.plant.signals, bank.modes.filter
     low, high = (np.array([getattr(f, k) for f in signals.faults]) for k in ("min", "max"))
     side = np.where(low >= 0, 1.0, np.where(high <= 0, -1.0, 0.0))
@@ -106,54 +105,53 @@ def effects_along(
     unused = [n not in bank.outputs for n in signals.output_names]
     # the first sample has found the start: it is not to be believed twice
     sd = start_spread(bank.model, bank.noise, ())
-    belief: Belief | None = None
-    parts, last = list[Effects](), 0.0
+    n, states = lane.states, len(signals.states)
+    belief = lane.begin(jnp.zeros(n), jnp.asarray(sd)) if before is None else before.end
+    last = None if before is None else float(before.t[-1])
+    parts = [_no_rows(n, len(signals.outputs), len(signals.faults))]
     for part in stretches(run, signals.input_names or bank.outputs, bank.outputs):
         t = run.t[part]
         u, y = record_arrays(bank.model, run, part)
         y[:, unused] = np.nan
-        at = start_from_samples(bank.model, run, part).x if x is None else x
-        keep = np.ones(lane.states)
-        if belief is None:
-            start = np.concatenate([at, np.zeros(len(sd) - len(at))])
-            belief = lane.begin(jnp.asarray(start), jnp.asarray(sd))
+        dt, keep = steps_to(t), np.ones(n)
+        if before is not None and last is not None:
+            dt[0] = t[0] - last
         else:
-            belief, keep = _after_gap(bank, belief, at, sd, float(t[0] - last))
-        (belief, _), said = follow(judge, (belief, jnp.asarray(u[0])), (u, y, steps_to(t)))
-        found = Effects(t, *said)
-        for each in (found.M, found.G):
-            each[0, :, : len(keep)] *= keep
-        parts.append(found)
+            x = start_from_samples(bank.model, run, part).x
+            if last is not None:
+                belief, keep = _after_gap(bank, belief, sd, float(t[0] - last))
+            belief = belief._replace(mean=belief.mean.at[:states].set(x))
+        (belief, _), said = follow(judge, (belief, jnp.asarray(u[0])), (u, y, dt))
+        for each in said[:2]:
+            each[0, :, :n] *= keep
+        parts.append((t, *said))
         last = float(t[-1])
-    if not parts:
-        n, m, F = lane.states, len(signals.outputs), len(signals.faults)
-        shapes = (0,), (0, n, n + F), (0, m, n + F), (0, m), (0, n)
-        return Effects(*(np.zeros(shape) for shape in shapes))
-    return Effects(*(np.concatenate(each) for each in zip(*parts, strict=True)))
+    return Effects(*(np.concatenate(each) for each in zip(*parts, strict=True)), belief)
+
+
+def _no_rows(n: int, outputs: int, faults: int) -> tuple[np.ndarray, ...]:
+    more = n + faults
+    shapes = (0,), (0, n, more), (0, outputs, more), (0, outputs), (0, n)
+    return tuple(np.zeros(shape) for shape in shapes)
 
 
 def _after_gap(
-    bank: FaultBank,
-    belief: Belief,
-    x: Float[np.ndarray, "states"],
-    sd: Float[np.ndarray, "extended"],
-    gap: float,
+    bank: FaultBank, belief: Belief, sd: Float[np.ndarray, "extended"], gap: float
 ) -> tuple[Belief, Float[np.ndarray, "n"]]:
     """(what is known after a `gap` [s], which shares of d outlast it): states begin anew, the
     discrepancy lasts as it does, constants but for what a gap makes anew of them."""
-    states, driven, n = len(x), len(bank.noise.size), bank.modes.filter.states
+    states, driven = len(bank.model.plant.signals.states), len(bank.noise.size)
+    n = bank.modes.filter.states
     keep = np.ones(n)
     keep[:states] = 0.0
     keep[states : states + driven] = np.exp(-gap / bank.noise.lasting)
     keep[n - len(bank.noise.renewed) :] = np.sqrt(1 - bank.noise.renewed)
     fresh = np.concatenate([sd[: states + driven] ** 2, np.ones(n - states - driven)])
-    size = len(belief.mean) - n
-    whole = np.append(keep, np.ones(size))
-    more = np.append((1 - keep**2) * fresh, np.zeros(size))
-    mean = np.asarray(belief.mean) * whole
-    mean[:states] = x
+    faults = len(belief.mean) - n
+    whole = np.append(keep, np.ones(faults))
+    more = np.append((1 - keep**2) * fresh, np.zeros(faults))
     P = np.asarray(belief.P) * np.outer(whole, whole) + np.diag(more)
-    return Belief(jnp.asarray(mean), jnp.asarray(P)), keep
+    return Belief(belief.mean * whole, jnp.asarray(P)), keep
 
 
 class _Unfolding(eqx.Module):

@@ -85,7 +85,7 @@ class Bench:
     """Simulated tests that go on from the end of a log."""
 
     def __init__(self, bank: FaultBank, run: Run, effects: Effects) -> None:
-        self.bank = bank
+        self.bank, self.before = bank, effects
         model, names = bank.model, bank.model.plant.signals.input_names
         self.x = effects.x[-1, : len(model.plant.signals.states)]
         last = [run.columns[n][np.isfinite(run.columns[n])] for n in names]
@@ -114,16 +114,19 @@ class Bench:
     ) -> tuple[Run, Float[np.ndarray, "rows states"]]:
         """(the log of a test with constant faults, its states), without noise."""
         bank, signals = self.bank, self.bank.model.plant.signals
-        dt = np.full(len(u), bank.step)
-        given = (jnp.asarray(each) for each in (self.x, u, dt, np.tile(f, (len(u), 1))))
+        stood = np.concatenate([self.u[None], u])  # from the log's last row on
+        dt, faults = np.full(len(stood), bank.step), np.tile(f, (len(stood), 1))
+        given = (jnp.asarray(each) for each in (self.x, stood, dt, faults))
         substeps = substeps_for(bank.step, bank.model.max_step)
         found = free_run(bank.model.plant, *given, substeps)
         columns = dict(zip(signals.input_names, u.T, strict=True))
-        columns |= {n: np.asarray(found.y)[:, signals.output_names.index(n)] for n in bank.outputs}
-        return Run("test", "test", bank.step * np.arange(len(u)), columns), np.asarray(found.x)
+        y = np.asarray(found.y)[1:]
+        columns |= {n: y[:, signals.output_names.index(n)] for n in bank.outputs}
+        t = self.before.t[-1] + bank.step * np.arange(1, len(stood))
+        return Run("test", "test", t, columns), np.asarray(found.x)
 
     def told(self, u: Float[np.ndarray, "rows inputs"], problem: Problem) -> Tested:
-        """What a test tells of a fault that is there throughout."""
+        """What a test tells of a fault that is there throughout, and was not before."""
         bank, (fault, rival, size) = self.bank, problem
         f = np.zeros(len(bank.size))
         healthy, x = self.simulated(u, f)
@@ -133,12 +136,12 @@ class Bench:
         safe = all(self._inside(each) for each in (x, moved))
         if not safe:
             return Tested(np.inf, np.inf, safe)
-        effects = effects_along(bank, healthy, self.x)
+        effects = effects_along(bank, healthy, self.before)
         rows = len(effects.t)
         if rows < len(u):
             return Tested(np.inf, np.inf, safe)
         found = information(effects, 0, [0], [rows - 1])
-        left = effects_along(bank, faulty, self.x).white - effects.white
+        left = effects_along(bank, faulty, self.before).white - effects.white
         obtained = float(np.sum(left**2))
         if rival is None:
             promised = float(found.own[-1, fault])
