@@ -4,10 +4,10 @@
 
 Sets are those of `real_sets.py`, cases those of `mismatch_rig.py`: each is fitted and calibrated
 with seed 0, and its faults are rehearsed in healthy logs that neither has seen. For each fault: the
-size that `rehearse` found 90 % of the time over the smallest that the sheet foretells along the same
-windows (the median over them), and the same for what the middle of the training envelope foretells.
-With `--out`, `detectability.svg` shows all sizes. Set FAULTGAUGE_DATA to the folder that holds the
-records.
+size that `rehearse` found 90 % of the time over the smallest that the sheet foretells along the
+same windows (the median over them), and the same for what the middle of the training envelope
+foretells. With `--out`, `detectability.svg` shows all sizes. Set FAULTGAUGE_DATA to the folder that
+holds the records.
 """
 
 import argparse
@@ -31,7 +31,7 @@ from faultgauge.rehearsal.rehearse import rehearse
 from faultgauge.reporting import style
 from faultgauge.reporting.svg import Figure, figure
 from faultgauge.telemetry import Run
-from mismatch.harness import CALIBRATE, CALIBRATIONS, FIT, HEALTHY, _rng, calibrated
+from mismatch.harness import CALIBRATE, CALIBRATIONS, FIT, HEALTHY, calibrated
 from mismatch_rig import CASES
 from real_sets import SETS
 
@@ -123,11 +123,16 @@ def _subjects(sets: Sequence[str], cases: Sequence[str]) -> Iterator[tuple[str, 
             yield each.name, calibrate(model, each.calibrate).model, each.rehearse
     for name in cases:
         case = CASES[name]()
-        fitted = [case.log(f"fit {k}", _rng(FIT, k)) for k in range(case.fits)]
-        sound = [case.log(f"calibrate {k}", _rng(CALIBRATE, k)) for k in range(CALIBRATIONS)]
+        fitted = [case.log(f"fit {k}", _seed(FIT, k)) for k in range(case.fits)]
+        sound = [case.log(f"calibrate {k}", _seed(CALIBRATE, k)) for k in range(CALIBRATIONS)]
         model, _ = calibrated(case.plant, fitted, sound, {})
-        logs = [case.log(f"healthy {k}", _rng(HEALTHY, k)) for k in range(REHEARSED)]
+        logs = [case.log(f"healthy {k}", _seed(HEALTHY, k)) for k in range(REHEARSED)]
         yield name, model, logs
+
+
+def _seed(kind: int, k: int) -> np.random.Generator:
+    """That of a log of `mismatch_rig.py`."""
+    return np.random.default_rng((kind, k))
 
 
 def _shown(value: float | None) -> str:

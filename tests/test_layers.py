@@ -14,6 +14,7 @@ LAYERS = (
     "reporting",
     "accommodation",
     "rehearsal",
+    "foresight",
     "detection",
     "observers",
     "identification",

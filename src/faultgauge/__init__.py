@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from faultgauge.accommodation.simulate import simulate
     from faultgauge.detection.calibration import calibrate
     from faultgauge.detection.decisions import decide_runs as estimate
+    from faultgauge.foresight import detectability
     from faultgauge.identification.evaluation import evaluate
     from faultgauge.identification.fit import fit
     from faultgauge.plants.gray_box import load_plant
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 __all__ = [
     "Plant",
     "calibrate",
+    "detectability",
     "estimate",
     "evaluate",
     "fit",
@@ -35,6 +37,7 @@ __all__ = [
 _HOMES = {
     "Plant": "faultgauge.plants.plant.Plant",
     "calibrate": "faultgauge.detection.calibration.calibrate",
+    "detectability": "faultgauge.foresight.detectability",
     "estimate": "faultgauge.detection.decisions.decide_runs",
     "evaluate": "faultgauge.identification.evaluation.evaluate",
     "fit": "faultgauge.identification.fit.fit",

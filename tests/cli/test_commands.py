@@ -26,6 +26,7 @@ COMMANDS = [
     "calibrate",
     "estimate",
     "rehearse",
+    "detectability",
     "simulate",
     "reproduce",
     "benchmark",

@@ -1,8 +1,8 @@
 """The smallest size of a fault that would be named.
 
 A fault of size f leaves f^2 / (2 sd^2) of log-likelihood, which must outweigh the prior odds of an
-onset, and what not knowing the size costs, by the level of an alarm or a name; beside the fault that
-is most like it, as much must be left as a name takes. One that does so 9 times in 10 is 1.3 sd
+onset, and what not knowing the size costs, by the level of an alarm or a name; beside the fault
+that is most like it, as much must be left as a name takes. One that does so 9 times in 10 is 1.3 sd
 larger.
 """
 
@@ -23,6 +23,7 @@ __all__ = [
     "deviations",
     "information_left",
     "least_size",
+    "possible",
     "rivals_of",
     "seen_size",
     "smallest_along",
@@ -58,6 +59,11 @@ def least_size(
     return max(seen_size(bank, fault, sd, seconds, rarer), apart_size(apart))
 
 
+def possible(bank: FaultBank, fault: int, size: float | None) -> float | None:
+    """`size`, None where the fault cannot be that large: its widest prior is half of that."""
+    return None if size is None or size > 2 * bank.size[fault] else size
+
+
 def rivals_of(bank: FaultBank, fault: int) -> list[int]:
     """The declared faults that it may be taken for."""
     return [k for k in range(len(bank.size)) if k != fault and (k,) in bank.sets]
@@ -91,15 +97,14 @@ def smallest_along(bank: FaultBank, run: Run) -> list[float | None]:
     if rows < 2:
         return [None for _ in faults]
     found = information(effects, rows // 2, around(rows // 2, rows), [rows - 1])
-    return [
-        _smallest(bank, effects, found, k) if (k,) in bank.sets else None for k in faults
-    ]
+    return [_smallest(bank, effects, found, k) if (k,) in bank.sets else None for k in faults]
 
 
 def _smallest(bank: FaultBank, effects: Effects, found: Information, k: int) -> float | None:
     left = [float(information_left(found, bank, k, j)[-1]) for j in rivals_of(bank, k)]
     sd, apart = deviations(float(found.own[-1, k]), left)
-    return least_size(bank, k, sd, apart, float(effects.t[-1] - effects.t[0]))
+    seconds = float(effects.t[-1] - effects.t[0])
+    return possible(bank, k, least_size(bank, k, sd, apart, seconds))
 
 
 def deviations(own: float, left: Sequence[float]) -> tuple[float, float]:

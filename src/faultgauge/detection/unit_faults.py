@@ -6,9 +6,9 @@ innovations, in standard deviations,
 
     d_k = M_k [d_k-1, f],    g_k = G_k [d_k-1, f],    J = sum g g^T
 
-(Willsky and Jones, IEEE TAC 21 (1976)), M and G being the filter's flow, look and gain linearised at
-every sample. 1 / sqrt(J) is the standard deviation of a constant fault's size beside noise,
-discrepancy and uncertain constants. A fault that may go both ways counts with the mean of the two.
+(Willsky and Jones, IEEE TAC 21 (1976)), M and G being the filter's flow, look and gain at every
+sample. 1 / sqrt(J) is the standard deviation of a constant fault's size beside noise, discrepancy
+and uncertain constants. A fault that may go both ways counts with the mean of the two.
 An onset at sample k acts from sample k - 1 on.
 """
 
@@ -126,7 +126,8 @@ def effects_along(bank: FaultBank, run: Run, before: Effects | None = None) -> E
             each[0, :, :n] *= keep
         parts.append((t, *said))
         last = float(t[-1])
-    return Effects(*(np.concatenate(each) for each in zip(*parts, strict=True)), belief)
+    t, M, G, white, x = (np.concatenate(each) for each in zip(*parts, strict=True))
+    return Effects(t, M, G, white, x, belief)
 
 
 def _no_rows(n: int, outputs: int, faults: int) -> tuple[np.ndarray, ...]:
@@ -159,9 +160,7 @@ class _Unfolding(eqx.Module):
 
     onset: Int[Array, "onsets"]
 
-    def step(
-        self, state: tuple[Array, ...], M: Array, G: Array
-    ) -> tuple[tuple[Array, ...], Array]:
+    def step(self, state: tuple[Array, ...], M: Array, G: Array) -> tuple[tuple[Array, ...], Array]:
         k, d, own, other, shared = state
         n, F, A = d.shape
         there = (k >= self.onset) * 1.0

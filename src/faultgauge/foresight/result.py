@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from faultgauge.foresight.test_inputs import Proposal
+from faultgauge.foresight.experiments import Proposal
 
 __all__ = ["Delay", "FaultSheet", "Help", "PairSheet", "RunSheet", "Sheet", "TripleSheet"]
 

@@ -77,7 +77,8 @@ def _tells(bank: FaultBank, structure: Structure, problem: Problem) -> bool:
 def _candidates(
     bank: FaultBank, structure: Structure, problems: list[Problem]
 ) -> Iterator[tuple[Expression, int, bool]]:
-    """(what is measured, of which state, whether its rate), most promising first."""
+    """(what is measured, of which state, whether its rate): what leaves the equations something
+    to tell a problem's fault by, most of them first."""
     signals = bank.model.plant.signals
     measured = {o.measures for o in signals.outputs if o.name in bank.outputs}
     every = [
@@ -85,11 +86,11 @@ def _candidates(
         *((rate_of(n), k, True) for k, n in enumerate(signals.state_names)),
     ]
 
-    def gained(each: tuple[Expression, int, bool]) -> int:
+    def tells(each: tuple[Expression, int, bool]) -> int:
         after = structure.measuring(each[0])
-        return sum(_tells(bank, after, p) - _tells(bank, structure, p) for p in problems)
+        return sum(_tells(bank, after, problem) for problem in problems)
 
-    yield from sorted(every, key=lambda each: -gained(each))[:TRIED]
+    yield from sorted(filter(tells, every), key=lambda each: -tells(each))[:TRIED]
 
 
 def _with_sensor(

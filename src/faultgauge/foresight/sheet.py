@@ -14,12 +14,14 @@ from faultgauge.detection.smallest import (
     deviations,
     information_left,
     least_size,
+    possible,
     rivals_of,
     seen_size,
 )
-from faultgauge.detection.unit_faults import Effects, Information, effects_of, information
 from faultgauge.detection.uncalibrated import uncalibrated
+from faultgauge.detection.unit_faults import Effects, Information, effects_of, information
 from faultgauge.errors import InputError
+from faultgauge.foresight.experiments import Bench, propose
 from faultgauge.foresight.problems import problems_of
 from faultgauge.foresight.result import (
     Delay,
@@ -32,7 +34,6 @@ from faultgauge.foresight.result import (
 )
 from faultgauge.foresight.sensors import sensors_for
 from faultgauge.foresight.structure import Structure, structure_of
-from faultgauge.foresight.test_inputs import Bench, propose
 from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run
 
@@ -45,7 +46,6 @@ DELAYS, TIMES = 40, 120  # points of curves
 FLAT = 0.125  # of a slope of the logarithms; white noise alone has 0.5
 TAIL = 2.0  # times: how long a deviation must have been flat to have levelled off
 NONE = 1e-12  # of a standard deviation squared: no information
-SAME = 1e-6  # share of information left: two faults that differ by less are one here
 
 
 def detectability(
@@ -92,18 +92,13 @@ def _along(bank: FaultBank, run: Run, progress: Callable[[str], None]) -> RunShe
     onsets = np.linspace(0, rows - 1, ONSETS, endpoint=False).astype(int)
     ends = np.unique(np.linspace(0, rows - 1, TIMES).astype(int))
     over = information(effects, 0, onsets.tolist(), ends.tolist())
-    structure = structure_of(
-        bank.model.plant.spec, bank.outputs, [signals.faults[k] for k in kept]
-    )
+    structure = structure_of(bank.model.plant.spec, bank.outputs, [signals.faults[k] for k in kept])
     seconds = float(effects.t[-1] - effects.t[0])
     delay = effects.t[middle + delays] - effects.t[middle]
     faults = tuple(
-        _fault(bank, k, structure, found, delay, seconds, effects, over, onsets, ends)
-        for k in kept
+        _fault(bank, k, structure, found, delay, seconds, effects, over, onsets, ends) for k in kept
     )
-    pairs = tuple(
-        _pair(bank, i, j, structure, found, delay) for i, j in permutations(kept, 2)
-    )
+    pairs = tuple(_pair(bank, i, j, structure, found, delay) for i, j in permutations(kept, 2))
     return RunSheet(
         run.name, seconds, rows, faults, pairs, _triples(bank, kept, found),
         _help(bank, run, effects, structure, found, seconds, progress),
@@ -128,7 +123,9 @@ def _fault(
     both = [deviations(float(own[n]), left[:, n].tolist()) for n in range(len(delay))]
     sd = np.array([each[0] for each in both])
     sizes = {
-        rarer: tuple(least_size(bank, k, s, apart, seconds, rarer) for s, apart in both)
+        rarer: tuple(
+            possible(bank, k, least_size(bank, k, s, apart, seconds, rarer)) for s, apart in both
+        )
         for rarer in RARER
     }
     nearest = int(np.argmin(left[:, -1])) if len(rivals) else -1
@@ -137,7 +134,7 @@ def _fault(
         name=fault.name,
         unit=fault.unit,
         widest=float(bank.size[k]),
-        seen_from=_size(_seen(bank, k, both[-1][0], seconds), bank, k),
+        seen_from=possible(bank, k, _seen(bank, k, both[-1][0], seconds)),
         smallest={rarer: each[-1] for rarer, each in sizes.items()},
         like=structure.faults[_place(bank, rivals[nearest])] if confused else None,
         structural=structure.detectable(fault.name),
@@ -146,7 +143,7 @@ def _fault(
         delay=Delay(tuple(delay.tolist()), sizes, tuple(_finite(s) for s in sd)),
         onsets=tuple(effects.t[onsets].tolist()),
         from_onset=tuple(
-            _size(_seen(bank, k, deviations(float(J), [])[0], seconds), bank, k)
+            possible(bank, k, _seen(bank, k, deviations(float(J), [])[0], seconds))
             for J in over.other[-1, k]
         ),
         times=tuple(effects.t[ends].tolist()),
@@ -156,13 +153,6 @@ def _fault(
 
 def _seen(bank: FaultBank, k: int, sd: float, seconds: float) -> float:
     return seen_size(bank, k, sd, seconds) if np.isfinite(sd) else np.inf
-
-
-def _size(size: float, bank: FaultBank, k: int) -> float | None:
-    """None where no such fault may be."""
-    fault = bank.model.plant.signals.faults[k]
-    most = max(abs(fault.min), abs(fault.max))
-    return size if size < (most if np.isfinite(most) else np.inf) else None
 
 
 def _finite(value: float) -> float | None:
@@ -186,12 +176,11 @@ def _pair(
     left, own = information_left(found, bank, i, j), found.own[:, i]
     share = np.where(own > 0, left / np.where(own > 0, own, 1.0), 0.0)
     told = apart_size(deviations(float(own[-1]), [float(left[-1])])[1])
-    known = told < bank.size[i] and share[-1] > SAME
     return PairSheet(
         fault=names[i],
         other=names[j],
         share=float(share[-1]),
-        apart_from=told if known else None,
+        apart_from=possible(bank, i, told),
         divergence=float(left[-1] / 2),
         structural=structure.isolable(names[i], names[j]),
         window=tuple(window.tolist()),
@@ -214,9 +203,8 @@ def _triples(bank: FaultBank, kept: list[int], found: Information) -> tuple[Trip
             left = min(left, *(float(information_left(found, bank, i, j)[-1]) for j in rest))
             share = max(left, 0.0) / own if own > 0 else 0.0
             told = apart_size(deviations(own, [max(left, 0.0)])[1])
-            known = told < bank.size[i] and share > SAME
             others = (names[pair[0]], names[pair[1]])
-            triples.append(TripleSheet(names[i], others, share, told if known else None))
+            triples.append(TripleSheet(names[i], others, share, possible(bank, i, told)))
     return tuple(triples)
 
 

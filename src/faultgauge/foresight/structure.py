@@ -1,10 +1,10 @@
 """What the equations alone allow: which faults leave anything to test, and which another one hides.
 
-The plant file is read as a set of equations in unknowns: dx = F(x, u), dx = d(x)/dt, y = h(dx, x, u)
-for every measured output, and f = 0 for every fault, which stands wherever it enters. A matching of
+The plant file is read as equations in unknowns: dx = F(x, u), dx = d(x)/dt, y = h(dx, x, u) for
+every measured output, and f = 0 for every fault, which stands wherever it enters. A matching of
 equations to unknowns leaves some equations over; those that alternating paths reach from there are
-the overdetermined part (Dulmage and Mendelsohn, Canad. J. Math. 10 (1958)). A fault can be seen where
-its f = 0 lies in that part, and told from another one where it still does without the other's
+the overdetermined part (Dulmage and Mendelsohn, Canad. J. Math. 10 (1958)). A fault can be seen
+where its f = 0 lies in that part, and told from another one where it still does without the other's
 (Krysander and Frisk, IEEE Trans. SMC-A 38 (2008)). Faults may change in time at will here: that one
 is constant, or its input known, is not used.
 """
@@ -58,7 +58,7 @@ def structure_of(spec: PlantSpec, outputs: Sequence[str], faults: Iterable[Fault
     equations = dict[str, frozenset[str]]()
     for name, derivative in zip(signals.state_names, spec.derivatives, strict=True):
         entering = _entering(faults, derivative, {"state": name})
-        equations[f"derivative {name}"] = {*_reads(derivative), f"d {name}"} | entering
+        equations[f"derivative {name}"] = _reads(derivative) | {f"d {name}"} | entering
         equations[f"integral {name}"] = frozenset({f"x {name}", f"d {name}"})
     for name, value in zip(signals.output_names, spec.values, strict=True):
         if name in outputs:
@@ -110,7 +110,9 @@ def _entering(
 def overdetermined(equations: Mapping[str, Iterable[str]]) -> frozenset[str]:
     """The equations of the overdetermined part."""
     names = list(equations)
-    unknowns = {each: k for k, each in enumerate(sorted({u for e in equations.values() for u in e}))}
+    unknowns = {
+        each: k for k, each in enumerate(sorted({u for e in equations.values() for u in e}))
+    }
     if not unknowns:
         return frozenset(names)
     reads = [[unknowns[u] for u in equations[name]] for name in names]
