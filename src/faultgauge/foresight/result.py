@@ -12,11 +12,12 @@ __all__ = ["Delay", "FaultSheet", "Help", "PairSheet", "RunSheet", "Sheet", "Tri
 
 @dataclass(frozen=True)
 class Delay:
-    """Over `seconds` since an onset in the middle of the log: the smallest `sizes` that would be
-    named by then, by how many times as rare as calibrated false alarms are, and the standard
-    deviation `sd` of a constant fault's size, alone; None: none."""
+    """Over `seconds` since an onset in the middle of the log: the size `seen` from by then, the
+    smallest `sizes` that would be named, by how many times as rare as calibrated false alarms are,
+    and the standard deviation `sd` of a constant fault's size, alone; None: none."""
 
     seconds: tuple[float, ...]
+    seen: tuple[float | None, ...]
     sizes: dict[float, tuple[float | None, ...]]
     sd: tuple[float | None, ...]
 

@@ -6,7 +6,7 @@ from itertools import combinations, permutations
 import numpy as np
 from jaxtyping import Float
 
-from faultgauge.detection.bank import FaultBank, build_fault_bank
+from faultgauge.detection.bank import FaultBank, build_fault_bank, evaluated_faults
 from faultgauge.detection.noise import noise_of
 from faultgauge.detection.smallest import (
     apart_size,
@@ -57,6 +57,7 @@ def detectability(
     more than 20,000 rows around its middle. Raises `InputError` for a model without calibration,
     where no fault is declared, and for a run that holds no information on any of them.
     """
+    evaluated_faults(model.plant.signals)
     if lacking := uncalibrated(model):
         raise InputError(
             f"the model is {lacking}, so nobody knows how much noise hides its faults; run "
@@ -120,6 +121,7 @@ def _fault(
     fault, rivals = bank.model.plant.signals.faults[k], rivals_of(bank, k)
     own = found.own[:, k]
     left = np.array([information_left(found, bank, k, j) for j in rivals])
+    left = left.reshape(len(rivals), len(delay))
     both = [deviations(float(own[n]), left[:, n].tolist()) for n in range(len(delay))]
     sd = np.array([each[0] for each in both])
     sizes = {
@@ -140,7 +142,12 @@ def _fault(
         structural=structure.detectable(fault.name),
         levels_off=levels_off(delay, sd),
         floor=float(sd[-1]) if np.isfinite(sd[-1]) else None,
-        delay=Delay(tuple(delay.tolist()), sizes, tuple(_finite(s) for s in sd)),
+        delay=Delay(
+            tuple(delay.tolist()),
+            tuple(possible(bank, k, _seen(bank, k, s, seconds)) for s, _ in both),
+            sizes,
+            tuple(_finite(s) for s in sd),
+        ),
         onsets=tuple(effects.t[onsets].tolist()),
         from_onset=tuple(
             possible(bank, k, _seen(bank, k, deviations(float(J), [])[0], seconds))

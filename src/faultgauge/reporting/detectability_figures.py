@@ -24,6 +24,7 @@ def size_by_delay(fault: FaultSheet) -> Figure:
         ):
             label = "named, as calibrated" if rarer == 1 else f"false alarms {rarer:g} times rarer"
             axes.plot(seconds, _curve(sizes), label=label, **look)
+        axes.plot(seconds, _curve(fault.delay.seen), label="seen, as calibrated", **style.SERIES[3])
         sd = _curve(fault.delay.sd)
         axes.plot(seconds, sd, color=style.MEASURED, linewidth=1.2, label="standard deviation")
         if fault.levels_off is not None:
@@ -33,8 +34,8 @@ def size_by_delay(fault: FaultSheet) -> Figure:
         axes.set_ylabel(style.upright_label(f"size of {fault.name}", fault.unit))
         style.legend(axes)
         caption = (
-            "From the middle of the log on. A curve begins where a fault of its widest size would "
-            "be named."
+            "From the middle of the log on: seen is what would raise an alarm, named what would be "
+            "told from the other faults, too. A curve begins where the largest fault would be."
         )
         if fault.levels_off is not None:
             caption += " Dotted: from here on the estimate gets hardly better."
