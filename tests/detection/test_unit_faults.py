@@ -1,7 +1,7 @@
 """What a unit fault leaves along a log, against closed forms and batch least squares of a lag.
 
-x' = u - A x + f, y = x in white noise: a unit of f moves y by r(t) = (1 - exp(-A t)) / A, and a loss
-of gain by minus what u does.
+x' = u - A x + f, y = x in white noise: a unit of f moves y by r(t) = (1 - exp(-A t)) / A, and a
+loss of gain by minus what u does.
 """
 
 import numpy as np

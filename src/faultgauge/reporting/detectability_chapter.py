@@ -2,7 +2,12 @@
 
 from faultgauge.foresight.result import PairSheet, RunSheet, Sheet
 from faultgauge.foresight.words import HEADER, amount, fault_row, legend, remarks
-from faultgauge.reporting.detectability_figures import along_the_log, pairs_map, size_by_delay
+from faultgauge.reporting.detectability_figures import (
+    along_the_log,
+    left_by_window,
+    pairs_map,
+    size_by_delay,
+)
 from faultgauge.reporting.report import Report, Section, Table
 
 __all__ = ["detectability_report"]
@@ -73,7 +78,8 @@ def _pairs(run: RunSheet) -> Section:
         )
         note = "Beside two others at once, which begin with it."
         tables.append(Table(PAIRS[:4], rows, note))
-    return Section(f"{run.name}: told apart", (), tuple(tables), (pairs_map(run),))
+    drawn = (pairs_map(run), *(left_by_window(run, each) for each in run.faults))
+    return Section(f"{run.name}: told apart", (), tuple(tables), drawn)
 
 
 def _row(pair: PairSheet, unit: str) -> tuple[str, ...]:

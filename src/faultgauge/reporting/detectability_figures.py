@@ -7,7 +7,7 @@ from faultgauge.foresight.result import FaultSheet, RunSheet
 from faultgauge.reporting import marks, style
 from faultgauge.reporting.svg import Figure, figure
 
-__all__ = ["along_the_log", "pairs_map", "size_by_delay"]
+__all__ = ["along_the_log", "left_by_window", "pairs_map", "size_by_delay"]
 
 CELL = 0.55  # inches of a pair
 DARK = 0.45  # share of information above which a cell is dark
@@ -29,7 +29,7 @@ def size_by_delay(fault: FaultSheet) -> Figure:
         axes.plot(seconds, sd, color=style.MEASURED, linewidth=1.2, label="standard deviation")
         if fault.levels_off is not None:
             axes.axvline(fault.levels_off, color=style.GREY, linewidth=1.0, linestyle=(0, (1, 1.5)))
-        _logarithmic(axes, seconds, [sd, *(_curve(each) for each in fault.delay.sizes.values())])
+        _logarithmic(axes, [sd, *(_curve(each) for each in fault.delay.sizes.values())])
         axes.set_xlabel(style.axis_label("time since the onset", "s"))
         axes.set_ylabel(style.upright_label(f"size of {fault.name}", fault.unit))
         style.legend(axes)
@@ -46,21 +46,43 @@ def along_the_log(fault: FaultSheet) -> Figure:
     """Draw where in the log the information on a fault lies, for onsets along it."""
     t = np.array(fault.times)
     information = np.array(fault.information)
-    plain = fault.unit if fault.unit.isalpha() else f"({fault.unit})"
-    unit = f"1/{plain}**2" if fault.unit not in ("", "1") else ""
     with style.drawing():
         canvas, (axes,) = style.panels((2.4,))
         for n, J in enumerate(information):
             shown = np.where(t >= fault.onsets[n], J, np.nan)
             look = {"color": style.PREDICTED, "linewidth": 1.6} if n == 0 else {}
             marks.line(axes, t, shown, **({"color": style.MEASURED, "linewidth": 1.0} | look))
-        axes.set_ylabel(style.upright_label("information", unit))
+        axes.set_ylabel(style.upright_label("information", _inverse(fault.unit)))
         marks.time_below(axes, t)
         caption = (
             "Fisher information about its size, added up from each of some onsets on (the first in "
             "blue): where a curve rises the log tells, where it is flat it does not."
         )
         return figure(canvas, f"{style.short(fault.name)} along the log", caption)
+
+
+def left_by_window(run: RunSheet, fault: FaultSheet) -> Figure:
+    """Draw the information about a fault over the time since its onset: alone, and what is left of
+    it beside each of the faults that hide most."""
+    mine = [pair for pair in run.pairs if pair.fault == fault.name]
+    worst = sorted(mine, key=lambda pair: pair.share)[: len(style.SERIES)]
+    seconds, sd = np.array(fault.delay.seconds), _curve(fault.delay.sd)
+    with style.drawing():
+        canvas, (axes,) = style.panels((2.6,))
+        axes.plot(seconds, sd**-2.0, color=style.MEASURED, linewidth=2.4, label="alone")
+        curves = [np.array(pair.left) for pair in worst]
+        for look, pair, left in zip(style.SERIES, worst, curves, strict=False):
+            known = np.where(left > 0, left, np.nan)
+            axes.plot(seconds, known, label=f"beside {style.short(pair.other)}", **look)
+        _logarithmic(axes, [sd**-2.0, *curves])
+        axes.set_xlabel(style.axis_label("time since the onset", "s"))
+        axes.set_ylabel(style.upright_label("information", _inverse(fault.unit)))
+        style.legend(axes)
+        caption = (
+            "Fisher information about its size: half of it, times the size squared, is the "
+            "Kullback-Leibler divergence from no fault, and from the other at its most alike."
+        )
+        return figure(canvas, f"{style.short(fault.name)} beside others", caption)
 
 
 def pairs_map(run: RunSheet) -> Figure:
@@ -96,10 +118,15 @@ def _curve(sizes: tuple[float | None, ...]) -> np.ndarray:
     return np.array([np.nan if each is None else each for each in sizes], float)
 
 
-def _logarithmic(axes: Axes, seconds: np.ndarray, curves: list[np.ndarray]) -> None:
+def _inverse(unit: str) -> str:
+    """The unit of an information."""
+    plain = unit if unit.isalpha() else f"({unit})"
+    return "" if unit in ("", "1") else f"1/{plain}**2"
+
+
+def _logarithmic(axes: Axes, curves: list[np.ndarray]) -> None:
     axes.set_xscale("log")
-    known = np.concatenate(curves)
-    if np.any(np.isfinite(known)):
+    if any(np.any(np.isfinite(each) & (each > 0)) for each in curves):
         axes.set_yscale("log")
         style.plain_powers(axes.yaxis)
     style.plain_powers(axes.xaxis)
