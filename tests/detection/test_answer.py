@@ -259,3 +259,51 @@ def test_the_report_opens_with_the_answer_and_shows_the_evidence(bank, decision)
     assert [each.title for each in report.sections] == ["Faults", "Evidence"]
     assert len(report.sections[1].figures) == 1
     assert "gives the same answer" in report.sections[1].paragraphs[0]
+
+
+SIZES = np.concatenate([[-9999.0, 1e9, -1e9, 1e30], 10.0 ** np.arange(-1, 15)])
+
+
+def glitched(run, rows):
+    run.columns["x"][rows] = SIZES[: len(rows)]
+    return run
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_single_samples_of_any_size_raise_nothing(bank, seed):
+    """Twenty in ten minutes: no alarm, no event; five samples later every fault's interval holds
+    0."""
+    rows = np.sort(
+        np.random.default_rng(seed).choice(np.arange(20, COUNT - 20, 8), len(SIZES), False)
+    )
+    said = decide(bank, glitched(log(10 + seed), rows))
+    assert not said.events
+    assert "FAULT" not in said.status
+    for k in rows + 5:
+        assert np.all(said.posterior.lo[k] <= 0)
+        assert np.all(said.posterior.hi[k] >= 0)
+    assert np.isfinite(said.posterior.f[20:]).all()
+
+
+def test_a_fault_is_sized_and_dated_through_glitches(bank, decision):
+    rows = np.arange(50, COUNT, 60)[: len(SIZES)]
+    (event,) = decide(bank, glitched(log(1, LEAK), rows)).events
+    (plain,) = decision.events
+    assert event.fault == plain.fault == "leak"
+    assert event.lo < LEAK < event.hi
+    assert event.onset == pytest.approx(STEP * np.argmax(LATE), abs=2 * STEP)
+
+
+def test_a_sensor_that_only_flickers_is_answered_in_numbers(bank):
+    """0 and 1 in turn, at one input: nothing that is printed is NaN."""
+    run = log(5)
+    run.columns["x"][:] = np.arange(COUNT) % 2
+    run.columns["u"][:] = 1.0
+    said = decide(bank, run)
+    for line in answers(bank, [said]):
+        assert "nan" not in line
+        assert "inf" not in line
+    for event in said.events:
+        assert np.isfinite(
+            [event.start, event.end, event.onset, event.onset_lo, event.onset_hi]
+        ).all()
