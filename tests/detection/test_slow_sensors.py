@@ -98,14 +98,11 @@ def test_noise_is_that_of_the_samples(calibration):
 
 @pytest.fixture(scope="module")
 def limited():
-    """Under one limit of an observer."""
+    """With intervals of an observer."""
     return calibrate(model(), [log(seed) for seed in (0, 1, 2)], observer="eso").model
 
 
-def test_correlation_times_have_lags_of_the_sensors_own_step(limited):
-    """An observer with omega_o dt = 0.1 at the sensor's 1 s has innovations that are nearly white,
-    so a correlation time is about a sample of z, and ten of them are a block."""
-    assert 10 * EVERY * STEP <= limited.calibration["block_s"] <= 50 * EVERY * STEP
+def test_the_bandwidth_is_that_of_the_sensors_own_step(limited):
     assert limited.calibration["bandwidth"] == pytest.approx(0.1 / (EVERY * STEP))
 
 
@@ -122,11 +119,9 @@ def test_a_fault_that_only_the_slow_sensor_shows_is_inside_its_interval(calibrat
 
 
 def test_the_observer_corrects_at_samples_and_is_stable(limited):
-    judgements, bank = estimate(limited, [log(10, LOSS), log(11)])
-    (event,) = judgements[0].events
-    assert event.lo <= LOSS <= event.hi
-    assert judgements[1].events == []
-    f = judgements[0].f["loss"]
+    (found,), bank = estimate(limited, [log(10, LOSS)])
+    f, width = found.f["loss"], found.half_width["loss"]
+    assert abs(np.mean(f[-COUNT // 4 :]) - LOSS) <= width
     moved = np.flatnonzero(np.diff(f[np.isfinite(f)]) != 0) + 1  # from the first row on
     assert set(moved % EVERY) == {0}
     assert bank.designs["loss"].radius < 1
@@ -143,21 +138,6 @@ def test_intervals_of_a_healthy_log_hold_zero_as_often_as_they_say(calibration):
     assert inside.mean() >= 0.8
 
 
-def test_without_faults_a_residual_stands_until_the_next_sample():
-    """The observer of rows of 0.1 s has omega_o = 1 rad/s; an offset of 0.5, ten standard
-    deviations, is one event until it dies out, not one per sample."""
-    plain = model(HEATER[: HEATER.index("[faults")])
-    known = calibrate(plain, [log(seed) for seed in (0, 1, 2)]).model
-    odd = log(10)
-    odd.columns["z"][ONSET : ONSET + 50] += 0.5
-    (judgement,), _ = estimate(known, [odd])
-    alarms = np.flatnonzero(np.array(judgement.status) == "FAULT")
-    assert set(range(ONSET, ONSET + EVERY)) <= set(alarms)
-    assert judgement.events[0].start == ONSET * STEP
-    (quiet,), _ = estimate(known, [log(11)])
-    assert "FAULT" not in quiet.status
-
-
 @pytest.mark.parametrize("observer", ["eso", "bank"])
 def test_what_is_filled_in_changes_nothing(calibration, observer):
     known, run = calibration.model, log(10, LOSS)
@@ -165,11 +145,11 @@ def test_what_is_filled_in_changes_nothing(calibration, observer):
         (plain,), (odd,) = (decide_runs(known, [each])[0] for each in (run, spoiled(run)))
         np.testing.assert_array_equal(plain.posterior.f, odd.posterior.f)
         np.testing.assert_array_equal(plain.posterior.lo, odd.posterior.lo)
+        assert plain.status == odd.status
+        assert plain.events == odd.events
     else:
         (plain,), (odd,) = (estimate(known, [each])[0] for each in (run, spoiled(run)))
         np.testing.assert_array_equal(plain.f["loss"], odd.f["loss"])
-    assert plain.status == odd.status
-    assert plain.events == odd.events
 
 
 @pytest.mark.parametrize("reference", ["free", "measured", "observer"])

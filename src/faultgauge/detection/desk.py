@@ -9,9 +9,8 @@ import numpy as np
 from jaxtyping import Float
 
 from faultgauge.detection.decisions import Decision
-from faultgauge.detection.episode import Alarm
-from faultgauge.detection.estimation import Event, Judgement
-from faultgauge.detection.events import BankEvent
+from faultgauge.detection.estimation import Estimated
+from faultgauge.detection.events import Alarm, BankEvent
 from faultgauge.detection.flat_line import FlatLine
 from faultgauge.detection.live import Answer, Live, Track
 from faultgauge.detection.misfit import Misfit
@@ -24,7 +23,7 @@ from faultgauge.telemetry.runs import joined
 __all__ = ["Desk", "Residuals", "Said"]
 
 Residuals = dict[Reference, dict[str, Float[np.ndarray, "1"]]]  # of one row
-Said = Judgement | Alarm | Event | Decision | BankEvent | Misfit
+Said = Estimated | Alarm | Decision | BankEvent | Misfit
 
 
 class Desk(abc.ABC):

@@ -8,14 +8,12 @@ where an input is band-limited.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from faultgauge.detection.decisions import Decision
 from faultgauge.detection.desk import Desk, Residuals, Said
-from faultgauge.detection.episode import Episode
-from faultgauge.detection.estimation import Judgement, judged, limits_in
+from faultgauge.detection.estimation import said_of
 from faultgauge.detection.judged import Bank, Estimates, build_bank, check_observer
 from faultgauge.detection.live import Answer
 from faultgauge.detection.misfit import FEWEST, Alarmed, Misfit
@@ -99,7 +97,7 @@ class Online:
         """What is said, and whether the alarm is there from the beginning on."""
         for each in said:
             yield each
-            if self.alarmed is not None and isinstance(each, Judgement | Decision):
+            if self.alarmed is not None and isinstance(each, Decision):
                 self.alarmed.add(each.status)
                 if self.alarmed.judged >= self._block():
                     yield from self._misfit(float(each.run.t[0]))
@@ -112,9 +110,7 @@ class Online:
     def _block(self) -> int:
         """Samples of a block of the calibration: ten correlation times."""
         assert self.desk is not None
-        found = self.model.calibration or {}
-        if self.observer == "bank":
-            found = found.get("bank", {})
+        found = (self.model.calibration or {}).get("bank", {})
         return max(int(np.ceil(found.get("block_s", 0.0) / self.desk.pace)), FEWEST)
 
     def _rows(self, samples: Sequence[Sample], pace: float | None) -> Run:
@@ -157,10 +153,8 @@ class _Observers(Desk):
 
     def __init__(self, model: Model, run: Run, observer: str, reference: Reference) -> None:
         self.bank = build_bank(model, [run], observer)
-        needed: list[Reference] = [reference] if self.bank.designs else [reference, "observer"]
-        super().__init__(model, run, self.bank, list(dict.fromkeys(needed)), sized=False)
+        super().__init__(model, run, self.bank, [reference], sized=False)
         self.reference: Reference = reference
-        self.episode = Episode(self.bank)
 
     def said(
         self,
@@ -169,16 +163,10 @@ class _Observers(Desk):
         answer: Answer | None,
         r: Residuals,
     ) -> Iterator[Said]:
-        estimates = self._estimates(row, answer)
-        values = {}
-        if limits_in(self.model) is not None:
-            values = estimates.f if self.bank.designs else r["observer"]
-        judgement = replace(judged(self.bank, estimates, values, r[self.reference]), events=[])
-        yield judgement
-        yield from self.episode.push(judgement, values)
+        yield said_of(self.bank, self._estimates(row, answer), r[self.reference])
 
     def closed(self, newest: Run) -> Iterator[Said]:
-        yield from self.episode.close(newest)
+        yield from ()
 
     def _estimates(self, row: Run, answer: Answer | None) -> Estimates:
         names = list(self.bank.designs)

@@ -10,8 +10,7 @@ from faultgauge.detection.bank import build_fault_bank, evaluated_faults
 from faultgauge.detection.course import Course, Rows
 from faultgauge.detection.decisions import Decision, unjudged
 from faultgauge.detection.desk import Desk, Residuals, Said
-from faultgauge.detection.episode import Alarm
-from faultgauge.detection.events import UNKNOWN, Judged, events, pause
+from faultgauge.detection.events import UNKNOWN, Alarm, Judged, events, pause
 from faultgauge.detection.live import Answer
 from faultgauge.detection.noise import noise_of
 from faultgauge.detection.posterior import Posterior, posterior_of, untrusted
