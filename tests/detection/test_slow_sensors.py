@@ -8,10 +8,10 @@ import pytest
 from faultgauge.detection.calibration import calibrate
 from faultgauge.detection.decisions import Decision, decide_runs
 from faultgauge.detection.estimation import estimate
-from faultgauge.detection.flat_line import FlatLine
-from faultgauge.detection.online import Online
+from faultgauge.detection.intake import Intake, slow_outputs, with_taken
 from faultgauge.detection.residual import residuals
 from faultgauge.detection.retrospective import retrospect
+from faultgauge.detection.stream import Stream
 from faultgauge.errors import InputError
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
@@ -167,7 +167,7 @@ def test_residuals_are_those_of_samples(calibration, reference):
 def test_a_stream_says_what_the_file_says(calibration, every):
     """Ten rows apart the 20 first do not show a rate; an empty cell is not sampled."""
     t, columns = cells(10, LOSS, every)
-    online, rows = Online(calibration.model), []
+    online, rows = Stream(calibration.model), []
     for k in range(COUNT):
         sample = Sample(float(t[k]), {name: float(v[k]) for name, v in columns.items()})
         rows += [each for each in online.push(sample) if isinstance(each, Decision)]
@@ -184,7 +184,7 @@ def test_a_stream_says_what_the_file_says(calibration, every):
 
 def test_a_stream_of_an_observer_cannot_wait_for_a_slow_sensor(calibration):
     t, columns = cells(10, every=5)
-    online = Online(calibration.model, observer="eso")
+    online = Stream(calibration.model, observer="eso")
     samples = [Sample(t[k], {name: v[k] for name, v in columns.items()}) for k in range(20)]
     for each in samples[:19]:
         assert list(online.push(each)) == []
@@ -196,9 +196,11 @@ def test_a_slow_sensor_that_is_stuck_stands_still_by_its_own_samples():
     """Healthy logs never repeat a value, so two samples may: from the third on it stands still."""
     run = log(0)
     run.columns["z"][500:] = 1.25
-    flat = FlatLine(model().with_calibration({"repeats": {"x": 1, "z": 1}}), sized=False)
-    used, standing = flat.used(run)
-    assert [k for k, name in enumerate(standing) if name == "z"] == list(range(520, COUNT))
+    known = model().with_calibration({"repeats": {"x": 1, "z": 1}})
+    intake = Intake.of(known, STEP, slow_outputs(known, [run]), sized=False)
+    _, taken = intake.along(known, intake.init(STEP), run)
+    assert np.flatnonzero(taken.standing == 2).tolist() == list(range(520, COUNT))
+    used = with_taken(known, run, taken, outputs=True)
     assert np.isnan(used.columns["z"][520:2991]).all()
     assert np.isfinite(used.columns["z"][:520]).all()
 

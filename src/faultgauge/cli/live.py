@@ -16,8 +16,8 @@ from faultgauge.errors import InputError
 
 if TYPE_CHECKING:
     from faultgauge.detection.misfit import Misfit
-    from faultgauge.detection.online import Said
     from faultgauge.detection.residual import Reference
+    from faultgauge.detection.stream import Said
     from faultgauge.plants.model import Model
 
 __all__ = ["answer"]
@@ -38,14 +38,14 @@ def answer(
         raise InputError("--view draws on standard error, which is no terminal here; leave it out.")
     check_folder(events)
     from faultgauge.detection import estimation
-    from faultgauge.detection.online import Online
+    from faultgauge.detection.stream import Stream
     from faultgauge.detection.uncalibrated import uncalibrated, unjudged_sentence
     from faultgauge.identification.samples import column_names
     from faultgauge.plants.model import load_model
     from faultgauge.telemetry.stream import read_stream
 
     fitted = load_model(model)
-    online = Online(fitted, observer=observer, reference=reference)
+    stream = Stream(fitted, observer=observer, reference=reference)
     required, optional = column_names(fitted.plant.signals)
     with Interrupt() as interrupt, while_read(), ExitStack() as stack:
         samples = read_stream(
@@ -59,10 +59,9 @@ def answer(
         elif observer != "bank":
             options.say(estimation.sentence(fitted))
         for sample in samples:
-            speaker.say(online.push(sample))
-        speaker.say(online.finish())
-    if online.bank is not None:
-        options.warn(online.bank.refused.values())
+            speaker.say(stream.push(sample))
+        speaker.say(stream.finish())
+    options.warn(stream.refused)
 
 
 def _opened(path: Path) -> IO[str]:

@@ -10,8 +10,9 @@ from faultgauge.detection.bank import evaluated_faults
 from faultgauge.detection.bank_calibration import calibrate_bank, without_calibration
 from faultgauge.detection.blocks import CONFIDENCE, Block
 from faultgauge.detection.equal_faults import equal_faults
+from faultgauge.detection.estimation import Observing
 from faultgauge.detection.flat_line import longest_repeats
-from faultgauge.detection.judged import build_bank, check_observer, estimate_run
+from faultgauge.detection.judged import build_bank, check_observer
 from faultgauge.detection.misfit import not_followed
 from faultgauge.detection.noise import Noise
 from faultgauge.detection.noise_estimation import estimate_noise
@@ -118,7 +119,7 @@ def _by_observer(
     """How far the healthy estimates of an observer scatter."""
     bank = build_bank(model, runs, observer)
     progress("running the observers over the healthy logs")
-    estimated = [estimate_run(bank, run) for run in runs]
+    estimated = [Observing(bank, run, "free").push(run) for run in runs]
     judged = sum(int(each.settled.sum()) for each in estimated)
     if judged < FEWEST:
         raise InputError(

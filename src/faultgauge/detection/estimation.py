@@ -10,15 +10,17 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float
 
+from faultgauge.detection.along import Along, placed
 from faultgauge.detection.flat_line import standing_still
-from faultgauge.detection.judged import Bank, Estimates, build_bank, estimate_run
-from faultgauge.detection.residual import Reference, residuals
+from faultgauge.detection.intake import Intake, slow_outputs, with_taken
+from faultgauge.detection.judged import Bank, build_bank
+from faultgauge.detection.residual import Reference, Residuals
 from faultgauge.detection.verdicts import NOT_JUDGED
 from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run
 from faultgauge.telemetry.runs import paced
 
-__all__ = ["ALONE", "Estimated", "estimate", "intervals_in", "said_of", "sentence", "table"]
+__all__ = ["ALONE", "Estimated", "Observing", "estimate", "intervals_in", "sentence", "table"]
 
 ALONE = "an observer alone gives an estimate, no decision"
 
@@ -50,10 +52,7 @@ def estimate(
     """
     runs = [paced(run) for run in runs]
     bank = build_bank(model, runs, observer)
-    found = [
-        said_of(bank, estimate_run(bank, run), residuals(model, run, reference)) for run in runs
-    ]
-    return found, bank
+    return [Observing(bank, run, reference).push(run) for run in runs], bank
 
 
 def intervals_in(model: Model) -> dict[str, float]:
@@ -62,26 +61,39 @@ def intervals_in(model: Model) -> dict[str, float]:
     return {name: float(channel["interval"]) for name, channel in channels.items()}
 
 
-def said_of(
-    bank: Bank, estimates: Estimates, r: dict[str, Float[np.ndarray, "samples"]]
-) -> Estimated:
-    """`estimates` beside the residuals `r`, every row with its reason."""
-    nothing = np.full(len(estimates.run.t), np.nan)
-    f = {n: estimates.f.get(n, nothing) for n in bank.model.plant.signals.fault_names}
-    reason = [
-        standing_still(still)
-        if still
-        else "not sampled"
-        if not sampled
-        else ALONE
-        if settled
-        else "settling after a start or a gap"
-        for still, sampled, settled in zip(
-            estimates.standing, estimates.sampled, estimates.settled, strict=True
-        )
-    ]
-    width = intervals_in(bank.model)
-    return Estimated(estimates.run, r, f, width, estimates.settled, reason)
+class Observing:
+    """The observers of a bank along one run or stream, and beside them a healthy reference."""
+
+    def __init__(self, bank: Bank, run: Run, reference: Reference) -> None:
+        self.bank, model = bank, bank.model
+        self.intake = Intake.of(model, run.step, slow_outputs(model, [run]), sized=False)
+        self.state = self.intake.init(run.step, run.resampled is not None)
+        self.observers = Along(bank)
+        self.residuals = Residuals(model, run, reference)
+
+    def push(self, rows: Run) -> Estimated:
+        """What is estimated at the next `rows`, however many."""
+        model, signals = self.bank.model, self.bank.model.plant.signals
+        self.state, taken = self.intake.along(model, self.state, rows)
+        said = self.observers.push(with_taken(model, rows, taken, outputs=True))
+        infos = said.joined()
+        nothing = np.full(len(rows.t), np.nan)
+        f = dict.fromkeys(signals.fault_names, nothing)
+        for k, name in enumerate(self.bank.designs):
+            f[name] = placed(said, infos[k].f) if infos is not None else nothing
+        settled = said.answered & self.bank.has_settled(said.since)
+        reason = [
+            standing_still(signals.output_names[still - 1])
+            if still
+            else "not sampled"
+            if not answered
+            else ALONE
+            if ready
+            else "settling after a start or a gap"
+            for still, answered, ready in zip(taken.standing, said.answered, settled, strict=True)
+        ]
+        r = self.residuals.push(with_taken(model, rows, taken, outputs=False))
+        return Estimated(rows, r, f, intervals_in(model), settled, reason)
 
 
 def table(estimated: Sequence[Estimated], faults: Sequence[str]) -> dict[str, list[Any]]:

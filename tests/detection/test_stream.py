@@ -8,7 +8,7 @@ from scipy.signal import cont2discrete
 
 from faultgauge.detection.calibration import calibrate
 from faultgauge.detection.estimation import Estimated, estimate, table
-from faultgauge.detection.online import Online
+from faultgauge.detection.stream import Stream
 from faultgauge.errors import InputError
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
@@ -107,7 +107,7 @@ def test_every_bit_of_a_holed_log_is_that_of_the_file(calibrated, reference):
     run = holed(log(3, leak=-0.3))
     (judged,), _ = estimate(calibrated, [run], reference=reference)
     expected = table([judged], calibrated.plant.signals.fault_names)
-    found, prompt = streamed(Online(calibrated, observer="eso", reference=reference), run)
+    found, prompt = streamed(Stream(calibrated, observer="eso", reference=reference), run)
     assert found == expected, "floats compared with ==, so to the bit"
     assert prompt >= COUNT - 19 - 8, "all but the first 19, and one at the start of each stretch"
 
@@ -133,7 +133,7 @@ def test_whatever_a_stretch_starts_from(change, states, outputs):
     run = holed(log(3, leak=-0.3, outputs=outputs, late=late))
     (judged,), _ = estimate(found, [run])
     expected = table([judged], found.plant.signals.fault_names)
-    got, _ = streamed(Online(found, observer="eso"), run)
+    got, _ = streamed(Stream(found, observer="eso"), run)
     assert got == expected
 
 
@@ -141,19 +141,19 @@ def test_uncalibrated_and_short_streams():
     run = log(4)
     short = Run(run.name, run.source, run.t[:9], {n: v[:9] for n, v in run.columns.items()})
     (judged,), _ = estimate(model(), [short])
-    got, _ = streamed(Online(model(), observer="eso"), short)
+    got, _ = streamed(Stream(model(), observer="eso"), short)
     assert got == table([judged], ("leak", "clog"))
     assert set(got["status"]) == {"NOT_JUDGED"}
     with pytest.raises(InputError, match="fewer than two samples"):
-        list(Online(model(), observer="eso").finish())
+        list(Stream(model(), observer="eso").finish())
 
 
 def test_what_would_need_the_future_is_refused():
     curved = model(PLANT.replace('"zero"', '"band-limited"'))
     with pytest.raises(InputError, match=r"band-limited.*--reference observer"):
-        Online(curved, observer="eso")
-    Online(curved, observer="eso", reference="observer")
+        Stream(curved, observer="eso")
+    Stream(curved, observer="eso", reference="observer")
     run = log(5)
     run.columns["level"][1::3] = run.columns["level"][2::3] = np.nan
     with pytest.raises(InputError, match="'level' is sampled at times of its own"):
-        streamed(Online(model(), observer="eso"), run)
+        streamed(Stream(model(), observer="eso"), run)
