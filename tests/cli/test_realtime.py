@@ -103,7 +103,8 @@ def test_rows_that_are_no_telemetry_are_left_out_and_counted(pipe, workshop):
     piped = pipe("\n".join(dirty), *eso)
     assert piped.code == 0, piped.err
     assert piped.out == clean.out
-    first, last = piped.err.splitlines()
+    alone, first, last = piped.err.splitlines()
+    assert alone.startswith("An observer alone gives an estimate, no decision")
     assert first.startswith(
         "warning: standard input, row 2, column 'x': 'text' is not a number; correct the cell"
     )
