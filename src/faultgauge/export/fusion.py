@@ -26,7 +26,6 @@ FUNCTIONS = {
     "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "exp2", "cbrt",
 }  # fmt: skip
 CHEAP = {"neg", "not", "convert_element_type", "select_n", "is_finite"}
-MOST = 1e9
 
 
 def kept_values(program: Program) -> set[int]:
@@ -41,14 +40,15 @@ def kept_values(program: Program) -> set[int]:
 
 
 def _costs(block: Block, cost: dict[int, float]) -> None:
-    """Of one element, in additions, were nothing kept."""
+    """Of one element, in additions; what it reads costs a load at most, since it will be kept where
+    it costs more."""
     for each in block.operations:
         for inner in each.blocks:
             _costs(inner, cost)
-        below = sum(cost.get(id(v), 0.0) for v in {id(v): v for v in each.inputs}.values())
-        own = min(_own(each) + below * _turns(each), MOST)
+        inputs = {id(v): v for v in each.inputs if not v.known}
+        below = sum(min(cost.get(key, 1.0), 1.0) for key in inputs)
         for out in each.outputs:
-            cost[id(out)] = 0.0 if each.name in WHOLE else own
+            cost[id(out)] = 1.0 if each.name in WHOLE else _own(each) + below * _turns(each)
 
 
 def _own(each: Operation) -> float:

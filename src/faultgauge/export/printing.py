@@ -5,6 +5,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from math import prod
 from typing import Any
 
 import numpy as np
@@ -291,7 +292,7 @@ class Printer:
             with self._loops(value.shape) as index:
                 to = linear(index, value.shape) + head
                 text = self._at(value, index)
-                self._line(f"{self._in(into, to)} = {text};")
+                self._line(f"{self._in(into, to)} = {_bare(text)};")
             statement.writes, statement.part = {into}, part
             self._note(statement, to)
             source = self.held.get(id(value))
@@ -375,6 +376,11 @@ class Printer:
         raise refused(each)
 
     def _function(self, name: str, arguments: Sequence[str], kind: Kind) -> str:
+        infinite = {"max": "-INFINITY", "min": "INFINITY"}.get(name)
+        if infinite in arguments:
+            return arguments[1 - list(arguments).index(infinite)]
+        if name == "mul" and "1.0" in arguments:
+            return arguments[1 - list(arguments).index("1.0")]
         self._done(name)
         text = ELEMENTWISE[name](arguments, kind, self.suffix)
         if name == "tanh" and self.fast_tanh:
@@ -656,8 +662,9 @@ class Printer:
         left = index[len(batch) : len(batch) + len(lhs_free)]
         right = index[len(batch) + len(lhs_free) :]
         name, kind = self._name("s"), self._kind(each.outputs[0])
-        self._line(f"{self._declared(kind)} {name} = {literal(0, kind, self.single)};")
-        with self._loops([lhs.shape[k] for k in lhs_sum]) as inner:
+        lengths = [lhs.shape[k] for k in lhs_sum]
+
+        def product(inner: Index) -> str:
             a, b = {}, {}
             for where, groups in (
                 (a, ((lhs_batch, batch), (lhs_free, left), (lhs_sum, inner))),
@@ -667,9 +674,14 @@ class Printer:
                     where |= dict(zip(map(int, axes), places, strict=True))
             one = self._at(lhs, tuple(a[k] for k in range(len(lhs.shape))))
             other = self._at(rhs, tuple(b[k] for k in range(len(rhs.shape))))
+            return self._function("mul", [one, other], kind)
+
+        if prod(lengths) == 1:
+            return product((Place(),) * len(lengths))
+        self._line(f"{self._declared(kind)} {name} = {literal(0, kind, self.single)};")
+        with self._loops(lengths) as inner:
             self._done("add")
-            self._done("mul")
-            self._line(f"{name} += {one} * {other};")
+            self._line(f"{name} += {_bare(product(inner))};")
         return name
 
     def _extreme(self, each: Operation, index: Index) -> str:
