@@ -33,13 +33,15 @@ BYTES = {"bool": 1, "int32_t": 4, "int64_t": 8}
 @dataclass(frozen=True)
 class Step:
     """What is exported: a pure `step(state, sample) -> (state, info)` of pytrees of arrays, all of
-    fixed shapes, the `state` that it begins with, and a `sample` as an example. `comments` say by
-    name what a member of sample or info is, and in which unit."""
+    fixed shapes, the `state` that it begins with, and the form of a `sample`, by name. `comments`
+    say by name what a member of sample or info is, and in which unit; `examples` makes as many
+    samples as one wants, on which a test can run."""
 
     step: Callable[[Any, Any], tuple[Any, Any]]
     state: Any
     sample: Any
     comments: dict[str, str]
+    examples: Callable[[int, np.random.Generator], dict[str, np.ndarray]]
 
 
 @dataclass(frozen=True)
@@ -83,18 +85,31 @@ class Printed:
     tables: str
     operations: dict[str, int]
 
+    table_bytes: int
+
     @property
     def real(self) -> str:
         return "float" if self.single else "double"
 
-    def bytes_of(self, members: Sequence[Member]) -> int:
-        """As a struct: each member at a multiple of its own size."""
-        size, widest = 0, 1
+    def bytes_of(self, members: Sequence[Member], widest: int = 1) -> int:
+        """As a struct: each member at a multiple of its own size, the end at one of the `widest`
+        too."""
+        size = 0
         for each in members:
-            one = BYTES.get(each.kind, 4 if self.single else 8)
+            one = _bytes(each.kind, self.single)
             size = -(-size // one) * one + one * each.size
             widest = max(widest, one)
         return -(-size // widest) * widest
+
+    @property
+    def saved_bytes(self) -> int:
+        """Of the state, before its working memory."""
+        widest = max((_bytes(m.kind, self.single) for m in self.work), default=1)
+        return self.bytes_of(self.state, widest)
+
+
+def _bytes(kind: Kind, single: bool) -> int:
+    return BYTES.get(kind, 4 if single else 8)
 
 
 def print_step(
@@ -125,6 +140,7 @@ def print_step(
         "\n".join(HELPERS[each](single) for each in helpers),
         init, step, tuple(tables.externals), "\n".join(tables.definitions) + "\n",
         dict(sorted(printer.operations.items())),
+        sum(_bytes(kind, single) * len(numbers) for _, kind, numbers in tables.declared),
     )  # fmt: skip
 
 

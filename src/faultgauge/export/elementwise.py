@@ -38,10 +38,10 @@ def literal(value: float | int | bool, kind: Kind, single: bool) -> str:
         return "INFINITY" if value > 0 else "-INFINITY"
     if not single:
         return repr(value)
-    info = np.finfo(np.float32)
-    if value != 0 and abs(value) < info.tiny:
-        value = float(np.copysign(info.tiny, value))
-    narrow = np.float32(np.clip(value, info.min, info.max))
+    least, most = (float(each) for each in (np.finfo("f4").tiny, np.finfo("f4").max))
+    if value != 0 and abs(value) < least:
+        value = float(np.copysign(least, value))
+    narrow = np.float32(min(max(value, -most), most))
     text = str(narrow)
     return text + ("f" if "." in text or "e" in text else ".0f")
 

@@ -1,6 +1,7 @@
 """What of a model is exported: its bank, sample by sample, with names for all that comes and goes."""
 
 from collections import OrderedDict
+from functools import partial
 from typing import Any
 
 import jax.numpy as jnp
@@ -15,10 +16,13 @@ from faultgauge.errors import InputError
 from faultgauge.export.compile import Step
 from faultgauge.observers.branching import BranchState
 from faultgauge.plants.model import Model
+from faultgauge.simulation.free_run import simulate
 from faultgauge.telemetry import Run
 
 __all__ = ["bank_of", "step_of"]
 
+HOLD = 20  # samples of an example for which an input stays
+UNSAMPLED = 0.02  # of the outputs of an example
 ROWS = 100  # of the stand-in log, which says which columns there are and how far apart
 
 
@@ -60,9 +64,12 @@ def step_of(bank: FaultBank) -> Step:
         said["p_healthy"], said["p_unknown"] = info.p[0], info.p[-1]
         return state, said
 
-    names = [*signals.input_names, *bank.outputs]
-    sample = OrderedDict((name, jnp.zeros(())) for name in ("dt", *names))
-    return Step(step, _start(bank), sample, _comments(bank))
+    sample = OrderedDict((name, jnp.zeros(())) for name in ("dt", *_read(bank)))
+    return Step(step, _start(bank), sample, _comments(bank), partial(_examples, bank))
+
+
+def _read(bank: FaultBank) -> tuple[str, ...]:
+    return (*bank.model.plant.signals.input_names, *bank.outputs)
 
 
 def _start(bank: FaultBank) -> BranchState:
@@ -87,6 +94,27 @@ def _comments(bank: FaultBank) -> dict[str, str]:
     found["p_healthy"] = "probability that there is no fault"
     found["p_unknown"] = "probability of something that no declared fault is"
     return found
+
+
+def _examples(bank: FaultBank, count: int, rng: np.random.Generator) -> dict[str, np.ndarray]:
+    """The model's own plant with noise, its inputs drawn from the training envelope, healthy first
+    and then with every fault in turn."""
+    plant, signals = bank.model.plant, bank.model.plant.signals
+    points = operating_points(bank.model)
+    u = points.u[np.repeat(rng.integers(0, len(points.u), count // HOLD + 1), HOLD)[:count]]
+    part = np.arange(count) * (len(signals.faults) + 1) // count - 1
+    sizes = np.clip(bank.size, [f.min for f in signals.faults], [f.max for f in signals.faults])
+    f = np.where(part[:, None] == np.arange(len(sizes)), sizes, 0.0)
+    dt = np.full(count, bank.step)
+    dt[0] = 0.0
+    start = jnp.asarray(np.median(points.x, axis=0))
+    given = (jnp.asarray(each) for each in (u, dt, f))
+    y = np.asarray(simulate(plant, start, *given, bank.modes.filter.substeps).y)
+    y = y + bank.noise.sigma * rng.standard_normal(y.shape)
+    y = np.where(rng.random(y.shape) < UNSAMPLED, np.nan, y)
+    named = [*zip(signals.input_names, u.T, strict=True)]
+    named += [*zip(signals.output_names, y.T, strict=True)]
+    return {"dt": dt, **{name: values for name, values in named if name in _read(bank)}}
 
 
 def _stacked(values: list[Any]) -> Float[Array, "values"]:

@@ -20,7 +20,22 @@ __all__ = ["Native", "compiler"]
 
 FLAGS = ("-std=c99", "-O2", "-fPIC", "-shared")
 RUN = """
+#define _POSIX_C_SOURCE 199309L
 #include "{name}.h"
+#include <time.h>
+double fg_longest(int64_t count, const {name}_input *in, {name}_output *out, {name}_state *state)
+{{
+    double longest = 0;
+    for (int64_t k = 0; k < count; k++) {{
+        struct timespec a, b;
+        clock_gettime(CLOCK_MONOTONIC, &a);
+        {name}_step(in + k, out + k, state);
+        clock_gettime(CLOCK_MONOTONIC, &b);
+        const double took = (double)(b.tv_sec - a.tv_sec) + 1e-9 * (double)(b.tv_nsec - a.tv_nsec);
+        longest = took > longest ? took : longest;
+    }}
+    return longest;
+}}
 void fg_init({name}_state *state) {{ {name}_init(state); }}
 void fg_run(int64_t count, const {name}_input *in, {name}_output *out, {name}_state *state)
 {{
@@ -72,8 +87,8 @@ class Native:
         self.input, self.output = (
             _record(each, printed.single) for each in (printed.inputs, printed.outputs)
         )
-        work = tuple(Member(f"work {m.name}", m.kind, m.shape) for m in printed.work)
-        self.state_type = _record((*printed.state, *work), printed.single)
+        work = _record(printed.work, printed.single)
+        self.state_type = _record(printed.state, printed.single, [("work", work)])
         self._check_sizes()
         self._state = np.zeros(1, self.state_type)
         self.begin()
@@ -103,6 +118,13 @@ class Native:
 
     def run(self, samples: Mapping[str, Any]) -> np.ndarray:
         """Records of the output struct, one per sample; `samples` are arrays by member name."""
+        return self._called("fg_run", samples)[0]
+
+    def longest(self, samples: Mapping[str, Any]) -> float:
+        """The longest step [s] of these samples, by the clock."""
+        return self._called("fg_longest", samples)[1]
+
+    def _called(self, function: str, samples: Mapping[str, Any]) -> tuple[np.ndarray, float]:
         count = len(next(iter(samples.values())))
         given = np.zeros(count, self.input)
         for name, values in samples.items():
@@ -110,8 +132,10 @@ class Native:
             given[name] = np.asarray(values).reshape(shape)
         said = np.zeros(count, self.output)
         pointers = (each.ctypes.data_as(ctypes.c_void_p) for each in (given, said, self._state))
-        self._library.fg_run(ctypes.c_int64(count), *pointers)
-        return said
+        call = getattr(self._library, function)
+        call.restype = ctypes.c_double if function == "fg_longest" else None
+        found = call(ctypes.c_int64(count), *pointers)
+        return said, float(found or 0.0)
 
     def _check_sizes(self) -> None:
         self._library.fg_sizes.restype = ctypes.c_int64
@@ -120,7 +144,7 @@ class Native:
                 raise RuntimeError("the compiler lays the structs out unlike NumPy")
 
 
-def _record(members: Sequence[Member], single: bool) -> np.dtype:
+def _record(members: Sequence[Member], single: bool, more: Sequence[Any] = ()) -> np.dtype:
     real = "f4" if single else "f8"
     kinds = {"real": real, "bool": "?", "int64_t": "i8", "int32_t": "i4"}
     fields: list[Any] = [
@@ -129,4 +153,4 @@ def _record(members: Sequence[Member], single: bool) -> np.dtype:
         for each in members
         if each.size
     ]  # fmt: skip
-    return np.dtype(fields or [("none", "i1")], align=True)
+    return np.dtype([*fields, *more] or [("none", "i1")], align=True)
