@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from faultgauge.accommodation.simulate import simulate
     from faultgauge.detection.calibration import calibrate
     from faultgauge.detection.decisions import decide_runs as estimate
+    from faultgauge.detection.watch import Watch
     from faultgauge.identification.evaluation import evaluate
     from faultgauge.identification.fit import fit
     from faultgauge.plants.gray_box import load_plant
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Plant",
+    "Watch",
     "calibrate",
     "estimate",
     "evaluate",
@@ -34,6 +36,7 @@ __all__ = [
 
 _HOMES = {
     "Plant": "faultgauge.plants.plant.Plant",
+    "Watch": "faultgauge.detection.watch.Watch",
     "calibrate": "faultgauge.detection.calibration.calibrate",
     "estimate": "faultgauge.detection.decisions.decide_runs",
     "evaluate": "faultgauge.identification.evaluation.evaluate",

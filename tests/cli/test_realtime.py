@@ -64,17 +64,13 @@ def without_run(text):
 def test_a_stream_is_answered_as_its_file(pipe, workshop, tmp_path):
     out, events = tmp_path / "e.csv", tmp_path / "events.ndjson"
     eso = ("--observer", "eso")
-    said = pipe("", "estimate", workshop.limited, workshop.suspect, "--out", out, "--json", *eso)
+    pipe("", "estimate", workshop.limited, workshop.suspect, "--out", out, *eso)
     text = workshop.suspect.read_text()
     piped = pipe(text, "estimate", workshop.limited, "-", "--events", events, *eso)
     assert piped.code == 0, piped.err
     assert without_run(piped.out) == without_run(out.read_text())
-    alarm, event = ndjson(events.read_text())
-    (expected,) = said.json["events"]
-    assert event == {**expected, "said": "event", "run": "stream"}
-    assert (alarm["said"], alarm["fault"], alarm["start"]) == ("alarm", "leak", event["start"])
-    assert piped.err.splitlines()[0].startswith("alarm: leak above its limit since 30.")
-    assert "event: leak +0.6" in piped.err
+    assert events.read_text() == "", "an observer alone decides nothing"
+    assert piped.err.startswith("An observer alone gives an estimate, no decision")
 
 
 def test_ndjson_answers_hold_every_bit_and_maps_act(pipe, workshop, tmp_path):

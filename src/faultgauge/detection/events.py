@@ -11,7 +11,7 @@ from faultgauge.detection.posterior import LIKELY, WIDE, Posterior
 from faultgauge.detection.verdicts import NAMED, Verdict
 from faultgauge.telemetry import Run
 
-__all__ = ["FEWEST", "UNKNOWN", "BankEvent", "Judged", "events", "pause", "stretches"]
+__all__ = ["FEWEST", "UNKNOWN", "Alarm", "BankEvent", "Judged", "events", "pause", "stretches"]
 
 UNKNOWN = "unknown"
 FEWEST = 1e-3  # odds below which an alternative is not listed
@@ -40,6 +40,17 @@ class BankEvent:
     onset_hi: float
     alternatives: tuple[tuple[str, float], ...]
     passive: bool = False
+
+
+@dataclass(frozen=True)
+class Alarm:
+    """On a stream: a fault was named at `start` [s], as large as it is then, in its unit (None for
+    an undeclared one). How large it was in the end, and since when, its event tells."""
+
+    run: str
+    fault: str
+    start: float
+    size: float | None
 
 
 class Judged(NamedTuple):
