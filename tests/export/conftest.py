@@ -43,11 +43,15 @@ def calibrated(source, seed=0, step=STEP):
     signals, rng = plant.signals, np.random.default_rng(seed)
     x = np.stack([draws(rng, s.min, s.max, s.initial) for s in signals.states], 1)
     u = np.stack([draws(rng, i.min, i.max, 0.0) for i in signals.inputs], 1)
+    measured = {each.measures for each in signals.outputs}
     record = {
         "max_step": step / 2,
         "sample_time": step,
         "envelope_points": np.concatenate([x, u], 1).tolist(),
-        "columns": {"states": [], "outputs": list(signals.output_names)},
+        "columns": {
+            "states": [[s.name if s.name in measured else "", 0] for s in signals.states],
+            "outputs": list(signals.output_names),
+        },
         "data": {"fit": [], "validate": []},
     }
     model = Model(plant, record)
@@ -71,7 +75,7 @@ def draws(rng, low, high, middle):
 
 def log_of(model, count, seed=0, fault=0, size=0.3, missing=0.0):
     """Samples by name: the plant under steps of its inputs, the `fault` from the middle on, a share
-    `missing` of the outputs not sampled."""
+    `missing` of the outputs not sampled, and a gap."""
     plant, rng = model.plant, np.random.default_rng(seed)
     signals, step = plant.signals, model.record["sample_time"]
     points = np.asarray(model.record["envelope_points"])
@@ -81,14 +85,14 @@ def log_of(model, count, seed=0, fault=0, size=0.3, missing=0.0):
     if signals.faults:
         f[count // 2 :, fault] = size
     dt = np.full(count, step)
-    dt[0] = 0.0
     start = jnp.asarray(np.median(points[:, :states], axis=0))
     y = np.asarray(simulate(plant, start, jnp.asarray(u), jnp.asarray(dt), jnp.asarray(f), 4).y)
     y = y + 0.01 * rng.standard_normal(y.shape)
     y = np.where(rng.random(y.shape) < missing, np.nan, y)
-    columns = [("dt", dt), *zip(signals.input_names, u.T, strict=True)]
+    t = step * np.arange(count) + 20 * step * (np.arange(count) > 0.8 * count)
+    columns = [("t", t), *zip(signals.input_names, u.T, strict=True)]
     columns += zip(signals.output_names, y.T, strict=True)
-    read = ("dt", *signals.input_names, *(signals.observation.outputs or signals.output_names))
+    read = ("t", *signals.input_names, *(signals.observation.outputs or signals.output_names))
     return OrderedDict((name, values) for name, values in columns if name in read)
 
 

@@ -77,7 +77,7 @@ def _test(printed: Printed, step: Step, banner: str) -> str:
     whole = [m for m in printed.outputs if m.kind != "real"] if exact else []
     for k, member in enumerate(whole):
         checks.append(f"        wrong += (int)out.{member.name} != codes[k][{k}];")
-    given = [[samples[m.name][k] for m in printed.inputs] for k in range(len(samples["dt"]))]
+    given = [[samples[m.name][k] for m in printed.inputs] for k in range(SAMPLES)]
     fields = [f"        in.{m.name} = samples[k][{k}];" for k, m in enumerate(printed.inputs)]
     return Template(TEST).substitute(
         banner=banner,

@@ -4,7 +4,7 @@ import hashlib
 import re
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import jax
@@ -35,13 +35,15 @@ class Step:
     """What is exported: a pure `step(state, sample) -> (state, info)` of pytrees of arrays, all of
     fixed shapes, the `state` that it begins with, and the form of a `sample`, by name. `comments`
     say by name what a member of sample or info is, and in which unit; `examples` makes as many
-    samples as one wants, on which a test can run."""
+    samples as one wants, on which a test can run; `codes` are names of numbers, by what they begin
+    with."""
 
     step: Callable[[Any, Any], tuple[Any, Any]]
     state: Any
     sample: Any
     comments: dict[str, str]
     examples: Callable[[int, np.random.Generator], dict[str, np.ndarray]]
+    codes: dict[str, tuple[str, ...]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -86,6 +88,7 @@ class Printed:
     operations: dict[str, int]
 
     table_bytes: int
+    codes: dict[str, tuple[str, ...]]
 
     @property
     def real(self) -> str:
@@ -141,6 +144,7 @@ def print_step(
         init, step, tuple(tables.externals), "\n".join(tables.definitions) + "\n",
         dict(sorted(printer.operations.items())),
         sum(_bytes(kind, single) * len(numbers) for _, kind, numbers in tables.declared),
+        given.codes,
     )  # fmt: skip
 
 

@@ -1,4 +1,5 @@
-"""What of a model is exported: its bank, sample by sample, with names for all that comes and goes."""
+"""What of a model is exported: its `Watch`, sample by sample, with names for all that comes and
+goes."""
 
 from collections import OrderedDict
 from functools import partial
@@ -10,11 +11,11 @@ from jaxtyping import Array, Float
 
 from faultgauge.detection.bank import FaultBank, build_fault_bank
 from faultgauge.detection.judged import operating_points
-from faultgauge.detection.noise import noise_of, start_spread
-from faultgauge.detection.posterior import members
+from faultgauge.detection.noise import noise_of
+from faultgauge.detection.verdicts import STATUS, Reason
+from faultgauge.detection.watch import Watch, WatchState
 from faultgauge.errors import InputError
 from faultgauge.export.compile import Step
-from faultgauge.observers.branching import BranchState
 from faultgauge.plants.model import Model
 from faultgauge.simulation.free_run import simulate
 from faultgauge.telemetry import Run
@@ -23,7 +24,6 @@ __all__ = ["bank_of", "step_of"]
 
 HOLD = 20  # samples of an example for which an input stays
 UNSAMPLED = 0.02  # of the outputs of an example
-ROWS = 100  # of the stand-in log, which says which columns there are and how far apart
 
 
 def bank_of(model: Model) -> FaultBank:
@@ -35,64 +35,72 @@ def bank_of(model: Model) -> FaultBank:
             "`faultgauge calibrate` on healthy logs first."
         )
     step = 1 / model.resample if model.resample else float(model.record["sample_time"])
-    names = (*model.plant.signals.input_names, *model.record["columns"]["outputs"])
-    columns = {name: np.zeros(ROWS) for name in names}
-    run = Run("export", "the model", step * np.arange(ROWS), columns, step)
+    columns = {name: np.zeros(2) for name in _columns(model)}
+    run = Run("export", "the model", step * np.arange(2), columns, step)
     return build_fault_bank(model, [run], noise_of(model))
 
 
 def step_of(bank: FaultBank) -> Step:
-    """The bank's step from one named sample to named answers; it begins anywhere in the training
-    envelope, and the first samples say where."""
-    signals, modes = bank.model.plant.signals, bank.modes
-    sets = [np.array([k in members(bank, f) for k in range(len(bank.sets) + 1)], float)
-            for f in range(len(signals.faults))]  # fmt: skip
+    """The step of `Watch` from one named sample to named answers."""
+    signals = bank.model.plant.signals
+    watch = Watch(bank.model, _columns(bank.model), bank.step, bank=bank)
 
-    def step(state: BranchState, sample: dict[str, Any]) -> tuple[BranchState, dict[str, Any]]:
+    def step(state: WatchState, sample: dict[str, Any]) -> tuple[WatchState, dict[str, Any]]:
         u = _stacked([sample[name] for name in signals.input_names])
-        y = _stacked(
-            [
-                sample[name] if name in bank.outputs else jnp.nan
-                for name in signals.output_names
-            ]
-        )
-        state, info = modes.step(state, u, y, sample["dt"])
-        said = OrderedDict()
+        y = _stacked([sample.get(name, jnp.nan) for name in signals.output_names])
+        state, row = watch.step(state, sample["t"], u, y)
+        found, said = row.posterior, OrderedDict()
         for k, name in enumerate(signals.fault_names):
-            said[f"f_{name}"] = jnp.sum(info.p * sets[k] * info.f[:, k])
-            said[f"p_{name}"] = jnp.sum(info.p * sets[k])
-        said["p_healthy"], said["p_unknown"] = info.p[0], info.p[-1]
+            said[f"f_{name}"] = found.f[k]
+            said[f"f_{name}_lo"], said[f"f_{name}_hi"] = found.lo[k], found.hi[k]
+            said[f"p_{name}"] = found.p[k]
+        said["p_healthy"], said["p_unknown"] = found.healthy, found.unknown
+        for k, name in enumerate(signals.state_names):
+            said[f"x_{name}"] = found.x[k]
+        codes = (row.verdict.status, *row.verdict.reason)
+        for name, code in zip(("status", "reason", "about", "or_about"), codes, strict=True):
+            said[name] = code.astype(jnp.int32)
+        for k, name in enumerate(signals.fault_names):
+            said[f"named_{name}"] = row.verdict.named[k]
         return state, said
 
-    sample = OrderedDict((name, jnp.zeros(())) for name in ("dt", *_read(bank)))
-    return Step(step, _start(bank), sample, _comments(bank), partial(_examples, bank))
+    sample = OrderedDict((name, jnp.zeros(())) for name in ("t", *_read(bank)))
+    codes = {"": STATUS, "reason": tuple(each.name for each in Reason)}
+    return Step(step, watch.init(), sample, _comments(bank), partial(_examples, bank), codes)
+
+
+def _columns(model: Model) -> list[str]:
+    """Of the log that the model was fitted to."""
+    known = model.record["columns"]
+    states = [name for name, _ in known["states"] if name]
+    return list(dict.fromkeys([*model.plant.signals.input_names, *known["outputs"], *states]))
 
 
 def _read(bank: FaultBank) -> tuple[str, ...]:
     return (*bank.model.plant.signals.input_names, *bank.outputs)
 
 
-def _start(bank: FaultBank) -> BranchState:
-    sd = start_spread(bank.model, bank.noise, ())
-    points = operating_points(bank.model)
-    x = np.zeros(len(sd))
-    x[: points.x.shape[1]] = np.median(points.x, axis=0)
-    u = np.median(points.u, axis=0)
-    return bank.modes.init(*(jnp.asarray(each) for each in (x, sd, u)))
-
-
 def _comments(bank: FaultBank) -> dict[str, str]:
     signals = bank.model.plant.signals
-    found = {"dt": "s since the sample before; 0 for the first"}
+    found = {"t": f"s, about {bank.step:g} more with every sample"}
     for kind, many in (("input", signals.inputs), ("output", signals.outputs)):
         for each in many:
             found[each.name] = f"{kind} [{each.unit or '-'}]"
     for fault in signals.faults:
-        unit = fault.unit or "-"
-        found[f"f_{fault.name}"] = f"mean of {fault.name} over all hypotheses [{unit}]"
-        found[f"p_{fault.name}"] = f"probability that {fault.name} is there"
+        name, unit = fault.name, fault.unit or "-"
+        found[f"f_{name}"] = f"{name} [{unit}]: mean over all hypotheses"
+        found[f"f_{name}_lo"] = f"its 2.5 % quantile [{unit}]"
+        found[f"f_{name}_hi"] = f"its 97.5 % quantile [{unit}]"
+        found[f"p_{name}"] = f"probability of {name}, alone or with others"
+        found[f"named_{name}"] = f"whether {name} is named as a cause"
+    for state in signals.states:
+        found[f"x_{state.name}"] = f"state {state.name} [{state.unit or '-'}]"
     found["p_healthy"] = "probability that there is no fault"
-    found["p_unknown"] = "probability of something that no declared fault is"
+    found["p_unknown"] = "probability of something undeclared"
+    found["status"] = "see the enumeration"
+    found["reason"] = "why: see the enumeration"
+    found["about"] = "whom the reason is about: its place among outputs, faults or networks"
+    found["or_about"] = "or whom else (reason EITHER: 0 undeclared, 1 the first fault, ...)"
     return found
 
 
@@ -105,16 +113,15 @@ def _examples(bank: FaultBank, count: int, rng: np.random.Generator) -> dict[str
     part = np.arange(count) * (len(signals.faults) + 1) // count - 1
     sizes = np.clip(bank.size, [f.min for f in signals.faults], [f.max for f in signals.faults])
     f = np.where(part[:, None] == np.arange(len(sizes)), sizes, 0.0)
-    dt = np.full(count, bank.step)
-    dt[0] = 0.0
     start = jnp.asarray(np.median(points.x, axis=0))
-    given = (jnp.asarray(each) for each in (u, dt, f))
+    given = (jnp.asarray(each) for each in (u, np.full(count, bank.step), f))
     y = np.asarray(simulate(plant, start, *given, bank.modes.filter.substeps).y)
     y = y + bank.noise.sigma * rng.standard_normal(y.shape)
     y = np.where(rng.random(y.shape) < UNSAMPLED, np.nan, y)
     named = [*zip(signals.input_names, u.T, strict=True)]
     named += [*zip(signals.output_names, y.T, strict=True)]
-    return {"dt": dt, **{name: values for name, values in named if name in _read(bank)}}
+    read = {name: values for name, values in named if name in _read(bank)}
+    return {"t": bank.step * np.arange(count), **read}
 
 
 def _stacked(values: list[Any]) -> Float[Array, "values"]:

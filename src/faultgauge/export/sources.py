@@ -12,6 +12,15 @@ def _struct(name: str, members: Sequence[Member], about: str) -> str:
     return "\n".join([f"/* {about} */", "typedef struct {", *lines, f"}} {name};", ""])
 
 
+def _codes(printed: Printed) -> str:
+    found = ""
+    for start, names in printed.codes.items():
+        each = [f"{printed.name}_{start}_" if start else f"{printed.name}_"] * len(names)
+        words = [f"    {a.upper()}{b} = {k}" for k, (a, b) in enumerate(zip(each, names, strict=True))]
+        found += "enum {\n" + ",\n".join(words) + "\n};\n\n"
+    return found
+
+
 def header(printed: Printed, banner: str) -> str:
     """`NAME.h`; `banner` says what it was made from."""
     name, real = printed.name, printed.real
@@ -34,7 +43,7 @@ def header(printed: Printed, banner: str) -> str:
 extern "C" {{
 #endif
 
-{inputs}
+{_codes(printed)}{inputs}
 {outputs}
 /* Plain data: copy it, save it, restore it. Only what stands before `work` lasts from step to step:
    its size is {name.upper()}_SAVED bytes; `work` may hold anything before a step. */
