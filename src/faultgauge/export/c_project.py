@@ -20,8 +20,9 @@ SAMPLES = 240  # that the test of the C files runs over
 SEED = 0
 TIMED = 2000  # steps
 # Of a signal's largest value in the vectors: rounding adds up differently under other compilers
-# and libraries; with float or the fast tanh it is not the same numbers that are compared.
-EXACT, ROUGH = 1e-8, 2e-2
+# and libraries. With float or the fast tanh a probability may rise a sample sooner or later, so
+# that a few numbers may be further off.
+EXACT, ROUGH, FEW = 1e-8, 2e-2, 0.05
 
 
 def c_project(request: Request) -> dict[str, bytes]:
@@ -87,16 +88,20 @@ def _test(printed: Printed, step: Step, banner: str) -> str:
         inputs=len(printed.inputs),
         outputs=max(len(reals), 1),
         samples=_rows(given, printed.single),
-        expected=_rows([[said[m.name][k] for m in reals] for k in range(len(given))], printed.single),
+        expected=_rows(
+            [[said[m.name][k] for m in reals] for k in range(len(given))], printed.single
+        ),
         codes=_codes(whole, said, len(given)),
         fields="\n".join(fields),
         checks="\n".join(checks),
+        allowed=0 if exact else int(FEW * SAMPLES * len(reals)),
     )
 
 
 def _rows(rows: Sequence[Sequence[float]], single: bool) -> str:
     return "\n".join(
-        f"    {{{', '.join(literal(float(v), 'real', single) for v in row) or '0'}}}," for row in rows
+        f"    {{{', '.join(literal(float(v), 'real', single) for v in row) or '0'}}},"
+        for row in rows
     )
 
 
@@ -144,7 +149,7 @@ $fields
         ${name}_step(&in, &out, &state);
 $checks
     }
-    return wrong != 0;
+    return wrong > $allowed;
 }
 
 #ifndef NO_MAIN

@@ -4,18 +4,19 @@ import hashlib
 import re
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import jax
 import numpy as np
 
 from faultgauge.errors import InputError
-from faultgauge.export.elementwise import HELPERS, Kind, kind_of
+from faultgauge.export.elementwise import HELPERS, LETTERS, Kind, kind_of
 from faultgauge.export.memory import Array, Branch, Loop, Node, Statement, place
 from faultgauge.export.printing import Printer
 from faultgauge.export.program import Program, Value, trace
 from faultgauge.export.tables import Tables
+from faultgauge.export.widths import wide_values
 
 __all__ = ["Member", "Printed", "Step", "identifier", "print_step"]
 
@@ -27,7 +28,7 @@ TAKEN = set(
     "inline int long register restrict return short signed sizeof static struct switch typedef "
     "union unsigned void volatile while real bool class new this and or not xor template".split()
 )
-BYTES = {"bool": 1, "int32_t": 4, "int64_t": 8}
+BYTES = {"wide": 8, "bool": 1, "int32_t": 4, "int64_t": 8}
 
 
 @dataclass(frozen=True)
@@ -36,7 +37,8 @@ class Step:
     fixed shapes, the `state` that it begins with, and the form of a `sample`, by name. `comments`
     say by name what a member of sample or info is, and in which unit; `examples` makes as many
     samples as one wants, on which a test can run; `codes` are names of numbers, by what they begin
-    with."""
+    with; `times` are the names of inputs and members of the state that count seconds from the
+    beginning."""
 
     step: Callable[[Any, Any], tuple[Any, Any]]
     state: Any
@@ -44,6 +46,7 @@ class Step:
     comments: dict[str, str]
     examples: Callable[[int, np.random.Generator], dict[str, np.ndarray]]
     codes: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    times: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -115,17 +118,26 @@ def _bytes(kind: Kind, single: bool) -> int:
     return BYTES.get(kind, 4 if single else 8)
 
 
-def print_step(
-    given: Step, name: str, *, single: bool = False, fast_tanh: bool = False
-) -> Printed:
+def print_step(given: Step, name: str, *, single: bool = False, fast_tanh: bool = False) -> Printed:
     """Print `given`. Raises `InputError` where C cannot carry a part of it."""
     program = trace(given.step, given.state, given.sample)
     info_shape = jax.eval_shape(given.step, given.state, given.sample)[1]
     state = members(given.state, {})
     inputs = members(given.sample, given.comments)
     outputs = members(info_shape, given.comments)
+    wide: set[int] = set()
+    if single:
+        times = [k for k, m in enumerate((*state, *inputs)) if m.name in given.times]
+        wide = wide_values(program, times, len(state))
+        state, inputs = (
+            [replace(m, kind="wide") if id(v) in wide else m for v, m in zip(values, many)]
+            for values, many in (
+                (program.inputs[: len(state)], state),
+                (program.inputs[len(state) :], inputs),
+            )
+        )
     tables = Tables(name, single)
-    printer = Printer(program, tables, single, fast_tanh)
+    printer = Printer(program, tables, single, fast_tanh, wide)
     places = [f"state->{m.name}" for m in state] + [f"in->{m.name}" for m in inputs]
     for value, member in zip(program.inputs, places, strict=True):
         printer.given(value, member)
@@ -152,12 +164,12 @@ def _placed(printer: Printer, nodes: Sequence[Node]) -> tuple[list[Member], str]
     """(the members of the workspace, the statements with every array in its place)."""
     lasting = {each for each in printer.arrays if each.fixed}
     sizes = place(nodes, printer.arrays, lasting)
-    work = [Member(LETTER[kind], kind, (size,)) for kind, size in sizes.items()]
+    work = [Member(LETTERS[kind], kind, (size,)) for kind, size in sizes.items()]
     lines = _read_ones(_lines(nodes, 1))
 
     def cell(found: re.Match[str]) -> str:
         array, offset, terms = printer.arrays[int(found[1])].home, int(found[2]), found[3]
-        where = array.fixed or f"work->{LETTER[array.kind]}"
+        where = array.fixed or f"work->{LETTERS[array.kind]}"
         offset += array.offset
         if not terms:
             return f"{where}[{offset}]"
@@ -172,15 +184,10 @@ def _read_ones(lines: list[str]) -> list[str]:
     """The lines without constants that nobody reads."""
     while True:
         count = Counter(name for line in lines for name in NAME.findall(line))
-        kept = [
-            line for line in lines if not (made := MADE.match(line)) or count[made[1]] > 1
-        ]
+        kept = [line for line in lines if not (made := MADE.match(line)) or count[made[1]] > 1]
         if len(kept) == len(lines):
             return lines
         lines = kept
-
-
-LETTER = {"real": "r", "bool": "b", "int64_t": "i", "int32_t": "j"}
 
 
 def _lines(nodes: Sequence[Node], depth: int) -> list[str]:

@@ -4,12 +4,13 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-__all__ = ["ELEMENTWISE", "HELPERS", "Kind", "TANH_ERROR", "kind_of", "literal"]
+__all__ = ["ELEMENTWISE", "HELPERS", "FLOATS", "Kind", "TANH_ERROR", "kind_of", "literal"]
 
 TANH_ERROR = 2e-7  # of `fast_tanh`, absolute
 
-Kind = str  # "real", "bool" or an integer type of C
-LETTERS = {"real": "r", "bool": "b", "int64_t": "i", "int32_t": "j"}
+Kind = str  # "real", "wide" (double even where real is float), "bool" or an integer type of C
+LETTERS = {"real": "r", "wide": "w", "bool": "b", "int64_t": "i", "int32_t": "j"}
+FLOATS = ("real", "wide")
 
 
 def kind_of(dtype: np.dtype) -> Kind:
@@ -29,14 +30,14 @@ def literal(value: float | int | bool, kind: Kind, single: bool) -> str:
     are guards ("not 0", "larger than anything"), and stay so."""
     if kind == "bool":
         return "1" if value else "0"
-    if kind != "real":
+    if kind not in FLOATS:
         return f"INT64_C({int(value)})" if abs(int(value)) >= 2**31 else str(int(value))
     value = float(value)
     if np.isnan(value):
         return "NAN"
     if np.isinf(value):
         return "INFINITY" if value > 0 else "-INFINITY"
-    if not single:
+    if not single or kind == "wide":
         return repr(value)
     least, most = (float(each) for each in (np.finfo("f4").tiny, np.finfo("f4").max))
     if value != 0 and abs(value) < least:
@@ -47,7 +48,7 @@ def literal(value: float | int | bool, kind: Kind, single: bool) -> str:
 
 
 def _call(name: str) -> Callable[..., str]:
-    return lambda a, k, f: f"{name}{f}({', '.join(a)})" if k == "real" else f"({a[0]})"
+    return lambda a, k, f: f"{name}{f}({', '.join(a)})" if k in FLOATS else f"({a[0]})"
 
 
 def _binary(sign: str) -> Callable[..., str]:
@@ -77,12 +78,12 @@ ELEMENTWISE: dict[str, Callable[[Sequence[str], Kind, str], str]] = {
     "sub": _binary("-"),
     "mul": _binary("*"),
     "div": _binary("/"),
-    "rem": lambda a, k, f: f"fmod{f}({a[0]}, {a[1]})" if k == "real" else f"({a[0]} % {a[1]})",
+    "rem": lambda a, k, f: f"fmod{f}({a[0]}, {a[1]})" if k in FLOATS else f"({a[0]} % {a[1]})",
     "neg": lambda a, k, f: f"(-{a[0]})",
     "max": _helped("fg_max"),
     "min": _helped("fg_min"),
     "sign": _helped("fg_sign"),
-    "abs": lambda a, k, f: f"fabs{f}({a[0]})" if k == "real" else f"({a[0]} < 0 ? -{a[0]} : {a[0]})",
+    "abs": lambda a, k, f: f"fabs{f}({a[0]})" if k in FLOATS else f"({a[0]} < 0 ? -{a[0]} : {a[0]})",
     "lt": _binary("<"),
     "le": _binary("<="),
     "gt": _binary(">"),
@@ -185,10 +186,10 @@ def _helpers() -> dict[str, Callable[[bool], str]]:
     for kind, letter in LETTERS.items():
         if kind == "bool":
             continue
-        nan = " || a != a" if kind == "real" else ""
+        nan = " || a != a" if kind in FLOATS else ""
         for n, s in (("max", ">"), ("min", "<")):
             fixed(f"fg_{n}_{letter}", _MAX.format(t=kind, n=n, l=letter, s=s, nan=nan))
-        if kind != "real":
+        if kind not in FLOATS:
             fixed(f"fg_sign_{letter}", _SIGN_INT.format(t=kind, l=letter))
             top, most = (
                 ("9223372036854775808.0", "INT64_MAX")

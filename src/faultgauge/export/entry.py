@@ -23,6 +23,7 @@ from faultgauge.telemetry import Run
 __all__ = ["bank_of", "step_of"]
 
 HOLD = 20  # samples of an example for which an input stays
+TIMES = ("t", "bank_t")
 UNSAMPLED = 0.02  # of the outputs of an example
 
 
@@ -66,7 +67,7 @@ def step_of(bank: FaultBank) -> Step:
 
     sample = OrderedDict((name, jnp.zeros(())) for name in ("t", *_read(bank)))
     codes = {"": STATUS, "reason": tuple(each.name for each in Reason)}
-    return Step(step, watch.init(), sample, _comments(bank), partial(_examples, bank), codes)
+    return Step(step, watch.init(), sample, _comments(bank), partial(_examples, bank), codes, TIMES)
 
 
 def _columns(model: Model) -> list[str]:

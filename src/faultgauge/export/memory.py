@@ -103,9 +103,7 @@ def _statements(nodes: Sequence[Node]) -> list[Statement]:
     return found
 
 
-def _live(
-    nodes: Sequence[Node], after: set[Array], apart: dict[Array, set[Array]]
-) -> set[Array]:
+def _live(nodes: Sequence[Node], after: set[Array], apart: dict[Array, set[Array]]) -> set[Array]:
     """What is read later than before `nodes`, where `after` is read behind them."""
     live = after
     for each in reversed(nodes):

@@ -146,7 +146,7 @@ class Native:
 
 def _record(members: Sequence[Member], single: bool, more: Sequence[Any] = ()) -> np.dtype:
     real = "f4" if single else "f8"
-    kinds = {"real": real, "bool": "?", "int64_t": "i8", "int32_t": "i4"}
+    kinds = {"real": real, "wide": "f8", "bool": "?", "int64_t": "i8", "int32_t": "i4"}
     fields: list[Any] = [
         (each.name, kinds[each.kind], (each.size,)) if each.shape
         else (each.name, kinds[each.kind])

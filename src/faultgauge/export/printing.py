@@ -2,7 +2,7 @@
 
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from math import prod
@@ -11,7 +11,15 @@ from typing import Any
 import numpy as np
 
 from faultgauge.errors import InputError
-from faultgauge.export.elementwise import ELEMENTWISE, HELPERS, LETTERS, Kind, kind_of, literal
+from faultgauge.export.elementwise import (
+    ELEMENTWISE,
+    FLOATS,
+    HELPERS,
+    LETTERS,
+    Kind,
+    kind_of,
+    literal,
+)
 from faultgauge.export.fusion import FUNCTIONS, WHOLE, kept_values
 from faultgauge.export.memory import Array, Branch, Loop, Node, Statement
 from faultgauge.export.places import Place, linear
@@ -58,8 +66,16 @@ class Printer:
     """Prints one program. `operations` counts what one run does at most; `helpers` are the C
     functions that it needs."""
 
-    def __init__(self, program: Program, tables: Tables, single: bool, fast_tanh: bool) -> None:
+    def __init__(
+        self,
+        program: Program,
+        tables: Tables,
+        single: bool,
+        fast_tanh: bool,
+        wide: Collection[int] = (),
+    ) -> None:
         self.program, self.tables, self.single = program, tables, single
+        self.wide = wide  # ids of values
         self.suffix = "f" if single else ""
         self.fast_tanh = fast_tanh
         self.kept = kept_values(program)
@@ -372,7 +388,11 @@ class Printer:
             return MAKERS[each.name](self, each, index)
         if each.name in ELEMENTWISE:
             arguments = [self._at(v, index if v.shape else ()) for v in each.inputs]
-            return self._function(each.name, arguments, self._kind(each.inputs[0]))
+            kinds = [self._kind(v) for v in each.inputs]
+            kind = "wide" if "wide" in kinds else kinds[0]
+            text = self._function(each.name, arguments, kind)
+            narrow = kind == "wide" and self._kind(value) == "real"
+            return f"((real){text})" if narrow else text
         raise refused(each)
 
     def _function(self, name: str, arguments: Sequence[str], kind: Kind) -> str:
@@ -382,7 +402,7 @@ class Printer:
         if name == "mul" and "1.0" in arguments:
             return arguments[1 - list(arguments).index("1.0")]
         self._done(name)
-        text = ELEMENTWISE[name](arguments, kind, self.suffix)
+        text = ELEMENTWISE[name](arguments, kind, "" if kind == "wide" else self.suffix)
         if name == "tanh" and self.fast_tanh:
             text = f"fg_tanh({arguments[0]})"
         self._need(text)
@@ -462,9 +482,7 @@ class Printer:
     def _reverse(self, each: Operation, index: Index) -> str:
         value = each.inputs[0]
         turned = each.params["dimensions"]
-        at = [
-            p * -1 + (value.shape[k] - 1) if k in turned else p for k, p in enumerate(index)
-        ]
+        at = [p * -1 + (value.shape[k] - 1) if k in turned else p for k, p in enumerate(index)]
         return self._at(value, tuple(at))
 
     def _turn(self, each: Operation, index: Index) -> str:
@@ -525,7 +543,7 @@ class Printer:
         text = self._at(value, at)
         if inside:
             kind = self._kind(value)
-            empty = "NAN" if kind == "real" else "0"
+            empty = "NAN" if kind in FLOATS else "0"
             text = f"({' && '.join(inside)} ? {text} : {empty})"
         return text
 
@@ -585,14 +603,14 @@ class Printer:
         text = self._at(each.inputs[0], index)
         if after == "bool":
             return text if before == "bool" else f"({text} != 0)"
-        if before == after:
+        if before == after or {before, after} == {*FLOATS}:
             return text
         if before == "bool":
             return f"({text} ? {literal(1, after, self.single)} : {literal(0, after, self.single)})"
-        if before == "real":
+        if before in FLOATS:
             name = f"fg_int_{LETTERS[after]}"
             self.helpers.add(name)
-            return f"{name}({text})"
+            return f"{name}((real){text})" if before == "wide" else f"{name}({text})"
         return f"(({after}){text})"
 
     def _powered(self, each: Operation, index: Index) -> str:
@@ -638,7 +656,7 @@ class Printer:
         axes = [int(a) for a in each.params["axes"]]
         start, update = REDUCED[each.name]
         name = self._name("s")
-        if kind not in ("real", "bool") and np.isinf(start):
+        if kind not in (*FLOATS, "bool") and np.isinf(start):
             bits = 63 if kind == "int64_t" else 31
             start = 2**bits - 1 if start > 0 else -(2**bits) + 1
         self._line(f"{self._declared(kind)} {name} = {literal(start, kind, self.single)};")
@@ -698,7 +716,7 @@ class Printer:
             now = self._name("x")
             text = self._at(value, (*index[:axis], step, *index[axis:]))
             self._line(f"const {real} {now} = {text};")
-            nan = f" || ({now} != {now} && {best} == {best})" if kind == "real" else ""
+            nan = f" || ({now} != {now} && {best} == {best})" if kind in FLOATS else ""
             self._done("max")
             self._line(f"if ({now} {sign} {best}{nan}) {{")
             self._line(f"    {best} = {now};")
@@ -757,8 +775,7 @@ class Printer:
         with self._statement() as statement:
             with self._loops(value.shape) as index:
                 to = [
-                    p * (inner + 1) + low
-                    for p, (low, _, inner) in zip(index, config, strict=True)
+                    p * (inner + 1) + low for p, (low, _, inner) in zip(index, config, strict=True)
                 ]
                 text = self._at(value, index)
                 self._line(f"{self._in(into, linear(to, out.shape))} = {text};")
@@ -871,7 +888,7 @@ class Printer:
                     self._line(f"const {self._declared(kind)} {name} = {text};")
                 self._line(f"int32_t {j} = {step.text};")
                 now, key = cell(arrays[0], Place.variable(j)), own[0]
-                last = f" || ({now} != {now} && {key} == {key})" if kinds[0] == "real" else ""
+                last = f" || ({now} != {now} && {key} == {key})" if kinds[0] in FLOATS else ""
                 self._done("max", shape[axis])
                 self._line(f"while ({j} >= 0 && ({now} > {key}{last})) {{")
                 for array in arrays:
@@ -890,6 +907,8 @@ class Printer:
         return f"{letter}{self.count}"
 
     def _kind(self, value: Value) -> Kind:
+        if id(value) in self.wide:
+            return "wide"
         try:
             return kind_of(value.dtype)
         except TypeError as wrong:

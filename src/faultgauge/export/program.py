@@ -86,9 +86,7 @@ class _Flattening:
         operations: list[Operation] = []
         return Block(operations, self._inlined(closed, inputs, operations))
 
-    def _inlined(
-        self, closed: Any, inputs: Sequence[Value], into: list[Operation]
-    ) -> list[Value]:
+    def _inlined(self, closed: Any, inputs: Sequence[Value], into: list[Operation]) -> list[Value]:
         """The outputs of a jaxpr at `inputs`, its operations appended to `into`."""
         jaxpr, constants = (
             (closed.jaxpr, closed.consts) if isinstance(closed, ClosedJaxpr) else (closed, ())
@@ -158,9 +156,7 @@ class _Flattening:
             each.source = made
         return made
 
-    def _scan(
-        self, params: dict[str, Any], given: list[Value], outputs: list[Value]
-    ) -> Operation:
+    def _scan(self, params: dict[str, Any], given: list[Value], outputs: list[Value]) -> Operation:
         consts, carry = params["num_consts"], params["num_carry"]
         start, xs = given[consts : consts + carry], given[consts + carry :]
         carries = [Value(each.shape, each.dtype) for each in start]

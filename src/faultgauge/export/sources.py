@@ -16,7 +16,9 @@ def _codes(printed: Printed) -> str:
     found = ""
     for start, names in printed.codes.items():
         each = [f"{printed.name}_{start}_" if start else f"{printed.name}_"] * len(names)
-        words = [f"    {a.upper()}{b} = {k}" for k, (a, b) in enumerate(zip(each, names, strict=True))]
+        words = [
+            f"    {a.upper()}{b} = {k}" for k, (a, b) in enumerate(zip(each, names, strict=True))
+        ]
         found += "enum {\n" + ",\n".join(words) + "\n};\n\n"
     return found
 
@@ -111,11 +113,11 @@ def _work(body: str, name: str) -> str:
 def table_source(printed: Printed, banner: str) -> str:
     """`NAME_tables.c`."""
     lines = "\n".join(printed.externals)
-    text = f"{banner}\n#include \"{printed.name}.h\"\n\n#include <math.h>\n\n{lines}\n\n"
+    text = f'{banner}\n#include "{printed.name}.h"\n\n#include <math.h>\n\n{lines}\n\n'
     return _real(text + printed.tables, printed.real)
 
 
 def _real(text: str, real: str) -> str:
     import re
 
-    return re.sub(r"\breal\b", real, text)
+    return re.sub(r"\bwide\b", "double", re.sub(r"\breal\b", real, text))
