@@ -9,8 +9,9 @@ import sys
 import time
 from dataclasses import replace
 
-from faultgauge.detection.bank import build_fault_bank
 from faultgauge.detection.course import run_over
+
+from faultgauge.detection.bank import build_fault_bank
 from faultgauge.detection.noise_estimation import estimate_noise
 from faultgauge.detection.posterior import posterior_of
 from faultgauge.plants.gray_box import GrayBoxPlant

@@ -236,9 +236,9 @@ with what Python said of $samples samples.
 | operations of one step, at most | $operations |
 | longest of $timed steps here | $measured |
 
-The operations are counted from the printed loops, the dearer branch wherever there are two. The time
-was measured on the machine that made these files, so it is no bound for another (no WCET); the C
-files do not depend on it. All memory is the caller's; there is no allocation, no recursion, no
+The operations are counted from the printed loops, the dearer branch wherever there are two. The
+time was measured on the machine that made these files, so it is no bound for another (no WCET); the
+C files do not depend on it. All memory is the caller's; there is no allocation, no recursion, no
 global that changes, and every loop has a fixed number of turns. Only `<math.h>` is called. A state
 can be copied, saved and restored: with the same samples the same numbers follow to the bit. Compile
 without `-ffast-math`, which drops NAN.$tanh

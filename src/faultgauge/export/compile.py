@@ -1,6 +1,5 @@
 """A pure step `step(state, sample) -> (state, info)` as C99 text."""
 
-import hashlib
 import re
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -10,11 +9,10 @@ from typing import Any
 import jax
 import numpy as np
 
-from faultgauge.errors import InputError
 from faultgauge.export.elementwise import HELPERS, LETTERS, Kind, kind_of
-from faultgauge.export.memory import Array, Branch, Loop, Node, Statement, place
+from faultgauge.export.memory import Branch, Loop, Node, Statement, place
 from faultgauge.export.printing import Printer
-from faultgauge.export.program import Program, Value, trace
+from faultgauge.export.program import Program, trace
 from faultgauge.export.tables import Tables
 from faultgauge.export.widths import wide_values
 
@@ -23,11 +21,10 @@ __all__ = ["Member", "Printed", "Step", "identifier", "print_step"]
 PLACE = re.compile(r"@(\d+):(-?\d+):([^@]*)@")
 NAME = re.compile(r"\b[akvx]\d+\b")
 MADE = re.compile(r"\s*const \w+ ([akvx]\d+) = ")
-TAKEN = set(
-    "auto break case char const continue default do double else enum extern float for goto if "
-    "inline int long register restrict return short signed sizeof static struct switch typedef "
-    "union unsigned void volatile while real bool class new this and or not xor template".split()
-)
+WORDS = """auto break case char const continue default do double else enum extern float for goto if
+inline int long register restrict return short signed sizeof static struct switch typedef union
+unsigned void volatile while real wide bool class new this and or not xor template"""
+TAKEN = frozenset(re.findall(r"\w+", WORDS))
 BYTES = {"wide": 8, "bool": 1, "int32_t": 4, "int64_t": 8}
 
 
@@ -130,7 +127,10 @@ def print_step(given: Step, name: str, *, single: bool = False, fast_tanh: bool 
         times = [k for k, m in enumerate((*state, *inputs)) if m.name in given.times]
         wide = wide_values(program, times, len(state))
         state, inputs = (
-            [replace(m, kind="wide") if id(v) in wide else m for v, m in zip(values, many)]
+            [
+                replace(m, kind="wide") if id(v) in wide else m
+                for v, m in zip(values, many, strict=True)
+            ]
             for values, many in (
                 (program.inputs[: len(state)], state),
                 (program.inputs[len(state) :], inputs),

@@ -4,6 +4,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from faultgauge.errors import InputError
+
 __all__ = ["ELEMENTWISE", "HELPERS", "FLOATS", "Kind", "TANH_ERROR", "kind_of", "literal"]
 
 TANH_ERROR = 2e-7  # of `fast_tanh`, absolute
@@ -14,7 +16,7 @@ FLOATS = ("real", "wide")
 
 
 def kind_of(dtype: np.dtype) -> Kind:
-    """The type in C. Raises `TypeError` for one that it has none for."""
+    """The type in C. Raises `InputError` where it has none."""
     if dtype == np.bool_:
         return "bool"
     if dtype.kind == "f":
@@ -22,7 +24,7 @@ def kind_of(dtype: np.dtype) -> Kind:
     if dtype.kind in "iu":
         # unsigned indices come from JAX's own bookkeeping, and are small
         return "int64_t" if dtype.itemsize > 4 or dtype == np.uint32 else "int32_t"
-    raise TypeError(str(dtype))
+    raise InputError(f"the model's step has numbers of type {dtype}, which C code has none of.")
 
 
 def literal(value: float | int | bool, kind: Kind, single: bool) -> str:
@@ -83,7 +85,9 @@ ELEMENTWISE: dict[str, Callable[[Sequence[str], Kind, str], str]] = {
     "max": _helped("fg_max"),
     "min": _helped("fg_min"),
     "sign": _helped("fg_sign"),
-    "abs": lambda a, k, f: f"fabs{f}({a[0]})" if k in FLOATS else f"({a[0]} < 0 ? -{a[0]} : {a[0]})",
+    "abs": lambda a, k, f: (
+        f"fabs{f}({a[0]})" if k in FLOATS else f"({a[0]} < 0 ? -{a[0]} : {a[0]})"
+    ),
     "lt": _binary("<"),
     "le": _binary("<="),
     "gt": _binary(">"),

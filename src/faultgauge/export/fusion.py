@@ -7,7 +7,7 @@ once, it never needs memory of its own, so that a chain of elementwise operation
 from collections import defaultdict
 from math import prod
 
-from faultgauge.export.program import Block, Operation, Program, Value
+from faultgauge.export.program import Block, Operation, Program
 
 __all__ = ["kept_values"]
 

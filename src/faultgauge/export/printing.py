@@ -2,11 +2,11 @@
 
 import re
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from math import prod
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -60,6 +60,21 @@ class Scope:
     lines: list[str] = field(default_factory=list)
     names: dict[tuple[int, Index], str] = field(default_factory=dict)
     turns: int = 1
+
+
+class _Axes(NamedTuple):
+    """Of an array that is read or written by windows: `mapped`, along which the windows start where
+    the indices say; `dropped`, which a window does not have; `batched` with the axes `theirs` of
+    the indices."""
+
+    mapped: tuple[int, ...]
+    dropped: tuple[int, ...]
+    batched: tuple[int, ...]
+    theirs: tuple[int, ...]
+
+    @staticmethod
+    def of(*axes: Iterable[Any]) -> "_Axes":
+        return _Axes(*(tuple(int(a) for a in each) for each in axes))
 
 
 class Printer:
@@ -397,7 +412,7 @@ class Printer:
 
     def _function(self, name: str, arguments: Sequence[str], kind: Kind) -> str:
         infinite = {"max": "-INFINITY", "min": "INFINITY"}.get(name)
-        if infinite in arguments:
+        if infinite is not None and infinite in arguments:
             return arguments[1 - list(arguments).index(infinite)]
         if name == "mul" and "1.0" in arguments:
             return arguments[1 - list(arguments).index("1.0")]
@@ -535,11 +550,13 @@ class Printer:
         batch = [p for d, p in enumerate(index) if d not in numbers.offset_dims]
         window = [index[d] for d in numbers.offset_dims]
         fill = "FILL" in str(each.params["mode"])
-        at, inside = self._window(
-            value, starts, batch, window, sizes, fill,
-            numbers.start_index_map, (*numbers.collapsed_slice_dims,),
-            (*numbers.operand_batching_dims,), (*numbers.start_indices_batching_dims,),
-        )  # fmt: skip
+        axes = _Axes.of(
+            numbers.start_index_map,
+            numbers.collapsed_slice_dims,
+            numbers.operand_batching_dims,
+            numbers.start_indices_batching_dims,
+        )
+        at, inside = self._window(value, starts, batch, window, sizes, fill, axes)
         text = self._at(value, at)
         if inside:
             kind = self._kind(value)
@@ -555,26 +572,23 @@ class Printer:
         window: Sequence[Place],
         sizes: Sequence[int],
         checked: bool,
-        mapped: Sequence[int],
-        dropped: Sequence[int],
-        batched: Sequence[int],
-        their_batched: Sequence[int],
+        axes: "_Axes",
     ) -> tuple[Index, list[str]]:
         """(where in `value` an element of a window lies, what must hold for it to be inside)."""
         inner, at, inside = iter(window), [], []
         for d, length in enumerate(value.shape):
             place = Place()
-            if d in mapped:
-                j = list(mapped).index(d)
+            if d in axes.mapped:
+                j = axes.mapped.index(d)
                 last = length - int(sizes[d])
                 which = (*batch, Place(j))
                 place = self._place(starts, which, last)
                 if checked and not _within(starts, j, last):
                     text = self._at(starts, which)
                     inside += [f"{text} >= 0", f"{text} <= {last}"]
-            if d in batched:
-                place = place + batch[list(their_batched)[list(batched).index(d)]]
-            elif d not in dropped:
+            if d in axes.batched:
+                place = place + batch[axes.theirs[axes.batched.index(d)]]
+            elif d not in axes.dropped:
                 place = place + next(inner)
             at.append(place)
         return tuple(at), inside
@@ -775,7 +789,8 @@ class Printer:
         with self._statement() as statement:
             with self._loops(value.shape) as index:
                 to = [
-                    p * (inner + 1) + low for p, (low, _, inner) in zip(index, config, strict=True)
+                    p * int(inner + 1) + int(low)
+                    for p, (low, _, inner) in zip(index, config, strict=True)
                 ]
                 text = self._at(value, index)
                 self._line(f"{self._in(into, linear(to, out.shape))} = {text};")
@@ -812,11 +827,13 @@ class Printer:
             with self._loops(new.shape) as index:
                 batch = [p for d, p in enumerate(index) if d not in numbers.update_window_dims]
                 window = [index[d] for d in numbers.update_window_dims]
-                at, inside = self._window(
-                    value, starts, batch, window, sizes, checked,
-                    numbers.scatter_dims_to_operand_dims, dropped, batched,
+                axes = _Axes.of(
+                    numbers.scatter_dims_to_operand_dims,
+                    dropped,
+                    batched,
                     numbers.scatter_indices_batching_dims,
-                )  # fmt: skip
+                )
+                at, inside = self._window(value, starts, batch, window, sizes, checked, axes)
                 text = self._at(new, index)
                 cell = self._in(into, linear(at, value.shape))
                 line = UPDATES[each.name].format(cell, _bare(text), LETTERS[kind])
@@ -907,14 +924,7 @@ class Printer:
         return f"{letter}{self.count}"
 
     def _kind(self, value: Value) -> Kind:
-        if id(value) in self.wide:
-            return "wide"
-        try:
-            return kind_of(value.dtype)
-        except TypeError as wrong:
-            raise InputError(
-                f"the model's step has numbers of type {wrong}, which C code has none of."
-            ) from None
+        return "wide" if id(value) in self.wide else kind_of(value.dtype)
 
     def _declared(self, kind: Kind) -> str:
         return "_Bool" if kind == "bool" else kind

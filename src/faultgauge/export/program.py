@@ -12,6 +12,7 @@ import jax
 import numpy as np
 from jax.extend.core import ClosedJaxpr, Jaxpr, Literal
 
+import faultgauge.plants.plant  # noqa: F401  (it has JAX count in float64)
 from faultgauge.errors import InputError
 
 __all__ = ["Block", "Operation", "Program", "Value", "trace"]
@@ -29,7 +30,7 @@ class Value:
     dtype: np.dtype
     array: np.ndarray | None = None
     known: bool = False
-    source: "Operation | None" = None
+    source: "Operation | None" = field(default=None, repr=False)
 
     @property
     def size(self) -> int:
@@ -215,8 +216,7 @@ def _bind(equation: Any, values: Sequence[Any]) -> Sequence[Any]:
 def _value(aval: Any) -> Value:
     if not all(isinstance(each, int | np.integer) for each in aval.shape):
         raise InputError("the model's step has a shape that is known only while it runs.")
-    value = Value(tuple(int(each) for each in aval.shape), np.dtype(aval.dtype))
-    return value
+    return Value(tuple(int(each) for each in aval.shape), np.dtype(aval.dtype))
 
 
 def _constant(array: Any) -> Value:
@@ -311,7 +311,7 @@ def _strided(each: Operation) -> bool:
     return strides is not None and any(s != 1 for s in strides)
 
 
-def _everywhere(value: Value, number: float) -> bool:
+def _everywhere(value: Value, number: int) -> bool:
     return value.array is not None and bool(np.all(value.array == number))
 
 
