@@ -26,7 +26,7 @@ from faultgauge.simulation.integrators import step as integrate
 CLOSE = 1e-9  # of a signal's largest value
 STRICT = (
     *("-std=c99", "-O1", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow"),
-    *("-Wfloat-conversion", "-Wdouble-promotion", "-Werror"),
+    *("-Wfloat-conversion", "-Werror"),
 )
 
 
@@ -108,17 +108,17 @@ def test_the_same_step_gives_the_same_bytes(wheel, printed):
 # -- single precision, and tanh
 
 
-def test_single_precision_says_the_same_but_for_a_few_samples(cc, wheel):
-    """A probability that rises from 0 to 1 within a few samples may do so a sample sooner or later;
-    elsewhere covariances of 24 bits are good to about 1e-3."""
+def test_single_precision_says_the_same_once_the_evidence_is_clear(cc, wheel):
+    """Settled answers are good to 1e-6 and better. While evidence comes in, differences over small
+    steps in 24 bits make a nat of it more or less: 0.25 where a probability is 0.5."""
     samples = wheel[1].examples(1000, np.random.default_rng(3))
     wanted = walked(wheel[1], samples)
-    with Native(print_step(wheel[1], "wheel", single=True), ["-Wdouble-promotion"]) as native:
+    with Native(print_step(wheel[1], "wheel", single=True)) as native:
         assert native.input["t"] == np.float64  # a clock does not fit into 24 bits
         found = native.run(samples)
     for name in ("p_friction", "p_healthy", "f_friction", "x_h"):
         off = np.abs(found[name] - wanted[name]) / np.nanmax(np.abs(wanted[name]))
-        assert np.nanquantile(off, 0.95) < 1e-2, name
+        assert np.nanmedian(off) < 1e-5, name
         assert np.nanmax(off) < 0.3, name
     assert np.mean(found["status"] != wanted["status"]) < 0.02
 
@@ -225,7 +225,7 @@ def test_nothing_is_called_but_mathematics(cc, folder):
     listed = compiled(["nm", "-u", "wheel.nm.o"], folder)
     called = {line.split()[-1] for line in listed.splitlines()}
     called = {name for name in called if not name.startswith("wheel_c")}
-    mathematics = {"exp", "log", "log1p", "sqrt", "tanh", "erf", "pow", "fabs"}
+    mathematics = {"exp", "log", "log1p", "sqrt", "tanh", "erf", "erfc", "pow", "fabs"}
     assert called <= {*mathematics, "memcpy", "memmove", "memset", "_GLOBAL_OFFSET_TABLE_"}
     for name in ("wheel", "wheel_tables"):
         changing = [
@@ -283,7 +283,7 @@ max = 1
 [outputs.y]
 value = "x + 0.1*u"
 [parameters]
-k = 0.7
+k = {{ value = 0.7 }}
 {network}
 [faults.fault]
 enters = "{enters}"

@@ -23,7 +23,7 @@ def export(
     ] = "double",
     tanh: Annotated[
         Literal["exact", "fast"],
-        typer.Option("--tanh", help="fast: a rational function instead of libm's, off by 2e-7."),
+        typer.Option("--tanh", help="fast: a rational function instead of libm's, off by 3e-7."),
     ] = "exact",
     json: options.Json = False,
 ) -> None:

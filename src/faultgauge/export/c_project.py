@@ -20,9 +20,9 @@ SAMPLES = 240  # that the test of the C files runs over
 SEED = 0
 TIMED = 2000  # steps
 # Of a signal's largest value in the vectors: rounding adds up differently under other compilers
-# and libraries. With float or the fast tanh a probability may rise a sample sooner or later, so
-# that a few numbers may be further off.
-EXACT, ROUGH, FEW = 1e-8, 2e-2, 0.05
+# and libraries. With float or the fast tanh evidence that is on its way up or down is off by as
+# much as a few samples make of it, so that some numbers may be further off.
+EXACT, ROUGH, SOME = 1e-8, 2e-2, 0.25
 
 
 def c_project(request: Request) -> dict[str, bytes]:
@@ -94,7 +94,7 @@ def _test(printed: Printed, step: Step, banner: str) -> str:
         codes=_codes(whole, said, len(given)),
         fields="\n".join(fields),
         checks="\n".join(checks),
-        allowed=0 if exact else int(FEW * SAMPLES * len(reals)),
+        allowed=0 if exact else int(SOME * SAMPLES * len(reals)),
     )
 
 
