@@ -310,9 +310,9 @@ def test_an_observer_alone_gives_an_estimate_and_decides_nothing(call, workshop,
     assert found["events"] == found["drift"] == []
     assert found["answer"][0].startswith("An observer alone gives an estimate, no decision")
     late = table(out)[400:]
-    # 95 % of healthy estimates lie inside; 90 % leaves room for another log's draw
+    # some twenty independent values, of which four of a 95 % interval may miss (p 0.003)
     held = [float(r["f_leak_lo"]) <= workshop.leak <= float(r["f_leak_hi"]) for r in late]
-    assert sum(held) > 0.9 * len(held)
+    assert sum(held) >= 0.8 * len(held)
     assert {r["reason"] for r in late} == {"an observer alone gives an estimate, no decision"}
 
 

@@ -281,7 +281,7 @@ def test_the_view_draws_what_it_is_given(workshop):
 
     from faultgauge.cli.view import View
 
-    view = View(fg.load_model(workshop.calibrated), "bank")
+    view = View(fg.load_model(workshop.calibrated))
     text = io.StringIO()
     view.live.console = Console(file=text, width=100)
     row = {

@@ -139,7 +139,7 @@ def test_a_log_that_ends_undecided_says_so_and_one_without_a_fault_is_named(bank
     found, last = quiet.posterior, STEP * np.arange(COUNT) >= 575
     healthy, p = np.where(last, 0.2, 1.0), np.where(last[:, None], [0.8, 0.0], 0.0)
     status = ["NOT_JUDGED" if each else "HEALTHY" for each in last]
-    open_ = replace(quiet, posterior=replace(found, healthy=healthy, p=p), status=status)
+    open_ = replace(quiet, posterior=found._replace(healthy=healthy, p=p), status=status)
     (line,) = answers(bank, [open_])
     assert line == (
         "Undecided since 575 s, to the end of the log (run run2): leak is likeliest (p 0.8), "

@@ -156,7 +156,11 @@ def mixture_quantiles(
         less = under(middle) < target
         return jnp.where(less, middle, ends[0]), jnp.where(less, ends[1], middle)
 
-    low, high = jax.lax.fori_loop(0, HALVINGS, halve, (low, high))
+    def halved() -> tuple[Array, Array]:
+        return jax.lax.fori_loop(0, HALVINGS, halve, (low, high))
+
+    # where nothing speaks of a fault, which is nearly always, all quantiles are 0
+    low, high = jax.lax.cond(jnp.all(inside), lambda: (low, high), halved)
     found = (low + high) / 2 * np.array([[1.0], [-1.0]])
     found = jnp.where(inside, 0.0, found)
     return found[0], found[1]

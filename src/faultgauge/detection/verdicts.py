@@ -48,11 +48,13 @@ STATUS = HEALTHY, FAULT, NOT_JUDGED, STALE = "HEALTHY", "FAULT", "NOT_JUDGED", "
 QUIET = 0.5  # p of no fault above: nothing speaks of one
 NAMED = 0.98  # p of a fault from which on it is named
 FRESH = 10.0  # samples without any output after which the answer is stale
+PLACES = 4096  # more than there are of anything that a reason may be about
 EDGE = 1e-6  # of an input's limits: that near it stands at one
 
 
 class Reason(IntEnum):
-    """Why a row has its status; what or whom it is about is told by two numbers beside it."""
+    """Why a row has its status; its number goes with those of up to two things that it is about,
+    reason + count (first + PLACES second)."""
 
     NONE = 0
     NOT_SAMPLED = 1
@@ -75,7 +77,7 @@ class Verdict(NamedTuple):
     `named` are the declared faults and, last, an undeclared one."""
 
     status: Int[Any, "*samples"]
-    reason: Int[Any, "*samples three"]
+    reason: Int[Any, "*samples"]
     alarm: Bool[Any, "*samples"]
     named: Bool[Any, "*samples causes"]
 
@@ -187,7 +189,7 @@ class Rules(eqx.Module):
 
     def _answer(
         self, found: Marginal, heard: Heard, alarm: Array, named: Array, age: Array
-    ) -> tuple[Int[Array, ""], Int[Array, "three"]]:
+    ) -> tuple[Int[Array, ""], Int[Array, ""]]:
         shown, on = jnp.any(heard.seen, axis=1), [k != "disabled" for k in self.monitors]
         clear, blind = jnp.any(shown & np.array(on)), jnp.any(~shown & np.array(on))
         unseen = self._unseen(heard, ~shown & np.array(on))
@@ -214,7 +216,7 @@ class Rules(eqx.Module):
             reason = jnp.where(here, why, reason)
         return status, reason
 
-    def _cause(self, found: Marginal, named: Array) -> Int[Array, "three"]:
+    def _cause(self, found: Marginal, named: Array) -> Int[Array, ""]:
         shares = jnp.append(found.unknown, jnp.nan_to_num(found.p))
         first = jnp.argmax(shares)
         second = jnp.argmax(jnp.where(jnp.arange(len(shares)) == first, -1.0, shares))
@@ -223,14 +225,14 @@ class Rules(eqx.Module):
         )
         return jnp.where(found.unknown >= QUIET, _reason(Reason.UNDECLARED), told)
 
-    def _small(self, found: Marginal) -> Int[Array, "three"]:
+    def _small(self, found: Marginal) -> Int[Array, ""]:
         """Why what is there raises no alarm."""
         likely = jnp.argmax(jnp.nan_to_num(found.p))
         passive = jnp.array([each == "passive" for each in self.monitors])[likely]
         told = jnp.where(passive, _reason(Reason.PASSIVE, likely), _reason(Reason.SMALL, likely))
         return jnp.where(found.calm > QUIET, told, _reason(Reason.UNDECIDED))
 
-    def _unseen(self, heard: Heard, hidden: Array) -> Int[Array, "three"]:
+    def _unseen(self, heard: Heard, hidden: Array) -> Int[Array, ""]:
         """Why a fault would not show."""
         fault = jnp.argmax(hidden)
         u = jnp.append(heard.u, jnp.nan)[np.array(self.watched)]
@@ -245,8 +247,8 @@ class Rules(eqx.Module):
 
 def _reason(
     which: Reason, first: Int[Array, ""] | int = 0, second: Int[Array, ""] | int = 0
-) -> Int[Array, "three"]:
-    return jnp.stack([jnp.asarray(each, int) for each in (int(which), first, second)])
+) -> Int[Array, ""]:
+    return jnp.asarray(which + len(Reason) * (first + PLACES * second), int)
 
 
 def _watched(signals: Signals, fault: Fault) -> int:
@@ -269,15 +271,16 @@ def words(
     signals: Signals,
     regions: Sequence[str],
     status: Int[np.ndarray, "samples"],
-    reason: Int[np.ndarray, "samples three"],
+    reason: Int[np.ndarray, "samples"],
 ) -> tuple[list[str], list[str]]:
     """(status, reason) of every sample in words; `regions` are what networks were trained on."""
-    codes, which = np.unique(np.asarray(reason), axis=0, return_inverse=True)
-    said = [_said(signals, regions, *code) for code in codes.tolist()]
-    return [STATUS[k] for k in status.tolist()], [said[k] for k in which.reshape(-1).tolist()]
+    said = {code: _said(signals, regions, code) for code in np.unique(reason).tolist()}
+    return [STATUS[k] for k in status.tolist()], [said[code] for code in reason.tolist()]
 
 
-def _said(signals: Signals, regions: Sequence[str], why: int, first: int, second: int) -> str:
+def _said(signals: Signals, regions: Sequence[str], code: int) -> str:
+    places, why = divmod(code, len(Reason))
+    second, first = divmod(places, PLACES)
     causes: Sequence[str] = ("something undeclared", *signals.fault_names)
     match Reason(why):
         case Reason.NONE:

@@ -194,5 +194,5 @@ class Watch(eqx.Module):
     def words(self, verdict: Verdict) -> tuple[list[str], list[str]]:
         """(status, reason) of every row of a verdict, in words."""
         names = [region.name for region in self.envelope.regions]
-        status, reason = np.atleast_1d(verdict.status), np.atleast_2d(verdict.reason)
+        status, reason = (np.atleast_1d(each) for each in verdict[:2])
         return in_words(self.signals, names, status, reason)

@@ -5,14 +5,15 @@ from collections import OrderedDict
 from functools import partial
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from faultgauge.detection.bank import FaultBank, build_fault_bank
 from faultgauge.detection.judged import operating_points
 from faultgauge.detection.noise import noise_of
-from faultgauge.detection.verdicts import STATUS, Reason
+from faultgauge.detection.verdicts import PLACES, STATUS, Reason
 from faultgauge.detection.watch import Watch, WatchState
 from faultgauge.errors import InputError
 from faultgauge.export.compile import Step
@@ -58,9 +59,9 @@ def step_of(bank: FaultBank) -> Step:
         said["p_healthy"], said["p_unknown"] = found.healthy, found.unknown
         for k, name in enumerate(signals.state_names):
             said[f"x_{name}"] = found.x[k]
-        codes = (row.verdict.status, *row.verdict.reason)
-        for name, code in zip(("status", "reason", "about", "or_about"), codes, strict=True):
-            said[name] = code.astype(jnp.int32)
+        why, first, second = _taken_apart(row.verdict.reason)
+        codes = {"status": row.verdict.status, "reason": why, "about": first, "or_about": second}
+        said |= {name: code.astype(jnp.int32) for name, code in codes.items()}
         for k, name in enumerate(signals.fault_names):
             said[f"named_{name}"] = row.verdict.named[k]
         return state, said
@@ -68,6 +69,13 @@ def step_of(bank: FaultBank) -> Step:
     sample = OrderedDict((name, jnp.zeros(())) for name in ("t", *_read(bank)))
     codes = {"": STATUS, "reason": tuple(each.name for each in Reason)}
     return Step(step, watch.init(), sample, _comments(bank), partial(_examples, bank), codes, TIMES)
+
+
+def _taken_apart(reason: Int[Array, ""]) -> list[Int[Array, ""]]:
+    """(why, whom it is about, whom else)."""
+    places = jax.lax.div(reason, len(Reason))
+    whole = jax.lax.rem(reason, len(Reason))
+    return [whole, jax.lax.rem(places, PLACES), jax.lax.div(places, PLACES)]
 
 
 def _columns(model: Model) -> list[str]:

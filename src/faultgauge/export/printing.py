@@ -402,6 +402,8 @@ class Printer:
         if each.name in MAKERS:
             return MAKERS[each.name](self, each, index)
         if each.name in ELEMENTWISE:
+            if each.name in ("div", "rem") and not _divides(each.inputs[1]):
+                raise refused(each)
             arguments = [self._at(v, index if v.shape else ()) for v in each.inputs]
             kinds = [self._kind(v) for v in each.inputs]
             kind = "wide" if "wide" in kinds else kinds[0]
@@ -966,6 +968,13 @@ def refused(each: Operation) -> InputError:
         f"the model's step uses {each.name!r} of arrays {shapes}, which the C printer has no form "
         "of; write that part of the plant in other operations (docs/export.md lists them)."
     )
+
+
+def _divides(value: Value) -> bool:
+    """Whether every number may stand under an integer one."""
+    if value.dtype.kind == "f":
+        return True
+    return value.array is not None and bool(np.all(value.array > 0))
 
 
 def _uses(block: Block) -> Iterator[int]:
