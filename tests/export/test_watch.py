@@ -71,7 +71,7 @@ def test_a_fault_in_the_examples_is_found_and_named(cc, wheel, printed):
 
 
 @pytest.mark.study
-@pytest.mark.parametrize("source", ["tank", "positioning_drive", "dc_motor", "four_tanks"])
+@pytest.mark.parametrize("source", ["tank", "positioning_drive", "hr12", "four_tanks"])
 def test_other_plants_say_what_python_says(cc, source):
     model = calibrated(source)
     step = step_of(bank_of(model))

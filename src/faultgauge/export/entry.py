@@ -123,8 +123,8 @@ def _examples(bank: FaultBank, count: int, rng: np.random.Generator) -> dict[str
     sizes = np.clip(bank.size, [f.min for f in signals.faults], [f.max for f in signals.faults])
     f = np.where(part[:, None] == np.arange(len(sizes)), sizes, 0.0)
     start = jnp.asarray(np.median(points.x, axis=0))
-    given = (jnp.asarray(each) for each in (u, np.full(count, bank.step), f))
-    y = np.asarray(simulate(plant, start, *given, bank.modes.filter.substeps).y)
+    held, dt, acts = (jnp.asarray(each) for each in (u, np.full(count, bank.step), f))
+    y = np.asarray(simulate(plant, start, held, dt, acts, bank.modes.filter.substeps).y)
     y = y + bank.noise.sigma * rng.standard_normal(y.shape)
     y = np.where(rng.random(y.shape) < UNSAMPLED, np.nan, y)
     named = [*zip(signals.input_names, u.T, strict=True)]

@@ -220,9 +220,10 @@ class Printer:
         for start, carry, out in zip(each.inputs, body.carries, carries, strict=True):
             self._reserve(carry)
             self._assign(carry, start)
-            for table in (self.held, self.scalars):
-                if id(carry) in table:
-                    table[id(out)] = table[id(carry)]
+            if id(carry) in self.held:
+                self.held[id(out)] = self.held[id(carry)]
+            else:
+                self.scalars[id(out)] = self.scalars[id(carry)]
         for y in ys:
             array = self.held[id(y)] = self._array(y)
             self.nodes.append(Statement([], {array}))  # it begins here
