@@ -28,11 +28,10 @@ def export(
     json: options.Json = False,
 ) -> None:
     """Write a calibrated model as code for another machine, with a test of it."""
-    from faultgauge.cli.writing import check_folder, make_folder
+    from faultgauge.cli.writing import make_folder
     from faultgauge.export.export import export as carry_out
     from faultgauge.files import write_atomically
 
-    check_folder(out / "model.h" if out.is_dir() else None)
     with options.narrate("printing the step"):
         files = carry_out(model, to, name=name, precision=precision, tanh=tanh)
     folder = make_folder(out)

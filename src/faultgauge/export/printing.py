@@ -427,9 +427,14 @@ class Printer:
         return text
 
     def _need(self, text: str) -> None:
-        """The helpers that an expression calls."""
+        """The helper that an expression calls, if it does."""
         name = text[: text.find("(")]
-        if name in HELPERS:
+        if name.startswith("fg_"):
+            if name not in HELPERS:
+                raise InputError(
+                    "the model's step takes an extreme or a sign of truth values, which the C "
+                    "printer has no form of; use `and`, `or` or `where`."
+                )
             self.helpers.add(name)
 
     def _done(self, name: str, times: int = 1) -> None:
