@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed-$(shell $(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info[:2])')
 
-.PHONY: demo test studies check lint bench lock docs peers clean
+.PHONY: demo test studies fuzz check lint bench lock docs peers clean
 
 demo: $(STAMP)
 	$(BIN)/faultgauge demo --out out
@@ -15,6 +15,10 @@ test: $(STAMP)
 # Whole studies, on measured and simulated plants: minutes each.
 studies: $(STAMP)
 	$(BIN)/python -m pytest -q -m study
+
+# Nonsense as logs, plant files, scenarios, streams and models: some minutes, the same every time.
+fuzz: $(STAMP)
+	FAULTGAUGE_FUZZ=2000 $(BIN)/python -m pytest -q -m fuzz tests/cli/test_fuzz.py
 
 lint: $(STAMP)
 	$(BIN)/ruff format --check .

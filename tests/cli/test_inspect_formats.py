@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 import scipy.io
 
+from faultgauge.plants.plant_file import parse_plant
+
 DATA = Path(__file__).parents[1] / "data"  # its README says how the files were made
 K = np.arange(50.0)
 
@@ -205,3 +207,30 @@ def test_a_narrow_screen_cuts_no_number_and_no_name(call, tmp_path, monkeypatch)
         assert f"{column.mean():.4g}" in said
     cells = [line.split("│")[1].strip() for line in said.splitlines() if line.startswith("│")]
     assert "voltage_of_the_drive" in "".join(cells)  # folded over lines
+
+
+def test_names_that_mean_something_else_are_printed_and_drafted_harmlessly(call, tmp_path):
+    """Markup, escape sequences, and what is reserved in plant files."""
+    log, draft = tmp_path / "log.csv", tmp_path / "plant.toml"
+    names = ["t", "[/red]", "\x1b[31mhot", "sin", "run_", "x", "NN_x", "d", "d_x"]
+    lines = [",".join(str((k * (j + 3)) % 7) for j in range(1, 9)) for k in range(30)]
+    log.write_text(",".join(names) + "\n" + "".join(f"{k},{r}\n" for k, r in enumerate(lines)))
+    said = call("inspect", log, "--init-plant", draft)
+    assert said.code == 0, said.err
+    assert "\x1b" not in said.out + said.err
+    assert "[/red]" in said.out
+    assert "\\x1b[31mhot" in said.out
+    spec = parse_plant(draft.read_text())
+    assert "x" in spec.signals.state_names
+    assert not {"sin", "d", "NN_x"} & {*spec.signals.state_names}
+
+
+def test_no_draft_is_better_than_one_that_is_refused(call, tmp_path):
+    """Of 500 states the networks would have more arguments than an expression may."""
+    log, draft = tmp_path / "log.csv", tmp_path / "plant.toml"
+    names = ",".join(["t", *(f"x{k}" for k in range(500))])
+    log.write_text(names + "\n" + "".join(f"{k}{',1' * 500}\n" for k in range(5)))
+    said = call("inspect", log, "--init-plant", draft)
+    assert said.code == 2
+    assert "make no legal plant file" in said.err
+    assert not draft.exists()

@@ -42,7 +42,7 @@ def pipe(call, monkeypatch):
     """Call the command line with `text` on standard input."""
 
     def piping(text, *arguments):
-        stdin = io.TextIOWrapper(io.BytesIO(text.encode()))
+        stdin = io.TextIOWrapper(io.BytesIO(text.encode(errors="surrogateescape")))
         monkeypatch.setattr(sys, "stdin", stdin)
         return call(*arguments)
 
@@ -93,9 +93,66 @@ def test_ndjson_answers_hold_every_bit_and_maps_act(pipe, workshop, tmp_path):
     assert [row["status"] for row in found] == judged.status
 
 
-def test_a_row_that_is_no_telemetry_is_refused_after_those_before_it(pipe, workshop):
+def test_rows_that_are_no_telemetry_are_left_out_and_counted(pipe, workshop):
+    """And the rest is answered as if they had not come."""
+    head, *lines = workshop.healthy.read_text().splitlines()[:60]
+    bad = ["text", "6,1,inf", "6,1,text", "0.1,1,1", lines[30], "\udcff,1,1", '"6,1,1', "6,1"]
+    dirty = [head, bad[2], *lines[:40], *bad, *lines[40:], "300,6.1,0"]  # and no newline
+    eso = ("estimate", workshop.limited, "-", "--observer", "eso")
+    clean = pipe("\n".join([head, *lines, ""]), *eso)
+    piped = pipe("\n".join(dirty), *eso)
+    assert piped.code == 0, piped.err
+    assert piped.out == clean.out
+    first, last = piped.err.splitlines()
+    assert first.startswith(
+        "warning: standard input, row 2, column 'x': 'text' is not a number; correct the cell"
+    )
+    assert "--strict" in first
+    assert last == "warning: standard input: 10 rows were left out."
+
+
+def test_a_stream_that_ends_within_a_number_has_no_such_row(pipe, workshop):
+    lines = workshop.healthy.read_text().splitlines()[:40]
+    eso = ("estimate", workshop.limited, "-", "--observer", "eso")
+    whole, cut = ("\n".join([*lines, "300,6.1,0" + rest]) for rest in (".95\n", ""))
+    assert len(rows(pipe(whole, *eso).out)) == 40
+    piped = pipe(cut, *eso)
+    assert len(rows(piped.out)) == 39
+    assert "row 41: the stream ends within '300,6.1,0', with no newline" in piped.err
+    piped = pipe(cut, *eso, "--strict")
+    assert piped.code == 2
+
+
+def test_a_bad_line_of_ndjson_is_left_out(pipe, workshop):
+    head, *lines = workshop.healthy.read_text().splitlines()[:40]
+    names = head.split(",")
+    cells = [dict(zip(names, map(float, line.split(",")), strict=True)) for line in lines]
+    texts = [json.dumps(each) for each in cells]
+    eso = ("estimate", workshop.limited, "-", "--observer", "eso")
+    clean = pipe("\n".join([*texts, ""]), *eso)
+    bad = ['{"t": 3', "[]", "null", '{"t": 1e999, "u": 1, "x": 1}', '{"t": [], "u": 1}']
+    piped = pipe("\n".join([bad[0], *texts[:30], *bad, *texts[30:], ""]), *eso)
+    assert piped.out == clean.out
+    assert "6 rows were left out" in piped.err
+
+
+def test_a_line_that_does_not_end_and_no_input_at_all_are_refused(
+    pipe, call, workshop, monkeypatch
+):
+    eso = ("estimate", workshop.limited, "-", "--observer", "eso")
+    piped = pipe("t,u,x\n" + "1" * 1_000_001, *eso)
+    assert piped.code == 2
+    assert "row 2: longer than 1 MB" in piped.err
+    monkeypatch.setattr(sys, "stdin", None)
+    said = call(*eso)
+    assert said.code == 2
+    assert "standard input is closed" in said.err
+
+
+def test_a_strict_stream_refuses_a_bad_row_after_those_before_it(pipe, workshop):
     lines = workshop.suspect.read_text().splitlines()[:60]
-    piped = pipe("\n".join([*lines, "6,1,text"]), "estimate", workshop.calibrated, "-")
+    text = "\n".join([*lines, "6,1,text", ""])
+    piped = pipe(text, "estimate", workshop.calibrated, "-", "--strict")
     assert piped.code == 2
     assert len(rows(piped.out)) == 59
     assert piped.err == (
@@ -125,7 +182,7 @@ def test_what_goes_with_a_stream_only_is_refused_with_files(call, workshop, scen
     files = ("estimate", workshop.calibrated, workshop.suspect)
     assert "--out FILE is missing" in call(*files).err
     out = tmp_path / "e.csv"
-    for extra in (("--stream", "csv"), ("--events", "e.ndjson"), ("--view",)):
+    for extra in (("--stream", "csv"), ("--events", "e.ndjson"), ("--view",), ("--strict",)):
         said = call(*files, "--out", out, *extra)
         assert said.code == 2
         assert f"{extra[0]} goes with standard input only" in said.err
@@ -209,7 +266,9 @@ def test_the_pair_end_to_end(scenario, tmp_path):
     assert event["size"] == pytest.approx(0.5, rel=0.05)
 
 
-def test_an_interrupt_leaves_a_whole_log(scenario, tmp_path):
+@pytest.mark.parametrize("sent", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_an_interrupt_leaves_a_whole_log(scenario, tmp_path, sent):
+    """By Ctrl-C, by `kill`, and by a terminal that closes, which tells so twice."""
     log = tmp_path / "log.csv"
     # long enough for a busy machine, which may take its time to the first rows and then hurry
     scenario.write_text(SCENARIO.replace("seconds = 40", "seconds = 4000"))
@@ -221,13 +280,48 @@ def test_an_interrupt_leaves_a_whole_log(scenario, tmp_path):
         assert running.stdout is not None
         for _ in range(4):
             running.stdout.readline()
-        running.send_signal(signal.SIGINT)
+        running.send_signal(signal.Signals[sent])
+        running.send_signal(signal.Signals[sent])
         _, err = running.communicate(timeout=60)
     assert running.returncode == 130
     assert "Traceback" not in err
     assert "interrupted" in err
     assert 3 <= len(rows(log.read_text())) < 40_000
     assert not list(tmp_path.glob(".*")), "no draft stays behind"
+
+
+@pytest.mark.parametrize("sent", ["SIGTERM", "SIGHUP"])
+def test_a_stream_that_is_ended_keeps_its_rows(workshop, tmp_path, sent):
+    # the first 20 rows wait for each other
+    lines = workshop.suspect.read_text().splitlines(keepends=True)[:31]
+    command = [*FAULTGAUGE, "estimate", str(workshop.limited), "-", "--observer", "eso"]
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as running:
+        assert running.stdin is not None
+        assert running.stdout is not None
+        assert running.stderr is not None
+        running.stdin.write("".join(lines))
+        running.stdin.flush()
+        answers = [running.stdout.readline() for _ in range(4)]
+        running.send_signal(signal.Signals[sent])
+        more, err = running.stdout.read(), running.stderr.read()
+        assert running.wait(60) == 130
+    assert "Traceback" not in err
+    assert 20 <= len(rows("".join(answers) + more)) <= 30
+
+
+def test_what_a_program_was_begun_to_ignore_it_ignores():
+    """As under `nohup`."""
+    code = (
+        "import signal; signal.signal(signal.SIGHUP, signal.SIG_IGN)\n"
+        "from faultgauge.cli.streaming import Interrupt, end_as_interrupts\n"
+        "end_as_interrupts()\n"
+        "with Interrupt(): signal.raise_signal(signal.SIGHUP)\n"
+        "signal.raise_signal(signal.SIGHUP); print('done')"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "done\n"
 
 
 class Gone(io.StringIO):

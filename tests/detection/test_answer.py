@@ -6,7 +6,13 @@ from datetime import datetime
 import numpy as np
 import pytest
 
-from faultgauge.detection.answer import answers, as_dicts, exclusions, least_told
+from faultgauge.detection.answer import (
+    answers,
+    as_dicts,
+    first_screen,
+    least_told,
+    runs_as_dicts,
+)
 from faultgauge.detection.bank import build_fault_bank
 from faultgauge.detection.decisions import decide
 from faultgauge.detection.evidence import evidence, same
@@ -87,14 +93,15 @@ def decision(bank):
 def test_the_sentence_says_what_since_when_and_what_it_is_not(bank, decision):
     (line,) = answers(bank, [decision])
     assert line.startswith("leak -0.")
-    assert "m/s since " in line
-    assert "gauge excluded" in line
-    assert "leak below " in line
-    assert line.endswith("m/s this log could not tell")
+    assert "m/s (-0." in line
+    assert ") since 299.5 s +- 1.1 s (p > 0.999, run run1); told at 310 s, " in line
+    assert "; gauge instead is more than 1000 times less likely;" in line
+    assert "; leak below " in line
+    assert line.endswith("m/s would not have shown")
     (found,) = as_dicts(bank, [decision])
     assert found["sentence"] == line
     assert found["onset_clock"] is None
-    assert found["excluded"].keys() == {"gauge", "unknown"}
+    assert found["instead"] == {"gauge": 1000.0, "unknown": 1000.0}
     assert found["lo"] < LEAK < found["hi"]
 
 
@@ -131,6 +138,9 @@ def test_an_alarm_without_a_name_is_no_silence(bank, decision):
     nameless = answers(bank, [replace(decision, status=status, reason=reason, events=[])])
     assert nameless[0] == first
     assert not any("No fault" in line for line in nameless)
+    unnamed = replace(decision, status=status, reason=reason, events=[])
+    found = runs_as_dicts(bank, [unnamed], ["leak", "gauge"])["run1"]["unnamed"]
+    assert found[0] == {"from": 100.0, "to": 110.0, "sentence": first}
 
 
 def test_a_log_that_ends_undecided_says_so_and_one_without_a_fault_is_named(bank, decision):
@@ -147,17 +157,69 @@ def test_a_log_that_ends_undecided_says_so_and_one_without_a_fault_is_named(bank
     )
     told, silent = answers(bank, [decision, quiet])
     assert told == answers(bank, [decision])[0]
-    assert silent == "No fault in run run2."
+    assert silent.startswith("No fault in run run2; leak below ")
 
 
-def test_a_fault_that_is_told_beside_another_is_not_said_to_be_excluded(bank, decision):
+def test_a_fault_that_is_told_beside_another_is_no_other_explanation_of_it(bank, decision):
     (event,) = decision.events
     other = replace(event, fault="gauge", onset=event.onset + 50, start=event.start + 50)
     both = replace(decision, events=[event, other])
-    assert set(as_dicts(bank, [both])[0]["excluded"]) == {"unknown"}
+    assert "instead" not in answers(bank, [both])[0]
+    likely = replace(event, instead=(("gauge", 1000.0), ("unknown", 4.0)))
+    said = answers(bank, [replace(decision, events=[likely])])[0]
+    assert "; something undeclared is only 4 times less likely;" in said
     early = replace(other, onset=1.0, start=2.0, end=10.0)  # over before the leak begins
     apart = replace(decision, events=[early, event])
-    assert set(as_dicts(bank, [apart])[1]["excluded"]) == {"gauge", "unknown"}
+    assert "; gauge instead is" in answers(bank, [apart])[1]
+
+
+def test_what_may_be_there_too_is_said_and_what_is_told_beside_is_not_said_twice(bank, decision):
+    (event,) = decision.events
+    event = replace(event, beside=(("gauge", 0.31),))
+    (line,) = answers(bank, [replace(decision, events=[event])])
+    assert "; gauge may be there too (p 0.31);" in line
+    other = replace(event, fault="gauge", beside=())
+    assert "there too" not in answers(bank, [replace(decision, events=[event, other])])[0]
+
+
+def test_no_fault_is_said_of_the_judged_share_alone(bank):
+    quiet = decide(bank, log(2))
+    status = ["HEALTHY"] * 408 + ["NOT_JUDGED"] * (COUNT - 408)
+    reason = [""] * 408 + ["u is outside of its trusted range, 0 to 2"] * (COUNT - 408)
+    blind = replace(quiet, status=status, reason=reason)
+    (line,) = answers(bank, [blind])
+    assert line.startswith(
+        "No fault in the 34% of the log that could be judged; from 204 s to 599.5 s: u is outside "
+        "of its trusted range, 0 to 2; leak below "
+    )
+    (found,) = runs_as_dicts(bank, [blind], ["leak", "gauge"]).values()
+    assert found["judged_share"] == pytest.approx(0.34)
+    assert found["silent"] == [
+        {"from": 204.0, "to": 599.5, "share": pytest.approx(0.66), "reason": reason[-1]}
+    ]
+    assert found["faults"]["leak"]["judged_share"] <= 0.34
+    assert found["faults"]["leak"]["smallest"] == least_told(bank, quiet.run, 0)
+    nothing = replace(quiet, status=["NOT_JUDGED"] * COUNT, reason=["not sampled"] * COUNT)
+    (line,) = answers(bank, [nothing])
+    assert line == "Nothing could be judged; from 0 s to 599.5 s: not sampled"
+
+
+def test_a_fault_that_is_older_than_the_log_says_so(bank):
+    acts = np.ones(COUNT, bool)
+    (line,) = answers(bank, [decide(bank, log(3, LEAK, acts))])
+    assert "m/s (-0." in line
+    assert " since the log began, or longer (p > 0.999, run run3)" in line
+
+
+def test_the_first_screen_says_one_finding_whole_and_many_by_their_heads(bank, decision):
+    (event,) = decision.events
+    whole = answers(bank, [decision])[0]
+    assert "; ".join(first_screen(bank, [decision])) == whole
+    many = replace(decision, events=[replace(event, start=event.start + k) for k in range(7)])
+    lines = first_screen(bank, [many])
+    assert len(lines) == 4
+    assert lines[:3] == [whole.partition("; ")[0]] * 3
+    assert lines[3] == "and 4 more (--verbose)"
 
 
 def test_a_report_leads_with_what_lasts(bank, decision):
@@ -166,7 +228,7 @@ def test_a_report_leads_with_what_lasts(bank, decision):
     report = decision_report(bank, [replace(decision, events=[brief, event])])
     first, detail, second = report.summary_sentences
     whole = answers(bank, [decision])[0]
-    assert whole.startswith(f"{first}; t")
+    assert whole.startswith(f"{first}; told at")
     assert detail == f"T{whole[len(first) + 3 :]}."
     assert "seen until 20 s" in second
     assert "p 1" not in " ".join(report.summary_sentences)
@@ -178,11 +240,6 @@ def test_a_fault_of_twice_the_least_size_is_told_and_one_of_a_third_is_not(bank)
     silent = [bool(decide(bank, log(s, -size / 3)).events) for s in (4, 5, 6)]
     assert told == [True] * 3
     assert silent == [False] * 3
-
-
-def test_exclusions_hold_every_other_cause_and_never_more_than_is_listed(bank, decision):
-    odds = exclusions(bank, decision.events[-1])
-    assert all(0 < each <= 1000 for each in odds.values())
 
 
 def test_the_evidence_replays_from_a_file(bank, decision, tmp_path):

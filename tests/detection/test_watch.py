@@ -133,6 +133,24 @@ def test_the_state_is_arrays_of_fixed_shapes(watch, walked):
         assert (one.shape, one.dtype) == (other.shape, other.dtype)
 
 
+def test_the_step_is_arithmetic_alone(watch):
+    """Nothing that calls back, so that it can be printed as a program in another language."""
+    row = jnp.asarray(0.0), jnp.zeros(1), jnp.zeros(2)
+    names = set(primitives(jax.make_jaxpr(watch.step)(watch.init(), *row).jaxpr))
+    assert {"add", "mul", "select_n"} <= names
+    assert not {name for name in names if "callback" in name or "infeed" in name}
+
+
+def primitives(jaxpr):
+    for equation in jaxpr.eqns:
+        yield equation.primitive.name
+        for each in jax.tree.leaves(
+            tuple(equation.params.values()), is_leaf=lambda a: hasattr(a, "jaxpr")
+        ):
+            if hasattr(each, "jaxpr"):
+                yield from primitives(each.jaxpr)
+
+
 def test_units_beside_each_other_are_judged_as_each_alone(watch):
     """Another program, which may round otherwise: 1e-9 of what is of the order of 1."""
     runs = [log(1, loss=-0.3), log(2)]

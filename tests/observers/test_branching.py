@@ -71,6 +71,7 @@ def bank(
         own=jnp.array([1.0, 0.0, 0.0]),
         usual=jnp.array([0.0, SIZE**2, 0.0, 0.0, 0.0]),
         memory=jnp.asarray(20.0),
+        recall=jnp.full(2, 20.0),
         more=((PUSHED, BIASED), (PUSHED, BOTH), (BOTH, BIASED), (BOTH, BOTH), (-1, -1)),
         less=((-1, -1), (HEALTHY, -1), (-1, HEALTHY), (BIASED, PUSHED), (-1, -1)),
         declared=2,

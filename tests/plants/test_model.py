@@ -33,7 +33,18 @@ J = { value = 0.84, fixed = true }
 [networks.friction]
 hidden = 4
 """
-RECORD = {"max_step": 0.125, "seed": 3, "envelope": {"h": [-1.5, 2.0]}, "note": "0.1 °C"}
+RECORD = {
+    "max_step": 0.125,
+    "sample_time": 0.25,
+    "seed": 3,
+    "columns": {"states": [["h", 0]], "outputs": ["T", "hm"]},
+    "data": {"fit": ["ab"], "validate": []},
+    "derivatives": {},
+    "metrics": {"validation_free_run_nrmse": 0.01},
+    "envelope": {"h": [-1.5, 2.0]},
+    "envelope_points": [[-1.5, 0.1], [2.0, -0.1]],
+    "note": "0.1 °C",
+}
 
 
 def model():
@@ -264,7 +275,7 @@ def test_header_that_claims_to_be_huge(saved, size):
 def test_huge_file_is_not_read(saved):
     with open(saved, "wb") as file:
         file.truncate(100_000_001)  # sparse: takes no room
-    assert "larger than 100 MB" in refusal(saved)
+    assert "more than 100 MB" in refusal(saved)
 
 
 def test_absent_file_and_folder(tmp_path):

@@ -246,6 +246,9 @@ def test_a_name_that_is_taken_or_reserved(text, parts):
         (small(more="value = 1" + "0" * 400), ["[parameters.k] value = 1000"]),
         (small(more="value = 1" + "0" * 5000), ["not valid TOML"]),
         (small('value = "x"', 'value = "x"\nsigma = 0'), ["[outputs.y] sigma = 0"]),
+        (small('value = "x"', 'value = "x"\nsigma = 1e-300'), ["sigma = 1e-300", "1e-50"]),
+        (small(more="value = 1e300"), ["[parameters.k] value = 1e+300", "1e+50"]),
+        (small(more="value = 0x" + "f" * 3600), ["[parameters.k] value = 0xff", "63 bits"]),
         (small(more="[observer]\nbandwidth = -1"), ["[observer] bandwidth = -1", "greater than 0"]),
         (small(more="[observer]\nbandwidth = inf"), ["[observer] bandwidth = inf"]),
         (small(more="[networks.N]\nhidden = 0"), ["[networks.N] hidden = 0"]),
@@ -344,7 +347,7 @@ def test_a_file_that_cannot_be_read_is_named(tmp_path):
     for path, part in [
         (binary, "not a text file"),
         (folder, "cannot be read (Is a directory)"),
-        (big, "larger than 1 MB"),
+        (big, "more than 1 MB"),
         (empty, "key 'name' is missing"),
         (tmp_path / "absent.toml", "cannot be read (No such file or directory)"),
     ]:
@@ -381,3 +384,23 @@ def test_when_an_alarm_is_told_and_which_faults_raise_one():
     ]:
         said = refusal(small(more=wrong))
         assert all(part in said for part in parts), said
+
+
+def chain(count):
+    """Each state reads the derivative of the next: the order is from the last to the first."""
+    states = [
+        f'[states.s{k}]\nderivative = "' + (f'd(s{k + 1})"' if k < count - 1 else f'-s{k}"')
+        for k in range(count)
+    ]
+    return "\n".join(['name = "chain"', *states, '[outputs.y]\nvalue = "s0"'])
+
+
+def test_a_long_chain_of_derivatives_is_put_in_order():
+    assert parse_plant(chain(1500)).order == tuple(reversed(range(1500)))
+
+
+def test_too_many_names_and_too_long_keys_are_refused():
+    with pytest.raises(InputError, match=r"\[states\] has more than 2000 tables"):
+        parse_plant(chain(2001))
+    with pytest.raises(InputError, match="more than 20 parts"):
+        parse_plant('name = "x"\n' + "a." * 100_000 + "b = 1")

@@ -129,6 +129,8 @@ def test_rows_between_those_of_the_log_are_simulated_but_not_given_out():
 def test_what_leaves_all_bounds_is_said():
     with pytest.raises(InputError, match="leaves all bounds at t = "):
         run(parse_scenario(LOOP), {3: ["inject friction 1e308"]})
+    with pytest.raises(InputError, match="a sample would last"):
+        Session(parse_scenario(LOOP), 1e-300)
     for speed in (0.0, -1.0, float("nan"), float("inf")):
         with pytest.raises(InputError, match="positive factor"):
             Session(parse_scenario(LOOP), speed)

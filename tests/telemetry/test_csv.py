@@ -174,3 +174,10 @@ def test_every_cell_of_a_long_log_is_what_was_written(tmp_path):
     table = read_table(path)
     # nine significant digits were written
     np.testing.assert_allclose(np.column_stack(list(table.columns.values())), values, rtol=1e-8)
+
+
+def test_more_columns_than_a_log_has_are_refused(tmp_path):
+    log = tmp_path / "wide.csv"
+    log.write_text(",".join(["t", *(f"c{k}" for k in range(10_000))]) + "\n0\n")
+    with pytest.raises(InputError, match="has 10001 columns, and at most 10000 are read"):
+        read_table(log)

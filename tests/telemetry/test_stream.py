@@ -53,7 +53,7 @@ def test_ndjson_is_the_same_telemetry():
         cells = dict(zip(names, row.split(","), strict=True))
         numbers = {n: float(c) if c and n != "note" else c or None for n, c in cells.items()}
         lines.append(json.dumps({n: c for n, c in numbers.items() if c is not None or n == "t"}))
-    found = read("\n".join(lines), names=["wheel_rpm", "u"])
+    found = read("\n".join([*lines, ""]), names=["wheel_rpm", "u"])
     expected = read(text, names=["wheel_rpm", "u"])
     np.testing.assert_array_equal(found[0], expected[0])
     for name, values in expected[1].items():
@@ -89,6 +89,22 @@ def test_refusals_name_the_row(text, said):
         read(text, names=["u"])
     assert said in str(refusal.value)
     assert str(refusal.value).startswith("standard input")
+
+
+def test_what_is_left_out_is_handed_over_and_the_first_row_may_be_it():
+    text = "when,u\nx,0\n2026-01-01T00:00:00Z,1\n2026-01-01T00:00:01Z,inf\n2026-01-01T00:00:02Z,3\n"
+    left_out = []
+    t, columns = read(text, time="when", names=["u"], skip=left_out.append)
+    assert (t.tolist(), columns["u"].tolist()) == ([0.0, 2.0], [1.0, 3.0])
+    assert ["row 2" in str(left_out[0]), "row 4" in str(left_out[1])] == [True, True]
+
+
+@pytest.mark.parametrize(
+    "text", ["time,u\n0,1\n", "t,v\n0,1\n", "t;u\n0;1\n", "t,u,run\n0,1,a\n1,2,b\n"]
+)
+def test_what_is_wrong_with_all_rows_is_refused_all_the_same(text):
+    with pytest.raises(InputError):
+        read(text, names=["u"], skip=lambda wrong: None)
 
 
 def test_a_sample_is_there_as_soon_as_its_line_is():

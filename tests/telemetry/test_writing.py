@@ -33,6 +33,15 @@ def test_parquet_comes_back_as_it_was(tmp_path):
     assert parquet.read_table(tmp_path / "e.parquet").to_pydict() == COLUMNS
 
 
+def test_no_label_is_a_formula(tmp_path):
+    """To a spreadsheet a cell that begins with one of these is a program; a number is not."""
+    labels = ["=1+1", "+1+1", "-x", "@SUM(A1)", "\t=1", "-1.5", "a=1", ""]
+    write_table({"run": labels, "t": [-1.0] * len(labels)}, tmp_path / "e.csv")
+    rows = list(csv.reader((tmp_path / "e.csv").read_text().splitlines()))[1:]
+    expected = ["'=1+1", "'+1+1", "'-x", "'@SUM(A1)", "'\t=1", "-1.5", "a=1", ""]
+    assert rows == [[label, "-1"] for label in expected]
+
+
 def test_an_unknown_ending_and_a_missing_folder_are_refused():
     with pytest.raises(InputError, match=r"legal: \.csv, \.csv\.gz, \.parquet"):
         write_table(COLUMNS, Path("e.xls"))

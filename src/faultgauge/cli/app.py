@@ -11,6 +11,7 @@ from typer.exceptions import TyperException
 
 from faultgauge.cli import options
 from faultgauge.cli.benchmark import benchmark
+from faultgauge.cli.cache import renew_when_damaged
 from faultgauge.cli.calibrate import calibrate
 from faultgauge.cli.check import check
 from faultgauge.cli.demo import demo
@@ -22,7 +23,10 @@ from faultgauge.cli.inspect import inspect
 from faultgauge.cli.rehearse import rehearse
 from faultgauge.cli.reproduce import reproduce
 from faultgauge.cli.simulate import simulate
+from faultgauge.cli.streaming import end_as_interrupts, let_go
+from faultgauge.cli.writing import guarded
 from faultgauge.errors import InputError
+from faultgauge.files import full_disk
 
 __all__ = ["app", "main"]
 
@@ -53,7 +57,7 @@ COMMANDS = (
     benchmark,
 )
 for command in COMMANDS:
-    app.command()(command)
+    app.command()(guarded(command))
 
 
 def _version(wanted: bool | None) -> None:
@@ -76,6 +80,8 @@ def root(
 
 def main() -> None:
     """Run the command line: exit 0 done, 2 wrong input, 1 our own fault, 130 interrupted."""
+    end_as_interrupts()
+    renew_when_damaged()
     sys.exit(run(sys.argv[1:]))
 
 
@@ -87,6 +93,8 @@ def run(arguments: list[str]) -> int:
     try:
         arguments = list(_with_speed(arguments))
         code = typer.main.get_command(app)(arguments, standalone_mode=False)
+        if sys.stdout is not None:
+            sys.stdout.flush()  # here its failure can be told
         if code == INTERRUPTED:  # typer has caught the interrupt itself, and says nothing
             return _fail(STOPPED, INTERRUPTED, debug=False)
         return code if isinstance(code, int) else 0
@@ -99,15 +107,26 @@ def run(arguments: list[str]) -> int:
     except (KeyboardInterrupt, typer.Abort):
         return _fail(STOPPED, INTERRUPTED, debug)
     except BrokenPipeError:
+        let_go()
         return 0
+    except OSError as failure:
+        if not full_disk(failure):
+            return _our_fault(failure, debug)
+        let_go()
+        name = failure.filename or "standard output"
+        return _fail(f"{name}: cannot be written, because the disk is full; make room.", 2, debug)
     except Exception as fault:  # noqa: BLE001  (the last net: our own fault, said as such)
-        text = " ".join(str(fault).split())[:300]
-        return _fail(
-            f"internal error ({type(fault).__name__}: {text}). This is our fault: please report "
-            f"it at {ISSUES} with the output of the same command and --debug.",
-            1,
-            debug,
-        )
+        return _our_fault(fault, debug)
+
+
+def _our_fault(fault: Exception, debug: bool) -> int:
+    text = " ".join(str(fault).split())[:300]
+    return _fail(
+        f"internal error ({type(fault).__name__}: {text}). This is our fault: please report "
+        f"it at {ISSUES} with the output of the same command and --debug.",
+        1,
+        debug,
+    )
 
 
 def _with_speed(arguments: list[str]) -> Iterator[str]:
@@ -120,5 +139,5 @@ def _with_speed(arguments: list[str]) -> Iterator[str]:
 def _fail(message: str, code: int, debug: bool) -> int:
     if debug:
         traceback.print_exc()
-    print(f"faultgauge: {message}", file=sys.stderr)
+    options.say(f"faultgauge: {message}")
     return code

@@ -26,11 +26,9 @@ def benchmark(
     json: options.Json = False,
 ) -> None:
     """Fit a public benchmark and score it beside published results and a peer."""
-    from faultgauge.cli.writing import check_folder
     from faultgauge.studies.published.benchmark import FAULTED
     from faultgauge.studies.published.benchmark import benchmark as find
 
-    check_folder(report)
     if name in FAULTED:
         _decisions(name, seeds, report, json)
         return

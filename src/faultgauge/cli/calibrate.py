@@ -6,16 +6,18 @@ from typing import Annotated
 import typer
 
 from faultgauge.cli import options
+from faultgauge.cli.writing import READS, Writes
 
 __all__ = ["calibrate"]
 
 
 def calibrate(
-    model: Annotated[Path, typer.Argument(help="Model file.")],
+    model: Annotated[Path, typer.Argument(help="Model file."), READS],
     logs: options.Logs,
     out: Annotated[
         Path | None,
         typer.Option("--out", metavar="MODEL", help="Where to write [default: replace MODEL]."),
+        Writes(over="model"),
     ] = None,
     mtbfa: Annotated[
         float | None,
@@ -31,6 +33,7 @@ def calibrate(
             help="Take [faults], [detection] and [observer] from this plant file "
             "[default: as they were at the fit].",
         ),
+        READS,
     ] = None,
     observer: Annotated[
         str,
@@ -47,12 +50,10 @@ def calibrate(
     json: options.Json = False,
 ) -> None:
     """Find noise, model error and alarm level on healthy logs and add them to the model."""
-    from faultgauge.cli.writing import check_folder
     from faultgauge.detection.calibration import calibrate as find_limit
     from faultgauge.detection.calibration_words import summary
     from faultgauge.plants.model import load_model, save_model
 
-    check_folder(out, report)
     fitted = load_model(model)
     if plant is not None:
         from faultgauge.plants.settings import with_settings
@@ -75,7 +76,7 @@ def calibrate(
         options.print_json({"model": str(out or model), **block, **warned})
         return
     for line in summary(found.model):
-        print(line)
+        options.tell(line)
     options.say(
         f"wrote {out or model}; next: faultgauge estimate {out or model} LOG --out FILE.csv"
     )

@@ -6,19 +6,23 @@ from typing import Annotated
 import typer
 
 from faultgauge.cli import options
+from faultgauge.cli.writing import READS, Fills, make_folder
 
 __all__ = ["check"]
 
 
 def check(
-    healthy: Annotated[Path, typer.Argument(help="Healthy log.")],
-    suspect: Annotated[Path, typer.Argument(help="Log to judge.")],
+    healthy: Annotated[Path, typer.Argument(help="Healthy log."), READS],
+    suspect: Annotated[Path, typer.Argument(help="Log to judge."), READS],
     plant: Annotated[
         str | None,
         typer.Option("--plant", metavar="FILE|PRESET", help="Plant [default: a black box]."),
+        READS,
     ] = None,
     out: Annotated[
-        Path | None, typer.Option("--out", metavar="DIR", help="Keep model, table and report here.")
+        Path | None,
+        typer.Option("--out", metavar="DIR", help="Keep model, table and report here."),
+        Fills(("model.fgm", "estimates.csv", "report.html")),
     ] = None,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the starts.")] = 0,
     time: options.Time = None,
@@ -26,10 +30,10 @@ def check(
     where: options.Where = None,
     resample: options.Resample = None,
     report: options.ReportFile = None,
+    verbose: options.Verbose = False,
     json: options.Json = False,
 ) -> None:
     """Fit, calibrate, estimate and report in one: is SUSPECT like HEALTHY, and if not, how much?"""
-    from faultgauge.cli.writing import check_folder, make_folder
     from faultgauge.detection import answer, decisions, misfit
     from faultgauge.plants.gray_box import load_plant
     from faultgauge.plants.model import save_model
@@ -37,7 +41,6 @@ def check(
     from faultgauge.telemetry import check_same_units, read_telemetry
     from faultgauge.telemetry.writing import write_table
 
-    check_folder(report)
     folder = make_folder(out) if out is not None else None
     if plant is None:
         body = checkup.black_box(
@@ -68,9 +71,11 @@ def check(
             write(page, file)
     if json:
         events = answer.as_dicts(found.bank, found.decisions) if found.bank else []
-        options.print_json({"events": events, "sentences": found.sentences})
+        names = found.model.plant.signals.fault_names
+        runs = answer.runs_as_dicts(found.bank, found.decisions, names)
+        options.print_json({"events": events, "sentences": found.sentences, "runs": runs})
         return
-    for line in found.sentences:
-        print(line)
+    for line in found.sentences if verbose else found.first_screen:
+        options.tell(line)
     if files:
         options.say(f"wrote {', '.join(str(file) for file in files)}")

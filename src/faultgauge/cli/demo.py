@@ -6,19 +6,20 @@ from typing import Annotated
 import typer
 
 from faultgauge.cli import options
+from faultgauge.cli.writing import Fills, make_folder
 
 __all__ = ["demo"]
 
 
 def demo(
     out: Annotated[
-        Path, typer.Option("--out", metavar="DIR", help="Where report.html goes.")
+        Path,
+        typer.Option("--out", metavar="DIR", help="Where report.html goes."),
+        Fills(("report.html", "physics.fgm", "network.fgm")),
     ] = Path("out"),
     json: options.Json = False,
 ) -> None:
     """Find a hidden pulse in a real drive, and a friction fault in a satellite's wheel."""
-    from faultgauge.cli.writing import make_folder
-
     folder = make_folder(out)
     from faultgauge.plants.model import save_model
     from faultgauge.reporting.report import write

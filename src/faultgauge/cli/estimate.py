@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from faultgauge.cli import options
+from faultgauge.cli.writing import READS, Fills, Writes, check_apart, make_folder
 from faultgauge.errors import InputError
 
 if TYPE_CHECKING:
@@ -17,17 +18,19 @@ __all__ = ["estimate"]
 
 
 def estimate(
-    model: Annotated[Path, typer.Argument(help="Model file.")],
+    model: Annotated[Path, typer.Argument(help="Model file."), READS],
     logs: Annotated[
         list[Path],
         typer.Argument(
             help="Logs: CSV (.gz too), Parquet, MAT, HDF5, MDF, MCAP, ROS 2 bags; or - for "
             "standard input."
         ),
+        READS,
     ],
     out: Annotated[
         Path | None,
         typer.Option("--out", metavar="FILE", help="Table to write: .csv, .csv.gz, .parquet."),
+        Writes(),
     ] = None,
     observer: Annotated[
         str,
@@ -51,6 +54,7 @@ def estimate(
             metavar="DIR",
             help="A log of each event's window, which gives it again.",
         ),
+        Fills(()),  # its names are known when the events are
     ] = None,
     time: options.Time = None,
     map: options.Map = None,
@@ -66,9 +70,14 @@ def estimate(
         typer.Option(
             "--events", metavar="FILE", help="With -: every alarm and event as a line of NDJSON."
         ),
+        Writes(),
     ] = None,
     view: Annotated[
         bool, typer.Option("--view", help="With -: residuals, estimates and events, live.")
+    ] = False,
+    verbose: options.Verbose = False,
+    strict: Annotated[
+        bool, typer.Option("--strict", help="With -: refuse rows that are else left out.")
     ] = False,
     json: options.Json = False,
 ) -> None:
@@ -92,11 +101,16 @@ def estimate(
         )
         from faultgauge.cli.live import answer
 
-        answer(model, observer, reference, time, map, stream or "csv", events, view)
+        answer(model, observer, reference, time, map, stream or "csv", events, view, strict)
         return
     if out is None:
         raise InputError("--out FILE is missing: the table to write (.csv, .csv.gz, .parquet).")
-    for name, given in (("--stream", stream), ("--events", events), ("--view", view)):
+    for name, given in (
+        ("--stream", stream),
+        ("--events", events),
+        ("--view", view),
+        ("--strict", strict),
+    ):
         if given:
             raise InputError(f"{name} goes with standard input only; give - for the log.")
     for name, given in (("--smooth", smooth), ("--evidence", evidence is not None)):
@@ -105,17 +119,16 @@ def estimate(
                 f"{name} rests on the bank's hypotheses, which --observer {observer} does not "
                 "weigh; leave one of the two out."
             )
-    from faultgauge.cli.writing import check_folder, make_folder
     from faultgauge.plants.model import load_model
     from faultgauge.telemetry.writing import check_writable
 
     check_writable(out)
-    check_folder(out, report)
     fitted = load_model(model)
     runs, warned = options.read_logs_for(fitted, logs, time, map, where, resample)
     if observer == "bank":
         folder = None if evidence is None else make_folder(evidence)
-        _decide(fitted, runs, reference, out, report, smooth, folder, json, warned)
+        reads = [model, *logs]
+        _decide(fitted, runs, reads, reference, out, report, smooth, folder, verbose, json, warned)
         return
     _estimate(fitted, runs, observer, reference, out, report, json, warned)
 
@@ -155,24 +168,26 @@ def _estimate(
     if json:
         options.print_json({"answer": [said], "events": [], "drift": [], "warnings": warned})
         return
-    print(said)
+    options.tell(said)
     options.say(f"wrote {out}")
 
 
 def _decide(
     model: "Model",
     runs: "list[Run]",
+    reads: list[Path],
     reference: Literal["free", "measured", "observer"],
     out: Path,
     report: Path | None,
     smooth: bool,
     folder: Path | None,
+    verbose: bool,
     json: bool,
     warned: list[str],
 ) -> None:
     """By the bank: probabilities, intervals, a status and events; `smooth`: and what
-    the whole log tells; `folder`: for the events' evidence."""
-    from faultgauge.cli.evidence import write_evidence
+    the whole log tells; `folder`: for the events' evidence, which is none of what it `reads`."""
+    from faultgauge.cli.evidence import evidence_files, write_evidence
     from faultgauge.detection import answer, decisions, drift, misfit, retrospective
     from faultgauge.detection.evidence import MOST_SHOWN, evidence
     from faultgauge.telemetry.writing import write_table
@@ -189,27 +204,33 @@ def _decide(
         drifting = drift.drifts(bank, decided)
         slow = drift.sentences(drifting)
         windows = [evidence(bank, one, event) for one, event in told[:most]]
+    paths = evidence_files(windows, folder) if folder else []
+    written = {"--out": [out], "--report": [report] if report else [], "--evidence": paths}
+    check_apart(reads, written)
     write_table(decisions.table(decided, model.plant.signals.fault_names), out)
     if report is not None:
         from faultgauge.reporting.decision_chapter import decision_report
         from faultgauge.reporting.report import with_sentences, write
 
         write(with_sentences(decision_report(bank, decided, seen, windows), slow), report)
-    paths = write_evidence(windows, folder) if folder else []
+    if folder:
+        write_evidence(windows, paths)
     sentences = answer.answers(bank, decided)
     odd = misfit.alarmed_throughout({each.run.name: each.status for each in decided})
     options.warn(odd)
     if json:
         events = answer.as_dicts(bank, decided)
         for event, path in zip(events, paths, strict=False):
-            event["evidence"] = path
+            event["evidence"] = str(path)
         more = {"retrospective": retrospective.as_dicts(seen)} if smooth else {}
         more |= {"drift": drift.as_dicts(drifting), "warnings": [*warned, *odd]}
+        more |= {"runs": answer.runs_as_dicts(bank, decided, bank.model.plant.signals.fault_names)}
         options.print_json({"answer": sentences, "events": events, **more})
         return
     hindsight = retrospective.sentences(bank, seen) if smooth else []
-    for line in [*sentences, *hindsight, *slow]:
-        print(line)
+    shown = sentences if verbose else answer.first_screen(bank, decided)
+    for line in [*shown, *hindsight, *slow]:
+        options.tell(line)
     options.say(f"wrote {out}")
 
 
@@ -223,6 +244,7 @@ def _undecided(
     warned: list[str],
 ) -> None:
     """A model that was not calibrated for the bank: rows and a sentence that say so."""
+    from faultgauge.detection.answer import runs_as_dicts
     from faultgauge.detection.decisions import table
     from faultgauge.detection.uncalibrated import unjudged_sentence
     from faultgauge.telemetry.writing import write_table
@@ -236,9 +258,10 @@ def _undecided(
         write(unjudged_report(model, decided, sentence), report)
     if json:
         more = {"retrospective": []} if smooth else {}
+        more |= {"runs": runs_as_dicts(None, decided, model.plant.signals.fault_names)}
         options.print_json(
             {"answer": [sentence], "events": [], **more, "drift": [], "warnings": warned}
         )
         return
-    print(sentence)
+    options.tell(sentence)
     options.say(f"wrote {out}")

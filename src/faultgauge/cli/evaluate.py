@@ -6,12 +6,13 @@ from typing import Annotated
 import typer
 
 from faultgauge.cli import options
+from faultgauge.cli.writing import READS
 
 __all__ = ["evaluate"]
 
 
 def evaluate(
-    model: Annotated[Path, typer.Argument(help="Model file.")],
+    model: Annotated[Path, typer.Argument(help="Model file."), READS],
     logs: options.Logs,
     warmup: Annotated[
         int,
@@ -25,12 +26,10 @@ def evaluate(
     json: options.Json = False,
 ) -> None:
     """Score a model by pure simulation on logs."""
-    from faultgauge.cli.writing import check_folder
     from faultgauge.identification.evaluation import divergence, evaluate_ensemble
     from faultgauge.identification.evaluation import evaluate as score
     from faultgauge.plants.model import load_model
 
-    check_folder(report)
     fitted = load_model(model)
     runs, odd = options.read_logs_for(fitted, logs, time, map, where, resample)
     with options.narrate("simulating"):
@@ -53,9 +52,11 @@ def evaluate(
         for name, s in run["outputs"].items():
             if s["rmse"] is None:
                 own = [p for p in predictions if p.run == run["run"]]
-                print(f"{run['run']}: {name}: {divergence(fitted.plant, own)}")
+                options.tell(f"{run['run']}: {name}: {divergence(fitted.plant, own)}")
                 continue
-            print(f"{run['run']}: {name}: free-run RMSE {s['rmse']:.4g} {units[name]}{_share(s)}")
+            options.tell(
+                f"{run['run']}: {name}: free-run RMSE {s['rmse']:.4g} {units[name]}{_share(s)}"
+            )
     for name, s in found.get("ensemble", {}).items():
         if s["rmse"] is None:
             print(f"ensemble: {name}: a member's free run diverges")

@@ -9,22 +9,31 @@ from faultgauge.cli import options
 if TYPE_CHECKING:
     from faultgauge.detection.evidence import Evidence
 
-__all__ = ["write_evidence"]
+__all__ = ["evidence_files", "write_evidence"]
+
+LONGEST = 100  # bytes of a run's and of a fault's name in a file name, of which 255 are legal
 
 
-def write_evidence(found: "Sequence[Evidence]", folder: Path) -> list[str]:
-    """Write the windows; the path of each. A window that does not replay is written too, and said
-    to be one."""
+def evidence_files(found: "Sequence[Evidence]", folder: Path) -> list[Path]:
+    """Where each window goes."""
+    return [
+        folder / f"{count:02d}_{_legal(each.run.name)}_{_legal(each.event.fault)}.csv"
+        for count, each in enumerate(found, 1)
+    ]
+
+
+def _legal(name: str) -> str:
+    safe = "".join(c if c.isalnum() or c in "-_." else "_" for c in name)
+    return safe.encode()[:LONGEST].decode(errors="ignore")
+
+
+def write_evidence(found: "Sequence[Evidence]", paths: "Sequence[Path]") -> None:
+    """Write the windows. One that does not replay is written too, and said to be one."""
     from faultgauge.telemetry.writing import as_table, write_table
 
-    paths = []
-    for count, each in enumerate(found, 1):
-        safe = "".join(c if c.isalnum() or c in "-_." else "_" for c in each.run.name)
-        path = folder / f"{count:02d}_{safe}_{each.event.fault}.csv"
+    for each, path in zip(found, paths, strict=True):
         write_table(as_table(each.run), path)
-        paths.append(str(path))
         if each.replayed is None:
             options.warn(
                 [f"{path}: judged alone, this part of the run does not give the same answer"]
             )
-    return paths

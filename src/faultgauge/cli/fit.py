@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from faultgauge.cli import options
+from faultgauge.cli.writing import READS, Writes
 
 if TYPE_CHECKING:
     from faultgauge.identification.fit import FitReport
@@ -15,12 +16,15 @@ __all__ = ["fit"]
 
 
 def fit(
-    plant: Annotated[str, typer.Argument(help="Plant file, or the name of a preset.")],
+    plant: Annotated[str, typer.Argument(help="Plant file, or the name of a preset."), READS],
     logs: options.Logs,
-    out: Annotated[Path, typer.Option("--out", metavar="MODEL", help="Model file to write.")],
+    out: Annotated[
+        Path, typer.Option("--out", metavar="MODEL", help="Model file to write."), Writes()
+    ],
     validate: Annotated[
         list[Path] | None,
         typer.Option("--validate", metavar="LOG", help="Log to stop and select on, never to fit."),
+        READS,
     ] = None,
     refine: Annotated[
         bool | None,
@@ -62,11 +66,9 @@ def fit(
     json: options.Json = False,
 ) -> None:
     """Learn a plant's unknowns from healthy logs and write a model file."""
-    from faultgauge.cli.writing import check_folder
     from faultgauge.plants.gray_box import load_plant
     from faultgauge.telemetry import check_same_units
 
-    check_folder(out, report)
     untrained = load_plant(plant)
     spec = untrained.spec
     runs = options.read_logs(spec, logs, time, map, where, resample, fitting=True)
@@ -112,7 +114,7 @@ def fit(
         options.print_json({"model": str(out), **_content(model, account), "validation": checked})
         return
     for line in (*_parameters(model, account), *_errors(fits)):
-        print(line)
+        options.tell(line)
     options.say(f"wrote {out}; next: faultgauge calibrate {out} HEALTHY_LOG")
 
 

@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from faultgauge.cli import options
+from faultgauge.cli.writing import Writes
 
 __all__ = ["inspect"]
 
@@ -15,6 +16,7 @@ def inspect(
     init_plant: Annotated[
         Path | None,
         typer.Option("--init-plant", metavar="FILE", help="Write a plant-file skeleton to edit."),
+        Writes(),
     ] = None,
     time: options.Time = None,
     map: options.Map = None,
@@ -49,11 +51,11 @@ def _show(found) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    console = Console(highlight=False)
+    console = Console(highlight=False, markup=False, emoji=False)
     runs = Table("run", "rows", "from (s)", "to (s)", "rate (Hz)", "jitter", "gaps", "empty cells")
     for run in found.runs:
         runs.add_row(
-            run.name,
+            options.plain(run.name),
             str(run.rows),
             f"{run.start:.6g}",
             f"{run.end:.6g}",
@@ -70,7 +72,7 @@ def _show(found) -> None:
         columns.add_column(title, no_wrap=title != "column", overflow="fold")
     for column in found.columns:
         s, remarks = column.statistics, []
-        head = [column.name, column.unit] if units else [column.name]
+        head = [options.plain(each) for each in (column.name, column.unit)[: 1 + len(units)]]
         if s is None:
             columns.add_row(*head, *[""] * len(numbers))
             remarks.append(column.kind)
@@ -85,6 +87,6 @@ def _show(found) -> None:
             lines.append(f"{column.name}: {', '.join(remarks)}")
     console.print(columns)
     for line in lines:
-        console.print(line)
+        console.print(options.plain(line))
     for hint in found.hints:
-        console.print(f"hint: {hint}")
+        console.print(options.plain(f"hint: {hint}"))

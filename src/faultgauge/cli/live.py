@@ -9,9 +9,8 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING
 
 from faultgauge.cli import options
-from faultgauge.cli.streaming import Interrupt, RowWriter, input_lines, while_read
+from faultgauge.cli.streaming import Interrupt, RowWriter, Skipped, input_lines, while_read
 from faultgauge.cli.view import View
-from faultgauge.cli.writing import check_folder
 from faultgauge.errors import InputError
 
 if TYPE_CHECKING:
@@ -32,11 +31,12 @@ def answer(
     form: str,
     events: Path | None,
     view: bool,
+    strict: bool,
 ) -> None:
-    """Answer standard input until it ends; an interrupt ends it too, and loses no row."""
+    """Answer standard input until it ends; an interrupt ends it too, and loses no row. Rows
+    that are no telemetry are left out; `strict`, they end it."""
     if view and not sys.stderr.isatty():
         raise InputError("--view draws on standard error, which is no terminal here; leave it out.")
-    check_folder(events)
     from faultgauge.detection import estimation
     from faultgauge.detection.stream import Stream
     from faultgauge.detection.uncalibrated import uncalibrated, unjudged_sentence
@@ -47,9 +47,17 @@ def answer(
     fitted = load_model(model)
     stream = Stream(fitted, observer=observer, reference=reference)
     required, optional = column_names(fitted.plant.signals)
+    skipped = Skipped()
+    leave_out = {} if strict else {"skip": skipped}
     with Interrupt() as interrupt, while_read(), ExitStack() as stack:
+        stack.callback(skipped.summary)
         samples = read_stream(
-            input_lines(interrupt), time=time, maps=maps or (), names=required, optional=optional
+            input_lines(interrupt),
+            time=time,
+            maps=maps or (),
+            names=required,
+            optional=optional,
+            **leave_out,
         )
         lines = stack.enter_context(_opened(events)) if events else None
         shown = stack.enter_context(View(fitted)) if view else None

@@ -5,11 +5,13 @@ import json
 import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
+
+from faultgauge.cli.writing import READS, Writes
 
 if TYPE_CHECKING:
     from faultgauge.plants.model import Model
@@ -26,15 +28,19 @@ __all__ = [
     "Time",
     "Where",
     "narrate",
+    "plain",
     "prepare",
     "print_json",
     "read_logs",
     "read_logs_for",
     "say",
+    "tell",
     "warn",
 ]
 
+LONGEST = 4000  # characters of a sentence
 Json = Annotated[bool, typer.Option("--json", help="One JSON object on stdout, nothing else.")]
+Verbose = Annotated[bool, typer.Option("--verbose", help="Say every sentence whole.")]
 Time = Annotated[str | None, typer.Option("--time", help="Name of the time column [default: t].")]
 Map = Annotated[
     list[str] | None,
@@ -61,12 +67,15 @@ Resample = Annotated[
     ),
 ]
 ReportFile = Annotated[
-    Path | None, typer.Option("--report", metavar="FILE.html", help="Write a report with figures.")
+    Path | None,
+    typer.Option("--report", metavar="FILE.html", help="Write a report with figures."),
+    Writes(),
 ]
 RowFormat = Literal["csv", "ndjson"]
 Logs = Annotated[
     list[Path],
     typer.Argument(help="Logs: CSV (.gz too), Parquet, MAT, HDF5, MDF, MCAP, ROS 2 bags."),
+    READS,
 ]
 
 
@@ -158,7 +167,20 @@ def print_json(content: dict[str, Any]) -> None:
 
 def say(text: str = "") -> None:
     """A line for the person in front of the terminal (stderr, so that stdout can be piped)."""
-    print(text, file=sys.stderr)
+    if len(text) > LONGEST:
+        text = f"{text[: LONGEST // 2]} ... {text[-LONGEST // 2 :]}"
+    with suppress(OSError):  # a terminal that was closed
+        print(plain(text), file=sys.stderr)
+
+
+def tell(text: str) -> None:
+    """A line of the answer (stdout)."""
+    print(plain(text))
+
+
+def plain(text: str) -> str:
+    """`text` without what would command a terminal: names in a log may hold anything."""
+    return "".join(c if c.isprintable() or c == "\n" else ascii(c)[1:-1] for c in text)
 
 
 def warn(warnings: Iterable[str]) -> None:

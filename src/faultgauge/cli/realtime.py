@@ -7,7 +7,7 @@ from pathlib import Path
 
 from faultgauge.cli import options
 from faultgauge.cli.commands import follow_file, follow_stdin
-from faultgauge.cli.streaming import RowWriter, while_read
+from faultgauge.cli.streaming import Interrupt, RowWriter, while_read
 from faultgauge.files import write_atomically
 from faultgauge.simulation.realtime import Session
 from faultgauge.simulation.scenario import Scenario
@@ -41,12 +41,13 @@ def against_the_clock(
         options.say(f"faultgauge: {sentence}")
 
     options.say(f"running {scenario.name} for {scenario.samples * scenario.step / speed:g} s")
-    try:
-        with while_read():
-            session.run(poll, emit, complain)
-    finally:
-        _write(session, out, report)
-        options.say(session.pacer.punctuality().sentence())
+    with Interrupt() as interrupt:
+        try:
+            with while_read(), interrupt.waiting():
+                session.run(poll, emit, complain)
+        finally:  # which no second interrupt cuts short
+            _write(session, out, report)
+            options.say(session.pacer.punctuality().sentence())
     if as_json:
         options.print_json(
             {

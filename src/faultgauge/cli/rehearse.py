@@ -6,24 +6,27 @@ from typing import Annotated
 import typer
 
 from faultgauge.cli import options
+from faultgauge.cli.writing import READS, Fills, make_folder
 from faultgauge.errors import InputError
 
 __all__ = ["rehearse"]
 
 
 def rehearse(
-    model: Annotated[Path, typer.Argument(help="Calibrated model file.")],
+    model: Annotated[Path, typer.Argument(help="Calibrated model file."), READS],
     logs: Annotated[
         list[Path],
         typer.Argument(
             metavar="HEALTHY", help="Healthy logs that neither fit nor calibrate has seen."
         ),
+        READS,
     ],
     out: Annotated[
         Path | None,
         typer.Option(
             "--out", metavar="DIR", help="Write report.html, rehearsal.json and trials.csv here."
         ),
+        Fills(("report.html", "rehearsal.json", "trials.csv")),
     ] = None,
     size: Annotated[
         list[str] | None,
@@ -41,12 +44,10 @@ def rehearse(
     json: options.Json = False,
 ) -> None:
     """Put declared faults into healthy logs: what would be found?"""
-    from faultgauge.cli.writing import check_folder, make_folder
     from faultgauge.plants.model import load_model
     from faultgauge.rehearsal import rehearse as run_rehearsal
 
     sizes = dict(_size(each) for each in size or ())
-    check_folder(report)
     fitted = load_model(model)
     runs, _ = options.read_logs_for(fitted, logs, time, map, where, None)
     folder = make_folder(out) if out is not None else None

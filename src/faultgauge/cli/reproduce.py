@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from faultgauge.cli import options
+from faultgauge.cli.writing import Fills, make_folder
 
 __all__ = ["reproduce"]
 
@@ -23,6 +24,7 @@ def reproduce(
         typer.Option(
             "--out", metavar="DIR", help="Where results.json, report.html and run.json go."
         ),
+        Fills(("results.json", "report.html", "run.json")),
     ] = Path("out"),
     quick: Annotated[
         bool, typer.Option("--quick", help="Two seeds, without the slow comparisons.")
@@ -31,8 +33,6 @@ def reproduce(
 ) -> None:
     """Repeat the reaction-wheel study of the paper: learn, run beside, inject, estimate."""
     import time
-
-    from faultgauge.cli.writing import make_folder
 
     folder = make_folder(out)
     begun = time.perf_counter()

@@ -6,15 +6,18 @@ from typing import Annotated
 import typer
 
 from faultgauge.cli import options
+from faultgauge.cli.writing import READS, Writes, check_apart, check_folder
 from faultgauge.errors import InputError
 
 __all__ = ["simulate"]
 
 
 def simulate(
-    scenario: Annotated[Path, typer.Argument(help="Scenario file.")],
+    scenario: Annotated[Path, typer.Argument(help="Scenario file."), READS],
     out: Annotated[
-        Path, typer.Option("--out", metavar="LOG", help="Log to write: .csv, .csv.gz, .parquet.")
+        Path,
+        typer.Option("--out", metavar="LOG", help="Log to write: .csv, .csv.gz, .parquet."),
+        Writes(),
     ],
     realtime: Annotated[
         float | None,
@@ -27,6 +30,7 @@ def simulate(
     control: Annotated[
         Path | None,
         typer.Option("--control", metavar="FILE", help="Follow FILE for commands, not stdin."),
+        READS,
     ] = None,
     stream: Annotated[
         options.RowFormat | None,
@@ -45,15 +49,20 @@ def simulate(
             raise InputError(f"{name} goes with --realtime only; add it or leave {name} out.")
     if stream and json:
         raise InputError("--stream and --json both want standard output; choose one of them.")
-    from faultgauge.cli.writing import check_folder
     from faultgauge.telemetry.writing import as_table, check_writable, write_table
 
     check_writable(out)
-    check_folder(out, report)
     from faultgauge.accommodation.simulate import simulate as carry_out
     from faultgauge.simulation.scenario import read_scenario
 
     planned = read_scenario(scenario)
+    written = {"--out": [out], "--report": [report] if report else []}
+    if realtime is not None:
+        from faultgauge.cli.realtime import injections_file
+
+        check_folder(injections_file(out))
+        written["--out"].append(injections_file(out))
+    check_apart([scenario, *planned.reads, *([control] if control else [])], written)
     if realtime is not None:
         from faultgauge.cli.realtime import against_the_clock
 

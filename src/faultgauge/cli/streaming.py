@@ -1,6 +1,7 @@
 """Rows on standard output as they come, and lines from standard input."""
 
 import contextlib
+import errno
 import itertools
 import json
 import math
@@ -10,9 +11,24 @@ import sys
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from faultgauge.cli import options
 from faultgauge.errors import InputError
+from faultgauge.files import size_in_words
 
-__all__ = ["Interrupt", "RowWriter", "input_lines", "while_read"]
+__all__ = [
+    "Interrupt",
+    "RowWriter",
+    "Skipped",
+    "end_as_interrupts",
+    "input_lines",
+    "let_go",
+    "while_read",
+]
+
+# Ctrl-C, kill, and the terminal that closes; not every system has the last.
+ENDS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+LONGEST = 1_000_000  # bytes of a line
+GONE = {errno.EPIPE, errno.EIO}  # nobody reads the pipe; the terminal was closed
 
 
 class RowWriter:
@@ -45,33 +61,55 @@ def while_read() -> Iterator[None]:
     """Ends the block quietly when whoever reads standard output has gone."""
     try:
         yield
-    except BrokenPipeError:
-        # what is still to be written goes nowhere, or Python would complain at exit
-        with contextlib.suppress(OSError, ValueError):  # no real file, as under a test
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except OSError as failure:
+        if failure.errno not in GONE:
+            raise
+        let_go()
+
+
+def let_go() -> None:
+    """What is still to be printed goes nowhere, or Python would complain at exit."""
+    with contextlib.suppress(OSError, ValueError):  # no real file, as under a test
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def end_as_interrupts() -> None:
+    """What ends a program by default ends it as Ctrl-C does; not what it was begun to ignore, as
+    under nohup."""
+
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    for each in ENDS:
+        if signal.getsignal(each) is signal.SIG_DFL:
+            signal.signal(each, interrupt)
 
 
 class Interrupt:
-    """Ctrl-C while it waits for input ends the wait; while a row is made, it waits for the row.
+    """Ctrl-C, and what ends as it does, cuts short what is `waiting`, and else waits for that.
 
-    A context manager, which raises `KeyboardInterrupt` at its end where one came.
+    A context manager, which raises `KeyboardInterrupt` at its end where one came. However many
+    come, the first alone is raised: a terminal that closes sends several.
     """
 
     came = False
     idle = False
 
     def __enter__(self) -> "Interrupt":
-        self.usual = signal.signal(signal.SIGINT, self._note)
+        heard = [each for each in ENDS if signal.getsignal(each) is not signal.SIG_IGN]
+        self.usual = {each: signal.signal(each, self._note) for each in heard}
         return self
 
-    def __exit__(self, *failure: object) -> None:
-        signal.signal(signal.SIGINT, self.usual)
-        if self.came:
-            raise KeyboardInterrupt from None
+    def __exit__(self, kind: type[BaseException] | None, *failure: object) -> None:
+        for each, usual in self.usual.items():
+            signal.signal(each, usual)
+        if self.came and kind is None:  # what failed meanwhile is to be told instead
+            raise KeyboardInterrupt
 
     def _note(self, *_: object) -> None:
         self.came = True
         if self.idle:
+            self.idle = False
             raise KeyboardInterrupt
 
     @contextlib.contextmanager
@@ -87,18 +125,42 @@ class Interrupt:
 
 
 def input_lines(interrupt: Interrupt) -> Iterator[str]:
-    """Lines of standard input, each as soon as it is whole, until it ends or is interrupted."""
+    """Lines of standard input, each as soon as it is whole, until it ends or is interrupted; bytes
+    that are not UTF-8 become surrogates."""
+    try:
+        source = sys.stdin.buffer
+    except AttributeError:
+        raise InputError(
+            "standard input is closed; send telemetry there, or give the log as a file."
+        ) from None
     for row in itertools.count(1):
         try:
             with interrupt.waiting():
-                line = sys.stdin.buffer.readline()
+                line = source.readline(LONGEST + 1)
         except KeyboardInterrupt:
             return
         if not line:
             return
-        try:
-            yield line.decode()
-        except UnicodeDecodeError:
+        if len(line) > LONGEST:
             raise InputError(
-                f"standard input, row {row}: the text is not UTF-8; send UTF-8."
-            ) from None
+                f"standard input, row {row}: longer than {size_in_words(LONGEST)}, which no row "
+                "is; send rows that end with a newline."
+            )
+        yield line.decode(errors="surrogateescape")
+
+
+class Skipped:
+    """Counts rows that are left out; says so at the first, and at the end."""
+
+    count = 0
+
+    def __call__(self, wrong: InputError) -> None:
+        if not self.count:
+            text = str(wrong).rstrip(".")
+            options.warn([f"{text} (rows like this are left out, with --strict they end the call)"])
+        self.count += 1
+
+    def summary(self) -> None:
+        if self.count:
+            rows = "1 row was" if self.count == 1 else f"{self.count} rows were"
+            options.warn([f"standard input: {rows} left out"])

@@ -52,8 +52,8 @@ class Said:
     the answers to these, in order."""
 
     def __init__(self, count: int) -> None:
-        self.answered: Bool[np.ndarray, rows] = np.zeros(count, bool)
-        self.since: Float[np.ndarray, rows] = np.full(count, np.nan)
+        self.answered = np.zeros(count, bool)
+        self.since = np.full(count, np.nan)
         self.infos: list[Any] = []
 
     def joined(self) -> Any:

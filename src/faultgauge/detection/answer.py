@@ -1,13 +1,14 @@
-"""The answer of the bank as a sentence: which fault, how big, since when, how sure, what it is
-not, and what this log could not tell.
+"""The answer of the bank as a sentence: which fault, how big, since when, how sure, what else it
+may be, and what this log would not have shown.
 
-    friction +0.100 +- 0.004 N*m since 08:41:10 +- 6 s (p 0.98, run a); gain excluded 200:1;
-    friction below 0.0012 N*m this log could not tell
+    friction +0.100 N*m (+0.096 to +0.104) since 08:41:10 +- 6 s (p 0.998, run a); told at 08:41:21,
+    seen until 09:00:00; gain instead is 200 times less likely; friction below 0.0012 N*m would not
+    have shown
 """
 
 from collections import Counter
-from collections.abc import Collection, Sequence
-from datetime import datetime, timedelta
+from collections.abc import Sequence
+from datetime import timedelta
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,46 +16,55 @@ import numpy as np
 from faultgauge.detection.bank import FaultBank
 from faultgauge.detection.decisions import Decision
 from faultgauge.detection.decisions import as_dicts as events_as_dicts
-from faultgauge.detection.events import FEWEST, UNKNOWN, BankEvent, pause, stretches
+from faultgauge.detection.events import UNKNOWN, BankEvent, pause, stretches
 from faultgauge.detection.posterior import LIKELY
 from faultgauge.detection.probability import probability
+from faultgauge.detection.shares import shares_of
 from faultgauge.detection.verdicts import FAULT, NAMED, NOT_JUDGED
+from faultgauge.detection.words import PURE, amount, less_likely, moment
 from faultgauge.observers.branching import SCALES
 from faultgauge.telemetry import Run
 
-__all__ = [
-    "EXCLUDED",
-    "answer",
-    "answers",
-    "as_dicts",
-    "beside",
-    "exclusions",
-    "least_told",
-    "moment",
-    "told",
-]
+__all__ = ["answer", "answers", "as_dicts", "first_screen", "least_told", "runs_as_dicts", "told"]
 
-EXCLUDED = 20.0  # odds from which on a cause is
 NINE_IN_TEN = 1.2816  # standard deviations
-MOST = 1 / FEWEST  # odds beyond which an alternative is not listed
+POSSIBLE = 20.0  # odds up to which something undeclared is spoken of: nobody can list it all
+WHOLE = 0.99  # share of a log from which on all of it counts as judged
+SPOKEN = 3  # silent stretches that a sentence names
+LINES = 4  # of a first screen
 
 
 class Told(NamedTuple):
-    """What is told of a run from `start` to `end` [s], as a sentence."""
+    """What is told of a run from `start` to `end` [s], as a sentence: what a first screen says,
+    and the rest."""
 
     start: float
     end: float
-    text: str
+    head: str
+    rest: tuple[str, ...] = ()
+
+    @property
+    def text(self) -> str:
+        return "; ".join((self.head, *self.rest))
 
 
 def answers(bank: FaultBank, decisions: Sequence[Decision]) -> list[str]:
     """A sentence for every event, every alarm without one and every log that ends undecided; one
     for the runs in which there is none of these."""
     found = [each.text for each in told(bank, decisions)]
-    silent = [one for one in decisions if not _told(bank, one)]
-    if found and silent:
-        return [*found, f"No fault in {', '.join(f'run {one.run.name}' for one in silent)}."]
-    return found or [_silence(bank, decisions)]
+    return [*found, *_silence(bank, decisions)]
+
+
+def first_screen(bank: FaultBank, decisions: Sequence[Decision]) -> list[str]:
+    """The same in a few lines: what, how big, since when, how sure; of one finding all."""
+    found, silent = told(bank, decisions), _silence(bank, decisions)
+    if len(found) <= 1:
+        return [line for each in found for line in (each.head, "; ".join(each.rest)) if line] + [
+            *silent
+        ]
+    lines = [*(each.head for each in found), *silent]
+    more = len(lines) - LINES
+    return lines if more <= 0 else [*lines[: LINES - 1], f"and {more + 1} more (--verbose)"]
 
 
 def told(bank: FaultBank, decisions: Sequence[Decision]) -> list[Told]:
@@ -63,16 +73,52 @@ def told(bank: FaultBank, decisions: Sequence[Decision]) -> list[Told]:
     return [each for one in decisions for each in _told(bank, one)]
 
 
-def _silence(bank: FaultBank, decisions: Sequence[Decision]) -> str:
-    if all(status == "NOT_JUDGED" for each in decisions for status in each.status):
-        reasons = [reason for each in decisions for reason in each.reason if reason]
-        return f"Nothing could be judged: {_usual(reasons)}."
-    return f"No fault; {_could_not_tell(bank, decisions[0].run)}."
+def _silence(bank: FaultBank, decisions: Sequence[Decision]) -> list[str]:
+    """What it means that nothing is told of a run."""
+    silent = [one for one in decisions if not _told(bank, one)]
+    shares = {one.run.name: shares_of(one) for one in silent}
+    whole = [one for one in silent if shares[one.run.name].judged >= WHOLE]
+    said = []
+    alone = len(decisions) == 1
+    if whole:
+        where = "" if len(whole) == len(decisions) else f" in {_runs(whole)}"
+        said.append(f"No fault{where}; {_would_not_show(bank, [one.run for one in whole])}")
+    for one in silent:
+        judged, _, gaps = shares[one.run.name]
+        log = "log" if alone else f"run {one.run.name}"
+        if judged >= WHOLE:
+            continue
+        worst = sorted(gaps, key=lambda each: -each.share)[:SPOKEN]
+        why = "; ".join(
+            f"from {moment(one.run.clock, each.start, bank.step)} to "
+            f"{moment(one.run.clock, each.end, bank.step)}: {each.reason}"
+            for each in sorted(worst)
+        )
+        if judged == 0:
+            of = "" if alone else f" of {log}"
+            said.append(f"Nothing{of} could be judged; {why}")
+            continue
+        more = f"; and {len(gaps) - SPOKEN} times more" if len(gaps) > SPOKEN else ""
+        said.append(
+            f"No fault in the {judged:.0%} of the {log} that could be judged; {why}{more}; "
+            f"{_would_not_show(bank, [one.run])}"
+        )
+    return said
+
+
+def _runs(decisions: Sequence[Decision]) -> str:
+    return ", ".join(f"run {one.run.name}" for one in decisions)
 
 
 def _told(bank: FaultBank, decision: Decision) -> list[Told]:
+    found = [answer(bank, decision, each) for each in decision.events]
+    return sorted([*found, *_unnamed(bank, decision)])
+
+
+def _unnamed(bank: FaultBank, decision: Decision) -> list[Told]:
+    """Alarms without an event, and what the log ends undecided about."""
     run, events = decision.run, decision.events
-    found = [Told(e.start, e.end, answer(bank, decision, e)) for e in events]
+    found = list[Told]()
     alarm = np.array(decision.status) == FAULT
     for start, stop in stretches(alarm, np.isfinite(decision.posterior.healthy), pause(bank)):
         first, last = float(run.t[start]), float(run.t[stop - 1])
@@ -82,7 +128,7 @@ def _told(bank: FaultBank, decision: Decision) -> list[Told]:
         when = f"from {moment(run.clock, first, bank.step)} to {moment(run.clock, last, bank.step)}"
         cause = f"; {_usual(why)}" if why else ""
         found.append(Told(first, last, f"An alarm {when} (run {run.name}){cause}"))
-    return sorted([*found, *_undecided(bank, decision)])
+    return [*found, *_undecided(bank, decision)]
 
 
 def _undecided(bank: FaultBank, decision: Decision) -> list[Told]:
@@ -111,51 +157,48 @@ def _usual(reasons: Sequence[str]) -> str:
     return Counter(reasons).most_common(1)[0][0]
 
 
-def answer(bank: FaultBank, decision: Decision, event: BankEvent) -> str:
+def answer(bank: FaultBank, decision: Decision, event: BankEvent) -> Told:
     """One event."""
     run, clock = decision.run, decision.run.clock
     half = (event.onset_hi - event.onset_lo) / 2
     since = f"since {moment(clock, event.onset, half)} +- {half:.2g} s"
-    until = (
-        f"told at {moment(clock, event.start, half)}, seen until {moment(clock, event.end, half)}"
-    )
+    if event.onset_lo <= run.t[0]:
+        since = "since the log began, or longer"
     what = "a fault that is not declared"
     if event.size is not None and event.lo is not None and event.hi is not None:
-        width = (event.hi - event.lo) / 2
-        size = f"{event.size:+.{_digits(width)}f} +- {width:.2g}"
-        what = f"{event.fault} {size} {_unit(bank, event.fault)}".rstrip()
-    said = [f"{what} {since} (p {probability(event.p)}, run {event.run})", until]
-    for cause, odds in exclusions(bank, event, beside(decision, event)).items():
-        more = "more than " if odds >= MOST else ""
-        verb = "excluded" if odds >= EXCLUDED else "not excluded,"
-        name = "something undeclared" if cause == UNKNOWN else cause
-        said.append(
-            f"{name} {verb} {more}{odds:.0f}:1" if odds >= 10 else f"{name} {verb} {odds:.2g}:1"
-        )
+        size = amount(event.size, event.lo, event.hi, _unit(bank, event.fault))
+        what = f"{event.fault} {size}"
+    head = f"{what} {since} (p {probability(event.p)}, run {event.run})"
+    rest = [
+        f"told at {moment(clock, event.start, half)}, seen until {moment(clock, event.end, half)}"
+    ]
+    others = {each.fault for each in _beside(decision, event)}
+    causes = dict[float, list[str]]()
+    for cause, odds in event.instead:
+        if cause == UNKNOWN and odds < POSSIBLE:
+            rest.append(f"something undeclared is only {odds:.2g} times less likely")
+        elif cause not in (*others, UNKNOWN):
+            causes.setdefault(odds, []).append(cause)
+    rest += [less_likely(causes[odds], odds) for odds in sorted(causes)]
+    rest += [
+        f"{name} may be there too (p {probability(p)})"
+        for name, p in event.beside
+        if name not in others
+    ]
     if event.fault != UNKNOWN:
         k = bank.model.plant.signals.fault_names.index(event.fault)
         if least_told(bank, run, k) is not None:  # else it shows only as the input moves
-            said.append(_could_not_tell(bank, run, (event.fault,)))
-    return "; ".join(said)
+            rest.append(_would_not_show(bank, [run], (event.fault,)))
+    return Told(event.start, event.end, head, tuple(rest))
 
 
-def beside(decision: Decision, event: BankEvent) -> frozenset[str]:
-    """The faults that are told for the same time as `event`."""
-    return frozenset(
-        each.fault
+def _beside(decision: Decision, event: BankEvent) -> list[BankEvent]:
+    """The events of other faults that are told for the same time as `event`."""
+    return [
+        each
         for each in decision.events
         if each.fault != event.fault and each.onset <= event.end and event.onset <= each.end
-    )
-
-
-def exclusions(bank: FaultBank, event: BankEvent, told: Collection[str] = ()) -> dict[str, float]:
-    """Odds of the best explanation at the event's end against each other declared fault alone, and
-    against an undeclared one, but for those that are `told` beside it; those beyond 1000 stand at
-    1000."""
-    names = (*bank.model.plant.signals.fault_names, UNKNOWN)
-    others = [n for n in names if n != event.fault and n not in told]
-    listed = dict(event.alternatives)
-    return {name: min(listed.get(name, MOST), MOST) for name in others}
+    ]
 
 
 def least_told(bank: FaultBank, run: Run, fault: int) -> float | None:
@@ -182,16 +225,6 @@ def least_told(bank: FaultBank, run: Run, fault: int) -> float | None:
     return float(max(there, apart * (np.sqrt(2 * named) + NINE_IN_TEN)))
 
 
-def moment(clock: datetime | None, t: float, resolution: float) -> str:
-    """`t` [s] as a clock that showed `clock` at 0 s shows it, or as seconds; as fine as
-    `resolution` [s] is. With the date where that is another day."""
-    if clock is None:
-        return f"{round(t, _digits(resolution)):.12g} s"
-    at = clock + timedelta(seconds=t)
-    date = "" if at.date() == clock.date() else f"{at.date().isoformat()} "
-    return date + at.time().isoformat("seconds" if resolution >= 1 else "milliseconds")
-
-
 def as_dicts(bank: FaultBank, decisions: Sequence[Decision]) -> list[dict[str, Any]]:
     """Every event and what its sentence says, as plain JSON."""
     return [
@@ -201,34 +234,48 @@ def as_dicts(bank: FaultBank, decisions: Sequence[Decision]) -> list[dict[str, A
     ]
 
 
+def runs_as_dicts(
+    bank: FaultBank | None, decisions: Sequence[Decision], faults: Sequence[str]
+) -> dict[str, Any]:
+    """What was judged of every run, the smallest size of each of `faults` that it would have told
+    (None: none), and what stands in no event, as plain JSON; there is no `bank` where nothing was
+    calibrated."""
+    found = dict[str, Any]()
+    for one in decisions:
+        least = [None if bank is None else least_told(bank, one.run, k) for k in range(len(faults))]
+        unnamed = [] if bank is None else _unnamed(bank, one)
+        found[one.run.name] = {
+            **shares_of(one).as_dict(dict(zip(faults, least, strict=True))),
+            "unnamed": [{"from": e.start, "to": e.end, "sentence": e.text} for e in unnamed],
+        }
+    return found
+
+
 def _said(bank: FaultBank, decision: Decision, event: BankEvent) -> dict[str, Any]:
     clock, run = decision.run.clock, decision.run
     names = bank.model.plant.signals.fault_names
     least = None if event.fault == UNKNOWN else least_told(bank, run, names.index(event.fault))
     return {
-        "sentence": answer(bank, decision, event),
+        "sentence": answer(bank, decision, event).text,
         "onset_clock": clock and (clock + timedelta(seconds=event.onset)).isoformat(),
-        "excluded": exclusions(bank, event, beside(decision, event)),
         "least": least,
     }
 
 
-def _could_not_tell(bank: FaultBank, run: Run, only: Sequence[str] = ()) -> str:
-    signals = bank.model.plant.signals
+def _would_not_show(bank: FaultBank, runs: Sequence[Run], only: Sequence[str] = ()) -> str:
+    """Below what each fault would not have shown in the least telling of `runs`."""
     least = []
-    for k, name in enumerate(signals.fault_names):
+    for k, name in enumerate(bank.model.plant.signals.fault_names):
         if only and name not in only:
             continue
-        size = least_told(bank, run, k)
-        shown = f" below {size:.2g} {_unit(bank, name)}".rstrip() if size is not None else ""
-        least.append(f"{name}{shown}" if size is not None else f"any {name}")
-    return f"{', '.join(least)} this log could not tell"
+        sizes = [least_told(bank, run, k) for run in runs]
+        worst = max((size for size in sizes if size is not None), default=None)
+        known = worst is not None and None not in sizes
+        size = f"below {worst:.2g} {_unit(bank, name)}".rstrip() if known else "of any size"
+        least.append(f"{name} {size}")
+    return f"{', '.join(least)} would not have shown"
 
 
 def _unit(bank: FaultBank, fault: str) -> str:
-    return next(each.unit for each in bank.model.plant.signals.faults if each.name == fault)
-
-
-def _digits(width: float) -> int:
-    """Decimals that show two figures of `width`."""
-    return min(max(0, int(np.ceil(-np.log10(width))) + 1), 12) if width > 0 else 6
+    units = {each.name: each.unit for each in bank.model.plant.signals.faults}
+    return "" if units[fault] in PURE else units[fault]

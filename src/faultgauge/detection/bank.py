@@ -142,6 +142,7 @@ def build_fault_bank(
         own=jnp.asarray(_own(model, noise)),
         usual=jnp.asarray(_usual(model, noise, len(size) + len(growing))),
         memory=jnp.asarray(knowledge.memory),
+        recall=jnp.asarray(knowledge.when),
         more=more,
         less=less,
         declared=len(signals.faults),

@@ -94,7 +94,7 @@ def calibrate_bank(
     peaks = np.sort([b.peak for b in blocks])[::-1]
     allowed, mtbfa = allowed_peaks(judged, mtbfa, len(peaks))
     level = level_of(peaks, allowed)
-    warnings = [*_look_faulty(suspects), *_believed_less(widened)]
+    warnings = _believed_less(widened, suspects)
     found = {
         "level": level,
         "widened": widened,
@@ -113,26 +113,21 @@ def calibrate_bank(
     return BankCalibration(found, noise.widened(widened), blocks, suspects, warnings)
 
 
-def _look_faulty(suspects: Sequence[Block]) -> list[str]:
-    """The worst of them."""
-    worst = sorted(suspects, key=lambda each: -each.peak)[:MOST_NAMED]
-    found = [
-        f"run {b.run}, {b.start:.6g} s to {b.end:.6g} s: looks faulty (odds {_odds(b.peak)}); "
-        "it is kept as healthy, so that only what stands out from it will raise an alarm; leave it "
-        "out with --where if it is not"
-        for b in worst
-    ]
-    more = len(suspects) - len(worst)
-    return [*found, f"{more} more stretches of the healthy logs look faulty"] if more else found
-
-
-def _believed_less(widened: float) -> list[str]:
+def _believed_less(widened: float, suspects: Sequence[Block]) -> list[str]:
+    """That all is as wide as it is, and where the healthy logs asked for it most."""
     if widened == 1.0:
         return []
+    worst = sorted(suspects, key=lambda each: -each.peak)[:MOST_NAMED]
+    where = "; ".join(
+        f"run {b.run}, {b.start:.6g} s to {b.end:.6g} s ({_odds(b.peak)})" for b in worst
+    )
+    where = f", most of all in {where}" if worst else ""
     return [
-        "the model errs in ways that noise does not, so that healthy logs would look faulty: all "
-        f"intervals are made {widened:.2g} times as wide, and a fault must be {widened:.2g} times "
-        "as large to be told"
+        "the model errs in ways that noise does not, and healthy logs would look faulty"
+        + where
+        + f": all intervals are made {widened:.2g} times as wide, and a fault must be "
+        f"{widened:.2g} times as large to be told; if some of that was not healthy, leave it out "
+        "with --where"
     ]
 
 

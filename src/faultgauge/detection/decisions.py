@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
+from datetime import timedelta
 from typing import Any
 
 import numpy as np
@@ -105,9 +106,10 @@ class Watching:
 def table(decisions: Sequence[Decision], faults: Sequence[str]) -> dict[str, list[Any]]:
     """The columns that `estimate` writes, in order; None is an empty cell."""
     outputs = list(dict.fromkeys(name for each in decisions for name in each.residuals))
+    clocked = any(each.run.clock for each in decisions)
     columns: dict[str, list[Any]] = {}
     for each in decisions:
-        for name, values in _rows(each, faults, outputs).items():
+        for name, values in _rows(each, faults, outputs, clocked).items():
             cells = values
             if isinstance(values, np.ndarray):
                 cells = [None if value != value else value for value in values.tolist()]
@@ -115,10 +117,16 @@ def table(decisions: Sequence[Decision], faults: Sequence[str]) -> dict[str, lis
     return columns
 
 
-def _rows(decision: Decision, faults: Sequence[str], outputs: Sequence[str]) -> dict[str, Any]:
-    """One run's part of the table."""
-    count, found = len(decision.run.t), decision.posterior
+def _rows(
+    decision: Decision, faults: Sequence[str], outputs: Sequence[str], clocked: bool
+) -> dict[str, Any]:
+    """One run's part of the table; with the log's own time where any run is `clocked`."""
+    count, found, clock = len(decision.run.t), decision.posterior, decision.run.clock
     rows: dict[str, Any] = {"run": [decision.run.name] * count, "t": decision.run.t}
+    if clocked:
+        rows["time"] = [
+            clock and (clock + timedelta(seconds=t)).isoformat() for t in decision.run.t.tolist()
+        ]
     for name in outputs:
         rows[f"r_{name}"] = decision.residuals.get(name, np.full(count, np.nan))
     for k, name in enumerate(faults):
@@ -149,6 +157,8 @@ def as_dicts(events: Sequence[BankEvent]) -> list[dict[str, Any]]:
         {
             **asdict(event),
             "alternatives": [{"faults": f, "odds": o} for f, o in event.alternatives],
+            "instead": dict(event.instead),
+            "beside": dict(event.beside),
         }
         for event in events
     ]

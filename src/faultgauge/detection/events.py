@@ -9,12 +9,13 @@ from jaxtyping import Bool, Float
 from faultgauge.detection.bank import FaultBank
 from faultgauge.detection.posterior import LIKELY, WIDE, Posterior
 from faultgauge.detection.verdicts import NAMED, Verdict
+from faultgauge.detection.words import MOST
 from faultgauge.telemetry import Run
 
-__all__ = ["FEWEST", "UNKNOWN", "Alarm", "BankEvent", "Judged", "events", "pause", "stretches"]
+__all__ = ["UNKNOWN", "Alarm", "BankEvent", "Judged", "events", "pause", "stretches"]
 
 UNKNOWN = "unknown"
-FEWEST = 1e-3  # odds below which an alternative is not listed
+POSSIBLE = 0.05  # p of a fault beside another from which on it is told
 
 
 @dataclass(frozen=True)
@@ -24,7 +25,9 @@ class BankEvent:
 
     `start` is when it was told, `onset` when it began; size, p and the rest stand at the last
     sample at which the fault did not change. `alternatives` are other sets of faults, with the
-    odds of the best set against them; a `passive` fault raised no alarm.
+    odds of the best set against them; `instead` every other cause, with the odds of this fault
+    against that one without it, at most 1000; `beside` other faults that may be there too, with
+    their probabilities if this one is. A `passive` fault raised no alarm.
     """
 
     run: str
@@ -39,6 +42,8 @@ class BankEvent:
     onset_lo: float
     onset_hi: float
     alternatives: tuple[tuple[str, float], ...]
+    instead: tuple[tuple[str, float], ...] = ()
+    beside: tuple[tuple[str, float], ...] = ()
     passive: bool = False
 
 
@@ -133,6 +138,7 @@ def _event(bank: FaultBank, judged: Judged, each: _Stretch) -> BankEvent:
         float(p[last]),
         *_onset(bank, judged, each, last),
         _alternatives(bank, judged.p[last]),
+        *_others(bank, k, judged.p[last].astype(float)),
         declared and bool(bank.with_monitor("passive")[k]),
     )
 
@@ -163,7 +169,27 @@ def _alternatives(bank: FaultBank, p: Float[np.ndarray, "sets"]) -> tuple[tuple[
     labels = ["+".join(names[k] for k in each) or "healthy" for each in bank.sets] + [UNKNOWN]
     total = dict(zip(labels, p.tolist(), strict=True))
     (_, most), *others = sorted(total.items(), key=lambda item: -item[1])
-    return tuple((label, most / each) for label, each in others[:3] if each > FEWEST * most)
+    return tuple((label, most / each) for label, each in others[:3] if each > most / MOST)
+
+
+def _others(
+    bank: FaultBank, k: int, p: Float[np.ndarray, "sets"]
+) -> tuple[tuple[tuple[str, float], ...], tuple[tuple[str, float], ...]]:
+    """(odds of cause `k` against every other one without it, p of other faults given it)."""
+    names = (*bank.model.plant.signals.fault_names, UNKNOWN)
+    holds = np.zeros((len(p), len(names)), bool)
+    for at, each in enumerate(bank.sets):
+        holds[at, list(each)] = True
+    holds[len(bank.sets) :, -1] = True
+    own = float(p @ holds[:, k])
+    instead, beside = [], []
+    for other in np.flatnonzero(np.arange(len(names)) != k):
+        if holds[:, other].any():
+            without = float(p @ (holds[:, other] & ~holds[:, k]))
+            instead.append((names[other], min(own / max(without, 1e-300), MOST)))
+            too = float(p @ (holds[:, other] & holds[:, k])) / own
+            beside += [(names[other], too)] if too > POSSIBLE else []
+    return tuple(instead), tuple(beside)
 
 
 def pause(bank: FaultBank) -> int:

@@ -37,12 +37,13 @@ ALIKE = 1e-6  # of the information: two faults that differ by less are one
 
 
 class Knowledge(NamedTuple):
-    """`sd` of each declared fault at times `t` [s] after its onset (inf: nothing shows), and the
-    time [s] after which one of its widest size shows, in the median: the bank's memory; `left` is
-    what a unit of each leaves in the whitened innovations."""
+    """`sd` of each declared fault at times `t` [s] after its onset (inf: nothing shows); `when` one
+    of its widest size shows [s after its onset], and the median of that, the bank's memory; `left`
+    is what a unit of each leaves in the whitened innovations."""
 
     t: Float[np.ndarray, "times"]
     sd: Float[np.ndarray, "times faults"]
+    when: Float[np.ndarray, "faults"]
     memory: float
     left: Float[np.ndarray, "times outputs faults"]
 
@@ -133,9 +134,9 @@ def knowledge_of(
     t = dt * np.arange(1, TIMES + 1)
     declared = len(model.plant.signals.faults)
     shows = CLEAR * sd[:, :declared] <= size[:declared]
-    when = [float(t[np.argmax(each)]) if each.any() else float(t[-1]) for each in shows.T]
-    memory = float(np.clip(np.median(when), FEWEST * step, t[-1]))
-    return Knowledge(t, sd[:, :declared], memory, left[:, :, :declared])
+    when = np.array([t[np.argmax(each)] if each.any() else t[-1] for each in shows.T])
+    when = np.clip(when, FEWEST * step, t[-1])
+    return Knowledge(t, sd[:, :declared], when, float(np.median(when)), left[:, :, :declared])
 
 
 def _predicted(

@@ -94,12 +94,16 @@ def noise_of(model: Model) -> Noise:
             "the model holds no noise levels, which the bank needs; run `faultgauge "
             "calibrate` on healthy logs, or use --observer eso."
         )
-    return Noise(
-        *(
+    try:
+        levels = [
             np.array([float(block[key][name]) for name in each])
             for key, each in zip(Noise._fields, _names(model), strict=True)
-        )
-    )
+        ]
+    except KeyError as missing:
+        raise InputError(
+            f"the model's noise levels say nothing of {missing}; run `faultgauge calibrate` anew."
+        ) from None
+    return Noise(*levels)
 
 
 class Constants(NamedTuple):

@@ -8,6 +8,9 @@ IEEE TAC 11 (1965); Mehra, IEEE TAC 15 (1970)), with the healthy filter of the b
 begins with a discrepancy and constants of its own, so that what differs between runs counts. No
 discrepancy, and one that walks without end, are limits of it: s = 0, tau without bound.
 
+Where a log is sampled far faster than it moves, means over blocks of samples tell the same, and
+what noise of a few samples' memory adds up to.
+
 What one log cannot tell is held by weak priors: constants differ by a percent or so from run to
 run, and a discrepancy is some percent of what its state does.
 
@@ -23,6 +26,7 @@ vehicle that has landed flies on with another trim.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import equinox as eqx
@@ -63,6 +67,7 @@ from faultgauge.plants.model import Model
 from faultgauge.simulation.closed_loop import with_faults
 from faultgauge.simulation.free_run import substeps_for
 from faultgauge.telemetry import Run, segments
+from faultgauge.telemetry.oversampling import block_means
 
 __all__ = ["estimate_noise"]
 
@@ -70,12 +75,15 @@ SAMPLES = 16384  # that tell the levels
 LONGEST = 4096  # of one stretch
 REACH = np.log(1e4)  # a level is looked for within this factor of its first guess
 DIFFERENCE = 1e-4  # of a logarithm, for the slope of the likelihood
+GRID = 4  # time constants to begin from
+FACTORS = (1.0, 10.0, 100.0, 1000.0)  # of process noise, until the filter is not lost
 ROUNDS = (20, 12, 8)  # steps of each search; the constants are told anew between them
 USUAL_SIZE = 0.03  # of a state's rate: the discrepancy
 USUAL_SHARE = 0.1  # of an input's effect: what a change of it is off by
 QUICK = 10.0  # samples in which that settles
+ALIKE = 10.0  # times: constants of one unit that differ by more are of two kinds
 UNSURE = 1.5  # standard deviation of the logarithms of these
-ENOUGH = 2e-6  # of log-likelihood per sample: a step that gains less is the last
+ENOUGH = 0.3  # of log-likelihood: a step that gains less is the last
 SEARCHED = Noise._fields.index("spread")  # the levels before the constants' are
 NONE = 1e-6  # times the usual: as good as no discrepancy
 
@@ -97,6 +105,9 @@ def estimate_noise(model: Model, runs: Sequence[Run], discrepancy: bool = True) 
 
     Raises `InputError` where no stretch is long enough or the filter never follows the data.
     """
+    names = [n for n in model.plant.signals.output_names if n in runs[0].columns]
+    total = sum(len(run.t) for run in runs)
+    runs, averaged = block_means(runs, names, total / SAMPLES)
     stretches = _stretches(model, runs)
     if not stretches:
         raise InputError(
@@ -113,11 +124,41 @@ def estimate_noise(model: Model, runs: Sequence[Run], discrepancy: bool = True) 
         names = np.repeat(Noise._fields[:SEARCHED], [len(part) for part in noise[:SEARCHED]])
         free = ~np.isin(names, fixed)
     center = _logs(noise)
+    if discrepancy:
+        noise = _started(model, batch, noise, low, high)
     for steps in ROUNDS:
         noise = _searched(model, batch, noise, (low, high, pull, center), free, steps)
         if discrepancy:
             noise = _retold(model, batch, noise)
-    return noise
+    more = [averaged.get(name, 1.0) for name in model.plant.signals.output_names]
+    return noise._replace(sigma=noise.sigma * np.sqrt(more))
+
+
+def _started(
+    model: Model,
+    batch: "_Batch",
+    noise: Noise,
+    low: Float[np.ndarray, "levels"],
+    high: Float[np.ndarray, "levels"],
+) -> Noise:
+    """`noise` with process noise from which on the filter is not lost, and the likeliest of some
+    time constants, whatever the rate of the log is."""
+    sizes = np.cumsum([len(part) for part in noise[:SEARCHED]])[:-1]
+    least, most = (_levels(np.exp(a), sizes, noise) for a in (low, high))
+
+    def between(name: str, share: float) -> Float[np.ndarray, "some"]:
+        return getattr(least, name) ** (1 - share) * getattr(most, name) ** share
+
+    many = [noise._replace(process=factor * noise.process) for factor in FACTORS]
+    cost = batch.run(model, many)[0] / batch.count
+    noise = many[int(np.argmax(cost < cost.min() + dd.FAR**2 / 2))]
+    shares = np.arange(1, GRID + 1) / (GRID + 1)
+    many = [
+        noise._replace(lasting=between("lasting", a), settling=between("settling", b))
+        for a in shares
+        for b in (shares if len(noise.settling) else shares[:1])
+    ]
+    return many[int(np.argmin(batch.run(model, many)[0]))]
 
 
 def _logs(noise: Noise) -> Float[np.ndarray, "levels"]:
@@ -153,7 +194,7 @@ def _searched(
         jac=True,
         method="L-BFGS-B",
         bounds=np.stack([low, high], axis=1)[at],
-        options={"maxiter": most, "ftol": ENOUGH},
+        options={"maxiter": most, "ftol": ENOUGH / batch.count},
     )
     if not np.all(np.isfinite(found.x)) or not found.fun < -dd.LOST / 4:
         raise InputError(
@@ -178,8 +219,8 @@ def _retold(model: Model, batch: "_Batch", noise: Noise) -> Noise:
     known, skip = constants_of(model), len(drifting_of(model))
     if not known.names:
         return noise
+    cost, mean, P = batch.run(model, [noise])
     for _ in range(2):
-        _, mean, P = batch.run(model, [noise])
         W = directions_of(model, known, noise.spread)[skip:, skip:]
         own = mean[0, :, skip:] @ W.T
         V = np.einsum("ij,rjk,ik->ri", W, P[0][:, skip:, skip:], W)
@@ -191,7 +232,11 @@ def _retold(model: Model, batch: "_Batch", noise: Noise) -> Noise:
         squares = _pooled(model, known.names, sums)
         spread = np.sqrt((squares + usual**2) / (count + 1) * (1 + 1 / count))
         new = _pooled(model, known.names, _within(batch, own, V)) / spread**2
-        noise = noise._replace(spread=spread, shift=mean_off, renewed=np.clip(new, 0.0, 1.0))
+        told = noise._replace(spread=spread, shift=mean_off, renewed=np.clip(new, 0.0, 1.0))
+        after, mean, P = batch.run(model, [told])
+        if after[0] > cost[0] + len(usual):  # what a prior may take: here the filter is lost
+            break
+        noise, cost = told, after
     return noise
 
 
@@ -216,12 +261,17 @@ def _within(
 def _pooled(
     model: Model, names: Sequence[str], sums: Float[np.ndarray, "constants"]
 ) -> Float[np.ndarray, "constants"]:
-    """`sums` as their mean over the constants of one unit."""
-    units = {p.name: p.unit for p in model.plant.spec.parameters}
-    own = [units[name] or name for name in names]
-    return np.array(
-        [np.mean([s for s, u in zip(sums, own, strict=True) if u == each]) for each in own]
-    )
+    """`sums` as their mean over the constants of one unit and order of magnitude."""
+    parameters = {p.name: p for p in model.plant.spec.parameters}
+    usual = np.array([usual_spread(float(model.plant.parameters[n]), 0.0) for n in names])
+    units = [parameters[n].unit or n for n in names]
+    found = np.array(sums, float)
+    for unit in set(units):
+        own = sorted((k for k, each in enumerate(units) if each == unit), key=lambda k: usual[k])
+        apart = [i for i, (a, b) in enumerate(pairwise(own), 1) if usual[b] > ALIKE * usual[a]]
+        for alike in np.split(np.array(own), apart):
+            found[alike] = np.mean(found[alike])
+    return found
 
 
 @dataclass(frozen=True)
@@ -444,7 +494,7 @@ def _limits(
     low, high = Noise(*lowest), Noise(*highest)
     wide: list[Any] = [np.full(len(part), np.inf) for part in guess]
     pull = Noise(*wide)
-    low.lasting[:], high.lasting[:] = np.log(5 * step), np.log(100 * length)
+    low.lasting[:], high.lasting[:] = np.log(2 * step), np.log(100 * length)
     low.settling[:], high.settling[:] = np.log(2 * step), np.log(length / 4)
     high.share[:] = 0.0
     pull.size[:] = pull.share[:] = UNSURE

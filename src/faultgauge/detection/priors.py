@@ -5,7 +5,7 @@
   Decades below are as likely (`branching.SCALES`), so it matters little.
 - a growth is as fast as `rate` says.
 - `onset`: `prior_per_hour`, or once in a thousand records as long as the healthy ones.
-- an output that has no fault of its own may be off undeclared, as far as its range.
+- an output that has no bias of its own may be off undeclared, as far as its range.
 """
 
 import jax
@@ -102,9 +102,9 @@ def sizes_of(model: Model, plant: GrayBoxPlant) -> Float[np.ndarray, "faults"]:
 
 
 def undeclared_faults(model: Model, columns: tuple[str, ...]) -> tuple[Fault, ...]:
-    """A bias of every output that has no fault of its own."""
+    """A bias of every output that has none of its own."""
     signals = model.plant.signals
-    own = {f.target for f in signals.faults if f.enters in ("output", "output_gain")}
+    own = {f.target for f in signals.faults if f.enters == "output"}
     return tuple(
         Fault(f"undeclared {n}", "output", n)
         for n in signals.output_names

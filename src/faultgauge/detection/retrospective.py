@@ -10,7 +10,6 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import logsumexp
 
-from faultgauge.detection.answer import EXCLUDED, moment
 from faultgauge.detection.bank import CERTAIN, FaultBank
 from faultgauge.detection.change_points import total, windows_of
 from faultgauge.detection.changes import Changes, Sized, changes_of
@@ -21,10 +20,12 @@ from faultgauge.detection.probability import probability
 from faultgauge.detection.shocks import Shocks
 from faultgauge.detection.verdicts import FAULT
 from faultgauge.detection.window import Causes, Window
+from faultgauge.detection.words import PURE, amount, less_likely, moment
 
 __all__ = ["HEALTHY", "Retrospect", "Told", "as_dicts", "retrospect", "sentences"]
 
 HEALTHY = "healthy"
+PLAIN = 20.0  # odds from which on it goes without saying that there is a fault
 MOST_ODDS = 1e6  # nobody's priors are better than that
 
 Curve: TypeAlias = Float[np.ndarray, "samples"]
@@ -220,12 +221,17 @@ def sentences(bank: FaultBank, found: Sequence[Retrospect]) -> list[str]:
         sizes = [each.least[name] for each in found]
         shown = max((size for size in sizes if size is not None), default=None)
         blind = shown is None or None in sizes
-        least[name] = f"any {name}" if blind else f"{name} below {shown:.2g} {unit}".rstrip()
+        least[name] = (
+            f"any {name}"
+            if blind
+            else f"{name} below {shown:.2g} {'' if unit in PURE else unit}".rstrip()
+        )
     return [f"With the whole log in hand: no fault; {', '.join(least.values())} would not show."]
 
 
 def _sentence(bank: FaultBank, found: Retrospect) -> str:
-    """Like: friction +0.1 +- 0.004 N*m since 41.2 s +- 6 s (p 0.98, run 1); leak excluded 200:1."""
+    """ "friction +0.100 N*m (+0.096 to +0.104) since 41 s +- 6 s (p 0.98, run 1); leak instead is
+    200 times less likely; online you would have been told at 52 s: ..." """
     units = {fault.name: fault.unit for fault in bank.model.plant.signals.faults}
     assert found.onset is not None
     assert found.onset_lo is not None
@@ -239,15 +245,13 @@ def _sentence(bank: FaultBank, found: Retrospect) -> str:
     if found.size is None or found.lo is None or found.hi is None:
         what = "a fault that is not declared or not constant"
     else:
-        width = (found.hi - found.lo) / 2
-        what = f"{found.cause} {found.size:+.4g} +- {width:.2g} {units[found.cause]}".rstrip()
+        what = f"{found.cause} {amount(found.size, found.lo, found.hi, units[found.cause])}"
     said = [f"{what} {since} (p {probability(found.p)}, run {found.run})"]
     for cause, odds in found.alternatives:
-        over = "more than " if odds >= MOST_ODDS else ""
-        verb = "excluded" if odds >= EXCLUDED else "not excluded,"
-        label = f"one constant {cause}" if found.cause == UNKNOWN else cause
-        if cause != HEALTHY or odds < EXCLUDED:
-            said.append(f"{label} {verb} {over}{odds:.3g}:1")
+        if cause != HEALTHY or odds < PLAIN:
+            label = "no fault" if cause == HEALTHY else cause
+            label = f"one constant {cause}" if found.cause == UNKNOWN else label
+            said.append(less_likely([label], odds))
     told = found.told
     if told.start is None and told.alarm is not None:
         said.append(f"online you would have been told of a fault at {at(told.alarm)}")
@@ -256,7 +260,7 @@ def _sentence(bank: FaultBank, found: Retrospect) -> str:
     else:
         then = ""
         if told.size is not None and told.lo is not None and told.hi is not None:
-            then = f" ({told.size:+.4g}, {told.lo:.4g} to {told.hi:.4g})"
+            then = f": {amount(told.size, told.lo, told.hi, units.get(found.cause, ''))}"
         said.append(f"online you would have been told at {at(told.start)}{then}")
     return "; ".join(said)
 

@@ -145,6 +145,7 @@ class Branching(eqx.Module):
     own: Float[Array, "states"]
     usual: Float[Array, "n"]
     memory: Float[Array, ""]
+    recall: Float[Array, "faults"]
     more: tuple[tuple[int, ...], ...] = eqx.field(static=True)
     less: tuple[tuple[int, ...], ...] = eqx.field(static=True)
     declared: int = eqx.field(static=True)
@@ -267,9 +268,9 @@ class Branching(eqx.Module):
         return lanes._replace(eta=eta, score=score.reshape(B, K, A), J=J)
 
     def _probed(self, probe: Probe, flow: Flow, look: Look, seen: Seen, dt: Array) -> Probe:
-        """The signature of every fault, forgotten with `memory`; healthy until shortly before."""
+        """The signature of every fault, forgotten within its `recall`: of one that began lately."""
         n, F = self.filter.states, self.declared
-        fade = jnp.exp(-dt / self.memory)
+        fade = jnp.exp(-dt / self.recall)[:, None]
         sides = jnp.stack([flow.down, flow.up], axis=2)[:, :F]
         shown = jnp.stack([look.down, look.up], axis=2)[:, :F]
         eta = jnp.einsum("ij,jfs->ifs", flow.A[:n, :n], fade * probe.eta[:n]) + sides

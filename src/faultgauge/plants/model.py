@@ -18,10 +18,11 @@ import safetensors
 import safetensors.numpy
 
 from faultgauge.errors import InputError
-from faultgauge.files import write_atomically
+from faultgauge.files import read_within, write_atomically
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.network import Network
 from faultgauge.plants.plant_file import PlantSpec, parse_plant
+from faultgauge.plants.record import check_record
 from faultgauge.plants.settle import settle
 
 __all__ = ["Model", "load_model", "save_model"]
@@ -125,9 +126,7 @@ def load_model(path: str | Path) -> Model:
     """Read a model file. Raises `InputError` that names the file and what is wrong with it."""
     advice = f"; write it anew with `faultgauge fit ... --out {path}`"
     try:
-        if Path(path).stat().st_size > MAX_BYTES:
-            raise InputError(f"{path}: larger than 100 MB, which no model file is; check the path.")
-        data = Path(path).read_bytes()
+        data = read_within(path, MAX_BYTES, "which no model file does; check the path")
     except OSError as failure:
         raise InputError(
             f"{path}: cannot be read ({failure.strerror}); give a model file made by "
@@ -159,13 +158,9 @@ def load_model(path: str | Path) -> Model:
         own = {name: array for name, array in arrays.items() if not name.startswith(MEMBERS)}
         rest = {name: array for name, array in arrays.items() if name.startswith(MEMBERS)}
         members = _members(left_open, choices["hold"], record.get("members", 0), rest)
-        model = Model(filled(GrayBoxPlant.untrained(spec), own), record, members)
-        if not 0 < model.max_step < np.inf:
-            raise ValueError("max_step")
-        if model.resample is not None and not 0 < model.resample < np.inf:
-            raise ValueError("resample")
-        return model
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        check_record(record, spec.signals)
+        return Model(filled(GrayBoxPlant.untrained(spec), own), record, members)
+    except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError):
         raise InputError(f"{path}: its description is damaged{advice}.") from None
 
 

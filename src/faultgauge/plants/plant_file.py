@@ -36,9 +36,24 @@ from faultgauge.plants.signals import (
 )
 from faultgauge.plants.toml_file import parse_toml, read_text, typed
 
-__all__ = ["NetworkSpec", "Parameter", "PlantSpec", "parse_plant", "presets", "read_plant_text"]
+__all__ = [
+    "NetworkSpec",
+    "Parameter",
+    "PlantSpec",
+    "is_reserved",
+    "parse_plant",
+    "presets",
+    "read_plant_text",
+]
 
 DEFAULT_HIDDEN = 10
+MOST_NAMES = 2000
+NAMED = ("states", "inputs", "parameters", "networks", "outputs", "faults")
+
+
+def is_reserved(name: str) -> bool:
+    """Whether `name` means something else in expressions or logs."""
+    return name in FUNCTIONS or name in ("d", "t", "run")
 
 
 @dataclass(frozen=True)
@@ -213,13 +228,16 @@ class _Checker:
         if not file.states or not file.outputs:
             empty = "states" if not file.states else "outputs"
             raise self.fail(empty, "is empty; a plant needs at least one state and one output")
+        for table in NAMED:
+            if len(getattr(file, table)) > MOST_NAMES:
+                raise self.fail(table, f"has more than {MOST_NAMES} tables; split the plant")
         owner: dict[str, str] = {}
-        for table in ("states", "inputs", "parameters", "networks", "outputs", "faults"):
+        for table in NAMED:
             for name in getattr(file, table):
                 normal = unicodedata.normalize("NFKC", name) == name  # as expressions read it
                 if not name.isidentifier() or keyword.iskeyword(name) or not normal:
                     raise self.fail(table, f"{name!r} is not a name; use letters, digits and _")
-                if name in FUNCTIONS or name in ("d", "t", "run"):
+                if is_reserved(name):
                     raise self.fail(table, f"{name!r} is reserved; choose another name")
                 if name.removeprefix("d_") != name and name.removeprefix("d_") in file.states:
                     raise self.fail(table, f"{name!r} stands for a derivative in a log; rename it")
@@ -349,18 +367,26 @@ class _Checker:
     def order(self, derivatives: tuple[Expression, ...]) -> tuple[int, ...]:
         """An order in which the derivatives can be computed when some read d(others)."""
         names = list(self.file.states)
-        needs = {n: set(derivatives_used(e)) for n, e in zip(names, derivatives, strict=True)}
-        done: list[str] = []
-        while len(done) < len(names):
-            ready = [n for n in names if n not in done and needs[n] <= set(done)]
-            if not ready:
-                circle = [n for n in names if n not in done]
-                raise self.fail(
-                    f"states.{circle[0]}",
-                    f"d() runs in a circle through {_join(circle)}; write one of them without d()",
-                )
-            done.extend(ready)
-        return tuple(names.index(n) for n in done)
+        place = {name: k for k, name in enumerate(names)}
+        needs = [{place[n] for n in derivatives_used(e)} for e in derivatives]
+        readers: list[list[int]] = [[] for _ in names]
+        for k, needed in enumerate(needs):
+            for n in needed:
+                readers[n].append(k)
+        missing = [len(needed) for needed in needs]
+        done = [k for k, count in enumerate(missing) if not count]
+        for k in done:  # which grows meanwhile
+            for reader in readers[k]:
+                missing[reader] -= 1
+                if not missing[reader]:
+                    done.append(reader)
+        circle = [names[k] for k, count in enumerate(missing) if count]
+        if circle:
+            raise self.fail(
+                f"states.{circle[0]}",
+                f"d() runs in a circle through {_join(circle)}; write one of them without d()",
+            )
+        return tuple(done)
 
     def faults(self, expressions: tuple[Expression, ...]) -> tuple[Fault, ...]:
         for name, table in self.file.faults.items():

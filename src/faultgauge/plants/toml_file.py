@@ -1,22 +1,35 @@
 """The user's TOML files: read, typed by pydantic, and every mistake answered by its key."""
 
+import io
+import re
 import reprlib
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, get_args
 
 import pydantic
 
 from faultgauge.errors import InputError
+from faultgauge.files import read_within
 from faultgauge.plants.expression import unknown
 
-__all__ = ["Number", "Positive", "Table", "parse_toml", "read_text", "typed"]
+__all__ = ["Number", "Positive", "Table", "parse_toml", "read_text", "typed", "values_in"]
 
 MAX_BYTES = 1_000_000
 
-Number = Annotated[float, pydantic.Field(allow_inf_nan=False)]
-Positive = Annotated[float, pydantic.Field(gt=0, allow_inf_nan=False)]
+LEAST, LARGEST = 1e-50, 1e50  # of a number that is not 0: squares and ratios are numbers too
+MOST_DOTS = re.compile(r"""(?<![\w'"-])(?:[\w'"-]++[ \t]*+\.[ \t]*+){20}""")
+
+
+def _sensible(value: float) -> float:
+    if value and not LEAST <= abs(value) <= LARGEST:
+        raise ValueError(f"should be 0 or of a size between {LEAST:g} and {LARGEST:g}")
+    return value
+
+
+Number = Annotated[float, pydantic.Field(allow_inf_nan=False), pydantic.AfterValidator(_sensible)]
+Positive = Annotated[Number, pydantic.Field(gt=0)]
 
 
 class Table(pydantic.BaseModel):
@@ -31,9 +44,8 @@ T = TypeVar("T", bound=Table)
 def read_text(path: Path, kind: str, advice: str) -> str:
     """Text of a file of the user's; `kind` is what it should be, `advice` what to give instead."""
     try:
-        if path.stat().st_size > MAX_BYTES:
-            raise InputError(f"{path}: larger than 1 MB, which no {kind} is; check the path.")
-        return path.read_text("utf-8-sig")
+        data = read_within(path, MAX_BYTES, f"which no {kind} does; check the path")
+        return io.TextIOWrapper(io.BytesIO(data), "utf-8-sig").read()
     except UnicodeDecodeError:
         raise InputError(
             f"{path}: not a text file; a {kind} is TOML in UTF-8 (did you pass a log or a "
@@ -45,10 +57,34 @@ def read_text(path: Path, kind: str, advice: str) -> str:
 
 def parse_toml(text: str, source: str) -> dict[str, Any]:
     """The tables of a TOML text."""
+    found = MOST_DOTS.search(text)
+    if found:  # of which TOML's parser takes the square in time
+        raise InputError(f"{source}: {found[0][:40]!r}... has more than 20 parts; no key has.")
     try:
-        return tomllib.loads(text)
+        tables = tomllib.loads(text)
     except (ValueError, RecursionError) as failure:  # ValueError: also a number of 5000 digits
         raise InputError(f"{source}: not valid TOML: {failure}.") from None
+    for (*places, key), value in values_in(tables):
+        if isinstance(value, int) and value.bit_length() > 63:
+            digits = str(value) if value.bit_length() < 10_000 else hex(value)
+            place = f"[{'.'.join(places)}] " if places else ""
+            raise InputError(
+                f"{source}: {place}{key} = {digits[:20]}...: a whole number of more than 63 bits; "
+                "give a smaller one, or write it as 1e20."
+            )
+    return tables
+
+
+def values_in(tree: Any, place: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
+    """(keys, value) of everything in what TOML holds that is no table; lists are their items."""
+    if isinstance(tree, dict):
+        for key, each in tree.items():
+            yield from values_in(each, (*place, key))
+    elif isinstance(tree, list):
+        for each in tree:
+            yield from values_in(each, place)
+    else:
+        yield place, tree
 
 
 def typed(
@@ -91,6 +127,7 @@ def _first(
             message = "should be a table of keys"
             if error["type"] not in ("model_type", "dict_type"):
                 message = error["msg"].replace("Input should be", "should be")
+                message = message.removeprefix("Value error, ")
                 message = message.replace("a valid integer", "a whole number")
                 message = message.replace("valid ", "")
             return f"{place}{key} = {reprlib.repr(error['input'])}: {message}."

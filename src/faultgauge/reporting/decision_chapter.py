@@ -69,17 +69,18 @@ def leading(bank: FaultBank, decisions: Sequence[Decision]) -> tuple[str, list[s
     """(what to say first, the rest in the order of time): the first answer that lasts at least
     half as long as the longest one, or the one answer where nothing was found."""
     found = told(bank, decisions)
+    everything = answers(bank, decisions)
     if not found:
-        return answers(bank, decisions)[0], []
+        return everything[0], everything[1:]
     longest = max(each.end - each.start for each in found)
     k = next(k for k, each in enumerate(found) if each.end - each.start >= longest / 2)
-    return found[k].text, [each.text for each in found[:k] + found[k + 1 :]]
+    return everything.pop(k), everything
 
 
 def headline(sentence: str) -> tuple[str, tuple[str, ...]]:
     """An answer as what is said largest, fault, size, onset and p, and the sentence behind it."""
-    head, told_at, rest = sentence.partition("; told at")
-    return head, (f"Told at{rest}.",) if told_at else ()
+    head, _, rest = sentence.partition("; ")
+    return head, (f"{rest[0].upper()}{rest[1:]}.",) if rest else ()
 
 
 def unjudged_report(model: Model, decisions: Sequence[Decision], sentence: str) -> Report:

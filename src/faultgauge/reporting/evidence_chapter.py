@@ -4,9 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from faultgauge.detection.answer import moment
 from faultgauge.detection.bank import FaultBank
 from faultgauge.detection.evidence import MOST_SHOWN, Evidence
+from faultgauge.detection.words import moment
 from faultgauge.reporting.report import Section
 from faultgauge.reporting.svg import Figure
 from faultgauge.reporting.time_figures import Panel, panels

@@ -3,6 +3,7 @@
 import io
 import re
 import xml.etree.ElementTree as ET
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from matplotlib.figure import Figure as Canvas
@@ -45,7 +46,7 @@ def figure(canvas: Canvas, title: str, caption: str) -> Figure:
     root = ET.fromstring(ILLEGAL.sub("\ufffd", stream.getvalue()))
     for element in root.iter():
         _tidy(element)
-    _keep_ids(root, _used(root), "")
+    _keep_ids(root, {name: f"i{k}" for k, name in enumerate(_used(root))})
     for sheet in root.findall(f"{{{SVG}}}defs/{{{SVG}}}style/.."):
         root.remove(sheet)  # its rule would reach the whole page; the root carries it instead
     root.set("style", f"stroke-linejoin: round; stroke-linecap: butt; font-family: {FONTS}")
@@ -55,7 +56,7 @@ def figure(canvas: Canvas, title: str, caption: str) -> Figure:
 def inline(drawing: Figure, prefix: str) -> str:
     """Return the SVG with ids that start with `prefix`, and the title for those who cannot see."""
     root = ET.fromstring(drawing.svg)
-    _keep_ids(root, _used(root), prefix)
+    _keep_ids(root, {name: prefix + name for name in _used(root)})
     del root.attrib["width"], root.attrib["height"]  # the page's width decides
     root.set("role", "img")
     root.set("aria-label", ILLEGAL.sub("\ufffd", drawing.title))
@@ -81,29 +82,29 @@ def _rounded(number: re.Match[str]) -> str:
     return f"{float(number[0]):.2f}".rstrip("0").rstrip(".")
 
 
-def _used(root: ET.Element) -> frozenset[str]:
-    """The ids that something on the drawing points at."""
-    names = set[str]()
+def _used(root: ET.Element) -> list[str]:
+    """The ids that something on the drawing points at, in the order in which it does."""
+    names = dict[str, None]()
     for element in root.iter():
         for key, value in element.attrib.items():
             if key == f"{{{XLINK}}}href" and value.startswith("#"):
-                names.add(value[1:])
-            names.update(REFERENCE.findall(value))
-    return frozenset(names)
+                names[value[1:]] = None
+            names |= dict.fromkeys(REFERENCE.findall(value))
+    return list(names)
 
 
-def _keep_ids(root: ET.Element, used: frozenset[str], prefix: str) -> None:
-    """Drop ids that nothing points at; put `prefix` before the others and what points at them."""
+def _keep_ids(root: ET.Element, names: Mapping[str, str]) -> None:
+    """Give ids, and what points at them, their new `names`; drop those that nothing points at."""
     for element in root.iter():
         for key, value in list(element.attrib.items()):
-            if key == "id" and value not in used:
+            if key == "id" and value not in names:
                 del element.attrib[key]
             elif key == "id":
-                element.set(key, prefix + value)
+                element.set(key, names[value])
             elif key == f"{{{XLINK}}}href" and value.startswith("#"):
-                element.set(key, f"#{prefix}{value[1:]}")
+                element.set(key, f"#{names[value[1:]]}")
             else:
-                element.set(key, REFERENCE.sub(rf"url(#{prefix}\1)", value))
+                element.set(key, REFERENCE.sub(lambda at: f"url(#{names[at[1]]})", value))
 
 
 def _text(root: ET.Element) -> str:

@@ -10,14 +10,15 @@ happens to it; the latter is then a fault called NAME_kind.
 """
 
 import json
-from typing import Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
+import pydantic
 
 from faultgauge.errors import InputError
 from faultgauge.plants.expression import unknown
 from faultgauge.plants.signals import LOSSES, Entry, Signals
-from faultgauge.plants.toml_file import Number, Positive, Table, typed
+from faultgauge.plants.toml_file import Positive, Table, typed
 from faultgauge.simulation.fault_tables import entry, unfit
 from faultgauge.simulation.scenario import TRUTH, Scenario
 from faultgauge.simulation.schedules import Constant, Ramp, Schedule, truth
@@ -53,11 +54,14 @@ class _Meant(NamedTuple):
     effect: Effect
 
 
+Finite = Annotated[float, pydantic.Field(allow_inf_nan=False)]
+
+
 class _Inject(Table):
     name: str
     enters: Literal["state", "input", "output"] | None = None
     kind: Literal["bias", "gain", "stuck", "dropout"] | None = None
-    size: Number | None = None
+    size: Finite | None = None
     ramp: Positive | None = None
 
 

@@ -17,6 +17,8 @@ from faultgauge.telemetry import Run
 
 __all__ = ["Session"]
 
+LONGEST = 1e6  # s of a sample
+
 
 class Session:
     """One run of `scenario`, `speed` times as fast as the clock.
@@ -29,6 +31,11 @@ class Session:
     def __init__(self, scenario: Scenario, speed: float) -> None:
         if not 0 < speed < np.inf:
             raise InputError(f"--realtime {speed:g}: give a positive factor; 1 is real time.")
+        if scenario.step / speed > LONGEST:
+            raise InputError(
+                f"--realtime {speed:g}: a sample would last {scenario.step / speed:g} s; give a "
+                f"factor with which it lasts {LONGEST:g} s at most."
+            )
         self.scenario = scenario
         self.bench = bench_of(scenario)
         self.commands = Commands(scenario)

@@ -1,8 +1,9 @@
 """The scenario file: TOML in, a checked `Scenario` out. Every mistake is answered by its key."""
 
 import math
+import os
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -17,7 +18,15 @@ from faultgauge.plants.expression import unknown
 from faultgauge.plants.gray_box import GrayBoxPlant, load_plant
 from faultgauge.plants.model import load_model
 from faultgauge.plants.plant_file import presets
-from faultgauge.plants.toml_file import Number, Positive, Table, parse_toml, read_text, typed
+from faultgauge.plants.toml_file import (
+    Number,
+    Positive,
+    Table,
+    parse_toml,
+    read_text,
+    typed,
+    values_in,
+)
 from faultgauge.simulation.closed_loop import Controller
 from faultgauge.simulation.fault_tables import schedules
 from faultgauge.simulation.satellite.observatory import (
@@ -72,7 +81,8 @@ class Scenario:
     Samples are `step` [s] apart; every `log_every`-th is logged. `substeps` is None where the
     plant decides. `folder` is where relative paths start. With a `flight` a satellite's attitude
     controller sets the inputs, and those of the file are empty. `accommodation` is that table of
-    the file as it stands, to be read by `faultgauge.accommodation.table`.
+    the file as it stands, to be read by `faultgauge.accommodation.table`. `reads` are the files
+    that the file names.
     """
 
     name: str
@@ -93,6 +103,7 @@ class Scenario:
     disturbances: tuple[Schedule, ...]
     flight: Flight | None = None
     accommodation: dict[str, Any] | None = None
+    reads: tuple[Path, ...] = ()
 
 
 # The file's schema, as pydantic sees it; sources and profiles are typed by their kind, below.
@@ -145,17 +156,20 @@ def read_scenario(path: str | Path) -> Scenario:
 
 def parse_scenario(text: str, source: str = "scenario", folder: Path = Path()) -> Scenario:
     """Check the text of a scenario file; relative paths in it start at `folder`."""
-    file = typed(_File, parse_toml(text, source), source)
+    tables = parse_toml(text, source)
+    file = typed(_File, tables, source)
     plant = trained_plant(file.plant, f"{source}: plant", folder)
-    return _Checker(file, plant, source, folder).scenario()
+    texts = [each for _, each in values_in(tables) if isinstance(each, str)]
+    reads = tuple(folder / each for each in texts if os.path.isfile(folder / each))
+    return replace(_Checker(file, plant, source, folder).scenario(), reads=reads)
 
 
 def trained_plant(name: str, where: str, folder: Path) -> GrayBoxPlant:
     """A preset, a plant file or a model by its `name` in a scenario; `where` says at which key."""
     path = folder / name
-    if name in presets() and not path.is_file():
+    if name in presets() and not os.path.isfile(path):
         plant = load_plant(name)
-    elif not path.is_file():
+    elif not os.path.isfile(path):
         legal = "a plant file, a model (.fgm) or one of the presets " + ", ".join(presets())
         raise InputError(f"{where} = {name!r}: {path} is no file; give {legal}.")
     elif path.suffix == ".fgm":

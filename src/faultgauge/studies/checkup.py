@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from faultgauge.detection.answer import answers
+from faultgauge.detection.answer import answers, first_screen
 from faultgauge.detection.bank import FaultBank, evaluated_faults
 from faultgauge.detection.calibration import Calibration, calibrate
 from faultgauge.detection.decisions import Decision, decide_runs
@@ -43,6 +43,12 @@ class Checkup:
         if self.bank is None:
             return [unjudged_sentence(self.model)]
         return answers(self.bank, self.decisions)
+
+    @property
+    def first_screen(self) -> list[str]:
+        if self.bank is None:
+            return self.sentences
+        return first_screen(self.bank, self.decisions)
 
 
 def parts(runs: Sequence[Run], *shares: float) -> list[list[Run]]:

@@ -14,7 +14,7 @@ from faultgauge.telemetry.runs import Run, gaps
 from faultgauge.telemetry.skeleton import called_like_input
 from faultgauge.telemetry.statistics import Statistics, statistics
 from faultgauge.telemetry.stuck import stuck_stretches
-from faultgauge.telemetry.table import is_text, text_cells
+from faultgauge.telemetry.table import LARGEST, is_text, text_cells
 from faultgauge.telemetry.timing import unit_map
 
 __all__ = ["ColumnReport", "Gap", "Inspection", "RunReport", "inspect_runs"]
@@ -192,11 +192,11 @@ def _cell_hints(log: LogFile) -> list[str]:
                     f"numbers but for {text.sum()} cell(s) such as {cells[first][:40]!r}; correct "
                     "or empty them."
                 )
-        elif np.isinf(cells).any():
-            row = log.table.rows[np.argmax(np.isinf(cells))]
+        elif (infinite := np.abs(cells) > LARGEST).any():
+            row = log.table.rows[np.argmax(infinite)]
             hints.append(
-                f"{log.table.source}, row {row}: column {name!r} is infinite; commands that "
-                "need it refuse it until the cell is corrected or emptied."
+                f"{log.table.source}, row {row}: column {name!r} is infinite or too large; "
+                "commands that need it refuse it until the cell is corrected or emptied."
             )
     return hints
 

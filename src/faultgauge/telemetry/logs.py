@@ -4,6 +4,7 @@ import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from datetime import datetime
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -47,7 +48,7 @@ class LogFile:
     holes: Bool[np.ndarray, "rows"] | None = None
     notes: tuple[str, ...] = ()
 
-    @property
+    @cached_property
     def signals(self) -> list[str]:
         return [name for name in self.table.columns if name not in (self.time, "t", RUN)]
 

@@ -1,7 +1,8 @@
-"""Whether a log is sampled far faster than what it measures moves."""
+"""Whether a log is sampled far faster than what it measures moves, and what is then enough."""
 
 import math
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
@@ -10,7 +11,7 @@ from scipy.signal import welch
 from faultgauge.telemetry.resampling import on_grid
 from faultgauge.telemetry.runs import Run, segments
 
-__all__ = ["oversampled"]
+__all__ = ["block_means", "oversampled"]
 
 FASTER = 100.0  # times the highest frequency of the motion: a rate worth a remark
 KEPT = 20.0  # times that frequency: a rate that loses nothing, 0.3 of it being passed
@@ -43,6 +44,47 @@ def oversampled(runs: Sequence[Run], names: Iterable[str]) -> list[str]:
         f"{fastest:.2g} Hz: most of its samples tell little that is new, so fit it with "
         f"--resample {wanted:g}, which is faster and no less exact"
     ]
+
+
+def block_means(
+    runs: Sequence[Run], names: Sequence[str], most: float
+) -> tuple[list[Run], dict[str, float]]:
+    """(`runs` as means over at most `most` samples in a row, as few as lose nothing of how fast the
+    outputs `names` move; how many samples of each output are in a mean).
+
+    An output stands at the middle of its block, an input is its mean from there to the next.
+    """
+    fastest = [_fastest(run, names) for run in runs]
+    told = [each for each in fastest if each]
+    step = min(run.step for run in runs)
+    most = min(most, 1 / (step * KEPT * max(told))) if len(told) == len(runs) else 1.0
+    if most < 2 or any(run.sampled for run in runs):
+        return list(runs), dict.fromkeys(names, 1.0)
+    found, counts = [], {name: list[float]() for name in names}
+    for run in runs:
+        count = int(most * step / run.step)
+        blocks = len(run.t) // max(count, 1)
+        if count < 2 or blocks < 2:
+            found.append(run)
+            continue
+        columns = dict[str, Float[np.ndarray, "blocks"]]()
+        for name, x in run.columns.items():
+            first = 0 if name in names else count // 2
+            part = x[first : first + (len(x) - first) // count * count].reshape(-1, count)[:blocks]
+            part = np.concatenate([part, np.repeat(part[-1:], blocks - len(part), axis=0)])
+            there = np.isfinite(part)
+            columns[name] = np.where(
+                there.any(axis=1) if name in names else there.all(axis=1),
+                np.nansum(part, axis=1) / np.maximum(there.sum(axis=1), 1),
+                np.nan,
+            )
+            if name in names:
+                counts[name] += there.sum(axis=1)[there.any(axis=1)].tolist()
+        t = run.t[: blocks * count].reshape(blocks, count)
+        whole = np.diff(t[:, [0, -1]], axis=1)[:, 0] < (count + 0.5) * run.step
+        columns = {name: np.where(whole, x, np.nan) for name, x in columns.items()}
+        found.append(replace(run, t=t.mean(axis=1), columns=columns, pace=None))
+    return found, {name: float(np.mean(each)) if each else 1.0 for name, each in counts.items()}
 
 
 def _fastest(run: Run, names: Iterable[str]) -> float | None:

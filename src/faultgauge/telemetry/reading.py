@@ -14,7 +14,7 @@ from faultgauge.telemetry.mapping import alias, find_column, parse_maps
 from faultgauge.telemetry.rates import align
 from faultgauge.telemetry.resampling import check_rate, resampled, same_rate
 from faultgauge.telemetry.runs import Run
-from faultgauge.telemetry.table import Table, is_text, text_error
+from faultgauge.telemetry.table import LARGEST, Table, is_text, text_error
 
 __all__ = ["check_present", "check_same_units", "finite_or_empty", "read_telemetry"]
 
@@ -167,11 +167,12 @@ def finite_or_empty(table: Table, column: str) -> Float[np.ndarray, "rows"]:
     values = table.columns[column]
     if is_text(values):
         raise text_error(table, column)
-    infinite = np.flatnonzero(np.isinf(values))
+    infinite = np.flatnonzero(np.abs(values) > LARGEST)
     if infinite.size:
+        what = "not a finite number" if np.isinf(values[infinite[0]]) else "too large a number"
         raise InputError(
             f"{table.source}, row {table.rows[infinite[0]]}, column {column!r}: "
-            f"{values[infinite[0]]} is not a finite number; correct the cell, or leave it empty "
+            f"{values[infinite[0]]} is {what}; correct the cell, or leave it empty "
             "where nothing was sampled."
         )
     return values

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from faultgauge.errors import InputError
+from faultgauge.plants.plant_file import is_reserved, parse_plant
 from faultgauge.telemetry.mapping import alias
 from faultgauge.telemetry.runs import Run
 from faultgauge.telemetry.timing import called_like_time
@@ -52,7 +53,15 @@ def plant_skeleton(runs: Sequence[Run], name: str, units: Mapping[str, str] | No
     parts += [f"[networks.{_key('NN_' + state)}]\nhidden = {HIDDEN}\n" for state in roles.states]
     parts.append(_faults(roles))
     parts.append(_observer(runs, roles))
-    return "\n".join(parts)
+    text = "\n".join(parts)
+    try:
+        parse_plant(text, "the draft")
+    except InputError as refusal:
+        raise InputError(
+            f"{runs[0].source}: its columns make no legal plant file ({refusal}); draft it from a "
+            "log of fewer columns, or of plainer names."
+        ) from None
+    return text
 
 
 def _roles(runs: Sequence[Run], columns: list[str]) -> Roles:
@@ -65,6 +74,8 @@ def _roles(runs: Sequence[Run], columns: list[str]) -> Roles:
             left_out[column] = "another column has this name too; rename one in the file"
         elif spelled.startswith("d_") and names[spelled.removeprefix("d_")]:
             left_out[column] = f"read as the derivative of {spelled.removeprefix('d_')}"
+        elif is_reserved(spelled) or (spelled[:3] == "NN_" and names[spelled[3:]]):
+            left_out[column] = "its name is taken in plant files; rename it with --map"
         elif called_like_time(column) and _increases(runs, column):
             left_out[column] = "runs like a clock"
         else:

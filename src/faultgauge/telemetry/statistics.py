@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from faultgauge.telemetry.runs import gaps
+from faultgauge.telemetry.table import LARGEST
 
 __all__ = ["Statistics", "statistics"]
 
@@ -41,9 +42,9 @@ def statistics(
 ) -> Statistics:
     """Statistics of a signal, given its samples in each run and their times (s).
 
-    Cells that are not finite are passed over.
+    Cells that are not finite, or too large, are passed over.
     """
-    signals = [np.where(np.isfinite(values), values, np.nan) for values in signals]
+    signals = [np.where(np.abs(values) <= LARGEST, values, np.nan) for values in signals]
     pooled = np.concatenate(signals)
     pooled = pooled[~np.isnan(pooled)]
     if pooled.size == 0:

@@ -6,7 +6,8 @@ Inf and a time that does not increase.
 
 import csv
 import json
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -32,6 +33,14 @@ class Sample(NamedTuple):
     values: dict[str, float]
 
 
+class _RowError(InputError):
+    """One row is no telemetry; those after it may be."""
+
+
+def _refuse(wrong: InputError) -> None:
+    raise wrong
+
+
 def read_stream(
     lines: Iterable[str],
     *,
@@ -39,40 +48,64 @@ def read_stream(
     maps: Iterable[str] = (),
     names: Sequence[str] = (),
     optional: Sequence[str] = (),
+    skip: Callable[[InputError], None] = _refuse,
 ) -> Iterator[Sample]:
     """Samples of one run, each as soon as its line is there; blank lines are passed over.
 
     The first line tells CSV (a header row of names) from NDJSON (an object per line, whose keys
     are the columns; a key that is missing later is an empty cell). `time`, `maps`, `names` and
-    `optional` are those of `read_telemetry`, and so are the refusals, as `InputError`.
+    `optional` are those of `read_telemetry`, and so are the refusals, as `InputError`. What is
+    wrong with one row goes to `skip`, which refuses it as well; where it returns, the row is left
+    out. A last line without its newline is no row: nobody knows what of it is missing.
     """
     reader = _Reader(time, parse_maps(maps), names, optional)
-    for row, cells in _cells(lines):
-        yield reader.sample(row, cells)
-
-
-def _cells(lines: Iterable[str]) -> Iterator[tuple[int, dict[str, Any]]]:
-    """(row, {column: cell}) of every line that holds one."""
-    names: list[str] = []
-    ndjson = False
+    columns = _Columns()
     for row, line in enumerate(lines, 1):
-        line = line.removeprefix("\ufeff").rstrip("\r\n") if row == 1 else line.rstrip("\r\n")
-        if not line.strip():
-            continue
-        if not names:
-            ndjson = line.lstrip().startswith("{")
-            if ndjson:
-                found = _object(row, line)
-                names = list(found)
-                yield row, found
-                continue
-            check_separator(Path(SOURCE), line)
-            names, _ = header(Path(SOURCE), [line])
-        elif ndjson:
-            found = _object(row, line)
-            yield row, {name: found.get(name, "") for name in names}
-        else:
-            yield row, dict(zip(names, _split(row, line, len(names)), strict=True))
+        try:
+            cells = columns.cells(row, line)
+            if cells is not None:
+                reader.prepare(row, cells)
+                yield reader.sample(row, cells)
+        except _RowError as wrong:
+            skip(wrong)
+
+
+class _Columns:
+    """Lines to cells, by the columns of the first line."""
+
+    def __init__(self) -> None:
+        self.names: list[str] = []
+        self.ndjson = False
+
+    def cells(self, row: int, line: str) -> dict[str, Any] | None:
+        """{column: cell} of a line that holds a row."""
+        text = line.removeprefix("\ufeff").rstrip("\r\n") if row == 1 else line.rstrip("\r\n")
+        if not text.strip():
+            return None
+        if not line.endswith("\n"):
+            raise _RowError(
+                f"{SOURCE}, row {row}: the stream ends within {text[-40:]!r}, with no newline, so "
+                "the row may be cut short; end every row with a newline."
+            )
+        _check_text(row, text)
+        if not self.names:
+            self.ndjson = text.lstrip().startswith("{")
+            if not self.ndjson:
+                check_separator(Path(SOURCE), text)
+                self.names, _ = header(Path(SOURCE), [text])
+                return None
+        if not self.ndjson:
+            return dict(zip(self.names, _split(row, text, len(self.names)), strict=True))
+        found = _object(row, text)
+        self.names = self.names or list(found)
+        return {name: found.get(name, "") for name in self.names}
+
+
+def _check_text(row: int, text: str) -> None:
+    try:
+        text.encode()
+    except UnicodeEncodeError:  # what is no UTF-8 was kept as surrogates
+        raise _RowError(f"{SOURCE}, row {row}: the text is not UTF-8; send UTF-8.") from None
 
 
 def _object(row: int, line: str) -> dict[str, Any]:
@@ -81,7 +114,7 @@ def _object(row: int, line: str) -> dict[str, Any]:
     except (ValueError, RecursionError):
         found = None
     if not isinstance(found, dict) or not found:
-        raise InputError(
+        raise _RowError(
             f"{SOURCE}, row {row}: {line[:60]!r} is not a JSON object; send one object per line."
         )
     return {name: "" if cell is None else cell for name, cell in found.items()}
@@ -91,9 +124,9 @@ def _split(row: int, line: str, count: int) -> list[str]:
     try:
         (cells,) = csv.reader([line], strict=True)
     except csv.Error as failure:
-        raise InputError(f"{SOURCE}, row {row}: {failure}; check the quotes there.") from None
+        raise _RowError(f"{SOURCE}, row {row}: {failure}; check the quotes there.") from None
     if len(cells) != count:
-        raise InputError(
+        raise _RowError(
             f"{SOURCE}, row {row}: {len(cells)} cells where the header has {count}; complete or "
             "remove the row."
         )
@@ -112,45 +145,61 @@ class _Reader:
     ) -> None:
         self.time, self.maps, self.names, self.optional = time, maps, names, optional
         self.first: tuple[int, dict[str, Any]] | None = None
-        self.columns: dict[str, str] = {}
+        self.columns: dict[str, str] | None = None
         self.last: float | None = None
+
+    def prepare(self, row: int, cells: dict[str, Any]) -> None:
+        """Find the columns that are meant, by the first row's names and whatever its cells hold."""
+        if self.columns is not None:
+            return
+        own = {name: _column((cell, cell)) for name, cell in cells.items()}
+        empty = {name: np.full(2, np.nan) for name in cells}
+        table = apply_maps(Table(SOURCE, empty, np.array([row, row])), self.maps)
+        table = replace(
+            table, columns=table.columns | {n: own[n] for n in table.columns if n in own}
+        )
+        self.time = find_time(table, self.time, "t" in self.maps)
+        check_present(table, self.names)
+        wanted = dict.fromkeys([*self.names, *self.optional])
+        found = {name: find_column(table, name) for name in wanted}
+        self.columns = {name: column for name, column in found.items() if column is not None}
 
     def sample(self, row: int, cells: dict[str, Any]) -> Sample:
         """The sample of one row, `InputError` for what no log may hold."""
-        table = self.table(row, cells)
-        if self.last is None:
-            self.time = find_time(table, self.time, "t" in self.maps)
-            check_present(table, self.names)
-            wanted = dict.fromkeys([*self.names, *self.optional])
-            found = {name: find_column(table, name) for name in wanted}
-            self.columns = {name: column for name, column in found.items() if column is not None}
+        assert self.columns is not None
         assert self.time is not None
-        t = float(seconds(table, self.time)[-1])
-        if self.last is not None:
-            self.check_order(row, cells, t)
-        self.last = t
-        values = {
-            name: float(finite_or_empty(table, column)[-1]) for name, column in self.columns.items()
-        }
+        first = self.first or (row, cells)
+        self.check_run(row, cells, first[1])
+        try:
+            table = self.table(row, cells, first)
+            t = float(seconds(table, self.time)[-1])
+            self.check_order(row, t)
+            values = {
+                name: float(finite_or_empty(table, column)[-1])
+                for name, column in self.columns.items()
+            }
+        except InputError as wrong:
+            raise _RowError(str(wrong)) from None
+        self.first, self.last = first, t
         return Sample(t, values)
 
-    def table(self, row: int, cells: dict[str, Any]) -> Table:
+    def table(self, row: int, cells: dict[str, Any], first: tuple[int, dict[str, Any]]) -> Table:
         """The first row and this one: timestamps are seconds since the first."""
-        self.first = self.first or (row, cells)
-        pairs = {name: (self.first[1][name], cell) for name, cell in cells.items()}
+        pairs = {name: (first[1][name], cell) for name, cell in cells.items()}
         columns = {name: _column(pair) for name, pair in pairs.items()}
-        table = Table(SOURCE, columns, np.array([self.first[0], row]))
+        table = Table(SOURCE, columns, np.array([first[0], row]))
         return apply_maps(table, self.maps) if self.maps else table
 
-    def check_order(self, row: int, cells: dict[str, Any], t: float) -> None:
-        assert self.first is not None
-        if t <= (self.last or 0.0):
+    def check_order(self, row: int, t: float) -> None:
+        if self.last is not None and t <= self.last:
             what = "is the same again" if t == self.last else "runs backwards"
             raise InputError(
                 f"{SOURCE}, row {row}: time {what} ({t:.9g} s after {self.last:.9g} s); a stream "
                 "is one run, so send its rows in order, each once."
             )
-        if cells.get(RUN) != self.first[1].get(RUN):
+
+    def check_run(self, row: int, cells: dict[str, Any], first: dict[str, Any]) -> None:
+        if cells.get(RUN) != first.get(RUN):
             raise InputError(
                 f"{SOURCE}, row {row}: a new run, {cells[RUN]!r}, begins; a stream is one run, so "
                 "send each to a call of its own."

@@ -3,13 +3,17 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
 
 from faultgauge.errors import InputError
 
-__all__ = ["Table", "float_cells", "is_text", "text_cells", "text_error"]
+__all__ = ["LARGEST", "Table", "check_width", "float_cells", "is_text", "text_cells", "text_error"]
+
+MOST_COLUMNS = 10_000
+LARGEST = 1e100  # of a number: its square is one too
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,6 +31,15 @@ class Table:
     rows: Int[np.ndarray, "rows"]
     units: dict[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+
+
+def check_width(source: str | Path, count: int) -> None:
+    """Refuse a table of more columns than a log has."""
+    if count > MOST_COLUMNS:
+        raise InputError(
+            f"{source}: has {count} columns, and at most {MOST_COLUMNS} are read; leave out those "
+            "of no use."
+        )
 
 
 def is_text(column: Shaped[np.ndarray, "rows"]) -> bool:

@@ -11,7 +11,7 @@ from faultgauge.errors import InputError
 from faultgauge.plants.dimensions import parse_unit, read_unit
 from faultgauge.plants.expression import unknown
 from faultgauge.telemetry.mapping import alias, find_column
-from faultgauge.telemetry.table import Table, float_cells, is_text, text_error
+from faultgauge.telemetry.table import LARGEST, Table, float_cells, is_text, text_error
 
 __all__ = [
     "called_like_time",
@@ -124,7 +124,7 @@ def seconds(table: Table, column: str) -> Float[np.ndarray, "rows"]:
     cells = table.columns[column]
     if is_text(cells):
         return _since_first(table, column)
-    wrong = np.flatnonzero(~np.isfinite(cells))
+    wrong = np.flatnonzero(~(np.abs(cells) <= LARGEST))
     if wrong.size:
         found = "empty" if np.isnan(cells[wrong[0]]) else cells[wrong[0]]
         raise _refusal(table, column, wrong[0], f"the time is {found}")

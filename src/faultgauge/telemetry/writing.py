@@ -11,8 +11,12 @@ from typing import Any
 from faultgauge.errors import InputError
 from faultgauge.files import write_atomically
 from faultgauge.telemetry.runs import Run
+from faultgauge.telemetry.table import float_cells
 
 __all__ = ["WRITERS", "as_table", "check_writable", "csv_line", "write_table"]
+
+
+FORMULA = ("=", "+", "-", "@", "\t", "\r")
 
 
 def _csv(columns: dict[str, list[Any]]) -> bytes:
@@ -25,7 +29,13 @@ def _csv(columns: dict[str, list[Any]]) -> bytes:
 
 
 def _csv_cells(row: Iterable[Any]) -> list[Any]:
-    return [f"{cell:.10g}" if isinstance(cell, float) else cell for cell in row]
+    return [f"{cell:.10g}" if isinstance(cell, float) else _harmless(cell) for cell in row]
+
+
+def _harmless(cell: Any) -> Any:
+    """Text that a spreadsheet would run as a formula gets an apostrophe, which says: text."""
+    runs = isinstance(cell, str) and cell.startswith(FORMULA) and float_cells([cell]) is None
+    return f"'{cell}" if runs else cell
 
 
 def csv_line(row: Iterable[Any]) -> str:

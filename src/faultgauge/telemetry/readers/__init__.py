@@ -4,13 +4,14 @@ from collections.abc import Callable
 from pathlib import Path
 
 from faultgauge.errors import InputError
+from faultgauge.files import check_regular
 from faultgauge.telemetry.readers.bag import BAG_FILES, read_bag
 from faultgauge.telemetry.readers.csv import read_csv
 from faultgauge.telemetry.readers.hdf5 import read_hdf5
 from faultgauge.telemetry.readers.mat import read_mat
 from faultgauge.telemetry.readers.mdf import read_mdf
 from faultgauge.telemetry.readers.parquet import read_parquet
-from faultgauge.telemetry.table import Table
+from faultgauge.telemetry.table import Table, check_width
 
 __all__ = ["READERS", "read_table", "stem"]
 
@@ -35,10 +36,11 @@ def read_table(path: Path) -> Table:
     suffix = _suffix(path)
     try:
         path.stat()
+        check_regular(path)
         if path.is_dir():
-            return read_bag(path)
+            return _narrow(read_bag(path))
         if suffix is not None:
-            return READERS[suffix](path)
+            return _narrow(READERS[suffix](path))
     except FileNotFoundError:
         raise InputError(f"{path} does not exist; check the path of the log.") from None
     except OSError as failure:
@@ -53,6 +55,11 @@ def read_table(path: Path) -> Table:
         f"{path}: a log must end in {', '.join(READERS)}, not in {path.suffix or 'nothing'}; "
         "convert the file."
     )
+
+
+def _narrow(table: Table) -> Table:
+    check_width(table.source, len(table.columns))
+    return table
 
 
 def stem(path: Path) -> str:

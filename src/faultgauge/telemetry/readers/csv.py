@@ -11,10 +11,13 @@ import numpy as np
 from jaxtyping import Float
 
 from faultgauge.errors import InputError
-from faultgauge.telemetry.table import Table, float_cells
+from faultgauge.files import read_within, take
+from faultgauge.telemetry.table import Table, check_width, float_cells
 
 __all__ = ["check_separator", "header", "read_csv"]
 
+MOST_TEXT = 1_000_000_000  # bytes; a table of them takes five times as much memory
+ADVICE = "more than is read; give it in parts, with fewer columns, or as Parquet"
 OTHER_SEPARATORS = {";": "semicolons", "\t": "tabs", "|": "bars"}
 
 
@@ -45,15 +48,17 @@ def read_csv(path: Path) -> Table:
 
 
 def _text(path: Path) -> str:
-    data = path.read_bytes()
     if path.name.lower().endswith(".gz"):
         try:
-            data = gzip.decompress(data)
+            with gzip.open(path) as file:
+                data = take(file.read, MOST_TEXT, path, f"when it is unpacked, {ADVICE}")
         except (gzip.BadGzipFile, EOFError, zlib.error) as failure:
             raise InputError(
                 f"{path} is not gzip or is damaged ({failure}); copy or compress it again."
             ) from None
-    elif data.startswith(b"\x1f\x8b"):
+    else:
+        data = read_within(path, MOST_TEXT, ADVICE)
+    if data.startswith(b"\x1f\x8b"):
         raise InputError(f"{path} is gzip, not text; rename it to {path}.gz.")
     if data.startswith((b"\xff\xfe", b"\xfe\xff")):
         raise InputError(f"{path} is UTF-16 text; save it as UTF-8.")
@@ -92,6 +97,7 @@ def header(path: Path, lines: list[str]) -> tuple[list[str], int]:
             "needs a name (a comma at either end of the row makes an empty one, as does the index "
             "column of pandas, which index=False leaves out)."
         )
+    check_width(path, len(names))
     name, count = Counter(names).most_common(1)[0]
     if count > 1:
         raise InputError(

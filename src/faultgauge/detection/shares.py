@@ -1,0 +1,60 @@
+"""How much of a run was judged: in all, fault by fault, and where not and why."""
+
+from itertools import groupby
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from faultgauge.detection.decisions import Decision
+from faultgauge.detection.verdicts import FAULT, HEALTHY
+
+__all__ = ["Shares", "Silent", "shares_of"]
+
+
+class Silent(NamedTuple):
+    """Rows in a row that were not judged for one reason, `start` to `end` [s], and their share of
+    the run."""
+
+    start: float
+    end: float
+    share: float
+    reason: str
+
+
+class Shares(NamedTuple):
+    """`judged` is the share of a run's rows that have a status; `faults` the share of them in which
+    each declared fault would have shown, in the order of the plant file."""
+
+    judged: float
+    faults: tuple[float, ...]
+    silent: tuple[Silent, ...]
+
+    def as_dict(self, smallest: dict[str, float | None]) -> dict[str, Any]:
+        """As plain JSON, beside the `smallest` size of each fault that would have been told."""
+        faults = zip(smallest.items(), self.faults, strict=True)
+        return {
+            "judged_share": self.judged,
+            "silent": [
+                {"from": each.start, "to": each.end, "share": each.share, "reason": each.reason}
+                for each in self.silent
+            ],
+            "faults": {
+                name: {"judged_share": share, "smallest": size} for (name, size), share in faults
+            },
+        }
+
+
+def shares_of(decision: Decision) -> Shares:
+    """What was judged of one run."""
+    t, found = decision.run.t, decision.posterior
+    judged = np.isin(decision.status, [HEALTHY, FAULT])
+    told = np.nan_to_num(found.p) > 0.5
+    shown = (found.seen.any(axis=2) | told) & judged[:, None]
+    silent = []
+    # a reason stands on healthy rows too, where one fault would not show
+    reasons = [None if fine else why for fine, why in zip(judged, decision.reason, strict=True)]
+    for reason, part in groupby(range(len(t)), key=lambda k: reasons[k]):
+        if reason is not None:
+            at = list(part)
+            silent.append(Silent(float(t[at[0]]), float(t[at[-1]]), len(at) / len(t), reason))
+    return Shares(float(judged.mean()), tuple(shown.mean(axis=0).tolist()), tuple(silent))

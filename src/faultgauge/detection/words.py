@@ -1,0 +1,46 @@
+"""Sizes, times and odds as they are said."""
+
+from collections.abc import Sequence
+from datetime import datetime, timedelta
+
+import numpy as np
+
+__all__ = ["MOST", "PURE", "amount", "less_likely", "moment"]
+
+MOST = 1000.0  # odds beyond which what is told rests on the model more than on them
+PURE = ("1", "-")  # units that nobody says
+SMALL = 1e-4  # below which a number is said in powers of ten
+
+
+def amount(size: float, low: float, high: float, unit: str) -> str:
+    """ "+0.100 N*m (+0.096 to +0.104)", as fine as the interval is."""
+    digits = decimals(high - low)
+    largest = max(abs(low), abs(high), abs(size))
+    style = f"+.{digits}f"
+    if 0 < largest < SMALL:
+        style = f"+.{max(digits + int(np.floor(np.log10(largest))), 0)}e"
+    unit = "" if unit in PURE else unit
+    return f"{size:{style}} {unit}".rstrip() + f" ({low:{style}} to {high:{style}})"
+
+
+def less_likely(causes: Sequence[str], odds: float) -> str:
+    """ "leak instead is 200 times less likely"."""
+    if odds < 1.05:
+        return f"{' or '.join(causes)} instead is as likely"
+    times = f"more than {MOST:.0f}" if odds >= MOST else f"{odds:.3g}"
+    return f"{' or '.join(causes)} instead is {times} times less likely"
+
+
+def moment(clock: datetime | None, t: float, resolution: float) -> str:
+    """`t` [s] as a clock that showed `clock` at 0 s shows it, or as seconds; as fine as
+    `resolution` [s] is. With the date where that is another day."""
+    if clock is None:
+        return f"{round(t, decimals(resolution)):.12g} s"
+    at = clock + timedelta(seconds=t)
+    date = "" if at.date() == clock.date() else f"{at.date().isoformat()} "
+    return date + at.time().isoformat("seconds" if resolution >= 1 else "milliseconds")
+
+
+def decimals(width: float) -> int:
+    """Decimals that show two figures of `width`."""
+    return min(max(0, int(np.ceil(-np.log10(width))) + 1), 12) if width > 0 else 6

@@ -1,0 +1,148 @@
+"""What a model file tells beside its plant and its numbers: typed and checked when it is read.
+
+A seal shows that nothing was altered since, not that what was sealed makes sense.
+"""
+
+from collections.abc import Collection, Mapping
+from typing import Annotated, Any
+
+import pydantic
+
+from faultgauge.plants.signals import Signals
+
+__all__ = ["check_record"]
+
+LARGEST = 1e100  # of any number: its square is one too
+MOST_POINTS = 100_000
+
+Number = Annotated[float, pydantic.Field(gt=-LARGEST, lt=LARGEST)]
+Positive = Annotated[float, pydantic.Field(gt=1 / LARGEST, lt=LARGEST)]
+Least = Annotated[float, pydantic.Field(ge=0, lt=LARGEST)]
+Count = Annotated[int, pydantic.Field(ge=0, lt=1_000_000_000)]
+Share = Annotated[float, pydantic.Field(gt=0, lt=1)]
+Span = tuple[str, Number, Number]
+
+
+class Part(pydantic.BaseModel):
+    """A part of the record; keys that are not named here are nobody's input."""
+
+    model_config = pydantic.ConfigDict(extra="allow")
+
+
+class Constants(Part):
+    """Uncertain constants: names, standard errors, correlations; None where not known."""
+
+    names: list[str]
+    errors: list[Least | None]
+    correlation: list[list[Annotated[float, pydantic.Field(ge=-1.001, le=1.001)] | None]]
+
+    @pydantic.model_validator(mode="after")
+    def of_one_size(self) -> "Constants":
+        count = len(self.names)
+        if not count == len(self.errors) == len(self.correlation):
+            raise ValueError("sizes")
+        if any(len(row) != count for row in self.correlation):
+            raise ValueError("sizes")
+        return self
+
+
+class Columns(Part):
+    """Where states come from: a column, and which derivative of it they are."""
+
+    states: list[tuple[str, Annotated[int, pydantic.Field(ge=0, le=10)]]]
+
+
+class Metrics(Part):
+    validation_free_run_nrmse: Number | None
+
+
+class Data(Part):
+    """Hashes of runs."""
+
+    fit: list[str]
+    validate_: list[str] = pydantic.Field(alias="validate")
+
+
+class BankLevel(Part):
+    """The bank's alarm level, and from what."""
+
+    level: Number
+    widened: Positive
+    mtbfa_s: Positive
+    confidence: Share
+    judged_s: Positive
+    healthy_s: Positive
+    memory_s: Least
+    alarms: Count
+    blocks: Count
+    block_s: Positive
+    samples: Count
+    size: dict[str, Positive]
+    suspects: list[Span]
+
+
+class Channel(Part):
+    interval: Least
+
+
+class Calibration(Part):
+    """What `calibrate` found, for the bank or for an observer alone."""
+
+    observer: str
+    data: list[str]
+    repeats: dict[str, Count]
+    noise: dict[str, dict[str, Number]] | None = None
+    bank: BankLevel | None = None
+    channels: dict[str, Channel] | None = None
+    bandwidth: Positive | None = None
+
+    @pydantic.model_validator(mode="after")
+    def whole(self) -> "Calibration":
+        pairs = ((self.noise, self.bank), (self.channels, self.bandwidth))
+        if any((one is None) != (other is None) for one, other in pairs):
+            raise ValueError("half a calibration")
+        return self
+
+
+class Record(Part):
+    max_step: Positive
+    sample_time: Positive
+    resample: Positive | None = None
+    log_step: Positive | None = None
+    members: Annotated[int, pydantic.Field(ge=0, le=100)] = 0
+    columns: Columns
+    constants: Constants | None = None
+    data: Data
+    derivatives: dict[str, dict[str, Number | None]]
+    envelope: dict[str, tuple[Number, Number]]
+    envelope_points: Annotated[list[list[Number]], pydantic.Field(max_length=MOST_POINTS)]
+    metrics: Metrics
+    noise: dict[str, dict[str, Any]] = {}
+    calibration: Calibration | None = None
+
+
+def check_record(record: Mapping[str, Any], signals: Signals) -> None:
+    """Raises `ValueError` that names the key of what does not fit the plant or makes no sense."""
+    try:
+        found = Record.model_validate(record)
+    except pydantic.ValidationError as failure:
+        place = ".".join(map(str, failure.errors()[0]["loc"])) or "record"
+        raise ValueError(place) from None
+    names = [*signals.state_names, *signals.input_names]
+    if len(found.columns.states) != len(signals.state_names):
+        raise ValueError("columns.states")
+    if any(len(point) != len(names) for point in found.envelope_points):
+        raise ValueError("envelope_points")
+    _known("envelope", found.envelope, [*names, *signals.output_names])
+    if found.calibration is None:
+        return
+    faults = signals.fault_names
+    if found.calibration.bank is not None:
+        _known("calibration.bank.size", found.calibration.bank.size, faults)
+    _known("calibration.channels", found.calibration.channels or {}, faults)
+
+
+def _known(place: str, given: Collection[str], legal: Collection[str]) -> None:
+    for name in given:
+        if name not in legal:
+            raise ValueError(f"{place}.{name}")
