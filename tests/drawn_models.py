@@ -53,6 +53,9 @@ def calibrated(source, seed=0, step=STEP):
             "outputs": list(signals.output_names),
         },
         "data": {"fit": [], "validate": []},
+        "derivatives": {},
+        "envelope": {},
+        "metrics": {"validation_free_run_nrmse": None},
     }
     model = Model(plant, record)
     ways = len(dynamic_states(plant)), len(following_states(plant))
@@ -64,8 +67,13 @@ def calibrated(source, seed=0, step=STEP):
         np.full(ways[1], 1e-2), np.full(ways[1], 1.0), spread + 1e-6, np.zeros(known),
         np.zeros(known),
     )  # fmt: skip
-    bank = {"level": 3.0, "healthy_s": 1e4}
-    return model.with_calibration({"noise": noise.as_dict(model), "bank": bank, "repeats": {}})
+    bank = {
+        "level": 3.0, "widened": 1.0, "mtbfa_s": 3e3, "confidence": 0.95, "judged_s": 1e4,
+        "healthy_s": 1e4, "memory_s": 20.0, "alarms": 0, "blocks": 20, "block_s": 500.0,
+        "samples": 10**5, "size": dict.fromkeys(signals.fault_names, 1.0), "suspects": [],
+    }  # fmt: skip
+    found = {"observer": "bank", "data": [], "repeats": {}}
+    return model.with_calibration({**found, "noise": noise.as_dict(model), "bank": bank})
 
 
 def draws(rng, low, high, middle):

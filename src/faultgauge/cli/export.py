@@ -6,14 +6,19 @@ from typing import Annotated, Literal
 import typer
 
 from faultgauge.cli import options
+from faultgauge.cli.writing import READS, Fills, check_apart, make_folder
 
 __all__ = ["export"]
 
 
 def export(
-    model: Annotated[Path, typer.Argument(help="Model file.")],
+    model: Annotated[Path, typer.Argument(help="Model file."), READS],
     to: Annotated[str, typer.Option("--to", metavar="TARGET", help="c: C99 source.")],
-    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder to write to.")],
+    out: Annotated[
+        Path,
+        typer.Option("--out", metavar="DIR", help="Folder to write to."),
+        Fills(()),  # its names are known when the files are
+    ],
     name: Annotated[
         str | None,
         typer.Option("--name", help="Of the files and functions [default: the plant's]."),
@@ -28,12 +33,12 @@ def export(
     json: options.Json = False,
 ) -> None:
     """Write a calibrated model as code for another machine, with a test of it."""
-    from faultgauge.cli.writing import make_folder
     from faultgauge.export.export import export as carry_out
     from faultgauge.files import write_atomically
 
     with options.narrate("printing the step"):
         files = carry_out(model, to, name=name, precision=precision, tanh=tanh)
+    check_apart([model], {"--out": [out / each for each in files]})
     folder = make_folder(out)
     for each, data in files.items():
         write_atomically(folder / each, data)
