@@ -14,6 +14,7 @@ COMMANDS = (
     "calibrate",
     "estimate",
     "rehearse",
+    "export",
     "simulate",
     "reproduce",
     "benchmark",

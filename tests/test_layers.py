@@ -14,6 +14,7 @@ LAYERS = (
     "reporting",
     "accommodation",
     "rehearsal",
+    "export",
     "detection",
     "observers",
     "identification",

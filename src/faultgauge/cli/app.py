@@ -17,6 +17,7 @@ from faultgauge.cli.check import check
 from faultgauge.cli.demo import demo
 from faultgauge.cli.estimate import estimate
 from faultgauge.cli.evaluate import evaluate
+from faultgauge.cli.export import export
 from faultgauge.cli.fit import fit
 from faultgauge.cli.inspect import inspect
 from faultgauge.cli.rehearse import rehearse
@@ -50,6 +51,7 @@ COMMANDS = (
     calibrate,
     estimate,
     rehearse,
+    export,
     simulate,
     reproduce,
     benchmark,
