@@ -10,9 +10,8 @@ import time
 from dataclasses import replace
 
 from faultgauge.detection.bank import build_fault_bank
-from faultgauge.detection.course import run_over
 from faultgauge.detection.noise_estimation import estimate_noise
-from faultgauge.detection.posterior import posterior_of
+from faultgauge.detection.watch import Watch
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.signals import Fault
 from faultgauge.studies.decisions.rig import rig, true_model, window
@@ -33,17 +32,13 @@ for faults in (base.signals.faults[:3], (*base.signals.faults, *MORE)):
     signals = replace(base.signals, faults=faults)
     plant = GrayBoxPlant(signals, base.spec, base.networks, base.parameters)
     bank = build_fault_bank(true_model(plant, runs), runs, noise)
-    list(run_over(bank, runs[0]))  # compiles
+    watch = Watch(bank.model, tuple(long.columns), long.step, bank=bank)
+    watch.along(watch.init(), runs[0])  # compiles
     wall, cpu = time.perf_counter(), time.process_time()
-    for _ in run_over(bank, long):
-        pass
+    watch.along(watch.init(), long)
     wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
-    intervals = time.process_time()
-    posterior_of(bank, long, run_over(bank, long))
-    intervals = time.process_time() - intervals - cpu
     sets = len(set(bank.sets))
     print(
         f"{sets} sets of faults ({len(bank.sets) + 3} modes), {len(long.t)} samples: {wall:.1f} s, "
-        f"of the processor {cpu:.1f} s ({1e6 * cpu / len(long.t):.0f} us a sample), and "
-        f"{intervals:.1f} s for the intervals"
+        f"of the processor {cpu:.1f} s ({1e6 * cpu / len(long.t):.0f} us a sample)"
     )

@@ -17,11 +17,19 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial import KDTree
 
-from faultgauge.detection.decisions import Decision
+from faultgauge.detection.decisions import decide_runs
 from faultgauge.detection.judged import operating_points
 from faultgauge.plants.gray_box import load_plant
 from faultgauge.studies import merit
-from faultgauge.studies.decisions.drive_pulses import SETTLED, Body, bodies, by_bank, trained
+from faultgauge.studies.checkup import parts
+from faultgauge.studies.decisions.drive_pulses import (
+    SETTLED,
+    SHARES,
+    Body,
+    bodies,
+    by_bank,
+    trained,
+)
 from faultgauge.studies.drive import PULSE, DriveLogs, measured_logs
 
 PLACED, SPEED = "network of speed and place, 6 units", "network of speed, 6 units"
@@ -32,13 +40,13 @@ SHOWN = 0.5, 0.99, 1.0  # quantiles
 def one_seed(logs: DriveLogs, seed: int) -> None:
     plants = bodies()
     placed, speed = (trained(name, plants[name], logs, seed) for name in (PLACED, SPEED))
-    found = by_bank(placed, logs)
+    last = parts([logs.healthy], *SHARES)[3]
+    (_, decision), _ = decide_runs(placed.model, [*last, logs.faulty])
+    posterior = decision.posterior
     scored = merit.settled(logs.faulty.t, merit.edges_of(logs.pulse), SETTLED)
-    right = np.abs(found.f - logs.pulse) < GOOD
+    right = np.abs(posterior.f[:, 0] - logs.pulse) < GOOD
     points = operating_points(placed.model).x
     width = np.ptp(points, axis=0)
-    assert isinstance(found.pulses, Decision)
-    posterior = found.pulses.posterior
     away = KDTree(points / width).query(posterior.x / width, p=np.inf)[0]
     print(f"seed {seed}:")
     for name, which in (("within 0.5 V", right), ("not", ~right)):

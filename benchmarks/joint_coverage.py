@@ -16,6 +16,8 @@ import argparse
 from collections.abc import Callable
 from dataclasses import replace
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 
 from faultgauge.detection.bank import build_fault_bank
@@ -138,8 +140,9 @@ def cost(model: Model, run: Run) -> list[float]:
     )
     u = record_arrays(model, run, part)[0]
     box = inside(points.x, x) & inside(points.u, u)
+    given = [jnp.asarray(each) for each in (x, u, np.zeros_like(x))]
     return [
-        float(np.mean(box & ~region.holds(x, u, np.zeros_like(x))))
+        float(np.mean(box & ~np.asarray(jax.vmap(region.holds)(*given))))
         for region in regions_of(model, signals.output_names)
     ]
 

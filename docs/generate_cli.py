@@ -15,6 +15,7 @@ COMMANDS = (
     "estimate",
     "rehearse",
     "detectability",
+    "export",
     "simulate",
     "reproduce",
     "benchmark",

@@ -22,7 +22,7 @@ LONGEST = (
     "identification/test_crowds.py",
     "cli/test_resample.py",
     "identification/test_unseen.py",
-    "detection/test_online_bank.py",
+    "detection/test_stream_bank.py",
     "detection/test_slow_sensors.py",
     "rehearsal/test_rehearse.py",
     "cli/test_settings.py",

@@ -15,6 +15,7 @@ LAYERS = (
     "accommodation",
     "rehearsal",
     "foresight",
+    "export",
     "detection",
     "observers",
     "identification",

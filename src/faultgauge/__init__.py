@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from faultgauge.accommodation.simulate import simulate
     from faultgauge.detection.calibration import calibrate
     from faultgauge.detection.decisions import decide_runs as estimate
+    from faultgauge.detection.watch import Watch
     from faultgauge.foresight import detectability
     from faultgauge.identification.evaluation import evaluate
     from faultgauge.identification.fit import fit
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Plant",
+    "Watch",
     "calibrate",
     "detectability",
     "estimate",
@@ -36,6 +38,7 @@ __all__ = [
 
 _HOMES = {
     "Plant": "faultgauge.plants.plant.Plant",
+    "Watch": "faultgauge.detection.watch.Watch",
     "calibrate": "faultgauge.detection.calibration.calibrate",
     "detectability": "faultgauge.foresight.detectability",
     "estimate": "faultgauge.detection.decisions.decide_runs",

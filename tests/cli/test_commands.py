@@ -273,26 +273,28 @@ def test_calibrate_replaces_the_model_and_leaves_evaluate_alone(call, workshop, 
     assert list(tmp_path.iterdir()) == [model], "no draft stays behind"
 
 
-def test_calibrate_for_an_observer_finds_its_limit(call, workshop, tmp_path):
+def test_calibrate_for_an_observer_finds_its_intervals(call, workshop, tmp_path):
     model, report = tmp_path / "m.fgm", tmp_path / "r.html"
     args = (workshop.model, workshop.healthy2, "--observer", "eso", "--out", model)
     found = one_object(call("calibrate", *args, "--report", report, "--json"))
-    assert found.keys() >= {"limit", "mtbfa_s", "channels", "blocks", "warnings"}
-    assert "bank" not in found
+    assert found["channels"]["leak"]["interval"] > 0
+    assert found.keys() >= {"bandwidth", "judged_s", "warnings"}
+    assert not {"bank", "limit", "mtbfa_s"} & found.keys()
     assert model.read_bytes() == workshop.limited.read_bytes()
-    assert "95 % of healthy values within" in report.read_text()
+    assert "95 % of healthy estimates within" in report.read_text()
 
 
-def test_an_observer_without_limits_judges_nothing(call, workshop, tmp_path):
+def test_an_observer_without_intervals_says_how_to_get_them(call, workshop, tmp_path):
     out = tmp_path / "f.csv"
     said = call(
         "estimate", workshop.calibrated, workshop.suspect, "--out", out, "--observer", "eso"
     )
     assert said.code == 0
-    assert "nothing was judged" in said.out
     assert "faultgauge calibrate --observer eso" in said.out
-    reasons = {(r["status"], r["reason"]) for r in table(out)}
-    assert reasons == {("NOT_JUDGED", "not calibrated for this observer")}
+    rows = table(out)
+    assert {r["status"] for r in rows} == {"NOT_JUDGED"}
+    assert {r["f_leak_lo"] for r in rows} == {""}
+    assert rows[-1]["f_leak"]
 
 
 def test_calibrate_warns_of_logs_used_in_fit(call, workshop, tmp_path):
@@ -302,28 +304,17 @@ def test_calibrate_warns_of_logs_used_in_fit(call, workshop, tmp_path):
     assert "also used in fit" in said.err
 
 
-def test_an_observer_alone_finds_the_leak(call, workshop, tmp_path):
+def test_an_observer_alone_gives_an_estimate_and_decides_nothing(call, workshop, tmp_path):
     out = tmp_path / "f.csv"
     eso = ("--out", out, "--observer", "eso", "--json")
     found = one_object(call("estimate", workshop.limited, workshop.suspect, *eso))
-    events = found["events"]
-    assert all(event.keys() == EVENT_KEYS for event in events)
-    longest = max(events, key=lambda e: e["end"] - e["start"])
-    assert longest["fault"] == "leak"
-    # an observer with settling of a few samples and 0.002 m noise: 10 % of the size, 1 s of time
-    assert longest["size"] == pytest.approx(workshop.leak, rel=0.1)
-    assert longest["lo"] < workshop.leak < longest["hi"]
-    assert longest["start"] == pytest.approx(workshop.onset, abs=1)
-    rows = table(out)
-    assert {r["status"] for r in rows[400:]} == {"FAULT"}
-
-
-def test_an_observer_alone_is_silent_on_a_healthy_log(call, workshop, tmp_path):
-    # calibrated on this very log, so that its peak is known to lie below the limit
-    eso = ("--out", tmp_path / "f.csv", "--observer", "eso")
-    said = call("estimate", workshop.limited, workshop.healthy2, *eso)
-    assert said.code == 0
-    assert "No fault above the limit" in said.out
+    assert found["events"] == found["drift"] == []
+    assert found["answer"][0].startswith("An observer alone gives an estimate, no decision")
+    late = table(out)[400:]
+    # some twenty independent values, of which four of a 95 % interval may miss (p 0.003)
+    held = [float(r["f_leak_lo"]) <= workshop.leak <= float(r["f_leak_hi"]) for r in late]
+    assert sum(held) >= 0.8 * len(held)
+    assert {r["reason"] for r in late} == {"an observer alone gives an estimate, no decision"}
 
 
 @pytest.mark.parametrize("observer", ["bank", "eso"])
@@ -339,8 +330,10 @@ def test_estimate_writes_the_columns_of_the_contract(call, workshop, tmp_path, o
         "run", "t", "r_x", "f_leak", "f_leak_lo", "f_leak_hi", "p_leak",
         "p_healthy", "p_unknown", "status", "reason",
     ]  # fmt: skip
-    assert {r["status"] for r in rows} == {"HEALTHY", "FAULT", "NOT_JUDGED"}
-    judged = [r for r in rows if r["status"] != "NOT_JUDGED"]
+    decided = {"HEALTHY", "FAULT"} if observer == "bank" else set()
+    assert {r["status"] for r in rows} == {"NOT_JUDGED"} | decided
+    judged = [r for r in rows if r["f_leak"] and r["f_leak_lo"]]
+    assert judged
     # the bank's interval of a fault that is hardly there ends at 0
     assert all(float(r["f_leak_lo"]) <= float(r["f_leak"]) <= float(r["f_leak_hi"]) for r in judged)
     assert all(r["reason"] for r in rows if r["status"] == "NOT_JUDGED")
@@ -424,7 +417,7 @@ def test_the_evidence_is_a_log_that_gives_the_same_answer_again(call, workshop, 
     args = (workshop.calibrated, workshop.suspect, *bank)
     first = one_object(call("estimate", *args, "--evidence", tmp_path / "windows"))
     event = max(first["events"], key=lambda e: e["end"] - e["start"])
-    assert any("leak +" in line and "could not tell" in line for line in first["answer"])
+    assert any("leak +" in line and "would not have shown" in line for line in first["answer"])
     again = one_object(call("estimate", workshop.calibrated, event["evidence"], *bank))
     (found,) = (e for e in again["events"] if e["fault"] == "leak")
     assert event["lo"] <= found["size"] <= event["hi"]

@@ -9,58 +9,49 @@ from faultgauge.detection.misfit import Alarmed, alarmed_throughout
 from faultgauge.plants.model import load_model
 
 SAID = "a fault older than the log, or the model of another plant"
-OBSERVERS = ("eso", "bank")
 
 
 @pytest.fixture
 def stream(call, workshop, tmp_path, monkeypatch):
     """Rows of the suspect log into `estimate -`: (outcome, the lines of --events)."""
 
-    def streaming(observer, first, last):
+    def streaming(first, last):
         header, *rows = workshop.suspect.read_text().splitlines()
         text = "\n".join([header, *rows[first:last]]) + "\n"
         monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(text.encode())))
         events = tmp_path / "events.ndjson"
-        given = ("--observer", observer, "--events", events)
-        said = call("estimate", workshop.judging(observer), "-", *given)
+        said = call("estimate", workshop.calibrated, "-", "--events", events)
         assert said.code == 0, said.err
         return said, [json.loads(line) for line in events.read_text().splitlines()]
 
     return streaming
 
 
-@pytest.mark.parametrize("observer", OBSERVERS)
-def test_a_stream_that_begins_under_the_fault_is_warned_of_once(stream, workshop, observer):
-    said, lines = stream(observer, 320, 600)  # the leak began at row 300
+def test_a_stream_that_begins_under_the_fault_is_warned_of_once(stream, workshop):
+    said, lines = stream(320, 600)  # the leak began at row 300
     (warning,) = (line for line in said.err.splitlines() if SAID in line)
     assert warning.startswith("warning: run stream: alarm in ")
     (event,) = (line for line in lines if line["said"] == "warning")
     assert warning == f"warning: {event['text']}."
     assert event["run"] == "stream"
-    calibration = load_model(workshop.judging(observer)).calibration or {}
-    block = (calibration["bank"] if observer == "bank" else calibration)["block_s"]
-    held = 1.0 if observer == "bank" else 5.0  # s: 10 samples; 5 / (1 rad/s)
+    block = (load_model(workshop.calibrated).calibration or {})["bank"]["block_s"]
+    held = 1.0  # s: 10 samples
     # as many rows as a block has, 20 at least; two rows of 0.1 s for the ends of either
     assert event["t"] - 32.0 - held == pytest.approx(max(block, 2.0), abs=0.2)
 
 
-@pytest.mark.parametrize("observer", OBSERVERS)
-def test_a_fault_that_comes_later_is_none(stream, observer):
-    said, lines = stream(observer, 150, 600)
+def test_a_fault_that_comes_later_is_none(stream):
+    said, lines = stream(150, 600)
     assert {line["said"] for line in lines} == {"alarm", "event"}
     assert SAID not in said.err
 
 
-@pytest.mark.parametrize("observer", OBSERVERS)
-def test_a_short_stream_is_told_at_its_end_what_its_file_is(
-    call, workshop, stream, tmp_path, observer
-):
+def test_a_short_stream_is_told_at_its_end_what_its_file_is(call, workshop, stream, tmp_path):
     header, *rows = workshop.suspect.read_text().splitlines()
     short = tmp_path / "short.csv"
     short.write_text("\n".join([header, *rows[320:375]]) + "\n")
-    given = ("--observer", observer, "--out", tmp_path / "rows.csv")
-    whole = call("estimate", workshop.judging(observer), short, *given)
-    said, _ = stream(observer, 320, 375)
+    whole = call("estimate", workshop.calibrated, short, "--out", tmp_path / "rows.csv")
+    said, _ = stream(320, 375)
     of_file, of_stream = (
         [line.replace("run short", "run stream") for line in each.err.splitlines() if SAID in line]
         for each in (whole, said)

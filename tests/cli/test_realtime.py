@@ -64,17 +64,13 @@ def without_run(text):
 def test_a_stream_is_answered_as_its_file(pipe, workshop, tmp_path):
     out, events = tmp_path / "e.csv", tmp_path / "events.ndjson"
     eso = ("--observer", "eso")
-    said = pipe("", "estimate", workshop.limited, workshop.suspect, "--out", out, "--json", *eso)
+    pipe("", "estimate", workshop.limited, workshop.suspect, "--out", out, *eso)
     text = workshop.suspect.read_text()
     piped = pipe(text, "estimate", workshop.limited, "-", "--events", events, *eso)
     assert piped.code == 0, piped.err
     assert without_run(piped.out) == without_run(out.read_text())
-    alarm, event = ndjson(events.read_text())
-    (expected,) = said.json["events"]
-    assert event == {**expected, "said": "event", "run": "stream"}
-    assert (alarm["said"], alarm["fault"], alarm["start"]) == ("alarm", "leak", event["start"])
-    assert piped.err.splitlines()[0].startswith("alarm: leak above its limit since 30.")
-    assert "event: leak +0.6" in piped.err
+    assert events.read_text() == "", "an observer alone decides nothing"
+    assert piped.err.startswith("An observer alone gives an estimate, no decision")
 
 
 def test_ndjson_answers_hold_every_bit_and_maps_act(pipe, workshop, tmp_path):
@@ -107,7 +103,8 @@ def test_rows_that_are_no_telemetry_are_left_out_and_counted(pipe, workshop):
     piped = pipe("\n".join(dirty), *eso)
     assert piped.code == 0, piped.err
     assert piped.out == clean.out
-    first, last = piped.err.splitlines()
+    alone, first, last = piped.err.splitlines()
+    assert alone.startswith("An observer alone gives an estimate, no decision")
     assert first.startswith(
         "warning: standard input, row 2, column 'x': 'text' is not a number; correct the cell"
     )
@@ -379,7 +376,7 @@ def test_the_view_draws_what_it_is_given(workshop):
 
     from faultgauge.cli.view import View
 
-    view = View(fg.load_model(workshop.calibrated), "bank")
+    view = View(fg.load_model(workshop.calibrated))
     text = io.StringIO()
     view.live.console = Console(file=text, width=100)
     row = {

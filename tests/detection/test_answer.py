@@ -149,7 +149,7 @@ def test_a_log_that_ends_undecided_says_so_and_one_without_a_fault_is_named(bank
     found, last = quiet.posterior, STEP * np.arange(COUNT) >= 575
     healthy, p = np.where(last, 0.2, 1.0), np.where(last[:, None], [0.8, 0.0], 0.0)
     status = ["NOT_JUDGED" if each else "HEALTHY" for each in last]
-    open_ = replace(quiet, posterior=replace(found, healthy=healthy, p=p), status=status)
+    open_ = replace(quiet, posterior=found._replace(healthy=healthy, p=p), status=status)
     (line,) = answers(bank, [open_])
     assert line == (
         "Undecided since 575 s, to the end of the log (run run2): leak is likeliest (p 0.8), "
@@ -204,11 +204,11 @@ def test_no_fault_is_said_of_the_judged_share_alone(bank):
     assert line == "Nothing could be judged; from 0 s to 599.5 s: not sampled"
 
 
-def test_a_fault_that_is_older_than_the_log_says_so(bank):
-    acts = np.ones(COUNT, bool)
-    (line,) = answers(bank, [decide(bank, log(3, LEAK, acts))])
-    assert "m/s (-0." in line
-    assert " since the log began, or longer (p > 0.999, run run3)" in line
+def test_a_fault_that_may_be_older_than_the_log_says_so(bank, decision):
+    (event,) = decision.events
+    old = replace(event, onset=3.0, onset_lo=-1.0, onset_hi=7.0)
+    (line,) = answers(bank, [replace(decision, events=[old])])
+    assert " since the log began, or longer (p > 0.999, run run1)" in line
 
 
 def test_the_first_screen_says_one_finding_whole_and_many_by_their_heads(bank, decision):
@@ -259,3 +259,51 @@ def test_the_report_opens_with_the_answer_and_shows_the_evidence(bank, decision)
     assert [each.title for each in report.sections] == ["Faults", "Evidence"]
     assert len(report.sections[1].figures) == 1
     assert "gives the same answer" in report.sections[1].paragraphs[0]
+
+
+SIZES = np.concatenate([[-9999.0, 1e9, -1e9, 1e30], 10.0 ** np.arange(-1, 15)])
+
+
+def glitched(run, rows):
+    run.columns["x"][rows] = SIZES[: len(rows)]
+    return run
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_single_samples_of_any_size_raise_nothing(bank, seed):
+    """Twenty in ten minutes: no alarm, no event; five samples later every fault's interval holds
+    0."""
+    rows = np.sort(
+        np.random.default_rng(seed).choice(np.arange(20, COUNT - 20, 8), len(SIZES), False)
+    )
+    said = decide(bank, glitched(log(10 + seed), rows))
+    assert not said.events
+    assert "FAULT" not in said.status
+    for k in rows + 5:
+        assert np.all(said.posterior.lo[k] <= 0)
+        assert np.all(said.posterior.hi[k] >= 0)
+    assert np.isfinite(said.posterior.f[20:]).all()
+
+
+def test_a_fault_is_sized_and_dated_through_glitches(bank, decision):
+    rows = np.arange(50, COUNT, 60)[: len(SIZES)]
+    (event,) = decide(bank, glitched(log(1, LEAK), rows)).events
+    (plain,) = decision.events
+    assert event.fault == plain.fault == "leak"
+    assert event.lo < LEAK < event.hi
+    assert event.onset == pytest.approx(STEP * np.argmax(LATE), abs=2 * STEP)
+
+
+def test_a_sensor_that_only_flickers_is_answered_in_numbers(bank):
+    """0 and 1 in turn, at one input: nothing that is printed is NaN."""
+    run = log(5)
+    run.columns["x"][:] = np.arange(COUNT) % 2
+    run.columns["u"][:] = 1.0
+    said = decide(bank, run)
+    for line in answers(bank, [said]):
+        assert "nan" not in line
+        assert "inf" not in line
+    for event in said.events:
+        assert np.isfinite(
+            [event.start, event.end, event.onset, event.onset_lo, event.onset_hi]
+        ).all()

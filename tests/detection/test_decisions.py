@@ -10,7 +10,7 @@ from faultgauge.detection.bank_calibration import calibrate_bank
 from faultgauge.detection.decisions import as_dicts, decide, decide_runs, table
 from faultgauge.detection.events import Judged, _onset, _Stretch
 from faultgauge.detection.noise import Noise
-from faultgauge.detection.posterior import posterior_of
+from faultgauge.detection.uncalibrated import prior_of
 from faultgauge.detection.verdicts import Verdict
 from faultgauge.errors import InputError
 from faultgauge.plants.gray_box import GrayBoxPlant
@@ -102,10 +102,15 @@ def test_a_pump_that_is_off_is_named_sized_and_dated(bank):
 def test_an_onset_is_not_told_more_closely_than_a_step_nor_after_its_fault(bank, ago, sd):
     """Of what lies between two samples nothing is known, however sure the filter is."""
     run, told, last = log(1), 400, 410
-    found = posterior_of(bank, run, [])
+    found = prior_of(bank.model, run)
     found.onset[last, 0] = run.t[last] - run.t[told] + ago, sd
     nothing = np.zeros((COUNT, 3), bool)
-    judged = Judged(run, found, Verdict([], [], nothing[:, 0], nothing), np.zeros((COUNT, 1)))
+    judged = Judged(
+        run,
+        found,
+        Verdict(*np.zeros((2, COUNT), int), nothing[:, 0], nothing),
+        np.zeros((COUNT, 1)),
+    )
     mean, low, high = _onset(bank, judged, _Stretch(0, 390, told, last + 1), last)
     assert high - low >= STEP * (1 - 1e-9)
     assert low <= mean <= high <= run.t[told]

@@ -2,15 +2,17 @@
 
 from dataclasses import replace
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from faultgauge.detection.bank import build_fault_bank
 from faultgauge.detection.decisions import decide
-from faultgauge.detection.envelope import applied
+from faultgauge.detection.envelope import Applied
 from faultgauge.detection.noise import Noise
-from faultgauge.detection.verdicts import Verdicts
+from faultgauge.detection.posterior import Marginal
+from faultgauge.detection.verdicts import Heard, Rules
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
 from faultgauge.plants.plant import respond
@@ -124,22 +126,35 @@ def test_where_the_model_is_not_trusted_no_fault_raises_an_alarm_or_gets_a_name(
     text = text.replace("max = 9", "max = 9\ntrusted = [-1, 1]")
     judging = replace(bank, model=model(text))
     active = monitor == "active"
-    found = decision.posterior if active else replace(decision.posterior, calm=np.ones(COUNT))
+    found = decision.posterior if active else decision.posterior._replace(calm=np.ones(COUNT))
     assert found.p[-1, 0] > 0.99
+    rules = Rules.of(judging)
     for outside, told in ((0, True), (1, False)):
-        where = replace(found, outside=np.full(COUNT, outside))
-        verdict = Verdicts(judging).judge(decision.run, where, [""] * COUNT)
+        verdict = judged(rules, decision, found, outside)
         assert verdict.alarm.any() == (told and active)
         assert verdict.named.any() == told
+
+
+def judged(rules, decision, found, outside):
+    def step(state, row):
+        t, each, u = row
+        marginal = Marginal(*(getattr(each, name) for name in Marginal._fields))
+        yes, where = jnp.asarray(True), jnp.asarray(outside)
+        heard = Heard(yes, each.held, where, each.seen, jnp.asarray(0), u, yes)
+        return rules.step(state, t, marginal, heard)
+
+    rows = (decision.run.t, found, decision.run.columns["u"][:, None])
+    return jax.lax.scan(step, rules.init(), rows)[1]
 
 
 def test_what_is_applied_is_what_the_plant_is_given():
     """Against the plant's own answer: dv/dt = applied - v, faults as means over the sets."""
     plant = model().plant
-    p = np.array([[0.2, 0.5, 0.3]])
-    f = np.array([[[0.0, 0.0], [2.0, 0.0], [4.0, 0.5]]])
-    found, driven = applied(model(), np.array([[1.5]]), p, f)
+    p = jnp.array([0.2, 0.5, 0.3])
+    f = jnp.array([[0.0, 0.0], [2.0, 0.0], [4.0, 0.5]])
+    applied = Applied.of(plant.signals)
+    found, driven = applied(jnp.array([1.5]), p, f)
     dx, _ = respond(plant, *(jnp.asarray(a) for a in ([0.0, 0.0], [1.5], [2.2, 0.15])))
-    assert found[0, 0] == pytest.approx(float(dx[1]))
+    assert found[0] == pytest.approx(float(dx[1]))
     assert not driven.any()  # no fault enters a state
-    assert applied(model(), np.array([[50.0]]), p, f)[0][0, 0] == 9.0
+    assert applied(jnp.array([50.0]), p, f)[0][0] == 9.0

@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import cont2discrete
 
 from faultgauge.detection.calibration import calibrate
-from faultgauge.detection.estimation import estimate
+from faultgauge.detection.estimation import ALONE, estimate
 from faultgauge.detection.judged import start_from_samples
 from faultgauge.detection.residual import residuals
 from faultgauge.errors import InputError
@@ -81,14 +81,13 @@ def test_a_leak_beside_a_hidden_state():
     calibrated = by_eso(model(), [log(1), log(2)]).model
     (healthy, faulty), bank = estimate(calibrated, [log(3), log(4, leak=-0.3)])
     assert bank.refused == {}
-    assert not healthy.events
-    assert healthy.reason[49] != ""
-    assert healthy.status[50] == "HEALTHY", "judged as soon as nothing of the future is used"
-    leaks = [e for e in faulty.events if e.fault == "leak"]
-    longest = max(leaks, key=lambda e: e.end - e.start)
-    assert longest.start == pytest.approx(DT * COUNT / 2, abs=2)  # two time constants of 1 s
-    assert longest.size == pytest.approx(-0.3, abs=0.01)  # noise of the mean, far below
-    assert longest.lo < -0.3 < longest.hi
+    assert healthy.reason[49] != ALONE
+    assert healthy.reason[50] == ALONE, "settled as soon as nothing of the future is used"
+    width = healthy.half_width["leak"]
+    late = slice(3 * COUNT // 4, COUNT)
+    size = np.mean(faulty.f["leak"][late])
+    assert size == pytest.approx(-0.3, abs=0.01)  # noise of the mean, far below
+    assert abs(size + 0.3) < width
 
 
 def test_what_the_observer_cannot_reach_is_refused():
@@ -113,10 +112,12 @@ def test_a_varying_parameter_is_the_runs_own():
     assert float(start.plant.parameters["c"]) == pytest.approx(0.6, rel=1e-3)
     assert float(varying.plant.parameters["c"]) == 0.8
     r = residuals(varying, log(0, c=0.6, noise=0.0), "free")["level"]
-    assert np.abs(r).max() < 1e-2 * np.std(log(0).columns["level"])
+    assert np.isnan(r[:49]).all(), "what the start was found from is no residual"
+    assert np.abs(r[49:]).max() < 1e-2 * np.std(log(0).columns["level"])
     run = [log(k, c=0.6) for k in (1, 2)]
     (judged,), _ = estimate(by_eso(varying, run).model, [log(3, c=0.6)])
-    assert not judged.events
+    inside = np.abs(judged.f["leak"][judged.settled]) <= 2 * judged.half_width["leak"]
+    assert inside.mean() > 0.99  # four standard deviations
 
 
 def test_dead_time_on_every_path():
@@ -124,8 +125,8 @@ def test_dead_time_on_every_path():
     late = model(PLANT.replace('"zero"', '"zero"\ndelay = 0.5'))
     plain = by_eso(model(), [log(1), log(2)])
     told = by_eso(late, [log(1, early=5), log(2, early=5)])
-    limits = [f.model.calibration["channels"]["leak"]["limit"] for f in (plain, told)]
-    assert limits[1] == pytest.approx(limits[0], rel=0.1)  # five samples fewer
+    widths = [f.model.calibration["channels"]["leak"]["interval"] for f in (plain, told)]
+    assert widths[1] == pytest.approx(widths[0], rel=0.1)  # five samples fewer
     (early,), _ = estimate(told.model, [log(3, early=5)])
     (usual,), _ = estimate(Model(plain.model.plant, told.model.record), [log(3)])
     assert early.reason[:5] == ["not sampled"] * 5

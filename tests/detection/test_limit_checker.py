@@ -1,5 +1,6 @@
-"""Persistence, hysteresis and latching by hand, all samples at once and one at a time."""
+"""Persistence, hysteresis and latching by hand."""
 
+import jax
 import numpy as np
 import pytest
 
@@ -24,19 +25,29 @@ def flags(text):
         (2.0, False, ".  .  .  .   .  .   .  .   .  .   .  ."),  # 1.5 s is the longest
     ],
 )
-def test_by_hand_and_in_any_pieces(persistence, latch, wanted):
-    over, low = flags(OVER), flags(LOW)
-    found = LimitChecker(persistence, latch).judge(T, over, low)
-    assert found.tolist() == flags(wanted).tolist()
-    for size in (1, 5):
-        checker = LimitChecker(persistence, latch)
-        pieces = [slice(k, k + size) for k in range(0, len(T), size)]
-        parts = [checker.judge(T[p], over[p], low[p]) for p in pieces]
-        assert np.concatenate(parts).tolist() == found.tolist()
+def test_by_hand(persistence, latch, wanted):
+    found = judged(T, flags(OVER), flags(LOW), persistence, latch)
+    assert found == flags(wanted).tolist()
+
+
+def judged(t, over, under, persistence, latch):
+    checker = LimitChecker(np.asarray(persistence), latch)
+    return scan(checker.step, checker.init(), (t, over, under))[1].tolist()
 
 
 def test_a_persistence_of_whole_samples_is_not_lost_to_rounding():
-    t = 0.1 * np.arange(1, 8)
     over = np.ones(7, bool)
-    found = LimitChecker(0.3, False).judge(t, over, ~over)
-    assert found.tolist() == [False] * 3 + [True] * 4
+    found = judged(0.1 * np.arange(1, 8), over, ~over, 0.3, False)
+    assert found == [False] * 3 + [True] * 4
+
+
+def test_points_are_judged_each_alone():
+    over, under = np.stack([flags(OVER), flags(LOW)], 1), np.stack([flags(LOW), flags(OVER)], 1)
+    checker = LimitChecker(np.asarray(1.0), False)
+    both = scan(checker.step, checker.init(2), (T, over, under))[1]
+    for k in range(2):
+        assert both[:, k].tolist() == judged(T, over[:, k], under[:, k], 1.0, False)
+
+
+def scan(step, state, rows):
+    return jax.lax.scan(lambda carried, row: step(carried, *row), state, rows)

@@ -1,16 +1,17 @@
 """Mixture quantiles against SciPy, and a model that holds no noise."""
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.optimize import brentq
 from scipy.stats import norm
 
 from faultgauge.detection.bank import build_fault_bank
-from faultgauge.detection.course import Rows
 from faultgauge.detection.noise import Noise, noise_of
 from faultgauge.detection.noise_estimation import estimate_noise
-from faultgauge.detection.posterior import mixture_quantiles, posterior_of
+from faultgauge.detection.posterior import Mixture, mixture_quantiles
 from faultgauge.errors import InputError
+from faultgauge.observers.branching import BranchInfo
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
 from faultgauge.plants.plant_file import parse_plant
@@ -85,7 +86,7 @@ def quantile(weights, means, sds, level):
     ],
 )
 def test_quantiles_of_the_mixture_are_scipys(weights, means, sds):
-    lo, hi = mixture_quantiles(*(np.array([each]) for each in (weights, means, sds)))
+    lo, hi = mixture_quantiles(*(jnp.array([each]) for each in (weights, means, sds)))
     for found, level in ((lo[0], 0.025), (hi[0], 0.975)):
         # 36 halvings of at most 100: 1e-9; weights below 1e-4 are left out
         assert found == pytest.approx(quantile(weights, means, sds, level), abs=1e-6)
@@ -104,12 +105,11 @@ def test_an_estimate_and_its_interval_keep_to_the_faults_limits():
     run = healthy(1, 100)
     bank = build_fault_bank(model(), [run], Noise(*(np.array(each) for each in levels)))
     held = bank.sets.index((1,))
-    p, f, sd = np.zeros((1, len(bank.sets) + 1)), *np.zeros((2, 1, len(bank.sets), 2))
-    p[0, held], f[0, held, 1], sd[0, held, 1] = 1.0, 0.7, 2.0
-    rows = Rows(
-        part=slice(0, 1), p=p, f=f, sd=sd, x=np.zeros((1, len(bank.plant.signals.states))),
-        seen=np.ones((1, 2, 2), bool), onset=np.ones((1, 2, 2)), ever=np.ones((1, 2)),
-        outside=np.zeros(1, int), held=np.zeros(1, bool),
-    )  # fmt: skip
-    found = posterior_of(bank, run, [rows])
-    assert (found.f[0, 1], found.lo[0, 1], found.hi[0, 1]) == (0.5, -0.5, 0.5)
+    p, f, sd = np.zeros(len(bank.sets) + 1), *np.zeros((2, len(bank.sets) + 1, 2))
+    p[held], f[held, 1], sd[held, 1] = 1.0, 0.7, 2.0
+    nothing = jnp.ones((2, 2))
+    said = BranchInfo(
+        *(jnp.asarray(each) for each in (p, f, sd)), jnp.zeros(1), nothing, nothing, jnp.ones(2)
+    )
+    found = Mixture.of(bank).marginal(said, nothing > 0)
+    assert (found.f[1], found.lo[1], found.hi[1]) == (0.5, -0.5, 0.5)

@@ -18,6 +18,7 @@ from faultgauge.cli.demo import demo
 from faultgauge.cli.detectability import detectability
 from faultgauge.cli.estimate import estimate
 from faultgauge.cli.evaluate import evaluate
+from faultgauge.cli.export import export
 from faultgauge.cli.fit import fit
 from faultgauge.cli.inspect import inspect
 from faultgauge.cli.rehearse import rehearse
@@ -52,6 +53,7 @@ COMMANDS = (
     estimate,
     rehearse,
     detectability,
+    export,
     simulate,
     reproduce,
     benchmark,

@@ -39,7 +39,7 @@ def calibrate(
         str,
         typer.Option(
             "--observer",
-            help="bank: noise, model error and alarm level; eso: a limit for its estimates.",
+            help="bank: noise, model error and alarm level; eso: intervals of its estimates.",
         ),
     ] = "bank",
     time: options.Time = None,
@@ -49,7 +49,7 @@ def calibrate(
     report: options.ReportFile = None,
     json: options.Json = False,
 ) -> None:
-    """Find the alarm limit on healthy logs and add it to the model."""
+    """Find noise, model error and alarm level on healthy logs and add them to the model."""
     from faultgauge.detection.calibration import calibrate as find_limit
     from faultgauge.detection.calibration_words import summary
     from faultgauge.plants.model import load_model, save_model

@@ -36,7 +36,7 @@ def estimate(
         str,
         typer.Option(
             "--observer",
-            help="bank: which faults, how big, how probable; eso: estimates under one limit.",
+            help="bank: which faults, how big, how probable; eso: estimates alone.",
         ),
     ] = "bank",
     reference: Annotated[
@@ -151,30 +151,24 @@ def _estimate(
     json: bool,
     warned: list[str],
 ) -> None:
-    """An estimate for every fault, each by an observer of its own, under one limit."""
-    from faultgauge.detection import drift, estimation, misfit
+    """An estimate for every fault, each by an observer of its own."""
+    from faultgauge.detection import estimation
     from faultgauge.telemetry.writing import write_table
 
     with options.narrate("estimating"):
-        judgements, bank = estimation.estimate(model, runs, observer=observer, reference=reference)
-    write_table(estimation.table(judgements, model.plant.signals.fault_names), out)
-    odd = misfit.alarmed_throughout({each.run.name: each.status for each in judgements})
-    options.warn([*bank.refused.values(), *odd])
-    drifting = drift.drifts(model, judgements)
-    slow = drift.sentences(drifting)
+        estimated, bank = estimation.estimate(model, runs, observer=observer, reference=reference)
+    write_table(estimation.table(estimated, model.plant.signals.fault_names), out)
+    options.warn(bank.refused.values())
     if report is not None:
         from faultgauge.reporting.chapters import estimate_report
-        from faultgauge.reporting.report import with_sentences, write
+        from faultgauge.reporting.report import write
 
-        write(with_sentences(estimate_report(model, judgements, bank, reference), slow), report)
-    found = [event for judgement in judgements for event in judgement.events]
+        write(estimate_report(model, estimated, bank, reference), report)
+    said = estimation.sentence(model)
     if json:
-        said = {"answer": estimation.sentences(model, found), "drift": drift.as_dicts(drifting)}
-        said |= {"warnings": [*warned, *odd]}
-        options.print_json({"events": estimation.as_dicts(found), **said})
+        options.print_json({"answer": [said], "events": [], "drift": [], "warnings": warned})
         return
-    for line in [*estimation.sentences(model, found), *slow]:
-        options.tell(line)
+    options.tell(said)
     options.say(f"wrote {out}")
 
 
@@ -207,7 +201,7 @@ def _decide(
         seen = [each for one in judged for each in retrospective.retrospect(bank, one)]
         told = [(one, event) for one in decided for event in one.events]
         most = None if folder else MOST_SHOWN if report else 0
-        drifting = drift.bank_drifts(bank, decided)
+        drifting = drift.drifts(bank, decided)
         slow = drift.sentences(drifting)
         windows = [evidence(bank, one, event) for one, event in told[:most]]
     paths = evidence_files(windows, folder) if folder else []

@@ -15,8 +15,8 @@ from faultgauge.errors import InputError
 
 if TYPE_CHECKING:
     from faultgauge.detection.misfit import Misfit
-    from faultgauge.detection.online import Said
     from faultgauge.detection.residual import Reference
+    from faultgauge.detection.stream import Said
     from faultgauge.plants.model import Model
 
 __all__ = ["answer"]
@@ -38,14 +38,14 @@ def answer(
     if view and not sys.stderr.isatty():
         raise InputError("--view draws on standard error, which is no terminal here; leave it out.")
     from faultgauge.detection import estimation
-    from faultgauge.detection.online import Online
+    from faultgauge.detection.stream import Stream
     from faultgauge.detection.uncalibrated import uncalibrated, unjudged_sentence
     from faultgauge.identification.samples import column_names
     from faultgauge.plants.model import load_model
     from faultgauge.telemetry.stream import read_stream
 
     fitted = load_model(model)
-    online = Online(fitted, observer=observer, reference=reference)
+    stream = Stream(fitted, observer=observer, reference=reference)
     required, optional = column_names(fitted.plant.signals)
     skipped = Skipped()
     leave_out = {} if strict else {"skip": skipped}
@@ -60,17 +60,16 @@ def answer(
             **leave_out,
         )
         lines = stack.enter_context(_opened(events)) if events else None
-        shown = stack.enter_context(View(fitted, observer)) if view else None
-        speaker = _Speaker(fitted, observer, form, lines, shown)
+        shown = stack.enter_context(View(fitted)) if view else None
+        speaker = _Speaker(fitted, form, lines, shown)
         if observer == "bank" and uncalibrated(fitted):
             options.say(unjudged_sentence(fitted))
-        elif observer != "bank" and estimation.limits_in(fitted) is None:
-            options.say(estimation.sentences(fitted, [])[0])
+        elif observer != "bank":
+            options.say(estimation.sentence(fitted))
         for sample in samples:
-            speaker.say(online.push(sample))
-        speaker.say(online.finish())
-    if online.bank is not None:
-        options.warn(online.bank.refused.values())
+            speaker.say(stream.push(sample))
+        speaker.say(stream.finish())
+    options.warn(stream.refused)
 
 
 def _opened(path: Path) -> IO[str]:
@@ -86,13 +85,11 @@ class _Speaker:
     def __init__(
         self,
         model: "Model",
-        observer: str,
         form: str,
         lines: IO[str] | None,
         view: View | None,
     ) -> None:
         self.model, self.lines, self.view = model, lines, view
-        self.above = "" if observer == "bank" else " above its limit"
         self.units = {fault.name: fault.unit for fault in model.plant.signals.faults}
         # a view and rows on the same terminal would overwrite each other
         self.writer = None if view and sys.stdout.isatty() else RowWriter(form)
@@ -103,8 +100,8 @@ class _Speaker:
 
         faults = self.model.plant.signals.fault_names
         for each in said:
-            if isinstance(each, estimation.Judgement | decisions.Decision):
-                if isinstance(each, estimation.Judgement):
+            if isinstance(each, estimation.Estimated | decisions.Decision):
+                if isinstance(each, estimation.Estimated):
                     columns = estimation.table([each], faults)
                 else:
                     columns = decisions.table([each], faults)
@@ -119,25 +116,23 @@ class _Speaker:
                 self.event(each)
 
     def event(self, said: "Said") -> None:
-        from faultgauge.detection import decisions, estimation
-        from faultgauge.detection.episode import Alarm
+        from faultgauge.detection import decisions
+        from faultgauge.detection.events import Alarm, BankEvent
 
-        assert isinstance(said, Alarm | estimation.Event | decisions.BankEvent)
-        what = "alarm" if isinstance(said, Alarm) else "event"
+        assert isinstance(said, Alarm | BankEvent)
+        alarm = isinstance(said, Alarm)
         if self.lines:
-            bank = isinstance(said, decisions.BankEvent)
-            content = decisions.as_dicts([said])[0] if bank else asdict(said)
-            print(json.dumps({"said": what, **content}, allow_nan=False), file=self.lines)
+            content = asdict(said) if alarm else decisions.as_dicts([said])[0]
+            line = {"said": "alarm" if alarm else "event", **content}
+            print(json.dumps(line, allow_nan=False), file=self.lines)
         unit = self.units.get(said.fault, "")
-        if isinstance(said, estimation.Event):
-            text = f"event: {estimation.sentence(said, unit)}"
-        elif isinstance(said, decisions.BankEvent):
+        if isinstance(said, BankEvent):
             text = f"event: {decisions.sentence(said, unit)}"
         elif said.size is None:
             text = f"alarm: a fault that is not declared since {said.start:.6g} s"
         else:
             size = f"{said.size:+.3g} {unit}".rstrip()
-            text = f"alarm: {said.fault}{self.above} since {said.start:.6g} s ({size})"
+            text = f"alarm: {said.fault} since {said.start:.6g} s ({size})"
         if self.view:
             self.view.event(text)
         else:

@@ -21,16 +21,13 @@ BLOCKS = "▁▂▃▄▅▆▇█"
 class View:
     """Draws the newest row and the course of every residual and estimate; a context manager."""
 
-    def __init__(self, model: "Model", observer: str) -> None:
+    def __init__(self, model: "Model") -> None:
         from rich.console import Console
         from rich.live import Live
 
         signals = model.plant.signals
         self.units = {f"r_{each.name}": each.unit for each in signals.outputs}
         self.units |= {f"f_{each.name}": each.unit for each in signals.faults}
-        known = (model.calibration or {}).get("channels", {})
-        self.by_bank = observer == "bank"
-        self.limits = {f"f_{name}": channel["limit"] for name, channel in known.items()}
         self.traces: dict[str, deque[float | None]] = {}
         self.newest: dict[str, Any] = {}
         self.events: deque[str] = deque(maxlen=EVENTS)
@@ -73,26 +70,22 @@ class View:
         status = self.newest.get("status", "")
         reason = self.newest.get("reason") or ""
         table = Table(title=f"t = {self.newest.get('t', 0.0):.6g} s   {status}   {reason}".rstrip())
-        for head in ("", "value", "95 %", "p" if self.by_bank else "limit", "unit", "course"):
+        for head in ("", "value", "95 %", "p", "unit", "course"):
             table.add_column(head, justify="left" if head in ("", "unit", "course") else "right")
         for name, trace in self.traces.items():
             high, value = self.newest.get(f"{name}_hi"), self.newest[name]
             width = None if high is None or value is None else high - value
-            told, above = self._judged(name, value)
+            told, likely = self._judged(name)
             cells = (name, _number(value), _number(width), told, self.units[name])
-            table.add_row(*cells, _course(trace), style="bold red" if above else "")
+            table.add_row(*cells, _course(trace), style="bold red" if likely else "")
         return table
 
-    def _judged(self, name: str, value: float | None) -> tuple[str, bool]:
-        """What an estimate is judged by, and whether it speaks of a fault."""
+    def _judged(self, name: str) -> tuple[str, bool]:
+        """The probability of a fault, and whether it is likely to be there."""
         from faultgauge.detection.probability import probability
 
-        if self.by_bank:
-            p = self.newest.get(f"p_{name.removeprefix('f_')}") if name.startswith("f_") else None
-            return ("", False) if p is None else (probability(p), p >= LIKELY)
-        limit = self.limits.get(name)
-        above = limit is not None and value is not None and abs(value) > limit
-        return _number(limit), above
+        p = self.newest.get(f"p_{name.removeprefix('f_')}") if name.startswith("f_") else None
+        return ("", False) if p is None else (probability(p), p >= LIKELY)
 
 
 def _number(value: float | None) -> str:

@@ -28,7 +28,7 @@ from faultgauge.telemetry import Run
 __all__ = ["answer", "answers", "as_dicts", "first_screen", "least_told", "runs_as_dicts", "told"]
 
 POSSIBLE = 20.0  # odds up to which something undeclared is spoken of: nobody can list it all
-WHOLE = 0.99  # share of a log from which on all of it counts as judged
+WHOLE = 0.95  # share of a log from which on all of it counts as judged: a start is always held off
 SPOKEN = 3  # silent stretches that a sentence names
 LINES = 4  # of a first screen
 

@@ -54,7 +54,8 @@ LONG = 200  # samples that an onset is remembered by default
 class FaultBank:
     """The branches of a model's faults.
 
-    `sets` of faults, healthy first and the unknown not among them; `size` the widest prior of each
+    `sets` of faults, healthy first and the unknown not among them; `rows` between the samples of
+    each of `outputs` (1 but for slow sensors); `size` the widest prior of each
     fault and `onset` its rate [1/s]; `knowledge` how well a fault is known by when; `level` are the
     log-odds of a fault from which on there is an alarm; `hold_off` in s;
     `regions` are what its networks were trained on.
@@ -67,6 +68,7 @@ class FaultBank:
     onset: Float[np.ndarray, "faults"]
     noise: Noise
     outputs: tuple[str, ...]
+    rows: tuple[int, ...]
     step: float
     knowledge: Knowledge
     level: float
@@ -114,6 +116,7 @@ def build_fault_bank(
     evaluated = evaluated_faults(signals)
     step = float(np.median([run.step for run in runs]))
     outputs = measured_outputs(model, runs)
+    rows = tuple(rows_between(runs, name) for name in outputs)
     found = (model.calibration or {}).get("bank", {})
     if healthy is None:
         healthy = float(found.get("healthy_s", sum(run.t[-1] - run.t[0] for run in runs)))
@@ -124,9 +127,7 @@ def build_fault_bank(
     growing = tuple(k for k in evaluated if signals.faults[k].rate is not None)
     sets = fault_sets(evaluated, signals.max_simultaneous)
     more, less = _changes(sets, signals, len(undeclared), growing)
-    knowledge = knowledge_of(
-        model, plant, noise, size, step, outputs, [rows_between(runs, n) for n in outputs], healthy
-    )
+    knowledge = knowledge_of(model, plant, noise, size, step, outputs, rows, healthy)
     modes = Branching(
         filter=DividedDifferenceFilter(
             plant,
@@ -150,8 +151,8 @@ def build_fault_bank(
     )
     wait = signals.detection.hold_off
     return FaultBank(
-        model, modes, sets, size[: len(signals.faults)], onset, noise, outputs, step, knowledge,
-        float(found.get("level", CERTAIN)), HOLD_OFF * step if wait is None else wait,
+        model, modes, sets, size[: len(signals.faults)], onset, noise, outputs, rows, step,
+        knowledge, float(found.get("level", CERTAIN)), HOLD_OFF * step if wait is None else wait,
         regions_of(model, outputs),
     )  # fmt: skip
 

@@ -34,11 +34,10 @@ from faultgauge.detection.blocks import (
     allowed_peaks,
     merged,
 )
-from faultgauge.detection.course import run_over
 from faultgauge.detection.noise import Noise
-from faultgauge.detection.posterior import calm_of
 from faultgauge.detection.priors import AT_START, RARE
 from faultgauge.detection.verdicts import log_odds
+from faultgauge.detection.watch import Watch
 from faultgauge.errors import InputError
 from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run, cut
@@ -205,10 +204,11 @@ def _scores(
     bank: FaultBank, run: Run
 ) -> list[tuple[str, Float[np.ndarray, "samples"], Float[np.ndarray, "samples"]]]:
     """(run, t, score) of every stretch of `run` behind its hold-off."""
-    score = np.full(len(run.t), np.nan)
-    for rows in run_over(bank, run):
-        odds = np.maximum(log_odds(calm_of(bank, rows.p)), LOWEST)
-        score[rows.part] = np.where(rows.held, np.nan, np.where(rows.outside > 0, LOWEST, odds))
+    watch = Watch(bank.model, tuple(run.columns), run.step, bank=bank)
+    found = watch.along(watch.init(averaged=run.resampled is not None), run)[1].posterior
+    odds = np.maximum(np.asarray(log_odds(found.calm)), LOWEST)
+    score = np.where(found.held | ~np.isfinite(found.calm), np.nan, odds)
+    score = np.where(np.isfinite(score) & ~found.inside, LOWEST, score)
     count = 1 + int(np.ceil(bank.model.plant.signals.detection.persistence / bank.step))
     edges = np.flatnonzero(np.diff(np.isfinite(score), prepend=False, append=False))
     found = []

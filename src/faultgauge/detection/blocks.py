@@ -10,11 +10,8 @@ from scipy.stats import chi2
 from faultgauge.errors import InputError
 
 __all__ = [
-    "BLOCK_TIMES",
     "CONFIDENCE",
     "FEWEST_BLOCKS",
-    "MARGIN",
-    "SUSPECT",
     "Block",
     "allowed_peaks",
     "correlation_time",
@@ -22,10 +19,7 @@ __all__ = [
     "supported",
 ]
 
-BLOCK_TIMES = 10.0  # correlation times per block
 FEWEST_BLOCKS = 3
-SUSPECT = 8.0  # robust standard deviations above the median peak
-MARGIN = 3.0  # standard deviations of the blocks' peaks between the highest peak and the limit
 CONFIDENCE = 0.95
 
 

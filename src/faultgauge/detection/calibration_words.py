@@ -13,21 +13,17 @@ def summary(model: Model) -> list[str]:
     """A line for each thing that a user should know of a calibrated `model`."""
     block = model.calibration or {}
     if "bank" not in block:
-        return _limits(model)
+        return _intervals(model)
     return [*errors(model), *_priors(model), _level(model)]
 
 
-def _limits(model: Model) -> list[str]:
+def _intervals(model: Model) -> list[str]:
     block, units = model.calibration or {}, _units(model)
-    lines = [
-        f"{name}: limit {channel['limit']:.4g} {units.get(name, '')}".rstrip()
+    return [
+        f"{name}: 95 % of the healthy estimates lie within +-"
+        f"{channel['interval']:.4g} {units.get(name, '')}".rstrip()
         for name, channel in block["channels"].items()
     ]
-    rate = (
-        f"from {block['blocks']} healthy blocks ({block['judged_s']:.4g} s): false alarms at most "
-        f"once in {block['mtbfa_s']:.4g} s (95 % confidence)"
-    )
-    return [*lines, rate]
 
 
 def errors(model: Model) -> list[str]:

@@ -10,12 +10,10 @@ from jaxtyping import Bool, Float
 
 from faultgauge.detection.bank import FaultBank
 from faultgauge.detection.decisions import Decision
-from faultgauge.detection.flat_line import FlatLine
 from faultgauge.detection.judged import start_from_samples
 from faultgauge.detection.knowledge import longest_delay
 from faultgauge.detection.verdicts import FAULT, NAMED
 from faultgauge.detection.window import Causes, Window, causes_in, shocks_of, window_of
-from faultgauge.identification.samples import in_effect
 from faultgauge.telemetry import Run, segments
 
 __all__ = ["causes_of", "total", "windows_of"]
@@ -31,8 +29,7 @@ def total(weight: Float[np.ndarray, "..."]) -> float:
 
 def windows_of(bank: FaultBank, decision: Decision) -> Iterator[Window]:
     """The windows of a judged run that have samples to judge, in order."""
-    run = in_effect(bank.model.plant.signals, decision.run)
-    run, _ = FlatLine(bank.model, sized=True).used(run)
+    run = decision.used
     believed = _believed(bank, decision)
     for part in _windows(bank, decision, run):
         window = _window(bank, run, part, believed)

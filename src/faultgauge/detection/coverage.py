@@ -12,7 +12,6 @@ at a time, since samples that follow each other say nothing of one another.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import equinox as eqx
@@ -60,29 +59,26 @@ class Arguments(eqx.Module):
         return None, jnp.stack([jnp.stack([jnp.asarray(a, float) for a in row]) for row in rows])
 
 
-@dataclass(frozen=True)
-class Region:
-    """What training covered of the arguments of the network `name`, as the plant file calls it."""
+class Region(eqx.Module):
+    """What training covered of the arguments of the network `name`, as the plant file calls it:
+    its `points`, in units of `scale`, and what lies within `reach` of one of them."""
 
-    name: str
+    name: str = eqx.field(static=True)
     arguments: Arguments
     scale: Float[np.ndarray, "arguments"]
-    tree: KDTree
-    reach: float
+    points: Float[np.ndarray, "points arguments"]
+    reach: Float[np.ndarray, ""]
 
     def holds(
         self,
-        x: Float[np.ndarray, "samples states"],
-        u: Float[np.ndarray, "samples inputs"],
-        driven: Float[np.ndarray, "samples states"],
-    ) -> Bool[np.ndarray, "samples"]:
+        x: Float[Array, "states"],
+        u: Float[Array, "inputs"],
+        driven: Float[Array, "states"],
+    ) -> Bool[Array, ""]:
         """Whether the arguments of every call are covered."""
-        found = follow(self.arguments, None, (x, u, driven))[1] / self.scale
-        finite = np.isfinite(found).all(axis=-1)
-        nearest = self.tree.query(
-            np.where(finite[..., None], found, 0.0), p=np.inf, distance_upper_bound=self.reach
-        )[0]
-        return np.asarray((finite & np.isfinite(nearest)).all(axis=1))
+        found = self.arguments.step(None, x, u, driven)[1] / self.scale
+        apart = jnp.max(jnp.abs(found[:, None] - self.points), axis=2)
+        return jnp.all(jnp.min(apart, axis=1) <= self.reach)  # NaN is not
 
 
 def regions_of(model: Model, outputs: Sequence[str]) -> tuple[Region, ...]:
@@ -112,7 +108,7 @@ def _region(
     scaled = found / scale
     reach = max(MARGIN, _left_open(scaled))
     name = " and ".join(f"{network}({', '.join(map(text, call))})" for call in arguments.calls)
-    return Region(name, arguments, scale, KDTree(np.concatenate(scaled)), reach)
+    return Region(name, arguments, scale, np.concatenate(scaled), np.asarray(reach))
 
 
 def _left_open(points: Float[np.ndarray, "points calls arguments"]) -> float:

@@ -1,7 +1,7 @@
 """`estimate`: one posterior per run, its events, and the columns of the table."""
 
-from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
 from datetime import timedelta
 from typing import Any
 
@@ -9,22 +9,24 @@ import numpy as np
 from jaxtyping import Float
 
 from faultgauge.detection.bank import FaultBank, build_fault_bank, evaluated_faults
-from faultgauge.detection.course import Rows, run_over
 from faultgauge.detection.events import BankEvent, Judged, events
-from faultgauge.detection.flat_line import FlatLine
+from faultgauge.detection.intake import with_taken
 from faultgauge.detection.noise import noise_of
-from faultgauge.detection.posterior import Posterior, posterior_of, untrusted
+from faultgauge.detection.posterior import Posterior
 from faultgauge.detection.probability import probability
-from faultgauge.detection.residual import Reference, residuals
+from faultgauge.detection.residual import Reference, residuals_of
 from faultgauge.detection.uncalibrated import prior_of, uncalibrated
-from faultgauge.detection.verdicts import NOT_JUDGED, Verdicts
+from faultgauge.detection.verdicts import NOT_JUDGED
+from faultgauge.detection.watch import Watch
 from faultgauge.identification.samples import in_effect
 from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run
+from faultgauge.telemetry.dead_time import check_delays
 from faultgauge.telemetry.runs import paced
 
 __all__ = [
     "Decision",
+    "Watching",
     "as_dicts",
     "decide",
     "decide_runs",
@@ -36,7 +38,8 @@ __all__ = [
 
 @dataclass(frozen=True)
 class Decision:
-    """One run judged by the bank."""
+    """One run judged by the bank; `used` is what of it was believed: inputs as they act, outputs
+    but for those that stand still."""
 
     run: Run
     posterior: Posterior
@@ -44,6 +47,7 @@ class Decision:
     status: list[str]
     reason: list[str]
     events: list[BankEvent]
+    used: Run
 
 
 def decide_runs(
@@ -54,38 +58,49 @@ def decide_runs(
     runs = [paced(run) for run in runs]
     if uncalibrated(model):
         evaluated_faults(model.plant.signals)
-        return [unjudged(model, run, residuals(model, run, reference)) for run in runs], None
+        used = [in_effect(model.plant.signals, run) for run in runs]
+        r = [residuals_of(model, each, reference) for each in used]
+        return [unjudged(model, *each) for each in zip(runs, used, r, strict=True)], None
     bank = build_fault_bank(model, runs, noise_of(model))
     return [decide(bank, run, reference) for run in runs], bank
 
 
-def unjudged(model: Model, run: Run, r: dict[str, Float[np.ndarray, "samples"]]) -> Decision:
+def unjudged(
+    model: Model, run: Run, used: Run, r: dict[str, Float[np.ndarray, "samples"]]
+) -> Decision:
     """`run` where nothing was calibrated for the bank: its residuals `r` alone."""
     count = len(run.t)
     why = [uncalibrated(model)] * count
-    return Decision(run, prior_of(model, run), r, [NOT_JUDGED] * count, why, [])
+    return Decision(run, prior_of(model, run), r, [NOT_JUDGED] * count, why, [], used)
 
 
-def decide(bank: FaultBank, run: Run, reference: Reference = "free") -> Decision:
-    """Judge one run."""
-    p = np.full(
-        (len(run.t), len(bank.sets) + 1), np.nan, np.float32
-    )  # halves what a long log takes
+def decide(bank: FaultBank, run: Run, reference: Reference | None = "free") -> Decision:
+    """Judge one run; without residuals where there is no `reference`."""
+    signals = bank.model.plant.signals
+    check_delays(run, {each.name: each.delay for each in signals.inputs})
+    watching = Watching(bank, run)
+    judged, decision = watching.push(run)
+    inputs = {name: decision.used.columns[name] for name in signals.input_names}
+    acting = replace(run, columns=run.columns | inputs)
+    r = {} if reference is None else residuals_of(bank.model, acting, reference)
+    return replace(decision, residuals=r, events=events(bank, judged))
 
-    used, standing = FlatLine(bank.model, sized=True).used(run)
 
-    def noted() -> Iterator[Rows]:
-        for rows in run_over(bank, used):
-            p[rows.part] = rows.p
-            yield rows
+class Watching:
+    """The watch along one run or stream."""
 
-    found = posterior_of(bank, run, noted())
-    verdict = Verdicts(bank).judge(used, found, standing)
-    found = untrusted(bank, found, verdict.status)
-    r = residuals(bank.model, run, reference)
-    acting = in_effect(bank.model.plant.signals, used)
-    said = events(bank, Judged(acting, found, verdict, p))
-    return Decision(run, found, r, verdict.status, verdict.reason, said)
+    def __init__(self, bank: FaultBank, run: Run) -> None:
+        self.model = bank.model
+        self.watch = Watch(bank.model, tuple(run.columns), run.step, bank=bank)
+        self.state = self.watch.init(averaged=run.resampled is not None)
+
+    def push(self, rows: Run) -> tuple[Judged, Decision]:
+        """The next `rows`, however many; residuals and events are left open."""
+        self.state, row = self.watch.along(self.state, rows)
+        status, reason = self.watch.words(row.verdict)
+        used = with_taken(self.model, rows, row.taken, outputs=True)
+        found = Judged(used, row.posterior, row.verdict, row.sets.astype(np.float32))
+        return found, Decision(rows, row.posterior, {}, status, reason, [], used)
 
 
 def table(decisions: Sequence[Decision], faults: Sequence[str]) -> dict[str, list[Any]]:

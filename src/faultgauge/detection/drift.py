@@ -1,12 +1,11 @@
 """A slow change of the healthy plant: a test on the samples that nothing alarmed.
 
-What the bank takes for the model's own error (an observer: the healthy estimate of every fault, or,
-where a plant declares none, the residual) is averaged over blocks of at least ten correlation times
-of what the fit leaves, and the means over time are fitted by
+What the bank takes for the model's own error is averaged over blocks of at least ten correlation
+times of what the fit leaves, and the means over time are fitted by
 
     x_b = a + s t_b + e_b,      s / sd(s) ~ Student's t with B - 2 degrees of freedom.
 
-A change counts where it is beyond chance and larger than the healthy estimate itself usually is;
+A change counts where it is beyond chance and larger than twice the learned size;
 so does a mean that stands off zero. A slow change of the plant and a slowly growing fault look
 alike; they are told apart
 
@@ -26,14 +25,13 @@ from jaxtyping import Bool, Float
 from scipy.stats import t as student
 
 from faultgauge.detection.bank import FaultBank
-from faultgauge.detection.calibration import correlation_time
+from faultgauge.detection.blocks import correlation_time
 from faultgauge.detection.decisions import Decision
-from faultgauge.detection.estimation import Judgement
 from faultgauge.detection.noise import drifting_of
 from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run
 
-__all__ = ["Drift", "Trend", "as_dicts", "bank_drifts", "drifts", "sentences", "trend"]
+__all__ = ["Drift", "Trend", "as_dicts", "drifts", "sentences", "trend"]
 
 BLOCK_TIMES = 10.0  # correlation times per block
 FEWEST_BLOCKS = 8
@@ -140,24 +138,7 @@ def _slope(
     return slope, sd, float(2 * student.sf(abs(slope) / max(sd, 1e-300), free))
 
 
-def drifts(model: Model, judgements: Sequence[Judgement]) -> list[Drift]:
-    """Drifts of an observer's estimates in judged runs. None for a model without calibration."""
-    known = (model.calibration or {}).get("channels", {})
-    units = {fault.name: fault.unit for fault in model.plant.signals.faults}
-    found = []
-    for each in judgements:
-        healthy = np.array(each.status) == "HEALTHY"
-        channels = {n: x for n, x in (each.f or each.residuals).items() if n in known}
-        chance = CHANCE / max(len(channels), 1)
-        for name, x in channels.items():
-            seen = trend(each.run, x, healthy, _measured(model, each.run), chance)
-            if seen is not None:
-                scale = float(known[name]["scale"])
-                found += _drift(each.run.name, name, units.get(name, ""), seen, scale, chance)
-    return found
-
-
-def bank_drifts(bank: FaultBank, decisions: Sequence[Decision]) -> list[Drift]:
+def drifts(bank: FaultBank, decisions: Sequence[Decision]) -> list[Drift]:
     """Drifts of what the bank tracks beside all faults: the discrepancy of every dynamic state,
     against its learned size, and parameters that may drift."""
     signals, plant = bank.model.plant.signals, bank.plant

@@ -7,74 +7,107 @@ command inside speaks for or against the healthy plant; and in a closed loop a f
 command, while what is applied stays where it was.
 """
 
-from collections.abc import Sequence
+from typing import NamedTuple
 
+import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Array, Float, Int
 
 from faultgauge.detection.coverage import Region
 from faultgauge.plants.model import Model
+from faultgauge.plants.signals import Signals
 
-__all__ = ["applied", "bounds_of", "outside"]
-
-
-def bounds_of(model: Model) -> list[tuple[str, str, int, float, float]]:
-    """(name, "state" or "input", its place, low, high) of whatever the plant file bounds."""
-    signals = model.plant.signals
-    kinds = (("state", signals.states), ("input", signals.inputs))
-    return [
-        (each.name, kind, k, *each.trusted)
-        for kind, many in kinds
-        for k, each in enumerate(many)
-        if each.trusted is not None
-    ]
+__all__ = ["Applied", "Bound", "Envelope", "bounds_of"]
 
 
-def outside(
-    model: Model,
-    regions: Sequence[Region],
-    x: Float[np.ndarray, "samples states"],
-    u: Float[np.ndarray, "samples inputs"],
-    acting: Float[np.ndarray, "samples inputs"],
-    driven: Float[np.ndarray, "samples states"],
-) -> Int[np.ndarray, "samples"]:
-    """0 where the model is trusted, else 1 + the place of what was left among the networks'
-    `regions` and, behind them, `bounds_of` the file."""
-    found = np.zeros(len(x), int)
-    for k, region in enumerate(regions, 1):
-        out = np.flatnonzero(~region.holds(x, u, np.zeros_like(driven)) & (found == 0))
-        if len(out):
-            out = out[~region.holds(x[out], acting[out], driven[out])]
-        found[out] = k
-    for k, (_, kind, at, low, high) in enumerate(bounds_of(model), 1 + len(regions)):
-        many = (x,) if kind == "state" else (u, acting)
-        out = np.all([(each[:, at] < low) | (each[:, at] > high) for each in many], axis=0)
-        found[out & (found == 0)] = k
-    return found
+class Bound(NamedTuple):
+    """What the plant file bounds: state or input `name`, its place among [states, inputs]."""
+
+    name: str
+    at: int
+    low: float
+    high: float
 
 
-def applied(
-    model: Model,
-    u: Float[np.ndarray, "samples inputs"],
-    p: Float[np.ndarray, "samples sets"],
-    f: Float[np.ndarray, "samples sets faults"],
-) -> tuple[Float[np.ndarray, "samples inputs"], Float[np.ndarray, "samples states"]]:
-    """(the inputs as they act, what is added to the states' derivatives) with the posterior means
-    of the faults in every set, as `respond` has them."""
-    signals = model.plant.signals
-    gain, extra = np.ones(u.shape), np.zeros(u.shape)
-    driven = np.zeros((len(u), len(signals.states)))
-    mean = np.einsum("ts,tsf->tf", p, f)
-    for k, fault in enumerate(signals.faults):
-        size = np.clip(mean[:, k], fault.min, fault.max)
-        match fault.enters:
-            case "gain":
-                gain[:, signals.input_names.index(fault.target)] *= 1 - size
-            case "input":
-                extra[:, signals.input_names.index(fault.target)] += size
-            case "state":
-                driven[:, signals.state_names.index(fault.target)] += size
-            case _:
-                pass
-    low, high = [e.min for e in signals.inputs], [e.max for e in signals.inputs]
-    return np.clip(gain * u + extra, low, high) if signals.inputs else u, driven
+def bounds_of(signals: Signals) -> list[Bound]:
+    """Whatever the plant file bounds."""
+    every = enumerate((*signals.states, *signals.inputs))
+    return [Bound(each.name, k, *each.trusted) for k, each in every if each.trusted is not None]
+
+
+class Applied(eqx.Module):
+    """What faults make of the inputs and of the states' derivatives, as `respond` has them: which
+    fault is a `gain` of an input, adds to an `extra` input, or to a state it has `driven`."""
+
+    gain: Float[np.ndarray, "inputs faults"]
+    extra: Float[np.ndarray, "inputs faults"]
+    driven: Float[np.ndarray, "states faults"]
+    limits: Float[np.ndarray, "two inputs"]
+    low: Float[np.ndarray, "faults"]
+    high: Float[np.ndarray, "faults"]
+
+    @staticmethod
+    def of(signals: Signals) -> "Applied":
+        def places(enters: str, names: tuple[str, ...]) -> np.ndarray:
+            found = [[f.enters == enters and f.target == n for f in signals.faults] for n in names]
+            return np.array(found, float).reshape(len(names), len(signals.faults))
+
+        return Applied(
+            places("gain", signals.input_names),
+            places("input", signals.input_names),
+            places("state", signals.state_names),
+            np.array([[e.min for e in signals.inputs], [e.max for e in signals.inputs]], float),
+            np.array([fault.min for fault in signals.faults]),
+            np.array([fault.max for fault in signals.faults]),
+        )
+
+    def __call__(
+        self,
+        u: Float[Array, "inputs"],
+        p: Float[Array, "sets"],
+        f: Float[Array, "sets faults"],
+    ) -> tuple[Float[Array, "inputs"], Float[Array, "states"]]:
+        """(the inputs as they act, what is added to the states' derivatives) with the posterior
+        means of the faults `f` in every set, of probability `p`."""
+        size = jnp.clip(p @ f, self.low, self.high)
+        kept = jnp.prod(1 - self.gain * size, axis=1)
+        acting = jnp.clip(kept * u + self.extra @ size, self.limits[0], self.limits[1])
+        return acting, jnp.asarray(self.driven @ size)
+
+
+class Envelope(eqx.Module):
+    """The networks' `regions` and, behind them, the `low` and `high` that the file gives for some
+    of [states, inputs] (`at`)."""
+
+    regions: tuple[Region, ...]
+    applied: Applied
+    low: Float[np.ndarray, "bounds"]
+    high: Float[np.ndarray, "bounds"]
+    at: tuple[int, ...] = eqx.field(static=True)
+
+    @staticmethod
+    def of(model: Model, regions: tuple[Region, ...]) -> "Envelope":
+        signals = model.plant.signals
+        bounds = bounds_of(signals)
+        low, high = (np.array([getattr(b, end) for b in bounds], float) for end in ("low", "high"))
+        return Envelope(regions, Applied.of(signals), low, high, tuple(b.at for b in bounds))
+
+    def outside(
+        self,
+        x: Float[Array, "states"],
+        u: Float[Array, "inputs"],
+        p: Float[Array, "sets"],
+        f: Float[Array, "sets faults"],
+    ) -> Int[Array, ""]:
+        """0 where the model is trusted, else 1 + the place of the first that was left."""
+        if not self.regions and not self.at:
+            return jnp.zeros((), int)
+        acting, driven = self.applied(u, p, f)
+        either = ((u, jnp.zeros_like(driven)), (acting, driven))
+        covered = [each.holds(x, *either[0]) | each.holds(x, *either[1]) for each in self.regions]
+        at = np.array(self.at, int)
+        for_all = [jnp.concatenate([x, each])[at] for each, _ in either]
+        within = [(each >= self.low) & (each <= self.high) for each in for_all]
+        trusted = jnp.concatenate([jnp.array(covered, bool).reshape(-1), within[0] | within[1]])
+        return jnp.where(jnp.all(trusted), 0, jnp.argmin(trusted) + 1)

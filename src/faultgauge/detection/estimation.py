@@ -1,69 +1,41 @@
-"""`estimate`: a row per sample, a status that can say "not judged", and events."""
+"""`estimate --observer NAME`: what an observer alone says of every fault, and how far that holds.
 
-from collections.abc import Collection, Sequence
-from dataclasses import asdict, dataclass
+It decides nothing: which fault it is, whether there is one and since when is the posterior's.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from faultgauge.detection.calibration import channels_of, score
+from faultgauge.detection.along import Along, placed
 from faultgauge.detection.flat_line import standing_still
-from faultgauge.detection.judged import Bank, Estimates, build_bank, estimate_run
-from faultgauge.detection.residual import Reference, residuals
+from faultgauge.detection.intake import Intake, slow_outputs, with_taken
+from faultgauge.detection.judged import Bank, build_bank
+from faultgauge.detection.residual import Reference, Residuals
+from faultgauge.detection.verdicts import NOT_JUDGED
 from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run
 from faultgauge.telemetry.runs import paced
 
-__all__ = [
-    "Event",
-    "Judgement",
-    "Limits",
-    "as_dicts",
-    "estimate",
-    "events",
-    "judged",
-    "limits_in",
-    "pause",
-    "sentence",
-    "sentences",
-    "table",
-]
+__all__ = ["ALONE", "Estimated", "Observing", "estimate", "intervals_in", "sentence", "table"]
 
-HEALTHY, FAULT, NOT_JUDGED = "HEALTHY", "FAULT", "NOT_JUDGED"
-MERGE = 2.0  # pauses shorter than this many 1 / omega_o do not end an event
-SETTLING = 5.0  # of an event, in 1 / omega_o, left out of its size where it lasts longer
+ALONE = "an observer alone gives an estimate, no decision"
 
 
 @dataclass(frozen=True)
-class Event:
-    """A stretch above the limit. Times in s, size in the fault's unit with its 95 % interval.
-
-    `fault` is the hypothesis whose estimate stands highest above its limit. `p` stays None: one
-    observer gives no probability.
-    """
-
-    run: str
-    fault: str
-    start: float
-    end: float
-    size: float
-    lo: float
-    hi: float
-    p: float | None = None
-
-
-@dataclass(frozen=True)
-class Judgement:
-    """One run judged: everything that `estimate` writes, one row per sample."""
+class Estimated:
+    """One run, one row per sample: an estimate of every fault, NaN where there is none, and half
+    the width of its 95 % interval where one was calibrated; `settled` outside of a hold-off."""
 
     run: Run
     residuals: dict[str, Float[np.ndarray, "samples"]]
     f: dict[str, Float[np.ndarray, "samples"]]
     half_width: dict[str, float]
-    status: list[str]
+    settled: Bool[np.ndarray, "samples"]
     reason: list[str]
-    events: list[Event]
 
 
 def estimate(
@@ -72,153 +44,63 @@ def estimate(
     *,
     observer: str = "eso",
     reference: Reference = "free",
-) -> tuple[list[Judgement], Bank]:
-    """Judge `runs` with the model's calibration; without one every row is NOT_JUDGED.
+) -> tuple[list[Estimated], Bank]:
+    """Estimates of every declared fault along `runs`, each by an observer of its own.
 
     `reference` chooses the healthy reference of the residual columns. Raises `InputError`
     where no declared fault can be estimated from the columns at hand.
     """
     runs = [paced(run) for run in runs]
     bank = build_bank(model, runs, observer)
-    return [_judge(bank, run, reference) for run in runs], bank
+    return [Observing(bank, run, reference).push(run) for run in runs], bank
 
 
-def limits_in(model: Model) -> dict[str, Any] | None:
-    """The calibration block of `model`; None where it holds no limits of an observer."""
-    block = model.calibration
-    return block if block is not None and "channels" in block else None
+def intervals_in(model: Model) -> dict[str, float]:
+    """Half the 95 % interval of each fault, as `calibrate --observer` found it; else empty."""
+    channels = (model.calibration or {}).get("channels", {})
+    return {name: float(channel["interval"]) for name, channel in channels.items()}
 
 
-def _judge(bank: Bank, run: Run, reference: Reference) -> Judgement:
-    estimates = estimate_run(bank, run)
-    values = {} if limits_in(bank.model) is None else channels_of(bank, estimates)
-    return judged(bank, estimates, values, residuals(bank.model, run, reference))
+class Observing:
+    """The observers of a bank along one run or stream, and beside them a healthy reference."""
 
+    def __init__(self, bank: Bank, run: Run, reference: Reference) -> None:
+        self.bank, model = bank, bank.model
+        self.intake = Intake.of(model, run.step, slow_outputs(model, [run]), sized=False)
+        self.state = self.intake.init(run.step, run.resampled is not None)
+        self.observers = Along(bank)
+        self.residuals = Residuals(model, run, reference)
 
-@dataclass(frozen=True)
-class Limits:
-    """What the calibration says of the channels that are judged, and of `passive` ones."""
-
-    scales: dict[str, float]
-    half_width: dict[str, float]
-    limit: float
-    passive: dict[str, float]
-
-    @staticmethod
-    def of(bank: Bank, names: Collection[str]) -> "Limits":
-        """Of the channels `names`; an uncalibrated model has no limit."""
-        calibration = limits_in(bank.model) or {"channels": {}, "limit": np.inf}
-        known = calibration["channels"]
-        passive = {f.name for f in bank.model.plant.signals.faults if f.monitor == "passive"}
-        scales = {name: known[name]["scale"] for name in names if name in known}
-        return Limits(
-            {name: scale for name, scale in scales.items() if name not in passive},
-            {name: known[name]["interval"] for name in scales},
-            float(calibration["limit"]),
-            {name: scale for name, scale in scales.items() if name in passive},
-        )
-
-
-def judged(
-    bank: Bank,
-    estimates: Estimates,
-    values: dict[str, Float[np.ndarray, "samples"]],
-    r: dict[str, Float[np.ndarray, "samples"]],
-) -> Judgement:
-    """What `estimates` and the channels' `values` mean, beside the residuals `r`."""
-    run, uncalibrated = estimates.run, _uncalibrated(bank.model)
-    nothing = np.full(len(run.t), np.nan)
-    f = {n: estimates.f.get(n, nothing) for n in bank.model.plant.signals.fault_names}
-    limits = Limits.of(bank, values)
-    above = np.zeros(len(run.t), bool)
-    if limits.scales:
-        above = (score(values, limits.scales) > limits.limit) & estimates.settled
-    found = events(bank, run, values, limits, above)
-    quiet = [
-        f"{name}, which is passive" if beyond else ""
-        for name, beyond in _passive(values, limits, len(run.t))
-    ]
-    status, reason = [], []
-    for still, sampled, settled, alarm, beyond in zip(
-        estimates.standing, estimates.sampled, estimates.settled, above, quiet, strict=True
-    ):
-        why = (
-            standing_still(still)
+    def push(self, rows: Run) -> Estimated:
+        """What is estimated at the next `rows`, however many."""
+        model, signals = self.bank.model, self.bank.model.plant.signals
+        self.state, taken = self.intake.along(model, self.state, rows)
+        said = self.observers.push(with_taken(model, rows, taken, outputs=True))
+        infos = said.joined()
+        nothing = np.full(len(rows.t), np.nan)
+        f = dict.fromkeys(signals.fault_names, nothing)
+        for k, name in enumerate(self.bank.designs):
+            f[name] = placed(said, infos[k].f) if infos is not None else nothing
+        settled = said.answered & self.bank.has_settled(said.since)
+        reason = [
+            standing_still(signals.output_names[still - 1])
             if still
             else "not sampled"
-            if not sampled
-            else uncalibrated
-            if uncalibrated
+            if not answered
+            else ALONE
+            if ready
             else "settling after a start or a gap"
-            if not settled
-            else ""
-            if alarm
-            else beyond
-        )
-        status.append(NOT_JUDGED if why else FAULT if alarm else HEALTHY)
-        reason.append(why)
-    return Judgement(run, r, f, limits.half_width, status, reason, found)
+            for still, answered, ready in zip(taken.standing, said.answered, settled, strict=True)
+        ]
+        r = self.residuals.push(with_taken(model, rows, taken, outputs=False))
+        return Estimated(rows, r, f, intervals_in(model), settled, reason)
 
 
-def _uncalibrated(model: Model) -> str:
-    """Why nothing is judged; empty where there are limits."""
-    if model.calibration is None:
-        return "not calibrated"
-    return "not calibrated for this observer" if limits_in(model) is None else ""
-
-
-def _passive(
-    values: dict[str, Float[np.ndarray, "samples"]], limits: Limits, count: int
-) -> list[tuple[str, bool]]:
-    """(the passive fault that stands highest above its limit, whether one does) per sample."""
-    if not limits.passive:
-        return [("", False)] * count
-    names = list(limits.passive)
-    heights = np.stack([np.abs(values[n]) / limits.passive[n] for n in names])
-    heights = np.nan_to_num(heights)
-    highest = heights.argmax(axis=0)
-    return [(names[k], bool(heights[k, j] > limits.limit)) for j, k in enumerate(highest)]
-
-
-def events(
-    bank: Bank,
-    run: Run,
-    values: dict[str, Float[np.ndarray, "samples"]],
-    limits: Limits,
-    above: Bool[np.ndarray, "samples"],
-) -> list[Event]:
-    """Stretches of `above`; pauses shorter than `pause(bank)` are bridged."""
-    edges = np.flatnonzero(np.diff(above, prepend=False, append=False)).reshape(-1, 2)
-    merged: list[list[int]] = []
-    for start, stop in edges:
-        if merged and run.t[start] - run.t[merged[-1][1] - 1] < pause(bank):
-            merged[-1][1] = int(stop)
-        else:
-            merged.append([int(start), int(stop)])
-    found = []
-    for start, stop in merged:
-        t = run.t[start:stop]
-        late = t - t[0] >= min(SETTLING / bank.bandwidth, (t[-1] - t[0]) / 2)
-        sizes = {name: values[name][start:stop][late] for name in limits.scales}
-        name = max(sizes, key=lambda n: float(np.nanmedian(np.abs(sizes[n])) / limits.scales[n]))
-        size = float(np.nanmedian(sizes[name]))
-        spread = limits.half_width[name]
-        found.append(
-            Event(run.name, name, float(t[0]), float(t[-1]), size, size - spread, size + spread)
-        )
-    return found
-
-
-def pause(bank: Bank) -> float:
-    """The shortest pause [s] that ends an event."""
-    return MERGE / bank.bandwidth
-
-
-def table(judgements: Sequence[Judgement], faults: Sequence[str]) -> dict[str, list[Any]]:
+def table(estimated: Sequence[Estimated], faults: Sequence[str]) -> dict[str, list[Any]]:
     """The columns that `estimate` writes, in order; None is an empty cell."""
     columns: dict[str, list[Any]] = {"run": [], "t": []}
-    outputs = list(dict.fromkeys(name for j in judgements for name in j.residuals))
-    for each in judgements:
+    outputs = list(dict.fromkeys(name for each in estimated for name in each.residuals))
+    for each in estimated:
         count = len(each.run.t)
         nothing = np.full(count, np.nan)
         rows: dict[str, Any] = {"run": [each.run.name] * count, "t": each.run.t}
@@ -233,7 +115,7 @@ def table(judgements: Sequence[Judgement], faults: Sequence[str]) -> dict[str, l
                 f"p_{name}": nothing,
             }
         rows |= {"p_healthy": nothing, "p_unknown": nothing}
-        rows |= {"status": each.status, "reason": each.reason}
+        rows |= {"status": [NOT_JUDGED] * count, "reason": each.reason}
         for name, values in rows.items():
             cells = values
             if isinstance(values, np.ndarray):
@@ -242,36 +124,12 @@ def table(judgements: Sequence[Judgement], faults: Sequence[str]) -> dict[str, l
     return columns
 
 
-def sentence(event: Event, unit: str) -> str:
-    """ "pulse +5.02 +- 0.1 V from 0.36 s to 0.85 s (run test)" """
-    width = (event.hi - event.lo) / 2
-    digits = max(0, int(np.ceil(-np.log10(width))) + 1) if width > 0 else 6
-    size = f"{event.size:+.{min(digits, 12)}f} +- {width:.2g} {unit}".rstrip()
-    return f"{event.fault} {size} from {event.start:.6g} s to {event.end:.6g} s (run {event.run})"
-
-
-def sentences(model: Model, events: Sequence[Event]) -> list[str]:
-    """The answer in words: what was found, or what the silence means."""
-    if model.calibration is None:
-        return [
-            "Not calibrated, so nothing was judged: run `faultgauge calibrate` on healthy logs."
-        ]
-    known = limits_in(model)
-    if known is None:
-        return [
-            "Calibrated for the bank, so nothing was judged: an observer needs limits of its own; "
-            "run `faultgauge calibrate --observer eso --out OTHER_MODEL` on healthy logs."
-        ]
-    units = {fault.name: fault.unit for fault in model.plant.signals.faults}
-    if events:
-        return [sentence(event, units.get(event.fault, "")) for event in events]
-    limits = ", ".join(
-        f"{name} {channel['limit']:.3g} {units.get(name, '')}".rstrip()
-        for name, channel in known["channels"].items()
+def sentence(model: Model) -> str:
+    """What the rows are, and what to do for more."""
+    how = (
+        "without `--observer` the bank decides"
+        if intervals_in(model)
+        else "`faultgauge calibrate --observer eso --out OTHER_MODEL` on healthy logs adds "
+        "intervals, and without `--observer` the bank decides"
     )
-    return [f"No fault above the limit ({limits})."]
-
-
-def as_dicts(events: Sequence[Event]) -> list[dict[str, Any]]:
-    """Events as plain JSON."""
-    return [asdict(event) for event in events]
+    return f"{ALONE[0].upper()}{ALONE[1:]}: {how}."

@@ -12,7 +12,7 @@ from faultgauge.detection.verdicts import NAMED, Verdict
 from faultgauge.detection.words import MOST
 from faultgauge.telemetry import Run
 
-__all__ = ["UNKNOWN", "BankEvent", "Judged", "events", "pause", "stretches"]
+__all__ = ["UNKNOWN", "Alarm", "BankEvent", "Judged", "events", "pause", "stretches"]
 
 UNKNOWN = "unknown"
 POSSIBLE = 0.05  # p of a fault beside another from which on it is told
@@ -45,6 +45,17 @@ class BankEvent:
     instead: tuple[tuple[str, float], ...] = ()
     beside: tuple[tuple[str, float], ...] = ()
     passive: bool = False
+
+
+@dataclass(frozen=True)
+class Alarm:
+    """On a stream: a fault was named at `start` [s], as large as it is then, in its unit (None for
+    an undeclared one). How large it was in the end, and since when, its event tells."""
+
+    run: str
+    fault: str
+    start: float
+    size: float | None
 
 
 class Judged(NamedTuple):

@@ -44,7 +44,7 @@ def evidence(bank: FaultBank, decision: Decision, event: BankEvent) -> Evidence:
     while True:
         part = slice(max(onset - before, 0), stop)
         run = cut(decision.run, part)
-        again = [each for each in decide(bank, run).events if same(bank, event, each)]
+        again = [e for e in decide(bank, run, None).events if same(bank, event, e)]
         if again or part.start == 0:
             return Evidence(event, decision, part, again[-1] if again else None)
         before *= 2

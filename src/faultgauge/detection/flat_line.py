@@ -9,15 +9,17 @@ is declared is left as it is: a stuck sensor is a fault of that kind, as large a
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
+from typing import NamedTuple
 
+import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Array, Float, Int
 
 from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run
 
-__all__ = ["FlatLine", "longest_repeats", "standing_still"]
+__all__ = ["FlatLine", "FlatState", "longest_repeats", "standing_still"]
 
 ROOM = 2  # times the longest repeat of healthy logs
 
@@ -31,53 +33,56 @@ def longest_repeats(model: Model, runs: Sequence[Run]) -> dict[str, int]:
     """For each output, the most samples on end that repeat one value."""
     found = {}
     for name in model.plant.signals.output_names:
-        counts = [_repeats(run.own(name))[0] for run in runs if name in run.columns]
-        found[name] = max((int(each.max(initial=1)) for each in counts), default=1)
+        counts = [_longest(run.own(name)) for run in runs if name in run.columns]
+        found[name] = max(counts, default=1)
     return found
 
 
-class FlatLine:
-    """Follows the outputs of one run; keeps what it needs from call to call.
+def _longest(values: Float[np.ndarray, "samples"]) -> int:
+    """The most samples on end that repeat one value; empty cells are passed over."""
+    known = values[np.isfinite(values)]
+    edges = np.flatnonzero(np.diff(known, prepend=np.nan, append=np.nan) != 0)
+    return int(np.diff(edges).max(initial=1))
 
-    `sized`: declared faults of outputs are estimated, as the bank does and observers do not.
-    """
 
-    def __init__(self, model: Model, sized: bool) -> None:
-        faults = [f for f in model.plant.signals.faults if f.monitor != "disabled"]
+class FlatState(NamedTuple):
+    """The last value of every output, and how often it has come in a row."""
+
+    last: Float[Array, "outputs"]
+    times: Int[Array, "outputs"]
+
+
+class FlatLine(eqx.Module):
+    """Follows the outputs; `most` is how often each may repeat a value, and an output that is
+    `slow` stands still between its samples, too."""
+
+    most: Float[np.ndarray, "outputs"]
+    slow: tuple[bool, ...] = eqx.field(static=True)
+
+    @staticmethod
+    def of(model: Model, slow: Sequence[str] = (), *, sized: bool = True) -> "FlatLine":
+        """As calibrated. `sized`: declared faults of outputs are estimated, as the bank does and
+        observers do not."""
+        signals = model.plant.signals
+        faults = [f for f in signals.faults if f.monitor != "disabled"]
         own = {f.target for f in faults if sized and f.enters == "output"}
         known = (model.calibration or {}).get("repeats", {})
-        self.most = {n: ROOM * c for n, c in known.items() if n not in own}
-        self.last: dict[str, tuple[float, int]] = dict.fromkeys(self.most, (np.nan, 0))
+        most = [
+            ROOM * known[n] if n in known and n not in own else np.inf for n in signals.output_names
+        ]
+        return FlatLine(np.array(most, float), tuple(n in slow for n in signals.output_names))
 
-    def used(self, run: Run) -> tuple[Run, list[str]]:
-        """(the next samples, `run`, with NaN for what is no measurement; of every sample the
-        first output that is none, or "")."""
-        columns, standing = dict(run.columns), np.full(len(run.t), "", object)
-        for name in [name for name in self.most if name in columns]:
-            counts, self.last[name] = _repeats(run.own(name), *self.last[name])
-            if name in run.sampled:  # what was filled in is as good as the sample before it
-                counts = counts[
-                    np.maximum.accumulate(np.where(counts > 0, np.arange(len(counts)), 0))
-                ]
-            flat = counts > self.most[name]
-            columns[name] = np.where(flat, np.nan, columns[name])
-            standing[flat & (standing == "")] = name
-        return replace(run, columns=columns), standing.tolist()
+    def init(self) -> FlatState:
+        return FlatState(jnp.full(len(self.most), jnp.nan), jnp.zeros(len(self.most), int))
 
-
-def _repeats(
-    values: Float[np.ndarray, "samples"], last: float = np.nan, count: int = 0
-) -> tuple[Int[np.ndarray, "samples"], tuple[float, int]]:
-    """(how often each value has come in a row, after `last` has `count` times; what goes on).
-
-    Empty cells are passed over, and counted 0.
-    """
-    rows = np.flatnonzero(np.isfinite(values))
-    counts = np.zeros(len(values), int)
-    if not len(rows):
-        return counts, (last, count)
-    known = values[rows]
-    same = np.concatenate([[known[0] == last], known[1:] == known[:-1]])
-    begin = np.maximum.accumulate(np.where(same, -1, np.arange(len(known))))
-    counts[rows] = np.arange(len(known)) - np.maximum(begin, 0) + 1 + np.where(begin < 0, count, 0)
-    return counts, (float(known[-1]), int(counts[rows[-1]]))
+    def step(
+        self, state: FlatState, y: Float[Array, "outputs"]
+    ) -> tuple[FlatState, tuple[Float[Array, "outputs"], Int[Array, ""]]]:
+        """(the outputs with NaN for what is no measurement, 1 + the place of the first that stands
+        still; 0: none)."""
+        there = jnp.isfinite(y)
+        count = jnp.where(there, jnp.where(y == state.last, state.times + 1, 1), state.times)
+        last = jnp.where(there, y, state.last)
+        flat = (count > self.most) & (there | np.array(self.slow, bool))
+        standing = jnp.where(jnp.any(flat), jnp.argmax(flat) + 1, 0)
+        return FlatState(last, count), (jnp.where(flat, jnp.nan, y), standing)

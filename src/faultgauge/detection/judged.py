@@ -1,35 +1,31 @@
-"""Running a model's observers beside a log: one row per sample, and what cannot be judged."""
+"""A model's observers, one per fault, and how a log becomes what they read."""
 
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from faultgauge.detection.flat_line import FlatLine
 from faultgauge.detection.remember import once
 from faultgauge.errors import InputError
 from faultgauge.identification.evaluation import WARMUP, start_of_run, varying_parameters
-from faultgauge.identification.samples import in_effect
 from faultgauge.observers import OBSERVERS, Design
 from faultgauge.observers.beside import Beside, States
-from faultgauge.observers.follow import follow
 from faultgauge.observers.observer import OperatingPoints
 from faultgauge.plants.model import Model
 from faultgauge.plants.plant import Plant
+from faultgauge.plants.signals import Signals
 from faultgauge.simulation.free_run import bucket, pad, substeps_for
 from faultgauge.telemetry import Run, segments
 
 __all__ = [
     "Bank",
-    "Estimates",
-    "Past",
     "Start",
+    "arrays_of",
     "bandwidth_of",
     "build_bank",
     "check_observer",
-    "estimate_run",
     "measured_outputs",
     "operating_points",
     "pad_stretch",
@@ -67,10 +63,8 @@ class Bank:
         """The columns that its first sample must have."""
         return self.names
 
-    def begin(
-        self, start: "Start", u: Float[np.ndarray, "inputs"], past: "Past | None" = None
-    ) -> tuple[Beside, States]:
-        """(all observers over the run's own plant, their first states): a gap starts them anew."""
+    def begin(self, start: "Start", u: Float[np.ndarray, "inputs"]) -> tuple[Beside, States]:
+        """(all observers over the run's own plant, their first states)."""
         judge = Beside.of(self.designs).on(start.plant)
         return judge, judge.init(start.x, u)
 
@@ -81,24 +75,6 @@ class Bank:
     def has_settled(self, since: Float[np.ndarray, "*samples"]) -> Bool[np.ndarray, "*samples"]:
         """Whether the hold-off is over `since` [s] the start of a stretch."""
         return since >= SETTLING / self.bandwidth
-
-
-@dataclass(frozen=True)
-class Estimates:
-    """Fault estimates of one run, one row per sample; NaN where there is none.
-
-    `innovation` is that of each fault's observer on its own output (unit of that output), NaN
-    between the samples of a slow sensor.
-    `settled` is False during the hold-off after a start or a gap, and where nothing was sampled;
-    `standing` names the output that is stuck or saturated.
-    """
-
-    run: Run
-    f: dict[str, Float[np.ndarray, "samples"]]
-    innovation: dict[str, Float[np.ndarray, "samples"]]
-    sampled: Bool[np.ndarray, "samples"]
-    settled: Bool[np.ndarray, "samples"]
-    standing: list[str]
 
 
 @once
@@ -203,20 +179,19 @@ def stretches(run: Run, names: Sequence[str], opening: Sequence[str]) -> Iterato
 def record_arrays(
     model: Model, run: Run, part: slice
 ) -> tuple[Float[np.ndarray, "samples inputs"], Float[np.ndarray, "samples outputs"]]:
+    """(u, y) of a stretch of the model's plant, see `arrays_of`."""
+    return arrays_of(model.plant.signals, run, part)
+
+
+def arrays_of(
+    signals: Signals, run: Run, part: slice
+) -> tuple[Float[np.ndarray, "samples inputs"], Float[np.ndarray, "samples outputs"]]:
     """(u, y) of a stretch; y is NaN between the samples of a slow sensor, and without a column."""
-    signals, count = model.plant.signals, part.stop - part.start
+    count = part.stop - part.start
     nothing = np.full(count, np.nan)
     u = [run.columns[name][part] for name in signals.input_names]
     y = [run.own(n)[part] if n in run.columns else nothing for n in signals.output_names]
     return np.stack(u, axis=1) if u else np.zeros((count, 0)), np.stack(y, axis=1)
-
-
-class Past(NamedTuple):
-    """What ran before a gap [s], and its state then."""
-
-    judge: Any
-    state: Any
-    gap: float
 
 
 class Start(NamedTuple):
@@ -235,7 +210,7 @@ def samples_to_start(model: Model, columns: Collection[str]) -> int:
     sources = model.record["columns"]["states"]
     if varying_parameters(model.plant).parameters or any(c not in columns for c, _ in sources):
         return WARMUP
-    return START_SAMPLES if any(order for _, order in sources) else 2  # of 1 there is no stretch
+    return START_SAMPLES if any(order for _, order in sources) else 1
 
 
 def start_from_samples(model: Model, run: Run, part: slice) -> Start:
@@ -289,28 +264,3 @@ def pad_stretch(
     dt[1 : len(t)] = np.diff(t)
     padded = np.concatenate([y, np.full((length - len(t), y.shape[1]), np.nan)])
     return pad(u, length), padded, dt
-
-
-def estimate_run(bank: Bank, log: Run) -> Estimates:
-    """Run every observer of the bank over `log`; each stretch without a gap starts anew."""
-    model = bank.model
-    run, standing = FlatLine(model, sized=False).used(in_effect(model.plant.signals, log))
-    count = len(run.t)
-    f = {fault: np.full(count, np.nan) for fault in bank.designs}
-    innovation = {fault: np.full(count, np.nan) for fault in bank.designs}
-    outputs = model.plant.signals.output_names
-    sampled, settled = np.zeros(count, bool), np.zeros(count, bool)
-    for part in segments(run, bank.names):
-        u, y, dt = bank.samples(run, part)
-        t = run.t[part]
-        start = start_from_samples(model, run, part)
-        judge, state = bank.begin(start, u[0])
-        infos = follow(judge, state, (u, y, dt))[1]
-        for (fault, design), info in zip(bank.designs.items(), infos, strict=True):
-            f[fault][part] = info.f
-            j = outputs.index(design.output)
-            innovation[fault][part] = np.where(np.isfinite(y[:, j]), info.innovation[:, j], np.nan)
-        sampled[part] = True
-        settled[part] = bank.has_settled(t - t[0])
-        settled[part.start : part.start + start.samples] = False  # they knew what came later
-    return Estimates(log, f, innovation, sampled, settled, standing)

@@ -1,39 +1,44 @@
 """When an alarm begins and ends: persistence, hysteresis, latching (NASA cFS Limit Checker, LC)."""
 
-import numpy as np
-from jaxtyping import Bool, Float
+from typing import NamedTuple
 
-__all__ = ["LimitChecker"]
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+__all__ = ["LimitChecker", "LimitState"]
 
 ROUNDING = 1e-9  # of a persistence
 
 
-class LimitChecker:
-    """One watch point: engaged once `over` has held for `persistence` [s] on end, until `under`,
-    or for good where it latches. Carries its state from call to call."""
+class LimitState(NamedTuple):
+    """Since when each watch point has been over [s] (NaN: it is not), and whether it is engaged."""
 
-    def __init__(self, persistence: float, latch: bool) -> None:
-        self.persistence, self.latch = persistence, latch
-        self.since = np.nan  # since when it has been over [s]
-        self.engaged = False
+    since: Float[Array, "*points"]
+    engaged: Bool[Array, "*points"]
 
-    def judge(
+
+class LimitChecker(eqx.Module):
+    """Watch points: engaged once `over` has held for `persistence` [s] on end, until `under`, or
+    for good where it latches."""
+
+    persistence: Float[np.ndarray, ""]
+    latch: bool = eqx.field(static=True)
+
+    def init(self, *points: int) -> LimitState:
+        return LimitState(jnp.full(points, jnp.nan), jnp.zeros(points, bool))
+
+    def step(
         self,
-        t: Float[np.ndarray, "samples"],
-        over: Bool[np.ndarray, "samples"],
-        under: Bool[np.ndarray, "samples"],
-    ) -> Bool[np.ndarray, "samples"]:
-        """Whether it is engaged at each sample; where a sample is neither over nor under, it stays
-        what it was, but does not persist."""
-        before = np.concatenate([[np.isfinite(self.since)], over[:-1]])
-        begins = np.where(over & ~before, t, -np.inf)
-        carried = self.since if before[0] else -np.inf
-        since = np.maximum(np.maximum.accumulate(begins), carried)
+        state: LimitState,
+        t: Float[Array, ""],
+        over: Bool[Array, "*points"],
+        under: Bool[Array, "*points"],
+    ) -> tuple[LimitState, Bool[Array, "*points"]]:
+        """Whether each is engaged at `t` [s]; one that is neither over nor under stays what it
+        was, but does not persist."""
+        since = jnp.where(over, jnp.where(jnp.isfinite(state.since), state.since, t), jnp.nan)
         holds = over & (t - since >= self.persistence * (1 - ROUNDING))
-        turns = np.where(holds, 1, np.where(under & (not self.latch), -1, 0))
-        last = np.maximum.accumulate(np.where(turns != 0, np.arange(len(t)), -1))
-        engaged = np.where(last >= 0, turns[last] > 0, self.engaged)
-        if len(t):
-            self.since = float(since[-1]) if over[-1] else np.nan
-            self.engaged = bool(engaged[-1])
-        return engaged
+        engaged = holds | (state.engaged & ~(under & (not self.latch)))
+        return LimitState(since, engaged), engaged

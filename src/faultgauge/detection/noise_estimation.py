@@ -12,7 +12,7 @@ Where a log is sampled far faster than it moves, means over blocks of samples te
 what noise of a few samples' memory adds up to.
 
 What one log cannot tell is held by weak priors: constants differ by a percent or so from run to
-run, and a discrepancy is some percent of what its state does.
+run, and a discrepancy is some percent of what its state does, and lasts a tenth of a log or so.
 
 Between searches over the others, the constants' mean and spread follow from what each stretch says
 of its own (the EM algorithm: Dempster, Laird and Rubin, J. R. Statist. Soc. B 39 (1977)),
@@ -76,6 +76,7 @@ LONGEST = 4096  # of one stretch
 REACH = np.log(1e4)  # a level is looked for within this factor of its first guess
 DIFFERENCE = 1e-4  # of a logarithm, for the slope of the likelihood
 GRID = 4  # time constants to begin from
+SMALLER = (1.0, 10.0, 100.0)  # times: sizes of the discrepancy to begin from
 FACTORS = (1.0, 10.0, 100.0, 1000.0)  # of process noise, until the filter is not lost
 ROUNDS = (20, 12, 8)  # steps of each search; the constants are told anew between them
 USUAL_SIZE = 0.03  # of a state's rate: the discrepancy
@@ -83,7 +84,7 @@ USUAL_SHARE = 0.1  # of an input's effect: what a change of it is off by
 QUICK = 10.0  # samples in which that settles
 ALIKE = 10.0  # times: constants of one unit that differ by more are of two kinds
 UNSURE = 1.5  # standard deviation of the logarithms of these
-ENOUGH = 0.3  # of log-likelihood: a step that gains less is the last
+ENOUGH = 0.03  # of log-likelihood: a step that gains less is the last
 SEARCHED = Noise._fields.index("spread")  # the levels before the constants' are
 NONE = 1e-6  # times the usual: as good as no discrepancy
 
@@ -125,7 +126,7 @@ def estimate_noise(model: Model, runs: Sequence[Run], discrepancy: bool = True) 
         free = ~np.isin(names, fixed)
     center = _logs(noise)
     if discrepancy:
-        noise = _started(model, batch, noise, low, high)
+        noise = _started(model, batch, noise, (low, high, pull, center))
     for steps in ROUNDS:
         noise = _searched(model, batch, noise, (low, high, pull, center), free, steps)
         if discrepancy:
@@ -138,13 +139,17 @@ def _started(
     model: Model,
     batch: "_Batch",
     noise: Noise,
-    low: Float[np.ndarray, "levels"],
-    high: Float[np.ndarray, "levels"],
+    limits: tuple[Float[np.ndarray, "levels"], ...],
 ) -> Noise:
     """`noise` with process noise from which on the filter is not lost, and the likeliest of some
-    time constants, whatever the rate of the log is."""
+    time constants and sizes, whatever the rate of the log is."""
+    low, high, pull, center = limits
     sizes = np.cumsum([len(part) for part in noise[:SEARCHED]])[:-1]
     least, most = (_levels(np.exp(a), sizes, noise) for a in (low, high))
+
+    def best(many: list[Noise]) -> Noise:
+        prior = [0.5 * np.sum(((_logs(each) - center) / pull) ** 2) for each in many]
+        return many[int(np.argmin(batch.run(model, many)[0] + prior))]
 
     def between(name: str, share: float) -> Float[np.ndarray, "some"]:
         return getattr(least, name) ** (1 - share) * getattr(most, name) ** share
@@ -153,12 +158,10 @@ def _started(
     cost = batch.run(model, many)[0] / batch.count
     noise = many[int(np.argmax(cost < cost.min() + dd.FAR**2 / 2))]
     shares = np.arange(1, GRID + 1) / (GRID + 1)
-    many = [
-        noise._replace(lasting=between("lasting", a), settling=between("settling", b))
-        for a in shares
-        for b in (shares if len(noise.settling) else shares[:1])
-    ]
-    return many[int(np.argmin(batch.run(model, many)[0]))]
+    if len(noise.settling):
+        noise = best([noise, *(noise._replace(settling=between("settling", a)) for a in shares)])
+    both = [(between("lasting", a), noise.size / b) for a in shares for b in SMALLER]
+    return best([noise, *(noise._replace(lasting=a, size=b) for a, b in both)])
 
 
 def _logs(noise: Noise) -> Float[np.ndarray, "levels"]:
@@ -497,7 +500,7 @@ def _limits(
     low.lasting[:], high.lasting[:] = np.log(2 * step), np.log(100 * length)
     low.settling[:], high.settling[:] = np.log(2 * step), np.log(length / 4)
     high.share[:] = 0.0
-    pull.size[:] = pull.share[:] = UNSURE
+    pull.size[:] = pull.share[:] = pull.lasting[:] = UNSURE
     return (
         np.concatenate(low[:SEARCHED]),
         np.concatenate(high[:SEARCHED]),

@@ -8,14 +8,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from faultgauge.detection.along import Along, placed
 from faultgauge.detection.judged import (
-    Past,
     Start,
     bandwidth_of,
     measured_outputs,
     operating_points,
     record_arrays,
     rows_between,
+    samples_to_start,
     start_from_samples,
     steps_to,
     stretches,
@@ -23,7 +24,6 @@ from faultgauge.detection.judged import (
 from faultgauge.errors import InputError
 from faultgauge.identification.samples import in_effect, state_column
 from faultgauge.observers import Observer
-from faultgauge.observers.follow import follow
 from faultgauge.observers.luenberger import design_luenberger
 from faultgauge.observers.measured_states import MeasuredStates
 from faultgauge.observers.open_loop import OpenLoop
@@ -31,7 +31,15 @@ from faultgauge.plants.model import Model
 from faultgauge.simulation.free_run import bucket, free_run, pad, substeps_for
 from faultgauge.telemetry import Run
 
-__all__ = ["REFERENCES", "HealthyReference", "Reference", "curved_inputs", "residuals"]
+__all__ = [
+    "REFERENCES",
+    "HealthyReference",
+    "Reference",
+    "Residuals",
+    "curved_inputs",
+    "residuals",
+    "residuals_of",
+]
 
 Reference = Literal["free", "measured", "observer"]
 REFERENCES: tuple[Reference, ...] = ("free", "measured", "observer")
@@ -44,24 +52,39 @@ def residuals(
 
     `free`: the model runs from the stretch's first state on the inputs alone. `measured`: it is
     fed with the measured states at every sample; an output that is itself a state is predicted
-    from the sample before. `observer`: a state observer without a fault follows the outputs.
+    from the sample before. `observer`: a state observer without a fault follows the outputs. There
+    is none at the samples that a hidden first state was found from.
     """
-    signals = model.plant.signals
-    run = in_effect(signals, log)
-    healthy = HealthyReference.of(model, run, reference)
-    found = {name: np.full(len(run.t), np.nan) for name in healthy.outputs}
-    ahead = reference == "free" and curved_inputs(model)
-    for part in stretches(run, healthy.names, healthy.opening):
-        start = start_from_samples(model, run, part)
-        if ahead:
-            r = _free(model, run, part, start)
-        else:
-            u, y, *rest = healthy.samples(run, part)
-            judge, state = healthy.begin(start, u[0])
-            r = y - follow(judge, state, (u, y, *rest))[1].y
-        for name in healthy.outputs:
-            found[name][part] = r[:, signals.output_names.index(name)]
-    return found
+    return residuals_of(model, in_effect(model.plant.signals, log), reference)
+
+
+def residuals_of(
+    model: Model, run: Run, reference: Reference
+) -> dict[str, Float[np.ndarray, "samples"]]:
+    """The same of a `run` whose inputs are given as they act."""
+    if reference == "free" and curved_inputs(model):
+        return _free(model, run)
+    return Residuals(model, run, reference).push(run)
+
+
+class Residuals:
+    """Those of one run or stream, whose inputs are given as they act."""
+
+    def __init__(self, model: Model, run: Run, reference: Reference) -> None:
+        """Raises `InputError` where `run` has not the columns that the reference needs."""
+        self.healthy = HealthyReference.of(model, run, reference)
+        self.along = Along(self.healthy)
+
+    def push(self, rows: Run) -> dict[str, Float[np.ndarray, "samples"]]:
+        """r of the next `rows`, however many."""
+        names, said = self.healthy.model.plant.signals.output_names, self.along.push(rows)
+        infos = said.joined()
+        if infos is None:
+            return {name: np.full(len(rows.t), np.nan) for name in self.healthy.outputs}
+        return {
+            name: rows.own(name) - placed(said, infos.y[:, names.index(name)])
+            for name in self.healthy.outputs
+        }
 
 
 def curved_inputs(model: Model) -> list[str]:
@@ -115,10 +138,8 @@ class HealthyReference:
         """The columns that its first sample must have."""
         return tuple(dict.fromkeys([*self.names, *self.outputs]))
 
-    def begin(
-        self, start: Start, u: Float[np.ndarray, "inputs"], past: Past | None = None
-    ) -> tuple[Any, Any]:
-        """(judge with the run's own plant, its first state): a gap starts it anew."""
+    def begin(self, start: Start, u: Float[np.ndarray, "inputs"]) -> tuple[Any, Any]:
+        """(judge with the run's own plant, its first state)."""
         judge = eqx.tree_at(lambda each: each.plant, self.judge, start.plant)
         return judge, judge.init(jnp.asarray(start.x), jnp.asarray(u))
 
@@ -142,22 +163,23 @@ def _state_columns(model: Model, run: Run) -> tuple[str, ...]:
     return tuple(c for c in columns if c is not None)
 
 
-def _free(
-    model: Model, run: Run, part: slice, start: Start
-) -> Float[np.ndarray, "samples outputs"]:
-    """The free run with the true course of band-limited inputs, all samples at once."""
-    u, y = record_arrays(model, run, part)
-    t, count = run.t[part], part.stop - part.start
-    length = bucket(count)
-    dt = np.zeros(length)
-    dt[: count - 1] = np.diff(t)
-    f = jnp.zeros((length, len(model.plant.signals.faults)))
-    predicted = free_run(
-        start.plant,
-        jnp.asarray(start.x),
-        jnp.asarray(pad(u, length)),
-        jnp.asarray(dt),
-        f,
-        substeps_for(run.step, model.max_step),
-    ).y
-    return y - np.asarray(predicted)[:count]
+def _free(model: Model, run: Run) -> dict[str, Float[np.ndarray, "samples"]]:
+    """Free runs with the true course of band-limited inputs, whole stretches at once."""
+    signals = model.plant.signals
+    healthy = HealthyReference.of(model, run, "free")
+    found = {name: np.full(len(run.t), np.nan) for name in healthy.outputs}
+    substeps = substeps_for(run.step, model.max_step)
+    for part in stretches(run, healthy.names, healthy.opening):
+        start = start_from_samples(model, run, part)
+        u, y = record_arrays(model, run, part)
+        t, count = run.t[part], part.stop - part.start
+        length = bucket(count)
+        dt = np.zeros(length)
+        dt[: count - 1] = np.diff(t)
+        f = jnp.zeros((length, len(signals.faults)))
+        x, padded, steps = (jnp.asarray(each) for each in (start.x, pad(u, length), dt))
+        r = y - np.asarray(free_run(start.plant, x, padded, steps, f, substeps).y)[:count]
+        r[: samples_to_start(model, run.columns) - 1] = np.nan
+        for name in healthy.outputs:
+            found[name][part] = r[:, signals.output_names.index(name)]
+    return found

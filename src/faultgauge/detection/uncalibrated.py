@@ -27,7 +27,7 @@ def unjudged_sentence(model: Model) -> str:
     why = model.calibration.get("no_bank", "run `faultgauge calibrate` on healthy logs again.")
     return (
         f"Calibrated without noise and alarm level of the bank, so nothing was judged: {why} "
-        "Until then `faultgauge estimate --observer eso` gives estimates under one limit."
+        "Until then `faultgauge estimate --observer eso` gives estimates."
     )
 
 

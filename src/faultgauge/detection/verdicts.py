@@ -7,20 +7,25 @@ below `release`. A fault is named while there is an alarm and its own probabilit
 `persistence`, and for a quarter of the bank's memory at least, from when on its sign is known:
 while one fault follows another, a third may fit for a while. A passive fault is named without an
 alarm.
+
+Status and reason are numbers, which `words` looks up.
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from enum import IntEnum
+from typing import Any, NamedTuple
 
+import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from faultgauge.detection.bank import FaultBank
 from faultgauge.detection.envelope import bounds_of
 from faultgauge.detection.flat_line import standing_still
-from faultgauge.detection.limit_checker import LimitChecker
-from faultgauge.detection.posterior import Posterior
-from faultgauge.telemetry import Run
+from faultgauge.detection.limit_checker import LimitChecker, LimitState
+from faultgauge.detection.posterior import Marginal
+from faultgauge.plants.signals import Fault, Signals
 
 __all__ = [
     "FAULT",
@@ -29,165 +34,287 @@ __all__ = [
     "NOT_JUDGED",
     "QUIET",
     "STALE",
+    "STATUS",
+    "Heard",
+    "Reason",
+    "Rules",
+    "RulesState",
     "Verdict",
-    "Verdicts",
     "log_odds",
+    "words",
 ]
 
-HEALTHY, FAULT, NOT_JUDGED, STALE = "HEALTHY", "FAULT", "NOT_JUDGED", "STALE"
+STATUS = HEALTHY, FAULT, NOT_JUDGED, STALE = "HEALTHY", "FAULT", "NOT_JUDGED", "STALE"
 QUIET = 0.5  # p of no fault above: nothing speaks of one
 NAMED = 0.98  # p of a fault from which on it is named
-UNDECIDED = "undecided whether there is a fault"
 FRESH = 10.0  # samples without any output after which the answer is stale
+PLACES = 4096  # more than there are of anything that a reason may be about
+EDGE = 1e-6  # of an input's limits: that near it stands at one
+
+
+class Reason(IntEnum):
+    """Why a row has its status; its number goes with those of up to two things that it is about,
+    reason + count (first + PLACES second)."""
+
+    NONE = 0
+    NOT_SAMPLED = 1
+    STANDING = 2  # an output
+    STALE = 3
+    HELD = 4
+    UNDECLARED = 5
+    EITHER = 6  # two of [something undeclared, faults]
+    OUTSIDE = 7  # what of the envelope
+    PASSIVE = 8  # a fault, as in all that follow but the next
+    UNDECIDED = 9
+    SMALL = 10
+    AT_LIMIT = 11
+    NOT_EXCITED = 12
+    NOT_YET = 13
 
 
 class Verdict(NamedTuple):
-    """Of every sample; `named` are the declared faults and, last, an undeclared one."""
+    """Of every sample; `status` is a place in `STATUS`, `reason` a `Reason` with what it is about;
+    `named` are the declared faults and, last, an undeclared one."""
 
-    status: list[str]
-    reason: list[str]
-    alarm: Bool[np.ndarray, "samples"]
-    named: Bool[np.ndarray, "samples causes"]
+    status: Int[Any, "*samples"]
+    reason: Int[Any, "*samples"]
+    alarm: Bool[Any, "*samples"]
+    named: Bool[Any, "*samples causes"]
 
 
-def log_odds(calm: Float[np.ndarray, "samples"]) -> Float[np.ndarray, "samples"]:
+class Heard(NamedTuple):
+    """What rules need of a row beside its marginals: whether it was `sampled` at all and is `held`
+    back, what is `outside` and would be `seen`, which output is `standing` (0: none), the inputs
+    as they act, and whether any output was sampled."""
+
+    sampled: Bool[Array, ""]
+    held: Bool[Array, ""]
+    outside: Int[Array, ""]
+    seen: Bool[Array, "faults two"]
+    standing: Int[Array, ""]
+    u: Float[Array, "inputs"]
+    output: Bool[Array, ""]
+
+
+class RulesState(NamedTuple):
+    """`fresh`: when an output was sampled last [s]."""
+
+    alarm: LimitState
+    names: LimitState
+    signs: LimitState
+    fresh: Float[Array, ""]
+
+
+def log_odds(calm: Any) -> Any:
     """ln (1 - p0) / p0; -inf where nothing was sampled."""
-    p0 = np.where(np.isfinite(calm), np.clip(calm, 1e-300, 1.0), 1.0)
-    with np.errstate(divide="ignore"):
-        return np.log1p(-p0) - np.log(p0)
+    p0 = jnp.where(jnp.isfinite(calm), jnp.clip(calm, 1e-300, 1.0), 1.0)
+    return jnp.log1p(-p0) - jnp.log(p0)
 
 
-class Verdicts:
-    """Judges a run, all its samples at once or a few at a time."""
+class Rules(eqx.Module):
+    """Pure `init` and `step`. `stale` [s] after the last sample of an output; `watched` are inputs
+    that faults act on, whose limits are `low` and `high`."""
 
-    def __init__(self, bank: FaultBank) -> None:
-        self.bank = bank
-        rules = bank.model.plant.signals.detection
-        count = len(bank.model.plant.signals.faults) + 1
+    alarm: LimitChecker
+    names: LimitChecker
+    signs: LimitChecker
+    level: Float[np.ndarray, ""]
+    release: Float[np.ndarray, ""]
+    stale: Float[np.ndarray, ""]
+    low: Float[np.ndarray, "faults"]
+    high: Float[np.ndarray, "faults"]
+    watched: tuple[int, ...] = eqx.field(static=True)
+    monitors: tuple[str, ...] = eqx.field(static=True)
+    gains: tuple[bool, ...] = eqx.field(static=True)
 
-        wait = max(rules.persistence, bank.wait)
-        self.release = rules.release
-        self.alarm = LimitChecker(rules.persistence, rules.latch)
-        self.names = [LimitChecker(wait, rules.latch) for _ in range(count)]
-        self.signs = [LimitChecker(0.0, rules.latch) for _ in range(count)]
-        self.passive = np.append(bank.with_monitor("passive"), False)
-        self.fresh: float | None = None  # time of the last sampled output
+    @staticmethod
+    def of(bank: FaultBank) -> "Rules":
+        signals = bank.model.plant.signals
+        rules = signals.detection
+        wait = np.asarray(max(rules.persistence, bank.wait))
+        low, high = np.array([_limits(signals, fault) for fault in signals.faults]).T
+        return Rules(
+            LimitChecker(np.asarray(float(rules.persistence)), rules.latch),
+            LimitChecker(wait, rules.latch),
+            LimitChecker(np.asarray(0.0), rules.latch),
+            np.asarray(bank.level),
+            np.asarray(float(rules.release)),
+            np.asarray(FRESH * bank.step * min(bank.rows)),
+            low,
+            high,
+            tuple(_watched(signals, fault) for fault in signals.faults),
+            tuple(fault.monitor for fault in signals.faults),
+            tuple(fault.enters == "gain" for fault in signals.faults),
+        )
 
-    def judge(self, run: Run, found: Posterior, standing: Sequence[str]) -> Verdict:
-        """The next samples, `run`, with what the bank says about them, and the output of each that
-        stands on one value ("": none)."""
-        sampled = np.isfinite(found.healthy)
-        free = sampled & ~found.held
-        alarm = self._alarm(run.t, found, free)
-        named = self._named(run.t, found, free, alarm)
-        age = self._age(run)
-        old = age > FRESH * self.bank.step
-        quiet, calm = np.asarray(found.healthy > QUIET), np.asarray(found.calm > QUIET)
-        disabled = self.bank.with_monitor("disabled")
-        shown = np.any(found.seen[:, ~disabled], axis=2)
-        clear, blind = np.any(shown, axis=1), ~np.all(shown, axis=1)
-        status, reason = [], []
-        for k in range(len(run.t)):
-            if not sampled[k]:
-                answer = NOT_JUDGED, "not sampled"
-            elif standing[k] and (age[k] > 0 or not alarm[k]):
-                answer = NOT_JUDGED, standing_still(standing[k])
-            elif old[k]:
-                answer = STALE, "no output was sampled for a while"
-            elif found.held[k]:
-                answer = NOT_JUDGED, "held off after a start or a gap"
-            elif alarm[k]:
-                answer = FAULT, self._cause(found, named, k)
-            elif not found.inside[k]:
-                answer = NOT_JUDGED, self._where(int(found.outside[k]))
-            elif not quiet[k]:
-                answer = NOT_JUDGED, self._small(found, k) if calm[k] else UNDECIDED
-            elif not clear[k]:
-                answer = NOT_JUDGED, _blind(self.bank, run, found, k)
-            else:
-                answer = HEALTHY, _blind(self.bank, run, found, k) if blind[k] else ""
-            status.append(answer[0])
-            reason.append(answer[1])
-        return Verdict(status, reason, alarm, named)
+    def init(self) -> RulesState:
+        causes = len(self.monitors) + 1
+        two = self.names.init(causes), self.signs.init(causes)
+        return RulesState(self.alarm.init(), *two, jnp.asarray(jnp.nan))
 
-    def _alarm(
-        self,
-        t: Float[np.ndarray, "samples"],
-        found: Posterior,
-        free: Bool[np.ndarray, "samples"],
-    ) -> Bool[np.ndarray, "samples"]:
-        over = free & found.inside & (log_odds(found.calm) >= self.bank.level)
-        under = free & np.asarray(1 - found.calm < self.release)
-        return self.alarm.judge(t, over, under)
+    def step(
+        self, state: RulesState, t: Float[Array, ""], found: Marginal, heard: Heard
+    ) -> tuple[RulesState, Verdict]:
+        """The verdict on the row at `t` [s]."""
+        free, inside = heard.sampled & ~heard.held, heard.outside == 0
+        over = free & inside & (log_odds(found.calm) >= self.level)
+        alarms, alarm = self.alarm.step(
+            state.alarm, t, over, free & (1 - found.calm < self.release)
+        )
+        names, signs, named = self._named(state, t, found, alarm, free, inside)
+        first = jnp.isnan(state.fresh)
+        fresh = jnp.where(heard.output | first, t, state.fresh)
+        status, reason = self._answer(found, heard, alarm, named, t - fresh)
+        after = RulesState(alarms, names, signs, fresh)
+        return after, Verdict(status, reason, alarm, named)
 
     def _named(
         self,
-        t: Float[np.ndarray, "samples"],
-        found: Posterior,
-        free: Bool[np.ndarray, "samples"],
-        alarm: Bool[np.ndarray, "samples"],
-    ) -> Bool[np.ndarray, "samples causes"]:
-        p = np.concatenate([found.p, found.unknown[:, None]], axis=1)
-        alone = found.inside & (log_odds(found.healthy) >= self.bank.level)
-        signed = np.ones(p.shape, bool)
-        signed[:, :-1] = ~((found.lo < 0) & (found.hi > 0))
-        columns = []
-        for k, checker in enumerate(self.names):
-            may = free & (alone if self.passive[k] else alarm)
-            over = may & np.asarray(p[:, k] >= NAMED)
-            gone = np.asarray(p[:, k] < self.release) | (~alarm & ~self.passive[k])
-            likely = checker.judge(t, over, free & gone)
-            columns.append(self.signs[k].judge(t, likely & signed[:, k], ~likely))
-        return np.stack(columns, axis=1)
+        state: RulesState,
+        t: Array,
+        found: Marginal,
+        alarm: Array,
+        free: Array,
+        inside: Array,
+    ) -> tuple[LimitState, LimitState, Bool[Array, "causes"]]:
+        passive = np.array([*(each == "passive" for each in self.monitors), False])
+        p = jnp.append(found.p, found.unknown)
+        alone = inside & (log_odds(found.healthy) >= self.level)
+        over = free & jnp.where(passive, alone, alarm) & (p >= NAMED)
+        gone = free & ((p < self.release) | (~alarm & ~passive))
+        names, likely = self.names.step(state.names, t, over, gone)
+        signed = jnp.append(~((found.lo < 0) & (found.hi > 0)), True)
+        signs, named = self.signs.step(state.signs, t, likely & signed, ~likely)
+        return names, signs, named
 
-    def _age(self, run: Run) -> Float[np.ndarray, "samples"]:
-        """Seconds since any output was sampled."""
-        any_output = np.any([np.isfinite(run.columns[n]) for n in self.bank.outputs], axis=0)
-        if self.fresh is None:
-            self.fresh = float(run.t[0])
-        last = np.maximum.accumulate(np.where(any_output, run.t, self.fresh))
-        self.fresh = float(last[-1])
-        return run.t - last
+    def _answer(
+        self, found: Marginal, heard: Heard, alarm: Array, named: Array, age: Array
+    ) -> tuple[Int[Array, ""], Int[Array, ""]]:
+        shown, on = jnp.any(heard.seen, axis=1), [k != "disabled" for k in self.monitors]
+        clear, blind = jnp.any(shown & np.array(on)), jnp.any(~shown & np.array(on))
+        unseen = self._unseen(heard, ~shown & np.array(on))
+        quiet = found.healthy > QUIET
+        nothing = _reason(Reason.NONE)
+        cases = (
+            (~heard.sampled, NOT_JUDGED, _reason(Reason.NOT_SAMPLED)),
+            (
+                (heard.standing > 0) & ((age > 0) | ~alarm),
+                NOT_JUDGED,
+                _reason(Reason.STANDING, heard.standing - 1),
+            ),
+            (age > self.stale, STALE, _reason(Reason.STALE)),
+            (heard.held, NOT_JUDGED, _reason(Reason.HELD)),
+            (alarm, FAULT, self._cause(found, named)),
+            (heard.outside > 0, NOT_JUDGED, _reason(Reason.OUTSIDE, heard.outside - 1)),
+            (~quiet, NOT_JUDGED, self._small(found)),
+            (~clear, NOT_JUDGED, unseen),
+        )
+        status = jnp.asarray(STATUS.index(HEALTHY))
+        reason = jnp.where(blind, unseen, nothing)
+        for here, what, why in reversed(cases):
+            status = jnp.where(here, STATUS.index(what), status)
+            reason = jnp.where(here, why, reason)
+        return status, reason
 
-    def _cause(self, found: Posterior, named: Bool[np.ndarray, "samples causes"], k: int) -> str:
-        if found.unknown[k] >= QUIET:
-            return "no declared fault explains it"
-        if named[k, :-1].any():
-            return ""
-        names = self.bank.model.plant.signals.fault_names
-        p = np.nan_to_num(found.p[k])
-        shares = {"something undeclared": found.unknown[k], **dict(zip(names, p, strict=True))}
-        likely = sorted(shares, key=lambda name: -shares[name])[:2]
-        return f"cause undecided: {' or '.join(likely)}"
+    def _cause(self, found: Marginal, named: Array) -> Int[Array, ""]:
+        shares = jnp.append(found.unknown, jnp.nan_to_num(found.p))
+        first = jnp.argmax(shares)
+        second = jnp.argmax(jnp.where(jnp.arange(len(shares)) == first, -1.0, shares))
+        told = jnp.where(
+            jnp.any(named[:-1]), _reason(Reason.NONE), _reason(Reason.EITHER, first, second)
+        )
+        return jnp.where(found.unknown >= QUIET, _reason(Reason.UNDECLARED), told)
 
-    def _where(self, outside: int) -> str:
-        """What is not trusted."""
-        regions = self.bank.regions
-        if outside <= len(regions):
-            return f"outside of what training covered of {regions[outside - 1].name}"
-        name, _, _, low, high = bounds_of(self.bank.model)[outside - 1 - len(regions)]
-        return f"{name} is outside of its trusted range, {low:g} to {high:g}"
-
-    def _small(self, found: Posterior, k: int) -> str:
+    def _small(self, found: Marginal) -> Int[Array, ""]:
         """Why what is there raises no alarm."""
-        likely = int(np.argmax(np.nan_to_num(found.p[k])))
-        name = self.bank.model.plant.signals.fault_names[likely]
-        if self.passive[likely]:
-            return f"{name}, which is passive"
-        return f"{name} is possible, but not certain enough for an alarm"
+        likely = jnp.argmax(jnp.nan_to_num(found.p))
+        passive = jnp.array([each == "passive" for each in self.monitors])[likely]
+        told = jnp.where(passive, _reason(Reason.PASSIVE, likely), _reason(Reason.SMALL, likely))
+        return jnp.where(found.calm > QUIET, told, _reason(Reason.UNDECIDED))
+
+    def _unseen(self, heard: Heard, hidden: Array) -> Int[Array, ""]:
+        """Why a fault would not show."""
+        fault = jnp.argmax(hidden)
+        u = jnp.append(heard.u, jnp.nan)[np.array(self.watched)]
+        edge = ((u <= self.low) | (u >= self.high))[fault]
+        told = jnp.where(
+            jnp.array(self.gains)[fault],
+            _reason(Reason.NOT_EXCITED, fault),
+            _reason(Reason.NOT_YET, fault),
+        )
+        return jnp.where(edge, _reason(Reason.AT_LIMIT, fault), told)
 
 
-def _blind(bank: FaultBank, run: Run, found: Posterior, k: int) -> str:
-    """Why a fault would not show."""
-    signals = bank.model.plant.signals
-    hidden = ~found.seen[k].any(axis=1) & ~bank.with_monitor("disabled")
-    fault = signals.faults[int(np.argmax(hidden))]
-    if fault.enters in ("input", "gain"):
-        target = signals.inputs[signals.input_names.index(fault.target)]
-        value = run.columns[target.name][k]
-        room = 1e-6 * max(abs(target.min), abs(target.max)) if np.isfinite(value) else 0.0
-        if fault.enters == "input" and (value <= target.min + room or value >= target.max - room):
-            return f"{fault.name} would not show: {target.name} is at its limit"
-        if fault.enters == "gain":
-            return f"{fault.name} would not show: {target.name} does not excite it"
-    return f"{fault.name} would not show yet, after a start, a gap or in these data"
+def _reason(
+    which: Reason, first: Int[Array, ""] | int = 0, second: Int[Array, ""] | int = 0
+) -> Int[Array, ""]:
+    return jnp.asarray(which + len(Reason) * (first + PLACES * second), int)
+
+
+def _watched(signals: Signals, fault: Fault) -> int:
+    """The input that `fault` is a bias of; the place behind all inputs where it is none."""
+    if fault.enters != "input":
+        return len(signals.inputs)
+    return signals.input_names.index(fault.target)
+
+
+def _limits(signals: Signals, fault: Fault) -> tuple[float, float]:
+    """Where the input that `fault` is a bias of stands at a limit."""
+    if fault.enters != "input":
+        return -np.inf, np.inf
+    target = signals.inputs[signals.input_names.index(fault.target)]
+    room = EDGE * max((abs(e) for e in (target.min, target.max) if np.isfinite(e)), default=0.0)
+    return target.min + room, target.max - room
+
+
+def words(
+    signals: Signals,
+    regions: Sequence[str],
+    status: Int[np.ndarray, "samples"],
+    reason: Int[np.ndarray, "samples"],
+) -> tuple[list[str], list[str]]:
+    """(status, reason) of every sample in words; `regions` are what networks were trained on."""
+    said = {code: _said(signals, regions, code) for code in np.unique(reason).tolist()}
+    return [STATUS[k] for k in status.tolist()], [said[code] for code in reason.tolist()]
+
+
+def _said(signals: Signals, regions: Sequence[str], code: int) -> str:
+    places, why = divmod(code, len(Reason))
+    second, first = divmod(places, PLACES)
+    causes: Sequence[str] = ("something undeclared", *signals.fault_names)
+    match Reason(why):
+        case Reason.NONE:
+            return ""
+        case Reason.NOT_SAMPLED:
+            return "not sampled"
+        case Reason.STANDING:
+            return standing_still(signals.output_names[first])
+        case Reason.STALE:
+            return "no output was sampled for a while"
+        case Reason.HELD:
+            return "held off after a start or a gap"
+        case Reason.UNDECLARED:
+            return "no declared fault explains it"
+        case Reason.EITHER:
+            return f"cause undecided: {causes[first]} or {causes[second]}"
+        case Reason.UNDECIDED:
+            return "undecided whether there is a fault"
+        case Reason.OUTSIDE:
+            if first < len(regions):
+                return f"outside of what training covered of {regions[first]}"
+            left = bounds_of(signals)[first - len(regions)]
+            return f"{left.name} is outside of its trusted range, {left.low:g} to {left.high:g}"
+        case Reason.PASSIVE:
+            return f"{signals.fault_names[first]}, which is passive"
+        case Reason.SMALL:
+            name = signals.fault_names[first]
+            return f"{name} is possible, but not certain enough for an alarm"
+        case Reason.AT_LIMIT:
+            fault = signals.faults[first]
+            return f"{fault.name} would not show: {fault.target} is at its limit"
+        case Reason.NOT_EXCITED:
+            fault = signals.faults[first]
+            return f"{fault.name} would not show: {fault.target} does not excite it"
+        case Reason.NOT_YET:
+            name = signals.fault_names[first]
+            return f"{name} would not show yet, after a start, a gap or in these data"

@@ -82,13 +82,11 @@ class BankLevel(Part):
 
 
 class Channel(Part):
-    scale: Positive
-    limit: Positive
     interval: Least
 
 
 class Calibration(Part):
-    """What `calibrate` found, for the bank or for one limit."""
+    """What `calibrate` found, for the bank or for an observer alone."""
 
     observer: str
     data: list[str]
@@ -96,15 +94,11 @@ class Calibration(Part):
     noise: dict[str, dict[str, Number]] | None = None
     bank: BankLevel | None = None
     channels: dict[str, Channel] | None = None
-    limit: Positive | None = None
     bandwidth: Positive | None = None
-    mtbfa_s: Positive | None = None
-    block_s: Positive | None = None
-    suspects: list[Span] = []
 
     @pydantic.model_validator(mode="after")
     def whole(self) -> "Calibration":
-        pairs = ((self.noise, self.bank), (self.channels, self.limit))
+        pairs = ((self.noise, self.bank), (self.channels, self.bandwidth))
         if any((one is None) != (other is None) for one, other in pairs):
             raise ValueError("half a calibration")
         return self

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from faultgauge.detection.bank import build_fault_bank
 from faultgauge.detection.calibration import Calibration
 from faultgauge.detection.calibration_words import errors
-from faultgauge.detection.estimation import NOT_JUDGED, Judgement, sentences
+from faultgauge.detection.estimation import Estimated, sentence
 from faultgauge.detection.judged import Bank
 from faultgauge.detection.noise import noise_of
 from faultgauge.detection.residual import Reference
@@ -19,7 +19,7 @@ from faultgauge.identification.fit import FitReport
 from faultgauge.identification.unseen import Unseen
 from faultgauge.plants.model import Model
 from faultgauge.reporting.calibration_chapter import calibration_section
-from faultgauge.reporting.model_figures import bars, envelope, fit_history
+from faultgauge.reporting.model_figures import envelope, fit_history
 from faultgauge.reporting.network_curves import network_figures
 from faultgauge.reporting.refinement_chapter import (
     correlation_table,
@@ -218,8 +218,8 @@ def evaluation_section(
 
 
 def calibration_report(found: Calibration, runs: Sequence[Run]) -> Report:
-    """The report of `calibrate` on `runs`: the healthy blocks' peaks and the level above them; of
-    the bank also how well each fault can be known."""
+    """The report of `calibrate` on `runs`: the healthy blocks' peaks, the level above them and how
+    well each fault can be known; of an observer the intervals of its estimates."""
     block = found.model.calibration or {}
     warnings = tuple(f"Warning: {warning}." for warning in found.warnings)
     if "bank" in block:
@@ -229,80 +229,53 @@ def calibration_report(found: Calibration, runs: Sequence[Run]) -> Report:
         head = (*section.paragraphs[:1], *said, *warnings)
         section = replace(section, paragraphs=section.paragraphs[1:])
         return Report(f"Calibration: {found.model.plant.spec.name}", head, (section,))
-    peaks = np.array([[b.peak, b.peak, b.peak] for b in found.blocks])
-    labels = [f"{b.run}: {b.start:.4g} to {b.end:.4g} s" for b in found.blocks]
-    limit = np.full(len(peaks), block["limit"])
-    figure = bars(
-        labels[:60],
-        peaks[:60],
-        title="Highest score of every healthy block",
-        name="score",
-        unit="1",
-        reference=limit[:60],
-        reference_name="limit",
-    )
     units = {fault.name: fault.unit for fault in found.model.plant.signals.faults}
     rows = tuple(
-        (
-            name,
-            quantity(channel["limit"], units.get(name, "1")),
-            quantity(channel["interval"], units.get(name, "1")),
-        )
+        (name, quantity(channel["interval"], units.get(name, "1")))
         for name, channel in block["channels"].items()
     )
-    summary = (
-        f"From {block['blocks']} healthy blocks ({block['judged_s']:.4g} s), false alarms come at "
-        f"most once in {block['mtbfa_s']:.4g} s (95 % confidence).",
-        *warnings,
-    )
-    table = Table(("channel", "limit", "95 % of healthy values within"), rows)
-    section = Section("Healthy blocks", (), (table,), (figure,))
+    summary = (f"From {block['judged_s']:.4g} s of healthy logs.", *warnings)
+    table = Table(("fault", "95 % of healthy estimates within"), rows)
+    section = Section("Healthy estimates", (), (table,))
     return Report(f"Calibration: {found.model.plant.spec.name}", summary, (section,))
 
 
 def estimate_report(
-    model: Model, judgements: Sequence[Judgement], bank: Bank, reference: Reference
+    model: Model, estimated: Sequence[Estimated], bank: Bank, reference: Reference
 ) -> Report:
-    """The report of `estimate`: events as sentences, estimates with their limit, residuals."""
-    events = [event for judgement in judgements for event in judgement.events]
-    summary = tuple(sentences(model, events)[:5])
-    if len(events) > 5:
-        summary = (*summary, f"And {len(events) - 5} more events, listed below.")
-    section = estimate_section(model, judgements, bank, reference)
-    return Report(f"Faults: {model.plant.spec.name}", summary, (section,))
+    """The report of `estimate --observer`: estimates with their intervals, residuals."""
+    section = estimate_section(model, estimated, bank, reference)
+    return Report(f"Fault estimates: {model.plant.spec.name}", (sentence(model),), (section,))
 
 
 def estimate_section(
     model: Model,
-    judgements: Sequence[Judgement],
+    estimated: Sequence[Estimated],
     bank: Bank,
     reference: Reference,
     truth: Mapping[str, Float[np.ndarray, "samples"]] | None = None,
 ) -> Section:
     """Estimates and residuals of every run; `truth` (fault: size) where it is known."""
     signals = model.plant.signals
-    limits = (model.calibration or {}).get("channels", {})
     figures = []
-    for each in judgements:
-        judged = np.array(each.status) != NOT_JUDGED
+    for each in estimated:
         for fault in signals.faults:
             if fault.name not in bank.designs:
                 continue
             f = each.f[fault.name]
             width = each.half_width.get(fault.name, np.nan)
-            channel = limits.get(fault.name)
             figures.append(
                 fault_estimate(
                     each.run.t,
                     f,
                     f - width,
                     f + width,
-                    limit=channel["limit"] if channel else None,
+                    limit=None,
                     name=fault.name,
                     unit=fault.unit,
                     truth=None if truth is None else truth.get(fault.name),
-                    events=[(e.start, e.end) for e in each.events if e.fault == fault.name],
-                    not_judged=~judged,
+                    not_judged=~each.settled,
+                    probable=True,
                 )
             )
         figures += [
@@ -316,19 +289,6 @@ def estimate_section(
             for output in signals.outputs
             if output.name in each.residuals
         ]
-    events = [event for judgement in judgements for event in judgement.events]
-    rows = tuple(
-        (
-            e.run,
-            e.fault,
-            f"{e.start:.6g}",
-            f"{e.end:.6g}",
-            f"{e.size:.4g}",
-            f"{e.lo:.4g} to {e.hi:.4g}",
-        )
-        for e in events
-    )
-    header = ("run", "fault", "from [s]", "to [s]", "size", "95 % interval")
     notes = tuple(
         f"{name}: observer of order {d.order} on output {d.output}, bandwidth "
         f"{bank.bandwidth:.4g} rad/s, "
@@ -336,9 +296,8 @@ def estimate_section(
         + f", largest discrete pole over the envelope {d.radius:.4f}."
         for name, d in bank.designs.items()
     )
-    tables = (Table(header, rows, "Every event."),) if rows else ()
     paragraphs = (*notes, *(f"Not estimated: {why}" for why in bank.refused.values()))
-    return Section("Fault estimates", paragraphs, tables, tuple(figures[:MOST_FIGURES]))
+    return Section("Fault estimates", paragraphs, (), tuple(figures[:MOST_FIGURES]))
 
 
 def _parameters(model: Model) -> Table | None:

@@ -20,7 +20,7 @@ from jaxtyping import Float
 from faultgauge.detection.bank import FaultBank
 from faultgauge.detection.calibration import Calibration, calibrate
 from faultgauge.detection.decisions import Decision, decide_runs
-from faultgauge.detection.estimation import Judgement, estimate
+from faultgauge.detection.estimation import Estimated, estimate
 from faultgauge.detection.judged import Bank
 from faultgauge.detection.uncalibrated import unjudged_sentence
 from faultgauge.errors import InputError
@@ -66,7 +66,7 @@ class Drive:
     calibration: Calibration
     decision: Decision
     bank: FaultBank
-    judgement: Judgement
+    alone: Estimated
     observers: Bank
     figures: dict[str, float | int]
 
@@ -158,17 +158,16 @@ def run_drive(
     if bank is None:
         raise InputError(unjudged_sentence(calibration.model))
     limited = calibrate(model, third, observer="eso", progress=progress).model
-    (alone, judgement), observers = estimate(limited, [*last, logs.faulty])
-    by_eso = pulse_figures(logs, judgement.f[FAULT], judgement.status)
+    (alone,), observers = estimate(limited, [logs.faulty])
+    by_eso = estimate_figures(logs, alone.f[FAULT])
     figures = {
         "free_run_rmse_mm": 1e3 * (scores["outputs"]["q"]["rmse"] or np.inf),
         "events_on_held_out_nominal": merit.alarms(quiet.status),
         **pulse_figures(logs, decision.posterior.f[:, 0], decision.status),
-        "eso_events_on_held_out_nominal": merit.alarms(alone.status),
         **{f"eso_{name}": value for name, value in by_eso.items()},
     }
     return Drive(
-        whole, account, scores, predictions, calibration, decision, bank, judgement, observers,
+        whole, account, scores, predictions, calibration, decision, bank, alone, observers,
         figures,
     )  # fmt: skip
 
@@ -176,22 +175,30 @@ def run_drive(
 def pulse_figures(
     logs: DriveLogs, f: Float[np.ndarray, "samples"], status: Sequence[str]
 ) -> dict[str, float | int]:
-    """How well the pulse was found: error after settling, settling time, wrong half periods.
+    """How well the pulse was found: that of `estimate_figures`, and wrong half periods.
 
     A half period is wrong when any settled sample has the wrong status.
     """
+    edges = merit.edges_of(logs.pulse)
+    scored = merit.settled(logs.faulty.t, edges, SETTLED)
+    right = merit.intervals_right(status, logs.pulse, edges, scored)
+    return estimate_figures(logs, f) | {
+        "half_periods": len(right),
+        "half_periods_wrong": int(np.sum(~right)),
+    }
+
+
+def estimate_figures(logs: DriveLogs, f: Float[np.ndarray, "samples"]) -> dict[str, float]:
+    """How well the pulse was estimated: error after settling, settling time."""
     t, pulse = logs.faulty.t, logs.pulse
     edges = merit.edges_of(pulse)
     scored = merit.settled(t, edges, SETTLED)
     judged = [bool(part.any()) for part in np.split(scored, edges)[1:]]
     times = merit.settling_times(t, f, pulse, edges, BAND)[judged]
-    right = merit.intervals_right(status, pulse, edges, scored)
     error = merit.rmse(f, pulse, scored)
     return {
         "pulse_rmse_v": error,
         "pulse_rmse_share": error / PULSE,
         "settling_median_s": float(np.median(times)),
         "settling_max_s": float(np.max(times)),
-        "half_periods": len(right),
-        "half_periods_wrong": int(np.sum(~right)),
     }

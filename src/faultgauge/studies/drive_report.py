@@ -38,7 +38,6 @@ def rows(drives: Mapping[str, Drive]) -> tuple[tuple[str, ...], tuple[tuple[str,
         "events_on_held_out_nominal": ("false alarms on the held-out healthy part", "", "d"),
         "eso_pulse_rmse_v": ("an ESO alone: RMSE after settling", "V", ".3f"),
         "eso_settling_max_s": ("an ESO alone: settling to 5 %, worst", "s", ".3f"),
-        "eso_half_periods_wrong": ("an ESO alone: half periods judged wrong", "", "d"),
     }
     body = tuple(
         (
@@ -80,7 +79,7 @@ def drive_report(logs: DriveLogs, drives: Mapping[str, Drive]) -> Report:
         windows = [evidence(drive.bank, drive.decision, e) for e in drive.decision.events[:1]]
         decided = decision_report(drive.bank, [drive.decision], (), windows, truth)
         alone = estimate_section(
-            drive.observers.model, [drive.judgement], drive.observers, "free", truth
+            drive.observers.model, [drive.alone], drive.observers, "free", truth
         )
         alone = replace(alone, title="An ESO alone")
         proven = calibration_section(drive.bank, drive.calibration.blocks)

@@ -9,7 +9,7 @@ from jaxtyping import Float
 from faultgauge.errors import InputError
 from faultgauge.telemetry.runs import ROUNDING, Run, gaps
 
-__all__ = ["delayed", "shifted"]
+__all__ = ["check_delays", "delayed"]
 
 
 def delayed(run: Run, delays: Mapping[str, float], held: Collection[str]) -> Run:
@@ -21,21 +21,27 @@ def delayed(run: Run, delays: Mapping[str, float], held: Collection[str]) -> Run
 
     Raises `InputError` for a delay that leaves nothing of the run.
     """
+    check_delays(run, delays)
     columns = dict(run.columns)
     for name, delay in delays.items():
-        if delay == 0:
-            continue
-        if delay >= run.t[-1] - run.t[0]:
-            raise InputError(
-                f"{run.source}: run {run.name!r} lasts {run.t[-1] - run.t[0]:g} s, no longer than "
-                f"the delay of input {name!r}, {delay:g} s; correct the delay or give a longer run."
-            )
-        columns[name] = shifted(run, name, delay, name in held)
+        if delay:
+            columns[name] = _shifted(run, name, delay, name in held)
     return replace(run, columns=columns)
 
 
-def shifted(run: Run, name: str, delay: float, held: bool) -> Float[np.ndarray, "samples"]:
-    """u(t - delay) of input `name`, NaN where it is not known; needs two samples.
+def check_delays(run: Run, delays: Mapping[str, float]) -> None:
+    """Raises `InputError` for a delay [s] that leaves nothing of the run."""
+    lasts = float(run.t[-1] - run.t[0])
+    for name, delay in delays.items():
+        if delay and delay >= lasts:
+            raise InputError(
+                f"{run.source}: run {run.name!r} lasts {lasts:g} s, no longer than "
+                f"the delay of input {name!r}, {delay:g} s; correct the delay or give a longer run."
+            )
+
+
+def _shifted(run: Run, name: str, delay: float, held: bool) -> Float[np.ndarray, "samples"]:
+    """u(t - delay) of input `name`, NaN where it is not known.
 
     What was averaged over the intervals of a lower rate is averaged over the delayed ones, too.
     """

@@ -10,11 +10,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from faultgauge.detection.calibration import calibrate
-from faultgauge.detection.decisions import Decision, decide_runs
-from faultgauge.detection.estimation import Judgement, estimate
+from faultgauge.detection.decisions import decide_runs
+from faultgauge.detection.estimation import estimate
 from faultgauge.identification.fit import fit
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
@@ -23,7 +23,7 @@ from faultgauge.studies import merit
 from faultgauge.studies.checkup import parts
 from faultgauge.studies.drive import FAULT, PULSE, DriveLogs
 
-__all__ = ["Body", "Found", "bodies", "by_bank", "by_eso", "judged", "trained"]
+__all__ = ["Body", "Found", "bodies", "by_bank", "by_eso", "scored", "trained"]
 
 BANDWIDTH = 100.0  # rad/s
 SHARES = (0.5, 0.6, 0.8)  # of the nominal record
@@ -47,15 +47,13 @@ class Body:
 
 @dataclass(frozen=True)
 class Found:
-    """What one observer made of both records; `f` [V] with its interval, on the pulses.
+    """What one observer made of the pulses: `f` [V] with its interval.
 
     `figures`: RMSE [V] and its share of 5 V from 60 ms after each edge, settling times [s] to 5 %,
-    half periods and how many are wrong, alarms on the healthy stretch, coverage; of the bank also
-    how the onsets of the pulses were told.
+    coverage; of the bank also half periods and how many are wrong, alarms on the healthy stretch,
+    and how the onsets of the pulses were told.
     """
 
-    quiet: Judgement | Decision
-    pulses: Judgement | Decision
     f: Float[np.ndarray, "samples"]
     lo: Float[np.ndarray, "samples"]
     hi: Float[np.ndarray, "samples"]
@@ -89,17 +87,16 @@ def trained(name: str, plant: GrayBoxPlant, logs: DriveLogs, seed: int) -> Body:
     calibrated = calibrate(model, third).model
     limited = calibrate(model, third, observer="eso").model
     quiet = estimate(limited, third)[0][0]
-    healthy = merit.rms(quiet.f[FAULT][np.array(quiet.status) != "NOT_JUDGED"])
+    healthy = merit.rms(quiet.f[FAULT][quiet.settled])
     free = model.record["metrics"]["validation_free_run_nrmse"]
     return Body(name, calibrated, limited, free, healthy)
 
 
 def by_eso(body: Body, logs: DriveLogs) -> Found:
     """The extended state observer at 100 rad/s."""
-    last = parts([logs.healthy], *SHARES)[3]
-    quiet, pulses = estimate(body.limited, [*last, logs.faulty])[0]
+    (pulses,), _ = estimate(body.limited, [logs.faulty])
     f, width = pulses.f[FAULT], pulses.half_width[FAULT]
-    return judged(quiet, pulses, f, f - width, f + width, logs)
+    return scored(f, f - width, f + width, pulses.settled, logs)
 
 
 def by_bank(body: Body, logs: DriveLogs) -> Found:
@@ -107,7 +104,14 @@ def by_bank(body: Body, logs: DriveLogs) -> Found:
     last = parts([logs.healthy], *SHARES)[3]
     (quiet, pulses), _ = decide_runs(body.model, [*last, logs.faulty])
     f = pulses.posterior
-    found = judged(quiet, pulses, f.f[:, 0], f.lo[:, 0], f.hi[:, 0], logs)
+    judged = np.array(pulses.status) != "NOT_JUDGED"
+    found = scored(f.f[:, 0], f.lo[:, 0], f.hi[:, 0], judged, logs)
+    t, places = logs.faulty.t, merit.edges_of(logs.pulse)
+    after = merit.settled(t, places, SETTLED)
+    right = merit.intervals_right(pulses.status, logs.pulse, places, after)
+    found.figures["half_periods"] = float(len(right))
+    found.figures["half_periods_wrong"] = float(np.sum(~right))
+    found.figures["alarms_on_healthy_stretch"] = float(merit.alarms(quiet.status))
     edges = [float(logs.faulty.t[k]) for k in merit.edges_of(logs.pulse)]
     edges = edges if logs.pulse[0] == 0 else edges[1:]
     ends = [*edges[1::2], np.inf]  # of the last one too
@@ -121,31 +125,25 @@ def by_bank(body: Body, logs: DriveLogs) -> Found:
     return found
 
 
-def judged(
-    quiet: Judgement | Decision,
-    pulses: Judgement | Decision,
+def scored(
     f: Float[np.ndarray, "samples"],
     lo: Float[np.ndarray, "samples"],
     hi: Float[np.ndarray, "samples"],
+    judged: Bool[np.ndarray, "samples"],
     logs: DriveLogs,
 ) -> Found:
-    """The figures of one observer."""
+    """The figures of one observer's estimates; coverage where they are `judged`."""
     t, truth = logs.faulty.t, logs.pulse
     edges = merit.edges_of(truth)
-    scored = merit.settled(t, edges, SETTLED)
+    after = merit.settled(t, edges, SETTLED)
     times = merit.settling_times(t, f, truth, edges)
-    right = merit.intervals_right(pulses.status, truth, edges, scored)
-    error = merit.rmse(f, truth, scored)
-    held = np.array(pulses.status) != "NOT_JUDGED"
+    error = merit.rmse(f, truth, after)
     figures = {
         "rmse_v": error,
         "rmse_share": error / PULSE,
         "settling_median_s": float(np.median(times)),
         "settling_max_s": float(np.max(times)),
         "edges_within_60_ms": float(np.sum(times <= SETTLED)),
-        "half_periods": float(len(right)),
-        "half_periods_wrong": float(np.sum(~right)),
-        "alarms_on_healthy_stretch": float(merit.alarms(quiet.status)),
-        "coverage_settled": merit.coverage(lo, hi, truth, scored & held),
+        "coverage_settled": merit.coverage(lo, hi, truth, after & judged),
     }
-    return Found(quiet, pulses, f, lo, hi, figures)
+    return Found(f, lo, hi, figures)

@@ -6,13 +6,13 @@ import pytest
 
 from faultgauge.detection.calibration import calibrate
 from faultgauge.detection.decisions import Decision, decide_runs, table
-from faultgauge.detection.episode import Alarm
-from faultgauge.detection.estimation import Judgement, estimate
+from faultgauge.detection.estimation import Estimated, estimate
 from faultgauge.detection.estimation import table as plain_table
-from faultgauge.detection.events import BankEvent
+from faultgauge.detection.events import Alarm, BankEvent
 from faultgauge.detection.flat_line import FlatLine, longest_repeats
 from faultgauge.detection.noise import Noise
-from faultgauge.detection.online import Online
+from faultgauge.detection.stream import Stream
+from faultgauge.observers.follow import follow
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
 from faultgauge.plants.plant_file import parse_plant
@@ -84,12 +84,12 @@ def streamed(judge, run):
     return [*said, *judge.finish()]
 
 
-@pytest.mark.parametrize("block", [None, {"channels": {}, "limit": 1.0}])
+@pytest.mark.parametrize("block", [None, {"channels": {}}])
 def test_without_calibration_every_row_says_so_as_in_the_file(block):
     plain = model() if block is None else model().with_calibration(block)
     run = short(log(3), 300)
     (judged,), _ = decide_runs(plain, [run])
-    said = streamed(Online(plain, observer="bank"), run)
+    said = streamed(Stream(plain, observer="bank"), run)
     names = plain.plant.signals.fault_names
     assert table(said, names) == table([judged], names)
     assert set(judged.status) == {"NOT_JUDGED"}
@@ -104,7 +104,7 @@ def calibrated():
 def test_every_bit_of_a_holed_log_is_that_of_the_file(calibrated):
     run = holed(log(3, pump=0.3, gauge=0.5))
     (judged,), _ = decide_runs(calibrated, [run])
-    said = streamed(Online(calibrated, observer="bank"), run)
+    said = streamed(Stream(calibrated, observer="bank"), run)
     rows = [each for each in said if isinstance(each, Decision)]
     names = calibrated.plant.signals.fault_names
     assert table(rows, names) == table([judged], names), "floats compared with =="
@@ -138,7 +138,7 @@ def test_a_command_beyond_its_limits_is_the_limit_in_file_and_stream(observer):
             judged, form = decide_runs(judging, [run])[0], table
         else:
             judged, form = estimate(judging, [run])[0], plain_table
-        said = streamed(Online(judging, observer=observer), run)
+        said = streamed(Stream(judging, observer=observer), run)
         rows = [each for each in said if type(each) is type(judged[0])]
         names = plain.plant.signals.fault_names
         tables += [form(judged, names), form(rows, names)]
@@ -169,20 +169,18 @@ def leaky():
     return calibrate(model(LEAKY), [log(1), log(2)]).model
 
 
-@pytest.mark.parametrize("cut", [0, 3, 6, 7])
-def test_longer_repeats_are_no_measurements_in_any_pieces(cut):
+def believed(flat, run):
+    """(what of x is a measurement, the places of outputs that stand still)."""
+    return follow(flat, flat.init(), (run.columns["x"][:, None],))[1]
+
+
+def test_longer_repeats_are_no_measurements():
     """Seven times 1 with an empty cell among them, 2 twice: the 5th to 7th of the ones go."""
     run = readings(0, 1, 1, 1, np.nan, 1, 1, 1, 1, 2, 2)
-    flat = FlatLine(model(LEAKY).with_calibration({"repeats": {"x": 2}}), sized=True)
-    parts = [flat.used(each)[0] for each in pieces(run, cut)]
-    kept = np.concatenate([part.columns["x"] for part in parts])
-    np.testing.assert_array_equal(kept, [0, 1, 1, 1, np.nan, 1, np.nan, np.nan, np.nan, 2, 2])
-
-
-def pieces(run, cut):
-    for rows in (slice(0, cut), slice(cut, None)):
-        columns = {name: values[rows] for name, values in run.columns.items()}
-        yield Run(run.name, run.source, run.t[rows], columns)
+    flat = FlatLine.of(model(LEAKY).with_calibration({"repeats": {"x": 2}}))
+    kept, _ = believed(flat, run)
+    wanted = [0, 1, 1, 1, np.nan, 1, np.nan, np.nan, np.nan, 2, 2]
+    np.testing.assert_array_equal(kept[:, 0], wanted)
 
 
 def test_what_healthy_logs_repeat_is_allowed_twice_and_an_own_fault_explains_it():
@@ -190,12 +188,12 @@ def test_what_healthy_logs_repeat_is_allowed_twice_and_an_own_fault_explains_it(
     assert longest_repeats(model(LEAKY), [still]) == {"x": 6}
     long = readings(0, *[1] * 14)
     known = {"repeats": {"x": 6}}
-    used, standing = FlatLine(model(LEAKY).with_calibration(known), sized=True).used(long)
-    assert np.isfinite(used.columns["x"]).sum() == 13  # 0, and twelve times 1
-    assert standing[-2:] == ["x", "x"]
+    used, standing = believed(FlatLine.of(model(LEAKY).with_calibration(known)), long)
+    assert np.isfinite(used).sum() == 13  # 0, and twelve times 1
+    assert standing[-3:].tolist() == [0, 1, 1]
     declared = model().with_calibration(known)  # a fault of the gauge
-    assert FlatLine(declared, sized=True).used(long)[1] == [""] * 15
-    assert FlatLine(declared, sized=False).used(long)[1][-1] == "x"
+    assert not believed(FlatLine.of(declared), long)[1].any()
+    assert believed(FlatLine.of(declared, sized=False), long)[1][-1] == 1
 
 
 def test_the_bank_says_so_and_names_no_leak(leaky):
@@ -205,7 +203,7 @@ def test_the_bank_says_so_and_names_no_leak(leaky):
     assert still.sum() > 20
     assert {judged.status[k] for k in np.flatnonzero(still)} == {"NOT_JUDGED"}
     assert "pump" not in {event.fault for event in judged.events}
-    rows = [e for e in streamed(Online(leaky, observer="bank"), run) if type(e) is Decision]
+    rows = [e for e in streamed(Stream(leaky, observer="bank"), run) if type(e) is Decision]
     names = leaky.plant.signals.fault_names
     assert table(rows, names) == table([judged], names), "floats compared with =="
 
@@ -214,7 +212,7 @@ def test_so_do_the_observers(leaky):
     run = saturated(3)
     (judged,), _ = estimate(leaky, [run])
     assert judged.reason.count(STILL) > 20
-    rows = [e for e in streamed(Online(leaky, observer="eso"), run) if type(e) is Judgement]
+    rows = [e for e in streamed(Stream(leaky, observer="eso"), run) if type(e) is Estimated]
     names = leaky.plant.signals.fault_names
     streaming = [plain_table([row], names) for row in rows]
     whole = plain_table([judged], names)

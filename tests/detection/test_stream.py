@@ -7,9 +7,8 @@ import pytest
 from scipy.signal import cont2discrete
 
 from faultgauge.detection.calibration import calibrate
-from faultgauge.detection.episode import Alarm
-from faultgauge.detection.estimation import Event, Judgement, estimate, table
-from faultgauge.detection.online import Online
+from faultgauge.detection.estimation import Estimated, estimate, table
+from faultgauge.detection.stream import Stream
 from faultgauge.errors import InputError
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
@@ -84,18 +83,16 @@ def holed(run):
 
 
 def streamed(judge, run):
-    """(table, alarms, events, rows that were answered when their sample came)."""
+    """(table, rows that were answered when their sample came)."""
     said, prompt = [], 0
     for k, t in enumerate(run.t):
         now = list(judge.push(Sample(float(t), {n: float(v[k]) for n, v in run.columns.items()})))
-        prompt += any(isinstance(each, Judgement) and each.run.t[0] == t for each in now)
+        prompt += any(isinstance(each, Estimated) and each.run.t[0] == t for each in now)
         said += now
     said += judge.finish()
-    rows = [each for each in said if isinstance(each, Judgement)]
+    rows = [each for each in said if isinstance(each, Estimated)]
     return (
         table(rows, judge.model.plant.signals.fault_names),
-        [each for each in said if isinstance(each, Alarm)],
-        [each for each in said if isinstance(each, Event)],
         prompt,
     )
 
@@ -110,13 +107,8 @@ def test_every_bit_of_a_holed_log_is_that_of_the_file(calibrated, reference):
     run = holed(log(3, leak=-0.3))
     (judged,), _ = estimate(calibrated, [run], reference=reference)
     expected = table([judged], calibrated.plant.signals.fault_names)
-    found, alarms, events, prompt = streamed(
-        Online(calibrated, observer="eso", reference=reference), run
-    )
+    found, prompt = streamed(Stream(calibrated, observer="eso", reference=reference), run)
     assert found == expected, "floats compared with ==, so to the bit"
-    assert events == judged.events
-    assert events
-    assert [a.start for a in alarms] == [e.start for e in events]
     assert prompt >= COUNT - 19 - 8, "all but the first 19, and one at the start of each stretch"
 
 
@@ -127,7 +119,6 @@ def test_every_bit_of_a_holed_log_is_that_of_the_file(calibrated, reference):
         ("", (("level", 1), ("level", 0)), ("level",)),  # the first state as a rate: 20
         ("vary", (("first", 0), ("level", 0)), ("first", "level")),
         ("delay", (("first", 0), ("level", 0)), ("first", "level")),
-        ("no faults", (("first", 0), ("level", 0)), ("first", "level")),
     ],
 )
 def test_whatever_a_stretch_starts_from(change, states, outputs):
@@ -135,7 +126,6 @@ def test_whatever_a_stretch_starts_from(change, states, outputs):
         "": PLANT,
         "vary": PLANT.replace("fixed = true", 'vary = "run"'),
         "delay": PLANT.replace('"zero"', '"zero"\ndelay = 0.33'),
-        "no faults": PLANT[: PLANT.index("[faults.leak]")] + "[observer]\nbandwidth = 1\n",
     }[change]
     late = 3 if change == "delay" else 0
     healthy = [log(k, outputs=outputs, late=late) for k in (1, 2)]
@@ -143,28 +133,27 @@ def test_whatever_a_stretch_starts_from(change, states, outputs):
     run = holed(log(3, leak=-0.3, outputs=outputs, late=late))
     (judged,), _ = estimate(found, [run])
     expected = table([judged], found.plant.signals.fault_names)
-    got, _, events, _ = streamed(Online(found, observer="eso"), run)
+    got, _ = streamed(Stream(found, observer="eso"), run)
     assert got == expected
-    assert events == judged.events
 
 
 def test_uncalibrated_and_short_streams():
     run = log(4)
     short = Run(run.name, run.source, run.t[:9], {n: v[:9] for n, v in run.columns.items()})
     (judged,), _ = estimate(model(), [short])
-    got, alarms, events, _ = streamed(Online(model(), observer="eso"), short)
+    got, _ = streamed(Stream(model(), observer="eso"), short)
     assert got == table([judged], ("leak", "clog"))
-    assert (set(got["status"]), alarms, events) == ({"NOT_JUDGED"}, [], [])
+    assert set(got["status"]) == {"NOT_JUDGED"}
     with pytest.raises(InputError, match="fewer than two samples"):
-        list(Online(model(), observer="eso").finish())
+        list(Stream(model(), observer="eso").finish())
 
 
 def test_what_would_need_the_future_is_refused():
     curved = model(PLANT.replace('"zero"', '"band-limited"'))
     with pytest.raises(InputError, match=r"band-limited.*--reference observer"):
-        Online(curved, observer="eso")
-    Online(curved, observer="eso", reference="observer")
+        Stream(curved, observer="eso")
+    Stream(curved, observer="eso", reference="observer")
     run = log(5)
     run.columns["level"][1::3] = run.columns["level"][2::3] = np.nan
     with pytest.raises(InputError, match="'level' is sampled at times of its own"):
-        streamed(Online(model(), observer="eso"), run)
+        streamed(Stream(model(), observer="eso"), run)

@@ -1,0 +1,1 @@
+"""Programs for other machines, printed from the step that runs in Python."""

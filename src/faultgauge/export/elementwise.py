@@ -1,0 +1,211 @@
+"""Elementwise operations in C, and the helpers that they call."""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from faultgauge.errors import InputError
+
+__all__ = ["ELEMENTWISE", "HELPERS", "FLOATS", "Kind", "TANH_ERROR", "kind_of", "literal"]
+
+TANH_ERROR = 3e-7  # of `fast_tanh`, absolute
+
+Kind = str  # "real", "wide" (double even where real is float), "bool" or an integer type of C
+LETTERS = {"real": "r", "wide": "w", "bool": "b", "int64_t": "i", "int32_t": "j"}
+FLOATS = ("real", "wide")
+
+
+def kind_of(dtype: np.dtype) -> Kind:
+    """The type in C. Raises `InputError` where it has none."""
+    if dtype == np.bool_:
+        return "bool"
+    if dtype.kind == "f":
+        return "real"
+    if dtype.kind in "iu":
+        # unsigned indices come from JAX's own bookkeeping, and are small
+        return "int64_t" if dtype.itemsize > 4 or dtype == np.uint32 else "int32_t"
+    raise InputError(f"the model's step has numbers of type {dtype}, which C code has none of.")
+
+
+def literal(value: float | int | bool, kind: Kind, single: bool) -> str:
+    """A number in C. In single precision what is beyond its range becomes its edge: such numbers
+    are guards ("not 0", "larger than anything"), and stay so."""
+    if kind == "bool":
+        return "1" if value else "0"
+    if kind not in FLOATS:
+        return f"INT64_C({int(value)})" if abs(int(value)) >= 2**31 else str(int(value))
+    value = float(value)
+    if np.isnan(value):
+        return "NAN"
+    if np.isinf(value):
+        return "INFINITY" if value > 0 else "-INFINITY"
+    if not single or kind == "wide":
+        return repr(value)
+    least, most = (float(each) for each in (np.finfo("f4").tiny, np.finfo("f4").max))
+    if value != 0 and abs(value) < least:
+        value = float(np.copysign(least, value))
+    narrow = np.float32(min(max(value, -most), most))
+    text = str(narrow)
+    return text + ("f" if "." in text or "e" in text else ".0f")
+
+
+def _call(name: str) -> Callable[..., str]:
+    return lambda a, k, f: f"{name}{f}({', '.join(a)})" if k in FLOATS else f"({a[0]})"
+
+
+def _binary(sign: str) -> Callable[..., str]:
+    return lambda a, k, f: f"({a[0]} {sign} {a[1]})"
+
+
+def _bits(word: str, sign: str) -> Callable[..., str]:
+    return lambda a, k, f: f"({a[0]} {word if k == 'bool' else sign} {a[1]})"
+
+
+def _helped(name: str) -> Callable[..., str]:
+    return lambda a, k, f: f"{name}_{LETTERS[k]}({', '.join(a)})"
+
+
+def _power(y: int) -> Callable[..., str]:
+    def text(a: Sequence[str], k: Kind, f: str) -> str:
+        found = " * ".join([f"{a[0]}"] * abs(y)) or "1"
+        return f"({found})" if y >= 0 else f"({literal(1, k, bool(f))} / ({found}))"
+
+    return text
+
+
+# name -> (arguments, their kind, suffix of the functions) -> expression
+ELEMENTWISE: dict[str, Callable[[Sequence[str], Kind, str], str]] = {
+    "add": _binary("+"),
+    "add_any": _binary("+"),
+    "sub": _binary("-"),
+    "mul": _binary("*"),
+    "div": _binary("/"),
+    "rem": lambda a, k, f: f"fmod{f}({a[0]}, {a[1]})" if k in FLOATS else f"({a[0]} % {a[1]})",
+    "neg": lambda a, k, f: f"(-{a[0]})",
+    "max": _helped("fg_max"),
+    "min": _helped("fg_min"),
+    "sign": _helped("fg_sign"),
+    "abs": lambda a, k, f: (
+        f"fabs{f}({a[0]})" if k in FLOATS else f"({a[0]} < 0 ? -{a[0]} : {a[0]})"
+    ),
+    "lt": _binary("<"),
+    "le": _binary("<="),
+    "gt": _binary(">"),
+    "ge": _binary(">="),
+    "eq": _binary("=="),
+    "ne": _binary("!="),
+    "and": _bits("&&", "&"),
+    "or": _bits("||", "|"),
+    "xor": _bits("!=", "^"),
+    "not": lambda a, k, f: f"(!{a[0]})" if k == "bool" else f"(~{a[0]})",
+    "is_finite": lambda a, k, f: f"(isfinite({a[0]}) != 0)",
+    "square": lambda a, k, f: f"({a[0]} * {a[0]})",
+    "rsqrt": lambda a, k, f: f"({literal(1, k, bool(f))} / sqrt{f}({a[0]}))",
+    "logistic": lambda a, k, f: (
+        f"({literal(1, k, bool(f))} / ({literal(1, k, bool(f))} + exp{f}(-{a[0]})))"
+    ),
+    "floor": _call("floor"),
+    "ceil": _call("ceil"),
+    **{
+        name: _call(name)
+        for name in (
+            "sqrt", "exp", "log", "log1p", "expm1", "tanh", "erf", "erfc", "pow", "sin", "cos",
+            "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "exp2", "cbrt",
+        )
+    },
+}  # fmt: skip
+
+_MAX = """static {t} fg_{n}_{l}({t} a, {t} b)
+{{
+    return a {s} b{nan} ? a : b;
+}}
+"""
+_SIGN_REAL = """static real fg_sign_r(real a)
+{
+    return a > 0 ? (real)1 : a < 0 ? (real)-1 : a;
+}
+"""
+_SIGN_INT = """static {t} fg_sign_{l}({t} a)
+{{
+    return a > 0 ? 1 : a < 0 ? -1 : 0;
+}}
+"""
+_AT = """/* a place within an array, whatever is asked for */
+static int32_t fg_at(int64_t place, int32_t last)
+{
+    return place < 0 ? 0 : place > last ? last : (int32_t)place;
+}
+"""
+_INT = """/* the nearest that fits; 0 where it is no number */
+static {t} fg_int_{l}(real a)
+{{
+    return a != a ? 0 : a >= (real){top} ? {most} : a <= -(real){top} ? -{most} - 1 : ({t})a;
+}}
+"""
+# A rational minimax approximation of tanh on +-7.9, as Eigen has it (MPL 2.0 in its source; the
+# coefficients are numbers).
+_TANH = """/* tanh without libm: off by less than {error} everywhere */
+static real fg_tanh(real a)
+{{
+    const real x = a > 7.9{f} ? 7.9{f} : a < -7.9{f} ? -7.9{f} : a;
+    const real s = x * x;
+    real p = -2.76076847742355e-16{f}, q = 1.19825839466702e-06{f};
+    p = p * s + 2.00018790482477e-13{f};
+    p = p * s - 8.60467152213735e-11{f};
+    p = p * s + 5.12229709037114e-08{f};
+    p = p * s + 1.48572235717979e-05{f};
+    p = p * s + 6.37261928875436e-04{f};
+    p = p * s + 4.89352455891786e-03{f};
+    q = q * s + 1.18534705686654e-04{f};
+    q = q * s + 2.26843463243900e-03{f};
+    q = q * s + 4.89352518554385e-03{f};
+    return x * p / q;
+}}
+"""
+_ERF_INV = """/* Newton's method from Winitzki's approximation: exact to rounding */
+static real fg_erf_inv(real a)
+{{
+    const real l = log1p{f}(-a * a), c = 4.33075{f} + l / 2;
+    real x = copysign{f}(sqrt{f}(sqrt{f}(c * c - l / 0.147{f}) - c), a);
+    int32_t k;
+    if (!(fabs{f}(a) < 1)) {{
+        return fabs{f}(a) == 1 ? a * INFINITY : NAN;
+    }}
+    for (k = 0; k < 3; k++) {{
+        const real e = (a > 0 ? (1 - a) - erfc{f}(x) : erfc{f}(-x) - (1 + a));
+        const real d = e / (1.1283791670955126{f} * exp{f}(-x * x));
+        x -= d / (1 + x * d);
+    }}
+    return x;
+}}
+"""
+
+
+def _helpers() -> dict[str, Callable[[bool], str]]:
+    found: dict[str, Callable[[bool], str]] = {}
+
+    def fixed(name: str, text: str) -> None:
+        found[name] = lambda single: text
+
+    for kind, letter in LETTERS.items():
+        if kind == "bool":
+            continue
+        nan = " || a != a" if kind in FLOATS else ""
+        for n, s in (("max", ">"), ("min", "<")):
+            fixed(f"fg_{n}_{letter}", _MAX.format(t=kind, n=n, l=letter, s=s, nan=nan))
+        if kind not in FLOATS:
+            fixed(f"fg_sign_{letter}", _SIGN_INT.format(t=kind, l=letter))
+            top, most = (
+                ("9223372036854775808.0", "INT64_MAX")
+                if kind == "int64_t"
+                else ("2147483648.0", "INT32_MAX")
+            )
+            fixed(f"fg_int_{letter}", _INT.format(t=kind, l=letter, top=top, most=most))
+    fixed("fg_sign_r", _SIGN_REAL)
+    fixed("fg_at", _AT)
+    found["fg_tanh"] = lambda single: _TANH.format(f="f" if single else "", error=TANH_ERROR)
+    found["fg_erf_inv"] = lambda single: _ERF_INV.format(f="f" if single else "")
+    return found
+
+
+HELPERS = _helpers()

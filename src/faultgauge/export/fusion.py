@@ -1,0 +1,118 @@
+"""Which arrays are kept in memory, and which are computed where they are read.
+
+An array is computed anew for every reader where that costs less than storing and loading it; read
+once, it never needs memory of its own, so that a chain of elementwise operations becomes one loop.
+"""
+
+from collections import defaultdict
+from math import prod
+
+from faultgauge.export.program import Block, Operation, Program
+
+__all__ = ["kept_values"]
+
+VIEWS = {
+    "broadcast_in_dim", "slice", "transpose", "squeeze", "expand_dims", "rev", "dynamic_slice",
+    "gather", "reshape", "turn_of",
+}  # fmt: skip
+WHOLE = {
+    "concatenate", "stack", "pad", "scatter", "scatter-add", "scatter-mul", "scatter-min",
+    "scatter-max", "dynamic_update_slice", "cumsum", "cumprod", "cummax", "cummin", "sort",
+    "cond", "scan",
+}  # fmt: skip
+DEAR = {"div": 4.0, "sqrt": 4.0, "rsqrt": 8.0, "integer_pow": 2.0}
+FUNCTIONS = {
+    "exp", "log", "log1p", "expm1", "tanh", "erf", "erfc", "erf_inv", "logistic", "pow", "sin",
+    "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "exp2", "cbrt",
+}  # fmt: skip
+CHEAP = {"neg", "not", "convert_element_type", "select_n", "is_finite"}
+
+
+def kept_values(program: Program) -> set[int]:
+    """The ids of the values that get memory (or, where they are scalars, a variable)."""
+    cost: dict[int, float] = {}
+    _costs(program.body, cost)
+    kept: set[int] = set()
+    # how often each value is computed, by where: once per place, however many read it there
+    reads: dict[int, dict[tuple[int, ...], float]] = defaultdict(dict)
+    _decide(program.body, 1.0, cost, kept, reads)
+    return kept
+
+
+def _costs(block: Block, cost: dict[int, float]) -> None:
+    """Of one element, in additions; what it reads costs a load at most, since it will be kept where
+    it costs more."""
+    for each in block.operations:
+        for inner in each.blocks:
+            _costs(inner, cost)
+        inputs = {id(v): v for v in each.inputs if not v.known}
+        below = sum(min(cost.get(key, 1.0), 1.0) for key in inputs)
+        for out in each.outputs:
+            cost[id(out)] = 1.0 if each.name in WHOLE else _own(each) + below * _turns(each)
+
+
+def _own(each: Operation) -> float:
+    if each.name in VIEWS:
+        return 0.0
+    if each.name in FUNCTIONS:
+        return 20.0
+    if each.name in CHEAP:
+        return 0.5
+    return DEAR.get(each.name, 1.0) * _turns(each)
+
+
+def _turns(each: Operation) -> float:
+    """Elements that one element of the output takes."""
+    if each.name == "dot_general":
+        (lhs, _), _ = each.params["dimension_numbers"]
+        return float(prod(each.inputs[0].shape[k] for k in lhs))
+    if each.name.startswith(("reduce_", "argm")) and each.name != "reduce_precision":
+        return each.inputs[0].size / max(each.outputs[0].size, 1)
+    return 1.0
+
+
+def _decide(
+    block: Block,
+    times: float,
+    cost: dict[int, float],
+    kept: set[int],
+    reads: dict[int, dict[tuple[int, ...], float]],
+) -> None:
+    """From the end to the beginning, since what is kept depends on who reads it."""
+    for out in block.outputs:
+        kept.add(id(out))
+    for each in reversed(block.operations):
+        if each.name in ("cond", "scan"):
+            for v in each.inputs:
+                kept.add(id(v))
+            for inner in each.blocks:
+                _decide(inner, times * each.params.get("length", 1), cost, kept, reads)
+            continue
+        if each.name == "sort":
+            kept |= {id(v) for v in each.outputs}
+        out = each.outputs[0]
+        places = reads[id(out)]
+        total, once = sum(places.values()), out.size * times
+        spared = cost[id(out)] * (total - once)
+        if each.name in WHOLE or spared > (0.0 if out.shape == () else total + once):
+            kept.add(id(out))
+        if id(out) in kept:
+            places = {(id(out),): once}
+        if _reorders(each):
+            kept.add(id(each.inputs[0]))
+        turns = _turns(each)
+        for k, v in enumerate(each.inputs):
+            elementwise = each.name not in VIEWS and each.name not in WHOLE and turns == 1.0
+            for place, count in places.items():
+                at = place if elementwise and v.shape == out.shape else (*place, id(each), k)
+                if each.name in WHOLE:
+                    count = v.size * times
+                reads[id(v)][at] = max(count * turns, reads[id(v)].get(at, 0.0))
+
+
+def _reorders(each: Operation) -> bool:
+    """Whether a reshape does more than add or drop axes of length 1."""
+    if each.name != "reshape":
+        return False
+    before = [n for n in each.inputs[0].shape if n != 1]
+    return before != [n for n in each.outputs[0].shape if n != 1]

@@ -1,0 +1,156 @@
+"""A printed step, compiled with the system's C compiler and called from Python."""
+
+import ctypes
+import os
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+
+from faultgauge.errors import InputError
+from faultgauge.export.compile import Member, Printed
+from faultgauge.export.sources import header, step_source, table_source
+
+__all__ = ["Native", "compiler"]
+
+FLAGS = ("-std=c99", "-O2", "-fPIC", "-shared")
+RUN = """
+#define _POSIX_C_SOURCE 199309L
+#include "{name}.h"
+#include <time.h>
+void fg_times(int64_t count, const {name}_input *in, double *took, {name}_state *state)
+{{
+    for (int64_t k = 0; k < count; k++) {{
+        {name}_output out;
+        struct timespec a, b;
+        clock_gettime(CLOCK_MONOTONIC, &a);
+        {name}_step(in + k, &out, state);
+        clock_gettime(CLOCK_MONOTONIC, &b);
+        took[k] = (double)(b.tv_sec - a.tv_sec) + 1e-9 * (double)(b.tv_nsec - a.tv_nsec);
+    }}
+}}
+void fg_init({name}_state *state) {{ {name}_init(state); }}
+void fg_run(int64_t count, const {name}_input *in, {name}_output *out, {name}_state *state)
+{{
+    for (int64_t k = 0; k < count; k++) {{
+        {name}_step(in + k, out + k, state);
+    }}
+}}
+int64_t fg_sizes(int32_t which)
+{{
+    return which == 0 ? (int64_t)sizeof({name}_input)
+        : which == 1 ? (int64_t)sizeof({name}_output) : (int64_t)sizeof({name}_state);
+}}
+"""
+
+
+def compiler() -> str | None:
+    """The path of a C compiler: $CC, cc, gcc or clang, whichever is there first."""
+    names = [os.environ.get("CC", ""), "cc", "gcc", "clang"]
+    return next((found for name in names if name and (found := shutil.which(name))), None)
+
+
+class Native:
+    """A compiled step with its state; `run` takes many samples at once.
+
+    The library lives in a folder of its own until `close`, or the end of `with`. Raises
+    `InputError` where there is no C compiler, or it refuses the code.
+    """
+
+    def __init__(self, printed: Printed, flags: Sequence[str] = ()) -> None:
+        cc = compiler()
+        if cc is None:
+            raise InputError(
+                "no C compiler was found, which this needs; install gcc or clang, or name one in "
+                "the environment variable CC."
+            )
+        self._folder = tempfile.TemporaryDirectory(prefix="faultgauge-")
+        folder, name = Path(self._folder.name), printed.name
+        (folder / f"{name}.h").write_text(header(printed, ""))
+        (folder / f"{name}.c").write_text(step_source(printed, ""))
+        (folder / f"{name}_tables.c").write_text(table_source(printed, ""))
+        (folder / "run.c").write_text(RUN.format(name=name))
+        library = folder / "step.so"
+        sources = [str(folder / each) for each in (f"{name}.c", f"{name}_tables.c", "run.c")]
+        command = [cc, *FLAGS, *flags, *sources, "-o", str(library), "-lm"]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        if done.returncode:
+            raise InputError(f"{cc} refused the exported code: {done.stderr.strip()[:500]}")
+        self._library = ctypes.CDLL(str(library))
+        self.input, self.output = (
+            _record(each, printed.single) for each in (printed.inputs, printed.outputs)
+        )
+        work = _record(printed.work, printed.single)
+        self.state_type = _record(printed.state, printed.single, [("work", work)])
+        self._check_sizes()
+        self._state = np.zeros(1, self.state_type)
+        self.begin()
+
+    def __enter__(self) -> "Native":
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        self._folder.cleanup()
+
+    def begin(self) -> None:
+        """`NAME_init`."""
+        self._library.fg_init(self._state.ctypes.data_as(ctypes.c_void_p))
+
+    @property
+    def state(self) -> np.ndarray:
+        """The state struct: a record of one element; `state["t"]` is a member."""
+        return self._state
+
+    def run(self, samples: Mapping[str, Any]) -> np.ndarray:
+        """Records of the output struct, one per sample; `samples` are arrays by member name."""
+        return self._called("fg_run", samples)
+
+    def longest(self, samples: Mapping[str, Any]) -> float:
+        """The longest step [s] of these samples, by the clock: of three runs the quickest, since
+        other programs only make steps longer."""
+        took = []
+        for _ in range(3):
+            self.begin()
+            took.append(self._called("fg_times", samples)["s"])
+        return float(np.min(took, axis=0).max())
+
+    def _called(self, function: str, samples: Mapping[str, Any]) -> np.ndarray:
+        count = len(next(iter(samples.values())))
+        given = np.zeros(count, self.input)
+        for name, values in samples.items():
+            given[name] = np.asarray(values).reshape(given[name].shape)
+        said = np.zeros(count, self.output if function == "fg_run" else [("s", "f8")])
+        pointers = (each.ctypes.data_as(ctypes.c_void_p) for each in (given, said, self._state))
+        getattr(self._library, function)(ctypes.c_int64(count), *pointers)
+        return said
+
+    def _check_sizes(self) -> None:
+        self._library.fg_sizes.restype = ctypes.c_int64
+        for k, record in enumerate((self.input, self.output, self.state_type)):
+            if self._library.fg_sizes(k) != record.itemsize:
+                raise RuntimeError("the compiler lays the structs out unlike NumPy")
+
+
+def _record(members: Sequence[Member], single: bool, more: Sequence[Any] = ()) -> np.dtype:
+    real = "f4" if single else "f8"
+    kinds = {"real": real, "wide": "f8", "bool": "?", "int64_t": "i8", "int32_t": "i4"}
+    fields: list[Any] = [
+        (each.name, kinds[each.kind], (each.size,)) if each.shape
+        else (each.name, kinds[each.kind])
+        for each in members
+        if each.size
+    ]  # fmt: skip
+    return np.dtype([*fields, *more] or [("none", "i1")], align=True)

@@ -1,0 +1,21 @@
+"""What an export target is asked for."""
+
+from dataclasses import dataclass
+
+from faultgauge.export.compile import Step
+
+__all__ = ["Request"]
+
+
+@dataclass(frozen=True)
+class Request:
+    """One export: the `step`, the `name` of its files and functions, in which numbers; `title` and
+    `about` say what it is, `digest` is the SHA-256 of the model file."""
+
+    step: Step
+    name: str
+    title: str
+    about: str
+    digest: str
+    single: bool
+    fast_tanh: bool

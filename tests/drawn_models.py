@@ -1,0 +1,115 @@
+"""Calibrated models without a fit: any plant file, its networks drawn, with a usual noise."""
+
+from collections import OrderedDict
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from faultgauge.detection.noise import Noise, constants_of, drifting_of
+from faultgauge.plants.disturbed import dynamic_states, following_states
+from faultgauge.plants.gray_box import GrayBoxPlant
+from faultgauge.plants.model import Model
+from faultgauge.plants.plant_file import parse_plant, read_plant_text
+from faultgauge.simulation.free_run import simulate
+
+STEP = 0.1
+
+
+def drawn(plant, seed):
+    """`plant` with small random weights in place of untrained networks."""
+    rng = np.random.default_rng(seed)
+
+    def weights(leaf):
+        return jnp.asarray(leaf + 0.3 * rng.standard_normal(leaf.shape))
+
+    names = ("weights_out", "weights_in", "bias", "bias_out")
+    networks = {
+        name: eqx.tree_at(
+            lambda n: [getattr(n, each) for each in names],
+            network,
+            [weights(getattr(network, each)) for each in names],
+        )
+        for name, network in plant.networks.items()
+    }
+    return eqx.tree_at(lambda p: p.networks, plant, networks)
+
+
+def calibrated(source, seed=0, step=STEP):
+    """A model of the plant file, text or preset `source`, as `calibrate` would leave it."""
+    text = source if "\n" in source else read_plant_text(source)
+    plant = drawn(GrayBoxPlant.untrained(parse_plant(text)), seed)
+    signals, rng = plant.signals, np.random.default_rng(seed)
+    x = np.stack([draws(rng, s.min, s.max, s.initial) for s in signals.states], 1)
+    u = np.stack([draws(rng, i.min, i.max, 0.0) for i in signals.inputs], 1)
+    measured = {each.measures for each in signals.outputs}
+    record = {
+        "max_step": step / 2,
+        "sample_time": step,
+        "envelope_points": np.concatenate([x, u], 1).tolist(),
+        "columns": {
+            "states": [[s.name if s.name in measured else "", 0] for s in signals.states],
+            "outputs": list(signals.output_names),
+        },
+        "data": {"fit": [], "validate": []},
+        "derivatives": {},
+        "envelope": {},
+        "metrics": {"validation_free_run_nrmse": None},
+    }
+    model = Model(plant, record)
+    ways = len(dynamic_states(plant)), len(following_states(plant))
+    known = len(constants_of(model).names)
+    spread = 0.01 * np.abs([float(plant.parameters[n]) for n in constants_of(model).names])
+    noise = Noise(
+        np.full(len(signals.outputs), 0.01), np.full(len(signals.states), 1e-3),
+        np.full(len(drifting_of(model)), 1e-3), np.full(ways[0], 1e-3), np.full(ways[0], 5.0),
+        np.full(ways[1], 1e-2), np.full(ways[1], 1.0), spread + 1e-6, np.zeros(known),
+        np.zeros(known),
+    )  # fmt: skip
+    bank = {
+        "level": 3.0, "widened": 1.0, "mtbfa_s": 3e3, "confidence": 0.95, "judged_s": 1e4,
+        "healthy_s": 1e4, "memory_s": 20.0, "alarms": 0, "blocks": 20, "block_s": 500.0,
+        "samples": 10**5, "size": dict.fromkeys(signals.fault_names, 1.0), "suspects": [],
+    }  # fmt: skip
+    found = {"observer": "bank", "data": [], "repeats": {}}
+    return model.with_calibration({**found, "noise": noise.as_dict(model), "bank": bank})
+
+
+def draws(rng, low, high, middle):
+    low, high = (b if np.isfinite(b) else middle + w for b, w in ((low, -1.0), (high, 1.0)))
+    return rng.uniform(low, high, 60)
+
+
+def log_of(model, count, seed=0, fault=0, size=0.3, missing=0.0):
+    """Samples by name: the plant under steps of its inputs, the `fault` from the middle on, a share
+    `missing` of the outputs not sampled, and a gap."""
+    plant, rng = model.plant, np.random.default_rng(seed)
+    signals, step = plant.signals, model.record["sample_time"]
+    points = np.asarray(model.record["envelope_points"])
+    states = len(signals.states)
+    u = np.repeat(points[rng.integers(0, len(points), count // 20 + 1), states:], 20, 0)[:count]
+    f = np.zeros((count, len(signals.faults)))
+    if signals.faults:
+        f[count // 2 :, fault] = size
+    dt = np.full(count, step)
+    start = jnp.asarray(np.median(points[:, :states], axis=0))
+    y = np.asarray(simulate(plant, start, jnp.asarray(u), jnp.asarray(dt), jnp.asarray(f), 4).y)
+    y = y + 0.01 * rng.standard_normal(y.shape)
+    y = np.where(rng.random(y.shape) < missing, np.nan, y)
+    t = step * np.arange(count) + 20 * step * (np.arange(count) > 0.8 * count)
+    columns = [("t", t), *zip(signals.input_names, u.T, strict=True)]
+    columns += zip(signals.output_names, y.T, strict=True)
+    read = ("t", *signals.input_names, *(signals.observation.outputs or signals.output_names))
+    return OrderedDict((name, values) for name, values in columns if name in read)
+
+
+def walked(step, samples):
+    """What Python says of the samples, by name."""
+
+    @jax.jit
+    def walk(state, given):
+        return jax.lax.scan(step.step, state, given)[1]
+
+    given = OrderedDict((k, jnp.asarray(v)) for k, v in samples.items())
+    return {k: np.asarray(v) for k, v in walk(step.state, given).items()}

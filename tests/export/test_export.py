@@ -1,0 +1,97 @@
+"""`faultgauge export`: what it writes, that it builds and agrees, and what it refuses."""
+
+import hashlib
+import json
+import shutil
+import subprocess
+
+import pytest
+
+from drawn_models import calibrated
+from faultgauge.cli.app import run
+from faultgauge.export.targets import TARGETS
+from faultgauge.plants.model import save_model
+
+FILES = {
+    "CMakeLists.txt", "Makefile", "README.md", "tank.c", "tank.h", "tank_tables.c", "tank_test.c",
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def shop(tmp_path_factory):
+    """A folder with a model file and its export."""
+    folder = tmp_path_factory.mktemp("shop")
+    save_model(calibrated("tank"), folder / "tank.fgm")
+    assert run(["export", str(folder / "tank.fgm"), "--to", "c", "--out", str(folder / "c")]) == 0
+    return folder
+
+
+def test_the_files_are_there_and_name_their_model(shop):
+    assert {each.name for each in (shop / "c").iterdir()} == FILES
+    digest = hashlib.sha256((shop / "tank.fgm").read_bytes()).hexdigest()
+    for name in ("tank.h", "tank.c", "tank_tables.c", "README.md"):
+        text = (shop / "c" / name).read_text()
+        assert digest in text
+        assert "faultgauge 0." in text
+    header = (shop / "c" / "tank.h").read_text()
+    for word in ("f_leak;", "f_leak_lo;", "p_leak;", "p_healthy;", "status;", "TANK_FAULT = 1"):
+        assert word in header
+    assert "[m/s]" in header
+    assert "not WCET" not in (shop / "c" / "README.md").read_text()
+    assert "measured" in (shop / "c" / "README.md").read_text()
+
+
+def test_the_same_model_gives_the_same_code(shop, tmp_path, capsys):
+    command = ["export", str(shop / "tank.fgm"), "--to", "c", "--out", str(tmp_path / "again")]
+    assert run([*command, "--json"]) == 0
+    assert set(json.loads(capsys.readouterr().out)["files"]) == FILES
+    for name in FILES - {"README.md"}:  # which says how long a step took
+        assert (tmp_path / "again" / name).read_bytes() == (shop / "c" / name).read_bytes()
+
+
+def test_its_own_test_builds_runs_and_notices_a_changed_number(cc, shop, tmp_path):
+    if shutil.which("make") is None:
+        pytest.skip("make is not installed")
+    folder = tmp_path / "c"
+    shutil.copytree(shop / "c", folder)
+    built = subprocess.run(
+        ["make", "-C", str(folder), "test", "CFLAGS=-O1 -Wall -Wextra -Wconversion -Werror"],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert built.returncode == 0, built.stderr[:2000]
+    assert "agrees" in built.stdout
+    source = (folder / "tank.c").read_text()
+    head, body = source.split("void tank_step(", 1)
+    # the plant is half as fast
+    assert " / 6.0" in body
+    (folder / "tank.c").write_text(f"{head}void tank_step({body.replace(' / 6.0', ' / 12.0')}")
+    changed = subprocess.run(["make", "-C", str(folder), "test"], capture_output=True, check=False)
+    assert changed.returncode != 0
+
+
+@pytest.mark.parametrize(
+    ("change", "options", "said"),
+    [
+        ({}, ["--to", "rust"], "--to rust: no such target; legal is c"),
+        ({}, ["--to", "c", "--name", "2 tanks"], "--name 2 tanks"),
+        ({"calibration": None}, ["--to", "c"], "not calibrated for the bank"),
+    ],
+)
+def test_what_cannot_be_exported_is_refused_before_a_byte_is_written(
+    change, options, said, tmp_path, capsys
+):
+    model = calibrated("tank")
+    model.record.update(change)
+    if "calibration" in change:
+        del model.record["calibration"]
+    save_model(model, tmp_path / "tank.fgm")
+    command = ["export", str(tmp_path / "tank.fgm"), "--out", str(tmp_path / "c"), *options]
+    assert run(command) == 2
+    assert said in capsys.readouterr().err
+    assert not (tmp_path / "c").exists()
+
+
+def test_every_target_is_in_the_help(capsys):
+    assert run(["export", "--help"]) == 0
+    said = capsys.readouterr().out
+    assert all(f"{name}:" in said for name in TARGETS)

@@ -1,0 +1,347 @@
+"""The exported step against Python's own walk, on whole logs."""
+
+import shutil
+import subprocess
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from drawn_models import calibrated, log_of, walked
+from faultgauge.export.compile import Step, print_step
+from faultgauge.export.elementwise import TANH_ERROR
+from faultgauge.export.entry import bank_of, step_of
+from faultgauge.export.native import Native
+from faultgauge.export.sources import header, step_source, table_source
+from faultgauge.observers.eso import ExtendedStateObserver
+from faultgauge.observers.observer import ObserverState
+from faultgauge.plants.gray_box import load_plant
+from faultgauge.simulation.integrators import step as integrate
+
+# XLA and libm round exp, log and erf differently and add in another order; a filter forgets such
+# errors, but the log-likelihood of a fault adds them up over a log: 1e-12 becomes 1e-10.
+CLOSE = 1e-9  # of a signal's largest value
+STRICT = (
+    *("-std=c99", "-O1", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow"),
+    *("-Wfloat-conversion", "-Werror"),
+)
+
+
+def agree(found, wanted, close=CLOSE):
+    for name, said in wanted.items():
+        if said.dtype.kind != "f":
+            np.testing.assert_array_equal(found[name], said, err_msg=name)
+            continue
+        there = np.isfinite(said)
+        np.testing.assert_array_equal(np.isfinite(found[name]), there, err_msg=name)
+        scale = np.abs(said[there]).max(initial=0.0)
+        off = np.abs(found[name] - said)[there].max(initial=0.0)
+        assert off <= close * max(scale, 1e-9), (name, off, scale)
+
+
+@pytest.fixture(scope="module")
+def wheel():
+    """A plant with a network, whose step has everything."""
+    model = calibrated("reaction_wheel_network")
+    return model, step_of(bank_of(model))
+
+
+@pytest.fixture(scope="module")
+def printed(wheel):
+    return print_step(wheel[1], "wheel")
+
+
+def test_the_wheel_says_what_python_says(cc, wheel, printed):
+    model, step = wheel
+    samples = log_of(model, 3000, missing=0.05)
+    with Native(printed) as native:
+        agree(native.run(samples), walked(step, samples))
+
+
+def test_a_fault_in_the_examples_is_found_and_named(cc, wheel, printed):
+    """The second half of them has the fault."""
+    samples = wheel[1].examples(1000, np.random.default_rng(1))
+    with Native(printed) as native:
+        said = native.run(samples)
+    assert said["p_friction"][450] < 0.1
+    assert said["p_friction"][-1] > 0.9
+
+
+@pytest.mark.study
+@pytest.mark.parametrize("source", ["tank", "positioning_drive", "hr12", "four_tanks"])
+def test_other_plants_say_what_python_says(cc, source):
+    model = calibrated(source)
+    step = step_of(bank_of(model))
+    samples = log_of(model, 2000, missing=0.05)
+    with Native(print_step(step, "other")) as native:
+        agree(native.run(samples), walked(step, samples))
+
+
+# -- the state
+
+
+def test_a_state_that_was_saved_goes_on_to_the_bit(cc, wheel, printed):
+    """Its working memory is not needed."""
+    samples = wheel[1].examples(400, np.random.default_rng(2))
+    first, second = (
+        {k: v[part] for k, v in samples.items()} for part in (slice(200), slice(200, 400))
+    )
+    with Native(printed) as one, Native(printed) as other:
+        one.run(first)
+        saved = one.state.tobytes()[: printed.saved_bytes]
+        whole = one.run(second)
+        other.state.view("u1")[:] = 255
+        other.state.view("u1")[: len(saved)] = np.frombuffer(saved, "u1")
+        again = other.run(second)
+    assert whole.tobytes() == again.tobytes()
+
+
+def test_the_same_step_gives_the_same_bytes(wheel, printed):
+    again = print_step(step_of(bank_of(calibrated("reaction_wheel_network"))), "wheel")
+    for text in (header, step_source, table_source):
+        assert text(again, "") == text(printed, "")
+
+
+# -- single precision, and tanh
+
+
+def test_single_precision_says_the_same_once_the_evidence_is_clear(cc, wheel):
+    """Settled answers are good to 1e-6 and better. While evidence comes in, differences over small
+    steps in 24 bits make a nat of it more or less: 0.25 where a probability is 0.5."""
+    samples = wheel[1].examples(1000, np.random.default_rng(3))
+    wanted = walked(wheel[1], samples)
+    with Native(print_step(wheel[1], "wheel", single=True)) as native:
+        assert native.input["t"] == np.float64  # a clock does not fit into 24 bits
+        found = native.run(samples)
+    for name in ("p_friction", "p_healthy", "f_friction", "x_h"):
+        off = np.abs(found[name] - wanted[name]) / np.nanmax(np.abs(wanted[name]))
+        assert np.nanmedian(off) < 1e-5, name
+        assert np.nanmax(off) < 0.3, name
+    assert np.mean(found["status"] != wanted["status"]) < 0.02
+
+
+def test_a_clock_that_has_run_for_years_still_tells_milliseconds(cc, wheel):
+    """float32 would count steps of 0.1 s as 0 from a month on."""
+    samples = wheel[1].examples(300, np.random.default_rng(4))
+    late = {**samples, "t": samples["t"] + 1e8}
+    with Native(print_step(wheel[1], "wheel", single=True)) as native:
+        now = native.run(samples)
+        native.begin()
+        then = native.run(late)
+    np.testing.assert_allclose(then["x_h"], now["x_h"], rtol=1e-4, atol=1e-4)
+
+
+def test_the_fast_tanh_is_as_close_as_it_says(cc):
+    def one(state, given):
+        return state, {"y": jnp.tanh(given["x"])}
+
+    step = Step(one, (), {"x": jnp.zeros(())}, {}, dict)
+    x = np.concatenate([np.linspace(-12, 12, 200_001), [1e300, -1e300, 0.0, 5e-324]])
+    printed = print_step(step, "one", fast_tanh=True)
+    assert " tanh(" not in printed.step + printed.helpers
+    with Native(printed) as native:
+        found = native.run({"x": x})["y"]
+    assert np.abs(found - np.tanh(x)).max() < TANH_ERROR
+    assert np.isnan(native_nan(printed))
+
+
+def native_nan(printed):
+    with Native(printed) as native:
+        return native.run({"x": np.array([np.nan])})["y"][0]
+
+
+# -- the C itself
+
+FUZZ = """
+#include "wheel.h"
+#include <string.h>
+#include <math.h>
+static uint64_t seed = 1;
+static double drawn(void)
+{
+    static const double odd[] = {0.0, -0.0, 1e308, -1e308, 5e-324, 1e-310, 1e30, -1e-30};
+    seed = seed * 6364136223846793005u + 1442695040888963407u;
+    const unsigned k = (unsigned)(seed >> 59);
+    if (k == 0) return NAN;
+    if (k == 1) return k & 1 ? INFINITY : -INFINITY;
+    if (k < 5) return odd[(seed >> 40) % 8];
+    return ((double)(seed >> 11) / 9007199254740992.0 - 0.5) * pow(10.0, (double)(k % 7) - 3.0);
+}
+int main(void)
+{
+    static wheel_state state;
+    wheel_input in;
+    wheel_output out;
+    memset(&state, 0xa5, sizeof state);
+    for (int run = 0; run < 30; run++) {
+        wheel_init(&state);
+        double t = 0;
+        for (int k = 0; k < 150; k++) {
+            double values[sizeof in / sizeof(double)];
+            for (size_t j = 0; j < sizeof values / sizeof *values; j++) values[j] = drawn();
+            t += run % 3 ? 0.1 : drawn();
+            values[0] = t;
+            if (run % 5 == 0) values[1] = 0.01;
+            memcpy(&in, values, sizeof in);
+            wheel_step(&in, &out, &state);
+        }
+    }
+    return 0;
+}
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(printed, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("c")
+    for name, text in ((".h", header), (".c", step_source), ("_tables.c", table_source)):
+        (folder / f"wheel{name}").write_text(text(printed, ""))
+    (folder / "fuzz.c").write_text(FUZZ)
+    return folder
+
+
+def compiled(command, folder):
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, (done.stdout + done.stderr)[:2000]
+    return done.stdout
+
+
+@pytest.mark.parametrize("compiler", ["gcc", "clang"])
+def test_compilers_have_nothing_to_say(compiler, folder):
+    if shutil.which(compiler) is None:
+        pytest.skip(f"{compiler} is not installed")
+    for name in ("wheel.c", "wheel_tables.c"):
+        assert compiled([compiler, *STRICT, "-c", name, "-o", f"{name}.o"], folder) == ""
+
+
+def test_nothing_is_called_but_mathematics(cc, folder):
+    if shutil.which("nm") is None:
+        pytest.skip("nm is not installed (binutils), so symbols cannot be listed")
+    for name in ("wheel", "wheel_tables"):
+        compiled([cc, "-std=c99", "-O2", "-c", f"{name}.c", "-o", f"{name}.nm.o"], folder)
+    listed = compiled(["nm", "-u", "wheel.nm.o"], folder)
+    called = {line.split()[-1] for line in listed.splitlines()}
+    called = {name for name in called if not name.startswith("wheel_c")}
+    mathematics = {"exp", "log", "log1p", "sqrt", "tanh", "erf", "erfc", "pow", "fabs"}
+    assert called <= {*mathematics, "memcpy", "memmove", "memset", "_GLOBAL_OFFSET_TABLE_"}
+    for name in ("wheel", "wheel_tables"):
+        changing = [
+            line
+            for line in compiled(["nm", f"{name}.nm.o"], folder).splitlines()
+            if line.split()[-2] in "BbDdCc"
+        ]
+        assert changing == []
+
+
+def test_no_sample_whatever_makes_the_step_leave_its_memory(cc, folder):
+    """Address and undefined-behaviour sanitizers over fuzzed samples: what is no number, infinite,
+    subnormal, huge, and time that goes back."""
+    flags = ["-std=c99", "-O1", "-g", "-fsanitize=address,undefined,float-cast-overflow"]
+    flags.append("-fno-sanitize-recover=all")
+    done = subprocess.run(
+        [cc, *flags, "fuzz.c", "wheel.c", "wheel_tables.c", "-lm", "-o", "fuzz"],
+        cwd=folder, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    if "cannot find" in done.stderr:
+        pytest.skip("the compiler's sanitizers are not installed (libasan, libubsan)")
+    assert done.returncode == 0, done.stderr[:2000]
+    compiled(["./fuzz"], folder)
+
+
+# -- other steps than the bank's
+
+TERMS = ["sin(x)", "tanh(x + u)", "-k*x", "abs(x)*u", "sqrt(abs(v) + 1)", "clip", "NN(x, v)", "x*v"]
+
+
+@st.composite
+def plant_files(draw):
+    def rate():
+        chosen = draw(st.lists(st.sampled_from(TERMS), min_size=1, max_size=3, unique=True))
+        text = " + ".join(chosen).replace("clip", "min(max(v, -0.5), 0.5)")
+        return text.replace("+ -", "- ")
+
+    shape = draw(st.sampled_from(["", "\nodd = true", "\nzero_at_zero = true"]))
+    first, second = rate(), rate()
+    used = "NN(" in first + second
+    network = f"[networks.NN]\nhidden = 3{shape}\n" if used else ""
+    enters = draw(st.sampled_from(["state", "output", "gain"]))
+    target = {"state": "v", "output": "y", "gain": "u"}[enters]
+    return f"""
+name = "drawn"
+[states.x]
+derivative = "{first}"
+min = -3
+max = 3
+[states.v]
+derivative = "({second} - v)/2"
+[inputs.u]
+min = -1
+max = 1
+[outputs.y]
+value = "x + 0.1*u"
+[parameters]
+k = {{ value = 0.7 }}
+{network}
+[faults.fault]
+enters = "{enters}"
+target = "{target}"
+"""
+
+
+def observer(plant):
+    count, outputs = len(plant.signals.states), len(plant.signals.outputs)
+    gain = 0.2 * jnp.ones((count, outputs))
+    return ExtendedStateObserver(plant, 0, 2, gain, 0.1 * jnp.ones(outputs), 0.5, jnp.asarray(0.1))
+
+
+def alongside(plant):
+    """A free run and an ESO beside each other."""
+    eso = observer(plant)
+
+    def step(state, given):
+        free, x, f, last = state
+        u, y, dt = (given[name] for name in ("u", "y", "dt"))
+        free = integrate(plant, free, last, u, jnp.zeros(1), dt, 2)
+        seen, info = eso.step(ObserverState(x, f, last), u, y, dt)
+        return (free, *seen), {"free": free, "x": info.x, "f": info.f, "e": info.innovation}
+
+    start = (jnp.zeros(2), jnp.zeros(2), jnp.zeros(()), jnp.zeros(1))
+    sample = {"u": jnp.zeros(1), "y": jnp.zeros(1), "dt": jnp.zeros(())}
+    return Step(step, start, sample, {}, dict)
+
+
+def compared(text, count=400):
+    rng = np.random.default_rng(0)
+    step = alongside(calibrated(text).plant)
+    y = np.where(rng.random((count, 1)) < 0.1, np.nan, rng.standard_normal((count, 1)))
+    u = rng.uniform(-2, 2, (count, 1))
+    samples = {"u": u, "y": y, "dt": np.full(count, 0.05)}
+    said = jax.jit(lambda: jax.lax.scan(step.step, step.state, samples)[1])()
+    with Native(print_step(step, "drawn")) as native:
+        found = native.run(samples)
+    for name, wanted in said.items():
+        wanted = np.asarray(wanted)
+        np.testing.assert_allclose(found[name].reshape(wanted.shape), wanted, rtol=1e-9, atol=1e-9)
+
+
+@settings(max_examples=4, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@given(plant_files())
+def test_drawn_plants_and_their_observers_say_what_python_says(cc, text):
+    compared(text)
+
+
+@pytest.mark.study
+@settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
+@given(plant_files())
+def test_many_drawn_plants_say_what_python_says(cc, text):
+    compared(text)
+
+
+def test_a_drawn_network_is_not_zero():
+    """Else the tests above would say nothing of networks."""
+    plant = calibrated("reaction_wheel_network").plant
+    assert all(np.any(n.weights_out != 0) for n in plant.networks.values())
+    assert not np.any(load_plant("reaction_wheel_network").networks["NN1"].weights_out)
