@@ -30,6 +30,6 @@ def test_ratios_and_their_figure(script):
 
 
 def test_what_no_window_shows_counts_as_the_largest(script):
-    assert script._median([1.0, None, 3.0]) == 3.0
-    assert script._median([None, None, 3.0]) is None
-    assert script._median([1.0, 2.0]) == pytest.approx(np.mean([1.0, 2.0]))
+    assert script._quantile([1.0, None, 3.0], 0.5) == 3.0
+    assert script._quantile([None, None, 3.0], 0.5) is None
+    assert script._quantile(np.arange(1.0, 11.0).tolist(), 0.9) == 10.0

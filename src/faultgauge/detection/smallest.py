@@ -89,14 +89,15 @@ def around(reference: int, rows: int) -> list[int]:
     return [*legal, *[reference] * (2 * NEARBY + 1 - len(legal))]
 
 
-def smallest_along(bank: FaultBank, run: Run) -> list[float | None]:
+def smallest_along(bank: FaultBank, run: Run, share: float = 0.5) -> list[float | None]:
     """For each declared fault the size [its unit] that would have been named by the end of `run`
-    had it begun in its middle, as the log goes; None where none would."""
+    had it begun at a `share` of it, as the log goes; None where none would."""
     effects = effects_of(bank, run)
     rows, faults = len(effects.t), range(len(bank.size))
     if rows < 2:
         return [None for _ in faults]
-    found = information(effects, rows // 2, around(rows // 2, rows), [rows - 1])
+    onset = int(share * rows)
+    found = information(effects, onset, around(onset, rows), [rows - 1])
     return [_smallest(bank, effects, found, k) if (k,) in bank.sets else None for k in faults]
 
 

@@ -84,15 +84,15 @@ def _along(bank: FaultBank, run: Run, progress: Callable[[str], None]) -> RunShe
     middle = rows // 2
     delays = np.unique(np.geomspace(1, rows - 1 - middle, DELAYS).astype(int))
     found = information(effects, middle, around(middle, rows), (middle + delays).tolist())
-    if not np.any(found.own[-1, kept] * bank.size[kept] ** 2 > NONE):
+    onsets = np.linspace(0, rows - 1, ONSETS, endpoint=False).astype(int)
+    ends = np.unique(np.linspace(0, rows - 1, TIMES).astype(int))
+    over = information(effects, 0, onsets.tolist(), ends.tolist())
+    if not np.any(over.other[-1, kept].max(axis=1) * bank.size[kept] ** 2 > NONE):
         raise InputError(
             f"{run.source}: run {run.name!r} holds no information on any declared fault "
             f"({', '.join(signals.fault_names[k] for k in kept)}): none of them would change what "
             "its outputs show; give a log whose inputs move."
         )
-    onsets = np.linspace(0, rows - 1, ONSETS, endpoint=False).astype(int)
-    ends = np.unique(np.linspace(0, rows - 1, TIMES).astype(int))
-    over = information(effects, 0, onsets.tolist(), ends.tolist())
     structure = structure_of(bank.model.plant.spec, bank.outputs, [signals.faults[k] for k in kept])
     seconds = float(effects.t[-1] - effects.t[0])
     delay = effects.t[middle + delays] - effects.t[middle]

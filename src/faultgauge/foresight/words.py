@@ -64,14 +64,20 @@ def remarks(run: RunSheet) -> Iterator[str]:
             why = "" if fault.structural else ": the equations leave nothing to see it by"
             yield f"{fault.name} of any size that it may have would not show{why}."
     hidden = {fault.name for fault in run.faults if fault.seen_from is None}
-    for pair in run.pairs:
-        if pair.apart_from is None and pair.fault not in hidden:
-            structure = (
-                "though the equations would allow it" if pair.structural else
-                "nor do the equations alone tell them apart"
-            )  # fmt: skip
-            yield f"{pair.fault} is not told from {pair.other} in this log, {structure}."
     apart = {(pair.fault, pair.other): pair.apart_from for pair in run.pairs}
+    for pair in run.pairs:
+        if pair.apart_from is not None or pair.fault in hidden:
+            continue
+        structure = (
+            "though the equations would allow it"
+            if pair.structural
+            else "nor do the equations alone tell them apart"
+        )
+        if apart[pair.other, pair.fault] is not None or pair.other in hidden:
+            yield f"{pair.fault} is not told from {pair.other} in this log, {structure}."
+        elif pair.fault < pair.other:
+            both = f"{pair.fault} and {pair.other}"
+            yield f"{both} are not told apart in this log, {structure}."
     unsure = [
         each
         for each in run.triples
