@@ -6,8 +6,8 @@ Sets are those of `real_sets.py`, cases those of `mismatch_rig.py`: each is fitt
 with seed 0, and its faults are rehearsed in healthy logs that neither has seen. For each fault: the
 size that `rehearse` found 90 % of the time over the one that the sheet foretells for 90 % of onsets
 in the same windows, and over the median over these windows of what the middle of the training
-envelope foretells. With `--out`, `detectability.svg` shows all sizes. Set FAULTGAUGE_DATA to the folder that
-holds the records.
+envelope foretells. With `--out`, `detectability.svg` shows all sizes. Set FAULTGAUGE_DATA to the
+folder that holds the records.
 """
 
 import argparse

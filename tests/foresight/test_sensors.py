@@ -54,7 +54,9 @@ def responses():
     return x[:, 1], x[:, 0]  # [time, fault]
 
 
-def left(first, second, size):
+def left(responses, size):
+    """About the second fault beside the first one of `size`."""
+    first, second = responses[:, 0], responses[:, 1]
     J11, J12, J22 = second @ second, first @ second, first @ first
     return J11 - J12**2 / (J22 + size**-2.0)
 
@@ -92,7 +94,7 @@ def test_a_sensor_in_between_tells_two_leaks_apart(bank):
     alone = size_told(bank, found, 1, 0, STEP * COUNT)
     b, a = responses()
     # at its own onset alone: others leave less, so the size is larger than that
-    at_once = apart_size(left(*(b.T / SIGMA), 1.0) ** -0.5)
+    at_once = apart_size(left(b / SIGMA, 1.0) ** -0.5)
     assert alone > at_once
     (sensor, *_) = sensors_for(bank, run, effects, structure, [problem])
     assert sensor.value == "a"
@@ -103,6 +105,6 @@ def test_a_sensor_in_between_tells_two_leaks_apart(bank):
     assert sensor.sigma == pytest.approx(SIGMA * np.ptp(points[:, 0]) / np.ptp(points[:, 1]))
     both = np.concatenate([b / SIGMA, a / sensor.sigma])
     # the second leak leaves nothing in a, the first one does, from whatever onset
-    expected = apart_size(left(*both.T, 1.0) ** -0.5)
+    expected = apart_size(left(both, 1.0) ** -0.5)
     assert sensor.sizes[0] == pytest.approx(expected, rel=0.1)
     assert sensor.sizes[0] < alone / 2
