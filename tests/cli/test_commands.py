@@ -455,7 +455,7 @@ def test_check_does_it_all(call, workshop, tmp_path):
     out = tmp_path / "kept"
     logs = (workshop.healthy, workshop.suspect)
     found = one_object(call("check", *logs, "--plant", workshop.plant, "--out", out, "--json"))
-    assert found.keys() == {"events", "sentences"}
+    assert found.keys() == {"events", "sentences", "runs"}
     longest = max(found["events"], key=lambda e: e["end"] - e["start"])
     # fitted on 42 % of one log only: 15 %
     assert longest["size"] == pytest.approx(workshop.leak, rel=0.15)
