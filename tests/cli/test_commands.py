@@ -26,6 +26,7 @@ COMMANDS = [
     "calibrate",
     "estimate",
     "rehearse",
+    "export",
     "simulate",
     "reproduce",
     "benchmark",
@@ -497,7 +498,7 @@ def test_check_puts_a_fault_on_every_state_where_none_is_declared(call, workshop
     assert longest["fault"] == "x_drift"
     # the leak under another name; from 42 % of one log: 15 %
     assert longest["size"] == pytest.approx(workshop.leak, rel=0.15)
-    assert " m/s since " in longest["sentence"]
+    assert ") since 30 s" in longest["sentence"]
     text = text.replace("[faults.leak]", '[faults.leak]\nmonitor = "disabled"')
     plant.write_text(text)
     said = call(*args)
