@@ -498,6 +498,10 @@ def _limits(
     wide: list[Any] = [np.full(len(part), np.inf) for part in guess]
     pull = Noise(*wide)
     low.lasting[:], high.lasting[:] = np.log(2 * step), np.log(100 * length)
+    if len(guess.drift):
+        high.lasting[:] = np.log(
+            max(length / 10, 20 * step)
+        )  # what is slower, the parameters follow
     low.settling[:], high.settling[:] = np.log(2 * step), np.log(length / 4)
     high.share[:] = 0.0
     pull.size[:] = pull.share[:] = pull.lasting[:] = UNSURE
