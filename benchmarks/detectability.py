@@ -5,8 +5,7 @@
 Sets are those of `real_sets.py`, cases those of `mismatch_rig.py`: each is fitted and calibrated
 with seed 0, and its faults are rehearsed in healthy logs that neither has seen. For each fault: the
 size that `rehearse` found 90 % of the time over the one that the sheet foretells for 90 % of onsets
-in the same windows, and over the median over these windows of what the middle of the training
-envelope foretells. With `--out`, `detectability.svg` shows all sizes. Set FAULTGAUGE_DATA to the
+in the same windows. With `--out`, `detectability.svg` shows all sizes. Set FAULTGAUGE_DATA to the
 folder that holds the records.
 """
 
@@ -19,7 +18,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from faultgauge.detection.answer import least_told
 from faultgauge.detection.bank import build_fault_bank
 from faultgauge.detection.calibration import calibrate
 from faultgauge.detection.noise import noise_of
@@ -45,8 +43,8 @@ REHEARSED = 3  # healthy logs of a case
 
 
 class Compared(NamedTuple):
-    """A fault's sizes [its unit]: found 90 % of the time by the rehearsal (`at_most`: or less),
-    foretold along the log, and by the middle of the envelope; None: none."""
+    """A fault's sizes [its unit]: found 90 % of the time by the rehearsal (`at_most`: or less), and
+    foretold along the log; None: none."""
 
     where: str
     fault: str
@@ -54,10 +52,10 @@ class Compared(NamedTuple):
     found: float | None
     at_most: bool
     along: float | None
-    middle: float | None
 
-    def ratio(self, foretold: float | None) -> float | None:
-        return self.found / foretold if self.found and foretold else None
+    @property
+    def ratio(self) -> float | None:
+        return self.found / self.along if self.found and self.along else None
 
 
 def compared(where: str, model: Model, runs: Sequence[Run], trials: int) -> list[Compared]:
@@ -65,11 +63,9 @@ def compared(where: str, model: Model, runs: Sequence[Run], trials: int) -> list
     windows = windows_of(runs)[0]
     places = np.unique(np.linspace(0, len(windows) - 1, WINDOWS).astype(int))
     sizes = list[list[float | None]]()
-    middle = list[list[float | None]]()
     for k in places:
         bank = build_fault_bank(model, [windows[k]], noise_of(model))
         sizes += [smallest_along(bank, windows[k], float(share)) for share in ONSETS]
-        middle.append([least_told(bank, windows[k], j) for j in range(len(bank.size))])
     result = rehearse(model, runs, trials=trials, progress=lambda s: print(s, file=sys.stderr))
     found = {each.name: each.smallest for each in result.faults}
     rows = []
@@ -83,7 +79,6 @@ def compared(where: str, model: Model, runs: Sequence[Run], trials: int) -> list
                 None if smallest is None else smallest.size,
                 smallest is not None and smallest.at_most,
                 _quantile([each[k] for each in sizes], FOUND),
-                _quantile([each[k] for each in middle], 0.5),
             )
         )
     return rows
@@ -99,24 +94,19 @@ def _quantile(sizes: Sequence[float | None], share: float) -> float | None:
 
 def scatter(rows: Sequence[Compared]) -> Figure:
     """Found over foretold, of all faults that have both, on logarithmic axes."""
-    shown = [each for each in rows if each.found and each.along]
+    points = [(each.along, each.found) for each in rows if each.found and each.along]
+    foretold, found = np.array(points or [(np.nan, np.nan)]).T
     with style.drawing():
         canvas, (axes,) = style.panels((5.0,))
-        for which, marker, label in (("along", "o", "along the log"), ("middle", "x", "middle")):
-            points = [(y, each.found) for each in shown if (y := getattr(each, which))]
-            if points:
-                x, y = np.array(points).T
-                axes.plot(x, y, marker, markersize=5, label=label)
-        sizes = [each.found for each in shown] + [each.along for each in shown]
-        ends = np.array([min(sizes, default=1.0) / 2, max(sizes, default=1.0) * 2])  # type: ignore[type-var]
+        axes.plot(foretold, found, "o", markersize=5)
+        sizes = [size for point in points for size in point]
+        ends = np.array([min(sizes, default=1.0) / 2, max(sizes, default=1.0) * 2])
         axes.plot(ends, ends, color=style.GREY, linewidth=0.8)
         axes.set_xscale("log")
         axes.set_yscale("log")
         axes.set_xlabel("smallest size foretold (the fault's unit)")
         axes.set_ylabel("found 90 % of the time (the fault's unit)")
-        style.legend(axes)
-        caption = "Each fault of each set twice: foretold along the log, and by its middle."
-        return figure(canvas, "Foretold and found", caption)
+        return figure(canvas, "Foretold and found", "Each fault of each set.")
 
 
 def _subjects(sets: Sequence[str], cases: Sequence[str]) -> Iterator[tuple[str, Model, list[Run]]]:
@@ -160,14 +150,12 @@ def main() -> None:
             found = f"{'<= ' if each.at_most else ''}{_shown(each.found)}"
             print(
                 f"{where}: {each.fault}: found {found} {each.unit}".rstrip()
-                + f"; along the log {_shown(each.along)} (found / foretold "
-                f"{_shown(each.ratio(each.along))}), middle {_shown(each.middle)} "
-                f"({_shown(each.ratio(each.middle))})",
+                + f"; foretold {_shown(each.along)} (found / foretold {_shown(each.ratio)})",
                 flush=True,
             )
-    known = [r for each in rows if (r := each.ratio(each.along)) is not None]
+    known = [r for each in rows if (r := each.ratio) is not None]
     if known:
-        print(f"found / foretold along the log: median {np.median(known):.3g} of {len(known)}")
+        print(f"found / foretold: median {np.median(known):.3g} of {len(known)}")
     if given.out:
         given.out.mkdir(parents=True, exist_ok=True)
         (given.out / "detectability.svg").write_text(scatter(rows).svg)

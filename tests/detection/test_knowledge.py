@@ -85,25 +85,3 @@ def test_the_delay_falls_with_size_and_rises_with_the_level():
     assert longest_delay(known, 0, 0.4, 1e-6, 10.0) >= sizes[1]
     # f^2 / (2 sd^2) = needed, at twice the size in a quarter of the time (sd falls as t^-1/2)
     assert sizes[0] / sizes[1] == pytest.approx(4.0, rel=0.1)
-
-
-def test_a_fault_is_named_by_what_no_other_one_leaves():
-    """By least squares: what is left of a drive once a bias from the best onset is taken out."""
-    known = bank().knowledge
-    steps = int(np.searchsorted(known.t, 100.0, "right"))
-    drive, bias = known.left[:steps, 0, 0], known.left[:, 0, 1]
-    left = []
-    for later in range(1 - steps, steps):
-        theirs = np.zeros(steps + max(-later, 0))  # from the earlier of the two onsets on
-        theirs[max(later, 0) :] = bias[: len(theirs) - max(later, 0)]
-        own = np.concatenate([np.zeros(max(-later, 0)), drive])
-        (size,), *_ = np.linalg.lstsq(theirs[:, None], own, rcond=None)
-        left.append(np.sum((own - size * theirs) ** 2))
-    # only some of the onsets are tried: the least may be missed by a little
-    assert known.apart(0, 100.0, {1: 1e9}) == pytest.approx(1 / np.sqrt(min(left)), rel=0.02)
-    assert known.apart(0, 100.0, {}) == pytest.approx(known.at(0, 100.0))
-    assert known.apart(0, 100.0, {0: 1e9}) == known.apart(
-        0, 100.0, {}
-    )  # itself: nothing tells apart
-    # a bias that cannot be large explains little
-    assert known.apart(0, 100.0, {1: 1e-9}) == pytest.approx(known.at(0, 100.0))

@@ -18,12 +18,11 @@ def script():
 
 def test_ratios_and_their_figure(script):
     rows = [
-        script.Compared("a", "bias", "V", 0.2, False, 0.1, 0.4),
-        script.Compared("a", "loss", "", None, False, 0.1, None),
-        script.Compared("b", "leak", "m/s", 3.0, True, None, 1.0),
+        script.Compared("a", "bias", "V", 0.2, False, 0.1),
+        script.Compared("a", "loss", "", None, False, 0.1),
+        script.Compared("b", "leak", "m/s", 3.0, True, None),
     ]
-    assert [each.ratio(each.along) for each in rows] == [2.0, None, None]
-    assert rows[0].ratio(rows[0].middle) == 0.5
+    assert [each.ratio for each in rows] == [2.0, None, None]
     drawn = script.scatter(rows)
     assert "smallest size foretold (the fault's unit)" in drawn.svg
     assert "found 90 % of the time (the fault's unit)" in drawn.svg

@@ -6,7 +6,7 @@ may be, and what this log would not have shown.
     have shown
 """
 
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Sequence
 from datetime import timedelta
 from typing import Any, NamedTuple
@@ -20,7 +20,7 @@ from faultgauge.detection.events import UNKNOWN, BankEvent, pause, stretches
 from faultgauge.detection.posterior import LIKELY
 from faultgauge.detection.probability import probability
 from faultgauge.detection.shares import shares_of
-from faultgauge.detection.smallest import least_size, rivals_of
+from faultgauge.detection.smallest import smallest_along
 from faultgauge.detection.verdicts import FAULT, NOT_JUDGED
 from faultgauge.detection.words import PURE, amount, less_likely, moment
 from faultgauge.telemetry import Run
@@ -31,6 +31,8 @@ POSSIBLE = 20.0  # odds up to which something undeclared is spoken of: nobody ca
 WHOLE = 0.95  # share of a log from which on all of it counts as judged: a start is always held off
 SPOKEN = 3  # silent stretches that a sentence names
 LINES = 4  # of a first screen
+# what was asked last: every sentence asks anew
+_SMALLEST: deque[tuple[FaultBank, Run, list[float | None]]] = deque(maxlen=32)
 
 
 class Told(NamedTuple):
@@ -202,16 +204,13 @@ def _beside(decision: Decision, event: BankEvent) -> list[BankEvent]:
 
 def least_told(bank: FaultBank, run: Run, fault: int) -> float | None:
     """The size [the fault's unit] that would have been named by the end of `run` had the fault
-    begun in its middle; None where none would.
-
-    As `knowledge` has it, in the middle of the training envelope.
-    """
-    if (fault,) not in bank.sets:
-        return None
-    half = float(run.t[-1] - run.t[0]) / 2
-    others = {k: float(bank.size[k]) for k in rivals_of(bank, fault)}
-    sd, apart = bank.knowledge.at(fault, half), bank.knowledge.apart(fault, half, others)
-    return least_size(bank, fault, sd, apart, 2 * half)
+    begun in its middle; None where none would."""
+    for one, other, sizes in _SMALLEST:
+        if one is bank and other is run:
+            return sizes[fault]
+    sizes = smallest_along(bank, run)
+    _SMALLEST.append((bank, run, sizes))
+    return sizes[fault]
 
 
 def as_dicts(bank: FaultBank, decisions: Sequence[Decision]) -> list[dict[str, Any]]:

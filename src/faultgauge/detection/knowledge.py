@@ -7,13 +7,10 @@ IEEE TAC 21 (1976)),
     1 / sd(t)^2 = sum |S^-1/2 dv|^2,
 
 on a grid of times that reaches as far as the healthy logs are long. Where the discrepancy lasts
-shorter than that, sd falls on; where it lasts longer, sd ends at what the discrepancy hides. To be
-named, a fault must not leave what another one of some size would, whenever that began:
-
-    1 / apart(t)^2 = min over others of size s, onsets of  J - J_12^2 / (J_22 + 1 / s^2).
+shorter than that, sd falls on; where it lasts longer, sd ends at what the discrepancy hides.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -32,58 +29,24 @@ TIMES = 400
 SHARE = 0.25  # of the healthy logs: how far the times reach
 CLEAR = 8.0  # standard deviations by which a fault of its widest size shows
 FEWEST = 20  # samples of the memory
-ONSETS = 40  # of another fault
-ALIKE = 1e-6  # of the information: two faults that differ by less are one
 
 
 class Knowledge(NamedTuple):
     """`sd` of each declared fault at times `t` [s] after its onset (inf: nothing shows); `when` one
-    of its widest size shows [s after its onset], and the median of that, the bank's memory; `left`
-    is what a unit of each leaves in the whitened innovations."""
+    of its widest size shows [s after its onset], and the median of that, the bank's memory."""
 
     t: Float[np.ndarray, "times"]
     sd: Float[np.ndarray, "times faults"]
     when: Float[np.ndarray, "faults"]
     memory: float
-    left: Float[np.ndarray, "times outputs faults"]
 
     def at(self, fault: int, t: float) -> float:
         """sd of `fault` `t` [s] after its onset."""
         k = self._index(t)
         return float(self.sd[k, fault]) if k >= 0 else np.inf
 
-    def apart(self, fault: int, t: float, others: Mapping[int, float]) -> float:
-        """sd of `fault` `t` [s] after its onset beside the one of `others`, each of a standard
-        deviation, that is most like it; those that only a change of the input tells apart do not
-        count."""
-        k = self._index(t)
-        if k < 0:
-            return np.inf
-        own = self.left[: k + 1, :, fault]
-        least = J = float(np.sum(own**2))
-        for other, size in others.items():
-            onsets = _onsets(k + 1, len(self.left))
-            J12, J22 = np.array([self._shared(own, other, later) for later in onsets]).T
-            if J - np.max(J12**2 / J22) > ALIKE * J:
-                least = min(least, J - np.max(J12**2 / (J22 + 1 / size**2)))
-        return 1 / np.sqrt(least) if least > 0 else np.inf
-
-    def _shared(
-        self, own: Float[np.ndarray, "times outputs"], other: int, later: int
-    ) -> tuple[float, float]:
-        """(J_12, J_22) of `own` and what `other` leaves if it began `later` (negative: before)."""
-        whole = self.left[: len(own) - later, :, other]
-        J12 = np.sum(own[max(later, 0) :] * whole[max(-later, 0) :])
-        return float(J12), float(np.sum(whole**2)) + 1e-300
-
     def _index(self, t: float) -> int:
         return int(np.searchsorted(self.t, t, "right")) - 1
-
-
-def _onsets(count: int, kept: int) -> list[int]:
-    """Steps by which another fault may begin later (or earlier: negative), ever sparser."""
-    far = sorted({int(each) for each in np.geomspace(1, max(count - 1, 1), ONSETS)})
-    return [0, *far, *[-each for each in far if count + each <= kept]]
 
 
 def knowledge_of(
@@ -119,14 +82,13 @@ def knowledge_of(
     for _ in range(TIMES):
         P = _predicted(A, C, Q, R, P)
     shift, total = np.zeros(B.shape), np.zeros(B.shape[1])
-    sd, left = np.zeros((TIMES, B.shape[1])), np.zeros((TIMES, len(measured), B.shape[1]))
+    sd = np.zeros((TIMES, B.shape[1]))
     for k in range(TIMES):
         S = C @ P @ C.T + R
         K, white = np.linalg.solve(S, C @ P).T, np.linalg.inv(np.linalg.cholesky(S))
         shift = A @ shift + B
         change = C @ shift + D
-        left[k] = white @ change
-        total += np.sum(left[k] ** 2, axis=0)
+        total += np.sum((white @ change) ** 2, axis=0)
         shift = shift - K @ change
         sd[k] = 1 / np.sqrt(np.maximum(total, 1e-300))
         P = _predicted(A, C, Q, R, P)
@@ -136,7 +98,7 @@ def knowledge_of(
     shows = CLEAR * sd[:, :declared] <= size[:declared]
     when = np.array([t[np.argmax(each)] if each.any() else t[-1] for each in shows.T])
     when = np.clip(when, FEWEST * step, t[-1])
-    return Knowledge(t, sd[:, :declared], when, float(np.median(when)), left[:, :, :declared])
+    return Knowledge(t, sd[:, :declared], when, float(np.median(when)))
 
 
 def _predicted(
