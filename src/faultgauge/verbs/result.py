@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from html import escape
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -21,7 +21,8 @@ if TYPE_CHECKING:
 __all__ = ["Columns", "Result", "frame_of"]
 
 Columns = dict[str, list[Any]]
-BACKENDS = ("pandas", "polars", "pyarrow")  # whose frames are given, the first that is installed
+# whose frames are given: of the first that is installed
+BACKENDS: tuple[Literal["pandas", "polars", "pyarrow"], ...] = ("pandas", "polars", "pyarrow")
 LONGEST = 120  # characters of a sentence in a repr
 
 
