@@ -66,7 +66,7 @@ def test_what_is_no_plant_is_refused(source, said):
 
 
 def test_what_is_no_model_is_refused(tmp_path):
-    with pytest.raises(InputError, match="a dict is no fitted model; give the `.model`"):
+    with pytest.raises(InputError, match="a dict is no fitted model"):
         fg.estimate({}, {"t": [0.0, 1.0]})
     with pytest.raises(InputError, match="cannot be read"):
         fg.load(tmp_path / "none.fgm")

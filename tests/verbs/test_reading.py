@@ -163,7 +163,7 @@ def test_units_of_frames_are_those_of_the_columns():
     with pytest.raises(InputError, match=r"table: column 'x' is in 'mm'.*--map 'x=x\*0.001'"):
         fg.read(frame, PLANT)
     fields = [pyarrow.field(n, pyarrow.float64(), metadata={"unit": "V"}) for n in table()]
-    with pytest.raises(InputError, match="'x' is in 'V'.*no unit of the same"):
+    with pytest.raises(InputError, match=r"'x' is in 'V'.*no unit of the same"):
         fg.read(pyarrow.table(list(table().values()), pyarrow.schema(fields)), PLANT)
 
 

@@ -101,13 +101,13 @@ class Result(abc.ABC):
 
 def frame_of(columns: Columns) -> Any:
     """`columns` as a frame of the first package of `BACKENDS` that is installed, or as they are."""
-    backend = next((name for name in BACKENDS if find_spec(name) is not None), None)
-    if backend is None:
-        return columns
     import narwhals as nw
 
-    whole = {name: _numbers(cells) for name, cells in columns.items()}
-    return nw.to_native(nw.from_dict(whole, backend=backend))
+    for backend in BACKENDS:
+        if find_spec(backend) is not None:
+            whole = {name: _numbers(cells) for name, cells in columns.items()}
+            return nw.to_native(nw.from_dict(whole, backend=backend))
+    return columns
 
 
 def _numbers(cells: list[Any]) -> Any:

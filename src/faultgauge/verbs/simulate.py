@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from faultgauge.accommodation import simulate as simulation
+from faultgauge.errors import InputError
 from faultgauge.simulation.scenario import TRUTH, Scenario, read_scenario
 from faultgauge.telemetry import Run
 from faultgauge.telemetry.writing import as_table
@@ -59,7 +60,7 @@ class Simulation(Result):
         return [panels(run.t, stack[:MOST_PANELS], title=self.scenario.name)]
 
 
-def simulate(scenario: Scenario | str | Path) -> Simulation:
+def simulate(scenario: Any) -> Simulation:
     """Simulate a plant in closed loop, healthy or with faults whose truth is known.
 
     **Arguments**
@@ -70,5 +71,7 @@ def simulate(scenario: Scenario | str | Path) -> Simulation:
     same run. Raises `InputError` for a scenario that makes no sense, or whose plant leaves all
     bounds.
     """
+    if not isinstance(scenario, Scenario | str | Path):
+        raise InputError(f"a {type(scenario).__name__} is no scenario; give a scenario file.")
     planned = scenario if isinstance(scenario, Scenario) else read_scenario(scenario)
     return Simulation(planned, simulation.simulate(planned))
