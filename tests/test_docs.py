@@ -42,7 +42,7 @@ def test_the_snippets_of_the_python_page_run_one_after_another(tmp_path, long_jo
     shown = [text for language, text in page if language == "python"]
     assert len(shown) > 4
     printed = run([sys.executable, "-c", "\n".join([made, *shown])], tmp_path, long_jobs)
-    assert re.search(r"leak -0\.00\d+ .* m/s", printed), printed
+    assert re.search(r"leak -0\.00\d+ .*m/s", printed), printed
     assert "has no column 'u'" in printed
     assert (tmp_path / "report.html").exists()
 
