@@ -37,6 +37,17 @@ def test_every_snippet_of_the_readme_runs_and_says_what_the_readme_says(tmp_path
         assert abs(float(found[2]) - 4001) <= 2  # s: a sample, between two of which it begins
 
 
+def test_the_snippets_of_the_python_page_run_one_after_another(tmp_path, long_jobs):
+    made = next(text for language, text in README if language == "python")
+    page = FENCE.findall((ROOT / "docs" / "python.md").read_text())
+    shown = [text for language, text in page if language == "python"]
+    assert len(shown) > 4
+    printed = run([sys.executable, "-c", "\n".join([made, *shown])], tmp_path, long_jobs)
+    assert re.search(r"leak -0\.00\d+ .*m/s", printed), printed
+    assert "has no column 'u'" in printed
+    assert (tmp_path / "report.html").exists()
+
+
 def test_the_set_up_commands_are_targets_of_the_makefile():
     targets = set(re.findall(r"^([a-z]+):", (ROOT / "Makefile").read_text(), re.MULTILINE))
     named = {

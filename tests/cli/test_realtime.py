@@ -84,7 +84,7 @@ def test_ndjson_answers_hold_every_bit_and_maps_act(pipe, workshop, tmp_path):
     )  # fmt: skip
     assert piped.code == 0, piped.err
     runs = fg.read_telemetry(log, time="seconds", maps=maps, names=["u"], optional=["x"])
-    (judged,), _ = fg.estimate(fg.load_model(workshop.calibrated), runs)
+    (judged,) = fg.estimate(workshop.calibrated, runs).decisions
     found = ndjson(piped.out)
     assert [row["t"] for row in found] == judged.run.t.tolist()
     assert [row["f_leak"] for row in found] == judged.posterior.f[:, 0].tolist()

@@ -120,8 +120,8 @@ def test_the_same_from_python(files, call):
         resample=model.resample,
         slower="keep",
     )
-    found, _ = fg.evaluate(model.plant, runs, model.max_step)
-    assert found["outputs"] == said["outputs"]
+    assert fg.evaluate(model, runs).as_dict()["outputs"] == said["outputs"]
+    assert fg.evaluate(model, files / "healthy.csv").as_dict() == said
 
 
 def test_a_log_that_is_slower_than_the_model_is_taken_as_it_is(files, call, tmp_path):

@@ -100,7 +100,7 @@ def test_python_and_parquet_hold_the_same_log(call, scenario, tmp_path):
     scenario.write_text(SCENARIO + 'effect = "stuck"\n')
     assert call("simulate", scenario, "--out", tmp_path / "log.parquet").code == 0
     table = parquet.read_table(tmp_path / "log.parquet").to_pydict()
-    run = fg.simulate(scenario)
+    run = fg.simulate(scenario).run
     assert list(table) == ["t", *run.columns]
     assert table["x"] == run.columns["x"].tolist()
     assert table["true_leak"] == [None] * 300 + [0.6] * 300  # while it is free, none

@@ -50,9 +50,9 @@ def calibrate(
     json: options.Json = False,
 ) -> None:
     """Find noise, model error and alarm level on healthy logs and add them to the model."""
-    from faultgauge.detection.calibration import calibrate as find_limit
-    from faultgauge.detection.calibration_words import summary
     from faultgauge.plants.model import load_model, save_model
+    from faultgauge.verbs.calibrate import calibrate as find_limit
+    from faultgauge.verbs.reading import How
 
     fitted = load_model(model)
     if plant is not None:
@@ -60,22 +60,17 @@ def calibrate(
 
         fitted = with_settings(fitted, plant)
         options.warn(fitted.plant.spec.warnings)
-    runs, odd = options.read_logs_for(fitted, logs, time, map, where, resample)
+    runs, odd = options.read_logs_for(fitted, logs, How(time, map, where, resample))
     with options.narrate("calibrating") as progress:
         found = find_limit(fitted, runs, mtbfa=mtbfa, observer=observer, progress=progress)
     save_model(found.model, out or model)
-    options.warn(found.warnings)
+    options.warn(found.warnings, but=odd)
     if report is not None:
-        from faultgauge.reporting.chapters import calibration_report
-        from faultgauge.reporting.report import write
-
-        write(calibration_report(found, runs), report)
-    block = found.model.calibration or {}
+        found.report(report)
     if json:
-        warned = {"warnings": [*odd, *found.warnings]}
-        options.print_json({"model": str(out or model), **block, **warned})
+        options.print_json({"model": str(out or model), **found.as_dict()})
         return
-    for line in summary(found.model):
+    for line in found.lines:
         options.tell(line)
     options.say(
         f"wrote {out or model}; next: faultgauge estimate {out or model} LOG --out FILE.csv"

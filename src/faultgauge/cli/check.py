@@ -34,48 +34,31 @@ def check(
     json: options.Json = False,
 ) -> None:
     """Fit, calibrate, estimate and report in one: is SUSPECT like HEALTHY, and if not, how much?"""
-    from faultgauge.detection import answer, decisions, misfit
     from faultgauge.plants.gray_box import load_plant
     from faultgauge.plants.model import save_model
-    from faultgauge.studies import checkup
-    from faultgauge.telemetry import check_same_units, read_telemetry
     from faultgauge.telemetry.writing import write_table
+    from faultgauge.verbs.check import check as look_into
+    from faultgauge.verbs.check import guessed
+    from faultgauge.verbs.reading import How
 
-    folder = make_folder(out) if out is not None else None
-    if plant is None:
-        body = checkup.black_box(
-            read_telemetry([healthy], time=time, maps=map or (), where=where, resample=resample),
-            "log",
-        )
-    else:
-        body = load_plant(plant)
-    good = options.read_logs(body.spec, [healthy], time, map, where, resample, fitting=True)
-    doubtful = options.read_logs(body.spec, [suspect], time, map, where, resample)
-    check_same_units([*good, *doubtful], map or ())
+    folder, how = make_folder(out) if out is not None else None, How(time, map, where, resample)
+    body = guessed(healthy, how) if plant is None else load_plant(plant)
+    good = options.read_logs(body.spec, [healthy], how, fitting=True)
+    doubtful = options.read_logs(body.spec, [suspect], how)
     with options.narrate("checking") as progress:
-        found = checkup.check(body, good, doubtful, seed=seed, progress=progress)
-    options.warn([*found.account.warnings, *found.calibration.warnings])
-    options.warn(misfit.alarmed_throughout({e.run.name: e.status for e in found.decisions}))
+        found = look_into(good, doubtful, body, seed=seed, progress=progress)
+    options.warn(found.warnings)
     files = [report] if report is not None else []
     if folder is not None:
         files.append(folder / "report.html")
         save_model(found.model, folder / "model.fgm")
-        columns = decisions.table(found.decisions, found.model.plant.signals.fault_names)
-        write_table(columns, folder / "estimates.csv")
+        write_table(found.rows, folder / "estimates.csv")
     if files:
-        from faultgauge.reporting.report import write
-        from faultgauge.studies.checkup_report import checkup_report
-
-        page = checkup_report(found)
-        for file in files:
-            write(page, file)
+        found.report(*files)
     if json:
-        events = answer.as_dicts(found.bank, found.decisions) if found.bank else []
-        names = found.model.plant.signals.fault_names
-        runs = answer.runs_as_dicts(found.bank, found.decisions, names)
-        options.print_json({"events": events, "sentences": found.sentences, "runs": runs})
+        options.print_json(found.as_dict())
         return
-    for line in found.sentences if verbose else found.first_screen:
+    for line in found.sentences if verbose else found.lines:
         options.tell(line)
     if files:
         options.say(f"wrote {', '.join(str(file) for file in files)}")

@@ -1,16 +1,12 @@
 """`faultgauge fit`"""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 import typer
 
 from faultgauge.cli import options
 from faultgauge.cli.writing import READS, Writes
-
-if TYPE_CHECKING:
-    from faultgauge.identification.fit import FitReport
-    from faultgauge.plants.model import Model
 
 __all__ = ["fit"]
 
@@ -67,100 +63,38 @@ def fit(
 ) -> None:
     """Learn a plant's unknowns from healthy logs and write a model file."""
     from faultgauge.plants.gray_box import load_plant
-    from faultgauge.telemetry import check_same_units
-
-    untrained = load_plant(plant)
-    spec = untrained.spec
-    runs = options.read_logs(spec, logs, time, map, where, resample, fitting=True)
-    held = options.read_logs(spec, validate, time, map, where, resample) if validate else []
-    check_same_units([*runs, *held], map or ())
-    if not despite_alarms:
-        from faultgauge.detection.alarmed import refuse_alarms
-
-        refuse_alarms([*runs, *held], [*logs, *(validate or [])], time, map, where, out)
-    from faultgauge.identification.fit import fit as identify
-    from faultgauge.identification.unseen import on_unseen
     from faultgauge.plants.model import save_model
+    from faultgauge.verbs.fit import fit as learn
+    from faultgauge.verbs.reading import How
 
+    untrained, how = load_plant(plant), How(time, map, where, resample)
+    runs = options.read_logs(untrained.spec, logs, how, fitting=True)
+    held = options.read_logs(untrained.spec, validate, how) if validate else None
     with options.narrate("fitting") as progress:
-        fits = [
-            identify(
-                untrained,
-                runs,
-                held,
-                seed=seed + k,
-                restarts=restarts,
-                refine=refine,
-                robust=robust,
-                ensemble=ensemble,
-                progress=progress,
-            )
-            for k in range(seeds)
-        ]
-        (model, account), *others = fits
-        save_model(model, out)
+        found = learn(
+            untrained,
+            runs,
+            validate=held,
+            refine=refine,
+            robust=robust,
+            ensemble=ensemble,
+            restarts=restarts,
+            seed=seed,
+            seeds=seeds,
+            despite_alarms=despite_alarms,
+            replaces=out,
+            progress=progress,
+        )
+        save_model(found.model, out)
         progress("validating")
-        unseen = None
         if json or report is not None:
-            unseen = on_unseen(model, account, runs, held, others)
-    options.warn(account.warnings)
+            _ = found.unseen  # which takes its time
+    options.warn(found.warnings)
     if report is not None:
-        from faultgauge.reporting.chapters import fit_report
-        from faultgauge.reporting.report import write
-
-        write(fit_report(model, account, unseen, given=bool(held)), report)
+        found.report(report)
     if json:
-        checked = unseen.validation.to_dict() if unseen else None
-        options.print_json({"model": str(out), **_content(model, account), "validation": checked})
+        options.print_json({"model": str(out), **found.as_dict()})
         return
-    for line in (*_parameters(model, account), *_errors(fits)):
+    for line in found.lines:
         options.tell(line)
     options.say(f"wrote {out}; next: faultgauge calibrate {out} HEALTHY_LOG")
-
-
-def _errors(fits: "list[tuple[Model, FitReport]]") -> list[str]:
-    """The free run's error on held-out data, of the model and over the seeds."""
-    model, account = fits[0]
-    error = model.record["metrics"]["validation_free_run_nrmse"]
-    refitted = account.refinement is not None and account.refinement.refitted
-    before = ", before the model was fitted to them, too" if refitted else ""
-    lines = [
-        f"free run on held-out data: error {error:.2%} of each output's standard deviation{before}"
-    ]
-    if len(fits) > 1:
-        errors = [each.record["metrics"]["validation_free_run_nrmse"] for each, _ in fits]
-        lines.append(f"over {len(fits)} seeds: {min(errors):.2%} to {max(errors):.2%}")
-    return lines
-
-
-def _content(model: "Model", account: "FitReport") -> dict[str, Any]:
-    record = model.record
-    return {
-        "parameters": {name: float(value) for name, value in model.plant.parameters.items()},
-        "metrics": record["metrics"],
-        "derivatives": record["derivatives"],
-        "noise": record["noise"],
-        "envelope": record["envelope"],
-        "choices": record.get("choices", {"hold": {}, "hidden": {}}),
-        "refinement": record["metrics"].get("refinement"),
-        "equation_error": account.information.to_dict() if account.information else None,
-        "members": len(model.members),
-        "warnings": account.warnings,
-    }
-
-
-def _parameters(model: "Model", account: "FitReport") -> list[str]:
-    """A line for every fitted parameter: value, standard error where it is known, unit."""
-    known = account.refinement.information if account.refinement else account.information
-    errors = {each.name: each.standard_error for each in known.constants} if known else {}
-    lines = []
-    for p in model.plant.spec.parameters:
-        if not p.fixed:
-            # of what varies the runs tell their own values; the common one leans on the prior
-            error = None if p.vary else errors.get(p.name)
-            width = "" if error is None else f" +- {error:.2g}"
-            value = float(model.plant.parameters[p.name])
-            lines.append(f"{p.name} = {value:.6g}{width} {p.unit}".rstrip())
-            own = account.refinement.per_run.get(p.name, {}) if account.refinement else {}
-            lines += [f"  run {run}: {each:.6g} {p.unit}".rstrip() for run, each in own.items()]
-    return lines

@@ -4,7 +4,7 @@ import gc
 import json
 import os
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -16,7 +16,7 @@ from faultgauge.cli.writing import READS, Writes
 if TYPE_CHECKING:
     from faultgauge.plants.model import Model
     from faultgauge.plants.plant_file import PlantSpec
-    from faultgauge.telemetry import Run
+    from faultgauge.verbs.reading import How, Runs
 
 __all__ = [
     "Json",
@@ -99,66 +99,30 @@ def prepare() -> None:
 
 
 def read_logs(
-    spec: "PlantSpec",
-    paths: Sequence[Path],
-    time: str | None,
-    maps: Iterable[str] | None,
-    where: str | None,
-    resample: float | None,
-    *,
-    fitting: bool = False,
-    slower: Literal["refuse", "keep"] = "refuse",
-) -> list["Run"]:
-    """The runs in `paths` with the columns that a plant reads, at the rate `resample` (Hz);
-    `fitting`, with its instruments too."""
-    from faultgauge.identification.samples import column_names, jumping
-    from faultgauge.telemetry import read_telemetry
+    spec: "PlantSpec", paths: Sequence[Path], how: "How", *, fitting: bool = False
+) -> "Runs":
+    """The runs in `paths` with the columns that a plant reads; `fitting`, with its instruments
+    too."""
+    from faultgauge.verbs.reading import runs_for_plant
 
-    signals = spec.signals
-    required, optional = column_names(signals)
-    runs = read_telemetry(
-        list(paths),
-        time=time,
-        maps=maps or (),
-        names=required,
-        optional=[*optional, *(signals.instruments if fitting else ())],
-        held=[each.name for each in signals.inputs if each.hold == "zero"],
-        where=where,
-        units=signals.units,
-        resample=resample,
-        averaged=jumping(spec),
-        slower=slower,
-    )
+    return _noted(runs_for_plant(spec, list(paths), how, fitting=fitting))
+
+
+def read_logs_for(model: "Model", paths: Sequence[Path], how: "How") -> tuple["Runs", list[str]]:
+    """The runs in `paths` for a fitted `model`; and warnings about their time, which are said at
+    once."""
+    from faultgauge.verbs.reading import clock_warnings, runs_for_model
+
+    runs = _noted(runs_for_model(model, list(paths), how))
+    odd = clock_warnings(model, runs)
+    warn(odd)
+    return runs, odd
+
+
+def _noted(runs: "Runs") -> "Runs":
     for note in dict.fromkeys(note for run in runs for note in run.notes):
         say(f"note: {note}")
     return runs
-
-
-def read_logs_for(
-    model: "Model",
-    paths: Sequence[Path],
-    time: str | None,
-    maps: Iterable[str] | None,
-    where: str | None,
-    resample: float | None,
-) -> tuple[list["Run"], list[str]]:
-    """The runs in `paths` for a fitted `model`: at its own rate, where it has one and they are
-    faster; and warnings about their time, which are said at once."""
-    from faultgauge.errors import InputError
-    from faultgauge.telemetry.other_clock import other_clock
-
-    own = model.resample
-    if own is not None and resample not in (None, own):
-        raise InputError(
-            f"--resample {resample:g}: the model was fitted at {own:g} Hz, which faster logs are "
-            "brought to anyway; leave the option out."
-        )
-    slower = "refuse" if own is None else "keep"
-    rate = resample if own is None else own
-    runs = read_logs(model.plant.spec, paths, time, maps, where, rate, slower=slower)
-    odd = other_clock(model, runs, time, maps)
-    warn(odd)
-    return runs, odd
 
 
 def print_json(content: dict[str, Any]) -> None:
@@ -183,8 +147,9 @@ def plain(text: str) -> str:
     return "".join(c if c.isprintable() or c == "\n" else ascii(c)[1:-1] for c in text)
 
 
-def warn(warnings: Iterable[str]) -> None:
-    for warning in warnings:
+def warn(warnings: Iterable[str], but: Collection[str] = ()) -> None:
+    """Say `warnings`, but those that were said before."""
+    for warning in (each for each in warnings if each not in but):
         say(f"warning: {warning}.")
 
 

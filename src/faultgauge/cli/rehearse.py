@@ -45,15 +45,16 @@ def rehearse(
 ) -> None:
     """Put declared faults into healthy logs: what would be found?"""
     from faultgauge.plants.model import load_model
-    from faultgauge.rehearsal import rehearse as run_rehearsal
+    from faultgauge.verbs.reading import How
+    from faultgauge.verbs.rehearse import rehearse as try_out
 
     sizes = dict(_size(each) for each in size or ())
     fitted = load_model(model)
-    runs, _ = options.read_logs_for(fitted, logs, time, map, where, None)
+    runs, odd = options.read_logs_for(fitted, logs, How(time, map, where))
     folder = make_folder(out) if out is not None else None
     with options.narrate("rehearsing") as progress:
-        found = run_rehearsal(fitted, runs, sizes=sizes, trials=trials, progress=progress)
-    options.warn(found.warnings)
+        found = try_out(fitted, runs, sizes=sizes, trials=trials, progress=progress)
+    options.warn(found.warnings, but=odd)
     files = [report] if report is not None else []
     if folder is not None:
         from json import dumps
@@ -64,14 +65,9 @@ def rehearse(
         files.append(folder / "report.html")
         text = dumps(found.as_dict(), indent=1, allow_nan=False)
         write_atomically(folder / "rehearsal.json", text.encode())
-        write_table(found.table(), folder / "trials.csv")
+        write_table(found.columns(), folder / "trials.csv")
     if files:
-        from faultgauge.reporting.rehearsal_chapter import rehearsal_report
-        from faultgauge.reporting.report import write
-
-        page = rehearsal_report(found)
-        for file in files:
-            write(page, file)
+        found.report(*files)
     if json:
         options.print_json(found.as_dict())
         return

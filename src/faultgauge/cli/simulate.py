@@ -49,12 +49,10 @@ def simulate(
             raise InputError(f"{name} goes with --realtime only; add it or leave {name} out.")
     if stream and json:
         raise InputError("--stream and --json both want standard output; choose one of them.")
-    from faultgauge.telemetry.writing import as_table, check_writable, write_table
+    from faultgauge.simulation.scenario import read_scenario
+    from faultgauge.telemetry.writing import check_writable, write_table
 
     check_writable(out)
-    from faultgauge.accommodation.simulate import simulate as carry_out
-    from faultgauge.simulation.scenario import read_scenario
-
     planned = read_scenario(scenario)
     written = {"--out": [out], "--report": [report] if report else []}
     if realtime is not None:
@@ -68,23 +66,15 @@ def simulate(
 
         against_the_clock(planned, realtime, out, control, stream, report, json)
         return
-    with options.narrate("simulating"):
-        run = carry_out(planned)
-    columns = as_table(run)
-    write_table(columns, out)
-    if report is not None:
-        from faultgauge.reporting.report import write
-        from faultgauge.reporting.simulation_chapter import simulation_report
+    from faultgauge.verbs.simulate import simulate as carry_out
 
-        write(simulation_report(planned, run), report)
-    faults = [
-        {"name": f.name, "enters": f.enters, "target": f.target, "effect": f.effect}
-        for f in planned.faults
-    ]
+    with options.narrate("simulating"):
+        found = carry_out(planned)
+    write_table(found.columns(), out)
+    if report is not None:
+        found.report(report)
     if json:
-        options.print_json(
-            {"rows": len(run.t), "columns": list(columns), "out": str(out), "faults": faults}
-        )
+        options.print_json({**found.as_dict(), "out": str(out)})
         return
-    print(f"{planned.name}: {len(run.t)} rows of {', '.join(columns)}")
+    print(found)
     options.say(f"wrote {out}")

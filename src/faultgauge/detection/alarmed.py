@@ -11,7 +11,7 @@ from faultgauge.detection.events import pause, stretches
 from faultgauge.errors import InputError
 from faultgauge.plants.model import load_model
 from faultgauge.telemetry import Run
-from faultgauge.telemetry.logs import open_logs
+from faultgauge.telemetry.logs import Source, open_logs
 
 __all__ = ["refuse_alarms"]
 
@@ -23,17 +23,17 @@ Stretches: TypeAlias = list[tuple[float, float]]
 
 def refuse_alarms(
     runs: Sequence[Run],
-    paths: Sequence[Path],
+    sources: Sequence[Source],
     time: str | None,
-    maps: Iterable[str] | None,
+    maps: Iterable[str],
     where: str | None,
-    before: Path,
+    before: Path | None,
 ) -> None:
-    """Raises `InputError` where `runs`, read from `paths`, stand under alarm: by a column `status`
-    of theirs, or judged by the calibrated model `before` that the fit would replace."""
-    found = _by_column(paths, time, maps or (), where)
+    """Raises `InputError` where `runs`, read from `sources`, stand under alarm: by a column
+    `status` of theirs, or judged by the calibrated model `before` that the fit would replace."""
+    found = _by_column(sources, time, maps, where) if sources else {}
     said = f"column {STATUS!r} says FAULT"
-    if not found and before.is_file():
+    if not found and before is not None and before.is_file():
         found, said = _by_model(runs, before), f"{before}, which this fit would replace, alarms"
     if not found:
         return
@@ -47,10 +47,10 @@ def refuse_alarms(
 
 
 def _by_column(
-    paths: Sequence[Path], time: str | None, maps: Iterable[str], where: str | None
+    sources: Sequence[Source], time: str | None, maps: Iterable[str], where: str | None
 ) -> dict[str, Stretches]:
     found = dict[str, Stretches]()
-    for log in open_logs(list(paths), time, maps, where):
+    for log in open_logs(sources, time, maps, where):
         cells = log.table.columns.get(STATUS)
         if cells is None:
             continue

@@ -21,6 +21,7 @@ from faultgauge.reporting.svg import Figure
 from faultgauge.reporting.time_figures import Panel, fault_estimate, panels
 
 __all__ = [
+    "decision_figures",
     "decision_report",
     "headline",
     "leading",
@@ -55,7 +56,7 @@ def decision_report(
     )
     rows = tuple(_row(event)[shown] for event in events)
     tables = (Table(HEADER[shown], rows, "Every event."),) if events else ()
-    figures = [figure for each in decisions for figure in _figures(bank, each, truth or {})]
+    figures = [figure for each in decisions for figure in decision_figures(bank, each, truth or {})]
     section = Section("Faults", (), tables, tuple(figures[:MOST_FIGURES]))
     sections = [section]
     if windows:
@@ -120,9 +121,10 @@ def _row(event: BankEvent) -> tuple[str, ...]:
     )
 
 
-def _figures(
+def decision_figures(
     bank: FaultBank, decision: Decision, truth: Mapping[str, Float[np.ndarray, "samples"]]
 ) -> list[Figure]:
+    """What each fault is given, with the residuals; then every fault, in the plant's order."""
     found, run = decision.posterior, decision.run
     silent = np.isin(decision.status, [NOT_JUDGED, STALE])
     faults = bank.model.plant.signals.faults

@@ -4,7 +4,7 @@ import io
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from matplotlib.figure import Figure as Canvas
 
@@ -32,11 +32,13 @@ class Figure:
         title: what is shown, a few words, plain text.
         caption: how to read it, plain text.
         svg: one `<svg>` element, complete in itself.
+        canvas: the drawing itself, for who wants to go on with it.
     """
 
     title: str
     caption: str
     svg: str
+    canvas: Canvas | None = field(default=None, repr=False, compare=False)
 
 
 def figure(canvas: Canvas, title: str, caption: str) -> Figure:
@@ -50,7 +52,7 @@ def figure(canvas: Canvas, title: str, caption: str) -> Figure:
     for sheet in root.findall(f"{{{SVG}}}defs/{{{SVG}}}style/.."):
         root.remove(sheet)  # its rule would reach the whole page; the root carries it instead
     root.set("style", f"stroke-linejoin: round; stroke-linecap: butt; font-family: {FONTS}")
-    return Figure(title, caption, _text(root))
+    return Figure(title, caption, _text(root), canvas)
 
 
 def inline(drawing: Figure, prefix: str) -> str:

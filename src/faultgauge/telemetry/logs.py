@@ -1,4 +1,4 @@
-"""From paths to log files whose time and runs are known, their columns not yet chosen."""
+"""From files and tables to logs whose time and runs are known, their columns not yet chosen."""
 
 import os
 from collections.abc import Iterable, Sequence
@@ -24,11 +24,12 @@ from faultgauge.telemetry.timing import (
 )
 from faultgauge.telemetry.where import keep_rows, met
 
-__all__ = ["LogFile", "Paths", "open_logs"]
+__all__ = ["LogFile", "Paths", "Source", "open_logs"]
 
 RUN = "run"
 
-Paths = str | Path | Sequence[str | Path]
+Source = str | Path | Table  # a file, or what is in memory already
+Paths = Source | Sequence[Source]
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,21 +60,24 @@ def open_logs(
     """Read files, apply `maps`, find the time (`time` names its column), split into runs and keep
     the rows that meet the condition `where`.
 
-    A run is called after its file, `stem` or `stem:label` where a column `run` labels the rows;
-    a name that is taken gets `#2`. Raises `InputError` for a file that cannot be read or comes
-    twice, and for a time or run column that cannot be used.
+    A run is called after its file (a table: its source), `stem` or `stem:label` where a column
+    `run` labels the rows; a name that is taken gets `#2`. Raises `InputError` for a file that
+    cannot be read or comes twice, and for a time or run column that cannot be used.
     """
-    files = [Path(paths)] if isinstance(paths, str | Path) else [Path(path) for path in paths]
-    if not files:
+    sources = [paths] if isinstance(paths, str | Path | Table) else list(paths)
+    if not sources:
         raise InputError("No log was given; name at least one file.")
     parsed = parse_maps(maps)
     seen: dict[tuple[int, int], Path] = {}
     taken: set[str] = set()
     logs = []
-    for path in files:
-        table = read_table(path)
-        _check_new(path, seen)
-        log = _log_file(path, apply_maps(table, parsed), time, "t" in parsed, taken)
+    for source in sources:
+        if isinstance(source, Table):
+            name, table = source.source, source
+        else:
+            name, table = stem(Path(source)), read_table(Path(source))
+            _check_new(Path(source), seen)
+        log = _log_file(name, apply_maps(table, parsed), time, "t" in parsed, taken)
         logs.append(log if where is None else _kept(log, where))
         for name, samples in logs[-1].runs.items():
             check_increasing(logs[-1].table, logs[-1].time, logs[-1].t, samples, name)
@@ -88,17 +92,17 @@ def _check_new(path: Path, seen: dict[tuple[int, int], Path]) -> None:
     seen[identity] = path
 
 
-def _log_file(path: Path, table: Table, time: str | None, mapped: bool, taken: set[str]) -> LogFile:
+def _log_file(own: str, table: Table, time: str | None, mapped: bool, taken: set[str]) -> LogFile:
     column = find_time(table, time, mapped)
     table = in_seconds(table, column)
     t = seconds(table, column)
     runs = {}
     for label, samples in _groups(table).items():
-        name = _free_name(f"{stem(path)}:{label}" if label else stem(path), taken)
+        name = _free_name(f"{own}:{label}" if label else own, taken)
         if len(samples) < 2:
             raise InputError(
-                f"{path}: run {name!r} has only row {table.rows[samples[0]]}; a run needs at "
-                "least two samples, so remove it or correct its label."
+                f"{table.source}: run {name!r} has only row {table.rows[samples[0]]}; a run needs "
+                "at least two samples, so remove it or correct its label."
             )
         runs[name] = samples
     note = epoch_note(table, column)

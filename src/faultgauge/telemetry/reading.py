@@ -16,7 +16,7 @@ from faultgauge.telemetry.resampling import check_rate, resampled, same_rate
 from faultgauge.telemetry.runs import Run
 from faultgauge.telemetry.table import LARGEST, Table, is_text, text_error
 
-__all__ = ["check_present", "check_same_units", "finite_or_empty", "read_telemetry"]
+__all__ = ["at_rate", "check_present", "check_same_units", "finite_or_empty", "read_telemetry"]
 
 
 def read_telemetry(
@@ -37,8 +37,8 @@ def read_telemetry(
 
     **Arguments**
 
-    - `paths`: one path or several; several files are several runs, and so are the labels of a
-      column `run` (rows of one label need not be together).
+    - `paths`: one path (or `Table`) or several; several files are several runs, and so are the
+      labels of a column `run` (rows of one label need not be together).
     - `time`: the time column, `t` by default; seconds, or ISO 8601 timestamps, which become
       seconds since the first sample of their file. Another unit that the file gives is converted.
     - `maps`: `NAME=EXPRESSION` texts over the file's columns.
@@ -70,14 +70,23 @@ def read_telemetry(
         for name, samples in log.runs.items():
             runs.append(_run(log, name, samples, columns, required, held))
     check_same_units(runs, maps)
-    if resample is None:
-        return runs
+    return runs if resample is None else at_rate(runs, resample, held, averaged, slower)
+
+
+def at_rate(
+    runs: Sequence[Run],
+    rate: float,
+    held: Collection[str],
+    averaged: Collection[str],
+    slower: Literal["refuse", "keep"],
+) -> list[Run]:
+    """`runs` brought to `rate` [Hz]; those that are slower are refused, or kept as they are."""
     kept = [
-        slower == "keep" and resample * run.step > 1 and not same_rate(resample, 1 / run.step)
+        slower == "keep" and rate * run.step > 1 and not same_rate(rate, 1 / run.step)
         for run in runs
     ]
     return [
-        run if as_it_is else resampled(run, resample, held, averaged)
+        run if as_it_is else resampled(run, rate, held, averaged)
         for run, as_it_is in zip(runs, kept, strict=True)
     ]
 

@@ -1,0 +1,123 @@
+"""`calibrate`: noise, model error and alarm level on healthy logs."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from faultgauge.detection import calibration
+from faultgauge.detection.bank import build_fault_bank
+from faultgauge.detection.calibration_words import summary
+from faultgauge.detection.noise import noise_of
+from faultgauge.plants.model import Model
+from faultgauge.plants.settings import with_settings
+from faultgauge.verbs.plants import model_of
+from faultgauge.verbs.reading import How, Maps, Runs, clock_warnings, runs_for_model
+from faultgauge.verbs.result import Columns, Result
+
+__all__ = ["Calibrated", "calibrate"]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Calibrated(Result):
+    """What a calibration found.
+
+    **Fields**
+
+    - `model`: the model with its calibration, for `estimate`.
+    - `found`: the healthy blocks behind it (`.blocks`) and those that look faulty (`.suspects`).
+    - `warnings`: about the logs.
+    """
+
+    found: calibration.Calibration
+    runs: Runs
+    warnings: Sequence[str]
+
+    @property
+    def model(self) -> Model:
+        return self.found.model
+
+    @property
+    def lines(self) -> list[str]:
+        return summary(self.model)
+
+    def as_dict(self) -> dict[str, Any]:
+        return {**(self.model.calibration or {}), "warnings": list(self.warnings)}
+
+    def columns(self) -> Columns:
+        """A row per healthy block with its highest score in log-odds; of an observer alone, a row
+        per fault with the interval of its estimate."""
+        block = self.model.calibration or {}
+        if "channels" in block:
+            return {
+                "fault": list(block["channels"]),
+                "interval": [each["interval"] for each in block["channels"].values()],
+            }
+        found = self.found.blocks
+        return {
+            key: [getattr(each, key) for each in found] for key in ("run", "start", "end", "peak")
+        }
+
+    def page(self) -> Any:
+        from faultgauge.reporting.chapters import calibration_report
+
+        return calibration_report(self.found, self.runs)
+
+    def figures(self) -> Any:
+        """The healthy blocks against the alarm level; of an observer, its intervals."""
+        block = self.model.calibration or {}
+        if "channels" in block:
+            from faultgauge.reporting.model_figures import bars
+
+            widths = [each["interval"] for each in block["channels"].values()]
+            return [
+                bars(
+                    list(block["channels"]),
+                    np.array([[each] * 3 for each in widths]),
+                    title="Healthy estimates",
+                    name="95 % within",
+                    unit="each fault's own",
+                )
+            ]
+        from faultgauge.reporting.calibration_chapter import calibration_section
+
+        bank = build_fault_bank(self.model, self.runs, noise_of(self.model))
+        return calibration_section(bank, self.found.blocks).figures
+
+
+def calibrate(
+    model: Any,
+    sources: Any,
+    *,
+    mtbfa: float | None = None,
+    observer: str = "bank",
+    plant: str | None = None,
+    time: str | None = None,
+    map: Maps = None,
+    where: str | None = None,
+    resample: float | None = None,
+    progress: Callable[[str], None] = lambda text: None,
+) -> Calibrated:
+    """Find noise, model error and alarm level on healthy logs.
+
+    **Arguments**
+
+    - `model`: a fitted model, or its file.
+    - `sources`: healthy logs that the fit has not seen: paths, data frames, dicts of arrays, runs,
+      or a list of them (`read`, which also says what `time`, `map`, `where` and `resample` mean).
+    - `mtbfa`: mean time between false alarms [s]; by default the longest that the logs support.
+    - `observer`: `"bank"`, which decides, or the name of an observer, for its intervals alone.
+    - `plant`: a plant file (or preset) to take `[faults]`, `[detection]` and `[observer]` from.
+    - `progress`: is told what is being done.
+
+    Returns a `Calibrated`: its `.model` is for `estimate`. Raises `InputError` where more is asked
+    for than the logs support, where they are too short, or where no fault is declared.
+    """
+    known = model_of(model)
+    if plant is not None:
+        known = with_settings(known, plant)
+    runs = runs_for_model(known, sources, How(time, map, where, resample))
+    odd = clock_warnings(known, runs)
+    found = calibration.calibrate(known, runs, mtbfa=mtbfa, observer=observer, progress=progress)
+    return Calibrated(found, runs, [*odd, *found.warnings])

@@ -1,0 +1,118 @@
+"""`check`: fit, calibrate and estimate in one."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from faultgauge.detection import answer, decisions, misfit
+from faultgauge.detection.events import BankEvent
+from faultgauge.plants.gray_box import GrayBoxPlant
+from faultgauge.plants.model import Model
+from faultgauge.studies import checkup
+from faultgauge.telemetry import check_same_units
+from faultgauge.verbs.estimate import Answer
+from faultgauge.verbs.plants import plant as as_plant
+from faultgauge.verbs.reading import How, Maps, read, runs_for_plant
+from faultgauge.verbs.result import Columns, Result
+
+__all__ = ["Check", "check", "guessed"]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Check(Result):
+    """Whether a log is like a healthy one.
+
+    **Fields**
+
+    - `events`: every fault that was told; `rows` and `sentences` as those of an `Answer`.
+    - `model`: fitted and calibrated on the healthy log, for more logs.
+    - `answer`: the same as `estimate` gives it, with `hindsight()` and `evidence(event)`.
+    - `found`: everything behind it; `warnings` are about the logs, the fit and the calibration.
+    """
+
+    found: checkup.Checkup
+    warnings: Sequence[str]
+
+    @property
+    def model(self) -> Model:
+        return self.found.model
+
+    @property
+    def answer(self) -> Answer:
+        return Answer(self.found.model, self.found.decisions, self.found.bank, [], self.warnings)
+
+    @property
+    def events(self) -> list[BankEvent]:
+        return [event for each in self.found.decisions for event in each.events]
+
+    @property
+    def rows(self) -> Columns:
+        return decisions.table(self.found.decisions, self.model.plant.signals.fault_names)
+
+    @property
+    def sentences(self) -> list[str]:
+        return self.found.sentences
+
+    @property
+    def lines(self) -> list[str]:
+        return self.found.first_screen
+
+    def as_dict(self) -> dict[str, Any]:
+        found = self.found
+        names = found.model.plant.signals.fault_names
+        return {
+            "events": answer.as_dicts(found.bank, found.decisions) if found.bank else [],
+            "sentences": found.sentences,
+            "runs": answer.runs_as_dicts(found.bank, found.decisions, names),
+        }
+
+    def columns(self) -> Columns:
+        return self.rows
+
+    def page(self) -> Any:
+        from faultgauge.studies.checkup_report import checkup_report
+
+        return checkup_report(self.found)
+
+    def figures(self) -> Any:
+        return self.answer.figures()
+
+
+def check(
+    healthy: Any,
+    suspect: Any,
+    plant: Any = None,
+    *,
+    seed: int = 0,
+    time: str | None = None,
+    map: Maps = None,
+    where: str | None = None,
+    resample: float | None = None,
+    progress: Callable[[str], None] = lambda text: None,
+) -> Check:
+    """Fit, calibrate, estimate in one: is `suspect` like `healthy`, and if not, how much?
+
+    **Arguments**
+
+    - `healthy`, `suspect`: logs: paths, data frames, dicts of arrays, runs, or lists of them
+      (`read`, which also says what `time`, `map`, `where` and `resample` mean).
+    - `plant`: a plant, a plant file, a preset, the text of a plant file, or a dict; by default a
+      black box, guessed from the healthy log.
+    - `seed` of the starts; `progress` is told what is being done.
+
+    Returns a `Check`. Raises `InputError` as `fit`, `calibrate` and `estimate` do.
+    """
+    how = How(time, map, where, resample)
+    body = guessed(healthy, how) if plant is None else as_plant(plant)
+    good = runs_for_plant(body.spec, healthy, how, fitting=True)
+    doubtful = runs_for_plant(body.spec, suspect, how)
+    check_same_units([*good, *doubtful], good.how.maps)
+    found = checkup.check(body, good, doubtful, seed=seed, progress=progress)
+    throughout = misfit.alarmed_throughout({e.run.name: e.status for e in found.decisions})
+    warnings = [*found.account.warnings, *found.calibration.warnings, *throughout]
+    return Check(found, warnings)
+
+
+def guessed(healthy: Any, how: How) -> GrayBoxPlant:
+    """A black box for what is in the log: a network per state."""
+    return checkup.black_box(read(healthy, None, how.time, how.map, how.where, how.resample), "log")

@@ -1,0 +1,111 @@
+"""`evaluate`: how well a model follows logs by pure simulation."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from faultgauge.identification import evaluation
+from faultgauge.identification.evaluation import WARMUP, Prediction
+from faultgauge.plants.model import Model
+from faultgauge.verbs.plants import model_of
+from faultgauge.verbs.reading import How, Maps, clock_warnings, runs_for_model
+from faultgauge.verbs.result import Columns, Result
+
+__all__ = ["Evaluation", "evaluate"]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Evaluation(Result):
+    """How well a model's free runs follow logs.
+
+    **Fields**
+
+    - `scores`: `{"outputs": {NAME: {r2, rmse, nrmse}}, "runs": [...], "warnings": [...]}`, and
+      `"ensemble"` where the model has members.
+    - `predictions`: the free runs, beside what was measured; `warnings`: about the logs.
+    """
+
+    model: Model
+    scores: dict[str, Any]
+    predictions: list[Prediction]
+    warnings: Sequence[str]
+
+    @property
+    def lines(self) -> list[str]:
+        plant, lines = self.model.plant, []
+        units = {output.name: output.unit for output in plant.signals.outputs}
+        for run in self.scores["runs"]:
+            for name, s in run["outputs"].items():
+                if s["rmse"] is None:
+                    own = [p for p in self.predictions if p.run == run["run"]]
+                    said = evaluation.divergence(plant, own)
+                else:
+                    said = f"free-run RMSE {s['rmse']:.4g} {units[name]}{_share(s)}"
+                lines.append(f"{run['run']}: {name}: {said}")
+        for name, s in self.scores.get("ensemble", {}).items():
+            if s["rmse"] is None:
+                lines.append(f"ensemble: {name}: a member's free run diverges")
+                continue
+            lines.append(
+                f"ensemble: {name}: RMSE of the mean {s['rmse']:.4g} {units[name]}{_share(s)}, "
+                f"the members spread by {s['spread']:.4g} {units[name]}"
+            )
+        return lines
+
+    def as_dict(self) -> dict[str, Any]:
+        return self.scores
+
+    def columns(self) -> Columns:
+        """A row per run and output."""
+        rows = [
+            {"run": run["run"], "output": name, **scores, "samples": run["samples"]}
+            for run in self.scores["runs"]
+            for name, scores in run["outputs"].items()
+        ]
+        return {name: [row[name] for row in rows] for name in (rows[0] if rows else ())}
+
+    def page(self) -> Any:
+        from faultgauge.reporting.chapters import evaluation_report
+
+        return evaluation_report(self.model, self.scores, self.predictions)
+
+    def figures(self) -> Any:
+        from faultgauge.reporting.chapters import evaluation_section
+
+        return evaluation_section(self.model, self.scores, self.predictions).figures
+
+
+def _share(s: dict[str, float | None]) -> str:
+    return "" if s["r2"] is None else f", R2 {s['r2']:.4%}, {s['nrmse']:.2%} of its spread"
+
+
+def evaluate(
+    model: Any,
+    sources: Any,
+    *,
+    warmup: int = WARMUP,
+    time: str | None = None,
+    map: Maps = None,
+    where: str | None = None,
+    resample: float | None = None,
+) -> Evaluation:
+    """Score a model by pure simulation on logs.
+
+    **Arguments**
+
+    - `model`: a fitted model, or its file.
+    - `sources`: logs: paths, data frames, dicts of arrays, runs, or a list of them (`read`, which
+      also says what `time`, `map`, `where` and `resample` mean).
+    - `warmup`: samples that set hidden start states and are not scored.
+
+    Returns an `Evaluation`. Raises `InputError` for logs that cannot be read or scored.
+    """
+    known = model_of(model)
+    runs = runs_for_model(known, sources, How(time, map, where, resample))
+    odd = clock_warnings(known, runs)
+    found, predictions = evaluation.evaluate(known.plant, runs, known.max_step, warmup)
+    if known.members:
+        plants = [known.plant, *known.members]
+        found["ensemble"] = evaluation.evaluate_ensemble(plants, runs, known.max_step, warmup)
+    found["warnings"] = [*odd, *found["warnings"]]
+    return Evaluation(known, found, predictions, found["warnings"])

@@ -1,0 +1,199 @@
+"""`fit`: a model from healthy logs."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from faultgauge.detection.alarmed import refuse_alarms
+from faultgauge.identification import fit as identification
+from faultgauge.identification.evaluation import evaluate
+from faultgauge.identification.fit import FitReport
+from faultgauge.identification.unseen import Unseen, on_unseen
+from faultgauge.plants.model import Model
+from faultgauge.telemetry import check_same_units
+from faultgauge.verbs.plants import plant as as_plant
+from faultgauge.verbs.reading import How, Maps, Runs, runs_for_plant
+from faultgauge.verbs.result import Columns, Result
+
+__all__ = ["Fit", "fit"]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Fit(Result):
+    """What a fit found.
+
+    **Fields**
+
+    - `model`: the fitted model; with several seeds, that of the first.
+    - `parameters`: every fitted value by name.
+    - `unseen`: its free runs over held-out data, None where that is too short; found when asked.
+    - `account`: how it came about; `fits` are (model, account) of every seed.
+    - `warnings`: about the logs and the fit.
+    """
+
+    fits: list[tuple[Model, FitReport]]
+    runs: Runs
+    held: Runs
+    warnings: Sequence[str]
+
+    @property
+    def model(self) -> Model:
+        return self.fits[0][0]
+
+    @property
+    def account(self) -> FitReport:
+        return self.fits[0][1]
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        return {name: float(value) for name, value in self.model.plant.parameters.items()}
+
+    @cached_property
+    def unseen(self) -> Unseen | None:
+        return on_unseen(self.model, self.account, self.runs, self.held, self.fits[1:])
+
+    @property
+    def lines(self) -> list[str]:
+        return [*self._values(), *self._errors()]
+
+    def as_dict(self) -> dict[str, Any]:
+        record, information = self.model.record, self.account.information
+        return {
+            "parameters": self.parameters,
+            "metrics": record["metrics"],
+            "derivatives": record["derivatives"],
+            "noise": record["noise"],
+            "envelope": record["envelope"],
+            "choices": record.get("choices", {"hold": {}, "hidden": {}}),
+            "refinement": record["metrics"].get("refinement"),
+            "equation_error": information.to_dict() if information else None,
+            "members": len(self.model.members),
+            "warnings": self.account.warnings,
+            "validation": self.unseen.validation.to_dict() if self.unseen else None,
+        }
+
+    def columns(self) -> Columns:
+        """A row per parameter: value, standard error where it is known, unit."""
+        shown = self.model.plant.spec.parameters
+        return {
+            "parameter": [each.name for each in shown],
+            "value": [self.parameters[each.name] for each in shown],
+            "standard_error": [self._error(each) for each in shown],
+            "unit": [each.unit for each in shown],
+            "fitted": [not each.fixed for each in shown],
+        }
+
+    def page(self) -> Any:
+        from faultgauge.reporting.chapters import fit_report
+
+        return fit_report(self.model, self.account, self.unseen, given=bool(self.held))
+
+    def figures(self) -> Any:
+        """Free runs over held-out data, or over all where too little was held out."""
+        from faultgauge.reporting.chapters import evaluation_section
+
+        model = self.model
+        found = self.unseen or evaluate(model.plant, self.runs, model.max_step)
+        return evaluation_section(model, found[0], found[1]).figures
+
+    def _error(self, parameter: Any) -> float | None:
+        """The standard error; none of what varies, of which the runs tell their own values: the
+        common one leans on the prior."""
+        account = self.account
+        known = account.refinement.information if account.refinement else account.information
+        errors = {each.name: each.standard_error for each in known.constants} if known else {}
+        return None if parameter.fixed or parameter.vary else errors.get(parameter.name)
+
+    def _values(self) -> list[str]:
+        """A line for every fitted parameter: value, standard error where it is known, unit."""
+        refinement, lines = self.account.refinement, []
+        for p in self.model.plant.spec.parameters:
+            if not p.fixed:
+                error = self._error(p)
+                width = "" if error is None else f" +- {error:.2g}"
+                lines.append(f"{p.name} = {self.parameters[p.name]:.6g}{width} {p.unit}".rstrip())
+                own = refinement.per_run.get(p.name, {}) if refinement else {}
+                lines += [f"  run {run}: {each:.6g} {p.unit}".rstrip() for run, each in own.items()]
+        return lines
+
+    def _errors(self) -> list[str]:
+        """The free run's error on held-out data, of the model and over the seeds."""
+        errors = [each.record["metrics"]["validation_free_run_nrmse"] for each, _ in self.fits]
+        refined = self.account.refinement
+        refitted = refined is not None and refined.refitted
+        before = ", before the model was fitted to them, too" if refitted else ""
+        lines = [
+            f"free run on held-out data: error {errors[0]:.2%} of each output's standard "
+            f"deviation{before}"
+        ]
+        if len(errors) > 1:
+            lines.append(f"over {len(errors)} seeds: {min(errors):.2%} to {max(errors):.2%}")
+        return lines
+
+
+def fit(
+    plant: Any,
+    sources: Any,
+    *,
+    validate: Any = None,
+    refine: bool | None = None,
+    robust: bool = False,
+    ensemble: bool = False,
+    restarts: int = 10,
+    seed: int = 0,
+    seeds: int = 1,
+    despite_alarms: bool = False,
+    replaces: Path | None = None,
+    time: str | None = None,
+    map: Maps = None,
+    where: str | None = None,
+    resample: float | None = None,
+    progress: Callable[[str], None] = lambda text: None,
+) -> Fit:
+    """Learn a plant's unknowns from healthy logs.
+
+    **Arguments**
+
+    - `plant`: a plant, a plant file, a preset, the text of a plant file, or a dict (`plant`).
+    - `sources`: the healthy logs: paths, data frames, dicts of arrays, runs, or a list of them
+      (`read`, which also says what `time`, `map`, `where` and `resample` mean).
+    - `validate`: logs to stop and select on, never to fit; else a part of the logs is held out.
+    - `refine`: go on to the simulation error; by default where a state is hidden, a parameter
+      varies or a sensor is slower than the rows, and with `robust` or `ensemble`.
+    - `robust`: bound what an outlier can do. `ensemble`: keep the next best models, too.
+    - `restarts`: how many starts; `seed` of the starts; `seeds`: fit with so many, from `seed` on.
+    - `despite_alarms`: fit logs that stand under alarm, too, by a column `status` of theirs or by
+      the calibrated model in the file `replaces`, whose place the new one takes.
+    - `progress`: is told what is being done.
+
+    Returns a `Fit`: its `.model` is for `calibrate`. Raises `InputError` for logs that cannot be
+    read, do not tell the unknowns, or stand under alarm.
+    """
+    untrained = as_plant(plant)
+    how = How(time, map, where, resample)
+    runs = runs_for_plant(untrained.spec, sources, how, fitting=True)
+    held = Runs([], [], how)
+    if validate is not None:
+        held = runs_for_plant(untrained.spec, validate, how)
+    both, how = [*runs, *held], runs.how
+    check_same_units(both, how.maps)
+    if not despite_alarms:
+        read = [*runs.sources, *held.sources]
+        refuse_alarms(both, read, how.time, how.maps, how.where, replaces)
+    fits = [
+        identification.fit(
+            untrained,
+            runs,
+            held,
+            seed=seed + k,
+            restarts=restarts,
+            refine=refine,
+            robust=robust,
+            ensemble=ensemble,
+            progress=progress,
+        )
+        for k in range(seeds)
+    ]
+    return Fit(fits, runs, held, fits[0][1].warnings)

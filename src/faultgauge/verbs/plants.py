@@ -1,0 +1,100 @@
+"""`plant` and `load`: what to fit, and what was fitted."""
+
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from faultgauge.errors import InputError
+from faultgauge.plants.gray_box import GrayBoxPlant, load_plant
+from faultgauge.plants.model import Model, load_model
+from faultgauge.plants.plant_file import parse_plant
+
+__all__ = ["load", "model_of", "plant"]
+
+
+def plant(source: Any) -> GrayBoxPlant:
+    """An untrained plant.
+
+    **Arguments**
+
+    - `source`: the path of a plant file, the name of a preset (`"tank"`), the text of a plant file
+      (which has lines or an `=`), or a dict of its tables. A plant is given back as it is.
+
+    Raises `InputError` that names the key and the column of the first mistake.
+    """
+    if isinstance(source, GrayBoxPlant):
+        return source
+    if isinstance(source, Mapping):
+        return _parsed(_toml(source), "the plant's dict")
+    if isinstance(source, str) and ("\n" in source or "=" in source):
+        return _parsed(source, "the plant's text")
+    if isinstance(source, str | Path):
+        return load_plant(source)
+    raise InputError(
+        f"a {type(source).__name__} is no plant; give a plant file, a preset, the text of a plant "
+        "file, or a dict of its tables."
+    )
+
+
+def load(path: str | Path) -> Model:
+    """Read a model file (`.fgm`), as `faultgauge fit` and `save_model` write it.
+
+    Raises `InputError` that names the file and what is wrong with it.
+    """
+    return model_of(path)
+
+
+def model_of(given: Any) -> Model:
+    """A model, or the one in the file of that name."""
+    if isinstance(given, Model):
+        return given
+    if isinstance(given, str | Path):
+        return load_model(given)
+    raise InputError(
+        f"a {type(given).__name__} is no fitted model; give the `.model` of `faultgauge.fit` or "
+        "`faultgauge.calibrate`, or a model file."
+    )
+
+
+def _parsed(text: str, source: str) -> GrayBoxPlant:
+    return GrayBoxPlant.untrained(parse_plant(text, source))
+
+
+def _toml(tables: Mapping[Any, Any]) -> str:
+    """A plant file of the same content: values first, then a section per table."""
+    lines = [
+        f"{_key(key)} = {_value(value, key)}"
+        for key, value in tables.items()
+        if not isinstance(value, Mapping)
+    ]
+    for key, table in tables.items():
+        if isinstance(table, Mapping):
+            lines += ["", f"[{_key(key)}]"]
+            lines += [f"{_key(name)} = {_value(value, key)}" for name, value in table.items()]
+    return "\n".join(lines) + "\n"
+
+
+def _key(name: Any) -> str:
+    return json.dumps(str(name), ensure_ascii=False)
+
+
+def _value(value: Any, key: Any) -> str:
+    if isinstance(value, Mapping):
+        inner = ", ".join(f"{_key(name)} = {_value(each, name)}" for name, each in value.items())
+        return f"{{ {inner} }}" if inner else "{}"
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(_value(each, key) for each in value)}]"
+    if isinstance(value, str | bool):
+        return json.dumps(value, ensure_ascii=False)
+    if isinstance(value, int):
+        return str(value)
+    try:
+        number = float(value)  # NumPy's numbers too
+    except (TypeError, ValueError):
+        raise InputError(
+            f"the plant's dict, {key}: a {type(value).__name__} is neither a number, a text nor a "
+            "table of them; correct it."
+        ) from None
+    return repr(number) if math.isfinite(number) else str(number)

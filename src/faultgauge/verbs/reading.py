@@ -1,0 +1,203 @@
+"""`read`: logs as a plant or a model needs them. The command line reads its logs here, too."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, TypeAlias
+
+from faultgauge.errors import InputError
+from faultgauge.identification.samples import column_names, jumping
+from faultgauge.plants.model import Model
+from faultgauge.plants.plant_file import PlantSpec
+from faultgauge.telemetry import Run, read_telemetry
+from faultgauge.telemetry.logs import Source
+from faultgauge.telemetry.other_clock import other_clock
+from faultgauge.telemetry.readers.frames import is_frame, read_frame
+from faultgauge.telemetry.reading import at_rate
+from faultgauge.verbs.plants import plant as as_plant
+
+__all__ = [
+    "How",
+    "Maps",
+    "Runs",
+    "clock_warnings",
+    "read",
+    "runs_for_model",
+    "runs_for_plant",
+]
+
+Maps: TypeAlias = str | Iterable[str] | Mapping[str, str] | None
+
+LEGAL = (
+    "a log is a path, a data frame (pandas, Polars, PyArrow), a dict of arrays, runs that "
+    "`faultgauge.read` gave, or a list of them"
+)
+
+
+@dataclass(frozen=True)
+class How:
+    """How logs are read: the name of the time column, maps NAME=EXPRESSION (or a dict of them), a
+    condition on rows, and the rate [Hz] they are brought to."""
+
+    time: str | None = None
+    map: Maps = None
+    where: str | None = None
+    resample: float | None = None
+
+    @property
+    def maps(self) -> list[str]:
+        if self.map is None:
+            return []
+        if isinstance(self.map, str):
+            return [self.map]
+        if isinstance(self.map, Mapping):
+            return [f"{name}={text}" for name, text in self.map.items()]
+        return list(self.map)
+
+
+class Runs(list[Run]):
+    """Runs, and the `sources` that they were read from, and `how`."""
+
+    def __init__(self, runs: Iterable[Run], sources: Sequence[Source], how: How) -> None:
+        super().__init__(runs)
+        self.sources, self.how = list(sources), how
+
+    def __repr__(self) -> str:
+        told = [f"{run.name}: {len(run.t)} rows of {', '.join(run.columns)}" for run in self[:3]]
+        text = "; ".join(told)[:120]
+        return f"<{len(self)} run{'' if len(self) == 1 else 's'}: {text}>"
+
+
+def read(
+    sources: Any,
+    plant: Any = None,
+    time: str | None = None,
+    map: Maps = None,
+    where: str | None = None,
+    resample: float | None = None,
+) -> Runs:
+    """Read logs into runs.
+
+    **Arguments**
+
+    - `sources`: a path, a data frame (pandas, Polars, PyArrow, ...), a dict of arrays, or a list of
+      them. A frame's run is called `table`, the next `table#2`.
+    - `plant`: what the logs are for, a plant (file, preset, text, dict) or a fitted model: it says
+      which columns are needed, in which units, which of them are held between samples, and a model
+      at which rate. Without one all number columns are taken, and all are smooth.
+    - `time`: the time column, `t` by default: seconds or timestamps.
+    - `map`: signals made from columns: `"h=wheel_rpm*0.1"`, a list of such, or `{"h": "..."}`.
+    - `where`: a condition; only rows that meet it are kept.
+    - `resample`: a rate [Hz] that the logs are brought to, anti-aliased.
+
+    Returns the runs, a list. Raises `InputError` for a log that cannot be read or is not what the
+    plant needs, naming file, column and row.
+    """
+    how = How(time, map, where, resample)
+    if plant is None:
+        known = _known(sources, how)
+        if known is not None:
+            return known
+        opened = _sources(sources)
+        runs = read_telemetry(opened, time=time, maps=how.maps, where=where, resample=resample)
+        return Runs(runs, opened, how)
+    if isinstance(plant, Model):
+        return runs_for_model(plant, sources, how)
+    return runs_for_plant(as_plant(plant).spec, sources, how, fitting=True)
+
+
+def runs_for_plant(
+    spec: PlantSpec,
+    given: Any,
+    how: How,
+    *,
+    fitting: bool = False,
+    slower: Literal["refuse", "keep"] = "refuse",
+) -> Runs:
+    """The runs in `given` with the columns that a plant reads, at the rate that `how` says;
+    `fitting`, with its instruments too. What are runs already stays as it is."""
+    known = _known(given, how)
+    if known is not None:
+        return known
+    signals, sources = spec.signals, _sources(given)
+    required, optional = column_names(signals)
+    runs = read_telemetry(
+        sources,
+        time=how.time,
+        maps=how.maps,
+        names=required,
+        optional=[*optional, *(signals.instruments if fitting else ())],
+        held=_held(spec),
+        where=how.where,
+        units=signals.units,
+        resample=how.resample,
+        averaged=jumping(spec),
+        slower=slower,
+    )
+    return Runs(runs, sources, how)
+
+
+def runs_for_model(model: Model, given: Any, how: How) -> Runs:
+    """The runs in `given` for a fitted `model`: at its own rate, where it has one and they are
+    faster."""
+    spec, own = model.plant.spec, model.resample
+    known = _known(given, how)
+    if known is not None:
+        if own is not None:
+            faster = [run for run in known if run.resampled is None]
+            brought = iter(at_rate(faster, own, _held(spec), jumping(spec), "keep"))
+            known[:] = [next(brought) if run.resampled is None else run for run in known]
+        return known
+    if own is None:
+        return runs_for_plant(spec, given, how)
+    if how.resample not in (None, own):
+        raise InputError(
+            f"--resample {how.resample:g}: the model was fitted at {own:g} Hz, which faster logs "
+            "are brought to anyway; leave the option out."
+        )
+    at_its_rate = How(how.time, how.map, how.where, own)
+    return runs_for_plant(spec, given, at_its_rate, slower="keep")
+
+
+def clock_warnings(model: Model, runs: Runs) -> list[str]:
+    """What the time of `runs` looks to be, where it is in another unit than that of the logs that
+    `model` was fitted to."""
+    return other_clock(model, runs, runs.how.time, runs.how.maps)
+
+
+def _held(spec: PlantSpec) -> list[str]:
+    return [each.name for each in spec.signals.inputs if each.hold == "zero"]
+
+
+def _known(given: Any, how: How) -> Runs | None:
+    """A copy of what are runs already; None where there is something to read."""
+    runs = [given] if isinstance(given, Run) else given
+    if not isinstance(runs, list | tuple) or not any(isinstance(each, Run) for each in runs):
+        return None
+    strange = next((each for each in runs if not isinstance(each, Run)), None)
+    if strange is not None:
+        raise InputError(f"a list of runs also holds a {type(strange).__name__}; {LEGAL}.")
+    if how != How():
+        raise InputError(
+            "time, map, where and resample say how logs are read, and these runs are read already; "
+            "give them to `faultgauge.read`."
+        )
+    if isinstance(given, Runs):
+        return Runs(given, given.sources, given.how)
+    return Runs(runs, (), how)
+
+
+def _sources(given: Any) -> list[Source]:
+    """Paths, and tables of what is in memory."""
+    items = given if isinstance(given, list | tuple) else [given]
+    found: list[Source] = []
+    frames = 0
+    for each in items:
+        if isinstance(each, str | Path):
+            found.append(each)
+        elif is_frame(each):
+            frames += 1
+            found.append(read_frame(each, "table" if frames == 1 else f"table#{frames}"))
+        else:
+            raise InputError(f"a {type(each).__name__} is no log; {LEGAL}.")
+    return found
