@@ -27,7 +27,9 @@ def demonstration_report(
         f"each jump), each jump within {quality['settling_s']['median']:.0f} s."
     )
     sections = [replace(s, title=f"Drive: {s.title}") for s in drive.sections]
-    sections += [replace(s, title=f"Wheel: {s.title}") for s in wheel_sections(results, traces)]
+    *before, estimates = wheel_sections(results, traces)
+    folded = [replace(s, folded=True) for s in before]
+    sections += [replace(s, title=f"Wheel: {s.title}") for s in (estimates, *folded)]
     return replace(
         drive,
         title="Two faults under closed loops, in volts, newtons and newton metres",
