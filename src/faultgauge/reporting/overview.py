@@ -99,7 +99,7 @@ def overview(
             if each is told[0]:
                 style.legend(axes)
         marks.time_below(rows[-1], t, clock)
-        return figure(canvas, f"{style.short(run)} at a glance", _caption(told, spans, note))
+        return figure(canvas, f"Run {style.short(run)} at a glance", _caption(told, spans, note))
 
 
 def _typical(
