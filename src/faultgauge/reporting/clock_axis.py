@@ -8,6 +8,7 @@ __all__ = ["clock_label", "clock_ticks"]
 
 MOST_TICKS = 7
 DAY = 86400.0
+DUST = 1e-6  # of a step, which rounding may put a time off
 STEPS = (
     *(f * 10.0**k for k in (-3, -2, -1) for f in (1.0, 2.0, 5.0)),
     *(1.0, 2.0, 5.0, 10.0, 15.0, 30.0),
@@ -23,7 +24,8 @@ def clock_ticks(clock: datetime, start: float, end: float) -> tuple[list[float],
     midnight = clock.replace(hour=0, minute=0, second=0, microsecond=0)
     since = (clock - midnight).total_seconds()
     step = next((s for s in STEPS if (end - start) / s <= MOST_TICKS - 1), STEPS[-1])
-    rounds = np.arange(np.ceil((since + start) / step), np.floor((since + end) / step) + 1)
+    first, last = (since + start) / step - DUST, (since + end) / step + DUST
+    rounds = np.arange(np.ceil(first), np.floor(last) + 1)
     places, labels, date = [], [], ""
     for k in rounds.tolist():
         at = midnight + timedelta(seconds=k * step)
@@ -33,7 +35,7 @@ def clock_ticks(clock: datetime, start: float, end: float) -> tuple[list[float],
             labels.append(day)
         else:
             labels.append(time if day == date else f"{time}\n{day}")
-        places.append(k * step - since)
+        places.append(min(max(k * step - since, start), end))
         date = day
     return places, labels
 
