@@ -384,8 +384,11 @@ def test_an_overview_shades_the_faults_and_stops_a_healthy_model_that_diverges(c
     np.testing.assert_allclose(spans[1], [(20.0, 40.0)])
 
 
-@pytest.mark.parametrize("draw", [draw_free_run, draw_residual, draw_curves, draw_estimate,
-                                  draw_panels, draw_overview], ids=lambda d: d.__name__)  # fmt: skip
+@pytest.mark.parametrize(
+    "draw",
+    [draw_free_run, draw_residual, draw_curves, draw_estimate, draw_panels, draw_overview],
+    ids=lambda draw: draw.__name__,
+)
 def test_a_log_with_a_clock_is_drawn_in_its_time(draw: Any, canvases: list[Any]):
     drawn = words(draw(clock=datetime(2026, 5, 1, 23, 59, 0)))
     # 100 s from 23:59:00, every 30 s; midnight is 60 s after the start
