@@ -34,6 +34,7 @@ __all__ = [
 
 MOST_CURVES, MOST_RESIDUALS = 8, 4  # in one figure
 MOST_OUTPUTS, MOST_TOLD = 8, 8
+MOST_ROWS = 12  # of an open table
 MOST_FIGURES = 12  # a report is read, not scrolled
 HEADER = ("run", "fault", "began [s]", "told [s]", "end [s]", "size", "p", "instead, odds")
 
@@ -144,7 +145,7 @@ def _silent(decision: Decision) -> Bool[np.ndarray, "samples"]:
 
 
 def _events(decisions: Sequence[Decision]) -> list[Section]:
-    """The table of all events, where there is any."""
+    """The table of all events, where there is any; a long one is folded."""
     pairs = [(each.run.clock, event) for each in decisions for event in each.events]
     if not pairs:
         return []
@@ -155,7 +156,8 @@ def _events(decisions: Sequence[Decision]) -> list[Section]:
     )
     header = tuple(name.removesuffix(" [s]") if clocked else name for name in HEADER[shown])
     rows = tuple(_row(clock, event, clocked=clocked)[shown] for clock, event in pairs)
-    return [Section("Faults", (), (Table(header, rows, "Every event."),))]
+    tables = (Table(header, rows, "Every event."),)
+    return [Section("Faults", (), tables, folded=len(rows) > MOST_ROWS)]
 
 
 def leading(bank: FaultBank, decisions: Sequence[Decision]) -> tuple[str, list[str]]:
