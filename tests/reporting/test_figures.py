@@ -109,7 +109,8 @@ def draw_overview(**changes: Any) -> Figure:
     ]
     told = [Told("friction", "N*m", NOISE, NOISE - 0.1, NOISE + 0.1, [(20.0, 40.0)], 0.5)]
     looks: dict[str, Any] = {"run": "log 1", "spans": [(20.0, 40.0), (60.0, 70.0)]}
-    return overview(T, outputs, told, **(looks | {"not_judged": T < 5.0} | changes))
+    looks["not_judged"] = T < 5.0
+    return overview(T, outputs, told, **(looks | changes))
 
 
 # drawing -> (unit across, unit up) of each panel; None where an axis carries no quantity of its own
