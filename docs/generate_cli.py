@@ -14,6 +14,7 @@ COMMANDS = (
     "calibrate",
     "estimate",
     "rehearse",
+    "detectability",
     "export",
     "simulate",
     "reproduce",

@@ -10,6 +10,8 @@ import pytest
 
 from faultgauge.telemetry import read_telemetry
 
+pytestmark = pytest.mark.study
+
 ROOT = Path(__file__).parents[1]
 PAGE = (ROOT / "docs" / "accommodation.md").read_text()
 LEVELS = {"h1": 12.4, "h2": 12.7}  # cm, where the scenarios hold them

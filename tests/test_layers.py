@@ -14,6 +14,7 @@ LAYERS = (
     "reporting",
     "accommodation",
     "rehearsal",
+    "foresight",
     "export",
     "detection",
     "observers",

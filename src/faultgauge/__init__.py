@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from faultgauge.detection.calibration import calibrate
     from faultgauge.detection.decisions import decide_runs as estimate
     from faultgauge.detection.watch import Watch
+    from faultgauge.foresight import detectability
     from faultgauge.identification.evaluation import evaluate
     from faultgauge.identification.fit import fit
     from faultgauge.plants.gray_box import load_plant
@@ -23,6 +24,7 @@ __all__ = [
     "Plant",
     "Watch",
     "calibrate",
+    "detectability",
     "estimate",
     "evaluate",
     "fit",
@@ -38,6 +40,7 @@ _HOMES = {
     "Plant": "faultgauge.plants.plant.Plant",
     "Watch": "faultgauge.detection.watch.Watch",
     "calibrate": "faultgauge.detection.calibration.calibrate",
+    "detectability": "faultgauge.foresight.detectability",
     "estimate": "faultgauge.detection.decisions.decide_runs",
     "evaluate": "faultgauge.identification.evaluation.evaluate",
     "fit": "faultgauge.identification.fit.fit",

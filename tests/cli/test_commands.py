@@ -26,6 +26,8 @@ COMMANDS = [
     "calibrate",
     "estimate",
     "rehearse",
+    "detectability",
+    "export",
     "simulate",
     "reproduce",
     "benchmark",
@@ -455,7 +457,7 @@ def test_check_does_it_all(call, workshop, tmp_path):
     out = tmp_path / "kept"
     logs = (workshop.healthy, workshop.suspect)
     found = one_object(call("check", *logs, "--plant", workshop.plant, "--out", out, "--json"))
-    assert found.keys() == {"events", "sentences"}
+    assert found.keys() == {"events", "sentences", "runs"}
     longest = max(found["events"], key=lambda e: e["end"] - e["start"])
     # fitted on 42 % of one log only: 15 %
     assert longest["size"] == pytest.approx(workshop.leak, rel=0.15)
@@ -497,7 +499,7 @@ def test_check_puts_a_fault_on_every_state_where_none_is_declared(call, workshop
     assert longest["fault"] == "x_drift"
     # the leak under another name; from 42 % of one log: 15 %
     assert longest["size"] == pytest.approx(workshop.leak, rel=0.15)
-    assert " m/s since " in longest["sentence"]
+    assert ") since 30 s" in longest["sentence"]
     text = text.replace("[faults.leak]", '[faults.leak]\nmonitor = "disabled"')
     plant.write_text(text)
     said = call(*args)

@@ -64,6 +64,7 @@ CALLS = [
     "evaluate model.fgm log.csv --report log.csv",
     "rehearse model.fgm log.csv --report hard.csv",
     "rehearse model.fgm log.csv --out r --report r/trials.csv",
+    "detectability model.fgm log.csv --report hard.csv",
     "check good.csv log.csv --report hard.csv",
     "check good.csv log.csv --out r --report r/report.html",
     "simulate scenario.toml --out log.csv",

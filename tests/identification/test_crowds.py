@@ -80,6 +80,7 @@ def test_units_stand_where_validation_says(truth, crowded, seed):
     assert ("over the whole range" in said) is not crowded
 
 
+@pytest.mark.study
 def test_a_refinement_tries_both_and_names_what_it_chose():
     logs = [log(near, k, 1200) for k in range(2)]
     for each in logs:

@@ -160,6 +160,7 @@ def test_validation_decides():
     assert chosen(SLOW, log, held, 0)[1] == {"f": 2}
 
 
+@pytest.mark.study
 def test_two_networks_get_what_each_needs():
     truths = {"x": many, "z": two}
     log, held = slow(0, truths, 0.0005, 1.5), slow(1, truths, 0.0005, 1.275)
@@ -201,6 +202,7 @@ def hidden(seed, truth, noise):
     return Run(f"hidden{seed}", "hidden.csv", 0.1 * np.arange(1000), {"u": u, "w": w, "y": y})
 
 
+@pytest.mark.study
 @pytest.mark.parametrize(
     ("truth", "noise", "sizes"), [(slope, 0.05, {2, 5}), (hills, 0.01, {10, 20})]
 )

@@ -141,6 +141,7 @@ NETWORK = (
 )
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("refine", [False, True])
 def test_other_seeds_tell_how_much_is_luck(refine):
     """RMSE of the model of every seed, from its own score on the same tail."""

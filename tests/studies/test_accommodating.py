@@ -95,6 +95,7 @@ def flown():
     return run_satellite(flying, 1000.0, 0, schedules, SLEW, [float(x) for x in BIAS])
 
 
+@pytest.mark.study
 def test_a_pyramid_points_again_after_the_loss_of_a_wheel(flown):
     found = held(flown, ONSET)
     assert found["back_after_s"] < WITHIN
@@ -104,6 +105,7 @@ def test_a_pyramid_points_again_after_the_loss_of_a_wheel(flown):
     assert found["largest_command"] <= 0.82
 
 
+@pytest.mark.study
 def test_only_the_lost_wheel_is_given_up(flown):
     used = np.asarray(flown.info.used)
     assert used[flown.t < ONSET].all()
@@ -111,6 +113,7 @@ def test_only_the_lost_wheel_is_given_up(flown):
     assert np.all(flown.u[-1000:, 1] == 0.0)
 
 
+@pytest.mark.study
 def test_torque_on_the_body_is_that_of_the_controller(flown):
     """Before the loss the four wheels, friction and all, put on the body what one axis needs: the
     disturbance of 1 to 4 mN*m, not their own 50 mN*m of friction."""

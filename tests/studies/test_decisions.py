@@ -8,6 +8,8 @@ from faultgauge.studies.decisions.optimal import against_kalman, linear_bank
 from faultgauge.studies.decisions.rig import rig, window
 from faultgauge.studies.decisions.tank import leak_found
 
+pytestmark = pytest.mark.study
+
 SHORT = 1500.0  # s of each of two healthy logs: the study takes 4000, here they need only suffice
 
 
@@ -28,7 +30,6 @@ def test_a_window_is_drawn_from_its_seed_and_its_fault_is_where_it_says():
     assert moved[first.run.t >= onset] == pytest.approx(size, abs=1e-12)
 
 
-@pytest.mark.study
 def test_the_rig_is_named_hidden_and_left_out():
     verdicts = named(rig_bank(seconds=SHORT), 1)
     assert len(verdicts) == 1 + 10 + 3
@@ -38,7 +39,6 @@ def test_the_rig_is_named_hidden_and_left_out():
     assert all(v.wide and not v.visible for v in verdicts[11:])
 
 
-@pytest.mark.study
 def test_a_kind_of_fault_that_is_left_out_is_unknown():
     assert "sensor_b" not in rig("sensor_b").signals.fault_names
     (verdict,) = left_out({"sensor_b": rig_bank("sensor_b", SHORT)}, 1)
@@ -55,7 +55,6 @@ def test_hindsight_is_scored_against_the_bound():
     assert found.delay > 0
 
 
-@pytest.mark.study
 def test_a_model_with_an_error_of_its_own_gives_intervals_that_hold_the_truth():
     """The fitted tank errs by half a percent, which its noise alone would put at 0.25 %."""
     found = leak_found(1)

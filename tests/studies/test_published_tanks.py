@@ -7,6 +7,8 @@ from scipy.integrate import solve_ivp
 from faultgauge.studies.published import data, run
 from faultgauge.studies.published.benchmark import benchmark, records
 
+pytestmark = pytest.mark.study
+
 GOAL = 0.21  # V, of the test run
 STEP = 4.0  # s
 

@@ -15,6 +15,7 @@ from faultgauge.cli.cache import renew_when_damaged
 from faultgauge.cli.calibrate import calibrate
 from faultgauge.cli.check import check
 from faultgauge.cli.demo import demo
+from faultgauge.cli.detectability import detectability
 from faultgauge.cli.estimate import estimate
 from faultgauge.cli.evaluate import evaluate
 from faultgauge.cli.export import export
@@ -51,6 +52,7 @@ COMMANDS = (
     calibrate,
     estimate,
     rehearse,
+    detectability,
     export,
     simulate,
     reproduce,

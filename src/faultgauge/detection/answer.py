@@ -20,14 +20,13 @@ from faultgauge.detection.events import UNKNOWN, BankEvent, pause, stretches
 from faultgauge.detection.posterior import LIKELY
 from faultgauge.detection.probability import probability
 from faultgauge.detection.shares import shares_of
-from faultgauge.detection.verdicts import FAULT, NAMED, NOT_JUDGED
+from faultgauge.detection.smallest import least_size, rivals_of
+from faultgauge.detection.verdicts import FAULT, NOT_JUDGED
 from faultgauge.detection.words import PURE, amount, less_likely, moment
-from faultgauge.observers.branching import SCALES
 from faultgauge.telemetry import Run
 
 __all__ = ["answer", "answers", "as_dicts", "first_screen", "least_told", "runs_as_dicts", "told"]
 
-NINE_IN_TEN = 1.2816  # standard deviations
 POSSIBLE = 20.0  # odds up to which something undeclared is spoken of: nobody can list it all
 WHOLE = 0.95  # share of a log from which on all of it counts as judged: a start is always held off
 SPOKEN = 3  # silent stretches that a sentence names
@@ -205,24 +204,14 @@ def least_told(bank: FaultBank, run: Run, fault: int) -> float | None:
     """The size [the fault's unit] that would have been named by the end of `run` had the fault
     begun in its middle; None where none would.
 
-    A fault of size f leaves f^2 / (2 sd^2) of log-likelihood (`knowledge`), which must outweigh the
-    prior odds of an onset, and what not knowing the size costs, by the level of an alarm or a name;
-    beside the fault that is most like it, as much must be left as a name takes. One that does so 9
-    times in 10 is 1.3 sd larger.
+    As `knowledge` has it, in the middle of the training envelope.
     """
     if (fault,) not in bank.sets:
         return None
     half = float(run.t[-1] - run.t[0]) / 2
-    others = {k: float(s) for k, s in enumerate(bank.size) if k != fault and (k,) in bank.sets}
+    others = {k: float(bank.size[k]) for k in rivals_of(bank, fault)}
     sd, apart = bank.knowledge.at(fault, half), bank.knowledge.apart(fault, half, others)
-    size = float(bank.size[fault])
-    if not max(sd, apart) < size:
-        return None
-    named = float(np.log(NAMED / (1 - NAMED)))
-    prior = np.log(len(SCALES) / (bank.onset[fault] * 2 * half))
-    occam = np.log1p((SCALES[-1] * size / sd) ** 2) / 2
-    there = sd * (np.sqrt(2 * max(max(bank.level, named) + prior + occam, 1.0)) + NINE_IN_TEN)
-    return float(max(there, apart * (np.sqrt(2 * named) + NINE_IN_TEN)))
+    return least_size(bank, fault, sd, apart, 2 * half)
 
 
 def as_dicts(bank: FaultBank, decisions: Sequence[Decision]) -> list[dict[str, Any]]:

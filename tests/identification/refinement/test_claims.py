@@ -85,6 +85,7 @@ def test_as_many_directions_as_small_angles_between_the_subspaces(alike):
         assert np.max(angles) < 0.02  # of 0.01, twice for being one draw
 
 
+@pytest.mark.study
 def test_the_parameter_carries_all_that_it_can(monkeypatch):
     """Of leak(x) the share along x, by hand: a = sum x leak(x) / sum x^2 over the visited points;
     the network has the rest, which is orthogonal to x."""
