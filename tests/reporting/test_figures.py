@@ -7,7 +7,6 @@ import sys
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
 from datetime import UTC, datetime
-from importlib import import_module
 from typing import Any
 
 import matplotlib
@@ -25,6 +24,7 @@ from faultgauge.reporting import (
     fault_estimate,
     fit_history,
     free_run,
+    glance,
     learned_curve,
     model_figures,
     overview,
@@ -139,8 +139,7 @@ def words(drawing: Figure) -> list[str]:
 def canvases(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     """The matplotlib drawings made during the test."""
     seen: list[Any] = []
-    modules = (time_figures, model_figures, relations, import_module(overview.__module__))
-    for module in modules:
+    for module in (time_figures, model_figures, relations, glance):
         original = module.figure
 
         def record(canvas: Any, title: str, caption: str, original: Any = original) -> Figure:

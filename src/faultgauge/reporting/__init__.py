@@ -4,8 +4,8 @@ Importing this package imports matplotlib and jinja2; commands do so only when t
 """
 
 from faultgauge.reporting.coverage import outside
+from faultgauge.reporting.glance import Compared, Told, overview
 from faultgauge.reporting.model_figures import bars, envelope, fit_history, learned_curve
-from faultgauge.reporting.overview import Compared, Told, overview
 from faultgauge.reporting.relations import relation
 from faultgauge.reporting.report import Report, Section, Table, installed_versions, render, write
 from faultgauge.reporting.style import axis_label, pretty_unit, quantity

@@ -18,7 +18,7 @@ from faultgauge.detection.verdicts import NOT_JUDGED, STALE
 from faultgauge.detection.words import moment
 from faultgauge.plants.model import Model
 from faultgauge.reporting.evidence_chapter import evidence_section
-from faultgauge.reporting.overview import Compared, Told, overview
+from faultgauge.reporting.glance import Compared, Told, overview
 from faultgauge.reporting.report import Report, Section, Table
 from faultgauge.reporting.retrospective_chapter import retrospective_section
 from faultgauge.reporting.scales import least_sizes, noise_scales
