@@ -466,7 +466,17 @@ def test_check_does_it_all(call, workshop, tmp_path):
     assert {p.name for p in out.iterdir()} == {"model.fgm", "estimates.csv", "report.html"}
     page = (out / "report.html").read_text()
     assert "Evidence of leak, suspect" in page
-    assert "What the healthy log proves" in page
+    places = [
+        page.index(part)
+        for part in (
+            '<p class="first">leak ',
+            "Run suspect at a glance",
+            "Evidence of leak, suspect",
+            '<details class="chapter">',
+            "What the healthy log proves</h2></summary>",
+        )
+    ]
+    assert places == sorted(places)
 
 
 def test_check_names_a_column_of_another_size(call, workshop, tmp_path):

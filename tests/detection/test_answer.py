@@ -21,6 +21,7 @@ from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
 from faultgauge.plants.plant_file import parse_plant
 from faultgauge.reporting.decision_chapter import decision_report
+from faultgauge.reporting.report import render
 from faultgauge.telemetry import Run, read_telemetry
 from faultgauge.telemetry.writing import as_table, write_table
 
@@ -246,8 +247,10 @@ def test_the_evidence_replays_from_a_file(bank, decision, tmp_path):
     found = evidence(bank, decision, decision.events[-1])
     assert found.replayed is not None
     assert found.run.t[0] < ONSET < found.run.t[-1]
-    write_table(as_table(found.run), tmp_path / "window.csv")
+    timed = replace(found.run, clock=datetime(2026, 5, 1, 8, 41, 10))
+    write_table(as_table(timed), tmp_path / "window.csv")
     (again,) = read_telemetry(tmp_path / "window.csv", names=["u", "x"])
+    np.testing.assert_array_equal(again.t, timed.t)
     events = decide(bank, again).events
     assert any(same(bank, decision.events[-1], each) for each in events)
 
@@ -256,9 +259,48 @@ def test_the_report_opens_with_the_answer_and_shows_the_evidence(bank, decision)
     windows = [evidence(bank, decision, each) for each in decision.events]
     report = decision_report(bank, [decision], (), windows)
     assert report.summary_sentences[0].startswith("leak -0.")
-    assert [each.title for each in report.sections] == ["Faults", "Evidence"]
-    assert len(report.sections[1].figures) == 1
-    assert "gives the same answer" in report.sections[1].paragraphs[0]
+    titles = ["Run run1", "Faults", "Evidence", "Every fault, told or not"]
+    assert [each.title for each in report.sections] == titles
+    assert [each.folded for each in report.sections] == [False, False, False, True]
+    glance, _, shown, rest = report.sections
+    assert [len(each.figures) for each in (glance, shown)] == [1, 1]
+    assert "leak" in glance.figures[0].svg
+    assert "gauge" not in glance.figures[0].svg, "what was not told is left out"
+    assert [each.title for each in rest.figures] == [
+        "Probabilities and residuals, run1",
+        "Estimated fault: leak",
+        "Estimated fault: gauge",
+    ]
+    assert "gives the same answer" in shown.paragraphs[0]
+    page = render(report)
+    places = [page.index(part) for part in ("leak -0.", "<svg", "Every event.", "judged alone")]
+    assert places == sorted(places)
+
+
+def test_of_several_runs_the_one_with_a_fault_is_open(bank, decision):
+    healthy = [decide(bank, log(seed)) for seed in (2, 3)]
+    report = decision_report(bank, [*healthy, decision])
+    runs = [(each.title, each.folded) for each in report.sections if each.title.startswith("Run ")]
+    assert runs == [("Run run1", False), ("Run run2", True), ("Run run3", True)]
+
+
+def test_a_report_of_a_healthy_run_has_the_outputs_alone(bank):
+    report = decision_report(bank, [decide(bank, log(2))])
+    assert [each.title for each in report.sections] == ["Run run2", "Every fault, told or not"]
+    assert "No declared fault was told." in report.sections[0].figures[0].caption
+
+
+def test_a_report_of_a_log_with_a_clock_is_in_its_time(bank, decision):
+    timed = replace(decision.run, clock=datetime(2026, 5, 1, 8, 41, 10))
+    report = decision_report(bank, [replace(decision, run=timed)])
+    (table,) = report.sections[1].tables
+    assert table.header[1:4] == ("began", "told", "end")
+    # 300 s after 08:41:10, found to within seconds; told at 310 s; the log ends at 599.5 s
+    assert table.rows[0][1].startswith("08:46:")
+    assert table.rows[0][2] == "08:46:20"
+    assert table.rows[0][3].startswith("08:51:0")
+    assert "time (s)" not in render(report)
+    assert "08:44:00" in report.sections[0].figures[0].svg
 
 
 SIZES = np.concatenate([[-9999.0, 1e9, -1e9, 1e30], 10.0 ** np.arange(-1, 15)])

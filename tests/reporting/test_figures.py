@@ -6,6 +6,7 @@ import subprocess
 import sys
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
+from datetime import UTC, datetime
 from typing import Any
 
 import matplotlib
@@ -13,22 +14,27 @@ import numpy as np
 import pytest
 
 from faultgauge.reporting import (
+    Compared,
     Figure,
     Panel,
+    Told,
     bars,
     curves,
     envelope,
     fault_estimate,
     fit_history,
     free_run,
+    glance,
     learned_curve,
     model_figures,
+    overview,
     panels,
     relation,
     relations,
     residual,
     time_figures,
 )
+from faultgauge.reporting.clock_axis import clock_ticks
 
 RNG = np.random.default_rng(0)
 T = np.linspace(0.0, 100.0, 1001)
@@ -96,6 +102,17 @@ def draw_bars(**changes: Any) -> Figure:
     return bars(["this", "that"], values, **(looks | changes))
 
 
+def draw_overview(**changes: Any) -> Figure:
+    outputs = [
+        Compared("torque", "N*m", Y + NOISE, changes.pop("healthy", Y), 0.01),
+        Compared("u", "V", Y, Y),
+    ]
+    told = [Told("friction", "N*m", NOISE, NOISE - 0.1, NOISE + 0.1, [(20.0, 40.0)], 0.5)]
+    looks: dict[str, Any] = {"run": "log 1", "spans": [(20.0, 40.0), (60.0, 70.0)]}
+    looks["not_judged"] = T < 5.0
+    return overview(T, outputs, told, **(looks | changes))
+
+
 # drawing -> (unit across, unit up) of each panel; None where an axis carries no quantity of its own
 FIGURES: dict[Callable[..., Figure], list[tuple[str | None, str | None]]] = {
     draw_free_run: [(None, "N·m"), ("s", "N·m")],
@@ -106,6 +123,7 @@ FIGURES: dict[Callable[..., Figure], list[tuple[str | None, str | None]]] = {
     draw_learned: [("rad/s", "N·m")],
     draw_history: [("number", "1"), ("number", "1")],
     draw_panels: [(None, "N·m"), ("s", "V")],
+    draw_overview: [(None, "N·m"), (None, "V"), ("s", "N·m")],
     draw_relation: [("rad/s", "N·m")],
     draw_bars: [("N·m", None)],
 }
@@ -121,7 +139,7 @@ def words(drawing: Figure) -> list[str]:
 def canvases(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     """The matplotlib drawings made during the test."""
     seen: list[Any] = []
-    for module in (time_figures, model_figures, relations):
+    for module in (time_figures, model_figures, relations, glance):
         original = module.figure
 
         def record(canvas: Any, title: str, caption: str, original: Any = original) -> Figure:
@@ -319,3 +337,89 @@ def test_bars_show_numbers_and_missing_ones():
 def test_bars_go_logarithmic_over_decades(largest: float, scale: str, canvases: list[Any]):
     bars(["a"], np.array([[1.5, 1.0, largest]]), title="x", name="RMSE", unit="N")
     assert canvases[0].axes[0].get_xscale() == scale
+
+
+QUIET = 1e-6 * NOISE
+
+
+@pytest.mark.parametrize(
+    ("draw", "panel", "low", "high"),
+    [
+        (lambda: residual(T, QUIET, name="T", unit="N", reference="x", noise=0.1), 0, -0.5, 0.5),
+        (lambda: free_run(T, Y, Y + QUIET, name="T", unit="N", run="x", noise=0.1), 1, -0.5, 0.5),
+        # about the middle of what was measured, 3
+        (lambda: free_run(T, QUIET + 3, QUIET + 3, name="T", unit="N", run="x", noise=0.1), 0,
+         2.5, 3.5),
+        (lambda: fault_estimate(T, QUIET, QUIET, QUIET, limit=None, name="f", unit="N", least=0.2),
+         0, -0.2, 0.2),
+        (lambda: panels(T, [Panel("f", "N", {"f": QUIET}, span=(-2.0, 4.0))], title="x"), 0,
+         -2.0, 4.0),
+        (lambda: overview(T, [Compared("T", "N", QUIET, QUIET, 0.1)], [], run="x"), 0, -0.5, 0.5),
+        (draw_overview, 2, -0.5, 0.5),
+    ],
+)  # fmt: skip
+def test_what_is_smaller_than_the_noise_looks_small(draw, panel, low, high, canvases: list[Any]):
+    """Five standard deviations of the noise on either side, or the least size that is told."""
+    draw()
+    bottom, top = canvases[0].axes[panel].get_ylim()
+    assert bottom == pytest.approx(low, rel=1e-6)  # what was drawn is 1e-6 of it
+    assert top == pytest.approx(high, rel=1e-6)
+
+
+def test_a_large_residual_is_seen_whole_whatever_the_noise(canvases: list[Any]):
+    residual(T, 9.0 * Y, name="T", unit="N", reference="x", noise=0.1)
+    bottom, top = canvases[0].axes[0].get_ylim()
+    assert bottom < -8.9
+    assert top > 8.9
+
+
+def test_an_overview_shades_the_faults_and_stops_a_healthy_model_that_diverges(canvases: list[Any]):
+    draw_overview(healthy=np.exp(T**2 / 15.0))  # up to 1e289
+    first, _, last = canvases[0].axes
+    low, high = first.get_ylim()
+    assert low < -1.0 < 1.0 < high < 6.0  # measured: -1 to 1; shown: 1.5 times its range beyond
+    spans = [[(p.get_x(), p.get_x() + p.get_width()) for p in axes.patches if not p.get_hatch()]
+             for axes in (first, last)]  # fmt: skip
+    np.testing.assert_allclose(spans[0], [(20.0, 40.0), (60.0, 70.0)])
+    np.testing.assert_allclose(spans[1], [(20.0, 40.0)])
+
+
+@pytest.mark.parametrize(
+    "draw",
+    [draw_free_run, draw_residual, draw_curves, draw_estimate, draw_panels, draw_overview],
+    ids=lambda draw: draw.__name__,
+)
+def test_a_log_with_a_clock_is_drawn_in_its_time(draw: Any, canvases: list[Any]):
+    drawn = words(draw(clock=datetime(2026, 5, 1, 23, 59, 0)))
+    # 100 s from 23:59:00, every 30 s; midnight is 60 s after the start
+    assert {"23:59:00", "2026-05-01", "23:59:30", "00:00:00", "2026-05-02"} <= set(drawn)
+    axes = canvases[0].axes[-1]
+    assert dict(zip(axes.get_xticks(), [t.get_text() for t in axes.get_xticklabels()],
+                    strict=True))[60.0] == "00:00:00\n2026-05-02"  # fmt: skip
+    assert axes.get_xlabel() == "time"
+
+
+@pytest.mark.parametrize(
+    ("length", "labels"),
+    [
+        (0.02, ["08:41:10.250\n2026-05-01", "08:41:10.255", "08:41:10.260", "08:41:10.265",
+                "08:41:10.270"]),
+        (3600.0, ["08:50:00\n2026-05-01", "09:00:00", "09:10:00", "09:20:00", "09:30:00",
+                  "09:40:00"]),
+        (86400.0, ["12:00:00\n2026-05-01", "18:00:00", "00:00:00\n2026-05-02", "06:00:00"]),
+        (3 * 86400.0, ["12:00:00\n2026-05-01", "00:00:00\n2026-05-02", "12:00:00",
+                       "00:00:00\n2026-05-03", "12:00:00", "00:00:00\n2026-05-04"]),
+        (10 * 86400.0, ["2026-05-03", "2026-05-05", "2026-05-07", "2026-05-09", "2026-05-11"]),
+    ],
+)  # fmt: skip
+def test_ticks_lie_at_round_times_of_the_clock(length: float, labels: list[str]):
+    clock = datetime(2026, 5, 1, 8, 41, 10, 250_000)
+    places, found = clock_ticks(clock, 0.0, length)
+    assert found == labels
+    assert all(0.0 <= place <= length for place in places)
+    assert len(places) <= 8  # that fit side by side
+
+
+def test_the_zone_of_a_clock_is_told(canvases: list[Any]):
+    draw_residual(clock=datetime(2026, 5, 1, tzinfo=UTC))
+    assert canvases[0].axes[0].get_xlabel() == "time (UTC)"

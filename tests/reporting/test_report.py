@@ -2,6 +2,7 @@
 
 import functools
 import os
+import re
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -33,22 +34,35 @@ class Page(HTMLParser):
         self.tags: list[tuple[str, dict[str, str]]] = []
         self.text: list[str] = []
         self.open: list[str] = []
+        self.seen: list[tuple[str, str]] = []  # text that is not folded, with the tag it stands in
+        self.figures_open = 0
+        self.loose_tables = 0  # outside a box that scrolls
+        self.boxes: list[str] = []
         self.feed(text)
         self.close()
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         self.tags.append((tag, {key: value or "" for key, value in attrs}))
+        self.figures_open += tag == "figure" and "details" not in self.open
+        self.loose_tables += tag == "table" and self.boxes[-1:] != ["wide"]
         if tag not in VOID:
             self.open.append(tag)
+        if tag == "div":
+            self.boxes.append(dict(attrs).get("class") or "")
 
     def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         self.tags.append((tag, {key: value or "" for key, value in attrs}))
 
     def handle_endtag(self, tag: str) -> None:
         assert self.open.pop() == tag
+        if tag == "div":
+            self.boxes.pop()
 
     def handle_data(self, data: str) -> None:
         self.text.append(data)
+        folded = "details" in self.open and "summary" not in self.open
+        if data.strip() and not folded:
+            self.seen.append((self.open[-1] if self.open else "", data.strip()))
 
     def ids(self) -> list[str]:
         return [attributes["id"] for _, attributes in self.tags if "id" in attributes]
@@ -62,6 +76,10 @@ def estimate(name: str = "friction") -> Figure:
     return fault_estimate(
         t, t, t - 1, t + 1, limit=3.0, name=name, unit="N*m", events=[(3.0, 9.0)], not_judged=t < 1
     )
+
+
+def page_of(*sections: Section, answer: tuple[str, ...] = ("Well.",)) -> Page:
+    return Page(render(Report("x", answer, sections, None, {})))
 
 
 @functools.cache
@@ -173,6 +191,79 @@ def test_numbers_stand_at_the_right():
     text = render(Report("x", ("y.",), (), table, {}))
     assert text.count('class="number"') == 1 + 3  # the heading and three cells of one column
     assert '<td class="number">–</td>' in text
+
+
+def test_eight_figures_lie_open_and_the_others_are_folded_in_their_order():
+    five = (estimate(),) * 5
+    page = page_of(
+        Section("One", figures=five),
+        Section("Two", figures=five, folded=True),
+        Section("Three", figures=five),
+    )
+    assert page.figures_open == 8
+    assert len(page.all("figure")) == 15
+    numbers = [int(text[7:].split(".")[0]) for text in page.text if text.startswith("Figure ")]
+    assert numbers == list(range(1, 16))
+    assert ("summary", "Figures 14 to 15") in page.seen
+
+
+def test_a_folded_chapter_shows_its_heading_alone():
+    table = Table(("name", "size"), (("cell", "1"),), "caption")
+    page = page_of(Section("Heading", ("a paragraph",), (table,), (estimate(),), folded=True))
+    shown = [text for _, text in page.seen]
+    assert "Heading" in shown
+    assert not {"a paragraph", "cell", "caption"} & set(shown)
+    assert page.figures_open == 0
+    assert page.all("section") == [{"aria-labelledby": "section1"}]
+    assert "section1" in page.ids()
+
+
+def test_of_many_sentences_five_lie_open():
+    nine = tuple(f"Sentence {k}." for k in range(9))
+    for page, where in (
+        (page_of(answer=nine), ["p"] + 4 * ["li"]),
+        (page_of(Section("x", nine)), 5 * ["li"]),
+    ):
+        shown = [(tag, text) for tag, text in page.seen if text.startswith("Sentence")]
+        assert shown == list(zip(where, nine, strict=False))
+        assert ("summary", "4 more") in page.seen
+        assert [text for text in page.text if text.startswith("Sentence")] == list(nine)
+    assert [tag for tag, _ in page_of(Section("x", nine[:2])).seen][-2:] == ["p", "p"]
+
+
+def test_what_stands_between_backticks_is_code_and_still_only_text():
+    table = Table(("`head`", "b"), (("`cell`", "`<i>`"),), "`caption`")
+    section = Section("`title`", ("Run `faultgauge fit`.", "a `b` c `d`."), (table,))
+    page = page_of(section, answer=("See `<script>`.", "`more`"))
+    assert "`" not in "".join(page.text)
+    codes = [text for tag, text in page.seen if tag == "code"]
+    assert codes == [
+        *("<script>", "more", "title", "faultgauge fit", "b", "d"),
+        *("caption", "head", "cell", "<i>"),
+    ]
+    assert not page.all("script")
+    assert not page.all("i")
+
+
+def test_contents_are_folded():
+    page = page_of(*(Section(f"Chapter {k}") for k in range(20)))
+    assert page.open == []
+    assert [text for tag, text in page.seen if tag == "summary"] == ["Contents"]
+    assert not [text for tag, text in page.seen if tag == "a"]
+
+
+def test_nothing_is_cut_off_on_a_narrow_page():
+    """Tables and drawings scroll in boxes of their own, and a drawing needs no more than a window
+    of 600 pixels has between its margins of 24."""
+    text = render(sample())
+    page = Page(text)
+    assert page.loose_tables == 0
+    assert len(page.all("table")) == 2
+    assert ".wide { overflow-x: auto;" in text
+    assert "figure > div { overflow-x: auto; }" in text
+    assert "nowrap" not in text
+    (least,) = re.findall(r"svg {[^}]*min-width: (\d+)px", text)
+    assert int(least) <= 600 - 2 * 24
 
 
 def test_same_report_same_page():

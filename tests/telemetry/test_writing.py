@@ -1,12 +1,16 @@
 """Tables: what goes in comes back, in either format."""
 
 import csv
+from dataclasses import replace
+from datetime import datetime
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from faultgauge.errors import InputError
-from faultgauge.telemetry.writing import write_table
+from faultgauge.telemetry import Run
+from faultgauge.telemetry.writing import as_table, write_table
 
 COLUMNS = {
     "run": ["a", "a"],
@@ -31,6 +35,21 @@ def test_parquet_comes_back_as_it_was(tmp_path):
     parquet = pytest.importorskip("pyarrow.parquet")
     write_table(COLUMNS, tmp_path / "e.parquet")
     assert parquet.read_table(tmp_path / "e.parquet").to_pydict() == COLUMNS
+
+
+def test_a_log_with_a_clock_keeps_its_time(tmp_path):
+    """So that rows can be joined to the export that they come from."""
+    run = Run("a", "a.csv", np.array([0.0, 0.5]), {"x": np.array([1.0, np.nan])})
+    assert list(as_table(run)) == ["t", "x"]
+    columns = as_table(replace(run, clock=datetime(2026, 5, 1, 23, 59, 59, 750_000)))
+    assert columns == {
+        "t": [0.0, 0.5],
+        "time": ["2026-05-01T23:59:59.750000", "2026-05-02T00:00:00.250000"],
+        "x": [1.0, None],
+    }
+    parquet = pytest.importorskip("pyarrow.parquet")
+    write_table(columns, tmp_path / "e.parquet")
+    assert parquet.read_table(tmp_path / "e.parquet").to_pydict() == columns
 
 
 def test_no_label_is_a_formula(tmp_path):

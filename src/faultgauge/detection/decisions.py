@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
-from datetime import timedelta
 from typing import Any
 
 import numpy as np
@@ -23,6 +22,7 @@ from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run
 from faultgauge.telemetry.dead_time import check_delays
 from faultgauge.telemetry.runs import paced
+from faultgauge.telemetry.writing import stamps
 
 __all__ = [
     "Decision",
@@ -121,12 +121,10 @@ def _rows(
     decision: Decision, faults: Sequence[str], outputs: Sequence[str], clocked: bool
 ) -> dict[str, Any]:
     """One run's part of the table; with the log's own time where any run is `clocked`."""
-    count, found, clock = len(decision.run.t), decision.posterior, decision.run.clock
+    count, found = len(decision.run.t), decision.posterior
     rows: dict[str, Any] = {"run": [decision.run.name] * count, "t": decision.run.t}
     if clocked:
-        rows["time"] = [
-            clock and (clock + timedelta(seconds=t)).isoformat() for t in decision.run.t.tolist()
-        ]
+        rows["time"] = stamps(decision.run)
     for name in outputs:
         rows[f"r_{name}"] = decision.residuals.get(name, np.full(count, np.nan))
     for k, name in enumerate(faults):

@@ -1,6 +1,7 @@
 """Scoring a model by pure simulation: the log's inputs in, its outputs compared."""
 
 from collections.abc import Sequence
+from datetime import datetime
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -42,7 +43,7 @@ class Prediction(NamedTuple):
     """A free run beside one stretch of a log without a gap in time or inputs.
 
     The first `warmup` samples are not scored, nor are outputs that were not sampled, NaN in
-    `measured`; `u` are the inputs in effect.
+    `measured`; `u` are the inputs in effect, `clock` what the log's showed at 0 s.
     """
 
     run: str
@@ -52,6 +53,7 @@ class Prediction(NamedTuple):
     x: Float[np.ndarray, "samples states"]
     warmup: int
     u: Float[np.ndarray, "samples inputs"]
+    clock: datetime | None = None
 
 
 def at_samples(prediction: Prediction, output: int) -> Prediction:
@@ -298,7 +300,7 @@ def _predict_part(plant: Plant, each: _Part, max_step: float) -> Prediction:
     predicted, x = np.asarray(predicted)[:count], np.asarray(x)[:count]
     measured = [as_sampled(run, n, t, y[:, j]) for j, n in enumerate(signals.output_names)]
     y = np.stack(measured, axis=1)
-    return Prediction(run.name, t, y, predicted, x, warmup, _clipped(plant, u))
+    return Prediction(run.name, t, y, predicted, x, warmup, _clipped(plant, u), run.clock)
 
 
 def divergence(plant: Plant, predictions: Sequence[Prediction]) -> str:

@@ -4,6 +4,7 @@ Importing this package imports matplotlib and jinja2; commands do so only when t
 """
 
 from faultgauge.reporting.coverage import outside
+from faultgauge.reporting.glance import Compared, Told, overview
 from faultgauge.reporting.model_figures import bars, envelope, fit_history, learned_curve
 from faultgauge.reporting.relations import relation
 from faultgauge.reporting.report import Report, Section, Table, installed_versions, render, write
@@ -20,11 +21,13 @@ from faultgauge.reporting.time_figures import (
 )
 
 __all__ = [
+    "Compared",
     "Figure",
     "Panel",
     "Report",
     "Section",
     "Table",
+    "Told",
     "axis_label",
     "bars",
     "curves",
@@ -35,6 +38,7 @@ __all__ = [
     "installed_versions",
     "learned_curve",
     "outside",
+    "overview",
     "panels",
     "pretty_unit",
     "quantity",

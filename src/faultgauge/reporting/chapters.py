@@ -27,6 +27,7 @@ from faultgauge.reporting.refinement_chapter import (
     refinement_section,
 )
 from faultgauge.reporting.report import Report, Section, Table
+from faultgauge.reporting.scales import noise_scales
 from faultgauge.reporting.style import quantity
 from faultgauge.reporting.svg import Figure
 from faultgauge.reporting.time_figures import fault_estimate, free_run, residual
@@ -180,7 +181,7 @@ def evaluation_section(
     model: Model, found: dict[str, Any], predictions: Sequence[Prediction]
 ) -> Section:
     """Free runs against the log."""
-    outputs = model.plant.signals.outputs
+    outputs, noise = model.plant.signals.outputs, noise_scales(model)
     rows = tuple(
         (
             run["run"],
@@ -203,6 +204,8 @@ def evaluation_section(
             unit=output.unit,
             run=p.run,
             warmup=p.warmup,
+            noise=noise[output.name],
+            clock=p.clock,
         )
         for whole in predictions
         for j, output in enumerate(outputs)
@@ -256,7 +259,7 @@ def estimate_section(
     truth: Mapping[str, Float[np.ndarray, "samples"]] | None = None,
 ) -> Section:
     """Estimates and residuals of every run; `truth` (fault: size) where it is known."""
-    signals = model.plant.signals
+    signals, noise = model.plant.signals, noise_scales(model)
     figures = []
     for each in estimated:
         for fault in signals.faults:
@@ -276,6 +279,8 @@ def estimate_section(
                     truth=None if truth is None else truth.get(fault.name),
                     not_judged=~each.settled,
                     probable=True,
+                    least=float(np.nan_to_num(width)),
+                    clock=each.run.clock,
                 )
             )
         figures += [
@@ -285,6 +290,8 @@ def estimate_section(
                 name=output.name,
                 unit=output.unit,
                 reference=reference,
+                noise=noise[output.name],
+                clock=each.run.clock,
             )
             for output in signals.outputs
             if output.name in each.residuals

@@ -1,9 +1,11 @@
 """The report of `estimate`: events, and every fault with its interval."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from datetime import datetime
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from faultgauge.detection.answer import answers, told
 from faultgauge.detection.bank import FaultBank
@@ -13,12 +15,15 @@ from faultgauge.detection.evidence import Evidence
 from faultgauge.detection.probability import probability
 from faultgauge.detection.retrospective import Retrospect
 from faultgauge.detection.verdicts import NOT_JUDGED, STALE
+from faultgauge.detection.words import moment
 from faultgauge.plants.model import Model
 from faultgauge.reporting.evidence_chapter import evidence_section
+from faultgauge.reporting.glance import Compared, Told, overview
 from faultgauge.reporting.report import Report, Section, Table
 from faultgauge.reporting.retrospective_chapter import retrospective_section
+from faultgauge.reporting.scales import least_sizes, noise_scales
 from faultgauge.reporting.svg import Figure
-from faultgauge.reporting.time_figures import Panel, fault_estimate, panels
+from faultgauge.reporting.time_figures import Panel, around, fault_estimate, panels
 
 __all__ = [
     "decision_figures",
@@ -29,7 +34,8 @@ __all__ = [
 ]
 
 MOST_CURVES, MOST_RESIDUALS = 8, 4  # in one figure
-MOST_SENTENCES = 5
+MOST_OUTPUTS, MOST_TOLD = 8, 8
+MOST_ROWS = 12  # of an open table
 MOST_FIGURES = 12  # a report is read, not scrolled
 HEADER = ("run", "fault", "began [s]", "told [s]", "end [s]", "size", "p", "instead, odds")
 
@@ -41,29 +47,118 @@ def decision_report(
     windows: Sequence[Evidence] = (),
     truth: Mapping[str, Float[np.ndarray, "samples"]] | None = None,
 ) -> Report:
-    """Events as sentences and as a table, estimates with their intervals; `hindsight`, what the
-    whole logs tell, and the evidence `windows` of the events, as sections of their own. `truth`
+    """Events as sentences, a figure of every run and a table; then the evidence `windows` of the
+    events and `hindsight`, what the whole logs tell; every fault's estimate is folded. `truth`
     (fault: size) where it is known."""
     first, more = leading(bank, decisions)
     head, detail = headline(first)
-    summary = (head, *detail, *more[: MOST_SENTENCES - 1])
-    if len(more) >= MOST_SENTENCES:
-        summary = (*summary, f"And {len(more) + 1 - MOST_SENTENCES} more, listed below.")
-    events = [event for each in decisions for event in each.events]
-    shown = slice(
-        0 if len(decisions) > 1 else 1,
-        None if any(event.alternatives for event in events) else -1,
-    )
-    rows = tuple(_row(event)[shown] for event in events)
-    tables = (Table(HEADER[shown], rows, "Every event."),) if events else ()
-    figures = [figure for each in decisions for figure in decision_figures(bank, each, truth or {})]
-    section = Section("Faults", (), tables, tuple(figures[:MOST_FIGURES]))
-    sections = [section]
+    sections = [*_overviews(bank, decisions, truth or {}), *_events(decisions)]
     if windows:
         sections.append(evidence_section(bank, windows))
     if hindsight:
         sections.append(retrospective_section(bank, decisions, hindsight))
-    return Report(f"Faults: {bank.model.plant.spec.name}", summary, tuple(sections))
+    figures = [figure for each in decisions for figure in decision_figures(bank, each, truth or {})]
+    all_of_it = tuple(figures[:MOST_FIGURES])
+    sections.append(Section("Every fault, told or not", figures=all_of_it, folded=True))
+    title = f"Faults: {bank.model.plant.spec.name}"
+    return Report(title, (head, *detail, *more), tuple(sections))
+
+
+def _overviews(
+    bank: FaultBank,
+    decisions: Sequence[Decision],
+    truth: Mapping[str, Float[np.ndarray, "samples"]],
+) -> list[Section]:
+    """A figure of each run, those with a fault first; the first is open."""
+    ordered = sorted(decisions, key=lambda each: not each.events)
+    left = len(ordered) - MOST_FIGURES
+    note = (f"{left} more runs are not drawn.",) if left > 0 else ()
+    found = [
+        Section(f"Run {each.run.name}", (), (), (_overview(bank, each, truth),), folded=k > 0)
+        for k, each in enumerate(ordered[:MOST_FIGURES])
+    ]
+    return [*found[:-1], replace(found[-1], paragraphs=note)]
+
+
+def _overview(
+    bank: FaultBank, decision: Decision, truth: Mapping[str, Float[np.ndarray, "samples"]]
+) -> Figure:
+    """Outputs, and the faults that were told; undeclared ones are shaded only."""
+    run, found, signals = decision.run, decision.posterior, bank.model.plant.signals
+    noise = noise_scales(bank.model)
+    outputs = [
+        Compared(
+            each.name,
+            each.unit,
+            run.own(each.name),
+            run.own(each.name) - decision.residuals[each.name],
+            noise[each.name],
+        )
+        for each in signals.outputs
+        if each.name in decision.residuals
+    ]
+    ordered = sorted(outputs, key=_noises_off, reverse=True)
+    furthest = {each.name for each in ordered[:MOST_OUTPUTS]}
+    spans = {
+        fault.name: [(e.onset, e.end) for e in decision.events if e.fault == fault.name]
+        for fault in signals.faults
+    }
+    least = least_sizes(bank, run)
+    told = [
+        Told(
+            fault.name,
+            fault.unit,
+            found.f[:, k],
+            found.lo[:, k],
+            found.hi[:, k],
+            spans[fault.name],
+            least[k],
+            truth.get(fault.name),
+        )
+        for k, fault in enumerate(signals.faults)
+        if spans[fault.name]
+    ]
+    note = (
+        f"Of {len(outputs)} outputs the {MOST_OUTPUTS} that are furthest off the model."
+        if len(outputs) > MOST_OUTPUTS
+        else ""
+    )
+    return overview(
+        run.t,
+        [each for each in outputs if each.name in furthest],
+        told[:MOST_TOLD],
+        run=run.name,
+        spans=[(each.onset, each.end) for each in decision.events],
+        not_judged=_silent(decision),
+        clock=run.clock,
+        note=note,
+    )
+
+
+def _noises_off(output: Compared) -> float:
+    """The most that an output was off the healthy model, in standard deviations of its noise."""
+    off = np.abs(output.measured - output.healthy)
+    return float(np.max(off[np.isfinite(off)], initial=0.0)) / (output.noise or 1.0)
+
+
+def _silent(decision: Decision) -> Bool[np.ndarray, "samples"]:
+    return np.isin(decision.status, [NOT_JUDGED, STALE])
+
+
+def _events(decisions: Sequence[Decision]) -> list[Section]:
+    """The table of all events, where there is any; a long one is folded."""
+    pairs = [(each.run.clock, event) for each in decisions for event in each.events]
+    if not pairs:
+        return []
+    clocked = any(clock is not None for clock, _ in pairs)
+    shown = slice(
+        0 if len(decisions) > 1 else 1,
+        None if any(event.alternatives for _, event in pairs) else -1,
+    )
+    header = tuple(name.removesuffix(" [s]") if clocked else name for name in HEADER[shown])
+    rows = tuple(_row(clock, event, clocked=clocked)[shown] for clock, event in pairs)
+    tables = (Table(header, rows, "Every event."),)
+    return [Section("Faults", (), tables, folded=len(rows) > MOST_ROWS)]
 
 
 def leading(bank: FaultBank, decisions: Sequence[Decision]) -> tuple[str, list[str]]:
@@ -92,6 +187,7 @@ def unjudged_report(model: Model, decisions: Sequence[Decision], sentence: str) 
             _residuals(model, each),
             title=f"Residuals, {each.run.name}",
             caption="Measured less healthy reference.",
+            clock=each.run.clock,
         )
         for each in decisions[:MOST_FIGURES]
     ]
@@ -101,20 +197,26 @@ def unjudged_report(model: Model, decisions: Sequence[Decision], sentence: str) 
 
 def _residuals(model: Model, decision: Decision) -> list[Panel]:
     units = {each.name: each.unit for each in model.plant.signals.outputs}
+    spans = {name: around(np.zeros(1), each) for name, each in noise_scales(model).items()}
     return [
-        Panel(f"residual of {name}", units[name], {"measured less reference": r})
+        Panel(f"residual of {name}", units[name], {"measured less reference": r}, span=spans[name])
         for name, r in list(decision.residuals.items())[:MOST_RESIDUALS]
     ]
 
 
-def _row(event: BankEvent) -> tuple[str, ...]:
+def _row(clock: datetime | None, event: BankEvent, *, clocked: bool) -> tuple[str, ...]:
     sized = event.size is not None
+    fine = (event.onset_hi - event.onset_lo) / 2
+
+    def at(t: float) -> str:
+        return moment(clock, t, fine) if clocked else f"{t:.6g}"
+
     return (
         event.run,
         event.fault,
-        f"{event.onset:.6g} ({event.onset_lo:.6g} to {event.onset_hi:.6g})",
-        f"{event.start:.6g}",
-        f"{event.end:.6g}",
+        f"{at(event.onset)} ({at(event.onset_lo)} to {at(event.onset_hi)})",
+        at(event.start),
+        at(event.end),
         f"{event.size:.4g} ({event.lo:.4g} to {event.hi:.4g})" if sized else "",
         probability(event.p),
         "; ".join(f"{label} 1:{odds:.3g}" for label, odds in event.alternatives),
@@ -126,20 +228,24 @@ def decision_figures(
 ) -> list[Figure]:
     """What each fault is given, with the residuals; then every fault, in the plant's order."""
     found, run = decision.posterior, decision.run
-    silent = np.isin(decision.status, [NOT_JUDGED, STALE])
     faults = bank.model.plant.signals.faults
+    least = least_sizes(bank, run)
     curves = {"healthy": found.healthy, "unknown": found.unknown}
     curves |= {fault.name: found.p[:, k] for k, fault in enumerate(faults[: MOST_CURVES - 2])}
-    evidence = [Panel("probability", "", curves), *_residuals(bank.model, decision)]
+    evidence = [
+        Panel("probability", "", curves, span=(0.0, 1.0)),
+        *_residuals(bank.model, decision),
+    ]
     shown = panels(
         run.t,
         evidence,
-        title=f"Evidence, {run.name}",
+        title=f"Probabilities and residuals, {run.name}",
         caption="What each fault, none and an undeclared one are given, and the residuals.",
+        clock=run.clock,
     )
     return [shown] + [
         fault_estimate(
-            decision.run.t,
+            run.t,
             found.f[:, k],
             found.lo[:, k],
             found.hi[:, k],
@@ -148,8 +254,10 @@ def decision_figures(
             unit=fault.unit,
             truth=truth.get(fault.name),
             events=[(e.start, e.end) for e in decision.events if e.fault == fault.name],
-            not_judged=silent,
+            not_judged=_silent(decision),
             probable=True,
+            least=least[k],
+            clock=run.clock,
         )
         for k, fault in enumerate(faults)
     ]

@@ -8,8 +8,9 @@ from faultgauge.detection.bank import FaultBank
 from faultgauge.detection.evidence import MOST_SHOWN, Evidence
 from faultgauge.detection.words import moment
 from faultgauge.reporting.report import Section
+from faultgauge.reporting.scales import least_sizes, noise_scales
 from faultgauge.reporting.svg import Figure
-from faultgauge.reporting.time_figures import Panel, panels
+from faultgauge.reporting.time_figures import Panel, around, panels
 
 __all__ = ["evidence_section"]
 
@@ -38,10 +39,11 @@ def _figure(bank: FaultBank, found: Evidence) -> Figure:
     """Outputs, the probability of the fault, and its estimate."""
     part, decision, signals = found.part, found.decision, bank.model.plant.signals
     posterior, names = decision.posterior, signals.fault_names
-    units = {each.name: each.unit for each in signals.outputs}
+    units, noise = {each.name: each.unit for each in signals.outputs}, noise_scales(bank.model)
+    seen = {name: decision.run.columns[name][part] for name in bank.outputs}
     stack = [
-        Panel(name, units[name], {"measured": decision.run.columns[name][part]})
-        for name in bank.outputs
+        Panel(name, units[name], {"measured": y}, span=around(y, noise[name]))
+        for name, y in seen.items()
     ]
     curves = {"healthy": posterior.healthy[part], "unknown": posterior.unknown[part]}
     if found.event.fault in names:
@@ -52,11 +54,14 @@ def _figure(bank: FaultBank, found: Evidence) -> Figure:
             "lower": posterior.lo[part, k],
             "upper": posterior.hi[part, k],
         }
-        stack.append(Panel(found.event.fault, signals.faults[k].unit, size))
-    stack.append(Panel("probability", "", curves))
+        least = least_sizes(bank, decision.run)[k]
+        unit = signals.faults[k].unit
+        stack.append(Panel(found.event.fault, unit, size, span=(-least, least)))
+    stack.append(Panel("probability", "", curves, span=(0.0, 1.0)))
     return panels(
         np.asarray(found.run.t),
         stack,
         title=f"Evidence of {found.event.fault}, {decision.run.name}",
         caption="The part of the log that the answer rests on.",
+        clock=found.run.clock,
     )

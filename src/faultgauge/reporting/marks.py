@@ -1,6 +1,7 @@
 """What figures are made of: lines, bands, limits, shaded stretches, clouds of points."""
 
 from collections.abc import Sequence
+from datetime import datetime
 from typing import Any
 
 import numpy as np
@@ -10,9 +11,24 @@ from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 
 from faultgauge.reporting import style
+from faultgauge.reporting.clock_axis import clock_label, clock_ticks
 from faultgauge.reporting.thinning import stretches, thin, thin_band
 
-__all__ = ["band", "cloud", "dots", "hatch", "limits", "line", "look_at", "shade", "time_below"]
+__all__ = [
+    "NOISES",
+    "band",
+    "cloud",
+    "dots",
+    "hatch",
+    "limits",
+    "line",
+    "look_at",
+    "shade",
+    "show_at_least",
+    "time_below",
+]
+
+NOISES = 5.0  # standard deviations of the noise that an axis spans at least, either way
 
 FEW_DOTS = 600  # up to here every point is a dot, above it a density says more
 CELLS = (88, 56)  # of the density, across and up
@@ -89,12 +105,16 @@ def hatch(
         )
 
 
-def time_below(axes: Axes, t: Float[np.ndarray, "samples"]) -> None:
-    """Label the time axis and let it span the log."""
+def time_below(axes: Axes, t: Float[np.ndarray, "samples"], clock: datetime | None = None) -> None:
+    """Label the time axis and let it span the log; in the log's own time where a `clock` showed
+    that at 0 s."""
     scale, unit = style.time_axis(t)
-    axes.set_xlabel(style.axis_label("time", unit))
+    axes.set_xlabel(style.axis_label("time", unit) if clock is None else clock_label(clock))
     if t.size > 1:
         axes.set_xlim(t[0] / scale, t[-1] / scale)
+    if clock is not None and t.size:
+        places, labels = clock_ticks(clock, float(t[0]), float(t[-1]))
+        axes.set_xticks([place / scale for place in places], labels)
 
 
 def look_at(axes: Axes, *values: Float[np.ndarray, "_"]) -> None:
@@ -103,6 +123,14 @@ def look_at(axes: Axes, *values: Float[np.ndarray, "_"]) -> None:
     if shown.size and np.ptp(shown) > 0.0:
         margin = 0.06 * np.ptp(shown)
         axes.set_ylim(shown.min() - margin, shown.max() + margin)
+
+
+def show_at_least(axes: Axes, low: float, high: float) -> None:
+    """Let the vertical axis span `low` to `high` too, so that noise looks small; nothing where
+    these are one."""
+    if low < high:
+        bottom, top = axes.get_ylim()
+        axes.set_ylim(min(bottom, low), max(top, high))
 
 
 def dots(

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import jinja2
+from markupsafe import Markup, escape
 
 from faultgauge.files import write_atomically
 from faultgauge.reporting.svg import Figure, inline
@@ -17,6 +18,10 @@ from faultgauge.reporting.svg import Figure, inline
 __all__ = ["Report", "Section", "Table", "installed_versions", "render", "with_sentences", "write"]
 
 SHOWN_VERSIONS = ("faultgauge", "jax", "equinox", "optimistix", "numpy", "scipy", "matplotlib")
+MOST_FIGURES = 8  # that lie open on a page, which is read, not scrolled
+MOST_SENTENCES = 5  # that lie open below each other
+WALL = 3  # sentences from which on they are a list
+CODE = re.compile("`([^`]+)`")
 NUMBER = re.compile(r"[-+−±<>≤≥≈]?\s?\d.{0,31}|[-–—]?")
 
 
@@ -48,17 +53,22 @@ class Table:
 
 @dataclass(frozen=True)
 class Section:
-    """A part of a report with a heading: paragraphs of plain text, then tables, then figures."""
+    """A part of a report with a heading: paragraphs of plain text, then tables, then figures.
+
+    Where it is `folded`, its heading alone is seen until the reader opens it.
+    """
 
     title: str
     paragraphs: tuple[str, ...] = ()
     tables: tuple[Table, ...] = ()
     figures: tuple[Figure, ...] = ()
+    folded: bool = False
 
 
 @dataclass(frozen=True)
 class Report:
-    """What a report says. All text is plain text: whatever it holds is shown, never run.
+    """What a report says. All text is plain text: whatever it holds is shown, never run; what
+    stands between backticks is set as code.
 
     Attributes:
         title: a few words.
@@ -81,20 +91,25 @@ def with_sentences(report: Report, more: Iterable[str]) -> Report:
 
 
 def render(report: Report) -> str:
-    """Return the report as one HTML page that fetches nothing and runs nothing."""
+    """Return the report as one HTML page that fetches nothing and runs nothing.
+
+    Eight figures lie open, and of sentences below each other five; the rest is folded.
+    """
     environment = jinja2.Environment(
         autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
+    environment.filters["prose"] = _prose
     source = (
         resources.files("faultgauge.reporting")
         .joinpath("template.html.j2")
         .read_text(encoding="utf-8")
     )
-    numbers = count(1)
     return environment.from_string(source).render(
         report=report,
-        sections=[(section, list(_numbered(section, numbers))) for section in report.sections],
+        sections=list(_laid_out(report.sections)),
         numeric_columns=_numeric_columns,
+        most=MOST_SENTENCES,
+        wall=WALL,
     )
 
 
@@ -107,11 +122,28 @@ def write(report: Report, path: str | os.PathLike[str]) -> None:
     write_atomically(Path(path), render(report).encode("utf-8", "replace"))
 
 
+def _laid_out(
+    sections: Iterable[Section],
+) -> Iterator[tuple[Section, list[dict[str, Any]], list[dict[str, Any]]]]:
+    """(section, figures that are seen with it, figures that are folded behind them)."""
+    numbers, room = count(1), MOST_FIGURES
+    for section in sections:
+        figures = list(_numbered(section, numbers))
+        seen = len(figures) if section.folded else min(room, len(figures))
+        room -= 0 if section.folded else seen
+        yield section, figures[:seen], figures[seen:]
+
+
 def _numbered(section: Section, numbers: Iterator[int]) -> Iterator[dict[str, Any]]:
     """The section's figures with their numbers; each number also keeps the page's ids apart."""
     for drawing in section.figures:
         number = next(numbers)
         yield {"number": number, "figure": drawing, "svg": inline(drawing, f"figure{number}-")}
+
+
+def _prose(text: str) -> Markup:
+    """`text` made harmless, with what stands between backticks as code."""
+    return Markup(CODE.sub(r"<code>\1</code>", str(escape(text))))
 
 
 def _numeric_columns(table: Table) -> frozenset[int]:

@@ -133,10 +133,10 @@ def panels(
 def pretty_unit(unit: str) -> str:
     """Return a unit label as it is read, "N*m/s**2" as "N·m/s²"."""
     raised = re.sub(
-        r"(?:\*\*|\^)(-?\d+)",
+        r"(?:\*\*|\^)(-?\d+)(?![.\d])",
         lambda power: power[1].translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")),
         unit.strip(),
-    )
+    ).replace("**", "^")  # a power that is no whole number
     return raised.replace("*", "·")
 
 

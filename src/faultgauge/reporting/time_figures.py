@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from datetime import datetime
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -9,18 +10,20 @@ from jaxtyping import Bool, Float
 from faultgauge.reporting import marks, style
 from faultgauge.reporting.svg import Figure, figure
 
-__all__ = ["Panel", "curves", "fault_estimate", "free_run", "panels", "residual"]
+__all__ = ["Panel", "around", "curves", "fault_estimate", "free_run", "panels", "residual"]
 
 
 @dataclass(frozen=True)
 class Panel:
-    """One panel of `panels`: curves of one quantity by their name in the legend."""
+    """One panel of `panels`: curves of one quantity by their name in the legend; its vertical axis
+    shows `span` (low, high) at least."""
 
     name: str
     unit: str
     values: Mapping[str, Float[np.ndarray, "samples"]]
     truth: Float[np.ndarray, "samples"] | None = None
     truth_name: str = "truth"
+    span: tuple[float, float] | None = None
 
 
 def free_run(
@@ -32,6 +35,8 @@ def free_run(
     unit: str,
     run: str,
     warmup: int = 0,
+    noise: float = 0.0,
+    clock: datetime | None = None,
 ) -> Figure:
     """Draw an output and the model's pure simulation of it; below, their difference.
 
@@ -44,6 +49,9 @@ def free_run(
         run: the run's name.
         warmup: this many first samples, which found the initial state and are not scored, are
             shaded.
+        noise: its standard deviation in the output, `unit`; an axis spans five of them at least
+            on either side.
+        clock: what the log's clock showed at 0 s, where it has one.
     """
     with style.drawing():
         canvas, (top, bottom) = style.panels((2.3, 1.5), share_time=True)
@@ -58,7 +66,7 @@ def free_run(
         top.set_ylabel(style.upright_label(name, unit))
         bottom.set_ylabel(style.upright_label("residual", unit, width=14))
         style.legend(top)
-        marks.time_below(bottom, t)
+        marks.time_below(bottom, t, clock)
         caption = (
             "Above: what was measured, and what the model makes of the inputs alone. "
             "Below: the residual, measured minus model."
@@ -68,6 +76,8 @@ def free_run(
             marks.look_at(top, seen, seen + np.ptp(seen), seen - np.ptp(seen))
             marks.look_at(bottom, np.ptp(seen) * np.array([-1.5, 1.5]))
             caption += " The free run leaves the picture: it diverges."
+        marks.show_at_least(top, *around(measured, noise))
+        marks.show_at_least(bottom, *around(np.zeros(1), noise))
         return figure(canvas, f"Free run of {style.short(name)}, {style.short(run)}", caption)
 
 
@@ -79,6 +89,8 @@ def residual(
     name: str,
     unit: str,
     reference: str,
+    noise: float = 0.0,
+    clock: datetime | None = None,
 ) -> Figure:
     """Draw the residual r = y - yhat of one output, with the limits of its healthy range.
 
@@ -89,14 +101,18 @@ def residual(
         name: the output's name.
         unit: its unit as declared.
         reference: what the healthy reference is driven by, a few words.
+        noise: its standard deviation in the output, `unit`; the axis spans five of them at least
+            on either side.
+        clock: what the log's clock showed at 0 s, where it has one.
     """
     with style.drawing():
         canvas, (axes,) = style.panels((2.1,))
         marks.line(axes, t, r, color=style.PREDICTED, linewidth=0.8, label="residual")
         marks.limits(axes, limit)
+        marks.show_at_least(axes, *around(np.zeros(1), noise))
         axes.set_ylabel(style.upright_label("residual", unit))
         style.legend(axes)
-        marks.time_below(axes, t)
+        marks.time_below(axes, t, clock)
         caption = f"Measured minus healthy reference ({style.short(reference)})."
         if limit is not None:
             caption += (
@@ -114,6 +130,7 @@ def curves(
     unit: str,
     truth: Float[np.ndarray, "samples"] | None = None,
     truth_name: str = "truth",
+    clock: datetime | None = None,
 ) -> Figure:
     """Draw several curves of one quantity in one panel: residuals or estimates side by side.
 
@@ -125,14 +142,20 @@ def curves(
         unit: its unit as declared.
         truth: what the curves are to be compared with, `unit`; drawn dashed on top.
         truth_name: its name in the legend.
+        clock: what the log's clock showed at 0 s, where it has one.
     """
     panel = Panel(name, unit, values, truth, truth_name)
     caption = "" if truth is None else f"Dashed, on top: {style.short(truth_name)}."
-    return panels(t, [panel], title=title, caption=caption)
+    return panels(t, [panel], title=title, caption=caption, clock=clock)
 
 
 def panels(
-    t: Float[np.ndarray, "samples"], stack: Sequence[Panel], *, title: str, caption: str = ""
+    t: Float[np.ndarray, "samples"],
+    stack: Sequence[Panel],
+    *,
+    title: str,
+    caption: str = "",
+    clock: datetime | None = None,
 ) -> Figure:
     """Draw panels (a), (b), ... above each other over one time axis.
 
@@ -141,6 +164,7 @@ def panels(
         stack: what each panel shows; at most eight curves in one, of which four read well.
         title: what is shown, a few words.
         caption: what to see in it.
+        clock: what the log's clock showed at 0 s, where it has one.
     """
     height = 2.8 if len(stack) == 1 else 1.9
     with style.drawing():
@@ -151,12 +175,14 @@ def panels(
                 marks.line(axes, t, y, label=style.short(label), **look)
             if panel.truth is not None:
                 marks.line(axes, t, panel.truth, label=style.short(panel.truth_name), **style.TRUTH)
+            if panel.span is not None:
+                marks.show_at_least(axes, *panel.span)
             width = 24 if len(stack) == 1 else 17
             axes.set_ylabel(style.upright_label(panel.name, panel.unit, width))
             style.legend(axes)
             if len(stack) > 1:
                 axes.set_title(f"({letter})", loc="left")
-        marks.time_below(rows[-1], t)
+        marks.time_below(rows[-1], t, clock)
         return figure(canvas, title, caption)
 
 
@@ -173,6 +199,8 @@ def fault_estimate(
     events: Sequence[tuple[float, float]] = (),
     not_judged: Bool[np.ndarray, "samples"] | None = None,
     probable: bool = False,
+    least: float = 0.0,
+    clock: datetime | None = None,
 ) -> Figure:
     """Draw a fault estimate with its 95 % band, limits and events.
 
@@ -188,6 +216,8 @@ def fault_estimate(
         events: start and end, s, of each fault found; an end of infinity is still open.
         not_judged: where nothing was judged; hatched, and left out of the vertical range.
         probable: judged by probabilities, which need no limit.
+        least: the smallest size that would be told, `unit`; the axis spans it at least, either way.
+        clock: what the log's clock showed at 0 s, where it has one.
     """
     hidden = np.zeros(t.shape, dtype=bool) if not_judged is None else not_judged
     seen = ~hidden if not hidden.all() else hidden
@@ -206,13 +236,22 @@ def fault_estimate(
             marks.line(axes, t, truth, label="truth", **style.TRUTH)
             values.append(truth)
         marks.look_at(axes, *values)
+        marks.show_at_least(axes, -least, least)
         axes.set_ylabel(style.upright_label(name, unit))
         style.legend(axes)
-        marks.time_below(axes, t)
+        marks.time_below(axes, t, clock)
         caption = _estimate_caption(
             limit, unit, truth is not None, len(events), bool(hidden.any()), probable
         )
         return figure(canvas, f"Estimated fault: {style.short(name)}", caption)
+
+
+def around(values: Float[np.ndarray, "samples"], noise: float) -> tuple[float, float]:
+    """What an axis of `values` shows at least: five times their `noise` on either side of their
+    middle."""
+    seen = values[np.isfinite(values)]
+    middle = float(seen.min() + seen.max()) / 2 if seen.size else 0.0
+    return middle - marks.NOISES * noise, middle + marks.NOISES * noise
 
 
 def _diverges(

@@ -1,5 +1,7 @@
 """The report of `check`."""
 
+from dataclasses import replace
+
 from faultgauge.detection.evidence import MOST_SHOWN, evidence
 from faultgauge.identification.evaluation import evaluate
 from faultgauge.reporting.calibration_chapter import calibration_section, proof
@@ -12,11 +14,15 @@ __all__ = ["checkup_report"]
 
 
 def checkup_report(checkup: Checkup) -> Report:
-    """The answer first, then the posterior and its evidence, then why to believe them."""
+    """The answer and its evidence; why to believe them is folded."""
     model = checkup.model
     decided = _decided(checkup)
     found, predictions = evaluate(model.plant, checkup.held_out, model.max_step)
     warnings = (*checkup.account.warnings, *checkup.calibration.warnings)
+    believed = [evaluation_section(model, found, predictions)]
+    if checkup.bank:
+        believed.append(calibration_section(checkup.bank, checkup.calibration.blocks))
+    believed += fit_sections(model, checkup.account)
     return Report(
         f"Check: {model.plant.spec.name}",
         (
@@ -26,13 +32,7 @@ def checkup_report(checkup: Checkup) -> Report:
         ),
         (
             *decided.sections,
-            evaluation_section(model, found, predictions),
-            *(
-                (calibration_section(checkup.bank, checkup.calibration.blocks),)
-                if checkup.bank
-                else ()
-            ),
-            *fit_sections(model, checkup.account),
+            *(replace(each, folded=True) for each in believed),
         ),
     )
 

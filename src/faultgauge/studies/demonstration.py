@@ -18,7 +18,7 @@ Results = dict[str, Any]
 def demonstration_report(
     logs: DriveLogs, drives: Mapping[str, Drive], results: Results, traces: Traces
 ) -> Report:
-    """The drive's report with the wheel's sections behind it."""
+    """The drive's report with the wheel's estimates behind it, and behind both what is folded."""
     drive = drive_report(logs, drives)
     quality = results["fault_estimate"]["mode1_intermittent"]["iesonn"]
     wheel = (
@@ -27,12 +27,14 @@ def demonstration_report(
         f"each jump), each jump within {quality['settling_s']['median']:.0f} s."
     )
     sections = [replace(s, title=f"Drive: {s.title}") for s in drive.sections]
-    sections += [replace(s, title=f"Wheel: {s.title}") for s in wheel_sections(results, traces)]
+    *before, estimates = wheel_sections(results, traces)
+    folded = [replace(s, folded=True) for s in before]
+    sections += [replace(s, title=f"Wheel: {s.title}") for s in (estimates, *folded)]
     return replace(
         drive,
         title="Two faults under closed loops, in volts, newtons and newton metres",
         summary_sentences=(*drive.summary_sentences, wheel),
-        sections=tuple(sections),
+        sections=tuple(sorted(sections, key=lambda s: s.folded)),
     )
 
 

@@ -70,33 +70,41 @@ def drive_report(logs: DriveLogs, drives: Mapping[str, Drive]) -> Report:
         f"{network.figures['events_on_held_out_nominal']} false alarms on the healthy part that "
         "neither fit nor calibration had seen.",
     )
-    sections = [
-        Section("In newtons", (), (), (newtons_figure(logs, network),)),
-        Section("What was learned", (), (), (friction_figure(drives),)),
-    ]
-    truth = {FAULT: logs.pulse}
-    for name, drive in drives.items():
-        windows = [evidence(drive.bank, drive.decision, e) for e in drive.decision.events[:1]]
-        decided = decision_report(drive.bank, [drive.decision], (), windows, truth)
-        alone = estimate_section(
-            drive.observers.model, [drive.alone], drive.observers, "free", truth
-        )
-        alone = replace(alone, title="An ESO alone")
-        proven = calibration_section(drive.bank, drive.calibration.blocks)
-        free = evaluation_section(drive.whole, drive.scores, drive.predictions)
-        training = fit_sections(drive.whole, drive.account)[0]
-        for section in (*decided.sections, proven, free, training, alone):
-            sections.append(replace(section, title=f"{section.title}: friction by {name}"))
-    seen = {"q": drives["network"].predictions[0].x[:, 0], "v": network.predictions[0].x[:, 1]}
+    chapters = {name: _chapters(logs, drive, name) for name, drive in drives.items()}
+    seen = {"q": network.predictions[0].x[:, 0], "v": network.predictions[0].x[:, 1]}
     seen["u"] = logs.faulty.columns["u"] + logs.pulse
     covered = envelope_figure(network.whole, network.account, seen)
-    sections.append(Section("Envelope: training against the faulty record", (), (), covered))
+    first, *others = chapters.pop("network")
+    sections = (
+        first,
+        Section("In newtons", (), (), (newtons_figure(logs, network),)),
+        Section("What was learned", (), (), (friction_figure(drives),)),
+        *others,
+        *(replace(each, folded=True) for found in chapters.values() for each in found),
+        Section("Envelope: training against the faulty record", (), (), covered, folded=True),
+    )
     return Report(
         "A fault in a real drive, in volts and newtons",
         summary,
-        tuple(sections),
+        sections,
         Table(header, body),
     )
+
+
+def _chapters(logs: DriveLogs, drive: Drive, name: str) -> list[Section]:
+    """One body's: what was decided, and folded, why to believe it."""
+    truth = {FAULT: logs.pulse}
+    windows = [evidence(drive.bank, drive.decision, e) for e in drive.decision.events[:1]]
+    decided = decision_report(drive.bank, [drive.decision], (), windows, truth)
+    alone = estimate_section(drive.observers.model, [drive.alone], drive.observers, "free", truth)
+    believed = (
+        calibration_section(drive.bank, drive.calibration.blocks),
+        evaluation_section(drive.whole, drive.scores, drive.predictions),
+        fit_sections(drive.whole, drive.account)[0],
+        replace(alone, title="An ESO alone"),
+    )
+    sections = (*decided.sections, *(replace(each, folded=True) for each in believed))
+    return [replace(each, title=f"{each.title}: friction by {name}") for each in sections]
 
 
 def _settled(drive: Drive) -> str:

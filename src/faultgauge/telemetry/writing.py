@@ -5,6 +5,7 @@ import gzip
 import io
 import math
 from collections.abc import Callable, Iterable
+from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from faultgauge.files import write_atomically
 from faultgauge.telemetry.runs import Run
 from faultgauge.telemetry.table import float_cells
 
-__all__ = ["WRITERS", "as_table", "check_writable", "csv_line", "write_table"]
+__all__ = ["WRITERS", "as_table", "check_writable", "csv_line", "stamps", "write_table"]
 
 
 FORMULA = ("=", "+", "-", "@", "\t", "\r")
@@ -57,7 +58,7 @@ def _parquet(columns: dict[str, list[Any]]) -> bytes:
         raise InputError(
             "writing Parquet needs an extra package: pip install faultgauge[io]; or write .csv."
         ) from None
-    texts = {"run", "status", "reason"}
+    texts = {"run", "time", "status", "reason"}
     arrays = {
         name: pyarrow.array(cells, pyarrow.string() if name in texts else pyarrow.float64())
         for name, cells in columns.items()
@@ -75,13 +76,22 @@ WRITERS: dict[str, Callable[[dict[str, list[Any]]], bytes]] = {
 
 
 def as_table(run: Run) -> dict[str, list[Any]]:
-    """The columns of a log that holds `run`: time as `t`, None where nothing was sampled, between
-    the samples of a slow sensor too."""
+    """The columns of a log that holds `run`: seconds as `t`, what the log's clock showed, where it
+    has one, as `time`; None where nothing was sampled, between the samples of a slow sensor too."""
     own = {name: run.own(name) for name in run.columns}
-    return {
+    columns: dict[str, list[Any]] = {
         name: [None if math.isnan(value) else value for value in values.tolist()]
         for name, values in {"t": run.t, **own}.items()
     }
+    if run.clock is None:
+        return columns
+    return {"t": columns.pop("t"), "time": stamps(run), **columns}
+
+
+def stamps(run: Run) -> list[str | None]:
+    """What the log's clock showed at every sample, ISO 8601; None where it has none."""
+    clock = run.clock
+    return [clock and (clock + timedelta(seconds=t)).isoformat() for t in run.t.tolist()]
 
 
 def check_writable(path: Path) -> None:

@@ -1,0 +1,45 @@
+"""Ticks of a time axis as the log's own clock showed them."""
+
+from datetime import datetime, timedelta
+
+import numpy as np
+
+__all__ = ["clock_label", "clock_ticks"]
+
+MOST_TICKS = 7
+DAY = 86400.0
+DUST = 1e-6  # of a step, which rounding may put a time off
+STEPS = (
+    *(f * 10.0**k for k in (-3, -2, -1) for f in (1.0, 2.0, 5.0)),
+    *(1.0, 2.0, 5.0, 10.0, 15.0, 30.0),
+    *(60.0 * minutes for minutes in (1, 2, 5, 10, 15, 30)),
+    *(3600.0 * hours for hours in (1, 2, 3, 6, 12)),
+    *(DAY * f * 10.0**k for k in range(6) for f in (1.0, 2.0, 5.0)),
+)
+
+
+def clock_ticks(clock: datetime, start: float, end: float) -> tuple[list[float], list[str]]:
+    """Where between `start` and `end` (s) of a log whose clock showed `clock` at 0 s round times
+    lie, and what the clock showed there; the date below the first and wherever it changes."""
+    midnight = clock.replace(hour=0, minute=0, second=0, microsecond=0)
+    since = (clock - midnight).total_seconds()
+    step = next((s for s in STEPS if (end - start) / s <= MOST_TICKS - 1), STEPS[-1])
+    first, last = (since + start) / step - DUST, (since + end) / step + DUST
+    rounds = np.arange(np.ceil(first), np.floor(last) + 1)
+    places, labels, date = [], [], ""
+    for k in rounds.tolist():
+        at = midnight + timedelta(seconds=k * step)
+        day = at.date().isoformat()
+        time = at.time().isoformat("seconds" if step >= 1.0 else "milliseconds")
+        if step >= DAY:
+            labels.append(day)
+        else:
+            labels.append(time if day == date else f"{time}\n{day}")
+        places.append(min(max(k * step - since, start), end))
+        date = day
+    return places, labels
+
+
+def clock_label(clock: datetime) -> str:
+    """What a time axis of that clock is called: with its zone, where it told one."""
+    return f"time ({clock.tzname()})" if clock.tzinfo else "time"

@@ -1,0 +1,121 @@
+"""One run at a glance: outputs beside the healthy model, and every fault that was told."""
+
+from collections.abc import Sequence
+from datetime import datetime
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from faultgauge.reporting import marks, style
+from faultgauge.reporting.svg import Figure, figure
+from faultgauge.reporting.time_figures import around
+
+__all__ = ["Compared", "Told", "overview"]
+
+
+class Compared(NamedTuple):
+    """An output as `measured` and as the healthy model has it; `noise` is its standard deviation.
+    NaN where there is no sample."""
+
+    name: str
+    unit: str
+    measured: Float[np.ndarray, "samples"]
+    healthy: Float[np.ndarray, "samples"]
+    noise: float = 0.0
+
+
+class Told(NamedTuple):
+    """A fault that was told in the `spans` (s): its estimate with the 95 % band, the smallest size
+    that would be told, and the truth where it is known."""
+
+    name: str
+    unit: str
+    f: Float[np.ndarray, "samples"]
+    lo: Float[np.ndarray, "samples"]
+    hi: Float[np.ndarray, "samples"]
+    spans: Sequence[tuple[float, float]]
+    least: float = 0.0
+    truth: Float[np.ndarray, "samples"] | None = None
+
+
+def overview(
+    t: Float[np.ndarray, "samples"],
+    outputs: Sequence[Compared],
+    told: Sequence[Told],
+    *,
+    run: str,
+    spans: Sequence[tuple[float, float]] = (),
+    not_judged: Bool[np.ndarray, "samples"] | None = None,
+    clock: datetime | None = None,
+    note: str = "",
+) -> Figure:
+    """Draw outputs, with the times of faults shaded, and below them what the faults are.
+
+    Args:
+        t: increasing time, s.
+        outputs: one panel each.
+        told: below them one panel each.
+        run: the run's name.
+        spans: when any fault was there, s.
+        not_judged: where nothing was judged; hatched in the panels of the faults.
+        clock: what the log's clock showed at 0 s, where it has one.
+        note: a sentence behind the caption.
+    """
+    hidden = np.zeros(t.shape, dtype=bool) if not_judged is None else not_judged
+    with style.drawing():
+        canvas, rows = style.panels((1.8,) * (len(outputs) + len(told)), share_time=True)
+        for axes, each in zip(rows, outputs, strict=False):
+            marks.shade(axes, t, spans, color=style.EVENT, label="fault told")
+            marks.line(
+                axes, t, each.measured, color=style.MEASURED, linewidth=2.8, label="measured"
+            )
+            marks.line(
+                axes, t, each.healthy, color=style.PREDICTED, linewidth=1.2, label="healthy model"
+            )
+            seen = each.measured[np.isfinite(each.measured)]
+            far = float(np.ptp(seen)) if seen.size else 0.0
+            low, high = around(each.measured, each.noise)
+            # A healthy model that diverges must not make a line of what was measured.
+            near = np.clip(each.healthy, low - 1.5 * far, high + 1.5 * far)
+            marks.look_at(axes, seen, near)
+            marks.show_at_least(axes, low, high)
+            axes.set_ylabel(style.upright_label(each.name, each.unit, 17))
+            if axes is rows[0]:
+                style.legend(axes)
+        for axes, each in zip(rows[len(outputs) :], told, strict=True):
+            marks.shade(axes, t, each.spans, color=style.EVENT, label="fault told")
+            marks.hatch(axes, t, hidden, label="not judged")
+            marks.band(axes, t, each.lo, each.hi, label="95 % band")
+            axes.axhline(0.0, color=style.GREY, linewidth=0.8)
+            marks.line(axes, t, each.f, color=style.PREDICTED, linewidth=1.4, label="estimate")
+            values = [each.f[~hidden], _typical(each.lo, hidden), _typical(each.hi, hidden)]
+            if each.truth is not None:
+                marks.line(axes, t, each.truth, label="truth", **style.TRUTH)
+                values.append(each.truth)
+            marks.look_at(axes, *values)
+            marks.show_at_least(axes, -each.least, each.least)
+            axes.set_ylabel(style.upright_label(each.name, each.unit, 17))
+            if each is told[0]:
+                style.legend(axes)
+        marks.time_below(rows[-1], t, clock)
+        return figure(canvas, f"Run {style.short(run)} at a glance", _caption(told, spans, note))
+
+
+def _typical(
+    edge: Float[np.ndarray, "samples"], hidden: Bool[np.ndarray, "samples"]
+) -> Float[np.ndarray, "_"]:
+    """The edge of a band but for the tenth of it that is furthest out: a band is wide at first."""
+    seen = edge[~hidden & np.isfinite(edge)]
+    return np.quantile(seen, [0.05, 0.95]) if seen.size else seen
+
+
+def _caption(told: Sequence[Told], spans: Sequence[tuple[float, float]], note: str) -> str:
+    parts = ["Measured, and what the healthy model gives for the same inputs."]
+    if spans:
+        parts.append("Shaded: from when a fault began to when it was last seen.")
+    if told:
+        parts.append("Below: each fault that was told, with its 95 % band.")
+    else:
+        parts.append("No declared fault was told.")
+    return " ".join([*parts, note]).strip()
