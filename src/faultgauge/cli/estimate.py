@@ -10,7 +10,7 @@ from faultgauge.cli.writing import READS, Fills, Writes, check_apart, make_folde
 from faultgauge.errors import InputError
 
 if TYPE_CHECKING:
-    from faultgauge.detection.decisions import Decision
+    from faultgauge.detection.decisions import Decision, Walk
     from faultgauge.plants.model import Model
     from faultgauge.telemetry import Run
 
@@ -56,6 +56,10 @@ def estimate(
         ),
         Fills(()),  # its names are known when the events are
     ] = None,
+    engine: Annotated[
+        Literal["python", "c"],
+        typer.Option("--engine", help="c: the same step as C, compiled here, for long logs."),
+    ] = "python",
     time: options.Time = None,
     map: options.Map = None,
     where: options.Where = None,
@@ -97,6 +101,7 @@ def estimate(
                 "--json": json,
                 "--smooth": smooth,
                 "--evidence": evidence is not None,
+                "--engine c": engine == "c",
             }
         )
         from faultgauge.cli.live import answer
@@ -113,7 +118,11 @@ def estimate(
     ):
         if given:
             raise InputError(f"{name} goes with standard input only; give - for the log.")
-    for name, given in (("--smooth", smooth), ("--evidence", evidence is not None)):
+    for name, given in (
+        ("--smooth", smooth),
+        ("--evidence", evidence is not None),
+        ("--engine c", engine == "c"),
+    ):
         if given and observer != "bank":
             raise InputError(
                 f"{name} rests on the bank's hypotheses, which --observer {observer} does not "
@@ -123,12 +132,16 @@ def estimate(
     from faultgauge.telemetry.writing import check_writable
 
     check_writable(out)
+    walk = options.engine(engine)
     fitted = load_model(model)
     runs, warned = options.read_logs_for(fitted, logs, time, map, where, resample)
     if observer == "bank":
         folder = None if evidence is None else make_folder(evidence)
         reads = [model, *logs]
-        _decide(fitted, runs, reads, reference, out, report, smooth, folder, verbose, json, warned)
+        _decide(
+            *(fitted, runs, walk, reads, reference, out, report, smooth, folder, verbose, json),
+            warned,
+        )
         return
     _estimate(fitted, runs, observer, reference, out, report, json, warned)
 
@@ -175,6 +188,7 @@ def _estimate(
 def _decide(
     model: "Model",
     runs: "list[Run]",
+    walk: "Walk",
     reads: list[Path],
     reference: Literal["free", "measured", "observer"],
     out: Path,
@@ -193,7 +207,7 @@ def _decide(
     from faultgauge.telemetry.writing import write_table
 
     with options.narrate("estimating"):
-        decided, bank = decisions.decide_runs(model, runs, reference)
+        decided, bank = decisions.decide_runs(model, runs, reference, walk)
         if bank is None:
             _undecided(model, decided, out, report, smooth, json, warned)
             return
