@@ -61,7 +61,8 @@ def decide_runs(
     walk: Walk = Watch.along,
 ) -> tuple[list[Decision], FaultBank | None]:
     """Judge `runs`; there is no bank, and every row is NOT_JUDGED, where `model` was not calibrated
-    for it; `walk` is who runs the step. Raises `InputError` where no fault is declared that is not disabled."""
+    for it; `walk` is who runs the step. Raises `InputError` where no fault is declared that is not
+    disabled."""
     runs = [paced(run) for run in runs]
     if uncalibrated(model):
         evaluated_faults(model.plant.signals)

@@ -1,4 +1,4 @@
-"""`estimate --engine c`: the walk along a log by the printed step, compiled here, instead of by JAX.
+"""`estimate --engine c`: the walk along a log by the printed step, compiled here.
 
 It is the same walk: what is printed is `Watch.step`, and its rows go where Python's go.
 """
@@ -70,7 +70,7 @@ class _Compiled:
         leaves, self.form = jax.tree.flatten(jax.eval_shape(step, start, sample)[1])
         self.printed = print_step(Step(step, start, sample, {}, dict), "watch")
         self.dtypes = [each.dtype for each in leaves]
-        self.native = Native(self.printed, cache=cache)
+        self.native = Native(self.printed, kept=cache)
 
     def run(self, state: WatchState, samples: dict[str, np.ndarray]) -> tuple[WatchState, Row]:
         members, kept = self.printed.state, self.native.state

@@ -3,11 +3,11 @@
 import ctypes
 import hashlib
 import os
-import platform
 import shutil
 import subprocess
 import tempfile
 from collections.abc import Mapping, Sequence
+from functools import cache
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -22,6 +22,7 @@ from faultgauge.files import write_atomically
 __all__ = ["Native", "built", "compiler", "needed_compiler"]
 
 FLAGS = ("-std=c99", "-O2", "-fPIC", "-shared")
+FASTER = ("-O3",)  # and no other numbers: loops are unrolled, sums keep their order
 RUN = """
 #define _POSIX_C_SOURCE 199309L
 #include "{name}.h"
@@ -85,16 +86,30 @@ def built(files: Mapping[str, str], flags: Sequence[str] = ()) -> bytes:
         return (folder / "built.so").read_bytes()
 
 
-def _kept(files: Mapping[str, str], flags: Sequence[str], cache: Path) -> Path:
-    """The library in the folder `cache`, by the hash of all that it is made from; its last bytes
-    are a hash of the others, so that a damaged one is built anew."""
-    made_from = repr((needed_compiler(), platform.machine(), FLAGS, flags, sorted(files.items())))
-    path = cache / f"{hashlib.sha256(made_from.encode()).hexdigest()}.so"
+@cache
+def _own_flags() -> tuple[tuple[str, ...], str]:
+    """(flags for programs that run here alone, what the compiler says of itself and of the
+    processor with them)."""
+    for flags in ((*FASTER, "-march=native"), FASTER):
+        command = [needed_compiler(), *flags, "-dM", "-E", "-x", "c", os.devnull]
+        said = subprocess.run(command, capture_output=True, text=True, check=False)
+        if said.returncode == 0:
+            break
+    return flags, said.stdout
+
+
+def _kept(files: Mapping[str, str], flags: Sequence[str], folder: Path) -> Path:
+    """The library in `folder`, by the hash of all that it is made from; its last bytes are a hash
+    of the others, so that a damaged one is built anew."""
+    own, here = _own_flags()
+    flags = [*own, *flags]
+    made_from = repr((needed_compiler(), here, FLAGS, flags, sorted(files.items())))
+    path = folder / f"{hashlib.sha256(made_from.encode()).hexdigest()}.so"
     size = hashlib.sha256().digest_size
     data = path.read_bytes() if path.is_file() else b""
     if hashlib.sha256(data[:-size]).digest() != data[-size:]:
         data = built(files, flags)
-        cache.mkdir(parents=True, exist_ok=True)
+        folder.mkdir(parents=True, exist_ok=True)
         write_atomically(path, data + hashlib.sha256(data).digest())
     return path
 
@@ -103,12 +118,12 @@ class Native:
     """A compiled step with its state; `run` takes many samples at once.
 
     The library lives in a folder of its own until `close`, or the end of `with`; in the folder
-    `cache` it stays, and is not compiled again. Raises `InputError` where there is no C compiler,
+    `kept` it stays, made for this processor, and is not compiled again. Raises `InputError` where there is no C compiler,
     or it refuses the code.
     """
 
     def __init__(
-        self, printed: Printed, flags: Sequence[str] = (), cache: Path | None = None
+        self, printed: Printed, flags: Sequence[str] = (), kept: Path | None = None
     ) -> None:
         name = printed.name
         files = {
@@ -118,11 +133,11 @@ class Native:
             "run.c": RUN.format(name=name),
         }
         self._folder = tempfile.TemporaryDirectory(prefix="faultgauge-")
-        if cache is None:
+        if kept is None:
             library = Path(self._folder.name) / "step.so"
             library.write_bytes(built(files, flags))
         else:
-            library = _kept(files, flags, cache)
+            library = _kept(files, flags, kept)
         self._library = ctypes.CDLL(str(library))
         self.input, self.output = (
             _record(each, printed.single) for each in (printed.inputs, printed.outputs)
