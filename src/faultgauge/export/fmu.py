@@ -51,17 +51,24 @@ def fmu_project(request: Request) -> dict[str, bytes]:
     }
     token = _token(version, *step.values())
     block = block_sources(printed, inputs, request.period, token, banner)
+    around = {
+        fmi: {f"{name}_fmi{fmi}.c": fmi_source(printed, fmi, request.period, banner)}
+        for fmi in PLACES
+    }
+    # one library has the functions of both, which saves compiling the step again
+    binary = built({**step, **block, **around[2], **around[3]}, FLAGS) if binary_here() else None
     files: dict[str, bytes] = {}
-    for fmi in (2, 3):
-        own = {f"{name}_fmi{fmi}.c": fmi_source(printed, fmi, request.period, banner)}
+    for fmi, own in around.items():
         sources = {**step, **block, **own}
         described = _Description(request, printed, inputs, token, version, fmi)
         parts = {"modelDescription.xml": described.xml([n for n in sources if n.endswith(".c")])}
         parts |= {f"sources/{each}": text.encode() for each, text in sources.items()}
         if fmi == 3:
-            parts["sources/buildDescription.xml"] = described.build(sources)
-        if binary_here():
-            parts[f"{PLACES[fmi]}/{name}.so"] = built(sources, FLAGS)
+            parts["sources/buildDescription.xml"] = described.build(
+                [n for n in sources if n.endswith(".c")]
+            )
+        if binary is not None:
+            parts[f"{PLACES[fmi]}/{name}.so"] = binary
         files[f"{name}_fmi{fmi}.fmu"] = _zipped(parts)
     return {**files, "README.md": _readme(request, version).encode()}
 
@@ -204,8 +211,7 @@ class _Description:
         )
         files = ET.SubElement(made, "SourceFileSet", language="C99")
         for each in sources:
-            if each.endswith(".c"):
-                ET.SubElement(files, "SourceFile", name=each)
+            ET.SubElement(files, "SourceFile", name=each)
         ET.SubElement(made, "Library", name="m", external="true")
         return _written(root)
 

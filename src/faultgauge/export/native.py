@@ -118,8 +118,8 @@ class Native:
     """A compiled step with its state; `run` takes many samples at once.
 
     The library lives in a folder of its own until `close`, or the end of `with`; in the folder
-    `kept` it stays, made for this processor, and is not compiled again. Raises `InputError` where there is no C compiler,
-    or it refuses the code.
+    `kept` it stays, made for this processor, and is not compiled again. Raises `InputError` where
+    there is no C compiler, or it refuses the code.
     """
 
     def __init__(
