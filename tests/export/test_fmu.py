@@ -73,7 +73,7 @@ def test_variables_and_structure_are_as_the_standard_asks(shop, version):
     assert len({each["valueReference"] for each in typed}) == len(typed)
     by = {each["name"]: each for each in typed}
     assert by["time"]["causality"] == "independent"
-    assert {n for n, v in by.items() if v["causality"] == "input"} == {"pump", "level"}
+    assert {n for n, v in by.items() if v["causality"] == "input"} == {"u", "level"}
     for each in typed:
         # a start is there where the standard asks for one, and nowhere else
         assert ("start" in each) == (each["causality"] == "input")
@@ -295,7 +295,7 @@ def test_a_flight_says_what_python_says(host, flight):
     assert set(found) == set(said)
     agree(found, said)
     assert host.get("time") == samples["t"][-1] + STEP
-    assert host.get("pump") == samples["pump"][-1]
+    assert host.get("u") == samples["u"][-1]
     assert host.call("Terminate") == 0
     assert host.step(0.0, STEP) == 3  # an error: it has ended
     assert host.said == ["a function was called out of turn"]
@@ -347,12 +347,12 @@ def test_parts_of_a_step_take_a_sample_where_one_is_due(host, flight):
     samples, said = flight
     host.begin()
     for k in range(60):
-        for name in ("pump", "level"):
+        for name in ("u", "level"):
             host.put(name, samples[name][k])
         assert host.step(samples["t"][k], STEP / 2) == 0
         assert host.step(samples["t"][k] + STEP / 2, STEP / 2) == 0
-        wanted = said["x_h"][k]
-        assert host.get("x_h") == pytest.approx(wanted, rel=CLOSE, nan_ok=True)
+        wanted = said["x_level"][k]
+        assert host.get("x_level") == pytest.approx(wanted, rel=CLOSE, nan_ok=True)
 
 
 def test_what_is_wrong_is_refused_in_a_sentence(host):
@@ -384,12 +384,12 @@ def test_fmpy_finds_nothing_wrong_and_says_the_same(shop, version, flight):
     path = str(shop / f"tank_fmi{version}.fmu")
     assert validate_fmu(path) == []
     samples, said = flight
-    kinds = [("time", float), ("pump", float), ("level", float)]
+    kinds = [("time", float), ("u", float), ("level", float)]
     signals = np.array(
-        list(zip(samples["t"], samples["pump"], samples["level"], strict=True)), dtype=kinds
+        list(zip(samples["t"], samples["u"], samples["level"], strict=True)), dtype=kinds
     )
     found = fmpy.simulate_fmu(
         path, start_time=0.0, stop_time=COUNT * STEP, step_size=STEP, output_interval=STEP,
-        input=signals, output=["x_h", "f_leak"],
+        input=signals, output=["x_level", "f_leak"],
     )  # fmt: skip
-    np.testing.assert_allclose(found["x_h"][1 : COUNT + 1], said["x_h"], rtol=1e-9)
+    np.testing.assert_allclose(found["x_level"][1 : COUNT + 1], said["x_level"], rtol=1e-9)

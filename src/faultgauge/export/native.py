@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import tempfile
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from functools import cache
 from pathlib import Path
 from types import TracebackType
@@ -132,9 +133,10 @@ class Native:
             f"{name}_tables.c": table_source(printed, ""),
             "run.c": RUN.format(name=name),
         }
-        self._folder = tempfile.TemporaryDirectory(prefix="faultgauge-")
+        self._open = ExitStack()
         if kept is None:
-            library = Path(self._folder.name) / "step.so"
+            folder = self._open.enter_context(tempfile.TemporaryDirectory(prefix="faultgauge-"))
+            library = Path(folder) / "step.so"
             library.write_bytes(built(files, flags))
         else:
             library = _kept(files, flags, kept)
@@ -160,7 +162,7 @@ class Native:
         self.close()
 
     def close(self) -> None:
-        self._folder.cleanup()
+        self._open.close()
 
     def begin(self) -> None:
         """`NAME_init`."""
