@@ -181,7 +181,7 @@ add_test(NAME ${name} COMMAND ${name}_test)
 
 MAKE = """# make: the library; make test: build the test and run it
 CC ?= cc
-CFLAGS ?= -O2
+CFLAGS ?= -O3
 ALL = -std=c99 $$(CFLAGS)
 
 lib$name.a: $name.o ${name}_tables.o
