@@ -130,15 +130,13 @@ class _Description:
         return _written(root)
 
     def _interface(self, root: ET.Element, sources: Sequence[str]) -> None:
-        states = ("FMUstate", "canNotUseMemoryManagementFunctions")
-        if self.fmi == 3:
-            states = ("FMUState",)
+        state = "FMUstate" if self.fmi == 2 else "FMUState"
         about = ET.SubElement(root, "CoSimulation", modelIdentifier=self.request.name)
         about.set("canHandleVariableCommunicationStepSize", "true")
-        about.set(f"canGetAndSet{states[0]}", "true")
-        about.set(f"canSerialize{states[0]}", "true")
+        about.set(f"canGetAndSet{state}", "true")
+        about.set(f"canSerialize{state}", "true")
         if self.fmi == 2:
-            about.set(states[1], "true")
+            about.set("canNotUseMemoryManagementFunctions", "true")
             listed = ET.SubElement(about, "SourceFiles")
             for each in sources:
                 ET.SubElement(listed, "File", name=each)
