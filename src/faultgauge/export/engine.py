@@ -5,8 +5,9 @@ It is the same walk: what is printed is `Watch.step`, and its rows go where Pyth
 
 from collections import OrderedDict
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -18,6 +19,8 @@ from faultgauge.export.native import Native, needed_compiler
 from faultgauge.telemetry import Run
 
 __all__ = ["Engine"]
+
+_State: TypeAlias = tuple[Watch, WatchState]
 
 CHUNK = 65_536  # rows that are held twice: as the struct of C, and as arrays
 
@@ -37,10 +40,10 @@ class Engine:
     def __call__(self, watch: Watch, state: WatchState, rows: Run) -> tuple[WatchState, Row]:
         """(the state after `rows`, what is said of them); NumPy arrays."""
         u, y = arrays_of(watch.signals, rows, slice(0, len(rows.t)))
-        return self._compiled(watch).run(state, {"t": rows.t, "u": u, "y": y})
+        return self._compiled(watch).run(watch, state, {"t": rows.t, "u": u, "y": y})
 
     def _compiled(self, watch: Watch) -> "_Compiled":
-        """One for all runs that are alike but for their rows."""
+        """One for all watches that are alike but for their numbers."""
         for known, compiled in self._known:
             if _alike(known, watch):
                 return compiled
@@ -49,32 +52,42 @@ class Engine:
 
 
 def _alike(one: Watch, other: Watch) -> bool:
-    """Also where NaN stands for what is disabled."""
-    (some, form), (more, forms) = jax.tree.flatten(one), jax.tree.flatten(other)
-    return form == forms and all(
-        np.array_equal(a, b, equal_nan=True) for a, b in zip(some, more, strict=True)
-    )
+    some, more = (eqx.partition(each, eqx.is_inexact_array) for each in (one, other))
+    shapes = [[leaf.shape for leaf in jax.tree.leaves(each[0])] for each in (some, more)]
+    return shapes[0] == shapes[1] and bool(eqx.tree_equal(some[1], more[1]))
 
 
 class _Compiled:
-    """The compiled step of a `Watch`, whose outputs are all of a `Row`."""
+    """The compiled step of a `Watch`, whose outputs are all of a `Row`.
+
+    Its numbers are no constants but come in with the state, as they do for JAX: steps of logs differ
+    by rounding, and would else be compiled one by one.
+    """
 
     def __init__(self, watch: Watch, cache: Path) -> None:
-        def step(state: WatchState, sample: dict[str, Any]) -> tuple[WatchState, Row]:
-            return watch.step(state, sample["t"], sample["u"], sample["y"])
+        numbers, rest = eqx.partition(watch, eqx.is_inexact_array)
+
+        def step(state: _State, sample: dict[str, Any]) -> tuple[_State, Row]:
+            numbers, before = state
+            own = eqx.combine(numbers, rest)
+            after, row = own.step(before, sample["t"], sample["u"], sample["y"])
+            return (numbers, after), row
 
         inputs, outputs = len(watch.signals.input_names), len(watch.signals.output_names)
         lengths = OrderedDict(t=(), u=(inputs,), y=(outputs,))
         sample = OrderedDict((name, jnp.zeros(shape)) for name, shape in lengths.items())
-        start = watch.init()
+        # all that is printed of it is its shape: `run` fills it
+        start = jax.tree.map(jnp.zeros_like, (numbers, watch.init()))
         leaves, self.form = jax.tree.flatten(jax.eval_shape(step, start, sample)[1])
-        self.printed = print_step(Step(step, start, sample, {}, dict), "watch")
+        self.printed = print_step(Step(step, start, sample, {}, _no_examples), "watch")
         self.dtypes = [each.dtype for each in leaves]
         self.native = Native(self.printed, kept=cache)
 
-    def run(self, state: WatchState, samples: dict[str, np.ndarray]) -> tuple[WatchState, Row]:
+    def run(
+        self, watch: Watch, state: WatchState, samples: dict[str, np.ndarray]
+    ) -> tuple[WatchState, Row]:
         members, kept = self.printed.state, self.native.state
-        leaves, form = jax.tree.flatten(state)
+        leaves, form = jax.tree.flatten((eqx.filter(watch, eqx.is_inexact_array), state))
         for each, leaf in zip(members, leaves, strict=True):
             if each.size:
                 kept[each.name] = np.asarray(leaf).reshape(kept[each.name].shape)
@@ -93,4 +106,8 @@ class _Compiled:
             kept[each.name].reshape(each.shape).copy() if each.size else np.asarray(leaf)
             for each, leaf in zip(members, leaves, strict=True)
         ]
-        return jax.tree.unflatten(form, after), jax.tree.unflatten(self.form, rows)
+        return jax.tree.unflatten(form, after)[1], jax.tree.unflatten(self.form, rows)
+
+
+def _no_examples(count: int, rng: np.random.Generator) -> dict[str, np.ndarray]:
+    raise NotImplementedError
