@@ -95,7 +95,7 @@ def test_rows_of_other_plants_are_python_s(cc, source, tmp_path):
 
 def test_a_log_in_parts_is_the_log_to_the_bit(tank, engine):
     """The state that goes on is Python's own, so either engine may take the next rows."""
-    bank, log, engine = bank_of(tank), flight(tank)
+    bank, log = bank_of(tank), flight(tank)
     watch = Watch(tank, tuple(log.columns), bank.step, bank=bank)
     end, whole = engine(watch, watch.init(), log)
     state, parts = watch.init(), []

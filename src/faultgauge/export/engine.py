@@ -60,8 +60,8 @@ def _alike(one: Watch, other: Watch) -> bool:
 class _Compiled:
     """The compiled step of a `Watch`, whose outputs are all of a `Row`.
 
-    Its numbers are no constants but come in with the state, as they do for JAX: steps of logs differ
-    by rounding, and would else be compiled one by one.
+    Its numbers are no constants but come in with the state, as they do for JAX: steps of logs
+    differ by rounding, and would else be compiled one by one.
     """
 
     def __init__(self, watch: Watch, cache: Path) -> None:
