@@ -51,6 +51,10 @@ def estimate(
         ),
         Fills(()),  # its names are known when the events are
     ] = None,
+    engine: Annotated[
+        Literal["python", "c"],
+        typer.Option("--engine", help="c: the same step as C, compiled here, for long logs."),
+    ] = "python",
     time: options.Time = None,
     map: options.Map = None,
     where: options.Where = None,
@@ -92,6 +96,7 @@ def estimate(
                 "--json": json,
                 "--smooth": smooth,
                 "--evidence": evidence is not None,
+                "--engine c": engine == "c",
             }
         )
         from faultgauge.cli.live import answer
@@ -115,13 +120,17 @@ def estimate(
     from faultgauge.verbs.estimate import need_bank
     from faultgauge.verbs.reading import How
 
-    need_bank(observer, {"--smooth": smooth, "--evidence": evidence is not None})
+    need_bank(
+        observer,
+        {"--smooth": smooth, "--evidence": evidence is not None, "--engine c": engine == "c"},
+    )
     check_writable(out)
+    walk = options.engine(engine)
     fitted = load_model(model)
     runs, odd = options.read_logs_for(fitted, logs, How(time, map, where, resample))
     folder = None if evidence is None else make_folder(evidence)
     with options.narrate("estimating"):
-        found = find(fitted, runs, observer=observer, reference=reference, smooth=smooth)
+        found = find(fitted, runs, observer=observer, reference=reference, smooth=smooth, walk=walk)
         windows = [found.evidence(each) for each in found.events] if folder else []
     paths = evidence_files(windows, folder) if folder else []
     written = {"--out": [out], "--report": [report] if report else [], "--evidence": paths}

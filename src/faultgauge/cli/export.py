@@ -13,7 +13,9 @@ __all__ = ["export"]
 
 def export(
     model: Annotated[Path, typer.Argument(help="Model file."), READS],
-    to: Annotated[str, typer.Option("--to", metavar="TARGET", help="c: C99 source.")],
+    to: Annotated[
+        str, typer.Option("--to", metavar="TARGET", help="c: C99 source; fmu: FMI 2.0 and 3.0.")
+    ],
     out: Annotated[
         Path,
         typer.Option("--out", metavar="DIR", help="Folder to write to."),
@@ -34,6 +36,7 @@ def export(
 ) -> None:
     """Write a calibrated model as code for another machine, with a test of it."""
     from faultgauge.export.export import export as carry_out
+    from faultgauge.export.targets import TARGETS
     from faultgauge.files import write_atomically
 
     with options.narrate("printing the step"):
@@ -46,4 +49,4 @@ def export(
         options.print_json({"out": str(out), "files": list(files)})
         return
     print(f"{out}: {', '.join(files)}")
-    options.say(f"next: make -C {out} test")
+    options.say(TARGETS[to].next(out))

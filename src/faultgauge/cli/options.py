@@ -14,6 +14,7 @@ import typer
 from faultgauge.cli.writing import READS, Writes
 
 if TYPE_CHECKING:
+    from faultgauge.detection.decisions import Walk
     from faultgauge.plants.model import Model
     from faultgauge.plants.plant_file import PlantSpec
     from faultgauge.verbs.reading import How, Runs
@@ -79,6 +80,11 @@ Logs = Annotated[
 ]
 
 
+def _cache() -> Path:
+    """Of the user; what is there can be made again."""
+    return Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "faultgauge"
+
+
 def prepare() -> None:
     """Settings that must stand before NumPy and JAX are loaded.
 
@@ -91,11 +97,21 @@ def prepare() -> None:
     os.environ.setdefault("XLA_FLAGS", "--xla_cpu_multi_thread_eigen=false")
     os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")  # notes of the compiler, to its makers
     os.environ.setdefault("JAX_PLATFORMS", "cpu")
-    cache = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache"))
-    os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(cache / "faultgauge" / "jax"))
+    os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(_cache() / "jax"))
     os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
     os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES", "-1")
     os.environ.setdefault("JAX_PERSISTENT_CACHE_ENABLE_XLA_CACHES", "none")
+
+
+def engine(name: Literal["python", "c"]) -> "Walk":
+    """Who runs the step along logs. Raises `InputError` where there is no C compiler for `c`."""
+    if name == "c":
+        from faultgauge.export.engine import Engine
+
+        return Engine(_cache() / "c")
+    from faultgauge.detection.watch import Watch
+
+    return Watch.along
 
 
 def read_logs(

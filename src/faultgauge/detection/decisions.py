@@ -1,8 +1,8 @@
 """`estimate`: one posterior per run, its events, and the columns of the table."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from jaxtyping import Float
@@ -16,7 +16,7 @@ from faultgauge.detection.probability import probability
 from faultgauge.detection.residual import Reference, residuals_of
 from faultgauge.detection.uncalibrated import prior_of, uncalibrated
 from faultgauge.detection.verdicts import NOT_JUDGED
-from faultgauge.detection.watch import Watch
+from faultgauge.detection.watch import Row, Watch, WatchState
 from faultgauge.identification.samples import in_effect
 from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run
@@ -26,6 +26,7 @@ from faultgauge.telemetry.writing import stamps
 
 __all__ = [
     "Decision",
+    "Walk",
     "Watching",
     "as_dicts",
     "decide",
@@ -34,6 +35,9 @@ __all__ = [
     "table",
     "unjudged",
 ]
+
+# what takes a watch along the next rows: (its state after them, what is said of them)
+Walk: TypeAlias = Callable[[Watch, WatchState, Run], tuple[WatchState, Row]]
 
 
 @dataclass(frozen=True)
@@ -51,10 +55,14 @@ class Decision:
 
 
 def decide_runs(
-    model: Model, runs: Sequence[Run], reference: Reference = "free"
+    model: Model,
+    runs: Sequence[Run],
+    reference: Reference = "free",
+    walk: Walk = Watch.along,
 ) -> tuple[list[Decision], FaultBank | None]:
     """Judge `runs`; there is no bank, and every row is NOT_JUDGED, where `model` was not calibrated
-    for it. Raises `InputError` where no fault is declared that is not disabled."""
+    for it; `walk` is who runs the step. Raises `InputError` where no fault is declared that is not
+    disabled."""
     runs = [paced(run) for run in runs]
     if uncalibrated(model):
         evaluated_faults(model.plant.signals)
@@ -62,7 +70,7 @@ def decide_runs(
         r = [residuals_of(model, each, reference) for each in used]
         return [unjudged(model, *each) for each in zip(runs, used, r, strict=True)], None
     bank = build_fault_bank(model, runs, noise_of(model))
-    return [decide(bank, run, reference) for run in runs], bank
+    return [decide(bank, run, reference, walk) for run in runs], bank
 
 
 def unjudged(
@@ -74,11 +82,13 @@ def unjudged(
     return Decision(run, prior_of(model, run), r, [NOT_JUDGED] * count, why, [], used)
 
 
-def decide(bank: FaultBank, run: Run, reference: Reference | None = "free") -> Decision:
+def decide(
+    bank: FaultBank, run: Run, reference: Reference | None = "free", walk: Walk = Watch.along
+) -> Decision:
     """Judge one run; without residuals where there is no `reference`."""
     signals = bank.model.plant.signals
     check_delays(run, {each.name: each.delay for each in signals.inputs})
-    watching = Watching(bank, run)
+    watching = Watching(bank, run, walk)
     judged, decision = watching.push(run)
     inputs = {name: decision.used.columns[name] for name in signals.input_names}
     acting = replace(run, columns=run.columns | inputs)
@@ -89,14 +99,14 @@ def decide(bank: FaultBank, run: Run, reference: Reference | None = "free") -> D
 class Watching:
     """The watch along one run or stream."""
 
-    def __init__(self, bank: FaultBank, run: Run) -> None:
-        self.model = bank.model
+    def __init__(self, bank: FaultBank, run: Run, walk: Walk = Watch.along) -> None:
+        self.model, self.walk = bank.model, walk
         self.watch = Watch(bank.model, tuple(run.columns), run.step, bank=bank)
         self.state = self.watch.init(averaged=run.resampled is not None)
 
     def push(self, rows: Run) -> tuple[Judged, Decision]:
         """The next `rows`, however many; residuals and events are left open."""
-        self.state, row = self.watch.along(self.state, rows)
+        self.state, row = self.walk(self.watch, self.state, rows)
         status, reason = self.watch.words(row.verdict)
         used = with_taken(self.model, rows, row.taken, outputs=True)
         found = Judged(used, row.posterior, row.verdict, row.sets.astype(np.float32))

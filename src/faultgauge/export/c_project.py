@@ -14,7 +14,7 @@ from faultgauge.export.native import Native, compiler
 from faultgauge.export.request import Request
 from faultgauge.export.sources import header, step_source, table_source
 
-__all__ = ["c_project"]
+__all__ = ["c_project", "plain"]
 
 SAMPLES = 240  # that the test of the C files runs over
 SEED = 0
@@ -31,7 +31,7 @@ def c_project(request: Request) -> dict[str, bytes]:
     printed = print_step(step, name, single=request.single, fast_tanh=request.fast_tanh)
     version = metadata.version("faultgauge")
     banner = (
-        f"/* Made by faultgauge {version} from the model of {_plain(request.title)} with SHA-256\n"
+        f"/* Made by faultgauge {version} from the model of {plain(request.title)} with SHA-256\n"
         f"   {request.digest}. Export again rather than edit. */\n"
     )
     files = {
@@ -46,7 +46,8 @@ def c_project(request: Request) -> dict[str, bytes]:
     return {key: text.encode() for key, text in files.items()}
 
 
-def _plain(text: str) -> str:
+def plain(text: str) -> str:
+    """As it may stand in a comment of C."""
     return text.encode("ascii", "replace").decode().replace("*/", "* /")
 
 
@@ -180,7 +181,7 @@ add_test(NAME ${name} COMMAND ${name}_test)
 
 MAKE = """# make: the library; make test: build the test and run it
 CC ?= cc
-CFLAGS ?= -O2
+CFLAGS ?= -O3
 ALL = -std=c99 $$(CFLAGS)
 
 lib$name.a: $name.o ${name}_tables.o

@@ -35,7 +35,7 @@ class Step:
     say by name what a member of sample or info is, and in which unit; `examples` makes as many
     samples as one wants, on which a test can run; `codes` are names of numbers, by what they begin
     with; `times` are the names of inputs and members of the state that count seconds from the
-    beginning."""
+    beginning; `units` are by name again."""
 
     step: Callable[[Any, Any], tuple[Any, Any]]
     state: Any
@@ -44,6 +44,7 @@ class Step:
     examples: Callable[[int, np.random.Generator], dict[str, np.ndarray]]
     codes: dict[str, tuple[str, ...]] = field(default_factory=dict)
     times: tuple[str, ...] = ()
+    units: dict[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -54,6 +55,7 @@ class Member:
     kind: Kind
     shape: tuple[int, ...]
     comment: str = ""
+    unit: str = ""
 
     @property
     def size(self) -> int:
@@ -119,9 +121,9 @@ def print_step(given: Step, name: str, *, single: bool = False, fast_tanh: bool 
     """Print `given`. Raises `InputError` where C cannot carry a part of it."""
     program = trace(given.step, given.state, given.sample)
     info_shape = jax.eval_shape(given.step, given.state, given.sample)[1]
-    state = members(given.state, {})
-    inputs = members(given.sample, given.comments)
-    outputs = members(info_shape, given.comments)
+    state = members(given.state, {}, {})
+    inputs = members(given.sample, given.comments, given.units)
+    outputs = members(info_shape, given.comments, given.units)
     wide: set[int] = set()
     if single:
         times = [k for k, m in enumerate((*state, *inputs)) if m.name in given.times]
@@ -211,7 +213,7 @@ def _branch(branch: Branch, depth: int) -> list[str]:
     return [*lines, f"{pad}}}"]
 
 
-def members(tree: Any, comments: dict[str, str]) -> list[Member]:
+def members(tree: Any, comments: dict[str, str], units: dict[str, str]) -> list[Member]:
     """The leaves of a pytree as members of a struct."""
     found, names = [], set()
     for path, leaf in jax.tree_util.tree_flatten_with_path(tree)[0]:
@@ -221,7 +223,8 @@ def members(tree: Any, comments: dict[str, str]) -> list[Member]:
             name += "_"
         names.add(name)
         shape = tuple(int(n) for n in leaf.shape)
-        found.append(Member(name, kind_of(np.dtype(leaf.dtype)), shape, comments.get(raw, "")))
+        kind = kind_of(np.dtype(leaf.dtype))
+        found.append(Member(name, kind, shape, comments.get(raw, ""), units.get(raw, "")))
     return found
 
 

@@ -18,6 +18,7 @@ from faultgauge.detection.watch import Watch, WatchState
 from faultgauge.errors import InputError
 from faultgauge.export.compile import Step
 from faultgauge.plants.model import Model
+from faultgauge.plants.signals import Signals
 from faultgauge.simulation.free_run import simulate
 from faultgauge.telemetry import Run
 
@@ -68,7 +69,10 @@ def step_of(bank: FaultBank) -> Step:
 
     sample = OrderedDict((name, jnp.zeros(())) for name in ("t", *_read(bank)))
     codes = {"": STATUS, "reason": tuple(each.name for each in Reason)}
-    return Step(step, watch.init(), sample, _comments(bank), partial(_examples, bank), codes, TIMES)
+    return Step(
+        *(step, watch.init(), sample, _comments(bank), partial(_examples, bank), codes, TIMES),
+        _units(signals),
+    )
 
 
 def _taken_apart(reason: Int[Array, ""]) -> list[Int[Array, ""]]:
@@ -111,6 +115,14 @@ def _comments(bank: FaultBank) -> dict[str, str]:
     found["about"] = "whom the reason is about: its place among outputs, faults or networks"
     found["or_about"] = "or whom else (reason EITHER: 0 undeclared, 1 the first fault, ...)"
     return found
+
+
+def _units(signals: Signals) -> dict[str, str]:
+    found = {each.name: each.unit for each in (*signals.inputs, *signals.outputs)}
+    found |= {f"x_{each.name}": each.unit for each in signals.states}
+    for fault in signals.faults:
+        found |= dict.fromkeys((f"f_{fault.name}{end}" for end in ("", "_lo", "_hi")), fault.unit)
+    return {"t": "s", **found}
 
 
 def _examples(bank: FaultBank, count: int, rng: np.random.Generator) -> dict[str, np.ndarray]:

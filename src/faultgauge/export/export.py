@@ -43,6 +43,7 @@ def export(
     plant = model.plant.spec.name
     request = Request(
         step=step_of(bank),
+        period=bank.step,
         name=name or identifier(plant).lower(),
         title=plant,
         about=_about(bank.model.plant.signals.fault_names),
@@ -50,7 +51,7 @@ def export(
         single=precision == "single",
         fast_tanh=tanh == "fast",
     )
-    return TARGETS[to](request)
+    return TARGETS[to].files(request)
 
 
 def _about(faults: tuple[str, ...]) -> str:

@@ -1,11 +1,14 @@
 """A printed step, compiled with the system's C compiler and called from Python."""
 
 import ctypes
+import hashlib
 import os
 import shutil
 import subprocess
 import tempfile
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from functools import cache
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -15,10 +18,12 @@ import numpy as np
 from faultgauge.errors import InputError
 from faultgauge.export.compile import Member, Printed
 from faultgauge.export.sources import header, step_source, table_source
+from faultgauge.files import write_atomically
 
-__all__ = ["Native", "compiler"]
+__all__ = ["Native", "built", "compiler", "needed_compiler"]
 
 FLAGS = ("-std=c99", "-O2", "-fPIC", "-shared")
+FASTER = ("-O3",)  # and no other numbers: loops are unrolled, sums keep their order
 RUN = """
 #define _POSIX_C_SOURCE 199309L
 #include "{name}.h"
@@ -55,32 +60,86 @@ def compiler() -> str | None:
     return next((found for name in names if name and (found := shutil.which(name))), None)
 
 
+def needed_compiler() -> str:
+    """The same; raises `InputError` where there is none."""
+    found = compiler()
+    if found is None:
+        raise InputError(
+            "no C compiler was found, which this needs; install gcc or clang, or name one in "
+            "the environment variable CC."
+        )
+    return found
+
+
+def built(files: Mapping[str, str], flags: Sequence[str] = ()) -> bytes:
+    """The shared library of C `files` by name. Raises `InputError` where there is no C compiler, or
+    it refuses the code."""
+    cc = needed_compiler()
+    with tempfile.TemporaryDirectory(prefix="faultgauge-") as name:
+        folder = Path(name)
+        for each, text in files.items():
+            (folder / each).write_text(text)
+        sources = [each for each in files if each.endswith(".c")]
+        command = [cc, *FLAGS, *flags, *sources, "-o", "built.so", "-lm"]
+        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+        if done.returncode:
+            raise InputError(f"{cc} refused the exported code: {done.stderr.strip()[:500]}")
+        return (folder / "built.so").read_bytes()
+
+
+@cache
+def _own_flags() -> tuple[tuple[str, ...], str]:
+    """(flags for programs that run here alone, what the compiler says of itself and of the
+    processor with them)."""
+    for flags in ((*FASTER, "-march=native"), FASTER):
+        command = [needed_compiler(), *flags, "-dM", "-E", "-x", "c", os.devnull]
+        said = subprocess.run(command, capture_output=True, text=True, check=False)
+        if said.returncode == 0:
+            break
+    return flags, said.stdout
+
+
+def _kept(files: Mapping[str, str], flags: Sequence[str], folder: Path) -> Path:
+    """The library in `folder`, by the hash of all that it is made from; its last bytes are a hash
+    of the others, so that a damaged one is built anew."""
+    own, here = _own_flags()
+    flags = [*own, *flags]
+    made_from = repr((needed_compiler(), here, FLAGS, flags, sorted(files.items())))
+    path = folder / f"{hashlib.sha256(made_from.encode()).hexdigest()}.so"
+    size = hashlib.sha256().digest_size
+    data = path.read_bytes() if path.is_file() else b""
+    if hashlib.sha256(data[:-size]).digest() != data[-size:]:
+        data = built(files, flags)
+        folder.mkdir(parents=True, exist_ok=True)
+        write_atomically(path, data + hashlib.sha256(data).digest())
+    return path
+
+
 class Native:
     """A compiled step with its state; `run` takes many samples at once.
 
-    The library lives in a folder of its own until `close`, or the end of `with`. Raises
-    `InputError` where there is no C compiler, or it refuses the code.
+    The library lives in a folder of its own until `close`, or the end of `with`; in the folder
+    `kept` it stays, made for this processor, and is not compiled again. Raises `InputError` where
+    there is no C compiler, or it refuses the code.
     """
 
-    def __init__(self, printed: Printed, flags: Sequence[str] = ()) -> None:
-        cc = compiler()
-        if cc is None:
-            raise InputError(
-                "no C compiler was found, which this needs; install gcc or clang, or name one in "
-                "the environment variable CC."
-            )
-        self._folder = tempfile.TemporaryDirectory(prefix="faultgauge-")
-        folder, name = Path(self._folder.name), printed.name
-        (folder / f"{name}.h").write_text(header(printed, ""))
-        (folder / f"{name}.c").write_text(step_source(printed, ""))
-        (folder / f"{name}_tables.c").write_text(table_source(printed, ""))
-        (folder / "run.c").write_text(RUN.format(name=name))
-        library = folder / "step.so"
-        sources = [str(folder / each) for each in (f"{name}.c", f"{name}_tables.c", "run.c")]
-        command = [cc, *FLAGS, *flags, *sources, "-o", str(library), "-lm"]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-        if done.returncode:
-            raise InputError(f"{cc} refused the exported code: {done.stderr.strip()[:500]}")
+    def __init__(
+        self, printed: Printed, flags: Sequence[str] = (), kept: Path | None = None
+    ) -> None:
+        name = printed.name
+        files = {
+            f"{name}.h": header(printed, ""),
+            f"{name}.c": step_source(printed, ""),
+            f"{name}_tables.c": table_source(printed, ""),
+            "run.c": RUN.format(name=name),
+        }
+        self._open = ExitStack()
+        if kept is None:
+            folder = self._open.enter_context(tempfile.TemporaryDirectory(prefix="faultgauge-"))
+            library = Path(folder) / "step.so"
+            library.write_bytes(built(files, flags))
+        else:
+            library = _kept(files, flags, kept)
         self._library = ctypes.CDLL(str(library))
         self.input, self.output = (
             _record(each, printed.single) for each in (printed.inputs, printed.outputs)
@@ -103,7 +162,7 @@ class Native:
         self.close()
 
     def close(self) -> None:
-        self._folder.cleanup()
+        self._open.close()
 
     def begin(self) -> None:
         """`NAME_init`."""
@@ -130,8 +189,9 @@ class Native:
     def _called(self, function: str, samples: Mapping[str, Any]) -> np.ndarray:
         count = len(next(iter(samples.values())))
         given = np.zeros(count, self.input)
-        for name, values in samples.items():
-            given[name] = np.asarray(values).reshape(given[name].shape)
+        for name in given.dtype.names or ():
+            if name in samples:
+                given[name] = np.asarray(samples[name]).reshape(given[name].shape)
         said = np.zeros(count, self.output if function == "fg_run" else [("s", "f8")])
         pointers = (each.ctypes.data_as(ctypes.c_void_p) for each in (given, said, self._state))
         getattr(self._library, function)(ctypes.c_int64(count), *pointers)

@@ -9,10 +9,12 @@ __all__ = ["Request"]
 
 @dataclass(frozen=True)
 class Request:
-    """One export: the `step`, the `name` of its files and functions, in which numbers; `title` and
-    `about` say what it is, `digest` is the SHA-256 of the model file."""
+    """One export: the `step`, which takes a sample every `period` [s], the `name` of its files and
+    functions, in which numbers; `title` and `about` say what it is, `digest` is the SHA-256 of the
+    model file."""
 
     step: Step
+    period: float
     name: str
     title: str
     about: str

@@ -6,9 +6,12 @@ from fractions import Fraction
 from typing import NamedTuple
 
 __all__ = [
+    "BASE",
+    "CELSIUS",
     "DIMENSIONLESS",
     "Dimension",
     "Unit",
+    "ZERO_CELSIUS",
     "conversion",
     "describe",
     "parse_unit",

@@ -7,7 +7,7 @@ from typing import Any
 
 from faultgauge.detection import answer, decisions, drift, estimation, misfit, retrospective
 from faultgauge.detection.bank import FaultBank
-from faultgauge.detection.decisions import Decision
+from faultgauge.detection.decisions import Decision, Walk
 from faultgauge.detection.drift import Drift
 from faultgauge.detection.estimation import Estimated
 from faultgauge.detection.events import UNKNOWN, BankEvent
@@ -18,6 +18,7 @@ from faultgauge.detection.residual import Reference
 from faultgauge.detection.retrospective import Retrospect
 from faultgauge.detection.shares import shares_of
 from faultgauge.detection.uncalibrated import unjudged_sentence
+from faultgauge.detection.watch import Watch
 from faultgauge.errors import InputError
 from faultgauge.plants.model import Model
 from faultgauge.verbs.plants import model_of
@@ -221,6 +222,7 @@ def estimate(
     observer: str = "bank",
     reference: Reference = "free",
     smooth: bool = False,
+    walk: Walk = Watch.along,
     time: str | None = None,
     map: Maps = None,
     where: str | None = None,
@@ -237,6 +239,7 @@ def estimate(
     - `observer`: `"bank"` decides; the name of an observer, `"eso"`, gives its estimates alone.
     - `reference`: the healthy reference of the residuals: `"free"`, `"measured"`, `"observer"`.
     - `smooth`: say also what the whole log tells, with hindsight.
+    - `walk`: who runs the step along a log: `faultgauge.export.engine.Engine(folder)` runs it as C.
 
     Returns an `Answer`: `print` it, and see its `events`, `rows`, `hindsight()`, `evidence(event)`,
     `plot()`, `report(path)`; with another observer `Estimates`. Raises `InputError` for logs that
@@ -252,7 +255,7 @@ def estimate(
         )
         said = [*warnings, *observers.refused.values()]
         return Estimates(known, estimated, observers, reference, warnings, said)
-    decided, bank = decisions.decide_runs(known, runs, reference)
+    decided, bank = decisions.decide_runs(known, runs, reference, walk)
     warnings += misfit.alarmed_throughout({each.run.name: each.status for each in decided})
     drifting = [] if bank is None else drift.drifts(bank, decided)
     found = Answer(known, decided, bank, drifting, warnings, smooth)
