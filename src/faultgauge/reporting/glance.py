@@ -62,6 +62,7 @@ def overview(
         clock: what the log's clock showed at 0 s, where it has one.
         note: a sentence behind the caption.
     """
+    gone = []
     hidden = np.zeros(t.shape, dtype=bool) if not_judged is None else not_judged
     with style.drawing():
         canvas, rows = style.panels((1.8,) * (len(outputs) + len(told)), share_time=True)
@@ -79,6 +80,8 @@ def overview(
             # A healthy model that diverges must not make a line of what was measured.
             near = np.clip(each.healthy, low - 1.5 * far, high + 1.5 * far)
             marks.look_at(axes, seen, near)
+            if np.nanmax(np.abs(each.healthy - near), initial=0.0) > 0.0:
+                gone.append(style.short(each.name))
             marks.show_at_least(axes, low, high)
             axes.set_ylabel(style.upright_label(each.name, each.unit, 17))
             if axes is rows[0]:
@@ -98,6 +101,8 @@ def overview(
             axes.set_ylabel(style.upright_label(each.name, each.unit, 17))
             if each is told[0]:
                 style.legend(axes)
+        if gone:
+            note = f"The healthy model leaves the picture of {', '.join(gone)}. {note}"
         marks.time_below(rows[-1], t, clock)
         return figure(canvas, f"Run {style.short(run)} at a glance", _caption(told, spans, note))
 
