@@ -24,9 +24,10 @@ def detectability(
     """What could be seen of each fault in logs like these, told apart, and by what test input?"""
     from faultgauge.foresight import detectability as foresee
     from faultgauge.plants.model import load_model
+    from faultgauge.verbs.reading import How
 
     fitted = load_model(model)
-    runs, warned = options.read_logs_for(fitted, logs, time, map, where, resample)
+    runs, warned = options.read_logs_for(fitted, logs, How(time, map, where, resample))
     with options.narrate("foreseeing") as progress:
         sheet = foresee(fitted, runs, progress=progress)
     if report is not None:
