@@ -21,12 +21,12 @@ from faultgauge.telemetry.runs import cut
 CLOSE = 1e-9  # of a column's largest value, as of the C itself (test_watch)
 # of a fault whose onset is compared: of one that is excluded it is a mean over weights of 1e-300
 THERE = 1e-9
-COUNT = 1200
+COUNT = 2000
 
 
 def flight(model, count=COUNT):
     """A run with a fault from its middle on, missing samples and a gap."""
-    columns = dict(log_of(model, count, missing=0.05))
+    columns = dict(log_of(model, count, missing=0.02))
     return Run("flight", "flight.csv", columns.pop("t"), columns)
 
 
@@ -57,7 +57,8 @@ def compared(model, engine):
     assert len(found.events) == len(wanted.events)
     for one, other in zip(found.events, wanted.events, strict=True):
         assert (one.fault, one.start, one.end) == (other.fault, other.start, other.end)
-        assert one.size == pytest.approx(other.size, rel=CLOSE)
+        assert (one.size is None) == (other.size is None)
+        assert one.size is None or one.size == pytest.approx(other.size, rel=CLOSE)
         assert one.onset == pytest.approx(other.onset, rel=CLOSE)
     return found
 
@@ -82,7 +83,7 @@ def engine(folder):
 
 def test_rows_and_events_are_python_s(tank, engine):
     decision = compared(tank, engine)
-    assert decision.events
+    assert [each.fault for each in decision.events] == ["leak"]
 
 
 @pytest.mark.study
