@@ -18,6 +18,8 @@ from faultgauge.plants.model import save_model
 from faultgauge.telemetry import Run
 from faultgauge.telemetry.runs import cut
 
+pytestmark = pytest.mark.study
+
 CLOSE = 1e-9  # of a column's largest value, as of the C itself (test_watch)
 # of a fault whose onset is compared: of one that is excluded it is a mean over weights of 1e-300
 THERE = 1e-9
@@ -86,7 +88,6 @@ def test_rows_and_events_are_python_s(tank, engine):
     assert [each.fault for each in decision.events] == ["leak"]
 
 
-@pytest.mark.study
 @pytest.mark.parametrize("source", ["reaction_wheel_network", "positioning_drive", "hr12"])
 def test_rows_of_other_plants_are_python_s(cc, source, tmp_path):
     compared(calibrated(source), Engine(tmp_path))

@@ -16,6 +16,8 @@ from faultgauge.export import fmu
 from faultgauge.export.entry import bank_of, step_of
 from faultgauge.plants.model import save_model
 
+pytestmark = pytest.mark.study
+
 CLOSE = 1e-9  # of a signal's largest value, as of the C itself (test_watch)
 COUNT = 260
 STEP = 0.1
@@ -374,7 +376,6 @@ def test_an_fmu_of_another_model_is_not_taken(host):
     assert "that of another FMU" in host.said[-1]
 
 
-@pytest.mark.study
 @pytest.mark.parametrize("version", [2, 3])
 def test_fmpy_finds_nothing_wrong_and_says_the_same(shop, version, flight):
     """Where it is installed."""

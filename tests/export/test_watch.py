@@ -108,6 +108,7 @@ def test_the_same_step_gives_the_same_bytes(wheel, printed):
 # -- single precision, and tanh
 
 
+@pytest.mark.study
 def test_single_precision_says_the_same_once_the_evidence_is_clear(cc, wheel):
     """Settled answers are good to 1e-6 and better. While evidence comes in, differences over small
     steps in 24 bits make a nat of it more or less: 0.25 where a probability is 0.5."""
@@ -123,6 +124,7 @@ def test_single_precision_says_the_same_once_the_evidence_is_clear(cc, wheel):
     assert np.mean(found["status"] != wanted["status"]) < 0.02
 
 
+@pytest.mark.study
 def test_a_clock_that_has_run_for_years_still_tells_milliseconds(cc, wheel):
     """float32 would count steps of 0.1 s as 0 from a month on."""
     samples = wheel[1].examples(300, np.random.default_rng(4))
@@ -236,6 +238,7 @@ def test_nothing_is_called_but_mathematics(cc, folder):
         assert changing == []
 
 
+@pytest.mark.study
 def test_no_sample_whatever_makes_the_step_leave_its_memory(cc, folder):
     """Address and undefined-behaviour sanitizers over fuzzed samples: what is no number, infinite,
     subnormal, huge, and time that goes back."""

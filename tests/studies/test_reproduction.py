@@ -10,6 +10,8 @@ from faultgauge.cli.app import run
 from faultgauge.studies.paper.goals import GOALS, Goal, found, met
 from faultgauge.studies.paper.reproduce import as_json, over_seeds, reproduce
 
+pytestmark = pytest.mark.study
+
 SCENARIOS = ("mode1_sustained", "mode1_intermittent", "mode2_sustained", "mode2_intermittent")
 
 
@@ -72,7 +74,6 @@ def test_the_floor_is_the_disturbance_that_was_put_in(results):
     assert results["floor"]["rms_f"]["median"] == pytest.approx(by_hand, rel=0.005)
 
 
-@pytest.mark.study
 def test_a_second_run_finds_the_same_bytes(environment, folder):
     again = as_json(reproduce([0], quick=True).results)
     assert again.encode() == (folder / "results.json").read_bytes()
