@@ -90,7 +90,7 @@ def test_equal_losses_have_no_rank_correlation():
 def test_an_answer_is_the_surest_event_of_a_motor_and_the_end_of_the_flight():
     def event(fault, p, size):
         lo, hi = (None, None) if size is None else (size - 0.1, size + 0.1)
-        return BankEvent("", fault, 0.0, 1.0, size, lo, hi, p, 0.0, 0.0, 0.0, (), False)
+        return BankEvent("", fault, 0.0, 1.0, size, lo, hi, p, 0.0, 0.0, 0.0, ())
 
     events = [event("loss_m3", 0.7, 0.2), event("loss_m3", 0.9, 0.5), event("unknown", 1.0, None)]
     status = ["NOT_JUDGED", "FAULT", "FAULT", "FAULT"]
