@@ -267,13 +267,23 @@ def test_the_pair_end_to_end(scenario, tmp_path):
     assert event["size"] == pytest.approx(0.5, rel=0.05)
 
 
+# signals as a program has them there: `nohup` and a shell's `&` have some ignored
+IN_THE_FOREGROUND = [
+    sys.executable,
+    "-c",
+    "import signal as s; s.signal(s.SIGINT, s.default_int_handler); "
+    "s.signal(s.SIGTERM, s.SIG_DFL); s.signal(s.SIGHUP, s.SIG_DFL); "
+    "from faultgauge.cli import main; main()",
+]
+
+
 @pytest.mark.parametrize("sent", ["SIGINT", "SIGTERM", "SIGHUP"])
 def test_an_interrupt_leaves_a_whole_log(scenario, tmp_path, sent):
     """By Ctrl-C, by `kill`, and by a terminal that closes, which tells so twice."""
     log = tmp_path / "log.csv"
     # long enough for a busy machine, which may take its time to the first rows and then hurry
     scenario.write_text(SCENARIO.replace("seconds = 40", "seconds = 4000"))
-    command = [*FAULTGAUGE, "simulate", str(scenario), "--realtime", "--stream", "csv"]
+    command = [*IN_THE_FOREGROUND, "simulate", str(scenario), "--realtime", "--stream", "csv"]
     with subprocess.Popen(
         [*command, "--out", str(log)], stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
         stderr=subprocess.PIPE, text=True,
@@ -295,7 +305,7 @@ def test_an_interrupt_leaves_a_whole_log(scenario, tmp_path, sent):
 def test_a_stream_that_is_ended_keeps_its_rows(workshop, tmp_path, sent):
     # the first 20 rows wait for each other
     lines = workshop.suspect.read_text().splitlines(keepends=True)[:31]
-    command = [*FAULTGAUGE, "estimate", str(workshop.limited), "-", "--observer", "eso"]
+    command = [*IN_THE_FOREGROUND, "estimate", str(workshop.limited), "-", "--observer", "eso"]
     with subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as running:
