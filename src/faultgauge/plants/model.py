@@ -137,7 +137,9 @@ def load_model(path: str | Path) -> Model:
         size = int.from_bytes(data[:8], "little")
         header = json.loads(data[8 : 8 + size]).get("__metadata__", {})
     except (safetensors.SafetensorError, ValueError, KeyError, RecursionError):
-        raise InputError(f"{path}: not a model file, or cut short{advice}.") from None
+        raise InputError(
+            f"{path}: not a model file, or cut short; give one made by `faultgauge fit`."
+        ) from None
     if KEY not in header:
         raise InputError(f"{path}: a safetensors file, but not one of faultgauge's{advice}.")
     try:
