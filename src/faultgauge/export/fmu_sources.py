@@ -204,6 +204,94 @@ enum { MADE = 1, BEGINNING = 2, STEPPING = 4, ENDED = 8, ANY = 15 };
 
 """
 
+KEPT = """EXPORT @fmiStatus @fmiGet@State(@handle, @fmi@State *kept)
+{
+    ENTER(ANY)
+    if (!*kept && !(*kept = malloc(sizeof(Instance)))) {
+        return fails(it, "there is no memory for a state");
+    }
+    memcpy(*kept, it, sizeof *it);
+    return @fmiOK;
+}
+
+EXPORT @fmiStatus @fmiSet@State(@handle, @fmi@State kept)
+{
+    ENTER(ANY)
+    if (!kept) {
+        return fails(it, "@fmiSet@State: there is no state");
+    }
+    it->block = ((const Instance *)kept)->block;
+    it->phase = ((const Instance *)kept)->phase;
+    return @fmiOK;
+}
+
+EXPORT @fmiStatus @fmiFree@State(@handle, @fmi@State *kept)
+{
+    (void)@one;
+    if (kept) {
+        free(*kept);
+        *kept = NULL;
+    }
+    return @fmiOK;
+}
+
+EXPORT @fmiStatus @fmiSerialized@StateSize(
+    @handle, @fmi@State kept, size_t *size)
+{
+    ENTER(ANY)
+    (void)kept;
+    *size = ${name}_block_size() + sizeof it->phase;
+    return @fmiOK;
+}
+
+EXPORT @fmiStatus @fmiSerialize@State(
+    @handle, @fmi@State kept, @fmiByte bytes[], size_t size)
+{
+    ENTER(ANY)
+    if (!kept || size < ${name}_block_size() + sizeof it->phase) {
+        return fails(it, "@fmiSerialize@State: there is no state, or no room for it");
+    }
+    ${name}_block_save(&((const Instance *)kept)->block, (unsigned char *)bytes);
+    memcpy(bytes + ${name}_block_size(), &((const Instance *)kept)->phase, sizeof it->phase);
+    return @fmiOK;
+}
+
+EXPORT @fmiStatus @fmi@back@State(
+    @handle, const @fmiByte bytes[], size_t size, @fmi@State *kept)
+{
+    Instance *made;
+    ENTER(ANY)
+    made = *kept ? *kept : malloc(sizeof *made);
+    if (!made) {
+        return fails(it, "there is no memory for a state");
+    }
+    memcpy(made, it, sizeof *made);
+    if (size < sizeof it->phase
+        || !${name}_block_load(
+            &made->block, (const unsigned char *)bytes, size - sizeof it->phase)) {
+        if (!*kept) {
+            free(made);
+        }
+        return fails(it, "@fmi@back@State: the bytes are those of another FMU");
+    }
+    memcpy(&made->phase, bytes + ${name}_block_size(), sizeof made->phase);
+    *kept = made;
+    return @fmiOK;
+}
+
+"""
+
+
+def _kept(handle: str, back: str, state: str) -> str:
+    """Getting, setting and keeping as bytes of an FMU's state, with the names that a version of
+    FMI has for the instance's argument, for "deserialize" and for the state."""
+    names = {"handle": handle, "one": handle.split()[1], "back": back, "State": state}
+    text = KEPT
+    for name, given in {**names, "fmi": handle[:4]}.items():
+        text = text.replace(f"@{name}", given)
+    return text
+
+
 FMI2 = (
     COMMON
     + """typedef void *fmi2Component;
@@ -414,82 +502,9 @@ EXPORT fmi2Status fmi2DoStep(
     return fmi2OK;
 }
 
-EXPORT fmi2Status fmi2GetFMUstate(fmi2Component component, fmi2FMUstate *kept)
-{
-    ENTER(ANY)
-    if (!*kept && !(*kept = malloc(sizeof(Instance)))) {
-        return fails(it, "there is no memory for a state");
-    }
-    memcpy(*kept, it, sizeof *it);
-    return fmi2OK;
-}
-
-EXPORT fmi2Status fmi2SetFMUstate(fmi2Component component, fmi2FMUstate kept)
-{
-    ENTER(ANY)
-    if (!kept) {
-        return fails(it, "fmi2SetFMUstate: there is no state");
-    }
-    it->block = ((const Instance *)kept)->block;
-    it->phase = ((const Instance *)kept)->phase;
-    return fmi2OK;
-}
-
-EXPORT fmi2Status fmi2FreeFMUstate(fmi2Component component, fmi2FMUstate *kept)
-{
-    (void)component;
-    if (kept) {
-        free(*kept);
-        *kept = NULL;
-    }
-    return fmi2OK;
-}
-
-EXPORT fmi2Status fmi2SerializedFMUstateSize(
-    fmi2Component component, fmi2FMUstate kept, size_t *size)
-{
-    ENTER(ANY)
-    (void)kept;
-    *size = ${name}_block_size() + sizeof it->phase;
-    return fmi2OK;
-}
-
-EXPORT fmi2Status fmi2SerializeFMUstate(
-    fmi2Component component, fmi2FMUstate kept, fmi2Byte bytes[], size_t size)
-{
-    ENTER(ANY)
-    if (!kept || size < ${name}_block_size() + sizeof it->phase) {
-        return fails(it, "fmi2SerializeFMUstate: there is no state, or no room for it");
-    }
-    ${name}_block_save(&((const Instance *)kept)->block, (unsigned char *)bytes);
-    memcpy(bytes + ${name}_block_size(), &((const Instance *)kept)->phase, sizeof it->phase);
-    return fmi2OK;
-}
-
-EXPORT fmi2Status fmi2DeSerializeFMUstate(
-    fmi2Component component, const fmi2Byte bytes[], size_t size, fmi2FMUstate *kept)
-{
-    Instance *made;
-    ENTER(ANY)
-    made = *kept ? *kept : malloc(sizeof *made);
-    if (!made) {
-        return fails(it, "there is no memory for a state");
-    }
-    memcpy(made, it, sizeof *made);
-    if (size < sizeof it->phase
-        || !${name}_block_load(
-            &made->block, (const unsigned char *)bytes, size - sizeof it->phase)) {
-        if (!*kept) {
-            free(made);
-        }
-        return fails(it, "fmi2DeSerializeFMUstate: the bytes are those of another FMU");
-    }
-    memcpy(&made->phase, bytes + ${name}_block_size(), sizeof made->phase);
-    *kept = made;
-    return fmi2OK;
-}
-
-/* What this FMU says it does not have. */
+"""
+    + _kept("fmi2Component component", "DeSerialize", "FMUstate")
+    + """/* What this FMU says it does not have. */
 #define NONE(name, arguments) \\
     EXPORT fmi2Status name arguments \\
     { \\
@@ -721,81 +736,9 @@ EXPORT fmi3Status fmi3DoStep(
     return fmi3OK;
 }
 
-EXPORT fmi3Status fmi3GetFMUState(fmi3Instance instance, fmi3FMUState *kept)
-{
-    ENTER(ANY)
-    if (!*kept && !(*kept = malloc(sizeof(Instance)))) {
-        return fails(it, "there is no memory for a state");
-    }
-    memcpy(*kept, it, sizeof *it);
-    return fmi3OK;
-}
-
-EXPORT fmi3Status fmi3SetFMUState(fmi3Instance instance, fmi3FMUState kept)
-{
-    ENTER(ANY)
-    if (!kept) {
-        return fails(it, "fmi3SetFMUState: there is no state");
-    }
-    it->block = ((const Instance *)kept)->block;
-    it->phase = ((const Instance *)kept)->phase;
-    return fmi3OK;
-}
-
-EXPORT fmi3Status fmi3FreeFMUState(fmi3Instance instance, fmi3FMUState *kept)
-{
-    (void)instance;
-    if (kept) {
-        free(*kept);
-        *kept = NULL;
-    }
-    return fmi3OK;
-}
-
-EXPORT fmi3Status fmi3SerializedFMUStateSize(
-    fmi3Instance instance, fmi3FMUState kept, size_t *size)
-{
-    ENTER(ANY)
-    (void)kept;
-    *size = ${name}_block_size() + sizeof it->phase;
-    return fmi3OK;
-}
-
-EXPORT fmi3Status fmi3SerializeFMUState(
-    fmi3Instance instance, fmi3FMUState kept, fmi3Byte bytes[], size_t size)
-{
-    ENTER(ANY)
-    if (!kept || size < ${name}_block_size() + sizeof it->phase) {
-        return fails(it, "fmi3SerializeFMUState: there is no state, or no room for it");
-    }
-    ${name}_block_save(&((const Instance *)kept)->block, bytes);
-    memcpy(bytes + ${name}_block_size(), &((const Instance *)kept)->phase, sizeof it->phase);
-    return fmi3OK;
-}
-
-EXPORT fmi3Status fmi3DeserializeFMUState(
-    fmi3Instance instance, const fmi3Byte bytes[], size_t size, fmi3FMUState *kept)
-{
-    Instance *made;
-    ENTER(ANY)
-    made = *kept ? *kept : malloc(sizeof *made);
-    if (!made) {
-        return fails(it, "there is no memory for a state");
-    }
-    memcpy(made, it, sizeof *made);
-    if (size < sizeof it->phase
-        || !${name}_block_load(&made->block, bytes, size - sizeof it->phase)) {
-        if (!*kept) {
-            free(made);
-        }
-        return fails(it, "fmi3DeserializeFMUState: the bytes are those of another FMU");
-    }
-    memcpy(&made->phase, bytes + ${name}_block_size(), sizeof made->phase);
-    *kept = made;
-    return fmi3OK;
-}
-
-EXPORT fmi3Status fmi3EnterConfigurationMode(fmi3Instance instance)
+"""
+    + _kept("fmi3Instance instance", "Deserialize", "FMUState")
+    + """EXPORT fmi3Status fmi3EnterConfigurationMode(fmi3Instance instance)
 {
     ENTER(MADE | STEPPING)
     return fmi3OK;
