@@ -42,11 +42,15 @@ def rows(drives: Mapping[str, Drive]) -> tuple[tuple[str, ...], tuple[tuple[str,
     body = tuple(
         (
             label,
-            *(f"{drive.figures[key]:{form}} {unit}".rstrip() for drive in drives.values()),
+            *(_shown(drive.figures[key], unit, form) for drive in drives.values()),
         )
         for key, (label, unit, form) in labels.items()
     )
     return ("", *(f"friction by {name}" for name in drives)), body
+
+
+def _shown(value: float, unit: str, form: str) -> str:
+    return f"{value:{form}} {unit}".rstrip() if np.isfinite(value) else "not at every edge"
 
 
 def told(drive: Drive) -> str:
