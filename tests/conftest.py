@@ -13,12 +13,15 @@ import pytest
 QUICK = "--xla_cpu_multi_thread_eigen=false --xla_cpu_use_fusion_emitters=false"
 # By the time that they take: were one of these among the last, it would run on one core alone.
 LONGEST = (
-    "studies/test_reproduction.py",
     "test_docs.py",
     "identification/test_sizes.py",
     "cli/test_commands.py",
-    "test_accommodation_page.py",
-    "identification/refinement/test_together.py",
+    "cli/test_realtime.py",
+    "export/test_watch.py",
+    "test_examples.py",
+    "detection/test_start.py",
+    "detection/test_drift.py",
+    "verbs/test_results.py",
     "identification/test_crowds.py",
     "cli/test_resample.py",
     "identification/test_unseen.py",
@@ -27,7 +30,6 @@ LONGEST = (
     "rehearsal/test_rehearse.py",
     "cli/test_settings.py",
     "cli/test_suspect_data.py",
-    "studies/test_published_tanks.py",
     "detection/test_bank_calibration.py",
     "cli/test_bad_input.py",
     "studies/test_accommodating.py",

@@ -49,6 +49,7 @@ def test_the_same_model_gives_the_same_code(shop, tmp_path, capsys):
         assert (tmp_path / "again" / name).read_bytes() == (shop / "c" / name).read_bytes()
 
 
+@pytest.mark.study
 def test_its_own_test_builds_runs_and_notices_a_changed_number(cc, shop, tmp_path):
     if shutil.which("make") is None:
         pytest.skip("make is not installed")

@@ -20,6 +20,8 @@ from faultgauge.telemetry import Run
 
 from .conftest import over_stairs
 
+pytestmark = pytest.mark.study
+
 CART = """
 name = "cart"
 [states.v]

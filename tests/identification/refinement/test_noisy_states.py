@@ -10,6 +10,8 @@ from faultgauge.telemetry import Run
 
 from .conftest import over_stairs
 
+pytestmark = pytest.mark.study
+
 WHEEL = """
 name = "wheel with drag"
 [states.h]

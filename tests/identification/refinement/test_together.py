@@ -15,6 +15,8 @@ from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant_file import parse_plant
 from faultgauge.telemetry import Run
 
+pytestmark = pytest.mark.study
+
 TANKS = """
 name = "two tanks"
 [states.upper]
@@ -50,7 +52,6 @@ def run(seed):
     return Run(f"tanks{seed}", "tanks.csv", STEP * np.arange(COUNT), {"u": u, "lower": noisy})
 
 
-@pytest.mark.study
 def test_a_network_that_the_physics_cannot_do_without():
     """With a silent network the lower tank only ever fills, and the best physics is that nothing
     flows at all: no start for anything."""
