@@ -89,7 +89,7 @@ def samples():
 @pytest.fixture(scope="module")
 def both(samples):
     """(what C says, what JAX says), by operation."""
-    printed = print_step(Step(step, (), three(), {}, dict), "all")
+    printed = print_step(Step(step, (), three(), {}), "all")
     given = OrderedDict((k, jnp.asarray(v)) for k, v in samples.items())
     said = jax.jit(lambda: lax.scan(step, (), given)[1])()
     with Native(printed) as native:
@@ -125,7 +125,7 @@ def test_what_is_no_number_goes_where_jax_has_it_go(cc):
     example = OrderedDict(a=jnp.zeros(8), b=jnp.zeros(8))
     given = OrderedDict(a=jnp.asarray(a), b=jnp.asarray(b))
     said = lax.scan(odd, (), given)[1]
-    with Native(print_step(Step(odd, (), example, {}, dict), "odd")) as native:
+    with Native(print_step(Step(odd, (), example, {}), "odd")) as native:
         found = native.run({"a": a, "b": b})
     for name, wanted in said.items():
         got = found[name].reshape(wanted.shape)
@@ -142,7 +142,7 @@ def test_what_is_no_number_goes_where_jax_has_it_go(cc):
     ],
 )
 def test_what_c_cannot_carry_is_refused_with_the_reason(function, said):
-    given = Step(lambda s, g: (s, {"x": function(g["a"])}), (), {"a": jnp.ones((2, 2))}, {}, dict)
+    given = Step(lambda s, g: (s, {"x": function(g["a"])}), (), {"a": jnp.ones((2, 2))}, {})
     with pytest.raises(InputError, match=said):
         print_step(given, "none")
 
@@ -156,7 +156,7 @@ def test_only_one_side_of_a_condition_is_computed_and_constants_are_not():
         said = lax.cond(x > 0, lambda x: jnp.exp(jnp.sin(x)), lambda x: jnp.exp(x), x)
         return state, {"y": said + table[2]}
 
-    printed = print_step(Step(one, (), {"x": jnp.zeros(())}, {}, dict), "one")
+    printed = print_step(Step(one, (), {"x": jnp.zeros(())}, {}), "one")
     assert printed.operations["functions"] == 2
     assert printed.step.count("exp(") == 2
     assert not printed.tables.strip()

@@ -56,6 +56,7 @@ def plain(text: str) -> str:
 
 def vectors(step: Step, count: int = SAMPLES) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     """(samples by name, what Python says of them)."""
+    assert step.examples is not None
     samples = step.examples(count, np.random.default_rng(SEED))
 
     @jax.jit
@@ -284,6 +285,7 @@ def _members(members: Sequence[Member]) -> str:
 def _measured(printed: Printed, step: Step) -> str:
     if compiler() is None:
         return "not measured: no C compiler was there"
+    assert step.examples is not None
     samples = step.examples(TIMED, np.random.default_rng(SEED))
     with Native(printed) as native:
         longest = native.longest(samples)

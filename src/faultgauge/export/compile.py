@@ -33,15 +33,15 @@ class Step:
     """What is exported: a pure `step(state, sample) -> (state, info)` of pytrees of arrays, all of
     fixed shapes, the `state` that it begins with, and the form of a `sample`, by name. `comments`
     say by name what a member of sample or info is, and in which unit; `examples` makes as many
-    samples as one wants, on which a test can run; `codes` are names of numbers, by what they begin
-    with; `times` are the names of inputs and members of the state that count seconds from the
-    beginning; `units` are by name again."""
+    samples as one wants, on which a test can run, where there is to be one; `codes` are names of
+    numbers, by what they begin with; `times` are the names of inputs and members of the state that
+    count seconds from the beginning; `units` are by name again."""
 
     step: Callable[[Any, Any], tuple[Any, Any]]
     state: Any
     sample: Any
     comments: dict[str, str]
-    examples: Callable[[int, np.random.Generator], dict[str, np.ndarray]]
+    examples: Callable[[int, np.random.Generator], dict[str, np.ndarray]] | None = None
     codes: dict[str, tuple[str, ...]] = field(default_factory=dict)
     times: tuple[str, ...] = ()
     units: dict[str, str] = field(default_factory=dict)

@@ -79,7 +79,7 @@ class _Compiled:
         # all that is printed of it is its shape: `run` fills it
         start = jax.tree.map(jnp.zeros_like, (numbers, watch.init()))
         leaves, self.form = jax.tree.flatten(jax.eval_shape(step, start, sample)[1])
-        self.printed = print_step(Step(step, start, sample, {}, _no_examples), "watch")
+        self.printed = print_step(Step(step, start, sample, {}), "watch")
         self.dtypes = [each.dtype for each in leaves]
         self.native = Native(self.printed, kept=cache)
 
@@ -107,7 +107,3 @@ class _Compiled:
             for each, leaf in zip(members, leaves, strict=True)
         ]
         return jax.tree.unflatten(form, after)[1], jax.tree.unflatten(self.form, rows)
-
-
-def _no_examples(count: int, rng: np.random.Generator) -> dict[str, np.ndarray]:
-    raise NotImplementedError
