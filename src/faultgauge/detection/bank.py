@@ -13,7 +13,6 @@ from faultgauge.detection.knowledge import Knowledge, knowledge_of
 from faultgauge.detection.noise import (
     Noise,
     disturbed,
-    drifting_of,
     process_of,
     rates_of,
     scale_of,
@@ -206,7 +205,7 @@ def _far(model: Model, noise: Noise) -> Float[np.ndarray, "driven"]:
 def _parts(model: Model, noise: Noise) -> tuple[int, int, int]:
     """How many states, driven ones and, behind their discrepancies, other ones there are."""
     states, driven = len(model.plant.signals.states), len(noise.size)
-    return states, driven, len(noise.share) + len(drifting_of(model)) + len(noise.spread)
+    return states, driven, len(scale_of(model, noise)) - states - driven
 
 
 def unknown_shock(bank: FaultBank) -> Float[np.ndarray, "extended"]:

@@ -38,6 +38,13 @@ def errors(model: Model) -> list[str]:
             f"the model's own error in d({each.name}): {noise.size[k]:.2g}{unit}, lasting about "
             f"{lasting:.2g} s"
         )
+    for j in noise.wanders:
+        each = signals.outputs[j]
+        size = f"{noise.wander[j]:.2g} {each.unit}".rstrip()
+        lines.append(
+            f"{each.name} wanders by {size} beside what the model says, for about "
+            f"{noise.wandering[j]:.2g} s at a time"
+        )
     known = (model.calibration or {})["noise"]["spread"]
     values = model.plant.parameters
     spread = [

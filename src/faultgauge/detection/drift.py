@@ -180,7 +180,7 @@ def _parameters(
     bank: FaultBank, decision: Decision, healthy: Bool[np.ndarray, "samples"]
 ) -> list[Drift]:
     """Drifting parameters that moved by more than their prior spread."""
-    first = len(bank.model.plant.signals.states) + len(bank.noise.size) + len(bank.noise.share)
+    first = bank.plant.parts[-1].start
     units = {p.name: p.unit for p in bank.model.plant.spec.parameters}
     found = []
     for k, name in enumerate(drifting_of(bank.model)):

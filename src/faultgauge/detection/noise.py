@@ -35,6 +35,7 @@ __all__ = [
     "width_of",
 ]
 
+WANDER = ("wander", "wandering")  # absent where no output does
 MOST_CONSTANTS = 6  # that are tracked: those that matter most
 USUAL_SPREAD = 0.01  # of a constant, from run to run
 
@@ -45,7 +46,8 @@ class Noise(NamedTuple):
     what an input's change does is off by a random `share` of it, and settles in `settling` [s];
     `spread` of the constants between runs, by how much `shift` their mean is off the fitted
     value, which an error of the model may have biased, and what share of their variance a gap
-    within a run makes anew (`renewed`)."""
+    within a run makes anew (`renewed`); `wander` of an output, which lasts for `wandering` [s]; 0,
+    or nothing at all, where its equation lacks nothing."""
 
     sigma: Float[np.ndarray, "outputs"]
     process: Float[np.ndarray, "states"]
@@ -57,18 +59,29 @@ class Noise(NamedTuple):
     spread: Float[np.ndarray, "constants"]
     shift: Float[np.ndarray, "constants"]
     renewed: Float[np.ndarray, "constants"] = np.zeros(0)
+    wander: Float[np.ndarray, "outputs"] = np.zeros(0)
+    wandering: Float[np.ndarray, "outputs"] = np.zeros(0)
+
+    @property
+    def wanders(self) -> tuple[int, ...]:
+        """The outputs that wander."""
+        return tuple(np.flatnonzero(self.wander).tolist())
 
     def widened(self, factor: float) -> "Noise":
         """What acts within a run `factor` times as large, which changes no gain of a filter; how
         constants differ between runs is no error of it."""
-        own = ("sigma", "process", "drift", "size", "share")
+        own = ("sigma", "process", "drift", "size", "share", "wander")
         return self._replace(**{name: factor * getattr(self, name) for name in own})
 
     def as_dict(self, model: Model) -> dict[str, dict[str, float]]:
         """For the calibration block of a model file."""
-        return {
+        block = {
             key: dict(zip(each, values.tolist(), strict=True))
-            for key, each, values in zip(self._fields, _names(model), self, strict=True)
+            for key, each, values in zip(self._fields, _names(model), self, strict=False)
+        }
+        outputs = model.plant.signals.output_names
+        return block | {
+            key: {outputs[j]: float(getattr(self, key)[j]) for j in self.wanders} for key in WANDER
         }
 
 
@@ -89,7 +102,7 @@ def drifting_of(model: Model) -> tuple[str, ...]:
 def noise_of(model: Model) -> Noise:
     """What `calibrate` found. Raises `InputError` for a model without it."""
     block = (model.calibration or {}).get("noise")
-    if block is None or set(block) != set(Noise._fields):
+    if block is None or set(block) | set(WANDER) != set(Noise._fields):
         raise InputError(
             "the model holds no noise levels, which the bank needs; run `faultgauge "
             "calibrate` on healthy logs, or use --observer eso."
@@ -97,13 +110,15 @@ def noise_of(model: Model) -> Noise:
     try:
         levels = [
             np.array([float(block[key][name]) for name in each])
-            for key, each in zip(Noise._fields, _names(model), strict=True)
+            for key, each in zip(Noise._fields, _names(model), strict=False)
         ]
+        outputs = model.plant.signals.output_names
+        more = [[block.get(key, {}).get(name, 0.0) for name in outputs] for key in WANDER]
     except KeyError as missing:
         raise InputError(
             f"the model's noise levels say nothing of {missing}; run `faultgauge calibrate` anew."
         ) from None
-    return Noise(*levels)
+    return Noise(*levels, *(np.array(each, float) for each in more))
 
 
 class Constants(NamedTuple):
@@ -211,6 +226,7 @@ def disturbed(model: Model, noise: Noise, undeclared: tuple[Fault, ...] = ()) ->
         jnp.asarray(offset_of(model, noise)),
         jnp.asarray(directions_of(model, known, noise.spread)),
         undeclared,
+        noise.wanders,
     )
 
 
@@ -221,7 +237,8 @@ def offset_of(model: Model, noise: Noise) -> Float[np.ndarray, "parameters"]:
 
 def error_of(noise: Noise) -> Error:
     """What of `noise` the plant itself has."""
-    parts = (noise.lasting, noise.settling, noise.share)
+    wandering = noise.wandering[list(noise.wanders)]
+    parts = (noise.lasting, noise.settling, noise.share, wandering)
     return Error(*(jnp.asarray(each) for each in parts))
 
 
@@ -229,11 +246,13 @@ def process_of(
     noise: Noise, drifted: Float[np.ndarray, "drifting"]
 ) -> Float[np.ndarray, "extended"]:
     """Per sqrt(s), of the states of `Disturbed`."""
+    wanders = list(noise.wanders)
     return np.concatenate(
         [
             noise.process,
             noise.size * np.sqrt(2 / noise.lasting),
             np.zeros(len(noise.share)),
+            noise.wander[wanders] * np.sqrt(2 / noise.wandering[wanders]),
             noise.drift / np.maximum(drifted, 1e-300),
             np.zeros(len(noise.spread)),
         ]
@@ -269,8 +288,8 @@ def start_spread(
     sd, drifted = spread_of_start(model, noise.sigma, columns)
     largest = largest_rates(model)[list(following_states(model.plant))]
     follows = noise.share * largest  # an input may have changed by all it can just before
-    rest = follows, np.ones(len(drifted) + len(noise.spread))
-    return np.concatenate([sd, noise.size, *rest])
+    rest = noise.wander[list(noise.wanders)], np.ones(len(drifted) + len(noise.spread))
+    return np.concatenate([sd, noise.size, follows, *rest])
 
 
 def scale_of(model: Model, noise: Noise) -> Float[np.ndarray, "extended"]:
@@ -278,7 +297,7 @@ def scale_of(model: Model, noise: Noise) -> Float[np.ndarray, "extended"]:
     x = np.std(operating_points(model).x, axis=0) + 1e-9
     rest = np.ones(len(drifting_of(model)) + len(noise.spread))
     follows = rates_of(model)[list(following_states(model.plant))]
-    return np.concatenate([x, noise.size, follows, rest])
+    return np.concatenate([x, noise.size, follows, noise.wander[list(noise.wanders)], rest])
 
 
 def width_of(low: float, high: float) -> float:

@@ -25,15 +25,16 @@ ROOM = 10.0  # standard deviations of the sensor: at least that far off may a st
 
 class Start(eqx.Module):
     """States at `mean` +- `sd` behind a gap and as `extended` where a log begins; each `measured`
-    by an output (its place; -1: by none). Discrepancies of stationary `size` last `lasting` [s];
-    constants are `renewed` by as much of their variance."""
+    by an output (its place; -1: by none). Discrepancies, at the places `fading`, of stationary
+    `size` last `lasting` [s]; constants are `renewed` by as much of their variance."""
 
     mean: Float[np.ndarray, "states"]
     sd: Float[np.ndarray, "states"]
     extended: Float[np.ndarray, "extended"]
-    size: Float[np.ndarray, "driven"]
-    lasting: Float[np.ndarray, "driven"]
+    size: Float[np.ndarray, "fading"]
+    lasting: Float[np.ndarray, "fading"]
     renewed: Float[np.ndarray, "constants"]
+    fading: tuple[int, ...] = eqx.field(static=True)
     measured: tuple[int, ...] = eqx.field(static=True)
 
     @staticmethod
@@ -50,9 +51,13 @@ class Start(eqx.Module):
             measured[k], sd[k] = j, max(sd[k], ROOM * noise.sigma[j], *off)
         extended = start_spread(model, noise, ())
         extended[: len(sd)] = sd
+        plant = bank.plant
+        _, d, _, b, _ = plant.parts
+        fading = [*range(d.start, d.stop), *range(b.start, b.stop)]
+        lasting = np.concatenate([plant.error.tau, plant.error.wandering])
         return Start(
-            (x.max(axis=0) + x.min(axis=0)) / 2, sd, extended, noise.size, noise.lasting,
-            np.asarray(noise.renewed, float), tuple(int(j) for j in measured),
+            (x.max(axis=0) + x.min(axis=0)) / 2, sd, extended, extended[fading], lasting,
+            np.asarray(noise.renewed, float), tuple(fading), tuple(int(j) for j in measured),
         )  # fmt: skip
 
     def init(self, modes: Branching) -> BranchState:
@@ -71,14 +76,14 @@ class Start(eqx.Module):
     ) -> BranchState:
         """Before the first row of a stretch, `gap` [s] after the last one, where `u` acts and `y`
         (NaN: not sampled) is measured."""
-        states, driven, total = len(self.mean), len(self.size), state.belief.mean.shape[1]
+        states, total, fading = len(self.mean), state.belief.mean.shape[1], np.array(self.fading)
         end = total - modes.kinds
         fade = jnp.exp(-gap / self.lasting)
         keep, more = jnp.ones(total), jnp.zeros(total)
-        keep = keep.at[:states].set(0.0).at[states : states + driven].set(fade)
+        keep = keep.at[:states].set(0.0).at[fading].set(fade)
         keep = keep.at[end - len(self.renewed) : end].set(jnp.sqrt(1 - self.renewed))
         more = more.at[:states].set(self.sd**2)
-        more = more.at[states : states + driven].set(self.size**2 * (1 - fade**2))
+        more = more.at[fading].set(self.size**2 * (1 - fade**2))
         more = more.at[end - len(self.renewed) : end].set(self.renewed)
         shown = jnp.append(y, jnp.nan)[np.array(self.measured)]
         x = jnp.where(jnp.isfinite(shown), shown, self.mean)

@@ -146,8 +146,9 @@ def _after_gap(
     keep = np.ones(n)
     keep[:states] = 0.0
     keep[states : states + driven] = np.exp(-gap / bank.noise.lasting)
+    keep[bank.plant.parts[3]] = np.exp(-gap / np.asarray(bank.plant.error.wandering))
     keep[n - len(bank.noise.renewed) :] = np.sqrt(1 - bank.noise.renewed)
-    fresh = np.concatenate([sd[: states + driven] ** 2, np.ones(n - states - driven)])
+    fresh = sd**2
     faults = len(belief.mean) - n
     whole = np.append(keep, np.ones(faults))
     more = np.append((1 - keep**2) * fresh, np.zeros(faults))

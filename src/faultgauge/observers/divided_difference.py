@@ -157,8 +157,9 @@ class DividedDifferenceFilter(eqx.Module):
             S = S * jnp.maximum(1.0, e**2 / (FAR**2 * S))
             R = S - H @ P @ H
             K = jnp.where(there, P @ H / S, 0.0)
-            keep = jnp.eye(len(mean)) - jnp.outer(K, H)
-            mean, P = mean + K * e, keep @ P @ keep.T + R * jnp.outer(K, K)
+            # (I - K H) P (I - K H)^T + R K K^T, a row and a column at a time
+            P = P - jnp.outer(K, H @ P)
+            mean, P = mean + K * e, P - jnp.outer(P @ H, K) + R * jnp.outer(K, K)
             root = jnp.sqrt(S)
             total += jnp.where(there, -0.5 * (e**2 / S + jnp.log(2 * jnp.pi * S)), 0.0)
             said.append((e / root, jnp.where(there, root, jnp.inf), K))

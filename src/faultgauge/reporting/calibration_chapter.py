@@ -155,6 +155,14 @@ def _levels(model: Model, noise: Noise) -> Table:
             )
         )
     rows += [
+        (
+            f"what {signals.outputs[j].name} is off by besides",
+            quantity(float(noise.wander[j]), signals.outputs[j].unit),
+            f"lasts {quantity(float(noise.wandering[j]), 's')}",
+        )
+        for j in noise.wanders
+    ]
+    rows += [
         (f"drift of {n}", quantity(s, "1"), "per root second") for n, s in block["drift"].items()
     ]
     units = {each.name: each.unit or "1" for each in model.plant.spec.parameters}

@@ -1,0 +1,156 @@
+"""The levels of noise that are searched: their first guesses, and how far they may lie from them.
+
+What one log cannot tell is held by weak priors: constants differ by a percent or so from run to
+run, and a discrepancy is some percent of what its state does, and lasts a tenth of a log or so.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from faultgauge.detection.innovation_likelihood import Stretch
+from faultgauge.detection.judged import operating_points
+from faultgauge.detection.noise import (
+    Noise,
+    constants_of,
+    drifting_of,
+    rates_of,
+    usual_spread,
+    width_of,
+)
+from faultgauge.plants.disturbed import dynamic_states, following_states
+from faultgauge.plants.model import Model
+from faultgauge.telemetry import Run
+
+__all__ = [
+    "Bounds",
+    "bounds_of",
+    "first_guess",
+    "levels_of",
+    "logs_of",
+    "names_of",
+    "shortest_and_longest",
+]
+
+# the constants' mean and spread are told in another way
+SEARCHED = (
+    "sigma",
+    "process",
+    "drift",
+    "size",
+    "lasting",
+    "share",
+    "settling",
+    "wander",
+    "wandering",
+)
+REACH = np.log(1e4)  # a level is looked for within this factor of its first guess
+USUAL_SIZE = 0.03  # of a state's rate: the discrepancy
+USUAL_SHARE = 0.1  # of an input's effect: what a change of it is off by
+QUICK = 10.0  # samples in which that settles
+UNSURE = 1.5  # standard deviation of the logarithms of these
+
+
+class Bounds(NamedTuple):
+    """Of the logarithms of all levels: the lowest and highest, where they are likely, and how far
+    from there (infinite: all are alike)."""
+
+    low: Float[np.ndarray, "levels"]
+    high: Float[np.ndarray, "levels"]
+    center: Float[np.ndarray, "levels"]
+    pull: Float[np.ndarray, "levels"]
+
+    def unlikely(self, logs: Float[np.ndarray, "*many levels"]) -> Float[np.ndarray, "*many"]:
+        """-ln of their prior."""
+        told = np.isfinite(self.pull)
+        off = (logs[..., told] - self.center[told]) / self.pull[told]
+        return 0.5 * np.sum(off**2, axis=-1)
+
+
+def logs_of(noise: Noise) -> Float[np.ndarray, "levels"]:
+    """The logarithms of all levels but the constants'; of what is not there minus infinity."""
+    with np.errstate(divide="ignore"):
+        return np.log(np.concatenate([getattr(noise, name) for name in SEARCHED]))
+
+
+def names_of(noise: Noise) -> list[str]:
+    """Which field each of `logs_of` belongs to."""
+    return [name for name in SEARCHED for _ in getattr(noise, name)]
+
+
+def levels_of(logs: Float[np.ndarray, "levels"], noise: Noise) -> Noise:
+    """The levels whose logarithms these are, and the constants of `noise`."""
+    sizes = np.cumsum([len(getattr(noise, name)) for name in SEARCHED])[:-1]
+    parts = np.split(np.exp(logs), sizes)
+    return noise._replace(**dict(zip(SEARCHED, parts, strict=True)))
+
+
+def first_guess(model: Model, runs: Sequence[Run], stretches: Sequence[Stretch]) -> Noise:
+    """First guesses: sigma from second differences, a state as unsure as a tenth of its own
+    output's noise in one sample, or a thousandth of its range where it is hidden."""
+    signals, step = model.plant.signals, runs[0].step
+    sigma = np.ones(len(signals.outputs))
+    for j, output in enumerate(signals.outputs):
+        own = [s.y[np.isfinite(s.y[:, j]), j] for s in stretches]
+        second = np.concatenate([np.diff(y, 2) for y in own])
+        if len(second):
+            sigma[j] = 1.4826 * np.median(np.abs(second)) / np.sqrt(6)
+            sigma[j] = max(sigma[j], 1e-2 * np.std(second), 1e-12)
+        if output.sigma:
+            sigma[j] = output.sigma
+    process = 1e-3 * np.ptp(operating_points(model).x, axis=0) + 1e-12
+    for j, output in enumerate(signals.outputs):
+        if output.measures is not None:
+            process[signals.state_names.index(output.measures)] = 0.1 * sigma[j]
+    process = process / np.sqrt(step)
+    values = {p.name: p for p in model.plant.spec.parameters}
+    length = float(np.mean([np.sum(s.dt) for s in stretches]))
+    drift = [
+        (0.1 * abs(values[n].value) or width_of(values[n].min, values[n].max) / 10) / length**0.5
+        for n in drifting_of(model)
+    ]
+    driven = list(dynamic_states(model.plant))
+    size = USUAL_SIZE * rates_of(model)[driven]
+    known = constants_of(model)
+    se = np.sqrt(np.diag(known.covariance))
+    spread = [
+        usual_spread(float(model.plant.parameters[n]), s)
+        for n, s in zip(known.names, se, strict=True)
+    ]
+    lasting = np.full(len(driven), max(length / 10, 20 * step))
+    following = len(following_states(model.plant))
+    share = np.full(following, USUAL_SHARE)
+    settling = np.full(following, QUICK * step)
+    return Noise(
+        sigma, process, np.array(drift, float), size, lasting, share, settling,
+        np.array(spread, float), np.zeros(len(spread)), np.zeros(len(spread)),
+        np.zeros(len(sigma)), np.zeros(len(sigma)),
+    )  # fmt: skip
+
+
+def shortest_and_longest(step: float, stretches: Sequence[Stretch]) -> tuple[float, float]:
+    """How long [s] an error may last that `stretches` with `step` [s] can tell from another."""
+    return 2 * step, 100 * float(max(np.sum(s.dt) for s in stretches))
+
+
+def bounds_of(guess: Noise, step: float, stretches: Sequence[Stretch]) -> Bounds:
+    """Within what the levels are looked for around `guess`, in logs that have `step` [s]."""
+    shortest, longest = np.log(shortest_and_longest(step, stretches))
+    sizes = {name: len(getattr(guess, name)) for name in SEARCHED}
+    center = logs_of(guess)
+    named = dict(zip(SEARCHED, np.split(center, np.cumsum([*sizes.values()])[:-1]), strict=True))
+    low, high = ({name: a + r for name, a in named.items()} for r in (-REACH, REACH))
+    for lasts in ("lasting", "wandering", "settling"):
+        low[lasts] = np.full(sizes[lasts], shortest)
+        high[lasts] = np.full(sizes[lasts], longest)
+    if len(guess.drift):  # what is slower, the parameters follow
+        high["lasting"][:] = np.log(max(np.exp(longest) / 1000, 20 * step))
+    high["settling"][:] = longest - np.log(400)
+    high["share"][:] = 0.0
+    pull = {name: np.full(count, np.inf) for name, count in sizes.items()}
+    for name in ("size", "share", "lasting"):
+        pull[name][:] = UNSURE
+    low, high, pull = (np.concatenate([each[n] for n in SEARCHED]) for each in (low, high, pull))
+    return Bounds(low, high, center, pull)
