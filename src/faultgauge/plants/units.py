@@ -1,4 +1,4 @@
-"""Do the units of a plant file fit together? Warnings only, by dimensions; a fault also by scale."""
+"""Do the units of a plant file fit together? Warnings only: by dimension, a fault also by scale."""
 
 import enum
 import reprlib
