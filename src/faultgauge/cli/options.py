@@ -27,6 +27,7 @@ __all__ = [
     "Resample",
     "RowFormat",
     "Time",
+    "TimeFormat",
     "Where",
     "narrate",
     "plain",
@@ -43,6 +44,15 @@ LONGEST = 4000  # characters of a sentence
 Json = Annotated[bool, typer.Option("--json", help="One JSON object on stdout, nothing else.")]
 Verbose = Annotated[bool, typer.Option("--verbose", help="Say every sentence whole.")]
 Time = Annotated[str | None, typer.Option("--time", help="Name of the time column [default: t].")]
+TimeFormat = Annotated[
+    str | None,
+    typer.Option(
+        "--time-format",
+        metavar="FORMAT",
+        help="How time is written that is neither ISO 8601 nor day.month.year, as in --time-format "
+        "'%d/%m/%Y %H:%M:%S'.",
+    ),
+]
 Map = Annotated[
     list[str] | None,
     typer.Option(
@@ -75,7 +85,10 @@ ReportFile = Annotated[
 RowFormat = Literal["csv", "ndjson"]
 Logs = Annotated[
     list[Path],
-    typer.Argument(help="Logs: CSV (.gz too), Parquet, MAT, HDF5, MDF, MCAP, ROS 2 bags."),
+    typer.Argument(
+        help="Logs: CSV (.gz too), Excel, Parquet, MAT, HDF5, MDF, MCAP, ROS 2 bags; or a folder "
+        "of them."
+    ),
     READS,
 ]
 

@@ -224,6 +224,7 @@ def estimate(
     smooth: bool = False,
     walk: Walk = Watch.along,
     time: str | None = None,
+    time_format: str | None = None,
     map: Maps = None,
     where: str | None = None,
     resample: float | None = None,
@@ -235,7 +236,7 @@ def estimate(
     - `model`: a calibrated model, or its file. One that was not calibrated gives rows that are
       NOT_JUDGED, and a sentence that says so.
     - `sources`: the logs: paths, data frames, dicts of arrays, runs, or a list of them (`read`,
-      which also says what `time`, `map`, `where` and `resample` mean).
+      which also says what `time`, `time_format`, `map`, `where` and `resample` mean).
     - `observer`: `"bank"` decides; the name of an observer, `"eso"`, gives its estimates alone.
     - `reference`: the healthy reference of the residuals: `"free"`, `"measured"`, `"observer"`.
     - `smooth`: say also what the whole log tells, with hindsight.
@@ -247,7 +248,7 @@ def estimate(
     """
     need_bank(observer, {"smooth": smooth})
     known = model_of(model)
-    runs = runs_for_model(known, sources, How(time, map, where, resample))
+    runs = runs_for_model(known, sources, How(time, map, where, resample, time_format))
     warnings = clock_warnings(known, runs)
     if observer != "bank":
         estimated, observers = estimation.estimate(
