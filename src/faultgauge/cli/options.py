@@ -138,19 +138,25 @@ def read_logs(
 
 
 def read_logs_for(model: "Model", paths: Sequence[Path], how: "How") -> tuple["Runs", list[str]]:
-    """The runs in `paths` for a fitted `model`; and warnings about their time, which are said at
-    once."""
-    from faultgauge.verbs.reading import clock_warnings, runs_for_model
+    """The runs in `paths` for a fitted `model`; and warnings where they are unlike those of its
+    fit, which are said at once."""
+    from faultgauge.verbs.reading import runs_for_model, unlike_warnings
 
     runs = _noted(runs_for_model(model, list(paths), how))
-    odd = clock_warnings(model, runs)
+    odd = unlike_warnings(model, runs)
     warn(odd)
     return runs, odd
 
 
 def _noted(runs: "Runs") -> "Runs":
-    for note in dict.fromkeys(note for run in runs for note in run.notes):
-        say(f"note: {note}")
+    """`runs`, whose notes are said: what is true of several logs, once."""
+    of: dict[str, dict[str, None]] = {}
+    for run in runs:
+        for note in run.notes:
+            of.setdefault(note.removeprefix(run.source), {})[run.source] = None
+    for text, (first, *others) in of.items():
+        more = f" and {len(others)} more" if others else ""
+        say(f"note: {first}{more}{text}")
     return runs
 
 

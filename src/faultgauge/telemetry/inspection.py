@@ -101,7 +101,8 @@ def inspect_runs(
     driven = {
         column.name
         for column in columns
-        if called_like_input(column.known_as) or (column.statistics and column.statistics.held)
+        if called_like_input(column.known_as, column.unit)
+        or (column.statistics and column.statistics.held)
     }
     hints += [h for log in logs for name in log.runs for h in _sensor_hints(log, name, driven)]
     hints += [h for log in logs for name in log.runs for h in _rate_hints(log, name, driven)]

@@ -139,7 +139,10 @@ def recalled(
             time_format = before.time_format
             said.append(f'--time-format "{time_format}"')
     said += [f'--map "{name}={expression}"' for name, expression in new.items()]
-    note = f"{table.source} is read as the logs of the fit: {' '.join(said)}; say so to change it."
+    note = (
+        f"{table.source}: read as the logs of the fit, with {' '.join(said)}; give the option "
+        "anew to say otherwise."
+    )
     return time, time_format, maps, (note,) if said else ()
 
 

@@ -13,7 +13,7 @@ from faultgauge.detection.noise import noise_of
 from faultgauge.plants.model import Model
 from faultgauge.plants.settings import with_settings
 from faultgauge.verbs.plants import model_of
-from faultgauge.verbs.reading import How, Maps, Runs, clock_warnings, runs_for_model
+from faultgauge.verbs.reading import How, Maps, Runs, runs_for_model, unlike_warnings
 from faultgauge.verbs.result import Columns, Result
 
 __all__ = ["Calibrated", "calibrate"]
@@ -120,6 +120,6 @@ def calibrate(
     if plant is not None:
         known = with_settings(known, plant)
     runs = runs_for_model(known, sources, How(time, map, where, resample, time_format))
-    odd = clock_warnings(known, runs)
+    odd = unlike_warnings(known, runs)
     found = calibration.calibrate(known, runs, mtbfa=mtbfa, observer=observer, progress=progress)
     return Calibrated(found, runs, [*odd, *found.warnings])

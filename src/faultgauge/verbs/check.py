@@ -10,6 +10,7 @@ from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
 from faultgauge.studies import checkup
 from faultgauge.telemetry import check_same_units
+from faultgauge.telemetry.other_range import other_range
 from faultgauge.verbs.estimate import Answer
 from faultgauge.verbs.plants import plant as as_plant
 from faultgauge.verbs.reading import How, Maps, read, runs_for_plant
@@ -111,7 +112,8 @@ def check(
     found = checkup.check(body, good, doubtful, seed=seed, progress=progress)
     found = replace(found, model=found.model.with_reading(good.how.said))
     throughout = misfit.alarmed_throughout({e.run.name: e.status for e in found.decisions})
-    warnings = [*found.account.warnings, *found.calibration.warnings, *throughout]
+    unlike = other_range(found.model, doubtful)
+    warnings = [*unlike, *found.account.warnings, *found.calibration.warnings, *throughout]
     return Check(found, warnings)
 
 

@@ -22,7 +22,7 @@ from faultgauge.detection.watch import Watch
 from faultgauge.errors import InputError
 from faultgauge.plants.model import Model
 from faultgauge.verbs.plants import model_of
-from faultgauge.verbs.reading import How, Maps, clock_warnings, runs_for_model
+from faultgauge.verbs.reading import How, Maps, runs_for_model, unlike_warnings
 from faultgauge.verbs.result import Columns, Result
 
 __all__ = ["Answer", "Estimates", "estimate", "need_bank"]
@@ -249,7 +249,7 @@ def estimate(
     need_bank(observer, {"smooth": smooth})
     known = model_of(model)
     runs = runs_for_model(known, sources, How(time, map, where, resample, time_format))
-    warnings = clock_warnings(known, runs)
+    warnings = unlike_warnings(known, runs)
     if observer != "bank":
         estimated, observers = estimation.estimate(
             known, runs, observer=observer, reference=reference

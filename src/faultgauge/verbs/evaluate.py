@@ -8,7 +8,7 @@ from faultgauge.identification import evaluation
 from faultgauge.identification.evaluation import WARMUP, Prediction
 from faultgauge.plants.model import Model
 from faultgauge.verbs.plants import model_of
-from faultgauge.verbs.reading import How, Maps, clock_warnings, runs_for_model
+from faultgauge.verbs.reading import How, Maps, runs_for_model, unlike_warnings
 from faultgauge.verbs.result import Columns, Result
 
 __all__ = ["Evaluation", "evaluate"]
@@ -103,7 +103,7 @@ def evaluate(
     """
     known = model_of(model)
     runs = runs_for_model(known, sources, How(time, map, where, resample, time_format))
-    odd = clock_warnings(known, runs)
+    odd = unlike_warnings(known, runs)
     found, predictions = evaluation.evaluate(known.plant, runs, known.max_step, warmup)
     if known.members:
         plants = [known.plant, *known.members]

@@ -12,6 +12,7 @@ from faultgauge.plants.plant_file import PlantSpec
 from faultgauge.telemetry import Run, read_telemetry
 from faultgauge.telemetry.logs import Before, Source
 from faultgauge.telemetry.other_clock import other_clock
+from faultgauge.telemetry.other_range import other_range
 from faultgauge.telemetry.readers.frames import is_frame, read_frame
 from faultgauge.telemetry.reading import at_rate
 from faultgauge.verbs.plants import plant as as_plant
@@ -20,7 +21,7 @@ __all__ = [
     "How",
     "Maps",
     "Runs",
-    "clock_warnings",
+    "unlike_warnings",
     "read",
     "runs_for_model",
     "runs_for_plant",
@@ -188,12 +189,13 @@ def said_before(model: Model) -> Before:
     return Before(said.get("time"), said.get("time_format"), tuple(said.get("maps", ())))
 
 
-def clock_warnings(model: Model, runs: Runs) -> list[str]:
-    """What the time of `runs` looks to be, where it is in another unit than that of the logs that
-    `model` was fitted to."""
+def unlike_warnings(model: Model, runs: Runs) -> list[str]:
+    """What in `runs` is not as in the logs that `model` was fitted to: a time in another unit,
+    signals far from their training ranges."""
     before = said_before(model)
     maps = runs.how.maps or before.maps
-    return other_clock(model, runs, runs.how.time or before.time, maps)
+    odd = other_clock(model, runs, runs.how.time or before.time, maps)
+    return [*odd, *other_range(model, runs)]
 
 
 def _held(spec: PlantSpec) -> list[str]:

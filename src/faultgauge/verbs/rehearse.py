@@ -9,7 +9,7 @@ from faultgauge.rehearsal.rehearse import TRIALS
 from faultgauge.rehearsal.result import Rehearsal
 from faultgauge.rehearsal.words import lines
 from faultgauge.verbs.plants import model_of
-from faultgauge.verbs.reading import How, Maps, clock_warnings, runs_for_model
+from faultgauge.verbs.reading import How, Maps, runs_for_model, unlike_warnings
 from faultgauge.verbs.result import Columns, Result
 
 __all__ = ["Rehearsed", "rehearse"]
@@ -73,4 +73,4 @@ def rehearse(
     known = model_of(model)
     runs = runs_for_model(known, sources, How(time, map, where, time_format=time_format))
     found = rehearsing(known, runs, sizes=sizes, trials=trials, progress=progress)
-    return Rehearsed(found, [*clock_warnings(known, runs), *found.warnings])
+    return Rehearsed(found, [*unlike_warnings(known, runs), *found.warnings])
