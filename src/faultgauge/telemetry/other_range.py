@@ -2,6 +2,7 @@
 that were swapped, another unit, another plant."""
 
 from collections.abc import Sequence
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -13,8 +14,9 @@ from faultgauge.telemetry.runs import Run
 __all__ = ["other_range"]
 
 FAR = 1.0  # of a range, beyond its ends
-NEAR = 0.25  # of a range, beyond its ends, within which another column may be meant
 MOST = 0.5  # of the samples, at least
+UNLIKE, LIKE = 0.5, 0.25  # of a range, by which the ends of two differ together
+NEARLY_ALL = (0.01, 0.99)  # of the samples lie between
 MOST_NAMES = 3  # in one sentence
 
 
@@ -26,18 +28,21 @@ class _Signal(NamedTuple):
     values: Float[np.ndarray, "samples"]
     usual: tuple[float, float]
 
-    def share_beyond(self, usual: tuple[float, float], room: float) -> float:
-        """The share of the samples that are farther from `usual` than `room` times its width."""
-        width = usual[1] - usual[0]
-        low, high = usual[0] - room * width, usual[1] + room * width
-        return float(np.mean((self.values < low) | (self.values > high)))
-
-    def could_be(self, other: "_Signal") -> bool:
-        return self.share_beyond(other.usual, NEAR) < 1 - MOST
-
     @property
     def is_far(self) -> bool:
-        return self.share_beyond(self.usual, FAR) >= MOST
+        """Whether most samples are farther from the training range than that is wide."""
+        low, high = self.usual
+        room = FAR * (high - low)
+        return float(np.mean((self.values < low - room) | (self.values > high + room))) >= MOST
+
+    def apart(self, usual: tuple[float, float]) -> float:
+        """By how much of the range `usual` the ends of this one differ from it."""
+        ends = np.quantile(self.values, NEARLY_ALL)
+        return float(np.abs(ends - usual).sum()) / (usual[1] - usual[0])
+
+    def could_be(self, other: "_Signal") -> bool:
+        """Whether it is where the other was, and not where it was itself."""
+        return self.apart(self.usual) > UNLIKE and self.apart(other.usual) < LIKE
 
     def __str__(self) -> str:
         low, high = self.values.min(), self.values.max()
@@ -47,7 +52,7 @@ class _Signal(NamedTuple):
 
 def other_range(model: Model, runs: Sequence[Run]) -> list[str]:
     """A sentence for every log of which half or more of a signal is farther from the training range
-    than that is wide."""
+    than that is wide, or of which two signals are where the other one was."""
     units, found = model.plant.signals.units, dict[str, str]()
     for run in runs:
         signals = [
@@ -57,8 +62,10 @@ def other_range(model: Model, runs: Sequence[Run]) -> list[str]:
             and (there := run.columns[name][np.isfinite(run.columns[name])]).size
         ]
         far = [each for each in signals if each.is_far]
-        if far:
-            found.setdefault(run.source, _sentence(run, far, signals))
+        pairs = ((a, b) for a, b in combinations(signals, 2) if a.could_be(b) and b.could_be(a))
+        swapped = next(pairs, ())
+        if far or swapped:
+            found.setdefault(run.source, _sentence(run.source, far, swapped))
     return list(found.values())
 
 
@@ -72,19 +79,10 @@ def _usual(model: Model) -> dict[str, tuple[float, float]]:
     return {column: (low, high) for column, (low, high) in spans.items() if high > low}
 
 
-def _sentence(run: Run, far: list[_Signal], signals: list[_Signal]) -> str:
-    told = "; ".join(map(str, far[:MOST_NAMES]))
-    more = f"; and {len(far) - MOST_NAMES} more signals" if len(far) > MOST_NAMES else ""
-    swapped = next(
-        (
-            (one.name, other.name)
-            for one in far
-            for other in signals
-            if other is not one and one.could_be(other) and other.could_be(one)
-        ),
-        None,
-    )
+def _sentence(source: str, far: Sequence[_Signal], swapped: Sequence[_Signal]) -> str:
+    told = swapped or far
+    more = f"; and {len(told) - MOST_NAMES} more signals" if len(told) > MOST_NAMES else ""
     advice = "check that it is the right column, in the right unit, of the same plant"
-    if swapped is not None:
-        advice = f"the columns {swapped[0]} and {swapped[1]} look swapped"
-    return f"{run.source}: {told}{more}: {advice}"
+    if swapped:
+        advice = f"the columns {' and '.join(each.name for each in swapped)} look swapped"
+    return f"{source}: {'; '.join(map(str, told[:MOST_NAMES]))}{more}: {advice}"

@@ -231,10 +231,10 @@ def _dotted(cell: str) -> datetime | None:
     match = DOTTED.fullmatch(cell)
     if match is None:
         return None
-    day, month, year, *clock = (int(part or 0) for part in match.groups()[:6])
+    day, month, year, hour, minute, second = (int(part or 0) for part in match.groups()[:6])
     micro = int(f"{match[7] or 0:0<6}"[:6])
     try:
-        return datetime(year + 2000 * (year < 100), month, day, *clock, micro)
+        return datetime(year + 2000 * (year < 100), month, day, hour, minute, second, micro)
     except ValueError:
         return None
 
