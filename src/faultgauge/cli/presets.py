@@ -13,8 +13,7 @@ def presets(
     name: Annotated[str | None, typer.Argument(help="Preset to print, to be edited.")] = None,
     json: options.Json = False,
 ) -> None:
-    """List the plant files that come with faultgauge, or print one: faultgauge presets tank >
-    plant.toml."""
+    """List the plant files that come with faultgauge, or print one to edit it."""
     import tomllib
 
     from faultgauge.errors import InputError
