@@ -83,8 +83,8 @@ def holds(region, x, u, driven):
 def test_every_network_that_is_used_has_a_region():
     """`meter` stands in an output that is not used."""
     found = model(near_steady())
-    assert [r.name for r in regions_of(found, ["x"])] == ["loss(x, u)", "curve(x)"]
-    names = [r.name for r in regions_of(found, ["x", "flow"])]
+    assert [r.name.split(", x ")[0] for r in regions_of(found, ["x"])] == ["loss(x, u)", "curve(x)"]
+    names = [r.name.split(", x ")[0] for r in regions_of(found, ["x", "flow"])]
     assert names == ["loss(x, u)", "curve(x)", "meter(d(x), x)"]
 
 
