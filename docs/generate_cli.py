@@ -9,6 +9,7 @@ COMMANDS = (
     "demo",
     "check",
     "inspect",
+    "presets",
     "fit",
     "evaluate",
     "calibrate",

@@ -11,6 +11,8 @@ import safetensors.numpy
 import faultgauge.files
 import faultgauge.identification.fit
 from faultgauge.cli.app import ISSUES
+from faultgauge.verbs.check import guessed
+from faultgauge.verbs.reading import How, runs_for_plant
 
 NUL = b"\x00\x01\x02\xff\xfe" * 40
 
@@ -36,7 +38,9 @@ def refuse(call, tmp_path):
 
 
 @pytest.mark.parametrize("suffix", [".parquet", ".h5"])
-def test_a_log_in_millimetres_for_a_plant_in_metres(refuse, workshop, tmp_path, suffix):
+def test_a_log_in_millimetres_for_plants_in_metres_and_in_volts(
+    call, refuse, workshop, tmp_path, suffix
+):
     t, u, x = np.loadtxt(workshop.healthy, delimiter=",", skiprows=1, unpack=True)
     log = tmp_path / f"log{suffix}"
     columns = {"t": (t, "s"), "u": (u, "V"), "x": (1000 * x, "mm")}
@@ -52,20 +56,19 @@ def test_a_log_in_millimetres_for_a_plant_in_metres(refuse, workshop, tmp_path, 
         fields = [pyarrow.field(k, "double", metadata={"unit": v[1]}) for k, v in columns.items()]
         arrays = [values for values, _ in columns.values()]
         parquet.write_table(pyarrow.table(arrays, schema=pyarrow.schema(fields)), log)
-    naming = (log, "column 'x'", "'mm'", "'m'", "--map 'x=x*0.001'")
-    out, csv = tmp_path / "m.fgm", tmp_path / "f.csv"
-    refuse("fit", workshop.plant, log, "--out", out, naming=naming)
-    refuse("evaluate", workshop.model, log, naming=naming)
-    refuse("calibrate", workshop.model, log, "--out", out, naming=naming)
-    refuse("estimate", workshop.calibrated, log, "--out", csv, naming=naming)
-    naming = ("column 'x'", "'mm'", "'V'", "no unit of the same")
+    said = call("evaluate", workshop.model, log, "--json")
+    assert "converted to the plant's units: 'x' from mm to m" in said.err
+    plain = call("evaluate", workshop.model, workshop.healthy, "--json")
+    found, expected = (outcome.json["outputs"]["x"]["nrmse"] for outcome in (said, plain))
+    assert found == pytest.approx(expected, rel=1e-9)  # the rounding of x * 1000 * 0.001
+    naming = (log, "column 'x'", "'mm'", "'V'", "no unit of the same", "--map 'x=x*1'")
     plant = tmp_path / "volts.toml"
     plant.write_text(workshop.plant.read_text().replace('unit = "m"', 'unit = "V"'))
-    refuse("fit", plant, log, "--out", out, naming=naming)
+    refuse("fit", plant, log, "--out", tmp_path / "m.fgm", naming=naming)
 
 
 def test_a_suspect_log_in_millimetres_beside_a_healthy_one_in_metres(refuse, workshop, tmp_path):
-    """Neither of `check`, whose black box has no units, nor of logs that are fitted together."""
+    """The black box of `check` has the healthy log's units; a plant without units has none."""
     h5py = pytest.importorskip("h5py", reason="the extra io is not installed")
     paths = []
     for name, unit, factor in (("healthy", "m", 1), ("suspect", "mm", 1000)):
@@ -76,7 +79,11 @@ def test_a_suspect_log_in_millimetres_beside_a_healthy_one_in_metres(refuse, wor
                 file[column] = values
             file["x"].attrs["unit"] = unit
     naming = (paths[1], "'x' is in 'mm'", "'m'", "--map 'x=x*0.001'")
-    refuse("check", *paths, naming=naming)
+    how = How()
+    body = guessed(paths[0], how)
+    (run,) = runs_for_plant(body.spec, paths[1], how)
+    x = np.loadtxt(workshop.suspect, delimiter=",", skiprows=1, unpack=True)[2]
+    np.testing.assert_allclose(run.columns["x"], x, rtol=1e-12)  # rounding
     plant = tmp_path / "bare.toml"
     plant.write_text(workshop.plant.read_text().replace('unit = "m"', ""))
     out = tmp_path / "m.fgm"

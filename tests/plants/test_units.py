@@ -20,6 +20,11 @@ def dimension(**powers):
     [
         ("1", {}),
         ("%", {}),
+        ("percent", {}),
+        ("m3/h", {"m": 3, "s": -1}),
+        ("s⁻¹", {"s": -1}),
+        ("1e3*m", {"m": 1}),
+        ("degF", {"K": 1}),
         ("rad", {}),
         ("mrad", {}),
         ("deg", {}),
@@ -204,6 +209,28 @@ def test_an_output_must_have_its_own_unit():
     ]
 
 
+@pytest.mark.parametrize(
+    ("enters", "target", "unit", "told"),
+    [
+        ("output", "y", "mm", "'mm' is 0.001 m, but sizes"),
+        ("state", "x", "km/h", "'km/h' is 0.277778 (m)/s, but sizes"),
+        ("gain", "v", "%", "'%' is 0.01 1, but sizes"),
+    ],
+)
+def test_a_fault_in_a_unit_of_another_size_is_told(enters, target, unit, told):
+    fault = f'[faults.f]\nenters = "{enters}"\ntarget = "{target}"\nunit = "{unit}"'
+    (found,) = warnings(plant(more=fault))
+    assert told in found
+
+
+@pytest.mark.parametrize(("unit", "count"), [("K", 0), ("degC", 0), ("degF", 1)])
+def test_the_size_of_a_fault_is_a_difference(unit, count):
+    """5 degC of bias are 5 K, though a reading of 5 degC is 278.15 K."""
+    fault = f'[faults.f]\nenters = "output"\ntarget = "y"\nunit = "{unit}"'
+    found = warnings(plant("0*x", value="x", x="degC", y="degC", k="1", more=fault))
+    assert len([each for each in found if "faults.f" in each]) == count
+
+
 def test_an_absent_unit_fits_everywhere():
     assert warnings(plant("k*x*v", x="", k="")) == []
     assert warnings(plant(value="v*v", y="")) == []
@@ -221,9 +248,8 @@ def test_a_unit_that_cannot_be_read_is_told_once_and_then_left_alone():
         ("state", "x", "m", "m/s"),
         ("input", "v", "m/s", None),
         ("input", "v", "V", "m/s"),
-        ("output", "y", "mm", None),
         ("output", "y", "s", "m"),
-        ("gain", "v", "%", None),
+        ("gain", "v", "1", None),
         ("gain", "v", "m/s", "1"),
         ("state", "x", "", None),
     ],
@@ -269,6 +295,19 @@ def test_absurd_exponents_end_quickly_and_without_an_error():
         ("degC", "mK", 20, 293150),
         ("mK", "degC", 293150, 20),
         ("mm/degC", "m/K", 1, 0.001),  # a difference has no zero
+        ("degF", "degC", 212, 100),
+        ("degC", "degF", -40, -40),
+        ("°F", "K", 32, 273.15),
+        ("degF/s", "degC/min", 9, 300),  # 5 degC in a second
+        ("percent", "1", 50, 0.5),
+        ("m3/h", "m^3/s", 3600, 1),
+        ("m³/h", "L/min", 6, 100),
+        ("L/min", "m3/h", 100, 6),
+        ("kg*s-2", "N/m", 7, 7.0),
+        ("U/min", "rpm", 3, 3.0),
+        ("mA", "A", 20, 0.02),
+        ("psi", "bar", 1, 0.4535923700 * 9.80665 / 0.0254**2 / 1e5),  # a pound on a square inch
+        ("mNm", "N*m", 2, 2e-3),
     ],
 )
 def test_what_makes_one_unit_of_another(given, wanted, value, result):

@@ -103,9 +103,9 @@ def test_unreadable_file(tmp_path):
 
 
 def test_unknown_suffix_names_the_legal_ones(tmp_path):
-    message = refusal(write(tmp_path / "log.xlsx", "x"))
-    assert ".csv, .csv.gz, .parquet" in message
-    assert ".xlsx" in message
+    message = refusal(write(tmp_path / "log.docx", "x"))
+    assert ".csv, .csv.gz, .tsv, .txt, .xlsx" in message
+    assert ".docx" in message
 
 
 @pytest.mark.parametrize(
@@ -135,14 +135,6 @@ def test_refused_tables(tmp_path, text, words):
         assert word in message
 
 
-@pytest.mark.parametrize(("mark", "plural"), [(";", "semicolons"), ("\t", "tabs"), ("|", "bars")])
-def test_other_separators_are_named(tmp_path, mark, plural):
-    text = f"t{mark}u{mark}h\n0{mark}1,5{mark}2\n1{mark}2,5{mark}3\n"
-    message = refusal(write(tmp_path / "log.csv", text))
-    assert plural in message
-    assert "commas between cells" in message
-
-
 def test_a_quoted_semicolon_is_part_of_a_name(tmp_path):
     table = read_table(write(tmp_path / "log.csv", '"t;;","u;"\n0,1\n1,2\n'))
     assert list(table.columns) == ["t;;", "u;"]
@@ -153,7 +145,7 @@ def test_a_quoted_semicolon_is_part_of_a_name(tmp_path):
     [
         ("log.csv", b"t,u\n0,1\n\x00\x01\n", ["binary"]),
         ("log.csv", "t,u\n0,1\n1,é\n".encode("latin-1"), ["row 3", "UTF-8"]),
-        ("log.csv", "t,u\n0,1\n1,2\n".encode("utf-16"), ["UTF-16", "UTF-8"]),
+        ("log.csv", "t,u\n0,1\n".encode("utf-16")[:-1], ["row", "UTF-8"]),
         ("log.csv", gzip.compress(b"t,u\n0,1\n1,2\n"), ["gzip", "rename", "log.csv.gz"]),
         ("log.csv.gz", b"t,u\n0,1\n1,2\n", ["not gzip"]),
         ("log.csv.gz", gzip.compress(b"t,u\n0,1\n1,2\n")[:-9], ["damaged"]),

@@ -120,8 +120,8 @@ def test_no_time_column_lists_columns_and_proposes(log):
     message = refusal(log("u,t_s,T,h\n3,0,9,5\n2,1,8,6\n"))
     for word in ["log.csv", "u, t_s, T, h", "try --time t_s."]:  # a torque and a ramp are no times
         assert word in message
-    message = refusal(log("u,Time (ms),h\n3,0,5\n2,1,6\n"))
-    assert '--map "t=Time__ms_/1000"' in message
+    assert "try --time Time." in refusal(log("u,Time (ms),h\n3,0,5\n2,1,6\n"))  # read in ms
+    assert '--map "t=Time_ms/1000"' in refusal(log("u,Time_ms,h\n3,0,5\n2,1,6\n"))
     message = refusal(log("u,when\n3,2026-01-01\n2,2026-01-02\n"))
     assert "--time when" in message
     assert "--time COLUMN" in refusal(log("u,h\n3,5\n2,6\n2,6\n"))

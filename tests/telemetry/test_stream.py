@@ -7,6 +7,7 @@ import pytest
 
 from faultgauge.errors import InputError
 from faultgauge.telemetry import read_telemetry
+from faultgauge.telemetry.logs import Before
 from faultgauge.telemetry.stream import read_stream
 
 HEAD = "t,wheel rpm,u,note\n"
@@ -118,3 +119,32 @@ def test_a_sample_is_there_as_soon_as_its_line_is():
     samples = read_stream(lines(), names=["u"])
     assert next(samples) == (0.0, {"u": 1.0})
     assert len(taken) == 2
+
+
+def test_units_and_what_was_said_before_are_those_of_the_file(tmp_path):
+    text = "Zeit [ms],T [degF],u (mV)\n[ms],[degF],[mV]\n0,32,500\n250,50,1000\n500,212,-250\n"
+    (tmp_path / "log.csv").write_text(text)
+    options = {
+        "names": ["x", "u"],
+        "units": {"x": "degC", "u": "V"},
+        "before": Before(time="Zeit", maps=("x=T", "y=missing*2")),
+    }
+    (run,) = read_telemetry(tmp_path / "log.csv", **options)
+    notes = []
+    t, columns = read(text, note=notes.append, **options)
+    assert t.tolist() == run.t.tolist() == [0, 0.25, 0.5]
+    np.testing.assert_array_equal(columns["x"], run.columns["x"])
+    np.testing.assert_allclose(columns["x"], [0, 10, 100], atol=1e-12)  # rounding
+    np.testing.assert_allclose(columns["u"], [0.5, 1, -0.25], rtol=1e-15)
+    assert notes == [
+        'standard input: read as the logs of the fit, with --time Zeit --map "x=T"; give the '
+        "option anew to say otherwise."
+    ]
+
+
+def test_a_time_format(tmp_path):
+    text = "when,u\n22/11/2026 14:03:07,1\n22/11/2026 14:03:09,2\n"
+    form = "%d/%m/%Y %H:%M:%S"
+    assert read(text, time="when", time_format=form, names=["u"])[0].tolist() == [0, 2]
+    before = Before(time="when", time_format=form)
+    assert read(text, before=before, names=["u"])[0].tolist() == [0, 2]

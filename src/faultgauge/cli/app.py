@@ -21,6 +21,7 @@ from faultgauge.cli.evaluate import evaluate
 from faultgauge.cli.export import export
 from faultgauge.cli.fit import fit
 from faultgauge.cli.inspect import inspect
+from faultgauge.cli.presets import presets
 from faultgauge.cli.rehearse import rehearse
 from faultgauge.cli.reproduce import reproduce
 from faultgauge.cli.simulate import simulate
@@ -47,6 +48,7 @@ COMMANDS = (
     demo,
     check,
     inspect,
+    presets,
     fit,
     evaluate,
     calibrate,

@@ -43,6 +43,7 @@ def calibrate(
         ),
     ] = "bank",
     time: options.Time = None,
+    time_format: options.TimeFormat = None,
     map: options.Map = None,
     where: options.Where = None,
     resample: options.Resample = None,
@@ -60,7 +61,7 @@ def calibrate(
 
         fitted = with_settings(fitted, plant)
         options.warn(fitted.plant.spec.warnings)
-    runs, odd = options.read_logs_for(fitted, logs, How(time, map, where, resample))
+    runs, odd = options.read_logs_for(fitted, logs, How(time, map, where, resample, time_format))
     with options.narrate("calibrating") as progress:
         found = find_limit(fitted, runs, mtbfa=mtbfa, observer=observer, progress=progress)
     save_model(found.model, out or model)

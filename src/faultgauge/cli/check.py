@@ -12,8 +12,15 @@ __all__ = ["check"]
 
 
 def check(
-    healthy: Annotated[Path, typer.Argument(help="Healthy log."), READS],
-    suspect: Annotated[Path, typer.Argument(help="Log to judge."), READS],
+    healthy: Annotated[
+        Path, typer.Argument(help="Healthy log, or a folder of them (--healthy adds more)."), READS
+    ],
+    suspect: Annotated[Path, typer.Argument(help="Log to judge, or a folder of them."), READS],
+    more: Annotated[
+        list[Path] | None,
+        typer.Option("--healthy", metavar="LOG", help="Another healthy log; may be repeated."),
+        READS,
+    ] = None,
     plant: Annotated[
         str | None,
         typer.Option("--plant", metavar="FILE|PRESET", help="Plant [default: a black box]."),
@@ -26,6 +33,7 @@ def check(
     ] = None,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the starts.")] = 0,
     time: options.Time = None,
+    time_format: options.TimeFormat = None,
     map: options.Map = None,
     where: options.Where = None,
     resample: options.Resample = None,
@@ -41,9 +49,13 @@ def check(
     from faultgauge.verbs.check import guessed
     from faultgauge.verbs.reading import How
 
-    folder, how = make_folder(out) if out is not None else None, How(time, map, where, resample)
-    body = guessed(healthy, how) if plant is None else load_plant(plant)
-    good = options.read_logs(body.spec, [healthy], how, fitting=True)
+    folder, how = (
+        make_folder(out) if out is not None else None,
+        How(time, map, where, resample, time_format),
+    )
+    known = [healthy, *(more or [])]
+    body = guessed(known, how) if plant is None else load_plant(plant)
+    good = options.read_logs(body.spec, known, how, fitting=True)
     doubtful = options.read_logs(body.spec, [suspect], how)
     with options.narrate("checking") as progress:
         found = look_into(good, doubtful, body, seed=seed, progress=progress)

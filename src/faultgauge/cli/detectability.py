@@ -15,6 +15,7 @@ def detectability(
     model: Annotated[Path, typer.Argument(help="Calibrated model file."), READS],
     logs: options.Logs,
     time: options.Time = None,
+    time_format: options.TimeFormat = None,
     map: options.Map = None,
     where: options.Where = None,
     resample: options.Resample = None,
@@ -27,7 +28,7 @@ def detectability(
     from faultgauge.verbs.reading import How
 
     fitted = load_model(model)
-    runs, warned = options.read_logs_for(fitted, logs, How(time, map, where, resample))
+    runs, warned = options.read_logs_for(fitted, logs, How(time, map, where, resample, time_format))
     with options.narrate("foreseeing") as progress:
         sheet = foresee(fitted, runs, progress=progress)
     if report is not None:

@@ -17,14 +17,18 @@ def estimate(
     logs: Annotated[
         list[Path],
         typer.Argument(
-            help="Logs: CSV (.gz too), Parquet, MAT, HDF5, MDF, MCAP, ROS 2 bags; or - for "
-            "standard input."
+            help="Logs: CSV (.gz too), Excel, Parquet, MAT, HDF5, MDF, MCAP, ROS 2 bags; a folder "
+            "of them; or - for standard input."
         ),
         READS,
     ],
     out: Annotated[
         Path | None,
-        typer.Option("--out", metavar="FILE", help="Table to write: .csv, .csv.gz, .parquet."),
+        typer.Option(
+            "--out",
+            metavar="FILE",
+            help="Table to write: .csv, .csv.gz, .parquet.  [required but with -]",
+        ),
         Writes(),
     ] = None,
     observer: Annotated[
@@ -56,6 +60,7 @@ def estimate(
         typer.Option("--engine", help="c: the same step as C, compiled here, for long logs."),
     ] = "python",
     time: options.Time = None,
+    time_format: options.TimeFormat = None,
     map: options.Map = None,
     where: options.Where = None,
     resample: options.Resample = None,
@@ -101,7 +106,18 @@ def estimate(
         )
         from faultgauge.cli.live import answer
 
-        answer(model, observer, reference, time, map, stream or "csv", events, view, strict)
+        answer(
+            model,
+            observer,
+            reference,
+            time,
+            time_format,
+            map,
+            stream or "csv",
+            events,
+            view,
+            strict,
+        )
         return
     if out is None:
         raise InputError("--out FILE is missing: the table to write (.csv, .csv.gz, .parquet).")
@@ -127,7 +143,7 @@ def estimate(
     check_writable(out)
     walk = options.engine(engine)
     fitted = load_model(model)
-    runs, odd = options.read_logs_for(fitted, logs, How(time, map, where, resample))
+    runs, odd = options.read_logs_for(fitted, logs, How(time, map, where, resample, time_format))
     folder = None if evidence is None else make_folder(evidence)
     with options.narrate("estimating"):
         found = find(fitted, runs, observer=observer, reference=reference, smooth=smooth, walk=walk)

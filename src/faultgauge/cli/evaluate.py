@@ -19,6 +19,7 @@ def evaluate(
         typer.Option("--warmup", min=0, help="Samples that set hidden start states, not scored."),
     ] = 50,
     time: options.Time = None,
+    time_format: options.TimeFormat = None,
     map: options.Map = None,
     where: options.Where = None,
     resample: options.Resample = None,
@@ -31,7 +32,7 @@ def evaluate(
     from faultgauge.verbs.reading import How
 
     fitted = load_model(model)
-    runs, odd = options.read_logs_for(fitted, logs, How(time, map, where, resample))
+    runs, odd = options.read_logs_for(fitted, logs, How(time, map, where, resample, time_format))
     with options.narrate("simulating"):
         found = score(fitted, runs, warmup=warmup)
     options.warn(found.warnings, but=odd)

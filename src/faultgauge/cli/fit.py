@@ -55,6 +55,7 @@ def fit(
         typer.Option("--despite-alarms", help="Fit logs under alarm too, which are refused."),
     ] = False,
     time: options.Time = None,
+    time_format: options.TimeFormat = None,
     map: options.Map = None,
     where: options.Where = None,
     resample: options.Resample = None,
@@ -67,7 +68,7 @@ def fit(
     from faultgauge.verbs.fit import fit as learn
     from faultgauge.verbs.reading import How
 
-    untrained, how = load_plant(plant), How(time, map, where, resample)
+    untrained, how = load_plant(plant), How(time, map, where, resample, time_format)
     runs = options.read_logs(untrained.spec, logs, how, fitting=True)
     held = options.read_logs(untrained.spec, validate, how) if validate else None
     with options.narrate("fitting") as progress:

@@ -19,6 +19,7 @@ def inspect(
         Writes(),
     ] = None,
     time: options.Time = None,
+    time_format: options.TimeFormat = None,
     map: options.Map = None,
     where: options.Where = None,
     json: options.Json = False,
@@ -28,13 +29,19 @@ def inspect(
     from faultgauge.files import write_atomically
     from faultgauge.telemetry import inspect_runs, plant_skeleton, read_telemetry
 
-    found = inspect_runs(logs, time=time, maps=map or (), where=where)
+    found = inspect_runs(logs, time=time, maps=map or (), where=where, time_format=time_format)
     if init_plant is not None:
         if init_plant.exists():
             raise InputError(f"{init_plant}: already exists; choose another name or remove it.")
         numbers = [c.known_as for c in found.columns if c.kind == "number"]
         runs = read_telemetry(
-            logs, time=time, maps=map or (), names=(), optional=numbers, where=where
+            logs,
+            time=time,
+            maps=map or (),
+            names=(),
+            optional=numbers,
+            where=where,
+            time_format=time_format,
         )
         units = {c.name: c.unit for c in found.columns if c.unit}
         text = plant_skeleton(runs, init_plant.stem, units)

@@ -27,6 +27,7 @@ def answer(
     observer: str,
     reference: "Reference",
     time: str | None,
+    time_format: str | None,
     maps: Sequence[str] | None,
     form: str,
     events: Path | None,
@@ -43,6 +44,7 @@ def answer(
     from faultgauge.identification.samples import column_names
     from faultgauge.plants.model import load_model
     from faultgauge.telemetry.stream import read_stream
+    from faultgauge.verbs.reading import said_before
 
     fitted = load_model(model)
     stream = Stream(fitted, observer=observer, reference=reference)
@@ -57,6 +59,10 @@ def answer(
             maps=maps or (),
             names=required,
             optional=optional,
+            units=fitted.plant.signals.units,
+            time_format=time_format,
+            before=said_before(fitted),
+            note=lambda text: options.say(f"note: {text}"),
             **leave_out,
         )
         lines = stack.enter_context(_opened(events)) if events else None

@@ -27,6 +27,7 @@ __all__ = [
     "Resample",
     "RowFormat",
     "Time",
+    "TimeFormat",
     "Where",
     "narrate",
     "plain",
@@ -43,6 +44,15 @@ LONGEST = 4000  # characters of a sentence
 Json = Annotated[bool, typer.Option("--json", help="One JSON object on stdout, nothing else.")]
 Verbose = Annotated[bool, typer.Option("--verbose", help="Say every sentence whole.")]
 Time = Annotated[str | None, typer.Option("--time", help="Name of the time column [default: t].")]
+TimeFormat = Annotated[
+    str | None,
+    typer.Option(
+        "--time-format",
+        metavar="FORMAT",
+        help="How time is written that is neither ISO 8601 nor day.month.year, as in --time-format "
+        "'%d/%m/%Y %H:%M:%S'.",
+    ),
+]
 Map = Annotated[
     list[str] | None,
     typer.Option(
@@ -75,7 +85,10 @@ ReportFile = Annotated[
 RowFormat = Literal["csv", "ndjson"]
 Logs = Annotated[
     list[Path],
-    typer.Argument(help="Logs: CSV (.gz too), Parquet, MAT, HDF5, MDF, MCAP, ROS 2 bags."),
+    typer.Argument(
+        help="Logs: CSV (.gz too), Excel, Parquet, MAT, HDF5, MDF, MCAP, ROS 2 bags; or a folder "
+        "of them."
+    ),
     READS,
 ]
 
@@ -125,19 +138,25 @@ def read_logs(
 
 
 def read_logs_for(model: "Model", paths: Sequence[Path], how: "How") -> tuple["Runs", list[str]]:
-    """The runs in `paths` for a fitted `model`; and warnings about their time, which are said at
-    once."""
-    from faultgauge.verbs.reading import clock_warnings, runs_for_model
+    """The runs in `paths` for a fitted `model`; and warnings where they are unlike those of its
+    fit, which are said at once."""
+    from faultgauge.verbs.reading import runs_for_model, unlike_warnings
 
     runs = _noted(runs_for_model(model, list(paths), how))
-    odd = clock_warnings(model, runs)
+    odd = unlike_warnings(model, runs)
     warn(odd)
     return runs, odd
 
 
 def _noted(runs: "Runs") -> "Runs":
-    for note in dict.fromkeys(note for run in runs for note in run.notes):
-        say(f"note: {note}")
+    """`runs`, whose notes are said: what is true of several logs, once."""
+    of: dict[str, dict[str, None]] = {}
+    for run in runs:
+        for note in run.notes:
+            of.setdefault(note.removeprefix(run.source), {})[run.source] = None
+    for text, (first, *others) in of.items():
+        more = f" and {len(others)} more" if others else ""
+        say(f"note: {first}{more}{text}")
     return runs
 
 

@@ -38,6 +38,7 @@ def rehearse(
     ] = None,
     trials: Annotated[int, typer.Option("--trials", min=2, help="Logs to judge, at most.")] = 200,
     time: options.Time = None,
+    time_format: options.TimeFormat = None,
     map: options.Map = None,
     where: options.Where = None,
     report: options.ReportFile = None,
@@ -50,7 +51,7 @@ def rehearse(
 
     sizes = dict(_size(each) for each in size or ())
     fitted = load_model(model)
-    runs, odd = options.read_logs_for(fitted, logs, How(time, map, where))
+    runs, odd = options.read_logs_for(fitted, logs, How(time, map, where, time_format=time_format))
     folder = make_folder(out) if out is not None else None
     with options.narrate("rehearsing") as progress:
         found = try_out(fitted, runs, sizes=sizes, trials=trials, progress=progress)

@@ -28,10 +28,11 @@ def refuse_alarms(
     maps: Iterable[str],
     where: str | None,
     before: Path | None,
+    time_format: str | None = None,
 ) -> None:
     """Raises `InputError` where `runs`, read from `sources`, stand under alarm: by a column
     `status` of theirs, or judged by the calibrated model `before` that the fit would replace."""
-    found = _by_column(sources, time, maps, where) if sources else {}
+    found = _by_column(sources, time, maps, where, time_format) if sources else {}
     said = f"column {STATUS!r} says FAULT"
     if not found and before is not None and before.is_file():
         found, said = _by_model(runs, before), f"{before}, which this fit would replace, alarms"
@@ -47,10 +48,14 @@ def refuse_alarms(
 
 
 def _by_column(
-    sources: Sequence[Source], time: str | None, maps: Iterable[str], where: str | None
+    sources: Sequence[Source],
+    time: str | None,
+    maps: Iterable[str],
+    where: str | None,
+    time_format: str | None,
 ) -> dict[str, Stretches]:
     found = dict[str, Stretches]()
-    for log in open_logs(sources, time, maps, where):
+    for log in open_logs(sources, time, maps, where, time_format):
         cells = log.table.columns.get(STATUS)
         if cells is None:
             continue

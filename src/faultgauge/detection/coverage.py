@@ -60,8 +60,9 @@ class Arguments(eqx.Module):
 
 
 class Region(eqx.Module):
-    """What training covered of the arguments of the network `name`, as the plant file calls it:
-    its `points`, in units of `scale`, and what lies within `reach` of one of them."""
+    """What training covered of the arguments of a network: its `points`, in units of `scale`, and
+    what lies within `reach` of one of them. `name` is how the plant file calls it, and the ranges.
+    """
 
     name: str = eqx.field(static=True)
     arguments: Arguments
@@ -107,8 +108,31 @@ def _region(
     scale = np.where(width > 0, width, 1.0)
     scaled = found / scale
     reach = max(MARGIN, _left_open(scaled))
-    name = " and ".join(f"{network}({', '.join(map(text, call))})" for call in arguments.calls)
-    return Region(name, arguments, scale, np.concatenate(scaled), np.asarray(reach))
+    return Region(
+        _said(network, arguments.calls, found),
+        arguments,
+        scale,
+        np.concatenate(scaled),
+        np.asarray(reach),
+    )
+
+
+def _said(
+    network: str,
+    calls: tuple[tuple[Node, ...], ...],
+    found: Float[np.ndarray, "points calls arguments"],
+) -> str:
+    """ "loss(x, u), x 0 to 5 and u -1 to 1": the ranges of all calls, by the arguments of the
+    first."""
+    named = " and ".join(f"{network}({', '.join(map(text, call))})" for call in calls)
+    if not len(found):
+        return named
+    low, high = found.min(axis=(0, 1)), found.max(axis=(0, 1))
+    ranges = [
+        f"{text(argument)} {a:.4g} to {b:.4g}"
+        for argument, a, b in zip(calls[0], low, high, strict=True)
+    ]
+    return f"{named}, {' and '.join(ranges)}"
 
 
 def _left_open(points: Float[np.ndarray, "points calls arguments"]) -> float:

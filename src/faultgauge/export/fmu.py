@@ -20,7 +20,7 @@ from faultgauge.export.fmu_sources import START, TIME, block_sources, fmi_source
 from faultgauge.export.native import built, compiler
 from faultgauge.export.request import Request
 from faultgauge.export.sources import header, step_source, table_source
-from faultgauge.plants.dimensions import BASE, CELSIUS, ZERO_CELSIUS, read_unit
+from faultgauge.plants.dimensions import BASE, read_unit, zero_of
 
 __all__ = ["binary_here", "binary_in_words", "fmu_project"]
 
@@ -235,8 +235,8 @@ def _base(text: str) -> dict[str, str] | None:
     found = {name: str(int(each)) for name, each in powers.items() if each}
     if unit.scale != 1:
         found["factor"] = repr(unit.scale)
-    if text.strip() in CELSIUS:
-        found["offset"] = repr(ZERO_CELSIUS)
+    if zero := zero_of(text):
+        found["offset"] = repr(zero)
     return found
 
 

@@ -2,22 +2,23 @@
 
 import math
 import re
+import unicodedata
 from fractions import Fraction
 from typing import NamedTuple
 
 __all__ = [
     "BASE",
-    "CELSIUS",
     "DIMENSIONLESS",
     "Dimension",
     "Unit",
-    "ZERO_CELSIUS",
+    "change_of",
     "conversion",
     "describe",
     "parse_unit",
     "power",
     "product",
     "read_unit",
+    "zero_of",
 ]
 
 # Powers of BASE, in that order.
@@ -38,6 +39,7 @@ NO_SCALE = math.nan  # of what has a dimension, but no fixed size
 TURN = 2 * math.pi
 DERIVED = {  # unit: what it is, times; later ones may use earlier ones; all take a prefix
     "N": ("kg*m/s**2", 1.0),
+    "Nm": ("N*m", 1.0),
     "J": ("N*m", 1.0),
     "W": ("J/s", 1.0),
     "Pa": ("N/m**2", 1.0),
@@ -62,26 +64,32 @@ DERIVED = {  # unit: what it is, times; later ones may use earlier ones; all tak
 }
 BARE = {  # units that take no prefix
     **dict.fromkeys(("°", "deg"), ("rad", TURN / 360)),
-    **dict.fromkeys(("rev", "turn", "cycle"), ("rad", TURN)),
+    **dict.fromkeys(("rev", "turn", "cycle", "U"), ("rad", TURN)),  # U/min on German plates
     **dict.fromkeys(("count", "counts", "sample", "samples", "step", "steps"), ("1", NO_SCALE)),
-    "%": ("1", 1e-2),
+    **dict.fromkeys(("%", "percent", "pct"), ("1", 1e-2)),
     "ppm": ("1", 1e-6),
     "dB": ("1", NO_SCALE),
     "min": ("s", 60.0),
     "h": ("s", 3600.0),
     **dict.fromkeys(("d", "day"), ("s", 86400.0)),
     **dict.fromkeys(("degC", "°C"), ("K", 1.0)),
+    **dict.fromkeys(("degF", "°F"), ("K", 5 / 9)),
     "rpm": ("rad/s", TURN / 60),
     "t": ("kg", 1e3),
     "atm": ("Pa", 101325.0),
+    "psi": ("Pa", 6894.757293168361),
 }
 # Units in which a dimension is written for the reader where that is shorter than base units.
 READABLE = ("N", "V", "W", "Pa", "ohm")
 
-CELSIUS = ("degC", "°C")
-ZERO_CELSIUS = 273.15  # K
+# K at the 0 of units that do not begin at absolute zero: of a reading, never of a difference.
+ZEROS = {
+    **dict.fromkeys(("degC", "°C"), 273.15),
+    **dict.fromkeys(("degF", "°F"), 459.67 * 5 / 9),
+}
 
-TOKEN = re.compile(r"\s*(\*\*|[*·/^()+-]|\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+|%|°C?|[^\W\d_]+)")
+TOKEN = re.compile(r"\s*(\*\*|[*·/^()+-]|\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+|%|°[CF]?|[^\W\d_]+)")
+BEHIND = re.compile(r"(?<![\w.])([^\W\d_]+)(-?[1-9])(?![\d.])")  # m3, s-1: an exponent
 DECIMAL = re.compile(r"\d+\.?\d*|\.\d+")
 
 
@@ -145,26 +153,49 @@ def conversion(given: str, wanted: str) -> str | None:
     "" where they are the same, or where one is absent, unreadable or without a fixed size; None
     where they measure different things.
     """
+    change = change_of(given, wanted)
+    if change is None:
+        return None
+    factor, offset = change
+    scaled = "" if factor == 1 else f"*{factor:.10g}"
+    return scaled + (f"{offset:+.10g}" if offset else "")
+
+
+def change_of(given: str, wanted: str) -> tuple[float, float] | None:
+    """(factor, offset): a reading x in `given` is factor x + offset in `wanted`, and a difference,
+    as the size of a fault is, factor times as large.
+
+    (1, 0) and None as `conversion` has "" and None.
+    """
     try:
         one, other = read_unit(given), read_unit(wanted)
     except ValueError:  # of an empty text, too
-        return ""
+        return 1.0, 0.0
     if one.dimension != other.dimension:
         return None
     factor = one.scale / other.scale if other.scale else NO_SCALE
     if one.angle != other.angle or not math.isfinite(factor) or factor <= 0:
-        return ""
-    scaled = "" if math.isclose(factor, 1, rel_tol=1e-9) else f"*{factor:.10g}"
-    zero = ZERO_CELSIUS * (factor * (given.strip() in CELSIUS) - (wanted.strip() in CELSIUS))
-    return scaled + (f"{zero:+.10g}" if abs(zero) > 1e-9 else "")
+        return 1.0, 0.0
+    offset = (zero_of(given) - zero_of(wanted)) / other.scale
+    return (
+        1.0 if math.isclose(factor, 1, rel_tol=1e-9) else factor,
+        offset if abs(offset) > 1e-9 else 0.0,
+    )
+
+
+def zero_of(text: str) -> float:
+    """What a reading of 0 in unit `text` is in SI units: 273.15 for degC, 0 for most."""
+    return ZEROS.get(unicodedata.normalize("NFKC", text).strip(), 0.0)
 
 
 class _Parser:
-    """unit: factor ((* | · | /) factor)*;  factor: atom ((** | ^) exponent)?"""
+    """unit: factor ((* | · | /) factor)*;  factor: atom ((** | ^)? exponent)?"""
 
     def __init__(self, text: str) -> None:
         if len(text) > MAX_CHARACTERS:
             raise ValueError(f"longer than {MAX_CHARACTERS} characters")
+        text = unicodedata.normalize("NFKC", text).replace("\u2212", "-")  # m³ is m3, s⁻¹ is s-1
+        text = BEHIND.sub(r"\1**\2", text)
         self.tokens: list[str] = []
         position = 0
         while text[position:].strip():

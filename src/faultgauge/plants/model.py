@@ -41,8 +41,8 @@ class Model:
     `record` is plain JSON: training envelope, metrics, data hashes, time steps, versions, the
     `choices` of hold and hidden that the plant file left to the fit and, after `calibrate`, the
     calibration; where the logs were brought to a lower rate, that rate, `resample` [Hz], and their
-    step before, `log_step` [s]. `members` are the other plants of an ensemble, `plant` being its
-    best; the record counts them.
+    step before, `log_step` [s]; and `reading`, what was said of how they are read. `members` are
+    the other plants of an ensemble, `plant` being its best; the record counts them.
     """
 
     plant: GrayBoxPlant
@@ -62,6 +62,15 @@ class Model:
     def resample(self) -> float | None:
         """The rate [Hz] that faster logs are brought to before the model sees them, if any."""
         return self.record.get("resample")
+
+    @property
+    def reading(self) -> dict[str, Any]:
+        """What was said of the logs at the fit: their `time` column, its `time_format`, `maps`."""
+        return self.record.get("reading", {})
+
+    def with_reading(self, said: dict[str, Any]) -> "Model":
+        """The model that remembers how its logs were read, where anything was `said`."""
+        return replace(self, record={**self.record, "reading": said}) if said else self
 
     def with_calibration(self, calibration: dict[str, Any]) -> "Model":
         return replace(self, record={**self.record, "calibration": calibration})

@@ -20,6 +20,7 @@ Positive = Annotated[float, pydantic.Field(gt=1 / LARGEST, lt=LARGEST)]
 Least = Annotated[float, pydantic.Field(ge=0, lt=LARGEST)]
 Count = Annotated[int, pydantic.Field(ge=0, lt=1_000_000_000)]
 Share = Annotated[float, pydantic.Field(gt=0, lt=1)]
+Text = Annotated[str, pydantic.Field(max_length=10_000)]
 Span = tuple[str, Number, Number]
 
 
@@ -104,6 +105,14 @@ class Calibration(Part):
         return self
 
 
+class Reading(Part):
+    """What was said of how the logs are read."""
+
+    time: Text | None = None
+    time_format: Text | None = None
+    maps: Annotated[list[Text], pydantic.Field(max_length=10_000)] = []
+
+
 class Record(Part):
     max_step: Positive
     sample_time: Positive
@@ -118,6 +127,7 @@ class Record(Part):
     envelope_points: Annotated[list[list[Number]], pydantic.Field(max_length=MOST_POINTS)]
     metrics: Metrics
     noise: dict[str, dict[str, Any]] = {}
+    reading: Reading = Reading()
     calibration: Calibration | None = None
 
 

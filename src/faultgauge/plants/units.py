@@ -1,4 +1,4 @@
-"""Do the units of a plant file fit together? Warnings only, by dimensions: scales do not matter."""
+"""Do the units of a plant file fit together? Warnings only: by dimension, a fault also by scale."""
 
 import enum
 import reprlib
@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from faultgauge.plants.dimensions import (
     DIMENSIONLESS,
     Dimension,
+    change_of,
     describe,
     parse_unit,
     power,
@@ -89,10 +90,15 @@ def _units(spec: "PlantSpec") -> tuple[Units, list[str]]:
 
 
 def _faults(spec: "PlantSpec", unit: Units) -> Iterator[str]:
-    for fault in spec.signals.faults:
+    signals = spec.signals
+    entries = (*signals.states, *signals.inputs, *signals.outputs, *spec.parameters)
+    labels = {each.name: each.unit.strip() for each in entries}
+    for fault in signals.faults:
+        label = labels.get(fault.target, "")
         match fault.enters:
             case "state":
                 place = _times(unit["states", fault.target], PER_SECOND)
+                label = label and f"({label})/s"
             case "input":
                 place = unit["inputs", fault.target]
             case "output":
@@ -102,13 +108,22 @@ def _faults(spec: "PlantSpec", unit: Units) -> Iterator[str]:
             case "network" if not fault.relative:
                 place = UNKNOWN  # a network gives whatever is needed
             case _:
-                place = DIMENSIONLESS
+                place, label = DIMENSIONLESS, "1"
         found = unit["faults", fault.name]
-        if isinstance(found, tuple) and isinstance(place, tuple) and found != place:
+        if not isinstance(found, tuple) or not isinstance(place, tuple):
+            continue
+        if found != place:
             yield (
                 f"[faults.{fault.name}] unit = {fault.unit!r} has the dimension of "
                 f"{describe(found)}, but a fault that enters {fault.enters} {fault.target!r} is "
                 f"measured in {describe(place)}; correct the unit"
+            )
+            continue
+        factor, _ = change_of(fault.unit, label) or (1.0, 0.0)
+        if factor != 1:  # an offset is no matter: a size is a difference
+            yield (
+                f"[faults.{fault.name}] unit = {fault.unit!r} is {factor:.6g} {label}, but sizes "
+                f"are in the unit of what the fault enters; write unit = {label!r}"
             )
 
 

@@ -68,7 +68,8 @@ def black_box(runs: Sequence[Run], name: str) -> GrayBoxPlant:
 
     Raises `InputError` where no column looks like an input.
     """
-    text = plant_skeleton(runs, name)
+    units = {column: unit for run in runs for column, unit in run.units.items()}
+    text = plant_skeleton(runs, name, units)
     spec = parse_plant(text, "the plant guessed from the log")
     if not spec.signals.inputs:
         raise InputError(

@@ -83,13 +83,14 @@ def inspect_runs(
     time: str | None = None,
     maps: Iterable[str] = (),
     where: str | None = None,
+    time_format: str | None = None,
 ) -> Inspection:
     """Describe logs, read as `read_telemetry` reads them.
 
     Raises `InputError` for the same files, maps and times; a column that holds text or Inf, or
     nothing at all, is described and not refused.
     """
-    logs = open_logs(paths, time, maps, where)
+    logs = open_logs(paths, time, maps, where, time_format)
     runs = tuple(_run(log, name) for log in logs for name in log.runs)
     names = list(dict.fromkeys(name for log in logs for name in log.signals))
     columns = tuple(_column([log for log in logs if name in log.signals], name) for name in names)
@@ -100,7 +101,8 @@ def inspect_runs(
     driven = {
         column.name
         for column in columns
-        if called_like_input(column.known_as) or (column.statistics and column.statistics.held)
+        if called_like_input(column.known_as, column.unit)
+        or (column.statistics and column.statistics.held)
     }
     hints += [h for log in logs for name in log.runs for h in _sensor_hints(log, name, driven)]
     hints += [h for log in logs for name in log.runs for h in _rate_hints(log, name, driven)]
@@ -150,7 +152,7 @@ def _column(logs: list[LogFile], name: str) -> ColumnReport:
 def _time_hints(logs: list[LogFile], runs: tuple[RunReport, ...]) -> list[str]:
     hints = []
     for log in logs:
-        known = log.notes or log.table.units.get(log.time) == "s"
+        known = log.clock is not None or log.table.units.get(log.time) == "s"
         if known or is_text(log.table.columns[log.time]):
             continue
         conversion = unit_map(log.time)

@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from functools import cached_property
 from pathlib import Path
@@ -11,20 +11,24 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from faultgauge.errors import InputError
-from faultgauge.telemetry.mapping import apply_maps, parse_maps
-from faultgauge.telemetry.readers import read_table, stem
+from faultgauge.telemetry.mapping import apply_maps, can_map, find_column, parse_maps
+from faultgauge.telemetry.readers import logs_in, read_table, stem
+from faultgauge.telemetry.readers.excel import in_workbook
+from faultgauge.telemetry.summer_time import without_summer_time
 from faultgauge.telemetry.table import Table, is_text
 from faultgauge.telemetry.timing import (
+    check_form,
     check_increasing,
     clock_of,
     epoch_note,
     find_time,
     in_seconds,
     seconds,
+    timestamp,
 )
 from faultgauge.telemetry.where import keep_rows, met
 
-__all__ = ["LogFile", "Paths", "Source", "open_logs"]
+__all__ = ["Before", "LogFile", "Paths", "Source", "open_logs", "recalled"]
 
 RUN = "run"
 
@@ -32,11 +36,21 @@ Source = str | Path | Table  # a file, or what is in memory already
 Paths = Source | Sequence[Source]
 
 
+@dataclass(frozen=True)
+class Before:
+    """What was said of other logs of the same kind: `--time`, `--time-format` and `--map`. A log is
+    read so as far as it has those columns and nothing else is said of it."""
+
+    time: str | None = None
+    time_format: str | None = None
+    maps: tuple[str, ...] = ()
+
+
 @dataclass(frozen=True, eq=False)
 class LogFile:
     """One file after `--map`: its time (s) and the samples of each of its runs; `clock` is what
     a clock showed at 0 s, where the file tells; `holes` are the rows that stand for those that
-    `--where` left out; `notes` say how its time was understood, where that is not plain.
+    `--where` left out; `notes` say how it was understood, where that is not plain.
 
     `signals` are the names of all columns except the time, `t` and `run`.
     """
@@ -55,47 +69,99 @@ class LogFile:
 
 
 def open_logs(
-    paths: Paths, time: str | None, maps: Iterable[str], where: str | None
+    paths: Paths,
+    time: str | None,
+    maps: Iterable[str],
+    where: str | None,
+    time_format: str | None = None,
+    before: Before | None = None,
 ) -> list[LogFile]:
-    """Read files, apply `maps`, find the time (`time` names its column), split into runs and keep
-    the rows that meet the condition `where`.
+    """Read files, apply `maps`, find the time (`time` names its column, `time_format` says how it
+    is written), split into runs and keep the rows that meet the condition `where`. What is left
+    open may have been said `before`. A folder that is no bag stands for the logs in it.
 
     A run is called after its file (a table: its source), `stem` or `stem:label` where a column
     `run` labels the rows; a name that is taken gets `#2`. Raises `InputError` for a file that
     cannot be read or comes twice, and for a time or run column that cannot be used.
     """
-    sources = [paths] if isinstance(paths, str | Path | Table) else list(paths)
+    given = [paths] if isinstance(paths, str | Path | Table) else list(paths)
+    sources = [
+        each for one in given for each in ([one] if isinstance(one, Table) else logs_in(Path(one)))
+    ]
     if not sources:
         raise InputError("No log was given; name at least one file.")
+    if time_format is not None:
+        check_form(time_format)
     parsed = parse_maps(maps)
-    seen: dict[tuple[int, int], Path] = {}
+    seen: dict[tuple[int, int, str], Path] = {}
     taken: set[str] = set()
     logs = []
     for source in sources:
         if isinstance(source, Table):
             name, table = source.source, source
         else:
-            name, table = stem(Path(source)), read_table(Path(source))
-            _check_new(Path(source), seen)
-        log = _log_file(name, apply_maps(table, parsed), time, "t" in parsed, taken)
+            name, table = stem(source), read_table(source)
+            _check_new(source, seen)
+        own_time, own_form, own_maps, note = recalled(table, time, time_format, parsed, before)
+        table = apply_maps(table, own_maps)
+        log = _log_file(name, table, own_time, own_form, "t" in own_maps, taken)
+        log = replace(log, notes=(*table.readings, *note, *log.notes))
         logs.append(log if where is None else _kept(log, where))
         for name, samples in logs[-1].runs.items():
             check_increasing(logs[-1].table, logs[-1].time, logs[-1].t, samples, name)
     return logs
 
 
-def _check_new(path: Path, seen: dict[tuple[int, int], Path]) -> None:
-    status = os.stat(path)
-    identity = (status.st_dev, status.st_ino)
+def recalled(
+    table: Table,
+    time: str | None,
+    time_format: str | None,
+    maps: dict[str, str],
+    before: Before | None,
+) -> tuple[str | None, str | None, dict[str, str], tuple[str, ...]]:
+    """Time column, its format and maps, where they are left open as `before` as far as `table` has
+    the columns; and a sentence that says so."""
+    if before is None:
+        return time, time_format, maps, ()
+    said = []
+    known = parse_maps(before.maps)
+    if time is not None:
+        known.pop("t", None)
+    new = {n: e for n, e in known.items() if n not in maps and can_map(table, n, e)}
+    maps = maps | new
+    if time is None and "t" not in maps and before.time and find_column(table, before.time):
+        time = before.time
+        said.append(f"--time {time}")
+    column = find_column(table, time or "t")
+    if time_format is None and before.time_format and column is not None:
+        cells = table.columns[column]
+        if is_text(cells) and timestamp(cells[0], before.time_format) is not None:
+            time_format = before.time_format
+            said.append(f'--time-format "{time_format}"')
+    said += [f'--map "{name}={expression}"' for name, expression in new.items()]
+    note = (
+        f"{table.source}: read as the logs of the fit, with {' '.join(said)}; give the option "
+        "anew to say otherwise."
+    )
+    return time, time_format, maps, (note,) if said else ()
+
+
+def _check_new(path: Path, seen: dict[tuple[int, int, str], Path]) -> None:
+    file, sheet = in_workbook(path)
+    status = os.stat(file)
+    identity = (status.st_dev, status.st_ino, sheet)
     if identity in seen:
         raise InputError(f"{path} is the same file as {seen[identity]}; give it once.")
     seen[identity] = path
 
 
-def _log_file(own: str, table: Table, time: str | None, mapped: bool, taken: set[str]) -> LogFile:
+def _log_file(
+    own: str, table: Table, time: str | None, form: str | None, mapped: bool, taken: set[str]
+) -> LogFile:
     column = find_time(table, time, mapped)
     table = in_seconds(table, column)
-    t = seconds(table, column)
+    t, clock = seconds(table, column, form), clock_of(table, column, form)
+    notes = []
     runs = {}
     for label, samples in _groups(table).items():
         name = _free_name(f"{own}:{label}" if label else own, taken)
@@ -105,9 +171,18 @@ def _log_file(own: str, table: Table, time: str | None, mapped: bool, taken: set
                 "at least two samples, so remove it or correct its label."
             )
         runs[name] = samples
+        evenly, changes = without_summer_time(t, samples, clock)
+        if changes:
+            t[samples] = evenly
+        notes += [
+            f"{table.source}: the clock is put forward or back by an hour after "
+            f"{each:%Y-%m-%d %H:%M:%S} in run {name!r}, as where summer time begins or ends; time "
+            "goes on evenly there."
+            for each in changes
+        ]
     note = epoch_note(table, column)
-    notes = () if note is None else (note,)
-    return LogFile(table, column, t, runs, clock_of(table, column), notes=notes)
+    notes = tuple(notes if note is None else [*notes, note])
+    return LogFile(table, column, t, runs, clock, notes=notes)
 
 
 def _kept(log: LogFile, where: str) -> LogFile:

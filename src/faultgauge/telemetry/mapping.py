@@ -2,8 +2,9 @@
 
 An expression can only spell identifiers. A column whose name is not one is therefore also known
 under the name that `alias` gives: every character that an identifier cannot have becomes `_`, so
-`wheel speed [rpm]` is also `wheel_speed__rpm_`. This holds wherever a column is named, in `--map`,
-in `--time` and in a plant file. Two columns that one name could mean are refused when it is used.
+`wheel speed` is also `wheel_speed`. Where a unit was taken from its header, `wheel speed [rpm]`, it
+is known by the whole header, too. This holds wherever a column is named, in `--map`, in `--time`
+and in a plant file. Two columns that one name could mean are refused when it is used.
 """
 
 import keyword
@@ -18,7 +19,7 @@ from faultgauge.errors import InputError
 from faultgauge.plants.expression import Expression, Name, Scope, evaluate, names_used, parse
 from faultgauge.telemetry.table import Table, is_text, text_error
 
-__all__ = ["alias", "apply_maps", "find_column", "parse_maps"]
+__all__ = ["alias", "apply_maps", "can_map", "find_column", "parse_maps"]
 
 
 def alias(name: str) -> str:
@@ -35,17 +36,23 @@ def alias(name: str) -> str:
 
 
 def find_column(table: Table, name: str) -> str | None:
-    """The column of `table` that `name` means, by its own name or by its alias; None if none.
+    """The column of `table` that `name` means, by its own name, its whole header or the alias of
+    either; None if none.
 
     Raises `InputError` if several could be meant.
     """
-    meant = [column for column in table.columns if name in (column, alias(column))]
+    meant = [column for column in table.columns if name in _known_as(table, column)]
     if len(meant) > 1:
         raise InputError(
             f"{table.source}: {name!r} could mean columns {' and '.join(map(repr, meant))}; "
             "rename one of them in the file."
         )
     return meant[0] if meant else None
+
+
+def _known_as(table: Table, column: str) -> tuple[str, ...]:
+    written = table.written.get(column, column)
+    return column, alias(column), written, alias(written)
 
 
 def parse_maps(maps: Iterable[str]) -> dict[str, str]:
@@ -79,7 +86,7 @@ def apply_maps(table: Table, maps: dict[str, str]) -> Table:
     unit. An empty cell makes an empty cell. Raises `InputError` for an unknown or ambiguous column,
     text, or a value that is not a finite number, naming the row.
     """
-    scope = Scope(names=list(dict.fromkeys(alias(name) for name in table.columns)))
+    scope = _scope(table)
     new, units = {}, {}
     for name, text in maps.items():
         where = f"{table.source}, --map {name}"
@@ -94,7 +101,23 @@ def apply_maps(table: Table, maps: dict[str, str]) -> Table:
             new[name] = _values(table, where, expression, sources)
     kept = {column: cells for column, cells in table.columns.items() if alias(column) not in new}
     old = {column: unit for column, unit in table.units.items() if column in kept}
-    return replace(table, columns=kept | new, units=old | units)
+    written = {column: header for column, header in table.written.items() if column in kept}
+    return replace(table, columns=kept | new, units=old | units, written=written)
+
+
+def can_map(table: Table, name: str, text: str) -> bool:
+    """Whether `table` has every column that the map `name=text` reads."""
+    try:
+        parse(text, f"--map {name}", _scope(table))
+    except InputError:
+        return False
+    return True
+
+
+def _scope(table: Table) -> Scope:
+    """What expressions may read, names before whole headers."""
+    spelled = [alias(each) for each in (*table.columns, *table.written.values())]
+    return Scope(names=list(dict.fromkeys(spelled)))
 
 
 def _values(

@@ -2,21 +2,29 @@
 
 import difflib
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
 
 from faultgauge.errors import InputError
-from faultgauge.plants.dimensions import conversion
-from faultgauge.telemetry.logs import LogFile, Paths, open_logs
+from faultgauge.plants.dimensions import change_of, conversion
+from faultgauge.telemetry.logs import Before, LogFile, Paths, open_logs
 from faultgauge.telemetry.mapping import alias, find_column, parse_maps
 from faultgauge.telemetry.rates import align
 from faultgauge.telemetry.resampling import check_rate, resampled, same_rate
 from faultgauge.telemetry.runs import Run
 from faultgauge.telemetry.table import LARGEST, Table, is_text, text_error
 
-__all__ = ["at_rate", "check_present", "check_same_units", "finite_or_empty", "read_telemetry"]
+__all__ = [
+    "at_rate",
+    "check_present",
+    "check_same_units",
+    "finite_or_empty",
+    "read_telemetry",
+    "unit_change",
+]
 
 
 def read_telemetry(
@@ -32,6 +40,8 @@ def read_telemetry(
     resample: float | None = None,
     averaged: Collection[str] = (),
     slower: Literal["refuse", "keep"] = "refuse",
+    time_format: str | None = None,
+    before: Before | None = None,
 ) -> list[Run]:
     """Read one log or several into runs.
 
@@ -39,33 +49,33 @@ def read_telemetry(
 
     - `paths`: one path (or `Table`) or several; several files are several runs, and so are the
       labels of a column `run` (rows of one label need not be together).
-    - `time`: the time column, `t` by default; seconds, or ISO 8601 timestamps, which become
-      seconds since the first sample of their file. Another unit that the file gives is converted.
+    - `time`: the time column, `t` by default; seconds, or timestamps (ISO 8601, day.month.year, or
+      as `time_format` has them, a format of `strptime`), which become seconds since the first
+      sample of their file. Another unit that the file gives is converted.
     - `maps`: `NAME=EXPRESSION` texts over the file's columns.
     - `names`: columns that every run must have, after mapping, in the units of the log.
     - `optional`: columns that are taken where they are. With neither, all number columns are.
     - `held`: columns that keep their value between samples, as inputs do. It matters where
       columns are sampled at different rates: they are brought onto common rows (`align`).
     - `where`: a condition over the file's columns; only rows that meet it are kept.
-    - `units`: those that columns must have where the file gives them one. What a map computes has
-      none; what it only renames keeps its own.
+    - `units`: those that columns are brought to where the file gives them one: readings, with
+      the zero of degC and degF. What a map computes has none; what it only renames keeps its own.
     - `resample`: a rate [Hz] that runs are brought to, anti-aliased (`resampled`): `held` columns
       and those `averaged`, which jump with them, by their means.
     - `slower`: what becomes of a run that has a lower rate than that. A fitted model's own rate
       asks for `resample=model.resample, slower="keep"`.
+    - `before`: what was said of other such logs, where it is not said of these.
 
     Raises `InputError` that names file, column and row for a file that cannot be read, a missing
     required column, text or Inf in a column that is taken, an all-empty one, and a time that is
-    missing, empty, repeated or reversed, a condition that no row meets, and another unit, be it
-    only than in another of the files; and for a rate that cannot be had.
+    missing, empty, repeated or reversed, a condition that no row meets, and a unit of something
+    else, or other than in another of the files; and for a rate that cannot be had.
     """
     if resample is not None:
         check_rate(resample)
     maps, wanted, runs = list(maps), units or {}, []
-    for log in open_logs(paths, time, maps, where):
-        columns = _columns(log, names, optional)
-        for name in columns:
-            _check_unit(log.table, name, wanted.get(name, ""), maps)
+    for log in open_logs(paths, time, maps, where, time_format, before):
+        log, columns = _converted(log, _columns(log, names, optional), wanted, maps)
         required = set(names or ())
         for name, samples in log.runs.items():
             runs.append(_run(log, name, samples, columns, required, held))
@@ -140,20 +150,43 @@ def check_present(table: Table, names: Sequence[str]) -> None:
     )
 
 
-def _check_unit(table: Table, name: str, wanted: str, maps: Iterable[str]) -> None:
+def _converted(
+    log: LogFile,
+    columns: dict[str, Float[np.ndarray, "rows"]],
+    wanted: Mapping[str, str],
+    maps: Iterable[str],
+) -> tuple[LogFile, dict[str, Float[np.ndarray, "rows"]]]:
+    """Columns in the units that are `wanted`; notes of the log say which were converted."""
+    units, found, told = dict(log.table.units), dict(columns), []
+    for name, values in columns.items():
+        factor, offset = unit_change(log.table, name, wanted.get(name, ""), maps)
+        if (factor, offset) != (1, 0):
+            found[name] = factor * values + offset
+            column = find_column(log.table, name) or name
+            told.append(f"{column!r} from {units[column]} to {wanted[name]}")
+            units[column] = wanted[name]
+    if not told:
+        return log, columns
+    note = f"{log.table.source}: converted to the plant's units: {', '.join(told)}."
+    return replace(log, table=replace(log.table, units=units), notes=(*log.notes, note)), found
+
+
+def unit_change(
+    table: Table, name: str, wanted: str, maps: Iterable[str] = ()
+) -> tuple[float, float]:
+    """(factor, offset) that bring column `name` to the unit `wanted`, as `change_of`. Raises
+    `InputError` where the file gives it a unit of something else."""
     column = find_column(table, name) or name
     given = _unit(table, name)
-    change = conversion(given, wanted)
-    if change == "":
-        return
-    source = parse_maps(maps).get(name, alias(column))  # a computed column has no unit
-    said = f"{table.source}: column {column!r} is in {given!r}, but {name!r} of the plant is"
+    change = change_of(given, wanted)
     if change is None:
+        source = parse_maps(maps).get(name, alias(column))  # a computed column has no unit
         raise InputError(
-            f"{said} in {wanted!r}, which is no unit of the same; take another column, or this one "
-            f"as it is, with --map '{name}={source}*1'."
+            f"{table.source}: column {column!r} is in {given!r}, but {name!r} of the plant is in "
+            f"{wanted!r}, which is no unit of the same; take another column, or this one as it is, "
+            f"with --map '{name}={source}*1'."
         )
-    raise InputError(f"{said} in {wanted!r}; convert it with --map '{name}={source}{change}'.")
+    return change
 
 
 def _unit(table: Table, name: str) -> str:

@@ -12,6 +12,7 @@ from faultgauge.errors import InputError
 from faultgauge.plants.plant_file import is_reserved, parse_plant
 from faultgauge.telemetry.mapping import alias
 from faultgauge.telemetry.runs import Run
+from faultgauge.telemetry.statistics import statistics
 from faultgauge.telemetry.timing import called_like_time
 
 __all__ = ["called_like_input", "plant_skeleton"]
@@ -31,21 +32,23 @@ class Roles:
 
 
 def plant_skeleton(runs: Sequence[Run], name: str, units: Mapping[str, str] | None = None) -> str:
-    """Text of a plant file (TOML) for the columns of `runs`; roles are guessed from names.
+    """Text of a plant file (TOML) for the columns of `runs`; roles are guessed from names
+    and units, and where those tell no input, from columns that are held between changes.
 
     `units` are those that the log gives, by column or its alias. Every state gets a network of all
     states and inputs for its derivative, and an output of the same name. Raises `InputError` if no
     column can be a state.
     """
     columns = list(dict.fromkeys(column for run in runs for column in run.columns))
-    roles = _roles(runs, columns)
+    given = {alias(column): text for column, text in (units or {}).items()}
+    roles = _roles(runs, columns, given)
     if not roles.states:
         raise InputError(
             f"{runs[0].source} has no column that could be a state "
             f"(columns: {', '.join(columns) or 'none'}); log at least one measured signal."
         )
     parts = [_head(runs, name, roles)]
-    unit = {alias(column): _unit(text) for column, text in (units or {}).items()}
+    unit = {column: _unit(text) for column, text in given.items()}
     arguments = ", ".join([*roles.states, *roles.inputs])
     parts += [_state(state, arguments, unit.get(state, NO_UNIT)) for state in roles.states]
     parts += [_input(runs, item, unit.get(item, NO_UNIT)) for item in roles.inputs]
@@ -64,7 +67,7 @@ def plant_skeleton(runs: Sequence[Run], name: str, units: Mapping[str, str] | No
     return text
 
 
-def _roles(runs: Sequence[Run], columns: list[str]) -> Roles:
+def _roles(runs: Sequence[Run], columns: list[str], units: Mapping[str, str]) -> Roles:
     names = Counter(alias(column) for column in columns)
     left_out: dict[str, str] = {}
     kept = []
@@ -80,7 +83,9 @@ def _roles(runs: Sequence[Run], columns: list[str]) -> Roles:
             left_out[column] = "runs like a clock"
         else:
             kept.append(spelled)
-    inputs = [k for k in kept if _is_input(k)]
+    inputs = [k for k in kept if _is_input(k, units.get(k, ""))]
+    if not inputs:
+        inputs = [k for k in kept if _is_held(runs, k)]
     rest = [k for k in kept if k not in inputs]
     setpoints = [k for k in rest if SETPOINT.fullmatch(k)]
     if inputs and len(setpoints) < len(rest):
@@ -89,14 +94,24 @@ def _roles(runs: Sequence[Run], columns: list[str]) -> Roles:
     return Roles(inputs, rest, left_out)
 
 
-def called_like_input(name: str) -> bool:
-    """Whether a column's name is a usual one for an input or a setpoint, which stay as set."""
-    return _is_input(name) or SETPOINT.fullmatch(name) is not None
+def called_like_input(name: str, unit: str = "") -> bool:
+    """Whether a column's name and unit are usual ones for an input or a setpoint, which stay as
+    set."""
+    return _is_input(name, unit) or SETPOINT.fullmatch(name) is not None
 
 
-def _is_input(name: str) -> bool:
-    in_volts = name.endswith("_V") and not OUTPUT.fullmatch(name) and not SETPOINT.fullmatch(name)
+def _is_input(name: str, unit: str = "") -> bool:
+    volts = unit == "V" or name.endswith("_V")
+    in_volts = volts and not OUTPUT.fullmatch(name) and not SETPOINT.fullmatch(name)
     return in_volts or INPUT.fullmatch(name) is not None
+
+
+def _is_held(runs: Sequence[Run], name: str) -> bool:
+    """Whether a column stays as set between its changes, as what is measured does not."""
+    found = [(run.t, cells) for run in runs for c, cells in run.columns.items() if alias(c) == name]
+    times, columns = zip(*found, strict=True)
+    told = statistics(times, columns)
+    return told is not None and told.held and not SETPOINT.fullmatch(name)
 
 
 def _increases(runs: Sequence[Run], column: str) -> bool:
@@ -109,7 +124,7 @@ def _head(runs: Sequence[Run], name: str, roles: Roles) -> str:
     sources = ", ".join(dict.fromkeys(_quoted(run.source) for run in runs))
     lines = [
         f"# Plant file, guessed from the columns of {sources}.",
-        "# Edit it: what is an input and what a state was guessed from names, units may be absent,",
+        "# Edit it: what is an input and what a state was guessed, units may be absent,",
         "# and every derivative is wholly unknown (a network NN_...). Replace what you know by",
         '# physics: derivative = "v" for a position, or known terms beside a network, such as',
         '# "-k*x/m + NN_x(x, v)" with [parameters] k and m.',

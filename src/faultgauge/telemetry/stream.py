@@ -6,7 +6,7 @@ Inf and a time that does not increase.
 
 import csv
 import json
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -14,12 +14,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from faultgauge.errors import InputError
-from faultgauge.telemetry.logs import RUN
+from faultgauge.telemetry.headers import split_headers, unit_row
+from faultgauge.telemetry.logs import RUN, Before, recalled
 from faultgauge.telemetry.mapping import apply_maps, find_column, parse_maps
-from faultgauge.telemetry.readers.csv import check_separator, header
-from faultgauge.telemetry.reading import check_present, finite_or_empty
+from faultgauge.telemetry.readers.csv import header
+from faultgauge.telemetry.readers.dialect import SEPARATORS, separator_of
+from faultgauge.telemetry.reading import check_present, finite_or_empty, unit_change
 from faultgauge.telemetry.table import Table, float_cells
-from faultgauge.telemetry.timing import find_time, seconds
+from faultgauge.telemetry.timing import check_form, find_time, in_seconds, seconds
 
 __all__ = ["SOURCE", "Sample", "read_stream"]
 
@@ -48,18 +50,28 @@ def read_stream(
     maps: Iterable[str] = (),
     names: Sequence[str] = (),
     optional: Sequence[str] = (),
+    units: Mapping[str, str] | None = None,
+    time_format: str | None = None,
+    before: Before | None = None,
     skip: Callable[[InputError], None] = _refuse,
+    note: Callable[[str], None] = lambda text: None,
 ) -> Iterator[Sample]:
     """Samples of one run, each as soon as its line is there; blank lines are passed over.
 
     The first line tells CSV (a header row of names) from NDJSON (an object per line, whose keys
-    are the columns; a key that is missing later is an empty cell). `time`, `maps`, `names` and
-    `optional` are those of `read_telemetry`, and so are the refusals, as `InputError`. What is
-    wrong with one row goes to `skip`, which refuses it as well; where it returns, the row is left
-    out. A last line without its newline is no row: nobody knows what of it is missing.
+    are the columns; a key that is missing later is an empty cell). The other arguments are those of
+    `read_telemetry`, and so are the refusals, as `InputError`. What is wrong with one row goes to
+    `skip`, which refuses it as well; where it returns, the row is left out. A last line without its
+    newline is no row: nobody knows what of it is missing. `note` is told how columns are understood
+    where that is not plain.
     """
-    reader = _Reader(time, parse_maps(maps), names, optional)
+    if time_format is not None:
+        check_form(time_format)
     columns = _Columns()
+    wanted = [*names, *(each for each in optional if each not in names)]
+    reader = _Reader(
+        columns, time, time_format, parse_maps(maps), before, names, wanted, units or {}, note
+    )
     for row, line in enumerate(lines, 1):
         try:
             cells = columns.cells(row, line)
@@ -75,7 +87,10 @@ class _Columns:
 
     def __init__(self) -> None:
         self.names: list[str] = []
+        self.units: dict[str, str] = {}
+        self.written: dict[str, str] = {}
         self.ndjson = False
+        self.begun = False
 
     def cells(self, row: int, line: str) -> dict[str, Any] | None:
         """{column: cell} of a line that holds a row."""
@@ -91,14 +106,36 @@ class _Columns:
         if not self.names:
             self.ndjson = text.lstrip().startswith("{")
             if not self.ndjson:
-                check_separator(Path(SOURCE), text)
-                self.names, _ = header(Path(SOURCE), [text])
+                _check_separator(text)
+                self._take(header(Path(SOURCE), [text])[0])
                 return None
+        first, self.begun = not self.begun, True
         if not self.ndjson:
-            return dict(zip(self.names, _split(row, text, len(self.names)), strict=True))
+            cells = _split(row, text, len(self.names))
+            units = unit_row(cells) if first else None
+            if units is None:
+                return dict(zip(self.names, cells, strict=True))
+            self.units |= {n: unit for n, unit in zip(self.names, units, strict=True) if unit}
+            return None
         found = _object(row, text)
-        self.names = self.names or list(found)
-        return {name: found.get(name, "") for name in self.names}
+        if not self.names:
+            self._take(list(found))
+        return {name: found.get(self.written.get(name, name), "") for name in self.names}
+
+    def _take(self, headers: list[str]) -> None:
+        self.names, self.units, self.written = split_headers(headers)
+
+    def table(self, cells: dict[str, np.ndarray], rows: Sequence[int]) -> Table:
+        return Table(SOURCE, cells, np.array(rows), self.units, written=self.written)
+
+
+def _check_separator(line: str) -> None:
+    separator = separator_of(line)
+    if separator != ",":
+        raise InputError(
+            f"{SOURCE}, row 1: the cells of {line[:60]!r} are separated by "
+            f"{SEPARATORS[separator]}; send commas between cells and points in decimal numbers."
+        )
 
 
 def _check_text(row: int, text: str) -> None:
@@ -138,14 +175,22 @@ class _Reader:
 
     def __init__(
         self,
+        given: _Columns,
         time: str | None,
+        time_format: str | None,
         maps: dict[str, str],
+        before: Before | None,
         names: Sequence[str],
-        optional: Sequence[str],
+        wanted: Sequence[str],
+        units: Mapping[str, str],
+        note: Callable[[str], None],
     ) -> None:
-        self.time, self.maps, self.names, self.optional = time, maps, names, optional
+        self.given, self.time, self.form, self.maps = given, time, time_format, maps
+        self.before, self.names, self.wanted = before, names, wanted
+        self.units, self.note = units, note
         self.first: tuple[int, dict[str, Any]] | None = None
         self.columns: dict[str, str] | None = None
+        self.changes: dict[str, tuple[float, float]] = {}
         self.last: float | None = None
 
     def prepare(self, row: int, cells: dict[str, Any]) -> None:
@@ -153,16 +198,23 @@ class _Reader:
         if self.columns is not None:
             return
         own = {name: _column((cell, cell)) for name, cell in cells.items()}
+        self.time, self.form, self.maps, notes = recalled(
+            self.given.table(own, [row, row]), self.time, self.form, self.maps, self.before
+        )
         empty = {name: np.full(2, np.nan) for name in cells}
-        table = apply_maps(Table(SOURCE, empty, np.array([row, row])), self.maps)
+        table = apply_maps(self.given.table(empty, [row, row]), self.maps)
         table = replace(
             table, columns=table.columns | {n: own[n] for n in table.columns if n in own}
         )
         self.time = find_time(table, self.time, "t" in self.maps)
         check_present(table, self.names)
-        wanted = dict.fromkeys([*self.names, *self.optional])
-        found = {name: find_column(table, name) for name in wanted}
+        found = {name: find_column(table, name) for name in self.wanted}
         self.columns = {name: column for name, column in found.items() if column is not None}
+        self.changes = {
+            name: unit_change(table, name, self.units.get(name, "")) for name in self.columns
+        }
+        for text in notes:
+            self.note(text)
 
     def sample(self, row: int, cells: dict[str, Any]) -> Sample:
         """The sample of one row, `InputError` for what no log may hold."""
@@ -172,12 +224,12 @@ class _Reader:
         self.check_run(row, cells, first[1])
         try:
             table = self.table(row, cells, first)
-            t = float(seconds(table, self.time)[-1])
+            t = float(seconds(table, self.time, self.form)[-1])
             self.check_order(row, t)
-            values = {
-                name: float(finite_or_empty(table, column)[-1])
-                for name, column in self.columns.items()
-            }
+            values = {}
+            for name, column in self.columns.items():
+                factor, offset = self.changes[name]
+                values[name] = factor * float(finite_or_empty(table, column)[-1]) + offset
         except InputError as wrong:
             raise _RowError(str(wrong)) from None
         self.first, self.last = first, t
@@ -185,10 +237,11 @@ class _Reader:
 
     def table(self, row: int, cells: dict[str, Any], first: tuple[int, dict[str, Any]]) -> Table:
         """The first row and this one: timestamps are seconds since the first."""
+        assert self.time is not None
         pairs = {name: (first[1][name], cell) for name, cell in cells.items()}
         columns = {name: _column(pair) for name, pair in pairs.items()}
-        table = Table(SOURCE, columns, np.array([first[0], row]))
-        return apply_maps(table, self.maps) if self.maps else table
+        table = self.given.table(columns, [first[0], row])
+        return in_seconds(apply_maps(table, self.maps) if self.maps else table, self.time)
 
     def check_order(self, row: int, t: float) -> None:
         if self.last is not None and t <= self.last:

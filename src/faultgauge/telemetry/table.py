@@ -23,7 +23,9 @@ class Table:
     `source` is the path as the user gave it. A number column is float64 with NaN for an empty
     cell; any other column keeps its cells as an object array of `str`. `rows` holds the 1-based
     row of the file that each sample came from, so that an error can point at it. `units` are those
-    that the file gives, by column; `notes` say in sentences what of the file is not in the table.
+    that the file gives, by column, and `written` are whole headers where a column's name is less of
+    it. `notes` say in sentences what of the file is not in the table, `readings` how the file was
+    understood, where that is not plain.
     """
 
     source: str
@@ -31,6 +33,8 @@ class Table:
     rows: Int[np.ndarray, "rows"]
     units: dict[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    written: dict[str, str] = field(default_factory=dict)
+    readings: tuple[str, ...] = ()
 
 
 def check_width(source: str | Path, count: int) -> None:

@@ -15,12 +15,14 @@ from faultgauge.telemetry.table import LARGEST, Table, float_cells, is_text, tex
 
 __all__ = [
     "called_like_time",
+    "check_form",
     "check_increasing",
     "clock_of",
     "epoch_note",
     "find_time",
     "in_seconds",
     "seconds",
+    "timestamp",
     "unit_map",
 ]
 
@@ -33,7 +35,13 @@ WORDS = {
 }  # fmt: skip
 # Time since 1970 in units that are told by the size of the numbers -> how many make a second.
 EPOCHS = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}
+NO_YEAR = 1900  # that `strptime` gives where a format has none
 EARLIEST, LATEST = 946_684_800.0, 4_102_444_800.0  # s: 2000 and 2100
+# Day before month, as every country writes it that has points between them.
+DOTTED = re.compile(
+    r"(\d{1,2})\.(\d{1,2})\.(\d{4}|\d\d)"
+    r"(?:[ T,;]+(\d{1,2}):(\d\d)(?::(\d\d)(?:[.,](\d{1,9}))?)?)?"
+)
 # Not T, which is a torque or a temperature.
 TIME_NAME = re.compile(
     r"(t|tout|(?i:time|timestamp|datetime|date|clock|epoch|sec|seconds))([\W_].*)?"
@@ -92,7 +100,7 @@ def _likely(table: Table, name: str) -> int:
     if called_like_time(name):
         return 2
     if is_text(cells):
-        return int(all(_timestamp(cell) is not None for cell in cells[:3]))
+        return int(all(timestamp(cell) is not None for cell in cells[:3]))
     return int(bool(np.all(np.diff(cells) > 0)))
 
 
@@ -106,6 +114,10 @@ def in_seconds(table: Table, column: str) -> Table:
     cells = table.columns[column]
     if is_text(cells) or unit.dimension != parse_unit("s") or not 0 < unit.scale < np.inf:
         return table
+    bare = replace(table, units={name: u for name, u in table.units.items() if name != column})
+    epoch = _epoch_unit(bare, column)
+    if epoch is not None and np.isclose(unit.scale * EPOCHS[epoch], 1):
+        return bare  # since 1970, with a clock
     # 35 ms / 1000 is the number 0.035, 35 ms * 0.001 is not; 1 / 1e-9 misses 1e9 by its last bit.
     small = unit.scale < 1
     cells = cells / float(f"{1 / unit.scale:.15g}") if small else cells * unit.scale
@@ -114,16 +126,22 @@ def in_seconds(table: Table, column: str) -> Table:
     )
 
 
-def seconds(table: Table, column: str) -> Float[np.ndarray, "rows"]:
+def seconds(table: Table, column: str, form: str | None = None) -> Float[np.ndarray, "rows"]:
     """Time column in seconds: numbers as they are, timestamps from the file's first.
 
-    Timestamps are ISO 8601, good to a microsecond, or milli-, micro- or nanoseconds since 1970
-    (`epoch_note`); those with a time zone are compared as instants. Raises `InputError` for an
-    empty or infinite time, text that is neither, and zones on some rows only.
+    Timestamps are as `form` says (of `strptime`), else as `timestamp` reads them, good to a
+    microsecond, or milli-, micro- or nanoseconds since 1970 (`epoch_note`); those with a time zone
+    are compared as instants. Raises `InputError` for an empty or infinite time, text that is
+    neither, and zones on some rows only.
     """
     cells = table.columns[column]
     if is_text(cells):
-        return _since_first(table, column)
+        return _since_first(table, column, form)
+    if form is not None:
+        raise InputError(
+            f"{table.source}, --time-format: the time column {column!r} holds numbers, not text; "
+            "leave the option out, or name another column with --time."
+        )
     wrong = np.flatnonzero(~(np.abs(cells) <= LARGEST))
     if wrong.size:
         found = "empty" if np.isnan(cells[wrong[0]]) else cells[wrong[0]]
@@ -160,16 +178,16 @@ def epoch_note(table: Table, column: str) -> str | None:
     )
 
 
-def _since_first(table: Table, column: str) -> Float[np.ndarray, "rows"]:
+def _since_first(table: Table, column: str, form: str | None) -> Float[np.ndarray, "rows"]:
     cells = table.columns[column]
     stamps: list[datetime] = []
     for k, cell in enumerate(cells):
-        stamp = _timestamp(cell)
+        stamp = timestamp(cell, form)
         if stamp is None:
-            found = f"{cell[:40]!r} is neither seconds nor an ISO 8601 timestamp"
-            if stamps or not _is_number(cell):
-                raise _refusal(table, column, k, found if cell.strip() else "the time is empty")
-            raise text_error(table, column)
+            if form is None and not stamps and _is_number(cell):
+                raise text_error(table, column)
+            found = f"{cell[:40]!r} is {_no_time(form)}" if cell.strip() else "the time is empty"
+            raise _refusal(table, column, k, found)
         stamps.append(stamp)
         if (stamp.tzinfo is None) != (stamps[0].tzinfo is None):
             raise _refusal(
@@ -178,22 +196,61 @@ def _since_first(table: Table, column: str) -> Float[np.ndarray, "rows"]:
     return np.array([(stamp - stamps[0]).total_seconds() for stamp in stamps])
 
 
-def clock_of(table: Table, column: str) -> datetime | None:
-    """What the clock showed at 0 s of `seconds`, where the time column holds timestamps."""
+def _no_time(form: str | None) -> str:
+    if form is not None:
+        return f"not of the form --time-format {form!r}"
+    return (
+        "neither seconds nor an ISO 8601 timestamp (say how it is written with --time-format, as "
+        'in --time-format "%d/%m/%Y %H:%M:%S")'
+    )
+
+
+def clock_of(table: Table, column: str, form: str | None = None) -> datetime | None:
+    """What the clock showed at 0 s of `seconds`, where the time column holds timestamps with a
+    date."""
     cells = table.columns[column]
     if is_text(cells):
-        return _timestamp(cells[0])
+        stamp = timestamp(cells[0], form)
+        return None if stamp is None or stamp.year == NO_YEAR else stamp
     unit = _epoch_unit(table, column)
     if unit is None:
         return None
     return datetime(1970, 1, 1, tzinfo=UTC) + timedelta(seconds=float(cells[0]) / EPOCHS[unit])
 
 
-def _timestamp(cell: str) -> datetime | None:
+def timestamp(cell: str, form: str | None = None) -> datetime | None:
+    """A timestamp: as `form` of `strptime` says, else ISO 8601 or day.month.year; None if none."""
+    cell = cell.strip()
     try:
-        return datetime.fromisoformat(cell.strip())
+        return datetime.fromisoformat(cell) if form is None else datetime.strptime(cell, form)
+    except ValueError:
+        return _dotted(cell) if form is None else None
+
+
+def _dotted(cell: str) -> datetime | None:
+    match = DOTTED.fullmatch(cell)
+    if match is None:
+        return None
+    day, month, year, hour, minute, second = (int(part or 0) for part in match.groups()[:6])
+    micro = int(f"{match[7] or 0:0<6}"[:6])
+    try:
+        return datetime(year + 2000 * (year < 100), month, day, hour, minute, second, micro)
     except ValueError:
         return None
+
+
+def check_form(form: str) -> None:
+    """Refuse a `--time-format` that `strptime` cannot read."""
+    try:
+        datetime.strptime(datetime(2026, 11, 22).strftime(form), form)
+        if "%" in form:
+            return
+    except (ValueError, re.error):
+        pass
+    raise InputError(
+        f"--time-format {form!r} is no format of a time; write %Y %m %d %H %M %S and %f for "
+        'year, month, day, hour, minute, second and its fraction, as in "%d/%m/%Y %H:%M:%S.%f".'
+    )
 
 
 def _is_number(cell: str) -> bool:
@@ -203,7 +260,7 @@ def _is_number(cell: str) -> bool:
 def _refusal(table: Table, column: str, sample: int | np.integer, found: str) -> InputError:
     return InputError(
         f"{table.source}, row {table.rows[sample]}, column {column!r}: {found}; every row needs a "
-        "time in seconds or an ISO 8601 timestamp, so correct or remove the row."
+        "time in seconds or a timestamp, so correct or remove the row."
     )
 
 

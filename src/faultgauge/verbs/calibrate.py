@@ -13,7 +13,7 @@ from faultgauge.detection.noise import noise_of
 from faultgauge.plants.model import Model
 from faultgauge.plants.settings import with_settings
 from faultgauge.verbs.plants import model_of
-from faultgauge.verbs.reading import How, Maps, Runs, clock_warnings, runs_for_model
+from faultgauge.verbs.reading import How, Maps, Runs, runs_for_model, unlike_warnings
 from faultgauge.verbs.result import Columns, Result
 
 __all__ = ["Calibrated", "calibrate"]
@@ -94,6 +94,7 @@ def calibrate(
     observer: str = "bank",
     plant: str | None = None,
     time: str | None = None,
+    time_format: str | None = None,
     map: Maps = None,
     where: str | None = None,
     resample: float | None = None,
@@ -105,7 +106,8 @@ def calibrate(
 
     - `model`: a fitted model, or its file.
     - `sources`: healthy logs that the fit has not seen: paths, data frames, dicts of arrays, runs,
-      or a list of them (`read`, which also says what `time`, `map`, `where` and `resample` mean).
+      or a list of them (`read`, which also says what `time`, `time_format`, `map`, `where` and
+      `resample` mean).
     - `mtbfa`: mean time between false alarms [s]; by default the longest that the logs support.
     - `observer`: `"bank"`, which decides, or the name of an observer, for its intervals alone.
     - `plant`: a plant file (or preset) to take `[faults]`, `[detection]` and `[observer]` from.
@@ -117,7 +119,7 @@ def calibrate(
     known = model_of(model)
     if plant is not None:
         known = with_settings(known, plant)
-    runs = runs_for_model(known, sources, How(time, map, where, resample))
-    odd = clock_warnings(known, runs)
+    runs = runs_for_model(known, sources, How(time, map, where, resample, time_format))
+    odd = unlike_warnings(known, runs)
     found = calibration.calibrate(known, runs, mtbfa=mtbfa, observer=observer, progress=progress)
     return Calibrated(found, runs, [*odd, *found.warnings])

@@ -1,7 +1,7 @@
 """`check`: fit, calibrate and estimate in one."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from faultgauge.detection import answer, decisions, misfit
@@ -10,6 +10,7 @@ from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
 from faultgauge.studies import checkup
 from faultgauge.telemetry import check_same_units
+from faultgauge.telemetry.other_range import other_range
 from faultgauge.verbs.estimate import Answer
 from faultgauge.verbs.plants import plant as as_plant
 from faultgauge.verbs.reading import How, Maps, read, runs_for_plant
@@ -85,6 +86,7 @@ def check(
     *,
     seed: int = 0,
     time: str | None = None,
+    time_format: str | None = None,
     map: Maps = None,
     where: str | None = None,
     resample: float | None = None,
@@ -95,24 +97,27 @@ def check(
     **Arguments**
 
     - `healthy`, `suspect`: logs: paths, data frames, dicts of arrays, runs, or lists of them
-      (`read`, which also says what `time`, `map`, `where` and `resample` mean).
+      (`read`, which also says what `time`, `time_format`, `map`, `where` and `resample` mean).
     - `plant`: a plant, a plant file, a preset, the text of a plant file, or a dict; by default a
       black box, guessed from the healthy log.
     - `seed` of the starts; `progress` is told what is being done.
 
     Returns a `Check`. Raises `InputError` as `fit`, `calibrate` and `estimate` do.
     """
-    how = How(time, map, where, resample)
+    how = How(time, map, where, resample, time_format)
     body = guessed(healthy, how) if plant is None else as_plant(plant)
     good = runs_for_plant(body.spec, healthy, how, fitting=True)
     doubtful = runs_for_plant(body.spec, suspect, how)
     check_same_units([*good, *doubtful], good.how.maps)
     found = checkup.check(body, good, doubtful, seed=seed, progress=progress)
+    found = replace(found, model=found.model.with_reading(good.how.said))
     throughout = misfit.alarmed_throughout({e.run.name: e.status for e in found.decisions})
-    warnings = [*found.account.warnings, *found.calibration.warnings, *throughout]
+    unlike = other_range(found.model, doubtful)
+    warnings = [*unlike, *found.account.warnings, *found.calibration.warnings, *throughout]
     return Check(found, warnings)
 
 
 def guessed(healthy: Any, how: How) -> GrayBoxPlant:
     """A black box for what is in the log: a network per state."""
-    return checkup.black_box(read(healthy, None, how.time, how.map, how.where, how.resample), "log")
+    runs = read(healthy, None, how.time, how.map, how.where, how.resample, how.time_format)
+    return checkup.black_box(runs, "log")

@@ -22,7 +22,7 @@ from faultgauge.detection.watch import Watch
 from faultgauge.errors import InputError
 from faultgauge.plants.model import Model
 from faultgauge.verbs.plants import model_of
-from faultgauge.verbs.reading import How, Maps, clock_warnings, runs_for_model
+from faultgauge.verbs.reading import How, Maps, runs_for_model, unlike_warnings
 from faultgauge.verbs.result import Columns, Result
 
 __all__ = ["Answer", "Estimates", "estimate", "need_bank"]
@@ -224,6 +224,7 @@ def estimate(
     smooth: bool = False,
     walk: Walk = Watch.along,
     time: str | None = None,
+    time_format: str | None = None,
     map: Maps = None,
     where: str | None = None,
     resample: float | None = None,
@@ -235,7 +236,7 @@ def estimate(
     - `model`: a calibrated model, or its file. One that was not calibrated gives rows that are
       NOT_JUDGED, and a sentence that says so.
     - `sources`: the logs: paths, data frames, dicts of arrays, runs, or a list of them (`read`,
-      which also says what `time`, `map`, `where` and `resample` mean).
+      which also says what `time`, `time_format`, `map`, `where` and `resample` mean).
     - `observer`: `"bank"` decides; the name of an observer, `"eso"`, gives its estimates alone.
     - `reference`: the healthy reference of the residuals: `"free"`, `"measured"`, `"observer"`.
     - `smooth`: say also what the whole log tells, with hindsight.
@@ -247,8 +248,8 @@ def estimate(
     """
     need_bank(observer, {"smooth": smooth})
     known = model_of(model)
-    runs = runs_for_model(known, sources, How(time, map, where, resample))
-    warnings = clock_warnings(known, runs)
+    runs = runs_for_model(known, sources, How(time, map, where, resample, time_format))
+    warnings = unlike_warnings(known, runs)
     if observer != "bank":
         estimated, observers = estimation.estimate(
             known, runs, observer=observer, reference=reference

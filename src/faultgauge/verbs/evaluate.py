@@ -8,7 +8,7 @@ from faultgauge.identification import evaluation
 from faultgauge.identification.evaluation import WARMUP, Prediction
 from faultgauge.plants.model import Model
 from faultgauge.verbs.plants import model_of
-from faultgauge.verbs.reading import How, Maps, clock_warnings, runs_for_model
+from faultgauge.verbs.reading import How, Maps, runs_for_model, unlike_warnings
 from faultgauge.verbs.result import Columns, Result
 
 __all__ = ["Evaluation", "evaluate"]
@@ -85,6 +85,7 @@ def evaluate(
     *,
     warmup: int = WARMUP,
     time: str | None = None,
+    time_format: str | None = None,
     map: Maps = None,
     where: str | None = None,
     resample: float | None = None,
@@ -95,14 +96,14 @@ def evaluate(
 
     - `model`: a fitted model, or its file.
     - `sources`: logs: paths, data frames, dicts of arrays, runs, or a list of them (`read`, which
-      also says what `time`, `map`, `where` and `resample` mean).
+      also says what `time`, `time_format`, `map`, `where` and `resample` mean).
     - `warmup`: samples that set hidden start states and are not scored.
 
     Returns an `Evaluation`. Raises `InputError` for logs that cannot be read or scored.
     """
     known = model_of(model)
-    runs = runs_for_model(known, sources, How(time, map, where, resample))
-    odd = clock_warnings(known, runs)
+    runs = runs_for_model(known, sources, How(time, map, where, resample, time_format))
+    odd = unlike_warnings(known, runs)
     found, predictions = evaluation.evaluate(known.plant, runs, known.max_step, warmup)
     if known.members:
         plants = [known.plant, *known.members]

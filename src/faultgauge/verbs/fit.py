@@ -147,6 +147,7 @@ def fit(
     despite_alarms: bool = False,
     replaces: Path | None = None,
     time: str | None = None,
+    time_format: str | None = None,
     map: Maps = None,
     where: str | None = None,
     resample: float | None = None,
@@ -158,7 +159,8 @@ def fit(
 
     - `plant`: a plant, a plant file, a preset, the text of a plant file, or a dict (`plant`).
     - `sources`: the healthy logs: paths, data frames, dicts of arrays, runs, or a list of them
-      (`read`, which also says what `time`, `map`, `where` and `resample` mean).
+      (`read`, which also says what `time`, `time_format`, `map`, `where` and `resample` mean);
+      the model remembers the first three for logs to come.
     - `validate`: logs to stop and select on, never to fit; else a part of the logs is held out.
     - `refine`: go on to the simulation error; by default where a state is hidden, a parameter
       varies or a sensor is slower than the rows, and with `robust` or `ensemble`.
@@ -172,7 +174,7 @@ def fit(
     read, do not tell the unknowns, or stand under alarm.
     """
     untrained = as_plant(plant)
-    how = How(time, map, where, resample)
+    how = How(time, map, where, resample, time_format)
     runs = runs_for_plant(untrained.spec, sources, how, fitting=True)
     held = Runs([], [], how)
     if validate is not None:
@@ -181,7 +183,7 @@ def fit(
     check_same_units(both, how.maps)
     if not despite_alarms:
         read = [*runs.sources, *held.sources]
-        refuse_alarms(both, read, how.time, how.maps, how.where, replaces)
+        refuse_alarms(both, read, how.time, how.maps, how.where, replaces, how.time_format)
     fits = [
         identification.fit(
             untrained,
@@ -196,4 +198,5 @@ def fit(
         )
         for k in range(seeds)
     ]
+    fits = [(model.with_reading(how.said), account) for model, account in fits]
     return Fit(fits, runs, held, fits[0][1].warnings)

@@ -1,7 +1,7 @@
 """`read`: logs as a plant or a model needs them. The command line reads its logs here, too."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
@@ -10,8 +10,9 @@ from faultgauge.identification.samples import column_names, jumping
 from faultgauge.plants.model import Model
 from faultgauge.plants.plant_file import PlantSpec
 from faultgauge.telemetry import Run, read_telemetry
-from faultgauge.telemetry.logs import Source
+from faultgauge.telemetry.logs import Before, Source
 from faultgauge.telemetry.other_clock import other_clock
+from faultgauge.telemetry.other_range import other_range
 from faultgauge.telemetry.readers.frames import is_frame, read_frame
 from faultgauge.telemetry.reading import at_rate
 from faultgauge.verbs.plants import plant as as_plant
@@ -20,10 +21,11 @@ __all__ = [
     "How",
     "Maps",
     "Runs",
-    "clock_warnings",
+    "unlike_warnings",
     "read",
     "runs_for_model",
     "runs_for_plant",
+    "said_before",
 ]
 
 Maps: TypeAlias = str | Iterable[str] | Mapping[str, str] | None
@@ -37,12 +39,19 @@ LEGAL = (
 @dataclass(frozen=True)
 class How:
     """How logs are read: the name of the time column, maps NAME=EXPRESSION (or a dict of them), a
-    condition on rows, and the rate [Hz] they are brought to."""
+    condition on rows, the rate [Hz] they are brought to, and how the time is written."""
 
     time: str | None = None
     map: Maps = None
     where: str | None = None
     resample: float | None = None
+    time_format: str | None = None
+
+    @property
+    def said(self) -> dict[str, Any]:
+        """What a model remembers of it for logs to come; no more than was said."""
+        every = {"time": self.time, "time_format": self.time_format, "maps": self.maps}
+        return {name: value for name, value in every.items() if value}
 
     @property
     def maps(self) -> list[str]:
@@ -75,17 +84,22 @@ def read(
     map: Maps = None,
     where: str | None = None,
     resample: float | None = None,
+    time_format: str | None = None,
 ) -> Runs:
     """Read logs into runs.
 
     **Arguments**
 
-    - `sources`: a path, a data frame (pandas, Polars, PyArrow, ...), a dict of arrays, or a list of
-      them. A frame's run is called `table`, the next `table#2`.
+    - `sources`: a path (a folder stands for the logs in it, `log.xlsx#SHEET` for one sheet), a data
+      frame (pandas, Polars, PyArrow, ...), a dict of arrays, or a list of them. A frame's run is
+      called `table`, the next `table#2`.
     - `plant`: what the logs are for, a plant (file, preset, text, dict) or a fitted model: it says
       which columns are needed, in which units, which of them are held between samples, and a model
-      at which rate. Without one all number columns are taken, and all are smooth.
+      at which rate. Without one all number columns are taken, and all are smooth. What was said at
+      the fit of a model (`time`, `time_format`, `map`) holds for logs that have those columns, too.
     - `time`: the time column, `t` by default: seconds or timestamps.
+    - `time_format`: how timestamps are written that are neither ISO 8601 nor day.month.year, as
+      `strptime` has it: `"%d/%m/%Y %H:%M:%S"`.
     - `map`: signals made from columns: `"h=wheel_rpm*0.1"`, a list of such, or `{"h": "..."}`.
     - `where`: a condition; only rows that meet it are kept.
     - `resample`: a rate [Hz] that the logs are brought to, anti-aliased.
@@ -93,13 +107,20 @@ def read(
     Returns the runs, a list. Raises `InputError` for a log that cannot be read or is not what the
     plant needs, naming file, column and row.
     """
-    how = How(time, map, where, resample)
+    how = How(time, map, where, resample, time_format)
     if plant is None:
         known = _known(sources, how)
         if known is not None:
             return known
         opened = _sources(sources)
-        runs = read_telemetry(opened, time=time, maps=how.maps, where=where, resample=resample)
+        runs = read_telemetry(
+            opened,
+            time=time,
+            maps=how.maps,
+            where=where,
+            resample=resample,
+            time_format=time_format,
+        )
         return Runs(runs, opened, how)
     if isinstance(plant, Model):
         return runs_for_model(plant, sources, how)
@@ -113,9 +134,11 @@ def runs_for_plant(
     *,
     fitting: bool = False,
     slower: Literal["refuse", "keep"] = "refuse",
+    before: Before | None = None,
 ) -> Runs:
     """The runs in `given` with the columns that a plant reads, at the rate that `how` says;
-    `fitting`, with its instruments too. What are runs already stays as it is."""
+    `fitting`, with its instruments too; what `how` leaves open may have been said `before`. What
+    are runs already stays as it is."""
     known = _known(given, how)
     if known is not None:
         return known
@@ -133,14 +156,16 @@ def runs_for_plant(
         resample=how.resample,
         averaged=jumping(spec),
         slower=slower,
+        time_format=how.time_format,
+        before=before,
     )
     return Runs(runs, sources, how)
 
 
 def runs_for_model(model: Model, given: Any, how: How) -> Runs:
-    """The runs in `given` for a fitted `model`: at its own rate, where it has one and they are
-    faster."""
-    spec, own = model.plant.spec, model.resample
+    """The runs in `given` for a fitted `model`: read as those of its fit where `how` leaves that
+    open, and at its own rate, where it has one and they are faster."""
+    spec, own, before = model.plant.spec, model.resample, said_before(model)
     known = _known(given, how)
     if known is not None:
         if own is not None:
@@ -149,20 +174,28 @@ def runs_for_model(model: Model, given: Any, how: How) -> Runs:
             known[:] = [next(brought) if run.resampled is None else run for run in known]
         return known
     if own is None:
-        return runs_for_plant(spec, given, how)
+        return runs_for_plant(spec, given, how, before=before)
     if how.resample not in (None, own):
         raise InputError(
             f"--resample {how.resample:g}: the model was fitted at {own:g} Hz, which faster logs "
             "are brought to anyway; leave the option out."
         )
-    at_its_rate = How(how.time, how.map, how.where, own)
-    return runs_for_plant(spec, given, at_its_rate, slower="keep")
+    return runs_for_plant(spec, given, replace(how, resample=own), slower="keep", before=before)
 
 
-def clock_warnings(model: Model, runs: Runs) -> list[str]:
-    """What the time of `runs` looks to be, where it is in another unit than that of the logs that
-    `model` was fitted to."""
-    return other_clock(model, runs, runs.how.time, runs.how.maps)
+def said_before(model: Model) -> Before:
+    """How the logs were read that `model` was fitted to."""
+    said = model.reading
+    return Before(said.get("time"), said.get("time_format"), tuple(said.get("maps", ())))
+
+
+def unlike_warnings(model: Model, runs: Runs) -> list[str]:
+    """What in `runs` is not as in the logs that `model` was fitted to: a time in another unit,
+    signals far from their training ranges."""
+    before = said_before(model)
+    maps = runs.how.maps or before.maps
+    odd = other_clock(model, runs, runs.how.time or before.time, maps)
+    return [*odd, *other_range(model, runs)]
 
 
 def _held(spec: PlantSpec) -> list[str]:
@@ -179,8 +212,8 @@ def _known(given: Any, how: How) -> Runs | None:
         raise InputError(f"a list of runs also holds a {type(strange).__name__}; {LEGAL}.")
     if how != How():
         raise InputError(
-            "time, map, where and resample say how logs are read, and these runs are read already; "
-            "give them to `faultgauge.read`."
+            "time, time_format, map, where and resample say how logs are read, and these runs are "
+            "read already; give them to `faultgauge.read`."
         )
     if isinstance(given, Runs):
         return Runs(given, given.sources, given.how)

@@ -9,7 +9,7 @@ from faultgauge.rehearsal.rehearse import TRIALS
 from faultgauge.rehearsal.result import Rehearsal
 from faultgauge.rehearsal.words import lines
 from faultgauge.verbs.plants import model_of
-from faultgauge.verbs.reading import How, Maps, clock_warnings, runs_for_model
+from faultgauge.verbs.reading import How, Maps, runs_for_model, unlike_warnings
 from faultgauge.verbs.result import Columns, Result
 
 __all__ = ["Rehearsed", "rehearse"]
@@ -50,6 +50,7 @@ def rehearse(
     sizes: Mapping[str, float] | None = None,
     trials: int = TRIALS,
     time: str | None = None,
+    time_format: str | None = None,
     map: Maps = None,
     where: str | None = None,
     progress: Callable[[str], None] = lambda text: None,
@@ -60,7 +61,8 @@ def rehearse(
 
     - `model`: a calibrated model, or its file.
     - `sources`: healthy logs that neither fit nor calibrate has seen: paths, data frames, dicts of
-      arrays, runs, or a list of them (`read`, which also says what `time`, `map` and `where` mean).
+      arrays, runs, or a list of them (`read`, which also says what `time`, `time_format`, `map`
+      and `where` mean).
     - `sizes`: rehearse these faults alone, of these sizes [the fault's unit]: `{"leak": 0.002}`.
     - `trials`: logs to judge, at most.
     - `progress`: is told what is being done.
@@ -69,6 +71,6 @@ def rehearse(
     can be rehearsed on these logs.
     """
     known = model_of(model)
-    runs = runs_for_model(known, sources, How(time, map, where))
+    runs = runs_for_model(known, sources, How(time, map, where, time_format=time_format))
     found = rehearsing(known, runs, sizes=sizes, trials=trials, progress=progress)
-    return Rehearsed(found, [*clock_warnings(known, runs), *found.warnings])
+    return Rehearsed(found, [*unlike_warnings(known, runs), *found.warnings])

@@ -7,17 +7,21 @@ from faultgauge.errors import InputError
 from faultgauge.files import check_regular
 from faultgauge.telemetry.readers.bag import BAG_FILES, read_bag
 from faultgauge.telemetry.readers.csv import read_csv
+from faultgauge.telemetry.readers.excel import EXCEL_FILES, in_workbook, read_excel
 from faultgauge.telemetry.readers.hdf5 import read_hdf5
 from faultgauge.telemetry.readers.mat import read_mat
 from faultgauge.telemetry.readers.mdf import read_mdf
 from faultgauge.telemetry.readers.parquet import read_parquet
 from faultgauge.telemetry.table import Table, check_width
 
-__all__ = ["READERS", "read_table", "stem"]
+__all__ = ["READERS", "logs_in", "read_table", "stem"]
 
 READERS: dict[str, Callable[[Path], Table]] = {
     ".csv": read_csv,
     ".csv.gz": read_csv,
+    ".tsv": read_csv,
+    ".txt": read_csv,
+    **dict.fromkeys(EXCEL_FILES, read_excel),
     ".parquet": read_parquet,
     ".mat": read_mat,
     ".h5": read_hdf5,
@@ -33,10 +37,11 @@ def read_table(path: Path) -> Table:
 
     Raises `InputError` if it is missing, of an unknown suffix, or refused by the reader.
     """
-    suffix = _suffix(path)
+    file, _ = in_workbook(path)
+    suffix = _suffix(file)
     try:
-        path.stat()
-        check_regular(path)
+        file.stat()
+        check_regular(file)
         if path.is_dir():
             return _narrow(read_bag(path))
         if suffix is not None:
@@ -62,10 +67,23 @@ def _narrow(table: Table) -> Table:
     return table
 
 
+def logs_in(path: Path) -> list[Path]:
+    """The logs in a folder that is no bag, by name; `path` itself where it is none, or has none."""
+    if not path.is_dir() or (path / "metadata.yaml").is_file():
+        return [path]
+    files = sorted(each for each in path.iterdir() if each.is_file())
+    hidden = (".", "~$")  # macOS and Excel put their own beside them
+    found = [each for each in files if _suffix(each) and not each.name.startswith(hidden)]
+    return found or [path]
+
+
 def stem(path: Path) -> str:
-    """Name of a file or folder without directory and without the suffix of its reader."""
-    name = path.name or path.resolve().name  # `.` has none
-    return name.removesuffix(name[len(name) - len(_suffix(path) or "") :])
+    """Name of a file or folder without directory and without the suffix of its reader; with that
+    of the sheet, where one is named."""
+    file, sheet = in_workbook(path)
+    name = file.name or path.resolve().name  # `.` has none
+    bare = name.removesuffix(name[len(name) - len(_suffix(file) or "") :])
+    return f"{bare}:{sheet}" if sheet else bare
 
 
 def _suffix(path: Path) -> str | None:

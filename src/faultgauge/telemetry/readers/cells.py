@@ -1,9 +1,14 @@
 """Arrays of other packages as the cells of a table: float64 with NaN, or text."""
 
+from collections.abc import Sequence
+from datetime import date, timedelta
+from numbers import Real
+from typing import Any
+
 import numpy as np
 from jaxtyping import Shaped
 
-__all__ = ["MOST_COLUMNS", "as_cells", "as_text", "split"]
+__all__ = ["MOST_COLUMNS", "as_cells", "as_text", "from_list", "split"]
 
 MOST_COLUMNS = 100  # a wider matrix is an image or a spectrum, not a set of signals
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
@@ -55,3 +60,30 @@ def split(name: str, values: np.ndarray, samples: int) -> dict[str, np.ndarray] 
         return None
     table = values if values.shape[0] == samples else values.T
     return {f"{name}_{k}": table[:, k] for k in range(table.shape[1])}
+
+
+def from_list(values: Sequence[Any]) -> Shaped[np.ndarray, "rows"] | None:
+    """A column of a table of objects of Python, timestamps as text; None if they are neither."""
+    there = [value for value in values if not _missing(value)]
+    if all(isinstance(value, Real) for value in there):
+        return np.array([np.nan if _missing(v) else float(v) for v in values], dtype=np.float64)
+    if all(isinstance(value, timedelta) for value in there):
+        return np.array([np.nan if _missing(v) else v.total_seconds() for v in values])
+    if all(isinstance(value, Real | str | bytes | date) for value in there):
+        return np.array([_text(value) for value in values], dtype=object)
+    return None
+
+
+def _text(value: Any) -> str:
+    if _missing(value):
+        return ""
+    if isinstance(value, str | bytes):
+        return as_text(value)
+    return value.isoformat() if isinstance(value, date) else str(value)
+
+
+def _missing(value: Any) -> bool:
+    """Empty: None, NaN, and what pandas has for them."""
+    if value is None or type(value).__name__ in ("NAType", "NaTType"):
+        return True
+    return isinstance(value, float) and value != value

@@ -1,16 +1,15 @@
 """What is in memory already, as a table: data frames of any package that narwhals knows (pandas,
 Polars, PyArrow, ...), and dicts of arrays."""
 
-from collections.abc import Mapping, Sequence
-from datetime import date, timedelta
-from numbers import Real
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from jaxtyping import Shaped
 
 from faultgauge.errors import InputError
-from faultgauge.telemetry.readers.cells import as_cells, as_text, split
+from faultgauge.telemetry.headers import with_units
+from faultgauge.telemetry.readers.cells import as_cells, from_list, split
 from faultgauge.telemetry.table import Table, check_width
 
 __all__ = ["is_frame", "read_frame"]
@@ -50,7 +49,8 @@ def read_frame(given: Any, source: str) -> Table:
     left_out = [name for name in cells if name not in kept]
     notes = (f"{source}: neither numbers nor text, and left out: {', '.join(left_out)}.",)
     units = {name: unit for name, unit in units.items() if name in kept}
-    return Table(source, kept, np.arange(1, rows + 1), units, notes if left_out else ())
+    rows = np.arange(1, rows + 1)
+    return with_units(Table(source, kept, rows, units, notes if left_out else ()))
 
 
 def _arrays(given: Mapping[Any, Any], source: str) -> dict[str, Any]:
@@ -124,30 +124,4 @@ def _cells(values: Any) -> Shaped[np.ndarray, "rows"] | None:
         return np.where(np.isnat(values), "", stamps).astype(object)
     if isinstance(values, np.ndarray) and values.dtype.kind != "O":
         return as_cells(values)
-    return _listed(list(values))
-
-
-def _listed(values: Sequence[Any]) -> Shaped[np.ndarray, "rows"] | None:
-    there = [value for value in values if not _missing(value)]
-    if all(isinstance(value, Real) for value in there):
-        return np.array([np.nan if _missing(v) else float(v) for v in values], dtype=np.float64)
-    if all(isinstance(value, timedelta) for value in there):
-        return np.array([np.nan if _missing(v) else v.total_seconds() for v in values])
-    if all(isinstance(value, Real | str | bytes | date) for value in there):
-        return np.array([_text(value) for value in values], dtype=object)
-    return None
-
-
-def _text(value: Any) -> str:
-    if _missing(value):
-        return ""
-    if isinstance(value, str | bytes):
-        return as_text(value)
-    return value.isoformat() if isinstance(value, date) else str(value)
-
-
-def _missing(value: Any) -> bool:
-    """Empty: None, NaN, and what pandas has for them."""
-    if value is None or type(value).__name__ in ("NAType", "NaTType"):
-        return True
-    return isinstance(value, float) and value != value
+    return from_list(list(values))

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from faultgauge.errors import InputError
+from faultgauge.telemetry.headers import with_units
 from faultgauge.telemetry.readers.cells import as_cells
 from faultgauge.telemetry.readers.foreign import package, reading
 from faultgauge.telemetry.table import Table
@@ -50,7 +51,7 @@ def read_parquet(path: Path) -> Table:
         raise InputError(f"{path} has {table.num_rows} row(s); a log needs at least two samples.")
     notes = [f"{path}: neither numbers nor text, and left out: {', '.join(left_out)}."]
     rows = np.arange(1, table.num_rows + 1)
-    return Table(str(path), columns, rows, units, tuple(notes) if left_out else ())
+    return with_units(Table(str(path), columns, rows, units, tuple(notes) if left_out else ()))
 
 
 def _cells(pyarrow: Any, column: Any) -> np.ndarray | None:
