@@ -8,6 +8,7 @@ import csv
 import json
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
+from itertools import count
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -42,15 +43,15 @@ def _refuse(wrong: InputError) -> None:
 
 
 def read_stream(
-    lines: Iterable[str],
+    lines: Iterable[Sequence[str]],
     *,
     time: str | None = None,
     maps: Iterable[str] = (),
     names: Sequence[str] = (),
     optional: Sequence[str] = (),
     skip: Callable[[InputError], None] = _refuse,
-) -> Iterator[Sample]:
-    """Samples of one run, each as soon as its line is there; blank lines are passed over.
+) -> Iterator[list[Sample]]:
+    """Samples of one run, of each of `lines` that come at once those; blank lines are passed over.
 
     The first line tells CSV (a header row of names) from NDJSON (an object per line, whose keys
     are the columns; a key that is missing later is an empty cell). `time`, `maps`, `names` and
@@ -59,15 +60,22 @@ def read_stream(
     out. A last line without its newline is no row: nobody knows what of it is missing.
     """
     reader = _Reader(time, parse_maps(maps), names, optional)
-    columns = _Columns()
-    for row, line in enumerate(lines, 1):
+    columns, rows = _Columns(), count(1)
+    for several in lines:
+        samples = []
         try:
-            cells = columns.cells(row, line)
-            if cells is not None:
-                reader.prepare(row, cells)
-                yield reader.sample(row, cells)
-        except _RowError as wrong:
-            skip(wrong)
+            for line, row in zip(several, rows, strict=False):
+                try:
+                    cells = columns.cells(row, line)
+                    if cells is not None:
+                        reader.prepare(row, cells)
+                        samples.append(reader.sample(row, cells))
+                except _RowError as wrong:
+                    skip(wrong)
+        except InputError:
+            yield samples  # what came before is answered
+            raise
+        yield samples
 
 
 class _Columns:
