@@ -335,6 +335,18 @@ def test_what_a_program_was_begun_to_ignore_it_ignores():
     assert done.stdout == "done\n"
 
 
+def test_an_interrupt_after_the_end_changes_nothing():
+    code = (
+        "import atexit, signal, sys; from faultgauge.cli import main\n"
+        "for each in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):\n"
+        "    signal.signal(each, signal.SIG_DFL)\n"
+        "    atexit.register(signal.raise_signal, each)\n"
+        "sys.argv = ['faultgauge', '--version']; main()"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
 class Gone(io.StringIO):
     """Standard output whose reader leaves after three lines."""
 

@@ -19,6 +19,7 @@ __all__ = [
     "RowWriter",
     "Skipped",
     "end_as_interrupts",
+    "end_in_peace",
     "input_lines",
     "let_go",
     "while_read",
@@ -85,6 +86,12 @@ def end_as_interrupts() -> None:
     for each in ENDS:
         if signal.getsignal(each) is signal.SIG_DFL:
             signal.signal(each, interrupt)
+
+
+def end_in_peace() -> None:
+    """All is done: what would end the program comes too late to interrupt anything."""
+    for each in ENDS:
+        signal.signal(each, signal.SIG_IGN)
 
 
 class Interrupt:
