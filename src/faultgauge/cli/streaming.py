@@ -7,6 +7,8 @@ import math
 import os
 import signal
 import sys
+import threading
+from _thread import interrupt_main
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -28,6 +30,7 @@ __all__ = [
 # Ctrl-C, kill, and the terminal that closes; not every system has the last.
 ENDS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
 LONGEST = 1_000_000  # bytes of a line
+AGAIN = 0.05  # s until an interrupt that was swallowed is raised anew
 PIECE = 1 << 16  # bytes of standard input that are taken at once: what a pipe holds
 GONE = {errno.EPIPE, errno.EIO}  # nobody reads the pipe; the terminal was closed
 
@@ -78,14 +81,24 @@ def let_go() -> None:
 
 def end_as_interrupts() -> None:
     """What ends a program by default ends it as Ctrl-C does; not what it was begun to ignore, as
-    under nohup."""
+    under nohup. An interrupt that comes within a finalizer, which swallows it, comes once more."""
+    usual, came = sys.unraisablehook, signal.SIGINT
 
-    def interrupt(*_: object) -> None:
+    def interrupt(number: int, _: object) -> None:
+        nonlocal came
+        came = signal.Signals(number)
         raise KeyboardInterrupt
 
+    def swallowed(found: Any) -> None:
+        if issubclass(found.exc_type, KeyboardInterrupt):
+            threading.Timer(AGAIN, interrupt_main, (came,)).start()
+        else:
+            usual(found)
+
     for each in ENDS:
-        if signal.getsignal(each) is signal.SIG_DFL:
+        if signal.getsignal(each) in (signal.SIG_DFL, signal.default_int_handler):
             signal.signal(each, interrupt)
+    sys.unraisablehook = swallowed
 
 
 def end_in_peace() -> None:
