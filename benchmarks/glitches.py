@@ -68,12 +68,15 @@ def calibrated(each: RealSet, folder: Path | None) -> Model:
         print(f"{each.name}: {text}", file=sys.stderr, flush=True)
 
     path = folder and folder / f"{each.name.replace(', ', ' ').replace(' ', '_')}.fgm"
-    if path and path.exists():
-        return load_model(path)
-    model, _ = fit(each.body(), each.fit, seed=0, progress=progress)
-    model = calibrate(model, each.calibrate, progress=progress).model
-    if path:
-        save_model(model, path)
+    model = load_model(path) if path and path.exists() else None
+    if model is None:
+        model, _ = fit(each.body(), each.fit, seed=0, progress=progress)
+        if path:
+            save_model(model, path)
+    if model.calibration is None:
+        model = calibrate(model, each.calibrate, progress=progress).model
+        if path:
+            save_model(model, path)
     return model
 
 
@@ -169,12 +172,10 @@ def main() -> None:
     )
     for name in given.sets or SETS:
         try:
-            sets = SETS[name]()
+            for each in SETS[name]():
+                print(measured(each, range(given.seeds), given.models), flush=True)
         except InputError as refusal:
             print(f"{name}: {refusal}", file=sys.stderr)
-            continue
-        for each in sets:
-            print(measured(each, range(given.seeds), given.models), flush=True)
 
 
 if __name__ == "__main__":
