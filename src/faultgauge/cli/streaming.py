@@ -151,7 +151,7 @@ def input_lines(interrupt: Interrupt) -> Iterator[list[str]]:
     or is interrupted; what stands behind the last newline comes last. Bytes that are not UTF-8
     become surrogates."""
     try:
-        source = sys.stdin.buffer
+        source: Any = sys.stdin.buffer  # a buffer that has `read1`
     except AttributeError:
         raise InputError(
             "standard input is closed; send telemetry there, or give the log as a file."

@@ -88,7 +88,7 @@ class Channel(Part):
 class Levels(Part):
     """Noise and model error by name; what is not a size nor a time is any number."""
 
-    __pydantic_extra__: dict[str, dict[str, Number]] = pydantic.Field(init=False)
+    __pydantic_extra__: dict[str, dict[str, Number]]  # pyright: ignore
     sigma: dict[str, Least] = {}
     process: dict[str, Least] = {}
     drift: dict[str, Least] = {}
