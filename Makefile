@@ -20,7 +20,7 @@ studies: $(STAMP)
 fuzz: $(STAMP)
 	FAULTGAUGE_FUZZ=2000 $(BIN)/python -m pytest -q -m fuzz tests/cli/test_fuzz.py
 
-# Every command ended at random moments, 200 in all: half an hour and more.
+# Every command ended at random moments, 200 in all: half an hour on an idle machine.
 kills: $(STAMP)
 	$(BIN)/python benchmarks/kills.py
 
