@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed-$(shell $(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info[:2])')
 
-.PHONY: demo test studies fuzz check lint bench lock docs peers clean
+.PHONY: demo test studies fuzz kills check lint bench lock docs peers clean
 
 demo: $(STAMP)
 	$(BIN)/faultgauge demo --out out
@@ -19,6 +19,10 @@ studies: $(STAMP)
 # Nonsense as logs, plant files, scenarios, streams and models: some minutes, the same every time.
 fuzz: $(STAMP)
 	FAULTGAUGE_FUZZ=2000 $(BIN)/python -m pytest -q -m fuzz tests/cli/test_fuzz.py
+
+# Every command ended at random moments, 200 in all: half an hour on an idle machine.
+kills: $(STAMP)
+	$(BIN)/python benchmarks/kills.py
 
 lint: $(STAMP)
 	$(BIN)/ruff format --check .

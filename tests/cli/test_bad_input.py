@@ -141,6 +141,10 @@ LOGS = {  # what is done to the healthy log, and what the refusal must name besi
     "all-empty column": (column(2, ""), ["x"]),
     "no time": (lambda lines: ["clock,u,x", *lines[1:]], ["'t'", "--time"]),
     "row too long": (cell(7, 2, "1,2"), ["8"]),
+    "one usable row": (
+        lambda lines: [*column(2, "")(lines)[:7], lines[7], *column(2, "")(lines)[8:]],
+        ["16 complete samples", "inspect"],
+    ),
 }
 
 
@@ -265,6 +269,7 @@ def test_missing_model(refuse, workshop, tmp_path):
     assert refuse("evaluate", model, workshop.healthy, naming=[model, "fit"])
 
 
+LONG = "x" * 300 + ".csv"
 OPTIONS = {  # arguments (files by name), and what must be named
     "unknown option": (["evaluate", "model", "healthy", "--fast"], ["--fast"]),
     "unknown command": (["fitt", "plant", "healthy"], ["fitt"]),
@@ -279,6 +284,15 @@ OPTIONS = {  # arguments (files by name), and what must be named
         ["guess", "--reference"],
     ),
     "unknown ending": (["estimate", "calibrated", "healthy", "--out", "new.xls"], [".xls", ".csv"]),
+    "name too long": (["evaluate", "model", "healthy", "--report", LONG], ["too long for a file"]),
+    "log's name too long": (["evaluate", "model", LONG], ["File name too long"]),
+    "model's name too long": (["evaluate", LONG, "healthy"], ["File name too long"]),
+    "folder's name too long": (
+        ["export", "calibrated", "--to", "c", "--out", LONG], ["too long for a folder"]
+    ),
+    "a file for a folder": (
+        ["export", "calibrated", "--to", "c", "--out", "healthy"], ["is a file", "--out"]
+    ),
     "no folder": (["estimate", "calibrated", "healthy", "--out", "no/new.csv"], ["no/new.csv"]),
     "no folder, fit": (["fit", "plant", "healthy", "--out", "no/m.fgm"], ["no/m.fgm"]),
     "no report folder": (["evaluate", "model", "healthy", "--report", "no/r.html"], ["no/r.html"]),

@@ -529,6 +529,9 @@ def test_reports_stand_on_their_own(call, workshop, tmp_path, command):
     said = call(command, *arguments, "--report", page)
     assert said.code == 0, said.err
     text = page.read_text()
+    if command in ("evaluate", "estimate"):
+        assert call(command, *arguments, "--report", tmp_path / "again.html").code == 0
+        assert (tmp_path / "again.html").read_text() == text, "the same bytes"
     assert text.lstrip().lower().startswith("<!doctype html>")
     assert "<svg" in text
     for foreign in ('src="http', "src='http", '<link rel="stylesheet"', "@import", "url(http"):

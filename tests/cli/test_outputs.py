@@ -67,6 +67,8 @@ CALLS = [
     "detectability model.fgm log.csv --report hard.csv",
     "check good.csv log.csv --report hard.csv",
     "check good.csv log.csv --out r --report r/report.html",
+    "inspect log.csv --init-plant soft.csv",
+    "demo --out log.csv",
     "simulate scenario.toml --out log.csv",
     "simulate scenario.toml --out e.csv --report scenario.toml",
     "simulate scenario.toml --out e.csv --report model.fgm",

@@ -335,11 +335,43 @@ def test_what_a_program_was_begun_to_ignore_it_ignores():
     assert done.stdout == "done\n"
 
 
+@pytest.mark.parametrize("sent", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_an_interrupt_that_a_finalizer_swallows_comes_once_more(sent):
+    code = (
+        "import signal as s, time, weakref\n"
+        "from faultgauge.cli.streaming import end_as_interrupts\n"
+        "s.signal(s.SIGINT, s.default_int_handler)\n"
+        "s.signal(s.SIGTERM, s.SIG_DFL); s.signal(s.SIGHUP, s.SIG_DFL)\n"
+        "end_as_interrupts()\n"
+        "class Thing: pass\n"
+        "thing = Thing()\n"
+        f"weakref.finalize(thing, s.raise_signal, s.{sent})\n"
+        "try:\n"
+        "    del thing\n"
+        "    for _ in range(1000): time.sleep(0.05)\n"
+        "except KeyboardInterrupt: print('interrupted')"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.stdout, done.stderr) == ("interrupted\n", "")
+
+
+def test_an_interrupt_after_the_end_changes_nothing():
+    code = (
+        "import atexit, signal, sys; from faultgauge.cli import main\n"
+        "for each in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):\n"
+        "    signal.signal(each, signal.SIG_DFL)\n"
+        "    atexit.register(signal.raise_signal, each)\n"
+        "sys.argv = ['faultgauge', '--version']; main()"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
 class Gone(io.StringIO):
     """Standard output whose reader leaves after three lines."""
 
     def write(self, text):
-        if self.getvalue().count("\n") >= 3:
+        if self.getvalue().count("\n") + text.count("\n") > 3:
             raise BrokenPipeError(32, "Broken pipe")
         return super().write(text)
 
@@ -399,7 +431,7 @@ def test_the_view_draws_what_it_is_given(workshop):
         "reason": "",
     }
     for k in range(40):
-        view.row({**row, "f_leak": 0.61 * k / 39})
+        view.rows([{**row, "f_leak": 0.61 * k / 39}])
     view.live.console.print(view.table())
     shown = text.getvalue()
     for part in (

@@ -74,6 +74,10 @@ def log(seed, leak=0.0, acts=LATE):
 
 @pytest.fixture(scope="module")
 def bank():
+    return built(TANK)
+
+
+def built(text):
     rng = np.random.default_rng(0)
     points = np.stack([rng.uniform(0, 12, 60), rng.uniform(0, 2, 60)], axis=1)
     record = {
@@ -82,7 +86,7 @@ def bank():
         "columns": {"states": [["x", 0]], "outputs": ["x"]},
         "data": {"fit": [], "validate": []},
     }
-    model = Model(GrayBoxPlant.untrained(parse_plant(TANK)), record)
+    model = Model(GrayBoxPlant.untrained(parse_plant(text)), record)
     return build_fault_bank(model, [log(0)], NOISE)
 
 
@@ -325,6 +329,21 @@ def test_single_samples_of_any_size_raise_nothing(bank, seed):
         assert np.all(said.posterior.lo[k] <= 0)
         assert np.all(said.posterior.hi[k] >= 0)
     assert np.isfinite(said.posterior.f[20:]).all()
+
+
+@pytest.mark.parametrize("value", [-9999.0, 1e9, -1e30])
+def test_a_cell_of_an_input_that_is_no_command_raises_nothing(value):
+    """Where the plant file has no limits, which would be what acts."""
+    free = TANK.replace("min = 0\nmax = 2\n", "")
+    bank = built(free)
+    run = log(21)
+    rows = np.arange(50, COUNT, 100)
+    run.columns["u"][rows] = value
+    said = decide(bank, run)
+    assert not said.events
+    assert "FAULT" not in said.status
+    assert {said.reason[k] for k in rows} == {"not sampled"}
+    assert np.mean(np.array(said.status) == "HEALTHY") > 0.7, "held off for ten rows after each"
 
 
 def test_a_fault_is_sized_and_dated_through_glitches(bank, decision):

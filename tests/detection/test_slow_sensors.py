@@ -176,7 +176,7 @@ def test_a_stream_says_what_the_file_says(calibration, every):
     for name in ("f", "lo", "hi", "healthy"):
         said = np.concatenate([getattr(each.posterior, name) for each in rows])
         np.testing.assert_array_equal(said, getattr(decision.posterior, name))
-    assert [each.status[0] for each in rows] == decision.status
+    assert [status for each in rows for status in each.status] == decision.status
     for name, values in decision.residuals.items():
         said = np.concatenate([each.residuals[name] for each in rows])
         np.testing.assert_array_equal(said, values)

@@ -77,10 +77,12 @@ def short(run, count):
     return Run(run.name, run.source, run.t[:count], columns)
 
 
-def streamed(judge, run):
-    said = []
+def streamed(judge, run, at_once=1):
+    said, samples = [], []
     for k, t in enumerate(run.t):
-        said += judge.push(Sample(float(t), {n: float(v[k]) for n, v in run.columns.items()}))
+        samples.append(Sample(float(t), {n: float(v[k]) for n, v in run.columns.items()}))
+    for k in range(0, len(samples), at_once):
+        said += judge.push(*samples[k : k + at_once])
     return [*said, *judge.finish()]
 
 
@@ -111,8 +113,13 @@ def test_every_bit_of_a_holed_log_is_that_of_the_file(calibrated):
     events = sorted((e for e in said if isinstance(e, BankEvent)), key=lambda e: e.start)
     assert events == judged.events
     assert {"pump", "gauge"} <= {e.fault for e in events}
-    alarms = [(a.fault, a.start) for a in said if isinstance(a, Alarm)]
-    assert set(alarms) == {(e.fault, e.start) for e in events}
+    alarms = [each for each in said if isinstance(each, Alarm)]
+    assert {(a.fault, a.start) for a in alarms} == {(e.fault, e.start) for e in events}
+    for at_once in (17, COUNT):
+        again = streamed(Stream(calibrated, observer="bank"), run, at_once)
+        assert table([e for e in again if isinstance(e, Decision)], names) == table(rows, names)
+        told = [each for each in again if isinstance(each, Alarm | BankEvent)]
+        assert told == [each for each in said if isinstance(each, Alarm | BankEvent)]
 
 
 LIMITED = TANK.replace('hold = "zero"', 'hold = "zero"\nmin = 0.7\nmax = 1.2')
@@ -214,6 +221,4 @@ def test_so_do_the_observers(leaky):
     assert judged.reason.count(STILL) > 20
     rows = [e for e in streamed(Stream(leaky, observer="eso"), run) if type(e) is Estimated]
     names = leaky.plant.signals.fault_names
-    streaming = [plain_table([row], names) for row in rows]
-    whole = plain_table([judged], names)
-    assert {n: [r[n][0] for r in streaming] for n in whole} == whole
+    assert plain_table(rows, names) == plain_table([judged], names)

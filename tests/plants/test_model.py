@@ -17,6 +17,7 @@ from faultgauge.errors import InputError
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model, load_model, save_model
 from faultgauge.plants.plant_file import parse_plant
+from faultgauge.plants.record import check_record
 from faultgauge.plants.settle import settle
 from faultgauge.plants.shape import Shape
 
@@ -324,6 +325,38 @@ def test_record_without_what_a_model_needs(saved):
     assert "damaged" in refusal(saved)
     forged(saved, record={"seed": 1})
     assert "damaged" in refusal(saved)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "fits"),
+    [
+        ("lasting", 3.0, True),
+        ("lasting", 0.0, False),
+        ("settling", -1.0, False),
+        ("sigma", -1e-3, False),
+        ("shift", -1e-3, True),
+        ("shift", 1e300, False),
+        ("another", "x", False),
+    ],
+)
+def test_levels_of_noise_that_are_none(key, value, fits):
+    """Times above 0, sizes from 0 on, and numbers."""
+    level = {"level": 3.0, "mtbfa_s": 9.0, "confidence": 0.95, "memory_s": 1.0, "suspects": []}
+    level |= dict.fromkeys(("widened", "judged_s", "healthy_s", "block_s"), 1.0)
+    level |= {"alarms": 0, "blocks": 1, "samples": 9, "size": {}}
+    block = {
+        "observer": "bank",
+        "data": [],
+        "repeats": {},
+        "bank": level,
+        "noise": {key: {"h": value}},
+    }
+    record = {**RECORD, "calibration": block}
+    if fits:
+        check_record(record, model().plant.signals)
+        return
+    with pytest.raises(ValueError, match=f"calibration.noise.{key}"):
+        check_record(record, model().plant.signals)
 
 
 def test_plant_that_does_not_parse(saved):

@@ -1,6 +1,5 @@
 """Time in milli-, micro- or nanoseconds since 1970."""
 
-import io
 from datetime import UTC, datetime
 
 import numpy as np
@@ -28,7 +27,8 @@ def test_numbers_that_count_since_1970(tmp_path, digits, unit, atol):
     assert f"{unit} since 1970" in run.notes[0]
     assert "2026-03-29 01:59:59 UTC" in run.notes[0]
     assert run.notes[0] in inspect_runs(path, time="stamp").hints
-    samples = list(read_stream(io.StringIO(path.read_text()), time="stamp", names=["u"]))
+    lines = path.read_text().splitlines(keepends=True)
+    (samples,) = read_stream([lines], time="stamp", names=["u"])
     np.testing.assert_allclose([sample.t for sample in samples], run.t, atol=1e-12)
     (run,) = read_telemetry(path, maps=[f"t=stamp/1e{digits}"], names=["u"])
     assert run.t[0] == pytest.approx(FIRST.timestamp())  # the user's own business

@@ -22,7 +22,7 @@ def rows(count=200):
 
 
 def read(text, **options):
-    samples = list(read_stream(text.splitlines(keepends=True), **options))
+    (samples,) = read_stream([text.splitlines(keepends=True)], **options)
     return np.array([s.t for s in samples]), {
         name: np.array([s.values[name] for s in samples]) for name in samples[0].values
     }
@@ -108,17 +108,29 @@ def test_what_is_wrong_with_all_rows_is_refused_all_the_same(text):
         read(text, names=["u"], skip=lambda wrong: None)
 
 
-def test_a_sample_is_there_as_soon_as_its_line_is():
+def test_samples_are_there_as_soon_as_their_lines_are():
     taken = []
 
     def lines():
-        for line in ("t,u\n", "0,1\n", "1,2\n"):
-            taken.append(line)
-            yield line
+        for several in (["t,u\n"], [], ["0,1\n", "x,1\n", "\n", "1,2\n"], ["2,3\n"]):
+            taken.append(several)
+            yield several
 
-    samples = read_stream(lines(), names=["u"])
-    assert next(samples) == (0.0, {"u": 1.0})
-    assert len(taken) == 2
+    left_out = []
+    samples = read_stream(lines(), names=["u"], skip=left_out.append)
+    assert [next(samples), next(samples)] == [[], []]
+    assert next(samples) == [(0.0, {"u": 1.0}), (1.0, {"u": 2.0})]
+    assert len(taken) == 3
+    assert next(samples) == [(2.0, {"u": 3.0})]
+    (wrong,) = left_out
+    assert "row 3" in str(wrong)
+
+
+def test_what_came_before_a_refusal_is_given():
+    samples = read_stream([["t,u\n", "0,1\n", "1,x\n", "2,1\n"]], names=["u"])
+    assert next(samples) == [(0.0, {"u": 1.0})]
+    with pytest.raises(InputError, match="row 3"):
+        next(samples)
 
 
 def test_units_and_what_was_said_before_are_those_of_the_file(tmp_path):

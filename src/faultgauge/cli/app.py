@@ -25,7 +25,7 @@ from faultgauge.cli.presets import presets
 from faultgauge.cli.rehearse import rehearse
 from faultgauge.cli.reproduce import reproduce
 from faultgauge.cli.simulate import simulate
-from faultgauge.cli.streaming import end_as_interrupts, let_go
+from faultgauge.cli.streaming import end_as_interrupts, end_in_peace, let_go
 from faultgauge.cli.writing import guarded
 from faultgauge.errors import InputError
 from faultgauge.files import full_disk
@@ -86,7 +86,9 @@ def main() -> None:
     """Run the command line: exit 0 done, 2 wrong input, 1 our own fault, 130 interrupted."""
     end_as_interrupts()
     renew_when_damaged()
-    sys.exit(run(sys.argv[1:]))
+    code = run(sys.argv[1:])
+    end_in_peace()
+    sys.exit(code)
 
 
 def run(arguments: list[str]) -> int:

@@ -72,8 +72,8 @@ def answer(
             options.say(unjudged_sentence(fitted))
         elif observer != "bank":
             options.say(estimation.sentence(fitted))
-        for sample in samples:
-            speaker.say(stream.push(sample))
+        for several in samples:
+            speaker.say(stream.push(*several))
         speaker.say(stream.finish())
     options.warn(stream.refused)
 
@@ -111,11 +111,14 @@ class _Speaker:
                     columns = estimation.table([each], faults)
                 else:
                     columns = decisions.table([each], faults)
-                row = {name: cells[0] for name, cells in columns.items()}
+                rows = [
+                    dict(zip(columns, cells, strict=True))
+                    for cells in zip(*columns.values(), strict=True)
+                ]
                 if self.writer:
-                    self.writer.write(row)
+                    self.writer.write(*rows)
                 if self.view:
-                    self.view.row(row)
+                    self.view.rows(rows)
             elif isinstance(each, Misfit):
                 self.misfit(each)
             else:

@@ -2,12 +2,13 @@
 
 import contextlib
 import errno
-import itertools
 import json
 import math
 import os
 import signal
 import sys
+import threading
+from _thread import interrupt_main
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -20,6 +21,7 @@ __all__ = [
     "RowWriter",
     "Skipped",
     "end_as_interrupts",
+    "end_in_peace",
     "input_lines",
     "let_go",
     "while_read",
@@ -28,26 +30,30 @@ __all__ = [
 # Ctrl-C, kill, and the terminal that closes; not every system has the last.
 ENDS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
 LONGEST = 1_000_000  # bytes of a line
+AGAIN = 0.05  # s until an interrupt that was swallowed is raised anew
+PIECE = 1 << 16  # bytes of standard input that are taken at once: what a pipe holds
 GONE = {errno.EPIPE, errno.EIO}  # nobody reads the pipe; the terminal was closed
 
 
 class RowWriter:
-    """Writes rows of the same columns to standard output, each flushed: CSV or NDJSON."""
+    """Writes rows of the same columns to standard output, each time flushed: CSV or NDJSON."""
 
     def __init__(self, form: str) -> None:
         self.form = form
         self.begun = False
 
-    def write(self, row: Mapping[str, Any]) -> None:
-        """One row; None is an empty cell (CSV) or null (NDJSON), as is what has no number."""
+    def write(self, *rows: Mapping[str, Any]) -> None:
+        """Rows that are there at once; None is an empty cell (CSV) or null (NDJSON), as is what has
+        no number."""
         from faultgauge.telemetry.writing import csv_line
 
         if self.form == "ndjson":
-            text = json.dumps({name: _json(cell) for name, cell in row.items()}) + "\n"
+            lines = [json.dumps({n: _json(cell) for n, cell in row.items()}) + "\n" for row in rows]
         else:
-            text = csv_line(row.values()) if self.begun else csv_line(row) + csv_line(row.values())
+            head = [] if self.begun else [csv_line(rows[0])]
+            lines = head + [csv_line(row.values()) for row in rows]
         self.begun = True
-        sys.stdout.write(text)
+        sys.stdout.write("".join(lines))
         sys.stdout.flush()
 
 
@@ -75,14 +81,30 @@ def let_go() -> None:
 
 def end_as_interrupts() -> None:
     """What ends a program by default ends it as Ctrl-C does; not what it was begun to ignore, as
-    under nohup."""
+    under nohup. An interrupt that comes within a finalizer, which swallows it, comes once more."""
+    usual, came = sys.unraisablehook, signal.SIGINT
 
-    def interrupt(*_: object) -> None:
+    def interrupt(number: int, _: object) -> None:
+        nonlocal came
+        came = signal.Signals(number)
         raise KeyboardInterrupt
 
+    def swallowed(found: Any) -> None:
+        if issubclass(found.exc_type, KeyboardInterrupt):
+            threading.Timer(AGAIN, interrupt_main, (came,)).start()
+        else:
+            usual(found)
+
     for each in ENDS:
-        if signal.getsignal(each) is signal.SIG_DFL:
+        if signal.getsignal(each) in (signal.SIG_DFL, signal.default_int_handler):
             signal.signal(each, interrupt)
+    sys.unraisablehook = swallowed
+
+
+def end_in_peace() -> None:
+    """All is done: what would end the program comes too late to interrupt anything."""
+    for each in ENDS:
+        signal.signal(each, signal.SIG_IGN)
 
 
 class Interrupt:
@@ -124,29 +146,35 @@ class Interrupt:
             self.idle = False
 
 
-def input_lines(interrupt: Interrupt) -> Iterator[str]:
-    """Lines of standard input, each as soon as it is whole, until it ends or is interrupted; bytes
-    that are not UTF-8 become surrogates."""
+def input_lines(interrupt: Interrupt) -> Iterator[list[str]]:
+    """Lines of standard input as soon as they are whole, all that are there at once, until it ends
+    or is interrupted; what stands behind the last newline comes last. Bytes that are not UTF-8
+    become surrogates."""
     try:
-        source = sys.stdin.buffer
+        source: Any = sys.stdin.buffer  # a buffer that has `read1`
     except AttributeError:
         raise InputError(
             "standard input is closed; send telemetry there, or give the log as a file."
         ) from None
-    for row in itertools.count(1):
+    row, rest = 1, b""
+    while True:
         try:
             with interrupt.waiting():
-                line = source.readline(LONGEST + 1)
+                piece = source.read1(PIECE)
         except KeyboardInterrupt:
             return
-        if not line:
-            return
-        if len(line) > LONGEST:
+        *lines, rest = (rest + piece).split(b"\n")
+        lines = [line + b"\n" for line in lines] if piece else [rest]
+        long = next((k for k, line in enumerate([*lines, rest]) if len(line) > LONGEST), None)
+        yield [line.decode(errors="surrogateescape") for line in lines[:long] if line]
+        if long is not None:
             raise InputError(
-                f"standard input, row {row}: longer than {size_in_words(LONGEST)}, which no row "
-                "is; send rows that end with a newline."
+                f"standard input, row {row + long}: longer than {size_in_words(LONGEST)}, which no "
+                "row is; send rows that end with a newline."
             )
-        yield line.decode(errors="surrogateescape")
+        if not piece:
+            return
+        row += len(lines)
 
 
 class Skipped:

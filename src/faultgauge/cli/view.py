@@ -2,6 +2,7 @@
 
 import time
 from collections import deque
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -43,12 +44,12 @@ class View:
             self.draw()
         self.live.stop()
 
-    def row(self, row: dict[str, Any]) -> None:
-        """Take a row in; draw it if the last drawing is old enough."""
-        self.newest = row
-        for name in self.units:
-            if name in row:
-                self.traces.setdefault(name, deque(maxlen=HISTORY)).append(row[name])
+    def rows(self, rows: Sequence[dict[str, Any]]) -> None:
+        """Take rows in; draw the last if the last drawing is old enough."""
+        self.newest = rows[-1]
+        for name in [each for each in self.units if each in self.newest]:
+            values = [row[name] for row in rows[-HISTORY:]]
+            self.traces.setdefault(name, deque(maxlen=HISTORY)).extend(values)
         if time.monotonic() - self.drawn >= PERIOD:
             self.draw()
 

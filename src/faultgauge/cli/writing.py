@@ -71,6 +71,9 @@ def _check(roles: Mapping[str, Reads | Writes | Fills], given: Mapping[str, Any]
             continue
         option, path = f"--{name.replace('_', '-')}", Path(given[name])
         if isinstance(role, Fills):
+            _check_name(path, "a folder")
+            if os.path.exists(path) and not os.path.isdir(path):
+                raise InputError(f"{path}: is a file; give a folder for {option}.")
             outputs[option] = [path / each for each in role.names]
             continue
         check_folder(path)
@@ -136,12 +139,16 @@ def check_folder(path: Path) -> None:
         raise InputError(f"{path}: is a folder; give a file name in it.")
     if not os.path.isdir(path.absolute().parent):
         raise InputError(f"{path}: the folder {path.parent} does not exist; create it first.")
+    _check_name(path, "a file")
+
+
+def _check_name(path: Path, what: str) -> None:
     try:
         os.stat(path)
     except OSError as failure:
         if failure.errno == errno.ENAMETOOLONG:
             raise InputError(
-                f"{path}: the name is too long for a file; give a shorter one."
+                f"{path}: the name is too long for {what}; give a shorter one."
             ) from None
 
 

@@ -1,4 +1,8 @@
-"""What of a row is believed: inputs as they act, outputs but for those that stand still."""
+"""What of a row is believed: inputs as they act, outputs but for those that stand still.
+
+An input without a limit that reads far beyond all that training covered is no command and counts
+as not sampled: one cell of -9999 would move the healthy model out of sight of the plant.
+"""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -11,12 +15,15 @@ from jaxtyping import Array, Bool, Float, Int
 
 from faultgauge.detection.delay_line import DelayLine, DelayState
 from faultgauge.detection.flat_line import FlatLine, FlatState
-from faultgauge.detection.judged import arrays_of, rows_between
+from faultgauge.detection.judged import arrays_of, operating_points, rows_between
 from faultgauge.observers.follow import follow
 from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run
 
 __all__ = ["Intake", "IntakeState", "Taken", "slow_outputs", "with_taken"]
+
+
+FAR = 100.0  # times the range of an input in training, beyond it
 
 
 class IntakeState(NamedTuple):
@@ -39,17 +46,19 @@ class Taken(NamedTuple):
 
 
 class Intake(eqx.Module):
-    """Pure `init` and `step`."""
+    """Pure `init` and `step`; inputs below `low` or above `high` are none."""
 
     delays: DelayLine
     flat: FlatLine
+    low: Float[np.ndarray, "inputs"]
+    high: Float[np.ndarray, "inputs"]
 
     @staticmethod
     def of(model: Model, step: float, slow: Sequence[str] = (), *, sized: bool = True) -> "Intake":
         """For rows `step` [s] apart, of which the outputs `slow` are sampled in some alone;
         `sized` as in `FlatLine`."""
         delays = DelayLine.of(model.plant.signals, step)
-        return Intake(delays, FlatLine.of(model, slow, sized=sized))
+        return Intake(delays, FlatLine.of(model, slow, sized=sized), *_commands(model))
 
     def init(self, step: float | np.ndarray, averaged: bool = False) -> IntakeState:
         return IntakeState(
@@ -64,6 +73,7 @@ class Intake(eqx.Module):
         y: Float[Array, "outputs"],
     ) -> tuple[IntakeState, Taken]:
         """One row at `t` [s] as it came."""
+        u = jnp.where((u < self.low) | (u > self.high), jnp.nan, u)
         delayed, u = self.delays.step(state.delayed, t, u, state.step, state.averaged)
         flat, (y, standing) = self.flat.step(state.flat, y)
         return state._replace(delayed=delayed, flat=flat), Taken(u, y, standing)
@@ -72,6 +82,18 @@ class Intake(eqx.Module):
         """The next `rows`, however many; NumPy arrays."""
         u, y = arrays_of(model.plant.signals, rows, slice(0, len(rows.t)))
         return follow(self, state, (rows.t, u, y))
+
+
+def _commands(model: Model) -> tuple[Float[np.ndarray, "inputs"], Float[np.ndarray, "inputs"]]:
+    """(least, largest) that is a command; what lies beyond a limit of the plant file acts as it."""
+    inputs, u = model.plant.signals.inputs, operating_points(model).u
+    if not len(u):
+        return np.full(len(inputs), -np.inf), np.full(len(inputs), np.inf)
+    low, high = u.min(axis=0), u.max(axis=0)
+    room = np.where(high > low, FAR * (high - low), np.inf)
+    limited = np.array([[np.isfinite(each.min), np.isfinite(each.max)] for each in inputs], bool)
+    below, above = limited.reshape(-1, 2).T
+    return np.where(below, -np.inf, low - room), np.where(above, np.inf, high + room)
 
 
 def slow_outputs(model: Model, runs: Sequence[Run]) -> tuple[str, ...]:

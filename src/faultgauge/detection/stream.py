@@ -12,6 +12,7 @@ from typing import TypeAlias
 
 import jax
 import numpy as np
+from jaxtyping import Bool
 
 from faultgauge.detection.bank import FaultBank, build_fault_bank, evaluated_faults
 from faultgauge.detection.decisions import Decision, Watching, unjudged
@@ -23,13 +24,12 @@ from faultgauge.detection.misfit import FEWEST, Alarmed, Misfit
 from faultgauge.detection.noise import noise_of
 from faultgauge.detection.residual import Reference, Residuals, curved_inputs
 from faultgauge.detection.uncalibrated import uncalibrated
-from faultgauge.detection.verdicts import log_odds
 from faultgauge.errors import InputError
 from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run
 from faultgauge.telemetry.rates import align
 from faultgauge.telemetry.resampling import same_rate
-from faultgauge.telemetry.runs import PACE_SAMPLES, joined, paced
+from faultgauge.telemetry.runs import PACE_SAMPLES, cut, joined, paced
 from faultgauge.telemetry.stream import SOURCE, Sample
 
 __all__ = ["Said", "Stream"]
@@ -40,9 +40,10 @@ Said: TypeAlias = Estimated | Decision | Alarm | BankEvent | Misfit
 
 
 class Stream:
-    """Judges one stream. `push` a sample, `finish` at its end; both give what is ready to be said.
+    """Judges one stream. `push` samples, `finish` at its end; both give what is ready to be said.
 
-    The first 20 samples tell the time step; their rows come when the 20th does.
+    The first 20 samples tell the time step; their rows come when the 20th does. Samples that are
+    pushed at once are answered at once, to the same bits and many times as fast.
     """
 
     def __init__(self, model: Model, *, observer: str = "bank", reference: Reference = "free"):
@@ -68,13 +69,13 @@ class Stream:
         """Why faults are not estimated, once the first samples are there."""
         return list(self.answers.refused) if isinstance(self.answers, _Observers) else []
 
-    def push(self, sample: Sample) -> Iterator[Said]:
-        """Rows, alarms and events, in the order of time."""
+    def push(self, *samples: Sample) -> Iterator[Said]:
+        """The rows of the `samples`, and then the alarms and events that they bring."""
         if self.answers is not None:
-            yield from self._said(sample)
+            yield from self._said(samples)
             return
-        self.first.append(sample)
-        if len(self.first) == PACE_SAMPLES:
+        self.first += samples
+        if len(self.first) >= PACE_SAMPLES:
             yield from self._open()
 
     def finish(self) -> Iterator[Said]:
@@ -89,27 +90,38 @@ class Stream:
             yield from self._misfit(self.last)
 
     def _open(self) -> Iterator[Said]:
-        self._take_rate(paced(self._rows(self.first)))
-        run = paced(self._rows(self.first))
+        first = self.first[:PACE_SAMPLES]
+        self._take_rate(paced(self._rows(first)))
+        run = paced(self._rows(first))
         self._check_rates(run)
         self.pace = run.step
         kind = _Observers if self.observer != "bank" else _Decided
         if self.observer == "bank" and uncalibrated(self.model):
             kind = _Unjudged
         self.answers = kind(self, run)
-        for sample in self.first:
-            yield from self._said(sample)
+        yield from self._said(self.first)
+        self.first = []
 
-    def _said(self, sample: Sample) -> Iterator[Said]:
-        """What is said of a row, and whether the alarm is there from the beginning on."""
+    def _said(self, samples: Sequence[Sample]) -> Iterator[Said]:
+        """What is said of rows, and whether the alarm is there from the beginning on."""
         assert self.answers is not None
-        self.last = sample.t
-        for each in self.answers.push(self._rows([sample])):
+        if not samples:
+            return
+        self.last = samples[-1].t
+        for each in self.answers.push(self._rows(samples)):
             yield each
-            if self.alarmed is not None and isinstance(each, Decision):
-                self.alarmed.add(each.status)
-                if self.alarmed.judged >= self._block():
-                    yield from self._misfit(sample.t)
+            if isinstance(each, Decision):
+                yield from self._misfits(each)
+
+    def _misfits(self, said: Decision) -> Iterator[Misfit]:
+        """As of each row."""
+        block = self._block()
+        for t, status in zip(said.run.t, said.status, strict=True):
+            if self.alarmed is None:
+                return
+            self.alarmed.add([status])
+            if self.alarmed.judged >= block:
+                yield from self._misfit(float(t))
 
     def _misfit(self, t: float) -> Iterator[Misfit]:
         if self.alarmed is not None and self.alarmed.throughout:
@@ -165,8 +177,8 @@ class _Observers:
         self.refused = list(bank.refused.values())
         self.observing = Observing(bank, run, stream.reference)
 
-    def push(self, row: Run) -> Iterator[Said]:
-        yield self.observing.push(row)
+    def push(self, rows: Run) -> Iterator[Said]:
+        yield self.observing.push(rows)
 
 
 class _Unjudged:
@@ -179,10 +191,10 @@ class _Unjudged:
         self.state = self.intake.init(run.step, averaged=run.resampled is not None)
         self.residuals = Residuals(self.model, run, stream.reference)
 
-    def push(self, row: Run) -> Iterator[Said]:
-        self.state, taken = self.intake.along(self.model, self.state, row)
-        acting = with_taken(self.model, row, taken, outputs=False)
-        yield unjudged(self.model, row, acting, self.residuals.push(acting))
+    def push(self, rows: Run) -> Iterator[Said]:
+        self.state, taken = self.intake.along(self.model, self.state, rows)
+        acting = with_taken(self.model, rows, taken, outputs=False)
+        yield unjudged(self.model, rows, acting, self.residuals.push(acting))
 
 
 class _Decided:
@@ -194,10 +206,10 @@ class _Decided:
         self.residuals = Residuals(stream.model, run, stream.reference)
         self.inputs = stream.model.plant.signals.input_names
 
-    def push(self, row: Run) -> Iterator[Said]:
-        judged, decision = self.watching.push(row)
+    def push(self, rows: Run) -> Iterator[Said]:
+        judged, decision = self.watching.push(rows)
         inputs = {name: decision.used.columns[name] for name in self.inputs}
-        r = self.residuals.push(replace(row, columns=row.columns | inputs))
+        r = self.residuals.push(replace(rows, columns=rows.columns | inputs))
         yield replace(decision, residuals=r)
         yield from self.ongoing.push(judged)
 
@@ -207,35 +219,62 @@ class _Ongoing:
     events in it as in a whole log, and their onsets in what came before too."""
 
     def __init__(self, bank: FaultBank) -> None:
-        self.bank = bank
+        self.bank, self.pause = bank, pause(bank)
+        self.names = (*bank.model.plant.signals.fault_names, UNKNOWN)
         self.kept: list[Judged] = []
         self.calm = 0  # sampled rows in a row that speak of no fault
         self.told: set[str] = set()
 
-    def push(self, row: Judged) -> Iterator[Alarm | BankEvent]:
-        """Keep the row where it belongs to what may be an event; tell alarms and events."""
-        bank, (run, found, verdict, _) = self.bank, row
-        release = bank.model.plant.signals.detection.release
-        columns = np.append(found.p[0], found.unknown[0])
-        speaks = verdict.named.any() or np.any(np.nan_to_num(columns) >= release)
-        speaks |= float(log_odds(found.healthy)[0]) >= bank.level
-        sampled = np.isfinite(found.healthy[0])
-        self.calm = 0 if speaks else self.calm + sampled
-        if speaks or self.kept:
-            self.kept.append(row)
-        names = (*bank.model.plant.signals.fault_names, UNKNOWN)
-        for k in np.flatnonzero(verdict.named[0]):
-            if names[k] not in self.told:
-                self.told.add(names[k])
-                size = float(found.f[0, k] / found.p[0, k]) if names[k] != UNKNOWN else None
-                yield Alarm(run.name, names[k], float(run.t[0]), size)
-        if self.calm > pause(bank):
-            yield from self.over()
+    def push(self, rows: Judged) -> Iterator[Alarm | BankEvent]:
+        """Keep the rows that belong to what may be an event; tell alarms and events."""
+        speaks, sampled = self._speaks(rows), np.isfinite(rows.found.healthy)
+        first = 0 if self.kept else None  # of those that are kept
+        for k in range(len(speaks)):
+            self.calm = 0 if speaks[k] else self.calm + sampled[k]
+            if first is None and speaks[k]:
+                first = k
+            yield from self._alarms(rows, k)
+            if self.calm > self.pause:
+                self._keep(rows, first, k + 1)
+                first = None
+                yield from self.over()
+        self._keep(rows, first, len(speaks))
+
+    def _speaks(self, rows: Judged) -> Bool[np.ndarray, "rows"]:
+        """Which rows speak of a fault."""
+        found, detection = rows.found, self.bank.model.plant.signals.detection
+        columns = np.concatenate([found.p, found.unknown[:, None]], axis=1)
+        likely = np.any(np.nan_to_num(columns) >= detection.release, axis=1)
+        p0 = np.clip(np.nan_to_num(found.healthy, nan=1.0), 1e-300, 1.0)
+        over = p0 * (1 + np.exp(self.bank.level)) <= 1
+        return likely | over | rows.verdict.named.any(axis=1)
+
+    def _alarms(self, rows: Judged, k: int) -> Iterator[Alarm]:
+        """Of what is named in row `k` for the first time."""
+        for cause in np.flatnonzero(rows.verdict.named[k]):
+            name, found = self.names[cause], rows.found
+            if name not in self.told:
+                self.told.add(name)
+                size = None if name == UNKNOWN else float(found.f[k, cause] / found.p[k, cause])
+                yield Alarm(rows.run.name, name, float(rows.run.t[k]), size)
+
+    def _keep(self, rows: Judged, first: int | None, stop: int) -> None:
+        """The rows from `first` on, beside what is kept. Pieces are joined to at least as long
+        ones, so that there are few, and a row is copied a few times only."""
+        if first is None:
+            return
+        part = slice(first, stop)
+        self.kept.append(Judged(cut(rows.run, part), *jax.tree.map(lambda a: a[part], rows[1:])))
+        while len(self.kept) > 1 and len(self.kept[-2].run.t) <= len(self.kept[-1].run.t):
+            self.kept[-2:] = [_joined(self.kept[-2:])]
 
     def over(self) -> Iterator[BankEvent]:
         """The events of what was kept."""
         if any(each.verdict.named.any() for each in self.kept):
-            runs, *rest = zip(*self.kept, strict=True)
-            whole = [jax.tree.map(lambda *a: np.concatenate(a), *each) for each in rest]
-            yield from events(self.bank, Judged(joined(runs), *whole))
+            yield from events(self.bank, _joined(self.kept))
         self.kept, self.told = [], set()
+
+
+def _joined(pieces: Sequence[Judged]) -> Judged:
+    runs, *rest = zip(*pieces, strict=True)
+    return Judged(joined(runs), *(jax.tree.map(lambda *a: np.concatenate(a), *e) for e in rest))

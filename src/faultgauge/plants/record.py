@@ -86,13 +86,27 @@ class Channel(Part):
     interval: Least
 
 
+class Levels(Part):
+    """Noise and model error by name; what is not a size nor a time is any number."""
+
+    __pydantic_extra__: dict[str, dict[str, Number]]  # pyright: ignore
+    sigma: dict[str, Least] = {}
+    process: dict[str, Least] = {}
+    drift: dict[str, Least] = {}
+    size: dict[str, Least] = {}
+    lasting: dict[str, Positive] = {}
+    share: dict[str, Least] = {}
+    settling: dict[str, Positive] = {}
+    spread: dict[str, Least] = {}
+
+
 class Calibration(Part):
     """What `calibrate` found, for the bank or for an observer alone."""
 
     observer: str
     data: list[str]
     repeats: dict[str, Count]
-    noise: dict[str, dict[str, Number]] | None = None
+    noise: Levels | None = None
     bank: BankLevel | None = None
     channels: dict[str, Channel] | None = None
     bandwidth: Positive | None = None

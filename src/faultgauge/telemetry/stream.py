@@ -8,6 +8,7 @@ import csv
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import count
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -44,7 +45,7 @@ def _refuse(wrong: InputError) -> None:
 
 
 def read_stream(
-    lines: Iterable[str],
+    lines: Iterable[Sequence[str]],
     *,
     time: str | None = None,
     maps: Iterable[str] = (),
@@ -55,8 +56,8 @@ def read_stream(
     before: Before | None = None,
     skip: Callable[[InputError], None] = _refuse,
     note: Callable[[str], None] = lambda text: None,
-) -> Iterator[Sample]:
-    """Samples of one run, each as soon as its line is there; blank lines are passed over.
+) -> Iterator[list[Sample]]:
+    """Samples of one run, of each of `lines` that come at once those; blank lines are passed over.
 
     The first line tells CSV (a header row of names) from NDJSON (an object per line, whose keys
     are the columns; a key that is missing later is an empty cell). The other arguments are those of
@@ -67,19 +68,26 @@ def read_stream(
     """
     if time_format is not None:
         check_form(time_format)
-    columns = _Columns()
+    columns, rows = _Columns(), count(1)
     wanted = [*names, *(each for each in optional if each not in names)]
     reader = _Reader(
         columns, time, time_format, parse_maps(maps), before, names, wanted, units or {}, note
     )
-    for row, line in enumerate(lines, 1):
+    for several in lines:
+        samples = []
         try:
-            cells = columns.cells(row, line)
-            if cells is not None:
-                reader.prepare(row, cells)
-                yield reader.sample(row, cells)
-        except _RowError as wrong:
-            skip(wrong)
+            for line, row in zip(several, rows, strict=False):
+                try:
+                    cells = columns.cells(row, line)
+                    if cells is not None:
+                        reader.prepare(row, cells)
+                        samples.append(reader.sample(row, cells))
+                except _RowError as wrong:
+                    skip(wrong)
+        except InputError:
+            yield samples  # what came before is answered
+            raise
+        yield samples
 
 
 class _Columns:

@@ -1,0 +1,182 @@
+"""Single-sample glitches of any size in healthy measured logs: what the bank makes of them.
+
+    python benchmarks/glitches.py [--set NAME]... [--seeds N] [--models FOLDER]
+
+Sets, plants, fits and calibrations are those of `real_sets.py`; `--models` keeps them for the next
+time. Into the first hour of each run that neither fit nor calibration has seen, or as much as there
+is, go 20 glitches in one output each: -9999, 0, 1e9 and values off by one standard deviation of the
+noise up to 1e12, log-uniform, of either sign. The log without them is judged beside it. An alarm or
+event counts as the glitches' where the log without them has none within ten samples; of the
+intervals, five samples later, those that held 0 without. Set FAULTGAUGE_DATA to the folder that
+holds the records.
+"""
+
+import argparse
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from faultgauge.detection.bank import FaultBank, build_fault_bank
+from faultgauge.detection.calibration import calibrate
+from faultgauge.detection.decisions import Decision, decide
+from faultgauge.detection.noise import noise_of
+from faultgauge.detection.verdicts import FAULT
+from faultgauge.errors import InputError
+from faultgauge.identification.fit import fit
+from faultgauge.plants.model import Model, load_model, save_model
+from faultgauge.telemetry import Run
+from faultgauge.telemetry.runs import cut, paced
+from real_sets import SETS, RealSet
+
+COUNT = 20
+KNOWN = (-9999.0, 0.0, 1e9)  # what sensors say that have nothing to say
+LARGEST = 12.0  # decades
+HOUR = 3600.0
+FIRST = 30  # samples that a log begins without glitches: the bank is held off, and learns the step
+APART = 8  # samples between two glitches, at least
+NEAR = 10  # samples
+LATER = 5  # samples
+
+
+class Glitch(NamedTuple):
+    row: int
+    output: str
+    value: float
+
+
+class Found(NamedTuple):
+    """Of one run with glitches; `alarms` and `events` are the glitches' own, those of the log
+    without them beside them."""
+
+    seconds: float
+    alarms: list[str]
+    events: list[str]
+    healthy_alarms: int
+    healthy_events: int
+    held: int
+    asked: int
+
+
+def calibrated(each: RealSet, folder: Path | None) -> Model:
+    """The set's model, fitted with seed 0, or as `folder` has kept it."""
+
+    def progress(text: str) -> None:
+        print(f"{each.name}: {text}", file=sys.stderr, flush=True)
+
+    path = folder and folder / f"{each.name.replace(', ', ' ').replace(' ', '_')}.fgm"
+    model = load_model(path) if path and path.exists() else None
+    if model is None:
+        model, _ = fit(each.body(), each.fit, seed=0, progress=progress)
+        if path:
+            save_model(model, path)
+    if model.calibration is None:
+        model = calibrate(model, each.calibrate, progress=progress).model
+        if path:
+            save_model(model, path)
+    return model
+
+
+def drawn(run: Run, sigma: dict[str, float], rng: np.random.Generator) -> Iterator[Glitch]:
+    """20 glitches, in order."""
+    room = (len(run.t) - FIRST) // COUNT
+    sizes = list(KNOWN)
+    for k in range(COUNT):
+        row = FIRST + k * room + int(rng.integers(max(room - APART, 1)))
+        output = str(rng.choice([n for n in sigma if np.isfinite(run.columns[n][row])]))
+        decade = rng.uniform(np.log10(sigma[output]), LARGEST)
+        off = float(rng.choice([-1.0, 1.0]) * 10**decade)
+        value = sizes.pop() if sizes else run.columns[output][row] + off
+        yield Glitch(row, output, value)
+
+
+def begun(said: Decision) -> np.ndarray:
+    """The rows in which an alarm begins."""
+    alarm = np.array(said.status) == FAULT
+    return np.flatnonzero(alarm & ~np.append(False, alarm[:-1]))
+
+
+def compared(bank: FaultBank, run: Run, seed: int) -> Found:
+    """`run` with the glitches of `seed`, beside itself."""
+    sigma = dict(zip(bank.model.plant.signals.output_names, bank.noise.sigma, strict=True))
+    sigma = {name: float(each) for name, each in sigma.items() if name in bank.outputs}
+    glitches = list(drawn(run, sigma, np.random.default_rng(seed)))
+    columns = {name: values.copy() for name, values in run.columns.items()}
+    for each in glitches:
+        columns[each.output][each.row] = each.value
+    healthy, said = decide(bank, run), decide(bank, replace(run, columns=columns))
+
+    def own(t: float, others: list[float]) -> bool:
+        return all(abs(t - other) > NEAR * run.step for other in others)
+
+    def told(t: float, what: str) -> str:
+        near = min(glitches, key=lambda each: abs(run.t[each.row] - t))
+        return f"{what} at {t:.6g} s; {near.output} = {near.value:.4g} at {run.t[near.row]:.6g} s"
+
+    quiet = [float(run.t[k]) for k in np.flatnonzero(np.array(healthy.status) == FAULT)]
+    alarms = [
+        told(run.t[k], f"alarm ({said.reason[k]})") for k in begun(said) if own(run.t[k], quiet)
+    ]
+    before = [each.start for each in healthy.events]
+    events = [
+        told(each.start, f"event {each.fault}") for each in said.events if own(each.start, before)
+    ]
+    rows = [each.row + LATER for each in glitches if each.row + LATER < len(run.t)]
+    held = [(d.posterior.lo[rows] <= 0) & (d.posterior.hi[rows] >= 0) for d in (healthy, said)]
+    return Found(
+        float(run.t[-1] - run.t[0]),
+        alarms,
+        events,
+        len(begun(healthy)),
+        len(healthy.events),
+        int((held[0] & held[1]).sum()),
+        int(held[0].sum()),
+    )
+
+
+def measured(each: RealSet, seeds: range, folder: Path | None) -> str:
+    """A row of the table; what was told of glitches goes to stderr."""
+    model = calibrated(each, folder)
+    runs = [cut(run, slice(0, np.searchsorted(run.t, run.t[0] + HOUR))) for run in each.rehearse]
+    found = []
+    for run in map(paced, runs):
+        bank = build_fault_bank(model, [run], noise_of(model))
+        found += [compared(bank, run, seed) for seed in seeds]
+    for text in [text for one in found for text in (*one.alarms, *one.events)]:
+        print(f"{each.name}: {text}", file=sys.stderr, flush=True)
+    seconds = sum(one.seconds for one in found)
+    alarms, events = (sum(len(one[k]) for one in found) for k in (1, 2))
+    first = found[:: len(seeds)]
+    healthy = f"{sum(o.healthy_alarms for o in first)}, {sum(o.healthy_events for o in first)}"
+    held, asked = sum(one.held for one in found), sum(one.asked for one in found)
+    return (
+        f"| {each.name} | {len(found)}, {seconds:.0f} s | {COUNT * len(found)} | {healthy} | "
+        f"{alarms} | {events} | {held} of {asked} |"
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--set", action="append", choices=list(SETS), dest="sets")
+    parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--models", type=Path)
+    given = parser.parse_args()
+    if given.models:
+        given.models.mkdir(parents=True, exist_ok=True)
+    print(
+        "| set | logs | glitches | alarms, events without them | alarms more | events more | "
+        "intervals that hold 0 five samples later |\n|---|---|---|---|---|---|---|"
+    )
+    for name in given.sets or SETS:
+        try:
+            for each in SETS[name]():
+                print(measured(each, range(given.seeds), given.models), flush=True)
+        except InputError as refusal:
+            print(f"{name}: {refusal}", file=sys.stderr)
+
+
+if __name__ == "__main__":
+    main()
