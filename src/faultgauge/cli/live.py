@@ -117,6 +117,7 @@ class _Speaker:
 
     def event(self, said: "Said") -> None:
         from faultgauge.detection import decisions
+        from faultgauge.detection.answer import finding
         from faultgauge.detection.events import Alarm, BankEvent
 
         assert isinstance(said, Alarm | BankEvent)
@@ -127,7 +128,7 @@ class _Speaker:
             print(json.dumps(line, allow_nan=False), file=self.lines)
         unit = self.units.get(said.fault, "")
         if isinstance(said, BankEvent):
-            text = f"event: {decisions.sentence(said, unit)}"
+            text = f"event: {'; '.join(finding(said, unit))}"
         elif said.size is None:
             text = f"alarm: a fault that is not declared since {said.start:.6g} s"
         else:

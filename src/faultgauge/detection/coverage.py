@@ -69,6 +69,18 @@ class Region(eqx.Module):
     points: Float[np.ndarray, "points arguments"]
     reach: Float[np.ndarray, ""]
 
+    @property
+    def covered(self) -> str:
+        """What training covered, in words: every argument with its range, call by call."""
+        points = self.points * self.scale
+        ends = list(zip(points.min(axis=0), points.max(axis=0), strict=True))
+        ranges = {
+            f"{text(argument)} from {low:.3g} to {high:.3g}"
+            for call in self.arguments.calls
+            for argument, (low, high) in zip(call, ends, strict=True)
+        }
+        return f"{self.name} ({', '.join(sorted(ranges))})"
+
     def holds(
         self,
         x: Float[Array, "states"],

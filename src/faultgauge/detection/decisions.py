@@ -12,7 +12,6 @@ from faultgauge.detection.events import BankEvent, Judged, events
 from faultgauge.detection.intake import with_taken
 from faultgauge.detection.noise import noise_of
 from faultgauge.detection.posterior import Posterior
-from faultgauge.detection.probability import probability
 from faultgauge.detection.residual import Reference, residuals_of
 from faultgauge.detection.uncalibrated import prior_of, uncalibrated
 from faultgauge.detection.verdicts import NOT_JUDGED
@@ -31,7 +30,6 @@ __all__ = [
     "as_dicts",
     "decide",
     "decide_runs",
-    "sentence",
     "table",
     "unjudged",
 ]
@@ -146,17 +144,6 @@ def _rows(
         }
     rows |= {"p_healthy": found.healthy, "p_unknown": found.unknown}
     return rows | {"status": decision.status, "reason": decision.reason}
-
-
-def sentence(event: BankEvent, unit: str) -> str:
-    """ "leak +0.002 +- 1.7e-05 m/s from 4006 s, told at 4026 s, to 7198 s (p > 0.999, run a)" """
-    when = f"from {event.onset:.6g} s, told at {event.start:.6g} s, to {event.end:.6g} s"
-    if event.size is None or event.lo is None or event.hi is None:
-        return f"a fault that is not declared {when} (run {event.run})"
-    width = (event.hi - event.lo) / 2
-    amount = f"{event.size:+.4g} +- {width:.2g} {unit}".rstrip()
-    how = "passive, " if event.passive else ""
-    return f"{event.fault} {amount} {when} ({how}p {probability(event.p)}, run {event.run})"
 
 
 def as_dicts(events: Sequence[BankEvent]) -> list[dict[str, Any]]:

@@ -20,7 +20,7 @@ from faultgauge.detection.probability import probability
 from faultgauge.detection.shocks import Shocks
 from faultgauge.detection.verdicts import FAULT
 from faultgauge.detection.window import Causes, Window
-from faultgauge.detection.words import PURE, amount, less_likely, moment
+from faultgauge.detection.words import PURE, amount, less_likely, moment, since
 
 __all__ = ["HEALTHY", "Retrospect", "Told", "as_dicts", "retrospect", "sentences"]
 
@@ -240,13 +240,12 @@ def _sentence(bank: FaultBank, found: Retrospect) -> str:
     def at(t: float) -> str:
         return moment(found.clock, t, 1.0)
 
-    half = (found.onset_hi - found.onset_lo) / 2
-    since = f"since {moment(found.clock, found.onset, half)} +- {half:.2g} s"
+    began = since(found.clock, found.onset, found.onset_lo, found.onset_hi)
     if found.size is None or found.lo is None or found.hi is None:
         what = "a fault that is not declared or not constant"
     else:
         what = f"{found.cause} {amount(found.size, found.lo, found.hi, units[found.cause])}"
-    said = [f"{what} {since} (p {probability(found.p)}, run {found.run})"]
+    said = [f"{what} {began} (p {probability(found.p)}, run {found.run})"]
     for cause, odds in found.alternatives:
         if cause != HEALTHY or odds < PLAIN:
             label = "no fault" if cause == HEALTHY else cause

@@ -16,7 +16,15 @@ import numpy as np
 from faultgauge.detection.bank import FaultBank, build_fault_bank, evaluated_faults
 from faultgauge.detection.decisions import Decision, Watching, unjudged
 from faultgauge.detection.estimation import Estimated, Observing
-from faultgauge.detection.events import UNKNOWN, Alarm, BankEvent, Judged, events, pause
+from faultgauge.detection.events import (
+    UNKNOWN,
+    Alarm,
+    BankEvent,
+    Judged,
+    events,
+    pause,
+    telling,
+)
 from faultgauge.detection.intake import Intake, slow_outputs, with_taken
 from faultgauge.detection.judged import build_bank, check_observer
 from faultgauge.detection.misfit import FEWEST, Alarmed, Misfit
@@ -211,10 +219,12 @@ class _Ongoing:
         self.kept: list[Judged] = []
         self.calm = 0  # sampled rows in a row that speak of no fault
         self.told: set[str] = set()
+        self.begun: float | None = None  # [s]
 
     def push(self, row: Judged) -> Iterator[Alarm | BankEvent]:
         """Keep the row where it belongs to what may be an event; tell alarms and events."""
         bank, (run, found, verdict, _) = self.bank, row
+        self.begun = float(run.t[0]) if self.begun is None else self.begun
         release = bank.model.plant.signals.detection.release
         columns = np.append(found.p[0], found.unknown[0])
         speaks = verdict.named.any() or np.any(np.nan_to_num(columns) >= release)
@@ -224,7 +234,7 @@ class _Ongoing:
         if speaks or self.kept:
             self.kept.append(row)
         names = (*bank.model.plant.signals.fault_names, UNKNOWN)
-        for k in np.flatnonzero(verdict.named[0]):
+        for k in np.flatnonzero(verdict.named[0] & telling(bank, verdict)[0]):
             if names[k] not in self.told:
                 self.told.add(names[k])
                 size = float(found.f[0, k] / found.p[0, k]) if names[k] != UNKNOWN else None
@@ -237,5 +247,5 @@ class _Ongoing:
         if any(each.verdict.named.any() for each in self.kept):
             runs, *rest = zip(*self.kept, strict=True)
             whole = [jax.tree.map(lambda *a: np.concatenate(a), *each) for each in rest]
-            yield from events(self.bank, Judged(joined(runs), *whole))
+            yield from events(self.bank, Judged(joined(runs), *whole), self.begun)
         self.kept, self.told = [], set()

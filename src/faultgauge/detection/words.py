@@ -5,11 +5,13 @@ from datetime import datetime, timedelta
 
 import numpy as np
 
-__all__ = ["MOST", "PURE", "amount", "less_likely", "moment"]
+__all__ = ["MOST", "OLDER", "PURE", "amount", "less_likely", "moment", "since"]
 
 MOST = 1000.0  # odds beyond which what is told rests on the model more than on them
 PURE = ("1", "-")  # units that nobody says
 SMALL = 1e-4  # below which a number is said in powers of ten
+CENTRED = 0.1  # of half an interval: a value that near its middle is in it
+OLDER = "already there when the log begins"
 
 
 def amount(size: float, low: float, high: float, unit: str) -> str:
@@ -39,6 +41,16 @@ def moment(clock: datetime | None, t: float, resolution: float) -> str:
     at = clock + timedelta(seconds=t)
     date = "" if at.date() == clock.date() else f"{at.date().isoformat()} "
     return date + at.time().isoformat("seconds" if resolution >= 1 else "milliseconds")
+
+
+def since(clock: datetime | None, onset: float, low: float, high: float) -> str:
+    """ "since 299.5 s +- 1.1 s", or "since 299.5 s (298.1 s to 300 s)" where that is not the middle
+    of its interval."""
+    half = (high - low) / 2
+    began = f"since {moment(clock, onset, half)}"
+    if abs((low + high) / 2 - onset) <= CENTRED * half:
+        return f"{began} +- {half:.2g} s"
+    return f"{began} ({moment(clock, low, half)} to {moment(clock, high, half)})"
 
 
 def decimals(width: float) -> int:
