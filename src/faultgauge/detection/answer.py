@@ -100,8 +100,8 @@ def _silence(bank: FaultBank, decisions: Sequence[Decision]) -> list[str]:
             continue
         worst = sorted(gaps, key=lambda each: -each.share)[:SPOKEN]
         why = "; ".join(
-            f"from {moment(one.run.clock, each.start, bank.step)} to "
-            f"{moment(one.run.clock, each.end, bank.step)}: {each.reason}"
+            f"from {moment(one.run.clock, each.start)} to {moment(one.run.clock, each.end)}: "
+            f"{each.reason}"
             for each in sorted(worst)
         )
         if judged == 0:
@@ -133,7 +133,7 @@ def _unnamed(bank: FaultBank, decision: Decision) -> list[Told]:
         for part in _beyond(bank, decision, start, stop):
             first, last = float(run.t[part.start]), float(run.t[part.stop - 1])
             why = [reason for reason in decision.reason[part] if reason]
-            when = f"from {_at(bank, run, first)} to {_at(bank, run, last)}"
+            when = f"from {moment(run.clock, first)} to {moment(run.clock, last)}"
             cause = f"; {_usual(why)}" if why else ""
             found.append(Told(first, last, f"An alarm {when} (run {run.name}){cause}"))
     return [*found, *_undecided(bank, decision)]
@@ -154,10 +154,6 @@ def _beyond(bank: FaultBank, decision: Decision, start: int, stop: int) -> list[
     ]
 
 
-def _at(bank: FaultBank, run: Run, t: float) -> str:
-    return moment(run.clock, t, bank.step)
-
-
 def _undecided(bank: FaultBank, decision: Decision) -> list[Told]:
     """What stands at the end of a log, without an alarm: likelier than not, and not sure."""
     run, found = decision.run, decision.posterior
@@ -171,9 +167,9 @@ def _undecided(bank: FaultBank, decision: Decision) -> list[Told]:
     shares = dict(zip(bank.model.plant.signals.fault_names, found.p[sampled[-1]], strict=True))
     shares["something undeclared"] = found.unknown[sampled[-1]]
     cause = max(shares, key=lambda name: np.nan_to_num(shares[name]))
-    since = moment(run.clock, float(run.t[first]), bank.step)
+    begun = moment(run.clock, float(run.t[first]))
     text = (
-        f"Undecided since {since}, to the end of the log (run {run.name}): {cause} is likeliest "
+        f"Undecided since {begun}, to the end of the log (run {run.name}): {cause} is likeliest "
         f"(p {probability(float(shares[cause]))}), no fault has p "
         f"{probability(float(found.healthy[sampled[-1]]))}"
     )
@@ -221,7 +217,7 @@ def finding(event: BankEvent, unit: str, clock: datetime | None = None) -> tuple
     if event.size is not None and event.lo is not None and event.hi is not None:
         what = f"{event.fault} {amount(event.size, event.lo, event.hi, unit)}"
     how = "passive, " if event.passive else ""
-    told, last = (moment(clock, t, half) for t in (event.start, event.end))
+    told, last = moment(clock, event.start), moment(clock, event.end)
     return (
         f"{what} {began} ({how}p {probability(event.p)}, run {event.run})",
         f"told at {told}, seen until {last}",

@@ -210,19 +210,19 @@ def _row(bank: FaultBank, clock: datetime | None, event: BankEvent) -> tuple[str
     fine = (event.onset_hi - event.onset_lo) / 2
     units = {each.name: each.unit for each in bank.model.plant.signals.faults}
 
-    def at(t: float) -> str:
-        return moment(clock, t, fine)
-
     size = ""
     if event.size is not None and event.lo is not None and event.hi is not None:
         size = amount(event.size, event.lo, event.hi, units[event.fault])
-    began = f"{at(event.onset)} ({at(event.onset_lo)} to {at(event.onset_hi)})"
+    at, low, high = (
+        moment(clock, t, fine) for t in (event.onset, event.onset_lo, event.onset_hi)
+    )
+    began = f"{at} ({low} to {high})"
     return (
         event.run,
         event.fault,
         OLDER if event.older == "yes" else began,
-        at(event.start),
-        at(event.end),
+        moment(clock, event.start),
+        moment(clock, event.end),
         size,
         probability(event.p),
         "; ".join(f"{name} 1:{odds:.3g}" for name, odds in event.instead if odds < MOST),
