@@ -4,6 +4,7 @@ The tank is exact under the hold, the bank is built from the noise that the logs
 have one length, so that one compiled program judges them all.
 """
 
+from functools import cache
 from typing import TypeAlias
 
 import numpy as np
@@ -84,6 +85,7 @@ def between(start: float, stop: float, size: float = 1.0) -> Samples:
     return size * ((start <= T) & (stop > T))
 
 
+@cache
 def tank_bank(text: str = TANK) -> FaultBank:
     rng = np.random.default_rng(0)
     points = np.stack([rng.uniform(0, 12, 60), rng.uniform(0, 2, 60)], axis=1)
