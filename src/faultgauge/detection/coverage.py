@@ -71,15 +71,15 @@ class Region(eqx.Module):
 
     @property
     def covered(self) -> str:
-        """What training covered, in words: every argument with its range, call by call."""
+        """What training covered, in words: the network with the range of every argument."""
         points = self.points * self.scale
         ends = list(zip(points.min(axis=0), points.max(axis=0), strict=True))
-        ranges = {
+        ranges = dict.fromkeys(
             f"{text(argument)} from {low:.3g} to {high:.3g}"
             for call in self.arguments.calls
             for argument, (low, high) in zip(call, ends, strict=True)
-        }
-        return f"{self.name} ({', '.join(sorted(ranges))})"
+        )
+        return f"{self.name}: {' with '.join(ranges)}"
 
     def holds(
         self,

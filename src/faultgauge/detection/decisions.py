@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any, TypeAlias
 
+import jax
 import numpy as np
 from jaxtyping import Float
 
@@ -18,9 +19,10 @@ from faultgauge.detection.verdicts import NOT_JUDGED
 from faultgauge.detection.watch import Row, Watch, WatchState
 from faultgauge.identification.samples import in_effect
 from faultgauge.plants.model import Model
+from faultgauge.progress import Step
 from faultgauge.telemetry import Run
 from faultgauge.telemetry.dead_time import check_delays
-from faultgauge.telemetry.runs import paced
+from faultgauge.telemetry.runs import cut, paced
 from faultgauge.telemetry.writing import stamps
 
 __all__ = [
@@ -34,6 +36,7 @@ __all__ = [
     "unjudged",
 ]
 
+PART = 10_000  # rows after which it is said how far a walk is
 # what takes a watch along the next rows: (its state after them, what is said of them)
 Walk: TypeAlias = Callable[[Watch, WatchState, Run], tuple[WatchState, Row]]
 
@@ -57,6 +60,7 @@ def decide_runs(
     runs: Sequence[Run],
     reference: Reference = "free",
     walk: Walk = Watch.along,
+    progress: Callable[[str], None] | None = None,
 ) -> tuple[list[Decision], FaultBank | None]:
     """Judge `runs`; there is no bank, and every row is NOT_JUDGED, where `model` was not calibrated
     for it; `walk` is who runs the step. Raises `InputError` where no fault is declared that is not
@@ -68,7 +72,27 @@ def decide_runs(
         r = [residuals_of(model, each, reference) for each in used]
         return [unjudged(model, *each) for each in zip(runs, used, r, strict=True)], None
     bank = build_fault_bank(model, runs, noise_of(model))
+    if progress is not None:
+        walk = _in_parts(walk, progress, sum(len(run.t) for run in runs))
     return [decide(bank, run, reference, walk) for run in runs], bank
+
+
+def _in_parts(walk: Walk, progress: Callable[[str], None], total: int) -> Walk:
+    """`walk`, which says how far it is; the parts that rows come in change no bit of it."""
+    done = 0
+
+    def along(watch: Watch, state: WatchState, rows: Run) -> tuple[WatchState, Row]:
+        nonlocal done
+        found = []
+        for first in range(0, len(rows.t), PART):
+            progress(Step(f"judging run {rows.name}", done / total))
+            part = cut(rows, slice(first, first + PART))
+            state, row = walk(watch, state, part)
+            found.append(row)
+            done += len(part.t)
+        return state, jax.tree.map(lambda *each: np.concatenate(each), *found)
+
+    return along
 
 
 def unjudged(

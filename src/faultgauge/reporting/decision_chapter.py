@@ -147,9 +147,7 @@ def _silent(decision: Decision) -> Bool[np.ndarray, "samples"]:
 
 def _events(bank: FaultBank, decisions: Sequence[Decision]) -> list[Section]:
     """The table of all events, where there is any; a long one is folded."""
-    rows = [
-        _row(bank, each.run.clock, event) for each in decisions for event in each.events
-    ]
+    rows = [_row(bank, each.run.clock, event) for each in decisions for event in each.events]
     if not rows:
         return []
     kept = [k for k in range(len(HEADER)) if any(row[k] for row in rows)]
@@ -213,9 +211,7 @@ def _row(bank: FaultBank, clock: datetime | None, event: BankEvent) -> tuple[str
     size = ""
     if event.size is not None and event.lo is not None and event.hi is not None:
         size = amount(event.size, event.lo, event.hi, units[event.fault])
-    at, low, high = (
-        moment(clock, t, fine) for t in (event.onset, event.onset_lo, event.onset_hi)
-    )
+    at, low, high = (moment(clock, t, fine) for t in (event.onset, event.onset_lo, event.onset_hi))
     began = f"{at} ({low} to {high})"
     return (
         event.run,
