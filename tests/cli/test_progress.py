@@ -3,12 +3,12 @@
 from dataclasses import replace
 
 import numpy as np
-from scenes import log, tank_bank
 
 from faultgauge.cli.options import narrate
 from faultgauge.detection import decisions
 from faultgauge.detection.watch import Watch
 from faultgauge.progress import Step
+from scenes import log, tank_bank
 
 
 def test_a_terminal_is_shown_the_step_and_its_share(monkeypatch, capsys):
