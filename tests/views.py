@@ -12,7 +12,7 @@ from faultgauge.detection.answer import answers, as_dicts, first_screen, runs_as
 from faultgauge.detection.decisions import table
 from faultgauge.detection.events import POSSIBLE, UNKNOWN
 from faultgauge.detection.probability import probability
-from faultgauge.detection.words import MOST, OLDER
+from faultgauge.detection.words import MOST, OLDER, UNDECLARED
 from faultgauge.reporting.decision_chapter import HEADER, _events
 
 NOTHING = re.compile(r"\b(nan|inf|none)\b", re.IGNORECASE)
@@ -144,7 +144,7 @@ def check_report(bank, said):
          for e in said.events),
         strict=True,
     ):  # fmt: skip
-        assert row[place["fault"]] == event.fault
+        assert row[place["fault"]] == (UNDECLARED if event.fault == UNKNOWN else event.fault)
         assert f"told at {row[place['told']]}, seen until {row[place['seen until']]}" in answer.text
         if event.size is not None:
             assert row[place["p"]] == probability(event.p)

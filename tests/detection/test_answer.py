@@ -289,7 +289,7 @@ def test_of_several_runs_the_one_with_a_fault_is_open(bank, decision):
 def test_a_report_of_a_healthy_run_has_the_outputs_alone(bank):
     report = decision_report(bank, [decide(bank, log(2))])
     assert [each.title for each in report.sections] == ["Run run2", "Every fault, told or not"]
-    assert "No declared fault was told." in report.sections[0].figures[0].caption
+    assert "No fault was told." in report.sections[0].figures[0].caption
 
 
 def test_a_report_of_a_log_with_a_clock_is_in_its_time(bank, decision):

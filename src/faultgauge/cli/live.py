@@ -119,6 +119,7 @@ class _Speaker:
         from faultgauge.detection import decisions
         from faultgauge.detection.answer import finding
         from faultgauge.detection.events import Alarm, BankEvent
+        from faultgauge.detection.words import UNDECLARED
 
         assert isinstance(said, Alarm | BankEvent)
         alarm = isinstance(said, Alarm)
@@ -130,10 +131,10 @@ class _Speaker:
         if isinstance(said, BankEvent):
             text = f"event: {'; '.join(finding(said, unit))}"
         elif said.size is None:
-            text = f"alarm: a fault that is not declared since {said.start:.6g} s"
+            text = f"alarm: {UNDECLARED}, told at {said.start:.6g} s"
         else:
             size = f"{said.size:+.3g} {unit}".rstrip()
-            text = f"alarm: {said.fault} since {said.start:.6g} s ({size})"
+            text = f"alarm: {said.fault} {size}, told at {said.start:.6g} s"
         if self.view:
             self.view.event(text)
         else:

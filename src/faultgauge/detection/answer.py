@@ -22,7 +22,16 @@ from faultgauge.detection.probability import probability
 from faultgauge.detection.shares import shares_of
 from faultgauge.detection.smallest import smallest_along
 from faultgauge.detection.verdicts import FAULT, NOT_JUDGED
-from faultgauge.detection.words import MOST, OLDER, PURE, amount, less_likely, moment, since
+from faultgauge.detection.words import (
+    MOST,
+    OLDER,
+    PURE,
+    UNDECLARED,
+    amount,
+    less_likely,
+    moment,
+    since,
+)
 from faultgauge.telemetry import Run
 
 __all__ = [
@@ -165,7 +174,7 @@ def _undecided(bank: FaultBank, decision: Decision) -> list[Told]:
     certain = sampled[found.healthy[sampled] >= LIKELY]
     first = int(certain[-1]) + 1 if len(certain) else int(sampled[0])
     shares = dict(zip(bank.model.plant.signals.fault_names, found.p[sampled[-1]], strict=True))
-    shares["something undeclared"] = found.unknown[sampled[-1]]
+    shares[UNDECLARED] = found.unknown[sampled[-1]]
     cause = max(shares, key=lambda name: np.nan_to_num(shares[name]))
     begun = moment(run.clock, float(run.t[first]))
     text = (
@@ -189,7 +198,7 @@ def answer(bank: FaultBank, decision: Decision, event: BankEvent) -> Told:
     causes = dict[float, list[str]]()
     for cause, odds in event.instead:
         if cause == UNKNOWN and odds < POSSIBLE:
-            rest.append(f"something undeclared is only {odds:.2g} times less likely")
+            rest.append(f"{UNDECLARED} is only {odds:.2g} times less likely")
         elif cause not in (*others, UNKNOWN) and (odds < MOST or cause not in dict(event.beside)):
             causes.setdefault(odds, []).append(cause)
     rest += [less_likely(causes[odds], odds) for odds in sorted(causes)]
@@ -213,7 +222,7 @@ def finding(event: BankEvent, unit: str, clock: datetime | None = None) -> tuple
         began = OLDER
     elif event.older == "perhaps":
         began = f"since {moment(clock, event.onset_hi, half)} or earlier, perhaps {OLDER}"
-    what = "a fault that is not declared"
+    what = UNDECLARED
     if event.size is not None and event.lo is not None and event.hi is not None:
         what = f"{event.fault} {amount(event.size, event.lo, event.hi, unit)}"
     how = "passive, " if event.passive else ""

@@ -5,7 +5,7 @@ from datetime import datetime, timedelta
 
 import numpy as np
 
-__all__ = ["MOST", "OLDER", "PURE", "amount", "less_likely", "moment", "since"]
+__all__ = ["MOST", "OLDER", "PURE", "UNDECLARED", "amount", "less_likely", "moment", "since"]
 
 MOST = 1000.0  # odds beyond which what is told rests on the model more than on them
 PURE = ("1", "-")  # units that nobody says
@@ -13,6 +13,7 @@ SMALL = 1e-4  # below which a number is said in powers of ten
 ROUNDING = 1e-6  # of the last decimal
 CENTRED = 0.1  # of half an interval: a value that near its middle is in it
 OLDER = "already there when the log begins"
+UNDECLARED = "something undeclared"
 
 
 def amount(size: float, low: float, high: float, unit: str) -> str:

@@ -10,12 +10,12 @@ from jaxtyping import Bool, Float
 from faultgauge.detection.answer import answers, told
 from faultgauge.detection.bank import FaultBank
 from faultgauge.detection.decisions import Decision
-from faultgauge.detection.events import BankEvent
+from faultgauge.detection.events import UNKNOWN, BankEvent
 from faultgauge.detection.evidence import Evidence
 from faultgauge.detection.probability import probability
 from faultgauge.detection.retrospective import Retrospect
 from faultgauge.detection.verdicts import NOT_JUDGED, STALE
-from faultgauge.detection.words import MOST, OLDER, amount, moment
+from faultgauge.detection.words import MOST, OLDER, UNDECLARED, amount, moment
 from faultgauge.plants.model import Model
 from faultgauge.reporting.evidence_chapter import evidence_section
 from faultgauge.reporting.glance import Compared, Told, overview
@@ -215,15 +215,19 @@ def _row(bank: FaultBank, clock: datetime | None, event: BankEvent) -> tuple[str
     began = f"{at} ({low} to {high})"
     return (
         event.run,
-        event.fault,
+        _said(event.fault),
         OLDER if event.older == "yes" else began,
         moment(clock, event.start),
         moment(clock, event.end),
         size,
         probability(event.p),
-        "; ".join(f"{name} 1:{odds:.3g}" for name, odds in event.instead if odds < MOST),
+        "; ".join(f"{_said(name)} 1:{odds:.3g}" for name, odds in event.instead if odds < MOST),
         "; ".join(f"{name} p {probability(p)}" for name, p in event.beside),
     )
+
+
+def _said(fault: str) -> str:
+    return UNDECLARED if fault == UNKNOWN else fault
 
 
 def decision_figures(
@@ -233,7 +237,7 @@ def decision_figures(
     found, run = decision.posterior, decision.run
     faults = bank.model.plant.signals.faults
     least = least_sizes(bank, run)
-    curves = {"healthy": found.healthy, "unknown": found.unknown}
+    curves = {"no fault": found.healthy, UNDECLARED: found.unknown}
     curves |= {fault.name: found.p[:, k] for k, fault in enumerate(faults[: MOST_CURVES - 2])}
     evidence = [
         Panel("probability", "", curves, span=(0.0, 1.0)),
@@ -243,7 +247,7 @@ def decision_figures(
         run.t,
         evidence,
         title=f"Probabilities and residuals, {run.name}",
-        caption="What each fault, none and an undeclared one are given, and the residuals.",
+        caption=f"How likely no fault, {UNDECLARED} and each fault are, and the residuals.",
         clock=run.clock,
     )
     return [shown] + [
