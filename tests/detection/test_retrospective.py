@@ -264,7 +264,7 @@ def test_a_healthy_log_holds_no_fault_and_says_what_would_not_have_shown(bank):
 def test_what_a_limit_cuts_off_would_not_have_shown(bank):
     (seen,) = retrospect(bank, decide(bank, log(3, u=0.0)))
     assert seen.least["weak"] is None  # a gain takes nothing away from 0
-    assert "any weak" in sentences(bank, [seen])[0]
+    assert "weak of any size" in sentences(bank, [seen])[0]
 
 
 def test_a_fault_from_before_a_gap_is_there_from_the_first_sample_after_it(bank):
