@@ -7,7 +7,6 @@ other sign another one begins. An event begins and ends in rows that were judged
 """
 
 from dataclasses import dataclass
-from itertools import product
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -135,15 +134,23 @@ def _stretches(bank: FaultBank, judged: Judged) -> list[_Stretch]:
     unsigned = np.ones((len(columns), 1))
     signs = np.concatenate([np.sign(found.lo) * (found.lo * found.hi > 0), unsigned], axis=1)
     everyone = []
-    for k, side in product(range(columns.shape[1]), (-1, 1)):
+    for k in range(columns.shape[1]):
         own = []
-        here = there[:, k] & (signs[:, k] == side)
-        for start, stop in stretches(here, _judged(verdict), pause(bank)):
-            named = np.flatnonzero((verdict.named[:, k] & here)[start:stop])
-            if len(named):
-                own.append(_Stretch(k, start, start + int(named[0]), stop))
-        everyone += _joined(judged, own)
+        for side in (-1, 1):
+            here = there[:, k] & (signs[:, k] == side)
+            parts = []
+            for start, stop in stretches(here, _judged(verdict), pause(bank)):
+                named = np.flatnonzero((verdict.named[:, k] & here)[start:stop])
+                if len(named):
+                    parts.append(_Stretch(k, start, start + int(named[0]), stop))
+            own += _joined(judged, parts)
+        everyone += [each for each in own if not any(_within(each, other) for other in own)]
     return everyone
+
+
+def _within(each: _Stretch, other: _Stretch) -> bool:
+    """Whether it is an excursion of one that the posterior has it stayed, to the other sign."""
+    return each is not other and other.begun <= each.begun and each.stop <= other.stop
 
 
 def _joined(judged: Judged, own: list[_Stretch]) -> list[_Stretch]:
