@@ -25,7 +25,7 @@ LAYERS = (
     "telemetry",
     "plants",
 )
-BELOW_ALL = {"errors", "files"}
+BELOW_ALL = {"errors", "files", "progress"}
 
 
 def imported(path: Path) -> set[str]:

@@ -438,7 +438,7 @@ def test_smooth_tells_leak_size_and_onset_from_the_whole_log(call, workshop, tmp
     assert found["onset_lo"] - 1 <= workshop.onset <= found["onset_hi"] + 1
     assert found["told"]["start"] >= found["onset"]
     assert {each["cause"] for each in found["alternatives"]} == {"healthy", "unknown"}
-    assert "With the whole log in hand" in report.read_text()
+    assert "In hindsight" in report.read_text()
     alone = call("estimate", *args, "--observer", "eso")
     assert alone.code == 2
     assert alone.err.startswith("faultgauge: --smooth rests on the bank's hypotheses")

@@ -8,7 +8,7 @@ import pytest
 from faultgauge.detection.misfit import Alarmed, alarmed_throughout
 from faultgauge.plants.model import load_model
 
-SAID = "a fault older than the log, or the model of another plant"
+SAID = "a fault already there when the log begins, or the model of another plant"
 
 
 @pytest.fixture

@@ -27,7 +27,7 @@ def test_the_model_of_another_plant_is_suspected(call, workshop, tmp_path):
     args = (workshop.calibrated, workshop.healthy, "--map", "x=0-x", "--out", out)
     said = call("estimate", *args)
     assert said.code == 0
-    assert "a fault older than the log, or the model of another plant" in said.err
+    assert "a fault already there when the log begins, or the model of another plant" in said.err
     status = [row["status"] for row in table(out)]
     assert status.count("FAULT") > 0.8 * (len(status) - status.count("NOT_JUDGED"))
     sound = call("estimate", workshop.calibrated, workshop.suspect, *args[4:], "--json")

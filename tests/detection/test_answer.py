@@ -211,9 +211,11 @@ def test_no_fault_is_said_of_the_judged_share_alone(bank):
 
 def test_a_fault_that_may_be_older_than_the_log_says_so(bank, decision):
     (event,) = decision.events
-    old = replace(event, onset=3.0, onset_lo=-1.0, onset_hi=7.0)
+    old = replace(event, onset=3.0, onset_lo=-1.0, onset_hi=7.0, older="perhaps")
     (line,) = answers(bank, [replace(decision, events=[old])])
-    assert " since the log began, or longer (p > 0.999, run run1)" in line
+    assert " since 7 s or earlier, perhaps already there when the log begins (p > 0.999, " in line
+    (line,) = answers(bank, [replace(decision, events=[replace(old, older="yes")])])
+    assert " already there when the log begins (p > 0.999, run run1)" in line
 
 
 def test_the_first_screen_says_one_finding_whole_and_many_by_their_heads(bank, decision):
@@ -291,14 +293,14 @@ def test_of_several_runs_the_one_with_a_fault_is_open(bank, decision):
 def test_a_report_of_a_healthy_run_has_the_outputs_alone(bank):
     report = decision_report(bank, [decide(bank, log(2))])
     assert [each.title for each in report.sections] == ["Run run2", "Every fault, told or not"]
-    assert "No declared fault was told." in report.sections[0].figures[0].caption
+    assert "No fault was told." in report.sections[0].figures[0].caption
 
 
 def test_a_report_of_a_log_with_a_clock_is_in_its_time(bank, decision):
     timed = replace(decision.run, clock=datetime(2026, 5, 1, 8, 41, 10))
     report = decision_report(bank, [replace(decision, run=timed)])
     (table,) = report.sections[1].tables
-    assert table.header[1:4] == ("began", "told", "end")
+    assert table.header[1:4] == ("began", "told", "seen until")
     # 300 s after 08:41:10, found to within seconds; told at 310 s; the log ends at 599.5 s
     assert table.rows[0][1].startswith("08:46:")
     assert table.rows[0][2] == "08:46:20"

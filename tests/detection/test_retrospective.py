@@ -264,7 +264,7 @@ def test_a_healthy_log_holds_no_fault_and_says_what_would_not_have_shown(bank):
 def test_what_a_limit_cuts_off_would_not_have_shown(bank):
     (seen,) = retrospect(bank, decide(bank, log(3, u=0.0)))
     assert seen.least["weak"] is None  # a gain takes nothing away from 0
-    assert "any weak" in sentences(bank, [seen])[0]
+    assert "weak of any size" in sentences(bank, [seen])[0]
 
 
 def test_a_fault_from_before_a_gap_is_there_from_the_first_sample_after_it(bank):
@@ -305,7 +305,7 @@ def test_a_fault_that_is_not_constant_is_not_given_one_size(bank):
     assert seen[0].cause != "healthy"
     assert all(each.cause != "weak" for each in seen)
     assert seen[0].cause == "unknown"
-    assert "not declared or not constant" in sentences(bank, seen)[0]
+    assert "something undeclared or not constant" in sentences(bank, seen)[0]
     assert "Onset of unknown" in render(decision_report(bank, [decision], seen))
 
 
@@ -329,7 +329,7 @@ def test_sentence_json_and_report_say_the_same(bank, biased):
     assert plain["told"]["start"] == seen[0].told.start
     assert {each["cause"] for each in plain["alternatives"]} == {"weak", "unknown", "healthy"}
     page = render(decision_report(bank, [decision], seen))
-    assert "With the whole log in hand" in page
+    assert "In hindsight" in page
     assert "Onset of pump" in page
 
 

@@ -8,6 +8,7 @@ import typer
 from faultgauge.cli import options
 from faultgauge.cli.writing import READS, Fills, Writes, check_apart, make_folder
 from faultgauge.errors import InputError
+from faultgauge.progress import Step
 
 __all__ = ["estimate"]
 
@@ -145,9 +146,20 @@ def estimate(
     fitted = load_model(model)
     runs, odd = options.read_logs_for(fitted, logs, How(time, map, where, resample, time_format))
     folder = None if evidence is None else make_folder(evidence)
-    with options.narrate("estimating"):
-        found = find(fitted, runs, observer=observer, reference=reference, smooth=smooth, walk=walk)
-        windows = [found.evidence(each) for each in found.events] if folder else []
+    with options.narrate("estimating") as progress:
+        found = find(
+            fitted,
+            runs,
+            observer=observer,
+            reference=reference,
+            smooth=smooth,
+            walk=walk,
+            progress=progress,
+        )
+        windows = []
+        for k, each in enumerate(found.events if folder else ()):
+            progress(Step(f"replaying event {k + 1} of {len(found.events)}", k / len(found.events)))
+            windows.append(found.evidence(each))
     paths = evidence_files(windows, folder) if folder else []
     written = {"--out": [out], "--report": [report] if report else [], "--evidence": paths}
     check_apart([model, *logs], written)

@@ -126,7 +126,9 @@ class _Speaker:
 
     def event(self, said: "Said") -> None:
         from faultgauge.detection import decisions
+        from faultgauge.detection.answer import finding
         from faultgauge.detection.events import Alarm, BankEvent
+        from faultgauge.detection.words import UNDECLARED
 
         assert isinstance(said, Alarm | BankEvent)
         alarm = isinstance(said, Alarm)
@@ -136,12 +138,12 @@ class _Speaker:
             print(json.dumps(line, allow_nan=False), file=self.lines)
         unit = self.units.get(said.fault, "")
         if isinstance(said, BankEvent):
-            text = f"event: {decisions.sentence(said, unit)}"
+            text = f"event: {'; '.join(finding(said, unit))}"
         elif said.size is None:
-            text = f"alarm: a fault that is not declared since {said.start:.6g} s"
+            text = f"alarm: {UNDECLARED}, told at {said.start:.6g} s"
         else:
             size = f"{said.size:+.3g} {unit}".rstrip()
-            text = f"alarm: {said.fault} since {said.start:.6g} s ({size})"
+            text = f"alarm: {said.fault} {size}, told at {said.start:.6g} s"
         if self.view:
             self.view.event(text)
         else:

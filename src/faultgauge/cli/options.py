@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from faultgauge.cli.writing import READS, Writes
+from faultgauge.progress import Step
 
 if TYPE_CHECKING:
     from faultgauge.detection.decisions import Walk
@@ -190,12 +191,23 @@ def warn(warnings: Iterable[str], but: Collection[str] = ()) -> None:
 
 @contextmanager
 def narrate(start: str) -> Iterator[Callable[[str], None]]:
-    """Progress on stderr while something long runs; silent where stderr is no terminal."""
+    """What is being done, a bar with the share of it that is (`Step`) and the time, on stderr while
+    something long runs; silent where stderr is no terminal."""
     from rich.console import Console
+    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
     console = Console(stderr=True)
     if not console.is_terminal:
         yield lambda text: None
         return
-    with console.status(start) as status:
-        yield status.update
+    text = TextColumn("{task.description}", markup=False)
+    columns = (text, BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task(start, total=None)
+
+        def update(text: str) -> None:
+            share = text.share if isinstance(text, Step) else None
+            total = None if share is None else 1.0
+            bar.update(task, description=plain(text), total=total, completed=share or 0.0)
+
+        yield update

@@ -8,7 +8,7 @@ may be, and what this log would not have shown.
 
 from collections import Counter, deque
 from collections.abc import Sequence
-from datetime import timedelta
+from datetime import datetime, timedelta
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,10 +22,28 @@ from faultgauge.detection.probability import probability
 from faultgauge.detection.shares import shares_of
 from faultgauge.detection.smallest import smallest_along
 from faultgauge.detection.verdicts import FAULT, NOT_JUDGED
-from faultgauge.detection.words import PURE, amount, less_likely, moment
+from faultgauge.detection.words import (
+    MOST,
+    OLDER,
+    PURE,
+    UNDECLARED,
+    amount,
+    less_likely,
+    moment,
+    since,
+)
 from faultgauge.telemetry import Run
 
-__all__ = ["answer", "answers", "as_dicts", "first_screen", "least_told", "runs_as_dicts", "told"]
+__all__ = [
+    "answer",
+    "answers",
+    "as_dicts",
+    "finding",
+    "first_screen",
+    "least_told",
+    "runs_as_dicts",
+    "told",
+]
 
 POSSIBLE = 20.0  # odds up to which something undeclared is spoken of: nobody can list it all
 WHOLE = 0.95  # share of a log from which on all of it counts as judged: a start is always held off
@@ -91,8 +109,8 @@ def _silence(bank: FaultBank, decisions: Sequence[Decision]) -> list[str]:
             continue
         worst = sorted(gaps, key=lambda each: -each.share)[:SPOKEN]
         why = "; ".join(
-            f"from {moment(one.run.clock, each.start, bank.step)} to "
-            f"{moment(one.run.clock, each.end, bank.step)}: {each.reason}"
+            f"from {moment(one.run.clock, each.start)} to {moment(one.run.clock, each.end)}: "
+            f"{each.reason}"
             for each in sorted(worst)
         )
         if judged == 0:
@@ -118,18 +136,31 @@ def _told(bank: FaultBank, decision: Decision) -> list[Told]:
 
 def _unnamed(bank: FaultBank, decision: Decision) -> list[Told]:
     """Alarms without an event, and what the log ends undecided about."""
-    run, events = decision.run, decision.events
-    found = list[Told]()
+    run, found = decision.run, list[Told]()
     alarm = np.array(decision.status) == FAULT
     for start, stop in stretches(alarm, np.isfinite(decision.posterior.healthy), pause(bank)):
-        first, last = float(run.t[start]), float(run.t[stop - 1])
-        if any(min(e.onset, e.start) <= last and first <= e.end for e in events):
-            continue
-        why = [reason for reason in decision.reason[start:stop] if reason]
-        when = f"from {moment(run.clock, first, bank.step)} to {moment(run.clock, last, bank.step)}"
-        cause = f"; {_usual(why)}" if why else ""
-        found.append(Told(first, last, f"An alarm {when} (run {run.name}){cause}"))
+        for part in _beyond(bank, decision, start, stop):
+            first, last = float(run.t[part.start]), float(run.t[part.stop - 1])
+            why = [reason for reason in decision.reason[part] if reason]
+            when = f"from {moment(run.clock, first)} to {moment(run.clock, last)}"
+            cause = f"; {_usual(why)}" if why else ""
+            found.append(Told(first, last, f"An alarm {when} (run {run.name}){cause}"))
     return [*found, *_undecided(bank, decision)]
+
+
+def _beyond(bank: FaultBank, decision: Decision, start: int, stop: int) -> list[slice]:
+    """The parts of an alarm that no event tells: all of it, or what is longer than a name takes at
+    most."""
+    t, free = decision.run.t, np.ones(stop - start, bool)
+    for each in decision.events:
+        free &= (t[start:stop] < min(each.onset_lo, each.start)) | (t[start:stop] > each.end)
+    if free.all():
+        return [slice(start, stop)]
+    return [
+        slice(start + a, start + b)
+        for a, b in stretches(free, free, 0)
+        if t[start + b - 1] - t[start + a] > bank.knowledge.memory
+    ]
 
 
 def _undecided(bank: FaultBank, decision: Decision) -> list[Told]:
@@ -143,11 +174,11 @@ def _undecided(bank: FaultBank, decision: Decision) -> list[Told]:
     certain = sampled[found.healthy[sampled] >= LIKELY]
     first = int(certain[-1]) + 1 if len(certain) else int(sampled[0])
     shares = dict(zip(bank.model.plant.signals.fault_names, found.p[sampled[-1]], strict=True))
-    shares["something undeclared"] = found.unknown[sampled[-1]]
+    shares[UNDECLARED] = found.unknown[sampled[-1]]
     cause = max(shares, key=lambda name: np.nan_to_num(shares[name]))
-    since = moment(run.clock, float(run.t[first]), bank.step)
+    begun = moment(run.clock, float(run.t[first]))
     text = (
-        f"Undecided since {since}, to the end of the log (run {run.name}): {cause} is likeliest "
+        f"Undecided since {begun}, to the end of the log (run {run.name}): {cause} is likeliest "
         f"(p {probability(float(shares[cause]))}), no fault has p "
         f"{probability(float(found.healthy[sampled[-1]]))}"
     )
@@ -160,25 +191,15 @@ def _usual(reasons: Sequence[str]) -> str:
 
 def answer(bank: FaultBank, decision: Decision, event: BankEvent) -> Told:
     """One event."""
-    run, clock = decision.run, decision.run.clock
-    half = (event.onset_hi - event.onset_lo) / 2
-    since = f"since {moment(clock, event.onset, half)} +- {half:.2g} s"
-    if event.onset_lo <= run.t[0]:
-        since = "since the log began, or longer"
-    what = "a fault that is not declared"
-    if event.size is not None and event.lo is not None and event.hi is not None:
-        size = amount(event.size, event.lo, event.hi, _unit(bank, event.fault))
-        what = f"{event.fault} {size}"
-    head = f"{what} {since} (p {probability(event.p)}, run {event.run})"
-    rest = [
-        f"told at {moment(clock, event.start, half)}, seen until {moment(clock, event.end, half)}"
-    ]
+    run = decision.run
+    head, times = finding(event, _unit(bank, event.fault), run.clock)
+    rest = [times]
     others = {each.fault for each in _beside(decision, event)}
     causes = dict[float, list[str]]()
     for cause, odds in event.instead:
         if cause == UNKNOWN and odds < POSSIBLE:
-            rest.append(f"something undeclared is only {odds:.2g} times less likely")
-        elif cause not in (*others, UNKNOWN):
+            rest.append(f"{UNDECLARED} is only {odds:.2g} times less likely")
+        elif cause not in (*others, UNKNOWN) and (odds < MOST or cause not in dict(event.beside)):
             causes.setdefault(odds, []).append(cause)
     rest += [less_likely(causes[odds], odds) for odds in sorted(causes)]
     rest += [
@@ -191,6 +212,25 @@ def answer(bank: FaultBank, decision: Decision, event: BankEvent) -> Told:
         if least_told(bank, run, k) is not None:  # else it shows only as the input moves
             rest.append(_would_not_show(bank, [run], (event.fault,)))
     return Told(event.start, event.end, head, tuple(rest))
+
+
+def finding(event: BankEvent, unit: str, clock: datetime | None = None) -> tuple[str, str]:
+    """(what, how big, since when and how sure; when it was told and seen last)."""
+    half = (event.onset_hi - event.onset_lo) / 2
+    began = since(clock, event.onset, event.onset_lo, event.onset_hi)
+    if event.older == "yes":
+        began = OLDER
+    elif event.older == "perhaps":
+        began = f"since {moment(clock, event.onset_hi, half)} or earlier, perhaps {OLDER}"
+    what = UNDECLARED
+    if event.size is not None and event.lo is not None and event.hi is not None:
+        what = f"{event.fault} {amount(event.size, event.lo, event.hi, unit)}"
+    how = "passive, " if event.passive else ""
+    told, last = moment(clock, event.start), moment(clock, event.end)
+    return (
+        f"{what} {began} ({how}p {probability(event.p)}, run {event.run})",
+        f"told at {told}, seen until {last}",
+    )
 
 
 def _beside(decision: Decision, event: BankEvent) -> list[BankEvent]:
@@ -266,4 +306,4 @@ def _would_not_show(bank: FaultBank, runs: Sequence[Run], only: Sequence[str] = 
 
 def _unit(bank: FaultBank, fault: str) -> str:
     units = {each.name: each.unit for each in bank.model.plant.signals.faults}
-    return "" if units[fault] in PURE else units[fault]
+    return "" if units.get(fault, "") in PURE else units.get(fault, "")

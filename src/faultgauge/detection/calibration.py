@@ -21,6 +21,7 @@ from faultgauge.identification.command_checks import command_warnings
 from faultgauge.identification.log_checks import other_units
 from faultgauge.plants.disturbed import dynamic_states
 from faultgauge.plants.model import Model
+from faultgauge.progress import Step
 from faultgauge.telemetry import Run
 
 __all__ = ["Calibration", "calibrate"]
@@ -98,10 +99,10 @@ def _by_bank(
     progress: Callable[[str], None],
 ) -> Calibration:
     warnings += equal_faults(model, runs)
-    progress("finding noise and model error")
+    progress(Step("finding noise and model error", 0.05))
     noise = estimate_noise(model, runs, discrepancy)
     warnings += lasting_warnings(model, runs, noise)
-    progress("finding the alarm level")
+    progress(Step("finding the alarm level", 0.5))
     found = calibrate_bank(model, runs, noise, mtbfa)
     block = known | {"observer": "bank", "noise": found.noise.as_dict(model), "bank": found.block}
     calibrated = model.with_calibration(block)

@@ -63,8 +63,9 @@ def errors(model: Model) -> list[str]:
 
 def _priors(model: Model) -> list[str]:
     found, units = (model.calibration or {})["bank"]["size"], _units(model)
-    sizes = [f"{name} {size:.2g} {units[name]}".rstrip() for name, size in found.items()]
-    return [f"faults are looked for up to about twice: {', '.join(sizes)}"]
+    # the widest prior is half of what a fault is at most
+    sizes = [f"{name} {2 * size:.2g} {units[name]}".rstrip() for name, size in found.items()]
+    return [f"faults are looked for up to about: {', '.join(sizes)}"]
 
 
 def _level(model: Model) -> str:

@@ -60,15 +60,26 @@ class Arguments(eqx.Module):
 
 
 class Region(eqx.Module):
-    """What training covered of the arguments of a network: its `points`, in units of `scale`, and
-    what lies within `reach` of one of them. `name` is how the plant file calls it, and the ranges.
-    """
+    """What training covered of the arguments of the network `name`, as the plant file calls it:
+    its `points`, in units of `scale`, and what lies within `reach` of one of them."""
 
     name: str = eqx.field(static=True)
     arguments: Arguments
     scale: Float[np.ndarray, "arguments"]
     points: Float[np.ndarray, "points arguments"]
     reach: Float[np.ndarray, ""]
+
+    @property
+    def covered(self) -> str:
+        """What training covered, in words: the network with the range of every argument."""
+        points = self.points * self.scale
+        ends = list(zip(points.min(axis=0), points.max(axis=0), strict=True))
+        ranges = dict.fromkeys(
+            f"{text(argument)} from {low:.3g} to {high:.3g}"
+            for call in self.arguments.calls
+            for argument, (low, high) in zip(call, ends, strict=True)
+        )
+        return f"{self.name}: {' with '.join(ranges)}"
 
     def holds(
         self,
@@ -108,31 +119,8 @@ def _region(
     scale = np.where(width > 0, width, 1.0)
     scaled = found / scale
     reach = max(MARGIN, _left_open(scaled))
-    return Region(
-        _said(network, arguments.calls, found),
-        arguments,
-        scale,
-        np.concatenate(scaled),
-        np.asarray(reach),
-    )
-
-
-def _said(
-    network: str,
-    calls: tuple[tuple[Node, ...], ...],
-    found: Float[np.ndarray, "points calls arguments"],
-) -> str:
-    """ "loss(x, u), x 0 to 5 and u -1 to 1": the ranges of all calls, by the arguments of the
-    first."""
-    named = " and ".join(f"{network}({', '.join(map(text, call))})" for call in calls)
-    if not len(found):
-        return named
-    low, high = found.min(axis=(0, 1)), found.max(axis=(0, 1))
-    ranges = [
-        f"{text(argument)} {a:.4g} to {b:.4g}"
-        for argument, a, b in zip(calls[0], low, high, strict=True)
-    ]
-    return f"{named}, {' and '.join(ranges)}"
+    name = " and ".join(f"{network}({', '.join(map(text, call))})" for call in arguments.calls)
+    return Region(name, arguments, scale, np.concatenate(scaled), np.asarray(reach))
 
 
 def _left_open(points: Float[np.ndarray, "points calls arguments"]) -> float:

@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any, TypeAlias
 
+import jax
 import numpy as np
 from jaxtyping import Float
 
@@ -12,16 +13,16 @@ from faultgauge.detection.events import BankEvent, Judged, events
 from faultgauge.detection.intake import with_taken
 from faultgauge.detection.noise import noise_of
 from faultgauge.detection.posterior import Posterior
-from faultgauge.detection.probability import probability
 from faultgauge.detection.residual import Reference, residuals_of
 from faultgauge.detection.uncalibrated import prior_of, uncalibrated
 from faultgauge.detection.verdicts import NOT_JUDGED
 from faultgauge.detection.watch import Row, Watch, WatchState
 from faultgauge.identification.samples import in_effect
 from faultgauge.plants.model import Model
+from faultgauge.progress import Step
 from faultgauge.telemetry import Run
 from faultgauge.telemetry.dead_time import check_delays
-from faultgauge.telemetry.runs import paced
+from faultgauge.telemetry.runs import cut, paced
 from faultgauge.telemetry.writing import stamps
 
 __all__ = [
@@ -31,11 +32,11 @@ __all__ = [
     "as_dicts",
     "decide",
     "decide_runs",
-    "sentence",
     "table",
     "unjudged",
 ]
 
+PART = 10_000  # rows after which it is said how far a walk is
 # what takes a watch along the next rows: (its state after them, what is said of them)
 Walk: TypeAlias = Callable[[Watch, WatchState, Run], tuple[WatchState, Row]]
 
@@ -59,6 +60,7 @@ def decide_runs(
     runs: Sequence[Run],
     reference: Reference = "free",
     walk: Walk = Watch.along,
+    progress: Callable[[str], None] | None = None,
 ) -> tuple[list[Decision], FaultBank | None]:
     """Judge `runs`; there is no bank, and every row is NOT_JUDGED, where `model` was not calibrated
     for it; `walk` is who runs the step. Raises `InputError` where no fault is declared that is not
@@ -70,7 +72,27 @@ def decide_runs(
         r = [residuals_of(model, each, reference) for each in used]
         return [unjudged(model, *each) for each in zip(runs, used, r, strict=True)], None
     bank = build_fault_bank(model, runs, noise_of(model))
+    if progress is not None:
+        walk = _in_parts(walk, progress, sum(len(run.t) for run in runs))
     return [decide(bank, run, reference, walk) for run in runs], bank
+
+
+def _in_parts(walk: Walk, progress: Callable[[str], None], total: int) -> Walk:
+    """`walk`, which says how far it is; the parts that rows come in change no bit of it."""
+    done = 0
+
+    def along(watch: Watch, state: WatchState, rows: Run) -> tuple[WatchState, Row]:
+        nonlocal done
+        found = []
+        for first in range(0, len(rows.t), PART):
+            progress(Step(f"judging run {rows.name}", done / total))
+            part = cut(rows, slice(first, first + PART))
+            state, row = walk(watch, state, part)
+            found.append(row)
+            done += len(part.t)
+        return state, jax.tree.map(lambda *each: np.concatenate(each), *found)
+
+    return along
 
 
 def unjudged(
@@ -146,17 +168,6 @@ def _rows(
         }
     rows |= {"p_healthy": found.healthy, "p_unknown": found.unknown}
     return rows | {"status": decision.status, "reason": decision.reason}
-
-
-def sentence(event: BankEvent, unit: str) -> str:
-    """ "leak +0.002 +- 1.7e-05 m/s from 4006 s, told at 4026 s, to 7198 s (p > 0.999, run a)" """
-    when = f"from {event.onset:.6g} s, told at {event.start:.6g} s, to {event.end:.6g} s"
-    if event.size is None or event.lo is None or event.hi is None:
-        return f"a fault that is not declared {when} (run {event.run})"
-    width = (event.hi - event.lo) / 2
-    amount = f"{event.size:+.4g} +- {width:.2g} {unit}".rstrip()
-    how = "passive, " if event.passive else ""
-    return f"{event.fault} {amount} {when} ({how}p {probability(event.p)}, run {event.run})"
 
 
 def as_dicts(events: Sequence[BankEvent]) -> list[dict[str, Any]]:

@@ -1,18 +1,24 @@
-"""The events of a run: the stretches in which a fault was named, and what is told of each."""
+"""The events of a run: the stretches in which a fault was named, and what is told of each.
+
+A fault that stays is one event, however its estimate is refined and whatever interrupts the log: a
+stretch belongs to the one before where the posterior holds that the fault began before that ended.
+It ends where the posterior lets it go, or no longer knows which sign it has, and where it gets the
+other sign another one begins. An event begins and ends in rows that were judged.
+"""
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from faultgauge.detection.bank import FaultBank
 from faultgauge.detection.posterior import LIKELY, WIDE, Posterior
-from faultgauge.detection.verdicts import NAMED, Verdict
+from faultgauge.detection.verdicts import FAULT, HEALTHY, NAMED, STATUS, Reason, Verdict
 from faultgauge.detection.words import MOST
 from faultgauge.telemetry import Run
 
-__all__ = ["UNKNOWN", "Alarm", "BankEvent", "Judged", "events", "pause", "stretches"]
+__all__ = ["UNKNOWN", "Alarm", "BankEvent", "Judged", "events", "pause", "stretches", "telling"]
 
 UNKNOWN = "unknown"
 POSSIBLE = 0.05  # p of a fault beside another from which on it is told
@@ -23,11 +29,13 @@ class BankEvent:
     """A stretch in which a fault was named. Times in s; size in the fault's unit with its 95 %
     interval, given that the fault is there (None for an undeclared one).
 
-    `start` is when it was told, `onset` when it began; size, p and the rest stand at the last
-    sample at which the fault did not change. `alternatives` are other sets of faults, with the
-    odds of the best set against them; `instead` every other cause, with the odds of this fault
-    against that one without it, at most 1000; `beside` other faults that may be there too, with
-    their probabilities if this one is. A `passive` fault raised no alarm.
+    `start` is when it was told, `onset` when it began, which may have been before the log did:
+    `older`. Size, p and the rest stand at the last sample at which the fault was sure.
+    `alternatives` are other sets of faults, with the odds of the best set against them; `beside`
+    other faults that may be there too, with their probabilities if this one is; `instead` every
+    other cause, with the odds of this fault against it, at most 1000: against it without this
+    fault where it is `beside`, else against it alone or with others. A `passive` fault raised no
+    alarm.
     """
 
     run: str
@@ -45,6 +53,7 @@ class BankEvent:
     instead: tuple[tuple[str, float], ...] = ()
     beside: tuple[tuple[str, float], ...] = ()
     passive: bool = False
+    older: Literal["no", "perhaps", "yes"] = "no"
 
 
 @dataclass(frozen=True)
@@ -77,16 +86,18 @@ class _Stretch(NamedTuple):
     stop: int
 
 
-def events(bank: FaultBank, judged: Judged, first: int = 0) -> list[BankEvent]:
-    """The stretches, from sample `first` on, in which a fault was named, but for those that were
-    another one's: which the posterior, by the last sample, no longer holds to have been there."""
+def events(bank: FaultBank, judged: Judged, begun: float | None = None) -> list[BankEvent]:
+    """The stretches in which a fault was named, but for those that were another one's: which the
+    posterior, by the last sample, no longer holds to have been there. The log `begun` [s], by
+    default at the first sample of `judged`."""
     sampled = np.flatnonzero(np.isfinite(judged.found.healthy))
-    found = sorted(_stretches(bank, judged, first), key=lambda each: (each.told, each.k))
+    found = sorted(_stretches(bank, judged), key=lambda each: (each.told, each.k))
     if not found:
         return []
+    begun = float(judged.run.t[0]) if begun is None else begun
     ever = judged.found.ever[sampled[-1]]
     told = [
-        _event(bank, judged, each)
+        _event(bank, judged, each, begun)
         for each in found
         if each.k == len(ever) or ever[each.k] >= LIKELY
     ]
@@ -103,30 +114,70 @@ def _renamed(unknown: BankEvent, told: list[BankEvent]) -> bool:
     )
 
 
-def _stretches(bank: FaultBank, judged: Judged, first: int) -> list[_Stretch]:
+def telling(bank: FaultBank, verdict: Verdict) -> Bool[np.ndarray, "samples causes"]:
+    """Rows that may speak of a cause: those under alarm, and of a passive fault all judged ones."""
+    passive = np.append(bank.with_monitor("passive"), False)
+    alarm = verdict.status == STATUS.index(FAULT)
+    return alarm[:, None] | (_judged(verdict)[:, None] & passive)
+
+
+def _judged(verdict: Verdict) -> Bool[np.ndarray, "samples"]:
+    passive = verdict.reason % len(Reason) == Reason.PASSIVE
+    return passive | np.isin(verdict.status, [STATUS.index(each) for each in (HEALTHY, FAULT)])
+
+
+def _stretches(bank: FaultBank, judged: Judged) -> list[_Stretch]:
     found, verdict = judged.found, judged.verdict
     columns = np.concatenate([found.p, found.unknown[:, None]], axis=1)
-    release, sampled = bank.model.plant.signals.detection.release, np.isfinite(found.healthy)
-    sampled[:first] = False
-    passive = np.append(bank.with_monitor("passive"), False)
+    release = bank.model.plant.signals.detection.release
+    there = (np.nan_to_num(columns) >= release) & telling(bank, verdict)
+    unsigned = np.ones((len(columns), 1))
+    signs = np.concatenate([np.sign(found.lo) * (found.lo * found.hi > 0), unsigned], axis=1)
     everyone = []
     for k in range(columns.shape[1]):
-        calm = found.healthy if passive[k] else found.calm
-        likely = (np.nan_to_num(columns[:, k]) >= release) & (1 - np.nan_to_num(calm) >= release)
-        above = likely | verdict.named[:, k]
-        for start, stop in stretches(above & sampled, sampled, pause(bank)):
-            named = np.flatnonzero(verdict.named[start:stop, k])
-            if len(named):
-                everyone.append(_Stretch(k, start, start + int(named[0]), stop))
+        own = []
+        for side in (-1, 1):
+            here = there[:, k] & (signs[:, k] == side)
+            parts = []
+            for start, stop in stretches(here, _judged(verdict), pause(bank)):
+                named = np.flatnonzero((verdict.named[:, k] & here)[start:stop])
+                if len(named):
+                    parts.append(_Stretch(k, start, start + int(named[0]), stop))
+            own += _joined(judged, parts)
+        everyone += [each for each in own if not any(_within(each, other) for other in own)]
     return everyone
 
 
-def _event(bank: FaultBank, judged: Judged, each: _Stretch) -> BankEvent:
+def _within(each: _Stretch, other: _Stretch) -> bool:
+    """Whether it is an excursion of one that the posterior has it stayed, to the other sign."""
+    return each is not other and other.begun <= each.begun and each.stop <= other.stop
+
+
+def _joined(judged: Judged, own: list[_Stretch]) -> list[_Stretch]:
+    """Stretches of one cause, those as one between which the posterior has it that it stayed."""
+    kept = own[:1]
+    for each in own[1:]:
+        before = kept[-1]
+        if each.k == judged.found.p.shape[1]:  # nobody dates what is undeclared
+            kept.append(each)
+            continue
+        last = _settled(judged.found.p[:, each.k], each.told, each.stop - 1)
+        began = judged.run.t[last] - judged.found.onset[last, each.k, 0]
+        if began <= judged.run.t[before.stop - 1]:
+            kept[-1] = before._replace(stop=each.stop)
+        else:
+            kept.append(each)
+    return kept
+
+
+def _event(bank: FaultBank, judged: Judged, each: _Stretch, log: float) -> BankEvent:
     found, t, k = judged.found, judged.run.t, each.k
     declared = k < found.p.shape[1]
     p = found.p[:, k] if declared else found.unknown
     last = _settled(p, each.told, each.stop - 1)
     size = float(found.f[last, k] / found.p[last, k]) if declared else None
+    onset, low, high = _onset(bank, judged, each, last)
+    held = log + bank.hold_off
     return BankEvent(
         judged.run.name,
         bank.model.plant.signals.fault_names[k] if declared else UNKNOWN,
@@ -136,10 +187,13 @@ def _event(bank: FaultBank, judged: Judged, each: _Stretch) -> BankEvent:
         float(min(found.lo[last, k], size)) if size is not None else None,
         float(max(found.hi[last, k], size)) if size is not None else None,
         float(p[last]),
-        *_onset(bank, judged, each, last),
+        onset,
+        low,
+        high,
         _alternatives(bank, judged.p[last]),
         *_others(bank, k, judged.p[last].astype(float)),
         declared and bool(bank.with_monitor("passive")[k]),
+        "yes" if high <= held else "perhaps" if low <= log else "no",
     )
 
 
@@ -147,14 +201,22 @@ def _onset(
     bank: FaultBank, judged: Judged, each: _Stretch, last: int
 ) -> tuple[float, float, float]:
     """(mean, lower, upper), at least a step wide and not after the fault was told; of an unknown
-    fault, from the bank's memory before it was likely until then."""
+    fault, from the bank's memory before it was likely until then.
+
+    Where the fault changed since, the posterior at `last` dates the change; then the best of the
+    dates before is the fault's.
+    """
     t, told = judged.run.t, float(judged.run.t[each.told])
     if each.k == judged.found.p.shape[1]:
         begun = float(t[each.begun])
         return begun, max(begun - bank.knowledge.memory, float(t[0])), told
-    ago, sd = judged.found.onset[last, each.k]
-    mean = min(float(t[last] - ago), told - bank.step / 2)
-    half = max(WIDE * float(sd), bank.step / 2)
+    ago, sd = judged.found.onset[:, each.k].T
+    if t[last] - ago[last] > told:
+        rows = np.arange(each.told, last + 1)
+        first = rows[t[rows] - ago[rows] <= told]
+        last = int(first[np.argmin(sd[first])]) if len(first) else last
+    mean = min(float(t[last] - ago[last]), told - bank.step / 2)
+    half = max(WIDE * float(sd[last]), bank.step / 2)
     return mean, mean - half, min(mean + half, told)
 
 
@@ -175,7 +237,7 @@ def _alternatives(bank: FaultBank, p: Float[np.ndarray, "sets"]) -> tuple[tuple[
 def _others(
     bank: FaultBank, k: int, p: Float[np.ndarray, "sets"]
 ) -> tuple[tuple[tuple[str, float], ...], tuple[tuple[str, float], ...]]:
-    """(odds of cause `k` against every other one without it, p of other faults given it)."""
+    """(odds of cause `k` against every other one, p of those that may be beside it)."""
     names = (*bank.model.plant.signals.fault_names, UNKNOWN)
     holds = np.zeros((len(p), len(names)), bool)
     for at, each in enumerate(bank.sets):
@@ -186,9 +248,12 @@ def _others(
     for other in np.flatnonzero(np.arange(len(names)) != k):
         if holds[:, other].any():
             without = float(p @ (holds[:, other] & ~holds[:, k]))
+            too = float(p @ (holds[:, other] & holds[:, k]))
+            if too > POSSIBLE * own:
+                beside.append((names[other], too / own))
+            else:  # what is not told beside it must not seem ruled out
+                without += too
             instead.append((names[other], min(own / max(without, 1e-300), MOST)))
-            too = float(p @ (holds[:, other] & holds[:, k])) / own
-            beside += [(names[other], too)] if too > POSSIBLE else []
     return tuple(instead), tuple(beside)
 
 

@@ -96,6 +96,6 @@ class Alarmed:
     def sentence(self) -> str:
         return (
             f"run {self.run}: alarm in {self.alarms / self.judged:.0%} of what could be judged, "
-            "from the beginning on: a fault older than the log, or the model of another plant; "
-            "`faultgauge evaluate` on a healthy log of this plant tells"
+            "from the beginning on: a fault already there when the log begins, or the model of "
+            "another plant; `faultgauge evaluate` on a healthy log of this plant tells"
         )

@@ -20,7 +20,7 @@ from faultgauge.detection.probability import probability
 from faultgauge.detection.shocks import Shocks
 from faultgauge.detection.verdicts import FAULT
 from faultgauge.detection.window import Causes, Window
-from faultgauge.detection.words import PURE, amount, less_likely, moment
+from faultgauge.detection.words import PURE, UNDECLARED, amount, less_likely, moment, since
 
 __all__ = ["HEALTHY", "Retrospect", "Told", "as_dicts", "retrospect", "sentences"]
 
@@ -214,7 +214,7 @@ def sentences(bank: FaultBank, found: Sequence[Retrospect]) -> list[str]:
     """What the windows with a fault in them hold, in words; one for all where none has."""
     faulty = [_sentence(bank, each) for each in found if each.cause != HEALTHY]
     if faulty or not found:
-        return faulty or ["With the whole log in hand: too few samples to judge."]
+        return faulty or ["In hindsight: too few samples to judge."]
     units = {fault.name: fault.unit for fault in bank.model.plant.signals.faults}
     least = dict[str, str]()
     for name, unit in units.items():
@@ -222,11 +222,11 @@ def sentences(bank: FaultBank, found: Sequence[Retrospect]) -> list[str]:
         shown = max((size for size in sizes if size is not None), default=None)
         blind = shown is None or None in sizes
         least[name] = (
-            f"any {name}"
+            f"{name} of any size"
             if blind
             else f"{name} below {shown:.2g} {'' if unit in PURE else unit}".rstrip()
         )
-    return [f"With the whole log in hand: no fault; {', '.join(least.values())} would not show."]
+    return [f"In hindsight: no fault; {', '.join(least.values())} would not have shown."]
 
 
 def _sentence(bank: FaultBank, found: Retrospect) -> str:
@@ -240,13 +240,12 @@ def _sentence(bank: FaultBank, found: Retrospect) -> str:
     def at(t: float) -> str:
         return moment(found.clock, t, 1.0)
 
-    half = (found.onset_hi - found.onset_lo) / 2
-    since = f"since {moment(found.clock, found.onset, half)} +- {half:.2g} s"
+    began = since(found.clock, found.onset, found.onset_lo, found.onset_hi)
     if found.size is None or found.lo is None or found.hi is None:
-        what = "a fault that is not declared or not constant"
+        what = f"{UNDECLARED} or not constant"
     else:
         what = f"{found.cause} {amount(found.size, found.lo, found.hi, units[found.cause])}"
-    said = [f"{what} {since} (p {probability(found.p)}, run {found.run})"]
+    said = [f"{what} {began} (p {probability(found.p)}, run {found.run})"]
     for cause, odds in found.alternatives:
         if cause != HEALTHY or odds < PLAIN:
             label = "no fault" if cause == HEALTHY else cause

@@ -17,7 +17,15 @@ from jaxtyping import Bool
 from faultgauge.detection.bank import FaultBank, build_fault_bank, evaluated_faults
 from faultgauge.detection.decisions import Decision, Watching, unjudged
 from faultgauge.detection.estimation import Estimated, Observing
-from faultgauge.detection.events import UNKNOWN, Alarm, BankEvent, Judged, events, pause
+from faultgauge.detection.events import (
+    UNKNOWN,
+    Alarm,
+    BankEvent,
+    Judged,
+    events,
+    pause,
+    telling,
+)
 from faultgauge.detection.intake import Intake, slow_outputs, with_taken
 from faultgauge.detection.judged import build_bank, check_observer
 from faultgauge.detection.misfit import FEWEST, Alarmed, Misfit
@@ -224,16 +232,19 @@ class _Ongoing:
         self.kept: list[Judged] = []
         self.calm = 0  # sampled rows in a row that speak of no fault
         self.told: set[str] = set()
+        self.begun: float | None = None  # [s]
 
     def push(self, rows: Judged) -> Iterator[Alarm | BankEvent]:
         """Keep the rows that belong to what may be an event; tell alarms and events."""
+        self.begun = float(rows.run.t[0]) if self.begun is None else self.begun
         speaks, sampled = self._speaks(rows), np.isfinite(rows.found.healthy)
+        named = rows.verdict.named & telling(self.bank, rows.verdict)
         first = 0 if self.kept else None  # of those that are kept
         for k in range(len(speaks)):
             self.calm = 0 if speaks[k] else self.calm + sampled[k]
             if first is None and speaks[k]:
                 first = k
-            yield from self._alarms(rows, k)
+            yield from self._alarms(rows, k, named[k])
             if self.calm > self.pause:
                 self._keep(rows, first, k + 1)
                 first = None
@@ -249,9 +260,9 @@ class _Ongoing:
         over = p0 * (1 + np.exp(self.bank.level)) <= 1
         return likely | over | rows.verdict.named.any(axis=1)
 
-    def _alarms(self, rows: Judged, k: int) -> Iterator[Alarm]:
-        """Of what is named in row `k` for the first time."""
-        for cause in np.flatnonzero(rows.verdict.named[k]):
+    def _alarms(self, rows: Judged, k: int, named: Bool[np.ndarray, "causes"]) -> Iterator[Alarm]:
+        """Of what is `named` in row `k` for the first time."""
+        for cause in np.flatnonzero(named):
             name, found = self.names[cause], rows.found
             if name not in self.told:
                 self.told.add(name)
@@ -271,7 +282,7 @@ class _Ongoing:
     def over(self) -> Iterator[BankEvent]:
         """The events of what was kept."""
         if any(each.verdict.named.any() for each in self.kept):
-            yield from events(self.bank, _joined(self.kept))
+            yield from events(self.bank, _joined(self.kept), self.begun)
         self.kept, self.told = [], set()
 
 

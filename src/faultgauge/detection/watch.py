@@ -193,6 +193,6 @@ class Watch(eqx.Module):
 
     def words(self, verdict: Verdict) -> tuple[list[str], list[str]]:
         """(status, reason) of every row of a verdict, in words."""
-        names = [region.name for region in self.envelope.regions]
+        names = [region.covered for region in self.envelope.regions]
         status, reason = (np.atleast_1d(each) for each in verdict[:2])
         return in_words(self.signals, names, status, reason)

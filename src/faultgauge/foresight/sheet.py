@@ -35,6 +35,7 @@ from faultgauge.foresight.result import (
 from faultgauge.foresight.sensors import sensors_for
 from faultgauge.foresight.structure import Structure, structure_of
 from faultgauge.plants.model import Model
+from faultgauge.progress import Step
 from faultgauge.telemetry import Run
 
 __all__ = ["RARER", "detectability", "levels_off"]
@@ -64,15 +65,19 @@ def detectability(
             "`faultgauge calibrate` on healthy logs first."
         )
     sheets = list[RunSheet]()
-    for run in runs:
-        progress(f"the filter along {run.name}")
+    for k, run in enumerate(runs):
+
+        def within(text: str, share: float, k: int = k) -> None:
+            progress(Step(text, (k + share) / len(runs)))
+
+        within(f"the filter along {run.name}", 0.0)
         bank = build_fault_bank(model, [run], noise_of(model))
-        sheets.append(_along(bank, run, progress))
+        sheets.append(_along(bank, run, within))
     rate = 3600 / float((model.calibration or {})["bank"]["mtbfa_s"])
     return Sheet(model.plant.spec.name, rate, RARER, tuple(sheets))
 
 
-def _along(bank: FaultBank, run: Run, progress: Callable[[str], None]) -> RunSheet:
+def _along(bank: FaultBank, run: Run, progress: Callable[[str, float], None]) -> RunSheet:
     signals, effects = bank.model.plant.signals, effects_of(bank, run)
     rows, kept = len(effects.t), [k for k in range(len(bank.size)) if (k,) in bank.sets]
     if rows < FEWEST:
@@ -243,17 +248,18 @@ def _help(
     structure: Structure,
     found: Information,
     seconds: float,
-    progress: Callable[[str], None],
+    progress: Callable[[str, float], None],
 ) -> tuple[Help, ...]:
     problems = problems_of(bank, found, seconds)
     if not problems:
         return ()
-    progress(f"one sensor more along {run.name}")
+    progress(f"one sensor more along {run.name}", 0.2)
     sensors = sensors_for(bank, run, effects, structure, problems)
     bench, faults = Bench(bank, run, effects), bank.model.plant.signals.faults
     helped = []
     for n, each in enumerate(problems):
-        progress(f"test inputs from the end of {run.name}: {n + 1} of {len(problems)}")
+        text = f"test inputs from the end of {run.name}: {n + 1} of {len(problems)}"
+        progress(text, 0.4 + 0.6 * n / len(problems))
         fault = faults[each.fault]
         helped.append(
             Help(

@@ -62,7 +62,7 @@ def remarks(run: RunSheet) -> Iterator[str]:
     for fault in run.faults:
         if fault.seen_from is None:
             why = "" if fault.structural else ": the equations leave nothing to see it by"
-            yield f"{fault.name} of any size that it may have would not show{why}."
+            yield f"{fault.name} of any size that it may have would not have shown{why}."
     hidden = {fault.name for fault in run.faults if fault.seen_from is None}
     apart = {(pair.fault, pair.other): pair.apart_from for pair in run.pairs}
     for pair in run.pairs:
@@ -86,10 +86,10 @@ def remarks(run: RunSheet) -> Iterator[str]:
         and all(apart[each.fault, other] is not None for other in each.others)
     ]
     for each in unsure[:MANY]:
-        both = " and ".join(each.others)
-        yield f"{each.fault} is told from either, but not from {both} together."
+        either = " or ".join(each.others)
+        yield f"{each.fault} is told from {either} alone, but not from both together."
     if len(unsure) > MANY:
-        yield f"So it is with {len(unsure) - MANY} more of three faults."
+        yield f"The same holds for {len(unsure) - MANY} more sets of three faults."
     for each in run.help:
         yield from _helped(each)
 
@@ -110,7 +110,11 @@ def _helped(each: Help) -> Iterator[str]:
             f"simulated, from {amount(test.told.obtained, each.unit)} on."
         )
     if not each.sensors and test is None:
-        yield f"No sensor and no test input that was tried lets it be that {what}."
+        how = "show it" if each.other is None else f"tell it from {each.other}"
+        yield (
+            f"{each.fault} of {amount(each.size, each.unit)}: no sensor and no test input that was "
+            f"tried would {how}."
+        )
 
 
 def amount(size: float | None, unit: str) -> str:

@@ -1,7 +1,7 @@
 """Fitted parameters and what the data say about them, whichever way they were fitted."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,7 @@ __all__ = ["Constant", "Information", "at_bound", "constants", "imitated"]
 IMITATED = 0.99  # of what a parameter does to what is fitted, a network's weights can do too
 ALIKE = 0.99  # correlation at which two parameters cannot be told apart
 VAGUE = 0.1
+BIASED = 0.02  # of a parameter: less of a bias is not worth a word
 CHANGES = 0.5  # of the squared error, to be worth a word
 NEAR = 1e-3  # of the range: a parameter this near to a bound is at it
 
@@ -23,7 +24,8 @@ NEAR = 1e-3  # of the range: a parameter this near to a bound is at it
 @dataclass(frozen=True)
 class Constant:
     """A fitted parameter: value, standard error and unit; `bound` names the bound it is at,
-    `imitated_by` the network that can do what it does."""
+    `imitated_by` the network that can do what it does; `bias` is how far noise in what the
+    equations read has shifted it, where that is more than its standard error tells."""
 
     name: str
     unit: str
@@ -31,6 +33,7 @@ class Constant:
     standard_error: float | None
     bound: str | None
     imitated_by: str | None
+    bias: float | None = None
 
     @property
     def vague(self) -> bool:
@@ -65,6 +68,12 @@ class Information:
                     f"parameter {each.name!r} moves no equation that these logs show, so that its "
                     f"value, {each.value:g}, is not the data's; map a column to its output (--map "
                     "OUTPUT=EXPRESSION), give a log in which it matters, or fix it"
+                )
+            if each.bias is not None:
+                found.append(
+                    f"parameter {each.name!r} is off by about {each.bias:+.2g} {each.unit}".rstrip()
+                    + f" ({abs(each.bias / each.value):.0%}) because of noise in what its equation "
+                    "reads, which its standard error does not hold; use --refine"
                 )
             if each.imitated_by:
                 kept = ", though it is kept from doing so" if self.kept_apart else ""
@@ -160,6 +169,21 @@ def _bound(spec: Parameter, value: float) -> str | None:
     if value - spec.min <= NEAR * width:
         return f"min = {spec.min:g}"
     return f"max = {spec.max:g}" if spec.max - value <= NEAR * width else None
+
+
+def shifted(
+    found: Sequence[Constant], before: GrayBoxPlant, after: GrayBoxPlant
+) -> tuple[Constant, ...]:
+    """`found` with the bias that takes `before` to `after`, where it is worth a word."""
+
+    def bias(each: Constant) -> float | None:
+        moved = float(after.parameters[each.name] - before.parameters[each.name])
+        if each.standard_error is None or not np.isfinite(moved):
+            return None
+        notable = max(each.standard_error, BIASED * abs(each.value))
+        return moved if abs(moved) > notable else None
+
+    return tuple(replace(each, bias=bias(each)) for each in found)
 
 
 def at_bound(plant: GrayBoxPlant, unknowns: Unknowns) -> Bool[np.ndarray, "parameters"]:

@@ -30,19 +30,27 @@ z_k = (sum_k G_k' J_k + s^2 P)^-1 G_k' r_k.
 """
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
-from faultgauge.identification.constants import Information, at_bound, constants, imitated
+from faultgauge.identification.constants import (
+    Information,
+    at_bound,
+    constants,
+    imitated,
+    shifted,
+)
 from faultgauge.identification.equation_error import Group, equation_errors, target_scales
 from faultgauge.identification.equation_fit import GroupReport, Material
+from faultgauge.identification.noise_bias import noise_left, shift_by_noise
 from faultgauge.identification.refinement.unknowns import Unknowns, unknowns_of
-from faultgauge.identification.samples import Channels
+from faultgauge.identification.samples import Channels, Samples
 from faultgauge.identification.weak_form import WeakErrors, weak_states
 from faultgauge.plants.gray_box import GrayBoxPlant
 
@@ -83,13 +91,44 @@ def equation_information(
     found = scatter(moved, places, sum(len(s.t) for s in given.stretches))
     times = np.diag(found) / np.maximum(np.sum(moved**2, axis=0), 1e-300)
     covariance = np.full((len(theta) - first, len(theta) - first), np.nan)
-    left = np.sum(moved, axis=0)
-    own = found + np.outer(left, left) + s2 * inverse @ inverse.T
+    rest = np.sum(moved, axis=0)
+    own = found + np.outer(rest, rest) + s2 * inverse @ inverse.T
     covariance[np.ix_(free[first:], free[first:])] = own
     unknown = np.diag(hessian)[first:] == 0  # no equation that was fitted holds it
     covariance[unknown] = covariance[:, unknown] = np.nan
-    rows = constants(plant, unknowns, theta, covariance, imitated(plant, unknowns, hessian))
-    return Information(*rows, (), float(np.max(times, initial=0.0)))
+    rows, correlation = constants(
+        plant, unknowns, theta, covariance, imitated(plant, unknowns, hessian)
+    )
+    shift = np.zeros(len(theta))
+    left = noise_left(how, plant.signals.state_names, given)
+    if left is not None and not any(report.freed for report in reports):
+        normal = partial(_normal, plant, unknowns, theta, reports, free, given)
+        shift[free] = shift_by_noise(normal, given.training, left, s2)
+    rows = shifted(rows, plant, unknowns.assemble(plant, jnp.asarray(theta + shift)))
+    return Information(rows, correlation, (), float(np.max(times, initial=0.0)))
+
+
+def _normal(
+    plant: GrayBoxPlant,
+    unknowns: Unknowns,
+    theta: Float[np.ndarray, "unknowns"],
+    reports: Sequence[GroupReport],
+    free: Bool[np.ndarray, "unknowns"],
+    given: Material,
+    samples: Samples,
+) -> tuple[Float[np.ndarray, "free"], Float[np.ndarray, "free free"]]:
+    """(sum J' r, sum J' J) over `samples` of all groups, in the filtered form."""
+    pull, hessian = 0.0, 0.0
+    for report in reports:
+        scales = jnp.asarray(target_scales(report.group, given.training))
+        points = jax.tree.map(jnp.asarray, samples)
+        r, J = _residuals(
+            jnp.asarray(theta), points, plant, unknowns, report.group, equation_errors, scales
+        )
+        J = np.asarray(J)[..., free]
+        pull = pull + np.einsum("sei,se->i", J, np.asarray(r))
+        hessian = hessian + np.einsum("sei,sej->ij", J, J)
+    return np.asarray(pull), np.asarray(hessian)
 
 
 def scatter(

@@ -11,6 +11,7 @@ from faultgauge.errors import InputError
 from faultgauge.plants.expression import unknown
 from faultgauge.plants.model import Model
 from faultgauge.plants.signals import Fault, Signals
+from faultgauge.progress import Step
 from faultgauge.rehearsal.design import Dose, Plan, Subject, doses_of, plans, windows_of
 from faultgauge.rehearsal.injection import Injected, NotInjectable, inject
 from faultgauge.rehearsal.judging import (
@@ -225,7 +226,8 @@ def _judged(
     for _, group in groupby(logs, key=lambda each: each[0]):
         runs = [run for _, run in group]
         for k in range(0, len(runs), BATCH):
-            progress(f"rehearsing: {done} of {len(logs)} logs judged")
+            share = done / len(logs)
+            progress(Step(f"rehearsing: {done} of {len(logs)} logs judged", share))
             batch = runs[k : k + BATCH]
             yield from judge(model, batch)
             done += len(batch)

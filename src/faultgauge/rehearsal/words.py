@@ -11,9 +11,9 @@ MOST_INSTEAD = 4  # of what was told instead
 HEADER = (
     "fault",
     "foretold",
-    "found in 90 %",
+    "named in 90 %",
     "alarm",
-    "found",
+    "named",
     "named exactly",
     "size error",
     "size inside",
@@ -38,8 +38,8 @@ def legend(rehearsal: Rehearsal) -> str:
     some_predicted = any(each.predicted is not None for each in rehearsal.faults)
     which = "of at least 4 times the foretold size" if some_predicted else "of all sizes"
     return (
-        "foretold: the smallest size that the model says it would name; found in 90 %: the one "
-        f"that was found in 90 % of the logs; right of that: faults {which}, medians, and how "
+        "foretold: the smallest size that the model says it would name; named in 90 %: the one "
+        f"that was named in 90 % of the logs; right of that: faults {which}, medians, and how "
         "often the truth was inside the 95 % interval."
     )
 

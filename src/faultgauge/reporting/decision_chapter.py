@@ -10,12 +10,12 @@ from jaxtyping import Bool, Float
 from faultgauge.detection.answer import answers, told
 from faultgauge.detection.bank import FaultBank
 from faultgauge.detection.decisions import Decision
-from faultgauge.detection.events import BankEvent
+from faultgauge.detection.events import UNKNOWN, BankEvent
 from faultgauge.detection.evidence import Evidence
 from faultgauge.detection.probability import probability
 from faultgauge.detection.retrospective import Retrospect
 from faultgauge.detection.verdicts import NOT_JUDGED, STALE
-from faultgauge.detection.words import moment
+from faultgauge.detection.words import MOST, OLDER, UNDECLARED, amount, moment
 from faultgauge.plants.model import Model
 from faultgauge.reporting.evidence_chapter import evidence_section
 from faultgauge.reporting.glance import Compared, Told, overview
@@ -37,7 +37,7 @@ MOST_CURVES, MOST_RESIDUALS = 8, 4  # in one figure
 MOST_OUTPUTS, MOST_TOLD = 8, 8
 MOST_ROWS = 12  # of an open table
 MOST_FIGURES = 12  # a report is read, not scrolled
-HEADER = ("run", "fault", "began [s]", "told [s]", "end [s]", "size", "p", "instead, odds")
+HEADER = ("run", "fault", "began", "told", "seen until", "size", "p", "instead", "beside")
 
 
 def decision_report(
@@ -52,7 +52,7 @@ def decision_report(
     (fault: size) where it is known."""
     first, more = leading(bank, decisions)
     head, detail = headline(first)
-    sections = [*_overviews(bank, decisions, truth or {}), *_events(decisions)]
+    sections = [*_overviews(bank, decisions, truth or {}), *_events(bank, decisions)]
     if windows:
         sections.append(evidence_section(bank, windows))
     if hindsight:
@@ -145,20 +145,19 @@ def _silent(decision: Decision) -> Bool[np.ndarray, "samples"]:
     return np.isin(decision.status, [NOT_JUDGED, STALE])
 
 
-def _events(decisions: Sequence[Decision]) -> list[Section]:
+def _events(bank: FaultBank, decisions: Sequence[Decision]) -> list[Section]:
     """The table of all events, where there is any; a long one is folded."""
-    pairs = [(each.run.clock, event) for each in decisions for event in each.events]
-    if not pairs:
+    rows = [_row(bank, each.run.clock, event) for each in decisions for event in each.events]
+    if not rows:
         return []
-    clocked = any(clock is not None for clock, _ in pairs)
-    shown = slice(
-        0 if len(decisions) > 1 else 1,
-        None if any(event.alternatives for _, event in pairs) else -1,
+    kept = [k for k in range(len(HEADER)) if any(row[k] for row in rows)]
+    kept = kept if len(decisions) > 1 else kept[1:]
+    table = Table(
+        tuple(HEADER[k] for k in kept),
+        tuple(tuple(row[k] for k in kept) for row in rows),
+        "Every event.",
     )
-    header = tuple(name.removesuffix(" [s]") if clocked else name for name in HEADER[shown])
-    rows = tuple(_row(clock, event, clocked=clocked)[shown] for clock, event in pairs)
-    tables = (Table(header, rows, "Every event."),)
-    return [Section("Faults", (), tables, folded=len(rows) > MOST_ROWS)]
+    return [Section("Faults", (), (table,), folded=len(rows) > MOST_ROWS)]
 
 
 def leading(bank: FaultBank, decisions: Sequence[Decision]) -> tuple[str, list[str]]:
@@ -204,23 +203,31 @@ def _residuals(model: Model, decision: Decision) -> list[Panel]:
     ]
 
 
-def _row(clock: datetime | None, event: BankEvent, *, clocked: bool) -> tuple[str, ...]:
-    sized = event.size is not None
+def _row(bank: FaultBank, clock: datetime | None, event: BankEvent) -> tuple[str, ...]:
+    """What the sentence of an event says, as cells."""
     fine = (event.onset_hi - event.onset_lo) / 2
+    units = {each.name: each.unit for each in bank.model.plant.signals.faults}
 
-    def at(t: float) -> str:
-        return moment(clock, t, fine) if clocked else f"{t:.6g}"
-
+    size = ""
+    if event.size is not None and event.lo is not None and event.hi is not None:
+        size = amount(event.size, event.lo, event.hi, units[event.fault])
+    at, low, high = (moment(clock, t, fine) for t in (event.onset, event.onset_lo, event.onset_hi))
+    began = f"{at} ({low} to {high})"
     return (
         event.run,
-        event.fault,
-        f"{at(event.onset)} ({at(event.onset_lo)} to {at(event.onset_hi)})",
-        at(event.start),
-        at(event.end),
-        f"{event.size:.4g} ({event.lo:.4g} to {event.hi:.4g})" if sized else "",
+        _said(event.fault),
+        OLDER if event.older == "yes" else began,
+        moment(clock, event.start),
+        moment(clock, event.end),
+        size,
         probability(event.p),
-        "; ".join(f"{label} 1:{odds:.3g}" for label, odds in event.alternatives),
+        "; ".join(f"{_said(name)} 1:{odds:.3g}" for name, odds in event.instead if odds < MOST),
+        "; ".join(f"{name} p {probability(p)}" for name, p in event.beside),
     )
+
+
+def _said(fault: str) -> str:
+    return UNDECLARED if fault == UNKNOWN else fault
 
 
 def decision_figures(
@@ -230,7 +237,7 @@ def decision_figures(
     found, run = decision.posterior, decision.run
     faults = bank.model.plant.signals.faults
     least = least_sizes(bank, run)
-    curves = {"healthy": found.healthy, "unknown": found.unknown}
+    curves = {"no fault": found.healthy, UNDECLARED: found.unknown}
     curves |= {fault.name: found.p[:, k] for k, fault in enumerate(faults[: MOST_CURVES - 2])}
     evidence = [
         Panel("probability", "", curves, span=(0.0, 1.0)),
@@ -240,7 +247,7 @@ def decision_figures(
         run.t,
         evidence,
         title=f"Probabilities and residuals, {run.name}",
-        caption="What each fault, none and an undeclared one are given, and the residuals.",
+        caption=f"How likely no fault, {UNDECLARED} and each fault are, and the residuals.",
         clock=run.clock,
     )
     return [shown] + [

@@ -122,5 +122,5 @@ def _caption(told: Sequence[Told], spans: Sequence[tuple[float, float]], note: s
     if told:
         parts.append("Below: each fault that was told, with its 95 % band.")
     else:
-        parts.append("No declared fault was told.")
+        parts.append("No fault was told.")
     return " ".join([*parts, note]).strip()

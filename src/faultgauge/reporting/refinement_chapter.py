@@ -110,7 +110,9 @@ def _drift(found: Refinement, name: str) -> Figure:
 def _error(each: Constant) -> str:
     if each.standard_error is None:
         return ""
-    return quantity(each.standard_error, each.unit or "1")
+    unit = each.unit or "1"
+    off = "" if each.bias is None else f"; off by about {quantity(each.bias, unit)} by noise"
+    return quantity(each.standard_error, unit) + off
 
 
 def correlation_table(found: Information) -> tuple[Table, ...]:

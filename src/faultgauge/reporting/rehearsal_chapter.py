@@ -11,7 +11,7 @@ __all__ = ["rehearsal_report"]
 FIGURES = (
     "logs",
     "alarm",
-    "found",
+    "named",
     "named exactly",
     "another named",
     "undeclared told",
@@ -54,7 +54,7 @@ def _section(rehearsal: Rehearsal, fault: FaultResult) -> Section:
     rows = tuple((amount(row.size, fault.unit), *_cells(row)) for row in fault.by_size)
     caption = (
         "In brackets: 95 % intervals of the shares; size error, what is inside its interval and "
-        "the delay are of what was found."
+        "the delay are of what was named."
     )
     table = Table(("size", *FIGURES), rows, caption)
     trials = [each for each in rehearsal.trials if each.names == (fault.name,)]
@@ -68,7 +68,7 @@ def _pairs(rehearsal: Rehearsal) -> tuple[Table, ...]:
         (f"{' and '.join(each.names)}, {each.times:g} times", *_cells(each.figures))
         for each in rehearsal.pairs
     )
-    caption = "Two faults in one log, each of so many times the foretold size; found: both."
+    caption = "Two faults in one log, each of so many times the foretold size; named: both."
     return (Table(("pair", *FIGURES), rows, caption),)
 
 

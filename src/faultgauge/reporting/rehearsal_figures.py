@@ -38,16 +38,16 @@ def by_size(fault: FaultResult, trials: Sequence[Trial]) -> Figure:
             style.legend(axes)
         caption = (
             f"{len(trials)} logs with {style.short(fault.name)} in them. Bands and bars: 95 % "
-            "intervals of the shares. Errors and delays are of what was found: each a dot, the "
+            "intervals of the shares. Errors and delays are of what was named: each a dot, the "
             "line their medians. Dotted: the smallest size that the model foretells; solid, red: "
-            "the size that was found in 90 % of the logs."
+            "the size that was named in 90 % of the logs."
         )
         return figure(canvas, f"{style.short(fault.name)} by its size", caption)
 
 
 def _shares(axes: Axes, fault: FaultResult) -> None:
     sizes = np.array([row.size or np.nan for row in fault.by_size])
-    _share(axes, sizes, [row.found for row in fault.by_size], "found", 0, banded=True)
+    _share(axes, sizes, [row.found for row in fault.by_size], "named", 0, banded=True)
     _share(axes, sizes, [row.exact for row in fault.by_size], "exactly", 1, banded=False)
     axes.axhline(90.0, color=style.GREY, linewidth=0.8)
     axes.set_ylim(-3.0, 103.0)

@@ -44,7 +44,7 @@ def retrospective_section(
     )
     table = Table(header, rows, "Every window, in hindsight.")
     return Section(
-        "With the whole log in hand",
+        "In hindsight",
         tuple(sentences(bank, found)),
         (table,),
         tuple(figures[:MOST_FIGURES]),

@@ -1,6 +1,6 @@
 """`estimate`: which fault, how big, since when, how sure."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -223,6 +223,7 @@ def estimate(
     reference: Reference = "free",
     smooth: bool = False,
     walk: Walk = Watch.along,
+    progress: Callable[[str], None] = lambda text: None,
     time: str | None = None,
     time_format: str | None = None,
     map: Maps = None,
@@ -241,6 +242,8 @@ def estimate(
     - `reference`: the healthy reference of the residuals: `"free"`, `"measured"`, `"observer"`.
     - `smooth`: say also what the whole log tells, with hindsight.
     - `walk`: who runs the step along a log: `faultgauge.export.engine.Engine(folder)` runs it as C.
+    - `progress`: is told what is being done; a text that is a `faultgauge.progress.Step` has the
+      `share` that is done.
 
     Returns an `Answer`: `print` it, and see its `events`, `rows`, `hindsight()`, `evidence(event)`,
     `plot()`, `report(path)`; with another observer `Estimates`. Raises `InputError` for logs that
@@ -256,11 +259,13 @@ def estimate(
         )
         said = [*warnings, *observers.refused.values()]
         return Estimates(known, estimated, observers, reference, warnings, said)
-    decided, bank = decisions.decide_runs(known, runs, reference, walk)
+    decided, bank = decisions.decide_runs(known, runs, reference, walk, progress)
+    progress("looking for slow changes")
     warnings += misfit.alarmed_throughout({each.run.name: each.status for each in decided})
     drifting = [] if bank is None else drift.drifts(bank, decided)
     found = Answer(known, decided, bank, drifting, warnings, smooth)
     if smooth:
+        progress("weighing what the whole log tells")
         found.hindsight()
     return found
 

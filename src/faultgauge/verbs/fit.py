@@ -106,6 +106,11 @@ class Fit(Result):
         errors = {each.name: each.standard_error for each in known.constants} if known else {}
         return None if parameter.fixed or parameter.vary else errors.get(parameter.name)
 
+    def _bias(self, parameter: Any) -> float | None:
+        """How far noise has shifted it, where that is worth a word."""
+        known = None if self.account.refinement else self.account.information
+        return {c.name: c.bias for c in known.constants}.get(parameter.name) if known else None
+
     def _values(self) -> list[str]:
         """A line for every fitted parameter: value, standard error where it is known, unit."""
         refinement, lines = self.account.refinement, []
@@ -113,7 +118,10 @@ class Fit(Result):
             if not p.fixed:
                 error = self._error(p)
                 width = "" if error is None else f" +- {error:.2g}"
-                lines.append(f"{p.name} = {self.parameters[p.name]:.6g}{width} {p.unit}".rstrip())
+                line = f"{p.name} = {self.parameters[p.name]:.6g}{width} {p.unit}".rstrip()
+                bias = self._bias(p)
+                off = "" if bias is None else f" (off by about {bias:+.2g} because of noise)"
+                lines.append(line + off)
                 own = refinement.per_run.get(p.name, {}) if refinement else {}
                 lines += [f"  run {run}: {each:.6g} {p.unit}".rstrip() for run, each in own.items()]
         return lines

@@ -1,0 +1,45 @@
+"""A bar with a share where a terminal looks on, and nothing elsewhere."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from faultgauge.cli.options import narrate
+from faultgauge.detection import decisions
+from faultgauge.detection.watch import Watch
+from faultgauge.progress import Step
+from scenes import log, tank_bank
+
+
+def test_a_terminal_is_shown_the_step_and_its_share(monkeypatch, capsys):
+    monkeypatch.setenv("FORCE_COLOR", "1")  # as rich is told that a pipe is a terminal
+    with narrate("starting") as progress:
+        progress("without a share")
+        progress(Step("judging [run a]", 0.25))
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert "judging [run a]" in said.err
+    assert "25%" in said.err
+
+
+def test_a_pipe_is_shown_nothing(monkeypatch, capsys):
+    monkeypatch.delenv("FORCE_COLOR", raising=False)
+    with narrate("starting") as progress:
+        progress(Step("judging", 0.25))
+    said = capsys.readouterr()
+    assert said.out == said.err == ""
+
+
+def test_a_walk_that_says_how_far_it_is_says_the_same(monkeypatch):
+    """1200 rows in parts of 500, to the bit."""
+    bank, run, steps = tank_bank(), log(1), []
+    monkeypatch.setattr(decisions, "PART", 500)
+    walk = decisions._in_parts(Watch.along, steps.append, 2 * len(run.t))
+    whole = decisions.decide(bank, run, None)
+    parts = decisions.decide(bank, run, None, walk)
+    assert parts.events == whole.events
+    for one, other in zip(parts.posterior, whole.posterior, strict=True):
+        np.testing.assert_array_equal(one, other)
+    decisions.decide(bank, replace(run, name="b"), None, walk)
+    assert [round(step.share, 3) for step in steps] == [0.0, 0.208, 0.417, 0.5, 0.708, 0.917]
+    assert steps[-1] == "judging run b"

@@ -1,0 +1,146 @@
+"""Sentences, events, table, report and JSON are views of one posterior: held against each other on
+random ones, which no filter had a hand in."""
+
+from dataclasses import replace
+from datetime import datetime
+from functools import cache, partial
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from faultgauge.detection.decisions import Decision
+from faultgauge.detection.events import Judged, events
+from faultgauge.detection.limit_checker import LimitChecker
+from faultgauge.detection.posterior import Mixture, Posterior
+from faultgauge.detection.verdicts import Heard, Rules, words
+from faultgauge.observers.branching import BranchInfo
+from faultgauge.telemetry import Run
+from scenes import STEP, moving, tank_bank
+from views import compare
+
+ROWS = 160  # sixteen memories of the bank: names need a quarter of one, alarms a sample
+CLOCK = datetime(2026, 5, 1, 23, 59, 30)  # midnight comes in the log
+T = STEP * np.arange(ROWS)
+SETS = 8  # none, three faults, three pairs, something undeclared
+
+
+@cache
+def run_of(clocked):
+    """The same with a clock and without: what would not have shown is found once for each."""
+    columns = {"u": moving(1)[:ROWS], "x": moving(2)[:ROWS]}
+    return Run("a", "tank.csv", T, columns, clock=CLOCK if clocked else None)
+
+
+@cache
+def judging():
+    """What the decisions make of what the branches say, row by row; for good where it latches."""
+    bank = tank_bank()
+    mixture = Mixture.of(bank)
+
+    def rules(latch):
+        usual = Rules.of(bank)
+        checkers = (usual.alarm, usual.names, usual.signs)
+        return replace(
+            usual,
+            **dict(zip(("alarm", "names", "signs"),
+                       (LimitChecker(each.persistence, latch) for each in checkers), strict=True)),
+        )  # fmt: skip
+
+    def along(rules, said, heard):
+        def step(state, row):
+            t, said, heard = row
+            found = mixture.marginal(said, heard.seen)
+            state, verdict = rules.step(state, t, found, heard)
+            return state, (found, verdict)
+
+        return jax.lax.scan(step, rules.init(), (jnp.asarray(T), said, heard))[1]
+
+    compiled = eqx.filter_jit(along)
+    return {latch: partial(compiled, rules(latch)) for latch in (False, True)}
+
+
+@st.composite
+def stretches(draw, *, calm=False, sets=SETS):
+    """Rows that are alike: (how many, weights of the sets, sizes, widths, onset ago and its width,
+    what was sampled, held back, not trusted, standing)."""
+    leading = 0 if calm else draw(st.integers(0, sets - 1))
+    sure = draw(st.sampled_from([0.985, 1 - 1e-9] + [0.3, 0.9, 0.9995] * (not calm)))
+    rest = np.array(draw(st.lists(st.floats(1e-9, 1.0), min_size=sets, max_size=sets)))
+    rest[leading] = 0.0
+    p = (1 - sure) * rest / rest.sum()
+    p[leading] = sure
+    size = draw(st.sampled_from([-0.3, -0.05, 0.0, 0.02, 0.3]))
+    width = draw(st.sampled_from([1e-9, 1e-3, 0.04, 1.0]))
+    silence = draw(st.sampled_from(["", "", "", "", "", "gap", "held", "outside", "standing"]))
+    began = draw(st.floats(-30.0, ROWS * STEP))  # s, may be before the log and after now
+    return (
+        *(draw(st.integers(1, 60)), p, size, width, began),
+        *(draw(st.sampled_from([0.0, 0.3, 5.0, 80.0])), silence, draw(st.booleans())),
+    )
+
+
+def posterior(bank, run, parts, ever, latch):
+    """What is decided of stretches on end."""
+    sets, faults = len(bank.sets) + 1, len(bank.size)
+    which = np.repeat(np.arange(len(parts)), [part[0] for part in parts])[:ROWS]
+    which = np.append(which, np.full(ROWS - len(which), which[-1]))
+    p, size, width, began, sd, silence, seen = (
+        np.array([part[k] for part in parts])[which] for k in range(1, 8)
+    )
+    member = np.zeros((sets, faults))
+    for at, each in enumerate(bank.sets):
+        member[at, list(each)] = 1.0
+    scale = np.asarray(bank.size) * (1 + np.arange(sets))[:, None] / sets
+    onset = np.stack(
+        [np.tile(T[:, None] - began[:, None], faults), np.tile(sd[:, None], faults)], 2
+    )
+    said = BranchInfo(
+        p=jnp.asarray(p),
+        f=jnp.asarray(member * scale * size[:, None, None]),
+        sd=jnp.asarray(member * np.asarray(bank.size) * width[:, None, None]),
+        x=jnp.zeros((ROWS, 1)),
+        seen=jnp.zeros((ROWS, faults, 2)),
+        onset=jnp.asarray(onset),
+        ever=jnp.tile(jnp.asarray(ever), (ROWS, 1)),
+    )
+    sampled = silence != "gap"
+    nan = jnp.where(jnp.asarray(sampled), 0.0, jnp.nan)
+    said = jax.tree.map(lambda a: a + nan.reshape(-1, *[1] * (a.ndim - 1)), said)
+    heard = Heard(
+        sampled=jnp.asarray(sampled),
+        held=jnp.asarray(silence == "held"),
+        outside=jnp.asarray((silence == "outside") | ~sampled, int),
+        seen=jnp.tile(jnp.asarray(seen)[:, None, None], (1, faults, 2)),
+        standing=jnp.asarray(silence == "standing", int),
+        u=jnp.ones((ROWS, 1)),
+        output=jnp.asarray(silence != "standing") & sampled,
+    )
+    found, verdict = jax.tree.map(np.asarray, judging()[latch](said, heard))
+    whole = Posterior(
+        *found,
+        *(np.asarray(each) for each in (heard.seen, heard.outside, said.x, said.onset, said.ever)),
+        np.asarray(heard.held),
+    )
+    judged = Judged(run, whole, verdict, np.asarray(said.p).astype(np.float32))
+    status, reason = words(bank.model.plant.signals, (), verdict.status, verdict.reason)
+    return Decision(run, whole, {}, status, reason, events(bank, judged), run)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    parts=st.one_of(
+        *[st.lists(stretches(), min_size=1, max_size=7)] * 3,
+        st.lists(stretches(calm=True), min_size=1, max_size=3),
+    ),
+    ever=st.lists(st.sampled_from([0.2, 1.0]), min_size=3, max_size=3),
+    clocked=st.booleans(),
+    latch=st.booleans(),
+)
+def test_every_view_says_what_the_posterior_says(parts, ever, clocked, latch):
+    bank, run = tank_bank(), run_of(clocked)
+    said = posterior(bank, run, parts, ever, latch)
+    compare(bank, said)

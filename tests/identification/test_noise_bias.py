@@ -1,0 +1,70 @@
+"""What noise in the regressors does to a motor's inductance, and whether it is said."""
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from faultgauge.telemetry import Run
+from faultgauge.verbs.fit import fit
+
+MOTOR = """
+name = "motor"
+[states.i]
+unit = "A"
+derivative = "(v - R*i - K*w)/L"
+[states.w]
+unit = "rad/s"
+derivative = "(K*i - 1e-4*w)/2e-4"
+[inputs.v]
+unit = "V"
+hold = "zero"
+[outputs.i]
+value = "i"
+[outputs.w]
+value = "w"
+[parameters]
+R = { value = 0.5, min = 0.01, max = 10, unit = "ohm" }
+L = { value = 1e-3, min = 1e-5, max = 1e-1, unit = "H" }
+K = { value = 0.05, min = 0.001, max = 1, unit = "V*s" }
+"""
+R, L, K, STEP, COUNT = 0.8, 1.5e-3, 0.06, 1e-3, 4000
+
+
+def log(noise):
+    """Exact under the hold; `noise` [A] in the current."""
+    rng = np.random.default_rng(0)
+    system = np.zeros((3, 3))
+    system[:2] = [[-R / L, -K / L, 1 / L], [K / 2e-4, -1e-4 / 2e-4, 0.0]]
+    moved = expm(system * STEP)[:2]
+    v, x = np.repeat(rng.uniform(-3, 3, COUNT // 100), 100), np.zeros((COUNT, 2))
+    for k in range(COUNT - 1):
+        x[k + 1] = moved @ [*x[k], v[k]]
+    y = x + [noise, 0.01] * rng.standard_normal(x.shape)
+    return Run("a", "a.csv", STEP * np.arange(COUNT), {"v": v, "i": y[:, 0], "w": y[:, 1]})
+
+
+def constant(found, name):
+    return next(c for c in found.account.information.constants if c.name == name)
+
+
+def test_a_bias_that_the_standard_error_does_not_hold_is_said_beside_the_number():
+    """The current settles within two samples, so that noise of 0.3 A hides what L does."""
+    found = fit(MOTOR, [log(0.3)], restarts=1)
+    told, off = constant(found, "L"), found.parameters["L"] - L
+    assert off > 3 * told.standard_error  # wrong, and tight
+    # the same noise once more does less where there is some already: half to all of it
+    assert 0.4 * off < told.bias < 1.1 * off
+    assert constant(found, "K").bias is None
+    (warning,) = (each for each in found.warnings if "'L'" in each)
+    assert "because of noise" in warning
+    assert warning.endswith("use --refine")
+    assert any(line.startswith("L = ") and "because of noise" in line for line in found.lines)
+    rows = found.as_dict()["equation_error"]["parameters"]
+    assert next(row["bias"] for row in rows if row["name"] == "L") == told.bias
+
+
+def test_nothing_is_said_of_a_clean_log():
+    found = fit(MOTOR, [log(0.0)], restarts=1)
+    assert found.parameters["L"] == pytest.approx(L, rel=0.05)  # of the smoothing
+    assert [c.bias for c in found.account.information.constants] == [None] * 3
+    assert not any("noise" in each for each in found.warnings)

@@ -1,0 +1,150 @@
+"""Holds what is said of a run against itself: sentence, event, table, report and JSON must be views
+of one posterior."""
+
+import json
+import re
+from datetime import datetime, timedelta
+
+import numpy as np
+import pytest
+
+from faultgauge.detection.answer import answers, as_dicts, first_screen, runs_as_dicts, told
+from faultgauge.detection.decisions import table
+from faultgauge.detection.events import POSSIBLE, UNKNOWN
+from faultgauge.detection.probability import probability
+from faultgauge.detection.words import MOST, OLDER, UNDECLARED
+from faultgauge.reporting.decision_chapter import HEADER, _events
+
+NOTHING = re.compile(r"\b(nan|inf|none)\b", re.IGNORECASE)
+
+
+def compare(bank, said):
+    """Every view of one decision with every other."""
+    names = bank.model.plant.signals.fault_names
+    rows, lines = table([said], names), answers(bank, [said])
+    told_of = as_dicts(bank, [said])
+    of_run = runs_as_dicts(bank, [said], names)[said.run.name]
+    check_statuses(bank, said, rows, lines, of_run)
+    for event, plain in zip(said.events, told_of, strict=True):
+        check_event(bank, said, event, plain, rows)
+        assert plain["sentence"] in lines
+    check_report(bank, said)
+    assert not any(NOTHING.search(line) for line in [*lines, *first_screen(bank, [said])])
+    assert json.dumps([told_of, of_run], allow_nan=False)
+
+
+def check_statuses(bank, said, rows, lines, of_run):
+    """What could be judged, in every view; and every row under alarm is told of."""
+    status = np.array(rows["status"])
+    judged = np.mean(np.isin(status, ["HEALTHY", "FAULT"]))
+    assert of_run["judged_share"] == pytest.approx(judged)
+    assert judged + sum(each["share"] for each in of_run["silent"]) == pytest.approx(1.0)
+    if any(line.startswith("No fault") for line in lines):
+        assert "FAULT" not in status
+        assert len(lines) == 1
+        share = re.match(r"No fault in the (\d+)% of the log that could be judged", lines[0])
+        assert f"{judged:.0%}" == (f"{share[1]}%" if share else f"{judged:.0%}")
+        assert share or judged >= 0.95
+    if any(line.startswith("Nothing could be judged") for line in lines):
+        assert judged == 0
+    t = said.run.t
+    covered = [(each.onset_lo, each.end) for each in said.events]
+    covered += [(each["from"], each["to"]) for each in of_run["unnamed"]]
+    alone = status == "FAULT"
+    for low, high in covered:
+        alone &= (low > t) | (high < t)
+    edges = np.flatnonzero(np.diff(alone, prepend=False, append=False)).reshape(-1, 2)
+    # the bank's memory is the longest that an alarm goes before its event, or on behind it
+    assert all(t[b - 1] - t[a] <= bank.knowledge.memory for a, b in edges)
+
+
+def check_event(bank, said, event, plain, rows):
+    """One event against the table."""
+    begin, end = (int(np.flatnonzero(t == said.run.t)[0]) for t in (event.start, event.end))
+    assert rows["status"][begin] == rows["status"][end] == "FAULT"
+    assert event.onset_lo <= event.onset <= event.onset_hi <= event.start <= event.end
+    column = rows["p_unknown" if event.fault == UNKNOWN else f"p_{event.fault}"]
+    at = [k for k in range(begin, end + 1) if column[k] == event.p]
+    assert at, "its p is that of one of its rows"
+    sentence = plain["sentence"]
+    assert f"p {probability(event.p)}, run {event.run})" in sentence
+    if event.fault != UNKNOWN:
+        k = next(
+            k for k in at if rows[f"f_{event.fault}"][k] == pytest.approx(event.size * event.p)
+        )
+        assert rows[f"f_{event.fault}_lo"][k] >= event.lo
+        assert rows[f"f_{event.fault}_hi"][k] <= event.hi
+        assert event.lo <= event.size <= event.hi
+        check_size(event, sentence)
+    else:
+        k = at[-1]
+    check_times(bank, said, event, plain, rows, begin, end)
+    names = (*bank.model.plant.signals.fault_names, UNKNOWN)
+    marginal = {name: rows[f"p_{name}"][k] for name in names}  # alone and with others
+    beside = dict(event.beside)
+    for name, odds in event.instead:
+        assert 0 < odds <= MOST
+        # 1e-6: the sets are kept in single precision
+        assert marginal[name] <= event.p / odds + event.p * beside.get(name, 0.0) + 1e-6
+        if f"{name} instead is more than" in sentence:
+            assert name not in beside
+            assert marginal[name] <= event.p / MOST + 1e-6
+    assert all(each > POSSIBLE for each in beside.values())
+
+
+def check_size(event, sentence):
+    """Printed as lo to hi, each to within half of its last figure."""
+    number = r"[-+][\d.]+(?:e[-+]\d+)?"
+    found = re.search(rf"{event.fault} ({number})[^(]*\(({number}) to ({number})\)", sentence)
+    assert found, sentence
+    for text, value in zip(found.groups(), (event.size, event.lo, event.hi), strict=True):
+        digits, _, power = text.partition("e")
+        last = 10.0 ** (int(power or 0) - len(digits.partition(".")[2]))
+        assert abs(float(text) - value) <= last / 2 * (1 + 1e-6)
+
+
+def check_times(bank, said, event, plain, rows, begin, end):
+    """Told and seen last in the time of the table; the onset never later than told."""
+    sentence = plain["sentence"]
+    clocked = "time" in rows
+    for word, row in (("told at", begin), ("seen until", end)):
+        if not clocked:
+            assert f"{word} {rows['t'][row]:.12g} s" in sentence
+            continue
+        stamp = datetime.fromisoformat(rows["time"][row])
+        shown = re.search(rf"{word} (?:(\S+) )?(\d+:\d+:[\d.]+)", sentence)
+        day = shown[1] or said.run.clock.date().isoformat()
+        assert datetime.fromisoformat(f"{day}T{shown[2]}") == stamp
+    began = re.search(r"since (?:(\S+) )?([\d.:-]+) ?", sentence)
+    clock = said.run.clock
+    if event.older != "no":
+        assert OLDER in sentence
+        assert event.onset_lo <= said.run.t[0] + bank.hold_off
+    elif not clocked:
+        assert float(began[2]) <= event.start
+    else:
+        day = began[1] or said.run.clock.date().isoformat()
+        assert datetime.fromisoformat(f"{day}T{began[2]}") <= clock + timedelta(seconds=event.start)
+        assert plain["onset_clock"] is not None
+
+
+def check_report(bank, said):
+    """The report's table has the sentence's size, p and times."""
+    sections = _events(bank, [said])
+    assert bool(sections) == bool(said.events)
+    if not sections:
+        return
+    (found,) = sections[0].tables
+    place = {name: k for k, name in enumerate(found.header)}
+    assert set(place) <= set(HEADER)
+    for row, event, answer in zip(
+        found.rows,
+        said.events,
+        (next(a for a in told(bank, [said]) if a.start == e.start and a.end == e.end)
+         for e in said.events),
+        strict=True,
+    ):  # fmt: skip
+        assert row[place["fault"]] == (UNDECLARED if event.fault == UNKNOWN else event.fault)
+        assert f"told at {row[place['told']]}, seen until {row[place['seen until']]}" in answer.text
+        if event.size is not None:
+            assert row[place["p"]] == probability(event.p)
