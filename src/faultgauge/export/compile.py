@@ -8,7 +8,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from faultgauge.export.elementwise import HELPERS, LETTERS, Kind, kind_of
+from faultgauge.export.elementwise import HELPERS, LETTERS, Kind, kind_of, truth
 from faultgauge.export.forms import FORMS
 from faultgauge.export.functions import Functions
 from faultgauge.export.memory import Node, place
@@ -72,8 +72,8 @@ class Member:
 
 @dataclass(frozen=True)
 class Printed:
-    """The C text of one step, `parts` are functions that it calls; `operations` by kind, at most, in
-    one call of the step."""
+    """The C text of one step, `parts` are functions that it calls; `operations` by kind, at most,
+    in one call of the step."""
 
     name: str
     single: bool
@@ -118,8 +118,11 @@ def _bytes(kind: Kind, single: bool) -> int:
     return BYTES.get(kind, 4 if single else 8)
 
 
-def print_step(given: Step, name: str, *, single: bool = False, fast_tanh: bool = False) -> Printed:
-    """Print `given`. Raises `InputError` where C cannot carry a part of it."""
+def print_step(
+    given: Step, name: str, *, single: bool = False, fast_tanh: bool = False, inline: bool = False
+) -> Printed:
+    """Print `given`; with `inline` exp, log and erf in double are not those of <math.h> but inline
+    ones, of which compilers make vectors. Raises `InputError` where C cannot carry a part of it."""
     program = trace(given.step, given.state, given.sample)
     info_shape = jax.eval_shape(given.step, given.state, given.sample)[1]
     state = members(given.state, {}, {})
@@ -140,7 +143,7 @@ def print_step(given: Step, name: str, *, single: bool = False, fast_tanh: bool 
             )
         )
     tables = Tables(name, single)
-    printer = Printer(program, FORMS, tables, single, fast_tanh, wide)
+    printer = Printer(program, FORMS, tables, single, fast_tanh, inline, wide)
     places = [f"state->{m.name}" for m in state] + [f"in->{m.name}" for m in inputs]
     for value, member in zip(program.inputs, places, strict=True):
         printer.given(value, member)
@@ -149,14 +152,15 @@ def print_step(given: Step, name: str, *, single: bool = False, fast_tanh: bool 
     printer.leave(program.body.outputs, after)
     work, parts, step = _placed(printer, nodes, name, "step")
     first = Program([], trace(lambda: given.state).body)
-    beginner = Printer(first, FORMS, tables, single, fast_tanh)
+    beginner = Printer(first, FORMS, tables, single, fast_tanh, inline)
     beginner.leave(first.body.outputs, places[: len(state)])
     _, begun, init = _placed(beginner, beginner.nodes, name, "init")
-    helpers = sorted(printer.helpers | beginner.helpers)
+    helpers = [each for each in HELPERS if each in printer.helpers | beginner.helpers]
     return Printed(
         name, single, fast_tanh, tuple(inputs), tuple(outputs), tuple(state), tuple(work),
         "\n".join(HELPERS[each](single) for each in helpers),
-        init, "\n".join([begun, parts]).strip("\n"), step, tuple(tables.externals), "\n".join(tables.definitions) + "\n",
+        init, "\n".join(filter(None, (begun, parts))), step,
+        tuple(tables.externals), "\n".join(tables.definitions) + "\n",
         dict(sorted(printer.operations.items())),
         sum(_bytes(kind, single) * len(numbers) for _, kind, numbers in tables.declared),
         given.codes,
@@ -170,7 +174,8 @@ def _placed(
     them)."""
     lasting = {each for each in printer.arrays if each.fixed}
     sizes = place(nodes, printer.arrays, lasting)
-    work = [Member(LETTERS[kind], kind, (size,)) for kind, size in sizes.items()]
+    kinds = {kind: truth(printer.single) if kind == "bool" else kind for kind in sizes}
+    work = [Member(LETTERS[kind], kinds[kind], (size,)) for kind, size in sizes.items()]
 
     def cell(found: re.Match[str]) -> str:
         at = Place.parsed(found[2])

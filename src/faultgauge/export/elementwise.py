@@ -5,8 +5,9 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from faultgauge.errors import InputError
+from faultgauge.export.mathematics import INLINE
 
-__all__ = ["ELEMENTWISE", "HELPERS", "FLOATS", "Kind", "TANH_ERROR", "kind_of", "literal"]
+__all__ = ["ELEMENTWISE", "HELPERS", "FLOATS", "Kind", "TANH_ERROR", "kind_of", "literal", "truth"]
 
 TANH_ERROR = 3e-7  # of `fast_tanh`, absolute
 
@@ -25,6 +26,11 @@ def kind_of(dtype: np.dtype) -> Kind:
         # unsigned indices come from JAX's own bookkeeping, and are small
         return "int64_t" if dtype.itemsize > 4 or dtype == np.uint32 else "int32_t"
     raise InputError(f"the model's step has numbers of type {dtype}, which C code has none of.")
+
+
+def truth(single: bool) -> Kind:
+    """The type of truth values in memory: as wide as numbers, so that both are in one vector."""
+    return "int32_t" if single else "int64_t"
 
 
 def literal(value: float | int | bool, kind: Kind, single: bool) -> str:
@@ -204,6 +210,8 @@ def _helpers() -> dict[str, Callable[[bool], str]]:
     fixed("fg_sign_r", _SIGN_REAL)
     fixed("fg_at", _AT)
     found["fg_tanh"] = lambda single: _TANH.format(f="f" if single else "", error=TANH_ERROR)
+    for name, text in INLINE.items():
+        fixed(f"fg_{name}", text)
     found["fg_erf_inv"] = lambda single: _ERF_INV.format(f="f" if single else "")
     return found
 

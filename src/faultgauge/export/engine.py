@@ -79,7 +79,7 @@ class _Compiled:
         # all that is printed of it is its shape: `run` fills it
         start = jax.tree.map(jnp.zeros_like, (numbers, watch.init()))
         leaves, self.form = jax.tree.flatten(jax.eval_shape(step, start, sample)[1])
-        self.printed = print_step(Step(step, start, sample, {}), "watch")
+        self.printed = print_step(Step(step, start, sample, {}), "watch", inline=True)
         self.dtypes = [each.dtype for each in leaves]
         self.native = Native(self.printed, kept=cache)
 

@@ -11,6 +11,11 @@ def _select(printer: Printer, each: Operation, index: Index) -> str:
     which, *cases = each.inputs
     choice = printer.at(which, index if which.shape else ())
     texts = [printer.at(v, index if v.shape else ()) for v in cases]
+    # elements are read whichever is chosen: a vector has both
+    texts = [
+        printer.named(text, printer.kind(v)) if text.startswith("@") else text
+        for text, v in zip(texts, cases, strict=True)
+    ]
     printer.done("select")
     if len(cases) == 2:
         test = choice if printer.kind(which) == "bool" else f"{choice} != 0"

@@ -26,13 +26,16 @@ FUNCTIONS = {
     "exp", "log", "log1p", "expm1", "tanh", "erf", "erfc", "erf_inv", "logistic", "pow", "sin",
     "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "exp2", "cbrt",
 }  # fmt: skip
-PARTS = 3  # that are read where they are, without being joined
+PARTS = 3  # at most, that are read where they are, without being joined,
+LARGE = 512  # where joining takes longer than a loop that is cut
 CHEAP = {"neg", "not", "convert_element_type", "select_n", "is_finite"}
 
 
 def whole(each: Operation) -> bool:
     """Whether the result is in memory, written part by part."""
-    return each.name in WHOLE or (each.name == "concatenate" and len(each.inputs) > PARTS)
+    if each.name != "concatenate":
+        return each.name in WHOLE
+    return len(each.inputs) > PARTS or each.outputs[0].size < LARGE
 
 
 def kept_values(program: Program) -> set[int]:

@@ -9,6 +9,7 @@ from faultgauge.errors import InputError
 from faultgauge.export.constants import element_of
 from faultgauge.export.elementwise import ELEMENTWISE, FLOATS, HELPERS, Kind, kind_of
 from faultgauge.export.fusion import FUNCTIONS, kept_values, whole
+from faultgauge.export.mathematics import INLINE, NEEDED
 from faultgauge.export.memory import Array, Node, Statement
 from faultgauge.export.nests import Nest, merged
 from faultgauge.export.places import ELEMENT, Place, linear
@@ -39,7 +40,7 @@ class Span:
     length: int
 
 
-class Cut(Exception):
+class Cut(Exception):  # noqa: N818 (it is how a loop learns where to be cut)
     """A loop must be two, `at` one of its turns: what it reads there comes from elsewhere."""
 
     def __init__(self, over: tuple[int, int], at: int) -> None:
@@ -67,13 +68,14 @@ class Printer:
         tables: Tables,
         single: bool,
         fast_tanh: bool,
+        inline: bool,
         wide: Collection[int] = (),
     ) -> None:
         self.program, self.forms = program, forms
         self.tables, self.single = tables, single
         self.wide = wide  # ids of values
         self.suffix = "f" if single else ""
-        self.fast_tanh = fast_tanh
+        self.fast_tanh, self.inline = fast_tanh, inline
         self.kept = kept_values(program)
         self.uses = Counter(_uses(program.body))
         self.arrays: list[Array] = []
@@ -281,6 +283,9 @@ class Printer:
         text = ELEMENTWISE[name](arguments, kind, "" if kind == "wide" else self.suffix)
         if name == "tanh" and self.fast_tanh:
             text = f"fg_tanh({arguments[0]})"
+        if name in INLINE and self.inline and kind in FLOATS and not self.single:
+            text = f"fg_{name}({arguments[0]})"
+            self.helpers.update(f"fg_{each}" for each in NEEDED[name])
         self.need(text)
         return text
 

@@ -4,7 +4,7 @@ from math import prod
 
 import numpy as np
 
-from faultgauge.export.elementwise import FLOATS, LETTERS, literal
+from faultgauge.export.elementwise import FLOATS, LETTERS, literal, truth
 from faultgauge.export.places import Place
 from faultgauge.export.printing import Index, Printer, bare, refused
 from faultgauge.export.program import Operation
@@ -16,8 +16,8 @@ REDUCED = {  # the start, and what an element does to it
     "reduce_prod": (1.0, "{0} *= {1};"),
     "reduce_max": (-np.inf, "{0} = fg_max_{2}({0}, {1});"),
     "reduce_min": (np.inf, "{0} = fg_min_{2}({0}, {1});"),
-    "reduce_and": (True, "{0} = {0} && {1};"),
-    "reduce_or": (False, "{0} = {0} || {1};"),
+    "reduce_and": (True, "{0} &= {1};"),
+    "reduce_or": (False, "{0} |= {1};"),
 }
 
 
@@ -29,7 +29,8 @@ def _reduced(printer: Printer, each: Operation, index: Index) -> str:
     if kind not in (*FLOATS, "bool") and np.isinf(start):
         bits = 63 if kind == "int64_t" else 31
         start = 2**bits - 1 if start > 0 else -(2**bits) + 1
-    printer.line(f"{printer.declared(kind)} {name} = {literal(start, kind, printer.single)};")
+    declared = truth(printer.single) if kind == "bool" else kind
+    printer.line(f"{declared} {name} = {literal(start, kind, printer.single)};")
 
     def one(inner: Index) -> None:
         outer, more = iter(index), dict(zip(axes, inner, strict=True))
