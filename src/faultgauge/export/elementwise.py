@@ -121,29 +121,29 @@ ELEMENTWISE: dict[str, Callable[[Sequence[str], Kind, str], str]] = {
     },
 }  # fmt: skip
 
-_MAX = """static {t} fg_{n}_{l}({t} a, {t} b)
+_MAX = """static inline {t} fg_{n}_{l}({t} a, {t} b)
 {{
     return a {s} b{nan} ? a : b;
 }}
 """
-_SIGN_REAL = """static real fg_sign_r(real a)
+_SIGN_REAL = """static inline real fg_sign_r(real a)
 {
     return a > 0 ? (real)1 : a < 0 ? (real)-1 : a;
 }
 """
-_SIGN_INT = """static {t} fg_sign_{l}({t} a)
+_SIGN_INT = """static inline {t} fg_sign_{l}({t} a)
 {{
     return a > 0 ? 1 : a < 0 ? -1 : 0;
 }}
 """
 _AT = """/* a place within an array, whatever is asked for */
-static int32_t fg_at(int64_t place, int32_t last)
+static inline int32_t fg_at(int64_t place, int32_t last)
 {
     return place < 0 ? 0 : place > last ? last : (int32_t)place;
 }
 """
 _INT = """/* the nearest that fits; 0 where it is no number */
-static {t} fg_int_{l}(real a)
+static inline {t} fg_int_{l}(real a)
 {{
     return a != a ? 0 : a >= (real){top} ? {most} : a <= -(real){top} ? -{most} - 1 : ({t})a;
 }}
@@ -151,7 +151,7 @@ static {t} fg_int_{l}(real a)
 # A rational minimax approximation of tanh on +-7.9, as Eigen has it (MPL 2.0 in its source; the
 # coefficients are numbers).
 _TANH = """/* tanh without libm: off by less than {error} everywhere */
-static real fg_tanh(real a)
+static inline real fg_tanh(real a)
 {{
     const real x = a > 7.9{f} ? 7.9{f} : a < -7.9{f} ? -7.9{f} : a;
     const real s = x * x;
@@ -169,7 +169,7 @@ static real fg_tanh(real a)
 }}
 """
 _ERF_INV = """/* Newton's method from Winitzki's approximation: exact to rounding */
-static real fg_erf_inv(real a)
+static inline real fg_erf_inv(real a)
 {{
     const real l = log1p{f}(-a * a), c = 4.33075{f} + l / 2;
     real x = copysign{f}(sqrt{f}(sqrt{f}(c * c - l / 0.147{f}) - c), a);
