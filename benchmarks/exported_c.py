@@ -77,7 +77,7 @@ def measure(title: str, work: Callable[[], object], other: str, beside: Callable
 
 def ekf() -> Callable[[], object]:
     """filterpy's EKF of the two temperatures, over the same samples."""
-    from filterpy.kalman import ExtendedKalmanFilter
+    from filterpy.kalman import ExtendedKalmanFilter  # pyright: ignore[reportMissingImports]
 
     u = np.stack([log.columns[name] for name in signals.input_names], 1)
     y = np.stack([log.columns[name] for name in signals.output_names], 1)
@@ -139,7 +139,7 @@ eso = ExtendedStateObserver(
 
 
 def observed(state: ObserverState, sample: dict) -> tuple:
-    after, said = eso.step(state, sample["u"], sample["y"], 0.1)
+    after, said = eso.step(state, sample["u"], sample["y"], jnp.asarray(0.1))
     return after, {"x": said.x, "f": said.f}
 
 
