@@ -11,9 +11,11 @@ from drawn_models import calibrated, log_of
 from faultgauge.cli.app import run
 from faultgauge.detection.decisions import decide
 from faultgauge.detection.watch import Watch
+from faultgauge.export import engine as module
 from faultgauge.export import native
 from faultgauge.export.engine import Engine
 from faultgauge.export.entry import bank_of
+from faultgauge.export.kept import hash_of
 from faultgauge.plants.model import save_model
 from faultgauge.telemetry import Run
 from faultgauge.telemetry.runs import cut
@@ -127,6 +129,25 @@ def test_a_compiled_step_is_kept_and_a_damaged_one_made_anew(tank, engine, folde
     decide(bank, log, None, Engine(folder))
     assert len(compiled) == 1
     assert kept.read_bytes()[:-32] == whole
+
+
+def test_what_was_printed_is_kept_and_not_traced_again(tank, engine, folder, monkeypatch):
+    bank, log = bank_of(tank), flight(tank, 60)
+    wanted = decide(bank, log, None, engine)
+    monkeypatch.setattr(module, "print_step", lambda *a, **k: pytest.fail("printed again"))
+    found = decide(bank, log, None, Engine(folder))
+    np.testing.assert_array_equal(found.posterior.p, wanted.posterior.p)
+
+
+def test_a_plant_of_others_is_printed_anew(tank):
+    """Of whose code only the name is known."""
+
+    class Own:
+        pass
+
+    assert hash_of(tank.plant) == hash_of(tank.plant)
+    assert hash_of(tank.plant, 1) != hash_of(tank.plant, 2)
+    assert hash_of(tank.plant, Own) is None
 
 
 # -- the command

@@ -62,10 +62,12 @@ def test_its_own_test_builds_runs_and_notices_a_changed_number(cc, shop, tmp_pat
     assert built.returncode == 0, built.stderr[:2000]
     assert "agrees" in built.stdout
     source = (folder / "tank.c").read_text()
-    head, body = source.split("void tank_step(", 1)
+    head, body = source.split("static void tank_step_0(", 1)
     # the plant is half as fast
     assert " / 6.0" in body
-    (folder / "tank.c").write_text(f"{head}void tank_step({body.replace(' / 6.0', ' / 12.0')}")
+    (folder / "tank.c").write_text(
+        f"{head}static void tank_step_0({body.replace(' / 6.0', ' / 12.0')}"
+    )
     changed = subprocess.run(["make", "-C", str(folder), "test"], capture_output=True, check=False)
     assert changed.returncode != 0
 

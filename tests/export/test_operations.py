@@ -1,5 +1,7 @@
 """Every operation of the C printer against JAX itself, on the same numbers."""
 
+import math
+import re
 from collections import OrderedDict
 
 import jax
@@ -11,7 +13,7 @@ from scipy.special import erfinv
 
 from faultgauge.errors import InputError
 from faultgauge.export.compile import Step, identifier, print_step
-from faultgauge.export.native import Native
+from faultgauge.export.native import FASTER, Native
 
 COUNT = 40
 # libm and XLA round exp, log, erf and their like differently: a few units in the last place
@@ -102,6 +104,30 @@ def test_an_operation_is_that_of_jax(name, cc, both):
     np.testing.assert_allclose(found.reshape(wanted.shape), wanted, **CLOSE)
 
 
+def test_inline_functions_are_those_of_libm(cc):
+    """To three units in the last place, and at the ends of their ranges; what would be subnormal is
+    0, as XLA has it."""
+    inline = {"exp": jnp.exp, "log": jnp.log, "log1p": jnp.log1p, "erf": lax.erf, "erfc": lax.erfc}
+
+    def one(state, given):
+        return state, OrderedDict((name, f(given["x"])) for name, f in inline.items())
+
+    ends = [0.0, -0.0, 1.0, -1.0, -2.0, np.inf, -np.inf, np.nan, 5e-324, 1e-310, 1e308, 710.0]
+    wide = np.concatenate(
+        [2.0 ** np.linspace(-60, 1000, 4000), -(2.0 ** np.linspace(-60, 9, 3000))]
+    )
+    x = np.concatenate([ends, np.linspace(-30, 30, 20_001), wide])
+    printed = print_step(Step(one, (), {"x": jnp.zeros(())}, {}), "inline", inline=True)
+    assert not re.search(r"[^_](exp|log|log1p|erfc?)\(", printed.step)
+    with Native(printed, FASTER) as native, np.errstate(all="ignore"):
+        found = native.run({"x": x})
+        for name in inline:
+            wanted = np.vectorize(getattr(np if hasattr(np, name) else math, name))(x)
+            wanted = np.where(np.abs(wanted) < 2.3e-308, 0.0, wanted)
+            got = np.where(np.abs(found[name]) < 2.3e-308, 0.0, found[name])
+            np.testing.assert_allclose(got, wanted, rtol=7e-16, atol=3e-308, err_msg=name)
+
+
 def test_the_inverse_of_erf_is_that_of_scipy(cc, both, samples):
     wanted = erfinv(samples["a"] / 4)
     np.testing.assert_allclose(both[0]["inverse"].reshape(wanted.shape), wanted, **CLOSE)
@@ -160,4 +186,4 @@ def test_only_one_side_of_a_condition_is_computed_and_constants_are_not():
     assert printed.operations["functions"] == 2
     assert printed.step.count("exp(") == 2
     assert not printed.tables.strip()
-    assert printed.work == ()
+    assert [each.kind for each in printed.work] == ["int32_t"]  # the choice

@@ -1,7 +1,6 @@
 """A pure step `step(state, sample) -> (state, info)` as C99 text."""
 
 import re
-from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -9,8 +8,11 @@ from typing import Any
 import jax
 import numpy as np
 
-from faultgauge.export.elementwise import HELPERS, LETTERS, Kind, kind_of
-from faultgauge.export.memory import Branch, Loop, Node, Statement, place
+from faultgauge.export.elementwise import HELPERS, LETTERS, Kind, kind_of, truth
+from faultgauge.export.forms import FORMS
+from faultgauge.export.functions import Functions
+from faultgauge.export.memory import Node, place
+from faultgauge.export.places import ELEMENT, Place
 from faultgauge.export.printing import Printer
 from faultgauge.export.program import Program, trace
 from faultgauge.export.tables import Tables
@@ -18,9 +20,6 @@ from faultgauge.export.widths import wide_values
 
 __all__ = ["Member", "Printed", "Step", "identifier", "print_step"]
 
-PLACE = re.compile(r"@(\d+):(-?\d+):([^@]*)@")
-NAME = re.compile(r"\b[akvx]\d+\b")
-MADE = re.compile(r"\s*const \w+ ([akvx]\d+) = ")
 WORDS = """auto break case char const continue default do double else enum extern float for goto if
 inline int long register restrict return short signed sizeof static struct switch typedef union
 unsigned void volatile while real wide bool class new this and or not xor template"""
@@ -73,7 +72,8 @@ class Member:
 
 @dataclass(frozen=True)
 class Printed:
-    """The C text of one step; `operations` by kind, at most, in one call of the step."""
+    """The C text of one step, `parts` are functions that it calls; `operations` by kind, at most,
+    in one call of the step."""
 
     name: str
     single: bool
@@ -84,6 +84,7 @@ class Printed:
     work: tuple[Member, ...]
     helpers: str
     init: str
+    parts: str
     step: str
     externals: tuple[str, ...]
     tables: str
@@ -117,8 +118,11 @@ def _bytes(kind: Kind, single: bool) -> int:
     return BYTES.get(kind, 4 if single else 8)
 
 
-def print_step(given: Step, name: str, *, single: bool = False, fast_tanh: bool = False) -> Printed:
-    """Print `given`. Raises `InputError` where C cannot carry a part of it."""
+def print_step(
+    given: Step, name: str, *, single: bool = False, fast_tanh: bool = False, inline: bool = False
+) -> Printed:
+    """Print `given`; with `inline` exp, log and erf in double are not those of <math.h> but inline
+    ones, of which compilers make vectors. Raises `InputError` where C cannot carry a part of it."""
     program = trace(given.step, given.state, given.sample)
     info_shape = jax.eval_shape(given.step, given.state, given.sample)[1]
     state = members(given.state, {}, {})
@@ -139,78 +143,54 @@ def print_step(given: Step, name: str, *, single: bool = False, fast_tanh: bool 
             )
         )
     tables = Tables(name, single)
-    printer = Printer(program, tables, single, fast_tanh, wide)
+    printer = Printer(program, FORMS, tables, single, fast_tanh, inline, wide)
     places = [f"state->{m.name}" for m in state] + [f"in->{m.name}" for m in inputs]
     for value, member in zip(program.inputs, places, strict=True):
         printer.given(value, member)
     nodes = printer.run()
     after = places[: len(state)] + [f"out->{m.name}" for m in outputs]
     printer.leave(program.body.outputs, after)
-    work, step = _placed(printer, nodes)
+    work, parts, step = _placed(printer, nodes, name, "step")
     first = Program([], trace(lambda: given.state).body)
-    beginner = Printer(first, tables, single, fast_tanh)
+    beginner = Printer(first, FORMS, tables, single, fast_tanh, inline)
     beginner.leave(first.body.outputs, places[: len(state)])
-    init = _placed(beginner, beginner.nodes)[1]
-    helpers = sorted(printer.helpers | beginner.helpers)
+    _, begun, init = _placed(beginner, beginner.nodes, name, "init")
+    helpers = [each for each in HELPERS if each in printer.helpers | beginner.helpers]
     return Printed(
         name, single, fast_tanh, tuple(inputs), tuple(outputs), tuple(state), tuple(work),
         "\n".join(HELPERS[each](single) for each in helpers),
-        init, step, tuple(tables.externals), "\n".join(tables.definitions) + "\n",
+        init, "\n".join(filter(None, (begun, parts))), step,
+        tuple(tables.externals), "\n".join(tables.definitions) + "\n",
         dict(sorted(printer.operations.items())),
         sum(_bytes(kind, single) * len(numbers) for _, kind, numbers in tables.declared),
         given.codes,
     )  # fmt: skip
 
 
-def _placed(printer: Printer, nodes: Sequence[Node]) -> tuple[list[Member], str]:
-    """(the members of the workspace, the statements with every array in its place)."""
+def _placed(
+    printer: Printer, nodes: Sequence[Node], name: str, of: str
+) -> tuple[list[Member], str, str]:
+    """(the members of the workspace, the functions that the statements are in, what calls
+    them)."""
     lasting = {each for each in printer.arrays if each.fixed}
     sizes = place(nodes, printer.arrays, lasting)
-    work = [Member(LETTERS[kind], kind, (size,)) for kind, size in sizes.items()]
-    lines = _read_ones(_lines(nodes, 1))
+    kinds = {kind: truth(printer.single) if kind == "bool" else kind for kind in sizes}
+    work = [Member(LETTERS[kind], kinds[kind], (size,)) for kind, size in sizes.items()]
 
     def cell(found: re.Match[str]) -> str:
-        array, offset, terms = printer.arrays[int(found[1])].home, int(found[2]), found[3]
+        at = Place.parsed(found[2])
+        if not found[1].isdigit():
+            return f"{found[1]}[{at.text}]"
+        array = printer.arrays[int(found[1])].home
+        if array.scalar:
+            assert array.fixed is not None
+            return array.fixed
         where = array.fixed or f"work->{LETTERS[array.kind]}"
-        offset += array.offset
-        if not terms:
-            return f"{where}[{offset}]"
-        if offset == 0:
-            return f"{where}[{terms}]"
-        return f"{where}[{offset} + {terms}]" if offset > 0 else f"{where}[{terms} - {-offset}]"
+        return f"{where}[{(at + array.offset).text}]"
 
-    return work, "".join(f"{PLACE.sub(cell, line)}\n" for line in lines)
-
-
-def _read_ones(lines: list[str]) -> list[str]:
-    """The lines without constants that nobody reads."""
-    while True:
-        count = Counter(name for line in lines for name in NAME.findall(line))
-        kept = [line for line in lines if not (made := MADE.match(line)) or count[made[1]] > 1]
-        if len(kept) == len(lines):
-            return lines
-        lines = kept
-
-
-def _lines(nodes: Sequence[Node], depth: int) -> list[str]:
-    pad, lines = "    " * depth, []
-    for each in nodes:
-        if isinstance(each, Statement):
-            lines += [] if each.idle else [f"{pad}{line}" for line in each.lines]
-        elif isinstance(each, Loop):
-            lines += [f"{pad}{each.head}", *_lines(each.body, depth + 1), f"{pad}}}"]
-        else:
-            lines += _branch(each, depth)
-    return lines
-
-
-def _branch(branch: Branch, depth: int) -> list[str]:
-    pad, lines = "    " * depth, []
-    for turn, (condition, way) in enumerate(branch.ways):
-        inner = _lines(way, depth + 1)
-        head = f"if ({condition}) {{" if condition else "{"
-        lines += [f"{pad}{'} else ' if turn else ''}{head}", *inner]
-    return [*lines, f"{pad}}}"]
+    functions = Functions(name, of, lambda line: ELEMENT.sub(cell, line))
+    body = functions.body(nodes)
+    return work, "\n".join(functions.parts), body
 
 
 def members(tree: Any, comments: dict[str, str], units: dict[str, str]) -> list[Member]:

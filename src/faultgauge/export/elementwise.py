@@ -5,8 +5,9 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from faultgauge.errors import InputError
+from faultgauge.export.mathematics import INLINE
 
-__all__ = ["ELEMENTWISE", "HELPERS", "FLOATS", "Kind", "TANH_ERROR", "kind_of", "literal"]
+__all__ = ["ELEMENTWISE", "HELPERS", "FLOATS", "Kind", "TANH_ERROR", "kind_of", "literal", "truth"]
 
 TANH_ERROR = 3e-7  # of `fast_tanh`, absolute
 
@@ -25,6 +26,11 @@ def kind_of(dtype: np.dtype) -> Kind:
         # unsigned indices come from JAX's own bookkeeping, and are small
         return "int64_t" if dtype.itemsize > 4 or dtype == np.uint32 else "int32_t"
     raise InputError(f"the model's step has numbers of type {dtype}, which C code has none of.")
+
+
+def truth(single: bool) -> Kind:
+    """The type of truth values in memory: as wide as numbers, so that both are in one vector."""
+    return "int32_t" if single else "int64_t"
 
 
 def literal(value: float | int | bool, kind: Kind, single: bool) -> str:
@@ -115,29 +121,29 @@ ELEMENTWISE: dict[str, Callable[[Sequence[str], Kind, str], str]] = {
     },
 }  # fmt: skip
 
-_MAX = """static {t} fg_{n}_{l}({t} a, {t} b)
+_MAX = """static inline {t} fg_{n}_{l}({t} a, {t} b)
 {{
     return a {s} b{nan} ? a : b;
 }}
 """
-_SIGN_REAL = """static real fg_sign_r(real a)
+_SIGN_REAL = """static inline real fg_sign_r(real a)
 {
     return a > 0 ? (real)1 : a < 0 ? (real)-1 : a;
 }
 """
-_SIGN_INT = """static {t} fg_sign_{l}({t} a)
+_SIGN_INT = """static inline {t} fg_sign_{l}({t} a)
 {{
     return a > 0 ? 1 : a < 0 ? -1 : 0;
 }}
 """
 _AT = """/* a place within an array, whatever is asked for */
-static int32_t fg_at(int64_t place, int32_t last)
+static inline int32_t fg_at(int64_t place, int32_t last)
 {
     return place < 0 ? 0 : place > last ? last : (int32_t)place;
 }
 """
 _INT = """/* the nearest that fits; 0 where it is no number */
-static {t} fg_int_{l}(real a)
+static inline {t} fg_int_{l}(real a)
 {{
     return a != a ? 0 : a >= (real){top} ? {most} : a <= -(real){top} ? -{most} - 1 : ({t})a;
 }}
@@ -145,7 +151,7 @@ static {t} fg_int_{l}(real a)
 # A rational minimax approximation of tanh on +-7.9, as Eigen has it (MPL 2.0 in its source; the
 # coefficients are numbers).
 _TANH = """/* tanh without libm: off by less than {error} everywhere */
-static real fg_tanh(real a)
+static inline real fg_tanh(real a)
 {{
     const real x = a > 7.9{f} ? 7.9{f} : a < -7.9{f} ? -7.9{f} : a;
     const real s = x * x;
@@ -163,7 +169,7 @@ static real fg_tanh(real a)
 }}
 """
 _ERF_INV = """/* Newton's method from Winitzki's approximation: exact to rounding */
-static real fg_erf_inv(real a)
+static inline real fg_erf_inv(real a)
 {{
     const real l = log1p{f}(-a * a), c = 4.33075{f} + l / 2;
     real x = copysign{f}(sqrt{f}(sqrt{f}(c * c - l / 0.147{f}) - c), a);
@@ -204,6 +210,8 @@ def _helpers() -> dict[str, Callable[[bool], str]]:
     fixed("fg_sign_r", _SIGN_REAL)
     fixed("fg_at", _AT)
     found["fg_tanh"] = lambda single: _TANH.format(f="f" if single else "", error=TANH_ERROR)
+    for name, text in INLINE.items():
+        fixed(f"fg_{name}", text)
     found["fg_erf_inv"] = lambda single: _ERF_INV.format(f="f" if single else "")
     return found
 

@@ -3,6 +3,7 @@
 It is the same walk: what is printed is `Watch.step`, and its rows go where Python's go.
 """
 
+import pickle
 from collections import OrderedDict
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -15,6 +16,7 @@ import numpy as np
 from faultgauge.detection.judged import arrays_of
 from faultgauge.detection.watch import Row, Watch, WatchState
 from faultgauge.export.compile import Step, print_step
+from faultgauge.export.kept import hash_of, kept
 from faultgauge.export.native import Native, needed_compiler
 from faultgauge.telemetry import Run
 
@@ -26,8 +28,9 @@ CHUNK = 65_536  # rows that are held twice: as the struct of C, and as arrays
 
 
 class Engine:
-    """Does what `Watch.along` does, in C; a compiled step is kept in the folder `cache` by the hash
-    of its source. Raises `InputError` where there is no C compiler.
+    """Does what `Watch.along` does, in C. The folder `cache` keeps what was printed by the hash of
+    the watch but for its numbers, and the compiled step by that of its source. Raises `InputError`
+    where there is no C compiler.
 
         decide_runs(model, runs, walk=Engine(cache))
     """
@@ -77,11 +80,21 @@ class _Compiled:
         lengths = OrderedDict(t=(), u=(inputs,), y=(outputs,))
         sample = OrderedDict((name, jnp.zeros(shape)) for name, shape in lengths.items())
         # all that is printed of it is its shape: `run` fills it
-        start = jax.tree.map(jnp.zeros_like, (numbers, watch.init()))
-        leaves, self.form = jax.tree.flatten(jax.eval_shape(step, start, sample)[1])
-        self.printed = print_step(Step(step, start, sample, {}), "watch")
-        self.dtypes = [each.dtype for each in leaves]
-        self.native = Native(self.printed, kept=cache)
+        start = jax.tree.map(np.zeros_like, (numbers, watch.init()))
+
+        def made() -> bytes:
+            row = jax.tree.map(lambda each: each.dtype, jax.eval_shape(step, start, sample)[1])
+            return pickle.dumps(
+                (print_step(Step(step, start, sample, {}), "watch", inline=True), row)
+            )
+
+        shapes = [leaf.shape for leaf in jax.tree.leaves(start)]
+        known = hash_of(rest, shapes)
+        data = made() if known is None else kept(cache / f"{known}.step", made)
+        # beside it lie the libraries that are run: it is as much trusted as they are
+        self.printed, row = pickle.loads(data)
+        self.dtypes, self.form = jax.tree.flatten(row)
+        self.native = Native(self.printed, cache=cache)
 
     def run(
         self, watch: Watch, state: WatchState, samples: dict[str, np.ndarray]

@@ -9,14 +9,15 @@ from math import prod
 
 from faultgauge.export.program import Block, Operation, Program
 
-__all__ = ["kept_values"]
+__all__ = ["FUNCTIONS", "VIEWS", "kept_values", "whole"]
 
 VIEWS = {
     "broadcast_in_dim", "slice", "transpose", "squeeze", "expand_dims", "rev", "dynamic_slice",
-    "gather", "reshape", "turn_of",
+    "gather", "reshape", "turn_of", "concatenate",
 }  # fmt: skip
+SOUGHT = {"dynamic_slice", "gather", "turn_of"}  # views of places that the program finds
 WHOLE = {
-    "concatenate", "stack", "pad", "scatter", "scatter-add", "scatter-mul", "scatter-min",
+    "stack", "pad", "scatter", "scatter-add", "scatter-mul", "scatter-min",
     "scatter-max", "dynamic_update_slice", "cumsum", "cumprod", "cummax", "cummin", "sort",
     "cond", "scan",
 }  # fmt: skip
@@ -25,30 +26,43 @@ FUNCTIONS = {
     "exp", "log", "log1p", "expm1", "tanh", "erf", "erfc", "erf_inv", "logistic", "pow", "sin",
     "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "exp2", "cbrt",
 }  # fmt: skip
+PARTS = 3  # at most, that are read where they are, without being joined,
+LARGE = 512  # where joining takes longer than a loop that is cut
 CHEAP = {"neg", "not", "convert_element_type", "select_n", "is_finite"}
+
+
+def whole(each: Operation) -> bool:
+    """Whether the result is in memory, written part by part."""
+    if each.name != "concatenate":
+        return each.name in WHOLE
+    return len(each.inputs) > PARTS or each.outputs[0].size < LARGE
 
 
 def kept_values(program: Program) -> set[int]:
     """The ids of the values that get memory (or, where they are scalars, a variable)."""
     cost: dict[int, float] = {}
-    _costs(program.body, cost)
+    joined: set[int] = set()  # what reads parts of several arrays, which a loop must know
+    _costs(program.body, cost, joined)
     kept: set[int] = set()
     # how often each value is computed, by where: once per place, however many read it there
     reads: dict[int, dict[tuple[int, ...], float]] = defaultdict(dict)
-    _decide(program.body, 1.0, cost, kept, reads)
+    _decide(program.body, 1.0, cost, kept, reads, joined)
     return kept
 
 
-def _costs(block: Block, cost: dict[int, float]) -> None:
+def _costs(block: Block, cost: dict[int, float], joined: set[int]) -> None:
     """Of one element, in additions; what it reads costs a load at most, since it will be kept where
     it costs more."""
     for each in block.operations:
         for inner in each.blocks:
-            _costs(inner, cost)
+            _costs(inner, cost, joined)
         inputs = {id(v): v for v in each.inputs if not v.known}
-        below = sum(min(cost.get(key, 1.0), 1.0) for key in inputs)
+        reads = [min(cost.get(key, 1.0), 1.0) for key in inputs]
+        below = max(reads, default=0.0) if each.name == "concatenate" else sum(reads)
         for out in each.outputs:
-            cost[id(out)] = 1.0 if each.name in WHOLE else _own(each) + below * _turns(each)
+            cost[id(out)] = 1.0 if whole(each) else _own(each) + below * _turns(each)
+            if not whole(each) and (each.name == "concatenate" or not joined.isdisjoint(inputs)):
+                joined.add(id(out))
 
 
 def _own(each: Operation) -> float:
@@ -77,6 +91,7 @@ def _decide(
     cost: dict[int, float],
     kept: set[int],
     reads: dict[int, dict[tuple[int, ...], float]],
+    joined: set[int],
 ) -> None:
     """From the end to the beginning, since what is kept depends on who reads it."""
     for out in block.outputs:
@@ -86,7 +101,7 @@ def _decide(
             for v in each.inputs:
                 kept.add(id(v))
             for inner in each.blocks:
-                _decide(inner, times * each.params.get("length", 1), cost, kept, reads)
+                _decide(inner, times * each.params.get("length", 1), cost, kept, reads, joined)
             continue
         if each.name == "sort":
             kept |= {id(v) for v in each.outputs}
@@ -94,19 +109,21 @@ def _decide(
         places = reads[id(out)]
         total, once = sum(places.values()), out.size * times
         spared = cost[id(out)] * (total - once)
-        if each.name in WHOLE or spared > (0.0 if out.shape == () else total + once):
+        if whole(each) or spared > (0.0 if out.shape == () else total + once):
             kept.add(id(out))
         if id(out) in kept:
             places = {(id(out),): once}
-        if _reorders(each):
+        if _reorders(each) or (each.name in SOUGHT and id(each.inputs[0]) in joined):
             kept.add(id(each.inputs[0]))
         turns = _turns(each)
         for k, v in enumerate(each.inputs):
-            elementwise = each.name not in VIEWS and each.name not in WHOLE and turns == 1.0
+            elementwise = each.name not in VIEWS and not whole(each) and turns == 1.0
             for place, count in places.items():
                 at = place if elementwise and v.shape == out.shape else (*place, id(each), k)
-                if each.name in WHOLE:
+                if whole(each):
                     count = v.size * times
+                elif each.name == "concatenate":
+                    count = count * v.size / out.size
                 reads[id(v)][at] = max(count * turns, reads[id(v)].get(at, 0.0))
 
 

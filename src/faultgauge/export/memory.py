@@ -9,17 +9,20 @@ from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+from faultgauge.export.nests import Nest
+
 __all__ = ["Array", "Branch", "Loop", "Statement", "place"]
 
 
 @dataclass(eq=False)
 class Array:
-    """`fixed` names the place of one that is not in the workspace, as a member of the state;
-    `offset` is its place in the workspace of its `kind`."""
+    """`fixed` names the place of one that is not in the workspace, as a member of the state, which
+    may be a `scalar`; `offset` is its place in the workspace of its `kind`."""
 
     size: int
     kind: str
     fixed: str | None = None
+    scalar: bool = False
     offset: int = 0
     shared: "Array | None" = None
 
@@ -30,10 +33,10 @@ class Array:
 
 @dataclass(eq=False)
 class Statement:
-    """Lines of C. Of what it reads, `there` is read at the very place that is then written; `part`
-    says that other parts of what is written stay as they are."""
+    """Lines of C. Of what it reads, `there` is read at the very place that is then written, or at
+    one that is written later; `part` says that other parts of what is written stay as they are."""
 
-    lines: list[str]
+    lines: list[str | Nest]
     writes: set[Array] = field(default_factory=set)
     reads: set[Array] = field(default_factory=set)
     there: set[Array] = field(default_factory=set)
@@ -49,9 +52,11 @@ class Statement:
 
 @dataclass(eq=False)
 class Branch:
-    """An `if` of as many ways as there are `ways`, each a condition and what is then done."""
+    """An `if` of as many ways as there are `ways`, each a condition, which `reads` arrays, and what
+    is then done."""
 
     ways: "list[tuple[str, list[Node]]]"
+    reads: set[Array] = field(default_factory=set)
 
 
 @dataclass(eq=False)
@@ -66,15 +71,16 @@ Node = Statement | Branch | Loop
 def place(nodes: Sequence[Node], arrays: Sequence[Array], lasting: set[Array]) -> dict[str, int]:
     """Places all `arrays`; `lasting` are read after the last statement. How much of each kind the
     workspace holds."""
+    number = {each: k for k, each in enumerate(arrays)}
     apart: dict[Array, set[Array]] = defaultdict(set)
     _live(nodes, set(lasting), apart)
     for statement in sorted(_statements(nodes), key=lambda each: not each.copy):
         for new in statement.writes:
-            for old in sorted(statement.there, key=arrays.index):
+            for old in sorted(statement.there, key=number.__getitem__):
                 _share(new.home, old.home, apart)
     own = [each for each in arrays if each.shared is None and each.fixed is None]
     placed: dict[str, list[Array]] = defaultdict(list)
-    for each in sorted(own, key=lambda a: (-a.size, arrays.index(a))):
+    for each in sorted(own, key=lambda a: (-a.size, number[a])):
         taken = [o for o in placed[each.kind] if o in apart[each]]
         each.offset = _lowest(each.size, taken)
         placed[each.kind].append(each)
@@ -120,7 +126,7 @@ def _live(nodes: Sequence[Node], after: set[Array], apart: dict[Array, set[Array
                     break
                 live = grown
         else:
-            live = set().union(*(_live(way, live, apart) for _, way in each.ways))
+            live = each.reads.union(*(_live(way, live, apart) for _, way in each.ways))
     return live
 
 

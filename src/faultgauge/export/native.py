@@ -1,6 +1,7 @@
 """A printed step, compiled with the system's C compiler and called from Python."""
 
 import ctypes
+import functools
 import hashlib
 import os
 import shutil
@@ -8,7 +9,6 @@ import subprocess
 import tempfile
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
-from functools import cache
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -17,13 +17,18 @@ import numpy as np
 
 from faultgauge.errors import InputError
 from faultgauge.export.compile import Member, Printed
+from faultgauge.export.kept import kept
 from faultgauge.export.sources import header, step_source, table_source
-from faultgauge.files import write_atomically
 
 __all__ = ["Native", "built", "compiler", "needed_compiler"]
 
 FLAGS = ("-std=c99", "-O2", "-fPIC", "-shared")
-FASTER = ("-O3",)  # and no other numbers: loops are unrolled, sums keep their order
+# Sums keep their order; a product and a sum are rounded once where the processor can (so does XLA).
+# Functions stay apart: one of thousands of lines takes a compiler minutes.
+FASTER = (
+    *("-O3", "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=fast"),
+    "-fno-inline-functions-called-once",
+)
 RUN = """
 #define _POSIX_C_SOURCE 199309L
 #include "{name}.h"
@@ -87,7 +92,7 @@ def built(files: Mapping[str, str], flags: Sequence[str] = ()) -> bytes:
         return (folder / "built.so").read_bytes()
 
 
-@cache
+@functools.cache
 def _own_flags() -> tuple[tuple[str, ...], str]:
     """(flags for programs that run here alone, what the compiler says of itself and of the
     processor with them)."""
@@ -100,18 +105,12 @@ def _own_flags() -> tuple[tuple[str, ...], str]:
 
 
 def _kept(files: Mapping[str, str], flags: Sequence[str], folder: Path) -> Path:
-    """The library in `folder`, by the hash of all that it is made from; its last bytes are a hash
-    of the others, so that a damaged one is built anew."""
+    """The library in `folder`, by the hash of all that it is made from."""
     own, here = _own_flags()
     flags = [*own, *flags]
     made_from = repr((needed_compiler(), here, FLAGS, flags, sorted(files.items())))
     path = folder / f"{hashlib.sha256(made_from.encode()).hexdigest()}.so"
-    size = hashlib.sha256().digest_size
-    data = path.read_bytes() if path.is_file() else b""
-    if hashlib.sha256(data[:-size]).digest() != data[-size:]:
-        data = built(files, flags)
-        folder.mkdir(parents=True, exist_ok=True)
-        write_atomically(path, data + hashlib.sha256(data).digest())
+    kept(path, lambda: built(files, flags))
     return path
 
 
@@ -119,12 +118,12 @@ class Native:
     """A compiled step with its state; `run` takes many samples at once.
 
     The library lives in a folder of its own until `close`, or the end of `with`; in the folder
-    `kept` it stays, made for this processor, and is not compiled again. Raises `InputError` where
+    `cache` it stays, made for this processor, and is not compiled again. Raises `InputError` where
     there is no C compiler, or it refuses the code.
     """
 
     def __init__(
-        self, printed: Printed, flags: Sequence[str] = (), kept: Path | None = None
+        self, printed: Printed, flags: Sequence[str] = (), cache: Path | None = None
     ) -> None:
         name = printed.name
         files = {
@@ -134,12 +133,12 @@ class Native:
             "run.c": RUN.format(name=name),
         }
         self._open = ExitStack()
-        if kept is None:
+        if cache is None:
             folder = self._open.enter_context(tempfile.TemporaryDirectory(prefix="faultgauge-"))
             library = Path(folder) / "step.so"
             library.write_bytes(built(files, flags))
         else:
-            library = _kept(files, flags, kept)
+            library = _kept(files, flags, cache)
         self._library = ctypes.CDLL(str(library))
         self.input, self.output = (
             _record(each, printed.single) for each in (printed.inputs, printed.outputs)

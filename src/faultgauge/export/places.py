@@ -1,9 +1,17 @@
-"""Places in arrays: sums of loop variables times constants."""
+"""Places in arrays: sums of loop variables times constants.
 
+While a program is printed, an element of an array stands in the text as `@ARRAY:PLACE@`, since
+where the array will lie is decided at the end, and loops are still merged.
+"""
+
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 
-__all__ = ["Place", "linear", "strides"]
+__all__ = ["ELEMENT", "Place", "linear", "strides"]
+
+ELEMENT = re.compile(r"@(\w+):([^@]*)@")
 
 
 @dataclass(frozen=True)
@@ -30,6 +38,18 @@ class Place:
         if factor == 0:
             return Place()
         return Place(self.offset * factor, tuple((n, f * factor) for n, f in self.terms))
+
+    @property
+    def coded(self) -> str:
+        """As it stands in an element: the offset, then factor*variable."""
+        return ",".join([str(self.offset), *(f"{factor}*{name}" for name, factor in self.terms)])
+
+    @staticmethod
+    @cache
+    def parsed(coded: str) -> "Place":
+        offset, *terms = coded.split(",")
+        pairs = (each.split("*") for each in terms)
+        return Place(int(offset), tuple((name, int(factor)) for factor, name in pairs))
 
     @property
     def text(self) -> str:

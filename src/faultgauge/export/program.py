@@ -4,6 +4,7 @@ What does not depend on the arguments is computed here, once; a `cond` whose ind
 replaced by its branch. What C cannot carry is refused before anything is printed.
 """
 
+import hashlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -257,6 +258,8 @@ def _same(block: Block, alias: dict[int, Value], known: dict[Any, list[Value]]) 
         if equal is not None:
             alias[id(each.outputs[0])] = equal
             continue
+        if each.name == "cond":
+            _passed_on(each, alias)
         if each.blocks:
             kept.append(each)
             continue
@@ -271,10 +274,24 @@ def _same(block: Block, alias: dict[int, Value], known: dict[Any, list[Value]]) 
     block.outputs = [final(v) for v in block.outputs]
 
 
+def _passed_on(each: Operation, alias: dict[int, Value]) -> None:
+    """Take outputs that are the same whichever branch is taken from a `cond`."""
+    kept = []
+    for k, out in enumerate(each.outputs):
+        first, *others = (inner.outputs[k] for inner in each.blocks)
+        if all(_key(first) == _key(other) for other in others):
+            alias[id(out)] = first
+        else:
+            kept.append(k)
+    each.outputs = [each.outputs[k] for k in kept]
+    for inner in each.blocks:
+        inner.outputs = [inner.outputs[k] for k in kept]
+
+
 def _key(value: Value) -> Any:
-    if value.array is not None and value.size <= 64:
-        return value.array.dtype.str, value.shape, value.array.tobytes()
-    return id(value)
+    if value.array is None:
+        return id(value)
+    return value.array.dtype.str, value.shape, hashlib.sha256(value.array.tobytes()).digest()
 
 
 def _nothing(each: Operation) -> Value | None:
@@ -299,6 +316,8 @@ def _nothing(each: Operation) -> Value | None:
         case "sub" | "div":
             one = 0 if each.name == "sub" else 1
             return first if same and _everywhere(each.inputs[1], one) else None
+        case "select_n" if len({_key(v) for v in each.inputs[1:]}) == 1:
+            return each.inputs[1] if each.inputs[1].shape == out.shape else None
         case "select_n" if first.array is not None and first.size:
             at = int(first.array.flat[0])
             if np.all(first.array == at) and each.inputs[1 + at].shape == out.shape:

@@ -1,5 +1,6 @@
 """The three C files of a printed step: header, step and tables."""
 
+import re
 from collections.abc import Sequence
 
 from faultgauge.export.compile import Member, Printed
@@ -79,8 +80,8 @@ def step_source(printed: Printed, banner: str) -> str:
     name = printed.name
     unused = [
         f"    (void){argument};\n"
-        for argument, mark in (("in", "in->"), ("out", "out->"))
-        if mark not in printed.step
+        for argument in ("in", "out")
+        if not re.search(rf"\b{argument}\b", printed.step)
     ]
     # the compiler may then not assume that no NAN occurs, which is how "not sampled" is said
     text = f"""{banner}
@@ -95,6 +96,7 @@ def step_source(printed: Printed, banner: str) -> str:
 {chr(10).join(printed.externals)}
 
 {printed.helpers}
+{printed.parts}
 void {name}_init({name}_state *state)
 {{
 {_work(printed.init, name)}{printed.init}}}
@@ -118,6 +120,4 @@ def table_source(printed: Printed, banner: str) -> str:
 
 
 def _real(text: str, real: str) -> str:
-    import re
-
     return re.sub(r"\bwide\b", "double", re.sub(r"\breal\b", real, text))

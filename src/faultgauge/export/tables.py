@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from faultgauge.export.elementwise import Kind, literal
+from faultgauge.export.elementwise import Kind, literal, truth
 
 __all__ = ["Tables"]
 
@@ -31,7 +31,7 @@ class Tables:
         return self.known[key]
 
     def types(self, kind: Kind) -> str:
-        return "unsigned char" if kind == "bool" else kind
+        return truth(self.single) if kind == "bool" else kind
 
     @property
     def externals(self) -> list[str]:

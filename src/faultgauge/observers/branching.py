@@ -334,7 +334,11 @@ class Branching(eqx.Module):
             inside = (jax.lax.erf((high - mean) / wide) - jax.lax.erf((low - mean) / wide)) / 2
             return jnp.log(jnp.maximum(inside, LEAST))
 
-        return mass(f, jnp.sqrt(V)) - mass(jnp.zeros_like(f), jnp.sqrt(s2))
+        return jax.lax.cond(
+            jnp.all(jnp.isinf(low) & jnp.isinf(high)),  # of no fault: erf is the dearest of all
+            lambda: jnp.zeros_like(f),
+            lambda: mass(f, jnp.sqrt(V)) - mass(jnp.zeros_like(f), jnp.sqrt(s2)),
+        )
 
     def _blur(self, state: BranchState) -> Float[Array, "branches kinds onsets"]:
         """The variance of an onset of which only those beside it are kept: evenly between them."""
@@ -568,23 +572,24 @@ class Branching(eqx.Module):
             before = index < place if a.ndim == 3 else index < place[:, None]
             return jnp.where(before, a, after)
 
-        J = lanes.J.reshape(B, K, A, K, A)
-        J = jnp.where(
-            index < place[:, None, None],
-            J,
-            jnp.concatenate([J[..., 1:], jnp.zeros((B, K, A, K, 1))], axis=4),
-        )
-        J = jnp.where(
-            (index < place)[:, :, :, None, None],
-            J,
-            jnp.concatenate([J[:, :, 1:], jnp.zeros((B, K, 1, K, A))], axis=2),
-        )
+        # rows and columns of J one place down, as one long axis: a vector for compilers
+        kept = (index < place).reshape(B, K * A)
+        last = np.tile(index == A - 1, K)
+
+        def down(a: Array, axis: int) -> Array:
+            mask = [1, 1, 1]
+            mask[0], mask[axis] = B, K * A
+            one = jnp.roll(a, -1, axis)
+            one = jnp.where(last.reshape(1, *mask[1:]), 0.0, one)
+            return jnp.where(kept.reshape(mask), a, one)
+
+        J = down(down(lanes.J, 2), 1)
         start = np.zeros((lanes.eta.shape[1], K, 1))
         start[self.slots, range(K), 0] = 1.0
         new = Lanes(
             moved(lanes.eta, jnp.asarray(start)),
             moved(lanes.score, 0.0),
-            J.reshape(B, K * A, K * A),
+            J,
             moved(mass, fresh),
             moved(when, state.t),
         )

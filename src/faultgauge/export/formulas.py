@@ -1,0 +1,95 @@
+"""Operations on elements that are no single operator or function of C."""
+
+from faultgauge.export.elementwise import FLOATS, LETTERS, literal
+from faultgauge.export.printing import Index, Printer, simple
+from faultgauge.export.program import Operation
+
+__all__ = ["FORMULAS"]
+
+
+def _select(printer: Printer, each: Operation, index: Index) -> str:
+    which, *cases = each.inputs
+    choice = printer.at(which, index if which.shape else ())
+    texts = [printer.at(v, index if v.shape else ()) for v in cases]
+    # elements are read whichever is chosen: a vector has both
+    texts = [
+        printer.named(text, printer.kind(v)) if text.startswith("@") else text
+        for text, v in zip(texts, cases, strict=True)
+    ]
+    printer.done("select")
+    if len(cases) == 2:
+        test = choice if printer.kind(which) == "bool" else f"{choice} != 0"
+        return f"({test} ? {texts[1]} : {texts[0]})"
+    found = texts[-1]
+    for k in range(len(texts) - 2, -1, -1):
+        found = f"({choice} <= {k} ? {texts[k]} : {found})"
+    return found
+
+
+def _clamp(printer: Printer, each: Operation, index: Index) -> str:
+    low, value, high = (printer.at(v, index if v.shape else ()) for v in each.inputs)
+    kind = printer.kind(each.outputs[0])
+    inner = printer.function("max", [value, low], kind)
+    return printer.function("min", [inner, high], kind)
+
+
+def _converted(printer: Printer, each: Operation, index: Index) -> str:
+    before, after = printer.kind(each.inputs[0]), printer.kind(each.outputs[0])
+    text = printer.at(each.inputs[0], index)
+    if after == "bool":
+        return text if before == "bool" else f"({text} != 0)"
+    if before == after or {before, after} == {*FLOATS}:
+        return text
+    if before == "bool":
+        one, none = (literal(k, after, printer.single) for k in (1, 0))
+        return f"({text} ? {one} : {none})"
+    if before in FLOATS:
+        name = f"fg_int_{LETTERS[after]}"
+        printer.helpers.add(name)
+        return f"{name}((real){text})" if before == "wide" else f"{name}({text})"
+    return f"(({after}){text})"
+
+
+def _powered(printer: Printer, each: Operation, index: Index) -> str:
+    y, kind = each.params["y"], printer.kind(each.inputs[0])
+    text = printer.at(each.inputs[0], index)
+    if not simple(text):
+        text = printer.named(text, kind)
+    printer.done("mul", max(abs(y) - 1, 1))
+    # by squares, as XLA does it
+    power, found = text, ""
+    n = abs(y)
+    while n:
+        if n & 1:
+            found = f"{found} * {power}" if found else power
+        n >>= 1
+        if n:
+            power = printer.named(f"{power} * {power}", kind)
+    found = f"({found})" if y != 0 else literal(1, kind, printer.single)
+    if y >= 0:
+        return found
+    printer.done("div")
+    return f"({literal(1, kind, printer.single)} / {found})"
+
+
+def _rounded(printer: Printer, each: Operation, index: Index) -> str:
+    even = "EVEN" in str(each.params["rounding_method"])
+    name = "rint" if even else "round"
+    printer.done("round")
+    return f"{name}{printer.suffix}({printer.at(each.inputs[0], index)})"
+
+
+def _inverse(printer: Printer, each: Operation, index: Index) -> str:
+    printer.done("erf_inv", 4)
+    printer.helpers.add("fg_erf_inv")
+    return f"fg_erf_inv({printer.at(each.inputs[0], index)})"
+
+
+FORMULAS = {
+    "select_n": _select,
+    "clamp": _clamp,
+    "convert_element_type": _converted,
+    "integer_pow": _powered,
+    "round": _rounded,
+    "erf_inv": _inverse,
+}
