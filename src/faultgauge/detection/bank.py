@@ -81,8 +81,15 @@ class FaultBank:
         return plant
 
     @property
-    def wait(self) -> float:
-        """How long [s] a name must be likely to be told, and a pause may be that ends no event."""
+    def waits(self) -> Float[np.ndarray, "causes"]:
+        """How long [s] a name must be likely to be told, by declared fault and, last, for something
+        undeclared: a quarter of the time in which a large one shows."""
+        shows = np.append(self.knowledge.when, self.knowledge.memory)
+        return np.maximum(shows / 4, self.step)
+
+    @property
+    def pause(self) -> float:
+        """How long [s] a pause may be that ends no event."""
         return max(self.knowledge.memory / 4, self.step)
 
     def with_monitor(self, which: str) -> Bool[np.ndarray, "faults"]:

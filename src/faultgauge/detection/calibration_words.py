@@ -45,6 +45,11 @@ def errors(model: Model) -> list[str]:
             f"{each.name} wanders by {size} beside what the model says, for about "
             f"{noise.wandering[j]:.2g} s at a time"
         )
+    for j in noise.lags:
+        lines.append(
+            f"of what an input's change does to {signals.outputs[j].name}, about "
+            f"{noise.late[j]:.0%} comes within {noise.lag[j]:.2g} s"
+        )
     known = (model.calibration or {})["noise"]["spread"]
     values = model.plant.parameters
     spread = [

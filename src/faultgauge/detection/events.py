@@ -259,7 +259,7 @@ def _others(
 
 def pause(bank: FaultBank) -> int:
     """Samples below `release` that do not end an event, at most."""
-    return int(np.ceil(bank.wait / bank.step))
+    return int(np.ceil(bank.pause / bank.step))
 
 
 def stretches(

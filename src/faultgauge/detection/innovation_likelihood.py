@@ -130,6 +130,7 @@ class Likelihood:
             plant.offset,
             plant.directions,
             wandering=plant.wandering,
+            lagging=plant.lagging,
         )
         found = _costs(
             bare,

@@ -77,8 +77,8 @@ def knowledge_of(
     start = np.ones(len(q))
     start[:states] = q[:states] * np.sqrt(dt)
     start[states : states + len(noise.size)] = noise.size
-    _, _, e, b, _ = plant.parts
-    start[e], start[b] = 0.0, noise.wander[list(noise.wanders)]
+    _, _, e, b, late, _ = plant.parts
+    start[e], start[late], start[b] = 0.0, 0.0, noise.wander[list(noise.wanders)]
     P = np.diag(start**2)
     for _ in range(TIMES):
         P = _predicted(A, C, Q, R, P)

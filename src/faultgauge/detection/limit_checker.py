@@ -23,7 +23,7 @@ class LimitChecker(eqx.Module):
     """Watch points: engaged once `over` has held for `persistence` [s] on end, until `under`, or
     for good where it latches."""
 
-    persistence: Float[np.ndarray, ""]
+    persistence: Float[np.ndarray, "*points"]
     latch: bool = eqx.field(static=True)
 
     def init(self, *points: int) -> LimitState:

@@ -36,6 +36,7 @@ __all__ = [
 ]
 
 WANDER = ("wander", "wandering")  # absent where no output does
+LATE = ("late", "lag")
 MOST_CONSTANTS = 6  # that are tracked: those that matter most
 USUAL_SPREAD = 0.01  # of a constant, from run to run
 
@@ -46,8 +47,9 @@ class Noise(NamedTuple):
     what an input's change does is off by a random `share` of it, and settles in `settling` [s];
     `spread` of the constants between runs, by how much `shift` their mean is off the fitted
     value, which an error of the model may have biased, and what share of their variance a gap
-    within a run makes anew (`renewed`); `wander` of an output, which lasts for `wandering` [s]; 0,
-    or nothing at all, where its equation lacks nothing."""
+    within a run makes anew (`renewed`); `wander` of an output, which lasts for `wandering` [s], and
+    the share of what an input's change does to it that comes `late`, within `lag` [s]; 0, or
+    nothing at all, where its equation lacks nothing."""
 
     sigma: Float[np.ndarray, "outputs"]
     process: Float[np.ndarray, "states"]
@@ -61,16 +63,23 @@ class Noise(NamedTuple):
     renewed: Float[np.ndarray, "constants"] = np.zeros(0)
     wander: Float[np.ndarray, "outputs"] = np.zeros(0)
     wandering: Float[np.ndarray, "outputs"] = np.zeros(0)
+    late: Float[np.ndarray, "outputs"] = np.zeros(0)
+    lag: Float[np.ndarray, "outputs"] = np.zeros(0)
 
     @property
     def wanders(self) -> tuple[int, ...]:
         """The outputs that wander."""
         return tuple(np.flatnonzero(self.wander).tolist())
 
+    @property
+    def lags(self) -> tuple[int, ...]:
+        """The outputs of which a share comes late."""
+        return tuple(np.flatnonzero(self.late).tolist())
+
     def widened(self, factor: float) -> "Noise":
         """What acts within a run `factor` times as large, which changes no gain of a filter; how
         constants differ between runs is no error of it."""
-        own = ("sigma", "process", "drift", "size", "share", "wander")
+        own = ("sigma", "process", "drift", "size", "share", "wander", "late")
         return self._replace(**{name: factor * getattr(self, name) for name in own})
 
     def as_dict(self, model: Model) -> dict[str, dict[str, float]]:
@@ -81,7 +90,9 @@ class Noise(NamedTuple):
         }
         outputs = model.plant.signals.output_names
         return block | {
-            key: {outputs[j]: float(getattr(self, key)[j]) for j in self.wanders} for key in WANDER
+            key: {outputs[j]: float(getattr(self, key)[j]) for j in there}
+            for keys, there in ((WANDER, self.wanders), (LATE, self.lags))
+            for key in keys
         }
 
 
@@ -102,7 +113,7 @@ def drifting_of(model: Model) -> tuple[str, ...]:
 def noise_of(model: Model) -> Noise:
     """What `calibrate` found. Raises `InputError` for a model without it."""
     block = (model.calibration or {}).get("noise")
-    if block is None or set(block) | set(WANDER) != set(Noise._fields):
+    if block is None or {*block, *WANDER, *LATE} != set(Noise._fields):
         raise InputError(
             "the model holds no noise levels, which the bank needs; run `faultgauge "
             "calibrate` on healthy logs, or use --observer eso."
@@ -113,7 +124,7 @@ def noise_of(model: Model) -> Noise:
             for key, each in zip(Noise._fields, _names(model), strict=False)
         ]
         outputs = model.plant.signals.output_names
-        more = [[block.get(key, {}).get(name, 0.0) for name in outputs] for key in WANDER]
+        more = [[block.get(key, {}).get(name, 0.0) for name in outputs] for key in (*WANDER, *LATE)]
     except KeyError as missing:
         raise InputError(
             f"the model's noise levels say nothing of {missing}; run `faultgauge calibrate` anew."
@@ -169,6 +180,17 @@ def rates_of(model: Model) -> Float[np.ndarray, "states"]:
 def largest_rates(model: Model) -> Float[np.ndarray, "states"]:
     """Of the states' derivatives over the training envelope."""
     return np.abs(_rates(model)).max(axis=0, initial=1e-12)
+
+
+@once
+def ranges_of(model: Model) -> Float[np.ndarray, "outputs"]:
+    """Of the outputs over the training envelope."""
+    points = operating_points(model)
+    found = jax.vmap(lambda x, u: respond(model.plant, x, u)[1])(
+        jnp.asarray(points.x), jnp.asarray(points.u)
+    )
+    outputs = np.asarray(found)
+    return np.ptp(outputs[np.isfinite(outputs).all(axis=1)], axis=0) + 1e-12
 
 
 def _rates(model: Model) -> Float[np.ndarray, "points states"]:
@@ -227,6 +249,7 @@ def disturbed(model: Model, noise: Noise, undeclared: tuple[Fault, ...] = ()) ->
         jnp.asarray(directions_of(model, known, noise.spread)),
         undeclared,
         noise.wanders,
+        noise.lags,
     )
 
 
@@ -237,8 +260,9 @@ def offset_of(model: Model, noise: Noise) -> Float[np.ndarray, "parameters"]:
 
 def error_of(noise: Noise) -> Error:
     """What of `noise` the plant itself has."""
-    wandering = noise.wandering[list(noise.wanders)]
-    parts = (noise.lasting, noise.settling, noise.share, wandering)
+    wanders, lags = list(noise.wanders), list(noise.lags)
+    own = (noise.lasting, noise.settling, noise.share)
+    parts = (*own, noise.wandering[wanders], noise.lag[lags], noise.late[lags])
     return Error(*(jnp.asarray(each) for each in parts))
 
 
@@ -253,6 +277,7 @@ def process_of(
             noise.size * np.sqrt(2 / noise.lasting),
             np.zeros(len(noise.share)),
             noise.wander[wanders] * np.sqrt(2 / noise.wandering[wanders]),
+            np.zeros(len(noise.lags)),
             noise.drift / np.maximum(drifted, 1e-300),
             np.zeros(len(noise.spread)),
         ]
@@ -288,7 +313,9 @@ def start_spread(
     sd, drifted = spread_of_start(model, noise.sigma, columns)
     largest = largest_rates(model)[list(following_states(model.plant))]
     follows = noise.share * largest  # an input may have changed by all it can just before
-    rest = noise.wander[list(noise.wanders)], np.ones(len(drifted) + len(noise.spread))
+    wanders, lags = list(noise.wanders), list(noise.lags)
+    late = noise.late[lags] * ranges_of(model)[lags]
+    rest = noise.wander[wanders], late, np.ones(len(drifted) + len(noise.spread))
     return np.concatenate([sd, noise.size, follows, *rest])
 
 
@@ -297,7 +324,8 @@ def scale_of(model: Model, noise: Noise) -> Float[np.ndarray, "extended"]:
     x = np.std(operating_points(model).x, axis=0) + 1e-9
     rest = np.ones(len(drifting_of(model)) + len(noise.spread))
     follows = rates_of(model)[list(following_states(model.plant))]
-    return np.concatenate([x, noise.size, follows, noise.wander[list(noise.wanders)], rest])
+    own = noise.wander[list(noise.wanders)], ranges_of(model)[list(noise.lags)]
+    return np.concatenate([x, noise.size, follows, *own, rest])
 
 
 def width_of(low: float, high: float) -> float:

@@ -8,9 +8,9 @@ walks without end, are limits of it: s = 0, tau without bound.
 Where a log is sampled far faster than it moves, means over blocks of samples tell the same, and
 what noise of a few samples' memory adds up to.
 
-An output's own equation is given an error that lasts where the likelihood pays for it: its size and
-time constant are two levels more, and must gain what Schwarz's criterion asks of two (G. Schwarz,
-Ann. Stat. 6 (1978)).
+An output's own equation is given an error that lasts, and one that an input's change makes, where
+the likelihood pays for it: size and time constant are two levels more, and must gain what Schwarz's
+criterion asks of two (G. Schwarz, Ann. Stat. 6 (1978)).
 """
 
 from collections.abc import Sequence, Set
@@ -36,6 +36,7 @@ from faultgauge.detection.noise_levels import (
 from faultgauge.detection.run_spread import constants_retold
 from faultgauge.errors import InputError
 from faultgauge.observers import divided_difference as dd
+from faultgauge.plants.disturbed import answering_outputs
 from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run
 from faultgauge.telemetry.oversampling import block_means
@@ -49,6 +50,7 @@ FACTORS = (1.0, 10.0, 100.0, 1000.0)  # of process noise, until the filter is no
 ROUNDS = (20, 12, 8)  # steps of each search; the constants are told anew between them
 CALMER = (1.0, 10.0)  # times less process noise, where an output wanders besides
 ENOUGH = 0.03  # of log-likelihood: a step that gains less is the last
+HALF = 0.5  # of what an input's change does to an output: what may come late, to begin from
 NONE = 1e-6  # times the usual: as good as no discrepancy
 
 
@@ -72,19 +74,20 @@ def estimate_noise(model: Model, runs: Sequence[Run], discrepancy: bool = True) 
     if discrepancy:
         noise = _started(model, batch, guess, bounds)
         noise = _alternated(model, batch, noise, bounds, ROUNDS)
-        wanders = _wandering(model, batch, noise, shortest_and_longest(runs[0].step, stretches))
-        if wanders.wanders:
-            from_guess = guess._replace(wander=wanders.wander, wandering=wanders.wandering)
-            bounds = bounds_of(from_guess, runs[0].step, stretches)
-            found = _alternated(model, batch, wanders, bounds, ROUNDS[1:])
-            if _gain(model, batch, noise, found, bounds) > np.log(batch.count) * len(found.wanders):
-                noise = found
+        more = _with_outputs(model, batch, noise, shortest_and_longest(runs[0].step, stretches))
+        count = len(more.wanders) + len(more.lags)
+        if count:
+            own = {name: getattr(more, name) for name in ("wander", "wandering", "late", "lag")}
+            bounds = bounds_of(guess._replace(**own), runs[0].step, stretches)
+            more = _alternated(model, batch, more, bounds, ROUNDS[1:])
+            if _gain(model, batch, noise, more, bounds) > np.log(batch.count) * count:
+                noise = more
     else:
         without = {n: NONE * getattr(guess, n) for n in ("size", "share", "spread")}
         held = {"size", "lasting", "share", "settling"}
         noise = _searched(model, batch, guess._replace(**without), bounds, held, sum(ROUNDS))
-    more = [averaged.get(name, 1.0) for name in model.plant.signals.output_names]
-    return noise._replace(sigma=noise.sigma * np.sqrt(more))
+    samples = [averaged.get(name, 1.0) for name in model.plant.signals.output_names]
+    return noise._replace(sigma=noise.sigma * np.sqrt(samples))
 
 
 def _alternated(
@@ -132,35 +135,41 @@ def _started(model: Model, batch: Likelihood, noise: Noise, bounds: Bounds) -> N
     return best([noise, *(noise._replace(lasting=a, size=b) for a, b in both)])
 
 
-def _wandering(model: Model, batch: Likelihood, noise: Noise, lasts: tuple[float, float]) -> Noise:
-    """`noise` with those outputs wandering whose likelihood gains by it where all else stays but
-    the process noise; `lasts` [s] is how long at least and at most."""
+def _with_outputs(
+    model: Model, batch: Likelihood, noise: Noise, lasts: tuple[float, float]
+) -> Noise:
+    """`noise` with those errors of outputs, wandering or late, each of which gains likelihood while
+    all else stays but the process noise; `lasts` [s] is how long at least and at most."""
     measured = np.array([bool(jnp.isfinite(y).any()) for y in jnp.moveaxis(batch.y, 2, 0)])
+    answering = np.isin(np.arange(len(measured)), answering_outputs(model.plant))
     shares = np.arange(1, GRID + 1) / (GRID + 1)
     times = lasts[0] ** (1 - shares) * lasts[1] ** shares
-    nothing = noise._replace(
-        wander=NONE * noise.sigma * measured, wandering=np.full(len(measured), times[0])
+    each = np.eye(len(measured))
+    little, quick = NONE * noise.sigma * measured, np.full(len(measured), times[0])
+    none = noise._replace(
+        wander=little, wandering=quick, late=NONE * (measured & answering), lag=quick
     )
-    many, tried = [nothing], []
+    many, tried = [none], [("", -1)]
     for j, time, factor in product(np.flatnonzero(measured), times, CALMER):
-        wander, wandering = nothing.wander.copy(), nothing.wandering.copy()
-        wander[j], wandering[j] = noise.sigma[j], time
+        lasting = quick + each[j] * (time - quick)
+        wander = none.wander + each[j] * noise.sigma
         process = noise.process / factor
-        many.append(nothing._replace(wander=wander, wandering=wandering, process=process))
-        tried.append(j)
+        many.append(none._replace(wander=wander, wandering=lasting, process=process))
+        tried.append(("wander", j))
+    for j, time in product(np.flatnonzero(measured & answering), times):
+        lasting = quick + each[j] * (time - quick)
+        many.append(none._replace(late=none.late + each[j] * HALF, lag=lasting))
+        tried.append(("late", j))
     cost = batch.run(model, many)[0]
-    gain = cost[0] - cost[1:]
-    none = np.zeros(len(measured))
-    found = noise._replace(wander=none.copy(), wandering=none.copy())
-    for j in np.unique(tried):
-        own = np.flatnonzero(np.array(tried) == j)
-        best = own[np.argmax(gain[own])]
-        if gain[best] > np.log(batch.count):
-            found.wander[j] = many[1 + best].wander[j]
-            found.wandering[j] = many[1 + best].wandering[j]
-    if not found.wanders:
-        return noise
-    return found._replace(process=many[1 + int(np.argmax(gain))].process)
+    found = {name: np.zeros(len(measured)) for name in ("wander", "wandering", "late", "lag")}
+    for kind, lasting in (("wander", "wandering"), ("late", "lag")):
+        for j in range(len(measured)):
+            own = [k for k, what in enumerate(tried) if what == (kind, j)]
+            best = min(own, key=lambda k: cost[k], default=0)
+            if cost[0] - cost[best] > np.log(batch.count):
+                for name in (kind, lasting):
+                    found[name][j] = getattr(many[best], name)[j]
+    return noise._replace(**found)
 
 
 def _searched(

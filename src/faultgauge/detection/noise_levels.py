@@ -36,15 +36,8 @@ __all__ = [
 
 # the constants' mean and spread are told in another way
 SEARCHED = (
-    "sigma",
-    "process",
-    "drift",
-    "size",
-    "lasting",
-    "share",
-    "settling",
-    "wander",
-    "wandering",
+    *("sigma", "process", "drift", "size", "lasting", "share", "settling"),
+    *("wander", "wandering", "late", "lag"),
 )
 REACH = np.log(1e4)  # a level is looked for within this factor of its first guess
 USUAL_SIZE = 0.03  # of a state's rate: the discrepancy
@@ -126,7 +119,7 @@ def first_guess(model: Model, runs: Sequence[Run], stretches: Sequence[Stretch])
     return Noise(
         sigma, process, np.array(drift, float), size, lasting, share, settling,
         np.array(spread, float), np.zeros(len(spread)), np.zeros(len(spread)),
-        np.zeros(len(sigma)), np.zeros(len(sigma)),
+        *[np.zeros(len(sigma))] * 4,
     )  # fmt: skip
 
 
@@ -142,13 +135,15 @@ def bounds_of(guess: Noise, step: float, stretches: Sequence[Stretch]) -> Bounds
     center = logs_of(guess)
     named = dict(zip(SEARCHED, np.split(center, np.cumsum([*sizes.values()])[:-1]), strict=True))
     low, high = ({name: a + r for name, a in named.items()} for r in (-REACH, REACH))
-    for lasts in ("lasting", "wandering", "settling"):
+    for lasts in ("lasting", "wandering", "settling", "lag"):
         low[lasts] = np.full(sizes[lasts], shortest)
         high[lasts] = np.full(sizes[lasts], longest)
     if len(guess.drift):  # what is slower, the parameters follow
         high["lasting"][:] = np.log(max(np.exp(longest) / 1000, 20 * step))
-    high["settling"][:] = longest - np.log(400)
-    high["share"][:] = 0.0
+    for name in ("settling", "lag"):
+        high[name][:] = longest - np.log(400)
+    for name in ("share", "late"):
+        high[name][:] = 0.0
     pull = {name: np.full(count, np.inf) for name, count in sizes.items()}
     for name in ("size", "share", "lasting"):
         pull[name][:] = UNSURE

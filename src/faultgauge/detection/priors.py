@@ -2,16 +2,20 @@
 
 - `size`, the widest standard deviation of a step: half of the fault's own larger limit, or a
   quarter of the range of what it enters: an input's limits, else what the training envelope holds.
+  A parameter or a network may at least change so far that a state's rate, or an output, moves by as
+  much as it does in training, or as the inputs alone make it.
   Decades below are as likely (`branching.SCALES`), so it matters little.
 - a growth is as fast as `rate` says.
 - `onset`: `prior_per_hour`, or once in a thousand records as long as the healthy ones.
 - an output that has no bias of its own may be off undeclared, as far as its range.
 """
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
 from faultgauge.detection.judged import operating_points
 from faultgauge.observers.branching import Prior
@@ -41,21 +45,27 @@ AT_START = 1e-3  # probability that a given fault is there when a log begins
 def ranges(model: Model, plant: GrayBoxPlant) -> Float[np.ndarray, "faults"]:
     """Range over the training envelope of what each fault enters, in the fault's unit."""
     points, signals = operating_points(model), plant.signals
-    rates, outputs = jax.vmap(lambda x, u: respond(plant, x, u))(
-        jnp.asarray(points.x), jnp.asarray(points.u)
-    )
+    x, u = jnp.asarray(points.x), jnp.asarray(points.u)
+    rates, outputs = jax.vmap(lambda x, u: respond(plant, x, u))(x, u)
+    at_rest = jax.vmap(lambda u: respond(plant, jnp.median(x, axis=0), u))(u)
+    moves = [
+        np.maximum(_range(a), _range(b)) for a, b in zip((rates, outputs), at_rest, strict=True)
+    ]
+    reach = _reach(plant, x, u, np.concatenate(moves))
     found = []
-    for fault in signals.faults:
+    for k, fault in enumerate(signals.faults):
         values = np.zeros(0)
         match fault.enters:
             case _ if fault.relative or fault.enters in LOSSES:
                 found.append(2.0)
                 continue
             case "parameter":
-                found.append(_parameter_range(model.plant, fault.target))
+                found.append(max(_parameter_range(model.plant, fault.target), reach[k]))
                 continue
             case "network":
                 values = _network_values(plant, fault.target, points.x, points.u)
+                found.append(max(float(_range(values[:, None])[0]), reach[k]))
+                continue
             case "state":
                 values = np.asarray(rates)[:, signals.state_names.index(fault.target)]
             case "output":
@@ -72,6 +82,36 @@ def ranges(model: Model, plant: GrayBoxPlant) -> Float[np.ndarray, "faults"]:
         # a signal that stands still in training says how large it is, not how far it moves
         found.append(max(width, 0.1 * float(np.abs(values).max(initial=0.0)), 1e-9))
     return np.array(found)
+
+
+def _range(values: Any) -> Float[np.ndarray, "channels"]:
+    """Of every channel over the points at which it is a number."""
+    held = np.asarray(values)
+    return np.array(
+        [np.ptp(each[np.isfinite(each)]) if np.isfinite(each).any() else 0.0 for each in held.T]
+    )
+
+
+def _reach(
+    plant: GrayBoxPlant,
+    x: Float[Array, "points states"],
+    u: Float[Array, "points inputs"],
+    moves: Float[np.ndarray, "channels"],
+) -> Float[np.ndarray, "faults"]:
+    """How large a fault makes one of the rates and outputs differ by as much as it `moves`."""
+
+    def channels(f: Array, x: Array, u: Array) -> Array:
+        return jnp.concatenate(respond(plant, x, u, f))
+
+    none = jnp.zeros(len(plant.signals.faults))
+    slopes = np.asarray(jax.vmap(jax.jacfwd(channels), (None, 0, 0))(none, x, u))
+    slopes = np.where(np.isfinite(slopes), slopes, 0.0)
+    typical = np.sqrt(np.mean(slopes**2, axis=0))
+    widths = np.divide(
+        moves[:, None], typical, out=np.full_like(typical, np.inf), where=typical > 0
+    )
+    widths = np.where(widths > 0, widths, np.inf).min(axis=0)
+    return np.where(np.isfinite(widths), widths, 0.0)
 
 
 def _parameter_range(plant: GrayBoxPlant, name: str) -> float:

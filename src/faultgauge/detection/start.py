@@ -52,7 +52,7 @@ class Start(eqx.Module):
         extended = start_spread(model, noise, ())
         extended[: len(sd)] = sd
         plant = bank.plant
-        _, d, _, b, _ = plant.parts
+        _, d, _, b, _, _ = plant.parts
         fading = [*range(d.start, d.stop), *range(b.start, b.stop)]
         lasting = np.concatenate([plant.error.tau, plant.error.wandering])
         return Start(

@@ -141,12 +141,14 @@ def _after_gap(
 ) -> tuple[Belief, Float[np.ndarray, "n"]]:
     """(what is known after a `gap` [s], which shares of d outlast it): states begin anew, the
     discrepancy lasts as it does, constants but for what a gap makes anew of them."""
-    states, driven = len(bank.model.plant.signals.states), len(bank.noise.size)
+    states = len(bank.model.plant.signals.states)
     n = bank.modes.filter.states
     keep = np.ones(n)
     keep[:states] = 0.0
-    keep[states : states + driven] = np.exp(-gap / bank.noise.lasting)
-    keep[bank.plant.parts[3]] = np.exp(-gap / np.asarray(bank.plant.error.wandering))
+    _, d, _, b, _, _ = bank.plant.parts
+    lasting = np.exp(-gap / np.asarray(bank.plant.times))
+    for part in (d, b):
+        keep[part] = lasting[part.start - states : part.stop - states]
     keep[n - len(bank.noise.renewed) :] = np.sqrt(1 - bank.noise.renewed)
     fresh = sd**2
     faults = len(belief.mean) - n

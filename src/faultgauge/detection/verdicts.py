@@ -131,7 +131,7 @@ class Rules(eqx.Module):
     def of(bank: FaultBank) -> "Rules":
         signals = bank.model.plant.signals
         rules = signals.detection
-        wait = np.asarray(max(rules.persistence, bank.wait))
+        wait = np.maximum(rules.persistence, bank.waits)
         low, high = np.array([_limits(signals, fault) for fault in signals.faults]).T
         return Rules(
             LimitChecker(np.asarray(float(rules.persistence)), rules.latch),

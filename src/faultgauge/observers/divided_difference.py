@@ -20,7 +20,8 @@ from jaxtyping import Array, Float
 
 from faultgauge.plants.disturbed import Disturbed
 from faultgauge.plants.plant import respond
-from faultgauge.simulation.integrators import step as integrate
+from faultgauge.simulation.integrators import step_through
+from faultgauge.simulation.intersample import line
 
 __all__ = ["Belief", "DividedDifferenceFilter", "Flow", "Look", "Noise", "Seen"]
 
@@ -108,19 +109,29 @@ class DividedDifferenceFilter(eqx.Module):
         dt: Float[Array, ""],
     ) -> tuple[Belief, Flow]:
         """The belief `dt` s later."""
-        n, k = self.states, self.faults
+        n, k, own = self.states, self.faults, self.plant.count
+        times = dt * np.arange(2 * self.substeps + 1) / (2 * self.substeps)
+        stages = line(self.plant.signals, u_before, u, self.substeps)
 
         def flow(x: Array, f: Array) -> Array:
-            return integrate(self.plant, x, u_before, u, f, dt, self.substeps)
+            plant, forces = self.plant.own_at(x), self.plant.forces(x, times)
+            return step_through(plant, x[:own], stages, f, dt, self.substeps, forces=forces)
 
+        # what stands behind the plant's own states follows nobody
+        lasting = self.plant.lasting(dt)
         after, F, up, down = self._differences(flow, belief)
+        after = jnp.concatenate([after, lasting * belief.mean[own:n]])
+        F = jnp.concatenate([F, np.eye(n)[own:] * jnp.append(jnp.ones(own), lasting)])
+        up, down = (jnp.concatenate([a, jnp.zeros((n - own, k))]) for a in (up, down))
         size = len(belief.mean)
         A = jnp.concatenate([F, (up + down) / 2, jnp.zeros((n, size - n - k))], axis=1)
         grows = np.zeros((size - n, size))
         grows[list(self.growing), range(n + k, size)] = 1.0
         A = jnp.concatenate([A, np.eye(size)[n:] + dt * grows])
-        f = belief.mean[n : n + k]
-        jump = self.plant.jumps(after, u_before, u, f, f)
+        # were it less where a fault takes an input's effect, noise that is too large would speak
+        # for the fault
+        none = jnp.zeros(k)
+        jump = self.plant.jumps(after, u_before, u, none, none)
         mean = jnp.concatenate([after, A[n:] @ belief.mean])
         rates = jnp.zeros(size - n - k)
         Q = dt * jnp.concatenate([noise.process, noise.walk * self._present(belief), rates]) ** 2
@@ -180,9 +191,11 @@ class DividedDifferenceFilter(eqx.Module):
         predicted, flow = self.predict(belief, noise, u_before, u, dt)
         expected, look = self.look(predicted, u)
         after, likelihood, seen = self.update(predicted, noise, expected, look, y)
-        sound = jnp.isfinite(likelihood)
-        for part in (*after, *flow, *look):
-            sound &= jnp.all(jnp.abs(part) < HUGE)
+        # what is no number anywhere is none in the variances either
+        sizes = [after.mean, jnp.diagonal(after.P), flow.A, flow.up, flow.down]
+        sizes += [look.C, look.up, look.down]
+        largest = jnp.stack([jnp.max(jnp.abs(part), initial=0.0) for part in sizes])
+        sound = jnp.isfinite(likelihood) & jnp.all(largest < HUGE)
         nothing = Seen(
             jnp.zeros_like(seen.white), jnp.full_like(seen.root, jnp.inf), jnp.zeros_like(seen.gain)
         )

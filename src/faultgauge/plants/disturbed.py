@@ -4,7 +4,9 @@
 
     e' = -e / settling,    and by N(0, (share (F(x, u) - F(x, u before)))^2) where u changes
 
-    y = h(x', x, u) + b,    b' = -b / wandering + w
+    y = h(x', x, u) + b + l,    b' = -b / wandering + w,
+
+    l' = -l / lag,    and by N(0, (late (h(x', x, u) - h(x', x, u before)))^2) where u changes
 
 d is a Gauss-Markov process beside every state that is not exact kinematics (Kennedy and O'Hagan, J.
 R. Statist. Soc. B 63 (2001), "Bayesian calibration of computer models": what the model lacks is a
@@ -27,29 +29,31 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from faultgauge.plants.expression import is_state, names_used
+from faultgauge.plants.expression import derivatives_used, is_state, names_used
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant import Change, Plant, respond
 from faultgauge.plants.signals import Fault, Signals, State
 
-__all__ = ["Disturbed", "Error", "dynamic_states", "following_states"]
+__all__ = ["Disturbed", "Error", "answering_outputs", "dynamic_states", "following_states"]
 
 
 class Error(NamedTuple):
     """Time constant `tau` [s] of every driven state's d; of every e its time constant `settling`
     [s] and its `share` of what an input's change does (a standard deviation); time constant
-    `wandering` [s] of every b."""
+    `wandering` [s] of every b; of every l its time constant `lag` [s] and its share, `late`."""
 
     tau: Float[Array, "driven"]
     settling: Float[Array, "following"]
     share: Float[Array, "following"]
-    wandering: Float[Array | np.ndarray, "outputs"] = np.zeros(0)
+    wandering: Float[Array | np.ndarray, "wandering"] = np.zeros(0)
+    lag: Float[Array | np.ndarray, "lagging"] = np.zeros(0)
+    late: Float[Array | np.ndarray, "lagging"] = np.zeros(0)
 
 
 class Disturbed(Plant):
-    """`base` with the states [x, d, e, b, xi]; `driven` are the states that d acts on, `following`
-    those that e acts on, `wandering` the outputs that b acts on, `names` the parameters, of which
-    `directions` (W) is a row each."""
+    """`base` with the states [x, d, e, b, l, xi]; `driven` are the states that d acts on,
+    `following` those that e acts on, `wandering` the outputs that b acts on, `lagging` those that l
+    acts on, `names` the parameters, of which `directions` (W) is a row each."""
 
     signals: Signals = eqx.field(static=True)
     base: Plant
@@ -59,6 +63,7 @@ class Disturbed(Plant):
     driven: tuple[int, ...] = eqx.field(static=True)
     following: tuple[int, ...] = eqx.field(static=True)
     wandering: tuple[int, ...] = eqx.field(static=True)
+    lagging: tuple[int, ...] = eqx.field(static=True)
     names: tuple[str, ...] = eqx.field(static=True)
 
     @staticmethod
@@ -72,19 +77,22 @@ class Disturbed(Plant):
         directions: Float[Array, "parameters directions"],
         undeclared: tuple[Fault, ...] = (),
         wandering: tuple[int, ...] = (),
+        lagging: tuple[int, ...] = (),
     ) -> "Disturbed":
         """`undeclared` faults stand behind those that `base` declares."""
         signals = base.signals
         more = [State(f"d({signals.state_names[i]})") for i in driven]
         more += [State(f"e({signals.state_names[i]})") for i in following]
         more += [State(f"b({signals.output_names[j]})") for j in wandering]
+        more += [State(f"l({signals.output_names[j]})") for j in lagging]
         more += [State(f"xi({k})") for k in range(directions.shape[1])]
         own = replace(
             signals,
             states=(*signals.states, *more),
             faults=(*signals.faults, *undeclared),
         )
-        return Disturbed(own, base, error, offset, directions, driven, following, wandering, names)
+        acting = (driven, following, wandering, lagging, names)
+        return Disturbed(own, base, error, offset, directions, *acting)
 
     @property
     def count(self) -> int:
@@ -92,22 +100,39 @@ class Disturbed(Plant):
         return len(self.base.signals.states)
 
     @property
-    def parts(self) -> tuple[slice, slice, slice, slice, slice]:
-        """Where x, d, e, b and xi stand among the states."""
-        counts = (self.count, len(self.driven), len(self.following), len(self.wandering))
-        edges = [0, *np.cumsum([*counts, self.directions.shape[1]]).tolist()]
-        x, d, e, b, xi = (slice(*each) for each in pairwise(edges))
-        return x, d, e, b, xi
+    def parts(self) -> tuple[slice, slice, slice, slice, slice, slice]:
+        """Where x, d, e, b, l and xi stand among the states."""
+        acting = (self.driven, self.following, self.wandering, self.lagging)
+        counts = [self.count, *map(len, acting), self.directions.shape[1]]
+        x, d, e, b, lag, xi = (slice(*each) for each in pairwise([0, *np.cumsum(counts).tolist()]))
+        return x, d, e, b, lag, xi
+
+    @property
+    def times(self) -> Float[Array, "others"]:
+        """How long [s] d, e, b, l and xi last."""
+        lasting = (self.error.tau, self.error.settling, self.error.wandering, self.error.lag)
+        return jnp.concatenate([*lasting, jnp.full(self.directions.shape[1], jnp.inf)])
 
     def derivative(
         self, x: Float[Array, "states"], u: Float[Array, "inputs"]
     ) -> Float[Array, "states"]:
-        own, *others = self.parts
-        d, e, b, xi = (x[part] for part in others)
-        dx = self.plant_at(x).derivative(x[own], u)
-        dx = dx + _acts(self.count, self.driven) @ d + _acts(self.count, self.following) @ e
-        slow, quick = -d / self.error.tau, -e / self.error.settling
-        return jnp.concatenate([dx, slow, quick, -b / self.error.wandering, 0 * xi])
+        own = self.parts[0]
+        dx = self.plant_at(x).derivative(x[own], u) + self.forces(x, jnp.zeros(1))[0]
+        return jnp.concatenate([dx, -x[self.count :] / self.times])
+
+    def lasting(self, dt: Float[Array, ""]) -> Float[Array, "others"]:
+        """Which share of d, e, b, l and xi is left after `dt` [s]."""
+        return jnp.exp(-dt / self.times)
+
+    def forces(
+        self, x: Float[Array, "states"], t: Float[Array, "times"]
+    ) -> Float[Array, "times own"]:
+        """What d and e add to the rates of `base` `t` [s] after `x`."""
+        _, d, e, *_ = self.parts
+        slow = jnp.exp(-t[:, None] / self.error.tau) * x[d]
+        quick = jnp.exp(-t[:, None] / self.error.settling) * x[e]
+        acts = _acts(self.count, self.driven), _acts(self.count, self.following)
+        return slow @ acts[0].T + quick @ acts[1].T
 
     def output(
         self,
@@ -115,9 +140,14 @@ class Disturbed(Plant):
         x: Float[Array, "states"],
         u: Float[Array, "inputs"],
     ) -> Float[Array, "outputs"]:
-        own, _, _, b, _ = self.parts
-        y = self.plant_at(x).output(dx[own], x[own], u)
-        return y + _acts(len(y), self.wandering) @ x[b] if self.wandering else y
+        own = self.parts[0]
+        return self.plant_at(x).output(dx[own], x[own], u)
+
+    def besides(self, x: Float[Array, "states"]) -> Float[Array, "outputs"]:
+        """b and l."""
+        _, _, _, b, lag, _ = self.parts
+        count = len(self.signals.outputs)
+        return _acts(count, self.wandering) @ x[b] + _acts(count, self.lagging) @ x[lag]
 
     def jumps(
         self,
@@ -128,17 +158,26 @@ class Disturbed(Plant):
         f: Float[Array, "faults"],
     ) -> Float[Array, "states"]:
         """By how much the states may jump where input or faults change (standard deviations)."""
-        if not self.following:
+        if not self.following and not self.lagging:
             return jnp.zeros(len(x))
-        us, fs = jnp.stack([u, u_before]), jnp.stack([f, f_before])
-        both = jax.vmap(lambda u, f: respond(self, x, u, f)[0])(us, fs)
-        own, _, e, _, _ = self.parts
-        change = _acts(self.count, self.following).T @ (both[0] - both[1])[own]
-        return jnp.zeros(len(x)).at[e].set(jnp.abs(self.error.share * change))
+        # what an output's own fault does is not late
+        acting = [f.enters not in ("output", "output_gain") for f in self.signals.faults]
+        us, fs = jnp.stack([u, u_before]), jnp.stack([f, f_before]) * np.array(acting, float)
+        dx, y = jax.vmap(lambda u, f: respond(self, x, u, f))(us, fs)
+        own, _, e, _, lag, _ = self.parts
+        moved = _acts(self.count, self.following).T @ (dx[0] - dx[1])[own]
+        shown = _acts(y.shape[1], self.lagging).T @ (y[0] - y[1])
+        jumps = jnp.zeros(len(x)).at[e].set(jnp.abs(self.error.share * moved))
+        return jumps.at[lag].set(jnp.abs(self.error.late * shown))
 
     def altered(self, changes: Mapping[str, Change]) -> "Disturbed":
         """`base` altered: what xi adds to a constant is not."""
         return replace(self, base=self.base.altered(changes))
+
+    def own_at(self, x: Float[Array, "states"]) -> "Plant":
+        """`base` with the constants that xi makes of them, and with all faults."""
+        own = replace(self.signals, states=self.base.signals.states)
+        return _Own(own, self.plant_at(x))
 
     def plant_at(self, x: Float[Array, "states"]) -> Plant:
         """`base` with the constants that xi makes of them."""
@@ -150,6 +189,29 @@ class Disturbed(Plant):
         return GrayBoxPlant(
             plant.signals, plant.spec, plant.networks, {**plant.parameters, **changed}
         )
+
+
+class _Own(Plant):
+    """`base` with other faults than it declares."""
+
+    signals: Signals = eqx.field(static=True)
+    base: Plant
+
+    def derivative(
+        self, x: Float[Array, "states"], u: Float[Array, "inputs"]
+    ) -> Float[Array, "states"]:
+        return self.base.derivative(x, u)
+
+    def output(
+        self,
+        dx: Float[Array, "states"],
+        x: Float[Array, "states"],
+        u: Float[Array, "inputs"],
+    ) -> Float[Array, "outputs"]:
+        return self.base.output(dx, x, u)
+
+    def altered(self, changes: Mapping[str, Change]) -> "_Own":
+        return replace(self, base=self.base.altered(changes))
 
 
 def _acts(count: int, on: tuple[int, ...]) -> Float[np.ndarray, "count some"]:
@@ -178,3 +240,17 @@ def following_states(plant: Plant) -> tuple[int, ...]:
         return dynamic
     inputs = set(plant.signals.input_names)
     return tuple(k for k in dynamic if inputs & set(names_used(plant.spec.derivatives[k])))
+
+
+def answering_outputs(plant: Plant) -> tuple[int, ...]:
+    """The outputs whose value reads an input, or the derivative of a state."""
+    outputs = tuple(range(len(plant.signals.outputs)))
+    if not isinstance(plant, GrayBoxPlant):
+        return outputs
+    spec = plant.spec
+    direct = {*plant.signals.input_names}
+    return tuple(
+        j
+        for j in outputs
+        if direct & set(names_used(spec.values[j])) or derivatives_used(spec.values[j])
+    )

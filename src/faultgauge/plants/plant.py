@@ -56,6 +56,10 @@ class Plant(eqx.Module):
     ) -> Float[Array, "outputs"]:
         """h(dx, x, u): each output in its own unit."""
 
+    def besides(self, x: Float[Array, "states"]) -> Float[Array, "outputs"]:
+        """What the outputs show besides h, and no loss of their gain makes less: nothing."""
+        return jnp.zeros(len(self.signals.outputs))
+
     def altered(self, changes: Mapping[str, Change]) -> "Plant":
         """The plant with its parameters and networks, by name, as `changes` make them.
 
@@ -115,7 +119,7 @@ def respond(
     if stuck is not None:
         dx = _overwritten(dx, stuck.dx)
     y = _scaled(plant.output(dx, x, u), lost["output_gain"])
-    y = y + _placed(added["output"], len(signals.outputs))
+    y = y + _placed(added["output"], len(signals.outputs)) + plant.besides(x)
     return dx, y if stuck is None else _overwritten(y, stuck.y)
 
 

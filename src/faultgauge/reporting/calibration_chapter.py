@@ -163,6 +163,14 @@ def _levels(model: Model, noise: Noise) -> Table:
         for j in noise.wanders
     ]
     rows += [
+        (
+            f"of what a change of an input does to {signals.outputs[j].name}, comes late",
+            f"{noise.late[j]:.2%}",
+            f"for {quantity(float(noise.lag[j]), 's')}",
+        )
+        for j in noise.lags
+    ]
+    rows += [
         (f"drift of {n}", quantity(s, "1"), "per root second") for n, s in block["drift"].items()
     ]
     units = {each.name: each.unit or "1" for each in model.plant.spec.parameters}

@@ -39,26 +39,32 @@ def step_through(
     dt: Float[Array, ""],
     substeps: int,
     stuck: Stuck | None = None,
+    forces: Float[Array, "stages states"] | None = None,
 ) -> Float[Array, "states"]:
-    """`step` with the inputs at every half substep given (see `intersample`)."""
+    """`step` with the inputs at every half substep given (see `intersample`), and what is added to
+    the states' rates there."""
     h = dt / substeps
+    added = jnp.zeros((len(stages), len(x))) if forces is None else forces
 
-    def rate(x: Float[Array, "states"], u: Float[Array, "inputs"]) -> Float[Array, "states"]:
-        return respond(plant, x, u, f, stuck)[0]
+    def rate(x: Float[Array, "states"], at: tuple[Array, Array]) -> Float[Array, "states"]:
+        u, force = at
+        return respond(plant, x, u, f, stuck)[0] + force
 
     def substep(
-        x: Float[Array, "states"], u: tuple[Array, Array, Array]
+        x: Float[Array, "states"], at: tuple[tuple[Array, Array], ...]
     ) -> tuple[Float[Array, "states"], None]:
-        u0, u1, u2 = u
-        k1 = rate(x, u0)
-        k2 = rate(x + h / 2 * k1, u1)
-        k3 = rate(x + h / 2 * k2, u1)
-        k4 = rate(x + h * k3, u2)
+        first, middle, last = at
+        k1 = rate(x, first)
+        k2 = rate(x + h / 2 * k1, middle)
+        k3 = rate(x + h / 2 * k2, middle)
+        k4 = rate(x + h * k3, last)
         return clip_state(plant, x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)), None
 
+    both = (stages, added)
     if substeps == 1:
-        return substep(x, (stages[0], stages[1], stages[2]))[0]
-    return jax.lax.scan(substep, x, (stages[:-1:2], stages[1::2], stages[2::2]))[0]
+        return substep(x, tuple((stages[k], added[k]) for k in range(3)))[0]
+    parts = (slice(None, -1, 2), slice(1, None, 2), slice(2, None, 2))
+    return jax.lax.scan(substep, x, tuple(tuple(a[part] for a in both) for part in parts))[0]
 
 
 Sensitive = tuple[Float[Array, "states"], Float[Array, "states unknowns"]]
