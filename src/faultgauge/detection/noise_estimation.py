@@ -155,11 +155,11 @@ def _with_outputs(
         wander = none.wander + each[j] * noise.sigma
         process = noise.process / factor
         many.append(none._replace(wander=wander, wandering=lasting, process=process))
-        tried.append(("wander", j))
+        tried.append(("wander", int(j)))
     for j, time in product(np.flatnonzero(measured & answering), times):
         lasting = quick + each[j] * (time - quick)
         many.append(none._replace(late=none.late + each[j] * HALF, lag=lasting))
-        tried.append(("late", j))
+        tried.append(("late", int(j)))
     cost = batch.run(model, many)[0]
     found = {name: np.zeros(len(measured)) for name in ("wander", "wandering", "late", "lag")}
     for kind, lasting in (("wander", "wandering"), ("late", "lag")):

@@ -147,7 +147,8 @@ class Disturbed(Plant):
         """b and l."""
         _, _, _, b, lag, _ = self.parts
         count = len(self.signals.outputs)
-        return _acts(count, self.wandering) @ x[b] + _acts(count, self.lagging) @ x[lag]
+        slow = jnp.asarray(_acts(count, self.wandering)) @ x[b]
+        return slow + _acts(count, self.lagging) @ x[lag]
 
     def jumps(
         self,

@@ -98,6 +98,16 @@ class Levels(Part):
     share: dict[str, Least] = {}
     settling: dict[str, Positive] = {}
     spread: dict[str, Least] = {}
+    wander: dict[str, Positive] = {}
+    wandering: dict[str, Positive] = {}
+    late: dict[str, Positive] = {}
+    lag: dict[str, Positive] = {}
+
+    @pydantic.model_validator(mode="after")
+    def whole(self) -> "Levels":
+        if set(self.wander) != set(self.wandering) or set(self.late) != set(self.lag):
+            raise ValueError("a size without its time")
+        return self
 
 
 class Calibration(Part):

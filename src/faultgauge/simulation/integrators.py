@@ -11,6 +11,8 @@ from faultgauge.simulation.intersample import line
 
 __all__ = ["sensitive_step", "step", "step_through"]
 
+Stage = tuple[Array, Array]  # the inputs, and what is added to the rates
+
 
 def step(
     plant: Plant,
@@ -46,12 +48,12 @@ def step_through(
     h = dt / substeps
     added = jnp.zeros((len(stages), len(x))) if forces is None else forces
 
-    def rate(x: Float[Array, "states"], at: tuple[Array, Array]) -> Float[Array, "states"]:
+    def rate(x: Float[Array, "states"], at: Stage) -> Float[Array, "states"]:
         u, force = at
         return respond(plant, x, u, f, stuck)[0] + force
 
     def substep(
-        x: Float[Array, "states"], at: tuple[tuple[Array, Array], ...]
+        x: Float[Array, "states"], at: tuple[Stage, Stage, Stage]
     ) -> tuple[Float[Array, "states"], None]:
         first, middle, last = at
         k1 = rate(x, first)
@@ -60,11 +62,13 @@ def step_through(
         k4 = rate(x + h * k3, last)
         return clip_state(plant, x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)), None
 
-    both = (stages, added)
+    def every(part: slice | int) -> Stage:
+        return stages[part], added[part]
+
     if substeps == 1:
-        return substep(x, tuple((stages[k], added[k]) for k in range(3)))[0]
-    parts = (slice(None, -1, 2), slice(1, None, 2), slice(2, None, 2))
-    return jax.lax.scan(substep, x, tuple(tuple(a[part] for a in both) for part in parts))[0]
+        return substep(x, (every(0), every(1), every(2)))[0]
+    parts = every(slice(None, -1, 2)), every(slice(1, None, 2)), every(slice(2, None, 2))
+    return jax.lax.scan(substep, x, parts)[0]
 
 
 Sensitive = tuple[Float[Array, "states"], Float[Array, "states unknowns"]]
