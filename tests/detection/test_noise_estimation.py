@@ -65,6 +65,53 @@ def test_noise_and_discrepancy_are_found_as_large_and_as_lasting_as_they_were():
     ):
         off = float(np.log(getattr(found, name)[0] / truth))
         assert abs(off) < 3 * scatter, name
+    assert found.wanders == found.lags == ()  # the output is what the file says
+
+
+DIRECT = LAG.replace(
+    'value = "x"', 'value = "x"\n[outputs.q]\nvalue = "3*u"\n[outputs.r]\nvalue = "2*u"'
+)
+WANDER, WANDERING, BEHIND = 0.3, 8.0, 2.0  # of q; how long it lasts, and how late r is [s]
+
+
+def metered(seed):
+    """q = 3 u is off by a Gauss-Markov process, r = 2 u shown by a first-order lag, exactly."""
+    run, rng = log(seed), np.random.default_rng(100 + seed)
+    u, slow, fade = run.columns["u"], np.exp(-STEP / WANDERING), np.exp(-STEP / BEHIND)
+    b, r = WANDER * rng.standard_normal(COUNT), 2 * u
+    for k in range(COUNT - 1):
+        b[k + 1] = slow * b[k] + np.sqrt(1 - slow**2) * b[k + 1]
+        # at the sample where u changes nothing of it has come yet
+        r[k + 1] = 2 * u[k] + fade * (r[k] - 2 * u[k])
+    noise = SIGMA * rng.standard_normal((2, COUNT))
+    columns = {**run.columns, "q": 3 * u + b + noise[0], "r": r + noise[1]}
+    return Run(f"{seed}", "lag.csv", run.t, columns)
+
+
+def test_what_an_outputs_own_equation_lacks_is_found():
+    """Bounds as above, three of them, of the process as it was drawn. A step of u that comes
+    wholly late is as large as the spread of a share of 1, told by 88 of them: 1 / sqrt(176),
+    three times. How fast it comes is seen in noise of 4 % of a step over some samples: to some
+    percent."""
+    points = np.random.default_rng(0).uniform([-3, -1], [3, 1], (60, 2))
+    record = {
+        "max_step": 1.0,
+        "envelope_points": points.tolist(),
+        "columns": {"states": [["x", 0]], "outputs": ["x", "q", "r"]},
+        "data": {"fit": [], "validate": []},
+    }
+    text = DIRECT.replace("FIXED", "true")
+    plant = Model(GrayBoxPlant.untrained(parse_plant(text)), record)
+    runs = [metered(seed) for seed in range(LOGS)]
+    found = estimate_noise(plant, runs)
+    off = np.concatenate([run.columns["q"] - 3 * run.columns["u"] for run in runs])
+    drawn = np.sqrt(np.mean(off**2) - SIGMA**2)
+    assert (found.wanders, found.lags) == ((1,), (2,))
+    slow = WANDERING / (LOGS * COUNT * STEP)
+    assert abs(np.log(found.wander[1] / drawn)) < 3 * np.sqrt(slow / 2)
+    assert abs(np.log(found.wandering[1] / WANDERING)) < 3 * np.sqrt(2 * slow)
+    assert abs(np.log(found.late[2])) < 3 / np.sqrt(176)
+    assert found.lag[2] == pytest.approx(BEHIND, rel=0.1)
 
 
 def test_constants_spread_between_runs_as_much_as_they_were_drawn():

@@ -6,6 +6,7 @@ import pytest
 
 from faultgauge.plants.disturbed import Disturbed, Error, dynamic_states
 from faultgauge.plants.gray_box import GrayBoxPlant
+from faultgauge.plants.plant import respond
 from faultgauge.plants.plant_file import parse_plant
 from faultgauge.plants.signals import Fault
 
@@ -79,3 +80,24 @@ def test_a_fault_that_enters_with_an_input_is_off_by_that_share_too(plant):
     u, none = jnp.array([0.5]), jnp.zeros(2)
     pushed = plant.jumps(jnp.asarray(X), u, u, none, jnp.array([0.8, 0.3]))
     np.testing.assert_allclose(pushed, [0, 0, 0, SHARE * 3.5 * 0.8, 0, 0], atol=1e-12)
+
+
+def test_errors_of_outputs_by_hand():
+    """b and l stand beside q and a whatever the fault; an input's change of 0.5 moves a by
+    3.2 * 0.5 = 1.6, and l by 70 % of that, up or down."""
+    base = GrayBoxPlant.untrained(parse_plant(CART))
+    one, none = np.array([1.0]), np.zeros(0)
+    error = Error(none, none, none, 5.0 * one, 2.0 * one, 0.7 * one)
+    plant = Disturbed.of(
+        base, (), (), error, ("k",), jnp.array([0.2]), jnp.array([[0.3]]), (), (0,), (1,)
+    )
+    assert plant.signals.state_names == ("q", "v", "b(q)", "l(a)", "xi(0)")
+    x, u = jnp.array([1.0, 2.0, 0.25, -0.5, 0.0]), jnp.array([1.5])
+    dx, y = respond(plant, x, u, jnp.array([0.1]))
+    np.testing.assert_allclose(dx, [2.0, 3.2 * 1.6 - 1.0, -0.25 / 5, 0.5 / 2, 0.0], rtol=1e-12)
+    np.testing.assert_allclose(y, [1.25, 3.2 * 1.6 - 1.0 - 0.5], rtol=1e-12)
+    still = jnp.zeros(1)
+    sd = plant.jumps(x, u, u + 0.5, still, still)
+    np.testing.assert_allclose(sd, [0, 0, 0, 0.7 * 1.6, 0], atol=1e-12)  # rounding
+    left = plant.lasting(jnp.asarray(3.0))
+    np.testing.assert_allclose(left, [np.exp(-3 / 5), np.exp(-3 / 2), 1.0], rtol=1e-12)

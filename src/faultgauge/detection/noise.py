@@ -17,6 +17,8 @@ from faultgauge.plants.plant import respond
 from faultgauge.plants.signals import Fault
 
 __all__ = [
+    "LATE",
+    "WANDER",
     "directions_of",
     "error_of",
     "offset_of",

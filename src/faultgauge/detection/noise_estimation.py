@@ -23,7 +23,7 @@ from jaxtyping import Float
 from scipy.optimize import minimize
 
 from faultgauge.detection.innovation_likelihood import SAMPLES, Likelihood, healthy_stretches
-from faultgauge.detection.noise import Noise
+from faultgauge.detection.noise import LATE, WANDER, Noise
 from faultgauge.detection.noise_levels import (
     Bounds,
     bounds_of,
@@ -74,14 +74,18 @@ def estimate_noise(model: Model, runs: Sequence[Run], discrepancy: bool = True) 
     if discrepancy:
         noise = _started(model, batch, guess, bounds)
         noise = _alternated(model, batch, noise, bounds, ROUNDS)
-        more = _with_outputs(model, batch, noise, shortest_and_longest(runs[0].step, stretches))
-        count = len(more.wanders) + len(more.lags)
-        if count:
-            own = {name: getattr(more, name) for name in ("wander", "wandering", "late", "lag")}
+        lasts = shortest_and_longest(runs[0].step, stretches)
+        for _ in (WANDER, LATE):
+            more = _with_outputs(model, batch, noise, lasts)
+            added = len(more.wanders + more.lags) - len(noise.wanders + noise.lags)
+            if not added:
+                break
+            own = {name: getattr(more, name) for name in (*WANDER, *LATE)}
             bounds = bounds_of(guess._replace(**own), runs[0].step, stretches)
-            more = _alternated(model, batch, more, bounds, ROUNDS[1:])
-            if _gain(model, batch, noise, more, bounds) > np.log(batch.count) * count:
-                noise = more
+            more = _alternated(model, batch, more, bounds, ROUNDS)
+            if _gain(model, batch, noise, more, bounds) < np.log(batch.count) * added:
+                break
+            noise = more
     else:
         without = {n: NONE * getattr(guess, n) for n in ("size", "share", "spread")}
         held = {"size", "lasting", "share", "settling"}
@@ -138,37 +142,45 @@ def _started(model: Model, batch: Likelihood, noise: Noise, bounds: Bounds) -> N
 def _with_outputs(
     model: Model, batch: Likelihood, noise: Noise, lasts: tuple[float, float]
 ) -> Noise:
-    """`noise` with those errors of outputs, wandering or late, each of which gains likelihood while
-    all else stays but the process noise; `lasts` [s] is how long at least and at most."""
+    """`noise` with the likelier of wandering and being late, if it is not there yet, for every
+    output that gains by it while all else stays but the process noise; `lasts` [s] is how long at
+    least and at most."""
     measured = np.array([bool(jnp.isfinite(y).any()) for y in jnp.moveaxis(batch.y, 2, 0)])
     answering = np.isin(np.arange(len(measured)), answering_outputs(model.plant))
     shares = np.arange(1, GRID + 1) / (GRID + 1)
     times = lasts[0] ** (1 - shares) * lasts[1] ** shares
+    # a lag is known from what follows an input's change: of some samples, to begin from
+    lags = lasts[0] * (lasts[1] / lasts[0] / 400) ** (np.arange(GRID) / GRID)
     each = np.eye(len(measured))
-    little, quick = NONE * noise.sigma * measured, np.full(len(measured), times[0])
-    none = noise._replace(
-        wander=little, wandering=quick, late=NONE * (measured & answering), lag=quick
-    )
-    many, tried = [none], [("", -1)]
-    for j, time, factor in product(np.flatnonzero(measured), times, CALMER):
-        lasting = quick + each[j] * (time - quick)
-        wander = none.wander + each[j] * noise.sigma
-        process = noise.process / factor
-        many.append(none._replace(wander=wander, wandering=lasting, process=process))
-        tried.append(("wander", int(j)))
-    for j, time in product(np.flatnonzero(measured & answering), times):
-        lasting = quick + each[j] * (time - quick)
-        many.append(none._replace(late=none.late + each[j] * HALF, lag=lasting))
-        tried.append(("late", int(j)))
+
+    def little(levels: tuple[str, str], size: Float[np.ndarray, "outputs"]) -> dict[str, Any]:
+        old = [getattr(noise, name) for name in levels]
+        new = (NONE * size, np.full(len(measured), lasts[0]))
+        return {n: np.where(a > 0, a, b) for n, a, b in zip(levels, old, new, strict=True)}
+
+    none = noise._replace(**little(WANDER, noise.sigma * measured))
+    none = none._replace(**little(LATE, 1.0 * (measured & answering)))
+    many, tried = [none], list[tuple[tuple[str, str], int]]()
+    wanders = np.flatnonzero(measured & (noise.wander == 0))
+    late = np.flatnonzero(measured & answering & (noise.late == 0))
+    for levels, outputs, size, lasting, factors in (
+        (WANDER, wanders, noise.sigma, times, CALMER),
+        (LATE, late, np.full(len(measured), HALF), lags, CALMER[:1]),
+    ):
+        for j, time, factor in product(outputs.tolist(), lasting, factors):
+            changed = (getattr(none, levels[0]) + each[j] * size, getattr(none, levels[1]).copy())
+            changed[1][j] = time
+            own = dict(zip(levels, changed, strict=True))
+            many.append(none._replace(process=noise.process / factor, **own))
+            tried.append((levels, j))
     cost = batch.run(model, many)[0]
-    found = {name: np.zeros(len(measured)) for name in ("wander", "wandering", "late", "lag")}
-    for kind, lasting in (("wander", "wandering"), ("late", "lag")):
-        for j in range(len(measured)):
-            own = [k for k, what in enumerate(tried) if what == (kind, j)]
-            best = min(own, key=lambda k: cost[k], default=0)
-            if cost[0] - cost[best] > np.log(batch.count):
-                for name in (kind, lasting):
-                    found[name][j] = getattr(many[best], name)[j]
+    found = {name: getattr(noise, name).copy() for name in (*WANDER, *LATE)}
+    for j in np.flatnonzero(measured).tolist():
+        own = [k for k, (_, output) in enumerate(tried, 1) if output == j]
+        best = min(own, key=lambda k: cost[k], default=0)
+        if cost[0] - cost[best] > np.log(batch.count):
+            for name in tried[best - 1][0]:
+                found[name][j] = getattr(many[best], name)[j]
     return noise._replace(**found)
 
 
