@@ -7,17 +7,11 @@ walks without end, are limits of it: s = 0, tau without bound.
 
 Where a log is sampled far faster than it moves, means over blocks of samples tell the same, and
 what noise of a few samples' memory adds up to.
-
-An output's own equation is given an error that lasts, and one that an input's change makes, where
-the likelihood pays for it: size and time constant are two levels more, and must gain what Schwarz's
-criterion asks of two (G. Schwarz, Ann. Stat. 6 (1978)).
 """
 
 from collections.abc import Sequence, Set
-from itertools import product
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 from scipy.optimize import minimize
@@ -33,10 +27,10 @@ from faultgauge.detection.noise_levels import (
     names_of,
     shortest_and_longest,
 )
+from faultgauge.detection.output_errors import with_errors_of_outputs
 from faultgauge.detection.run_spread import constants_retold
 from faultgauge.errors import InputError
 from faultgauge.observers import divided_difference as dd
-from faultgauge.plants.disturbed import answering_outputs
 from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run
 from faultgauge.telemetry.oversampling import block_means
@@ -48,9 +42,7 @@ GRID = 4  # time constants to begin from
 SMALLER = (1.0, 10.0, 100.0)  # times: sizes of the discrepancy to begin from
 FACTORS = (1.0, 10.0, 100.0, 1000.0)  # of process noise, until the filter is not lost
 ROUNDS = (20, 12, 8)  # steps of each search; the constants are told anew between them
-CALMER = (1.0, 10.0)  # times less process noise, where an output wanders besides
 ENOUGH = 0.03  # of log-likelihood: a step that gains less is the last
-HALF = 0.5  # of what an input's change does to an output: what may come late, to begin from
 NONE = 1e-6  # times the usual: as good as no discrepancy
 
 
@@ -76,7 +68,7 @@ def estimate_noise(model: Model, runs: Sequence[Run], discrepancy: bool = True) 
         noise = _alternated(model, batch, noise, bounds, ROUNDS)
         lasts = shortest_and_longest(runs[0].step, stretches)
         for _ in (WANDER, LATE):
-            more = _with_outputs(model, batch, noise, lasts)
+            more = with_errors_of_outputs(model, batch, noise, lasts)
             added = len(more.wanders + more.lags) - len(noise.wanders + noise.lags)
             if not added:
                 break
@@ -137,51 +129,6 @@ def _started(model: Model, batch: Likelihood, noise: Noise, bounds: Bounds) -> N
         noise = best([noise, *(noise._replace(settling=between("settling", a)) for a in shares)])
     both = [(between("lasting", a), noise.size / b) for a in shares for b in SMALLER]
     return best([noise, *(noise._replace(lasting=a, size=b) for a, b in both)])
-
-
-def _with_outputs(
-    model: Model, batch: Likelihood, noise: Noise, lasts: tuple[float, float]
-) -> Noise:
-    """`noise` with the likelier of wandering and being late, if it is not there yet, for every
-    output that gains by it while all else stays but the process noise; `lasts` [s] is how long at
-    least and at most."""
-    measured = np.array([bool(jnp.isfinite(y).any()) for y in jnp.moveaxis(batch.y, 2, 0)])
-    answering = np.isin(np.arange(len(measured)), answering_outputs(model.plant))
-    shares = np.arange(1, GRID + 1) / (GRID + 1)
-    times = lasts[0] ** (1 - shares) * lasts[1] ** shares
-    # a lag is known from what follows an input's change: of some samples, to begin from
-    lags = lasts[0] * (lasts[1] / lasts[0] / 400) ** (np.arange(GRID) / GRID)
-    each = np.eye(len(measured))
-
-    def little(levels: tuple[str, str], size: Float[np.ndarray, "outputs"]) -> dict[str, Any]:
-        old = [getattr(noise, name) for name in levels]
-        new = (NONE * size, np.full(len(measured), lasts[0]))
-        return {n: np.where(a > 0, a, b) for n, a, b in zip(levels, old, new, strict=True)}
-
-    none = noise._replace(**little(WANDER, noise.sigma * measured))
-    none = none._replace(**little(LATE, 1.0 * (measured & answering)))
-    many, tried = [none], list[tuple[tuple[str, str], int]]()
-    wanders = np.flatnonzero(measured & (noise.wander == 0))
-    late = np.flatnonzero(measured & answering & (noise.late == 0))
-    for levels, outputs, size, lasting, factors in (
-        (WANDER, wanders, noise.sigma, times, CALMER),
-        (LATE, late, np.full(len(measured), HALF), lags, CALMER[:1]),
-    ):
-        for j, time, factor in product(outputs.tolist(), lasting, factors):
-            changed = (getattr(none, levels[0]) + each[j] * size, getattr(none, levels[1]).copy())
-            changed[1][j] = time
-            own = dict(zip(levels, changed, strict=True))
-            many.append(none._replace(process=noise.process / factor, **own))
-            tried.append((levels, j))
-    cost = batch.run(model, many)[0]
-    found = {name: getattr(noise, name).copy() for name in (*WANDER, *LATE)}
-    for j in np.flatnonzero(measured).tolist():
-        own = [k for k, (_, output) in enumerate(tried, 1) if output == j]
-        best = min(own, key=lambda k: cost[k], default=0)
-        if cost[0] - cost[best] > np.log(batch.count):
-            for name in tried[best - 1][0]:
-                found[name][j] = getattr(many[best], name)[j]
-    return noise._replace(**found)
 
 
 def _searched(
