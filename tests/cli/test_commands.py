@@ -19,6 +19,7 @@ from faultgauge.plants.model import Model, load_model, save_model
 SCRIPT = Path(sys.executable).parent / "faultgauge"
 COMMANDS = [
     "demo",
+    "presets",
     "check",
     "inspect",
     "fit",

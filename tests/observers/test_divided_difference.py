@@ -68,20 +68,25 @@ def run(each, u, y):
 
 
 def textbook(u, y):
-    """The Kalman filter of z' = F z + G u, both outputs at once; F by the Taylor series that one
-    Runge-Kutta step of a linear plant is."""
-    n = 6
-    rates = np.zeros((n, n + 1))  # of z and of u
-    rates[0] = [-A, 1, 1, 1, 0, 0, 1]
-    rates[1, 1], rates[2, 2] = -1 / TAU, -1 / SETTLING
-    whole = np.vstack([rates, np.zeros(n + 1)])
-    z, term, series = whole * STEP, np.eye(n + 1), np.eye(n + 1)
-    for k in range(1, 5):
-        term = term @ z / k
-        series = series + term
-    F, G = series[:n, :n], series[:n, n]
-    F[:, 5] = 0.0  # a growth adds to its fault between steps, and acts from the next on
-    F[3, 5], F[5, 5] = STEP, 1.0
+    """The Kalman filter of z' = F z + G u, both outputs at once; x by one Runge-Kutta step, which
+    d and e fade along as exponentials do."""
+
+    def moved(z, u):
+        def rate(x, t):
+            return z[1] * np.exp(-t / TAU) + z[2] * np.exp(-t / SETTLING) + z[3] + u - A * x
+
+        first = rate(z[0], 0.0)
+        second = rate(z[0] + STEP / 2 * first, STEP / 2)
+        third = rate(z[0] + STEP / 2 * second, STEP / 2)
+        last = rate(z[0] + STEP * third, STEP)
+        after = np.array(z)
+        after[0] += STEP / 6 * (first + 2 * second + 2 * third + last)
+        after[1:3] *= np.exp(-STEP / TAU), np.exp(-STEP / SETTLING)
+        after[3] += STEP * z[5]  # a growth adds to its fault between steps, and acts from then on
+        return after
+
+    F = np.stack([moved(unit, 0.0) for unit in np.eye(6)], axis=1)
+    G = moved(np.zeros(6), 1.0)
     H = np.array([[1, 0, 0, 0, 1, 0], [2, 0, 0, 1, 0, 0]], float)
     q = np.array([*PROCESS, 0.02, 0.0, 0.0])
     mean, P, found = np.array(START), np.diag(SPREAD**2), []

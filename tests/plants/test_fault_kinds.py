@@ -285,7 +285,7 @@ def test_what_makes_no_sense_is_refused_in_one_sentence(given, said):
         ('enters = "parameter"\ntarget = "k"', "V", "N"),
         ('enters = "parameter"\ntarget = "k"', "N", None),
         ('enters = "parameter"\ntarget = "k"\nrelative = true', "N", "1"),
-        ('enters = "parameter"\ntarget = "k"\nrelative = true', "%", None),
+        ('enters = "parameter"\ntarget = "k"\nrelative = true', "1", None),
         ('enters = "network"\ntarget = "N"', "N", None),  # its unit is nobody's
         ('enters = "network"\ntarget = "N"\nrelative = true', "N", "1"),
         ('enters = "output_gain"\ntarget = "a"', "N", "1"),

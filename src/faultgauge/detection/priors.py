@@ -2,8 +2,8 @@
 
 - `size`, the widest standard deviation of a step: half of the fault's own larger limit, or a
   quarter of the range of what it enters: an input's limits, else what the training envelope holds.
-  A parameter or a network may at least change so far that a state's rate, or an output, moves by as
-  much as it does in training, or as the inputs alone make it.
+  A network, or a parameter that is 0 and has no limits, may at least change so far that a state's
+  rate, or an output, moves by as much as it does in training, or as the inputs alone make it.
   Decades below are as likely (`branching.SCALES`), so it matters little.
 - a growth is as fast as `rate` says.
 - `onset`: `prior_per_hour`, or once in a thousand records as long as the healthy ones.
@@ -60,7 +60,7 @@ def ranges(model: Model, plant: GrayBoxPlant) -> Float[np.ndarray, "faults"]:
                 found.append(2.0)
                 continue
             case "parameter":
-                found.append(max(_parameter_range(model.plant, fault.target), reach[k]))
+                found.append(_parameter_range(model.plant, fault.target) or reach[k])
                 continue
             case "network":
                 values = _network_values(plant, fault.target, points.x, points.u)

@@ -1,5 +1,6 @@
 """Readers of log files: one file each, registered by suffix in `READERS`; folders are ROS bags."""
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -69,7 +70,7 @@ def _narrow(table: Table) -> Table:
 
 def logs_in(path: Path) -> list[Path]:
     """The logs in a folder that is no bag, by name; `path` itself where it is none, or has none."""
-    if not path.is_dir() or (path / "metadata.yaml").is_file():
+    if not os.path.isdir(path) or (path / "metadata.yaml").is_file():  # a name may be too long
         return [path]
     files = sorted(each for each in path.iterdir() if each.is_file())
     hidden = (".", "~$")  # macOS and Excel put their own beside them
