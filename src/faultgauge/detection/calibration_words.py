@@ -47,8 +47,8 @@ def errors(model: Model) -> list[str]:
         )
     for j in noise.lags:
         lines.append(
-            f"of what an input's change does to {signals.outputs[j].name}, about "
-            f"{noise.late[j]:.0%} comes within {noise.lag[j]:.2g} s"
+            f"what an input's change does to {signals.outputs[j].name} is off by about "
+            f"{noise.late[j]:.0%} of it, for about {noise.lag[j]:.2g} s"
         )
     known = (model.calibration or {})["noise"]["spread"]
     values = model.plant.parameters

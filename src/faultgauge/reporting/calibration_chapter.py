@@ -164,7 +164,7 @@ def _levels(model: Model, noise: Noise) -> Table:
     ]
     rows += [
         (
-            f"of what a change of an input does to {signals.outputs[j].name}, comes late",
+            f"of what a change of an input does to {signals.outputs[j].name}, it errs by",
             f"{noise.late[j]:.2%}",
             f"for {quantity(float(noise.lag[j]), 's')}",
         )
