@@ -25,7 +25,7 @@ from faultgauge.detection.noise_levels import (
     levels_of,
     logs_of,
     names_of,
-    shortest_and_longest,
+    spans_of,
 )
 from faultgauge.detection.output_errors import with_errors_of_outputs
 from faultgauge.detection.run_spread import constants_retold
@@ -66,9 +66,9 @@ def estimate_noise(model: Model, runs: Sequence[Run], discrepancy: bool = True) 
     if discrepancy:
         noise = _started(model, batch, guess, bounds)
         noise = _alternated(model, batch, noise, bounds, ROUNDS)
-        lasts = shortest_and_longest(runs[0].step, stretches)
+        spans = spans_of(runs[0].step, stretches)
         for _ in (WANDER, LATE):
-            more = with_errors_of_outputs(model, batch, noise, lasts)
+            more = with_errors_of_outputs(model, batch, noise, spans)
             added = len(more.wanders + more.lags) - len(noise.wanders + noise.lags)
             if not added:
                 break

@@ -26,12 +26,13 @@ from faultgauge.telemetry import Run
 
 __all__ = [
     "Bounds",
+    "Spans",
     "bounds_of",
     "first_guess",
     "levels_of",
     "logs_of",
     "names_of",
-    "shortest_and_longest",
+    "spans_of",
 ]
 
 # the constants' mean and spread are told in another way
@@ -43,6 +44,9 @@ REACH = np.log(1e4)  # a level is looked for within this factor of its first gue
 USUAL_SIZE = 0.03  # of a state's rate: the discrepancy
 USUAL_SHARE = 0.1  # of an input's effect: what a change of it is off by
 QUICK = 10.0  # samples in which that settles
+LONGEST = 100.0  # times the longest stretch: as good as a walk without end
+SETTLED = 0.25  # of it: within that, what an input's change does has settled
+SLOWER = 0.1  # of it: what lasts longer, parameters that drift follow
 UNSURE = 1.5  # standard deviation of the logarithms of these
 
 
@@ -123,25 +127,35 @@ def first_guess(model: Model, runs: Sequence[Run], stretches: Sequence[Stretch])
     )  # fmt: skip
 
 
-def shortest_and_longest(step: float, stretches: Sequence[Stretch]) -> tuple[float, float]:
-    """How long [s] an error may last that `stretches` with `step` [s] can tell from another."""
-    return 2 * step, 100 * float(max(np.sum(s.dt) for s in stretches))
+class Spans(NamedTuple):
+    """Times [s]: the shortest that an error can last and be told from another, the longest in which
+    what an input's change does has settled, as good as a walk without end."""
+
+    shortest: float
+    settled: float
+    longest: float
+
+
+def spans_of(step: float, stretches: Sequence[Stretch]) -> Spans:
+    """Of `stretches` with `step` [s]."""
+    length = float(max(np.sum(s.dt) for s in stretches))
+    return Spans(2 * step, SETTLED * length, LONGEST * length)
 
 
 def bounds_of(guess: Noise, step: float, stretches: Sequence[Stretch]) -> Bounds:
     """Within what the levels are looked for around `guess`, in logs that have `step` [s]."""
-    shortest, longest = np.log(shortest_and_longest(step, stretches))
+    spans = spans_of(step, stretches)
     sizes = {name: len(getattr(guess, name)) for name in SEARCHED}
     center = logs_of(guess)
     named = dict(zip(SEARCHED, np.split(center, np.cumsum([*sizes.values()])[:-1]), strict=True))
     low, high = ({name: a + r for name, a in named.items()} for r in (-REACH, REACH))
-    for lasts in ("lasting", "wandering", "settling", "lag"):
-        low[lasts] = np.full(sizes[lasts], shortest)
-        high[lasts] = np.full(sizes[lasts], longest)
-    if len(guess.drift):  # what is slower, the parameters follow
-        high["lasting"][:] = np.log(max(np.exp(longest) / 1000, 20 * step))
-    for name in ("settling", "lag"):
-        high[name][:] = longest - np.log(400)
+    most = {"lasting": spans.longest, "wandering": spans.longest}
+    most |= {"settling": spans.settled, "lag": spans.settled}
+    if len(guess.drift):
+        most["lasting"] = max(SLOWER * spans.longest / LONGEST, 20 * step)
+    for name, time in most.items():
+        low[name] = np.full(sizes[name], np.log(spans.shortest))
+        high[name] = np.full(sizes[name], np.log(time))
     for name in ("share", "late"):
         high[name][:] = 0.0
     pull = {name: np.full(count, np.inf) for name, count in sizes.items()}

@@ -14,6 +14,7 @@ from jaxtyping import Float
 
 from faultgauge.detection.innovation_likelihood import Likelihood
 from faultgauge.detection.noise import LATE, WANDER, Noise
+from faultgauge.detection.noise_levels import Spans
 from faultgauge.plants.disturbed import answering_outputs
 from faultgauge.plants.model import Model
 
@@ -25,23 +26,20 @@ HALF = 0.5  # of what an input's change does to an output: what may come late
 NONE = 1e-6  # times its noise: as good as no error
 
 
-def with_errors_of_outputs(
-    model: Model, batch: Likelihood, noise: Noise, lasts: tuple[float, float]
-) -> Noise:
+def with_errors_of_outputs(model: Model, batch: Likelihood, noise: Noise, spans: Spans) -> Noise:
     """`noise` with the likelier of wandering and being late, if it is not there yet, for every
-    output that gains by it while all else stays but the process noise; `lasts` [s] is how long at
-    least and at most."""
+    output that gains by it while all else stays but the process noise."""
     measured = np.array([bool(jnp.isfinite(y).any()) for y in jnp.moveaxis(batch.y, 2, 0)])
     answering = np.isin(np.arange(len(measured)), answering_outputs(model.plant))
     shares = np.arange(1, GRID + 1) / (GRID + 1)
-    times = lasts[0] ** (1 - shares) * lasts[1] ** shares
-    # a lag is known from what follows an input's change: of some samples, to begin from
-    lags = lasts[0] * (lasts[1] / lasts[0] / 400) ** (np.arange(GRID) / GRID)
+    times = spans.shortest ** (1 - shares) * spans.longest**shares
+    # a lag shows in the samples that follow an input's change: from the shortest on
+    lags = spans.shortest * (spans.settled / spans.shortest) ** (np.arange(GRID) / GRID)
     each = np.eye(len(measured))
 
     def little(levels: tuple[str, str], size: Float[np.ndarray, "outputs"]) -> dict[str, Any]:
         old = [getattr(noise, name) for name in levels]
-        new = (NONE * size, np.full(len(measured), lasts[0]))
+        new = (NONE * size, np.full(len(measured), spans.shortest))
         return {n: np.where(a > 0, a, b) for n, a, b in zip(levels, old, new, strict=True)}
 
     none = noise._replace(**little(WANDER, noise.sigma * measured))

@@ -76,11 +76,8 @@ class Start(eqx.Module):
     ) -> BranchState:
         """Before the first row of a stretch, `gap` [s] after the last one, where `u` acts and `y`
         (NaN: not sampled) is measured."""
-        states, total, fading = (
-            len(self.mean),
-            state.belief.mean.shape[1],
-            np.array(self.fading, int),
-        )
+        states, total = len(self.mean), state.belief.mean.shape[1]
+        fading = np.array(self.fading, int)
         end = total - modes.kinds
         fade = jnp.exp(-gap / self.lasting)
         keep, more = jnp.ones(total), jnp.zeros(total)

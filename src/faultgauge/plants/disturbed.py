@@ -14,8 +14,9 @@ process of its own); with infinite tau it is a random walk. e is what an input's
 besides: a random share of its effect, so that a lag or a delay that the model does not have is
 borne for as long as `settling`, and no loop that answers d by u makes d look like an effect of u. b
 is what an output's own equation lacks, where healthy logs show that it lacks something: noise of a
-sensor that remembers, a gust in what an accelerometer feels. xi are the directions in which the
-constants are uncertain, of unit variance.
+sensor that remembers, a gust in what an accelerometer feels; l is what an input's change does to an
+output besides, a random share as e is: a flow that follows its command within seconds. xi are the
+directions in which the constants are uncertain, of unit variance.
 """
 
 from collections.abc import Mapping
@@ -144,11 +145,11 @@ class Disturbed(Plant):
         return self.plant_at(x).output(dx[own], x[own], u)
 
     def besides(self, x: Float[Array, "states"]) -> Float[Array, "outputs"]:
-        """b and l."""
-        _, _, _, b, lag, _ = self.parts
+        """b and l, and what `base` shows."""
+        own, _, _, b, lag, _ = self.parts
         count = len(self.signals.outputs)
-        slow = jnp.asarray(_acts(count, self.wandering)) @ x[b]
-        return slow + _acts(count, self.lagging) @ x[lag]
+        more = _acts(count, self.wandering) @ x[b] + _acts(count, self.lagging) @ x[lag]
+        return self.base.besides(x[own]) + more
 
     def jumps(
         self,
@@ -175,7 +176,7 @@ class Disturbed(Plant):
         """`base` altered: what xi adds to a constant is not."""
         return replace(self, base=self.base.altered(changes))
 
-    def own_at(self, x: Float[Array, "states"]) -> "Plant":
+    def own_at(self, x: Float[Array, "states"]) -> Plant:
         """`base` with the constants that xi makes of them, and with all faults."""
         own = replace(self.signals, states=self.base.signals.states)
         return _Own(own, self.plant_at(x))
