@@ -17,6 +17,7 @@ as they make sense. `--without-discrepancy` calibrates without model error. Shar
   tanks2_5     the same, 5 %
   lag          a lag with another behind it, 0.15 times as long
   slow_sensor  one sensor ten times as slow as the log, rounded; a room that wanders
+  meter        a tank whose flow is measured, behind a lag and a supply that wanders
   equal        the heaters without anything that the file lacks
 """
 
@@ -31,6 +32,7 @@ from mismatch.case import Case
 from mismatch.harness import measure, without_discrepancy
 from mismatch.heaters import equal, heaters
 from mismatch.lag import lag
+from mismatch.meter import meter
 from mismatch.report import amount, share
 from mismatch.servo import servo
 from mismatch.slow_sensor import slow_sensor
@@ -43,6 +45,7 @@ CASES: dict[str, Callable[[], Case]] = {
     "tanks2_5": lambda: tanks("tanks2_5", 0.05),
     "lag": lag,
     "slow_sensor": slow_sensor,
+    "meter": meter,
     "equal": equal,
 }
 SHARES = {
