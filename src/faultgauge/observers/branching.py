@@ -49,6 +49,7 @@ PROMOTED = 0.0  # log-odds of a change against none, within its branch
 HEAVY = 0.2  # of the likeliest one's weight: an onset that is not given up
 LEAST = 1e-9  # of a size's probability within its limits
 TICK = 1e-12  # s: the shortest step
+TRIFLE = 5e-3  # of the likeliest onset: one that moves no 95 % interval
 
 
 class Prior(NamedTuple):
@@ -383,7 +384,9 @@ class Branching(eqx.Module):
         kind = jnp.where(gone, k - K, k)
         fault = owner[kind]
         which = jnp.where(gone, less[state.which[b], fault], more[state.which[b], kind])
-        ell = changes.ell[b, k]
+        # the likely onsets go; the others stay beside the branch that they are of
+        stays = changes.ell[b, k] <= jnp.max(changes.ell[b, k]) + np.log(TRIFLE)
+        ell = jnp.where(stays, NEVER, changes.ell[b, k])
         w = jnp.exp(ell - logsumexp(ell))
         a = jnp.argmax(ell)
         eta = state.lanes.eta[b, :, kind, a]
@@ -412,7 +415,8 @@ class Branching(eqx.Module):
         place = jnp.where(jnp.any(same), twin, least)
         better = ~jnp.any(same) | (twin == b) | (weight >= state.weight[twin])
         both = jnp.where(jnp.any(same), jnp.logaddexp(weight, state.weight[twin]), weight)
-        kept = state.lanes._replace(mass=state.lanes.mass.at[b, kind].set(NEVER))
+        left = jnp.where(stays, state.lanes.mass[b, kind], NEVER)
+        kept = state.lanes._replace(mass=state.lanes.mass.at[b, kind].set(left))
         lanes = self._inherited(kept, b, kind, a, place, f, V, gone)
         lanes = jax.tree.map(lambda new, old: jnp.where(better, new, old), lanes, kept)
         put = jnp.where(better, place, -1)
@@ -681,18 +685,25 @@ class Branching(eqx.Module):
         gone[range(F), K + np.arange(F)] = 1.0
         f, v = (jnp.where(gone[None, :, :, None] > 0, 0.0, a) for a in (f, v))
         to = one[jnp.maximum(target, 0)] * (target >= 0)[:, :, None]
-        each = jnp.sum(w, axis=2)
-        p = jnp.einsum("bk,bks->s", each, to)
-        mean = jnp.einsum("bfk,bks->sf", jnp.sum(w[:, None] * f, axis=3), to)
-        square = jnp.einsum("bfk,bks->sf", jnp.sum(w[:, None] * (f**2 + v), axis=3), to)
         own = one[state.which]
-        p = p + alone @ own
+        p = jnp.einsum("bk,bks->s", jnp.sum(w, axis=2), to) + alone @ own
+        # an old change of which nothing is known is unlikely, but so wide that with moments it
+        # would speak for its whole set
+        most = jnp.maximum(
+            jnp.max(jnp.max(w, axis=2)[:, :, None] * to, axis=(0, 1)),
+            jnp.max(alone[:, None] * own, axis=0),
+        )
+        heavy = jnp.where(w > TRIFLE * (to @ most)[:, :, None], w, 0.0)
+        heavy_alone = jnp.where(alone > TRIFLE * (own @ most), alone, 0.0)
+        mean = jnp.einsum("bfk,bks->sf", jnp.sum(heavy[:, None] * f, axis=3), to)
+        square = jnp.einsum("bfk,bks->sf", jnp.sum(heavy[:, None] * (f**2 + v), axis=3), to)
         at = slice(n, n + F)
         f0 = state.belief.mean[:, at]
         v0 = jnp.diagonal(state.belief.P, axis1=1, axis2=2)[:, at]
-        mean = mean + jnp.einsum("b,bf,bs->sf", alone, f0, own)
-        square = square + jnp.einsum("b,bf,bs->sf", alone, f0**2 + v0, own)
-        held = jnp.maximum(p, 1e-300)[:, None]
+        mean = mean + jnp.einsum("b,bf,bs->sf", heavy_alone, f0, own)
+        square = square + jnp.einsum("b,bf,bs->sf", heavy_alone, f0**2 + v0, own)
+        held = jnp.einsum("bk,bks->s", jnp.sum(heavy, axis=2), to) + heavy_alone @ own
+        held = jnp.maximum(held, 1e-300)[:, None]
         mean, square = mean / held, square / held
         sd = jnp.sqrt(jnp.maximum(square - mean**2, 0.0))
         d = self.declared
