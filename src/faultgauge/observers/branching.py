@@ -48,6 +48,7 @@ KEPT = 1e-9  # of all probability: a branch below may go
 PROMOTED = 0.0  # log-odds of a change against none, within its branch
 HEAVY = 0.2  # of the likeliest one's weight: an onset that is not given up
 LEAST = 1e-9  # of a size's probability within its limits
+SHARPEST = 10.0  # nats: an onset that explains more than those beside it is missed no more
 TICK = 1e-12  # s: the shortest step
 TRIFLE = 5e-3  # of the likeliest onset: one that moves no 95 % interval
 
@@ -544,7 +545,8 @@ class Branching(eqx.Module):
 
     def _opened(self, state: BranchState, ell: Array, dt: Array) -> BranchState:
         """An onset at this sample, behind the others, in the place of the one that is missed least:
-        that whose neighbours lie closest for its age, and is not likely."""
+        that whose neighbours lie closest for its age and explain what it explains, and is not
+        likely."""
         lanes, K, A = state.lanes, self.kinds, self.onsets
         B = self.branches
         likely = jnp.exp(ell - jnp.max(ell, axis=2, keepdims=True)) > HEAVY
@@ -553,7 +555,14 @@ class Branching(eqx.Module):
         older = jnp.concatenate([far, when[:, :, :-1]], axis=2)
         younger = jnp.concatenate([when[:, :, 1:], jnp.full((B, K, 1), state.t)], axis=2)
         age = state.t + jnp.maximum(dt, TICK) - when
-        cost = (younger - older) / age + jnp.where(likely, 1e6, 0.0)
+        gain = jnp.where(used, ell - lanes.mass, NEVER)
+        none = jnp.full((B, K, 1), NEVER)
+        beside = jnp.maximum(
+            jnp.concatenate([none, gain[:, :, :-1]], axis=2),
+            jnp.concatenate([gain[:, :, 1:], 0 * none], axis=2),
+        )
+        peak = jnp.exp(jnp.clip(gain - beside, 0.0, SHARPEST))
+        cost = (younger - older) / age * peak + jnp.where(likely, 1e6, 0.0)
         cost = jnp.where(used, cost, -1.0)
         place = jnp.argmin(cost, axis=2)[:, :, None]
         index = np.arange(A)
@@ -561,7 +570,6 @@ class Branching(eqx.Module):
         # its prior goes to the nearer neighbour
         lost = jnp.where(gone & used, lanes.mass, NEVER)
         to_older = when - older <= younger - when
-        none = jnp.full((B, K, 1), NEVER)
         left = jnp.concatenate([jnp.where(to_older, lost, NEVER)[:, :, 1:], none], axis=2)
         right = jnp.where(to_older, NEVER, lost)
         fresh = jnp.log(self.prior.onset * jnp.maximum(dt, TICK))[:, None]
