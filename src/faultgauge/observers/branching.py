@@ -38,6 +38,7 @@ from faultgauge.observers.divided_difference import (
     Look,
     Noise,
     Seen,
+    raised,
 )
 
 __all__ = ["BranchInfo", "BranchState", "Branching", "Prior"]
@@ -71,10 +72,15 @@ class Prior(NamedTuple):
 
 
 class Lanes(NamedTuple):
-    """Signatures of a unit change of each kind at some onsets, beside every branch."""
+    """Signatures of a unit change of each kind at some onsets, beside every branch: `score` and
+    `info` of its size, `gain` in ln L by each of `SCALES`; `shared` scores and `J` are in the
+    branch's own noise, and so tell what one change explains of another."""
 
     eta: Float[Array, "branches n kinds onsets"]
     score: Float[Array, "branches kinds onsets"]
+    info: Float[Array, "branches kinds onsets"]
+    gain: Float[Array, "branches scales kinds onsets"]
+    shared: Float[Array, "branches kinds onsets"]
     J: Float[Array, "branches lanes lanes"]
     mass: Float[Array, "branches kinds onsets"]
     onset: Float[Array, "branches kinds onsets"]
@@ -189,6 +195,9 @@ class Branching(eqx.Module):
         lanes = Lanes(
             jnp.broadcast_to(eta, (B, n, K, A)),
             jnp.zeros((B, K, A)),
+            jnp.zeros((B, K, A)),
+            jnp.zeros((B, len(SCALES), K, A)),
+            jnp.zeros((B, K, A)),
             jnp.zeros((B, K * A, K * A)),
             jnp.broadcast_to(mass, (B, K, A)),
             jnp.zeros((B, K, A)),
@@ -257,17 +266,44 @@ class Branching(eqx.Module):
             (look.up - middle)[:, :, self.owner, None],
             (look.down - middle)[:, :, self.owner, None],
         )
-        score, J = lanes.score.reshape(B, -1), lanes.J
         sided = sided * own[:, None]
+        shared, J = lanes.shared.reshape(B, -1), lanes.J
+        score, info, gain, least = lanes.score, lanes.info, lanes.gain, self._least()
+        narrower, at_once = jnp.ones_like(gain), self._at_once()[:, None]
         for j in range(seen.white.shape[1]):
             # the faults' own sides do not change while the outputs are taken in turn
             g = jnp.einsum("bn,bnka->bka", look.C[:, j], eta) + sided[:, j]
             G = (g / seen.root[:, j, None, None]).reshape(B, -1)
-            score = score + G * seen.white[:, j, None]
+            shared = shared + G * seen.white[:, j, None]
             J = J + G[:, :, None] * G[:, None, :]
-            g = jnp.where(jnp.isfinite(seen.root[:, j])[:, None, None], g, 0.0)
+            # what is far off without a change of a sensor need not be so with it, and then tells
+            # its size; of another change that began since the last sample it tells a part
+            there = jnp.isfinite(seen.root[:, j])
+            wider = jnp.where(there, seen.root[:, j] / seen.usual[:, j], 1.0)[:, None, None]
+            white, G = seen.white[:, j, None, None], g / seen.usual[:, j, None, None]
+            V = 1 / (info[:, None] + least)
+            off = (white * wider)[:, None] - (G * score)[:, None] * V
+            unsure = G[:, None] ** 2 * V
+            least_times = jnp.where(at_once, 1.0, wider**2)[:, None]
+            times = jnp.maximum(raised(off**2 / (1 + unsure)), least_times)
+            gain = gain + (white[:, None] ** 2 - off**2 / (times + unsure)) / 2
+            narrower = narrower * wider[:, None] ** 2 / (times + unsure)
+            score = score + G * white * wider / times[:, 0]
+            info = info + G**2 / times[:, 0]
+            g = jnp.where(there[:, None, None], g, 0.0)
             eta = eta - seen.gain[:, j, :, None, None] * g[:, None]
-        return lanes._replace(eta=eta, score=score.reshape(B, K, A), J=J)
+        gain, shared = gain + jnp.log(narrower) / 2, shared.reshape(B, K, A)
+        return lanes._replace(eta=eta, score=score, info=info, gain=gain, shared=shared, J=J)
+
+    def _at_once(self) -> Bool[np.ndarray, "kinds"]:
+        """The kinds of change of which the first sample shows all."""
+        faults = self.filter.plant.signals.faults
+        steps = [fault.enters in ("output", "output_gain") for fault in faults]
+        return np.array([*steps, *[False] * len(self.filter.growing)])
+
+    def _least(self) -> Float[Array, "scales kinds one"]:
+        """The information on a change's size before any data."""
+        return 1 / (np.array(SCALES)[:, None, None] * self.prior.size[:, None]) ** 2
 
     def _probed(self, probe: Probe, flow: Flow, look: Look, seen: Seen, dt: Array) -> Probe:
         """The signature of every fault, forgotten within its `recall`: of one that began lately."""
@@ -290,19 +326,18 @@ class Branching(eqx.Module):
     def _changes(self, state: BranchState) -> _Changes:
         lanes, prior = state.lanes, self.prior
         B, K, A = lanes.score.shape
-        J = jnp.maximum(jnp.diagonal(lanes.J, axis1=1, axis2=2), 0.0).reshape(B, K, A)
-        c, which = lanes.score, state.which[:B]
+        which = state.which[:B]
         more, less = jnp.array(self.more), jnp.array(self.less)
-        scales = np.array(SCALES)[:, None, None, None]
-        s2 = (scales * prior.size[:, None]) ** 2
-        V = 1 / (J + 1 / s2)
-        each = (c**2 * V - jnp.log1p(J * s2)) / 2
-        f, present = c * V, self._present(state)[:, self.owner, None]
-        each = each + jnp.where(present, 0.0, self._inside(f, V, s2))
-        gain = logsumexp(each, axis=0) - np.log(len(SCALES))
-        share = jnp.exp(each - logsumexp(each, axis=0))
-        mean = jnp.sum(share * f, axis=0)
-        V = jnp.sum(share * (V + (f - mean) ** 2), axis=0)
+        present = self._present(state)[:, self.owner, None]
+        least = self._least()
+        V = 1 / (lanes.info[:, None] + least)
+        f = lanes.score[:, None] * V
+        inside = self._inside(f, V, 1 / least)
+        each = lanes.gain + jnp.where(present[:, None], 0.0, inside)
+        gain = logsumexp(each, axis=1) - np.log(len(SCALES))
+        share = jnp.exp(each - logsumexp(each, axis=1, keepdims=True))
+        mean = jnp.sum(share * f, axis=1)
+        V = jnp.sum(share * (V + (f - mean[:, None]) ** 2), axis=1)
         legal = (more[which] >= 0)[:, :, None]
         changed = jnp.where(present, jnp.log(prior.changed), 0.0)
         ell = jnp.where(legal, lanes.mass + changed + gain, NEVER)
@@ -313,7 +348,8 @@ class Branching(eqx.Module):
         at = slice(self.filter.states, self.filter.states + F)
         m = -state.belief.mean[:B, at, None]
         v = jnp.diagonal(state.belief.P[:B], axis1=1, axis2=2)[:, at, None] + 1e-300
-        c, J = c[:, :F], J[:, :F]
+        J = jnp.maximum(jnp.diagonal(lanes.J, axis1=1, axis2=2), 0.0).reshape(B, K, A)[:, :F]
+        c = lanes.shared[:, :F]
         left = jnp.stack([lanes.eta[:, self.filter.states + k, k] for k in range(F)], 1)
         V = 1 / (J + left**2 / v + 1e-300)
         f = V * (c + left * m / v)
@@ -490,12 +526,12 @@ class Branching(eqx.Module):
         """(size, variance) of one change with the widest prior, which is Gaussian: what a branch
         and the signatures beside it can both be told."""
         lanes = state.lanes
-        which = kind * self.onsets + a
-        V = 1 / (lanes.J[b, which, which] + 1 / self.prior.size[kind] ** 2)
+        V = 1 / (lanes.info[b, kind, a] + 1 / self.prior.size[kind] ** 2)
         f = V * lanes.score[b, kind, a]
-        i = self.filter.states + kind
+        i, which = self.filter.states + kind, kind * self.onsets + a
         left = lanes.eta[b, i, kind, a]
-        v = 1 / (lanes.J[b, which, which] + left**2 / (state.belief.P[b, i, i] + 1e-300))
+        J = lanes.J[b, which, which]
+        v = 1 / (J + left**2 / (state.belief.P[b, i, i] + 1e-300))
         return jnp.where(gone, changes.f[b, k, a], f), jnp.where(gone, v, V)
 
     def _known_gone(
@@ -530,7 +566,7 @@ class Branching(eqx.Module):
         which = kind * A + a
         J, eta, mass = lanes.J[b], lanes.eta[b], lanes.mass[b]
         column = J[:, which]
-        score = lanes.score[b].reshape(-1) - column * f
+        shared = lanes.shared[b].reshape(-1) - column * f
         J = J - V * column[:, None] * column[None]
         eta = eta - eta[:, kind, a][:, None, None] * (V * column).reshape(1, K, A)
         # a common cause brings another fault at about the same time
@@ -538,7 +574,10 @@ class Branching(eqx.Module):
         closest = apart == jnp.min(apart, axis=1, keepdims=True)
         together = closest & (mass > NEVER / 2) & ~gone
         mass = jnp.where(together, jnp.logaddexp(mass, jnp.log(self.prior.common)), mass)
-        new = Lanes(eta, score.reshape(K, A), J, mass, lanes.onset[b])
+        shared, info = (a.reshape(K, A) for a in (shared, jnp.maximum(jnp.diagonal(J), 0.0)))
+        least = self._least()
+        gain = (shared**2 / (info + least) - jnp.log1p(info / least)) / 2
+        new = Lanes(eta, shared, info, gain, shared, J, mass, lanes.onset[b])
         return jax.tree.map(lambda every, one: every.at[place].set(one), lanes, new)
 
     # -- onsets
@@ -601,6 +640,9 @@ class Branching(eqx.Module):
         new = Lanes(
             moved(lanes.eta, jnp.asarray(start)),
             moved(lanes.score, 0.0),
+            moved(lanes.info, 0.0),
+            moved(lanes.gain, 0.0),
+            moved(lanes.shared, 0.0),
             J,
             moved(mass, fresh),
             moved(when, state.t),
@@ -645,8 +687,11 @@ class Branching(eqx.Module):
         lanes = state.lanes
         lanes = lanes._replace(
             mass=jnp.where(empty, NEVER, lanes.mass),
-            score=jnp.where(empty, 0.0, lanes.score),
-            J=jnp.where(empty, 0.0, lanes.J),
+            **{
+                name: jnp.where(empty.reshape(-1, *([1] * (old.ndim - 1))), 0.0, old)
+                for name in ("score", "info", "gain", "shared", "J")
+                for old in (getattr(lanes, name),)
+            },
         )
         return state._replace(
             belief=Belief(

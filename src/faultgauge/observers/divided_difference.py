@@ -23,7 +23,7 @@ from faultgauge.plants.plant import respond
 from faultgauge.simulation.integrators import step_through
 from faultgauge.simulation.intersample import line
 
-__all__ = ["Belief", "DividedDifferenceFilter", "Flow", "Look", "Noise", "Seen"]
+__all__ = ["Belief", "DividedDifferenceFilter", "Flow", "Look", "Noise", "Seen", "raised"]
 
 FAR = 5.0  # standard deviations of an innovation beyond which it is no noise
 LEAST = 1e-7  # of a state's scale: the shortest difference
@@ -66,11 +66,18 @@ class Look(NamedTuple):
 
 class Seen(NamedTuple):
     """What each output said, in turn: the whitened innovation (0: not sampled), the root of its
-    variance (infinite: not sampled), and the gain of z."""
+    variance (infinite: not sampled), the same before it was raised for what is far off, and the
+    gain of z."""
 
     white: Float[Array, "*many outputs"]
     root: Float[Array, "*many outputs"]
+    usual: Float[Array, "*many outputs"]
     gain: Float[Array, "*many outputs n"]
+
+
+def raised(squares: Float[Array, "*any"]) -> Float[Array, "*any"]:
+    """How many times as large the variance of innovations is taken, by their squares over it."""
+    return jnp.maximum(1.0, squares / FAR**2)
 
 
 class DividedDifferenceFilter(eqx.Module):
@@ -165,7 +172,7 @@ class DividedDifferenceFilter(eqx.Module):
             there, H = jnp.isfinite(y[j]), look.C[j]
             S = H @ P @ H + noise.sigma[j] ** 2
             e = jnp.where(there, y[j] - expected[j] - H @ (mean - belief.mean), 0.0)
-            S = S * jnp.maximum(1.0, e**2 / (FAR**2 * S))
+            usual, S = jnp.sqrt(S), S * raised(e**2 / S)
             R = S - H @ P @ H
             K = jnp.where(there, P @ H / S, 0.0)
             # (I - K H) P (I - K H)^T + R K K^T, a row and a column at a time
@@ -173,9 +180,9 @@ class DividedDifferenceFilter(eqx.Module):
             mean, P = mean + K * e, P - jnp.outer(P @ H, K) + R * jnp.outer(K, K)
             root = jnp.sqrt(S)
             total += jnp.where(there, -0.5 * (e**2 / S + jnp.log(2 * jnp.pi * S)), 0.0)
-            said.append((e / root, jnp.where(there, root, jnp.inf), K))
-        white, root, gain = (jnp.stack(each) for each in zip(*said, strict=True))
-        return Belief(mean, (P + P.T) / 2), total, Seen(white, root, gain)
+            said.append((e / root, *(jnp.where(there, a, jnp.inf) for a in (root, usual)), K))
+        seen = Seen(*(jnp.stack(each) for each in zip(*said, strict=True)))
+        return Belief(mean, (P + P.T) / 2), total, seen
 
     def step(
         self,
@@ -196,9 +203,8 @@ class DividedDifferenceFilter(eqx.Module):
         sizes += [look.C, look.up, look.down]
         largest = jnp.stack([jnp.max(jnp.abs(part), initial=0.0) for part in sizes])
         sound = jnp.isfinite(likelihood) & jnp.all(largest < HUGE)
-        nothing = Seen(
-            jnp.zeros_like(seen.white), jnp.full_like(seen.root, jnp.inf), jnp.zeros_like(seen.gain)
-        )
+        never = jnp.full_like(seen.root, jnp.inf)
+        nothing = Seen(jnp.zeros_like(seen.white), never, never, jnp.zeros_like(seen.gain))
         still = Flow(jnp.eye(len(belief.mean)), 0 * flow.up, 0 * flow.down)
         blind = jax.tree.map(jnp.zeros_like, look)
         return jax.tree.map(
