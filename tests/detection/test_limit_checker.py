@@ -41,6 +41,14 @@ def test_a_persistence_of_whole_samples_is_not_lost_to_rounding():
     assert found == [False] * 3 + [True] * 4
 
 
+def test_not_on_end_a_pause_that_is_not_under_counts():
+    over, under = flags("x . x . . x x . x x x x"), flags(". . . . . . . x . . . .")
+    checker = LimitChecker(np.asarray(2.0), False, on_end=False)
+    found = scan(checker.step, checker.init(), (T, over, under))[1].tolist()
+    # 2.5 s since 0 s at the sixth sample; after the eighth it begins anew at 4 s, and has 1.5 s
+    assert found == flags(". . . . . x x . . . . .").tolist()
+
+
 def test_points_are_judged_each_alone():
     over, under = np.stack([flags(OVER), flags(LOW)], 1), np.stack([flags(LOW), flags(OVER)], 1)
     checker = LimitChecker(np.asarray(1.0), False)

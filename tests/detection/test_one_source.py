@@ -14,7 +14,6 @@ from hypothesis import strategies as st
 
 from faultgauge.detection.decisions import Decision
 from faultgauge.detection.events import Judged, events
-from faultgauge.detection.limit_checker import LimitChecker
 from faultgauge.detection.posterior import Mixture, Posterior
 from faultgauge.detection.verdicts import Heard, Rules, words
 from faultgauge.observers.branching import BranchInfo
@@ -47,7 +46,7 @@ def judging():
         return replace(
             usual,
             **dict(zip(("alarm", "names", "signs"),
-                       (LimitChecker(each.persistence, latch) for each in checkers), strict=True)),
+                       (replace(each, latch=latch) for each in checkers), strict=True)),
         )  # fmt: skip
 
     def along(rules, said, heard):

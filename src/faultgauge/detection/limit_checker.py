@@ -20,11 +20,12 @@ class LimitState(NamedTuple):
 
 
 class LimitChecker(eqx.Module):
-    """Watch points: engaged once `over` has held for `persistence` [s] on end, until `under`, or
-    for good where it latches."""
+    """Watch points: engaged once `over` has held for `persistence` [s], `on_end` or with pauses in
+    which it was not `under` either, until `under`, or for good where it latches."""
 
     persistence: Float[np.ndarray, "*points"]
     latch: bool = eqx.field(static=True)
+    on_end: bool = eqx.field(static=True, default=True)
 
     def init(self, *points: int) -> LimitState:
         return LimitState(jnp.full(points, jnp.nan), jnp.zeros(points, bool))
@@ -37,8 +38,10 @@ class LimitChecker(eqx.Module):
         under: Bool[Array, "*points"],
     ) -> tuple[LimitState, Bool[Array, "*points"]]:
         """Whether each is engaged at `t` [s]; one that is neither over nor under stays what it
-        was, but does not persist."""
-        since = jnp.where(over, jnp.where(jnp.isfinite(state.since), state.since, t), jnp.nan)
+        was."""
+        waits = jnp.asarray(False) if self.on_end else ~under
+        first = jnp.where(over, t, jnp.nan)
+        since = jnp.where((over | waits) & jnp.isfinite(state.since), state.since, first)
         holds = over & (t - since >= self.persistence * (1 - ROUNDING))
         engaged = holds | (state.engaged & ~(under & (not self.latch)))
         return LimitState(since, engaged), engaged
