@@ -88,7 +88,7 @@ class _Stretch(NamedTuple):
 
 def events(bank: FaultBank, judged: Judged, begun: float | None = None) -> list[BankEvent]:
     """The stretches in which a fault was named, but for those that were another one's: which the
-    posterior, by the last sample, no longer holds to have been there. The log `begun` [s], by
+    posterior, by the last sample, is sure were never there. The log `begun` [s], by
     default at the first sample of `judged`."""
     sampled = np.flatnonzero(np.isfinite(judged.found.healthy))
     found = sorted(_stretches(bank, judged), key=lambda each: (each.told, each.k))
@@ -99,7 +99,7 @@ def events(bank: FaultBank, judged: Judged, begun: float | None = None) -> list[
     told = [
         _event(bank, judged, each, begun)
         for each in found
-        if each.k == len(ever) or ever[each.k] >= LIKELY
+        if each.k == len(ever) or ever[each.k] > 1 - NAMED
     ]
     return [each for each in told if each.fault != UNKNOWN or not _renamed(each, told)]
 

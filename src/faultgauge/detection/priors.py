@@ -37,7 +37,7 @@ __all__ = [
 RARE = 1e-3  # faults in as much time as the healthy logs have
 ALIEN = 0.01  # of the largest onset rate: how often something undeclared happens
 RECOVERY = 10.0  # times the onset rate; times AT_START, well below what hinders a name
-CHANGED = 0.3  # times the recovery rate: how often a fault changes its size
+CHANGED = 0.01  # times that: how often a fault changes its size, a tenth as often as faults begin
 COMMON = 1e-3  # of onsets: one in a thousand brings two faults at once, by a common cause
 AT_START = 1e-3  # probability that a given fault is there when a log begins
 
