@@ -5,7 +5,7 @@ from dataclasses import replace
 from datetime import datetime
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from faultgauge.detection.answer import answers, told
 from faultgauge.detection.bank import FaultBank
@@ -14,13 +14,12 @@ from faultgauge.detection.events import UNKNOWN, BankEvent
 from faultgauge.detection.evidence import Evidence
 from faultgauge.detection.probability import probability
 from faultgauge.detection.retrospective import Retrospect
-from faultgauge.detection.verdicts import NOT_JUDGED, STALE
-from faultgauge.detection.words import MOST, OLDER, UNDECLARED, amount, moment
+from faultgauge.detection.words import MOST, OLDER, UNDECLARED, amount, moment, onset_cell
 from faultgauge.plants.model import Model
 from faultgauge.reporting.evidence_chapter import evidence_section
-from faultgauge.reporting.glance import Compared, Told, overview
 from faultgauge.reporting.report import Report, Section, Table
 from faultgauge.reporting.retrospective_chapter import retrospective_section
+from faultgauge.reporting.run_overview import run_overview, silent
 from faultgauge.reporting.scales import least_sizes, noise_scales
 from faultgauge.reporting.svg import Figure
 from faultgauge.reporting.time_figures import Panel, around, fault_estimate, panels
@@ -34,7 +33,6 @@ __all__ = [
 ]
 
 MOST_CURVES, MOST_RESIDUALS = 8, 4  # in one figure
-MOST_OUTPUTS, MOST_TOLD = 8, 8
 MOST_ROWS = 12  # of an open table
 MOST_FIGURES = 12  # a report is read, not scrolled
 HEADER = ("run", "fault", "began", "told", "seen until", "size", "p", "instead", "beside")
@@ -74,75 +72,10 @@ def _overviews(
     left = len(ordered) - MOST_FIGURES
     note = (f"{left} more runs are not drawn.",) if left > 0 else ()
     found = [
-        Section(f"Run {each.run.name}", (), (), (_overview(bank, each, truth),), folded=k > 0)
+        Section(f"Run {each.run.name}", (), (), (run_overview(bank, each, truth),), folded=k > 0)
         for k, each in enumerate(ordered[:MOST_FIGURES])
     ]
     return [*found[:-1], replace(found[-1], paragraphs=note)]
-
-
-def _overview(
-    bank: FaultBank, decision: Decision, truth: Mapping[str, Float[np.ndarray, "samples"]]
-) -> Figure:
-    """Outputs, and the faults that were told; undeclared ones are shaded only."""
-    run, found, signals = decision.run, decision.posterior, bank.model.plant.signals
-    noise = noise_scales(bank.model)
-    outputs = [
-        Compared(
-            each.name,
-            each.unit,
-            run.own(each.name),
-            run.own(each.name) - decision.residuals[each.name],
-            noise[each.name],
-        )
-        for each in signals.outputs
-        if each.name in decision.residuals
-    ]
-    ordered = sorted(outputs, key=_noises_off, reverse=True)
-    furthest = {each.name for each in ordered[:MOST_OUTPUTS]}
-    spans = {
-        fault.name: [(e.onset, e.end) for e in decision.events if e.fault == fault.name]
-        for fault in signals.faults
-    }
-    least = least_sizes(bank, run)
-    told = [
-        Told(
-            fault.name,
-            fault.unit,
-            found.f[:, k],
-            found.lo[:, k],
-            found.hi[:, k],
-            spans[fault.name],
-            least[k],
-            truth.get(fault.name),
-        )
-        for k, fault in enumerate(signals.faults)
-        if spans[fault.name]
-    ]
-    note = (
-        f"Of {len(outputs)} outputs the {MOST_OUTPUTS} that are furthest off the model."
-        if len(outputs) > MOST_OUTPUTS
-        else ""
-    )
-    return overview(
-        run.t,
-        [each for each in outputs if each.name in furthest],
-        told[:MOST_TOLD],
-        run=run.name,
-        spans=[(each.onset, each.end) for each in decision.events],
-        not_judged=_silent(decision),
-        clock=run.clock,
-        note=note,
-    )
-
-
-def _noises_off(output: Compared) -> float:
-    """The most that an output was off the healthy model, in standard deviations of its noise."""
-    off = np.abs(output.measured - output.healthy)
-    return float(np.max(off[np.isfinite(off)], initial=0.0)) / (output.noise or 1.0)
-
-
-def _silent(decision: Decision) -> Bool[np.ndarray, "samples"]:
-    return np.isin(decision.status, [NOT_JUDGED, STALE])
 
 
 def _events(bank: FaultBank, decisions: Sequence[Decision]) -> list[Section]:
@@ -205,20 +138,18 @@ def _residuals(model: Model, decision: Decision) -> list[Panel]:
 
 def _row(bank: FaultBank, clock: datetime | None, event: BankEvent) -> tuple[str, ...]:
     """What the sentence of an event says, as cells."""
-    fine = (event.onset_hi - event.onset_lo) / 2
     units = {each.name: each.unit for each in bank.model.plant.signals.faults}
 
     size = ""
     if event.size is not None and event.lo is not None and event.hi is not None:
         size = amount(event.size, event.lo, event.hi, units[event.fault])
-    at, low, high = (moment(clock, t, fine) for t in (event.onset, event.onset_lo, event.onset_hi))
-    began = f"{at} ({low} to {high})"
+    began = onset_cell(clock, event.onset, event.onset_lo, event.onset_hi)
     return (
         event.run,
         _said(event.fault),
         OLDER if event.older == "yes" else began,
-        moment(clock, event.start),
-        moment(clock, event.end),
+        moment(clock, event.start, bank.step),
+        moment(clock, event.end, bank.step),
         size,
         probability(event.p),
         "; ".join(f"{_said(name)} 1:{odds:.3g}" for name, odds in event.instead if odds < MOST),
@@ -261,7 +192,7 @@ def decision_figures(
             unit=fault.unit,
             truth=truth.get(fault.name),
             events=[(e.start, e.end) for e in decision.events if e.fault == fault.name],
-            not_judged=_silent(decision),
+            not_judged=silent(decision),
             probable=True,
             least=least[k],
             clock=run.clock,
