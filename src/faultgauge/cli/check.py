@@ -65,12 +65,10 @@ def check(
         files.append(folder / "report.html")
         save_model(found.model, folder / "model.fgm")
         write_table(found.rows, folder / "estimates.csv")
-    if files:
-        found.report(*files)
+    found.report(*files)
     if json:
         options.print_json(found.as_dict())
         return
     for line in found.sentences if verbose else found.lines:
         options.tell(line)
-    if files:
-        options.say(f"wrote {', '.join(str(file) for file in files)}")
+    options.wrote(*files)

@@ -39,6 +39,7 @@ __all__ = [
     "say",
     "tell",
     "warn",
+    "wrote",
 ]
 
 LONGEST = 4000  # characters of a sentence
@@ -181,6 +182,12 @@ def tell(text: str) -> None:
 def plain(text: str) -> str:
     """`text` without what would command a terminal: names in a log may hold anything."""
     return "".join(c if c.isprintable() or c == "\n" else ascii(c)[1:-1] for c in text)
+
+
+def wrote(*files: Path) -> None:
+    """Say which files were written, where there are any."""
+    if files:
+        say(f"wrote {', '.join(str(file) for file in files)}")
 
 
 def warn(warnings: Iterable[str], but: Collection[str] = ()) -> None:

@@ -118,8 +118,8 @@ def _silence(bank: FaultBank, decisions: Sequence[Decision]) -> list[str]:
             said.append(f"Nothing{of} could be judged: {why}")
             continue
         said.append(
-            f"No fault in the {judged:.0%} of the {log} that could be judged; not judged {why}; "
-            f"{_would_not_show(bank, [one.run])}"
+            f"No fault in the {100 * judged:.0f} % of the {log} that could be judged; not judged "
+            f"{why}; {_would_not_show(bank, [one.run])}"
         )
     return said
 

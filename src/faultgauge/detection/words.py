@@ -15,6 +15,7 @@ __all__ = [
     "likelihoods",
     "listed",
     "moment",
+    "number",
     "onset_cell",
     "or_earlier",
     "since",
@@ -24,6 +25,7 @@ __all__ = [
 MOST = 1000.0  # odds beyond which what is told rests on the model more than on them
 POSSIBLE = 20.0  # odds up to which something undeclared is spoken of: nobody can list it all
 PURE = ("1", "-")  # units that nobody says
+LARGE = 1e6  # from which on a number is said in powers of ten
 SMALL = 1e-4  # below which a number is said in powers of ten
 ROUNDING = 1e-6  # of the last decimal
 CENTRED = 0.1  # of half an interval: a value that near its middle is in it
@@ -40,6 +42,12 @@ def amount(size: float, low: float, high: float, unit: str) -> str:
         style = f"+.{max(digits + int(np.floor(np.log10(largest))), 0)}e"
     unit = "" if unit in PURE else unit
     return f"{size:{style}} {unit}".rstrip() + f" ({low:{style}} to {high:{style}})"
+
+
+def number(value: float, figures: int = 3) -> str:
+    """`figures` of a value; in powers of ten only what is very small or large: "520", "3.2e-06"."""
+    text = f"{value:.{figures}g}"
+    return f"{float(text):.0f}" if "e+" in text and abs(value) < LARGE else text
 
 
 def less_likely(causes: Sequence[str], odds: float) -> str:
@@ -66,7 +74,7 @@ def likelihoods(instead: Iterable[tuple[str, float]]) -> list[str]:
 def would_not_show(least: Mapping[str, tuple[float | None, str]]) -> str:
     """What of each fault, by its name the smallest size that shows (None: none does) and its unit,
     a log would not have shown."""
-    small = [f"{name} below {f'{size:.2g} {unit}'.rstrip()}" for name, (size, unit) in
+    small = [f"{name} below {f'{number(size, 2)} {unit}'.rstrip()}" for name, (size, unit) in
              least.items() if size is not None]  # fmt: skip
     blind = [name for name, (size, _) in least.items() if size is None]
     if not small:
@@ -99,7 +107,7 @@ def since(clock: datetime | None, onset: float, low: float, high: float) -> str:
     of its interval."""
     half = (high - low) / 2
     if abs((low + high) / 2 - onset) <= CENTRED * half:
-        return f"since {moment(clock, onset, half)} +- {half:.2g} s"
+        return f"since {moment(clock, onset, half)} +- {number(half, 2)} s"
     return f"since {onset_cell(clock, onset, low, high)}"
 
 

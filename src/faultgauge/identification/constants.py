@@ -72,8 +72,8 @@ class Information:
             if each.bias is not None:
                 found.append(
                     f"parameter {each.name!r} is off by about {each.bias:+.2g} {each.unit}".rstrip()
-                    + f" ({abs(each.bias / each.value):.0%}) because of noise in what its equation "
-                    "reads, which its standard error does not hold; use --refine"
+                    + f" ({100 * abs(each.bias / each.value):.0f} %) because of noise in what "
+                    "its equation reads, which its standard error does not hold; use --refine"
                 )
             if each.imitated_by:
                 kept = ", though it is kept from doing so" if self.kept_apart else ""
@@ -92,7 +92,8 @@ class Information:
         if best and self.changing[best] > CHANGES:
             found.append(
                 f"parameter {best!r} seems to change within the runs or between them: that would "
-                f"explain {min(self.changing[best], 1.0):.0%} of the squared error; if it may, say "
+                f"explain {100 * min(self.changing[best], 1.0):.0f} % of the squared error; if "
+                "it may, say "
                 'vary = "slow" or "run", if not, the model lacks something that looks like it'
             )
         for direction in self.unseen:

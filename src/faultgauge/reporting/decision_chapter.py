@@ -27,7 +27,6 @@ from faultgauge.reporting.time_figures import Panel, around, fault_estimate, pan
 __all__ = [
     "decision_figures",
     "decision_report",
-    "headline",
     "leading",
     "unjudged_report",
 ]
@@ -49,7 +48,6 @@ def decision_report(
     events and `hindsight`, what the whole logs tell; every fault's estimate is folded. `truth`
     (fault: size) where it is known."""
     first, more = leading(bank, decisions)
-    head, detail = headline(first)
     sections = [*_overviews(bank, decisions, truth or {}), *_events(bank, decisions)]
     if windows:
         sections.append(evidence_section(bank, windows))
@@ -59,7 +57,7 @@ def decision_report(
     all_of_it = tuple(figures[:MOST_FIGURES])
     sections.append(Section("Every fault, told or not", figures=all_of_it, folded=True))
     title = f"Faults: {bank.model.plant.spec.name}"
-    return Report(title, (head, *detail, *more), tuple(sections))
+    return Report(title, (first, *more), tuple(sections))
 
 
 def _overviews(
@@ -94,21 +92,26 @@ def _events(bank: FaultBank, decisions: Sequence[Decision]) -> list[Section]:
 
 
 def leading(bank: FaultBank, decisions: Sequence[Decision]) -> tuple[str, list[str]]:
-    """(what to say first, the rest in the order of time): the first answer that lasts at least
-    half as long as the longest one, or the one answer where nothing was found."""
-    found = told(bank, decisions)
-    everything = answers(bank, decisions)
-    if not found:
-        return everything[0], everything[1:]
-    longest = max(each.end - each.start for each in found)
-    k = next(k for k, each in enumerate(found) if each.end - each.start >= longest / 2)
-    return everything.pop(k), everything
+    """(what to say first: fault, size, onset and p; the sentences behind it). First is the first
+    event that lasts at least half as long as the longest one, else an alarm, else what it means
+    that there is none; behind it all that is said of it, and in the order of time the others."""
+    found, everything = told(bank, decisions), answers(bank, decisions)
+    if found:
+        events = [each for each in found if each.rest] or found
+        longest = max(each.end - each.start for each in events)
+        first = next(each for each in events if each.end - each.start >= longest / 2)
+        head, rest = first.head, "; ".join(first.rest)
+        others = [each.head for each in found if each is not first] + everything[len(found) :]
+    else:
+        head, _, rest = everything[0].partition("; ")
+        others = everything[1:]
+    return head, [_sentence(each) for each in (rest, *others) if each]
 
 
-def headline(sentence: str) -> tuple[str, tuple[str, ...]]:
-    """An answer as what is said largest, fault, size, onset and p, and the sentence behind it."""
-    head, _, rest = sentence.partition("; ")
-    return head, (f"{rest[0].upper()}{rest[1:]}.",) if rest else ()
+def _sentence(text: str) -> str:
+    """With a full stop; of the name of a fault the first letter stays as it is."""
+    text = f"{text[0].upper()}{text[1:]}" if text.startswith(("told", "not judged")) else text
+    return f"{text.rstrip('.')}."
 
 
 def unjudged_report(model: Model, decisions: Sequence[Decision], sentence: str) -> Report:

@@ -24,7 +24,7 @@ WALL = 3  # sentences from which on they are a list
 CODE = re.compile("`([^`]+)`")
 NUMBER = re.compile(r"[-+−±<>≤≥≈]?\s?\d[^(]{0,23}|[-–—]?")
 # a number and its unit, or its sign, stay on one line
-BOUND = re.compile(r"(?<=\d) (?=(?!to |and |or |of )[^\W\d])|(?<=[<>±]) (?=\d)|(?<=\+-) |(?<=\bp) ")
+BOUND = re.compile(r"(?<=\d) (?=(?!to |and |or |of )[^\W\d])|(?<=[<>±]) (?=\d)|(?<=\bp) ")
 
 
 def installed_versions() -> dict[str, str]:
@@ -147,7 +147,7 @@ def _numbered(section: Section, numbers: Iterator[int]) -> Iterator[dict[str, An
 
 def _prose(text: str) -> Markup:
     """`text` made harmless, with what stands between backticks as code."""
-    bound = BOUND.sub("\u00a0", text)
+    bound = BOUND.sub("\u00a0", text.replace("+- ", "± "))
     return Markup(CODE.sub(r"<code>\1</code>", str(escape(bound))))
 
 

@@ -18,6 +18,8 @@ from matplotlib.axis import Axis
 from matplotlib.figure import Figure as Canvas
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
+from faultgauge.detection.words import number
+
 __all__ = [
     "BINS",
     "SERIES",
@@ -157,9 +159,9 @@ def upright_label(name: str, unit: str, width: int = 24) -> str:
     return textwrap.fill(axis_label(name, unit), width)
 
 
-def quantity(value: float, unit: str) -> str:
-    """Return a value to three digits with its unit, which no line break parts from it."""
-    return f"{value:.3g}\u00a0{'' if unit == '1' else pretty_unit(unit)}".rstrip()
+def quantity(value: float, unit: str, figures: int = 3) -> str:
+    """Return a value to so many figures with its unit, which no line break parts from it."""
+    return f"{number(value, figures)}\u00a0{'' if unit == '1' else pretty_unit(unit)}".rstrip()
 
 
 def time_axis(t: Float[np.ndarray, "samples"]) -> tuple[float, str]:
