@@ -24,7 +24,9 @@ WALL = 3  # sentences from which on they are a list
 CODE = re.compile("`([^`]+)`")
 NUMBER = re.compile(r"[-+−±<>≤≥≈]?\s?\d[^(]{0,23}|[-–—]?")
 # a number and its unit, or its sign, stay on one line
-BOUND = re.compile(r"(?<=\d) (?=(?!to |and |or |of )[^\W\d])|(?<=[<>±]) (?=\d)|(?<=\bp) ")
+BOUND = re.compile(
+    r"(?<=\d) (?=(?!to |and |or |of |[a-z]{4,}\b)(?:[^\W\d]|%))|(?<=[<>±]) (?=\d)|(?<=\bp) "
+)
 
 
 def installed_versions() -> dict[str, str]:

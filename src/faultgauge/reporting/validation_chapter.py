@@ -196,8 +196,8 @@ def _outside(found: Sequence[Range]) -> tuple[str, ...]:
     what = f"argument {worst.name} of {worst.where}" if networks else f"{worst.where} {worst.name}"
     far = "" if worst.beyond is None else f", by up to {100 * worst.beyond:.0f} % of its width"
     return (
-        f"{100 * (worst.share_outside or 0.0):.1f} % of the unseen samples lie outside the training range "
-        f"of {what}{far}: there the model extrapolates.",
+        f"{100 * (worst.share_outside or 0.0):.1f} % of the unseen samples lie outside the "
+        f"training range of {what}{far}: there the model extrapolates.",
     )
 
 
