@@ -38,18 +38,21 @@ Reference = Annotated[
     typer.Option("--reference", help="Healthy reference of the residual columns."),
 ]
 Smooth = Annotated[
-    bool, typer.Option("--smooth", help="Cause, size and onset as the whole log tells them.")
+    bool,
+    typer.Option("--smooth", help="In hindsight: cause, size and onset, as the whole log tells."),
 ]
 Evidence = Annotated[
     Path | None,
     typer.Option(
-        "--evidence", metavar="DIR", help="A log of each event's window, which gives it again."
+        "--evidence",
+        metavar="DIR",
+        help="The part of the log that gives each event again, a file each.",
     ),
     Fills(()),  # its names are known when the events are
 ]
 Engine = Annotated[
     Literal["python", "c"],
-    typer.Option("--engine", help="c: the same step as C, compiled here, for long logs."),
+    typer.Option("--engine", help="c: the same as compiled C, for long logs."),
 ]
 Rows = Annotated[
     options.RowFormat | None,
@@ -66,7 +69,7 @@ View = Annotated[
     bool, typer.Option("--view", help="With -: residuals, estimates and events, live.")
 ]
 Strict = Annotated[
-    bool, typer.Option("--strict", help="With -: refuse rows that are else left out.")
+    bool, typer.Option("--strict", help="With -: stop at a bad row, which is left out otherwise.")
 ]
 
 

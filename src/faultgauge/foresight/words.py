@@ -38,11 +38,11 @@ def lines(sheet: Sheet) -> list[str]:
 def legend(sheet: Sheet) -> str:
     """What the columns of the table mean."""
     return (
-        "Seen, named from: the smallest size that would raise an alarm, or be told by its name, by "
-        "the end of the log, had it begun in its middle, 9 times in 10; right of that with false "
-        f"alarms 10 and 100 times as rare as the {number(sheet.rate)} per hour that calibration "
-        "allows. Levels off: from when on a constant fault cannot be told any better from the "
-        "model's own slow error."
+        "Seen from, named from: the smallest size that would raise an alarm, or be told by its "
+        "name, 9 times in 10, by the end of the log, had it begun in its middle; right of them "
+        f"the same with false alarms 10 and 100 times as rare as the {number(sheet.rate)} per "
+        "hour that calibration allows. Levels off: from then on a constant fault is told no "
+        "better from the model's own slow error."
     )
 
 

@@ -73,7 +73,7 @@ def remarks(rehearsal: Rehearsal) -> list[str]:
     for times in sorted({each.times for each in rehearsal.pairs}):
         found.append(_pairs([each for each in rehearsal.pairs if each.times == times], times))
     found.append(
-        f"Untouched: {alarms.count} false alarm{'' if alarms.count == 1 else 's'} in "
+        f"In untouched logs: {alarms.count} false alarm{'' if alarms.count == 1 else 's'} in "
         f"{number(alarms.hours)} h, {number(alarms.value)} per hour (95 % interval "
         f"{number(alarms.lo, 2)} to {number(alarms.hi, 2)}); calibration allows at most "
         f"{number(rehearsal.calibrated_rate)} per hour."

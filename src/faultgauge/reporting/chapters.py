@@ -47,8 +47,8 @@ __all__ = [
 ]
 
 REFITTED = (
-    "Since the log is short, the model in the file was then fitted to them as well, from there; "
-    "all that is said of unseen data here is about the model before."
+    "Since the log is short, the model in the file was then fitted to these data as well; all that "
+    "is said of unseen data here is about the model before that."
 )
 CROWDED = (
     "{}: arguments seldom leave a small part of their range, and every other start has its units "
@@ -84,8 +84,8 @@ def fit_report(
         checked = validation_section(model.plant, unseen.validation, unseen.predictions)
         origin = "the logs given for validation" if given else "the last 15 % of every stretch"
         note = (
-            f"Unseen are {origin}. No weight was fitted to them, but they chose among the starts; "
-            "a log that had no part at all is a harder test: `faultgauge evaluate`."
+            f"The unseen data are {origin}. No weight was fitted to them, but they chose among "
+            "the starts; a log that had no part at all is a harder test: `faultgauge evaluate`."
         )
         if account.refinement is not None and account.refinement.refitted:
             note += f" {REFITTED}"

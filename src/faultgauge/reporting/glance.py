@@ -120,7 +120,7 @@ def overview(
             rows[-1].set_ylabel("probability")
             style.legend(rows[-1])
         if gone:
-            note = f"The healthy model leaves the picture of {', '.join(gone)}. {note}"
+            note = f"The healthy model runs out of the picture of {', '.join(gone)}. {note}"
         marks.time_below(rows[-1], t, clock)
         title = title or f"Run {style.short(run)} at a glance"
         return figure(canvas, title, _caption(told, spans, bool(likely), note))
