@@ -41,8 +41,8 @@ def check(
     verbose: options.Verbose = False,
     json: options.Json = False,
 ) -> None:
-    """Fit, calibrate, estimate and report in one: is SUSPECT like HEALTHY, and if not, what is wrong
-    and how big is it?"""
+    """Fit, calibrate, estimate and report in one: is SUSPECT like HEALTHY, or what is wrong
+    with it?"""
     from faultgauge.plants.gray_box import load_plant
     from faultgauge.plants.model import save_model
     from faultgauge.telemetry.writing import write_table

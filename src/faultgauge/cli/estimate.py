@@ -46,7 +46,7 @@ Evidence = Annotated[
     typer.Option(
         "--evidence",
         metavar="DIR",
-        help="The part of the log that gives each event again, a file each.",
+        help="For each event a file: the part of the log it rests on.",
     ),
     Fills(()),  # its names are known when the events are
 ]
