@@ -466,7 +466,7 @@ def test_check_does_it_all(call, workshop, tmp_path):
     assert any("leak" in sentence for sentence in found["sentences"])
     assert {p.name for p in out.iterdir()} == {"model.fgm", "estimates.csv", "report.html"}
     page = (out / "report.html").read_text()
-    assert "Evidence of leak, suspect" in page
+    assert "Evidence of leak, run suspect" in page
     places = [
         page.index(part)
         for part in (
