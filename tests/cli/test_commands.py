@@ -472,7 +472,7 @@ def test_check_does_it_all(call, workshop, tmp_path):
         for part in (
             '<p class="first">leak ',
             "Run suspect at a glance",
-            "Evidence of leak, suspect",
+            "Evidence of leak, run suspect",
             '<details class="chapter">',
             "What the healthy log proves</h2></summary>",
         )
