@@ -1,9 +1,12 @@
 """Write docs/cli.md from the commands' own help; `--check` fails where it is out of date."""
 
+import os
 import subprocess
 import sys
 from pathlib import Path
 
+# a source tree that is not installed
+WHERE = {name: os.environ[name] for name in ("PYTHONPATH",) if name in os.environ}
 PAGE = Path(__file__).with_name("cli.md")
 COMMANDS = (
     "demo",
@@ -32,7 +35,7 @@ def page() -> str:
             capture_output=True,
             text=True,
             check=True,
-            env={"COLUMNS": "96", "TERM": "dumb", "PATH": ""},
+            env={"COLUMNS": "96", "TERM": "dumb", "PATH": "", **WHERE},
         ).stdout
         body = "\n".join(line.rstrip() for line in text.strip().splitlines())
         parts.append(f"## {' '.join(('faultgauge', *command))}\n\n```text\n{body}\n```\n")

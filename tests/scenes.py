@@ -4,6 +4,9 @@ The tank is exact under the hold, the bank is built from the noise that the logs
 have one length, so that one compiled program judges them all.
 """
 
+from collections.abc import Callable
+from dataclasses import replace
+from datetime import datetime
 from functools import cache
 from typing import TypeAlias
 
@@ -54,6 +57,7 @@ NOISE = Noise(
     ))
 )  # fmt: skip
 NOTHING = np.zeros(COUNT)
+NEVER = 1e9  # s: a fault that stays
 
 
 def moving(seed: int, low: float = 0.5, high: float = 1.5) -> Samples:
@@ -83,6 +87,60 @@ def log(
 def between(start: float, stop: float, size: float = 1.0) -> Samples:
     """`size` from `start` [s] until before `stop` [s], else 0."""
     return size * ((start <= T) & (stop > T))
+
+
+def without(run: Run, column: str, *spans: tuple[float, float]) -> Run:
+    """`run` with empty cells of `column` from each start [s] until before its stop [s]."""
+    for start, stop in spans:
+        run.columns[column][(start <= T) & (stop > T)] = np.nan
+    return run
+
+
+def _resting() -> Samples:
+    """A command that is 0 for 60 s, where no gain shows, and stands on one value for 60 s."""
+    u = np.where((T > 300) & (T < 360), 0.0, moving(27))
+    return np.where((T > 420) & (T < 480), 1.0, u)
+
+
+def _clocked() -> Run:
+    run = log(1, leak=between(300, NEVER, -0.1))
+    return replace(run, clock=datetime(2026, 5, 1, 8, 41))
+
+
+SCENES: dict[str, Callable[[], Run]] = {
+    "healthy": lambda: log(2),
+    "mostly beyond what the plant file trusts": lambda: log(
+        10, u=np.where(T < 200, moving(10), 1.9)
+    ),
+    "a leak while the pump rests": lambda: log(
+        11, u=np.where(T < 300, moving(11), 0.0), leak=between(400, NEVER, 0.1)
+    ),
+    "ten short leaks": lambda: log(13, leak=-0.1 * (T % 60 > 40)),
+    "a leak that changes its sign": lambda: log(
+        7, leak=between(150, 300, -0.1) + between(300, NEVER, 0.1)
+    ),
+    "a leak that grows": lambda: log(
+        24, leak=between(150, NEVER, -0.1) + between(400, NEVER, -0.2)
+    ),
+    "a loss from before the log": lambda: log(25, weak=between(0, NEVER, 0.15)),
+    "a bias through dropouts": lambda: without(
+        log(
+            9,
+            gauge=between(150, NEVER, 0.1),
+            u=np.where((T > 400) & (T < 450), 1.9, moving(9)),
+        ),
+        "x",
+        (200, 203),
+        (260, 275),
+    ),
+    "a loss through rest": lambda: log(27, weak=between(200, NEVER, 0.15), u=_resting()),
+    "a leak that ends": lambda: log(31, leak=between(100, 140, -0.1)),
+    "a sensor that falls silent": lambda: without(
+        log(32, leak=between(250, NEVER, -0.1)), "x", (400, NEVER)
+    ),
+    "a log with a clock": _clocked,
+    "a loss that grows slowly": lambda: log(28, weak=0.15 * np.clip((T - 200) / 100, 0, 1)),
+}
 
 
 @cache

@@ -42,8 +42,8 @@ def check_statuses(bank, said, rows, lines, of_run):
     if any(line.startswith("No fault") for line in lines):
         assert "FAULT" not in status
         assert len(lines) == 1
-        share = re.match(r"No fault in the (\d+)% of the log that could be judged", lines[0])
-        assert f"{judged:.0%}" == (f"{share[1]}%" if share else f"{judged:.0%}")
+        share = re.match(r"No fault in the (\d+) % of the log that could be judged", lines[0])
+        assert not share or f"{100 * judged:.0f}" == share[1]
         assert share or judged >= 0.95
     if any(line.startswith("Nothing could be judged") for line in lines):
         assert judged == 0

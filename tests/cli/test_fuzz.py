@@ -9,10 +9,13 @@ import json
 import os
 import random
 import sys
+import zipfile
+from datetime import datetime, timedelta
 
 import pytest
 
 from faultgauge.plants.model import load_model
+from telemetry.workbooks import write_workbook
 
 CASES = int(os.environ.get("FAULTGAUGE_FUZZ", "30"))
 WHOLE = 15  # of so many cases one goes through a whole command, which takes a second
@@ -133,6 +136,70 @@ def test_logs(attempt, workshop, tmp_path):
             attempt(case, "fit", draft, tmp_path / "none.csv", "--out", tmp_path / "m.fgm")
         if case % WHOLE == 0:
             attempt(case, "evaluate", workshop.model, log)
+
+
+def dialects(lines):
+    """The same log as other programs write it, by their names, with the options to read it."""
+    cells = [line.split(",") for line in lines]
+    head, rows = cells[0], cells[1:]
+    begun = datetime(2026, 10, 25, 2, 59, 59)  # as summer time ends
+    clocks = [begun + timedelta(seconds=float(row[0])) for row in rows]
+    dotted = [f"{at:%d.%m.%Y %H:%M:%S}.{at.microsecond:06}" for at in clocks]
+    local = [[at, *row[1:]] for at, row in zip(dotted, rows, strict=True)]
+    epoch = [[str(1_792_890_000_000 + int(1e3 * float(row[0]))), *row[1:]] for row in rows]
+
+    def text(rows, separator=",", point="."):
+        return "\n".join(separator.join(row).replace(".", point) for row in rows) + "\n"
+
+    return {
+        "decimal commas": (text(cells, ";", ","), ()),
+        "tabs": (text(cells, "\t"), ()),
+        "a row of units": (text([head, ["s", "%", "cm"], *rows]), ()),
+        "units in the header": (text([["t [s]", "u [V]", "x [mm]"], *rows], ";", ","), ()),
+        "milliseconds since 1970": (text([head, *epoch]), ()),
+        "a local clock": (
+            text([["Zeit", *head[1:]], *local], ";"),
+            ("--time", "Zeit", "--time-format", "%d.%m.%Y %H:%M:%S.%f"),
+        ),
+    }
+
+
+@pytest.mark.fuzz
+def test_dialects(attempt, workshop, tmp_path):
+    drafts = dialects(workshop.suspect.read_text().split("\n")[:41])
+    for case, rng in drawn("dialect"):
+        text, options = drafts[rng.choice(list(drafts))]
+        nonsense = mutated(rng, text) if case else text
+        log = write(tmp_path / "log.csv", nonsense)
+        attempt(case, "inspect", log, *options)
+        if case % WHOLE == 0:
+            attempt(case, "evaluate", workshop.model, log, *options)
+            eso = ("estimate", workshop.limited, "-", "--observer", "eso", *options)
+            attempt(case, *eso, stdin=nonsense)
+
+
+@pytest.mark.fuzz
+def test_workbooks(attempt, workshop, tmp_path):
+    lines = [line.split(",") for line in workshop.suspect.read_text().split("\n")[:41]]
+    rows = [[float(cell) for cell in line] for line in lines[1:]]
+    units = [None, "V", "m"]
+    book = write_workbook(tmp_path / "sound.xlsx", {"a": [lines[0], units, *rows]}, "A1:A2")
+    with zipfile.ZipFile(book) as file:
+        parts = {name: file.read(name).decode() for name in file.namelist()}
+    for case, rng in drawn("workbook"):
+        path = tmp_path / "log.xlsx"
+        if rng.random() < 0.8:
+            name = rng.choice([*parts, *["xl/worksheets/s1.xml"] * 4])
+            with zipfile.ZipFile(path, "w") as file:
+                for each, text in parts.items():
+                    split = mutated(rng, text.replace("><", ">\n<")) if each == name else text
+                    file.writestr(each, split.encode(errors="surrogateescape"))
+        else:
+            data = bytearray(book.read_bytes())
+            for _ in range(rng.randint(1, 4)):
+                data[rng.randrange(len(data))] = rng.randrange(256)
+            path.write_bytes(data[: rng.randrange(len(data)) if rng.random() < 0.3 else None])
+        attempt(case, "inspect", path)
 
 
 @pytest.mark.fuzz

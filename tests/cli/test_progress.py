@@ -1,9 +1,10 @@
-"""A bar with a share where a terminal looks on, and nothing elsewhere."""
+"""A bar with a share where a terminal looks on, and elsewhere a line now and then."""
 
 from dataclasses import replace
 
 import numpy as np
 
+from faultgauge.cli import options
 from faultgauge.cli.options import narrate
 from faultgauge.detection import decisions
 from faultgauge.detection.watch import Watch
@@ -22,12 +23,17 @@ def test_a_terminal_is_shown_the_step_and_its_share(monkeypatch, capsys):
     assert "25%" in said.err
 
 
-def test_a_pipe_is_shown_nothing(monkeypatch, capsys):
+def test_a_pipe_is_shown_a_line_every_20_s(monkeypatch, capsys):
     monkeypatch.delenv("FORCE_COLOR", raising=False)
+    clock = iter([0.0, 19.0, 20.0, 20.0, 39.0, 41.0, 41.0])
+    monkeypatch.setattr(options, "monotonic", lambda: next(clock))
     with narrate("starting") as progress:
-        progress(Step("judging", 0.25))
+        for share in (0.1, 0.25, 0.3):
+            progress(Step("judging", share))
+        progress("writing")
     said = capsys.readouterr()
-    assert said.out == said.err == ""
+    assert said.out == ""
+    assert said.err == "judging (25 %)\nwriting\n"
 
 
 def test_a_walk_that_says_how_far_it_is_says_the_same(monkeypatch):

@@ -179,9 +179,15 @@ def test_what_does_not_go_with_a_stream_is_refused(pipe, workshop, extra, said):
     assert piped.err.count("\n") == 1
 
 
+def test_the_sentence_needs_no_table(call, workshop):
+    said = call("estimate", workshop.calibrated, workshop.suspect)
+    assert said.code == 0, said.err
+    assert said.out.startswith("leak +")
+    assert "wrote" not in said.err
+
+
 def test_what_goes_with_a_stream_only_is_refused_with_files(call, workshop, scenario, tmp_path):
     files = ("estimate", workshop.calibrated, workshop.suspect)
-    assert "--out FILE is missing" in call(*files).err
     out = tmp_path / "e.csv"
     for extra in (("--stream", "csv"), ("--events", "e.ndjson"), ("--view",), ("--strict",)):
         said = call(*files, "--out", out, *extra)

@@ -264,7 +264,7 @@ def test_a_healthy_log_holds_no_fault_and_says_what_would_not_have_shown(bank):
 def test_what_a_limit_cuts_off_would_not_have_shown(bank):
     (seen,) = retrospect(bank, decide(bank, log(3, u=0.0)))
     assert seen.least["weak"] is None  # a gain takes nothing away from 0
-    assert "weak of any size" in sentences(bank, [seen])[0]
+    assert "nor would weak of any size" in sentences(bank, [seen])[0]
 
 
 def test_a_fault_from_before_a_gap_is_there_from_the_first_sample_after_it(bank):
@@ -306,7 +306,7 @@ def test_a_fault_that_is_not_constant_is_not_given_one_size(bank):
     assert all(each.cause != "weak" for each in seen)
     assert seen[0].cause == "unknown"
     assert "something undeclared or not constant" in sentences(bank, seen)[0]
-    assert "Onset of unknown" in render(decision_report(bank, [decision], seen))
+    assert "Onset of something undeclared" in render(decision_report(bank, [decision], seen))
 
 
 def test_samples_outside_the_training_envelope_say_nothing(bank):
@@ -320,7 +320,7 @@ def test_samples_outside_the_training_envelope_say_nothing(bank):
 def test_sentence_json_and_report_say_the_same(bank, biased):
     decision, seen = biased
     (sentence,) = sentences(bank, seen)
-    assert sentence.startswith(f"pump +{seen[0].size:.4f} l/s (+{seen[0].lo:.4f} to ")
+    assert sentence.startswith(f"In hindsight: pump +{seen[0].size:.4f} l/s (+{seen[0].lo:.4f} to ")
     assert ") since " in sentence
     assert "; weak instead is " in sentence
     assert f"online you would have been told at {seen[0].told.start:.6g} s" in sentence

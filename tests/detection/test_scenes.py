@@ -2,56 +2,50 @@
 events, table and report also agree (`views`)."""
 
 import re
-from datetime import datetime
 
 import numpy as np
 import pytest
 
 from faultgauge.detection.answer import answers, as_dicts
 from faultgauge.detection.decisions import decide, table
-from scenes import T, between, log, moving, tank_bank
+from scenes import SCENES, T, tank_bank
 from views import compare
 
-NEVER = 1e9  # s: a fault that stays
 
-
-def judged(run):
+def judged(scene):
     """(decision, its sentences), the views of which agree."""
     bank = tank_bank()
-    said = decide(bank, run)
+    said = decide(bank, SCENES[scene]())
     compare(bank, said)
     return said, answers(bank, [said])
 
 
-def without(run, column, *spans):
-    for start, stop in spans:
-        run.columns[column][(start <= T) & (stop > T)] = np.nan
-    return run
-
-
 def test_a_healthy_log_has_no_fault_and_says_what_would_not_have_shown():
-    said, lines = judged(log(2))
+    said, lines = judged("healthy")
     assert said.events == []
     assert re.fullmatch(
-        r"No fault; leak below 0\.\d+ m/s, gauge below 0\.\d+ m, weak below 0\.\d+ would not have "
-        r"shown",
+        r"No fault; leak below 0\.\d+ m/s, gauge below 0\.\d+ m and weak below 0\.\d+ would not "
+        r"have shown",
         lines[0],
     )
 
 
 def test_no_fault_is_said_of_what_was_judged_alone():
     """Two thirds of the log are beyond what the plant file trusts."""
-    _, (line,) = judged(log(10, u=np.where(T < 200, moving(10), 1.9)))
+    _, (line,) = judged("mostly beyond what the plant file trusts")
+    assert line.endswith(
+        "; gauge below 0.059 m would not have shown, nor would leak or weak of any size"
+    )
     assert line.startswith(
-        "No fault in the 32% of the log that could be judged; from 0 s to 4.5 s: held off after a "
-        "start or a gap; from 200 s to 599.5 s: u is outside of its trusted range, 0 to 1.8; "
+        "No fault in the 32 % of the log that could be judged; not judged from 0 s to 4.5 s (held "
+        "off after a start or a gap) and from 200 s to 599.5 s (u is outside of its trusted range, "
+        "0 to 1.8); "
     )
 
 
 def test_a_fault_that_cannot_show_silences_no_other():
     """At u = 0 no gain shows, and a leak does."""
-    run = log(11, u=np.where(T < 300, moving(11), 0.0), leak=between(400, NEVER, 0.1))
-    said, (line,) = judged(run)
+    said, (line,) = judged("a leak while the pump rests")
     assert line.startswith("leak +0.099")
     assert "told at 413 s" in line
     before = slice(700, 799)  # the last 50 s before it, at rest
@@ -61,15 +55,14 @@ def test_a_fault_that_cannot_show_silences_no_other():
 
 def test_what_may_be_there_too_is_not_ruled_out():
     """Between the second leak's end and its going, the gauge may have moved as well."""
-    run = log(13, leak=-0.1 * (T % 60 > 40))
-    _, lines = judged(run)
+    _, lines = judged("ten short leaks")
     both = [line for line in lines if "gauge may be there too" in line]
     assert both
     assert not any("gauge instead" in line or "gauge or" in line for line in both)
 
 
 def test_since_is_never_later_than_told_where_a_fault_changes_its_sign():
-    said, lines = judged(log(7, leak=between(150, 300, -0.1) + between(300, NEVER, 0.1)))
+    said, lines = judged("a leak that changes its sign")
     first, second = said.events
     assert first.size < 0 < second.size
     assert first.onset_lo < 150 < first.onset_hi < first.start
@@ -78,14 +71,14 @@ def test_since_is_never_later_than_told_where_a_fault_changes_its_sign():
 
 
 def test_a_fault_that_grows_is_one_with_the_onset_it_had():
-    said, _ = judged(log(24, leak=between(150, NEVER, -0.1) + between(400, NEVER, -0.2)))
+    said, _ = judged("a leak that grows")
     (event,) = said.events
     assert event.lo < -0.3 < event.hi
     assert event.onset_lo < 150 < event.onset_hi
 
 
 def test_a_fault_older_than_the_log_says_so():
-    said, (line,) = judged(log(25, weak=between(0, NEVER, 0.15)))
+    said, (line,) = judged("a loss from before the log")
     assert re.match(r"weak \+0\.150\d+ \(.*\) already there when the log begins \(p > ", line)
     assert "since" not in line
     assert said.events[0].older == "yes"
@@ -93,9 +86,7 @@ def test_a_fault_older_than_the_log_says_so():
 
 def test_a_bias_is_one_event_through_dropouts_and_what_is_not_judged():
     """Empty cells for 3 and 15 s, and the command out of its trusted range for 50 s."""
-    u = np.where((T > 400) & (T < 450), 1.9, moving(9))
-    run = log(9, gauge=between(150, NEVER, 0.1), u=u)
-    said, (line,) = judged(without(run, "x", (200, 203), (260, 275)))
+    said, (line,) = judged("a bias through dropouts")
     (event,) = said.events
     assert event.lo < 0.1 < event.hi
     assert line.endswith("would not have shown")
@@ -104,15 +95,13 @@ def test_a_bias_is_one_event_through_dropouts_and_what_is_not_judged():
 
 def test_a_loss_of_gain_is_one_event_however_the_command_rests():
     """15 %; at 0 for 60 s, where it does not show, and at one value for 60 s."""
-    u = np.where((T > 300) & (T < 360), 0.0, moving(27))
-    u = np.where((T > 420) & (T < 480), 1.0, u)
-    said, _ = judged(log(27, weak=between(200, NEVER, 0.15), u=u))
+    said, _ = judged("a loss through rest")
     (event,) = said.events
     assert event.lo < 0.15 < event.hi
 
 
 def test_an_event_ends_with_its_fault():
-    said, (line,) = judged(log(31, leak=between(100, 140, -0.1)))
+    said, (line,) = judged("a leak that ends")
     assert said.events[0].end == pytest.approx(140, abs=2.0)
     assert "seen until 140" in line
     assert set(said.status[300:]) == {"HEALTHY"}
@@ -120,23 +109,20 @@ def test_an_event_ends_with_its_fault():
 
 def test_an_event_ends_with_the_last_row_that_was_judged():
     """The sensor falls silent at 400 s with the fault still there: nobody knows about later."""
-    run = without(log(32, leak=between(250, NEVER, -0.1)), "x", (400, NEVER))
-    said, _ = judged(run)
+    said, _ = judged("a sensor that falls silent")
     assert said.events[0].end == T[np.flatnonzero(np.array(said.status) == "FAULT")[-1]] < 410
 
 
 def test_an_interval_is_its_two_ends_however_off_centre():
     """The last 20 s of a gauge that moved, weighed against a leak: the table's own numbers."""
-    said, lines = judged(log(13, leak=-0.1 * (T % 60 > 40)))
+    said, lines = judged("ten short leaks")
     lopsided = [e for e in said.events if e.hi - e.size > 2 * (e.size - e.lo)]
     assert lopsided
     assert not any(re.search(r"m/s \+-", line) for line in lines)
 
 
 def test_times_are_the_clocks_in_every_view():
-    run = log(1, leak=between(300, NEVER, -0.1))
-    clocked = type(run)(run.name, run.source, run.t, run.columns, clock=datetime(2026, 5, 1, 8, 41))
-    said, (line,) = judged(clocked)
+    said, (line,) = judged("a log with a clock")
     (event,) = said.events
     rows = table([said], ("leak", "gauge", "weak"))
     assert rows["time"][int(2 * event.start)] == "2026-05-01T08:46:14"
@@ -148,5 +134,5 @@ def test_times_are_the_clocks_in_every_view():
 @pytest.mark.xfail(reason="without a rate a slow growth is undeclared until it stands, at 408 s")
 def test_a_fault_that_grew_slowly_is_dated_to_its_growth():
     """15 % of gain, lost between 200 and 300 s."""
-    said, _ = judged(log(28, weak=0.15 * np.clip((T - 200) / 100, 0, 1)))
+    said, _ = judged("a loss that grows slowly")
     assert said.events[-1].onset_lo <= 300

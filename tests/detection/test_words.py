@@ -2,7 +2,16 @@
 
 import pytest
 
-from faultgauge.detection.words import amount, less_likely
+from faultgauge.detection.words import (
+    UNDECLARED,
+    amount,
+    less_likely,
+    likelihoods,
+    moment,
+    number,
+    since,
+    would_not_show,
+)
 
 
 @pytest.mark.parametrize(
@@ -26,3 +35,41 @@ def test_odds_are_said_as_times():
     )
     assert less_likely(["leak"], 1.01) == "leak instead is as likely"
     assert less_likely(["leak"], 2.214) == "leak instead is 2.21 times less likely"
+
+
+def test_causes_of_the_same_odds_are_said_together():
+    """The likeliest first; what is undeclared only while it is likely."""
+    odds = [("gauge", 5000.0), ("pump", 1000.0), ("leak", 30.0), (UNDECLARED, 25.0)]
+    assert likelihoods(odds) == [
+        "leak instead is 30 times less likely",
+        "pump or gauge instead is more than 1000 times less likely",
+    ]
+    assert likelihoods([(UNDECLARED, 12.34)]) == [f"{UNDECLARED} is only 12 times less likely"]
+
+
+def test_what_would_not_have_shown():
+    some = {"leak": (0.0123, "m/s"), "gauge": (None, "m"), "weak": (150.0, "")}
+    assert would_not_show(some) == (
+        "leak below 0.012 m/s and weak below 150 would not have shown, nor would gauge of any size"
+    )
+    assert would_not_show({"leak": (None, "m/s")}) == "leak of any size would not have shown"
+
+
+def test_times_are_as_fine_as_rows_are_apart():
+    assert moment(None, 332.48991, 0.01) == "332.489 s"  # never later than it was
+    assert moment(None, 1_234_567.5, 0.5) == "1234567.5 s"
+    assert since(None, 400.0, 270.0, 530.0) == "since 400 s +- 130 s"
+
+
+@pytest.mark.parametrize(
+    ("value", "said"),
+    [
+        (518.2, "520"),
+        (0.00026, "0.00026"),
+        (3.21e-6, "3.2e-06"),
+        (1.2e7, "1.2e+07"),
+        (-1590.0, "-1600"),
+    ],
+)
+def test_numbers_are_plain_unless_they_are_very_small_or_large(value, said):
+    assert number(value, 2) == said

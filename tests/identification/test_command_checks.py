@@ -97,7 +97,7 @@ def test_values_beyond_the_limits():
     u = run.columns["u"]
     beyond = np.mean(np.abs(u) > 1.5)
     (text,) = command_warnings(plant(key="min = -1.5\nmax = 1.5"), [run])[:1]
-    assert f"goes beyond its limits, -1.5 to 1.5, in {beyond:.2%} of the rows" in text
+    assert f"goes beyond its limits, -1.5 to 1.5, in {100 * beyond:.2f} % of the rows" in text
     assert f"as far as {u[np.argmax(np.abs(u))]:.4g}" in text
     rounded = np.clip(np.round(u, 4), -1.5, 1.50001)  # as a log of five digits has it
     run = Run("a", "a.csv", run.t, {**run.columns, "u": rounded})

@@ -176,7 +176,7 @@ def test_a_weak_instrument_is_a_warning_and_its_share_is_on_record():
     model, account = fit(plant(), [Run("a", "loop.csv", log.t, weak)], restarts=1)
     share = model.record["instruments"]["u"]
     assert 0.01 < share < 0.1
-    assert f"the instrument of input 'u', explains only {share:.1%}" in account.warnings[0]
+    assert f"the instrument of input 'u', explains only {100 * share:.1f} %" in account.warnings[0]
     strong, account = fit(plant(), [log], restarts=1)
     assert strong.record["instruments"]["u"] > 0.8
     assert account.warnings == []

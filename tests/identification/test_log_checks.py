@@ -65,7 +65,7 @@ def test_empty_cells():
         return lambda level: np.where(np.arange(COUNT) < share * COUNT, np.nan, level)
 
     (text,) = warnings(log(level=holes(0.12)))
-    assert "output 'level' is empty in 12% of the rows of run 'first'" in text
+    assert "output 'level' is empty in 12 % of the rows of run 'first'" in text
     assert warnings(log(level=holes(0.04))) == []
 
 
@@ -82,7 +82,7 @@ def test_units_that_are_off_by_a_thousand():
 def test_an_input_that_hardly_moves():
     (text,) = warnings(log(u=lambda u: u / 20))
     # 8 V / 20 of 10 V, a little less as 400 draws do not reach their ends
-    assert text.startswith("input 'u' moves through 4.0% of its range from -5 to 5 only")
+    assert text.startswith("input 'u' moves through 4.0 % of its range from -5 to 5 only")
 
 
 def levels(name, scale, least=0.0, units=None):
@@ -125,6 +125,6 @@ def test_an_input_with_empty_cells():
         return np.where(np.arange(COUNT) % 10 == 3, np.nan, u)
 
     (text,) = warnings(log(u=sparse))
-    assert "input 'u' is empty in 10% of the rows of run 'first', and each empty cell cuts" in text
+    assert "input 'u' is empty in 10 % of the rows of run 'first', and each empty cell cuts" in text
     (text,) = warnings(log(), log(u=sparse))  # once, of the run that has them
     assert warnings(log(u=lambda u: np.where(np.arange(COUNT) == 3, np.nan, u))) == []

@@ -375,7 +375,7 @@ def test_a_large_residual_is_seen_whole_whatever_the_noise(canvases: list[Any]):
 
 def test_an_overview_shades_the_faults_and_stops_a_healthy_model_that_diverges(canvases: list[Any]):
     drawing = draw_overview(healthy=np.exp(T**2 / 15.0))  # up to 1e289
-    assert drawing.caption.endswith("The healthy model leaves the picture of torque.")
+    assert drawing.caption.endswith("The healthy model runs out of the picture of torque.")
     assert "leaves" not in draw_overview().caption
     first, _, last = canvases[0].axes
     low, high = first.get_ylim()

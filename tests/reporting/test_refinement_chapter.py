@@ -46,7 +46,11 @@ def test_the_numbers_stand_where_they_belong():
     assert parameters.rows[0][1:3] == (quantity(0.0123, "m/s/V"), quantity(0.0004, "m/s/V"))
     assert parameters.rows[1][2:] == ("", "min = 0", "outlet")
     assert correlations.rows == (("k_in", "k_out", "-0.750"),)
-    assert tried.rows == (("networks", "2.000%"), ("physics", "30.000%"), ("networks", "diverges"))
+    assert tried.rows == (
+        ("networks", "2.000 %"),
+        ("physics", "30.000 %"),
+        ("networks", "diverges"),
+    )
     assert "3 candidates" in section.paragraphs[0]
     assert "kept (networks)" in section.paragraphs[0]
     assert "1 of them diverged" in section.paragraphs[0]

@@ -8,6 +8,7 @@ import pytest
 
 from faultgauge.errors import InputError
 from faultgauge.telemetry import read_telemetry
+from faultgauge.telemetry.stream import read_stream
 
 from .conftest import refusal
 
@@ -78,6 +79,20 @@ def test_time_goes_on_where_summer_time_begins_or_ends(tmp_path, zone, change, s
     np.testing.assert_allclose(run.t, step * np.arange(20), atol=1e-9)
     assert len(run.notes) == 1 + 1  # the separator, too
     assert f"an hour after {stamps[9][:19]} in run 'log'" in run.notes[-1]
+
+
+@pytest.mark.parametrize("step", [0.1, 1.0, 600.0])
+@pytest.mark.parametrize("change", [(3, 29), (10, 25)])
+def test_a_stream_goes_on_as_its_file_does(tmp_path, change, step):
+    instant = datetime(2026, *change, 1, tzinfo=UTC)
+    stamps = local("Europe/Berlin", instant - timedelta(seconds=10 * step), step, 20)
+    path, notes = log(tmp_path, stamps), []
+    (run,) = read_telemetry(path, time="when")
+    lines = [f"{line}\n" for line in path.read_text().replace(";", ",").splitlines()]
+    given = read_stream([[line] for line in lines], time="when", names=["u"], note=notes.append)
+    assert [each.t for several in given for each in several] == run.t.tolist()
+    (said,) = (note for note in notes if "put forward or back by an hour" in note)
+    assert f"an hour after {stamps[9][:19]} in run 'stream'" in said
 
 
 def test_other_jumps_stay(tmp_path):

@@ -162,8 +162,8 @@ def test_skeleton_still_parses_with_its_examples_uncommented():
     plant = tomllib.loads(example.sub("", text))
     assert plant["inputs"]["u"] == {"unit": "...", "min": -0.5, "max": 0.75}
     assert plant["faults"] == {
-        "u_fault": {"enters": "input", "target": "u"},
-        "h_fault": {"enters": "state", "target": "h"},
+        "h_drift": {"enters": "state", "target": "h"},
+        "u_bias": {"enters": "input", "target": "u"},
     }
     assert plant["observer"]["outputs"] == ["h"]
     assert plant["observer"]["bandwidth"] == pytest.approx(1.0)  # a tenth of 1 / 0.1 s

@@ -98,7 +98,8 @@ def run(arguments: list[str]) -> int:
         arguments = ["--debug", *(a for a in arguments if a != "--debug")]
     try:
         arguments = list(_with_speed(arguments))
-        code = typer.main.get_command(app)(arguments, standalone_mode=False)
+        command = typer.main.get_command(app)
+        code = command(arguments, prog_name=app.info.name, standalone_mode=False)
         if sys.stdout is not None:
             sys.stdout.flush()  # here its failure can be told
         if code == INTERRUPTED:  # typer has caught the interrupt itself, and says nothing

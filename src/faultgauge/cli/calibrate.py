@@ -22,7 +22,9 @@ def calibrate(
     mtbfa: Annotated[
         float | None,
         typer.Option(
-            "--mtbfa", metavar="SECONDS", help="Mean time between false alarms [default: longest]."
+            "--mtbfa",
+            metavar="SECONDS",
+            help="Mean time between false alarms [default: the longest that the logs prove].",
         ),
     ] = None,
     plant: Annotated[

@@ -41,7 +41,8 @@ def check(
     verbose: options.Verbose = False,
     json: options.Json = False,
 ) -> None:
-    """Fit, calibrate, estimate and report in one: is SUSPECT like HEALTHY, and if not, how much?"""
+    """Fit, calibrate, estimate and report in one: is SUSPECT like HEALTHY, or what is wrong
+    with it?"""
     from faultgauge.plants.gray_box import load_plant
     from faultgauge.plants.model import save_model
     from faultgauge.telemetry.writing import write_table
@@ -65,12 +66,10 @@ def check(
         files.append(folder / "report.html")
         save_model(found.model, folder / "model.fgm")
         write_table(found.rows, folder / "estimates.csv")
-    if files:
-        found.report(*files)
+    found.report(*files)
     if json:
         options.print_json(found.as_dict())
         return
     for line in found.sentences if verbose else found.lines:
         options.tell(line)
-    if files:
-        options.say(f"wrote {', '.join(str(file) for file in files)}")
+    options.wrote(*files)

@@ -13,80 +13,89 @@ from faultgauge.progress import Step
 __all__ = ["estimate"]
 
 
+Model = Annotated[Path, typer.Argument(help="Model file."), READS]
+Logs = Annotated[
+    list[Path],
+    typer.Argument(
+        help="Logs: CSV (.gz too), Excel, Parquet, MAT, HDF5, MDF, MCAP, ROS 2 bags; a folder of "
+        "them; or - for standard input."
+    ),
+    READS,
+]
+Out = Annotated[
+    Path | None,
+    typer.Option("--out", metavar="FILE", help="Table to write: .csv, .csv.gz, .parquet."),
+    Writes(),
+]
+Observer = Annotated[
+    str,
+    typer.Option(
+        "--observer", help="bank: which faults, how big, how probable; eso: estimates alone."
+    ),
+]
+Reference = Annotated[
+    Literal["free", "measured", "observer"],
+    typer.Option("--reference", help="Healthy reference of the residual columns."),
+]
+Smooth = Annotated[
+    bool,
+    typer.Option("--smooth", help="In hindsight: cause, size and onset, as the whole log tells."),
+]
+Evidence = Annotated[
+    Path | None,
+    typer.Option(
+        "--evidence",
+        metavar="DIR",
+        help="For each event a file: the part of the log it rests on.",
+    ),
+    Fills(()),  # its names are known when the events are
+]
+Engine = Annotated[
+    Literal["python", "c"],
+    typer.Option("--engine", help="c: the same as compiled C, for long logs."),
+]
+Rows = Annotated[
+    options.RowFormat | None,
+    typer.Option("--stream", help="With -: how rows are answered [default: csv]."),
+]
+Events = Annotated[
+    Path | None,
+    typer.Option(
+        "--events", metavar="FILE", help="With -: every alarm and event as a line of NDJSON."
+    ),
+    Writes(),
+]
+View = Annotated[
+    bool, typer.Option("--view", help="With -: residuals, estimates and events, live.")
+]
+Strict = Annotated[
+    bool, typer.Option("--strict", help="With -: stop at a bad row, which is left out otherwise.")
+]
+
+
 def estimate(
-    model: Annotated[Path, typer.Argument(help="Model file."), READS],
-    logs: Annotated[
-        list[Path],
-        typer.Argument(
-            help="Logs: CSV (.gz too), Excel, Parquet, MAT, HDF5, MDF, MCAP, ROS 2 bags; a folder "
-            "of them; or - for standard input."
-        ),
-        READS,
-    ],
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            "--out",
-            metavar="FILE",
-            help="Table to write: .csv, .csv.gz, .parquet.  [required but with -]",
-        ),
-        Writes(),
-    ] = None,
-    observer: Annotated[
-        str,
-        typer.Option(
-            "--observer",
-            help="bank: which faults, how big, how probable; eso: estimates alone.",
-        ),
-    ] = "bank",
-    reference: Annotated[
-        Literal["free", "measured", "observer"],
-        typer.Option("--reference", help="Healthy reference of the residual columns."),
-    ] = "free",
-    smooth: Annotated[
-        bool,
-        typer.Option("--smooth", help="Cause, size and onset as the whole log tells them."),
-    ] = False,
-    evidence: Annotated[
-        Path | None,
-        typer.Option(
-            "--evidence",
-            metavar="DIR",
-            help="A log of each event's window, which gives it again.",
-        ),
-        Fills(()),  # its names are known when the events are
-    ] = None,
-    engine: Annotated[
-        Literal["python", "c"],
-        typer.Option("--engine", help="c: the same step as C, compiled here, for long logs."),
-    ] = "python",
+    model: Model,
+    logs: Logs,
+    out: Out = None,
+    observer: Observer = "bank",
+    reference: Reference = "free",
+    smooth: Smooth = False,
+    evidence: Evidence = None,
+    engine: Engine = "python",
     time: options.Time = None,
     time_format: options.TimeFormat = None,
     map: options.Map = None,
     where: options.Where = None,
     resample: options.Resample = None,
     report: options.ReportFile = None,
-    stream: Annotated[
-        options.RowFormat | None,
-        typer.Option("--stream", help="Of the rows that answer standard input [default: csv]."),
-    ] = None,
-    events: Annotated[
-        Path | None,
-        typer.Option(
-            "--events", metavar="FILE", help="With -: every alarm and event as a line of NDJSON."
-        ),
-        Writes(),
-    ] = None,
-    view: Annotated[
-        bool, typer.Option("--view", help="With -: residuals, estimates and events, live.")
-    ] = False,
+    stream: Rows = None,
+    events: Events = None,
+    view: View = False,
     verbose: options.Verbose = False,
-    strict: Annotated[
-        bool, typer.Option("--strict", help="With -: refuse rows that are else left out.")
-    ] = False,
+    strict: Strict = False,
     json: options.Json = False,
 ) -> None:
-    """Estimate faults in logs, in physical units: a row per sample, and events.
+    """Estimate faults in logs, in physical units: what was found, and with --out a row per sample.
 
     With - for the log, telemetry (CSV or NDJSON) is read from standard input and every row is
     answered on standard output as it arrives, as the whole file would be.
@@ -107,21 +116,11 @@ def estimate(
         )
         from faultgauge.cli.live import answer
 
+        form = stream or "csv"
         answer(
-            model,
-            observer,
-            reference,
-            time,
-            time_format,
-            map,
-            stream or "csv",
-            events,
-            view,
-            strict,
-        )
+            model, observer, reference, time, time_format, map, form, events, view, strict
+        )  # fmt: skip
         return
-    if out is None:
-        raise InputError("--out FILE is missing: the table to write (.csv, .csv.gz, .parquet).")
     for name, given in (
         ("--stream", stream),
         ("--events", events),
@@ -141,7 +140,8 @@ def estimate(
         observer,
         {"--smooth": smooth, "--evidence": evidence is not None, "--engine c": engine == "c"},
     )
-    check_writable(out)
+    if out is not None:
+        check_writable(out)
     walk = options.engine(engine)
     fitted = load_model(model)
     runs, odd = options.read_logs_for(fitted, logs, How(time, map, where, resample, time_format))
@@ -161,9 +161,10 @@ def estimate(
             progress(Step(f"replaying event {k + 1} of {len(found.events)}", k / len(found.events)))
             windows.append(found.evidence(each))
     paths = evidence_files(windows, folder) if folder else []
-    written = {"--out": [out], "--report": [report] if report else [], "--evidence": paths}
-    check_apart([model, *logs], written)
-    write_table(found.rows, out)
+    files = {"--out": [out] if out else [], "--report": [report] if report else []}
+    check_apart([model, *logs], files | {"--evidence": paths})
+    if out is not None:
+        write_table(found.rows, out)
     if report is not None:
         found.report(report)
     write_evidence(windows, paths)
@@ -176,7 +177,7 @@ def estimate(
         return
     for line in found.sentences if verbose else found.lines:
         options.tell(line)
-    options.say(f"wrote {out}")
+    options.wrote(*(path for group in files.values() for path in group), *paths)
 
 
 def _refuse_beside_a_stream(given: dict[str, bool]) -> None:

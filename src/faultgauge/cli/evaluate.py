@@ -16,7 +16,9 @@ def evaluate(
     logs: options.Logs,
     warmup: Annotated[
         int,
-        typer.Option("--warmup", min=0, help="Samples that set hidden start states, not scored."),
+        typer.Option(
+            "--warmup", min=0, help="Samples that find hidden initial states and are not scored."
+        ),
     ] = 50,
     time: options.Time = None,
     time_format: options.TimeFormat = None,

@@ -23,7 +23,7 @@ def export(
     ],
     name: Annotated[
         str | None,
-        typer.Option("--name", help="Of the files and functions [default: the plant's]."),
+        typer.Option("--name", help="Name of files and functions [default: the plant's]."),
     ] = None,
     precision: Annotated[
         Literal["double", "single"], typer.Option("--precision", help="Of all numbers.")

@@ -19,7 +19,11 @@ def fit(
     ],
     validate: Annotated[
         list[Path] | None,
-        typer.Option("--validate", metavar="LOG", help="Log to stop and select on, never to fit."),
+        typer.Option(
+            "--validate",
+            metavar="LOG",
+            help="Log to choose the fit by, never fitted; may be repeated.",
+        ),
         READS,
     ] = None,
     refine: Annotated[
@@ -37,7 +41,7 @@ def fit(
         bool, typer.Option("--ensemble", help="Refine, and keep the next best models in MODEL too.")
     ] = False,
     restarts: Annotated[
-        int, typer.Option("--restarts", min=1, max=1000, help="How many starts.")
+        int, typer.Option("--restarts", min=1, max=1000, help="How many starts the search has.")
     ] = 10,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the starts.")] = 0,
     seeds: Annotated[
@@ -52,7 +56,9 @@ def fit(
     ] = 1,
     despite_alarms: Annotated[
         bool,
-        typer.Option("--despite-alarms", help="Fit logs under alarm too, which are refused."),
+        typer.Option(
+            "--despite-alarms", help="Fit logs under alarm, too, which are refused otherwise."
+        ),
     ] = False,
     time: options.Time = None,
     time_format: options.TimeFormat = None,

@@ -67,7 +67,7 @@ def _show(found) -> None:
             f"{run.start:.6g}",
             f"{run.end:.6g}",
             f"{run.rate:.6g}",
-            f"{run.jitter:.1%}",
+            f"{100 * run.jitter:.1f} %",
             str(len(run.gaps)),
             str(sum(run.empty.values())),
         )

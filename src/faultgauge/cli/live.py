@@ -16,7 +16,7 @@ from faultgauge.errors import InputError
 if TYPE_CHECKING:
     from faultgauge.detection.misfit import Misfit
     from faultgauge.detection.residual import Reference
-    from faultgauge.detection.stream import Said
+    from faultgauge.detection.stream import Said, Stream
     from faultgauge.plants.model import Model
 
 __all__ = ["answer"]
@@ -67,7 +67,7 @@ def answer(
         )
         lines = stack.enter_context(_opened(events)) if events else None
         shown = stack.enter_context(View(fitted)) if view else None
-        speaker = _Speaker(fitted, form, lines, shown)
+        speaker = _Speaker(fitted, stream, form, lines, shown)
         if observer == "bank" and uncalibrated(fitted):
             options.say(unjudged_sentence(fitted))
         elif observer != "bank":
@@ -91,11 +91,12 @@ class _Speaker:
     def __init__(
         self,
         model: "Model",
+        stream: "Stream",
         form: str,
         lines: IO[str] | None,
         view: View | None,
     ) -> None:
-        self.model, self.lines, self.view = model, lines, view
+        self.model, self.stream, self.lines, self.view = model, stream, lines, view
         self.units = {fault.name: fault.unit for fault in model.plant.signals.faults}
         # a view and rows on the same terminal would overwrite each other
         self.writer = None if view and sys.stdout.isatty() else RowWriter(form)
@@ -128,7 +129,7 @@ class _Speaker:
         from faultgauge.detection import decisions
         from faultgauge.detection.answer import finding
         from faultgauge.detection.events import Alarm, BankEvent
-        from faultgauge.detection.words import UNDECLARED
+        from faultgauge.detection.words import UNDECLARED, moment
 
         assert isinstance(said, Alarm | BankEvent)
         alarm = isinstance(said, Alarm)
@@ -137,13 +138,15 @@ class _Speaker:
             line = {"said": "alarm" if alarm else "event", **content}
             print(json.dumps(line, allow_nan=False), file=self.lines)
         unit = self.units.get(said.fault, "")
+        step = self.stream.pace or 0.0
+        at = moment(None, said.start, step)
         if isinstance(said, BankEvent):
-            text = f"event: {'; '.join(finding(said, unit))}"
+            text = f"event: {'; '.join(finding(said, unit, step))}"
         elif said.size is None:
-            text = f"alarm: {UNDECLARED}, told at {said.start:.6g} s"
+            text = f"alarm: {UNDECLARED}, told at {at}"
         else:
             size = f"{said.size:+.3g} {unit}".rstrip()
-            text = f"alarm: {said.fault} {size}, told at {said.start:.6g} s"
+            text = f"alarm: {said.fault} {size}, told at {at}"
         if self.view:
             self.view.event(text)
         else:

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from time import monotonic
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
@@ -39,8 +40,10 @@ __all__ = [
     "say",
     "tell",
     "warn",
+    "wrote",
 ]
 
+SELDOM = 20.0  # s
 LONGEST = 4000  # characters of a sentence
 Json = Annotated[bool, typer.Option("--json", help="One JSON object on stdout, nothing else.")]
 Verbose = Annotated[bool, typer.Option("--verbose", help="Say every sentence whole.")]
@@ -183,22 +186,40 @@ def plain(text: str) -> str:
     return "".join(c if c.isprintable() or c == "\n" else ascii(c)[1:-1] for c in text)
 
 
+def wrote(*files: Path) -> None:
+    """Say which files were written, where there are any."""
+    if files:
+        say(f"wrote {', '.join(str(file) for file in files)}")
+
+
 def warn(warnings: Iterable[str], but: Collection[str] = ()) -> None:
     """Say `warnings`, but those that were said before."""
     for warning in (each for each in warnings if each not in but):
         say(f"warning: {warning}.")
 
 
+class _Lines:
+    """What is being done, as lines that are `SELDOM` apart."""
+
+    def __init__(self) -> None:
+        self.said = monotonic()
+
+    def __call__(self, text: str) -> None:
+        if monotonic() - self.said >= SELDOM:
+            self.said = monotonic()
+            say(f"{text} ({100 * text.share:.0f} %)" if isinstance(text, Step) else text)
+
+
 @contextmanager
 def narrate(start: str) -> Iterator[Callable[[str], None]]:
     """What is being done, a bar with the share of it that is (`Step`) and the time, on stderr while
-    something long runs; silent where stderr is no terminal."""
+    something long runs; where stderr is no terminal a line now and then."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
     console = Console(stderr=True)
     if not console.is_terminal:
-        yield lambda text: None
+        yield _Lines()
         return
     text = TextColumn("{task.description}", markup=False)
     columns = (text, BarColumn(), TaskProgressColumn(), TimeElapsedColumn())

@@ -24,7 +24,8 @@ def simulate(
         typer.Option(
             "--realtime",
             metavar="[SPEED]",
-            help="Against the clock, SPEED times as fast [1], with fault commands from stdin.",
+            help="Run against the clock, SPEED times as fast [default: 1], with fault commands "
+            "from stdin.",
         ),
     ] = None,
     control: Annotated[

@@ -19,7 +19,7 @@ from faultgauge.detection.decisions import as_dicts as events_as_dicts
 from faultgauge.detection.events import UNKNOWN, BankEvent, pause, stretches
 from faultgauge.detection.posterior import LIKELY
 from faultgauge.detection.probability import probability
-from faultgauge.detection.shares import shares_of
+from faultgauge.detection.shares import Silent, shares_of
 from faultgauge.detection.smallest import smallest_along
 from faultgauge.detection.verdicts import FAULT, NOT_JUDGED
 from faultgauge.detection.words import (
@@ -28,9 +28,12 @@ from faultgauge.detection.words import (
     PURE,
     UNDECLARED,
     amount,
-    less_likely,
+    likelihoods,
+    listed,
     moment,
+    or_earlier,
     since,
+    would_not_show,
 )
 from faultgauge.telemetry import Run
 
@@ -45,7 +48,6 @@ __all__ = [
     "told",
 ]
 
-POSSIBLE = 20.0  # odds up to which something undeclared is spoken of: nobody can list it all
 WHOLE = 0.95  # share of a log from which on all of it counts as judged: a start is always held off
 SPOKEN = 3  # silent stretches that a sentence names
 LINES = 4  # of a first screen
@@ -108,21 +110,28 @@ def _silence(bank: FaultBank, decisions: Sequence[Decision]) -> list[str]:
         if judged >= WHOLE:
             continue
         worst = sorted(gaps, key=lambda each: -each.share)[:SPOKEN]
-        why = "; ".join(
-            f"from {moment(one.run.clock, each.start)} to {moment(one.run.clock, each.end)}: "
-            f"{each.reason}"
-            for each in sorted(worst)
-        )
+        parts = [_part(bank, one, each) for each in sorted(worst)]
+        more = [f"{len(gaps) - SPOKEN} times more"] if len(gaps) > SPOKEN else []
+        why = listed([*parts, *more])
         if judged == 0:
             of = "" if alone else f" of {log}"
-            said.append(f"Nothing{of} could be judged; {why}")
+            said.append(f"Nothing{of} could be judged: {why}")
             continue
-        more = f"; and {len(gaps) - SPOKEN} times more" if len(gaps) > SPOKEN else ""
         said.append(
-            f"No fault in the {judged:.0%} of the {log} that could be judged; {why}{more}; "
-            f"{_would_not_show(bank, [one.run])}"
+            f"No fault in the {100 * judged:.0f} % of the {log} that could be judged; not judged "
+            f"{why}; {_would_not_show(bank, [one.run])}"
         )
     return said
+
+
+def _part(bank: FaultBank, one: Decision, part: Silent) -> str:
+    first, last = (_at(bank, one, t) for t in (part.start, part.end))
+    return f"from {first} to {last} ({part.reason})"
+
+
+def _at(bank: FaultBank, one: Decision, t: float) -> str:
+    """A row's time, as fine as rows are apart."""
+    return moment(one.run.clock, t, bank.step)
 
 
 def _runs(decisions: Sequence[Decision]) -> str:
@@ -142,7 +151,7 @@ def _unnamed(bank: FaultBank, decision: Decision) -> list[Told]:
         for part in _beyond(bank, decision, start, stop):
             first, last = float(run.t[part.start]), float(run.t[part.stop - 1])
             why = [reason for reason in decision.reason[part] if reason]
-            when = f"from {moment(run.clock, first)} to {moment(run.clock, last)}"
+            when = f"from {_at(bank, decision, first)} to {_at(bank, decision, last)}"
             cause = f"; {_usual(why)}" if why else ""
             found.append(Told(first, last, f"An alarm {when} (run {run.name}){cause}"))
     return [*found, *_undecided(bank, decision)]
@@ -176,7 +185,7 @@ def _undecided(bank: FaultBank, decision: Decision) -> list[Told]:
     shares = dict(zip(bank.model.plant.signals.fault_names, found.p[sampled[-1]], strict=True))
     shares[UNDECLARED] = found.unknown[sampled[-1]]
     cause = max(shares, key=lambda name: np.nan_to_num(shares[name]))
-    begun = moment(run.clock, float(run.t[first]))
+    begun = _at(bank, decision, float(run.t[first]))
     text = (
         f"Undecided since {begun}, to the end of the log (run {run.name}): {cause} is likeliest "
         f"(p {probability(float(shares[cause]))}), no fault has p "
@@ -192,16 +201,14 @@ def _usual(reasons: Sequence[str]) -> str:
 def answer(bank: FaultBank, decision: Decision, event: BankEvent) -> Told:
     """One event."""
     run = decision.run
-    head, times = finding(event, _unit(bank, event.fault), run.clock)
+    head, times = finding(event, _unit(bank, event.fault), bank.step, run.clock)
     rest = [times]
     others = {each.fault for each in _beside(decision, event)}
-    causes = dict[float, list[str]]()
-    for cause, odds in event.instead:
-        if cause == UNKNOWN and odds < POSSIBLE:
-            rest.append(f"{UNDECLARED} is only {odds:.2g} times less likely")
-        elif cause not in (*others, UNKNOWN) and (odds < MOST or cause not in dict(event.beside)):
-            causes.setdefault(odds, []).append(cause)
-    rest += [less_likely(causes[odds], odds) for odds in sorted(causes)]
+    rest += likelihoods(
+        (UNDECLARED if cause == UNKNOWN else cause, odds)
+        for cause, odds in event.instead
+        if cause not in others and (odds < MOST or cause not in dict(event.beside))
+    )
     rest += [
         f"{name} may be there too (p {probability(p)})"
         for name, p in event.beside
@@ -214,19 +221,22 @@ def answer(bank: FaultBank, decision: Decision, event: BankEvent) -> Told:
     return Told(event.start, event.end, head, tuple(rest))
 
 
-def finding(event: BankEvent, unit: str, clock: datetime | None = None) -> tuple[str, str]:
-    """(what, how big, since when and how sure; when it was told and seen last)."""
+def finding(
+    event: BankEvent, unit: str, step: float, clock: datetime | None = None
+) -> tuple[str, str]:
+    """(what, how big, since when and how sure; when it was told and seen last), of rows that are
+    `step` [s] apart."""
     half = (event.onset_hi - event.onset_lo) / 2
     began = since(clock, event.onset, event.onset_lo, event.onset_hi)
     if event.older == "yes":
         began = OLDER
     elif event.older == "perhaps":
-        began = f"since {moment(clock, event.onset_hi, half)} or earlier, perhaps {OLDER}"
+        began = f"{or_earlier(clock, event.onset_hi, half)}, perhaps {OLDER}"
     what = UNDECLARED
     if event.size is not None and event.lo is not None and event.hi is not None:
         what = f"{event.fault} {amount(event.size, event.lo, event.hi, unit)}"
     how = "passive, " if event.passive else ""
-    told, last = moment(clock, event.start), moment(clock, event.end)
+    told, last = (moment(clock, t, step) for t in (event.start, event.end))
     return (
         f"{what} {began} ({how}p {probability(event.p)}, run {event.run})",
         f"told at {told}, seen until {last}",
@@ -292,16 +302,14 @@ def _said(bank: FaultBank, decision: Decision, event: BankEvent) -> dict[str, An
 
 def _would_not_show(bank: FaultBank, runs: Sequence[Run], only: Sequence[str] = ()) -> str:
     """Below what each fault would not have shown in the least telling of `runs`."""
-    least = []
+    least = dict[str, tuple[float | None, str]]()
     for k, name in enumerate(bank.model.plant.signals.fault_names):
         if only and name not in only:
             continue
         sizes = [least_told(bank, run, k) for run in runs]
-        worst = max((size for size in sizes if size is not None), default=None)
-        known = worst is not None and None not in sizes
-        size = f"below {worst:.2g} {_unit(bank, name)}".rstrip() if known else "of any size"
-        least.append(f"{name} {size}")
-    return f"{', '.join(least)} would not have shown"
+        shown = [size for size in sizes if size is not None]
+        least[name] = max(shown) if len(shown) == len(sizes) else None, _unit(bank, name)
+    return would_not_show(least)
 
 
 def _unit(bank: FaultBank, fault: str) -> str:

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.stats import chi2
 
+from faultgauge.detection.words import number
 from faultgauge.errors import InputError
 
 __all__ = [
@@ -78,9 +79,9 @@ def allowed_peaks(judged: float, mtbfa: float | None, blocks: int) -> tuple[int,
         raise InputError(f"--mtbfa {mtbfa:g}: give a positive time in seconds.")
     if mtbfa > longest:
         raise InputError(
-            f"--mtbfa {mtbfa:g}: {judged:.4g} s of healthy data without an alarm support at most "
-            f"{longest:.4g} s (95 % confidence); ask for less, or give "
-            f"{3 * mtbfa:.4g} s of healthy data."
+            f"--mtbfa {mtbfa:g}: {number(judged, 4)} s of healthy data without an alarm support "
+            f"at most {number(longest, 4)} s (95 % confidence); ask for less, or give "
+            f"{number(3 * mtbfa, 4)} s of healthy data."
         )
     allowed = 0
     while allowed + 1 < blocks and supported(judged, allowed + 1) >= mtbfa:

@@ -3,6 +3,7 @@
 import numpy as np
 
 from faultgauge.detection.noise import drifting_of, noise_of
+from faultgauge.detection.words import number
 from faultgauge.plants.disturbed import dynamic_states
 from faultgauge.plants.model import Model
 
@@ -21,7 +22,7 @@ def _intervals(model: Model) -> list[str]:
     block, units = model.calibration or {}, _units(model)
     return [
         f"{name}: 95 % of the healthy estimates lie within +-"
-        f"{channel['interval']:.4g} {units.get(name, '')}".rstrip()
+        f"{number(channel['interval'])} {units.get(name, '')}".rstrip()
         for name, channel in block["channels"].items()
     ]
 
@@ -35,27 +36,27 @@ def errors(model: Model) -> list[str]:
         unit = f" {each.unit}/s" if each.unit else " per second"
         lasting = noise.lasting[k]
         lines.append(
-            f"the model's own error in d({each.name}): {noise.size[k]:.2g}{unit}, lasting about "
-            f"{lasting:.2g} s"
+            f"the model's own error in d({each.name}): {number(noise.size[k], 2)}{unit}, lasting "
+            f"about {number(lasting, 2)} s"
         )
     for j in noise.wanders:
         each = signals.outputs[j]
-        size = f"{noise.wander[j]:.2g} {each.unit}".rstrip()
+        size = f"{number(noise.wander[j], 2)} {each.unit}".rstrip()
         lines.append(
             f"{each.name} wanders by {size} beside what the model says, for about "
-            f"{noise.wandering[j]:.2g} s at a time"
+            f"{number(noise.wandering[j], 2)} s at a time"
         )
     for j in noise.lags:
         lines.append(
             f"what an input's change does to {signals.outputs[j].name} is off by about "
-            f"{noise.late[j]:.0%} of it, for about {noise.lag[j]:.2g} s"
+            f"{100 * noise.late[j]:.0f} % of it, for about {number(noise.lag[j], 2)} s"
         )
     known = (model.calibration or {})["noise"]["spread"]
     values = model.plant.parameters
     spread = [
-        f"{name} {s:.2g} ({s / abs(float(values[name])):.1%})"
+        f"{name} {number(s, 2)} ({100 * s / abs(float(values[name])):.1f} %)"
         if float(values[name])
-        else f"{name} {s:.2g}"
+        else f"{name} {number(s, 2)}"
         for name, s in known.items()
     ]
     if spread:
@@ -69,7 +70,7 @@ def errors(model: Model) -> list[str]:
 def _priors(model: Model) -> list[str]:
     found, units = (model.calibration or {})["bank"]["size"], _units(model)
     # the widest prior is half of what a fault is at most
-    sizes = [f"{name} {2 * size:.2g} {units[name]}".rstrip() for name, size in found.items()]
+    sizes = [f"{name} {number(2 * size, 2)} {units[name]}".rstrip() for name, size in found.items()]
     return [f"faults are looked for up to about: {', '.join(sizes)}"]
 
 
@@ -78,9 +79,9 @@ def _level(model: Model) -> str:
     alarms = bank["alarms"]
     told = f"{alarms} alarm{'' if alarms == 1 else 's'}" if alarms else "no alarm"
     return (
-        f"alarm at odds of {np.exp(min(bank['level'], 100.0)):.3g} to 1; {told} in "
-        f"{bank['blocks']} healthy blocks ({bank['judged_s']:.4g} s) proves only that false alarms "
-        f"come at most once in {bank['mtbfa_s']:.4g} s (95 % confidence)"
+        f"alarm at odds of {number(np.exp(min(bank['level'], 100.0)))} to 1; {told} in "
+        f"{bank['blocks']} healthy blocks ({number(bank['judged_s'], 4)} s) proves only that "
+        f"false alarms come at most once in {number(bank['mtbfa_s'], 4)} s (95 % confidence)"
     )
 
 

@@ -28,6 +28,7 @@ from faultgauge.detection.bank import FaultBank
 from faultgauge.detection.blocks import correlation_time
 from faultgauge.detection.decisions import Decision
 from faultgauge.detection.noise import drifting_of
+from faultgauge.detection.words import number
 from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run
 
@@ -208,7 +209,7 @@ def _sentence(found: Drift) -> str:
         moved = f"stands at {found.change:+.3g} {found.unit}".rstrip()
     else:
         moved = f"moved by {found.change:+.3g} +- {width:.2g} {found.unit}".rstrip()
-    said = f"{where} {moved} over {found.seconds:.4g} s of healthy samples (p {found.p:.1g})"
+    said = f"{where} {moved} over {number(found.seconds, 4)} s of healthy samples (p {found.p:.1g})"
     match found.cause:
         case "plant":
             why = "the plant drifts, apart from any fault; fit again on recent healthy logs"

@@ -4,18 +4,22 @@ An alarm level that is found on such logs hides faults, and an alarm over such a
 which fault it is; both answers look sound.
 """
 
+import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from faultgauge.detection.words import number
 from faultgauge.errors import InputError
-from faultgauge.identification.evaluation import evaluate
+from faultgauge.identification.evaluation import WARMUP, evaluate
+from faultgauge.identification.holdout import LAST_SHARE
 from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run, cut
 
 __all__ = ["FEWEST", "Alarmed", "Misfit", "alarmed_throughout", "not_followed"]
 
+SHORTEST = 2 * WARMUP  # samples of a piece
 LONGEST = 20_000  # samples of a free run
 WORSE = 10.0  # times the free run's error on the data that the fit was validated on
 NOTABLE = 0.1  # of an output's standard deviation
@@ -26,26 +30,46 @@ FEWEST = 20  # judged samples before which a stream says nothing: AT_ONCE is one
 
 def not_followed(model: Model, runs: Sequence[Run]) -> list[str]:
     """A sentence for every one of the healthy `runs` that the model's free run does not follow as
-    it followed the data it was validated on."""
+    it followed the data it was validated on.
+
+    Free runs begin anew at every piece that is as long as what a fit holds out of a run: through
+    all of a log the model of a plant that integrates is carried off by errors of no account.
+    """
     usual = model.record.get("metrics", {}).get("validation_free_run_nrmse")
     if usual is None:
         return []
     found = []
     for run in [cut(run, slice(0, LONGEST)) for run in runs]:
         try:
-            scores = evaluate(model.plant, [run], model.max_step)[0]["outputs"]
+            scores = evaluate(model.plant, _pieces(run), model.max_step)[0]["runs"]
         except InputError:  # nowhere two samples in a row: nothing to follow
             continue
-        for name, score in scores.items():
-            error = np.inf if score["nrmse"] is None else score["nrmse"]  # it blew up
-            if np.nanstd(run.columns[name]) > 0 and error > max(WORSE * usual, NOTABLE):
+        for name in model.plant.signals.output_names:
+            parts = [each["outputs"][name]["rmse"] for each in scores if name in each["outputs"]]
+            spread = float(np.nanstd(run.columns[name])) if parts else 0.0
+            if not spread > 0:
+                continue
+            blown_up = np.inf
+            typical = np.median([blown_up if each is None else each for each in parts])
+            error = float(typical) / spread
+            if error > max(WORSE * usual, NOTABLE):
                 found.append(
-                    f"run {run.name}: the model's free run errs by {error:.2g} of {name}'s "
-                    f"standard deviation, where it was validated by {usual:.2g}: a fault all over "
-                    "this log, or the model of another plant; smaller faults than this error will "
-                    "not be told"
+                    f"run {run.name}: the model's free run errs by {number(error, 2)} times the "
+                    f"standard deviation of {name}, and by {number(usual, 2)} times where it was "
+                    "validated: a fault all over this log, or the model of another plant; smaller "
+                    "faults than this error will not be told"
                 )
     return found
+
+
+def _pieces(run: Run) -> list[Run]:
+    """`run` in parts as long as what a fit holds out of one, and long enough to be scored."""
+    count = max(1, min(round(1 / LAST_SHARE), len(run.t) // SHORTEST))
+    edges = np.linspace(0, len(run.t), count + 1).astype(int)
+    return [
+        replace(cut(run, slice(a, b)), name=f"{run.name}, part {k}")
+        for k, (a, b) in enumerate(itertools.pairwise(edges.tolist()), 1)
+    ]
 
 
 def alarmed_throughout(statuses: Mapping[str, Sequence[str]]) -> list[str]:
@@ -95,7 +119,8 @@ class Alarmed:
 
     def sentence(self) -> str:
         return (
-            f"run {self.run}: alarm in {self.alarms / self.judged:.0%} of what could be judged, "
-            "from the beginning on: a fault already there when the log begins, or the model of "
-            "another plant; `faultgauge evaluate` on a healthy log of this plant tells"
+            f"run {self.run}: alarm in {100 * self.alarms / self.judged:.0f} % of what could be "
+            "judged, from the beginning on: a fault already there when the log begins, or the "
+            "model of another plant; `faultgauge evaluate` on a healthy log of this plant tells "
+            "which"
         )

@@ -20,7 +20,16 @@ from faultgauge.detection.probability import probability
 from faultgauge.detection.shocks import Shocks
 from faultgauge.detection.verdicts import FAULT
 from faultgauge.detection.window import Causes, Window
-from faultgauge.detection.words import PURE, UNDECLARED, amount, less_likely, moment, since
+from faultgauge.detection.words import (
+    PURE,
+    UNDECLARED,
+    amount,
+    likelihoods,
+    moment,
+    or_earlier,
+    since,
+    would_not_show,
+)
 
 __all__ = ["HEALTHY", "Retrospect", "Told", "as_dicts", "retrospect", "sentences"]
 
@@ -34,7 +43,8 @@ Curve: TypeAlias = Float[np.ndarray, "samples"]
 @dataclass(frozen=True)
 class Told:
     """What the bank said while the log ran: `alarm` [s], its first FAULT of the window; `start`
-    [s], when it first named this cause, and the `size` with its interval that it gave then."""
+    [s], when it named this cause, and the `size` with its interval that it gave then (None where
+    that was before this change of it)."""
 
     alarm: float | None
     start: float | None
@@ -151,7 +161,7 @@ def _answer(
         hi=size[2],
         alternatives=_alternatives(names, logs, k, rivals),
         least=_least(bank, causes.seen[-1], count),
-        told=_told(bank, decision, window.part, names[k]),
+        told=_told(bank, decision, window.part, names[k], onset, size[0]),
         t=window.t,
         density=density,
         given=given,
@@ -194,20 +204,37 @@ def _least(bank: FaultBank, found: Shocks, count: int) -> dict[str, float | None
     return {fault.name: float(least[k]) if shown[k] else None for k, fault in enumerate(faults)}
 
 
-def _told(bank: FaultBank, decision: Decision, part: slice, cause: str) -> Told:
+def _told(
+    bank: FaultBank,
+    decision: Decision,
+    part: slice,
+    cause: str,
+    onset: tuple[float, float, float] | tuple[None, None, None],
+    size: float | None,
+) -> Told:
+    """What was told of `cause`: of its events with the sign of `size` the one that is dated nearest
+    to the `onset`."""
     t, found = decision.run.t, decision.posterior
     alarms = np.flatnonzero(np.array(decision.status[part]) == FAULT)
     alarm = float(t[part][alarms[0]]) if len(alarms) else None
     first, last = t[part][0], t[part][-1]
-    named = [e for e in decision.events if e.fault == cause and first <= e.start <= last]
-    if not named:
+    named = [
+        e
+        for e in decision.events
+        if e.fault == cause
+        and first <= e.start <= last
+        and (size is None or e.size is None or e.size * size >= 0)
+    ]
+    if onset[0] is None or not named:
         return Told(alarm, None, None, None, None)
-    start = named[0].start
-    if cause == UNKNOWN:
+    middle, low, _ = onset
+    start = min(named, key=lambda e: abs(e.onset - middle)).start
+    if cause == UNKNOWN or start < low:
         return Told(alarm, start, None, None, None)
     k = bank.model.plant.signals.fault_names.index(cause)
     n = int(np.searchsorted(t, start))
-    return Told(alarm, start, float(found.f[n, k]), float(found.lo[n, k]), float(found.hi[n, k]))
+    sizes = found.f[n, k] / found.p[n, k], found.lo[n, k], found.hi[n, k]
+    return Told(alarm, start, *(float(each) for each in sizes))
 
 
 def sentences(bank: FaultBank, found: Sequence[Retrospect]) -> list[str]:
@@ -215,51 +242,54 @@ def sentences(bank: FaultBank, found: Sequence[Retrospect]) -> list[str]:
     faulty = [_sentence(bank, each) for each in found if each.cause != HEALTHY]
     if faulty or not found:
         return faulty or ["In hindsight: too few samples to judge."]
-    units = {fault.name: fault.unit for fault in bank.model.plant.signals.faults}
-    least = dict[str, str]()
-    for name, unit in units.items():
-        sizes = [each.least[name] for each in found]
-        shown = max((size for size in sizes if size is not None), default=None)
-        blind = shown is None or None in sizes
-        least[name] = (
-            f"{name} of any size"
-            if blind
-            else f"{name} below {shown:.2g} {'' if unit in PURE else unit}".rstrip()
-        )
-    return [f"In hindsight: no fault; {', '.join(least.values())} would not have shown."]
+    least = dict[str, tuple[float | None, str]]()
+    for fault in bank.model.plant.signals.faults:
+        sizes = [each.least[fault.name] for each in found]
+        shown = [size for size in sizes if size is not None]
+        unit = "" if fault.unit in PURE else fault.unit
+        least[fault.name] = max(shown) if len(shown) == len(sizes) else None, unit
+    return [f"In hindsight: no fault; {would_not_show(least)}"]
 
 
 def _sentence(bank: FaultBank, found: Retrospect) -> str:
-    """ "friction +0.100 N*m (+0.096 to +0.104) since 41 s +- 6 s (p 0.98, run 1); leak instead is
-    200 times less likely; online you would have been told at 52 s: ..." """
+    """ "In hindsight: friction +0.100 N*m (+0.096 to +0.104) since 41 s +- 6 s (p 0.98, run 1);
+    leak instead is 200 times less likely; online you would have been told at 52 s, then as ..." """
     units = {fault.name: fault.unit for fault in bank.model.plant.signals.faults}
     assert found.onset is not None
     assert found.onset_lo is not None
     assert found.onset_hi is not None
 
-    def at(t: float) -> str:
-        return moment(found.clock, t, 1.0)
-
     began = since(found.clock, found.onset, found.onset_lo, found.onset_hi)
+    if found.onset_lo <= found.start:
+        began = or_earlier(found.clock, found.onset_hi, found.onset_hi - found.onset_lo)
     if found.size is None or found.lo is None or found.hi is None:
         what = f"{UNDECLARED} or not constant"
     else:
         what = f"{found.cause} {amount(found.size, found.lo, found.hi, units[found.cause])}"
-    said = [f"{what} {began} (p {probability(found.p)}, run {found.run})"]
-    for cause, odds in found.alternatives:
-        if cause != HEALTHY or odds < PLAIN:
-            label = "no fault" if cause == HEALTHY else cause
-            label = f"one constant {cause}" if found.cause == UNKNOWN else label
-            said.append(less_likely([label], odds))
+    said = [f"In hindsight: {what} {began} (p {probability(found.p)}, run {found.run})"]
+    labels = {HEALTHY: "no fault", UNKNOWN: UNDECLARED}
+    constant = "one constant " if found.cause == UNKNOWN else ""
+    said += likelihoods(
+        (labels.get(cause, f"{constant}{cause}"), odds)
+        for cause, odds in found.alternatives
+        if cause != HEALTHY or odds < PLAIN
+    )
     told = found.told
+    step = float(np.median(np.diff(found.t)))
+
+    def at(t: float) -> str:
+        return moment(found.clock, t, step)
+
     if told.start is None and told.alarm is not None:
         said.append(f"online you would have been told of a fault at {at(told.alarm)}")
     elif told.start is None:
         said.append("online you would not have been told")
+    elif told.start < found.onset_lo:
+        said.append(f"online you would have been told before, at {at(told.start)}")
     else:
         then = ""
         if told.size is not None and told.lo is not None and told.hi is not None:
-            then = f": {amount(told.size, told.lo, told.hi, units.get(found.cause, ''))}"
+            then = f", then as {amount(told.size, told.lo, told.hi, units[found.cause])}"
         said.append(f"online you would have been told at {at(told.start)}{then}")
     return "; ".join(said)
 

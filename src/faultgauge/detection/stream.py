@@ -38,11 +38,9 @@ from faultgauge.telemetry import Run
 from faultgauge.telemetry.rates import align
 from faultgauge.telemetry.resampling import same_rate
 from faultgauge.telemetry.runs import PACE_SAMPLES, cut, joined, paced
-from faultgauge.telemetry.stream import SOURCE, Sample
+from faultgauge.telemetry.stream import NAME, SOURCE, Sample
 
 __all__ = ["Said", "Stream"]
-
-NAME = "stream"
 
 Said: TypeAlias = Estimated | Decision | Alarm | BankEvent | Misfit
 

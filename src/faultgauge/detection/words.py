@@ -1,14 +1,31 @@
 """Sizes, times and odds as they are said."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from datetime import datetime, timedelta
 
 import numpy as np
 
-__all__ = ["MOST", "OLDER", "PURE", "UNDECLARED", "amount", "less_likely", "moment", "since"]
+__all__ = [
+    "MOST",
+    "OLDER",
+    "PURE",
+    "UNDECLARED",
+    "amount",
+    "less_likely",
+    "likelihoods",
+    "listed",
+    "moment",
+    "number",
+    "onset_cell",
+    "or_earlier",
+    "since",
+    "would_not_show",
+]
 
 MOST = 1000.0  # odds beyond which what is told rests on the model more than on them
+POSSIBLE = 20.0  # odds up to which something undeclared is spoken of: nobody can list it all
 PURE = ("1", "-")  # units that nobody says
+LARGE = 1e6  # from which on a number is said in powers of ten
 SMALL = 1e-4  # below which a number is said in powers of ten
 ROUNDING = 1e-6  # of the last decimal
 CENTRED = 0.1  # of half an interval: a value that near its middle is in it
@@ -27,12 +44,49 @@ def amount(size: float, low: float, high: float, unit: str) -> str:
     return f"{size:{style}} {unit}".rstrip() + f" ({low:{style}} to {high:{style}})"
 
 
+def number(value: float, figures: int = 3) -> str:
+    """`figures` of a value; in powers of ten only what is very small or large: "520", "3.2e-06"."""
+    text = f"{value:.{figures}g}"
+    return f"{float(text):.0f}" if "e+" in text and abs(value) < LARGE else text
+
+
 def less_likely(causes: Sequence[str], odds: float) -> str:
     """ "leak instead is 200 times less likely"."""
     if odds < 1.05:
         return f"{' or '.join(causes)} instead is as likely"
     times = f"more than {MOST:.0f}" if odds >= MOST else f"{odds:.3g}"
     return f"{' or '.join(causes)} instead is {times} times less likely"
+
+
+def likelihoods(instead: Iterable[tuple[str, float]]) -> list[str]:
+    """The sentences of `less_likely` for causes with their odds, those of the same odds together,
+    the likeliest first; something undeclared where it is likely enough to be spoken of."""
+    causes, said = dict[float, list[str]](), list[str]()
+    for cause, odds in sorted(instead, key=lambda each: each[1]):
+        if cause == UNDECLARED:
+            if odds < POSSIBLE:
+                said.append(f"{UNDECLARED} is only {odds:.2g} times less likely")
+        else:
+            causes.setdefault(min(odds, MOST), []).append(cause)
+    return [*said, *(less_likely(each, odds) for odds, each in causes.items())]
+
+
+def would_not_show(least: Mapping[str, tuple[float | None, str]]) -> str:
+    """What of each fault, by its name the smallest size that shows (None: none does) and its unit,
+    a log would not have shown."""
+    small = [f"{name} below {f'{number(size, 2)} {unit}'.rstrip()}" for name, (size, unit) in
+             least.items() if size is not None]  # fmt: skip
+    blind = [name for name, (size, _) in least.items() if size is None]
+    if not small:
+        return f"{listed(blind)} of any size would not have shown"
+    beside = f", nor would {listed(blind, 'or')} of any size" if blind else ""
+    return f"{listed(small)} would not have shown{beside}"
+
+
+def listed(names: Sequence[str], word: str = "and") -> str:
+    """ "a, b and c"."""
+    *first, last = names
+    return f"{', '.join(first)} {word} {last}" if first else last
 
 
 def moment(clock: datetime | None, t: float, resolution: float = 0.0) -> str:
@@ -52,10 +106,20 @@ def since(clock: datetime | None, onset: float, low: float, high: float) -> str:
     """ "since 299.5 s +- 1.1 s", or "since 299.5 s (298.1 s to 300 s)" where that is not the middle
     of its interval."""
     half = (high - low) / 2
-    began = f"since {moment(clock, onset, half)}"
     if abs((low + high) / 2 - onset) <= CENTRED * half:
-        return f"{began} +- {half:.2g} s"
-    return f"{began} ({moment(clock, low, half)} to {moment(clock, high, half)})"
+        return f"since {moment(clock, onset, half)} +- {number(half, 2)} s"
+    return f"since {onset_cell(clock, onset, low, high)}"
+
+
+def onset_cell(clock: datetime | None, onset: float, low: float, high: float) -> str:
+    """ "299.5 s (298.1 s to 300 s)"."""
+    at, first, last = (moment(clock, t, (high - low) / 2) for t in (onset, low, high))
+    return f"{at} ({first} to {last})"
+
+
+def or_earlier(clock: datetime | None, latest: float, resolution: float) -> str:
+    """ "since 299.5 s or earlier", of what began by `latest` [s]."""
+    return f"since {moment(clock, latest, resolution)} or earlier"
 
 
 def decimals(width: float) -> int:

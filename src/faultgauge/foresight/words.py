@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 
+from faultgauge.detection.words import number
 from faultgauge.foresight.result import FaultSheet, Help, RunSheet, Sheet
 
 __all__ = ["HEADER", "fault_row", "legend", "lines", "remarks"]
@@ -25,7 +26,7 @@ def lines(sheet: Sheet) -> list[str]:
     for run in sheet.runs:
         rows = [HEADER, *(fault_row(each) for each in run.faults)]
         widths = [max(len(row[k]) for row in rows) for k in range(len(HEADER))]
-        said.append(f"{run.name}: {run.rows} rows, {run.seconds:.4g} s")
+        said.append(f"{run.name}: {run.rows} rows, {number(run.seconds, 4)} s")
         said += [
             "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
             for row in rows
@@ -37,11 +38,11 @@ def lines(sheet: Sheet) -> list[str]:
 def legend(sheet: Sheet) -> str:
     """What the columns of the table mean."""
     return (
-        "Seen, named from: the smallest size that would raise an alarm, or be told by its name, by "
-        "the end of the log, had it begun in its middle, 9 times in 10; right of that with false "
-        f"alarms 10 and 100 times as rare as the {sheet.rate:.3g} per hour that calibration "
-        "allows. Levels off: from when on a constant fault cannot be told any better from the "
-        "model's own slow error."
+        "Seen from, named from: the smallest size that would raise an alarm, or be told by its "
+        "name, 9 times in 10, by the end of the log, had it begun in its middle; right of them "
+        f"the same with false alarms 10 and 100 times as rare as the {number(sheet.rate)} per "
+        "hour that calibration allows. Levels off: from then on a constant fault is told no "
+        "better from the model's own slow error."
     )
 
 
@@ -53,7 +54,7 @@ def fault_row(fault: FaultSheet) -> tuple[str, ...]:
         amount(fault.seen_from, fault.unit),
         *(amount(each, fault.unit) for each in rates),
         fault.like or "-",
-        "not in this log" if fault.levels_off is None else f"{fault.levels_off:.3g} s",
+        "not in this log" if fault.levels_off is None else f"{number(fault.levels_off)} s",
     )
 
 
@@ -106,8 +107,9 @@ def _helped(each: Help) -> Iterator[str]:
     if test is not None:
         yield (
             f"{what} by a {test.kind} of {test.amplitude:+.3g} {test.unit}".rstrip()
-            + f" on {test.input} for {test.seconds:.3g} s from {amount(test.base, test.unit)} on; "
-            f"simulated, from {amount(test.told.obtained, each.unit)} on."
+            + f" on {test.input} for {number(test.seconds)} s from "
+            f"{amount(test.base, test.unit)} on; simulated, from "
+            f"{amount(test.told.obtained, each.unit)} on."
         )
     if not each.sensors and test is None:
         how = "show it" if each.other is None else f"tell it from {each.other}"
@@ -119,4 +121,4 @@ def _helped(each: Help) -> Iterator[str]:
 
 def amount(size: float | None, unit: str) -> str:
     """ "0.0012 N*m"; "-" where there is none."""
-    return "-" if size is None else f"{size:.3g} {'' if unit in PURE else unit}".rstrip()
+    return "-" if size is None else f"{number(size)} {'' if unit in PURE else unit}".rstrip()

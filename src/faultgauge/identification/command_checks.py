@@ -113,9 +113,10 @@ def _flat(
         level, end = u[order[max(count - 1, 0)]], u[order[0]]
         if count >= BEYOND * len(u) and sign * (end - level) > BEYOND * np.ptp(u):
             yield (
-                f"input {each.name!r} moves on {side} {level:.4g} in {count / len(u):.1%} of the "
-                "samples, where the response does not: it looks like the command of a saturated "
-                f"actuator; log what was applied, or give min and max in [inputs.{each.name}]"
+                f"input {each.name!r} moves on {side} {level:.4g} in {100 * count / len(u):.1f} "
+                "% of the samples, where the response does not: it looks like the command of a "
+                f"saturated actuator; log what was applied, or give min and max in "
+                f"[inputs.{each.name}]"
             )
 
 
@@ -156,8 +157,8 @@ def _other_response(
             best = (
                 share,
                 f"input {each.name!r} looks like the command, not what was applied: the plant "
-                f"follows it {versions[chosen].words}, which explains {share:.0%} of what the "
-                f"model leaves; log what the actuator did, or {versions[chosen].cure}",
+                f"follows it {versions[chosen].words}, which explains {100 * share:.0f} % of "
+                f"what the model leaves; log what the actuator did, or {versions[chosen].cure}",
             )
     if best[1]:
         yield best[1]

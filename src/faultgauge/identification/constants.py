@@ -18,6 +18,7 @@ ALIKE = 0.99  # correlation at which two parameters cannot be told apart
 VAGUE = 0.1
 BIASED = 0.02  # of a parameter: less of a bias is not worth a word
 CHANGES = 0.5  # of the squared error, to be worth a word
+VANISHED = 1e-30  # of the value in the file: a parameter that is found by its logarithm ends there
 NEAR = 1e-3  # of the range: a parameter this near to a bound is at it
 
 
@@ -72,14 +73,18 @@ class Information:
             if each.bias is not None:
                 found.append(
                     f"parameter {each.name!r} is off by about {each.bias:+.2g} {each.unit}".rstrip()
-                    + f" ({abs(each.bias / each.value):.0%}) because of noise in what its equation "
-                    "reads, which its standard error does not hold; use --refine"
+                    + f" ({100 * abs(each.bias / each.value):.0f} %) because of noise in what "
+                    "its equation reads, which its standard error does not hold; use --refine"
                 )
             if each.imitated_by:
-                kept = ", though it is kept from doing so" if self.kept_apart else ""
+                does = (
+                    f"could do the same, and is held back so that {each.name!r} has all of it"
+                    if self.kept_apart
+                    else "can imitate it"
+                )
                 found.append(
                     f"parameter {each.name!r} is not identifiable: network {each.imitated_by!r} "
-                    f"can imitate it{kept}; fix it, or leave its part to the network"
+                    f"{does}; fix it, or leave its part to the network"
                 )
         for i, a in enumerate(self.constants):
             for j, b in enumerate(self.constants[:i]):
@@ -92,7 +97,8 @@ class Information:
         if best and self.changing[best] > CHANGES:
             found.append(
                 f"parameter {best!r} seems to change within the runs or between them: that would "
-                f"explain {min(self.changing[best], 1.0):.0%} of the squared error; if it may, say "
+                f"explain {100 * min(self.changing[best], 1.0):.0f} % of the squared error; if "
+                "it may, say "
                 'vary = "slow" or "run", if not, the model lacks something that looks like it'
             )
         for direction in self.unseen:
@@ -166,7 +172,7 @@ def _constant(
 def _bound(spec: Parameter, value: float) -> str | None:
     """The bound that `value` is at."""
     width = spec.max - spec.min if np.isfinite(spec.max - spec.min) else abs(value)
-    if value - spec.min <= NEAR * width:
+    if value - spec.min <= max(NEAR * width, VANISHED * abs(spec.value)):
         return f"min = {spec.min:g}"
     return f"max = {spec.max:g}" if spec.max - value <= NEAR * width else None
 

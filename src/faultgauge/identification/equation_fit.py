@@ -205,8 +205,8 @@ def fit_equations(
             chosen = starts + int(np.argmin(np.round(errors[starts:], 12)))
             warnings.append(
                 f"{group.name}: with the instrument the free run on held-out data errs by "
-                f"{freed:.2%}, without it by {plain:.2%}; the fit without is kept, and may have "
-                "the loop's bias; give logs in which the reference moves more"
+                f"{100 * freed:.2f} %, without it by {100 * plain:.2f} %; the fit without is "
+                "kept, and may have the loop's bias; give logs in which the reference moves more"
             )
         instrumented = given.exogenous is not None and chosen < starts
         plant = candidates[chosen]

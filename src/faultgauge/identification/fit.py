@@ -197,8 +197,8 @@ def _of_no_use(result: _Result, runs: Sequence[Run]) -> list[str]:
         return []
     if result.error < 1:
         return [
-            f"on held-out data the free run is off by {result.error:.0%} of each output's standard "
-            f"deviation, which is little to rely on: {LOOK_FOR}"
+            f"on held-out data the free run is off by {100 * result.error:.0f} % of each "
+            f"output's standard deviation, which is little to rely on: {LOOK_FOR}"
         ]
     return [
         "on held-out data the free run is worse than each output's mean would be: do not use "
@@ -232,8 +232,8 @@ def _error_and_stage(stage: EquationFit) -> tuple[float, EquationFit]:
 def _loose(signals: Signals, explained: dict[str, float]) -> list[str]:
     return [
         f"column {each.instrument!r}, the instrument of input {each.name!r}, explains only "
-        f"{explained[each.name]:.1%} of it: the fit is free of the loop's bias, but loose; give "
-        "logs in which the reference moves more"
+        f"{100 * explained[each.name]:.1f} % of it: the fit is free of the loop's bias, but "
+        "loose; give logs in which the reference moves more"
         for each in signals.inputs
         if explained.get(each.name, 1.0) < LOOSE
     ]

@@ -5,7 +5,7 @@ from jaxtyping import Bool
 
 from faultgauge.identification.samples import Stretch
 
-__all__ = ["split", "split_record"]
+__all__ = ["LAST_SHARE", "split", "split_record"]
 
 LAST_SHARE = 0.15
 SPREAD_WINDOWS = 3

@@ -96,8 +96,8 @@ def project(
             if share < FEWEST:
                 raise InputError(
                     f"column {each.instrument!r}, the instrument of input {each.name!r}, explains "
-                    f"{max(share, 0.0):.1%} of it in the logs, too little to fit with; name the "
-                    "reference that the controller follows, or remove instrument from "
+                    f"{100 * max(share, 0.0):.1f} % of it in the logs, too little to fit with; "
+                    "name the reference that the controller follows, or remove instrument from "
                     f"[inputs.{each.name}]."
                 )
     return Samples(part_x, part_u, part_dx, y), explained

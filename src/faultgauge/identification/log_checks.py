@@ -79,8 +79,8 @@ def beyond_limits(each: Input, runs: Sequence[Run]) -> list[str]:
         return []
     return [
         f"input {each.name!r} goes beyond its limits, {each.min:g} to {each.max:g}, in "
-        f"{np.mean(outside):.2%} of the rows (as far as {u[np.argmax(over)]:.4g}): this is the "
-        "command, not what was applied; log what the actuator did, or correct min and max"
+        f"{100 * np.mean(outside):.2f} % of the rows (as far as {u[np.argmax(over)]:.4g}): this "
+        "is the command, not what was applied; log what the actuator did, or correct min and max"
     ]
 
 
@@ -97,8 +97,8 @@ def _of_output(run: Run, name: str) -> Iterator[str]:
     empty = float(np.mean(np.isnan(run.columns[name])))
     if empty > MANY_EMPTY:
         yield (
-            f"output {name!r} is empty in {empty:.0%} of the rows of run {run.name!r}; what is not "
-            "sampled is neither fitted nor scored"
+            f"output {name!r} is empty in {100 * empty:.0f} % of the rows of run {run.name!r}; "
+            "what is not sampled is neither fitted nor scored"
         )
 
 
@@ -106,9 +106,9 @@ def _of_input(run: Run, name: str) -> Iterator[str]:
     empty = float(np.mean(np.isnan(run.columns[name])))
     if empty > MANY_EMPTY:
         yield (
-            f"input {name!r} is empty in {empty:.0%} of the rows of run {run.name!r}, and each "
-            "empty cell cuts the run: short stretches tell little and may bias constants; fill in "
-            "the file what the input held there"
+            f"input {name!r} is empty in {100 * empty:.0f} % of the rows of run {run.name!r}, "
+            "and each empty cell cuts the run: short stretches tell little and may bias "
+            "constants; fill in the file what the input held there"
         )
 
 
@@ -134,6 +134,6 @@ def _of_range(
         )
     elif isinstance(signal, Input) and share < LITTLE:
         yield (
-            f"{what} moves through {share:.1%} of {declared} only: the model will know nothing "
-            "beyond; add a log in which it moves more"
+            f"{what} moves through {100 * share:.1f} % of {declared} only: the model will know "
+            "nothing beyond; add a log in which it moves more"
         )

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+from faultgauge.detection.words import number
 from faultgauge.rehearsal.result import FaultResult, PairResult, Rehearsal, Trial
 from faultgauge.rehearsal.shares import Share
 
@@ -72,9 +73,10 @@ def remarks(rehearsal: Rehearsal) -> list[str]:
     for times in sorted({each.times for each in rehearsal.pairs}):
         found.append(_pairs([each for each in rehearsal.pairs if each.times == times], times))
     found.append(
-        f"Untouched: {alarms.count} false alarm{'' if alarms.count == 1 else 's'} in "
-        f"{alarms.hours:.3g} h, {alarms.value:.3g} per hour (95 % interval {alarms.lo:.2g} to "
-        f"{alarms.hi:.2g}); calibration allows at most {rehearsal.calibrated_rate:.3g} per hour."
+        f"In untouched logs: {alarms.count} false alarm{'' if alarms.count == 1 else 's'} in "
+        f"{number(alarms.hours)} h, {number(alarms.value)} per hour (95 % interval "
+        f"{number(alarms.lo, 2)} to {number(alarms.hi, 2)}); calibration allows at most "
+        f"{number(rehearsal.calibrated_rate)} per hour."
     )
     found.append(_before(rehearsal.trials))
     found += [f"Not rehearsed: {name}, {reason}." for name, reason in rehearsal.left_out.items()]
@@ -94,8 +96,8 @@ def _before(trials: Sequence[Trial]) -> str:
     early = sum(each.false_before > 0 for each in trials)
     silent = sum(each.not_judged for each in trials) / len(trials)
     return (
-        f"Told before any onset: in {early} of {len(trials)} logs; not judged: {silent:.2g} of the "
-        "rows."
+        f"Told before any onset: in {early} of {len(trials)} logs; not judged: {percent(silent)} "
+        "of the rows."
     )
 
 
@@ -121,19 +123,19 @@ def _smallest(fault: FaultResult) -> str:
 def said(share: Share) -> str:
     """ "47 of 50, 94 % (84 to 98 %)" """
     return (
-        f"{share.count} of {share.total}, {share.value:.0%} "
-        f"({share.lo:.0%} to {share.hi:.0%})".replace("%", " %")
+        f"{share.count} of {share.total}, {100 * share.value:.0f} % "
+        f"({100 * share.lo:.0f} % to {100 * share.hi:.0f} %)"
     )
 
 
 def amount(value: float | None, unit: str) -> str:
     """ "0.00117 m/s"; "-" for nothing."""
-    return "-" if value is None else f"{value:.3g} {unit}".rstrip()
+    return "-" if value is None else f"{number(value)} {unit}".rstrip()
 
 
 def percent(value: float | None) -> str:
     """ "3.1 %"; "-" for nothing."""
-    return "-" if value is None else f"{100 * value:.2g} %"
+    return "-" if value is None else f"{number(100 * value, 2)} %"
 
 
 def _count(share: Share) -> str:

@@ -9,6 +9,7 @@ from faultgauge.detection.bank import FaultBank
 from faultgauge.detection.blocks import Block
 from faultgauge.detection.knowledge import Knowledge
 from faultgauge.detection.noise import Noise
+from faultgauge.detection.words import number
 from faultgauge.plants.disturbed import dynamic_states, following_states
 from faultgauge.plants.model import Model
 from faultgauge.plants.signals import Fault
@@ -30,9 +31,9 @@ def proof(model: Model) -> str:
     alarms = {0: "no alarm", 1: "1 alarm"}.get(block["alarms"], f"{block['alarms']} alarms")
     return (
         f"{alarms[0].upper()}{alarms[1:]} in {block['blocks']} healthy blocks "
-        f"({block['judged_s']:.4g} s) proves that false alarms come at most once in "
-        f"{block['mtbfa_s']:.4g} s (95 % confidence); one begins at odds of "
-        f"{np.exp(min(block['level'], 100.0)):.3g} to 1."
+        f"({number(block['judged_s'], 4)} s) proves that false alarms come at most once in "
+        f"{number(block['mtbfa_s'], 4)} s (95 % confidence); an alarm begins at odds of "
+        f"{number(np.exp(min(block['level'], 100.0)))} to 1."
     )
 
 
@@ -123,8 +124,8 @@ def _hidden(bank: FaultBank) -> tuple[str, ...]:
         flat = float(bank.knowledge.t[np.argmax(sd <= FLAT * last)])
         told.append(
             f"{fault.name} is known to {quantity(last, fault.unit)} (one standard deviation) "
-            f"after {bank.knowledge.t[-1]:.3g} s, and within {FLAT - 1:.0%} of that after "
-            f"{flat:.3g} s."
+            f"after {number(float(bank.knowledge.t[-1]))} s, and within {100 * (FLAT - 1):.0f} % "
+            f"of that after {number(flat)} s."
         )
     return tuple(told)
 
@@ -150,7 +151,7 @@ def _levels(model: Model, noise: Noise) -> Table:
         rows.append(
             (
                 f"of what a change of an input does to d({signals.states[place].name}), it errs by",
-                f"{noise.share[k]:.2%}",
+                f"{100 * noise.share[k]:.2f} %",
                 f"for {quantity(float(noise.settling[k]), 's')}",
             )
         )
@@ -165,7 +166,7 @@ def _levels(model: Model, noise: Noise) -> Table:
     rows += [
         (
             f"of what a change of an input does to {signals.outputs[j].name}, it errs by",
-            f"{noise.late[j]:.2%}",
+            f"{100 * noise.late[j]:.2f} %",
             f"for {quantity(float(noise.lag[j]), 's')}",
         )
         for j in noise.lags

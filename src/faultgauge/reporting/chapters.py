@@ -14,6 +14,7 @@ from faultgauge.detection.estimation import Estimated, sentence
 from faultgauge.detection.judged import Bank
 from faultgauge.detection.noise import noise_of
 from faultgauge.detection.residual import Reference
+from faultgauge.detection.words import number
 from faultgauge.identification.evaluation import Prediction, at_samples, divergence
 from faultgauge.identification.fit import FitReport
 from faultgauge.identification.unseen import Unseen
@@ -46,8 +47,8 @@ __all__ = [
 ]
 
 REFITTED = (
-    "Since the log is short, the model in the file was then fitted to them as well, from there; "
-    "all that is said of unseen data here is about the model before."
+    "Since the log is short, the model in the file was then fitted to these data as well; all that "
+    "is said of unseen data here is about the model before that."
 )
 CROWDED = (
     "{}: arguments seldom leave a small part of their range, and every other start has its units "
@@ -74,7 +75,7 @@ def fit_report(
     error = model.record["metrics"]["validation_free_run_nrmse"]
     summary = (
         f"{model.plant.spec.name}: on data that it was not fitted to, the model's free run is off "
-        f"by {error:.2%} of each output's standard deviation.",
+        f"by {100 * error:.2f} % of each output's standard deviation.",
         *(f"Warning: {warning}." for warning in account.warnings),
     )
     sections = fit_sections(model, account)
@@ -83,8 +84,8 @@ def fit_report(
         checked = validation_section(model.plant, unseen.validation, unseen.predictions)
         origin = "the logs given for validation" if given else "the last 15 % of every stretch"
         note = (
-            f"Unseen are {origin}. No weight was fitted to them, but they chose among the starts; "
-            "a log that had no part at all is a harder test: `faultgauge evaluate`."
+            f"The unseen data are {origin}. No weight was fitted to them, but they chose among "
+            "the starts; a log that had no part at all is a harder test: `faultgauge evaluate`."
         )
         if account.refinement is not None and account.refinement.refitted:
             note += f" {REFITTED}"
@@ -92,7 +93,7 @@ def fit_report(
         checked = replace(
             checked, paragraphs=(note, *checked.paragraphs), tables=(*checked.tables, *floor)
         )
-        sections = (*sections, runs, checked)
+        sections = (runs, checked, *sections)
     return Report(f"Fit: {model.plant.spec.name}", summary, sections, _parameters(model))
 
 
@@ -108,7 +109,7 @@ def fit_sections(model: Model, account: FitReport) -> tuple[Section, ...]:
             f"d({state})",
             quantity(row["window_s"], "s"),
             f"{row['derivative_noise']:.3g}",
-            f"{row['derivative_noise_share']:.2%}",
+            f"{100 * row['derivative_noise_share']:.2f} %",
         )
         for state, row in account.noise.items()
     )
@@ -163,7 +164,7 @@ def evaluation_report(
         f"{name}: {divergence(model.plant, predictions)}."
         if s["rmse"] is None
         else f"{name}: free-run RMSE {quantity(s['rmse'], units[name])}"
-        + ("." if s["r2"] is None else f", R2 {s['r2']:.4%}.")
+        + ("." if s["r2"] is None else f", R2 {100 * s['r2']:.4f} %.")
         for name, s in found["outputs"].items()
     )
     summary += tuple(
@@ -237,7 +238,7 @@ def calibration_report(found: Calibration, runs: Sequence[Run]) -> Report:
         (name, quantity(channel["interval"], units.get(name, "1")))
         for name, channel in block["channels"].items()
     )
-    summary = (f"From {block['judged_s']:.4g} s of healthy logs.", *warnings)
+    summary = (f"From {number(block['judged_s'], 4)} s of healthy logs.", *warnings)
     table = Table(("fault", "95 % of healthy estimates within"), rows)
     section = Section("Healthy estimates", (), (table,))
     return Report(f"Calibration: {found.model.plant.spec.name}", summary, (section,))
@@ -314,7 +315,7 @@ def _parameters(model: Model) -> Table | None:
     rows = tuple(
         (
             p.name,
-            quantity(float(model.plant.parameters[p.name]), p.unit or "1"),
+            quantity(float(model.plant.parameters[p.name]), p.unit or "1", 5),
             "given" if p.fixed else "fitted",
         )
         for p in parameters

@@ -5,7 +5,7 @@ from dataclasses import replace
 from datetime import datetime
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from faultgauge.detection.answer import answers, told
 from faultgauge.detection.bank import FaultBank
@@ -14,13 +14,12 @@ from faultgauge.detection.events import UNKNOWN, BankEvent
 from faultgauge.detection.evidence import Evidence
 from faultgauge.detection.probability import probability
 from faultgauge.detection.retrospective import Retrospect
-from faultgauge.detection.verdicts import NOT_JUDGED, STALE
-from faultgauge.detection.words import MOST, OLDER, UNDECLARED, amount, moment
+from faultgauge.detection.words import MOST, OLDER, UNDECLARED, amount, moment, onset_cell
 from faultgauge.plants.model import Model
 from faultgauge.reporting.evidence_chapter import evidence_section
-from faultgauge.reporting.glance import Compared, Told, overview
 from faultgauge.reporting.report import Report, Section, Table
 from faultgauge.reporting.retrospective_chapter import retrospective_section
+from faultgauge.reporting.run_overview import run_overview, silent
 from faultgauge.reporting.scales import least_sizes, noise_scales
 from faultgauge.reporting.svg import Figure
 from faultgauge.reporting.time_figures import Panel, around, fault_estimate, panels
@@ -28,13 +27,11 @@ from faultgauge.reporting.time_figures import Panel, around, fault_estimate, pan
 __all__ = [
     "decision_figures",
     "decision_report",
-    "headline",
     "leading",
     "unjudged_report",
 ]
 
 MOST_CURVES, MOST_RESIDUALS = 8, 4  # in one figure
-MOST_OUTPUTS, MOST_TOLD = 8, 8
 MOST_ROWS = 12  # of an open table
 MOST_FIGURES = 12  # a report is read, not scrolled
 HEADER = ("run", "fault", "began", "told", "seen until", "size", "p", "instead", "beside")
@@ -51,7 +48,6 @@ def decision_report(
     events and `hindsight`, what the whole logs tell; every fault's estimate is folded. `truth`
     (fault: size) where it is known."""
     first, more = leading(bank, decisions)
-    head, detail = headline(first)
     sections = [*_overviews(bank, decisions, truth or {}), *_events(bank, decisions)]
     if windows:
         sections.append(evidence_section(bank, windows))
@@ -61,7 +57,7 @@ def decision_report(
     all_of_it = tuple(figures[:MOST_FIGURES])
     sections.append(Section("Every fault, told or not", figures=all_of_it, folded=True))
     title = f"Faults: {bank.model.plant.spec.name}"
-    return Report(title, (head, *detail, *more), tuple(sections))
+    return Report(title, (first, *more), tuple(sections))
 
 
 def _overviews(
@@ -74,75 +70,10 @@ def _overviews(
     left = len(ordered) - MOST_FIGURES
     note = (f"{left} more runs are not drawn.",) if left > 0 else ()
     found = [
-        Section(f"Run {each.run.name}", (), (), (_overview(bank, each, truth),), folded=k > 0)
+        Section(f"Run {each.run.name}", (), (), (run_overview(bank, each, truth),), folded=k > 0)
         for k, each in enumerate(ordered[:MOST_FIGURES])
     ]
     return [*found[:-1], replace(found[-1], paragraphs=note)]
-
-
-def _overview(
-    bank: FaultBank, decision: Decision, truth: Mapping[str, Float[np.ndarray, "samples"]]
-) -> Figure:
-    """Outputs, and the faults that were told; undeclared ones are shaded only."""
-    run, found, signals = decision.run, decision.posterior, bank.model.plant.signals
-    noise = noise_scales(bank.model)
-    outputs = [
-        Compared(
-            each.name,
-            each.unit,
-            run.own(each.name),
-            run.own(each.name) - decision.residuals[each.name],
-            noise[each.name],
-        )
-        for each in signals.outputs
-        if each.name in decision.residuals
-    ]
-    ordered = sorted(outputs, key=_noises_off, reverse=True)
-    furthest = {each.name for each in ordered[:MOST_OUTPUTS]}
-    spans = {
-        fault.name: [(e.onset, e.end) for e in decision.events if e.fault == fault.name]
-        for fault in signals.faults
-    }
-    least = least_sizes(bank, run)
-    told = [
-        Told(
-            fault.name,
-            fault.unit,
-            found.f[:, k],
-            found.lo[:, k],
-            found.hi[:, k],
-            spans[fault.name],
-            least[k],
-            truth.get(fault.name),
-        )
-        for k, fault in enumerate(signals.faults)
-        if spans[fault.name]
-    ]
-    note = (
-        f"Of {len(outputs)} outputs the {MOST_OUTPUTS} that are furthest off the model."
-        if len(outputs) > MOST_OUTPUTS
-        else ""
-    )
-    return overview(
-        run.t,
-        [each for each in outputs if each.name in furthest],
-        told[:MOST_TOLD],
-        run=run.name,
-        spans=[(each.onset, each.end) for each in decision.events],
-        not_judged=_silent(decision),
-        clock=run.clock,
-        note=note,
-    )
-
-
-def _noises_off(output: Compared) -> float:
-    """The most that an output was off the healthy model, in standard deviations of its noise."""
-    off = np.abs(output.measured - output.healthy)
-    return float(np.max(off[np.isfinite(off)], initial=0.0)) / (output.noise or 1.0)
-
-
-def _silent(decision: Decision) -> Bool[np.ndarray, "samples"]:
-    return np.isin(decision.status, [NOT_JUDGED, STALE])
 
 
 def _events(bank: FaultBank, decisions: Sequence[Decision]) -> list[Section]:
@@ -161,21 +92,26 @@ def _events(bank: FaultBank, decisions: Sequence[Decision]) -> list[Section]:
 
 
 def leading(bank: FaultBank, decisions: Sequence[Decision]) -> tuple[str, list[str]]:
-    """(what to say first, the rest in the order of time): the first answer that lasts at least
-    half as long as the longest one, or the one answer where nothing was found."""
-    found = told(bank, decisions)
-    everything = answers(bank, decisions)
-    if not found:
-        return everything[0], everything[1:]
-    longest = max(each.end - each.start for each in found)
-    k = next(k for k, each in enumerate(found) if each.end - each.start >= longest / 2)
-    return everything.pop(k), everything
+    """(what to say first: fault, size, onset and p; the sentences behind it). First is the first
+    event that lasts at least half as long as the longest one, else an alarm, else what it means
+    that there is none; behind it all that is said of it, and in the order of time the others."""
+    found, everything = told(bank, decisions), answers(bank, decisions)
+    if found:
+        events = [each for each in found if each.rest] or found
+        longest = max(each.end - each.start for each in events)
+        first = next(each for each in events if each.end - each.start >= longest / 2)
+        head, rest = first.head, "; ".join(first.rest)
+        others = [each.head for each in found if each is not first] + everything[len(found) :]
+    else:
+        head, _, rest = everything[0].partition("; ")
+        others = everything[1:]
+    return head, [_sentence(each) for each in (rest, *others) if each]
 
 
-def headline(sentence: str) -> tuple[str, tuple[str, ...]]:
-    """An answer as what is said largest, fault, size, onset and p, and the sentence behind it."""
-    head, _, rest = sentence.partition("; ")
-    return head, (f"{rest[0].upper()}{rest[1:]}.",) if rest else ()
+def _sentence(text: str) -> str:
+    """With a full stop; of the name of a fault the first letter stays as it is."""
+    text = f"{text[0].upper()}{text[1:]}" if text.startswith(("told", "not judged")) else text
+    return f"{text.rstrip('.')}."
 
 
 def unjudged_report(model: Model, decisions: Sequence[Decision], sentence: str) -> Report:
@@ -205,20 +141,18 @@ def _residuals(model: Model, decision: Decision) -> list[Panel]:
 
 def _row(bank: FaultBank, clock: datetime | None, event: BankEvent) -> tuple[str, ...]:
     """What the sentence of an event says, as cells."""
-    fine = (event.onset_hi - event.onset_lo) / 2
     units = {each.name: each.unit for each in bank.model.plant.signals.faults}
 
     size = ""
     if event.size is not None and event.lo is not None and event.hi is not None:
         size = amount(event.size, event.lo, event.hi, units[event.fault])
-    at, low, high = (moment(clock, t, fine) for t in (event.onset, event.onset_lo, event.onset_hi))
-    began = f"{at} ({low} to {high})"
+    began = onset_cell(clock, event.onset, event.onset_lo, event.onset_hi)
     return (
         event.run,
         _said(event.fault),
         OLDER if event.older == "yes" else began,
-        moment(clock, event.start),
-        moment(clock, event.end),
+        moment(clock, event.start, bank.step),
+        moment(clock, event.end, bank.step),
         size,
         probability(event.p),
         "; ".join(f"{_said(name)} 1:{odds:.3g}" for name, odds in event.instead if odds < MOST),
@@ -261,7 +195,7 @@ def decision_figures(
             unit=fault.unit,
             truth=truth.get(fault.name),
             events=[(e.start, e.end) for e in decision.events if e.fault == fault.name],
-            not_judged=_silent(decision),
+            not_judged=silent(decision),
             probable=True,
             least=least[k],
             clock=run.clock,

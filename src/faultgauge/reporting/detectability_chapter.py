@@ -1,5 +1,6 @@
 """The report of `detectability`: for each log what could be seen, told apart, and by what test."""
 
+from faultgauge.detection.words import listed, number
 from faultgauge.foresight.result import PairSheet, RunSheet, Sheet
 from faultgauge.foresight.words import HEADER, amount, fault_row, legend, remarks
 from faultgauge.reporting.detectability_figures import (
@@ -47,14 +48,15 @@ def _headline(sheet: Sheet) -> str:
     run = sheet.runs[0]
     named = {each.name: min(each.smallest.items())[1] for each in run.faults}
     said = [
-        f"{each.name} from {amount(named[each.name], each.unit)}"
+        f"{each.name} from {amount(named[each.name], each.unit)} on"
         for each in run.faults
         if named[each.name] is not None
     ]
     blind = [name for name, size in named.items() if size is None]
-    parts = [f"named would be {', '.join(said)}"] if said else []
-    parts += [f"of no size {', '.join(blind)}"] if blind else []
-    return f"In {run.name}, {'; '.join(parts)}."
+    if not said:
+        return f"In a log like {run.name} no size of {listed(blind, 'or')} would be named."
+    beside = f", and no size of {listed(blind, 'or')}" if blind else ""
+    return f"In a log like {run.name} one would be told of {listed(said)}{beside}."
 
 
 def _pairs(run: RunSheet) -> Section:
@@ -71,7 +73,7 @@ def _pairs(run: RunSheet) -> Section:
             (
                 each.fault,
                 " and ".join(each.others),
-                f"{100 * each.share:.2g} %",
+                f"{number(100 * each.share, 2)} %",
                 amount(each.apart_from, units[each.fault]),
             )
             for each in run.triples
@@ -86,8 +88,8 @@ def _row(pair: PairSheet, unit: str) -> tuple[str, ...]:
     return (
         pair.fault,
         pair.other,
-        f"{100 * pair.share:.2g} %",
+        f"{number(100 * pair.share, 2)} %",
         amount(pair.apart_from, unit),
-        f"{pair.divergence:.3g}",
+        f"{number(pair.divergence)}",
         "yes" if pair.structural else "no",
     )

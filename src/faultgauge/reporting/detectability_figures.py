@@ -3,6 +3,7 @@
 import numpy as np
 from matplotlib.axes import Axes
 
+from faultgauge.detection.words import number
 from faultgauge.foresight.result import FaultSheet, RunSheet
 from faultgauge.reporting import marks, style
 from faultgauge.reporting.svg import Figure, figure
@@ -97,7 +98,7 @@ def pairs_map(run: RunSheet) -> Figure:
         axes.grid(visible=False)
         for pair in run.pairs:
             row, column = names.index(pair.fault), names.index(pair.other)
-            text = f"{100 * pair.share:.2g} %{'' if pair.structural else ' *'}"
+            text = f"{number(100 * pair.share, 2)} %{'' if pair.structural else ' *'}"
             color = "#ffffff" if pair.share > DARK else style.INK
             axes.text(column, row, text, ha="center", va="center", color=color, fontsize=8)
         axes.set_xticks(range(len(names)), [style.short(each) for each in names], rotation=25)

@@ -1,6 +1,6 @@
 """One run at a glance: outputs beside the healthy model, and every fault that was told."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from datetime import datetime
 from typing import NamedTuple
 
@@ -12,6 +12,8 @@ from faultgauge.reporting.svg import Figure, figure
 from faultgauge.reporting.time_figures import around
 
 __all__ = ["Compared", "Told", "overview"]
+
+HEIGHT = 1.6  # of a panel, inches
 
 
 class Compared(NamedTuple):
@@ -47,10 +49,13 @@ def overview(
     run: str,
     spans: Sequence[tuple[float, float]] = (),
     not_judged: Bool[np.ndarray, "samples"] | None = None,
+    likely: Mapping[str, Float[np.ndarray, "samples"]] | None = None,
     clock: datetime | None = None,
     note: str = "",
+    title: str = "",
 ) -> Figure:
-    """Draw outputs, with the times of faults shaded, and below them what the faults are.
+    """Draw outputs, with the times of faults shaded, and below them what the faults are and how
+    likely.
 
     Args:
         t: increasing time, s.
@@ -58,16 +63,23 @@ def overview(
         told: below them one panel each.
         run: the run's name.
         spans: when any fault was there, s.
-        not_judged: where nothing was judged; hatched in the panels of the faults.
+        not_judged: where nothing was judged; hatched in the panels of the faults, or where there
+            are none in those of the outputs.
+        likely: the probability of each cause, in a last panel.
         clock: what the log's clock showed at 0 s, where it has one.
         note: a sentence behind the caption.
+        title: of the figure, "Run ... at a glance" where it is left out.
     """
     gone = []
+    likely = likely or {}
     hidden = np.zeros(t.shape, dtype=bool) if not_judged is None else not_judged
     with style.drawing():
-        canvas, rows = style.panels((1.8,) * (len(outputs) + len(told)), share_time=True)
+        heights = (HEIGHT,) * (len(outputs) + len(told) + bool(likely))
+        canvas, rows = style.panels(heights, share_time=True)
         for axes, each in zip(rows, outputs, strict=False):
             marks.shade(axes, t, spans, color=style.EVENT, label="fault told")
+            if not told:
+                marks.hatch(axes, t, hidden, label="not judged")
             marks.line(
                 axes, t, each.measured, color=style.MEASURED, linewidth=2.8, label="measured"
             )
@@ -86,7 +98,7 @@ def overview(
             axes.set_ylabel(style.upright_label(each.name, each.unit, 17))
             if axes is rows[0]:
                 style.legend(axes)
-        for axes, each in zip(rows[len(outputs) :], told, strict=True):
+        for axes, each in zip(rows[len(outputs) :], told, strict=False):
             marks.shade(axes, t, each.spans, color=style.EVENT, label="fault told")
             marks.hatch(axes, t, hidden, label="not judged")
             marks.band(axes, t, each.lo, each.hi, label="95 % band")
@@ -101,10 +113,17 @@ def overview(
             axes.set_ylabel(style.upright_label(each.name, each.unit, 17))
             if each is told[0]:
                 style.legend(axes)
+        if likely:
+            for look, (cause, p) in zip(style.SERIES, likely.items(), strict=False):
+                marks.line(rows[-1], t, p, label=style.short(cause), **look)
+            marks.show_at_least(rows[-1], 0.0, 1.0)
+            rows[-1].set_ylabel("probability")
+            style.legend(rows[-1])
         if gone:
-            note = f"The healthy model leaves the picture of {', '.join(gone)}. {note}"
+            note = f"The healthy model runs out of the picture of {', '.join(gone)}. {note}"
         marks.time_below(rows[-1], t, clock)
-        return figure(canvas, f"Run {style.short(run)} at a glance", _caption(told, spans, note))
+        title = title or f"Run {style.short(run)} at a glance"
+        return figure(canvas, title, _caption(told, spans, bool(likely), note))
 
 
 def _typical(
@@ -115,12 +134,16 @@ def _typical(
     return np.quantile(seen, [0.05, 0.95]) if seen.size else seen
 
 
-def _caption(told: Sequence[Told], spans: Sequence[tuple[float, float]], note: str) -> str:
+def _caption(
+    told: Sequence[Told], spans: Sequence[tuple[float, float]], likely: bool, note: str
+) -> str:
     parts = ["Measured, and what the healthy model gives for the same inputs."]
     if spans:
         parts.append("Shaded: from when a fault began to when it was last seen.")
     if told:
         parts.append("Below: each fault that was told, with its 95 % band.")
-    else:
+    elif not spans:
         parts.append("No fault was told.")
+    if likely:
+        parts.append("Last: how likely each cause is.")
     return " ".join([*parts, note]).strip()

@@ -56,7 +56,7 @@ def refinement_section(found: Refinement) -> Section:
 def _tried(found: Refinement) -> Table:
     best = sorted(found.tried, key=lambda each: each[1])[:MOST_TRIED]
     rows = tuple(
-        (name, f"{error:.3%}" if np.isfinite(error) else "diverges") for name, error in best
+        (name, f"{100 * error:.3f} %" if np.isfinite(error) else "diverges") for name, error in best
     )
     header = ("candidate", "free-run error on unseen data")
     return Table(header, rows, "What was tried, best first; shares of the outputs' spread.")
@@ -71,7 +71,7 @@ def parameter_table(
     rows = tuple(
         (
             each.name,
-            quantity(each.value, each.unit or "1"),
+            _value(each),
             "" if each.name in varying else _error(each),
             each.bound or "",
             each.imitated_by or "",
@@ -105,6 +105,15 @@ def _drift(found: Refinement, name: str) -> Figure:
         within = (t >= course.t[0]) & (t <= course.t[-1])
         values[course.run][within] = np.interp(t[within], course.t, course.value)
     return curves(t, values, title=f"How {name} drifted", name=name, unit=unit)
+
+
+def _value(each: Constant) -> str:
+    """To the second figure of its standard error."""
+    figures = 3
+    if each.standard_error and each.value:
+        known = np.log10(abs(each.value) / each.standard_error)
+        figures = int(np.clip(np.ceil(known) + 2, 3, 7))
+    return quantity(each.value, each.unit or "1", figures)
 
 
 def _error(each: Constant) -> str:

@@ -22,9 +22,9 @@ FIGURES = (
     "told after",
 )
 HOW = (
-    "Declared faults were put into healthy logs and the calibrated model was asked. What acted on "
-    "the plant is left as it was; of a fault at an input, the command that the model is told makes "
-    "up for it. The loop's answer to the fault, as far as the log does not hold it, is not in it."
+    "Declared faults were put into healthy logs, and the calibrated model judged them. What acted "
+    "on the plant stays as it was: for a fault of an input the command that the model sees is "
+    "changed. How a control loop would have answered the fault is not in these logs."
 )
 
 
@@ -37,14 +37,14 @@ def rehearsal_report(rehearsal: Rehearsal) -> Report:
     sections += [_section(rehearsal, each) for each in rehearsal.faults if each.by_size]
     return Report(
         f"Rehearsal: {rehearsal.plant}",
-        (_headline(rehearsal), *(f"{text}." for text in rehearsal.warnings)),
+        (_headline(rehearsal), *(f"Warning: {text}." for text in rehearsal.warnings)),
         tuple(sections),
     )
 
 
 def _headline(rehearsal: Rehearsal) -> str:
     count, windows = len(rehearsal.trials), len(rehearsal.windows)
-    head = f"{count} faults put into {windows} healthy log{'' if windows == 1 else 's'}"
+    head = f"{count} faults were put into {windows} healthy log{'' if windows == 1 else 's'}"
     if not rehearsal.exact.total:
         return f"{head}."
     return f"{head}; of the larger ones, named exactly: {said(rehearsal.exact)}."

@@ -22,7 +22,11 @@ MOST_FIGURES = 8  # that lie open on a page, which is read, not scrolled
 MOST_SENTENCES = 5  # that lie open below each other
 WALL = 3  # sentences from which on they are a list
 CODE = re.compile("`([^`]+)`")
-NUMBER = re.compile(r"[-+−±<>≤≥≈]?\s?\d.{0,31}|[-–—]?")
+NUMBER = re.compile(r"[-+−±<>≤≥≈]?\s?\d[^(]{0,23}|[-–—]?")
+# a number and its unit, or its sign, stay on one line
+BOUND = re.compile(
+    r"(?<=\d) (?=(?!to |and |or |of |[a-z]{4,}\b)(?:[^\W\d]|%))|(?<=[<>±]) (?=\d)|(?<=\bp) "
+)
 
 
 def installed_versions() -> dict[str, str]:
@@ -55,7 +59,8 @@ class Table:
 class Section:
     """A part of a report with a heading: paragraphs of plain text, then tables, then figures.
 
-    Where it is `folded`, its heading alone is seen until the reader opens it.
+    Where it is `folded`, its heading alone is seen until the reader opens it; of its figures so
+    many are `shown`.
     """
 
     title: str
@@ -63,6 +68,7 @@ class Section:
     tables: tuple[Table, ...] = ()
     figures: tuple[Figure, ...] = ()
     folded: bool = False
+    shown: int = MOST_FIGURES
 
 
 @dataclass(frozen=True)
@@ -129,7 +135,7 @@ def _laid_out(
     numbers, room = count(1), MOST_FIGURES
     for section in sections:
         figures = list(_numbered(section, numbers))
-        seen = len(figures) if section.folded else min(room, len(figures))
+        seen = len(figures) if section.folded else min(room, section.shown, len(figures))
         room -= 0 if section.folded else seen
         yield section, figures[:seen], figures[seen:]
 
@@ -143,7 +149,8 @@ def _numbered(section: Section, numbers: Iterator[int]) -> Iterator[dict[str, An
 
 def _prose(text: str) -> Markup:
     """`text` made harmless, with what stands between backticks as code."""
-    return Markup(CODE.sub(r"<code>\1</code>", str(escape(text))))
+    bound = BOUND.sub("\u00a0", text.replace("+- ", "± "))
+    return Markup(CODE.sub(r"<code>\1</code>", str(escape(bound))))
 
 
 def _numeric_columns(table: Table) -> frozenset[int]:

@@ -7,9 +7,10 @@ import numpy as np
 
 from faultgauge.detection.bank import FaultBank
 from faultgauge.detection.decisions import Decision
+from faultgauge.detection.events import UNKNOWN
 from faultgauge.detection.probability import probability
 from faultgauge.detection.retrospective import HEALTHY, Retrospect, sentences
-from faultgauge.detection.words import moment
+from faultgauge.detection.words import UNDECLARED, amount, moment, onset_cell
 from faultgauge.reporting.marks import NOISES
 from faultgauge.reporting.report import Section, Table
 from faultgauge.reporting.svg import Figure
@@ -18,7 +19,8 @@ from faultgauge.reporting.time_figures import Panel, curves, panels
 __all__ = ["retrospective_section"]
 
 MOST_FIGURES = 6
-HEADER = ("run", "window [s]", "cause", "p", "began [s]", "size", "95 % interval", "told [s]")
+HEADER = ("run", "window", "cause", "began", "told", "size", "p")
+NAMES = {HEALTHY: "no fault", UNKNOWN: UNDECLARED}
 AROUND = 2.0  # widths of the onset's interval that are shown on either side of it
 
 
@@ -36,38 +38,34 @@ def retrospective_section(
             _onset(each, by_run[each.run].run.clock),
         )
     ]
-    clocks = [by_run[each.run].run.clock for each in found]
-    clocked = any(clock is not None for clock in clocks)
-    header = tuple(name.removesuffix(" [s]") if clocked else name for name in HEADER)
-    rows = tuple(
-        _row(each, clock, clocked=clocked) for each, clock in zip(found, clocks, strict=True)
-    )
-    table = Table(header, rows, "Every window, in hindsight.")
+    rows = tuple(_row(bank, each) for each in found)
+    table = Table(HEADER, rows, "Every window, in hindsight.")
     return Section(
         "In hindsight",
         tuple(sentences(bank, found)),
         (table,),
         tuple(figures[:MOST_FIGURES]),
+        shown=1,
     )
 
 
-def _row(found: Retrospect, clock: datetime | None, *, clocked: bool) -> tuple[str, ...]:
-    began = found.onset is not None
-    sized = found.size is not None
-    told = found.told.start
-
-    def at(t: float | None) -> str:
-        return moment(clock, t or 0.0, 1.0) if clocked else f"{t:.6g}"
-
+def _row(bank: FaultBank, found: Retrospect) -> tuple[str, ...]:
+    """What the sentence of a window says, as cells."""
+    clock, told, began, size = found.clock, found.told.start, "", ""
+    if found.onset is not None and found.onset_lo is not None and found.onset_hi is not None:
+        began = onset_cell(clock, found.onset, found.onset_lo, found.onset_hi)
+    if found.size is not None and found.lo is not None and found.hi is not None:
+        units = {each.name: each.unit for each in bank.model.plant.signals.faults}
+        size = amount(found.size, found.lo, found.hi, units[found.cause])
+    first, last = (moment(clock, t, bank.step) for t in (found.start, found.end))
     return (
         found.run,
-        f"{at(found.start)} to {at(found.end)}",
-        found.cause,
+        f"{first} to {last}",
+        NAMES.get(found.cause, found.cause),
+        began,
+        "" if told is None else moment(clock, told, bank.step),
+        size,
         probability(found.p),
-        f"{at(found.onset)} ({at(found.onset_lo)} to {at(found.onset_hi)})" if began else "",
-        f"{found.size:.4g}" if sized else "",
-        f"{found.lo:.4g} to {found.hi:.4g}" if sized else "",
-        "" if told is None else at(told),
     )
 
 
@@ -93,7 +91,7 @@ def _fault(bank: FaultBank, decision: Decision, found: Retrospect) -> Figure:
     return panels(
         found.t,
         stack,
-        title=f"In hindsight: {found.cause}, run {found.run}",
+        title=f"In hindsight: {NAMES.get(found.cause, found.cause)}, run {found.run}",
         caption="What the healthy filter saw and what the fault explains of it, in standard "
         "deviations of the noise; below, the fault.",
         clock=decision.run.clock,
@@ -109,7 +107,7 @@ def _onset(found: Retrospect, clock: datetime | None) -> Figure:
     return curves(
         found.t[near],
         {"posterior": found.density[near]},
-        title=f"Onset of {found.cause}, run {found.run}",
+        title=f"Onset of {NAMES.get(found.cause, found.cause)}, run {found.run}",
         name="probability per sample",
         unit="",
         clock=clock,

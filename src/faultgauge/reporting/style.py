@@ -18,6 +18,8 @@ from matplotlib.axis import Axis
 from matplotlib.figure import Figure as Canvas
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
+from faultgauge.detection.words import number
+
 __all__ = [
     "BINS",
     "SERIES",
@@ -33,7 +35,9 @@ __all__ = [
     "upright_label",
 ]
 
-WIDTH = 8.6  # inches in the drawing; the report scales it to the page
+# inches in the drawing; the report scales it to the page: its letters are as large as the text
+# on a wide one, and can be read on one of 600 pixels
+WIDTH = 7.4
 BINS = 600  # points per curve: about one per pixel of that width
 
 INK = "#1f2933"
@@ -46,7 +50,7 @@ EVENT = "#fcecca"
 BLANK = "#eceff2"
 STRANGE = "#b84a00"
 LONGEST_NAME = 44
-LEGEND_LETTERS = 105
+LEGEND_LETTERS = 88
 
 # Neighbours differ in lightness by more than a fifth of the scale, and no two share their dashes.
 SERIES: tuple[dict[str, Any], ...] = (
@@ -155,9 +159,9 @@ def upright_label(name: str, unit: str, width: int = 24) -> str:
     return textwrap.fill(axis_label(name, unit), width)
 
 
-def quantity(value: float, unit: str) -> str:
-    """Return a value to three digits with its unit, which no line break parts from it."""
-    return f"{value:.3g}\u00a0{'' if unit == '1' else pretty_unit(unit)}".rstrip()
+def quantity(value: float, unit: str, figures: int = 3) -> str:
+    """Return a value to so many figures with its unit, which no line break parts from it."""
+    return f"{number(value, figures)}\u00a0{'' if unit == '1' else pretty_unit(unit)}".rstrip()
 
 
 def time_axis(t: Float[np.ndarray, "samples"]) -> tuple[float, str]:

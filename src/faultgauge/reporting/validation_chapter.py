@@ -86,7 +86,7 @@ def _size(output: OutputValidation) -> str:
     assert output.bias_95 is not None
     assert output.rmse is not None
     assert output.independent is not None
-    share = "" if output.nrmse is None else f" ({output.nrmse:.2%} of the output's spread)"
+    share = "" if output.nrmse is None else f" ({100 * output.nrmse:.2f} % of the output's spread)"
     lasting = abs(output.bias) > output.bias_95
     return (
         f"e is {quantity(output.rmse, output.unit)} RMS{share}; its {output.samples} samples are "
@@ -104,15 +104,15 @@ def _band(output: OutputValidation) -> str:
         verdict = "too few independent samples to refute the band, or to confirm it"
     if band.low > (1.0 + band.level) / 2.0:
         verdict = "the band is wider than it need be"
-    promise = f"{band.level:.0%} band"
+    promise = f"{100 * band.level:.0f} % band"
     if band.level < LEVEL:
         promise += " (95 % would take 19 independent samples)"
     first, last = band.half_width[0], band.half_width[-1]
     growth = "" if len(band.half_width) == 1 else f" at first, ±{quantity(last, output.unit)} late"
     return (
         f"{promise} ±{quantity(first, output.unit)}{growth}; held against a band from "
-        f"{band.held_against}, {band.share_inside:.1%} of the samples are inside (worst part "
-        f"{band.worst:.1%}): {verdict}."
+        f"{band.held_against}, {100 * band.share_inside:.1f} % of the samples are inside (worst "
+        f"part {100 * band.worst:.1f} %): {verdict}."
     )
 
 
@@ -120,7 +120,7 @@ def _whiteness(output: OutputValidation) -> str:
     test = output.residual
     if test is None:
         return ""
-    share = f"{test.share_outside:.0%} of the lags are beyond the 95 % bound"
+    share = f"{100 * test.share_outside:.0f} % of the lags are beyond the 95 % bound"
     if test.white:
         return f"e is white ({share}): nothing in it could be foreseen from its own past."
     return (
@@ -194,10 +194,10 @@ def _outside(found: Sequence[Range]) -> tuple[str, ...]:
         return ("The unseen data stay inside the training range in every argument.",)
     worst = max(networks or left, key=lambda each: each.share_outside or 0.0)
     what = f"argument {worst.name} of {worst.where}" if networks else f"{worst.where} {worst.name}"
-    far = "" if worst.beyond is None else f", by up to {worst.beyond:.0%} of its width"
+    far = "" if worst.beyond is None else f", by up to {100 * worst.beyond:.0f} % of its width"
     return (
-        f"{worst.share_outside:.1%} of the unseen samples lie outside the training range of "
-        f"{what}{far}: there the model extrapolates.",
+        f"{100 * (worst.share_outside or 0.0):.1f} % of the unseen samples lie outside the "
+        f"training range of {what}{far}: there the model extrapolates.",
     )
 
 
@@ -212,16 +212,16 @@ def _numbers(outputs: Sequence[OutputValidation]) -> Table:
                 _number(each.rmse),
                 _number(each.bias),
                 "" if band is None else f"{band.half_width.max():.3g}",
-                "" if band is None else f"{band.share_inside:.1%}",
+                "" if band is None else f"{100 * band.share_inside:.1f} %",
                 _number(each.time_s),
                 _number(each.independent),
-                "" if test is None else f"{test.share_outside:.0%}",
+                "" if test is None else f"{100 * test.share_outside:.0f} %",
                 *(
                     ("", "")
                     if not each.inputs
                     else (
-                        f"{max(i.share_outside for i in each.inputs):.0%}",
-                        f"{max(i.share_outside_feedback for i in each.inputs):.0%}",
+                        f"{100 * max(i.share_outside for i in each.inputs):.0f} %",
+                        f"{100 * max(i.share_outside_feedback for i in each.inputs):.0f} %",
                     )
                 ),
             )
@@ -256,8 +256,8 @@ def _range_table(found: Sequence[Range]) -> Table:
             pretty_unit(each.unit),
             ends(each.training),
             ends(each.unseen),
-            "" if each.share_outside is None else f"{each.share_outside:.1%}",
-            "" if each.beyond is None else f"{each.beyond:.1%}",
+            "" if each.share_outside is None else f"{100 * each.share_outside:.1f} %",
+            "" if each.beyond is None else f"{100 * each.beyond:.1f} %",
         )
         for each in found
     )
@@ -286,7 +286,7 @@ def _figures(
 
 
 def _percent(share: float) -> str:
-    return f"{share:.1%}" if share < 0.1 else f"{share:.0%}"
+    return f"{100 * share:.1f} %" if share < 0.1 else f"{100 * share:.0f} %"
 
 
 def _number(value: float | None) -> str:

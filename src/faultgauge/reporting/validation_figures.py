@@ -45,7 +45,7 @@ def error_band(
         canvas, (axes,) = style.panels((2.5,))
         edges = band.edges_s / scale
         width = np.append(band.half_width, band.half_width[-1])
-        label = f"{band.level:.0%} band"
+        label = f"{100 * band.level:.0f} % band"
         axes.fill_between(edges, -width, width, step="post", color=style.BAND, label=label)
         for sign in (-1.0, 1.0):
             axes.step(edges, sign * width, where="post", color=style.PREDICTED, linewidth=1.2)
@@ -59,8 +59,8 @@ def error_band(
         axes.set_xlabel(axes.get_xlabel().replace("time", "time since the start of the run"))
         caption = (
             "Measured minus free run, and the band that it should stay in. Held against a band "
-            f"from {band.held_against}, {band.share_inside:.1%} of the samples were inside "
-            f"(95 % interval {band.low:.0%} to {band.high:.0%})."
+            f"from {band.held_against}, {100 * band.share_inside:.1f} % of the samples were inside "
+            f"(95 % interval {100 * band.low:.0f} % to {100 * band.high:.0f} %)."
         )
         if len(times) > MOST_RUNS:
             caption += f" The first {MOST_RUNS} of {len(times)} runs are drawn."
@@ -161,7 +161,7 @@ def ranges(found: Sequence[Range]) -> Figure | None:
             axes.hlines(k, 0.0, 1.0, color="#d9e0e6", linewidth=11.0, label=labels[0])
             axes.hlines(k, low, high, color=style.INK, linewidth=2.0, label=labels[1])
             axes.plot([low, high], [k, k], "|", color=style.INK, markersize=8.0)
-            text = f"{each.share_outside:.1%} outside"
+            text = f"{100 * (each.share_outside or 0.0):.1f} % outside"
             place = ("axes fraction", "data")
             axes.annotate(text, (1.02, k), xycoords=place, va="center", fontsize=8.5)
         axes.set_yticks(range(len(rows)), [style.short(label) for label, *_ in rows])

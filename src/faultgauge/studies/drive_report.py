@@ -14,7 +14,7 @@ from faultgauge.reporting.chapters import (
     evaluation_section,
     fit_sections,
 )
-from faultgauge.reporting.decision_chapter import decision_report, headline, leading
+from faultgauge.reporting.decision_chapter import decision_report, leading
 from faultgauge.reporting.model_figures import learned_curve
 from faultgauge.reporting.network_curves import curve
 from faultgauge.reporting.report import Report, Section, Table
@@ -55,9 +55,9 @@ def _shown(value: float, unit: str, form: str) -> str:
 
 def told(drive: Drive) -> str:
     """The first answer, and how many there are."""
-    first, more = leading(drive.bank, [drive.decision])
-    head, _ = headline(first)
-    return f"{head}, and {len(more)} more" if more else head
+    first, _ = leading(drive.bank, [drive.decision])
+    more = len(drive.decision.events) - 1
+    return f"{first}, and {more} more" if more > 0 else first
 
 
 def drive_report(logs: DriveLogs, drives: Mapping[str, Drive]) -> Report:

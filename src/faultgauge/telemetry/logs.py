@@ -14,7 +14,7 @@ from faultgauge.errors import InputError
 from faultgauge.telemetry.mapping import apply_maps, can_map, find_column, parse_maps
 from faultgauge.telemetry.readers import logs_in, read_table, stem
 from faultgauge.telemetry.readers.excel import in_workbook
-from faultgauge.telemetry.summer_time import without_summer_time
+from faultgauge.telemetry.summer_time import change_note, without_summer_time
 from faultgauge.telemetry.table import Table, is_text
 from faultgauge.telemetry.timing import (
     check_form,
@@ -174,12 +174,7 @@ def _log_file(
         evenly, changes = without_summer_time(t, samples, clock)
         if changes:
             t[samples] = evenly
-        notes += [
-            f"{table.source}: the clock is put forward or back by an hour after "
-            f"{each:%Y-%m-%d %H:%M:%S} in run {name!r}, as where summer time begins or ends; time "
-            "goes on evenly there."
-            for each in changes
-        ]
+        notes += [change_note(table.source, name, each) for each in changes]
     note = epoch_note(table, column)
     notes = tuple(notes if note is None else [*notes, note])
     return LogFile(table, column, t, runs, clock, notes=notes)

@@ -54,7 +54,7 @@ def plant_skeleton(runs: Sequence[Run], name: str, units: Mapping[str, str] | No
     parts += [_input(runs, item, unit.get(item, NO_UNIT)) for item in roles.inputs]
     parts += [_output(state, unit.get(state, "")) for state in roles.states]
     parts += [f"[networks.{_key('NN_' + state)}]\nhidden = {HIDDEN}\n" for state in roles.states]
-    parts.append(_faults(roles))
+    parts.append(_faults(roles, given))
     parts.append(_observer(runs, roles))
     text = "\n".join(parts)
     try:
@@ -176,17 +176,26 @@ def _input(runs: Sequence[Run], name: str, unit: str) -> str:
     )
 
 
-def _faults(roles: Roles) -> str:
-    lines = ["# Faults: what may go wrong and where it enters; uncomment what you look for.", "#"]
-    for enters, names in (("input", roles.inputs), ("state", roles.states)):
-        for name in names:
-            lines += [
-                f"# [faults.{_key(f'{name}_fault')}]",
-                f'# enters = "{enters}"',
-                f'# target = "{name}"',
-                "#",
-            ]
-    return "\n".join(lines[:-1]) + "\n"
+def _faults(roles: Roles, units: Mapping[str, str]) -> str:
+    """One may enter each state, as `check` has it; those of inputs are for who knows of one."""
+    lines = ["# Faults: what may go wrong and where it enters; add what you look for."]
+    for name in roles.states:
+        unit = units.get(name, "")
+        lines += [
+            "",
+            f"[faults.{_key(f'{name}_drift')}]",
+            'enters = "state"',
+            f"target = {_quoted(name)}",
+            *([f"unit = {_quoted(f'{unit}/s')}"] if unit else []),
+        ]
+    for name in roles.inputs:
+        lines += [
+            "",
+            f"# [faults.{_key(f'{name}_bias')}]",
+            '# enters = "input"',
+            f"# target = {_quoted(name)}",
+        ]
+    return "\n".join(lines) + "\n"
 
 
 def _observer(runs: Sequence[Run], roles: Roles) -> str:

@@ -21,12 +21,14 @@ from faultgauge.telemetry.mapping import apply_maps, find_column, parse_maps
 from faultgauge.telemetry.readers.csv import header
 from faultgauge.telemetry.readers.dialect import SEPARATORS, separator_of
 from faultgauge.telemetry.reading import check_present, finite_or_empty, unit_change
+from faultgauge.telemetry.summer_time import Evenly, change_note
 from faultgauge.telemetry.table import Table, float_cells
-from faultgauge.telemetry.timing import check_form, find_time, in_seconds, seconds
+from faultgauge.telemetry.timing import check_form, clock_of, find_time, in_seconds, seconds
 
-__all__ = ["SOURCE", "Sample", "read_stream"]
+__all__ = ["NAME", "SOURCE", "Sample", "read_stream"]
 
 SOURCE = "standard input"
+NAME = "stream"  # of its run
 
 
 class Sample(NamedTuple):
@@ -200,6 +202,7 @@ class _Reader:
         self.columns: dict[str, str] | None = None
         self.changes: dict[str, tuple[float, float]] = {}
         self.last: float | None = None
+        self.evenly = Evenly()
 
     def prepare(self, row: int, cells: dict[str, Any]) -> None:
         """Find the columns that are meant, by the first row's names and whatever its cells hold."""
@@ -232,7 +235,8 @@ class _Reader:
         self.check_run(row, cells, first[1])
         try:
             table = self.table(row, cells, first)
-            t = float(seconds(table, self.time, self.form)[-1])
+            shown = float(seconds(table, self.time, self.form)[-1])
+            t, change = self.evenly(shown, clock_of(table, self.time, self.form))
             self.check_order(row, t)
             values = {}
             for name, column in self.columns.items():
@@ -241,6 +245,9 @@ class _Reader:
         except InputError as wrong:
             raise _RowError(str(wrong)) from None
         self.first, self.last = first, t
+        self.evenly.kept(shown, t)
+        if change is not None:
+            self.note(change_note(SOURCE, NAME, change))
         return Sample(t, values)
 
     def table(self, row: int, cells: dict[str, Any], first: tuple[int, dict[str, Any]]) -> Table:

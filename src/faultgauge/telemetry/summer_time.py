@@ -4,17 +4,28 @@ Only a clock that does it as clocks do is corrected: in the night of a Sunday, a
 just an hour beside the usual step. Any other jump stays what it is.
 """
 
+from collections import deque
 from datetime import datetime, timedelta
 
 import numpy as np
 from jaxtyping import Float, Int
 
-__all__ = ["without_summer_time"]
+__all__ = ["Evenly", "change_note", "without_summer_time"]
 
 HOUR = 3600.0  # s
 NEAR = 0.5  # of a step, within which a jump is one of an hour
 LATEST = 4  # o'clock
 SUNDAY = 6  # of `weekday`
+STEPS = 20  # that tell a stream's usual one
+
+
+def change_note(source: str, run: str, before: datetime) -> str:
+    """What is said of a change after the clock showed `before`."""
+    return (
+        f"{source}: the clock is put forward or back by an hour after "
+        f"{before:%Y-%m-%d %H:%M:%S} in run {run!r}, as where summer time begins or ends; time "
+        "goes on evenly there."
+    )
 
 
 def without_summer_time(
@@ -29,13 +40,45 @@ def without_summer_time(
         return times, changes
     times, steps = times.copy(), np.diff(times)
     usual = float(np.median(steps))
-    for sign in (1.0, -1.0):  # forward in spring, back in autumn
-        for k in np.flatnonzero(np.abs(steps - usual - sign * HOUR) <= NEAR * usual):
-            before = clock + timedelta(seconds=float(t[samples[k]]))
-            if usual < HOUR and _at_night(before, usual):
-                times[k + 1 :] -= sign * HOUR
-                changes.append(before)
-    return times, sorted(changes)
+    for k in np.flatnonzero(np.abs(np.abs(steps - usual) - HOUR) <= NEAR * usual):
+        before = clock + timedelta(seconds=float(t[samples[k]]))
+        moved = _put(float(steps[k]), usual, before)
+        if moved:
+            times[k + 1 :] -= moved
+            changes.append(before)
+    return times, changes
+
+
+class Evenly:
+    """The same row by row: called with each time [s] after the row before was `kept`, it gives the
+    time as a clock would have it that nobody puts forward or back, and what the clock showed last
+    before where it was."""
+
+    def __init__(self) -> None:
+        self.last: float | None = None
+        self.moved = 0.0
+        self.steps: deque[float] = deque(maxlen=STEPS)
+
+    def __call__(self, t: float, clock: datetime | None) -> tuple[float, datetime | None]:
+        if clock is None or clock.tzinfo is not None or self.last is None or len(self.steps) < 2:
+            return t - self.moved, None
+        before = clock + timedelta(seconds=self.last)
+        moved = _put(t - self.last, float(np.median(self.steps)), before)
+        return t - self.moved - moved, before if moved else None
+
+    def kept(self, t: float, evenly: float) -> None:
+        """That the row of time `t`, which it took for `evenly`, was one."""
+        if self.last is not None:
+            self.steps.append(evenly - (self.last - self.moved))
+        self.last, self.moved = t, t - evenly
+
+
+def _put(step: float, usual: float, before: datetime) -> float:
+    """By how much [s] a clock was put forward in a `step` after it showed `before`, or 0."""
+    for moved in (HOUR, -HOUR):  # in spring, in autumn
+        if abs(step - usual - moved) <= NEAR * usual < NEAR * HOUR and _at_night(before, usual):
+            return moved
+    return 0.0
 
 
 def _at_night(before: datetime, step: float) -> bool:

@@ -76,7 +76,9 @@ class Evaluation(Result):
 
 
 def _share(s: dict[str, float | None]) -> str:
-    return "" if s["r2"] is None else f", R2 {s['r2']:.4%}, {s['nrmse']:.2%} of its spread"
+    if s["r2"] is None or s["nrmse"] is None:
+        return ""
+    return f", R2 {100 * s['r2']:.4f} %, {100 * s['nrmse']:.2f} % of its spread"
 
 
 def evaluate(

@@ -133,11 +133,13 @@ class Fit(Result):
         refitted = refined is not None and refined.refitted
         before = ", before the model was fitted to them, too" if refitted else ""
         lines = [
-            f"free run on held-out data: error {errors[0]:.2%} of each output's standard "
+            f"free run on held-out data: error {100 * errors[0]:.2f} % of each output's standard "
             f"deviation{before}"
         ]
         if len(errors) > 1:
-            lines.append(f"over {len(errors)} seeds: {min(errors):.2%} to {max(errors):.2%}")
+            lines.append(
+                f"over {len(errors)} seeds: {100 * min(errors):.2f} % to {100 * max(errors):.2f} %"
+            )
         return lines
 
 

@@ -47,9 +47,10 @@ LOGS = {
 
 
 def span(values: Mapping[str, float | None], form: str = ".3g", unit: str = "") -> str:
-    """Median [smallest, largest]."""
+    """Median [smallest, largest], or what all of them are."""
     each = ["never" if x is None else format(x, form) for x in values.values()]
-    return f"{each[0]} [{each[1]}, {each[2]}] {unit}".strip()
+    reach = "" if len(set(each)) == 1 else f" [{each[1]}, {each[2]}]"
+    return f"{each[0]}{reach} {unit}".strip()
 
 
 def milli(values: Mapping[str, float | None]) -> dict[str, float | None]:

@@ -1,0 +1,130 @@
+"""A newcomer's way to an answer: own logs with odd headers, units and clock, and four commands.
+
+    python benchmarks/newcomer.py [--keep FOLDER]
+
+The healthy log is as a German logger writes it: semicolons, decimal commas, a byte order mark,
+local time, `Temp [degC]` in the header. The log to judge is a workbook. Half through it the heater
+loses 15 % of its power. Nobody maps a column, and no plant file is written: `inspect` drafts one,
+and `check` fits, calibrates and estimates; or each of these is a command of its own. Printed are
+the commands, with wall and CPU time of each: cold, with no program compiled before, and warm; and
+what they answered. Exit code 1 where an answer is more than ten
+minutes off the onset.
+"""
+
+import argparse
+import os
+import re
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from datetime import datetime, timedelta
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "telemetry"))
+from workbooks import write_workbook
+
+PACE = 10  # s
+ROOM, PER_PERCENT, LOSING = 21.0, 0.012, 0.004  # degC, degC/s per %, 1/s
+NOISE = 0.05  # degC
+HEADER = "Zeit", "Heizung [%]", "Temp [degC]"
+BEGUN = timedelta(hours=9, minutes=20)  # of the day: when the heater loses its power
+ALLOWED = timedelta(minutes=10)
+SHORT = (
+    "inspect healthy.csv --time Zeit --init-plant plant.toml",
+    "check healthy.csv suspect.xlsx --plant plant.toml --time Zeit --out result",
+)
+LONG = (
+    SHORT[0],
+    "fit plant.toml healthy.csv --time Zeit --out heater.fgm",
+    "calibrate heater.fgm healthy.csv",
+    "estimate heater.fgm suspect.xlsx --out estimates.csv --report report.html",
+)
+
+
+def rows(count: int, start: datetime, seed: int, lost: float) -> list[list]:
+    """(local time, heater [%], temperature [degC]) of a heated room; `lost` is the share of the
+    power from the middle on."""
+    rng = np.random.default_rng(seed)
+    heater, warmth, found = 0.0, ROOM, []
+    for k in range(count):
+        if k % 90 == 0:
+            heater = round(rng.uniform(10, 90), 1)
+        at = start + timedelta(seconds=PACE * k)
+        found.append([at, heater, round(warmth + rng.normal(0, NOISE), 2)])
+        left = 1 - lost * (2 * k >= count)
+        for _ in range(PACE):  # Euler at 1 s
+            warmth += PER_PERCENT * left * heater - LOSING * (warmth - ROOM)
+    return found
+
+
+def write_logs(folder: Path) -> None:
+    """`healthy.csv` and `suspect.xlsx`."""
+    lines = [";".join(HEADER)]
+    for at, *values in rows(4000, datetime(2026, 3, 2, 6), 5, 0.0):
+        lines.append(
+            ";".join([f"{at:%d.%m.%Y %H:%M:%S}", *(str(v).replace(".", ",") for v in values)])
+        )
+    (folder / "healthy.csv").write_bytes("\r\n".join([*lines, ""]).encode("utf-8-sig"))
+    suspect = rows(2400, datetime(2026, 3, 9, 6), 6, 0.15)
+    write_workbook(folder / "suspect.xlsx", {"Messung": [list(HEADER), *suspect]})
+
+
+def run(command: str, folder: Path, cache: Path) -> tuple[float, float, str]:
+    """(wall [s], CPU [s], what was answered) of a command."""
+    before, began = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
+    done = subprocess.run(
+        [sys.executable, "-m", "faultgauge", *command.split()],
+        cwd=folder,
+        env=os.environ | {"XDG_CACHE_HOME": str(cache)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    wall, after = time.perf_counter() - began, resource.getrusage(resource.RUSAGE_CHILDREN)
+    if done.returncode:
+        sys.exit(f"{command}: exit code {done.returncode}: {done.stderr}")
+    cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return wall, cpu, done.stdout
+
+
+def walk(name: str, commands: tuple[str, ...], folder: Path, cache: Path) -> str:
+    """Run and print them; the last answer."""
+    print(f"\n{name}: {len(commands)} commands")
+    walls, answer = 0.0, ""
+    for command in commands:
+        wall, cpu, answer = run(command, folder, cache)
+        walls += wall
+        print(f"  {wall:6.1f} s, {cpu:6.1f} s of CPU   faultgauge {command}")
+    print(f"  {walls:6.1f} s in all\n{answer}", flush=True)
+    return answer
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--keep", type=Path, help="Keep logs and results in this folder.")
+    given = parser.parse_args()
+    with tempfile.TemporaryDirectory() as scratch:
+        answers = []
+        for way, commands in (("check", SHORT), ("step by step", LONG)):
+            for state in ("cold", "warm"):
+                folder = (given.keep or Path(scratch)) / f"{way} {state}"
+                folder.mkdir(parents=True)
+                write_logs(folder)
+                cache = Path(scratch) / f"cache {way}"
+                answers.append(walk(f"{way}, {state}", commands, folder, cache))
+    sys.exit(not all(abs(since(answer) - BEGUN) <= ALLOWED for answer in answers))
+
+
+def since(answer: str) -> timedelta:
+    """The time of the day since when the first fault is there."""
+    found = re.search(r"since (\d+):(\d+):(\d+)", answer)
+    hours, minutes, seconds = map(int, found.groups()) if found else (0, 0, 0)
+    return timedelta(hours=hours, minutes=minutes, seconds=seconds)
+
+
+if __name__ == "__main__":
+    main()

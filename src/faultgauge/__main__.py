@@ -1,0 +1,5 @@
+"""`python -m faultgauge`: the same as `faultgauge`."""
+
+from faultgauge.cli import main
+
+main()

@@ -1,0 +1,94 @@
+"""A judged run, or a part of it, at a glance."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from faultgauge.detection.bank import FaultBank
+from faultgauge.detection.decisions import Decision
+from faultgauge.detection.verdicts import NOT_JUDGED, STALE
+from faultgauge.reporting.glance import Compared, Told, overview
+from faultgauge.reporting.scales import least_sizes, noise_scales
+from faultgauge.reporting.svg import Figure
+
+__all__ = ["run_overview", "silent"]
+
+MOST_OUTPUTS, MOST_TOLD = 8, 8
+
+
+def run_overview(
+    bank: FaultBank,
+    decision: Decision,
+    truth: Mapping[str, Float[np.ndarray, "samples"]] | None = None,
+    *,
+    part: slice = slice(None),
+    likely: Mapping[str, Float[np.ndarray, "samples"]] | None = None,
+    title: str = "",
+) -> Figure:
+    """Outputs, and the faults that were told, in a `part` of the run; undeclared ones are shaded
+    only. `truth` (fault: size) where it is known, `likely` (cause: probability) in a panel of its
+    own; all are of the whole run."""
+    run, found, signals = decision.run, decision.posterior, bank.model.plant.signals
+    t, noise = run.t[part], noise_scales(bank.model)
+    outputs = [
+        Compared(
+            each.name,
+            each.unit,
+            run.own(each.name)[part],
+            (run.own(each.name) - decision.residuals[each.name])[part],
+            noise[each.name],
+        )
+        for each in signals.outputs
+        if each.name in decision.residuals
+    ]
+    ordered = sorted(outputs, key=_noises_off, reverse=True)
+    furthest = {each.name for each in ordered[:MOST_OUTPUTS]}
+    seen = [e for e in decision.events if e.onset <= t[-1] and t[0] <= e.end]
+    spans = {
+        fault.name: [(e.onset, e.end) for e in seen if e.fault == fault.name]
+        for fault in signals.faults
+    }
+    least = least_sizes(bank, run)
+    told = [
+        Told(
+            fault.name,
+            fault.unit,
+            found.f[part, k],
+            found.lo[part, k],
+            found.hi[part, k],
+            spans[fault.name],
+            least[k],
+            truth[fault.name][part] if truth and fault.name in truth else None,
+        )
+        for k, fault in enumerate(signals.faults)
+        if spans[fault.name]
+    ]
+    note = (
+        f"Of {len(outputs)} outputs the {MOST_OUTPUTS} that are furthest off the model."
+        if len(outputs) > MOST_OUTPUTS
+        else ""
+    )
+    return overview(
+        t,
+        [each for each in outputs if each.name in furthest],
+        told[:MOST_TOLD],
+        run=run.name,
+        spans=[(each.onset, each.end) for each in seen],
+        not_judged=silent(decision)[part],
+        likely={cause: p[part] for cause, p in (likely or {}).items()},
+        clock=run.clock,
+        note=note,
+        title=title,
+    )
+
+
+def silent(decision: Decision) -> Bool[np.ndarray, "samples"]:
+    """Rows that are not judged."""
+    return np.isin(decision.status, [NOT_JUDGED, STALE])
+
+
+def _noises_off(output: Compared) -> float:
+    """The most that an output was off the healthy model, in standard deviations of its noise."""
+    off = np.abs(output.measured - output.healthy)
+    return float(np.max(off[np.isfinite(off)], initial=0.0)) / (output.noise or 1.0)
