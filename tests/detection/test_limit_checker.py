@@ -41,12 +41,12 @@ def test_a_persistence_of_whole_samples_is_not_lost_to_rounding():
     assert found == [False] * 3 + [True] * 4
 
 
-def test_not_on_end_a_pause_that_is_not_under_counts():
-    over, under = flags("x . x . . x x . x x x x"), flags(". . . . . . . x . . . .")
-    checker = LimitChecker(np.asarray(2.0), False, on_end=False)
+def test_not_on_end_a_pause_that_is_not_under_is_left_out():
+    over, under = flags("x x . . x x x . x x x x"), flags(". . . . . . . x . . . .")
+    checker = LimitChecker(np.asarray(1.5), False, on_end=False)
     found = scan(checker.step, checker.init(), (T, over, under))[1].tolist()
-    # 2.5 s since 0 s at the sixth sample; after the eighth it begins anew at 4 s, and has 1.5 s
-    assert found == flags(". . . . . x x . . . . .").tolist()
+    # 3 s since 0 s, less the 1 s of the third and fourth sample; anew from 4 s on, 1.5 s at the end
+    assert found == flags(". . . . . x x . . . . x").tolist()
 
 
 def test_points_are_judged_each_alone():

@@ -13,22 +13,25 @@ ROUNDING = 1e-9  # of a persistence
 
 
 class LimitState(NamedTuple):
-    """Since when each watch point has been over [s] (NaN: it is not), and whether it is engaged."""
+    """Since when each watch point has been over, pauses left out [s] (NaN: it is not), whether it
+    is engaged, and when it was seen last [s]."""
 
     since: Float[Array, "*points"]
     engaged: Bool[Array, "*points"]
+    last: Float[Array, ""]
 
 
 class LimitChecker(eqx.Module):
-    """Watch points: engaged once `over` has held for `persistence` [s], `on_end` or with pauses in
-    which it was not `under` either, until `under`, or for good where it latches."""
+    """Watch points: engaged once `over` has held for `persistence` [s], `on_end` or in all, with
+    pauses in which it was not `under` either, until `under`, or for good where it latches."""
 
     persistence: Float[np.ndarray, "*points"]
     latch: bool = eqx.field(static=True)
     on_end: bool = eqx.field(static=True, default=True)
 
     def init(self, *points: int) -> LimitState:
-        return LimitState(jnp.full(points, jnp.nan), jnp.zeros(points, bool))
+        nan = jnp.asarray(jnp.nan)
+        return LimitState(jnp.full(points, nan), jnp.zeros(points, bool), nan)
 
     def step(
         self,
@@ -39,9 +42,9 @@ class LimitChecker(eqx.Module):
     ) -> tuple[LimitState, Bool[Array, "*points"]]:
         """Whether each is engaged at `t` [s]; one that is neither over nor under stays what it
         was."""
-        waits = jnp.asarray(False) if self.on_end else ~under
-        first = jnp.where(over, t, jnp.nan)
-        since = jnp.where((over | waits) & jnp.isfinite(state.since), state.since, first)
+        paused = jnp.nan if self.on_end else jnp.where(under, jnp.nan, t - state.last)
+        before = jnp.where(over, state.since, state.since + paused)
+        since = jnp.where(over & ~jnp.isfinite(before), t, before)
         holds = over & (t - since >= self.persistence * (1 - ROUNDING))
         engaged = holds | (state.engaged & ~(under & (not self.latch)))
-        return LimitState(since, engaged), engaged
+        return LimitState(since, engaged, t), engaged

@@ -3,10 +3,10 @@
 An alarm begins where the log-odds of an active fault, ln (1 - p0) / p0 with p0 the probability that
 there is none, reach the calibrated level, where the model is trusted and outside the hold-off, and
 have done so for `persistence`. It ends where the probability falls
-below `release`. A fault is named while there is an alarm, its own probability is 0.98 and was so
-before, by `persistence` and a quarter of the time in which a large one shows at least, without
-having been below `release` since, and its sign is known: while one fault follows another, a third
-may fit for a while. A passive fault is named without an alarm.
+below `release`. A fault is named while there is an alarm, its own probability has been 0.98 for
+`persistence` and for a quarter of the time in which a large one shows at least, in all since it was
+below `release`, and its sign is known: while one fault follows another, a third may fit for a
+while. A passive fault is named without an alarm.
 
 Status and reason are numbers, which `words` looks up.
 """
