@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from faultgauge.detection.bank import FaultBank
-from faultgauge.detection.posterior import LIKELY, WIDE, Posterior
+from faultgauge.detection.posterior import WIDE, Posterior
 from faultgauge.detection.verdicts import FAULT, HEALTHY, NAMED, STATUS, Reason, Verdict
 from faultgauge.detection.words import MOST
 from faultgauge.telemetry import Run
