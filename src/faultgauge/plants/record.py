@@ -137,6 +137,23 @@ class Reading(Part):
     maps: Annotated[list[Text], pydantic.Field(max_length=10_000)] = []
 
 
+class Law(Part):
+    """What a fleet tells of a constant (`identification.population`)."""
+
+    center: Number
+    spread: Positive
+    error: Positive
+    log: bool
+
+
+class Fleet(Part):
+    """Of a fleet's typical unit: the laws of its constants, and who they are from; empty, while
+    its units are still being fitted."""
+
+    laws: dict[str, Law]
+    units: list[Text]
+
+
 class Record(Part):
     max_step: Positive
     sample_time: Positive
@@ -153,6 +170,7 @@ class Record(Part):
     noise: dict[str, dict[str, Any]] = {}
     reading: Reading = Reading()
     calibration: Calibration | None = None
+    fleet: Fleet | None = None
 
 
 def check_record(record: Mapping[str, Any], signals: Signals) -> None:

@@ -117,7 +117,7 @@ def refine(
     if data.drift.scale.size and candidates:
         progress("drifting parameters: how far they walk, by evidence")
         candidates = _choose_drift(data, candidates)
-    if plant.spec.networks and candidates:
+    if unknowns_of(plant).networks and candidates:
         candidates = _fine_enough(data, candidates, progress)
         candidates += with_networks(data, candidates, warm, seed, restarts, progress, notes)
     tried = [(c.origin, c.validation) for c in candidates]
@@ -265,7 +265,7 @@ def _physics(
     notes: list[str],
 ) -> list[Candidate]:
     """The parameters alone: short windows from several starts, then whole runs."""
-    unknowns = unknowns_of(plant, networks=False)
+    unknowns, networks = unknowns_of(plant, networks=False), unknowns_of(plant).networks
     if not unknowns.parameters:  # what is known already is where the networks start from
         return [] if warm else [_as_it_is(data, plant, "physics")]
     first = unknowns.vector(plant)
@@ -277,7 +277,7 @@ def _physics(
     progress("fitting the physics over short windows")
     short = data.short()
     fits, failed = over_short_windows(data, plant, unknowns, thetas, short)
-    if not plant.spec.networks and fits and fits[0].mse > FIRST_SIGMA**2:
+    if not networks and fits and fits[0].mse > FIRST_SIGMA**2:
         wider = replace(data, sd=_wider(data))
         again, failed_again = over_short_windows(wider, plant, unknowns, thetas, short)
         if again and again[0].mse < CLEARLY * fits[0].mse:
@@ -288,7 +288,7 @@ def _physics(
         return []
     data.remember(short, fits[0].x)
     progress("fitting the physics over long windows")
-    trials = FIRST_TRIALS if plant.spec.networks else LAST_TRIALS
+    trials = FIRST_TRIALS if networks else LAST_TRIALS
     longs = data.fit(
         plant, unknowns, np.stack(_apart(fits)), sigma=sigma_of(fits[0]), trials=trials
     )
