@@ -1,22 +1,22 @@
 """`calibrate --fleet`: noise, model error and alarm level of every unit, on its healthy logs."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from faultgauge.detection.calibration_words import summary
 from faultgauge.errors import InputError
-from faultgauge.fleet.crew import Done
+from faultgauge.fleet.crew import Done, crew
 from faultgauge.fleet.folder import (
+    check_some,
     folder_for,
     land,
     model_path,
-    nothing_done,
     unit_file,
     with_models,
 )
-from faultgauge.fleet.result import FleetResult
+from faultgauge.fleet.result import FleetResult, failures
 from faultgauge.fleet.units import Unit, units_in
 from faultgauge.plants.model import Model, decoded, encoded, load_model
 from faultgauge.verbs.calibrate import calibrate
@@ -57,9 +57,12 @@ class FleetCalibrated(FleetResult):
     units: dict[str, dict[str, Any]]
     failed: dict[str, str]
     before: int
+    warnings: Sequence[str]
     said: dict[str, list[str]]
 
-    title = "Calibration of a fleet"
+    @property
+    def title(self) -> str:
+        return "Calibration of a fleet"
 
     @property
     def lines(self) -> list[str]:
@@ -115,19 +118,20 @@ def calibrate_fleet(
     where no unit can be calibrated.
     """
     source, units = Path(fleet), units_in(logs)
-    target = folder_for(source if out is None else out)
+    target = folder_for(source if out is None else out, logs)
     job = CalibrateJob(How(time, map, where, resample, time_format), mtbfa)
     todo = [u for u in units if again or not _calibrated(model_path(target, u.name))]
     given = with_models(source, todo)
-    _, failed = land(job, given, target, scheduler, len(todo), "calibrating", progress)
+    with crew(scheduler, progress) as workers:
+        failed = land(workers, job, given, target, len(todo), "calibrating", progress)
     found = {u.name: model_path(target, u.name) for u in units if u.name not in failed}
-    nothing_done(failed, list(found))
+    check_some(failed, list(found))
     blocks, said = {}, {}
     for name, path in sorted(found.items()):
         model = load_model(path)
         blocks[name], said[name] = model.calibration, summary(model)
     before = len(units) - len(todo)
-    return FleetCalibrated(target, blocks, failed, before, said)
+    return FleetCalibrated(target, blocks, failed, before, failures(failed), said)
 
 
 def _calibrated(path: Path) -> bool:

@@ -5,13 +5,14 @@ writes them: wherever a unit was done, its results land once.
 """
 
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 from faultgauge.errors import InputError
 from faultgauge.fleet.units import Unit
 
-__all__ = ["Done", "Failed", "Job", "Outcome", "attempt", "outcomes"]
+__all__ = ["Crew", "Done", "Failed", "Job", "Outcome", "attempt", "crew"]
 
 
 @dataclass(frozen=True)
@@ -32,6 +33,8 @@ class Failed:
 
 Outcome: TypeAlias = Done | Failed
 Job: TypeAlias = Callable[[Unit], Done]
+# every unit's outcome, once, as they are ready
+Crew: TypeAlias = Callable[[Job, Iterable[Unit]], Iterator[Outcome]]
 
 
 def attempt(job: Job, unit: Unit) -> Outcome:
@@ -45,17 +48,18 @@ def attempt(job: Job, unit: Unit) -> Outcome:
         return Failed(unit.name, f"internal error ({type(fault).__name__}: {text}).")
 
 
-def outcomes(
-    job: Job, units: Iterable[Unit], scheduler: str | None, progress: Callable[[str], None]
-) -> Iterator[Outcome]:
-    """What becomes of `units`, each once, as they are ready. Without a `scheduler` here, in their
-    order; `local` starts one with workers on this machine, any other is the address of one.
+@contextmanager
+def crew(scheduler: str | None, progress: Callable[[str], None]) -> Iterator[Crew]:
+    """Who does jobs: without a `scheduler` this process, unit after unit; `local` starts one with
+    workers on this machine, any other is the address of one.
 
     Raises `InputError` for a scheduler that does not answer, or whose workers are of another
     version.
     """
     if scheduler is None:
-        return (attempt(job, unit) for unit in units)
+        yield lambda job, units: (attempt(job, unit) for unit in units)
+        return
     from faultgauge.fleet.dask_crew import on_dask
 
-    return on_dask(job, units, scheduler, progress)
+    with on_dask(scheduler, progress) as workers:
+        yield workers

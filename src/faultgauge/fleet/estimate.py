@@ -1,15 +1,15 @@
 """`estimate --fleet`: which unit has which fault, how big, since when."""
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from faultgauge.fleet.calibrate import model_of_unit
-from faultgauge.fleet.crew import Done
-from faultgauge.fleet.folder import folder_for, land, nothing_done, with_models
-from faultgauge.fleet.result import FleetResult
+from faultgauge.fleet.crew import Done, crew
+from faultgauge.fleet.folder import check_some, folder_for, land, with_models
+from faultgauge.fleet.result import FleetResult, failures
 from faultgauge.fleet.units import Unit, units_in
 from faultgauge.telemetry.writing import table_bytes
 from faultgauge.verbs.estimate import estimate
@@ -48,13 +48,18 @@ class FleetEstimate(FleetResult):
     units: dict[str, dict[str, Any]]
     failed: dict[str, str]
     before: int
+    warnings: Sequence[str]
 
-    title = "Faults in a fleet"
+    @property
+    def title(self) -> str:
+        return "Faults in a fleet"
 
     @property
     def lines(self) -> list[str]:
         """The units with events, each with its first line; then how many have none."""
-        told = [f"{name}: {each['lines'][0]}" for name, each in self.units.items() if each["events"]]
+        told = [
+            f"{name}: {each['lines'][0]}" for name, each in self.units.items() if each["events"]
+        ]
         return [*told, f"{self.counts}; {len(told)} with a fault"]
 
     @property
@@ -105,13 +110,14 @@ def estimate_fleet(
     Returns a `FleetEstimate`. Raises `InputError` for logs that are not those of a fleet, and where
     no unit can be judged.
     """
-    units, folder = units_in(logs), folder_for(out)
+    units, folder = units_in(logs), folder_for(out, logs)
     job = EstimateJob(How(time, map, where, resample, time_format))
     todo = [u for u in units if again or not (folder / f"{u.name}{TOLD}").is_file()]
     given = with_models(Path(fleet), todo)
-    _, failed = land(job, given, folder, scheduler, len(todo), "estimating", progress)
+    with crew(scheduler, progress) as workers:
+        failed = land(workers, job, given, folder, len(todo), "estimating", progress)
     told = {u.name: folder / f"{u.name}{TOLD}" for u in units if u.name not in failed}
-    nothing_done(failed, list(told))
+    check_some(failed, list(told))
     found = {name: json.loads(path.read_text()) for name, path in sorted(told.items())}
     before = len(units) - len(todo)
-    return FleetEstimate(folder, found, failed, before).written()
+    return FleetEstimate(folder, found, failed, before, failures(failed)).written()

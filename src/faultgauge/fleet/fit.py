@@ -9,24 +9,24 @@ import jax.numpy as jnp
 import numpy as np
 
 from faultgauge.errors import InputError
-from faultgauge.fleet.crew import Done
+from faultgauge.fleet.crew import Done, crew
 from faultgauge.fleet.folder import (
     FLEET,
+    check_some,
     fleet_file,
     folder_for,
     land,
     model_path,
     models_in,
-    nothing_done,
     unit_file,
 )
-from faultgauge.fleet.result import FleetFit, UnitFit
+from faultgauge.fleet.result import FleetFit, UnitFit, failures
 from faultgauge.fleet.typical import laws_of, typical_unit, unit_plant
 from faultgauge.fleet.units import Unit, units_in
 from faultgauge.identification.population import Law, Population, own_parameters, population
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model, decoded, encoded, load_model, save_model
-from faultgauge.telemetry import Run
+from faultgauge.telemetry import Run, cut
 from faultgauge.verbs.fit import fit
 from faultgauge.verbs.plants import plant as as_plant
 from faultgauge.verbs.reading import How, Maps, runs_for_plant
@@ -65,6 +65,7 @@ class FitJob:
             model = found.model
         else:
             typical = decoded(self.typical, FLEET)
+            runs = [cut(run, slice(0, common_length(len(run.t)))) for run in runs]
             found = fit(unit_plant(typical, prior=self.prior), runs, restarts=1, **given)
             model = replace(found.model, plant=replace(found.model.plant, spec=typical.plant.spec))
             if "choices" in typical.record:
@@ -91,6 +92,13 @@ def _constants(found: Any) -> Sequence[Any]:
     account = found.account
     known = account.refinement.information if account.refinement else account.information
     return known.constants if known else ()
+
+
+def common_length(count: int) -> int:
+    """As many of `count` samples as make a length that other logs have too, 8 to an octave: each
+    length is a program to compile, and constants do not miss the rest."""
+    step = 1 << max(count.bit_length() - 4, 0)
+    return count // step * step
 
 
 def check_excited(plant: GrayBoxPlant, runs: Sequence[Run]) -> None:
@@ -148,34 +156,35 @@ def fit_fleet(
     untrained, how = as_plant(plant), How(time, map, where, resample, time_format)
     units, text = units_in(logs), untrained.spec.text
     typical = None if prior is None else _prior(fleet_file(prior), text)
-    folder = folder_for(out)
+    folder = folder_for(out, logs)
     _check_same_plant(folder, text)
     todo = [u for u in units if again or not model_path(folder, u.name).is_file()]
     kept = folder / FLEET
-    if typical is None and own_parameters(untrained.spec.parameters):
-        if kept.is_file() and not again:
+    shares = typical is None and bool(own_parameters(untrained.spec.parameters))
+    with crew(scheduler, progress) as workers:
+        if shares and kept.is_file() and not again:
             typical = load_model(kept)
-        else:
+        elif shares:
             typical = typical_unit(
                 untrained, units, how, seed=seed, robust=robust, progress=progress
             )
             save_model(typical, kept)
-    data = None if typical is None else encoded(typical)
-    job = FitJob(text, data, prior is not None, how, seed, robust, despite_alarms)
-    _, failed = land(job, todo, folder, scheduler, len(todo), "fitting", progress)
-    names = [unit.name for unit in units if model_path(folder, unit.name).is_file()]
-    nothing_done(failed, names)
-    if typical is not None and prior is None:
-        typical, own = _with_laws(untrained, typical, folder)
-        weak = [u for u in units if u.name in own and _vague(own[u.name], laws_of(typical))]
-        weak = [u for u in weak if not load_model(model_path(folder, u.name)).record["unit"]["prior"]]
-        leaning = replace(job, typical=encoded(typical), prior=True, own=own)
-        _, more = land(leaning, weak, folder, scheduler, len(weak), "with the fleet", progress)
-        failed |= more
-        save_model(typical, kept)
-    told = {name: UnitFit.of(model) for name, model in models_in(folder) if name in set(names)}
+        data = None if typical is None else encoded(typical)
+        job = FitJob(text, data, prior is not None, how, seed, robust, despite_alarms)
+        failed = land(workers, job, todo, folder, len(todo), "fitting", progress)
+        names = {unit.name for unit in units if model_path(folder, unit.name).is_file()}
+        check_some(failed, names)
+        if shares and typical is not None:
+            typical, own = _with_laws(untrained, typical, folder)
+            weak = [u for u in units if u.name in names and _leans(folder, u, own, typical)]
+            job = replace(job, typical=encoded(typical), prior=True, own=own)
+            failed |= land(workers, job, weak, folder, len(weak), "with the fleet", progress)
+            save_model(typical, kept)
+    told = {name: UnitFit.of(model) for name, model in models_in(folder) if name in names}
     before = len(units) - len(todo)
-    return FleetFit(untrained.spec, folder, typical, told, failed, before).written()
+    return FleetFit(
+        untrained.spec, folder, typical, told, failed, before, failures(failed)
+    ).written()
 
 
 def _prior(path: Path, text: str) -> Model:
@@ -216,6 +225,7 @@ def _with_laws(
     plant = typical.plant
     plant = replace(plant, parameters=plant.parameters | centers)
     fleet = {
+        "start": typical.record["fleet"]["start"],
         "laws": {name: law.to_dict() for name, law in found.laws.items()},
         "units": list(own),
         "unlike": dict(zip(own, found.unlike.tolist(), strict=True)),
@@ -230,6 +240,13 @@ def laws_from(parameters: Sequence[Any], own: dict[str, Any]) -> Population:
     errors = np.array([[np.nan if e is None else e for _, e in row] for row in cells], float)
     shape = len(own), len(parameters)
     return population(parameters, values.reshape(shape), errors.reshape(shape))
+
+
+def _leans(folder: Path, unit: Unit, own: dict[str, Any], typical: Model) -> bool:
+    """Whether a unit's own log tells too little, and it does not lean on the fleet yet."""
+    if unit.name not in own or not _vague(own[unit.name], laws_of(typical)):
+        return False
+    return not load_model(model_path(folder, unit.name)).record["unit"]["prior"]
 
 
 def _vague(own: dict[str, Any], laws: dict[str, Law]) -> bool:

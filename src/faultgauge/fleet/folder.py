@@ -3,26 +3,42 @@
 Every file is there whole or not at all, so that a call that was ended is gone on with.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
 from faultgauge.errors import InputError
 from faultgauge.files import read_within, write_atomically
-from faultgauge.fleet.crew import Done, Job, outcomes
+from faultgauge.fleet.crew import Crew, Done, Job
 from faultgauge.fleet.units import Unit
 from faultgauge.plants.model import Model, load_model
 from faultgauge.progress import Step
 
-__all__ = ["FLEET", "fleet_file", "folder_for", "land", "model_path", "models_in", "with_models"]
+__all__ = [
+    "FLEET",
+    "check_some",
+    "fleet_file",
+    "folder_for",
+    "land",
+    "model_path",
+    "models_in",
+    "unit_file",
+    "with_models",
+]
 
 FLEET, UNITS, ENDING = "fleet.fgm", "units", ".fgm"
 LARGEST = 100_000_000  # bytes of a model file
 
 
-def folder_for(path: str | Path) -> Path:
-    """`path` as a folder with room for units, made where it is missing."""
+def folder_for(path: str | Path, logs: Iterable[str | Path]) -> Path:
+    """`path` as a folder with room for units, made where it is missing. Raises `InputError` where
+    it is among the `logs`, which what is written would become some of."""
     folder = Path(path)
+    for each in map(Path, logs):
+        if folder.resolve().is_relative_to(each.resolve()):
+            raise InputError(
+                f"{path}: lies in {each}, where all is log of a unit; give a folder elsewhere."
+            )
     try:
         folder.mkdir(exist_ok=True)
     except OSError as failure:
@@ -58,36 +74,39 @@ def with_models(folder: Path, units: Iterable[Unit]) -> Iterator[Unit]:
     for unit in units:
         path = model_path(folder, unit.name)
         known = path.is_file()
-        yield replace(unit, model=read_within(path, LARGEST, "no model file does")) if known else unit
+        yield (
+            replace(unit, model=read_within(path, LARGEST, "no model file does")) if known else unit
+        )
 
 
 def land(
+    crew: Crew,
     job: Job,
     units: Iterable[Unit],
     folder: Path,
-    scheduler: str | None,
     count: int,
     what: str,
     progress: Callable[[str], None],
-) -> tuple[list[str], dict[str, str]]:
-    """(the units that were done, and those that failed with the reason), their files written to
-    `folder`. `count` is how many they are and `what` is being done, for `progress`."""
-    done, failed = [], {}
-    for k, outcome in enumerate(outcomes(job, units, scheduler, progress), 1):
+) -> dict[str, str]:
+    """Has the `crew` do `units`, and writes their files to `folder`; gives why some failed, by
+    name. `count` is how many they are and `what` is being done, for `progress`."""
+    failed = {}
+    for k, outcome in enumerate(crew(job, units), 1):
         if isinstance(outcome, Done):
             for name, data in outcome.files.items():
                 path = folder / name
                 path.parent.mkdir(exist_ok=True)
                 write_atomically(path, data)
-            done.append(outcome.unit)
         else:
             failed[outcome.unit] = outcome.why
         progress(Step(f"{what}: {k} of {count} units", k / count))
-    return sorted(done), dict(sorted(failed.items()))
+    return dict(sorted(failed.items()))
 
 
-def nothing_done(failed: dict[str, str], done: Sequence[str]) -> None:
+def check_some(failed: dict[str, str], done: Collection[str]) -> None:
     """Raises `InputError` where every unit failed."""
     if failed and not done:
         first, why = next(iter(failed.items()))
-        raise InputError(f"none of the {len(failed)} units could be done; the first, {first}: {why}")
+        raise InputError(
+            f"none of the {len(failed)} units could be done; the first, {first}: {why}"
+        )

@@ -14,11 +14,16 @@ from faultgauge.plants.plant_file import PlantSpec
 from faultgauge.telemetry.writing import write_table
 from faultgauge.verbs.result import Columns, Result
 
-__all__ = ["TABLE", "FleetFit", "FleetResult", "UnitFit"]
+__all__ = ["TABLE", "FleetFit", "FleetResult", "UnitFit", "failures"]
 
 TABLE = "units.csv"
 UNLIKE = 0.5  # probability of being unlike the other units, from which on it is said
 SHOWN = 5  # units that a sentence names
+
+
+def failures(failed: dict[str, str]) -> list[str]:
+    """The units that `failed`, as warnings."""
+    return [f"unit {name}: {why.rstrip('.')}" for name, why in failed.items()]
 
 
 class FleetResult(Result):
@@ -30,11 +35,9 @@ class FleetResult(Result):
     failed: dict[str, str]
     before: int
 
-    title: str = "Fleet"
-
     @property
-    def warnings(self) -> Sequence[str]:
-        return [f"unit {name}: {why.rstrip('.')}" for name, why in self.failed.items()]
+    def title(self) -> str:
+        return "Fleet"
 
     def written(self) -> Any:
         """The same, its table written into its folder."""
@@ -105,6 +108,7 @@ class FleetFit(FleetResult):
     units: dict[str, UnitFit]
     failed: dict[str, str]
     before: int
+    warnings: Sequence[str]
 
     @property
     def title(self) -> str:
@@ -126,8 +130,7 @@ class FleetFit(FleetResult):
         units = {p.name: p.unit for p in self.spec.parameters}
         for name, law in self.laws.items():
             if law.log:
-                spread, error = f"{law.spread:.1%}", f"{law.error:.2g} of itself"
-                error = f"{law.error:.1%}"
+                spread, error = f"{law.spread:.1%}", f"{law.error:.1%}"
             else:
                 spread, error = f"{law.spread:.3g}", f"{law.error:.2g}"
             found.append(
@@ -135,9 +138,7 @@ class FleetFit(FleetResult):
                 + f", +- {spread} from unit to unit, mean known to {error}"
             )
         if self.typical is not None and not self.laws:
-            found.append(
-                "too few units for their spread: four with a healthy log each tell it"
-            )
+            found.append("too few units for their spread: four with a healthy log each tell it")
         for name, p in self.unlike.items():
             found.append(f"{name} is unlike the other units (p {p:.2g}){self._where(name)}")
         return found
@@ -149,8 +150,11 @@ class FleetFit(FleetResult):
         """In which constants a unit is off, the farthest first."""
         if unit not in self.units:
             return ""
-        off = {n: self.laws[n].off(v) for n, (v, _) in self.units[unit].constants.items()
-               if n in self.laws}
+        off = {
+            n: self.laws[n].off(v)
+            for n, (v, _) in self.units[unit].constants.items()
+            if n in self.laws
+        }
         far = sorted((n for n in off if abs(off[n]) > 3), key=lambda n: -abs(off[n]))
         return ": " + ", ".join(f"{n} {off[n]:+.1f} spreads" for n in far) if far else ""
 
@@ -191,8 +195,11 @@ class FleetFit(FleetResult):
 
         ranges = []
         for name, law in self.laws.items():
-            shares = [u.constants[name][0] / law.center for u in self.units.values()
-                      if name in u.constants]
+            shares = [
+                u.constants[name][0] / law.center
+                for u in self.units.values()
+                if name in u.constants
+            ]
             ranges.append([float(np.median(shares)), min(shares), max(shares)])
         if not ranges:
             return []

@@ -1,7 +1,7 @@
 """The typical unit of a fleet: what its networks are, and where its constants lie, from some units
 fitted together, each with constants of its own."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import equinox as eqx
@@ -42,9 +42,7 @@ def typical_unit(
     """
     runs = _pool(plant, units, how)
     named = {p.name for p in own_parameters(plant.spec.parameters)}
-    varied = tuple(
-        replace(p, vary="run") if p.name in named else p for p in plant.spec.parameters
-    )
+    varied = tuple(replace(p, vary="run") if p.name in named else p for p in plant.spec.parameters)
     pooled = replace(plant, spec=replace(plant.spec, parameters=varied))
     progress(f"fitting {len(runs)} units together")
     model, own = _together(pooled, runs, seed, robust)
@@ -52,9 +50,10 @@ def typical_unit(
     if len(like) < len(runs):
         progress(f"fitting the {len(like)} units that are alike")
         model, own = _together(pooled, like, seed, robust)
-    center = {name: jnp.asarray(np.median(list(each.values()))) for name, each in own.items()}
+    start = {name: float(np.median(list(each.values()))) for name, each in own.items()}
+    center = {name: jnp.asarray(value) for name, value in start.items()}
     found = eqx.tree_at(lambda p: p.parameters, model.plant, model.plant.parameters | center)
-    record = {**model.record, "fleet": {"laws": {}, "units": []}}
+    record = {**model.record, "fleet": {"start": start, "laws": {}, "units": []}}
     typical = Model(found, record).with_reading(how.said)
     return replace(typical, plant=base_of(plant, typical))
 
@@ -89,9 +88,7 @@ def _together(
     return model, account.refinement.per_run
 
 
-def _alike(
-    plant: GrayBoxPlant, own: dict[str, dict[str, float]], runs: Sequence[Run]
-) -> list[Run]:
+def _alike(plant: GrayBoxPlant, own: dict[str, dict[str, float]], runs: Sequence[Run]) -> list[Run]:
     """The runs whose constants are like those of the others."""
     parameters = own_parameters(plant.spec.parameters)
     values = np.array([[own[p.name][run.name] for p in parameters] for run in runs])
@@ -116,10 +113,6 @@ def laws_of(typical: Model) -> dict[str, Law]:
 
 def unit_plant(typical: Model, *, prior: bool) -> GrayBoxPlant:
     """A unit before its own logs are seen; with a `prior`, as uncertain as the fleet's laws say."""
-    plant = typical.plant
     laws = laws_of(typical) if prior else {}
-    centers = {name: law.center for name, law in laws.items()}
-    if not prior:
-        named = [p.name for p in own_parameters(plant.spec.parameters)]
-        centers = {name: float(plant.parameters[name]) for name in named}
-    return with_population(plant, plant.networks, centers, laws)
+    centers = typical.record["fleet"]["start"] | {n: law.center for n, law in laws.items()}
+    return with_population(typical.plant, typical.plant.networks, centers, laws)

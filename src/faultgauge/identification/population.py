@@ -1,12 +1,13 @@
-"""What a fleet tells of its units: of every constant a mean and a spread, and who is unlike the rest.
+"""What a fleet tells of its units: mean and spread of every constant, and who is unlike the rest.
 
-    z_i = m + s e_i + sqrt(v_i) n_i,    e_i ~ N(0, 1) of a unit like the others, N(0, W^2) of another
+    z_i = m + s e_i + sqrt(v_i) n_i,    e_i ~ N(0, 1) of a unit like the others, else N(0, W^2)
 
-z_i is what unit i's own logs say of a constant (its logarithm, where it differs by factors), v_i how
-uncertain that is; e_i and n_i are independent. One unit in ten is expected to be unlike the others
-in all of its constants, so that a log that is not healthy is outvoted and named (the contaminated
-normal of J. W. Tukey, "A survey of sampling from contaminated distributions", 1960). m and s by EM
-(A. P. Dempster, N. M. Laird and D. B. Rubin, J. R. Statist. Soc. B 39, 1977) from the median on.
+z_i is what unit i's own logs say of a constant (its logarithm, where it differs by factors), v_i
+how uncertain that is; e_i and n_i are independent. One unit in ten is expected to be unlike the
+others in all of its constants, so that a log that is not healthy is outvoted and named (the
+contaminated normal of J. W. Tukey, "A survey of sampling from contaminated distributions", 1960).
+m and s by EM (A. P. Dempster, N. M. Laird and D. B. Rubin, J. R. Statist. Soc. B 39, 1977) from the
+median on; s^2 with the prior that two more units, 10 % off, would be, as few units tell it badly.
 """
 
 from collections.abc import Sequence
@@ -93,7 +94,7 @@ def population(
             float(error[j]),
             bool(log[k]),
         )
-        for j, k in enumerate(told)
+        for j, k in enumerate(told.tolist())
     }
     return Population(laws, unlike)
 
@@ -103,9 +104,7 @@ def _mixture(
     v: Float[np.ndarray, "units laws"],
     known: np.ndarray,
     log: np.ndarray,
-) -> tuple[
-    Float[np.ndarray, "laws"], Float[np.ndarray, "laws"], Float[np.ndarray, "units"]
-]:
+) -> tuple[Float[np.ndarray, "laws"], Float[np.ndarray, "laws"], Float[np.ndarray, "units"]]:
     """(m, s, the probability that a unit is unlike the others)."""
     cells = np.where(known, z, np.nan)
     mean = np.nanmedian(cells, axis=0) if z.size else np.zeros(z.shape[1])
@@ -122,7 +121,7 @@ def _mixture(
         r2, s2 = (z - mean) ** 2, spread**2
         # of e_i: what it is on the mean, and how uncertain, had it been drawn near or far
         of_near = s2 * r2 / near**2 + v / near
-        of_far = (WIDE**2 * s2 * r2 / far**2 + v / far)
+        of_far = WIDE**2 * s2 * r2 / far**2 + v / far
         drawn = (1 - unlike)[:, None] * of_near + unlike[:, None] * of_far
         squares = s2 * np.sum(known * drawn, axis=0) + USUAL_UNITS * usual**2
         spread = np.sqrt(squares / (known.sum(axis=0) + USUAL_UNITS))
@@ -143,7 +142,10 @@ def _pull(
 
 
 def with_population(
-    plant: GrayBoxPlant, networks: dict[str, Network], centers: dict[str, float], laws: dict[str, Law]
+    plant: GrayBoxPlant,
+    networks: dict[str, Network],
+    centers: dict[str, float],
+    laws: dict[str, Law],
 ) -> GrayBoxPlant:
     """A unit of the fleet before its own logs are seen: `plant` with the fleet's `networks`, which
     are known, and constants at the fleet's `centers`, as uncertain as its `laws` say."""

@@ -147,11 +147,13 @@ class Law(Part):
 
 
 class Fleet(Part):
-    """Of a fleet's typical unit: the laws of its constants, and who they are from; empty, while
-    its units are still being fitted."""
+    """Of a fleet's typical unit: where the fits of its units start, the laws of their constants,
+    and who these are from; empty, while the units are still being fitted."""
 
+    start: dict[str, Number]
     laws: dict[str, Law]
     units: list[Text]
+    unlike: dict[str, Annotated[float, pydantic.Field(ge=0, le=1)]] = {}
 
 
 class Record(Part):

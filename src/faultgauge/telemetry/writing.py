@@ -14,7 +14,15 @@ from faultgauge.files import write_atomically
 from faultgauge.telemetry.runs import Run
 from faultgauge.telemetry.table import float_cells
 
-__all__ = ["WRITERS", "as_table", "check_writable", "csv_line", "stamps", "table_bytes", "write_table"]
+__all__ = [
+    "WRITERS",
+    "as_table",
+    "check_writable",
+    "csv_line",
+    "stamps",
+    "table_bytes",
+    "write_table",
+]
 
 
 FORMULA = ("=", "+", "-", "@", "\t", "\r")
