@@ -1,10 +1,12 @@
 """The same on Dask: chunks of units, each an importable function of bytes, on whatever workers a
 scheduler has. A worker may die: its chunks are computed again elsewhere."""
 
+import asyncio
 import logging
 import os
 import pickle
 from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from importlib import import_module, metadata
 from itertools import islice
@@ -87,13 +89,21 @@ def _client(distributed: Any, scheduler: str, stack: ExitStack) -> Any:
         )
         return distributed.Client(stack.enter_context(cluster))
     try:
+        with ThreadPoolExecutor(1) as own_loop:  # in a notebook this thread runs one already
+            own_loop.submit(asyncio.run, _answer(distributed, scheduler)).result()
         return distributed.Client(scheduler, timeout=ANSWERS)
-    except (OSError, ValueError, TypeError) as failure:
-        text = " ".join(str(failure).split())[:200]
+    except (OSError, TimeoutError, ValueError, TypeError) as failure:
+        text = " ".join(str(failure).split())[:200] or f"not within {ANSWERS:g} s"
         raise InputError(
             f"--scheduler {scheduler}: does not answer ({text}); start one with `dask scheduler`, "
             "check its address, tcp://HOST:PORT, or give local."
         ) from None
+
+
+async def _answer(distributed: Any, scheduler: str) -> None:
+    """Something may listen there and never say a word, for which a client would wait for ever."""
+    async with asyncio.timeout(ANSWERS), distributed.rpc(scheduler) as there:
+        await there.identity()
 
 
 def _check_versions(client: Any) -> None:

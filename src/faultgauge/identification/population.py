@@ -18,6 +18,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
+from faultgauge.identification.refinement.unknowns import prior_width
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.network import Network
 from faultgauge.plants.plant_file import Parameter
@@ -148,12 +149,16 @@ def with_population(
     laws: dict[str, Law],
 ) -> GrayBoxPlant:
     """A unit of the fleet before its own logs are seen: `plant` with the fleet's `networks`, which
-    are known, and constants at the fleet's `centers`, as uncertain as its `laws` say."""
+    are known, and constants at the fleet's `centers`, as uncertain as its `laws` say, or as they
+    are without one."""
     spec = plant.spec
 
     def told(p: Parameter) -> Parameter:
-        law = laws.get(p.name)
-        return replace(p, value=centers.get(p.name, p.value), spread=law and law.spread)
+        if p.name not in centers:
+            return p
+        there = replace(p, value=centers[p.name])
+        spread = laws[p.name].spread if p.name in laws else prior_width(there)
+        return replace(there, spread=spread)
 
     spec = replace(
         spec,

@@ -20,7 +20,7 @@ from jaxtyping import Array, Float
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant_file import Parameter
 
-__all__ = ["WEIGHTS", "Unknowns", "unknowns_of"]
+__all__ = ["WEIGHTS", "Unknowns", "prior_width", "unknowns_of"]
 
 WEIGHTS = ("weights_out", "weights_in", "bias", "bias_out")
 FACTOR = math.log(10.0)  # one prior standard deviation of a positive constant
@@ -128,13 +128,14 @@ def unknowns_of(plant: GrayBoxPlant, *, networks: bool = True) -> Unknowns:
         parameters=tuple(p.name for p in free),
         positive=tuple(p.positive for p in free),
         centers=tuple(centers),
-        scales=tuple(_width(p) for p in free),
+        scales=tuple(prior_width(p) for p in free),
         varying=tuple(k for k, p in enumerate(free) if p.vary),
         slow=tuple(k for k, p in enumerate(free) if p.vary == "slow"),
     )
 
 
-def _width(parameter: Parameter) -> float:
+def prior_width(parameter: Parameter) -> float:
+    """One standard deviation of the prior, of the logarithm where the parameter is positive."""
     if parameter.spread is not None:
         return parameter.spread
     if parameter.positive:
