@@ -9,7 +9,8 @@ import pytest
 from faultgauge.fleet.fit import fit_fleet
 from faultgauge.fleet.result import FleetFit
 
-STEP, COUNT, NOISE = 0.1, 240, 0.004
+# as few samples as make one window, short or long, and so one program
+STEP, COUNT, NOISE = 0.1, 64, 0.004
 PLANT = """name = "tank"
 
 [states.x]
@@ -18,6 +19,7 @@ derivative = "b*u - a*x"
 
 [inputs.u]
 unit = "V"
+hold = "zero"
 
 [outputs.x]
 unit = "m"

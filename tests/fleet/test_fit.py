@@ -4,6 +4,8 @@ import csv
 import json
 
 import numpy as np
+import pytest
+from scipy.optimize import least_squares
 
 from faultgauge.cli.app import run
 from faultgauge.fleet.fit import common_length, fit_fleet
@@ -13,8 +15,8 @@ from .conftest import NOISE, PLANT, STEP, drawn, write_log
 
 
 def test_every_unit_has_its_own_constants(fleet):
-    """As SciPy fits its log alone, with the plant's exact solution: 5 % of a standard error is what
-    stopping early may leave, and a fifth of one what 240 samples tell of the noise."""
+    """As SciPy fits its log alone, with the plant's exact solution: stopping early may leave 5 % of
+    a standard error, which itself is known to a fifth."""
     assert list(fleet.found.units) == list(fleet.truth)
     t, u, y = np.loadtxt(fleet.logs / "tank1.csv", delimiter=",", skiprows=1).T
 
@@ -77,7 +79,7 @@ def test_units_that_are_done_are_not_done_again(fleet):
 
 
 def test_a_new_unit_leans_on_the_fleet(fleet, tmp_path, capsys):
-    """From 40 samples, 4 s: what the log leaves open the fleet tells."""
+    """From 40 samples: what the log leaves open the fleet tells."""
     a, b = drawn(31)
     write_log(tmp_path / "logs" / "new.csv", 31, a, b, count=40)
     call = ["fit", str(fleet.folder.parent / "plant.toml"), str(tmp_path / "logs"), "--fleet"]
