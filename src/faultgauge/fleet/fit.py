@@ -29,7 +29,7 @@ from faultgauge.plants.model import Model, decoded, encoded, load_model, save_mo
 from faultgauge.telemetry import Run, cut
 from faultgauge.verbs.fit import fit
 from faultgauge.verbs.plants import plant as as_plant
-from faultgauge.verbs.reading import How, Maps, runs_for_plant
+from faultgauge.verbs.reading import How, Maps, Runs, runs_for_plant
 
 __all__ = ["FitJob", "fit_fleet"]
 
@@ -65,7 +65,8 @@ class FitJob:
             model = found.model
         else:
             typical = decoded(self.typical, FLEET)
-            runs = [cut(run, slice(0, common_length(len(run.t)))) for run in runs]
+            shorter = [cut(run, slice(0, common_length(len(run.t)))) for run in runs]
+            runs = Runs(shorter, runs.sources, runs.how)
             found = fit(unit_plant(typical, prior=self.prior), runs, restarts=1, **given)
             model = replace(found.model, plant=replace(found.model.plant, spec=typical.plant.spec))
             if "choices" in typical.record:
@@ -150,8 +151,8 @@ def fit_fleet(
     - `seed`, `robust`, `despite_alarms` as in `fit`; `time`, `time_format`, `map`, `where` and
       `resample` as in `read`; `progress` is told what is being done.
 
-    Returns a `FleetFit`. Raises `InputError` for logs that are not those of a fleet, and where no
-    unit can be fitted.
+    Returns a `FleetFit` of all units in `out`. Raises `InputError` for logs that are not those of a
+    fleet, and where no unit can be fitted.
     """
     untrained, how = as_plant(plant), How(time, map, where, resample, time_format)
     units, text = units_in(logs), untrained.spec.text
@@ -166,7 +167,13 @@ def fit_fleet(
             typical = load_model(kept)
         elif shares:
             typical = typical_unit(
-                untrained, units, how, seed=seed, robust=robust, progress=progress
+                untrained,
+                units,
+                how,
+                seed=seed,
+                robust=robust,
+                despite_alarms=despite_alarms,
+                progress=progress,
             )
             save_model(typical, kept)
         data = None if typical is None else encoded(typical)
@@ -180,8 +187,8 @@ def fit_fleet(
             job = replace(job, typical=encoded(typical), prior=True, own=own)
             failed |= land(workers, job, weak, folder, len(weak), "with the fleet", progress)
             save_model(typical, kept)
-    told = {name: UnitFit.of(model) for name, model in models_in(folder) if name in names}
-    before = len(units) - len(todo)
+    told = {name: UnitFit.of(model) for name, model in models_in(folder)}
+    before = len(told.keys() - {unit.name for unit in todo})
     return FleetFit(
         untrained.spec, folder, typical, told, failed, before, failures(failed)
     ).written()

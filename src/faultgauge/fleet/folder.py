@@ -66,7 +66,12 @@ def fleet_file(given: str | Path) -> Path:
 def models_in(folder: Path) -> Iterator[tuple[str, Model]]:
     """The units that have a model, by name, one at a time."""
     for path in sorted((folder / UNITS).glob(f"*{ENDING}")):
-        yield path.name.removesuffix(ENDING), load_model(path)
+        model = load_model(path)
+        if "unit" not in model.record:
+            raise InputError(
+                f"{path}: is no unit of a fleet; move it elsewhere, or fit it with --fleet."
+            )
+        yield path.name.removesuffix(ENDING), model
 
 
 def with_models(folder: Path, units: Iterable[Unit]) -> Iterator[Unit]:

@@ -8,6 +8,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from faultgauge.detection.alarmed import refuse_alarms
 from faultgauge.errors import InputError
 from faultgauge.fleet.units import Unit
 from faultgauge.identification import fit as identification
@@ -32,6 +33,7 @@ def typical_unit(
     *,
     seed: int,
     robust: bool,
+    despite_alarms: bool,
     progress: Callable[[str], None],
 ) -> Model:
     """The model of the typical unit, its laws not known yet.
@@ -40,7 +42,7 @@ def typical_unit(
     is unlike the others is left out, and the rest fitted again, so that the networks know nothing
     of it. Raises `InputError` where no unit can be read.
     """
-    runs = _pool(plant, units, how)
+    runs = _pool(plant, units, how, despite_alarms)
     named = {p.name for p in own_parameters(plant.spec.parameters)}
     varied = tuple(replace(p, vary="run") if p.name in named else p for p in plant.spec.parameters)
     pooled = replace(plant, spec=replace(plant.spec, parameters=varied))
@@ -58,7 +60,7 @@ def typical_unit(
     return replace(typical, plant=base_of(plant, typical))
 
 
-def _pool(plant: GrayBoxPlant, units: Sequence[Unit], how: How) -> list[Run]:
+def _pool(plant: GrayBoxPlant, units: Sequence[Unit], how: How, despite_alarms: bool) -> list[Run]:
     """The longest run of some units each, spread over all of them, of `SAMPLES` in all."""
     count = min(POOL, len(units))
     chosen = [units[k] for k in np.linspace(0, len(units) - 1, count).round().astype(int)]
@@ -67,6 +69,9 @@ def _pool(plant: GrayBoxPlant, units: Sequence[Unit], how: How) -> list[Run]:
     for unit in (*chosen, *rest):
         try:
             found = runs_for_plant(plant.spec, [unit.source], how, fitting=True)
+            if not despite_alarms:
+                said = how.time, how.maps, how.where, None, how.time_format
+                refuse_alarms(found, found.sources, *said)
         except InputError as wrong:  # it is named when its turn comes
             failure = failure or wrong
             continue
@@ -91,7 +96,7 @@ def _together(
 def _alike(plant: GrayBoxPlant, own: dict[str, dict[str, float]], runs: Sequence[Run]) -> list[Run]:
     """The runs whose constants are like those of the others."""
     parameters = own_parameters(plant.spec.parameters)
-    values = np.array([[own[p.name][run.name] for p in parameters] for run in runs])
+    values = np.array([[own[p.name].get(run.name, np.nan) for p in parameters] for run in runs])
     unlike = population(parameters, values, np.zeros_like(values)).unlike
     return [run for run, odds in zip(runs, unlike, strict=True) if odds < UNLIKE]
 

@@ -156,6 +156,18 @@ class Fleet(Part):
     unlike: dict[str, Annotated[float, pydantic.Field(ge=0, le=1)]] = {}
 
 
+class UnitOfFleet(Part):
+    """Of a fleet's unit: its log, and [value, standard error] of its constants, as they are and as
+    its own log alone has them."""
+
+    samples: Count
+    seconds: Least
+    constants: dict[str, tuple[Number, Least | None]]
+    own: dict[str, tuple[Number, Least | None]]
+    prior: bool
+    warnings: list[Text]
+
+
 class Record(Part):
     max_step: Positive
     sample_time: Positive
@@ -173,6 +185,7 @@ class Record(Part):
     reading: Reading = Reading()
     calibration: Calibration | None = None
     fleet: Fleet | None = None
+    unit: UnitOfFleet | None = None
 
 
 def check_record(record: Mapping[str, Any], signals: Signals) -> None:
