@@ -2,9 +2,10 @@
 
     python benchmarks/fleet.py [--seeds N] [--units N]
 
-Wheels h' = gain u - drag h - coulomb S(h), whose gain, drag and friction differ by 10 % each, and
-whose friction curve S (Stribeck's peak and a windage of h|h|) is a network to the fit, the same for
-all. Noise on h is 2e-3 N*m*s, about 1 % of its spread; 1 Hz.
+Wheels h' = gain u - drag h - coulomb tanh(h / 0.05) - S(h), whose gain, drag and Coulomb friction
+differ by 10 % each; S, a hump like Stribeck's and a windage of h|h|, is the same for all, and a
+network to the fit. They sweep through +- 1.2 N*m*s in 400 s, with a voltage on top that is drawn anew
+every 20 s. Noise on h is 2e-3 N*m*s, 0.2 % of its spread; 1 Hz.
 
 1. A fleet of 30 wheels with an hour of log each; the next wheel is fitted from 10 minutes and from
    2 hours, with the fleet and alone. Error: free run against the wheel without noise over an hour
@@ -36,7 +37,7 @@ PLANT = """
 name = "wheel of a fleet"
 [states.h]
 unit = "N*m*s"
-derivative = "gain*u - drag*h - coulomb*S(h)"
+derivative = "gain*u - drag*h - coulomb*tanh(h/0.05) - S(h)"
 [inputs.u]
 unit = "V"
 hold = "zero"
@@ -67,15 +68,18 @@ def simulated(
     """(u, h without noise) of the `log`-th log of a wheel; h starts at 0."""
     gain, drag, coulomb = constants(seed, wheel)
     random = np.random.default_rng([seed, wheel, log])
-    u = np.repeat(random.uniform(-5, 5, -(-seconds // HOLD)), HOLD)[:seconds]
+    u = np.repeat(random.uniform(-2, 2, -(-seconds // HOLD)), HOLD)[:seconds]
+    sweep = 1.2 * np.sin(2 * np.pi * (np.arange(seconds) / 400 + random.uniform()))
 
     def rate(h: float, command: float) -> float:
-        curve = np.tanh(h / 0.05) * (1 + 0.4 * np.exp(-((h / 0.3) ** 2))) + 0.2 * h * abs(h)
-        return gain * command - drag * h - friction * coulomb * curve
+        shared = 2e-3 * h * np.exp(-2 * h * h) + 4e-4 * h * abs(h)
+        own = drag * h + friction * coulomb * np.tanh(h / 0.05)
+        return gain * command - own - shared
 
     h, state, step = np.zeros(seconds), 0.0, 1.0 / SUBSTEPS
     for k in range(seconds):
         h[k] = state
+        u[k] = np.clip(u[k] + 20 * (sweep[k] - state), -5, 5)
         for _ in range(SUBSTEPS):
             a = rate(state, u[k])
             b = rate(state + step / 2 * a, u[k])

@@ -41,6 +41,7 @@ from faultgauge.identification.refinement.simulation_error import (
     simulated,
 )
 from faultgauge.identification.refinement.stepping import fine_enough
+from faultgauge.identification.refinement.uncertainty import residual_time
 from faultgauge.identification.refinement.unknowns import unknowns_of
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.signals import Hold, Signals
@@ -133,6 +134,9 @@ def refine(
         progress("fitting the best to all samples")
         members = _on_all_samples(data, members[:FINALISTS])
     members = _ensemble(data, members)
+    if any(p.spread is not None for p in plant.spec.parameters):
+        progress("weighing the fleet against the log")
+        members = _leaning(data, members)
     won = members[0].origin != WARM
     refitted: list[Candidate] = []
     if won and not held and sample_count(data.whole) < SHORT:
@@ -200,6 +204,17 @@ def _on_all_samples(data: Data, members: Sequence[Candidate]) -> list[Candidate]
         return refitted
 
     return sorted(side_by_side(to_all, members), key=lambda c: c.validation)
+
+
+def _leaning(data: Data, members: Sequence[Candidate]) -> list[Candidate]:
+    """The members with what a fleet says of their parameters weighed against as many samples as
+    their residuals are worth: an error that lasts says the same over and over."""
+    best = members[0]
+    windows = data.windows(data.pieces)
+    data.prior = residual_time(best.plant, best.unknowns, best.fitted, windows, data.substeps)
+    again = [(_again(data, c), c) for c in members]
+    found = [new if np.isfinite(new.validation) else old for new, old in again]
+    return sorted(found, key=lambda c: c.validation)
 
 
 def _with_held_out(data: Data, members: Sequence[Candidate]) -> list[Candidate]:
