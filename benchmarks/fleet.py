@@ -2,10 +2,10 @@
 
     python benchmarks/fleet.py [--seeds N] [--units N]
 
-Wheels h' = gain u - drag h - coulomb tanh(h / 0.05) - hump h exp(-2 h^2) - windage h|h|, all of whose
-constants differ by 10 %. Hump (like Stribeck's) and windage are a network to the fit, shared by all
-wheels, which it therefore cannot follow in full. They sweep through +- 1.2 N*m*s in 400 s, with a
-voltage on top that is drawn anew every 20 s. Noise on h is 2e-3 N*m*s, 0.2 % of its spread; 1 Hz.
+Wheels h' = gain u - drag h - coulomb tanh(h / 0.05) - hump h exp(-2 h^2) - windage h|h|, whose
+constants all differ by 10 %. Hump (like Stribeck's) and windage are a network to the fit, shared by
+all wheels, which it therefore cannot follow in full. They sweep through +- 1.2 N*m*s in 400 s, with
+a voltage on top that is drawn anew every 20 s. Noise on h is 2e-3 N*m*s, 0.2 % of its spread; 1 Hz.
 
 1. A fleet of 30 wheels with an hour of log each; the next wheel is fitted from 10 minutes and from
    2 hours, with the fleet and alone. Error: free run against the wheel over an hour that no fit has

@@ -19,7 +19,7 @@ from interleave import Absent, Times, interleaved
 
 __all__ = ["compete_alone", "compete_together"]
 
-STEP, BY_NUMPY, HIDDEN = 0.25, 500, 10
+STEP, BY_NUMPY, HIDDEN, REACH = 0.25, 500, 10, 100.0
 PLANT = """
 name = "wheel"
 [states.h]
@@ -42,16 +42,20 @@ def network() -> np.ndarray:
 
 
 def plant_of(theta: np.ndarray) -> GrayBoxPlant:
-    """The same as a plant file's; its network reaches as far as its arguments go."""
+    """The same as a plant file's, whose network holds its arguments within +- `REACH`."""
     plant = GrayBoxPlant.untrained(parse_plant(PLANT))
     old = plant.networks["torque"]
-    fields = (old.weights_out, old.weights_in, old.bias, old.bias_out)
     W, b, v, c = np.split(theta, [20, 30, 40])
-    parts = v.reshape(fields[0].shape), W.reshape(fields[1].shape), b, c.reshape(fields[3].shape)
     new = eqx.tree_at(
-        lambda n: (n.weights_out, n.weights_in, n.bias, n.bias_out),
+        lambda n: (n.weights_out, n.weights_in, n.bias, n.bias_out, n.input_scale),
         old,
-        tuple(jnp.asarray(part) for part in parts),
+        (
+            jnp.asarray(v),
+            jnp.asarray(REACH * W.reshape(HIDDEN, 2)),
+            jnp.asarray(b),
+            jnp.asarray(c[0]),
+            REACH * old.input_scale,
+        ),
     )
     return eqx.tree_at(lambda p: p.networks["torque"], plant, new)
 
