@@ -189,9 +189,9 @@ def fit_fleet(
             save_model(typical, kept)
     told = {name: UnitFit.of(model) for name, model in models_in(folder)}
     before = len(told.keys() - {unit.name for unit in todo})
-    return FleetFit(
-        untrained.spec, folder, typical, told, failed, before, failures(failed)
-    ).written()
+    known = typical.record["fleet"]["warnings"] if shares and typical is not None else []
+    warnings = [*known, *failures(failed)]
+    return FleetFit(untrained.spec, folder, typical, told, failed, before, warnings).written()
 
 
 def _prior(path: Path, text: str) -> Model:
@@ -231,8 +231,7 @@ def _with_laws(
     centers = {name: jnp.asarray(law.center) for name, law in found.laws.items()}
     plant = typical.plant
     plant = replace(plant, parameters=plant.parameters | centers)
-    fleet = {
-        "start": typical.record["fleet"]["start"],
+    fleet = typical.record["fleet"] | {
         "laws": {name: law.to_dict() for name, law in found.laws.items()},
         "units": list(own),
         "unlike": dict(zip(own, found.unlike.tolist(), strict=True)),

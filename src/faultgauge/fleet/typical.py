@@ -47,15 +47,16 @@ def typical_unit(
     varied = tuple(replace(p, vary="run") if p.name in named else p for p in plant.spec.parameters)
     pooled = replace(plant, spec=replace(plant.spec, parameters=varied))
     progress(f"fitting {len(runs)} units together")
-    model, own = _together(pooled, runs, seed, robust)
+    model, own, warnings = _together(pooled, runs, seed, robust)
     like = _alike(plant, own, runs)
     if len(like) < len(runs):
         progress(f"fitting the {len(like)} units that are alike")
-        model, own = _together(pooled, like, seed, robust)
+        model, own, warnings = _together(pooled, like, seed, robust)
     start = {name: float(np.median(list(each.values()))) for name, each in own.items()}
     center = {name: jnp.asarray(value) for name, value in start.items()}
     found = eqx.tree_at(lambda p: p.parameters, model.plant, model.plant.parameters | center)
-    record = {**model.record, "fleet": {"start": start, "laws": {}, "units": []}}
+    fleet = {"start": start, "laws": {}, "units": [], "warnings": warnings}
+    record = {**model.record, "fleet": fleet}
     typical = Model(found, record).with_reading(how.said)
     return replace(typical, plant=base_of(plant, typical))
 
@@ -86,11 +87,11 @@ def _pool(plant: GrayBoxPlant, units: Sequence[Unit], how: How, despite_alarms: 
 
 def _together(
     plant: GrayBoxPlant, runs: Sequence[Run], seed: int, robust: bool
-) -> tuple[Model, dict[str, dict[str, float]]]:
-    """(model, the runs' own values of every constant by its name)."""
+) -> tuple[Model, dict[str, dict[str, float]], list[str]]:
+    """(model, the runs' own values of every constant by its name, warnings)."""
     model, account = identification.fit(plant, runs, seed=seed, refine=True, robust=robust)
     assert account.refinement is not None
-    return model, account.refinement.per_run
+    return model, account.refinement.per_run, account.warnings
 
 
 def _alike(plant: GrayBoxPlant, own: dict[str, dict[str, float]], runs: Sequence[Run]) -> list[Run]:

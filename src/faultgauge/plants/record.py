@@ -154,6 +154,7 @@ class Fleet(Part):
     laws: dict[str, Law]
     units: list[Text]
     unlike: dict[str, Annotated[float, pydantic.Field(ge=0, le=1)]] = {}
+    warnings: list[Text] = []
 
 
 class UnitOfFleet(Part):
