@@ -27,7 +27,7 @@ def calibrate_units(
 
     with options.narrate("calibrating") as progress:
         found = calibrate_fleet(fleet, logs, progress=progress, **how)
-    _tell(found, found.sentences, report, json)
+    _tell(found, found.lines, report, json)
     options.say(
         f"wrote {found.folder}; next: faultgauge estimate {found.folder} LOGS --fleet --out DIR"
     )
