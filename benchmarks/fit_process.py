@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
-from interleave import medians
+from interleave import Times, interleaved
 
-__all__ = ["run"]
+__all__ = ["compete"]
 
 PLANT = """
 name = "wheel"
@@ -46,7 +46,7 @@ def wheel(count: int) -> np.ndarray:
     return rows
 
 
-def run(count: int = 5000, rounds: int = 7) -> dict[str, float]:
+def compete(rounds: int, count: int = 5000) -> tuple[Times, dict[str, str]]:
     """Seconds per process."""
     here = Path(__file__).parent
     with tempfile.TemporaryDirectory() as folder:
@@ -65,9 +65,9 @@ def run(count: int = 5000, rounds: int = 7) -> dict[str, float]:
             )
             return 1
 
-        return medians(
+        return interleaved(
             {
-                "faultgauge fit, 10 starts": lambda: process(*fit),
+                "faultgauge": lambda: process(*fit),
                 "SciPy, 1 start, analytic Jacobian": lambda: process(*peer, "analytic", 1),
                 "SciPy, 1 start, 2-point": lambda: process(*peer, "2-point", 1),
                 "SciPy, 10 starts, analytic Jacobian": lambda: process(*peer, "analytic", 10),

@@ -7,10 +7,7 @@ saturation of the network's arguments included. C and the peers get the bare net
 """
 
 import ctypes
-import subprocess
-import tempfile
 from collections.abc import Callable
-from pathlib import Path
 
 import equinox as eqx
 import jax
@@ -19,6 +16,7 @@ import numpy as np
 import optimistix as optx
 from scipy.optimize import least_squares
 
+from compiled import compiled, pointer
 from faultgauge.identification.equation_error import (
     EquationResidual,
     groups,
@@ -29,9 +27,9 @@ from faultgauge.identification.levenberg_marquardt import Options, levenberg_mar
 from faultgauge.identification.samples import Samples
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant_file import parse_plant
-from interleave import medians
+from interleave import Times, interleaved
 
-__all__ = ["run"]
+__all__ = ["HIDDEN", "PLANT", "compete", "data", "prepared"]
 
 HIDDEN = 10
 TRIALS = 20  # per timing, for those that are fast
@@ -45,7 +43,6 @@ value = "h"
 [networks.friction]
 hidden = 10
 """
-FLAGS = ["-O3", "-march=native", "-ffast-math", "-shared", "-fPIC"]
 
 
 def data(count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -55,39 +52,38 @@ def data(count: int) -> tuple[np.ndarray, np.ndarray]:
     return p, np.sin(3 * p[:, 0]) * p[:, 1] + np.tanh(5 * p[:, 0]) + 0.01 * rng.normal(size=count)
 
 
-def ours(p: np.ndarray, y: np.ndarray) -> tuple[Callable[[], int], np.ndarray]:
-    """The trial, and the start that all competitors share (weights in, bias, weights out)."""
+def prepared(
+    p: np.ndarray, y: np.ndarray
+) -> tuple[EquationResidual, np.ndarray, Samples, np.ndarray]:
+    """(residual, its start, its samples, the same start as all others have it: weights in, bias,
+    weights out)."""
     plant = GrayBoxPlant.untrained(parse_plant(PLANT, "wheel.toml"))
     (group,) = groups(plant.spec, ["h"])
     samples = Samples(x=p[:, :1], u=p[:, 1:], dx=y[:, None], y=p[:, :1])
     plant = scale_networks(plant, group, samples)
     theta = start_vector(plant, group, np.ones(0), np.random.default_rng(1))
     residual = EquationResidual(plant, jnp.array([np.std(y)]), jnp.zeros(0), group)
-    starts = jnp.asarray(theta)[None]
-    on_device = jax.tree.map(jnp.asarray, samples)
-    free = jnp.full(theta.size, jnp.inf)
+    order = np.r_[HIDDEN : 4 * HIDDEN, :HIDDEN, 4 * HIDDEN]
+    return residual, theta, jax.tree.map(jnp.asarray, samples), theta[order]
+
+
+def ours(residual: EquationResidual, theta: np.ndarray, samples: Samples) -> Callable[[], int]:
+    starts, free = jnp.asarray(theta)[None], jnp.full(theta.size, jnp.inf)
     options = Options(max_trials=TRIALS, tolerance=0.0)
 
     def work() -> int:
-        found = levenberg_marquardt(residual, starts, on_device, None, -free, free, options)
+        found = levenberg_marquardt(residual, starts, samples, None, -free, free, options)
         return int(found.trials[0]) + 1  # the start is evaluated too
 
-    order = np.r_[HIDDEN : 4 * HIDDEN, :HIDDEN, 4 * HIDDEN]
-    return work, theta[order]
+    return work
 
 
 def c_loop(p: np.ndarray, y: np.ndarray, start: np.ndarray) -> Callable[[], int]:
-    """Compiled here and now, for this machine."""
-    with tempfile.TemporaryDirectory() as folder:
-        library = Path(folder) / "lm_trial.so"
-        source = Path(__file__).with_name("lm_trial.c")
-        subprocess.run(["cc", *FLAGS, "-o", library, source, "-lm"], check=True)
-        trial = ctypes.CDLL(str(library)).lm_trial
+    trial = compiled("lm_trial").lm_trial
     trial.restype = ctypes.c_double
     arrays = [np.ascontiguousarray(a) for a in (p[:, 0], p[:, 1], y)]
     theta, following = start.copy(), np.empty_like(start)
-    pointers = [a.ctypes.data_as(ctypes.POINTER(ctypes.c_double)) for a in (*arrays, theta)]
-    target = following.ctypes.data_as(ctypes.POINTER(ctypes.c_double))
+    pointers, target = [pointer(a) for a in (*arrays, theta)], pointer(following)
 
     def work() -> int:
         for _ in range(TRIALS):
@@ -158,13 +154,13 @@ def optimistix(p: np.ndarray, y: np.ndarray, start: np.ndarray) -> Callable[[], 
     return lambda: int(solve(start))
 
 
-def run(count: int = 10_000, rounds: int = 9) -> dict[str, float]:
+def compete(rounds: int, count: int = 10_000) -> tuple[Times, dict[str, str]]:
     """Seconds per trial of every competitor."""
     p, y = data(count)
-    trial, start = ours(p, y)
-    return medians(
+    residual, theta, samples, start = prepared(p, y)
+    return interleaved(
         {
-            "faultgauge": trial,
+            "faultgauge": ours(residual, theta, samples),
             "C": c_loop(p, y, start),
             "SciPy lm, analytic Jacobian": scipy(p, y, start, "lm", True),
             "SciPy lm, 2-point": scipy(p, y, start, "lm", False),

@@ -1,16 +1,27 @@
-"""All benchmarks: a table of ratios, each measured side by side on this machine.
+"""All benchmarks: each goal a row, ours beside a tight C loop and beside the peers, here.
 
-    python benchmarks/run.py [--quick] [--out [FILE]]
+    python benchmarks/run.py [--quick] [--out FOLDER]
 
-Only ratios travel between machines. Every competitor runs in one thread: OpenBLAS, OpenMP and MKL
-are told so, and XLA's CPU thread pool is off.
+Writes `latest.json` and `latest.html`, with bars, into FOLDER (by default `results` beside this
+file). `latest.json` is a list of rows
+
+    {name, goal, ours, c, peers: {NAME: ...}, ratio_to_c, ratio_to_best_peer, met}
+
+where a time is {median, min, max} [s] over interleaved rounds and a peer that is not there is a
+sentence; ratios are medians of the rounds' own, ours by theirs. Only ratios travel. Every
+competitor runs in one thread: OpenBLAS, OpenMP and MKL are told so, and XLA's CPU thread pool is
+off. `--quick` takes fewer rounds and leaves out whole processes.
 """
 
 import argparse
 import json
 import os
 import platform
+import statistics
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 SINGLE_THREAD = {
     "OPENBLAS_NUM_THREADS": "1",
@@ -21,64 +32,149 @@ SINGLE_THREAD = {
 }
 os.environ.update(SINGLE_THREAD)  # before NumPy and JAX are loaded; child processes inherit it
 
+import numpy as np  # noqa: E402
+
 import fit_process  # noqa: E402
+import free_runs  # noqa: E402
 import lm_trial  # noqa: E402
+import wheels  # noqa: E402
+from faultgauge.files import write_atomically  # noqa: E402
+from faultgauge.reporting.model_figures import bars  # noqa: E402
+from faultgauge.reporting.report import Report, Section, Table, render  # noqa: E402
+from interleave import Times  # noqa: E402
 
-Rows = list[dict[str, object]]
-
-
-def ratio(seconds: dict[str, float], a: str, b: str, sign: str, goal: float) -> dict[str, object]:
-    """How many times `a` takes longer than `b`, beside its goal ("<=" or ">=" `goal`)."""
-    value = seconds[a] / seconds[b]
-    met = value <= goal if sign == "<=" else value >= goal
-    return {"what": f"{a} / {b}", "ratio": round(value, 3), "goal": f"{sign} {goal:g}", "met": met}
-
-
-def trial(rounds: int) -> tuple[dict[str, float], Rows]:
-    seconds = lm_trial.run(rounds=rounds)
-    peers = [name for name in seconds if name not in ("faultgauge", "C")]
-    rows = [ratio(seconds, "faultgauge", "C", "<=", 2.5)]
-    return seconds, rows + [ratio(seconds, peer, "faultgauge", ">=", 5) for peer in peers]
+OURS, C = "faultgauge", "C"
+ROUNDS, QUICK = 9, 3
 
 
-def process(rounds: int) -> tuple[dict[str, float], Rows]:
-    seconds = fit_process.run(rounds=rounds)
-    ours, *peers = seconds
-    goals = {peer: 2.5 if "1 start" in peer else 1.5 for peer in peers}
-    return seconds, [ratio(seconds, ours, peer, "<=", goal) for peer, goal in goals.items()]
+@dataclass(frozen=True)
+class Measure:
+    """What is measured, by whom, and how many times as long as each ours may take: the names that
+    begin with a key."""
+
+    name: str
+    compete: Callable[[int], tuple[Times, dict[str, str]]]
+    goals: dict[str, float]
+    whole_process: bool = False
+
+
+MEASURES = (
+    Measure(
+        "one LM trial, N = 10,000, 2-10-1, from a plant file",
+        lm_trial.compete,
+        {C: 2.5, "SciPy": 1 / 5, "Optimistix": 1 / 5},
+    ),
+    Measure("100 wheels fitted, N = 1,000: a trial", wheels.compete, {C: 1.3}),
+    Measure("free run, one trajectory: a step", free_runs.compete_alone, {"NumPy": 1 / 40}),
+    Measure("free runs, 1,000 side by side: a step of one", free_runs.compete_together, {C: 0.6}),
+    Measure(
+        "faultgauge fit, 10 starts, 5,000 samples: a process, warm",
+        fit_process.compete,
+        {"SciPy, 1 start": 2.5, "SciPy, 10 starts": 1.5},
+        whole_process=True,
+    ),
+)
+
+
+def row(measure: Measure, times: Times, absent: dict[str, str]) -> dict[str, Any]:
+    """A row of `latest.json`."""
+    ratios = {
+        name: statistics.median(a / b for a, b in zip(times[OURS], each, strict=True))
+        for name, each in times.items()
+        if name != OURS
+    }
+    peers = {name: ratio for name, ratio in ratios.items() if name != C}
+    missed = [
+        name
+        for name, ratio in ratios.items()
+        for key, most in measure.goals.items()
+        if name.startswith(key) and ratio > most
+    ]
+    return {
+        "name": measure.name,
+        "goal": ", ".join(f"<= {most:.3g} x {key}" for key, most in measure.goals.items()),
+        "ours": told(times[OURS]),
+        "c": told(times[C]) if C in times else None,
+        "peers": {name: told(times[name]) for name in peers} | absent,
+        "ratio_to_c": ratios.get(C),
+        # the best is the fastest, which ours takes longest beside
+        "ratio_to_best_peer": max(peers.values(), default=None),
+        "met": not missed,
+        "missed": missed,
+    }
+
+
+def told(seconds: list[float]) -> dict[str, float]:
+    return {"median": statistics.median(seconds), "min": min(seconds), "max": max(seconds)}
+
+
+def page(rows: list[dict[str, Any]], about: str) -> Report:
+    """Times as shares of ours, and what is not there."""
+    sections = []
+    for each in rows:
+        times = {C: each["c"]} if each["c"] else {}
+        times |= {n: t for n, t in each["peers"].items() if isinstance(t, dict)}
+        ours = each["ours"]["median"]
+        ranges = np.array(
+            [[t["median"], t["min"], t["max"]] for t in (each["ours"], *times.values())]
+        )
+        drawn = bars(
+            [OURS, *times], ranges / ours, title=each["name"], name="Time by ours", unit="1"
+        )
+        absent = [f"{n}: {t}." for n, t in each["peers"].items() if isinstance(t, str)]
+        said = (f"Goal {each['goal']}: {'met' if each['met'] else 'missed'}.", *absent)
+        sections.append(Section(each["name"], said, (), (drawn,)))
+    table = Table(
+        ("what", "goal", "by C", "by the best peer", ""),
+        tuple(
+            (
+                each["name"],
+                each["goal"],
+                number(each["ratio_to_c"]),
+                number(each["ratio_to_best_peer"]),
+                "met" if each["met"] else "missed",
+            )
+            for each in rows
+        ),
+    )
+    met = sum(each["met"] for each in rows)
+    said = (f"{met} of {len(rows)} goals are met.", about)
+    return Report("Benchmarks", said, tuple(sections), table)
+
+
+def number(ratio: float | None) -> str:
+    return "" if ratio is None else f"{ratio:.3g}"
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="three rounds instead of nine")
-    parser.add_argument(
-        "--out",
-        type=Path,
-        nargs="?",
-        const=Path(__file__).with_name("results.json"),
-        help="also write the results as JSON, beside this file unless FILE is given",
-    )
+    parser.add_argument("--quick", action="store_true", help="3 rounds, no whole processes")
+    parser.add_argument("--out", type=Path, default=Path(__file__).with_name("results"))
     arguments = parser.parse_args()
-    rounds = 3 if arguments.quick else 9
-    print(
-        f"{platform.machine()}, {os.cpu_count()} CPUs; "
-        + " ".join(f"{name}={value}" for name, value in SINGLE_THREAD.items())
-    )
-    results = {}
-    for title, measure in (
-        ("one LM trial, N = 10,000, 2-10-1", trial),
-        ("whole process, 5,000 samples, warm compilation cache", process),
-    ):
-        seconds, rows = measure(rounds)
-        results[title] = {"seconds": seconds, "ratios": rows}
-        print(f"\n{title}: medians of {rounds} interleaved rounds")
-        for name, value in seconds.items():
-            print(f"  {name:<44} {value * 1e3:10.2f} ms")
-        for row in rows:
-            verdict = "met" if row["met"] else "MISSED"
-            print(f"  {row['what']:<66} {row['ratio']:8.2f}   goal {row['goal']:<6} {verdict}")
-    if arguments.out is not None:
-        arguments.out.write_text(json.dumps(results, indent=2) + "\n")
+    rounds = QUICK if arguments.quick else ROUNDS
+    settings = " ".join(f"{name}={value}" for name, value in SINGLE_THREAD.items())
+    about = f"{platform.machine()}, {os.cpu_count()} CPUs, {rounds} interleaved rounds; {settings}"
+    print(about)
+    rows = []
+    for measure in MEASURES:
+        if arguments.quick and measure.whole_process:
+            continue
+        found = row(measure, *measure.compete(rounds))
+        rows.append(found)
+        print(f"\n{found['name']}: goal {found['goal']}, {'met' if found['met'] else 'MISSED'}")
+        for name, time in {OURS: found["ours"], C: found["c"], **found["peers"]}.items():
+            if isinstance(time, dict):
+                print(f"  {name:<40} {time['median'] * 1e6:14.3f} us")
+            elif time is not None:
+                print(f"  {name:<40} {time}")
+        print(
+            f"  ratio to C {number(found['ratio_to_c']) or '-'}, to the best peer "
+            f"{number(found['ratio_to_best_peer']) or '-'}"
+        )
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    write_atomically(arguments.out / "latest.json", (json.dumps(rows, indent=1) + "\n").encode())
+    write_atomically(arguments.out / "latest.html", render(page(rows, about)).encode())
+    print(f"\nwrote {arguments.out / 'latest.json'} and {arguments.out / 'latest.html'}")
 
 
 if __name__ == "__main__":

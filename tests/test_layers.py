@@ -10,6 +10,7 @@ import faultgauge
 ROOT = Path(faultgauge.__file__).parent
 LAYERS = (
     "cli",
+    "fleet",
     "verbs",
     "studies",
     "reporting",

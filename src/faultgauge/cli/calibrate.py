@@ -6,13 +6,16 @@ from typing import Annotated
 import typer
 
 from faultgauge.cli import options
+from faultgauge.cli.options import need_fleet, refuse_beside_fleet
 from faultgauge.cli.writing import READS, Writes
 
 __all__ = ["calibrate"]
 
 
 def calibrate(
-    model: Annotated[Path, typer.Argument(help="Model file."), READS],
+    model: Annotated[
+        Path, typer.Argument(help="Model file; with --fleet the folder of a fleet."), READS
+    ],
     logs: options.Logs,
     out: Annotated[
         Path | None,
@@ -44,6 +47,9 @@ def calibrate(
             help="bank: noise, model error and alarm level; eso: intervals of its estimates.",
         ),
     ] = "bank",
+    fleet: options.Fleet = False,
+    scheduler: options.Scheduler = None,
+    again: options.Again = False,
     time: options.Time = None,
     time_format: options.TimeFormat = None,
     map: options.Map = None,
@@ -53,6 +59,16 @@ def calibrate(
     json: options.Json = False,
 ) -> None:
     """Find noise, model error and alarm level on healthy logs and add them to the model."""
+    if fleet:
+        from faultgauge.cli.fleet import calibrate_units
+
+        refuse_beside_fleet({"--plant": plant is not None, "--observer": observer != "bank"})
+        calibrate_units(
+            model, logs, report, json, out=out, mtbfa=mtbfa, again=again, scheduler=scheduler,
+            time=time, time_format=time_format, map=map, where=where, resample=resample,
+        )  # fmt: skip
+        return
+    need_fleet({"--scheduler": scheduler is not None, "--again": again})
     from faultgauge.plants.model import load_model, save_model
     from faultgauge.verbs.calibrate import calibrate as find_limit
     from faultgauge.verbs.reading import How

@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 import typer
 
 from faultgauge.cli import options
+from faultgauge.cli.options import need_fleet, refuse_beside_fleet
 from faultgauge.cli.writing import READS, Fills, Writes, check_apart, make_folder
 from faultgauge.errors import InputError
 from faultgauge.progress import Step
@@ -13,7 +14,9 @@ from faultgauge.progress import Step
 __all__ = ["estimate"]
 
 
-Model = Annotated[Path, typer.Argument(help="Model file."), READS]
+Model = Annotated[
+    Path, typer.Argument(help="Model file; with --fleet the folder of a fleet."), READS
+]
 Logs = Annotated[
     list[Path],
     typer.Argument(
@@ -24,7 +27,11 @@ Logs = Annotated[
 ]
 Out = Annotated[
     Path | None,
-    typer.Option("--out", metavar="FILE", help="Table to write: .csv, .csv.gz, .parquet."),
+    typer.Option(
+        "--out",
+        metavar="FILE",
+        help="Table to write: .csv, .csv.gz, .parquet; with --fleet a folder of them.",
+    ),
     Writes(),
 ]
 Observer = Annotated[
@@ -82,6 +89,9 @@ def estimate(
     smooth: Smooth = False,
     evidence: Evidence = None,
     engine: Engine = "python",
+    fleet: options.Fleet = False,
+    scheduler: options.Scheduler = None,
+    again: options.Again = False,
     time: options.Time = None,
     time_format: options.TimeFormat = None,
     map: options.Map = None,
@@ -100,6 +110,29 @@ def estimate(
     With - for the log, telemetry (CSV or NDJSON) is read from standard input and every row is
     answered on standard output as it arrives, as the whole file would be.
     """
+    if fleet:
+        from faultgauge.cli.fleet import estimate_units
+
+        refuse_beside_fleet(
+            {
+                "-": Path("-") in logs,
+                "--observer": observer != "bank",
+                "--reference": reference != "free",
+                "--smooth": smooth,
+                "--evidence": evidence is not None,
+                "--engine c": engine == "c",
+                "--stream": stream is not None,
+                "--events": events is not None,
+                "--view": view,
+                "--strict": strict,
+            }
+        )
+        estimate_units(
+            model, logs, out, report, json, verbose, again=again, scheduler=scheduler, time=time,
+            time_format=time_format, map=map, where=where, resample=resample,
+        )  # fmt: skip
+        return
+    need_fleet({"--scheduler": scheduler is not None, "--again": again})
     if Path("-") in logs:
         _refuse_beside_a_stream(
             {

@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from faultgauge.cli import options
+from faultgauge.cli.options import need_fleet, refuse_beside_fleet
 from faultgauge.cli.writing import READS, Writes
 
 __all__ = ["fit"]
@@ -15,7 +16,11 @@ def fit(
     plant: Annotated[str, typer.Argument(help="Plant file, or the name of a preset."), READS],
     logs: options.Logs,
     out: Annotated[
-        Path, typer.Option("--out", metavar="MODEL", help="Model file to write."), Writes()
+        Path,
+        typer.Option(
+            "--out", metavar="MODEL", help="Model file to write; with --fleet a folder of them."
+        ),
+        Writes(),
     ],
     validate: Annotated[
         list[Path] | None,
@@ -60,6 +65,19 @@ def fit(
             "--despite-alarms", help="Fit logs under alarm, too, which are refused otherwise."
         ),
     ] = False,
+    fleet: options.Fleet = False,
+    prior: Annotated[
+        Path | None,
+        typer.Option(
+            "--from",
+            metavar="FLEET",
+            help="With --fleet: start from what this fleet (its folder, or its fleet.fgm) tells of "
+            "its units, which asks for minutes of log only.",
+        ),
+        READS,
+    ] = None,
+    scheduler: options.Scheduler = None,
+    again: options.Again = False,
     time: options.Time = None,
     time_format: options.TimeFormat = None,
     map: options.Map = None,
@@ -68,7 +86,29 @@ def fit(
     report: options.ReportFile = None,
     json: options.Json = False,
 ) -> None:
-    """Learn a plant's unknowns from healthy logs and write a model file."""
+    """Learn a plant's unknowns from healthy logs and write a model file; with --fleet a folder of
+    them, with what the fleet tells of its next unit."""
+    if fleet:
+        from faultgauge.cli.fleet import fit_units
+
+        refuse_beside_fleet(
+            {
+                "--validate": validate is not None,
+                "--refine or --no-refine": refine is not None,
+                "--ensemble": ensemble,
+                "--restarts": restarts != 10,
+                "--seeds": seeds != 1,
+            }
+        )
+        fit_units(
+            plant, logs, out, report, json, prior=prior, again=again, scheduler=scheduler,
+            seed=seed, robust=robust, despite_alarms=despite_alarms, time=time,
+            time_format=time_format, map=map, where=where, resample=resample,
+        )  # fmt: skip
+        return
+    need_fleet(
+        {"--from": prior is not None, "--scheduler": scheduler is not None, "--again": again}
+    )
     from faultgauge.plants.gray_box import load_plant
     from faultgauge.plants.model import save_model
     from faultgauge.verbs.fit import fit as learn

@@ -4,7 +4,7 @@ import gc
 import json
 import os
 import sys
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from time import monotonic
@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from faultgauge.cli.writing import READS, Writes
+from faultgauge.errors import InputError
 from faultgauge.progress import Step
 
 if TYPE_CHECKING:
@@ -22,21 +23,26 @@ if TYPE_CHECKING:
     from faultgauge.verbs.reading import How, Runs
 
 __all__ = [
+    "Again",
+    "Fleet",
     "Json",
     "Logs",
     "Map",
     "ReportFile",
     "Resample",
     "RowFormat",
+    "Scheduler",
     "Time",
     "TimeFormat",
     "Where",
     "narrate",
+    "need_fleet",
     "plain",
     "prepare",
     "print_json",
     "read_logs",
     "read_logs_for",
+    "refuse_beside_fleet",
     "say",
     "tell",
     "warn",
@@ -87,6 +93,26 @@ ReportFile = Annotated[
     Writes(),
 ]
 RowFormat = Literal["csv", "ndjson"]
+Fleet = Annotated[
+    bool,
+    typer.Option(
+        "--fleet",
+        help="For every unit of a fleet: a folder with a log (or a folder of logs) for each, or a "
+        "table with a column unit.",
+    ),
+]
+Scheduler = Annotated[
+    str | None,
+    typer.Option(
+        "--scheduler",
+        metavar="local|ADDRESS",
+        help="With --fleet: spread the units over the workers of a Dask scheduler, "
+        "tcp://HOST:PORT, or of one started here [default: none, one unit after another].",
+    ),
+]
+Again = Annotated[
+    bool, typer.Option("--again", help="With --fleet: do units anew that are done already.")
+]
 Logs = Annotated[
     list[Path],
     typer.Argument(
@@ -95,6 +121,20 @@ Logs = Annotated[
     ),
     READS,
 ]
+
+
+def refuse_beside_fleet(given: Mapping[str, bool]) -> None:
+    """Raises `InputError` where an option is `given`, by its name, that --fleet does not heed."""
+    for name in (name for name, there in given.items() if there):
+        raise InputError(f"{name} does not go with --fleet; leave one of the two out.")
+
+
+def need_fleet(given: Mapping[str, bool]) -> None:
+    """Raises `InputError` where an option is `given`, by its name, that says nothing of one log."""
+    for name in (name for name, there in given.items() if there):
+        raise InputError(
+            f"{name} is about the units of a fleet; give --fleet, too, or leave it out."
+        )
 
 
 def _cache() -> Path:

@@ -27,7 +27,8 @@ class Reads:
 
 @dataclass(frozen=True)
 class Writes:
-    """A file that a command writes; the one that parameter `over` names may be replaced by it."""
+    """A file that a command writes; the one that parameter `over` names may be replaced by it. With
+    the option --fleet it is a folder, whose own rules `fleet.folder` has."""
 
     over: str = ""
 
@@ -70,11 +71,13 @@ def _check(roles: Mapping[str, Reads | Writes | Fills], given: Mapping[str, Any]
         if name not in given or role == READS:
             continue
         option, path = f"--{name.replace('_', '-')}", Path(given[name])
-        if isinstance(role, Fills):
+        of_fleet = name == "out" and given.get("fleet", False)
+        if isinstance(role, Fills) or of_fleet:
             _check_name(path, "a folder")
             if os.path.exists(path) and not os.path.isdir(path):
                 raise InputError(f"{path}: is a file; give a folder for {option}.")
-            outputs[option] = [path / each for each in role.names]
+            names = role.names if isinstance(role, Fills) else ()
+            outputs[option] = [path / each for each in names]
             continue
         check_folder(path)
         outputs[option] = [path]

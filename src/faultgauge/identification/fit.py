@@ -207,8 +207,11 @@ def _of_no_use(result: _Result, runs: Sequence[Run]) -> list[str]:
 
 
 def _by_simulation(spec: PlantSpec, how: Channels, refine: bool | None) -> list[str]:
-    """Hidden states and varying parameters: simulation error alone can find them."""
-    names = [*how.hidden, *(p.name for p in spec.parameters if p.vary)]
+    """Hidden states, varying parameters and what a fleet says of some: simulation error alone can
+    find them, or heed it."""
+    told = [each.name for each in spec.networks if each.known]
+    told += [p.name for p in spec.parameters if p.vary or p.spread is not None]
+    names = [*how.hidden, *told]
     if names and refine is False:
         raise InputError(
             f"{', '.join(names)} of plant {spec.name!r}: hidden states and varying parameters are "

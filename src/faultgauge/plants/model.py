@@ -25,7 +25,7 @@ from faultgauge.plants.plant_file import PlantSpec, parse_plant
 from faultgauge.plants.record import check_record
 from faultgauge.plants.settle import settle
 
-__all__ = ["Model", "load_model", "save_model"]
+__all__ = ["Model", "decoded", "encoded", "load_model", "save_model"]
 
 KEY = "faultgauge"
 FORMAT = 1
@@ -120,6 +120,11 @@ def canonical(content: dict[str, Any]) -> str:
 
 def save_model(model: Model, path: str | Path) -> None:
     """Write `model`; an existing file is replaced whole or not at all."""
+    write_atomically(path, encoded(model))
+
+
+def encoded(model: Model) -> bytes:
+    """What a model file holds; the same model gives the same bytes."""
     arrays = _all_tensors(model)
     content = {
         "format": FORMAT,
@@ -128,12 +133,11 @@ def save_model(model: Model, path: str | Path) -> None:
         "sha256": digest(arrays),
     }
     content["seal"] = hashlib.sha256(canonical(content).encode()).hexdigest()
-    write_atomically(path, safetensors.numpy.save(arrays, {KEY: canonical(content)}))
+    return safetensors.numpy.save(arrays, {KEY: canonical(content)})
 
 
 def load_model(path: str | Path) -> Model:
     """Read a model file. Raises `InputError` that names the file and what is wrong with it."""
-    advice = f"; write it anew with `faultgauge fit ... --out {path}`"
     try:
         data = read_within(path, MAX_BYTES, "which no model file does; check the path")
     except OSError as failure:
@@ -141,6 +145,12 @@ def load_model(path: str | Path) -> Model:
             f"{path}: cannot be read ({failure.strerror}); give a model file made by "
             "`faultgauge fit`."
         ) from None
+    return decoded(data, path)
+
+
+def decoded(data: bytes, path: str | Path) -> Model:
+    """The model that is `encoded` in `data`, which came from `path`; errors as `load_model`."""
+    advice = f"; write it anew with `faultgauge fit ... --out {path}`"
     try:
         arrays = safetensors.numpy.load(data)
         size = int.from_bytes(data[:8], "little")

@@ -61,6 +61,8 @@ class Parameter:
     """A physical constant; free unless `fixed`, kept inside [min, max].
 
     `vary` = "run": one value per run; "slow": one per run that also drifts slowly within it.
+    `spread`, which no file says, is what a fleet tells of its units: one standard deviation about
+    `value`, of the logarithm where that is positive and `min` is no less than 0.
     """
 
     name: str
@@ -70,11 +72,18 @@ class Parameter:
     max: float = math.inf
     fixed: bool = False
     vary: Literal["run", "slow"] | None = None
+    spread: float | None = None
+
+    @property
+    def positive(self) -> bool:
+        """Whether it differs by factors rather than by amounts."""
+        return self.min >= 0 and self.value > 0
 
 
 @dataclass(frozen=True)
 class NetworkSpec:
-    """An unknown function of `arity` arguments with `hidden` tanh units."""
+    """An unknown function of `arity` arguments with `hidden` tanh units; `known` where a fleet has
+    learned it already, which no file says."""
 
     name: str
     hidden: int
@@ -83,6 +92,7 @@ class NetworkSpec:
     zero_at_zero: bool = False
     positive: bool = False
     monotone: Monotone | None = None
+    known: bool = False
 
     @property
     def shape(self) -> Shape:

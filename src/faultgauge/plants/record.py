@@ -137,6 +137,38 @@ class Reading(Part):
     maps: Annotated[list[Text], pydantic.Field(max_length=10_000)] = []
 
 
+class Law(Part):
+    """What a fleet tells of a constant (`identification.population`)."""
+
+    center: Number
+    spread: Positive
+    error: Positive
+    log: bool
+
+
+class Fleet(Part):
+    """Of a fleet's typical unit: where the fits of its units start, the laws of their constants,
+    and who these are from; empty, while the units are still being fitted."""
+
+    start: dict[str, Number]
+    laws: dict[str, Law]
+    units: list[Text]
+    unlike: dict[str, Annotated[float, pydantic.Field(ge=0, le=1)]] = {}
+    warnings: list[Text] = []
+
+
+class UnitOfFleet(Part):
+    """Of a fleet's unit: its log, and [value, standard error] of its constants, as they are and as
+    its own log alone has them."""
+
+    samples: Count
+    seconds: Least
+    constants: dict[str, tuple[Number, Least | None]]
+    own: dict[str, tuple[Number, Least | None]]
+    prior: bool
+    warnings: list[Text]
+
+
 class Record(Part):
     max_step: Positive
     sample_time: Positive
@@ -153,6 +185,8 @@ class Record(Part):
     noise: dict[str, dict[str, Any]] = {}
     reading: Reading = Reading()
     calibration: Calibration | None = None
+    fleet: Fleet | None = None
+    unit: UnitOfFleet | None = None
 
 
 def check_record(record: Mapping[str, Any], signals: Signals) -> None:

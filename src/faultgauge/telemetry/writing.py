@@ -14,7 +14,15 @@ from faultgauge.files import write_atomically
 from faultgauge.telemetry.runs import Run
 from faultgauge.telemetry.table import float_cells
 
-__all__ = ["WRITERS", "as_table", "check_writable", "csv_line", "stamps", "write_table"]
+__all__ = [
+    "WRITERS",
+    "as_table",
+    "check_writable",
+    "csv_line",
+    "stamps",
+    "table_bytes",
+    "write_table",
+]
 
 
 FORMULA = ("=", "+", "-", "@", "\t", "\r")
@@ -105,7 +113,12 @@ def check_writable(path: Path) -> None:
 def write_table(columns: dict[str, list[Any]], path: Path) -> None:
     """Write `columns` to `path`; None becomes an empty cell. Whole or not at all."""
     check_writable(path)
-    write_atomically(path, WRITERS[_suffix(path) or ""](columns))
+    write_atomically(path, table_bytes(columns, path))
+
+
+def table_bytes(columns: dict[str, list[Any]], path: Path) -> bytes:
+    """What a file of the name `path` with these `columns` holds."""
+    return WRITERS[_suffix(path) or ""](columns)
 
 
 def _suffix(path: Path) -> str | None:

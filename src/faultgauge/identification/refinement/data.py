@@ -61,6 +61,7 @@ class Data:
     whole: list[Piece] = field(default_factory=list)
     pieces: list[Piece] = field(default_factory=list)  # those that are worked on
     alone: list[Piece] = field(default_factory=list)
+    prior: float = 1.0  # samples that count as one, where a fleet's prior is to be believed
 
     def windows(
         self, pieces: Sequence[Piece], masks: Sequence[Bool[np.ndarray, "_"]] | None = None
@@ -106,6 +107,7 @@ class Data:
             z=z,
             sigma=sigma,
             ridge=ridge,
+            prior=self.prior,
             trials=trials,
             tolerance=tolerance,
             robust=self.robust,

@@ -123,6 +123,7 @@ def refine_on_logs(
         best.claims,
         # of whole runs; the windows of long ones are parts already
         parts=PARTS if len(data.pieces) == len({p.record for p in data.pieces}) else 1,
+        weight=data.prior,
     )
     per_run, courses = along_runs(best, data)
     warnings += [*found.notes, *known.warnings()]

@@ -41,6 +41,7 @@ from faultgauge.identification.refinement.simulation_error import (
     simulated,
 )
 from faultgauge.identification.refinement.stepping import fine_enough
+from faultgauge.identification.refinement.uncertainty import residual_time
 from faultgauge.identification.refinement.unknowns import unknowns_of
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.signals import Hold, Signals
@@ -117,7 +118,7 @@ def refine(
     if data.drift.scale.size and candidates:
         progress("drifting parameters: how far they walk, by evidence")
         candidates = _choose_drift(data, candidates)
-    if plant.spec.networks and candidates:
+    if unknowns_of(plant).networks and candidates:
         candidates = _fine_enough(data, candidates, progress)
         candidates += with_networks(data, candidates, warm, seed, restarts, progress, notes)
     tried = [(c.origin, c.validation) for c in candidates]
@@ -133,6 +134,9 @@ def refine(
         progress("fitting the best to all samples")
         members = _on_all_samples(data, members[:FINALISTS])
     members = _ensemble(data, members)
+    if any(p.spread is not None for p in plant.spec.parameters):
+        progress("weighing the fleet against the log")
+        members = _leaning(data, members)
     won = members[0].origin != WARM
     refitted: list[Candidate] = []
     if won and not held and sample_count(data.whole) < SHORT:
@@ -202,6 +206,17 @@ def _on_all_samples(data: Data, members: Sequence[Candidate]) -> list[Candidate]
     return sorted(side_by_side(to_all, members), key=lambda c: c.validation)
 
 
+def _leaning(data: Data, members: Sequence[Candidate]) -> list[Candidate]:
+    """The members with what a fleet says of their parameters weighed against as many samples as
+    their residuals are worth: an error that lasts says the same over and over."""
+    best = members[0]
+    windows = data.windows(data.pieces)
+    data.prior = residual_time(best.plant, best.unknowns, best.fitted, windows, data.substeps)
+    again = [(_again(data, c), c) for c in members]
+    found = [new if np.isfinite(new.validation) else old for new, old in again]
+    return sorted(found, key=lambda c: c.validation)
+
+
 def _with_held_out(data: Data, members: Sequence[Candidate]) -> list[Candidate]:
     """The members fitted to what chose them, too: 3 samples to every 7. Their errors on
     unseen samples stay those from before. None where a fit fails."""
@@ -265,7 +280,7 @@ def _physics(
     notes: list[str],
 ) -> list[Candidate]:
     """The parameters alone: short windows from several starts, then whole runs."""
-    unknowns = unknowns_of(plant, networks=False)
+    unknowns, networks = unknowns_of(plant, networks=False), unknowns_of(plant).networks
     if not unknowns.parameters:  # what is known already is where the networks start from
         return [] if warm else [_as_it_is(data, plant, "physics")]
     first = unknowns.vector(plant)
@@ -277,7 +292,7 @@ def _physics(
     progress("fitting the physics over short windows")
     short = data.short()
     fits, failed = over_short_windows(data, plant, unknowns, thetas, short)
-    if not plant.spec.networks and fits and fits[0].mse > FIRST_SIGMA**2:
+    if not networks and fits and fits[0].mse > FIRST_SIGMA**2:
         wider = replace(data, sd=_wider(data))
         again, failed_again = over_short_windows(wider, plant, unknowns, thetas, short)
         if again and again[0].mse < CLEARLY * fits[0].mse:
@@ -288,7 +303,7 @@ def _physics(
         return []
     data.remember(short, fits[0].x)
     progress("fitting the physics over long windows")
-    trials = FIRST_TRIALS if plant.spec.networks else LAST_TRIALS
+    trials = FIRST_TRIALS if networks else LAST_TRIALS
     longs = data.fit(
         plant, unknowns, np.stack(_apart(fits)), sigma=sigma_of(fits[0]), trials=trials
     )

@@ -280,6 +280,7 @@ def fit_windows(
     z: Float[np.ndarray, "starts windows local"] | None = None,
     sigma: float,
     ridge: Ridge = 1.0,
+    prior: float = 1.0,
     trials: int = 60,
     tolerance: float = 1e-5,
     robust: bool = False,
@@ -288,13 +289,13 @@ def fit_windows(
     """Levenberg-Marquardt from every start, all side by side; the windows start at `z`.
 
     `sigma` is the error expected, as a share of the outputs' spread; `ridge` multiplies the
-    networks' share of the prior. `robust` bounds the pull of errors beyond `HUBER` sigma; `claims`
-    are rows of a plant that are to be 0 (see `claims`).
+    networks' share of the prior, `prior` the parameters'. `robust` bounds the pull of errors beyond
+    `HUBER` sigma; `claims` are rows of a plant that are to be 0 (see `claims`).
     """
     lower, upper = unknowns.bounds(plant)
     return _fit(
-        plant, unknowns, thetas, z, windows, substeps, sigma, ridge, trials, tolerance, robust,
-        lower, upper, claims,
+        plant, unknowns, thetas, z, windows, substeps, sigma, ridge, prior, trials, tolerance,
+        robust, lower, upper, claims,
     )  # fmt: skip
 
 
@@ -310,7 +311,7 @@ def fit_starts(
 ) -> Fitted:
     """Only what is local to the windows is fitted; `theta` stays."""
     return _fit(
-        plant, unknowns, theta[None], None, windows, substeps, sigma, 1.0, 30, 1e-5, robust,
+        plant, unknowns, theta[None], None, windows, substeps, sigma, 1.0, 1.0, 30, 1e-5, robust,
         theta, theta,
     )[0]  # fmt: skip
 
@@ -324,6 +325,7 @@ def _fit(
     substeps: int,
     sigma: float,
     ridge: Ridge,
+    prior: float,
     trials: int,
     tolerance: float,
     robust: bool,
@@ -334,7 +336,7 @@ def _fit(
     residual = SimulationResidual(plant, jnp.asarray(sigma), unknowns, substeps, robust)
     count, local = len(windows.center), residual.local(windows)
     starts, size = thetas.shape
-    penalty = np.ones(size + count * local)
+    penalty = np.full(size + count * local, prior)
     penalty[: unknowns.weights(plant)] = ridge
     penalty[size:] = 0.0  # the starts' prior is in the residual
     least, most = _range_of_starts(plant, windows, local)

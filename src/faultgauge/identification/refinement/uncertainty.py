@@ -34,7 +34,7 @@ from faultgauge.identification.refinement.unknowns import Unknowns
 from faultgauge.identification.validation.correlation import correlation, integrated_time
 from faultgauge.plants.gray_box import GrayBoxPlant
 
-__all__ = ["Curvature", "curvature", "information"]
+__all__ = ["Curvature", "curvature", "information", "residual_time"]
 
 WATCHED = (
     2000  # values of all parameters in all parts: the information on them is as large, squared
@@ -61,14 +61,17 @@ def curvature(
     substeps: int,
     ridge: Ridge,
     claims: Claims | None = None,
+    weight: float = 1.0,
 ) -> Curvature:
-    """The curvature of the cost at a fit over `windows`, its networks' prior being `ridge`."""
+    """The curvature of the cost at a fit over `windows`, its networks' prior being `ridge` and the
+    `weight` that of the parameters'."""
     silent = SimulationResidual(plant, jnp.asarray(0.0), unknowns, substeps)
     local = silent.local(windows)
     theta = jnp.concatenate([jnp.asarray(fitted.theta), jnp.asarray(fitted.z).ravel()])
     found = _normal_equations(silent, theta, jax.tree.map(jnp.asarray, windows), local)
     hessian = np.asarray(found[1])
     prior = np.ones(len(hessian))
+    prior[: fitted.theta.size] = weight
     prior[: unknowns.weights(plant)] = ridge
     s2 = max(fitted.mse, 1e-300)
     precision = hessian + np.diag(s2 * prior)
@@ -78,7 +81,7 @@ def curvature(
         rows = np.asarray(jax.jacrev(beside)(theta))
         precision += rows.T @ rows
         gradient += rows.T @ np.asarray(beside(theta))
-    tau = _residual_time(plant, unknowns, fitted, windows, substeps)
+    tau = residual_time(plant, unknowns, fitted, windows, substeps)
     return Curvature(hessian, precision, gradient, float(found[0]), tau)
 
 
@@ -91,18 +94,19 @@ def information(
     ridge: Ridge,
     claims: Claims | None = None,
     parts: int = 1,
+    weight: float = 1.0,
 ) -> Information:
     """Standard errors and warnings at a fit over `windows`, its networks' prior being `ridge` and
     what they leave to the physics `claims`. Unless some drift, parameters are looked at for being
     constant from part to part of the windows, of which each has so many `parts`; but not where that
-    is too much to look at (`WATCHED`)."""
+    is too much to look at (`WATCHED`). `weight` is that of the parameters' prior."""
     size, weights, count = fitted.theta.size, unknowns.weights(plant), len(unknowns.parameters)
     watched = count * parts
     if unknowns.slow or watched * len(fitted.z) > WATCHED:
         watched = 0
     if watched:
         unknowns, fitted, windows = _with_steps(unknowns, fitted, windows, parts)
-    found = curvature(plant, unknowns, fitted, windows, substeps, ridge, claims)
+    found = curvature(plant, unknowns, fitted, windows, substeps, ridge, claims, weight)
     local = fitted.z.shape[1]
     own = size + np.arange(len(fitted.z))[:, None] * local + np.arange(local - watched, local)
     inner = np.setdiff1d(np.arange(len(found.hessian)), own)
@@ -142,7 +146,7 @@ def _normal_equations(
     return bordered_equations(residual.linearised, theta, windows, local)[:3]
 
 
-def _residual_time(
+def residual_time(
     plant: GrayBoxPlant, unknowns: Unknowns, fitted: Fitted, windows: Window, substeps: int
 ) -> float:
     """The longest integrated autocorrelation time over the outputs, samples."""

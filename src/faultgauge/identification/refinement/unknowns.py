@@ -4,7 +4,8 @@
     positive     p = p_0 exp(s theta)             where the file bounds p below by 0 or more
     others       p = p_0 + s theta
 
-Priors are weak: a factor of 10 for positive constants, ten times the stated value for others.
+Priors are weak: a factor of 10 for positive constants, ten times the stated value for others; but
+those of a fleet's unit are what the fleet says (`population`).
 """
 
 import math
@@ -19,7 +20,7 @@ from jaxtyping import Array, Float
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant_file import Parameter
 
-__all__ = ["WEIGHTS", "Unknowns", "unknowns_of"]
+__all__ = ["WEIGHTS", "Unknowns", "prior_width", "unknowns_of"]
 
 WEIGHTS = ("weights_out", "weights_in", "bias", "bias_out")
 FACTOR = math.log(10.0)  # one prior standard deviation of a positive constant
@@ -122,20 +123,23 @@ def unknowns_of(plant: GrayBoxPlant, *, networks: bool = True) -> Unknowns:
     """All that is unknown in `plant`, or its parameters alone."""
     free = [p for p in plant.spec.parameters if not p.fixed]
     centers = [float(p.value) for p in free]
-    positive = [p.min >= 0 and p.value > 0 for p in free]
-    scales = [FACTOR if log else _width(p) for p, log in zip(free, positive, strict=True)]
     return Unknowns(
-        networks=tuple(n.name for n in plant.spec.networks) if networks else (),
+        networks=tuple(n.name for n in plant.spec.networks if not n.known) if networks else (),
         parameters=tuple(p.name for p in free),
-        positive=tuple(positive),
+        positive=tuple(p.positive for p in free),
         centers=tuple(centers),
-        scales=tuple(scales),
+        scales=tuple(prior_width(p) for p in free),
         varying=tuple(k for k, p in enumerate(free) if p.vary),
         slow=tuple(k for k, p in enumerate(free) if p.vary == "slow"),
     )
 
 
-def _width(parameter: Parameter) -> float:
+def prior_width(parameter: Parameter) -> float:
+    """One standard deviation of the prior, of the logarithm where the parameter is positive."""
+    if parameter.spread is not None:
+        return parameter.spread
+    if parameter.positive:
+        return FACTOR
     if math.isfinite(parameter.min) and math.isfinite(parameter.max):
         return (parameter.max - parameter.min) / 2
     return WIDE * abs(parameter.value) or 1.0

@@ -15,7 +15,7 @@ from faultgauge.telemetry.readers.mdf import read_mdf
 from faultgauge.telemetry.readers.parquet import read_parquet
 from faultgauge.telemetry.table import Table, check_width
 
-__all__ = ["READERS", "logs_in", "read_table", "stem"]
+__all__ = ["READERS", "is_log", "logs_in", "read_table", "stem"]
 
 READERS: dict[str, Callable[[Path], Table]] = {
     ".csv": read_csv,
@@ -85,6 +85,11 @@ def stem(path: Path) -> str:
     name = file.name or path.resolve().name  # `.` has none
     bare = name.removesuffix(name[len(name) - len(_suffix(file) or "") :])
     return f"{bare}:{sheet}" if sheet else bare
+
+
+def is_log(path: Path) -> bool:
+    """Whether a file of that name has a reader."""
+    return _suffix(in_workbook(path)[0]) is not None
 
 
 def _suffix(path: Path) -> str | None:

@@ -1,0 +1,39 @@
+"""What a worker of Dask does: a chunk of units, with the settings and the version of who asks."""
+
+import os
+import pickle
+from collections.abc import Mapping
+from importlib import metadata
+from typing import Any
+
+from faultgauge.errors import InputError
+
+__all__ = ["VERSIONS", "do_chunk", "versions"]
+
+VERSIONS = ("faultgauge", "jax", "numpy")  # another of these may give other bits
+
+
+def versions() -> dict[str, str]:
+    return {name: metadata.version(name) for name in VERSIONS}
+
+
+def do_chunk(settings: Mapping[str, str], wanted: Mapping[str, str], work: bytes) -> list[Any]:
+    """The outcomes of pickled (job, units), in their order. `settings` of the environment stand
+    before a numeric library is loaded, which unpickling does."""
+    if versions() != wanted:
+        raise InputError(other_version("a worker", versions(), wanted))
+    for name, value in settings.items():
+        os.environ.setdefault(name, value)
+    from faultgauge.fleet.crew import attempt
+
+    job, units = pickle.loads(work)
+    return [attempt(job, unit) for unit in units]
+
+
+def other_version(who: str, found: Mapping[str, str], wanted: Mapping[str, str]) -> str:
+    """The refusal of a worker, `who`, that has `found` where `wanted` is needed."""
+    name = next(each for each in wanted if found.get(each) != wanted[each])
+    return (
+        f"--scheduler: {who} has {name} {found.get(name, 'not at all')}, and here it is "
+        f"{wanted[name]}, so that results would differ; install the same version there."
+    )
