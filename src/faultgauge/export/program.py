@@ -116,9 +116,11 @@ class _Flattening:
             )
         outputs = [_value(each.aval) for each in equation.outvars]
         if name == "platform_index":
-            order = [None if p is None else tuple(p) for p in params["platforms"]]
-            at = next((k for k, p in enumerate(order) if p and "cpu" in p), order.index(None))
-            return [_constant(np.int32(at))]
+            order = [tuple(p or ("any",)) for p in params["platforms"]]
+            for wanted in ("c", "cpu", "any"):
+                at = next((k for k, p in enumerate(order) if wanted in p), None)
+                if at is not None:
+                    return [_constant(np.int32(at))]
         if name == "cond" and given[0].known:
             at = int(np.clip(self._now(given[0]), 0, len(params["branches"]) - 1))
             return self._inlined(params["branches"][at], given[1:], into)

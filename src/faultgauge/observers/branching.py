@@ -22,6 +22,7 @@ Beside the branches run unknown ones: filters whose discrepancy is far beyond th
 some onsets on.
 """
 
+from functools import partial
 from typing import NamedTuple
 
 import equinox as eqx
@@ -39,6 +40,7 @@ from faultgauge.observers.divided_difference import (
     Noise,
     Seen,
 )
+from faultgauge.observers.rows import where_needed
 
 __all__ = ["BranchInfo", "BranchState", "Branching", "Prior"]
 
@@ -210,12 +212,17 @@ class Branching(eqx.Module):
         t = state.t + dt
 
         def one(belief: Belief, noise: Noise) -> tuple:
-            return self.filter.step(belief, noise, state.u, u, y, dt)
+            after, *said = self.filter.step(belief, noise, state.u, u, y, dt)
+            return after, said
 
-        belief, likelihood, flow, look, seen = jax.vmap(one)(state.belief, self.noise)
+        # what has no weight cannot get any, but by being replaced
+        alive, B = state.weight > NEVER / 2, self.branches
+        belief, said = where_needed(jax.vmap(one), alive, state.belief, self.noise)
+        likelihood, flow, look, seen = said
         weight = state.weight + likelihood
         weight = jnp.maximum(weight - jnp.max(weight), NEVER)
-        lanes = self._signatures(state.lanes, flow, look, seen)
+        parts = (jax.tree.map(lambda a: a[:B], part) for part in (flow, look, seen))
+        lanes, _ = where_needed(self._signatures, alive[:B], state.lanes, tuple(parts))
         lead = jnp.argmax(weight[: self.branches])
         leading = _at(flow, lead), _at(look, lead), _at(seen, lead)
         probe = self._probed(state.probe, *leading, dt)
@@ -225,15 +232,19 @@ class Branching(eqx.Module):
         changes = self._changes(state)
         info = self._info(state, changes)
         state, ell = self._promoted(state, changes)
-        return self._alien(self._opened(state, ell, dt)), info
+        alive = state.weight[:B] > NEVER / 2  # with the one that was promoted
+        lanes, _ = where_needed(partial(self._opened, t, dt), alive, state.lanes, ell)
+        return self._alien(state._replace(lanes=lanes)), info
 
     # -- signatures
 
-    def _signatures(self, lanes: Lanes, flow: Flow, look: Look, seen: Seen) -> Lanes:
+    def _signatures(
+        self, lanes: Lanes, step: tuple[Flow, Look, Seen]
+    ) -> tuple[Lanes, tuple[()]]:
         """What every unit change has done by now."""
         B, n = lanes.eta.shape[:2]
         K, A = self.kinds, self.onsets
-        flow, look, seen = (jax.tree.map(lambda a: a[:B], each) for each in (flow, look, seen))
+        flow, look, seen = step
         up = (lanes.score >= 0)[:, None]
         own = jnp.stack(
             [lanes.eta[:, self.filter.states + k, j] for j, k in enumerate(self.owner)], 1
@@ -265,7 +276,7 @@ class Branching(eqx.Module):
             J = J + G[:, :, None] * G[:, None, :]
             g = jnp.where(jnp.isfinite(seen.root[:, j])[:, None, None], g, 0.0)
             eta = eta - seen.gain[:, j, :, None, None] * g[:, None]
-        return lanes._replace(eta=eta, score=score.reshape(B, K, A), J=J)
+        return lanes._replace(eta=eta, score=score.reshape(B, K, A), J=J), ()
 
     def _probed(self, probe: Probe, flow: Flow, look: Look, seen: Seen, dt: Array) -> Probe:
         """The signature of every fault, forgotten within its `recall`: of one that began lately."""
@@ -286,16 +297,25 @@ class Branching(eqx.Module):
     # -- what changes there may have been
 
     def _changes(self, state: BranchState) -> _Changes:
-        lanes, prior = state.lanes, self.prior
+        at = slice(self.branches)
+        belief, which, alive = Belief(*(a[at] for a in state.belief)), state.which[at], state.weight[at] > NEVER / 2
+        _, changes = where_needed(self._likely, alive, (), (state.lanes, belief, which))
+        return changes._replace(ell=jnp.where(alive[:, None, None], changes.ell, NEVER))
+
+    def _likely(
+        self, nothing: tuple[()], given: tuple[Lanes, Belief, Array]
+    ) -> tuple[tuple[()], _Changes]:
+        lanes, belief, which = given
+        prior = self.prior
         B, K, A = lanes.score.shape
         J = jnp.maximum(jnp.diagonal(lanes.J, axis1=1, axis2=2), 0.0).reshape(B, K, A)
-        c, which = lanes.score, state.which[:B]
+        c, there = lanes.score, self._present(belief)
         more, less = jnp.array(self.more), jnp.array(self.less)
         scales = np.array(SCALES)[:, None, None, None]
         s2 = (scales * prior.size[:, None]) ** 2
         V = 1 / (J + 1 / s2)
         each = (c**2 * V - jnp.log1p(J * s2)) / 2
-        f, present = c * V, self._present(state)[:, self.owner, None]
+        f, present = c * V, there[:, self.owner, None]
         each = each + jnp.where(present, 0.0, self._inside(f, V, s2))
         gain = logsumexp(each, axis=0) - np.log(len(SCALES))
         share = jnp.exp(each - logsumexp(each, axis=0))
@@ -309,21 +329,22 @@ class Branching(eqx.Module):
         # estimate by as much as the signature has `left` there
         F = self.filter.faults
         at = slice(self.filter.states, self.filter.states + F)
-        m = -state.belief.mean[:B, at, None]
-        v = jnp.diagonal(state.belief.P[:B], axis1=1, axis2=2)[:, at, None] + 1e-300
+        m = -belief.mean[:, at, None]
+        v = jnp.diagonal(belief.P, axis1=1, axis2=2)[:, at, None] + 1e-300
         c, J = c[:, :F], J[:, :F]
         left = jnp.stack([lanes.eta[:, self.filter.states + k, k] for k in range(F)], 1)
         V = 1 / (J + left**2 / v + 1e-300)
         f = V * (c + left * m / v)
         gain = (f**2 / V - m**2 / v - jnp.log(jnp.maximum(J * v + left**2, 1e-300))) / 2
         rare = jnp.log(prior.recovery / prior.onset[:F])[:, None]
-        legal = ((less[which] >= 0) & self._present(state))[:, :, None]
+        legal = ((less[which] >= 0) & there)[:, :, None]
         gone = _Changes(jnp.where(legal, lanes.mass[:, :F] + rare + gain, NEVER), f, V)
-        return _Changes(*(jnp.concatenate(two, axis=1) for two in zip(steps, gone, strict=True)))
+        both = (jnp.concatenate(two, axis=1) for two in zip(steps, gone, strict=True))
+        return (), _Changes(*both)
 
-    def _present(self, state: BranchState) -> Bool[Array, "branches faults"]:
+    def _present(self, belief: Belief) -> Bool[Array, "filters faults"]:
         at = slice(self.filter.states, self.filter.states + self.filter.faults)
-        return jnp.diagonal(state.belief.P[: self.branches], axis1=1, axis2=2)[:, at] > 0
+        return jnp.diagonal(belief.P, axis1=1, axis2=2)[:, at] > 0
 
     def _inside(self, f: Array, V: Array, s2: Array | np.ndarray) -> Array:
         """ln of the share of the posterior within the fault's limits over that of the prior."""
@@ -365,9 +386,9 @@ class Branching(eqx.Module):
         ell = changes.ell[:, : self.kinds]
 
         def go(state: BranchState) -> tuple[BranchState, Array]:
-            after = self._branched(state, changes, b, k)
-            new = jnp.any(after.lanes.eta != state.lanes.eta, axis=(1, 2, 3))
-            return after, jnp.where(new[:, None, None], ell[b], ell)
+            after, place = self._branched(state, changes, b, k)
+            new = (jnp.arange(B) == place)[:, None, None]
+            return after, jnp.where(new, ell[b], ell)
 
         def stay(state: BranchState) -> tuple[BranchState, Array]:
             return state, ell
@@ -376,7 +397,9 @@ class Branching(eqx.Module):
 
     def _branched(
         self, state: BranchState, changes: _Changes, b: Int[Array, ""], k: Int[Array, ""]
-    ) -> BranchState:
+    ) -> tuple[BranchState, Int[Array, ""]]:
+        """(the state with change `k` of branch `b`, the place of its branch, -1 where it got
+        none)."""
         B, K = self.branches, self.kinds
         more, less, owner = (jnp.asarray(np.array(a)) for a in (self.more, self.less, self.owner))
         gone = k >= K  # a recovery
@@ -421,7 +444,7 @@ class Branching(eqx.Module):
         def placed(old: Array, new: Array) -> Array:
             return jnp.where(here.reshape(-1, *([1] * new.ndim)), new, old)
 
-        return state._replace(
+        after = state._replace(
             belief=Belief(placed(state.belief.mean, mean), placed(state.belief.P, P)),
             weight=jnp.where(jnp.arange(self.filters) == place, both, state.weight),
             which=placed(state.which, which),
@@ -429,6 +452,7 @@ class Branching(eqx.Module):
             ever=placed(state.ever, ever),
             lanes=lanes,
         )
+        return after, put
 
     def _began(
         self,
@@ -441,7 +465,7 @@ class Branching(eqx.Module):
         """When a fault began (mean, variance) to which a change by `f` is added at `new`: at one of
         the two times, each as likely as the square of what came then is large."""
         fault = jnp.asarray(self.owner)[kind]
-        old, there = state.since[b, fault], self._present(state)[b, fault]
+        old, there = state.since[b, fault], self._present(state.belief)[b, fault]
         had = state.belief.mean[b, self.filter.states + fault] ** 2
         more = jnp.where(kind < self.filter.faults, f**2, 0.0)
         share = jnp.where(there, more / jnp.maximum(had + more, 1e-300), 1.0)
@@ -538,17 +562,16 @@ class Branching(eqx.Module):
 
     # -- onsets
 
-    def _opened(self, state: BranchState, ell: Array, dt: Array) -> BranchState:
+    def _opened(self, t: Array, dt: Array, lanes: Lanes, ell: Array) -> tuple[Lanes, tuple[()]]:
         """An onset at this sample, behind the others, in the place of the one that is missed least:
         that whose neighbours lie closest for its age, and is not likely."""
-        lanes, K, A = state.lanes, self.kinds, self.onsets
-        B = self.branches
+        B, K, A = lanes.score.shape
         likely = jnp.exp(ell - jnp.max(ell, axis=2, keepdims=True)) > HEAVY
         used, when = lanes.mass > NEVER / 2, lanes.onset
         far = jnp.full((B, K, 1), -1e9)
         older = jnp.concatenate([far, when[:, :, :-1]], axis=2)
-        younger = jnp.concatenate([when[:, :, 1:], jnp.full((B, K, 1), state.t)], axis=2)
-        age = state.t + jnp.maximum(dt, TICK) - when
+        younger = jnp.concatenate([when[:, :, 1:], jnp.full((B, K, 1), t)], axis=2)
+        age = t + jnp.maximum(dt, TICK) - when
         cost = (younger - older) / age + jnp.where(likely, 1e6, 0.0)
         cost = jnp.where(used, cost, -1.0)
         place = jnp.argmin(cost, axis=2)[:, :, None]
@@ -591,16 +614,16 @@ class Branching(eqx.Module):
             moved(lanes.score, 0.0),
             J,
             moved(mass, fresh),
-            moved(when, state.t),
+            moved(when, t),
         )
-        return state._replace(lanes=new)
+        return new, ()
 
     # -- the unknown
 
     def _alien(self, state: BranchState) -> BranchState:
         """Unknown filters begin anew from a healthy branch where they explain nothing, each at an
         age of its own; where the unknown leads, the least branch tries whether it is over."""
-        B, U, n = self.branches, self.filters - self.branches, len(self.alien)
+        B, U = self.branches, self.filters - self.branches
         limits = self.memory * 4.0 ** np.arange(U)
         age = state.t - state.begun
         lead = jnp.argmax(state.weight[:B])
@@ -608,7 +631,6 @@ class Branching(eqx.Module):
         gain = state.weight[B:] - state.weight[lead] - rate
         again = ((age[B:] >= limits) & (gain < 1.0)) | (state.weight[B:] <= NEVER / 2)
         again = again & (state.which[lead] == 0)
-        mean, P = state.belief.mean[lead], state.belief.P[lead] + self.alien
         # the unknown may be over: its states go on, but the discrepancy is the usual one again
         best = B + jnp.argmax(state.weight[B:])
         least = jnp.argmin(state.weight[:B])
@@ -616,9 +638,27 @@ class Branching(eqx.Module):
         won = state.weight[best] > state.weight[lead]
         back = won & (age[least] >= self.memory)
         back = back & (state.weight[least] < state.weight[best] + over)
+        fresh = jnp.concatenate([(jnp.arange(B) == least) & back, again])
+        weights = jnp.concatenate(
+            [jnp.full(B, state.weight[best] + over), state.weight[lead] + rate]
+        )
+        anew = partial(self._anew, fresh, weights, lead, best)
+        return jax.lax.cond(jnp.any(fresh), anew, lambda state: state, state)
+
+    def _anew(
+        self,
+        fresh: Bool[Array, "filters"],
+        weights: Float[Array, "filters"],
+        lead: Int[Array, ""],
+        best: Int[Array, ""],
+        state: BranchState,
+    ) -> BranchState:
+        """The `fresh` filters begin anew with `weights`: unknown ones from the branch `lead`,
+        branches from the unknown one that is `best`."""
+        B, U, n = self.branches, self.filters - self.branches, len(self.alien)
+        mean, P = state.belief.mean[lead], state.belief.P[lead] + self.alien
         keep = jnp.concatenate([self.own, jnp.zeros(n - len(self.own))])
         calm = state.belief.P[best] * keep[:, None] * keep + jnp.diag(self.usual)
-        fresh = jnp.concatenate([(jnp.arange(B) == least) & back, again])
         means = jnp.concatenate(
             [
                 jnp.broadcast_to(state.belief.mean[best] * keep, (B, n)),
@@ -626,9 +666,6 @@ class Branching(eqx.Module):
             ]
         )
         Ps = jnp.concatenate([jnp.broadcast_to(calm, (B, n, n)), jnp.broadcast_to(P, (U, n, n))])
-        weights = jnp.concatenate(
-            [jnp.full(B, state.weight[best] + over), state.weight[lead] + rate]
-        )
         empty = fresh[:B, None, None]
         lanes = state.lanes
         lanes = lanes._replace(
