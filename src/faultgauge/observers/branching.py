@@ -122,11 +122,26 @@ class BranchInfo(NamedTuple):
 
 class _Changes(NamedTuple):
     """Every change that a branch may have had: ln of its prior times its likelihood, its size and
-    the variance of that. First steps and growths, then recoveries of the faults."""
+    the variance of that; and ln of the sum over the onsets. First steps and growths, then
+    recoveries of the faults."""
 
     ell: Float[Array, "branches kinds onsets"]
     f: Float[Array, "branches kinds onsets"]
     V: Float[Array, "branches kinds onsets"]
+    total: Float[Array, "branches kinds"]
+
+
+class _Sums(NamedTuple):
+    """Over the changes that a branch may have had, by how likely they are: how likely each set is,
+    that times a fault's size and its square, the states; how likely each fault is there, that times
+    when it began and its square; how likely each has been there."""
+
+    p: Float[Array, "branches sets"]
+    mean: Float[Array, "branches sets faults"]
+    square: Float[Array, "branches sets faults"]
+    x: Float[Array, "branches states"]
+    past: Float[Array, "branches faults three"]
+    ever: Float[Array, "branches faults"]
 
 
 class Branching(eqx.Module):
@@ -215,7 +230,6 @@ class Branching(eqx.Module):
             after, *said = self.filter.step(belief, noise, state.u, u, y, dt)
             return after, said
 
-        # what has no weight cannot get any, but by being replaced
         alive, B = state.weight > NEVER / 2, self.branches
         belief, said = where_needed(jax.vmap(one), alive, state.belief, self.noise)
         likelihood, flow, look, seen = said
@@ -232,15 +246,13 @@ class Branching(eqx.Module):
         changes = self._changes(state)
         info = self._info(state, changes)
         state, ell = self._promoted(state, changes)
-        alive = state.weight[:B] > NEVER / 2  # with the one that was promoted
-        lanes, _ = where_needed(partial(self._opened, t, dt), alive, state.lanes, ell)
+        opened = partial(self._opened, t, dt)
+        lanes, _ = where_needed(opened, self._alive(state), state.lanes, ell)
         return self._alien(state._replace(lanes=lanes)), info
 
     # -- signatures
 
-    def _signatures(
-        self, lanes: Lanes, step: tuple[Flow, Look, Seen]
-    ) -> tuple[Lanes, tuple[()]]:
+    def _signatures(self, lanes: Lanes, step: tuple[Flow, Look, Seen]) -> tuple[Lanes, tuple[()]]:
         """What every unit change has done by now."""
         B, n = lanes.eta.shape[:2]
         K, A = self.kinds, self.onsets
@@ -298,9 +310,15 @@ class Branching(eqx.Module):
 
     def _changes(self, state: BranchState) -> _Changes:
         at = slice(self.branches)
-        belief, which, alive = Belief(*(a[at] for a in state.belief)), state.which[at], state.weight[at] > NEVER / 2
-        _, changes = where_needed(self._likely, alive, (), (state.lanes, belief, which))
-        return changes._replace(ell=jnp.where(alive[:, None, None], changes.ell, NEVER))
+        given = state.lanes, Belief(*(a[at] for a in state.belief)), state.which[at]
+        alive = self._alive(state)
+        _, changes = where_needed(self._likely, alive, (), given)
+        ell = jnp.where(alive[:, None, None], changes.ell, NEVER)
+        return changes._replace(ell=ell, total=jnp.where(alive[:, None], changes.total, NEVER))
+
+    def _alive(self, state: BranchState) -> Bool[Array, "branches"]:
+        """What has no weight gets none, but by being replaced."""
+        return state.weight[: self.branches] > NEVER / 2
 
     def _likely(
         self, nothing: tuple[()], given: tuple[Lanes, Belief, Array]
@@ -324,7 +342,7 @@ class Branching(eqx.Module):
         legal = (more[which] >= 0)[:, :, None]
         changed = jnp.where(present, jnp.log(prior.changed), 0.0)
         ell = jnp.where(legal, lanes.mass + changed + gain, NEVER)
-        steps = _Changes(ell, mean, V)
+        steps = ell, mean, V
         # a fault that goes: a step after which it is 0, where a unit of it still stands in the
         # estimate by as much as the signature has `left` there
         F = self.filter.faults
@@ -338,9 +356,9 @@ class Branching(eqx.Module):
         gain = (f**2 / V - m**2 / v - jnp.log(jnp.maximum(J * v + left**2, 1e-300))) / 2
         rare = jnp.log(prior.recovery / prior.onset[:F])[:, None]
         legal = ((less[which] >= 0) & there)[:, :, None]
-        gone = _Changes(jnp.where(legal, lanes.mass[:, :F] + rare + gain, NEVER), f, V)
-        both = (jnp.concatenate(two, axis=1) for two in zip(steps, gone, strict=True))
-        return (), _Changes(*both)
+        gone = jnp.where(legal, lanes.mass[:, :F] + rare + gain, NEVER), f, V
+        ell, f, V = (jnp.concatenate(two, axis=1) for two in zip(steps, gone, strict=True))
+        return (), _Changes(ell, f, V, logsumexp(ell, axis=2))
 
     def _present(self, belief: Belief) -> Bool[Array, "filters faults"]:
         at = slice(self.filter.states, self.filter.states + self.filter.faults)
@@ -361,12 +379,12 @@ class Branching(eqx.Module):
             lambda: mass(f, jnp.sqrt(V)) - mass(jnp.zeros_like(f), jnp.sqrt(s2)),
         )
 
-    def _blur(self, state: BranchState) -> Float[Array, "branches kinds onsets"]:
+    def _blur(self, t: Array, lanes: Lanes) -> Float[Array, "branches kinds onsets"]:
         """The variance of an onset of which only those beside it are kept: evenly between them."""
-        when, used = state.lanes.onset, state.lanes.mass > NEVER / 2
+        when, used = lanes.onset, lanes.mass > NEVER / 2
         older = jnp.concatenate([when[:, :, :1], when[:, :, :-1]], axis=2)
         before = jnp.concatenate([used[:, :, :1] & False, used[:, :, :-1]], axis=2)
-        younger = jnp.concatenate([when[:, :, 1:], jnp.full_like(when[:, :, :1], state.t)], axis=2)
+        younger = jnp.concatenate([when[:, :, 1:], jnp.full_like(when[:, :, :1], t)], axis=2)
         return (jnp.where(before, younger - older, younger - when) / 2) ** 2 / 3
 
     # -- promotion
@@ -377,10 +395,8 @@ class Branching(eqx.Module):
         """The likeliest change that is likelier than none, in a branch of its own; and how likely
         each onset is beside every branch."""
         B, K = self.branches, changes.ell.shape[1]
-        total = logsumexp(changes.ell, axis=2)
-        weight = state.weight[:B, None]
-        after = weight + total
-        worth = jnp.where((after > np.log(KEPT)) & (total > PROMOTED), after, NEVER)
+        after = state.weight[:B, None] + changes.total
+        worth = jnp.where((after > np.log(KEPT)) & (changes.total > PROMOTED), after, NEVER)
         best = jnp.argmax(worth)
         b, k = best // K, best % K
         ell = changes.ell[:, : self.kinds]
@@ -416,7 +432,7 @@ class Branching(eqx.Module):
         every = state.lanes.eta[b, :, kind]
         apart = (every * changes.f[b, k] - (eta * f)[:, None]) * jnp.sqrt(w)
         spread = every * jnp.sqrt(w * changes.V[b, k])
-        when, blur = state.lanes.onset[b, kind], self._blur(state)[b, kind]
+        when, blur = state.lanes.onset[b, kind], self._blur(state.t, state.lanes)[b, kind]
         between = self._slope(state, b, kind) * changes.f[b, k] * jnp.sqrt(w * blur)
         P = state.belief.P[b] + apart @ apart.T + spread @ spread.T + between @ between.T
         P = P + jnp.diag(self._entry(state, b, kind, f) ** 2)
@@ -697,80 +713,81 @@ class Branching(eqx.Module):
     # -- answers
 
     def _info(self, state: BranchState, changes: _Changes) -> BranchInfo:
-        B, F, n = self.branches, self.filter.faults, self.filter.states
-        K = self.kinds
-        sets = len(self.more)
-        which = state.which[:B]
+        F, n, d = self.filter.faults, self.filter.states, self.declared
+        at = slice(self.branches)
+        top = jnp.maximum(jnp.max(state.weight[at, None] + changes.total), jnp.max(state.weight))
+        log = state.weight - top
+        parts = state.belief, changes, log, state.which, state.since, state.ever
+        given = jax.tree.map(lambda a: a[at], parts), state.lanes
+        _, each = where_needed(partial(self._summed, state.t), self._alive(state), (), given)
+        # and what has not changed
+        alone, own = jnp.exp(log), jnp.eye(len(self.more))[state.which]
+        f0 = state.belief.mean[:, n : n + F]
+        v0 = jnp.diagonal(state.belief.P, axis1=1, axis2=2)[:, n : n + F]
+        same = _Sums(
+            own,
+            own[:, :, None] * f0[:, None],
+            own[:, :, None] * (f0**2 + v0)[:, None],
+            state.belief.mean[:, :n],
+            jnp.zeros((self.filters, d, 3)),
+            state.ever[:, :d],
+        )
+        p, mean, square, x, past, ever = (
+            jnp.sum(a, axis=0) + jnp.tensordot(alone, b, 1) for a, b in zip(each, same, strict=True)
+        )
+        Z = jnp.sum(p)
+        p, x, ever = p / Z, x / Z, ever / Z
+        held = jnp.maximum(p, 1e-300)[:, None]
+        mean, square = mean / Z / held, square / Z / held
+        sd = jnp.sqrt(jnp.maximum(square - mean**2, 0.0))
+        seen = state.probe.J * self.prior.size[:d, None] ** 2
+        there, first, second = past.T / Z
+        there = jnp.maximum(there, 1e-300)
+        first, second = first / there, second / there
+        late = jnp.sqrt(jnp.maximum(second - first**2, 0.0))
+        onset = jnp.stack([state.t - first, late], axis=1)
+        return BranchInfo(p, mean[:, :d], sd[:, :d], x, seen, onset, ever)
+
+    def _summed(
+        self, t: Array, nothing: tuple[()], given: tuple[tuple, Lanes]
+    ) -> tuple[tuple[()], "_Sums"]:
+        (belief, changes, log, which, since, ever), lanes = given
+        F, n, K, d = self.filter.faults, self.filter.states, self.kinds, self.declared
         target = jnp.concatenate([jnp.array(self.more), jnp.array(self.less)], axis=1)[which]
-        log = state.weight[:B, None, None] + changes.ell
-        top = jnp.maximum(jnp.max(log), jnp.max(state.weight))
-        w = jnp.exp(log - top)
-        alone = jnp.exp(state.weight - top)
-        Z = jnp.sum(w) + jnp.sum(alone)
-        w, alone = w / Z, alone / Z
-        one = jnp.eye(sets)
-        eta = state.lanes.eta[:, n : n + F]
+        w = jnp.exp(log[:, None, None] + changes.ell)
+        each, legal = jnp.sum(w, axis=2), target >= 0
+        to = jnp.eye(len(self.more))[jnp.maximum(target, 0)] * legal[:, :, None]
+        eta = lanes.eta[:, n : n + F]
         eta = jnp.concatenate([eta, eta[:, :, :F]], axis=2)
-        f = state.belief.mean[:B, n : n + F, None, None] + eta * changes.f[:, None]
-        v = jnp.diagonal(state.belief.P[:B], axis1=1, axis2=2)[:, n : n + F, None, None]
+        f = belief.mean[:, n : n + F, None, None] + eta * changes.f[:, None]
+        v = jnp.diagonal(belief.P, axis1=1, axis2=2)[:, n : n + F, None, None]
         v = v + eta**2 * changes.V[:, None]
         gone = np.zeros((F, K + F))
         gone[range(F), K + np.arange(F)] = 1.0
         f, v = (jnp.where(gone[None, :, :, None] > 0, 0.0, a) for a in (f, v))
-        to = one[jnp.maximum(target, 0)] * (target >= 0)[:, :, None]
-        each = jnp.sum(w, axis=2)
-        p = jnp.einsum("bk,bks->s", each, to)
-        mean = jnp.einsum("bfk,bks->sf", jnp.sum(w[:, None] * f, axis=3), to)
-        square = jnp.einsum("bfk,bks->sf", jnp.sum(w[:, None] * (f**2 + v), axis=3), to)
-        own = one[state.which]
-        p = p + alone @ own
-        at = slice(n, n + F)
-        f0 = state.belief.mean[:, at]
-        v0 = jnp.diagonal(state.belief.P, axis1=1, axis2=2)[:, at]
-        mean = mean + jnp.einsum("b,bf,bs->sf", alone, f0, own)
-        square = square + jnp.einsum("b,bf,bs->sf", alone, f0**2 + v0, own)
-        held = jnp.maximum(p, 1e-300)[:, None]
-        mean, square = mean / held, square / held
-        sd = jnp.sqrt(jnp.maximum(square - mean**2, 0.0))
-        d = self.declared
-        x = alone @ state.belief.mean[:, :n]
-        shift = jnp.einsum("bka,bnka->bn", w[:, :K] * changes.f[:, :K], state.lanes.eta[:, :n])
-        x = x + jnp.einsum("bka,bn->n", w, state.belief.mean[:B, :n]) + jnp.sum(shift, axis=0)
-        seen = state.probe.J * self.prior.size[:d, None] ** 2
-        onset, ever = self._past(state, w, alone, target)
-        return BranchInfo(p, mean[:, :d], sd[:, :d], x, seen, onset, ever)
-
-    def _past(
-        self, state: BranchState, w: Array, alone: Array, target: Array
-    ) -> tuple[Float[Array, "faults two"], Float[Array, "faults"]]:
-        """(how long ago every fault began, mean and standard deviation; whether it was there)."""
-        B, K, d = self.branches, self.kinds, self.declared
+        mean = jnp.einsum("bfk,bks->bsf", jnp.sum(w[:, None] * f, axis=3), to)
+        square = jnp.einsum("bfk,bks->bsf", jnp.sum(w[:, None] * (f**2 + v), axis=3), to)
+        shift = jnp.einsum("bka,bnka->bn", w[:, :K] * changes.f[:, :K], lanes.eta[:, :n])
+        x = jnp.sum(each, axis=1)[:, None] * belief.mean[:, :n] + shift
+        # since when: a change of what is there already begins nothing
         held = (np.array(self.less) >= 0).astype(float)[:, :d]
-        own = np.concatenate([np.eye(self.filter.faults)[self.owner, :d], np.zeros((d, d))])
-        more = np.zeros((self.filter.faults - d, d))
-        own = np.concatenate([own, more])
-        each = jnp.sum(w, axis=2)
-        there = jnp.asarray(held)[jnp.maximum(target, 0)] * (target >= 0)[:, :, None]
-        here = jnp.asarray(held)[state.which[:B]]
-        begins = own[None] * (1 - here[:, None])  # a change of what is there already begins nothing
-        old = each[:, :, None] * there * (1 - begins)
-        weight = jnp.sum(old, axis=1) + alone[:B, None] * here
-        first, second = state.since[:B, :d, 0], state.since[:B, :d, 1]
-        second = second + first**2
-        when, begins = state.lanes.onset, begins[:, :K]
-        new = w[:, :K]
-        fresh = jnp.einsum("bk,bkf->f", jnp.sum(new, axis=2), begins)
-        dated = jnp.einsum("bk,bkf->f", jnp.sum(new * when, axis=2), begins)
-        mean = jnp.einsum("bf,bf->f", weight, first) + dated
-        squares = jnp.sum(new * (when**2 + self._blur(state)), axis=2)
-        square = jnp.einsum("bf,bf->f", weight, second) + jnp.einsum("bk,bkf->f", squares, begins)
-        total = jnp.maximum(jnp.sum(weight, axis=0) + fresh, 1e-300)
-        mean, square = mean / total, square / total
-        sd = jnp.sqrt(jnp.maximum(square - mean**2, 0.0))
-        ever = alone @ state.ever[:, :d]
-        both = jnp.maximum(state.ever[:B, None, :d], own[None])
-        ever = ever + jnp.sum(each[:, :, None] * both, axis=(0, 1))
-        return jnp.stack([state.t - mean, sd], axis=1), ever
+        own = np.zeros((K + F, d))
+        own[range(K)] = np.eye(F)[self.owner, :d]
+        there = jnp.asarray(held)[jnp.maximum(target, 0)] * legal[:, :, None]
+        here = jnp.asarray(held)[which]
+        begins = own * (1 - here[:, None])
+        old = jnp.sum(each[:, :, None] * there * (1 - begins), axis=1)
+        old = old + jnp.exp(log)[:, None] * here
+        mean_then, spread = since[:, :d, 0], since[:, :d, 1]
+        then = jnp.stack([jnp.ones_like(old), mean_then, spread + mean_then**2], axis=2)
+        when, new = lanes.onset, w[:, :K]
+        dates = jnp.stack([new, new * when, new * (when**2 + self._blur(t, lanes))], axis=3)
+        past = jnp.einsum("bkt,bkf->bft", jnp.sum(dates, axis=2), begins[:, :K])
+        past = past + old[:, :, None] * then
+        held = jnp.maximum(ever[:, None, :d], own)
+        ever = jnp.sum(each[:, :, None] * held, axis=1)
+        p = jnp.einsum("bk,bks->bs", each, to)
+        return (), _Sums(p, mean, square, x, past, ever)
 
 
 def _at(tree, k):
