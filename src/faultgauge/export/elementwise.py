@@ -90,6 +90,8 @@ ELEMENTWISE: dict[str, Callable[[Sequence[str], Kind, str], str]] = {
     "neg": lambda a, k, f: f"(-{a[0]})",
     "max": _helped("fg_max"),
     "min": _helped("fg_min"),
+    "atleast": _helped("fg_atleast"),
+    "atmost": _helped("fg_atmost"),
     "sign": _helped("fg_sign"),
     "abs": lambda a, k, f: (
         f"fabs{f}({a[0]})" if k in FLOATS else f"({a[0]} < 0 ? -{a[0]} : {a[0]})"
@@ -125,6 +127,15 @@ _MAX = """static inline {t} fg_{n}_{l}({t} a, {t} b)
 {{
     return a {s} b{nan} ? a : b;
 }}
+"""
+_EDGE = """/* `b` is a number, `a` may be none */
+static inline {t} fg_{n}_{l}({t} a, {t} b)
+{{
+    return a {s} b ? b : a;
+}}
+"""
+_TOGETHER = """#pragma omp declare reduction({called}: real: \\
+    omp_out = fg_{n}_r(omp_out, omp_in)) initializer(omp_priv = {start})
 """
 _SIGN_REAL = """static inline real fg_sign_r(real a)
 {
@@ -199,6 +210,8 @@ def _helpers() -> dict[str, Callable[[bool], str]]:
         nan = " || a != a" if kind in FLOATS else ""
         for n, s in (("max", ">"), ("min", "<")):
             fixed(f"fg_{n}_{letter}", _MAX.format(t=kind, n=n, l=letter, s=s, nan=nan))
+        for n, s in (("atleast", "<"), ("atmost", ">")):
+            fixed(f"fg_{n}_{letter}", _EDGE.format(t=kind, n=n, l=letter, s=s))
         if kind not in FLOATS:
             fixed(f"fg_sign_{letter}", _SIGN_INT.format(t=kind, l=letter))
             top, most = (
@@ -207,6 +220,8 @@ def _helpers() -> dict[str, Callable[[bool], str]]:
                 else ("2147483648.0", "INT32_MAX")
             )
             fixed(f"fg_int_{letter}", _INT.format(t=kind, l=letter, top=top, most=most))
+    for n, called, start in (("max", "fg_most", "-INFINITY"), ("min", "fg_least", "INFINITY")):
+        fixed(f"reduce_{n}_together", _TOGETHER.format(n=n, called=called, start=start))
     fixed("fg_sign_r", _SIGN_REAL)
     fixed("fg_at", _AT)
     found["fg_tanh"] = lambda single: _TANH.format(f="f" if single else "", error=TANH_ERROR)

@@ -19,6 +19,7 @@ REDUCED = {  # the start, and what an element does to it
     "reduce_and": (True, "{0} &= {1};"),
     "reduce_or": (False, "{0} |= {1};"),
 }
+TOGETHER = {"reduce_sum": "+", "reduce_max": "fg_most", "reduce_min": "fg_least"}  # in OpenMP
 
 
 def _reduced(printer: Printer, each: Operation, index: Index) -> str:
@@ -40,7 +41,11 @@ def _reduced(printer: Printer, each: Operation, index: Index) -> str:
         printer.need(text[text.find("=") + 2 :])
         printer.line(text)
 
-    printer.loops(each, [value.shape[a] for a in axes], one)
+    pragma = ""
+    if printer.inline and kind == "real" and each.name in TOGETHER:
+        pragma = f"#pragma omp simd reduction({TOGETHER[each.name]}:{name})"
+        printer.helpers.add(f"{each.name}_together")
+    printer.loops(each, [value.shape[a] for a in axes], one, pragma)
     return name
 
 

@@ -29,7 +29,6 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.scipy.special import logsumexp
 from jaxtyping import Array, Bool, Float, Int
 
 from faultgauge.observers.divided_difference import (
@@ -121,14 +120,14 @@ class BranchInfo(NamedTuple):
 
 
 class _Changes(NamedTuple):
-    """Every change that a branch may have had: ln of its prior times its likelihood, its size and
-    the variance of that; and ln of the sum over the onsets. First steps and growths, then
-    recoveries of the faults."""
+    """Every change that a branch may have had: of each kind ln of its prior times its likelihood,
+    of each onset its `share` in that, the size and the variance of that. First steps and growths,
+    then recoveries of the faults."""
 
-    ell: Float[Array, "branches kinds onsets"]
+    total: Float[Array, "branches kinds"]
+    share: Float[Array, "branches kinds onsets"]
     f: Float[Array, "branches kinds onsets"]
     V: Float[Array, "branches kinds onsets"]
-    total: Float[Array, "branches kinds"]
 
 
 class _Sums(NamedTuple):
@@ -245,9 +244,9 @@ class Branching(eqx.Module):
         )
         changes = self._changes(state)
         info = self._info(state, changes)
-        state, ell = self._promoted(state, changes)
+        state, share = self._promoted(state, changes)
         opened = partial(self._opened, t, dt)
-        lanes, _ = where_needed(opened, self._alive(state), state.lanes, ell)
+        lanes, _ = where_needed(opened, self._alive(state), state.lanes, share)
         return self._alien(state._replace(lanes=lanes)), info
 
     # -- signatures
@@ -261,7 +260,7 @@ class Branching(eqx.Module):
         own = jnp.stack(
             [lanes.eta[:, self.filter.states + k, j] for j, k in enumerate(self.owner)], 1
         )
-        eta = jnp.einsum("bij,bjl->bil", flow.A, lanes.eta.reshape(B, n, K * A))
+        eta = jax.vmap(self.filter.through)(flow.A, lanes.eta.reshape(B, n, K * A))
         eta = eta.reshape(B, n, K, A)
         middle = (flow.up + flow.down) / 2
         sided = jnp.where(
@@ -313,8 +312,7 @@ class Branching(eqx.Module):
         given = state.lanes, Belief(*(a[at] for a in state.belief)), state.which[at]
         alive = self._alive(state)
         _, changes = where_needed(self._likely, alive, (), given)
-        ell = jnp.where(alive[:, None, None], changes.ell, NEVER)
-        return changes._replace(ell=ell, total=jnp.where(alive[:, None], changes.total, NEVER))
+        return changes._replace(total=jnp.where(alive[:, None], changes.total, NEVER))
 
     def _alive(self, state: BranchState) -> Bool[Array, "branches"]:
         """What has no weight gets none, but by being replaced."""
@@ -335,8 +333,8 @@ class Branching(eqx.Module):
         each = (c**2 * V - jnp.log1p(J * s2)) / 2
         f, present = c * V, there[:, self.owner, None]
         each = each + jnp.where(present, 0.0, self._inside(f, V, s2))
-        gain = logsumexp(each, axis=0) - np.log(len(SCALES))
-        share = jnp.exp(each - logsumexp(each, axis=0))
+        gain, share = _shared(each, 0)
+        gain = gain - np.log(len(SCALES))
         mean = jnp.sum(share * f, axis=0)
         V = jnp.sum(share * (V + (f - mean) ** 2), axis=0)
         legal = (more[which] >= 0)[:, :, None]
@@ -358,7 +356,7 @@ class Branching(eqx.Module):
         legal = ((less[which] >= 0) & there)[:, :, None]
         gone = jnp.where(legal, lanes.mass[:, :F] + rare + gain, NEVER), f, V
         ell, f, V = (jnp.concatenate(two, axis=1) for two in zip(steps, gone, strict=True))
-        return (), _Changes(ell, f, V, logsumexp(ell, axis=2))
+        return (), _Changes(*_shared(ell, 2), f, V)
 
     def _present(self, belief: Belief) -> Bool[Array, "filters faults"]:
         at = slice(self.filter.states, self.filter.states + self.filter.faults)
@@ -394,20 +392,20 @@ class Branching(eqx.Module):
     ) -> tuple[BranchState, Float[Array, "branches kinds onsets"]]:
         """The likeliest change that is likelier than none, in a branch of its own; and how likely
         each onset is beside every branch."""
-        B, K = self.branches, changes.ell.shape[1]
+        B, K = self.branches, changes.total.shape[1]
         after = state.weight[:B, None] + changes.total
         worth = jnp.where((after > np.log(KEPT)) & (changes.total > PROMOTED), after, NEVER)
         best = jnp.argmax(worth)
         b, k = best // K, best % K
-        ell = changes.ell[:, : self.kinds]
+        share = changes.share[:, : self.kinds]
 
         def go(state: BranchState) -> tuple[BranchState, Array]:
             after, place = self._branched(state, changes, b, k)
             new = (jnp.arange(B) == place)[:, None, None]
-            return after, jnp.where(new, ell[b], ell)
+            return after, jnp.where(new, share[b], share)
 
         def stay(state: BranchState) -> tuple[BranchState, Array]:
-            return state, ell
+            return state, share
 
         return jax.lax.cond(worth[b, k] > NEVER, go, stay, state)
 
@@ -422,9 +420,8 @@ class Branching(eqx.Module):
         kind = jnp.where(gone, k - K, k)
         fault = owner[kind]
         which = jnp.where(gone, less[state.which[b], fault], more[state.which[b], kind])
-        ell = changes.ell[b, k]
-        w = jnp.exp(ell - logsumexp(ell))
-        a = jnp.argmax(ell)
+        w = changes.share[b, k]
+        a = jnp.argmax(w)
         eta = state.lanes.eta[b, :, kind, a]
         f, V = self._alone(state, changes, b, k, kind, a, gone)
         mean = state.belief.mean[b] + eta * f
@@ -442,7 +439,7 @@ class Branching(eqx.Module):
         began = self._began(state, b, kind, jnp.stack([onset, wide]), f)
         since = state.since[b].at[fault].set(began)
         ever = state.ever[b].at[fault].set(1.0)
-        weight = state.weight[b] + logsumexp(ell)
+        weight = state.weight[b] + changes.total[b, k]
         # the place: where the same set stands already, or the least likely other one
         places = jnp.arange(B)
         same = (state.which[:B] == which) & ((places != b) | (which == state.which[b]))
@@ -578,11 +575,11 @@ class Branching(eqx.Module):
 
     # -- onsets
 
-    def _opened(self, t: Array, dt: Array, lanes: Lanes, ell: Array) -> tuple[Lanes, tuple[()]]:
+    def _opened(self, t: Array, dt: Array, lanes: Lanes, share: Array) -> tuple[Lanes, tuple[()]]:
         """An onset at this sample, behind the others, in the place of the one that is missed least:
         that whose neighbours lie closest for its age, and is not likely."""
         B, K, A = lanes.score.shape
-        likely = jnp.exp(ell - jnp.max(ell, axis=2, keepdims=True)) > HEAVY
+        likely = share > HEAVY * jnp.max(share, axis=2, keepdims=True)
         used, when = lanes.mass > NEVER / 2, lanes.onset
         far = jnp.full((B, K, 1), -1e9)
         older = jnp.concatenate([far, when[:, :, :-1]], axis=2)
@@ -592,17 +589,16 @@ class Branching(eqx.Module):
         cost = jnp.where(used, cost, -1.0)
         place = jnp.argmin(cost, axis=2)[:, :, None]
         index = np.arange(A)
-        gone = index == place
+
+        def at(a: Array, place: Array) -> Array:
+            return jnp.take_along_axis(a, place, axis=2, mode="clip")
+
         # its prior goes to the nearer neighbour
-        lost = jnp.where(gone & used, lanes.mass, NEVER)
-        to_older = when - older <= younger - when
-        none = jnp.full((B, K, 1), NEVER)
-        left = jnp.concatenate([jnp.where(to_older, lost, NEVER)[:, :, 1:], none], axis=2)
-        right = jnp.where(to_older, NEVER, lost)
+        lost = jnp.where(at(used, place), at(lanes.mass, place), NEVER)
+        heir = jnp.where(at(when - older <= younger - when, place), place - 1, place + 1)
+        mass = jnp.where(index == heir, jnp.logaddexp(at(lanes.mass, heir), lost), lanes.mass)
         fresh = jnp.log(self.prior.onset * jnp.maximum(dt, TICK))[:, None]
-        fresh = jnp.logaddexp(fresh, right[:, :, -1:])
-        right = jnp.concatenate([none, right[:, :, :-1]], axis=2)
-        mass = jnp.logaddexp(lanes.mass, jnp.logaddexp(left, right))
+        fresh = jnp.logaddexp(fresh, jnp.where(heir == A, lost, NEVER))
 
         def moved(a: Array, new: Array | np.ndarray | float) -> Array:
             """The onsets behind the one that went, one place down; `new` at the end."""
@@ -754,8 +750,8 @@ class Branching(eqx.Module):
         (belief, changes, log, which, since, ever), lanes = given
         F, n, K, d = self.filter.faults, self.filter.states, self.kinds, self.declared
         target = jnp.concatenate([jnp.array(self.more), jnp.array(self.less)], axis=1)[which]
-        w = jnp.exp(log[:, None, None] + changes.ell)
-        each, legal = jnp.sum(w, axis=2), target >= 0
+        each, legal = jnp.exp(log[:, None] + changes.total), target >= 0
+        w = changes.share * each[:, :, None]
         to = jnp.eye(len(self.more))[jnp.maximum(target, 0)] * legal[:, :, None]
         eta = lanes.eta[:, n : n + F]
         eta = jnp.concatenate([eta, eta[:, :, :F]], axis=2)
@@ -788,6 +784,15 @@ class Branching(eqx.Module):
         ever = jnp.sum(each[:, :, None] * held, axis=1)
         p = jnp.einsum("bk,bks->bs", each, to)
         return (), _Sums(p, mean, square, x, past, ever)
+
+
+def _shared(log: Array, axis: int) -> tuple[Array, Array]:
+    """(ln of the sum of exp(log) along `axis`, what each has of it)."""
+    top = jnp.max(log, axis=axis, keepdims=True)
+    top = jnp.where(jnp.isfinite(top), top, 0.0)
+    each = jnp.exp(log - top)
+    total = jnp.sum(each, axis=axis, keepdims=True)
+    return jnp.squeeze(jnp.log(total) + top, axis), each / total
 
 
 def _at(tree, k):
