@@ -125,13 +125,13 @@ ELEMENTWISE: dict[str, Callable[[Sequence[str], Kind, str], str]] = {
 
 _MAX = """static inline {t} fg_{n}_{l}({t} a, {t} b)
 {{
-    return a {s} b{nan} ? a : b;
+    return {test} ? a : b;
 }}
 """
 _EDGE = """/* `b` is a number, `a` may be none */
 static inline {t} fg_{n}_{l}({t} a, {t} b)
 {{
-    return a {s} b ? b : a;
+    return (a {s} b) ? b : a;
 }}
 """
 _TOGETHER = """#pragma omp declare reduction({called}: real: \\
@@ -139,24 +139,25 @@ _TOGETHER = """#pragma omp declare reduction({called}: real: \\
 """
 _SIGN_REAL = """static inline real fg_sign_r(real a)
 {
-    return a > 0 ? (real)1 : a < 0 ? (real)-1 : a;
+    return (a > 0) ? (real)1 : ((a < 0) ? (real)-1 : a);
 }
 """
 _SIGN_INT = """static inline {t} fg_sign_{l}({t} a)
 {{
-    return a > 0 ? 1 : a < 0 ? -1 : 0;
+    return (a > 0) ? 1 : ((a < 0) ? -1 : 0);
 }}
 """
 _AT = """/* a place within an array, whatever is asked for */
 static inline int32_t fg_at(int64_t place, int32_t last)
 {
-    return place < 0 ? 0 : place > last ? last : (int32_t)place;
+    return (place < 0) ? 0 : ((place > last) ? last : (int32_t)place);
 }
 """
 _INT = """/* the nearest that fits; 0 where it is no number */
 static inline {t} fg_int_{l}(real a)
 {{
-    return a != a ? 0 : a >= (real){top} ? {most} : a <= -(real){top} ? -{most} - 1 : ({t})a;
+    return (a != a) ? 0
+        : ((a >= (real){top}) ? {most} : ((a <= -(real){top}) ? (-{most} - 1) : ({t})a));
 }}
 """
 # A rational minimax approximation of tanh on +-7.9, as Eigen has it (MPL 2.0 in its source; the
@@ -207,9 +208,9 @@ def _helpers() -> dict[str, Callable[[bool], str]]:
     for kind, letter in LETTERS.items():
         if kind == "bool":
             continue
-        nan = " || a != a" if kind in FLOATS else ""
         for n, s in (("max", ">"), ("min", "<")):
-            fixed(f"fg_{n}_{letter}", _MAX.format(t=kind, n=n, l=letter, s=s, nan=nan))
+            test = f"((a {s} b) || (a != a))" if kind in FLOATS else f"(a {s} b)"
+            fixed(f"fg_{n}_{letter}", _MAX.format(t=kind, n=n, l=letter, test=test))
         for n, s in (("atleast", "<"), ("atmost", ">")):
             fixed(f"fg_{n}_{letter}", _EDGE.format(t=kind, n=n, l=letter, s=s))
         if kind not in FLOATS:

@@ -104,16 +104,18 @@ def _extreme(printer: Printer, each: Operation, index: Index) -> str:
     printer.line(f"{real} {best} = {first};")
 
     def one(inner: Index) -> None:
-        (step,) = inner
+        step = inner[0] + 1
         now = printer.named(printer.at(value, (*index[:axis], step, *index[axis:])), kind)
-        nan = f" || ({now} != {now} && {best} == {best})" if kind in FLOATS else ""
+        test = f"{now} {sign} {best}"
+        if kind in FLOATS:
+            test = f"({test}) || (({now} != {now}) && ({best} == {best}))"
         printer.done("max")
-        printer.line(f"if ({now} {sign} {best}{nan}) {{")
+        printer.line(f"if ({test}) {{")
         printer.line(f"    {best} = {now};")
         printer.line(f"    {place} = {step.text};")
         printer.line("}")
 
-    printer.loops(each, [value.shape[axis]], one)
+    printer.loops(each, [value.shape[axis] - 1], one)
     return place
 
 

@@ -52,7 +52,7 @@ def window(
             place = place_of(printer, starts, which, last)
             if checked and not _within(starts, j, last):
                 text = printer.at(starts, which)
-                inside += [f"{text} >= 0", f"{text} <= {last}"]
+                inside += [f"({text} >= 0)", f"({text} <= {last})"]
         if d in axes.batched:
             place = place + batch[axes.theirs[axes.batched.index(d)]]
         elif d not in axes.dropped:
