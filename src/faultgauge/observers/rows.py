@@ -44,13 +44,15 @@ def where_needed(
                 return jax.lax.dynamic_update_slice_in_dim(a, new, k, 0)
 
             def go(carry: tuple) -> tuple:
-                new = of(*(jax.tree.map(row, tree) for tree in (carry[0], given)))
-                return jax.tree.map(put, carry, new)
+                # answers first: they may still read the state that was
+                new = of(*(jax.tree.map(row, tree) for tree in (carry[1], given)))
+                return jax.tree.map(put, carry, new[::-1])
 
             return jax.lax.cond(needed[k], go, lambda carry: carry, carry), None
 
         nothing = jax.tree.map(lambda each: jnp.zeros(each.shape, each.dtype), shapes)
         places = jnp.arange(len(needed), dtype=jnp.uint32)  # which are never negative
-        return jax.lax.scan(one, (state, nothing), places)[0]
+        said, state = jax.lax.scan(one, (nothing, state), places)[0]
+        return state, said
 
     return jax.lax.platform_dependent(needed, state, given, c=in_turn, default=at_once)
