@@ -243,8 +243,9 @@ class DividedDifferenceFilter(eqx.Module):
             jnp.concatenate([LEAST * self.scale, self.probe]),
         )
         one = np.eye(n + k)
-        points = belief.mean[: n + k] + np.concatenate([0 * one[:1], one, -one]) * s
-        images = jax.vmap(of)(points[:, :n], points[:, n:])
+        sides = np.concatenate([0 * one[:, :1], one, -one], axis=1)
+        points = belief.mean[: n + k, None] + sides * s[:, None]
+        images = jax.vmap(of, in_axes=1)(points[:n], points[n:])
         at, over, under = images[0], images[1 : 1 + n + k], images[1 + n + k :]
         up, down = (over - at) / s[:, None], (at - under) / s[:, None]
         return at, (up[:n] + down[:n]).T / 2, up[n:].T, down[n:].T
