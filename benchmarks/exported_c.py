@@ -159,8 +159,12 @@ for precision in ("double", "single"):
     printed = print_step(step, "rig", single=precision == "single")
     for flags in (["-O2"], [*FASTER, "-march=native"]):
         with Native(printed, flags) as native:
-            title = f"{precision} {' '.join(flags)}"
-            measure(title, lambda: native.run(samples), "Python", python)
+
+            def run_plain() -> None:
+                native.begin()
+                native.run(samples)
+
+            measure(f"{precision} {' '.join(flags)}", run_plain, "Python", python)
     counted = ", ".join(f"{n:,} {kind}" for kind, n in printed.operations.items())
     work = printed.bytes_of(printed.work)
     print(f"{precision}: {printed.saved_bytes:,} bytes of state and {work:,} of work; {counted}")
