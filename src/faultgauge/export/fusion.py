@@ -28,6 +28,7 @@ FUNCTIONS = {
 }  # fmt: skip
 PARTS = 3  # at most, that are read where they are, without being joined,
 LARGE = 512  # where joining takes longer than a loop that is cut
+MANY = 32  # calls of a function from which on their vector is worth its memory
 CHEAP = {"neg", "not", "convert_element_type", "select_n", "is_finite"}
 
 
@@ -127,7 +128,7 @@ def _decide(
         if id(out) in kept:
             places = {(id(out),): once}
         if _gathers(each):  # compilers make vectors of functions, but not within sums
-            kept |= {id(v) for v in each.inputs if id(v) in dear}
+            kept |= {id(v) for v in each.inputs if id(v) in dear and v.size >= MANY}
         if _reorders(each) or (each.name in SOUGHT and id(each.inputs[0]) in joined):
             kept.add(id(each.inputs[0]))
         turns = _turns(each)
