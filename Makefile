@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed-$(shell $(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info[:2])')
 
-.PHONY: demo test studies fuzz kills check lint bench lock docs peers clean
+.PHONY: demo test studies fuzz kills check lint bench lock docs peers emulators clean
 
 demo: $(STAMP)
 	$(BIN)/faultgauge demo --out out
@@ -42,6 +42,15 @@ bench: $(STAMP)
 peers:
 	$(PYTHON) -m venv .venv-peers
 	.venv-peers/bin/pip install --quiet jax-sysid==1.1.0
+
+# What exported C and FMUs are tried with besides: Debian's compilers and emulators (as root), and
+# FMPy, which lives apart.
+emulators:
+	apt-get update
+	apt-get install -y --no-install-recommends clang cppcheck gcc-aarch64-linux-gnu \
+		libc6-dev-arm64-cross qemu-user gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm
+	$(PYTHON) -m venv .venv-fmpy
+	.venv-fmpy/bin/pip install --quiet fmpy==0.3.32
 
 # The lock holds every package with its hashes, for Python 3.11 to 3.13, and no address.
 lock:

@@ -6,10 +6,15 @@ The rig of `studies/decisions` with three faults: 8 sets, the unknown one includ
 same samples in one thread, turn by turn, and the median of the ratios counts, by the clock of the
 process. The engine is what `estimate --engine c` runs: all that events are found from, for this
 processor. Where filterpy is installed (`pip install faultgauge[peers]`) its EKF of the rig's states
-alone, without any fault, runs beside. Last an ESO over the wheel with two networks (IESONN).
+alone, without any fault, runs beside. The engine is also timed over a window with two faults, where
+all branches of the bank live. Where arm-none-eabi-gcc is installed, the size of the float build for
+a Cortex-M4 is told. Last an ESO over the wheel with two networks (IESONN).
 """
 
 import os
+import re
+import shutil
+import subprocess
 import sys
 import tempfile
 import time
@@ -28,10 +33,11 @@ import numpy as np
 from faultgauge.detection.bank import build_fault_bank
 from faultgauge.detection.noise_estimation import estimate_noise
 from faultgauge.detection.watch import Watch
-from faultgauge.export.compile import Step, print_step
+from faultgauge.export.compile import Printed, Step, print_step
 from faultgauge.export.engine import Engine
 from faultgauge.export.entry import step_of
 from faultgauge.export.native import FASTER, Native
+from faultgauge.export.sources import header, step_source, table_source
 from faultgauge.observers.eso import ExtendedStateObserver
 from faultgauge.observers.observer import ObserverState
 from faultgauge.plants.gray_box import GrayBoxPlant, load_plant
@@ -48,6 +54,7 @@ plant = GrayBoxPlant(signals, base.spec, base.networks, base.parameters)
 model = true_model(plant, runs)
 bank = build_fault_bank(model, runs, noise)
 log = window(10_002, seconds=float(COUNT)).run
+faulted = window(20_003, ("heater_p", "sensor_a"), seconds=float(COUNT)).run
 watch = Watch(model, tuple(log.columns), log.step, bank=bank)
 step = step_of(bank)
 samples = {name: log.t if name == "t" else log.columns[name] for name in step.sample}
@@ -63,6 +70,10 @@ def python() -> None:
     watch.along(watch.init(), log)
 
 
+def python_faulted() -> None:
+    watch.along(watch.init(), faulted)
+
+
 def measure(title: str, work: Callable[[], object], other: str, beside: Callable[[], object]):
     ratios, seconds = [], []
     for _ in range(ROUNDS):
@@ -73,6 +84,28 @@ def measure(title: str, work: Callable[[], object], other: str, beside: Callable
     print(
         f"{title}: {each:.1f} us a sample, {other} {ratio:.2f} [{low:.2f}, {high:.2f}] times that"
     )
+
+
+def told_size(printed: Printed) -> None:
+    """Of what a linker keeps of the step and the C library for a Cortex-M4."""
+    if shutil.which("arm-none-eabi-gcc") is None:
+        print("Cortex-M4: arm-none-eabi-gcc is not installed (make emulators)")
+        return
+    cpu = ["-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16"]
+    flags = ["-std=c99", "-ffunction-sections", "-fdata-sections", "-nostartfiles"]
+    kept = ["-Wl,--gc-sections", f"-Wl,-e,{printed.name}_step", f"-Wl,-u,{printed.name}_init"]
+    with tempfile.TemporaryDirectory() as name:
+        files = {".h": header, ".c": step_source, "_tables.c": table_source}
+        for end, text in files.items():
+            (Path(name) / f"{printed.name}{end}").write_text(text(printed, ""))
+        sources = [f"{printed.name}.c", f"{printed.name}_tables.c"]
+        for level in ("-Os", "-O2"):
+            command = ["arm-none-eabi-gcc", *cpu, *flags, level, "--specs=nosys.specs", *kept]
+            subprocess.run([*command, *sources, "-lm"], cwd=name, check=True, capture_output=True)
+            size = ["arm-none-eabi-size", "a.out"]
+            said = subprocess.run(size, cwd=name, check=True, capture_output=True, text=True)
+            text, data, bss = (int(n) for n in re.findall(r"\d+", said.stdout)[:3])
+            print(f"Cortex-M4, float, {level}: {text:,} bytes of text, {data + bss:,} of data")
 
 
 def ekf() -> Callable[[], object]:
@@ -103,6 +136,7 @@ def ekf() -> Callable[[], object]:
 
 
 python()  # compiles
+python_faulted()
 with tempfile.TemporaryDirectory() as folder:
     engine = Engine(Path(folder))
     took = timed(lambda: engine(watch, watch.init(), log))
@@ -110,7 +144,11 @@ with tempfile.TemporaryDirectory() as folder:
     def run() -> None:
         engine(watch, watch.init(), log)
 
+    def run_faulted() -> None:
+        engine(watch, watch.init(), faulted)
+
     measure("engine", run, "Python", python)
+    measure("engine, two faults", run_faulted, "Python", python_faulted)
     if find_spec("filterpy"):
         measure("engine", run, "filterpy's EKF", ekf())
     start = time.perf_counter()
@@ -121,11 +159,17 @@ for precision in ("double", "single"):
     printed = print_step(step, "rig", single=precision == "single")
     for flags in (["-O2"], [*FASTER, "-march=native"]):
         with Native(printed, flags) as native:
-            title = f"{precision} {' '.join(flags)}"
-            measure(title, lambda: native.run(samples), "Python", python)
+
+            def run_plain() -> None:
+                native.begin()
+                native.run(samples)
+
+            measure(f"{precision} {' '.join(flags)}", run_plain, "Python", python)
     counted = ", ".join(f"{n:,} {kind}" for kind, n in printed.operations.items())
     work = printed.bytes_of(printed.work)
     print(f"{precision}: {printed.saved_bytes:,} bytes of state and {work:,} of work; {counted}")
+    if precision == "single":
+        told_size(printed)
 
 rng = np.random.default_rng(0)
 wheel = jax.tree.map(  # its networks as if they were trained

@@ -14,6 +14,7 @@ from scipy.special import erfinv
 from faultgauge.errors import InputError
 from faultgauge.export.compile import Step, identifier, print_step
 from faultgauge.export.native import FASTER, Native
+from faultgauge.observers.rows import where_needed
 
 COUNT = 40
 # libm and XLA round exp, log, erf and their like differently: a few units in the last place
@@ -186,4 +187,33 @@ def test_only_one_side_of_a_condition_is_computed_and_constants_are_not():
     assert printed.operations["functions"] == 2
     assert printed.step.count("exp(") == 2
     assert not printed.tables.strip()
+    assert [each.kind for each in printed.work] == ["int32_t"]  # the choice
+
+
+def test_what_no_turn_of_a_loop_changes_is_computed_once():
+    def one(state, given):
+        def turn(total, k):
+            return total + k * jnp.exp(given["x"]), None
+
+        return state, {"y": lax.scan(turn, 0.0, jnp.arange(5.0))[0]}
+
+    printed = print_step(Step(one, (), {"x": jnp.zeros(())}, {}), "one")
+    assert printed.operations["functions"] == 1
+
+
+def test_rows_that_need_no_answer_are_neither_computed_nor_copied(cc):
+    """Two of three rows go on where they lie; NaN in the one that does not would be seen."""
+    rows, more = jnp.array([[1.0, 2.0], [np.nan, 0.0], [3.0, 4.0]]), jnp.arange(3.0)
+
+    def one(state, given):
+        state, said = where_needed(
+            lambda a, b: (2 * a + b[:, None], jnp.sum(a, axis=1)), given["needed"] > 0, state, more
+        )
+        return state, {"y": said}
+
+    printed = print_step(Step(one, rows, {"needed": jnp.zeros(3)}, {}), "one")
+    with Native(printed) as native:
+        said = native.run({"needed": np.array([[1.0, 0.0, 1.0]] * 2)})
+        np.testing.assert_array_equal(said["y"], [[3, 0, 7], [6, 0, 18]])
+        np.testing.assert_array_equal(native.state["value"][0], [4, 8, np.nan, 0, 18, 22])
     assert [each.kind for each in printed.work] == ["int32_t"]  # the choice

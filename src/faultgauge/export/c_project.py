@@ -245,8 +245,25 @@ global that changes, and every loop has a fixed number of turns. Only `<math.h>`
 can be copied, saved and restored: with the same samples the same numbers follow to the bit. Compile
 without `-ffast-math`, which drops NAN.$tanh
 
+## MISRA C:2012
+
+cppcheck's addon finds these deviations and no others in the library's three files (the test is not
+part of it); rules that it cannot check were not reviewed:
+
+$deviations
+
 Made by faultgauge $version from the model with SHA-256 `$digest`.
 """
+
+
+# from rules of MISRA C:2012 (cppcheck's addon tells where: tests/export/test_machines.py)
+DEVIATIONS = {
+    "2.4": "the enumerations' tags are names for the caller, and for debuggers.",
+    "2.5": "the size of what lasts from step to step is a macro for the caller.",
+    "10.3": "truth values are integers as wide as the numbers, so that both fit one vector.",
+    "10.6": "the same, and places within arrays, which are bounded where they are found.",
+    "12.1": "operands of the conditional operator that are sums; they stand in parentheses.",
+}
 
 
 def _readme(printed: Printed, request: Request, version: str) -> str:
@@ -273,6 +290,7 @@ def _readme(printed: Printed, request: Request, version: str) -> str:
         timed=f"{TIMED:,}",
         measured=_measured(printed, request.step),
         tanh=tanh,
+        deviations="\n".join(f"- {rule}: {why}" for rule, why in DEVIATIONS.items()),
         version=version,
         digest=request.digest,
     )

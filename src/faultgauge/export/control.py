@@ -29,7 +29,7 @@ def _cond(printer: Printer, each: Operation) -> None:
         for out, value in zip(each.outputs, block.outputs, strict=True):
             printer.store(value, printer.held[id(out)], copy=True)
         last = turn == len(order) - 1
-        head = "" if last else f"{text} == {k}" if len(order) > 2 else text
+        head = "" if last else f"{text} == {k}" if len(order) > 2 else f"{text} != 0"
         if len(order) > 2 and k == 0:
             head = f"{text} <= 0"
         ways.append((head, printer.nodes))

@@ -90,6 +90,8 @@ ELEMENTWISE: dict[str, Callable[[Sequence[str], Kind, str], str]] = {
     "neg": lambda a, k, f: f"(-{a[0]})",
     "max": _helped("fg_max"),
     "min": _helped("fg_min"),
+    "atleast": _helped("fg_atleast"),
+    "atmost": _helped("fg_atmost"),
     "sign": _helped("fg_sign"),
     "abs": lambda a, k, f: (
         f"fabs{f}({a[0]})" if k in FLOATS else f"({a[0]} < 0 ? -{a[0]} : {a[0]})"
@@ -123,29 +125,39 @@ ELEMENTWISE: dict[str, Callable[[Sequence[str], Kind, str], str]] = {
 
 _MAX = """static inline {t} fg_{n}_{l}({t} a, {t} b)
 {{
-    return a {s} b{nan} ? a : b;
+    return {test} ? a : b;
 }}
+"""
+_EDGE = """/* `b` is a number, `a` may be none */
+static inline {t} fg_{n}_{l}({t} a, {t} b)
+{{
+    return (a {s} b) ? b : a;
+}}
+"""
+_TOGETHER = """#pragma omp declare reduction({called}: real: \\
+    omp_out = fg_{n}_r(omp_out, omp_in)) initializer(omp_priv = {start})
 """
 _SIGN_REAL = """static inline real fg_sign_r(real a)
 {
-    return a > 0 ? (real)1 : a < 0 ? (real)-1 : a;
+    return (a > 0) ? (real)1 : ((a < 0) ? (real)-1 : a);
 }
 """
 _SIGN_INT = """static inline {t} fg_sign_{l}({t} a)
 {{
-    return a > 0 ? 1 : a < 0 ? -1 : 0;
+    return (a > 0) ? 1 : ((a < 0) ? -1 : 0);
 }}
 """
 _AT = """/* a place within an array, whatever is asked for */
 static inline int32_t fg_at(int64_t place, int32_t last)
 {
-    return place < 0 ? 0 : place > last ? last : (int32_t)place;
+    return (place < 0) ? 0 : ((place > last) ? last : (int32_t)place);
 }
 """
 _INT = """/* the nearest that fits; 0 where it is no number */
 static inline {t} fg_int_{l}(real a)
 {{
-    return a != a ? 0 : a >= (real){top} ? {most} : a <= -(real){top} ? -{most} - 1 : ({t})a;
+    return (a != a) ? 0
+        : ((a >= (real){top}) ? {most} : ((a <= -(real){top}) ? (-{most} - 1) : ({t})a));
 }}
 """
 # A rational minimax approximation of tanh on +-7.9, as Eigen has it (MPL 2.0 in its source; the
@@ -196,9 +208,11 @@ def _helpers() -> dict[str, Callable[[bool], str]]:
     for kind, letter in LETTERS.items():
         if kind == "bool":
             continue
-        nan = " || a != a" if kind in FLOATS else ""
         for n, s in (("max", ">"), ("min", "<")):
-            fixed(f"fg_{n}_{letter}", _MAX.format(t=kind, n=n, l=letter, s=s, nan=nan))
+            test = f"((a {s} b) || (a != a))" if kind in FLOATS else f"(a {s} b)"
+            fixed(f"fg_{n}_{letter}", _MAX.format(t=kind, n=n, l=letter, test=test))
+        for n, s in (("atleast", "<"), ("atmost", ">")):
+            fixed(f"fg_{n}_{letter}", _EDGE.format(t=kind, n=n, l=letter, s=s))
         if kind not in FLOATS:
             fixed(f"fg_sign_{letter}", _SIGN_INT.format(t=kind, l=letter))
             top, most = (
@@ -207,6 +221,8 @@ def _helpers() -> dict[str, Callable[[bool], str]]:
                 else ("2147483648.0", "INT32_MAX")
             )
             fixed(f"fg_int_{letter}", _INT.format(t=kind, l=letter, top=top, most=most))
+    for n, called, start in (("max", "fg_most", "-INFINITY"), ("min", "fg_least", "INFINITY")):
+        fixed(f"reduce_{n}_together", _TOGETHER.format(n=n, called=called, start=start))
     fixed("fg_sign_r", _SIGN_REAL)
     fixed("fg_at", _AT)
     found["fg_tanh"] = lambda single: _TANH.format(f="f" if single else "", error=TANH_ERROR)

@@ -12,6 +12,7 @@ __all__ = ["Functions"]
 
 LONG = 120  # lines
 NAME = re.compile(r"\b[kx]\d+\b")
+IDLE = re.compile(r"\s*(\S.*) = \1;$")
 MADE = re.compile(r"\s*const \w+ ([kx]\d+) = ")
 
 
@@ -67,7 +68,7 @@ class Functions:
         for each in nodes:
             if isinstance(each, Statement):
                 own = [] if each.idle else flat(each.lines)
-                lines += [self.placed(line) for line in _read_ones(own)]
+                lines += _changing([self.placed(line) for line in _read_ones(own)])
             elif isinstance(each, Loop):
                 lines += [each.head, *(f"    {line}" for line in self._lines(each.body)), "}"]
             else:
@@ -91,3 +92,14 @@ def _read_ones(lines: list[str]) -> list[str]:
         if len(kept) == len(lines):
             return lines
         lines = kept
+
+
+def _changing(lines: list[str]) -> list[str]:
+    """The lines without copies of an element onto itself, and without loops that are empty then."""
+    kept: list[str] = []
+    for line in lines:
+        if line.strip() == "}" and kept and kept[-1].strip().startswith("for ("):
+            kept.pop()
+        elif not IDLE.match(line):
+            kept.append(line)
+    return kept

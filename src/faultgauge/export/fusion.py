@@ -28,6 +28,7 @@ FUNCTIONS = {
 }  # fmt: skip
 PARTS = 3  # at most, that are read where they are, without being joined,
 LARGE = 512  # where joining takes longer than a loop that is cut
+MANY = 32  # calls of a function from which on their vector is worth its memory
 CHEAP = {"neg", "not", "convert_element_type", "select_n", "is_finite"}
 
 
@@ -42,20 +43,21 @@ def kept_values(program: Program) -> set[int]:
     """The ids of the values that get memory (or, where they are scalars, a variable)."""
     cost: dict[int, float] = {}
     joined: set[int] = set()  # what reads parts of several arrays, which a loop must know
-    _costs(program.body, cost, joined)
+    dear: set[int] = set()  # what calls a function
+    _costs(program.body, cost, joined, dear)
     kept: set[int] = set()
     # how often each value is computed, by where: once per place, however many read it there
     reads: dict[int, dict[tuple[int, ...], float]] = defaultdict(dict)
-    _decide(program.body, 1.0, cost, kept, reads, joined)
+    _decide(program.body, 1.0, cost, kept, reads, joined, dear)
     return kept
 
 
-def _costs(block: Block, cost: dict[int, float], joined: set[int]) -> None:
+def _costs(block: Block, cost: dict[int, float], joined: set[int], dear: set[int]) -> None:
     """Of one element, in additions; what it reads costs a load at most, since it will be kept where
     it costs more."""
     for each in block.operations:
         for inner in each.blocks:
-            _costs(inner, cost, joined)
+            _costs(inner, cost, joined, dear)
         inputs = {id(v): v for v in each.inputs if not v.known}
         reads = [min(cost.get(key, 1.0), 1.0) for key in inputs]
         below = max(reads, default=0.0) if each.name == "concatenate" else sum(reads)
@@ -63,6 +65,9 @@ def _costs(block: Block, cost: dict[int, float], joined: set[int]) -> None:
             cost[id(out)] = 1.0 if whole(each) else _own(each) + below * _turns(each)
             if not whole(each) and (each.name == "concatenate" or not joined.isdisjoint(inputs)):
                 joined.add(id(out))
+            calls = each.name in FUNCTIONS or not dear.isdisjoint(inputs)
+            if calls and not whole(each) and not _gathers(each):
+                dear.add(id(out))
 
 
 def _own(each: Operation) -> float:
@@ -75,12 +80,18 @@ def _own(each: Operation) -> float:
     return DEAR.get(each.name, 1.0) * _turns(each)
 
 
+def _gathers(each: Operation) -> bool:
+    """Whether an element takes many elements of another array."""
+    reduces = each.name.startswith(("reduce_", "argm")) and each.name != "reduce_precision"
+    return reduces or each.name == "dot_general"
+
+
 def _turns(each: Operation) -> float:
     """Elements that one element of the output takes."""
     if each.name == "dot_general":
         (lhs, _), _ = each.params["dimension_numbers"]
         return float(prod(each.inputs[0].shape[k] for k in lhs))
-    if each.name.startswith(("reduce_", "argm")) and each.name != "reduce_precision":
+    if _gathers(each):
         return each.inputs[0].size / max(each.outputs[0].size, 1)
     return 1.0
 
@@ -92,6 +103,7 @@ def _decide(
     kept: set[int],
     reads: dict[int, dict[tuple[int, ...], float]],
     joined: set[int],
+    dear: set[int],
 ) -> None:
     """From the end to the beginning, since what is kept depends on who reads it."""
     for out in block.outputs:
@@ -101,7 +113,9 @@ def _decide(
             for v in each.inputs:
                 kept.add(id(v))
             for inner in each.blocks:
-                _decide(inner, times * each.params.get("length", 1), cost, kept, reads, joined)
+                _decide(
+                    inner, times * each.params.get("length", 1), cost, kept, reads, joined, dear
+                )
             continue
         if each.name == "sort":
             kept |= {id(v) for v in each.outputs}
@@ -113,6 +127,8 @@ def _decide(
             kept.add(id(out))
         if id(out) in kept:
             places = {(id(out),): once}
+        if _gathers(each):  # compilers make vectors of functions, but not within sums
+            kept |= {id(v) for v in each.inputs if id(v) in dear and v.size >= MANY}
         if _reorders(each) or (each.name in SOUGHT and id(each.inputs[0]) in joined):
             kept.add(id(each.inputs[0]))
         turns = _turns(each)

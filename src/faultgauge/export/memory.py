@@ -114,8 +114,10 @@ def _live(nodes: Sequence[Node], after: set[Array], apart: dict[Array, set[Array
     live = after
     for each in reversed(nodes):
         if isinstance(each, Statement):
+            # a copy and its original may stay one for as long as neither changes
+            alike = each.there if each.copy else set()
             for new in each.writes:
-                for other in (live | each.reads | each.writes) - {new}:
+                for other in (live | each.reads | each.writes) - {new} - alike:
                     apart[new].add(other)
                     apart[other].add(new)
             live = (live if each.part else live - each.writes) | each.reads | each.there

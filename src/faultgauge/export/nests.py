@@ -2,22 +2,25 @@
 
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from faultgauge.export.places import ELEMENT, Place
 
 __all__ = ["Nest", "flat", "merged"]
 
+VECTOR = 16  # turns of a sum from which on it is worth being several
 VARIABLE = re.compile(r"\bi\d+\b")
 
 
 @dataclass(eq=False)
 class Nest:
-    """A loop of `length` turns over the variable `name`."""
+    """A loop of `length` turns over the variable `name`; a `pragma` tells compilers what they
+    cannot see."""
 
     name: str
     length: int
     body: "list[str | Nest]"
+    pragma: str = ""
 
 
 def merged(body: "Sequence[str | Nest]") -> "list[str | Nest]":
@@ -26,12 +29,13 @@ def merged(body: "Sequence[str | Nest]") -> "list[str | Nest]":
     found: list[str | Nest] = []
     for each in body:
         if isinstance(each, Nest):
-            each = Nest(each.name, each.length, merged(each.body))
+            each = replace(each, body=merged(each.body))
             inner = each.body[0]
             if len(each.body) == 1 and isinstance(inner, Nest):
                 together = _together(each, inner)
                 if together is not None:
-                    each = Nest(inner.name, each.length * inner.length, together)
+                    length = each.length * inner.length
+                    each = Nest(inner.name, length, together, inner.pragma)
         found.append(each)
     return found
 
@@ -67,7 +71,7 @@ def _without(name: str, body: "Sequence[str | Nest]") -> "list[str | Nest]":
     return [
         ELEMENT.sub(dropped, each)
         if isinstance(each, str)
-        else Nest(each.name, each.length, _without(name, each.body))
+        else replace(each, body=_without(name, each.body))
         for each in body
     ]
 
@@ -80,6 +84,8 @@ def flat(body: "Sequence[str | Nest]") -> list[str]:
             lines.append(each)
             continue
         name = each.name
+        if each.pragma and each.length >= VECTOR:
+            lines.append(each.pragma)
         lines.append(f"for (int32_t {name} = 0; {name} < {each.length}; {name}++) {{")
         lines += [*(f"    {line}" for line in flat(each.body)), "}"]
     return lines

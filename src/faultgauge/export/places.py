@@ -57,7 +57,9 @@ class Place:
         found = ""
         for name, factor in self.terms:
             sign = (" - " if found else "-") if factor < 0 else (" + " if found else "")
-            found += f"{sign}{name}" if abs(factor) == 1 else f"{sign}{abs(factor)} * {name}"
+            alone = len(self.terms) == 1 and self.offset == 0
+            product = f"{abs(factor)} * {name}"
+            found += sign + (name if abs(factor) == 1 else product if alone else f"({product})")
         if not found:
             return str(self.offset)
         if self.offset == 0:

@@ -1,5 +1,6 @@
 """A program as statements of C: loops over static shapes, one for every array that is kept."""
 
+import re
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -20,6 +21,8 @@ __all__ = ["Cut", "Forms", "Index", "Printer", "bare", "refused", "simple"]
 
 Index = tuple[Place, ...]
 LONG = 60  # characters of an expression that gets a name
+NUMBER = re.compile(r"-?[0-9][0-9.e+-]*f?$")
+EDGES = {"max": "atleast", "min": "atmost"}  # of which one side is a number: quicker
 
 
 @dataclass
@@ -196,9 +199,15 @@ class Printer:
         self.store(value, into, copy=True)
         return into
 
-    def loops(self, owner: object, shape: Sequence[int], body: Callable[[Index], None]) -> None:
+    def loops(
+        self,
+        owner: object,
+        shape: Sequence[int],
+        body: Callable[[Index], None],
+        pragma: str = "",
+    ) -> None:
         """Nested loops over `shape` around what `body` prints at an index; `owner` is what they
-        run over, by which they are cut."""
+        run over, by which they are cut; the innermost one has the `pragma`."""
 
         def inner(axis: int, index: Index) -> None:
             if axis == len(shape):
@@ -216,7 +225,8 @@ class Printer:
                 inner(axis + 1, (*index, Place.variable(name) + first))
                 scope = self.scopes.pop()
                 if scope.body:
-                    self.scopes[-1].body.append(Nest(name, end - first, scope.body))
+                    own = pragma if axis == len(shape) - 1 else ""
+                    self.scopes[-1].body.append(Nest(name, end - first, scope.body, own))
 
         inner(0, ())
 
@@ -279,6 +289,8 @@ class Printer:
             return arguments[1 - list(arguments).index(infinite)]
         if name == "mul" and "1.0" in arguments:
             return arguments[1 - list(arguments).index("1.0")]
+        if name in EDGES and any(map(NUMBER.match, arguments)):
+            name, arguments = EDGES[name], sorted(arguments, key=lambda a: bool(NUMBER.match(a)))
         self.done(name)
         text = ELEMENTWISE[name](arguments, kind, "" if kind == "wide" else self.suffix)
         if name == "tanh" and self.fast_tanh:

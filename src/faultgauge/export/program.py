@@ -116,9 +116,11 @@ class _Flattening:
             )
         outputs = [_value(each.aval) for each in equation.outvars]
         if name == "platform_index":
-            order = [None if p is None else tuple(p) for p in params["platforms"]]
-            at = next((k for k, p in enumerate(order) if p and "cpu" in p), order.index(None))
-            return [_constant(np.int32(at))]
+            order = [tuple(p or ("any",)) for p in params["platforms"]]
+            for wanted in ("c", "cpu", "any"):
+                at = next((k for k, p in enumerate(order) if wanted in p), None)
+                if at is not None:
+                    return [_constant(np.int32(at))]
         if name == "cond" and given[0].known:
             at = int(np.clip(self._now(given[0]), 0, len(params["branches"]) - 1))
             return self._inlined(params["branches"][at], given[1:], into)
@@ -238,8 +240,10 @@ def _read(block: Block) -> Iterator[Value]:
 
 
 def tidy(body: Block) -> None:
-    """Drop what changes nothing, what was computed already, and what nobody reads."""
+    """Drop what changes nothing, what was computed already, and what nobody reads; take out of
+    loops what every turn would compute alike."""
     _same(body, {}, {})
+    _hoisted(body)
     _used(body, set())
 
 
@@ -332,6 +336,38 @@ def _strided(each: Operation) -> bool:
 
 def _everywhere(value: Value, number: int) -> bool:
     return value.array is not None and bool(np.all(value.array == number))
+
+
+def _hoisted(block: Block) -> None:
+    """Put what does not depend on the turn of a loop before the loop, also where only some turns
+    need it, but not what a condition within them spares."""
+    kept = []
+    for each in block.operations:
+        for inner in each.blocks:
+            _hoisted(inner)
+        if each.name == "scan":
+            own = {id(v) for v in each.blocks[0].carries}
+            kept += _outside(each.blocks[0], own, 1)
+        kept.append(each)
+    block.operations = kept
+
+
+def _outside(block: Block, own: set[int], depth: int) -> list[Operation]:
+    """Operations that read nothing of their `own` loop, taken out of its body, and out of as many
+    conditions in each other as `depth` says."""
+    out, kept = [], []
+    for each in block.operations:
+        if each.name == "cond" and depth:
+            for inner in each.blocks:
+                out += _outside(inner, own, depth - 1)
+        mine = each.name == "turn_of" or bool(each.blocks)
+        if mine or any(id(v) in own for v in each.inputs):
+            own |= {id(v) for v in each.outputs}
+            kept.append(each)
+        else:
+            out.append(each)
+    block.operations = kept
+    return out
 
 
 def _used(block: Block, used: set[int]) -> None:

@@ -19,6 +19,7 @@ REDUCED = {  # the start, and what an element does to it
     "reduce_and": (True, "{0} &= {1};"),
     "reduce_or": (False, "{0} |= {1};"),
 }
+TOGETHER = {"reduce_sum": "+", "reduce_max": "fg_most", "reduce_min": "fg_least"}  # in OpenMP
 
 
 def _reduced(printer: Printer, each: Operation, index: Index) -> str:
@@ -40,7 +41,11 @@ def _reduced(printer: Printer, each: Operation, index: Index) -> str:
         printer.need(text[text.find("=") + 2 :])
         printer.line(text)
 
-    printer.loops(each, [value.shape[a] for a in axes], one)
+    pragma = ""
+    if printer.inline and kind == "real" and each.name in TOGETHER:
+        pragma = f"#pragma omp simd reduction({TOGETHER[each.name]}:{name})"
+        printer.helpers.add(f"{each.name}_together")
+    printer.loops(each, [value.shape[a] for a in axes], one, pragma)
     return name
 
 
@@ -99,16 +104,18 @@ def _extreme(printer: Printer, each: Operation, index: Index) -> str:
     printer.line(f"{real} {best} = {first};")
 
     def one(inner: Index) -> None:
-        (step,) = inner
+        step = inner[0] + 1
         now = printer.named(printer.at(value, (*index[:axis], step, *index[axis:])), kind)
-        nan = f" || ({now} != {now} && {best} == {best})" if kind in FLOATS else ""
+        test = f"{now} {sign} {best}"
+        if kind in FLOATS:
+            test = f"({test}) || (({now} != {now}) && ({best} == {best}))"
         printer.done("max")
-        printer.line(f"if ({now} {sign} {best}{nan}) {{")
+        printer.line(f"if ({test}) {{")
         printer.line(f"    {best} = {now};")
         printer.line(f"    {place} = {step.text};")
         printer.line("}")
 
-    printer.loops(each, [value.shape[axis]], one)
+    printer.loops(each, [value.shape[axis] - 1], one)
     return place
 
 

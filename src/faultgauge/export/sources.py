@@ -34,6 +34,8 @@ def header(printed: Printed, banner: str) -> str:
     scratch = "\n".join(f"        {line}" for line in work or ["char none;"])
     inputs = _struct(f"{name}_input", printed.inputs, "One sample; NAN is a signal not sampled.")
     outputs = _struct(f"{name}_output", printed.outputs, "What one step says.")
+    lines = "\n".join(printed.externals)
+    tables = f"/* Of the step, for nobody else. */\n{lines}\n\n" if lines else ""
     # `real` is a name of this header alone
     text = f"""{banner}
 #ifndef {guard}
@@ -66,7 +68,7 @@ void {name}_init({name}_state *state);
    depends on data but for sorting, and nothing waits. */
 void {name}_step(const {name}_input *in, {name}_output *out, {name}_state *state);
 
-#ifdef __cplusplus
+{tables}#ifdef __cplusplus
 }}
 #endif
 
@@ -93,8 +95,6 @@ def step_source(printed: Printed, banner: str) -> str:
 #error "NAN says what was not sampled: compile without -ffast-math"
 #endif
 
-{chr(10).join(printed.externals)}
-
 {printed.helpers}
 {printed.parts}
 void {name}_init({name}_state *state)
@@ -114,8 +114,7 @@ def _work(body: str, name: str) -> str:
 
 def table_source(printed: Printed, banner: str) -> str:
     """`NAME_tables.c`."""
-    lines = "\n".join(printed.externals)
-    text = f'{banner}\n#include "{printed.name}.h"\n\n#include <math.h>\n\n{lines}\n\n'
+    text = f'{banner}\n#include "{printed.name}.h"\n\n#include <math.h>\n\n'
     return _real(text + printed.tables, printed.real)
 
 

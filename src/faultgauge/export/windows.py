@@ -12,6 +12,8 @@ from faultgauge.export.program import Value
 
 __all__ = ["Axes", "place_of", "window"]
 
+VIEWS_OF_ONE = ("reshape", "squeeze", "broadcast_in_dim", "expand_dims")
+
 
 class Axes(NamedTuple):
     """Of an array that is read or written by windows: `mapped`, along which the windows start where
@@ -50,7 +52,7 @@ def window(
             place = place_of(printer, starts, which, last)
             if checked and not _within(starts, j, last):
                 text = printer.at(starts, which)
-                inside += [f"{text} >= 0", f"{text} <= {last}"]
+                inside += [f"({text} >= 0)", f"({text} <= {last})"]
         if d in axes.batched:
             place = place + batch[axes.theirs[axes.batched.index(d)]]
         elif d not in axes.dropped:
@@ -74,6 +76,8 @@ def place_of(printer: Printer, value: Value, index: Index, last: int) -> Place:
                 place = place + p * factor
             return place
         text = f"(int32_t){element_of(array, printer.kind(value), index, printer.tables)}"
+    elif (turn := _turn_of(value)) is not None:
+        return turn
     else:
         text = f"fg_at({printer.at(value, index)}, {last})"
         printer.helpers.add("fg_at")
@@ -86,6 +90,19 @@ def place_of(printer: Printer, value: Value, index: Index, last: int) -> Place:
     printer.depth[name] = len(printer.scopes) - 1
     printer.scopes[-1].names[key] = name
     return Place.variable(name)
+
+
+def _turn_of(value: Value) -> Place | None:
+    """The place that a loop counts through, turn by turn, where `value` is that."""
+    each = value.source
+    while each is not None and each.name in ("convert_element_type", *VIEWS_OF_ONE):
+        each = each.inputs[0].source
+    if each is None or each.name != "turn_of" or each.inputs[0].array is None:
+        return None
+    counted = counting(each.inputs[0].array)
+    if counted is None or len(counted) != 2:
+        return None
+    return each.params["turn"].params["place"] * counted[1] + counted[0]
 
 
 def _within(starts: Value, j: int, last: int) -> bool:

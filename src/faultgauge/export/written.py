@@ -80,8 +80,9 @@ def _updated(printer: Printer, each: Operation, into: Array) -> None:
         ]
 
         def one(index: Index) -> None:
-            to = linear([a + p for a, p in zip(at, index, strict=True)], value.shape)
-            printer.line(f"{printer.cell(into, to)} = {printer.at(new, index)};")
+            printer.to = linear([a + p for a, p in zip(at, index, strict=True)], value.shape)
+            text = printer.at(new, index)
+            printer.line(f"{printer.cell(into, printer.to)} = {text};")
 
         printer.loops(new, new.shape, one)
 

@@ -40,6 +40,7 @@ from faultgauge.observers.divided_difference import (
     Seen,
     raised,
 )
+from faultgauge.observers.rows import where_needed
 
 __all__ = ["BranchInfo", "BranchState", "Branching", "Prior"]
 
@@ -221,12 +222,16 @@ class Branching(eqx.Module):
         t = state.t + dt
 
         def one(belief: Belief, noise: Noise) -> tuple:
-            return self.filter.step(belief, noise, state.u, u, y, dt)
+            after, *said = self.filter.step(belief, noise, state.u, u, y, dt)
+            return after, said
 
-        belief, likelihood, flow, look, seen = jax.vmap(one)(state.belief, self.noise)
+        alive, B = state.weight > NEVER / 2, self.branches
+        belief, said = where_needed(jax.vmap(one), alive, state.belief, self.noise)
+        likelihood, flow, look, seen = said
         weight = state.weight + likelihood
         weight = jnp.maximum(weight - jnp.max(weight), NEVER)
-        lanes = self._signatures(state.lanes, flow, look, seen)
+        parts = tuple(jax.tree.map(lambda a: a[:B], part) for part in (flow, look, seen))
+        lanes, _ = where_needed(self._signatures, alive[:B], state.lanes, parts)
         lead = jnp.argmax(weight[: self.branches])
         leading = _at(flow, lead), _at(look, lead), _at(seen, lead)
         probe = self._probed(state.probe, *leading, dt)
@@ -240,11 +245,11 @@ class Branching(eqx.Module):
 
     # -- signatures
 
-    def _signatures(self, lanes: Lanes, flow: Flow, look: Look, seen: Seen) -> Lanes:
+    def _signatures(self, lanes: Lanes, step: tuple[Flow, Look, Seen]) -> tuple[Lanes, tuple[()]]:
         """What every unit change has done by now."""
         B, n = lanes.eta.shape[:2]
         K, A = self.kinds, self.onsets
-        flow, look, seen = (jax.tree.map(lambda a: a[:B], each) for each in (flow, look, seen))
+        flow, look, seen = step
         up = (lanes.score >= 0)[:, None]
         own = jnp.stack(
             [lanes.eta[:, self.filter.states + k, j] for j, k in enumerate(self.owner)], 1
@@ -293,7 +298,7 @@ class Branching(eqx.Module):
             g = jnp.where(there[:, None, None], g, 0.0)
             eta = eta - seen.gain[:, j, :, None, None] * g[:, None]
         gain, shared = gain + jnp.log(narrower) / 2, shared.reshape(B, K, A)
-        return lanes._replace(eta=eta, score=score, info=info, gain=gain, shared=shared, J=J)
+        return lanes._replace(eta=eta, score=score, info=info, gain=gain, shared=shared, J=J), ()
 
     def _at_once(self) -> Bool[np.ndarray, "kinds"]:
         """The kinds of change of which the first sample shows all."""
