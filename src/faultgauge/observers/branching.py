@@ -308,7 +308,7 @@ class Branching(eqx.Module):
 
     def _least(self) -> Float[Array, "scales kinds one"]:
         """The information on a change's size before any data."""
-        return 1 / (np.array(SCALES)[:, None, None] * self.prior.size[:, None]) ** 2
+        return 1 / (jnp.array(SCALES)[:, None, None] * self.prior.size[:, None]) ** 2
 
     def _probed(self, probe: Probe, flow: Flow, look: Look, seen: Seen, dt: Array) -> Probe:
         """The signature of every fault, forgotten within its `recall`: of one that began lately."""
