@@ -66,8 +66,9 @@ class Information:
             elif each.standard_error is None:
                 found.append(
                     f"parameter {each.name!r} moves no equation that these logs show, so that its "
-                    f"value, {each.value:g}, is not the data's; map a column to its output (--map "
-                    "OUTPUT=EXPRESSION), give a log in which it matters, or fix it"
+                    f"value, {each.value:g}, is not the data's; give a log in which it matters, a "
+                    "column to the output that it stands in if that has none (--map "
+                    "OUTPUT=EXPRESSION), or fix it"
                 )
             if each.bias is not None:
                 found.append(
@@ -76,10 +77,15 @@ class Information:
                     "reads, which its standard error does not hold; use --refine"
                 )
             if each.imitated_by:
-                kept = ", though it is kept from doing so" if self.kept_apart else ""
+                both = (
+                    "can imitate it, and was kept from it: the parameter got all that either can "
+                    "explain, which is too much if some of it is the network's"
+                    if self.kept_apart
+                    else "can imitate it"
+                )
                 found.append(
                     f"parameter {each.name!r} is not identifiable: network {each.imitated_by!r} "
-                    f"can imitate it{kept}; fix it, or leave its part to the network"
+                    f"{both}; fix it, or leave its part to the network"
                 )
         for i, a in enumerate(self.constants):
             for j, b in enumerate(self.constants[:i]):
@@ -165,7 +171,9 @@ def _constant(
 
 def _bound(spec: Parameter, value: float) -> str | None:
     """The bound that `value` is at."""
-    width = spec.max - spec.min if np.isfinite(spec.max - spec.min) else abs(value)
+    width = spec.max - spec.min
+    if not np.isfinite(width):  # a positive one that went to 0 is at it, not merely small
+        width = max(abs(value), NEAR * abs(spec.value))
     if value - spec.min <= NEAR * width:
         return f"min = {spec.min:g}"
     return f"max = {spec.max:g}" if spec.max - value <= NEAR * width else None

@@ -53,7 +53,7 @@ MATERIAL = 0.01
 WORSE = 1.5  # times the free-run error without instruments: they determine too little here
 
 
-CLEARLY = 0.9  # of the fit's free-run error: what the file's own values must get below
+CLEARLY = 0.9  # of a free run's error: less of a difference may be what was held out
 NOT_SEEN = (
     "{}: with the file's own values the free run on held-out data errs by {:.1%}, with what "
     "equation error finds by {:.1%}, which does not see them in these logs; the file's are kept"
@@ -253,18 +253,20 @@ def _freed(
     runs: Windows,
     error: float,
 ) -> tuple[GrayBoxPlant, Freed | None, float]:
-    """The plant, from itself and from the file's values fitted with simulated instruments where its
-    free run, that errs by `error`, gets better; its error."""
-    best = None
+    """The plant fitted with simulated instruments, from itself and from the file's values, unless
+    its free run, that errs by `error`, gets clearly worse: least squares is biased there, which a
+    short free run may not show. With its error."""
+    tried = []
     starts = [plant, _as_stated(plant, group)]
     for each in freed_by_simulation(
         starts, how, group, given.stretches, given.places, given.training
     ):
         longest = max_step(each.plant, given.training)
-        its = float(free_run_errors([each.plant], runs, longest)[0])
-        if its < error:
-            plant, best, error = each.plant, each, its
-    return plant, best, error
+        tried.append((float(free_run_errors([each.plant], runs, longest)[0]), each))
+    if not tried:
+        return plant, None, error
+    its, best = min(tried, key=lambda each: each[0])
+    return (best.plant, best, its) if CLEARLY * its < error else (plant, None, error)
 
 
 def _no_worse_than_stated(

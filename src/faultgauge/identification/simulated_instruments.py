@@ -173,7 +173,8 @@ def _simulated(
     dt = np.full((len(parts), length), stretches[0].step)
     substeps = substeps_for(stretches[0].step, RATE_STEP / rate if rate > 0 else 1e9)
     x0 = np.stack([part.x[0, states] for part in parts])
-    found = np.asarray(_free_runs(own, *map(jnp.asarray, (x0, u, dt)), substeps))
+    x0, u, dt = (jnp.asarray(each) for each in (x0, u, dt))
+    found = np.asarray(_free_runs(own, x0, u, dt, substeps))
     whole = []
     for part, path in zip(parts, found, strict=True):
         x = part.x.copy()
