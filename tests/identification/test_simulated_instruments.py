@@ -5,6 +5,7 @@ import pytest
 from scipy.optimize import curve_fit
 from scipy.signal import lfilter
 
+from faultgauge.identification import equation_fit
 from faultgauge.telemetry import Run
 from faultgauge.verbs.fit import fit
 
@@ -72,6 +73,11 @@ def test_its_standard_error_holds_the_truth(found):
         assert abs(constant.value - truth) < 3 * constant.standard_error
 
 
-def test_the_file_s_values_stay_where_no_fit_runs_better():
-    """The same pump with one more state, which no input reaches: its rate drowns in what drives
-    it, and the file knows it."""
+def test_the_file_s_values_are_taken_where_equation_error_runs_worse(monkeypatch):
+    """Least squares alone, in a log that it does not see the lag in; the file has the truth."""
+    monkeypatch.setattr(equation_fit, "freed_by_simulation", lambda *given: iter(()))
+    text = PUMP.replace("LAG", str(LAG)).replace("value = 20", "value = 30")
+    kept = fit(text, [log(0)], restarts=2, refine=False)
+    assert kept.parameters == pytest.approx({"k": K, "lag": LAG})
+    (said,) = kept.warnings
+    assert said.startswith("k, lag: with the file's own values the free run on held-out data errs")

@@ -55,8 +55,8 @@ WORSE = 1.5  # times the free-run error without instruments: they determine too 
 
 CLEARLY = 0.9  # of a free run's error: less of a difference may be what was held out
 NOT_SEEN = (
-    "{}: with the file's own values the free run on held-out data errs by {:.1%}, with what "
-    "equation error finds by {:.1%}, which does not see them in these logs; the file's are kept"
+    "{}: with the file's own values the free run on held-out data errs by {:.1%}, with those that "
+    "equation error finds by {:.1%}, so the file's are taken; give logs that excite more of this"
 )
 
 

@@ -148,7 +148,8 @@ class _Walker:
         advice = "check the units of its terms"
         if lacks is not None:
             advice += (
-                f"; a bare number has no unit: if one here is in a unit like {describe(lacks)}, make "
+                f"; a bare number has no unit: if one here is in a unit like "
+                f"{describe(lacks)}, make "
                 "it a parameter with that unit and fixed = true"
             )
         self.warnings.append(f"{self.where}: {problem} {describe(needed)}; {advice}")
