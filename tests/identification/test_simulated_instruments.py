@@ -52,7 +52,7 @@ def output_error(each):
     return curve_fit(response, each.t, q, p0=(K, LAG, q[0]))[0][:2]
 
 
-@pytest.fixture(scope="module", params=[4.0, 20.0], ids=["near", "far"])
+@pytest.fixture(scope="module", params=[4.0, 40.0], ids=["near", "far"])
 def found(request):
     return fit(PUMP.replace("LAG", str(request.param)), [log(0)], restarts=2)
 

@@ -232,7 +232,7 @@ def fit_equations(
         if solution.status[chosen] == NOT_CONVERGED:
             warnings.append(not_converged(group.name, int(solution.trials[chosen])))
         where = chosen % 2 == 1 if crowded.keys() & set(group.networks) else None
-        if freed is None:
+        if given.exogenous is None:
             plant, freed, errors[chosen] = _freed(plant, group, how, given, runs, errors[chosen])
             form = "instrumental" if freed else form
         reports.append(GroupReport(group, solution, errors, chosen, form, freed, where))
@@ -254,14 +254,13 @@ def _freed(
     runs: Windows,
     error: float,
 ) -> tuple[GrayBoxPlant, Freed | None, float]:
-    """The plant fitted with simulated instruments, from itself and from the file's values, unless
-    its free run, that errs by `error`, gets clearly worse: least squares is biased there, which a
-    short free run may not show. With its error."""
+    """The plant fitted with simulated instruments unless its free run, that errs by `error`, gets
+    clearly worse: least squares is biased there, which a short free run may not show. With its
+    error."""
     tried = []
-    starts = [plant, _as_stated(plant, group)]
-    for each in freed_by_simulation(
-        starts, how, group, given.stretches, given.places, given.training
-    ):
+    stated = _as_stated(plant, group)
+    at = given.stretches, given.places, given.training
+    for each in freed_by_simulation(plant, stated, how, group, *at):
         longest = max_step(each.plant, given.training)
         tried.append((float(free_run_errors([each.plant], runs, longest)[0]), each))
     if not tried:

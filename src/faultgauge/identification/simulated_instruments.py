@@ -30,7 +30,7 @@ from faultgauge.identification.equation_error import (
     units_of,
     vector_of,
 )
-from faultgauge.identification.instruments import refit
+from faultgauge.identification.instruments import project, refit
 from faultgauge.identification.samples import Channels, Samples, Stretch
 from faultgauge.identification.weak_form import weak_states
 from faultgauge.plants.gray_box import GrayBoxPlant
@@ -49,6 +49,7 @@ from faultgauge.telemetry.derivatives import WIDTHS, Kernel
 __all__ = ["Freed", "freed_by_simulation"]
 
 ROUNDS = 4  # simulations; from a start three times off, the last changes less than the error
+NARROWEST, PAST_SAMPLES = Kernel(2, 1), 20_000  # for a start only
 LOOKED_AT = 500  # samples, for the equations' rates
 
 
@@ -82,18 +83,20 @@ class Own(Plant):
 
 
 def freed_by_simulation(
-    plants: Sequence[GrayBoxPlant],
+    fitted: GrayBoxPlant,
+    stated: GrayBoxPlant,
     how: Channels,
     group: Group,
     stretches: Sequence[Stretch],
     places: Int[np.ndarray, "samples"],
     training: Samples,
 ) -> Iterator[Freed]:
-    """The group fitted anew from each of `plants`, at the `training` samples, the `places`-th of
-    all `stretches`'. None where its equations are slower than the kernel is wide, read what is not
-    measured itself, or share an unknown with an output.
+    """The group fitted anew at the `training` samples, the `places`-th of all `stretches`', from
+    `fitted` and from what the inputs' past alone makes of the file's values, `stated`. None where
+    its equations are slower than the kernel is wide, read what is not measured itself, or share an
+    unknown with an output.
     """
-    spec = plants[0].spec
+    spec = fitted.spec
     if group.outputs or not group.states or weak_states(spec, how, group) != group.states:
         return
     if stretches[0].unsmoothed is None:
@@ -102,10 +105,10 @@ def freed_by_simulation(
     thinned = training.take(
         np.linspace(0, len(training.x) - 1, min(LOOKED_AT, len(training.x))).astype(int)
     )
-    rates = [_rate(plant, group, thinned) for plant in plants]
+    rates = [_rate(plant, group, thinned) for plant in (fitted, stated)]
     if kernel.order * kernel.width * step * max(rates) <= 1:
         return
-    for plant in plants:
+    for plant in (_by_past_inputs(stated, group, stretches, places), fitted):
         found = None
         for _ in range(ROUNDS):
             rate = _rate(plant, group, thinned)
@@ -115,21 +118,44 @@ def freed_by_simulation(
                 break
             samples = _samples(spec.signals, own, stretches, None).take(places)
             exogenous = _samples(spec.signals, own, stretches, x).take(places)
-            residual = EquationResidual(
-                plant,
-                jnp.asarray(target_scales(group, samples)),
-                jnp.asarray(units_of(plant, group)),
-                group,
-            )
-            theta = refit(
-                residual, vector_of(plant, group), samples, exogenous, bounds_of(plant, group)
-            )
-            plant = jax.tree.map(
-                jnp.asarray, assemble(plant, group, jnp.asarray(theta), units_of(plant, group))
-            )
+            plant = _refitted(plant, group, samples, exogenous)
             found = Freed(plant, samples, exogenous)
         if found is not None:
             yield found
+
+
+def _by_past_inputs(
+    plant: GrayBoxPlant,
+    group: Group,
+    stretches: Sequence[Stretch],
+    places: Int[np.ndarray, "samples"],
+) -> GrayBoxPlant:
+    """The group fitted with what a linear filter of the inputs predicts as instruments, which asks
+    no model: what is simulated from values far off says little."""
+    signals = plant.signals
+    counts = [len(s.t) for s in stretches]
+    fitted = np.isin(np.arange(sum(counts)), places)
+    parts, masks, left = [], [], PAST_SAMPLES
+    for stretch, mask in zip(stretches, np.split(fitted, np.cumsum(counts)[:-1]), strict=True):
+        own = _samples(signals, NARROWEST, [stretch], None).take(np.arange(len(mask))[:left])
+        parts.append(replace(stretch, samples=own, references=stretch.references[:left]))
+        masks.append(mask[:left])
+        left = max(left - len(mask), 0)
+    parts, masks = zip(*((p, m) for p, m in zip(parts, masks, strict=True) if m.any()), strict=True)
+    rows = [p.samples.take(np.flatnonzero(m)) for p, m in zip(parts, masks, strict=True)]
+    samples = Samples(*(np.concatenate(arrays) for arrays in zip(*rows, strict=True)))
+    return _refitted(plant, group, samples, project(signals, parts, masks)[0])
+
+
+def _refitted(
+    plant: GrayBoxPlant, group: Group, samples: Samples, exogenous: Samples
+) -> GrayBoxPlant:
+    """`plant` with its group by two-stage least squares."""
+    units, scales = units_of(plant, group), target_scales(group, samples)
+    residual = EquationResidual(plant, jnp.asarray(scales), jnp.asarray(units), group)
+    start, bounds = vector_of(plant, group), bounds_of(plant, group)
+    theta = refit(residual, start, samples, exogenous, bounds)
+    return jax.tree.map(jnp.asarray, assemble(plant, group, jnp.asarray(theta), units))
 
 
 def _own(plant: GrayBoxPlant, group: Group) -> Own:
