@@ -6,6 +6,7 @@ from scipy.optimize import curve_fit
 from scipy.signal import lfilter
 
 from faultgauge.identification import equation_fit
+from faultgauge.identification.constants import Constant, contradictions
 from faultgauge.telemetry import Run
 from faultgauge.verbs.fit import fit
 
@@ -81,3 +82,15 @@ def test_the_file_s_values_are_taken_where_equation_error_runs_worse(monkeypatch
     assert kept.parameters == pytest.approx({"k": K, "lag": LAG})
     (said,) = kept.warnings
     assert said.startswith("k, lag: with the file's own values the free run on held-out data errs")
+
+
+def test_two_ways_that_contradict_each_other_are_said():
+    """3.4 +- 0.6 and 0.8 +- 0.1 are 4.3 of sqrt(0.6^2 + 0.1^2) apart, 3.4 and 2.0 are 2.3."""
+
+    def lag(value, error):
+        return [Constant("lag", "s", value, error, None, None)]
+
+    (said,) = contradictions(lag(3.4, 0.6), lag(0.8, 0.1))
+    assert said.startswith("parameter 'lag' is 0.8 +- 0.1 by simulation error and 3.4 +- 0.6 by eq")
+    assert contradictions(lag(3.4, 0.6), lag(2.0, 0.1)) == []
+    assert contradictions(lag(3.4, None), lag(0.8, 0.1)) == []

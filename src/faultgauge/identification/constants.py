@@ -11,13 +11,14 @@ from faultgauge.identification.refinement.unknowns import WEIGHTS, Unknowns
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant_file import Parameter
 
-__all__ = ["Constant", "Information", "at_bound", "constants", "imitated"]
+__all__ = ["Constant", "Information", "at_bound", "constants", "contradictions", "imitated"]
 
 IMITATED = 0.99  # of what a parameter does to what is fitted, a network's weights can do too
 ALIKE = 0.99  # correlation at which two parameters cannot be told apart
 VAGUE = 0.1
 BIASED = 0.02  # of a parameter: less of a bias is not worth a word
 CHANGES = 0.5  # of the squared error, to be worth a word
+APART = 3.0  # standard errors of a difference, which chance does not reach
 NEAR = 1e-3  # of the range: a parameter this near to a bound is at it
 
 
@@ -128,6 +129,25 @@ class Information:
             "changing": self.changing,
             "residual_time_samples": self.residual_time,
         }
+
+
+def contradictions(by_equations: Sequence[Constant], refined: Sequence[Constant]) -> list[str]:
+    """A sentence for each parameter on which equation error and simulation error contradict each
+    other: by more than `APART` of both standard errors."""
+    found = []
+    for one, other in zip(by_equations, refined, strict=True):
+        if one.standard_error is None or other.standard_error is None:
+            continue
+        if abs(one.value - other.value) > APART * np.hypot(
+            one.standard_error, other.standard_error
+        ):
+            found.append(
+                f"parameter {other.name!r} is {other.value:.3g} +- {other.standard_error:.2g} by "
+                f"simulation error and {one.value:.3g} +- {one.standard_error:.2g} by equation "
+                "error, too far apart for either standard error: what disturbs the plant, or a "
+                "loop that answers it, biases one of them at least; compare what --no-refine gives"
+            )
+    return found
 
 
 def constants(

@@ -12,7 +12,7 @@ import numpy as np
 from faultgauge.errors import InputError
 from faultgauge.identification.algorithms import AlgorithmName
 from faultgauge.identification.command_checks import response_warnings
-from faultgauge.identification.constants import Information
+from faultgauge.identification.constants import Information, contradictions
 from faultgauge.identification.equation_fit import (
     EquationFit,
     GroupReport,
@@ -155,6 +155,13 @@ def fit(
             plant, warm, acting, unseen, how, seed, restarts, robust, progress
         )
         warnings += refinement.warnings
+        if (
+            result is not None
+            and given is not None
+            and any(g.form == "instrumental" for g in groups)
+        ):
+            before = equation_information(result.plant, how, groups, given)
+            warnings += contradictions(before.constants, refinement.information.constants)
         result = _of_refinement(refinement)
     assert result is not None
     warnings += _of_no_use(result, validate or logs)
