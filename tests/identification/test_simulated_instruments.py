@@ -1,12 +1,16 @@
 """A lag of three samples behind a disturbed actuator: SciPy's output error is the reference."""
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.optimize import curve_fit
 from scipy.signal import lfilter
 
 from faultgauge.identification import equation_fit
-from faultgauge.identification.constants import Constant, contradictions
+from faultgauge.identification.constants import Constant, at_bound, contradictions
+from faultgauge.identification.refinement.unknowns import unknowns_of
+from faultgauge.plants.gray_box import GrayBoxPlant
+from faultgauge.plants.plant_file import parse_plant
 from faultgauge.telemetry import Run
 from faultgauge.verbs.fit import fit
 
@@ -36,8 +40,9 @@ def log(seed):
     rng = np.random.default_rng(seed)
     u = np.repeat(rng.uniform(3, 7, COUNT // 150), 150) + 0.03 * rng.standard_normal(COUNT)
     a = np.exp(-STEP / LASTS)
-    s = lfilter([1], [1, -a], SWING * np.sqrt(1 - a * a) * rng.standard_normal(COUNT))
-    q = lfilter([0, 1 - DECAY], [1, -DECAY], K * u * (1 + s) - K * u[0]) + K * u[0]
+    s = np.asarray(lfilter([1], [1, -a], SWING * np.sqrt(1 - a * a) * rng.standard_normal(COUNT)))
+    flow = K * u * (1 + s)
+    q = K * u[0] + np.asarray(lfilter([0, 1 - DECAY], [1, -DECAY], flow - K * u[0]))
     noisy = q + NOISE * rng.standard_normal(COUNT)
     return Run(f"a{seed}", "a.csv", STEP * np.arange(COUNT), {"u": u, "q": noisy})
 
@@ -94,3 +99,11 @@ def test_two_ways_that_contradict_each_other_are_said():
     assert said.startswith("parameter 'lag' is 0.8 +- 0.1 by simulation error and 3.4 +- 0.6 by eq")
     assert contradictions(lag(3.4, 0.6), lag(2.0, 0.1)) == []
     assert contradictions(lag(3.4, None), lag(0.8, 0.1)) == []
+
+
+def test_a_positive_constant_that_went_to_0_is_at_its_min():
+    """1e-300 in logarithms; a thousandth of the file's value is small, and no bound."""
+    for value, at in ((1e-300, True), (0.02, False)):
+        plant = GrayBoxPlant.untrained(parse_plant(PUMP.replace("LAG", "4.0"), "pump.toml"))
+        plant.parameters["k"] = jnp.asarray(value)
+        assert at_bound(plant, unknowns_of(plant)).tolist() == [at, False]
