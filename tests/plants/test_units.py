@@ -342,3 +342,24 @@ def test_nothing_to_convert_or_nothing_known(given, wanted):
 @pytest.mark.parametrize(("given", "wanted"), [("V", "m"), ("m", "m/s"), ("1", "N"), ("K", "rpm")])
 def test_units_of_different_things(given, wanted):
     assert conversion(given, wanted) is None
+
+
+def test_a_number_that_may_have_a_unit_is_to_become_a_parameter():
+    """A flow times 4.18 kJ/(L*K) times a temperature over kJ/K: K/s, once 4.18 has its unit."""
+    text = """
+name = "mixer"
+[states.T]
+unit = "degC"
+derivative = "flow/60*HEAT*(20 - T)/C"
+[inputs.flow]
+unit = "L/min"
+[outputs.T]
+unit = "degC"
+value = "T"
+[parameters]
+C = { value = 10, unit = "kJ/K" }
+"""
+    (said,) = warnings(text.replace("HEAT", "4.18"))
+    assert "if one here is in a unit like Pa/K, make it a parameter" in said
+    told = text.replace("HEAT", "c") + 'c = { value = 4.18, fixed = true, unit = "kJ/L/K" }\n'
+    assert warnings(told) == []

@@ -11,14 +11,14 @@ from faultgauge.identification.refinement.unknowns import WEIGHTS, Unknowns
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant_file import Parameter
 
-__all__ = ["Constant", "Information", "at_bound", "constants", "imitated"]
+__all__ = ["Constant", "Information", "at_bound", "constants", "contradictions", "imitated"]
 
 IMITATED = 0.99  # of what a parameter does to what is fitted, a network's weights can do too
 ALIKE = 0.99  # correlation at which two parameters cannot be told apart
 VAGUE = 0.1
 BIASED = 0.02  # of a parameter: less of a bias is not worth a word
 CHANGES = 0.5  # of the squared error, to be worth a word
-VANISHED = 1e-30  # of the value in the file: a parameter that is found by its logarithm ends there
+APART = 3.0  # standard errors of a difference, which chance does not reach
 NEAR = 1e-3  # of the range: a parameter this near to a bound is at it
 
 
@@ -67,8 +67,9 @@ class Information:
             elif each.standard_error is None:
                 found.append(
                     f"parameter {each.name!r} moves no equation that these logs show, so that its "
-                    f"value, {each.value:g}, is not the data's; map a column to its output (--map "
-                    "OUTPUT=EXPRESSION), give a log in which it matters, or fix it"
+                    f"value, {each.value:g}, is not the data's; give a log in which it matters, a "
+                    "column to the output that it stands in if that has none (--map "
+                    "OUTPUT=EXPRESSION), or fix it"
                 )
             if each.bias is not None:
                 found.append(
@@ -77,14 +78,15 @@ class Information:
                     "its equation reads, which its standard error does not hold; use --refine"
                 )
             if each.imitated_by:
-                does = (
-                    f"could do the same, and is held back so that {each.name!r} has all of it"
+                both = (
+                    "can imitate it, and was kept from it: the parameter got all that either can "
+                    "explain, which is too much if some of it is the network's"
                     if self.kept_apart
                     else "can imitate it"
                 )
                 found.append(
                     f"parameter {each.name!r} is not identifiable: network {each.imitated_by!r} "
-                    f"{does}; fix it, or leave its part to the network"
+                    f"{both}; fix it, or leave its part to the network"
                 )
         for i, a in enumerate(self.constants):
             for j, b in enumerate(self.constants[:i]):
@@ -130,6 +132,25 @@ class Information:
         }
 
 
+def contradictions(by_equations: Sequence[Constant], refined: Sequence[Constant]) -> list[str]:
+    """A sentence for each parameter on which equation error and simulation error contradict each
+    other: by more than `APART` of both standard errors."""
+    found = []
+    for one, other in zip(by_equations, refined, strict=True):
+        if one.standard_error is None or other.standard_error is None:
+            continue
+        if abs(one.value - other.value) > APART * np.hypot(
+            one.standard_error, other.standard_error
+        ):
+            found.append(
+                f"parameter {other.name!r} is {other.value:.3g} +- {other.standard_error:.2g} by "
+                f"simulation error and {one.value:.3g} +- {one.standard_error:.2g} by equation "
+                "error, too far apart for either standard error: what disturbs the plant, or a "
+                "loop that answers it, biases one of them at least; compare what --no-refine gives"
+            )
+    return found
+
+
 def constants(
     plant: GrayBoxPlant,
     unknowns: Unknowns,
@@ -171,8 +192,10 @@ def _constant(
 
 def _bound(spec: Parameter, value: float) -> str | None:
     """The bound that `value` is at."""
-    width = spec.max - spec.min if np.isfinite(spec.max - spec.min) else abs(value)
-    if value - spec.min <= max(NEAR * width, VANISHED * abs(spec.value)):
+    width = spec.max - spec.min
+    if not np.isfinite(width):  # a positive one that went to 0 is at it, not merely small
+        width = max(abs(value), NEAR * abs(spec.value))
+    if value - spec.min <= NEAR * width:
         return f"min = {spec.min:g}"
     return f"max = {spec.max:g}" if spec.max - value <= NEAR * width else None
 

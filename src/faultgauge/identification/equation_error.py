@@ -27,14 +27,18 @@ from faultgauge.plants.network import Network
 from faultgauge.plants.plant_file import PlantSpec
 
 __all__ = [
+    "EquationResidual",
     "Group",
     "assemble",
+    "bounds_of",
     "crowds",
     "equation_errors",
     "fit_group",
     "groups",
     "scale_networks",
     "target_scales",
+    "units_of",
+    "vector_of",
 ]
 
 INNER = np.array([-1.0, 1.0])  # assumed of what one network gives to another: not known yet
@@ -152,6 +156,33 @@ def assemble(
     for k, name in enumerate(group.parameters):
         parameters[name] = theta[start + k] * units[k]
     return eqx.tree_at(lambda p: (p.networks, p.parameters), plant, (networks, parameters))
+
+
+def units_of(plant: GrayBoxPlant, group: Group) -> Float[np.ndarray, "parameters"]:
+    """What the group's parameters are counted in: the sizes that the file states."""
+    values = {p.name: p.value for p in plant.spec.parameters}
+    return np.array([abs(values[name]) or 1.0 for name in group.parameters])
+
+
+def bounds_of(
+    plant: GrayBoxPlant, group: Group
+) -> tuple[Float[np.ndarray, "unknowns"], Float[np.ndarray, "unknowns"]]:
+    """(lower, upper) of the group's unknowns by the parameters' min and max, in their units."""
+    specs = {p.name: p for p in plant.spec.parameters}
+    weights = sum(getattr(plant.networks[n], f).size for n in group.networks for f in WEIGHTS)
+    free, units = np.full(weights, np.inf), units_of(plant, group)
+    low, high = (
+        np.array([getattr(specs[name], end) for name in group.parameters]) / units
+        for end in ("min", "max")
+    )
+    return np.concatenate([-free, low]), np.concatenate([free, high])
+
+
+def vector_of(plant: GrayBoxPlant, group: Group) -> Float[np.ndarray, "unknowns"]:
+    """The group's unknowns in `plant`, as `assemble` takes them."""
+    weights = [np.ravel(getattr(plant.networks[n], f)) for n in group.networks for f in WEIGHTS]
+    values = np.array([float(plant.parameters[name]) for name in group.parameters])
+    return np.concatenate([*weights, values / units_of(plant, group)])
 
 
 def scale_networks(plant: GrayBoxPlant, group: Group, samples: Samples) -> GrayBoxPlant:
@@ -331,16 +362,8 @@ def fit_group(
     least squares before the others, and the algorithm's own account of least squares.
     """
     minimise, defaults = ALGORITHMS[algorithm]
-    parameters = {p.name: p for p in plant.spec.parameters}
-    chosen = [parameters[name] for name in group.parameters]
-    units = np.array([abs(p.value) or 1.0 for p in chosen])
-    weights = sum(getattr(plant.networks[n], f).size for n in group.networks for f in WEIGHTS)
-    bound = lambda key: np.concatenate(  # noqa: E731
-        [
-            np.full(weights, -np.inf if key == "min" else np.inf),
-            [getattr(p, key) / unit for p, unit in zip(chosen, units, strict=True)],
-        ]
-    )
+    units, (lower, upper) = units_of(plant, group), bounds_of(plant, group)
+    weights = len(lower) - len(units)
     scales = target_scales(group, training)
     starts = []
     for k, rng in enumerate(rngs):
@@ -355,16 +378,17 @@ def fit_group(
         jax.tree.map(jnp.asarray, training),
         # a handful of constants does not overfit: they are taken at the minimum
         jax.tree.map(jnp.asarray, validation) if group.networks else None,
-        jnp.asarray(bound("min")),
-        jnp.asarray(bound("max")),
+        jnp.asarray(lower),
+        jnp.asarray(upper),
         options or defaults,
     )
     solution = jax.device_get(solution)
     thetas = list(solution.theta)
     if exogenous is not None:
-        bounds = bound("min"), bound("max")
         refitted = [
-            theta if status == FAILED else refit(residual, theta, training, exogenous, bounds)
+            theta
+            if status == FAILED
+            else refit(residual, theta, training, exogenous, (lower, upper))
             for theta, status in zip(thetas, solution.status, strict=True)
         ]
         thetas = [*refitted, *thetas]

@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Literal, NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Int
 
@@ -27,6 +28,7 @@ from faultgauge.identification.levenberg_marquardt import (
 )
 from faultgauge.identification.samples import Channels, Samples, Stretch, collect, spread
 from faultgauge.identification.selection import Windows, free_run_errors, windows_from
+from faultgauge.identification.simulated_instruments import Freed, freed_by_simulation
 from faultgauge.identification.starts import Box
 from faultgauge.identification.weak_form import (
     WeakSamples,
@@ -51,6 +53,14 @@ MATERIAL = 0.01
 WORSE = 1.5  # times the free-run error without instruments: they determine too little here
 
 
+CLEARLY = 0.9  # of a free run's error: less of a difference may be what was held out
+FOLLOWS = 0.5  # of the outputs' spread: a run that is further off speaks for no values
+NOT_SEEN = (
+    "{}: with the file's own values the free run on held-out data errs by {:.1%}, with those that "
+    "equation error finds by {:.1%}, so the file's are taken; give logs that excite more of this"
+)
+
+
 class WeakMaterial(NamedTuple):
     """Samples of the weak form, to fit and to validate on, and windows to choose the form on: a
     start at a mean of bent states would suit the form that takes them for states. `places` as in
@@ -64,16 +74,18 @@ class WeakMaterial(NamedTuple):
 
 class GroupReport(NamedTuple):
     """A group's account: `solution`, and the free runs of its starts, are those of the `form` that
-    was kept; `freed`: with the instruments; `crowded`: whether the `chosen` start's units stood
-    where the networks' arguments crowd, None where none do."""
+    was kept; `freed`: with the instruments, where those are simulated at samples of their own;
+    `stated`: its parameters are the file's, which run better than any fit; `crowded`: whether the
+    `chosen` start's units stood where the networks' arguments crowd, None where none do."""
 
     group: Group
     solution: Solution
     free_run: np.ndarray
     chosen: int
-    form: Literal["filtered", "weak"] = "filtered"
-    freed: bool = False
+    form: Literal["filtered", "weak", "instrumental"] = "filtered"
+    freed: Freed | Literal["references"] | None = None
     crowded: bool | None = None
+    stated: bool = False
 
 
 class Material(NamedTuple):
@@ -200,15 +212,16 @@ def fit_equations(
         # on every run
         equals = len(plants) if weak else starts
         chosen = int(np.argmin(np.round(errors[:equals], 12)))
-        freed, plain = errors[chosen], np.min(errors[equals:], initial=np.inf)
-        if plain * WORSE < freed:  # only with instruments
+        with_it, plain = errors[chosen], np.min(errors[equals:], initial=np.inf)
+        if plain * WORSE < with_it:  # only with instruments
             chosen = starts + int(np.argmin(np.round(errors[starts:], 12)))
             warnings.append(
                 f"{group.name}: with the instrument the free run on held-out data errs by "
-                f"{100 * freed:.2f} %, without it by {100 * plain:.2f} %; the fit without is "
+                f"{100 * with_it:.2f} %, without it by {100 * plain:.2f} %; the fit without is "
                 "kept, and may have the loop's bias; give logs in which the reference moves more"
             )
         instrumented = given.exogenous is not None and chosen < starts
+        freed = "references" if instrumented else None
         plant = candidates[chosen]
         others = [candidates[k] for k in np.argsort(errors, kind="stable") if k != chosen]
         form = "filtered"
@@ -219,12 +232,75 @@ def fit_equations(
         if solution.status[chosen] == NOT_CONVERGED:
             warnings.append(not_converged(group.name, int(solution.trials[chosen])))
         where = chosen % 2 == 1 if crowded.keys() & set(group.networks) else None
-        reports.append(GroupReport(group, solution, errors, chosen, form, instrumented, where))
+        if given.exogenous is None:
+            plant, freed, errors[chosen] = _freed(plant, group, how, given, runs, errors[chosen])
+            form = "instrumental" if freed else form
+        reports.append(GroupReport(group, solution, errors, chosen, form, freed, where))
     if reports:  # the last group's choice is the whole plant's
         error = float(reports[-1].free_run[reports[-1].chosen])
+        plant, reports, error = _no_worse_than_stated(
+            plant, reports, error, found[-1][-1], len(found[-1][1]), training, warnings
+        )
     else:
         error = float(free_run_errors([plant], windows, longest)[0])
     return EquationFit(plant, others, reports, error, warnings)
+
+
+def _freed(
+    plant: GrayBoxPlant,
+    group: Group,
+    how: Channels,
+    given: Material,
+    runs: Windows,
+    error: float,
+) -> tuple[GrayBoxPlant, Freed | None, float]:
+    """The plant fitted with simulated instruments unless its free run, that errs by `error`, gets
+    clearly worse: least squares is biased there, which a short free run may not show. With its
+    error."""
+    tried = []
+    stated = _as_stated(plant, group)
+    at = given.stretches, given.places, given.training
+    for each in freed_by_simulation(plant, stated, how, group, *at):
+        longest = max_step(each.plant, given.training)
+        tried.append((float(free_run_errors([each.plant], runs, longest)[0]), each))
+    if not tried:
+        return plant, None, error
+    its, best = min(tried, key=lambda each: each[0])
+    return (best.plant, best, its) if CLEARLY * its < error else (plant, None, error)
+
+
+def _no_worse_than_stated(
+    plant: GrayBoxPlant,
+    reports: list[GroupReport],
+    error: float,
+    runs: Windows,
+    count: int,
+    training: Samples,
+    warnings: list[str],
+) -> tuple[GrayBoxPlant, list[GroupReport], float]:
+    """The plant, whose free run errs by `error`, with the file's values of a group's parameters
+    where it errs clearly less with them; `count` plants at a time run without a new compilation."""
+    left = [k for k, each in enumerate(reports) if not each.group.networks]
+    while left and error > MATERIAL:
+        stated = [_as_stated(plant, reports[k].group) for k in left]
+        longest = min(max_step(each, training) for each in stated)
+        padded = [*stated, *[plant] * max(count - len(stated), 0)]
+        errors = free_run_errors(padded, runs, longest)[: len(left)]
+        least = int(np.argmin(errors))
+        if not errors[least] < min(CLEARLY * error, FOLLOWS):
+            break
+        k, plant = left.pop(least), stated[least]
+        warnings.append(NOT_SEEN.format(reports[k].group.name, errors[least], error))
+        reports = [*reports[:k], reports[k]._replace(stated=True), *reports[k + 1 :]]
+        error = float(errors[least])
+    return plant, reports, error
+
+
+def _as_stated(plant: GrayBoxPlant, group: Group) -> GrayBoxPlant:
+    """`plant` with the group's parameters as the file states them."""
+    stated = {p.name: jnp.asarray(float(p.value)) for p in plant.spec.parameters}
+    parameters = {n: (stated if n in group.parameters else plant.parameters)[n] for n in stated}
+    return GrayBoxPlant(plant.signals, plant.spec, plant.networks, parameters)
 
 
 def _ranked(solution: Solution) -> np.ndarray:

@@ -51,6 +51,7 @@ from faultgauge.identification.equation_fit import GroupReport, Material
 from faultgauge.identification.noise_bias import noise_left, shift_by_noise
 from faultgauge.identification.refinement.unknowns import Unknowns, unknowns_of
 from faultgauge.identification.samples import Channels, Samples
+from faultgauge.identification.simulated_instruments import Freed
 from faultgauge.identification.weak_form import WeakErrors, weak_states
 from faultgauge.plants.gray_box import GrayBoxPlant
 
@@ -101,8 +102,9 @@ def equation_information(
     )
     shift = np.zeros(len(theta))
     left = noise_left(how, plant.signals.state_names, given)
-    if left is not None and not any(report.freed for report in reports):
-        normal = partial(_normal, plant, unknowns, theta, reports, free, given)
+    biased = [report for report in reports if report.freed is None]
+    if left is not None and biased:
+        normal = partial(_normal, plant, unknowns, theta, biased, free, given)
         shift[free] = shift_by_noise(normal, given.training, left, s2)
     rows = shifted(rows, plant, unknowns.assemble(plant, jnp.asarray(theta + shift)))
     return Information(rows, correlation, (), float(np.max(times, initial=0.0)))
@@ -149,6 +151,11 @@ def _linearised(
         assert given.weak is not None
         samples, places = given.weak.training, given.weak.places
         errors = WeakErrors(weak_states(plant.spec, how, group))
+    exogenous = None
+    if isinstance(report.freed, Freed):
+        samples, exogenous = report.freed.training, report.freed.exogenous
+    elif report.freed:
+        exogenous = given.exogenous
     theta, scales = map(jnp.asarray, (unknowns.vector(plant), target_scales(group, samples)))
 
     def at(samples: Any) -> tuple[np.ndarray, np.ndarray]:
@@ -157,7 +164,7 @@ def _linearised(
         return np.asarray(r), np.asarray(J)
 
     r, J = at(samples)
-    return _Linearised(r, J, at(given.exogenous)[1] if report.freed else J, places)
+    return _Linearised(r, J, J if exogenous is None else at(exogenous)[1], places)
 
 
 @eqx.filter_jit

@@ -78,7 +78,7 @@ def start_of_run(
 
     States in `known` are taken as measured; the hidden ones, and the run's own values of
     parameters that vary, minimise the free run's squared output error over the samples given
-    (Levenberg-Marquardt through the simulation), states within their min and max. Where all are
+    (Levenberg-Marquardt through the simulation), both within their min and max. Where all are
     known nothing is solved.
     """
     signals = plant.signals
@@ -145,10 +145,15 @@ def _solve_start(
     def start_of(change: Array) -> Array:
         return jnp.where(hidden, jnp.clip(x0 + change[:states], least, most), x0)
 
+    def own_of(change: Array) -> Array:
+        if not isinstance(plant, GrayBoxPlant):
+            return change[states:]
+        return jnp.clip(change[states:], *map(jnp.asarray, varying.bounds(plant)))
+
     def run(change: Array) -> Array:
         start = start_of(change)
         if isinstance(plant, GrayBoxPlant):
-            return simulate(varying.assemble(plant, change[states:]), start, u, dt, f, substeps).y
+            return simulate(varying.assemble(plant, own_of(change)), start, u, dt, f, substeps).y
         return simulate(plant, start, u, dt, f, substeps).y
 
     def error(change: Array, args: None) -> Array:
@@ -165,7 +170,7 @@ def _solve_start(
         throw=False,
     )
     change = jnp.where(jnp.all(jnp.isfinite(solution.value)), solution.value, 0.0)
-    return start_of(change), change[states:]
+    return start_of(change), own_of(change)
 
 
 def predict(

@@ -12,7 +12,7 @@ import numpy as np
 from faultgauge.errors import InputError
 from faultgauge.identification.algorithms import AlgorithmName
 from faultgauge.identification.command_checks import response_warnings
-from faultgauge.identification.constants import Information
+from faultgauge.identification.constants import Information, contradictions
 from faultgauge.identification.equation_fit import (
     EquationFit,
     GroupReport,
@@ -96,9 +96,10 @@ def fit(
     validation only. Without them the last 15 % of each run and spread windows are held out.
     `algorithm` is Levenberg-Marquardt or the paper's gradient descent with momentum. `refine`
     goes on from equation error to simulation error (None: where a state is hidden, a parameter
-    varies or a sensor is slower than the rows, which equation error cannot treat, and where one of
-    the next two is asked for); `robust` bounds what an outlier can do to it; `ensemble` keeps its
-    next best models in the model too, as `members`.
+    varies or a sensor is slower than the rows, which equation error cannot treat, where the file's
+    own values run better than what it finds, and where one of the next two is asked for); `robust`
+    bounds what an outlier can do to it; `ensemble` keeps its next best models in the model too, as
+    `members`.
     Raises `InputError` for logs that cannot determine the unknowns.
     """
     if (ensemble or robust) and refine is False:
@@ -125,6 +126,7 @@ def fit(
     slow = slow_columns(how, logs)
     if slow and refine is False:
         warnings.append(_between_samples(slow))
+    goes_on = refine is None and not spec.signals.instruments  # where equation error sees nothing
     refine = bool(by_simulation or slow or ensemble or robust) if refine is None else refine
     acting, unseen = ([in_effect(spec.signals, run) for run in runs] for runs in (logs, validate))
     groups: list[GroupReport] = []
@@ -147,11 +149,19 @@ def fit(
         if spec.open_sizes:
             plant = with_hidden(plant, chosen_sizes(spec, stage.plant))
         result = _of_equations(stage, given)
+        refine = refine or (goes_on and any(each.stated for each in groups))
     if refine:
         refinement = refine_on_logs(
             plant, warm, acting, unseen, how, seed, restarts, robust, progress
         )
         warnings += refinement.warnings
+        if (
+            result is not None
+            and given is not None
+            and any(g.form == "instrumental" for g in groups)
+        ):
+            before = equation_information(result.plant, how, groups, given)
+            warnings += contradictions(before.constants, refinement.information.constants)
         result = _of_refinement(refinement)
     assert result is not None
     warnings += _of_no_use(result, validate or logs)

@@ -138,13 +138,21 @@ class _Walker:
     def compare(self, expression: Expression, place: Quantity) -> list[str]:
         found = self.quantity(expression.tree)
         if isinstance(found, tuple) and isinstance(place, tuple) and found != place:
-            self.warn(f"{expression.text.strip()!r} {_has(found)}, but the place needs", place)
+            lacks = product(place, found, -1) if _constants(expression.tree) else None
+            self.warn(
+                f"{expression.text.strip()!r} {_has(found)}, but the place needs", place, lacks
+            )
         return self.warnings
 
-    def warn(self, problem: str, needed: Dimension) -> None:
-        self.warnings.append(
-            f"{self.where}: {problem} {describe(needed)}; check the units of its terms"
-        )
+    def warn(self, problem: str, needed: Dimension, lacks: Dimension | None = None) -> None:
+        advice = "check the units of its terms"
+        if lacks is not None:
+            advice += (
+                f"; a bare number has no unit: if one here is in a unit like "
+                f"{describe(lacks)}, make "
+                "it a parameter with that unit and fixed = true"
+            )
+        self.warnings.append(f"{self.where}: {problem} {describe(needed)}; {advice}")
 
     def quantity(self, node: Node) -> Quantity:
         match node:
@@ -206,6 +214,20 @@ class _Walker:
         if isinstance(found, tuple) and found != DIMENSIONLESS:
             self.warn(f"{text(node)!r} {_has(found)}, but {place} needs", DIMENSIONLESS)
         return found
+
+
+def _constants(node: Node) -> bool:
+    """Whether a number multiplies or divides in `node` that could have a unit."""
+    match node:
+        case Negative():
+            return _constants(node.operand)
+        case Binary(operator="*" | "/"):
+            ends = (node.left, node.right)
+            return any(isinstance(each, Number) or _constants(each) for each in ends)
+        case Binary(operator="+" | "-"):
+            return _constants(node.left) or _constants(node.right)
+        case _:
+            return False
 
 
 def _has(found: Dimension) -> str:

@@ -79,8 +79,9 @@ def test_what_is_shared_is_found_beside_what_is_not(fitted):
     for log, b in zip(fitted[0], GROUPS, strict=True):
         assert own[log.name] == pytest.approx(b, abs=4 * exact_error(COUNT, log) + 0.005 * b)
         # beside the error of b alone, that of the shared a: 0.2 % of the gain b / a
-    low, high = min(GROUPS), max(GROUPS)
-    assert low < float(model.plant.parameters["b"]) < high
+    # in the middle as the fit counts, by factors; a drifting one moves a little along each run
+    middle = np.exp(np.mean(np.log(list(own.values()))))
+    assert float(model.plant.parameters["b"]) == pytest.approx(middle, rel=0.01)
 
 
 def test_each_group_has_its_own_value(fitted):

@@ -98,7 +98,7 @@ class Data:
         """
         windows = self.windows(self.pieces if pieces is None else pieces)
         z = np.stack([self.starts(windows, each) for each in after]) if after else None
-        return fit_windows(
+        found = fit_windows(
             plant,
             unknowns,
             thetas,
@@ -113,6 +113,7 @@ class Data:
             robust=self.robust,
             claims=claims,
         )
+        return [_centred(plant, unknowns, each, windows) if each.usable else each for each in found]
 
     def afresh(self) -> "Data":
         """The same without the guesses of hidden states that fits have left."""
@@ -258,6 +259,28 @@ def prepare(
     longest = max(piece.stop - piece.start for piece in data.whole)
     data.drift = Drift.over(len(unknowns.slow), longest, len(data.whole))
     return data
+
+
+def _centred(plant: GrayBoxPlant, unknowns: Unknowns, fitted: Fitted, windows: Window) -> Fitted:
+    """The same fit with the common value of every varying parameter in the middle of the windows'
+    own, the means along them: nothing but a weak prior tells the fit where it is, and new runs are
+    looked for around it."""
+    first, states = unknowns.weights(plant), windows.center.shape[1]
+    theta, z, (lower, upper) = fitted.theta.copy(), fitted.z.copy(), unknowns.bounds(plant)
+    walk = np.asarray(windows.walk)
+    increments = z[:, states + len(unknowns.varying) :].reshape(len(z), *walk.shape[2:])
+    drift = np.einsum("wnks,wks->wns", walk, increments)
+    inside = np.asarray(windows.dt) > 0
+    for j, k in enumerate(unknowns.varying):
+        own = z[:, states + j].copy()
+        if k in unknowns.slow:
+            course = drift[..., unknowns.slow.index(k)]
+            own += np.sum(course * inside, axis=1) / np.maximum(np.sum(inside, axis=1), 1)
+        at = first + k
+        moved = np.clip(theta[at] + np.mean(own), lower[at], upper[at]) - theta[at]
+        theta[at] += moved
+        z[:, states + j] -= moved
+    return fitted._replace(theta=theta, z=z)
 
 
 def _some(pieces: list[Piece], budget: int) -> list[Piece]:
