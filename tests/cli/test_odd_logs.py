@@ -118,7 +118,7 @@ def test_presets_are_listed_and_printed(call, tmp_path):
     assert (refused.code, "did you mean 'tank'" in refused.err) == (2, True)
 
 
-@pytest.mark.parametrize("command", ["fit", "export", "simulate", "estimate"])
+@pytest.mark.parametrize("command", ["fit", "export", "simulate"])
 def test_help_says_that_out_is_required(call, command):
     said = " ".join(call(command, "--help").out.split())
     option = said[said.index("--out") :]

@@ -30,7 +30,7 @@ Out = Annotated[
     typer.Option(
         "--out",
         metavar="FILE",
-        help="Table to write: .csv, .csv.gz, .parquet; with --fleet a folder of them.",
+        help="Table to write: .csv, .csv.gz, .parquet; of a fleet a folder of them.",
     ),
     Writes(),
 ]

@@ -18,7 +18,7 @@ def fit(
     out: Annotated[
         Path,
         typer.Option(
-            "--out", metavar="MODEL", help="Model file to write; with --fleet a folder of them."
+            "--out", metavar="MODEL", help="Model file to write; of a fleet a folder of them."
         ),
         Writes(),
     ],
