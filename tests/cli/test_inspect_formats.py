@@ -225,6 +225,7 @@ def test_names_that_mean_something_else_are_printed_and_drafted_harmlessly(call,
     assert not {"sin", "d", "NN_x"} & {*spec.signals.state_names}
 
 
+@pytest.mark.study
 def test_no_draft_is_better_than_one_that_is_refused(call, tmp_path):
     """Of 500 states the networks would have more arguments than an expression may."""
     log, draft = tmp_path / "log.csv", tmp_path / "plant.toml"

@@ -86,11 +86,13 @@ def test_where_nothing_drifts_chance_is_what_it_says():
     assert np.median(found) == pytest.approx(0.5, abs=0.15)
 
 
+@pytest.mark.study
 def test_a_sound_plant_does_not_drift(model):
     decisions, bank = decide_runs(model, [run_of(seed) for seed in range(3)])
     assert drifts(bank, decisions) == []
 
 
+@pytest.mark.study
 def test_what_grows_below_the_alarm_is_told_and_left_open(model):
     """A leak of either kind, fault or wear, that grows too slowly to be told from the model's own
     error: to three times its learned size."""
@@ -118,6 +120,7 @@ def test_a_measured_quantity_that_explains_it_is_named():
     assert without.follows is None
 
 
+@pytest.mark.study
 def test_a_drifting_parameter_is_told_from_a_fault():
     """The bank tracks `warm` beside the leak; it moves by eight times its prior spread of 10 %."""
     text = LAG.replace("u - 0.2*x", "u - 0.2*x + warm").replace(
@@ -144,6 +147,7 @@ def test_a_drifting_parameter_is_told_from_a_fault():
     assert "apart from any fault" in sentences(told)[0]
 
 
+@pytest.mark.study
 def test_samples_under_alarm_do_not_count(model):
     run = run_of(5)
     healthy = run.t < 1000
