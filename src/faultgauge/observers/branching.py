@@ -6,12 +6,12 @@ z and to the branch's innovations e since (Willsky and Jones, IEEE TAC 21 (1976)
 likelihood ratio approach"; B. Friedland, IEEE TAC 14 (1969), "Treatment of bias in recursive
 filtering"):
 
-    eta' = A eta - K g,    g = C eta,    G = g / sqrt(S),    c += G e,    J += G G^T
+    eta' = A eta - K g,    g = C eta,    c += g e / R,    J += g^2 / R,    V = 1 / (J + 1 / s^2)
+    ln L += ln N(e; g c V, R + g^2 V) - ln N(e; 0, S)
 
-so that a change of size f ~ N(0, s^2) since then is likelier than none by
-
-    ln L = c^2 V / 2 - ln(1 + J s^2) / 2,    V = 1 / (J + 1 / s^2),    f ~ N(c V, V)
-
+for a change of size f ~ N(0, s^2) since then, of which f ~ N(c V, V) is left. S is the variance of
+the innovation, raised where it is far off; R is raised only where e is far off from what the change
+makes of it, and as S where the first sample may have had a part of the change only.
 A size's prior is as likely in every decade below its widest (`SCALES`). Nothing is mixed from step
 to step, so evidence adds up for as long as an onset is kept. Onsets are kept ever sparser the
 older they are, but the likely ones; one that goes leaves its prior to its neighbour. A change that
@@ -688,15 +688,18 @@ class Branching(eqx.Module):
         weights = jnp.concatenate(
             [jnp.full(B, state.weight[best] + over), state.weight[lead] + rate]
         )
-        empty = fresh[:B, None, None]
         lanes = state.lanes
+
+        def cleared(a: Array) -> Array:
+            return jnp.where(fresh[:B].reshape(-1, *([1] * (a.ndim - 1))), 0.0, a)
+
         lanes = lanes._replace(
-            mass=jnp.where(empty, NEVER, lanes.mass),
-            **{
-                name: jnp.where(empty.reshape(-1, *([1] * (old.ndim - 1))), 0.0, old)
-                for name in ("score", "info", "gain", "shared", "J")
-                for old in (getattr(lanes, name),)
-            },
+            mass=jnp.where(fresh[:B, None, None], NEVER, lanes.mass),
+            score=cleared(lanes.score),
+            info=cleared(lanes.info),
+            gain=cleared(lanes.gain),
+            shared=cleared(lanes.shared),
+            J=cleared(lanes.J),
         )
         return state._replace(
             belief=Belief(
