@@ -16,7 +16,7 @@ from faultgauge.detection.decisions import Decision
 from faultgauge.detection.events import Judged, events
 from faultgauge.detection.posterior import Mixture, Posterior
 from faultgauge.detection.verdicts import Heard, Rules, words
-from faultgauge.observers.branching import BranchInfo
+from faultgauge.observers.branches import BranchInfo
 from faultgauge.telemetry import Run
 from scenes import STEP, moving, tank_bank
 from views import compare

@@ -11,7 +11,7 @@ from faultgauge.detection.noise import Noise, noise_of
 from faultgauge.detection.noise_estimation import estimate_noise
 from faultgauge.detection.posterior import Mixture, mixture_quantiles
 from faultgauge.errors import InputError
-from faultgauge.observers.branching import BranchInfo
+from faultgauge.observers.branches import BranchInfo
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
 from faultgauge.plants.plant_file import parse_plant

@@ -16,7 +16,7 @@ from faultgauge.detection.retrospective import as_dicts, retrospect, sentences
 from faultgauge.detection.shocks import Record, Shocks, shocks
 from faultgauge.detection.window import Window, causes_in
 from faultgauge.observers import divided_difference as dd
-from faultgauge.observers.branching import SCALES
+from faultgauge.observers.branches import SCALES
 from faultgauge.plants.disturbed import Disturbed, Error
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model

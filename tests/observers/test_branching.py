@@ -10,7 +10,8 @@ from scipy.special import expit, logsumexp
 from scipy.stats import norm
 
 from faultgauge.observers import divided_difference as dd
-from faultgauge.observers.branching import SCALES, Branching, Prior
+from faultgauge.observers.branches import SCALES, Prior
+from faultgauge.observers.branching import Branching
 from faultgauge.observers.divided_difference import DividedDifferenceFilter
 from faultgauge.observers.follow import follow
 from faultgauge.plants.disturbed import Disturbed, Error

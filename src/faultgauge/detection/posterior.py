@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from faultgauge.detection.bank import FaultBank
-from faultgauge.observers.branching import BranchInfo
+from faultgauge.observers.branches import BranchInfo
 
 __all__ = ["Marginal", "Mixture", "Posterior", "mixture_quantiles"]
 

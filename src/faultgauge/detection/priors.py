@@ -4,7 +4,7 @@
   quarter of the range of what it enters: an input's limits, else what the training envelope holds.
   A network, or a parameter that is 0 and has no limits, may at least change so far that a state's
   rate, or an output, moves by as much as it does in training, or as the inputs alone make it.
-  Decades below are as likely (`branching.SCALES`), so it matters little.
+  Decades below are as likely (`branches.SCALES`), so it matters little.
 - a growth is as fast as `rate` says.
 - `onset`: `prior_per_hour`, or once in a thousand records as long as the healthy ones.
 - an output that has no bias of its own may be off undeclared, as far as its range.
@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from faultgauge.detection.judged import operating_points
-from faultgauge.observers.branching import Prior
+from faultgauge.observers.branches import Prior
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
 from faultgauge.plants.plant import respond

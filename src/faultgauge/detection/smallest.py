@@ -14,7 +14,7 @@ from jaxtyping import Float
 from faultgauge.detection.bank import FaultBank
 from faultgauge.detection.unit_faults import Effects, Information, effects_of, information
 from faultgauge.detection.verdicts import NAMED
-from faultgauge.observers.branching import SCALES
+from faultgauge.observers.branches import SCALES
 from faultgauge.telemetry import Run
 
 __all__ = [

@@ -15,7 +15,8 @@ from jaxtyping import Array, Float
 from faultgauge.detection.bank import FaultBank
 from faultgauge.detection.judged import operating_points
 from faultgauge.detection.noise import start_spread
-from faultgauge.observers.branching import Branching, BranchState
+from faultgauge.observers.branches import BranchState
+from faultgauge.observers.branching import Branching
 from faultgauge.observers.divided_difference import Belief
 
 __all__ = ["Start"]

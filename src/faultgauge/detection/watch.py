@@ -25,7 +25,8 @@ from faultgauge.detection.start import Start
 from faultgauge.detection.verdicts import NOT_JUDGED, STATUS, Heard, Rules, RulesState, Verdict
 from faultgauge.detection.verdicts import words as in_words
 from faultgauge.identification.evaluation import WARMUP
-from faultgauge.observers.branching import BranchInfo, Branching, BranchState
+from faultgauge.observers.branches import BranchInfo, BranchState
+from faultgauge.observers.branching import Branching
 from faultgauge.observers.follow import follow
 from faultgauge.plants.model import Model
 from faultgauge.plants.signals import Signals

@@ -24,7 +24,7 @@ from faultgauge.detection.judged import pad_stretch, record_arrays
 from faultgauge.detection.noise import start_spread
 from faultgauge.detection.priors import ALIEN, AT_START
 from faultgauge.detection.shocks import Record, Shocks, shocks
-from faultgauge.observers.branching import SCALES
+from faultgauge.observers.branches import SCALES
 from faultgauge.observers.divided_difference import Belief
 from faultgauge.telemetry import Run
 

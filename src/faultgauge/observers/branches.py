@@ -1,0 +1,94 @@
+"""What is known of branches: each is a filter with the faults of one set in its state, beside which
+the signatures of one more change of every fault run, for some onsets of it."""
+
+from typing import NamedTuple
+
+from jaxtyping import Array, Float, Int
+
+from faultgauge.observers.divided_difference import Belief
+
+__all__ = ["NEVER", "SCALES", "BranchInfo", "BranchState", "Changes", "Lanes", "Prior", "Probe"]
+
+SCALES = (1.0, 0.15, 0.02)  # of a size's widest prior
+NEVER = -1e30  # the logarithm of no probability: finite, so that sums stay numbers
+
+
+class Prior(NamedTuple):
+    """What is known before: `size` of a step and of a growth rate (widest standard deviation),
+    `low` and `high` limits of the fault, `onset` and `recovery` rates [1/s], `common` share of
+    onsets that bring a second fault, `unknown` rate [1/s]; `first`, ln of the probability that a
+    fault is there when a log begins; `changed`, how much likelier than onsets changes are."""
+
+    size: Float[Array, "kinds"]
+    low: Float[Array, "kinds"]
+    high: Float[Array, "kinds"]
+    onset: Float[Array, "kinds"]
+    recovery: Float[Array, "faults"]
+    common: Float[Array, ""]
+    unknown: Float[Array, ""]
+    first: Float[Array, "kinds"]
+    changed: Float[Array, ""]
+
+
+class Lanes(NamedTuple):
+    """Signatures of a unit change of each kind at some onsets, beside every branch: `score` and
+    `info` of its size, `gain` in ln L by each of `SCALES`; `shared` scores and `J` are in the
+    branch's own noise, and so tell what one change explains of another."""
+
+    eta: Float[Array, "branches n kinds onsets"]
+    score: Float[Array, "branches kinds onsets"]
+    info: Float[Array, "branches kinds onsets"]
+    gain: Float[Array, "branches scales kinds onsets"]
+    shared: Float[Array, "branches kinds onsets"]
+    J: Float[Array, "branches lanes lanes"]
+    mass: Float[Array, "branches kinds onsets"]
+    onset: Float[Array, "branches kinds onsets"]
+
+
+class Probe(NamedTuple):
+    """What a fault of each direction (down, up) would have done to the leading branch lately, and
+    how clearly it would have shown."""
+
+    eta: Float[Array, "n faults two"]
+    J: Float[Array, "faults two"]
+
+
+class BranchState(NamedTuple):
+    """A checkpoint. Branches come first, unknown ones behind; `which` set each is, `weight` ln of
+    its posterior (up to a constant), `since` when each fault of it began (mean and variance),
+    `ever` whether it has held each fault at any time, `begun` when the filter began [s]."""
+
+    belief: Belief
+    weight: Float[Array, "filters"]
+    which: Int[Array, "filters"]
+    since: Float[Array, "filters faults two"]
+    ever: Float[Array, "filters faults"]
+    begun: Float[Array, "filters"]
+    lanes: Lanes
+    probe: Probe
+    u: Float[Array, "inputs"]
+    t: Float[Array, ""]
+
+
+class BranchInfo(NamedTuple):
+    """What one sample leaves: the posterior of every set and, last, of the unknown; mean and
+    standard deviation of every fault in each set; the states; how clearly each fault would have
+    shown, downwards and upwards; how long ago it began, if it is there (mean and standard deviation
+    [s]), and the probability that it is or was there."""
+
+    p: Float[Array, "sets"]
+    f: Float[Array, "sets faults"]
+    sd: Float[Array, "sets faults"]
+    x: Float[Array, "states"]
+    seen: Float[Array, "faults two"]
+    onset: Float[Array, "faults two"]
+    ever: Float[Array, "faults"]
+
+
+class Changes(NamedTuple):
+    """Every change that a branch may have had: ln of its prior times its likelihood, its size and
+    the variance of that. First steps and growths, then recoveries of the faults."""
+
+    ell: Float[Array, "branches kinds onsets"]
+    f: Float[Array, "branches kinds onsets"]
+    V: Float[Array, "branches kinds onsets"]

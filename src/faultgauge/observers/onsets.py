@@ -1,0 +1,311 @@
+"""How likely one more change of every fault is beside every branch, by when it began.
+
+Signatures of a unit change at some onsets say what it would have done to z and to the branch's
+innovations e since (Willsky and Jones, IEEE TAC 21 (1976), "A generalized likelihood ratio
+approach"; B. Friedland, IEEE TAC 14 (1969), "Treatment of bias in recursive filtering"):
+
+    eta' = A eta - K g,    g = C eta,    c += g e / R,    J += g^2 / R,    V = 1 / (J + 1 / s^2)
+    ln L += ln N(e; g c V, R + g^2 V) - ln N(e; 0, S)
+
+for a change of size f ~ N(0, s^2) since then, of which f ~ N(c V, V) is left. S is the variance of
+the innovation, raised where it is far off; R is raised only where e is far off from what the change
+makes of it, and as S where the first sample may have had a part of the change only.
+A size's prior is as likely in every decade below its widest (`SCALES`). Nothing is mixed from step
+to step, so evidence adds up for as long as an onset is kept. Onsets are kept ever sparser the
+older they are, but the likely ones; one that goes leaves its prior to its neighbour.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.scipy.special import logsumexp
+from jaxtyping import Array, Bool, Float, Int
+
+from faultgauge.observers.branches import NEVER, SCALES, BranchState, Changes, Lanes, Prior
+from faultgauge.observers.divided_difference import (
+    DividedDifferenceFilter,
+    Flow,
+    Look,
+    Seen,
+    raised,
+)
+
+__all__ = ["TICK", "Onsets"]
+
+HEAVY = 0.2  # of the likeliest one's weight: an onset that is not given up
+LEAST = 1e-9  # of a size's probability within its limits
+SHARPEST = 10.0  # nats: an onset that explains more than those beside it is missed no more
+TICK = 1e-12  # s: the shortest step
+
+
+class Onsets(eqx.Module):
+    """The evidence of `onsets` of every kind of change, beside `branches` branches.
+
+    A kind of change is a step of one of the faults, those that nobody declared included, or a
+    growth of one that has a rate. `more[set][kind]` is the set that a change of that kind leads to,
+    `less[set][fault]` the one without the fault, -1 where there is none.
+    """
+
+    filter: DividedDifferenceFilter
+    prior: Prior
+    more: tuple[tuple[int, ...], ...] = eqx.field(static=True)
+    less: tuple[tuple[int, ...], ...] = eqx.field(static=True)
+    branches: int = eqx.field(static=True)
+    onsets: int = eqx.field(static=True)
+
+    @property
+    def kinds(self) -> int:
+        return self.filter.faults + len(self.filter.growing)
+
+    @property
+    def owner(self) -> np.ndarray:
+        """The fault that each kind is of."""
+        return np.array([*range(self.filter.faults), *self.filter.growing], int)
+
+    @property
+    def slots(self) -> np.ndarray:
+        """The place in z that each kind moves."""
+        return self.filter.states + np.arange(self.kinds)
+
+    # -- signatures
+
+    def _signatures(self, lanes: Lanes, step: tuple[Flow, Look, Seen]) -> tuple[Lanes, tuple[()]]:
+        """What every unit change has done by now."""
+        B, n = lanes.eta.shape[:2]
+        K, A = self.kinds, self.onsets
+        flow, look, seen = step
+        up = (lanes.score >= 0)[:, None]
+        own = jnp.stack(
+            [lanes.eta[:, self.filter.states + k, j] for j, k in enumerate(self.owner)], 1
+        )
+        eta = jnp.einsum("bij,bjl->bil", flow.A, lanes.eta.reshape(B, n, K * A))
+        eta = eta.reshape(B, n, K, A)
+        middle = (flow.up + flow.down) / 2
+        sided = jnp.where(
+            up,
+            (flow.up - middle)[:, :, self.owner, None],
+            (flow.down - middle)[:, :, self.owner, None],
+        )
+        states = eta[:, : self.filter.states] + sided * own[:, None]
+        eta = jnp.concatenate([states, eta[:, self.filter.states :]], axis=1)
+        own = jnp.stack([eta[:, self.filter.states + k, j] for j, k in enumerate(self.owner)], 1)
+        middle = (look.up + look.down) / 2
+        sided = jnp.where(
+            up,
+            (look.up - middle)[:, :, self.owner, None],
+            (look.down - middle)[:, :, self.owner, None],
+        )
+        sided = sided * own[:, None]
+        shared, J = lanes.shared.reshape(B, -1), lanes.J
+        score, info, gain, least = lanes.score, lanes.info, lanes.gain, self._least()
+        narrower, at_once = jnp.ones_like(gain), self._at_once()[:, None]
+        for j in range(seen.white.shape[1]):
+            # the faults' own sides do not change while the outputs are taken in turn
+            g = jnp.einsum("bn,bnka->bka", look.C[:, j], eta) + sided[:, j]
+            G = (g / seen.root[:, j, None, None]).reshape(B, -1)
+            shared = shared + G * seen.white[:, j, None]
+            J = J + G[:, :, None] * G[:, None, :]
+            # what is far off without a change of a sensor need not be so with it, and then tells
+            # its size; of another change that began since the last sample it tells a part
+            there = jnp.isfinite(seen.root[:, j])
+            wider = jnp.where(there, seen.root[:, j] / seen.usual[:, j], 1.0)[:, None, None]
+            white, G = seen.white[:, j, None, None], g / seen.usual[:, j, None, None]
+            V = 1 / (info[:, None] + least)
+            off = (white * wider)[:, None] - (G * score)[:, None] * V
+            unsure = G[:, None] ** 2 * V
+            least_times = jnp.where(at_once, 1.0, wider**2)[:, None]
+            times = jnp.maximum(raised(off**2 / (1 + unsure)), least_times)
+            gain = gain + (white[:, None] ** 2 - off**2 / (times + unsure)) / 2
+            narrower = narrower * wider[:, None] ** 2 / (times + unsure)
+            score = score + G * white * wider / times[:, 0]
+            info = info + G**2 / times[:, 0]
+            g = jnp.where(there[:, None, None], g, 0.0)
+            eta = eta - seen.gain[:, j, :, None, None] * g[:, None]
+        gain, shared = gain + jnp.log(narrower) / 2, shared.reshape(B, K, A)
+        return lanes._replace(eta=eta, score=score, info=info, gain=gain, shared=shared, J=J), ()
+
+    def _at_once(self) -> Bool[np.ndarray, "kinds"]:
+        """The kinds of change of which the first sample shows all."""
+        faults = self.filter.plant.signals.faults
+        steps = [fault.enters in ("output", "output_gain") for fault in faults]
+        return np.array([*steps, *[False] * len(self.filter.growing)])
+
+    def _least(self) -> Float[Array, "scales kinds one"]:
+        """The information on a change's size before any data."""
+        return 1 / (jnp.array(SCALES)[:, None, None] * self.prior.size[:, None]) ** 2
+
+    # -- what changes there may have been
+
+    def _changes(self, state: BranchState) -> Changes:
+        lanes, prior = state.lanes, self.prior
+        B, K, A = lanes.score.shape
+        which = state.which[:B]
+        more, less = jnp.array(self.more), jnp.array(self.less)
+        present = self._present(state)[:, self.owner, None]
+        least = self._least()
+        V = 1 / (lanes.info[:, None] + least)
+        f = lanes.score[:, None] * V
+        inside = self._inside(f, V, 1 / least)
+        each = lanes.gain + jnp.where(present[:, None], 0.0, inside)
+        gain = logsumexp(each, axis=1) - np.log(len(SCALES))
+        share = jnp.exp(each - logsumexp(each, axis=1, keepdims=True))
+        mean = jnp.sum(share * f, axis=1)
+        V = jnp.sum(share * (V + (f - mean[:, None]) ** 2), axis=1)
+        legal = (more[which] >= 0)[:, :, None]
+        changed = jnp.where(present, jnp.log(prior.changed), 0.0)
+        ell = jnp.where(legal, lanes.mass + changed + gain, NEVER)
+        steps = Changes(ell, mean, V)
+        # a fault that goes: a step after which it is 0, where a unit of it still stands in the
+        # estimate by as much as the signature has `left` there
+        F = self.filter.faults
+        at = slice(self.filter.states, self.filter.states + F)
+        m = -state.belief.mean[:B, at, None]
+        v = jnp.diagonal(state.belief.P[:B], axis1=1, axis2=2)[:, at, None] + 1e-300
+        J = jnp.maximum(jnp.diagonal(lanes.J, axis1=1, axis2=2), 0.0).reshape(B, K, A)[:, :F]
+        c = lanes.shared[:, :F]
+        left = jnp.stack([lanes.eta[:, self.filter.states + k, k] for k in range(F)], 1)
+        V = 1 / (J + left**2 / v + 1e-300)
+        f = V * (c + left * m / v)
+        gain = (f**2 / V - m**2 / v - jnp.log(jnp.maximum(J * v + left**2, 1e-300))) / 2
+        rare = jnp.log(prior.recovery / prior.onset[:F])[:, None]
+        legal = ((less[which] >= 0) & self._present(state))[:, :, None]
+        gone = Changes(jnp.where(legal, lanes.mass[:, :F] + rare + gain, NEVER), f, V)
+        return Changes(*(jnp.concatenate(two, axis=1) for two in zip(steps, gone, strict=True)))
+
+    def _present(self, state: BranchState) -> Bool[Array, "branches faults"]:
+        at = slice(self.filter.states, self.filter.states + self.filter.faults)
+        return jnp.diagonal(state.belief.P[: self.branches], axis1=1, axis2=2)[:, at] > 0
+
+    def _inside(self, f: Array, V: Array, s2: Array | np.ndarray) -> Array:
+        """ln of the share of the posterior within the fault's limits over that of the prior."""
+        low, high = self.prior.low[:, None], self.prior.high[:, None]
+
+        def mass(mean: Array, sd: Array) -> Array:
+            wide = np.sqrt(2.0) * sd
+            inside = (jax.lax.erf((high - mean) / wide) - jax.lax.erf((low - mean) / wide)) / 2
+            return jnp.log(jnp.maximum(inside, LEAST))
+
+        return jax.lax.cond(
+            jnp.all(jnp.isinf(low) & jnp.isinf(high)),  # of no fault: erf is the dearest of all
+            lambda: jnp.zeros_like(f),
+            lambda: mass(f, jnp.sqrt(V)) - mass(jnp.zeros_like(f), jnp.sqrt(s2)),
+        )
+
+    def _blur(self, state: BranchState) -> Float[Array, "branches kinds onsets"]:
+        """The variance of an onset of which only those beside it are kept: evenly between them."""
+        when, used = state.lanes.onset, state.lanes.mass > NEVER / 2
+        older = jnp.concatenate([when[:, :, :1], when[:, :, :-1]], axis=2)
+        before = jnp.concatenate([used[:, :, :1] & False, used[:, :, :-1]], axis=2)
+        younger = jnp.concatenate([when[:, :, 1:], jnp.full_like(when[:, :, :1], state.t)], axis=2)
+        return (jnp.where(before, younger - older, younger - when) / 2) ** 2 / 3
+
+    def _slope(
+        self, state: BranchState, b: Int[Array, ""], kind: Int[Array, ""]
+    ) -> Float[Array, "n onsets"]:
+        """By how much the signatures of one kind grow per second that the onset lies earlier."""
+        eta, when = state.lanes.eta[b, :, kind], state.lanes.onset[b, kind]
+        begins = jnp.zeros((len(eta), 1)).at[self.filter.states + kind].set(1.0)
+        younger = jnp.concatenate([eta[:, 1:], begins], axis=1)
+        apart = jnp.diff(when, append=state.t)
+        return (eta - younger) / jnp.maximum(apart, TICK)
+
+    # -- what is passed on
+
+    def _inherited(
+        self,
+        lanes: Lanes,
+        b: Int[Array, ""],
+        kind: Int[Array, ""],
+        a: Int[Array, ""],
+        place: Int[Array, ""],
+        f: Float[Array, ""],
+        V: Float[Array, ""],
+        gone: Bool[Array, ""],
+    ) -> Lanes:
+        """The signatures beside the new branch: less what the promoted change, of size `f` and
+        variance `V`, explains of them."""
+        K, A = self.kinds, self.onsets
+        which = kind * A + a
+        J, eta, mass = lanes.J[b], lanes.eta[b], lanes.mass[b]
+        column = J[:, which]
+        shared = lanes.shared[b].reshape(-1) - column * f
+        J = J - V * column[:, None] * column[None]
+        eta = eta - eta[:, kind, a][:, None, None] * (V * column).reshape(1, K, A)
+        # a common cause brings another fault at about the same time
+        apart = jnp.abs(lanes.onset[b] - lanes.onset[b, kind, a])
+        closest = apart == jnp.min(apart, axis=1, keepdims=True)
+        together = closest & (mass > NEVER / 2) & ~gone
+        mass = jnp.where(together, jnp.logaddexp(mass, jnp.log(self.prior.common)), mass)
+        shared, info = (a.reshape(K, A) for a in (shared, jnp.maximum(jnp.diagonal(J), 0.0)))
+        least = self._least()
+        gain = (shared**2 / (info + least) - jnp.log1p(info / least)) / 2
+        new = Lanes(eta, shared, info, gain, shared, J, mass, lanes.onset[b])
+        return jax.tree.map(lambda every, one: every.at[place].set(one), lanes, new)
+
+    def _opened(self, state: BranchState, ell: Array, dt: Array) -> BranchState:
+        """An onset at this sample, behind the others, in the place of the one that is missed least:
+        that whose neighbours lie closest for its age and explain what it explains, and is not
+        likely."""
+        lanes, K, A = state.lanes, self.kinds, self.onsets
+        B = self.branches
+        likely = jnp.exp(ell - jnp.max(ell, axis=2, keepdims=True)) > HEAVY
+        used, when = lanes.mass > NEVER / 2, lanes.onset
+        far = jnp.full((B, K, 1), -1e9)
+        older = jnp.concatenate([far, when[:, :, :-1]], axis=2)
+        younger = jnp.concatenate([when[:, :, 1:], jnp.full((B, K, 1), state.t)], axis=2)
+        age = state.t + jnp.maximum(dt, TICK) - when
+        gain = jnp.where(used, ell - lanes.mass, NEVER)
+        none = jnp.full((B, K, 1), NEVER)
+        beside = jnp.maximum(
+            jnp.concatenate([none, gain[:, :, :-1]], axis=2),
+            jnp.concatenate([gain[:, :, 1:], 0 * none], axis=2),
+        )
+        peak = jnp.exp(jnp.clip(gain - beside, 0.0, SHARPEST))
+        cost = (younger - older) / age * peak + jnp.where(likely, 1e6, 0.0)
+        cost = jnp.where(used, cost, -1.0)
+        place = jnp.argmin(cost, axis=2)[:, :, None]
+        index = np.arange(A)
+        gone = index == place
+        # its prior goes to the nearer neighbour
+        lost = jnp.where(gone & used, lanes.mass, NEVER)
+        to_older = when - older <= younger - when
+        left = jnp.concatenate([jnp.where(to_older, lost, NEVER)[:, :, 1:], none], axis=2)
+        right = jnp.where(to_older, NEVER, lost)
+        fresh = jnp.log(self.prior.onset * jnp.maximum(dt, TICK))[:, None]
+        fresh = jnp.logaddexp(fresh, right[:, :, -1:])
+        right = jnp.concatenate([none, right[:, :, :-1]], axis=2)
+        mass = jnp.logaddexp(lanes.mass, jnp.logaddexp(left, right))
+
+        def moved(a: Array, new: Array | np.ndarray | float) -> Array:
+            """The onsets behind the one that went, one place down; `new` at the end."""
+            end = jnp.broadcast_to(new, (*a.shape[:-1], 1))
+            after = jnp.concatenate([a[..., 1:], end], axis=-1)
+            before = index < place if a.ndim == 3 else index < place[:, None]
+            return jnp.where(before, a, after)
+
+        # rows and columns of J one place down, as one long axis: a vector for compilers
+        kept = (index < place).reshape(B, K * A)
+        last = np.tile(index == A - 1, K)
+
+        def down(a: Array, axis: int) -> Array:
+            mask = [1, 1, 1]
+            mask[0], mask[axis] = B, K * A
+            one = jnp.roll(a, -1, axis)
+            one = jnp.where(last.reshape(1, *mask[1:]), 0.0, one)
+            return jnp.where(kept.reshape(mask), a, one)
+
+        J = down(down(lanes.J, 2), 1)
+        start = np.zeros((lanes.eta.shape[1], K, 1))
+        start[self.slots, range(K), 0] = 1.0
+        new = Lanes(
+            moved(lanes.eta, jnp.asarray(start)),
+            moved(lanes.score, 0.0),
+            moved(lanes.info, 0.0),
+            moved(lanes.gain, 0.0),
+            moved(lanes.shared, 0.0),
+            J,
+            moved(mass, fresh),
+            moved(when, state.t),
+        )
+        return state._replace(lanes=new)
