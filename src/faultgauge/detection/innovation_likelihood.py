@@ -8,6 +8,7 @@ counts (Schweppe, IEEE TAC 11 (1965); Mehra, IEEE TAC 15 (1970)).
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -28,6 +29,7 @@ from faultgauge.detection.noise import (
     spread_of_start,
     start_spread,
 )
+from faultgauge.identification.refinement.cores import side_by_side
 from faultgauge.identification.samples import in_effect
 from faultgauge.observers import divided_difference as dd
 from faultgauge.observers.divided_difference import Belief, DividedDifferenceFilter
@@ -37,10 +39,11 @@ from faultgauge.simulation.closed_loop import with_faults
 from faultgauge.simulation.free_run import substeps_for
 from faultgauge.telemetry import Run, segments
 
-__all__ = ["SAMPLES", "Likelihood", "Stretch", "healthy_stretches"]
+__all__ = ["SAMPLES", "Likelihood", "Stretch", "Told", "healthy_stretches"]
 
 SAMPLES = 16384  # that tell the levels
 LONGEST = 4096  # of one stretch
+AT_ONCE = 4  # levels: one compiled program for any number of them
 
 
 @dataclass(frozen=True)
@@ -53,6 +56,18 @@ class Stretch:
     u: Float[np.ndarray, "samples inputs"]
     y: Float[np.ndarray, "samples outputs"]
     dt: Float[np.ndarray, "samples"]
+
+
+class Told(NamedTuple):
+    """Under each of some levels: -ln p(y) of all stretches; mean and covariance of each stretch's
+    own xi; of every sample of every output the innovation in standard deviations (0: not sampled)
+    and the logarithm of its standard deviation (0: not sampled)."""
+
+    cost: Float[np.ndarray, "levels"]
+    mean: Float[np.ndarray, "levels stretches directions"]
+    P: Float[np.ndarray, "levels stretches directions directions"]
+    white: Float[np.ndarray, "levels samples"]
+    root: Float[np.ndarray, "levels samples"]
 
 
 @dataclass(frozen=True)
@@ -97,15 +112,14 @@ class Likelihood:
             int(sum(np.isfinite(s.y).sum() for s in stretches)),
         )
 
-    def run(
-        self, model: Model, many: Sequence[Noise]
-    ) -> tuple[
-        Float[np.ndarray, "levels"],
-        Float[np.ndarray, "levels stretches directions"],
-        Float[np.ndarray, "levels stretches directions directions"],
-    ]:
-        """(-ln p(y) of all stretches under each of `many` levels; mean and covariance of each
-        stretch's own xi)."""
+    def run(self, model: Model, many: Sequence[Noise]) -> Told:
+        """What the stretches say under each of `many` levels, a few at a time on every core."""
+        padded = [*many, *[many[-1]] * (-len(many) % AT_ONCE)]
+        chunks = [padded[k : k + AT_ONCE] for k in range(0, len(padded), AT_ONCE)]
+        told = side_by_side(lambda some: self._run(model, some), chunks)
+        return Told(*(np.concatenate(each)[: len(many)] for each in zip(*told, strict=True)))
+
+    def _run(self, model: Model, many: Sequence[Noise]) -> Told:
         known = constants_of(model)
         drifted = spread_of_start(model, many[0].sigma, self.columns)[1]
         plant = disturbed(model, many[0])
@@ -146,8 +160,7 @@ class Likelihood:
             self.dt,
             self.substeps,
         )
-        total, mean, P = (np.asarray(each) for each in found)
-        return -total, mean, P
+        return Told(*(np.asarray(each) for each in found))
 
 
 @eqx.filter_jit
@@ -164,8 +177,8 @@ def _costs(
     y: Float[Array, "stretches samples outputs"],
     dt: Float[Array, "stretches samples"],
     substeps: int,
-) -> tuple[Array, Array, Array]:
-    """(ln p(y), mean and covariance of xi at the end of every stretch) under every level."""
+) -> tuple[Array, Array, Array, Array, Array]:
+    """The fields of `Told`."""
     more = jnp.zeros((len(x), len(scale) - x.shape[1]))
     begin = jnp.concatenate([x, more], axis=1)
 
@@ -173,26 +186,29 @@ def _costs(
 
     def of(
         error: Error, offset: Array, W: Array, noise: dd.Noise, sd: Array
-    ) -> tuple[Array, Array, Array]:
+    ) -> tuple[Array, Array, Array, Array, Array]:
         parts = error, offset, W
         own = eqx.tree_at(lambda p: (p.error, p.offset, p.directions), plant, parts)
         lane = DividedDifferenceFilter(own, scale, jnp.zeros(0), (), substeps)
 
-        def stretch(x: Array, u: Array, y: Array, dt: Array) -> tuple[Array, Array, Array]:
+        def stretch(
+            x: Array, u: Array, y: Array, dt: Array
+        ) -> tuple[Array, Array, Array, Array, Array]:
             def body(
                 carry: tuple[Belief, Array, Array], sample: tuple[Array, Array, Array]
-            ) -> tuple[tuple[Belief, Array, Array], None]:
+            ) -> tuple[tuple[Belief, Array, Array], tuple[Array, Array]]:
                 belief, before, total = carry
                 now, y, dt = sample
-                belief, more, *_ = lane.step(belief, noise, before, now, y, dt)
-                return (belief, now, total + more), None
+                belief, more, *_, seen = lane.step(belief, noise, before, now, y, dt)
+                root = jnp.where(jnp.isfinite(seen.root), jnp.log(seen.root), 0.0)
+                return (belief, now, total + more), (seen.white, root)
 
             begin = lane.begin(x, sd), u[0], jnp.zeros(())
-            belief, _, total = jax.lax.scan(body, begin, (u, y, dt))[0]
-            return total, belief.mean[xi], belief.P[xi, xi]
+            (belief, _, total), (white, root) = jax.lax.scan(body, begin, (u, y, dt))
+            return total, belief.mean[xi], belief.P[xi, xi], white, root
 
-        total, mean, P = jax.vmap(stretch)(begin, u, y, dt)
-        return jnp.sum(total), mean, P
+        total, mean, P, white, root = jax.vmap(stretch)(begin, u, y, dt)
+        return -jnp.sum(total), mean, P, white.ravel(), root.ravel()
 
     return jax.vmap(of)(error, offset, W, levels, sd)
 

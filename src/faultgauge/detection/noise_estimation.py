@@ -10,13 +10,16 @@ what noise of a few samples' memory adds up to.
 """
 
 from collections.abc import Sequence, Set
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
-from scipy.optimize import minimize
 
-from faultgauge.detection.innovation_likelihood import SAMPLES, Likelihood, healthy_stretches
+from faultgauge.detection.innovation_likelihood import (
+    SAMPLES,
+    Likelihood,
+    Told,
+    healthy_stretches,
+)
 from faultgauge.detection.noise import LATE, WANDER, Noise
 from faultgauge.detection.noise_levels import (
     Bounds,
@@ -29,6 +32,7 @@ from faultgauge.detection.noise_levels import (
 )
 from faultgauge.detection.output_errors import with_errors_of_outputs
 from faultgauge.detection.run_spread import constants_retold
+from faultgauge.detection.scoring import scored
 from faultgauge.errors import InputError
 from faultgauge.observers import divided_difference as dd
 from faultgauge.plants.model import Model
@@ -37,12 +41,11 @@ from faultgauge.telemetry.oversampling import block_means
 
 __all__ = ["estimate_noise"]
 
-DIFFERENCE = 1e-4  # of a logarithm, for the slope of the likelihood
 GRID = 4  # time constants to begin from
 SMALLER = (1.0, 10.0, 100.0)  # times: sizes of the discrepancy to begin from
 FACTORS = (1.0, 10.0, 100.0, 1000.0)  # of process noise, until the filter is not lost
 ROUNDS = (20, 12, 8)  # steps of each search; the constants are told anew between them
-ENOUGH = 0.03  # of log-likelihood: a step that gains less is the last
+ENOUGH = 0.3  # of log-likelihood: a step that gains less is the last
 NONE = 1e-6  # times the usual: as good as no discrepancy
 
 
@@ -101,7 +104,7 @@ def _costs(
 ) -> Float[np.ndarray, "many"]:
     """-ln of likelihood times prior."""
     logs = np.stack([logs_of(each) for each in many])
-    return batch.run(model, many)[0] + bounds.unlikely(logs)
+    return batch.run(model, many).cost + bounds.unlikely(logs)
 
 
 def _gain(model: Model, batch: Likelihood, noise: Noise, other: Noise, bounds: Bounds) -> float:
@@ -122,7 +125,7 @@ def _started(model: Model, batch: Likelihood, noise: Noise, bounds: Bounds) -> N
         return getattr(least, name) ** (1 - share) * getattr(most, name) ** share
 
     many = [noise._replace(process=factor * noise.process) for factor in FACTORS]
-    cost = batch.run(model, many)[0] / batch.count
+    cost = batch.run(model, many).cost / batch.count
     noise = many[int(np.argmax(cost < cost.min() + dd.FAR**2 / 2))]
     shares = np.arange(1, GRID + 1) / (GRID + 1)
     if len(noise.settling):
@@ -139,30 +142,22 @@ def _searched(
     held: Set[str],
     most: int,
 ) -> Noise:
-    """The likeliest levels but those `held`, by at most so many steps of L-BFGS from `noise`."""
+    """The likeliest levels but those `held`, by at most so many steps from `noise`."""
     start = logs_of(noise)
     at = np.flatnonzero(np.isfinite(start) & ~np.isin(names_of(noise), list(held)))
-    steps = np.concatenate([np.zeros((1, len(start))), DIFFERENCE * np.eye(len(start))[at]])
 
-    def cost(x: Float[np.ndarray, "free"]) -> tuple[float, Float[np.ndarray, "free"]]:
-        logs = start.copy()
-        logs[at] = x
-        total = _costs(model, batch, [levels_of(row, noise) for row in logs + steps], bounds)
-        return float(total[0] / batch.count), (total[1:] - total[0]) / DIFFERENCE / batch.count
+    def tell(some: Float[np.ndarray, "many free"]) -> Told:
+        logs = np.tile(start, (len(some), 1))
+        logs[:, at] = some
+        return batch.run(model, [levels_of(row, noise) for row in logs])
 
-    found: Any = minimize(
-        cost,
-        np.clip(start, bounds.low, bounds.high)[at],
-        jac=True,
-        method="L-BFGS-B",
-        bounds=np.stack([bounds.low, bounds.high], axis=1)[at],
-        options={"maxiter": most, "ftol": ENOUGH / batch.count},
-    )
-    if not np.all(np.isfinite(found.x)) or not found.fun < -dd.LOST / 4:
+    own = [each[at] for each in (start, bounds.low, bounds.high, bounds.center, bounds.pull)]
+    found, cost = scored(tell, *own, most=most, enough=ENOUGH)
+    if not np.all(np.isfinite(found)) or not cost / batch.count < -dd.LOST / 4:
         raise InputError(
             "the model does not follow the healthy logs at all, so its noise cannot be told; look "
             "at `faultgauge evaluate`."
         )
     logs = start.copy()
-    logs[at] = found.x
+    logs[at] = found
     return levels_of(logs, noise)

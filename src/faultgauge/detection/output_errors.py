@@ -57,7 +57,7 @@ def with_errors_of_outputs(model: Model, batch: Likelihood, noise: Noise, spans:
             own = dict(zip(levels, changed, strict=True))
             many.append(none._replace(process=noise.process / factor, **own))
             tried.append((levels, j))
-    cost = batch.run(model, many)[0]
+    cost = batch.run(model, many).cost
     found = {name: getattr(noise, name).copy() for name in (*WANDER, *LATE)}
     for j in np.flatnonzero(measured).tolist():
         own = [k for k, (_, output) in enumerate(tried, 1) if output == j]

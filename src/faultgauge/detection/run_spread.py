@@ -30,7 +30,7 @@ def constants_retold(model: Model, batch: Likelihood, noise: Noise) -> Noise:
     known, skip = constants_of(model), len(drifting_of(model))
     if not known.names:
         return noise
-    cost, mean, P = batch.run(model, [noise])
+    cost, mean, P, *_ = batch.run(model, [noise])
     for _ in range(2):
         W = directions_of(model, known, noise.spread)[skip:, skip:]
         own = mean[0, :, skip:] @ W.T
@@ -44,7 +44,7 @@ def constants_retold(model: Model, batch: Likelihood, noise: Noise) -> Noise:
         spread = np.sqrt((squares + usual**2) / (count + 1) * (1 + 1 / count))
         new = _pooled(model, known.names, _within(batch, own, V)) / spread**2
         told = noise._replace(spread=spread, shift=mean_off, renewed=np.clip(new, 0.0, 1.0))
-        after, mean, P = batch.run(model, [told])
+        after, mean, P, *_ = batch.run(model, [told])
         if after[0] > cost[0] + len(usual):  # what a prior may take: here the filter is lost
             break
         noise, cost = told, after
