@@ -49,7 +49,9 @@ MEMORIES = 4.0  # of the bank in a block
 SHORTEST = 50  # samples of a block
 BY_CHANCE = 0.05  # how often healthy logs may show more
 TRIES = 5  # of how far the evidence can be believed
-STEEP = 1.05  # so that few are needed
+STEEP = 1.02  # so that few are needed
+CLOSE = 1.08  # times what is needed: close enough
+LEAST = 1e-2  # of what is allowed: less is alike
 MOST_NAMED = 3  # stretches that look faulty
 LOWEST = -30.0  # log-odds: what lies below is alike
 MARGIN = 3.0  # mean excesses: -ln(0.05)
@@ -140,17 +142,38 @@ def _believed(
     """(how many times as large the noise must be for no block to show log-odds above `most`, and
     the bank and its blocks with that).
 
-    Evidence falls with the square of it, from the least odds that any block has.
+    Evidence falls about with the square of it, from the least odds that any block has; what is
+    found is at most `CLOSE` times too large, where `TRIES` suffice.
     """
-    widened = 1.0
+    first = [each.peak for each in blocks]
+    nothing = min(*first, np.log(RARE))
+
+    def over(blocks: list[Block]) -> float:
+        """ln of how many times too large the evidence is."""
+        evidence = max(each.peak for each in blocks) - nothing
+        return float(np.log(max(evidence / (most - nothing), LEAST)))
+
+    found = 1.0, bank, blocks
+    short, enough = [(0.0, over(blocks))], list[tuple[float, float]]()  # (ln widened, what is left)
     for _ in range(TRIES):
-        peaks = [each.peak for each in blocks]
-        if max(peaks) <= most:
+        (a, left), *others = reversed(short)
+        if left <= 0:
             break
-        nothing = min(min(peaks), -np.log(1 / RARE))
-        widened *= STEEP * float(np.sqrt((max(peaks) - nothing) / (most - nothing)))
+        if enough:
+            b, right = enough[-1]
+            tries = a + (b - a) * min(max(left / (left - right), 0.1), 0.9)
+        else:
+            slope = (left - others[0][1]) / (a - others[0][0]) if others else -2.0
+            tries = a - left / min(max(slope, -4.0), -0.5) + np.log(STEEP)
+        widened = float(np.exp(tries))
         bank, blocks = tried(widened)
-    return widened, bank, blocks
+        left = over(blocks)
+        (short if left > 0 else enough).append((tries, left))
+        if left <= 0 or not enough:
+            found = widened, bank, blocks
+        if enough and enough[-1][0] - short[-1][0] < np.log(CLOSE):
+            break
+    return found
 
 
 def level_of(peaks: Float[np.ndarray, "blocks"], allowed: int) -> float:

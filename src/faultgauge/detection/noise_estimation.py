@@ -31,7 +31,7 @@ from faultgauge.detection.noise_levels import (
     spans_of,
 )
 from faultgauge.detection.output_errors import with_errors_of_outputs
-from faultgauge.detection.run_spread import constants_retold
+from faultgauge.detection.run_spread import as_unsure_as_few_runs_tell, constants_retold
 from faultgauge.detection.scoring import scored
 from faultgauge.errors import InputError
 from faultgauge.observers import divided_difference as dd
@@ -85,6 +85,7 @@ def estimate_noise(model: Model, runs: Sequence[Run], discrepancy: bool = True) 
         without = {n: NONE * getattr(guess, n) for n in ("size", "share", "spread")}
         held = {"size", "lasting", "share", "settling"}
         noise = _searched(model, batch, guess._replace(**without), bounds, held, sum(ROUNDS))
+    noise = as_unsure_as_few_runs_tell(model, batch, noise)
     samples = [averaged.get(name, 1.0) for name in model.plant.signals.output_names]
     return noise._replace(sigma=noise.sigma * np.sqrt(samples))
 
