@@ -285,6 +285,7 @@ def runs_as_dicts(
         found[one.run.name] = {
             **shares_of(one).as_dict(dict(zip(faults, least, strict=True))),
             "unnamed": [{"from": e.start, "to": e.end, "sentence": e.text} for e in unnamed],
+            "glitches": dict(Counter(each.output for each in one.glitches)),
         }
     return found
 
