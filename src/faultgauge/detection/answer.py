@@ -8,7 +8,7 @@ may be, and what this log would not have shown.
 
 from collections import Counter, deque
 from collections.abc import Sequence
-from datetime import datetime, timedelta
+from datetime import datetime
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -268,7 +268,9 @@ def as_dicts(bank: FaultBank, decisions: Sequence[Decision]) -> list[dict[str, A
     return [
         plain | _said(bank, each, event)
         for each in decisions
-        for plain, event in zip(events_as_dicts(each.events), each.events, strict=True)
+        for plain, event in zip(
+            events_as_dicts(each.events, each.run.clock), each.events, strict=True
+        )
     ]
 
 
@@ -290,12 +292,11 @@ def runs_as_dicts(
 
 
 def _said(bank: FaultBank, decision: Decision, event: BankEvent) -> dict[str, Any]:
-    clock, run = decision.run.clock, decision.run
+    run = decision.run
     names = bank.model.plant.signals.fault_names
     least = None if event.fault == UNKNOWN else least_told(bank, run, names.index(event.fault))
     return {
         "sentence": answer(bank, decision, event).text,
-        "onset_clock": clock and (clock + timedelta(seconds=event.onset)).isoformat(),
         "least": least,
     }
 

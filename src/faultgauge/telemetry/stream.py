@@ -8,6 +8,7 @@ import csv
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from datetime import datetime
 from itertools import count
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -32,10 +33,12 @@ NAME = "stream"  # of its run
 
 
 class Sample(NamedTuple):
-    """One row: time [s] and the signals that were asked for, NaN where not sampled."""
+    """One row: time [s] and the signals that were asked for, NaN where not sampled; `clock` is
+    what the stream's clock showed at 0 s, where it has one."""
 
     t: float
     values: dict[str, float]
+    clock: datetime | None = None
 
 
 class _RowError(InputError):
@@ -202,6 +205,7 @@ class _Reader:
         self.columns: dict[str, str] | None = None
         self.changes: dict[str, tuple[float, float]] = {}
         self.last: float | None = None
+        self.clock: datetime | None = None  # at 0 s
         self.evenly = Evenly()
 
     def prepare(self, row: int, cells: dict[str, Any]) -> None:
@@ -236,7 +240,9 @@ class _Reader:
         try:
             table = self.table(row, cells, first)
             shown = float(seconds(table, self.time, self.form)[-1])
-            t, change = self.evenly(shown, clock_of(table, self.time, self.form))
+            clock = clock_of(table, self.time, self.form)
+            self.check_clock(row, cells.get(self.time), clock)
+            t, change = self.evenly(shown, clock)
             self.check_order(row, t)
             values = {}
             for name, column in self.columns.items():
@@ -248,7 +254,7 @@ class _Reader:
         self.evenly.kept(shown, t)
         if change is not None:
             self.note(change_note(SOURCE, NAME, change))
-        return Sample(t, values)
+        return Sample(t, values, clock)
 
     def table(self, row: int, cells: dict[str, Any], first: tuple[int, dict[str, Any]]) -> Table:
         """The first row and this one: timestamps are seconds since the first."""
@@ -265,6 +271,15 @@ class _Reader:
                 f"{SOURCE}, row {row}: time {what} ({t:.9g} s after {self.last:.9g} s); a stream "
                 "is one run, so send its rows in order, each once."
             )
+
+    def check_clock(self, row: int, cell: Any, clock: datetime | None) -> None:
+        """A first row of numbers since 1970 is followed by such alone."""
+        if self.first is not None and (clock is None) != (self.clock is None):
+            raise InputError(
+                f"{SOURCE}, row {row}: the time {str(cell)[:40]} is not of the kind of the first "
+                "row's, from the years 2000 to 2100; send every row's time in the same form."
+            )
+        self.clock = clock
 
     def check_run(self, row: int, cells: dict[str, Any], first: dict[str, Any]) -> None:
         if cells.get(RUN) != first.get(RUN):

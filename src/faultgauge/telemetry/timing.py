@@ -35,7 +35,7 @@ WORDS = {
 }  # fmt: skip
 # Time since 1970 in units that are told by the size of the numbers -> how many make a second.
 EPOCHS = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}
-NO_YEAR = 1900  # that `strptime` gives where a format has none
+NO_YEAR = 1900  # that `strptime` gives where a format has none; no log is as old
 EARLIEST, LATEST = 946_684_800.0, 4_102_444_800.0  # s: 2000 and 2100
 # Day before month, as every country writes it that has points between them.
 DOTTED = re.compile(
@@ -211,7 +211,7 @@ def clock_of(table: Table, column: str, form: str | None = None) -> datetime | N
     cells = table.columns[column]
     if is_text(cells):
         stamp = timestamp(cells[0], form)
-        return None if stamp is None or stamp.year == NO_YEAR else stamp
+        return None if stamp is None or stamp.year <= NO_YEAR else stamp
     unit = _epoch_unit(table, column)
     if unit is None:
         return None
