@@ -99,8 +99,26 @@ def test_without_calibration_every_row_says_so_as_in_the_file(block):
 
 
 @pytest.fixture(scope="module")
-def calibrated():
-    return calibrate(model(), [log(1), log(2)]).model
+def calibration():
+    """(what was found, what was said while it was)."""
+    said = []
+    return calibrate(model(), [log(1), log(2)], progress=said.append), said
+
+
+@pytest.fixture(scope="module")
+def calibrated(calibration):
+    return calibration[0].model
+
+
+def test_calibrate_says_how_far_it_is_with_every_step_of_its_search(calibration):
+    shares = [each.share for each in calibration[1]]
+    assert list(dict.fromkeys(calibration[1])) == [
+        "finding noise and model error",
+        "finding the alarm level",
+    ]
+    assert shares == sorted(shares)
+    assert shares[0] == 0 < shares[-1] < 1
+    assert len(shares) > 10
 
 
 def test_every_bit_of_a_holed_log_is_that_of_the_file(calibrated):

@@ -1,6 +1,8 @@
 """A stream is read as the file of the same rows is, and refused in the same words."""
 
 import json
+from datetime import UTC, datetime
+from itertools import chain
 
 import numpy as np
 import pytest
@@ -8,7 +10,7 @@ import pytest
 from faultgauge.errors import InputError
 from faultgauge.telemetry import read_telemetry
 from faultgauge.telemetry.logs import Before
-from faultgauge.telemetry.stream import read_stream
+from faultgauge.telemetry.stream import Sample, read_stream
 
 HEAD = "t,wheel rpm,u,note\n"
 
@@ -65,6 +67,20 @@ def test_ndjson_is_the_same_telemetry():
 def test_timestamps_are_seconds_since_the_first():
     text = "when,u\n2026-01-01T00:00:00Z,1\n2026-01-01T00:00:00.250000Z,2\n2026-01-01T00:01:00Z,3\n"
     assert read(text, time="when", names=["u"])[0].tolist() == [0.0, 0.25, 60.0]
+    lines = [text.splitlines(keepends=True)]
+    samples = list(chain(*read_stream(lines, time="when", names=["u"])))
+    assert {each.clock for each in samples} == {datetime(2026, 1, 1, tzinfo=UTC)}
+
+
+def test_a_time_since_1970_goes_on_as_one():
+    """1767225600 s is 2026-01-01: as milliseconds, and then a row of another kind."""
+    text = "t,u\n1767225600000,1\n1767225600250,2\n7,3\n1767225660000,4\n"
+    left_out = []
+    lines = [text.splitlines(keepends=True)]
+    samples = list(chain(*read_stream(lines, names=["u"], skip=left_out.append)))
+    assert [each.t for each in samples] == [0.0, 0.25, 60.0]
+    assert {each.clock for each in samples} == {datetime(2026, 1, 1, tzinfo=UTC)}
+    assert "row 4: the time 7 is not of the kind of the first row's" in str(left_out[0])
 
 
 @pytest.mark.parametrize(
@@ -121,16 +137,16 @@ def test_samples_are_there_as_soon_as_their_lines_are():
     samples = read_stream(lines(), names=["u"], skip=left_out.append)
     assert [next(samples), next(samples)] == [[], []]
     # the usual step is known from the second of them on: until then the next one has to come
-    assert next(samples) == [(0.0, {"u": 1.0})]
+    assert next(samples) == [Sample(0.0, {"u": 1.0})]
     assert len(taken) == 3
-    assert next(samples) == [(1.0, {"u": 2.0}), (2.0, {"u": 3.0})]
+    assert next(samples) == [Sample(1.0, {"u": 2.0}), Sample(2.0, {"u": 3.0})]
     (wrong,) = left_out
     assert "row 3" in str(wrong)
 
 
 def test_what_came_before_a_refusal_is_given():
     samples = read_stream([["t,u\n", "0,1\n", "1,x\n", "2,1\n"]], names=["u"])
-    assert next(samples) == [(0.0, {"u": 1.0})]
+    assert next(samples) == [Sample(0.0, {"u": 1.0})]
     with pytest.raises(InputError, match="row 3"):
         next(samples)
 

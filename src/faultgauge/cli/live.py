@@ -135,18 +135,20 @@ class _Speaker:
         from faultgauge.detection.answer import finding
         from faultgauge.detection.events import Alarm, BankEvent
         from faultgauge.detection.words import UNDECLARED, moment
+        from faultgauge.telemetry.writing import stamp
 
         assert isinstance(said, Alarm | BankEvent)
-        alarm = isinstance(said, Alarm)
+        alarm, clock = isinstance(said, Alarm), self.stream.clock
         if self.lines:
-            content = asdict(said) if alarm else decisions.as_dicts([said])[0]
-            line = {"said": "alarm" if alarm else "event", **content}
+            line = {"said": "alarm", **asdict(said), "start_clock": stamp(clock, said.start)}
+            if isinstance(said, BankEvent):
+                line = {"said": "event", **decisions.as_dicts([said], clock)[0]}
             print(json.dumps(line, allow_nan=False), file=self.lines)
         unit = self.units.get(said.fault, "")
         step = self.stream.pace or 0.0
-        at = moment(None, said.start, step)
+        at = moment(clock, said.start, step)
         if isinstance(said, BankEvent):
-            text = f"event: {'; '.join(finding(said, unit, step))}"
+            text = f"event: {'; '.join(finding(said, unit, step, clock))}"
         elif said.size is None:
             text = f"alarm: {UNDECLARED}, told at {at}"
         else:

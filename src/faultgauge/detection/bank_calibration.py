@@ -21,6 +21,7 @@ confidence.
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import count
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -69,23 +70,33 @@ class BankCalibration(NamedTuple):
 
 
 def calibrate_bank(
-    model: Model, runs: Sequence[Run], noise: Noise, mtbfa: float | None = None
+    model: Model,
+    runs: Sequence[Run],
+    noise: Noise,
+    mtbfa: float | None = None,
+    progress: Callable[[float], None] = lambda share: None,
 ) -> BankCalibration:
     """Alarm level on healthy `runs`.
 
     `mtbfa` [s] is the requested mean time between false alarms; by default the longest that the
-    data support. Runs in which the bank is sure of a fault are named, and kept: they are said to be
-    healthy. Raises `InputError` where they are too short.
+    data support; `progress` is told the share that is done, were all tries needed. Runs in which
+    the bank is sure of a fault are named, and kept: they are said to be healthy. Raises
+    `InputError` where they are too short.
     """
     healthy = float(sum(run.t[-1] - run.t[0] for run in runs))
     step = float(np.median([run.step for run in runs]))
     most = SAMPLES if mtbfa is None else int(1.1 * 3 * mtbfa / step) + SAMPLES // 100
     taken = _first_samples(runs, most)
 
+    walks = count()
+
+    def walked() -> None:
+        progress(next(walks) / ((1 + TRIES) * len(taken)))
+
     def tried(widened: float) -> tuple[FaultBank, list[Block]]:
         plain = without_calibration(model)
         bank = build_fault_bank(plain, runs, noise.widened(widened), healthy)
-        return bank, _blocks(bank, taken)
+        return bank, _blocks(bank, taken, walked)
 
     bank, blocks = tried(1.0)
     suspects = merged([b for b in blocks if b.peak >= CERTAIN])
@@ -201,9 +212,12 @@ def _first_samples(runs: Sequence[Run], most: int) -> list[Run]:
     return [cut(run, slice(0, max(2, int(share * len(run.t))))) for run in runs]
 
 
-def _blocks(bank: FaultBank, runs: Sequence[Run]) -> list[Block]:
-    """Every run's score in blocks."""
-    stretches = [each for run in runs for each in _scores(bank, run)]
+def _blocks(bank: FaultBank, runs: Sequence[Run], walked: Callable[[], None]) -> list[Block]:
+    """Every run's score in blocks; before each of them it is `walked`."""
+    stretches = []
+    for run in runs:
+        walked()
+        stretches += _scores(bank, run)
     length = max(int(np.ceil(MEMORIES * bank.knowledge.memory / bank.step)), SHORTEST)
     total = sum(len(score) for _, _, score in stretches)
     length = max(min(length, total // (2 * FEWEST_BLOCKS)), SHORTEST)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
+from datetime import datetime
 from typing import Any, TypeAlias
 
 import jax
@@ -24,7 +25,7 @@ from faultgauge.progress import Step
 from faultgauge.telemetry import Run
 from faultgauge.telemetry.dead_time import check_delays
 from faultgauge.telemetry.runs import cut, paced
-from faultgauge.telemetry.writing import stamps
+from faultgauge.telemetry.writing import stamp, stamps
 
 __all__ = [
     "Decision",
@@ -175,11 +176,16 @@ def _rows(
     return rows | {"status": decision.status, "reason": decision.reason}
 
 
-def as_dicts(events: Sequence[BankEvent]) -> list[dict[str, Any]]:
-    """Events as plain JSON."""
+def as_dicts(events: Sequence[BankEvent], clock: datetime | None = None) -> list[dict[str, Any]]:
+    """Events as plain JSON; their times in seconds and as a `clock` shows them that showed this at
+    0 s."""
     return [
         {
             **asdict(event),
+            **{
+                f"{name}_clock": stamp(clock, t)
+                for name, t in (("onset", event.onset), ("start", event.start), ("end", event.end))
+            },
             "alternatives": [{"faults": f, "odds": o} for f, o in event.alternatives],
             "instead": dict(event.instead),
             "beside": dict(event.beside),

@@ -36,10 +36,12 @@ GAP = GAP_STEPS + ROUNDING
 
 
 class Sample(NamedTuple):
-    """One row: time [s] and the signals that were asked for, NaN where not sampled."""
+    """One row: time [s] and the signals that were asked for, NaN where not sampled; `clock` is
+    what the stream's clock showed at 0 s, where it has one."""
 
     t: float
     values: dict[str, float]
+    clock: datetime | None = None
 
 
 class _RowError(InputError):
@@ -220,6 +222,7 @@ class _Reader:
         self.changes: dict[str, tuple[float, float]] = {}
         self.last = -np.inf
         self.ahead: _Read | None = None  # behind a gap, and not yet believed
+        self.clock: datetime | None = None  # at 0 s
         self.evenly = Evenly()
 
     def prepare(self, row: int, cells: dict[str, Any]) -> None:
@@ -275,14 +278,16 @@ class _Reader:
         try:
             table = self.table(row, cells, first)
             shown = float(seconds(table, self.time, self.form)[-1])
-            t, change = self.evenly(shown, clock_of(table, self.time, self.form))
+            clock = clock_of(table, self.time, self.form)
+            self.check_clock(row, cells.get(self.time), clock)
+            t, change = self.evenly(shown, clock)
             values = {}
             for name, column in self.columns.items():
                 factor, offset = self.changes[name]
                 values[name] = factor * float(finite_or_empty(table, column)[-1]) + offset
         except InputError as wrong:
             raise _RowError(str(wrong)) from None
-        return _Read(row, cells, Sample(t, values), shown, change)
+        return _Read(row, cells, Sample(t, values, clock), shown, change)
 
     def keep(self, found: _Read) -> Sample:
         self.first, self.last = self.first or (found.row, found.cells), found.sample.t
@@ -307,6 +312,15 @@ class _Reader:
                 f"{SOURCE}, row {found.row}: time {what} ({t:.9g} s after {last:.9g} s); "
                 f"{IN_ORDER}."
             )
+
+    def check_clock(self, row: int, cell: Any, clock: datetime | None) -> None:
+        """A first row of numbers since 1970 is followed by such alone."""
+        if self.first is not None and (clock is None) != (self.clock is None):
+            raise InputError(
+                f"{SOURCE}, row {row}: the time {str(cell)[:40]} is not of the kind of the first "
+                "row's, from the years 2000 to 2100; send every row's time in the same form."
+            )
+        self.clock = clock
 
     def check_run(self, row: int, cells: dict[str, Any], first: dict[str, Any]) -> None:
         if cells.get(RUN) != first.get(RUN):
