@@ -138,7 +138,7 @@ class _Speaker:
         from faultgauge.telemetry.writing import stamp
 
         assert isinstance(said, Alarm | BankEvent)
-        alarm, clock = isinstance(said, Alarm), self.stream.clock
+        clock = self.stream.clock
         if self.lines:
             line = {"said": "alarm", **asdict(said), "start_clock": stamp(clock, said.start)}
             if isinstance(said, BankEvent):
