@@ -169,8 +169,12 @@ def listed(each: RealSet) -> None:
 def rehearsed(each: RealSet, trials: int) -> dict[str, object]:
     """Fit, calibrate and rehearse one set with seed 0; prints what a user would read."""
 
+    said_before = [""]
+
     def progress(text: str) -> None:
-        print(f"{each.name}: {text}", file=sys.stderr, flush=True)
+        if text != said_before[0]:
+            print(f"{each.name}: {text}", file=sys.stderr, flush=True)
+        said_before[0] = text
 
     times = [time.perf_counter()]
     model, _ = fit(each.body(), each.fit, seed=0, progress=progress)

@@ -26,6 +26,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
+from scipy.optimize import brentq
 
 from faultgauge.detection.bank import CERTAIN, FaultBank, build_fault_bank
 from faultgauge.detection.blocks import (
@@ -49,9 +50,14 @@ SAMPLES = 100_000  # that tell the level, but for as many as --mtbfa needs
 MEMORIES = 4.0  # of the bank in a block
 SHORTEST = 50  # samples of a block
 BY_CHANCE = 0.05  # how often healthy logs may show more
-TRIES = 5  # of how far the evidence can be believed
+TRIES = 6  # of how far the evidence can be believed, usually at most
 STEEP = 1.02  # so that few are needed
-CLOSE = 1.08  # times what is needed: close enough
+CLOSE = 1.04  # times what is needed, either way: close enough
+MOST = np.log(1e3)  # of how many times as large noise may be
+NEVER = (
+    "the healthy logs look faulty however large noise is taken; look at `faultgauge evaluate`, or "
+    "leave out what was not healthy with --where."
+)
 LEAST = 1e-2  # of what is allowed: less is alike
 MOST_NAMED = 3  # stretches that look faulty
 LOWEST = -30.0  # log-odds: what lies below is alike
@@ -153,38 +159,28 @@ def _believed(
     """(how many times as large the noise must be for no block to show log-odds above `most`, and
     the bank and its blocks with that).
 
-    Evidence falls about with the square of it, from the least odds that any block has; what is
-    found is at most `CLOSE` times too large, where `TRIES` suffice.
+    Evidence falls about with the square of it, from the least odds that any block has. Raises
+    `InputError` where no such noise is found.
     """
-    first = [each.peak for each in blocks]
-    nothing = min(*first, np.log(RARE))
+    nothing = min(*(each.peak for each in blocks), np.log(RARE))
+    judged = {0.0: (bank, blocks)}  # by ln of how many times as large
 
-    def over(blocks: list[Block]) -> float:
+    def over(larger: float) -> float:
         """ln of how many times too large the evidence is."""
-        evidence = max(each.peak for each in blocks) - nothing
+        if larger not in judged:
+            judged[larger] = tried(float(np.exp(larger)))
+        evidence = max(each.peak for each in judged[larger][1]) - nothing
         return float(np.log(max(evidence / (most - nothing), LEAST)))
 
-    found = 1.0, bank, blocks
-    short, enough = [(0.0, over(blocks))], list[tuple[float, float]]()  # (ln widened, what is left)
-    for _ in range(TRIES):
-        (a, left), *others = reversed(short)
-        if left <= 0:
-            break
-        if enough:
-            b, right = enough[-1]
-            tries = a + (b - a) * min(max(left / (left - right), 0.1), 0.9)
-        else:
-            slope = (left - others[0][1]) / (a - others[0][0]) if others else -2.0
-            tries = a - left / min(max(slope, -4.0), -0.5) + np.log(STEEP)
-        widened = float(np.exp(tries))
-        bank, blocks = tried(widened)
-        left = over(blocks)
-        (short if left > 0 else enough).append((tries, left))
-        if left <= 0 or not enough:
-            found = widened, bank, blocks
-        if enough and enough[-1][0] - short[-1][0] < np.log(CLOSE):
-            break
-    return found
+    if (excess := over(0.0)) > 0:
+        high = excess / 2 + np.log(STEEP)
+        while over(high) > 0:
+            high *= 1.5
+            if high > MOST:
+                raise InputError(NEVER)
+        brentq(over, 0.0, high, xtol=np.log(CLOSE))
+    larger = min(each for each in judged if over(each) <= 0)
+    return float(np.exp(larger)), *judged[larger]
 
 
 def level_of(peaks: Float[np.ndarray, "blocks"], allowed: int) -> float:
