@@ -10,7 +10,7 @@ what noise of a few samples' memory adds up to.
 """
 
 from collections.abc import Callable, Sequence, Set
-from itertools import count
+from itertools import count, product
 
 import numpy as np
 from jaxtyping import Float
@@ -45,9 +45,13 @@ __all__ = ["estimate_noise"]
 GRID = 4  # time constants to begin from
 SMALLER = (1.0, 10.0, 100.0)  # times: sizes of the discrepancy to begin from
 FACTORS = (1.0, 10.0, 100.0, 1000.0)  # of process noise, until the filter is not lost
-ROUNDS = (20, 12, 8)  # steps of each search; the constants are told anew between them
+ROUNDS = (16, 12, 8)  # steps of each search; the constants are told anew between them
+# where searches begin, as a filter that is at times lost sees many maxima: times the process noise,
+# and the discrepancy
+STARTS = tuple(product((1.0, 10.0, 100.0), (1.0, 30.0)))
+FIRST = 2  # steps of each; then of the better half, and so on
 SEARCHES = 3  # of all ROUNDS: the plant's levels, then each kind of error of outputs
-ENOUGH = 0.3  # of log-likelihood: a step that gains less is the last
+ENOUGH = 1.0  # of log-likelihood: a step that gains less is the last
 NONE = 1e-6  # times the usual: as good as no discrepancy
 
 
@@ -77,10 +81,10 @@ def estimate_noise(
     steps = count(1)
 
     def stepped() -> None:
-        progress(next(steps) / (SEARCHES * sum(ROUNDS)))
+        progress(next(steps) / (2 * len(STARTS) * FIRST + SEARCHES * sum(ROUNDS)))
 
     if discrepancy:
-        noise = _started(model, batch, guess, bounds)
+        noise = _started(model, batch, guess, bounds, stepped)
         noise = _alternated(model, batch, noise, bounds, stepped)
         spans = spans_of(runs[0].step, stretches)
         for _ in (WANDER, LATE):
@@ -132,9 +136,16 @@ def _gain(model: Model, batch: Likelihood, noise: Noise, other: Noise, bounds: B
     return float(before - after)
 
 
-def _started(model: Model, batch: Likelihood, noise: Noise, bounds: Bounds) -> Noise:
+def _started(
+    model: Model,
+    batch: Likelihood,
+    noise: Noise,
+    bounds: Bounds,
+    stepped: Callable[[], None],
+) -> Noise:
     """`noise` with process noise from which on the filter is not lost, and the likeliest of some
-    time constants and sizes, whatever the rate of the log is."""
+    time constants and sizes, whatever the rate of the log is; after the first steps of some
+    searches from there the likeliest of these."""
     least, most = (levels_of(logs, noise) for logs in (bounds.low, bounds.high))
 
     def best(many: list[Noise]) -> Noise:
@@ -150,7 +161,13 @@ def _started(model: Model, batch: Likelihood, noise: Noise, bounds: Bounds) -> N
     if len(noise.settling):
         noise = best([noise, *(noise._replace(settling=between("settling", a)) for a in shares)])
     both = [(between("lasting", a), noise.size / b) for a in shares for b in SMALLER]
-    return best([noise, *(noise._replace(lasting=a, size=b) for a, b in both)])
+    noise = best([noise, *(noise._replace(lasting=a, size=b) for a, b in both)])
+    many = [noise._replace(process=a * noise.process, size=b * noise.size) for a, b in STARTS]
+    while len(many) > 1:
+        many = [_searched(model, batch, m, bounds, set(), FIRST, stepped) for m in many]
+        order = np.argsort(_costs(model, batch, many, bounds))
+        many = [many[k] for k in order[: len(many) // 2]]
+    return many[0]
 
 
 def _searched(

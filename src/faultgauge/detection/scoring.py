@@ -18,7 +18,7 @@ from faultgauge.detection.innovation_likelihood import AT_ONCE, Told
 
 __all__ = ["scored"]
 
-DIFFERENCE = 1e-4  # of a logarithm, for the slopes
+DIFFERENCE = 1e-2  # of a logarithm, for the slopes: where a filter is at times lost, less is rough
 DAMPING = 0.1  # times the information itself: the first
 FACTORS = 10.0 ** np.arange(-1, AT_ONCE - 1)  # times the last damping: those that are tried
 WEAK = 1e-3  # information of what no sample tells, which so stays where it is
