@@ -43,7 +43,7 @@ for name, value in {
     "JAX_DISABLE_MOST_OPTIMIZATIONS": "1",
     "JAX_PLATFORMS": "cpu",
     "JAX_COMPILATION_CACHE_DIR": str(Path(__file__).parents[1] / ".cache" / "jax"),
-    "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.2",
+    "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
     "JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES": "-1",
     "JAX_PERSISTENT_CACHE_ENABLE_XLA_CACHES": "none",
 }.items():
@@ -87,14 +87,12 @@ def quick_code() -> Iterator[None]:
 
 @pytest.fixture(scope="session")
 def long_jobs() -> dict[str, str]:
-    """Environment of processes that run what they compile for long, and one after another the
-    same: some more effort, and everything kept."""
+    """Environment of processes that run what they compile for long."""
     programs = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     return {
         **os.environ,
         "PATH": programs,
         "JAX_DISABLE_MOST_OPTIMIZATIONS": "0",
-        "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
     }
 
 

@@ -1,6 +1,7 @@
 """The README's snippets run, and the generated pages are up to date."""
 
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -10,6 +11,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 README = FENCE.findall((ROOT / "README.md").read_text())
+PAGE = FENCE.findall((ROOT / "docs" / "python.md").read_text())
 
 
 def run(command: list[str], folder: Path, env: dict[str, str]) -> str:
@@ -18,34 +20,50 @@ def run(command: list[str], folder: Path, env: dict[str, str]) -> str:
     return done.stdout
 
 
-def test_every_snippet_of_the_readme_runs_and_says_what_the_readme_says(tmp_path, long_jobs):
-    printed = ""
+@pytest.fixture(scope="module")
+def printed(tmp_path_factory, long_jobs):
+    """What the README's snippets print and then those of the Python page, in one process, so that
+    what several of them compile is compiled once. Commands are called as the script calls them."""
+    folder = tmp_path_factory.mktemp("docs")
+    made = [text for language, text in README if language == "python"]
+    code, typed = ["from faultgauge.cli.app import run"], 0
     for language, text in README:
         if language == "python":
-            printed += run([sys.executable, "-c", text], tmp_path, long_jobs)
+            code.append(text)
         elif language == "bash":
-            printed += run(["bash", "-euc", text], tmp_path, long_jobs)
+            for line in text.splitlines():
+                program, *words = shlex.split(line)
+                assert program == "faultgauge"
+                code.append(f"assert run({words!r}) == 0")
+                typed += 1
+    assert (len(made), typed) == (2, 6)
+    code.append("print('-- the Python page')")
+    shown = [text for language, text in PAGE if language == "python"]
+    assert len(shown) > 4
+    said = run([sys.executable, "-c", "\n".join([*code, *shown])], folder, long_jobs)
+    return folder, *said.split("-- the Python page\n")
+
+
+def test_every_snippet_of_the_readme_runs_and_says_what_the_readme_says(printed):
+    folder, said, _ = printed
+    assert (folder / "estimates.csv").exists()
     answers = [text.strip() for language, text in README if language == "text"]
     assert answers
     for answer in answers:
         # The digits of an estimate may move with the numerical libraries: the first three hold.
         fault, size, *_ = answer.split()
-        said = rf"{fault} (\S+) m/s \(\S+ to \S+\) since (\S+) s .* \(p > 0.999, run"
-        found = re.search(said, printed)
-        assert found is not None, printed
+        line = rf"{fault} (\S+) m/s \(\S+ to \S+\) since (\S+) s .* \(p > 0.999, run"
+        found = re.search(line, said)
+        assert found is not None, said
         assert float(found[1]) == pytest.approx(float(size), rel=5e-3)
         assert abs(float(found[2]) - 4001) <= 2  # s: a sample, between two of which it begins
 
 
-def test_the_snippets_of_the_python_page_run_one_after_another(tmp_path, long_jobs):
-    made = next(text for language, text in README if language == "python")
-    page = FENCE.findall((ROOT / "docs" / "python.md").read_text())
-    shown = [text for language, text in page if language == "python"]
-    assert len(shown) > 4
-    printed = run([sys.executable, "-c", "\n".join([made, *shown])], tmp_path, long_jobs)
-    assert re.search(r"leak -0\.00\d+ .*m/s", printed), printed
-    assert "has no column 'u'" in printed
-    assert (tmp_path / "report.html").exists()
+def test_the_snippets_of_the_python_page_run_one_after_another(printed):
+    folder, _, said = printed
+    assert re.search(r"leak -0\.00\d+ .*m/s", said), said
+    assert "has no column 'u'" in said
+    assert (folder / "report.html").exists()
 
 
 def test_the_set_up_commands_are_targets_of_the_makefile():
