@@ -300,7 +300,8 @@ def test_an_observer_without_intervals_says_how_to_get_them(call, workshop, tmp_
 
 
 def test_calibrate_warns_of_logs_used_in_fit(call, workshop, tmp_path):
-    said = call("calibrate", workshop.model, workshop.healthy, "--out", tmp_path / "c.fgm")
+    eso = ("--observer", "eso", "--out", tmp_path / "c.fgm")
+    said = call("calibrate", workshop.model, workshop.healthy, *eso)
     assert said.code == 0
     assert "warning:" in said.err
     assert "also used in fit" in said.err

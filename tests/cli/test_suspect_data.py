@@ -16,7 +16,7 @@ def test_calibration_data_that_the_model_does_not_follow_are_named(call, worksho
     """A gauge off all over the log, and the model of another plant, whose motor turns the other
     way."""
     args = (workshop.model, workshop.healthy2, "--map", wrong, "--out", tmp_path / "c.fgm")
-    said = call("calibrate", *args)
+    said = call("calibrate", *args, "--observer", "eso")  # which is quick: whatever judges, later
     assert said.code == 0, said.err
     assert "run healthy2: the model's free run errs by" in said.err
     assert "a fault all over this log, or the model of another plant" in said.err

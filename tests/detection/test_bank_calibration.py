@@ -169,14 +169,16 @@ def test_passive_faults_are_named_without_an_alarm_and_disabled_ones_are_not_eva
     run = log(4, push=0.2)
     loud = decide(build_fault_bank(model(), [run], NOISE), run)
     assert loud.status[-1] == "FAULT"
-    passive = decide(build_fault_bank(model(more='monitor = "passive"'), [run], NOISE), run)
+    text = LAG.replace("[faults.bias]", '[faults.bias]\nmonitor = "disabled"')
+    both = build_fault_bank(model(more='monitor = "passive"', text=text), [run], NOISE)
+    passive = decide(both, run)
     assert "FAULT" not in passive.status
     assert passive.reason[-1] == "push, which is passive"
     assert [(e.fault, e.passive) for e in passive.events] == [("push", True)]
     assert passive.posterior.p[-1, 0] == pytest.approx(loud.posterior.p[-1, 0])
-    off = decide(build_fault_bank(model(more='monitor = "disabled"'), [run], NOISE), run)
-    assert np.isnan(off.posterior.p[:, 0]).all()
-    assert "push" not in {e.fault for e in off.events}
+    off = decide(both, log(4, bias=0.3))
+    assert np.isnan(off.posterior.p[:, 1]).all()
+    assert "bias" not in {e.fault for e in off.events}
     off = LAG.replace("target", 'monitor = "disabled"\ntarget')
     with pytest.raises(InputError, match="disables all its"):
         build_fault_bank(model(text=off), [run], NOISE)
@@ -189,13 +191,13 @@ def test_persistence_and_hold_off_delay_and_a_latch_keeps():
 
     run = log(4, push=0.2)
     plain, _ = told("", run)
-    later, _ = told("persistence = 20", run)
+    rules = "persistence = 20\nhold_off = 30\nlatch = true"
+    later, decision = told(rules, run)
     first = int(np.argmax(plain == "FAULT"))
     assert int(np.argmax(later == "FAULT")) == first + 40  # 20 s of 0.5 s
-    held, decision = told("hold_off = 30", run)
-    assert set(held[:60]) == {"NOT_JUDGED"}
+    assert set(later[:60]) == {"NOT_JUDGED"}
     assert decision.reason[0] == "held off after a start or a gap"
-    assert held[60] == "HEALTHY" or decision.reason[60] != decision.reason[0]
+    assert later[60] == "HEALTHY" or decision.reason[60] != decision.reason[0]
     gone = log(5, push=0.2, until=500)
     assert told("", gone)[0][-1] != "FAULT"
-    assert told("latch = true", gone)[0][-1] == "FAULT"
+    assert told(rules, gone)[0][-1] == "FAULT"

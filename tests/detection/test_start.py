@@ -1,5 +1,6 @@
 """What the bank knows across a gap."""
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -73,10 +74,15 @@ def test_over_a_gap_faults_go_on_and_the_first_sample_fits_them():
         mean=state.belief.mean.at[:, at].set(0.3), P=state.belief.P.at[:, at, at].set(0.05**2)
     )
     gap, u, y = (jnp.asarray(each) for each in (GAP, [0.5], [2.0]))
-    before = begin.anew(bank.modes, state._replace(belief=belief), gap, u, y)
+
+    @eqx.filter_jit
+    def over(state):
+        before = begin.anew(bank.modes, state, gap, u, y)
+        return before, bank.modes.step(before, u, y, jnp.asarray(0.0))[0]
+
+    before, after = over(state._replace(belief=belief))
     assert float(before.t) == GAP
     np.testing.assert_array_equal(before.weight, state.weight)
-    after, _ = bank.modes.step(before, u, y, jnp.asarray(0.0))
     mean, P = np.asarray(after.belief.mean)[0], np.asarray(after.belief.P)[0]
     # a state that may be anywhere in an envelope of +-6 tells 1 / 14000 of the bias' variance
     assert mean[at] == pytest.approx(0.3, rel=1e-4)
