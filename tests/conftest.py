@@ -5,6 +5,7 @@ import os
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import jaxtyping
 import pytest
@@ -13,28 +14,44 @@ import pytest
 QUICK = "--xla_cpu_multi_thread_eigen=false --xla_cpu_use_fusion_emitters=false"
 # By the time that they take: were one of these among the last, it would run on one core alone.
 LONGEST = (
-    "test_docs.py",
-    "identification/test_sizes.py",
     "cli/test_commands.py",
-    "cli/test_realtime.py",
+    "test_docs.py",
     "export/test_watch.py",
-    "test_examples.py",
-    "detection/test_start.py",
-    "detection/test_drift.py",
-    "verbs/test_results.py",
-    "identification/test_crowds.py",
-    "cli/test_resample.py",
-    "identification/test_unseen.py",
-    "detection/test_stream_bank.py",
     "detection/test_slow_sensors.py",
+    "detection/test_noise_estimation.py",
+    "detection/test_stream_bank.py",
     "rehearsal/test_rehearse.py",
-    "cli/test_settings.py",
-    "cli/test_suspect_data.py",
     "detection/test_bank_calibration.py",
-    "cli/test_bad_input.py",
-    "studies/test_accommodating.py",
+    "export/test_export.py",
+    "detection/test_start.py",
+    "detection/test_watch.py",
+    "detection/test_envelope.py",
+    "detection/test_coverage.py",
+    "detection/test_decisions.py",
+    "detection/test_answer.py",
+    "detection/test_retrospective.py",
+    "observers/test_branching.py",
+    "identification/test_sizes.py",
+    "identification/test_crowds.py",
+    "identification/test_unseen.py",
+    "identification/test_weak_form.py",
+    "identification/test_slow_sensors.py",
+    "identification/refinement/test_hidden_states.py",
+    "identification/refinement/test_outcome.py",
+    "identification/refinement/test_bad_input.py",
     "identification/refinement/test_claims.py",
     "identification/test_command_checks.py",
+    "fleet/test_fit.py",
+    "foresight/test_sensors.py",
+    "studies/test_accommodating.py",
+)
+# They share a fitted model or a bank (tanks.py, scenes.py) and what is compiled for it.
+TOGETHER = (
+    "tests/cli/",
+    "tests/verbs/",
+    "detection/test_scenes.py",
+    "detection/test_one_source.py",
+    "reporting/test_pages.py",
 )
 # As the commands have it: one thread each; a program is compiled once for all workers.
 for name, value in {
@@ -58,6 +75,20 @@ import jax  # noqa: E402  (after the hook, so that nothing of ours is imported b
 jax.config.update("jax_enable_x64", True)
 
 MAPS = Path("/proc/self/maps")
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    from xdist.scheduler import LoadFileScheduling
+
+    class Together(LoadFileScheduling):
+        """A file to a worker, and those of `TOGETHER` to one, which makes what they share once."""
+
+        def _split_scope(self, nodeid: str) -> str:
+            file = nodeid.split("::")[0]
+            return "together" if any(each in file for each in TOGETHER) else file
+
+    return Together(config, log)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

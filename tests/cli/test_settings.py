@@ -34,16 +34,17 @@ def evaluated(call, model, log):
     return call("evaluate", model, log, "--json").json
 
 
+TEXT = PLANT.replace("b*u - a*x", "b*u  -  (a*x)").replace(  # spaces are no difference
+    'target = "x"\nunit = "m/s"', 'target = "x"\nunit = "m/s"\nmin = -1\nmax = 2'
+)
+
+
 def test_faults_and_what_judges_them_are_taken(call, workshop, tmp_path):
-    out, table = tmp_path / "m.fgm", tmp_path / "rows.csv"
-    text = PLANT.replace("b*u - a*x", "b*u  -  (a*x)").replace(  # spaces are no difference
-        'target = "x"\nunit = "m/s"', 'target = "x"\nunit = "m/s"\nmin = -1\nmax = 2'
-    )
-    plant = given(tmp_path, text + MORE)
-    args = (workshop.model, workshop.healthy2, "--plant", plant, "--out", out, "--json")
+    """By the bank: test_faults_that_no_data_tell_apart_are_named, and below."""
+    out, plant = tmp_path / "m.fgm", given(tmp_path, TEXT + MORE)
+    args = (workshop.model, workshop.healthy2, "--plant", plant, *ESO, "--out", out)
     said = call("calibrate", *args)
     assert said.code == 0, said.err
-    assert set(said.json["bank"]["size"]) == {"leak", "gauge"}
     before, after = load_model(workshop.model), load_model(out)
     signals = after.plant.signals
     assert signals.fault_names == ("leak", "gauge")
@@ -51,7 +52,7 @@ def test_faults_and_what_judges_them_are_taken(call, workshop, tmp_path):
     assert (signals.faults[1].monitor, signals.faults[1].prior_per_hour) == ("passive", 0.5)
     assert (signals.detection.persistence, signals.max_simultaneous) == (0.5, 1)
     assert signals.observation.bandwidth == 2
-    assert set((after.calibration or {})["bank"]["size"]) == {"leak", "gauge"}
+    assert set((after.calibration or {})["channels"]) == {"leak", "gauge"}
 
     weights, same = tensors(before.plant), tensors(after.plant)
     assert {k: v.tobytes() for k, v in weights.items()} == {k: v.tobytes() for k, v in same.items()}
@@ -60,8 +61,14 @@ def test_faults_and_what_judges_them_are_taken(call, workshop, tmp_path):
         call, workshop.model, workshop.suspect
     )
 
-    bank = ("--observer", "bank")
-    assert call("estimate", out, workshop.suspect, *bank, "--out", table).code == 0
+
+@pytest.mark.study
+def test_a_bank_judges_by_the_faults_that_were_taken(call, workshop, tmp_path):
+    out, table = tmp_path / "m.fgm", tmp_path / "rows.csv"
+    plant = given(tmp_path, TEXT + MORE)
+    args = (workshop.model, workshop.healthy2, "--plant", plant, "--out", out, "--json")
+    assert set(call("calibrate", *args).json["bank"]["size"]) == {"leak", "gauge"}
+    assert call("estimate", out, workshop.suspect, "--out", table).code == 0
     header, *rows = (line.split(",") for line in table.read_text().splitlines())
     assert {"p_leak", "p_gauge"} <= set(header)
     size = np.array([float(row[header.index("f_leak")]) for row in rows[-50:]])
