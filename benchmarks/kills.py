@@ -3,8 +3,9 @@
     python benchmarks/kills.py [--kills 200] [--seed 0] [--cache FOLDER]
 
 Every command is run once undisturbed over small logs, with its cache of compiled programs warm, and
-then ended by SIGKILL, SIGTERM or SIGHUP: at any moment of that time, or in its last fifth, in which
-files are written. Each time what it would write is there already, from before. Afterwards
+then ended by SIGKILL, SIGTERM or SIGHUP: at any moment of its processor time, which other programs
+beside it do not stretch, or in the last fifth, in which files are written. Each time what it would
+write is there already, from before. Afterwards
 
 - a file is as it was before, or whole and byte for byte as undisturbed; of the bench and of a
   stream there are whole rows from the first one on, and all that were given out;
@@ -21,6 +22,7 @@ import argparse
 import json
 import os
 import random
+import resource
 import shutil
 import signal
 import subprocess
@@ -32,9 +34,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 from faultgauge.files import write_atomically
-from stream_speed import COMMAND, PLANT, rows
+from stream_speed import COMMAND, PLANT, rows, used
 
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGHUP)
+POLLED = 0.01  # s between two looks at a command's processor time
 LATE = 0.8  # of the time that a command takes: from then on it writes
 ROOM = 1.05  # of that time: some kills come too late
 ROWS = 600
@@ -77,7 +80,7 @@ class Command(NamedTuple):
 
 
 class Clean(NamedTuple):
-    """What an undisturbed run leaves, prints, and takes [s]."""
+    """What an undisturbed run leaves and prints, and what processor time it takes [s]."""
 
     files: dict[str, bytes]
     out: bytes
@@ -127,6 +130,7 @@ class Ground:
 
     def __init__(self, root: Path, cache: Path) -> None:
         self.inputs, self.at, self.temporary = root / "in", root / "at", root / "tmp"
+        self.out, self.err = root / "out", root / "err"
         given(self.inputs)
         self.temporary.mkdir()
         self.environment = {
@@ -144,30 +148,34 @@ class Ground:
             (self.at / name).write_bytes(data)
         self.at.mkdir(exist_ok=True)
         stdin = self.at / command.stdin.replace("IN", "../in") if command.stdin else os.devnull
-        with open(stdin, "rb") as source:
+        with open(stdin, "rb") as source, open(self.out, "wb") as o, open(self.err, "wb") as e:
             return subprocess.Popen(
                 [*AT_A_TERMINAL, *command.line.replace("IN/", "../in/").split()],
                 cwd=self.at,
                 env=self.environment,
                 stdin=source,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.PIPE,
+                stdout=o,
+                stderr=e,
             )
 
     def undisturbed(self, command: Command) -> Clean:
         """The second run, whose programs are compiled already."""
         seconds = 0.0
         for _ in range(2):
-            start = time.perf_counter()
-            with self.begin(command, self.own(command)) as running:
-                out, err = running.communicate()
-            seconds = time.perf_counter() - start
-            if running.returncode:
-                sys.exit(f"{command.line}: {err.decode()}")
-        return Clean(files_in(self.at), out, seconds)
+            before = _spent_by_children()
+            code = self.begin(command, self.own(command)).wait()
+            seconds = _spent_by_children() - before
+            if code:
+                sys.exit(f"{command.line}: {self.err.read_text()}")
+        return Clean(files_in(self.at), self.out.read_bytes(), seconds)
 
     def own(self, command: Command) -> dict[str, bytes]:
         return {name: self.read[name] for name in command.before}
+
+
+def _spent_by_children() -> float:
+    found = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return found.ru_utime + found.ru_stime
 
 
 def files_in(folder: Path) -> dict[str, bytes]:
@@ -180,15 +188,14 @@ def files_in(folder: Path) -> dict[str, bytes]:
 
 
 def killed(ground: Ground, command: Command, clean: Clean, after: float, sent: int) -> list[str]:
-    """What is wrong once `command` was `sent` a signal `after` so many seconds."""
+    """What is wrong once `command` was `sent` a signal `after` so many seconds of its own."""
     before = dict.fromkeys(clean.files, b"what was there before\n") | ground.own(command)
     with ground.begin(command, before) as running:
-        try:
-            out, err = running.communicate(timeout=after)
-        except subprocess.TimeoutExpired:
-            running.send_signal(sent)
-            out, err = running.communicate()
-    wrong = list(_told(running.returncode, sent, err.decode(errors="replace")))
+        while running.poll() is None and used(running.pid)[0] < after:
+            time.sleep(POLLED)
+        running.send_signal(sent)
+    out = ground.out.read_bytes()
+    wrong = list(_told(running.returncode, sent, ground.err.read_text(errors="replace")))
     found = {name: data for name, data in files_in(ground.at).items() if not is_draft(name)}
     if command.rows:
         wrong += _rows(found, before, clean, out, running.returncode, sent)

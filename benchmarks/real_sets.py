@@ -36,7 +36,7 @@ from faultgauge.studies.published.crazypad import case_of
 from faultgauge.studies.published.faulted_data import flights
 from faultgauge.telemetry import Run, cut
 
-__all__ = ["SETS", "RealSet", "with_biases"]
+__all__ = ["HALVES", "SETS", "RealSet", "split", "with_biases"]
 
 HALVES = (0.5, 0.75, 1.0)  # of one record: fitted, calibrated, rehearsed on
 FITTED = 0.6  # of each of several runs; the rest calibrates
@@ -78,7 +78,7 @@ def with_biases(text: str, runs: Sequence[Run]) -> str:
 def emps() -> list[RealSet]:
     """The nominal record in three parts: half, a quarter, a quarter."""
     run = data.emps()["train"].run("nominal", "emps", "q")
-    fit, calibrate, rehearse = _parts(run, *HALVES)
+    fit, calibrate, rehearse = split(run, *HALVES)
     return [_set("emps", [fit], [calibrate], [rehearse])]
 
 
@@ -87,7 +87,7 @@ def cascaded_tanks() -> list[RealSet]:
     a whole record is too short to be split and fitted."""
     found = data.tanks()
     fit = found["train"].run("train", "cascaded_tanks", "y")
-    first, second = _parts(found["test"].run("test", "cascaded_tanks", "y"), 0.5, 1.0)
+    first, second = split(found["test"].run("test", "cascaded_tanks", "y"), 0.5, 1.0)
     return [_set("cascaded_tanks", [fit], [first], [second])]
 
 
@@ -96,7 +96,7 @@ def silverbox() -> list[RealSet]:
     and are rehearsed on."""
     whole = data.silverbox()["whole"]
     fit = whole.part(40650, 105712).run("multisines", "silverbox", "y")
-    first, second = _parts(whole.part(105712, 127400).run("later", "silverbox", "y"), 0.5, 1.0)
+    first, second = split(whole.part(105712, 127400).run("later", "silverbox", "y"), 0.5, 1.0)
     return [_set("silverbox", [fit], [first], [second])]
 
 
@@ -105,7 +105,7 @@ def wiener_hammerstein_2009() -> list[RealSet]:
     rehearsed on."""
     whole, name = data.wiener_hammerstein()["whole"], "wiener_hammerstein_2009"
     fit = whole.part(0, 100000).run("first", name, "y")
-    first, second = _parts(whole.part(105200, 184000).run("later", name, "y"), 0.5, 1.0)
+    first, second = split(whole.part(105200, 184000).run("later", name, "y"), 0.5, 1.0)
     return [_set(name, [fit], [first], [second])]
 
 
@@ -114,7 +114,7 @@ def quarter_drone() -> list[RealSet]:
     them, rehearsed on the two that it tests with."""
     runs = {n: each.run(n, "quarter_drone", "theta") for n, each in data.quarter_drone().items()}
     tests = [runs.pop("swept_sine"), runs.pop("rig_sequence")]
-    fit, calibrate = zip(*(_parts(run, FITTED, 1.0) for run in runs.values()), strict=True)
+    fit, calibrate = zip(*(split(run, FITTED, 1.0) for run in runs.values()), strict=True)
     return [_set("quarter_drone", list(fit), list(calibrate), tests)]
 
 
@@ -146,7 +146,7 @@ def _set(name: str, fit: list[Run], calibrate: list[Run], rehearse: list[Run]) -
     return RealSet(name, with_biases(plant_text(name), fit), fit, calibrate, rehearse)
 
 
-def _parts(run: Run, *ends: float) -> list[Run]:
+def split(run: Run, *ends: float) -> list[Run]:
     """`run` cut at shares of its length, each part under a name of its own."""
     edges = [0, *(round(end * len(run.t)) for end in ends)]
     parts = enumerate(pairwise(edges))

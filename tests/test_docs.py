@@ -78,7 +78,7 @@ def test_every_snippet_of_the_readme_runs_and_says_what_the_readme_says(printed)
     for answer in answers:
         # The digits of an estimate may move with the numerical libraries: the first three hold.
         fault, size, *_ = answer.split()
-        line = rf"{fault} (\S+) m/s \(\S+ to \S+\) since (\S+) s .* \(p > 0.999, run"
+        line = rf"{fault} (\S+) m/s \(\S+ to \S+\) since (\S+) s\b.* \(p > 0.999, run"
         found = re.search(line, printed.readme)
         assert found is not None, printed.readme
         assert float(found[1]) == pytest.approx(float(size), rel=5e-3)

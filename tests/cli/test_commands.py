@@ -7,6 +7,7 @@ import re
 import shutil
 import subprocess
 import sys
+from datetime import datetime, timedelta
 from pathlib import Path
 
 import equinox as eqx
@@ -399,20 +400,30 @@ def test_calibrate_says_what_the_healthy_log_proves_of_the_bank(call, workshop, 
 
 
 def test_the_bank_answers_a_stream_as_it_answers_the_file(call, workshop, tmp_path, monkeypatch):
-    out, events = tmp_path / "b.csv", tmp_path / "events.ndjson"
-    found = one_object(
-        call("estimate", workshop.calibrated, workshop.suspect, "--out", out, "--json")
-    )
-    text = io.TextIOWrapper(io.BytesIO(workshop.suspect.read_bytes()))
+    """In the log's own time, which passes midnight."""
+    out, events, log = tmp_path / "b.csv", tmp_path / "events.ndjson", tmp_path / "log.csv"
+    head, *lines = workshop.suspect.read_text().splitlines()
+    begun = datetime(2026, 5, 1, 23, 59, 40)
+    cells = [line.partition(",") for line in lines]
+    clocked = [f"{begun + timedelta(seconds=float(t))},{rest}" for t, _, rest in cells]
+    log.write_text("\n".join([head, *clocked, ""]))
+    found = one_object(call("estimate", workshop.calibrated, log, "--out", out, "--json"))
+    text = io.TextIOWrapper(io.BytesIO(log.read_bytes()))
     monkeypatch.setattr("sys.stdin", text)
     said = call("estimate", workshop.calibrated, "-", "--events", events)
     rows = list(csv.DictReader(io.StringIO(said.out)))
     written = table(out)
     assert [{**row, "run": ""} for row in rows] == [{**row, "run": ""} for row in written]
+    assert rows[200]["time"] == "2026-05-02T00:00:00"
     lines = [json.loads(line) for line in events.read_text().splitlines()]
     told = [line for line in lines if line["said"] == "event"]
-    assert [e["onset"] for e in told] == [e["onset"] for e in found["events"]]
-    assert "alarm: leak" in said.err
+    for name in ("onset", "onset_clock", "start_clock", "end_clock"):
+        assert [e[name] for e in told] == [e[name] for e in found["events"]]
+    assert lines[0]["said"] == "alarm"
+    assert lines[0]["start_clock"] == told[0]["start_clock"]
+    assert told[0]["start_clock"].startswith("2026-05-02T00:00:")
+    assert re.search(r"alarm: leak .*, told at 2026-05-02 00:00:", said.err)
+    assert re.search(r"event: leak .* since 2026-05-02 00:00:", said.err)
 
 
 def test_the_evidence_is_a_log_that_gives_the_same_answer_again(call, workshop, tmp_path):

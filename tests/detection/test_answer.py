@@ -14,8 +14,9 @@ from faultgauge.detection.answer import (
     runs_as_dicts,
 )
 from faultgauge.detection.bank import build_fault_bank
-from faultgauge.detection.decisions import decide
+from faultgauge.detection.decisions import Watching, decide
 from faultgauge.detection.evidence import evidence, same
+from faultgauge.detection.glitches import sentences
 from faultgauge.detection.noise import Noise
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
@@ -23,6 +24,7 @@ from faultgauge.plants.plant_file import parse_plant
 from faultgauge.reporting.decision_chapter import decision_report
 from faultgauge.reporting.report import render
 from faultgauge.telemetry import Run, read_telemetry
+from faultgauge.telemetry.runs import cut
 from faultgauge.telemetry.writing import as_table, write_table
 
 TANK = """
@@ -335,6 +337,36 @@ def test_single_samples_of_any_size_raise_nothing(bank, seed):
         assert np.all(said.posterior.lo[k] <= 0)
         assert np.all(said.posterior.hi[k] >= 0)
     assert np.isfinite(said.posterior.f[20:]).all()
+    # levels are 2.5 m and more, so that the least is off by seventy standard deviations
+    odd = [("x", said.run.t[k], said.run.columns["x"][k]) for k in rows]
+    assert list(said.glitches) == odd
+    assert list(decide(bank, log(10 + seed)).glitches) == []
+
+
+def test_glitches_are_counted_and_named_in_file_and_stream(bank):
+    run = log(10)
+    run.columns["x"][[50, 120, 300, 301, 400]] = -9999.0, 1e9, 7.0, 7.0, 7.0
+    said = decide(bank, run)
+    assert [each.t / STEP for each in said.glitches] == [50, 120, 400], "two in a row are no glitch"
+    assert [*sentences("run a", said.glitches, None, STEP)] == [
+        "run a: 3 samples are far beyond what anything explains, and moved nothing: "
+        "x = -9999 at 25 s, 1e+09 at 60 s, 7 at 200 s"
+    ]
+    assert runs_as_dicts(bank, [said], ["leak", "gauge"])[run.name]["glitches"] == {"x": 3}
+    watching, found = Watching(bank, run), []
+    for k in range(0, COUNT, 7):
+        _, part = watching.push(cut(run, slice(k, k + 7)))
+        found += part.glitches
+    assert found == list(said.glitches)
+
+
+def test_the_first_sample_of_a_fault_is_no_glitch(bank, decision):
+    assert list(decision.glitches) == []
+    run = log(11)
+    run.columns["x"][COUNT // 2 :] += 1.0
+    said = decide(bank, run)
+    assert [each.fault for each in said.events] == ["gauge"]
+    assert list(said.glitches) == []
 
 
 @pytest.mark.parametrize("value", [-9999.0, 1e9, -1e30])

@@ -1,14 +1,19 @@
 """The drift test against SciPy's regression, chance, and plants whose drift is known."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.stats import linregress
 
+from faultgauge.detection.bank import build_fault_bank
 from faultgauge.detection.calibration import calibrate
-from faultgauge.detection.decisions import decide_runs
+from faultgauge.detection.decisions import Decision, decide_runs
 from faultgauge.detection.drift import as_dicts, drifts, sentences, trend
+from faultgauge.detection.events import BankEvent
+from faultgauge.detection.noise import Noise
+from faultgauge.detection.posterior import Posterior
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
 from faultgauge.plants.plant_file import parse_plant
@@ -145,6 +150,38 @@ def test_a_drifting_parameter_is_told_from_a_fault():
     assert [each.channel for each in told] == ["warm"]
     assert told[0].change == pytest.approx(0.08, rel=0.25)
     assert "apart from any fault" in sentences(told)[0]
+
+
+def test_a_constant_that_took_something_up_is_told_where_no_fault_is():
+    """A drag that ends 3.2 times as far off as healthy runs differ (1 %), behind it a row under
+    alarm, which does not count."""
+    text = (
+        LAG.replace("u - 0.2*x", "u - drag*x") + "[parameters]\ndrag = {value = 0.2, unit = '1/s'}"
+    )
+    points = np.random.default_rng(0).uniform([2, 0], [8, 2], (60, 2))
+    record = {
+        "max_step": 1.0,
+        "envelope_points": points.tolist(),
+        "columns": {"states": [["x", 0]], "outputs": ["x"]},
+        "data": {"fit": [], "validate": []},
+    }
+    levels = ([SIGMA], [1e-3], [], [1e-4], [100.0], [1e-3], [5.0], [0.002], [0.0])
+    run = run_of(0, count=40)
+    own = Model(GrayBoxPlant.untrained(parse_plant(text)), record)
+    bank = build_fault_bank(own, [run], Noise(*map(np.array, levels)))
+    x = np.zeros((40, bank.plant.parts[-1].stop))
+    x[:-1, -1] = 3.2
+    empty = dict.fromkeys(Posterior._fields, np.zeros(40))
+    found = Posterior(**empty | {"x": x})
+    said = Decision(run, found, {}, ["HEALTHY"] * 39 + ["FAULT"], [""] * 40, [], run)
+    (drag,) = drifts(bank, [said])
+    assert (drag.channel, drag.cause) == ("drag", "constant")
+    assert drag.change == pytest.approx(3.2 * 0.002, rel=1e-6)
+    assert drag.p == pytest.approx(math.erfc(3.2 / math.sqrt(2)))  # both tails
+    (line,) = sentences([drag])
+    assert line.startswith("run r0: drag ends +0.0064 1/s off its usual value, further than")
+    event = BankEvent("r0", "leak", 1.0, 2.0, 1.0, 0.9, 1.1, 1.0, 0.5, 0.4, 0.6, ())
+    assert drifts(bank, [replace(said, events=[event])]) == []
 
 
 @pytest.mark.study

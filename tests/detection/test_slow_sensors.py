@@ -84,8 +84,25 @@ def spoiled(run):
 
 
 @pytest.fixture(scope="module")
-def calibration():
-    return calibrate(model(), [log(seed) for seed in (0, 1, 2)])
+def progress():
+    """What is said while it is calibrated."""
+    return []
+
+
+@pytest.fixture(scope="module")
+def calibration(progress):
+    return calibrate(model(), [log(seed) for seed in (0, 1, 2)], progress=progress.append)
+
+
+def test_calibrate_says_how_far_it_is_with_every_step_of_its_search(calibration, progress):
+    shares = [each.share for each in progress]
+    assert list(dict.fromkeys(progress)) == [
+        "finding noise and model error",
+        "finding the alarm level",
+    ]
+    assert shares == sorted(shares)
+    assert shares[0] == 0 < shares[-1] < 1
+    assert len(shares) > 10
 
 
 def test_noise_is_that_of_the_samples(calibration):

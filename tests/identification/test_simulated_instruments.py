@@ -89,6 +89,23 @@ def test_the_file_s_values_are_taken_where_equation_error_runs_worse(monkeypatch
     assert said.startswith("k, lag: with the file's own values the free run on held-out data errs")
 
 
+def test_a_plant_without_inputs_has_no_instruments():
+    """SKAB's water loop: sensors wander about their levels faster than they are smoothed."""
+    text = """name = "level"
+    [states.x]
+    derivative = "(level - x)/3"
+    [outputs.x]
+    value = "x"
+    [parameters]
+    level = { value = 0 }
+    """
+    rng = np.random.default_rng(0)
+    x = 5 + np.asarray(lfilter([1], [1, -np.exp(-1 / 3)], rng.standard_normal(500)))
+    found = fit(text, [Run("a", "a.csv", np.arange(500.0), {"x": x})], restarts=1)
+    # least squares of x' = (level - x)/3: the mean, but for the ends
+    assert found.parameters["level"] == pytest.approx(float(x.mean()), abs=0.1)
+
+
 def test_two_ways_that_contradict_each_other_are_said():
     """3.4 +- 0.6 and 0.8 +- 0.1 are 4.3 of sqrt(0.6^2 + 0.1^2) apart, 3.4 and 2.0 are 2.3."""
 

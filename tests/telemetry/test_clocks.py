@@ -43,7 +43,11 @@ def test_clocks_that_are_not_iso(tmp_path, stamps, form):
 
 def test_refusals_name_the_option(tmp_path):
     path = log(tmp_path, ["11/22/2026 14:03", "11/22/2026 14:04"])
-    assert "--time-format" in refusal(path, time="when")
+    assert refusal(path, time="when").endswith(
+        """say how it is written, --time-format "%m/%d/%Y %H:%M"."""
+    )
+    either = refusal(log(tmp_path, ["1/2/2026 3:04:05 PM", "1/2/2026 3:04:06 PM"]), time="when")
+    assert '--time-format "%d/%m/%Y %I:%M:%S %p" or --time-format "%m/%d/%Y %I:%M:%S %p".' in either
     message = refusal(path, time="when", time_format="%d/%m/%Y %H:%M")
     assert "row 2" in message
     assert "'11/22/2026 14:03' is not of the form --time-format '%d/%m/%Y %H:%M'" in message

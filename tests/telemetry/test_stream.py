@@ -1,6 +1,8 @@
 """A stream is read as the file of the same rows is, and refused in the same words."""
 
 import json
+from datetime import UTC, datetime
+from itertools import chain
 
 import numpy as np
 import pytest
@@ -8,7 +10,7 @@ import pytest
 from faultgauge.errors import InputError
 from faultgauge.telemetry import read_telemetry
 from faultgauge.telemetry.logs import Before
-from faultgauge.telemetry.stream import read_stream
+from faultgauge.telemetry.stream import Sample, read_stream
 
 HEAD = "t,wheel rpm,u,note\n"
 
@@ -22,7 +24,8 @@ def rows(count=200):
 
 
 def read(text, **options):
-    (samples,) = read_stream([text.splitlines(keepends=True)], **options)
+    pieces = read_stream([text.splitlines(keepends=True)], **options)
+    samples = [sample for piece in pieces for sample in piece]
     return np.array([s.t for s in samples]), {
         name: np.array([s.values[name] for s in samples]) for name in samples[0].values
     }
@@ -64,6 +67,20 @@ def test_ndjson_is_the_same_telemetry():
 def test_timestamps_are_seconds_since_the_first():
     text = "when,u\n2026-01-01T00:00:00Z,1\n2026-01-01T00:00:00.250000Z,2\n2026-01-01T00:01:00Z,3\n"
     assert read(text, time="when", names=["u"])[0].tolist() == [0.0, 0.25, 60.0]
+    lines = [text.splitlines(keepends=True)]
+    samples = list(chain(*read_stream(lines, time="when", names=["u"])))
+    assert {each.clock for each in samples} == {datetime(2026, 1, 1, tzinfo=UTC)}
+
+
+def test_a_time_since_1970_goes_on_as_one():
+    """1767225600 s is 2026-01-01: as milliseconds, and then a row of another kind."""
+    text = "t,u\n1767225600000,1\n1767225600250,2\n7,3\n1767225660000,4\n"
+    left_out = []
+    lines = [text.splitlines(keepends=True)]
+    samples = list(chain(*read_stream(lines, names=["u"], skip=left_out.append)))
+    assert [each.t for each in samples] == [0.0, 0.25, 60.0]
+    assert {each.clock for each in samples} == {datetime(2026, 1, 1, tzinfo=UTC)}
+    assert "row 4: the time 7 is not of the kind of the first row's" in str(left_out[0])
 
 
 @pytest.mark.parametrize(
@@ -74,7 +91,7 @@ def test_timestamps_are_seconds_since_the_first():
         ("t,u\n0,1\n1,2,3\n", "row 3: 3 cells where the header has 2"),
         ("t,u\n0,1\n,2\n", "row 3, column 't': the time is empty"),
         ("t,u\n0,1\n0,2\n", "row 3: time is the same again"),
-        ("t,u\n1,1\n0,2\n", "row 3: time runs backwards"),
+        ("t,u\n0,1\n1,1\n2,1\n1.5,2\n", "row 5: time runs backwards"),
         ("t;u\n0;1\n", "separated by semicolons"),
         ("0,1\n1,2\n", "numbers where column names belong"),
         ("time,u\n0,1\n", "no time column 't'"),
@@ -119,16 +136,17 @@ def test_samples_are_there_as_soon_as_their_lines_are():
     left_out = []
     samples = read_stream(lines(), names=["u"], skip=left_out.append)
     assert [next(samples), next(samples)] == [[], []]
-    assert next(samples) == [(0.0, {"u": 1.0}), (1.0, {"u": 2.0})]
+    # the usual step is known from the second of them on: until then the next one has to come
+    assert next(samples) == [Sample(0.0, {"u": 1.0})]
     assert len(taken) == 3
-    assert next(samples) == [(2.0, {"u": 3.0})]
+    assert next(samples) == [Sample(1.0, {"u": 2.0}), Sample(2.0, {"u": 3.0})]
     (wrong,) = left_out
     assert "row 3" in str(wrong)
 
 
 def test_what_came_before_a_refusal_is_given():
     samples = read_stream([["t,u\n", "0,1\n", "1,x\n", "2,1\n"]], names=["u"])
-    assert next(samples) == [(0.0, {"u": 1.0})]
+    assert next(samples) == [Sample(0.0, {"u": 1.0})]
     with pytest.raises(InputError, match="row 3"):
         next(samples)
 
@@ -160,3 +178,50 @@ def test_a_time_format(tmp_path):
     assert read(text, time="when", time_format=form, names=["u"])[0].tolist() == [0, 2]
     before = Before(time="when", time_format=form)
     assert read(text, before=before, names=["u"])[0].tolist() == [0, 2]
+
+
+def left_out_of(times, **options):
+    """(times that are read, rows that are left out) of a stream of so many."""
+    wrong = []
+    text = "t,u\n" + "".join(f"{t},{k}\n" for k, t in enumerate(times))
+    t, columns = read(text, names=["u"], skip=lambda each: wrong.append(str(each)), **options)
+    assert [times[int(u)] for u in columns["u"]] == t.tolist()
+    rows = {int(text.split("row ")[1].split(":")[0].split(",")[0]) for text in wrong}
+    assert len(t) + len(rows) == len(times)
+    return t.tolist(), sorted(row - 2 for row in rows)
+
+
+def test_a_row_far_ahead_is_the_wrong_one_where_time_goes_on_from_before_it():
+    even = [0.5 * k for k in range(30)]
+    for wrong in (0, 1, 2, 17, 28):
+        times = [1e9 if k == wrong else t for k, t in enumerate(even)]
+        assert left_out_of(times) == ([t for t in even if t != even[wrong]], [wrong])
+    assert left_out_of([*even[:29], 1e9]) == ([*even[:29], 1e9], []), "nothing comes after it"
+
+
+def test_behind_a_gap_time_goes_on():
+    """The row behind it waits for the next; one that comes again, or late, does not count."""
+    times = [0, 1, 2, 3, 1000, 1000, 2.5, 1001, 1002, 5000, 7000, 7001]
+    assert left_out_of(times) == ([0, 1, 2, 3, 1000, 1001, 1002, 5000, 7000, 7001], [5, 6])
+    assert left_out_of([0, 1, 2, 3, 1000, 4, 2000, 5, 6]) == ([0, 1, 2, 3, 4, 5, 6], [4, 6])
+
+
+def test_only_rows_behind_a_gap_wait():
+    lines = [["t,u\n"], *([f"{t},1\n"] for t in (0, 1, 2, 3, 6, 10, 11, 12))]
+    found = [[s.t for s in samples] for samples in read_stream(lines, names=["u"])]
+    assert found == [[], [], [0], [1, 2], [3], [6], [], [10, 11], [12], []]
+
+
+def test_strictly_a_row_far_ahead_is_refused_by_name():
+    samples = read_stream([["t,u\n", "0,1\n", "1,1\n", "2,1\n", "9e9,1\n", "3,1\n"]], names=["u"])
+    assert [s.t for s in next(samples)] == [0, 1, 2]
+    with pytest.raises(InputError, match=r"row 5: time \(9e\+09 s\) is ahead of what comes after"):
+        next(samples)
+
+
+def test_timestamps_count_from_the_first_row_that_is_right():
+    text = "when,u\n2098-01-01T00:00:00Z,1\n2026-01-01T00:00:00Z,2\n2026-01-01T00:00:01Z,3\n"
+    wrong = []
+    t, columns = read(text, time="when", names=["u"], skip=wrong.append)
+    assert (t.tolist(), columns["u"].tolist()) == ([0, 1], [2, 3])
+    assert "row 2" in str(wrong[0])

@@ -44,24 +44,24 @@ app = typer.Typer(
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
-COMMANDS = (
-    demo,
-    check,
-    inspect,
-    presets,
-    fit,
-    evaluate,
-    calibrate,
-    estimate,
-    rehearse,
-    detectability,
-    export,
-    simulate,
-    reproduce,
-    benchmark,
-)
-for command in COMMANDS:
-    app.command()(guarded(command))
+COMMANDS = {  # as the list of commands says it, each on one line
+    demo: "See it work on a real drive and on a satellite's wheel.",
+    check: "Is SUSPECT like HEALTHY? Fit, calibrate, estimate, report.",
+    inspect: "Show what is in a log; draft a plant file.",
+    presets: "List the plant files that come along; print one to edit.",
+    fit: "Learn a plant's unknowns from healthy logs.",
+    evaluate: "Score a model by pure simulation.",
+    calibrate: "Find noise, model error and alarm level on healthy logs.",
+    estimate: "Find faults in logs or a stream, in physical units.",
+    rehearse: "Put faults into healthy logs: what would be found?",
+    detectability: "What could be seen of each fault in logs like these?",
+    export: "Write a calibrated model as C or as FMUs.",
+    simulate: "Simulate a plant with faults and write the log.",
+    reproduce: "Repeat the paper's reaction-wheel study.",
+    benchmark: "Fit a public benchmark; score it beside published results.",
+}
+for command, short in COMMANDS.items():
+    app.command(short_help=short)(guarded(command))
 
 
 def _version(wanted: bool | None) -> None:

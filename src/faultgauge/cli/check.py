@@ -23,7 +23,11 @@ def check(
     ] = None,
     plant: Annotated[
         str | None,
-        typer.Option("--plant", metavar="FILE|PRESET", help="Plant [default: a black box]."),
+        typer.Option(
+            "--plant",
+            metavar="FILE|PRESET",
+            help="Plant file, or the name of a preset [default: networks for everything].",
+        ),
         READS,
     ] = None,
     out: Annotated[
@@ -31,7 +35,7 @@ def check(
         typer.Option("--out", metavar="DIR", help="Keep model, table and report here."),
         Fills(("model.fgm", "estimates.csv", "report.html")),
     ] = None,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the starts.")] = 0,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the random starts.")] = 0,
     time: options.Time = None,
     time_format: options.TimeFormat = None,
     map: options.Map = None,

@@ -48,7 +48,7 @@ def fit(
     restarts: Annotated[
         int, typer.Option("--restarts", min=1, max=1000, help="How many starts the search has.")
     ] = 10,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the starts.")] = 0,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the random starts.")] = 0,
     seeds: Annotated[
         int,
         typer.Option(

@@ -54,18 +54,26 @@ def inspect(
         options.say(f"wrote {init_plant}: edit it, then: faultgauge fit {init_plant} {logs[0]} ...")
 
 
+def _moment(clock: str | None, t: float) -> str:
+    """By the log's clock to the second, else in seconds."""
+    return f"{t:.6g} s" if clock is None else clock.replace("T", " ").partition(".")[0]
+
+
 def _show(found) -> None:
+    from rich.box import SIMPLE_HEAD
     from rich.console import Console
     from rich.table import Table
 
     console = Console(highlight=False, markup=False, emoji=False)
-    runs = Table("run", "rows", "from (s)", "to (s)", "rate (Hz)", "jitter", "gaps", "empty cells")
+    runs = Table(box=SIMPLE_HEAD, pad_edge=False)
+    for title in ("run", "rows", "from", "to", "rate (Hz)", "jitter", "gaps", "empty cells"):
+        runs.add_column(title, min_width=len("2026-03-02") if title in ("from", "to") else None)
     for run in found.runs:
         runs.add_row(
             options.plain(run.name),
             str(run.rows),
-            f"{run.start:.6g}",
-            f"{run.end:.6g}",
+            _moment(run.start_clock, run.start),
+            _moment(run.end_clock, run.end),
             f"{run.rate:.6g}",
             f"{100 * run.jitter:.1f} %",
             str(len(run.gaps)),
@@ -74,7 +82,7 @@ def _show(found) -> None:
     console.print(runs)
     units = ["unit"] if any(column.unit for column in found.columns) else []
     numbers = ("min", "max", "mean", "std", "noise", "quantum")
-    columns, lines = Table(), []
+    columns, lines = Table(box=SIMPLE_HEAD, pad_edge=False), []
     for title in ("column", *units, *numbers):  # neither numbers nor names are cut off
         columns.add_column(title, no_wrap=title != "column", overflow="fold")
     for column in found.columns:
@@ -88,8 +96,6 @@ def _show(found) -> None:
             columns.add_row(*head, *("" if v is None else f"{v:.4g}" for v in values))
             told = (("constant", s.constant), ("held between changes", s.held))
             remarks += [text for text, holds in told if holds]
-            if column.known_as != column.name:
-                remarks.append(f"known as {column.known_as}")
         if remarks:
             lines.append(f"{column.name}: {', '.join(remarks)}")
     console.print(columns)

@@ -14,6 +14,7 @@ from faultgauge.cli.view import View
 from faultgauge.errors import InputError
 
 if TYPE_CHECKING:
+    from faultgauge.detection.glitches import Glitch
     from faultgauge.detection.misfit import Misfit
     from faultgauge.detection.residual import Reference
     from faultgauge.detection.stream import Said, Stream
@@ -68,6 +69,7 @@ def answer(
         lines = stack.enter_context(_opened(events)) if events else None
         shown = stack.enter_context(View(fitted)) if view else None
         speaker = _Speaker(fitted, stream, form, lines, shown)
+        stack.callback(speaker.summary)
         if observer == "bank" and uncalibrated(fitted):
             options.say(unjudged_sentence(fitted))
         elif observer != "bank":
@@ -100,6 +102,7 @@ class _Speaker:
         self.units = {fault.name: fault.unit for fault in model.plant.signals.faults}
         # a view and rows on the same terminal would overwrite each other
         self.writer = None if view and sys.stdout.isatty() else RowWriter(form)
+        self.glitches = 0
 
     def say(self, said: Iterable["Said"]) -> None:
         from faultgauge.detection import decisions, estimation
@@ -118,6 +121,8 @@ class _Speaker:
                 ]
                 if self.writer:
                     self.writer.write(*rows)
+                if isinstance(each, decisions.Decision) and each.glitches:
+                    self.odd(each.glitches)
                 if self.view:
                     self.view.rows(rows)
             elif isinstance(each, Misfit):
@@ -130,18 +135,20 @@ class _Speaker:
         from faultgauge.detection.answer import finding
         from faultgauge.detection.events import Alarm, BankEvent
         from faultgauge.detection.words import UNDECLARED, moment
+        from faultgauge.telemetry.writing import stamp
 
         assert isinstance(said, Alarm | BankEvent)
-        alarm = isinstance(said, Alarm)
+        clock = self.stream.clock
         if self.lines:
-            content = asdict(said) if alarm else decisions.as_dicts([said])[0]
-            line = {"said": "alarm" if alarm else "event", **content}
+            line = {"said": "alarm", **asdict(said), "start_clock": stamp(clock, said.start)}
+            if isinstance(said, BankEvent):
+                line = {"said": "event", **decisions.as_dicts([said], clock)[0]}
             print(json.dumps(line, allow_nan=False), file=self.lines)
         unit = self.units.get(said.fault, "")
         step = self.stream.pace or 0.0
-        at = moment(None, said.start, step)
+        at = moment(clock, said.start, step)
         if isinstance(said, BankEvent):
-            text = f"event: {'; '.join(finding(said, unit, step))}"
+            text = f"event: {'; '.join(finding(said, unit, step, clock))}"
         elif said.size is None:
             text = f"alarm: {UNDECLARED}, told at {at}"
         else:
@@ -151,6 +158,22 @@ class _Speaker:
             self.view.event(text)
         else:
             options.say(text)
+
+    def odd(self, found: Sequence["Glitch"]) -> None:
+        """A warning of the first sample that nothing explains; all are counted."""
+        from faultgauge.detection.glitches import sentences
+        from faultgauge.telemetry.stream import SOURCE
+
+        if not self.glitches:
+            options.warn(sentences(SOURCE, found[:1], None, self.stream.pace or 0.0))
+        self.glitches += len(found)
+
+    def summary(self) -> None:
+        """How many there were."""
+        from faultgauge.telemetry.stream import SOURCE
+
+        if self.glitches > 1:
+            options.warn([f"{SOURCE}: {self.glitches} samples in all are such, and moved nothing"])
 
     def misfit(self, said: "Misfit") -> None:
         """A warning about the whole stream."""

@@ -52,7 +52,9 @@ __all__ = [
 SELDOM = 20.0  # s
 LONGEST = 4000  # characters of a sentence
 Json = Annotated[bool, typer.Option("--json", help="One JSON object on stdout, nothing else.")]
-Verbose = Annotated[bool, typer.Option("--verbose", help="Say every sentence whole.")]
+Verbose = Annotated[
+    bool, typer.Option("--verbose", help="Say all that was found, not its first lines alone.")
+]
 Time = Annotated[str | None, typer.Option("--time", help="Name of the time column [default: t].")]
 TimeFormat = Annotated[
     str | None,

@@ -70,9 +70,8 @@ class View:
 
         status = self.newest.get("status", "")
         reason = self.newest.get("reason") or ""
-        table = Table(
-            title=f"t = {self.newest.get('t', 0.0):.10g} s   {status}   {reason}".rstrip()
-        )
+        at = self.newest.get("time") or f"t = {self.newest.get('t', 0.0):.10g} s"
+        table = Table(title=f"{at}   {status}   {reason}".rstrip())
         for head in ("", "value", "95 %", "p", "unit", "course"):
             table.add_column(head, justify="left" if head in ("", "unit", "course") else "right")
         for name, trace in self.traces.items():

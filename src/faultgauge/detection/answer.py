@@ -8,7 +8,7 @@ may be, and what this log would not have shown.
 
 from collections import Counter, deque
 from collections.abc import Sequence
-from datetime import datetime, timedelta
+from datetime import datetime
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,7 +21,7 @@ from faultgauge.detection.posterior import LIKELY
 from faultgauge.detection.probability import probability
 from faultgauge.detection.shares import Silent, shares_of
 from faultgauge.detection.smallest import smallest_along
-from faultgauge.detection.verdicts import FAULT, NOT_JUDGED
+from faultgauge.detection.verdicts import FAULT, HEALTHY, NOT_JUDGED
 from faultgauge.detection.words import (
     MOST,
     OLDER,
@@ -38,6 +38,7 @@ from faultgauge.detection.words import (
 from faultgauge.telemetry import Run
 
 __all__ = [
+    "alarms",
     "answer",
     "answers",
     "as_dicts",
@@ -145,6 +146,11 @@ def _told(bank: FaultBank, decision: Decision) -> list[Told]:
 
 def _unnamed(bank: FaultBank, decision: Decision) -> list[Told]:
     """Alarms without an event, and what the log ends undecided about."""
+    return [*alarms(bank, decision), *_undecided(bank, decision)]
+
+
+def alarms(bank: FaultBank, decision: Decision) -> list[Told]:
+    """Alarms without an event."""
     run, found = decision.run, list[Told]()
     alarm = np.array(decision.status) == FAULT
     for start, stop in stretches(alarm, np.isfinite(decision.posterior.healthy), pause(bank)):
@@ -154,7 +160,7 @@ def _unnamed(bank: FaultBank, decision: Decision) -> list[Told]:
             when = f"from {_at(bank, decision, first)} to {_at(bank, decision, last)}"
             cause = f"; {_usual(why)}" if why else ""
             found.append(Told(first, last, f"An alarm {when} (run {run.name}){cause}"))
-    return [*found, *_undecided(bank, decision)]
+    return found
 
 
 def _beyond(bank: FaultBank, decision: Decision, start: int, stop: int) -> list[slice]:
@@ -202,7 +208,7 @@ def answer(bank: FaultBank, decision: Decision, event: BankEvent) -> Told:
     """One event."""
     run = decision.run
     head, times = finding(event, _unit(bank, event.fault), bank.step, run.clock)
-    rest = [times]
+    rest = [times + _whether_over(decision, event)]
     others = {each.fault for each in _beside(decision, event)}
     rest += likelihoods(
         (UNDECLARED if cause == UNKNOWN else cause, odds)
@@ -210,7 +216,7 @@ def answer(bank: FaultBank, decision: Decision, event: BankEvent) -> Told:
         if cause not in others and (odds < MOST or cause not in dict(event.beside))
     )
     rest += [
-        f"{name} may be there too (p {probability(p)})"
+        f"{name} {'is likely' if p >= LIKELY else 'may be'} there too (p {probability(p)})"
         for name, p in event.beside
         if name not in others
     ]
@@ -243,6 +249,15 @@ def finding(
     )
 
 
+def _whether_over(decision: Decision, event: BankEvent) -> str:
+    """Of a fault that was not seen to end, why it is not."""
+    t = decision.run.t
+    if event.end >= t[-1]:
+        return ", the end of the log"
+    judged = t[np.isin(decision.status, [HEALTHY, FAULT])]
+    return "" if np.any(judged > event.end) else ", and nothing was judged from then on"
+
+
 def _beside(decision: Decision, event: BankEvent) -> list[BankEvent]:
     """The events of other faults that are told for the same time as `event`."""
     return [
@@ -268,7 +283,9 @@ def as_dicts(bank: FaultBank, decisions: Sequence[Decision]) -> list[dict[str, A
     return [
         plain | _said(bank, each, event)
         for each in decisions
-        for plain, event in zip(events_as_dicts(each.events), each.events, strict=True)
+        for plain, event in zip(
+            events_as_dicts(each.events, each.run.clock), each.events, strict=True
+        )
     ]
 
 
@@ -285,17 +302,17 @@ def runs_as_dicts(
         found[one.run.name] = {
             **shares_of(one).as_dict(dict(zip(faults, least, strict=True))),
             "unnamed": [{"from": e.start, "to": e.end, "sentence": e.text} for e in unnamed],
+            "glitches": dict(Counter(each.output for each in one.glitches)),
         }
     return found
 
 
 def _said(bank: FaultBank, decision: Decision, event: BankEvent) -> dict[str, Any]:
-    clock, run = decision.run.clock, decision.run
+    run = decision.run
     names = bank.model.plant.signals.fault_names
     least = None if event.fault == UNKNOWN else least_told(bank, run, names.index(event.fault))
     return {
         "sentence": answer(bank, decision, event).text,
-        "onset_clock": clock and (clock + timedelta(seconds=event.onset)).isoformat(),
         "least": least,
     }
 

@@ -21,6 +21,7 @@ confidence.
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import count
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -49,7 +50,9 @@ MEMORIES = 4.0  # of the bank in a block
 SHORTEST = 50  # samples of a block
 BY_CHANCE = 0.05  # how often healthy logs may show more
 TRIES = 5  # of how far the evidence can be believed
-STEEP = 1.05  # so that few are needed
+STEEP = 1.02  # so that few are needed
+CLOSE = 1.08  # times what is needed: close enough
+LEAST = 1e-2  # of what is allowed: less is alike
 MOST_NAMED = 3  # stretches that look faulty
 LOWEST = -30.0  # log-odds: what lies below is alike
 MARGIN = 3.0  # mean excesses: -ln(0.05)
@@ -67,23 +70,33 @@ class BankCalibration(NamedTuple):
 
 
 def calibrate_bank(
-    model: Model, runs: Sequence[Run], noise: Noise, mtbfa: float | None = None
+    model: Model,
+    runs: Sequence[Run],
+    noise: Noise,
+    mtbfa: float | None = None,
+    progress: Callable[[float], None] = lambda share: None,
 ) -> BankCalibration:
     """Alarm level on healthy `runs`.
 
     `mtbfa` [s] is the requested mean time between false alarms; by default the longest that the
-    data support. Runs in which the bank is sure of a fault are named, and kept: they are said to be
-    healthy. Raises `InputError` where they are too short.
+    data support; `progress` is told the share that is done, were all tries needed. Runs in which
+    the bank is sure of a fault are named, and kept: they are said to be healthy. Raises
+    `InputError` where they are too short.
     """
     healthy = float(sum(run.t[-1] - run.t[0] for run in runs))
     step = float(np.median([run.step for run in runs]))
     most = SAMPLES if mtbfa is None else int(1.1 * 3 * mtbfa / step) + SAMPLES // 100
     taken = _first_samples(runs, most)
 
+    walks = count()
+
+    def walked() -> None:
+        progress(next(walks) / ((1 + TRIES) * len(taken)))
+
     def tried(widened: float) -> tuple[FaultBank, list[Block]]:
         plain = without_calibration(model)
         bank = build_fault_bank(plain, runs, noise.widened(widened), healthy)
-        return bank, _blocks(bank, taken)
+        return bank, _blocks(bank, taken, walked)
 
     bank, blocks = tried(1.0)
     suspects = merged([b for b in blocks if b.peak >= CERTAIN])
@@ -140,17 +153,38 @@ def _believed(
     """(how many times as large the noise must be for no block to show log-odds above `most`, and
     the bank and its blocks with that).
 
-    Evidence falls with the square of it, from the least odds that any block has.
+    Evidence falls about with the square of it, from the least odds that any block has; what is
+    found is at most `CLOSE` times too large, where `TRIES` suffice.
     """
-    widened = 1.0
+    first = [each.peak for each in blocks]
+    nothing = min(*first, np.log(RARE))
+
+    def over(blocks: list[Block]) -> float:
+        """ln of how many times too large the evidence is."""
+        evidence = max(each.peak for each in blocks) - nothing
+        return float(np.log(max(evidence / (most - nothing), LEAST)))
+
+    found = 1.0, bank, blocks
+    short, enough = [(0.0, over(blocks))], list[tuple[float, float]]()  # (ln widened, what is left)
     for _ in range(TRIES):
-        peaks = [each.peak for each in blocks]
-        if max(peaks) <= most:
+        (a, left), *others = reversed(short)
+        if left <= 0:
             break
-        nothing = min(min(peaks), -np.log(1 / RARE))
-        widened *= STEEP * float(np.sqrt((max(peaks) - nothing) / (most - nothing)))
+        if enough:
+            b, right = enough[-1]
+            tries = a + (b - a) * min(max(left / (left - right), 0.1), 0.9)
+        else:
+            slope = (left - others[0][1]) / (a - others[0][0]) if others else -2.0
+            tries = a - left / min(max(slope, -4.0), -0.5) + np.log(STEEP)
+        widened = float(np.exp(tries))
         bank, blocks = tried(widened)
-    return widened, bank, blocks
+        left = over(blocks)
+        (short if left > 0 else enough).append((tries, left))
+        if left <= 0 or not enough:
+            found = widened, bank, blocks
+        if enough and enough[-1][0] - short[-1][0] < np.log(CLOSE):
+            break
+    return found
 
 
 def level_of(peaks: Float[np.ndarray, "blocks"], allowed: int) -> float:
@@ -178,9 +212,12 @@ def _first_samples(runs: Sequence[Run], most: int) -> list[Run]:
     return [cut(run, slice(0, max(2, int(share * len(run.t))))) for run in runs]
 
 
-def _blocks(bank: FaultBank, runs: Sequence[Run]) -> list[Block]:
-    """Every run's score in blocks."""
-    stretches = [each for run in runs for each in _scores(bank, run)]
+def _blocks(bank: FaultBank, runs: Sequence[Run], walked: Callable[[], None]) -> list[Block]:
+    """Every run's score in blocks; before each of them it is `walked`."""
+    stretches = []
+    for run in runs:
+        walked()
+        stretches += _scores(bank, run)
     length = max(int(np.ceil(MEMORIES * bank.knowledge.memory / bank.step)), SHORTEST)
     total = sum(len(score) for _, _, score in stretches)
     length = max(min(length, total // (2 * FEWEST_BLOCKS)), SHORTEST)

@@ -26,6 +26,7 @@ from faultgauge.telemetry import Run
 
 __all__ = ["Calibration", "calibrate"]
 
+NOISE_SHARE = 0.6  # of the work
 FEWEST = 100  # samples that tell a 95 % interval: 5 of them lie outside
 
 
@@ -99,11 +100,18 @@ def _by_bank(
     progress: Callable[[str], None],
 ) -> Calibration:
     warnings += equal_faults(model, runs)
-    progress(Step("finding noise and model error", 0.05))
-    noise = estimate_noise(model, runs, discrepancy)
+
+    def searching(share: float) -> None:
+        progress(Step("finding noise and model error", NOISE_SHARE * share))
+
+    searching(0.0)
+    noise = estimate_noise(model, runs, discrepancy, searching)
     warnings += lasting_warnings(model, runs, noise)
-    progress(Step("finding the alarm level", 0.5))
-    found = calibrate_bank(model, runs, noise, mtbfa)
+
+    def judging(share: float) -> None:
+        progress(Step("finding the alarm level", NOISE_SHARE + (1 - NOISE_SHARE) * share))
+
+    found = calibrate_bank(model, runs, noise, mtbfa, judging)
     block = known | {"observer": "bank", "noise": found.noise.as_dict(model), "bank": found.block}
     calibrated = model.with_calibration(block)
     return Calibration(calibrated, found.blocks, found.suspects, [*warnings, *found.warnings])

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
+from datetime import datetime
 from typing import Any, TypeAlias
 
 import jax
@@ -10,6 +11,7 @@ from jaxtyping import Float
 
 from faultgauge.detection.bank import FaultBank, build_fault_bank, evaluated_faults
 from faultgauge.detection.events import BankEvent, Judged, events
+from faultgauge.detection.glitches import Glitch, Glitches
 from faultgauge.detection.intake import with_taken
 from faultgauge.detection.noise import noise_of
 from faultgauge.detection.posterior import Posterior
@@ -23,7 +25,7 @@ from faultgauge.progress import Step
 from faultgauge.telemetry import Run
 from faultgauge.telemetry.dead_time import check_delays
 from faultgauge.telemetry.runs import cut, paced
-from faultgauge.telemetry.writing import stamps
+from faultgauge.telemetry.writing import stamp, stamps
 
 __all__ = [
     "Decision",
@@ -44,7 +46,8 @@ Walk: TypeAlias = Callable[[Watch, WatchState, Run], tuple[WatchState, Row]]
 @dataclass(frozen=True)
 class Decision:
     """One run judged by the bank; `used` is what of it was believed: inputs as they act, outputs
-    but for those that stand still."""
+    but for those that stand still. Each of the `glitches` may be of the rows before: it is known
+    once the next sample is there."""
 
     run: Run
     posterior: Posterior
@@ -53,6 +56,7 @@ class Decision:
     reason: list[str]
     events: list[BankEvent]
     used: Run
+    glitches: Sequence[Glitch] = ()
 
 
 def decide_runs(
@@ -125,6 +129,7 @@ class Watching:
         self.model, self.walk = bank.model, walk
         self.watch = Watch(bank.model, tuple(run.columns), run.step, bank=bank)
         self.state = self.watch.init(averaged=run.resampled is not None)
+        self.glitches = Glitches(bank)
 
     def push(self, rows: Run) -> tuple[Judged, Decision]:
         """The next `rows`, however many; residuals and events are left open."""
@@ -132,7 +137,8 @@ class Watching:
         status, reason = self.watch.words(row.verdict)
         used = with_taken(self.model, rows, row.taken, outputs=True)
         found = Judged(used, row.posterior, row.verdict, row.sets.astype(np.float32))
-        return found, Decision(rows, row.posterior, {}, status, reason, [], used)
+        odd = self.glitches.push(used, row.posterior)
+        return found, Decision(rows, row.posterior, {}, status, reason, [], used, odd)
 
 
 def table(decisions: Sequence[Decision], faults: Sequence[str]) -> dict[str, list[Any]]:
@@ -170,11 +176,16 @@ def _rows(
     return rows | {"status": decision.status, "reason": decision.reason}
 
 
-def as_dicts(events: Sequence[BankEvent]) -> list[dict[str, Any]]:
-    """Events as plain JSON."""
+def as_dicts(events: Sequence[BankEvent], clock: datetime | None = None) -> list[dict[str, Any]]:
+    """Events as plain JSON; their times in seconds and as a `clock` shows them that showed this at
+    0 s."""
     return [
         {
             **asdict(event),
+            **{
+                f"{name}_clock": stamp(clock, t)
+                for name, t in (("onset", event.onset), ("start", event.start), ("end", event.end))
+            },
             "alternatives": [{"faults": f, "odds": o} for f, o in event.alternatives],
             "instead": dict(event.instead),
             "beside": dict(event.beside),

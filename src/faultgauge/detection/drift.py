@@ -14,6 +14,9 @@ alike; they are told apart
   the model lacks it, and neither the plant nor a fault is new;
 
 otherwise the answer is that they cannot be told apart.
+
+So it is where a log without a fault ends with a constant that is further off than healthy runs
+differ: nobody declared what it took up, or the plant is another one.
 """
 
 from collections.abc import Mapping, Sequence
@@ -22,6 +25,7 @@ from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Bool, Float
+from scipy.stats import norm
 from scipy.stats import t as student
 
 from faultgauge.detection.bank import FaultBank
@@ -38,6 +42,7 @@ BLOCK_TIMES = 10.0  # correlation times per block
 FEWEST_BLOCKS = 8
 CHANCE = 1e-3  # of a drift where there is none, over all channels of a run
 STANDING = 2.0  # healthy RMS: a mean that far off zero
+FAR = 3.0  # times by how much healthy runs differ: a constant that ends that far off
 
 Samples = Float[np.ndarray, "samples"]
 
@@ -61,7 +66,8 @@ class Trend:
 @dataclass(frozen=True)
 class Drift:
     """A drift of `channel` in `run`, in `unit`; `cause` is `plant` where it is told from a fault,
-    `model` where a measured quantity explains it, `ambiguous` where it may be a slow fault.
+    `model` where a measured quantity explains it, `ambiguous` where it may be a slow fault,
+    `constant` where a constant is further off than healthy runs differ.
 
     `change` with its interval over `seconds` of healthy samples; of a mean that stands off zero,
     the mean.
@@ -70,7 +76,7 @@ class Drift:
     run: str
     channel: str
     unit: str
-    cause: Literal["plant", "model", "ambiguous"]
+    cause: Literal["plant", "model", "ambiguous", "constant"]
     standing: bool
     change: float
     lo: float
@@ -141,7 +147,7 @@ def _slope(
 
 def drifts(bank: FaultBank, decisions: Sequence[Decision]) -> list[Drift]:
     """Drifts of what the bank tracks beside all faults: the discrepancy of every dynamic state,
-    against its learned size, and parameters that may drift."""
+    against its learned size, parameters that may drift, and constants that took something up."""
     signals, plant = bank.model.plant.signals, bank.plant
     found = []
     for each in decisions:
@@ -155,7 +161,9 @@ def drifts(bank: FaultBank, decisions: Sequence[Decision]) -> list[Drift]:
                 name = f"the model's error in {signals.states[state].name}"
                 scale = STANDING * float(bank.noise.size[k])
                 found += _drift(each.run.name, name, unit, seen, scale, chance)
-        found += _parameters(bank, each, healthy)
+        moved = _parameters(bank, each, healthy)
+        told = {drift.channel for drift in moved}
+        found += [*moved, *(d for d in _constants(bank, each, healthy) if d.channel not in told)]
     return found
 
 
@@ -197,6 +205,26 @@ def _parameters(
     return found
 
 
+def _constants(
+    bank: FaultBank, decision: Decision, healthy: Bool[np.ndarray, "samples"]
+) -> list[Drift]:
+    """Constants that a run without an event ends further off with than healthy runs differ."""
+    if decision.events or not healthy.any():
+        return []
+    plant, run = bank.plant, decision.run
+    units = {p.name: p.unit for p in bank.model.plant.spec.parameters}
+    W = np.asarray(plant.directions)
+    off = W @ decision.posterior.x[np.flatnonzero(healthy)[-1], plant.parts[-1]]
+    far = off / np.linalg.norm(W, axis=1)
+    seconds = float(healthy.sum() * run.step)
+    return [
+        Drift(run.name, name, units[name], "constant", True, m, m, m, seconds,
+              float(2 * norm.sf(abs(times))), None)
+        for name, m, times in zip(plant.names, off.tolist(), far.tolist(), strict=True)
+        if abs(times) > FAR
+    ]  # fmt: skip
+
+
 def sentences(found: Sequence[Drift]) -> list[str]:
     """What drifts, and what to do about it."""
     return [_sentence(each) for each in found]
@@ -205,6 +233,13 @@ def sentences(found: Sequence[Drift]) -> list[str]:
 def _sentence(found: Drift) -> str:
     where = f"run {found.run}: {found.channel}"
     width = (found.hi - found.lo) / 2
+    if found.cause == "constant":
+        moved = f"{found.change:+.3g} {found.unit}".rstrip()
+        return (
+            f"{where} ends {moved} off its usual value, further than healthy runs differ "
+            f"(p {found.p:.1g}): it may have taken up what the plant file does not declare; if the "
+            "plant is sound, calibrate with this log, too."
+        )
     if found.standing:
         moved = f"stands at {found.change:+.3g} {found.unit}".rstrip()
     else:

@@ -19,6 +19,7 @@ from faultgauge.detection.verdicts import NOT_JUDGED
 from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run
 from faultgauge.telemetry.runs import paced
+from faultgauge.telemetry.writing import stamps
 
 __all__ = ["ALONE", "Estimated", "Observing", "estimate", "intervals_in", "sentence", "table"]
 
@@ -99,11 +100,14 @@ class Observing:
 def table(estimated: Sequence[Estimated], faults: Sequence[str]) -> dict[str, list[Any]]:
     """The columns that `estimate` writes, in order; None is an empty cell."""
     columns: dict[str, list[Any]] = {"run": [], "t": []}
+    clocked = any(each.run.clock for each in estimated)
     outputs = list(dict.fromkeys(name for each in estimated for name in each.residuals))
     for each in estimated:
         count = len(each.run.t)
         nothing = np.full(count, np.nan)
         rows: dict[str, Any] = {"run": [each.run.name] * count, "t": each.run.t}
+        if clocked:
+            rows["time"] = stamps(each.run)
         for name in outputs:
             rows[f"r_{name}"] = each.residuals.get(name, nothing)
         for name in faults:

@@ -9,7 +9,8 @@ Where a log is sampled far faster than it moves, means over blocks of samples te
 what noise of a few samples' memory adds up to.
 """
 
-from collections.abc import Sequence, Set
+from collections.abc import Callable, Sequence, Set
+from itertools import count
 
 import numpy as np
 from jaxtyping import Float
@@ -31,7 +32,7 @@ from faultgauge.detection.noise_levels import (
     spans_of,
 )
 from faultgauge.detection.output_errors import with_errors_of_outputs
-from faultgauge.detection.run_spread import constants_retold
+from faultgauge.detection.run_spread import as_unsure_as_few_runs_tell, constants_retold
 from faultgauge.detection.scoring import scored
 from faultgauge.errors import InputError
 from faultgauge.observers import divided_difference as dd
@@ -45,12 +46,19 @@ GRID = 4  # time constants to begin from
 SMALLER = (1.0, 10.0, 100.0)  # times: sizes of the discrepancy to begin from
 FACTORS = (1.0, 10.0, 100.0, 1000.0)  # of process noise, until the filter is not lost
 ROUNDS = (20, 12, 8)  # steps of each search; the constants are told anew between them
+SEARCHES = 3  # of all ROUNDS: the plant's levels, then each kind of error of outputs
 ENOUGH = 0.3  # of log-likelihood: a step that gains less is the last
 NONE = 1e-6  # times the usual: as good as no discrepancy
 
 
-def estimate_noise(model: Model, runs: Sequence[Run], discrepancy: bool = True) -> Noise:
+def estimate_noise(
+    model: Model,
+    runs: Sequence[Run],
+    discrepancy: bool = True,
+    progress: Callable[[float], None] = lambda share: None,
+) -> Noise:
     """The most likely levels on healthy `runs`; without a `discrepancy` all error is noise.
+    `progress` is told the share that is done, were all that may be needed.
 
     Raises `InputError` where no stretch is long enough or the filter never follows the data.
     """
@@ -66,9 +74,14 @@ def estimate_noise(model: Model, runs: Sequence[Run], discrepancy: bool = True) 
     guess = first_guess(model, runs, stretches)
     batch = Likelihood.of(model, runs, guess, stretches)
     bounds = bounds_of(guess, runs[0].step, stretches)
+    steps = count(1)
+
+    def stepped() -> None:
+        progress(next(steps) / (SEARCHES * sum(ROUNDS)))
+
     if discrepancy:
         noise = _started(model, batch, guess, bounds)
-        noise = _alternated(model, batch, noise, bounds, ROUNDS)
+        noise = _alternated(model, batch, noise, bounds, stepped)
         spans = spans_of(runs[0].step, stretches)
         for _ in (WANDER, LATE):
             more = with_errors_of_outputs(model, batch, noise, spans)
@@ -77,24 +90,30 @@ def estimate_noise(model: Model, runs: Sequence[Run], discrepancy: bool = True) 
                 break
             own = {name: getattr(more, name) for name in (*WANDER, *LATE)}
             bounds = bounds_of(guess._replace(**own), runs[0].step, stretches)
-            more = _alternated(model, batch, more, bounds, ROUNDS)
+            more = _alternated(model, batch, more, bounds, stepped)
             if _gain(model, batch, noise, more, bounds) < np.log(batch.count) * added:
                 break
             noise = more
     else:
         without = {n: NONE * getattr(guess, n) for n in ("size", "share", "spread")}
         held = {"size", "lasting", "share", "settling"}
-        noise = _searched(model, batch, guess._replace(**without), bounds, held, sum(ROUNDS))
+        guess = guess._replace(**without)
+        noise = _searched(model, batch, guess, bounds, held, sum(ROUNDS), stepped)
+    noise = as_unsure_as_few_runs_tell(model, batch, noise)
     samples = [averaged.get(name, 1.0) for name in model.plant.signals.output_names]
     return noise._replace(sigma=noise.sigma * np.sqrt(samples))
 
 
 def _alternated(
-    model: Model, batch: Likelihood, noise: Noise, bounds: Bounds, rounds: Sequence[int]
+    model: Model,
+    batch: Likelihood,
+    noise: Noise,
+    bounds: Bounds,
+    stepped: Callable[[], None],
 ) -> Noise:
     """Searches of so many steps each, and the constants told anew after each."""
-    for steps in rounds:
-        noise = _searched(model, batch, noise, bounds, set(), steps)
+    for steps in ROUNDS:
+        noise = _searched(model, batch, noise, bounds, set(), steps, stepped)
         noise = constants_retold(model, batch, noise)
     return noise
 
@@ -141,8 +160,10 @@ def _searched(
     bounds: Bounds,
     held: Set[str],
     most: int,
+    stepped: Callable[[], None],
 ) -> Noise:
-    """The likeliest levels but those `held`, by at most so many steps from `noise`."""
+    """The likeliest levels but those `held`, by at most so many steps from `noise`; each is
+    `stepped`."""
     start = logs_of(noise)
     at = np.flatnonzero(np.isfinite(start) & ~np.isin(names_of(noise), list(held)))
 
@@ -152,7 +173,7 @@ def _searched(
         return batch.run(model, [levels_of(row, noise) for row in logs])
 
     own = [each[at] for each in (start, bounds.low, bounds.high, bounds.center, bounds.pull)]
-    found, cost = scored(tell, *own, most=most, enough=ENOUGH)
+    found, cost = scored(tell, *own, most=most, enough=ENOUGH, stepped=stepped)
     if not np.all(np.isfinite(found)) or not cost / batch.count < -dd.LOST / 4:
         raise InputError(
             "the model does not follow the healthy logs at all, so its noise cannot be told; look "

@@ -14,14 +14,17 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
+from scipy.stats import norm
+from scipy.stats import t as student_t
 
 from faultgauge.detection.innovation_likelihood import Likelihood
 from faultgauge.detection.noise import Noise, constants_of, directions_of, drifting_of, usual_spread
 from faultgauge.plants.model import Model
 
-__all__ = ["constants_retold"]
+__all__ = ["as_unsure_as_few_runs_tell", "constants_retold"]
 
+WITHIN = 0.975  # of constants: below the upper end of their 95 % range
 ALIKE = 10.0  # times: constants of one unit that differ by more are of two kinds
 
 
@@ -51,6 +54,17 @@ def constants_retold(model: Model, batch: Likelihood, noise: Noise) -> Noise:
     return noise
 
 
+def as_unsure_as_few_runs_tell(model: Model, batch: Likelihood, noise: Noise) -> Noise:
+    """`noise` with constants spread as wide as those of the next run may lie: a normal
+    distribution with the 95 % range of Student's t, since a spread that few runs told may be far
+    larger (A. Gelman et al., Bayesian Data Analysis, section 3.2)."""
+    spread, stretches = noise.spread.copy(), len(np.unique(batch.runs))
+    for alike in _alike(model, constants_of(model).names):
+        told = stretches * len(alike) + 1  # the prior: one more
+        spread[alike] *= student_t.ppf(WITHIN, told) / norm.ppf(WITHIN)
+    return noise._replace(spread=spread)
+
+
 def _within(
     batch: Likelihood,
     own: Float[np.ndarray, "stretches constants"],
@@ -73,13 +87,20 @@ def _pooled(
     model: Model, names: Sequence[str], sums: Float[np.ndarray, "constants"]
 ) -> Float[np.ndarray, "constants"]:
     """`sums` as their mean over the constants of one unit and order of magnitude."""
+    found = np.array(sums, float)
+    for alike in _alike(model, names):
+        found[alike] = np.mean(found[alike])
+    return found
+
+
+def _alike(model: Model, names: Sequence[str]) -> list[Int[np.ndarray, "some"]]:
+    """Which constants are of one unit and order of magnitude."""
     parameters = {p.name: p for p in model.plant.spec.parameters}
     usual = np.array([usual_spread(float(model.plant.parameters[n]), 0.0) for n in names])
     units = [parameters[n].unit or n for n in names]
-    found = np.array(sums, float)
+    found = []
     for unit in set(units):
         own = sorted((k for k, each in enumerate(units) if each == unit), key=lambda k: usual[k])
         apart = [i for i, (a, b) in enumerate(pairwise(own), 1) if usual[b] > ALIKE * usual[a]]
-        for alike in np.split(np.array(own), apart):
-            found[alike] = np.mean(found[alike])
+        found += np.split(np.array(own), apart)
     return found

@@ -35,6 +35,7 @@ def scored(
     pull: Float[np.ndarray, "levels"],
     most: int,
     enough: float,
+    stepped: Callable[[], None],
 ) -> tuple[Float[np.ndarray, "levels"], float]:
     """(logarithms of levels, their -ln likelihood) after at most `most` steps from `start`, or one
     that gains less than `enough`.
@@ -51,6 +52,7 @@ def scored(
     told = tell(np.concatenate([x[None], x + steps]))
     cost = float(told.cost[0] + unlikely(x[None])[0])
     for _ in range(most):
+        stepped()
         slope = (told.cost[1:] - told.cost[0]) / DIFFERENCE
         slope = slope + np.where(weight > 0, (x - center) * weight, 0.0)
         M = _information(told) + np.diag(weight + WEAK)

@@ -8,6 +8,7 @@ model, one stream is one run, and `--reference free` is refused where an input i
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from datetime import datetime
 from typing import TypeAlias
 
 import jax
@@ -69,6 +70,7 @@ class Stream:
         self.answers: _Observers | _Unjudged | _Decided | None = None
         self.alarmed: Alarmed | None = Alarmed(NAME)  # until it is said
         self.last = 0.0
+        self.clock: datetime | None = None  # at 0 s, once a sample is there
 
     @property
     def refused(self) -> list[str]:
@@ -81,6 +83,7 @@ class Stream:
             yield from self._said(samples)
             return
         self.first += samples
+        self.clock = self.first[0].clock if self.first else None
         if len(self.first) >= PACE_SAMPLES:
             yield from self._open()
 
@@ -144,7 +147,7 @@ class Stream:
         names = samples[0].values
         columns = {name: np.array([sample.values[name] for sample in samples]) for name in names}
         t = np.array([sample.t for sample in samples])
-        return Run(NAME, SOURCE, t, columns, self.pace, resampled=self.rate)
+        return Run(NAME, SOURCE, t, columns, self.pace, resampled=self.rate, clock=self.clock)
 
     def _take_rate(self, run: Run) -> None:
         """Refuses a stream that is faster than the rate of the model."""

@@ -103,16 +103,17 @@ def moment(clock: datetime | None, t: float, resolution: float = 0.0) -> str:
 
 
 def since(clock: datetime | None, onset: float, low: float, high: float) -> str:
-    """ "since 299.5 s +- 1.1 s", or "since 299.5 s (298.1 s to 300 s)" where that is not the middle
-    of its interval."""
+    """ "since 299.5 s +- 1.1 s", or "since 299.5 s, between 298.1 s and 300 s" where that is not
+    the middle of its interval."""
     half = (high - low) / 2
+    at, first, last = (moment(clock, t, half) for t in (onset, low, high))
     if abs((low + high) / 2 - onset) <= CENTRED * half:
-        return f"since {moment(clock, onset, half)} +- {number(half, 2)} s"
-    return f"since {onset_cell(clock, onset, low, high)}"
+        return f"since {at} +- {number(half, 2)} s"
+    return f"since {at}, between {first} and {last}"
 
 
 def onset_cell(clock: datetime | None, onset: float, low: float, high: float) -> str:
-    """ "299.5 s (298.1 s to 300 s)"."""
+    """ "299.5 s (298.1 s to 300 s)", in a table."""
     at, first, last = (moment(clock, t, (high - low) / 2) for t in (onset, low, high))
     return f"{at} ({first} to {last})"
 

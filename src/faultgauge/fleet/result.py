@@ -126,11 +126,11 @@ class FleetFit(FleetResult):
 
     @property
     def lines(self) -> list[str]:
-        found = [f"{self.counts}; median error of the free runs {self._median_error():.2%}"]
+        found = [f"{self.counts}; median error of the free runs {100 * self._median_error():.2f} %"]
         units = {p.name: p.unit for p in self.spec.parameters}
         for name, law in self.laws.items():
             if law.log:
-                spread, error = f"{law.spread:.1%}", f"{law.error:.1%}"
+                spread, error = f"{100 * law.spread:.1f} %", f"{100 * law.error:.1f} %"
             else:
                 spread, error = f"{law.spread:.3g}", f"{law.error:.2g}"
             found.append(

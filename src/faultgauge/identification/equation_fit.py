@@ -56,8 +56,9 @@ WORSE = 1.5  # times the free-run error without instruments: they determine too 
 CLEARLY = 0.9  # of a free run's error: less of a difference may be what was held out
 FOLLOWS = 0.5  # of the outputs' spread: a run that is further off speaks for no values
 NOT_SEEN = (
-    "{}: with the file's own values the free run on held-out data errs by {:.1%}, with those that "
-    "equation error finds by {:.1%}, so the file's are taken; give logs that excite more of this"
+    "{}: with the file's own values the free run on held-out data errs by {:.1f} %, with those "
+    "that equation error finds by {:.1f} %, so the file's are taken; give logs that excite more of "
+    "this"
 )
 
 
@@ -290,7 +291,7 @@ def _no_worse_than_stated(
         if not errors[least] < min(CLEARLY * error, FOLLOWS):
             break
         k, plant = left.pop(least), stated[least]
-        warnings.append(NOT_SEEN.format(reports[k].group.name, errors[least], error))
+        warnings.append(NOT_SEEN.format(reports[k].group.name, 100 * errors[least], 100 * error))
         reports = [*reports[:k], reports[k]._replace(stated=True), *reports[k + 1 :]]
         error = float(errors[least])
     return plant, reports, error

@@ -94,10 +94,12 @@ def freed_by_simulation(
     """The group fitted anew at the `training` samples, the `places`-th of all `stretches`', from
     `fitted` and from what the inputs' past alone makes of the file's values, `stated`. None where
     its equations are slower than the kernel is wide, read what is not measured itself, or share an
-    unknown with an output.
+    unknown with an output, or where there is no input.
     """
     spec = fitted.spec
-    if group.outputs or not group.states or weak_states(spec, how, group) != group.states:
+    if not spec.signals.inputs or group.outputs or not group.states:
+        return
+    if weak_states(spec, how, group) != group.states:
         return
     if stretches[0].unsmoothed is None:
         return

@@ -7,7 +7,17 @@ from jaxtyping import Array, Float, Int
 
 from faultgauge.observers.divided_difference import Belief
 
-__all__ = ["NEVER", "SCALES", "BranchInfo", "BranchState", "Changes", "Lanes", "Prior", "Probe"]
+__all__ = [
+    "NEVER",
+    "SCALES",
+    "BranchInfo",
+    "BranchState",
+    "Changes",
+    "Lanes",
+    "Prior",
+    "Probe",
+    "Sums",
+]
 
 SCALES = (1.0, 0.15, 0.02)  # of a size's widest prior
 NEVER = -1e30  # the logarithm of no probability: finite, so that sums stay numbers
@@ -86,9 +96,28 @@ class BranchInfo(NamedTuple):
 
 
 class Changes(NamedTuple):
-    """Every change that a branch may have had: ln of its prior times its likelihood, its size and
-    the variance of that. First steps and growths, then recoveries of the faults."""
+    """Every change that a branch may have had: `ell`, ln of its prior times its likelihood; of each
+    kind the largest of these, `top`, ln of their sum, `total`, and the `share` of each onset in
+    that; the size and the variance of that. First steps and growths, then recoveries of the
+    faults."""
 
     ell: Float[Array, "branches kinds onsets"]
+    top: Float[Array, "branches kinds"]
+    total: Float[Array, "branches kinds"]
+    share: Float[Array, "branches kinds onsets"]
     f: Float[Array, "branches kinds onsets"]
     V: Float[Array, "branches kinds onsets"]
+
+
+class Sums(NamedTuple):
+    """Over the changes that a branch may have had, by how likely they are: how likely each set is;
+    of the likely onsets alone that again, and times a fault's size and its square; the states; how
+    likely each fault is there, times when it began, and its square; how likely each has been."""
+
+    p: Float[Array, "branches sets"]
+    held: Float[Array, "branches sets"]
+    mean: Float[Array, "branches sets faults"]
+    square: Float[Array, "branches sets faults"]
+    x: Float[Array, "branches states"]
+    past: Float[Array, "branches faults three"]
+    ever: Float[Array, "branches faults"]

@@ -9,6 +9,8 @@ Beside the branches run unknown ones: filters whose discrepancy is far beyond th
 some onsets on.
 """
 
+from functools import partial
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -24,6 +26,7 @@ from faultgauge.observers.branches import (
     Changes,
     Lanes,
     Probe,
+    Sums,
 )
 from faultgauge.observers.divided_difference import Belief, Flow, Look, Noise, Seen
 from faultgauge.observers.onsets import Onsets
@@ -118,7 +121,9 @@ class Branching(Onsets):
         changes = self._changes(state)
         info = self._info(state, changes)
         state, ell = self._promoted(state, changes)
-        return self._alien(self._opened(state, ell, dt)), info
+        opened = partial(self._opened, t, dt)
+        lanes, _ = where_needed(opened, self._alive(state), state.lanes, ell)
+        return self._alien(state._replace(lanes=lanes)), info
 
     def _probed(self, probe: Probe, flow: Flow, look: Look, seen: Seen, dt: Array) -> Probe:
         """The signature of every fault, forgotten within its `recall`: of one that began lately."""
@@ -143,11 +148,9 @@ class Branching(Onsets):
     ) -> tuple[BranchState, Float[Array, "branches kinds onsets"]]:
         """The likeliest change that is likelier than none, in a branch of its own; and how likely
         each onset is beside every branch."""
-        B, K = self.branches, changes.ell.shape[1]
-        total = logsumexp(changes.ell, axis=2)
-        weight = state.weight[:B, None]
-        after = weight + total
-        worth = jnp.where((after > np.log(KEPT)) & (total > PROMOTED), after, NEVER)
+        B, K = self.branches, changes.total.shape[1]
+        after = state.weight[:B, None] + changes.total
+        worth = jnp.where((after > np.log(KEPT)) & (changes.total > PROMOTED), after, NEVER)
         best = jnp.argmax(worth)
         b, k = best // K, best % K
         ell = changes.ell[:, : self.kinds]
@@ -183,7 +186,7 @@ class Branching(Onsets):
         every = state.lanes.eta[b, :, kind]
         apart = (every * changes.f[b, k] - (eta * f)[:, None]) * jnp.sqrt(w)
         spread = every * jnp.sqrt(w * changes.V[b, k])
-        when, blur = state.lanes.onset[b, kind], self._blur(state)[b, kind]
+        when, blur = state.lanes.onset[b, kind], self._blur(state.t, state.lanes)[b, kind]
         between = self._slope(state, b, kind) * changes.f[b, k] * jnp.sqrt(w * blur)
         P = state.belief.P[b] + apart @ apart.T + spread @ spread.T + between @ between.T
         P = P + jnp.diag(self._entry(state, b, kind, f) ** 2)
@@ -232,7 +235,7 @@ class Branching(Onsets):
         """When a fault began (mean, variance) to which a change by `f` is added at `new`: at one of
         the two times, each as likely as the square of what came then is large."""
         fault = jnp.asarray(self.owner)[kind]
-        old, there = state.since[b, fault], self._present(state)[b, fault]
+        old, there = state.since[b, fault], self._present(state.belief)[b, fault]
         had = state.belief.mean[b, self.filter.states + fault] ** 2
         more = jnp.where(kind < self.filter.faults, f**2, 0.0)
         share = jnp.where(there, more / jnp.maximum(had + more, 1e-300), 1.0)
@@ -294,7 +297,7 @@ class Branching(Onsets):
     def _alien(self, state: BranchState) -> BranchState:
         """Unknown filters begin anew from a healthy branch where they explain nothing, each at an
         age of its own; where the unknown leads, the least branch tries whether it is over."""
-        B, U, n = self.branches, self.filters - self.branches, len(self.alien)
+        B, U = self.branches, self.filters - self.branches
         limits = self.memory * 4.0 ** np.arange(U)
         age = state.t - state.begun
         lead = jnp.argmax(state.weight[:B])
@@ -302,7 +305,6 @@ class Branching(Onsets):
         gain = state.weight[B:] - state.weight[lead] - rate
         again = ((age[B:] >= limits) & (gain < 1.0)) | (state.weight[B:] <= NEVER / 2)
         again = again & (state.which[lead] == 0)
-        mean, P = state.belief.mean[lead], state.belief.P[lead] + self.alien
         # the unknown may be over: its states go on, but the discrepancy is the usual one again
         best = B + jnp.argmax(state.weight[B:])
         least = jnp.argmin(state.weight[:B])
@@ -310,9 +312,27 @@ class Branching(Onsets):
         won = state.weight[best] > state.weight[lead]
         back = won & (age[least] >= self.memory)
         back = back & (state.weight[least] < state.weight[best] + over)
+        fresh = jnp.concatenate([(jnp.arange(B) == least) & back, again])
+        weights = jnp.concatenate(
+            [jnp.full(B, state.weight[best] + over), state.weight[lead] + rate]
+        )
+        anew = partial(self._anew, fresh, weights, lead, best)
+        return jax.lax.cond(jnp.any(fresh), anew, lambda state: state, state)
+
+    def _anew(
+        self,
+        fresh: Bool[Array, "filters"],
+        weights: Float[Array, "filters"],
+        lead: Int[Array, ""],
+        best: Int[Array, ""],
+        state: BranchState,
+    ) -> BranchState:
+        """The `fresh` filters begin anew with `weights`: unknown ones from the branch `lead`,
+        branches from the unknown one that is `best`."""
+        B, U, n = self.branches, self.filters - self.branches, len(self.alien)
+        mean, P = state.belief.mean[lead], state.belief.P[lead] + self.alien
         keep = jnp.concatenate([self.own, jnp.zeros(n - len(self.own))])
         calm = state.belief.P[best] * keep[:, None] * keep + jnp.diag(self.usual)
-        fresh = jnp.concatenate([(jnp.arange(B) == least) & back, again])
         means = jnp.concatenate(
             [
                 jnp.broadcast_to(state.belief.mean[best] * keep, (B, n)),
@@ -320,9 +340,6 @@ class Branching(Onsets):
             ]
         )
         Ps = jnp.concatenate([jnp.broadcast_to(calm, (B, n, n)), jnp.broadcast_to(P, (U, n, n))])
-        weights = jnp.concatenate(
-            [jnp.full(B, state.weight[best] + over), state.weight[lead] + rate]
-        )
         lanes = state.lanes
 
         def cleared(a: Array) -> Array:
@@ -360,87 +377,99 @@ class Branching(Onsets):
     # -- answers
 
     def _info(self, state: BranchState, changes: Changes) -> BranchInfo:
-        B, F, n = self.branches, self.filter.faults, self.filter.states
-        K = self.kinds
-        sets = len(self.more)
-        which = state.which[:B]
+        F, n, d, at = self.filter.faults, self.filter.states, self.declared, slice(self.branches)
+        top = jnp.max(state.weight[at, None] + changes.top)
+        log = state.weight - jnp.maximum(top, jnp.max(state.weight))
+        alone, own = jnp.exp(log), jnp.eye(len(self.more))[state.which]
+        # an old change of which nothing is known is unlikely, but so wide that with moments it
+        # would speak for its whole set
+        to, _ = self._leads(state.which[at])
+        peaks = jnp.exp(log[at, None] + changes.top)
+        most = jnp.maximum(
+            jnp.max(peaks[:, :, None] * to, axis=(0, 1)), jnp.max(alone[:, None] * own, axis=0)
+        )
+        parts = state.belief, log, state.which, state.since, state.ever
+        given = jax.tree.map(lambda a: a[at], parts), changes, state.lanes, TRIFLE * (to @ most)
+        _, each = where_needed(partial(self._summed, state.t), self._alive(state), (), given)
+        # and what has not changed
+        heavy = (alone > TRIFLE * (own @ most))[:, None] * own
+        f0 = state.belief.mean[:, None, n : n + F]
+        v0 = jnp.diagonal(state.belief.P, axis1=1, axis2=2)[:, None, n : n + F]
+        same = Sums(
+            own,
+            heavy,
+            heavy[:, :, None] * f0,
+            heavy[:, :, None] * (f0**2 + v0),
+            state.belief.mean[:, :n],
+            jnp.zeros((self.filters, d, 3)),
+            state.ever[:, :d],
+        )
+        p, held, mean, square, x, past, ever = (
+            jnp.sum(a, axis=0) + jnp.tensordot(alone, b, 1) for a, b in zip(each, same, strict=True)
+        )
+        Z = jnp.sum(p)
+        p, x, ever = p / Z, x / Z, ever / Z
+        held = jnp.maximum(held, 1e-300)[:, None]
+        mean, square = mean / held, square / held
+        sd = jnp.sqrt(jnp.maximum(square - mean**2, 0.0))
+        seen = state.probe.J * self.prior.size[:d, None] ** 2
+        there, first, second = past.T
+        there = jnp.maximum(there, 1e-300)
+        first, second = first / there, second / there
+        late = jnp.sqrt(jnp.maximum(second - first**2, 0.0))
+        onset = jnp.stack([state.t - first, late], axis=1)
+        return BranchInfo(p, mean[:, :d], sd[:, :d], x, seen, onset, ever)
+
+    def _leads(
+        self, which: Int[Array, "branches"]
+    ) -> tuple[Float[Array, "branches kinds sets"], Int[Array, "branches kinds"]]:
+        """(1 where a change leads to a set, its number, -1 where there is none)."""
         target = jnp.concatenate([jnp.array(self.more), jnp.array(self.less)], axis=1)[which]
-        log = state.weight[:B, None, None] + changes.ell
-        top = jnp.maximum(jnp.max(log), jnp.max(state.weight))
-        w = jnp.exp(log - top)
-        alone = jnp.exp(state.weight - top)
-        Z = jnp.sum(w) + jnp.sum(alone)
-        w, alone = w / Z, alone / Z
-        one = jnp.eye(sets)
-        eta = state.lanes.eta[:, n : n + F]
+        legal = (target >= 0)[:, :, None]
+        return jnp.eye(len(self.more))[jnp.maximum(target, 0)] * legal, target
+
+    def _summed(
+        self, t: Float[Array, ""], nothing: tuple[()], given: tuple
+    ) -> tuple[tuple[()], Sums]:
+        """`given` are the belief, ln of the weight, the set, since when and whether ever of each
+        branch; its changes; its lanes; what an onset of each kind must weigh to count."""
+        (belief, log, which, since, ever), changes, lanes, least = given
+        F, n, K, d = self.filter.faults, self.filter.states, self.kinds, self.declared
+        to, target = self._leads(which)
+        each = jnp.exp(log[:, None] + changes.total)
+        w = changes.share * each[:, :, None]
+        eta = lanes.eta[:, n : n + F]
         eta = jnp.concatenate([eta, eta[:, :, :F]], axis=2)
-        f = state.belief.mean[:B, n : n + F, None, None] + eta * changes.f[:, None]
-        v = jnp.diagonal(state.belief.P[:B], axis1=1, axis2=2)[:, n : n + F, None, None]
+        f = belief.mean[:, n : n + F, None, None] + eta * changes.f[:, None]
+        v = jnp.diagonal(belief.P, axis1=1, axis2=2)[:, n : n + F, None, None]
         v = v + eta**2 * changes.V[:, None]
         gone = np.zeros((F, K + F))
         gone[range(F), K + np.arange(F)] = 1.0
         f, v = (jnp.where(gone[None, :, :, None] > 0, 0.0, a) for a in (f, v))
-        to = one[jnp.maximum(target, 0)] * (target >= 0)[:, :, None]
-        own = one[state.which]
-        p = jnp.einsum("bk,bks->s", jnp.sum(w, axis=2), to) + alone @ own
-        # an old change of which nothing is known is unlikely, but so wide that with moments it
-        # would speak for its whole set
-        most = jnp.maximum(
-            jnp.max(jnp.max(w, axis=2)[:, :, None] * to, axis=(0, 1)),
-            jnp.max(alone[:, None] * own, axis=0),
-        )
-        heavy = jnp.where(w > TRIFLE * (to @ most)[:, :, None], w, 0.0)
-        heavy_alone = jnp.where(alone > TRIFLE * (own @ most), alone, 0.0)
-        mean = jnp.einsum("bfk,bks->sf", jnp.sum(heavy[:, None] * f, axis=3), to)
-        square = jnp.einsum("bfk,bks->sf", jnp.sum(heavy[:, None] * (f**2 + v), axis=3), to)
-        at = slice(n, n + F)
-        f0 = state.belief.mean[:, at]
-        v0 = jnp.diagonal(state.belief.P, axis1=1, axis2=2)[:, at]
-        mean = mean + jnp.einsum("b,bf,bs->sf", heavy_alone, f0, own)
-        square = square + jnp.einsum("b,bf,bs->sf", heavy_alone, f0**2 + v0, own)
-        held = jnp.einsum("bk,bks->s", jnp.sum(heavy, axis=2), to) + heavy_alone @ own
-        held = jnp.maximum(held, 1e-300)[:, None]
-        mean, square = mean / held, square / held
-        sd = jnp.sqrt(jnp.maximum(square - mean**2, 0.0))
-        d = self.declared
-        x = alone @ state.belief.mean[:, :n]
-        shift = jnp.einsum("bka,bnka->bn", w[:, :K] * changes.f[:, :K], state.lanes.eta[:, :n])
-        x = x + jnp.einsum("bka,bn->n", w, state.belief.mean[:B, :n]) + jnp.sum(shift, axis=0)
-        seen = state.probe.J * self.prior.size[:d, None] ** 2
-        onset, ever = self._past(state, w, alone, target)
-        return BranchInfo(p, mean[:, :d], sd[:, :d], x, seen, onset, ever)
-
-    def _past(
-        self, state: BranchState, w: Array, alone: Array, target: Array
-    ) -> tuple[Float[Array, "faults two"], Float[Array, "faults"]]:
-        """(how long ago every fault began, mean and standard deviation; whether it was there)."""
-        B, K, d = self.branches, self.kinds, self.declared
-        held = (np.array(self.less) >= 0).astype(float)[:, :d]
-        own = np.concatenate([np.eye(self.filter.faults)[self.owner, :d], np.zeros((d, d))])
-        more = np.zeros((self.filter.faults - d, d))
-        own = np.concatenate([own, more])
-        each = jnp.sum(w, axis=2)
-        there = jnp.asarray(held)[jnp.maximum(target, 0)] * (target >= 0)[:, :, None]
-        here = jnp.asarray(held)[state.which[:B]]
-        begins = own[None] * (1 - here[:, None])  # a change of what is there already begins nothing
-        old = each[:, :, None] * there * (1 - begins)
-        weight = jnp.sum(old, axis=1) + alone[:B, None] * here
-        first, second = state.since[:B, :d, 0], state.since[:B, :d, 1]
-        second = second + first**2
-        when, begins = state.lanes.onset, begins[:, :K]
-        new = w[:, :K]
-        fresh = jnp.einsum("bk,bkf->f", jnp.sum(new, axis=2), begins)
-        dated = jnp.einsum("bk,bkf->f", jnp.sum(new * when, axis=2), begins)
-        mean = jnp.einsum("bf,bf->f", weight, first) + dated
-        squares = jnp.sum(new * (when**2 + self._blur(state)), axis=2)
-        square = jnp.einsum("bf,bf->f", weight, second) + jnp.einsum("bk,bkf->f", squares, begins)
-        total = jnp.maximum(jnp.sum(weight, axis=0) + fresh, 1e-300)
-        mean, square = mean / total, square / total
-        sd = jnp.sqrt(jnp.maximum(square - mean**2, 0.0))
-        ever = alone @ state.ever[:, :d]
-        both = jnp.maximum(state.ever[:B, None, :d], own[None])
-        ever = ever + jnp.sum(each[:, :, None] * both, axis=(0, 1))
-        return jnp.stack([state.t - mean, sd], axis=1), ever
+        heavy = jnp.where(w > least[:, :, None], w, 0.0)
+        p = jnp.einsum("bk,bks->bs", each, to)
+        held = jnp.einsum("bk,bks->bs", jnp.sum(heavy, axis=2), to)
+        mean = jnp.einsum("bfk,bks->bsf", jnp.sum(heavy[:, None] * f, axis=3), to)
+        square = jnp.einsum("bfk,bks->bsf", jnp.sum(heavy[:, None] * (f**2 + v), axis=3), to)
+        shift = jnp.einsum("bka,bnka->bn", w[:, :K] * changes.f[:, :K], lanes.eta[:, :n])
+        x = jnp.sum(each, axis=1)[:, None] * belief.mean[:, :n] + shift
+        # since when: a change of what is there already begins nothing
+        holds = (np.array(self.less) >= 0).astype(float)[:, :d]
+        own = np.zeros((K + F, d))
+        own[range(K)] = np.eye(F)[self.owner, :d]
+        there = jnp.asarray(holds)[jnp.maximum(target, 0)] * (target >= 0)[:, :, None]
+        here = jnp.asarray(holds)[which]
+        begins = own * (1 - here[:, None])
+        old = jnp.sum(each[:, :, None] * there * (1 - begins), axis=1)
+        old = old + jnp.exp(log)[:, None] * here
+        first, spread = since[:, :d, 0], since[:, :d, 1]
+        then = jnp.stack([jnp.ones_like(old), first, spread + first**2], axis=2)
+        when, new = lanes.onset, w[:, :K]
+        dates = jnp.stack([new, new * when, new * (when**2 + self._blur(t, lanes))], axis=3)
+        past = jnp.einsum("bkt,bkf->bft", jnp.sum(dates, axis=2), begins[:, :K])
+        past = past + old[:, :, None] * then
+        ever = jnp.sum(each[:, :, None] * jnp.maximum(ever[:, None, :d], own), axis=1)
+        return (), Sums(p, held, mean, square, x, past, ever)
 
 
 def _at(tree, k):

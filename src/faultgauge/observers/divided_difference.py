@@ -143,7 +143,18 @@ class DividedDifferenceFilter(eqx.Module):
         rates = jnp.zeros(size - n - k)
         Q = dt * jnp.concatenate([noise.process, noise.walk * self._present(belief), rates]) ** 2
         Q = Q.at[:n].add(jump**2)
-        return Belief(mean, A @ belief.P @ A.T + jnp.diag(Q)), Flow(A, up, down)
+        P = self.through(A, self.through(A, belief.P).T) + jnp.diag(Q)
+        return Belief(mean, P), Flow(A, up, down)
+
+    def through(self, A: Float[Array, "n n"], M: Float[Array, "n m"]) -> Float[Array, "n m"]:
+        """A @ M for the A of a `Flow`: below the plant's own states it is a diagonal, but for rates
+        of growth."""
+        own, grows = self.plant.count, self.states + self.faults
+        low = jnp.diagonal(A)[own:, None] * M[own:]
+        if self.growing:
+            off = np.eye(len(A))[own:, grows:] == 0
+            low = low + jnp.where(off, A[own:, grows:], 0.0) @ M[grows:]
+        return jnp.concatenate([A[:own] @ M, low])
 
     def look(
         self, belief: Belief, u: Float[Array, "inputs"]
@@ -170,13 +181,15 @@ class DividedDifferenceFilter(eqx.Module):
         mean, P, total, said = belief.mean, belief.P, jnp.zeros(()), []
         for j in range(len(y)):
             there, H = jnp.isfinite(y[j]), look.C[j]
-            S = H @ P @ H + noise.sigma[j] ** 2
+            HP = H @ P
+            known = HP @ H
+            S = known + noise.sigma[j] ** 2
             e = jnp.where(there, y[j] - expected[j] - H @ (mean - belief.mean), 0.0)
             usual, S = jnp.sqrt(S), S * raised(e**2 / S)
-            R = S - H @ P @ H
-            K = jnp.where(there, P @ H / S, 0.0)
+            R = S - known
+            K = jnp.where(there, HP / S, 0.0)
             # (I - K H) P (I - K H)^T + R K K^T, a row and a column at a time
-            P = P - jnp.outer(K, H @ P)
+            P = P - jnp.outer(K, HP)
             mean, P = mean + K * e, P - jnp.outer(P @ H, K) + R * jnp.outer(K, K)
             root = jnp.sqrt(S)
             total += jnp.where(there, -0.5 * (e**2 / S + jnp.log(2 * jnp.pi * S)), 0.0)
@@ -235,9 +248,10 @@ class DividedDifferenceFilter(eqx.Module):
             jnp.maximum(sd, LEAST * jnp.concatenate([self.scale, self.probe])),
             jnp.concatenate([LEAST * self.scale, self.probe]),
         )
-        off = jnp.concatenate([np.zeros((1, n + k)), jnp.diag(s), -jnp.diag(s)])
-        points = belief.mean[: n + k] + off
-        images = jax.vmap(of)(points[:, :n], points[:, n:])
+        one = np.eye(n + k)
+        sides = np.concatenate([0 * one[:, :1], one, -one], axis=1)
+        points = belief.mean[: n + k, None] + sides * s[:, None]
+        images = jax.vmap(of, in_axes=1)(points[:n], points[n:])
         at, over, under = images[0], images[1 : 1 + n + k], images[1 + n + k :]
         up, down = (over - at) / s[:, None], (at - under) / s[:, None]
         return at, (up[:n] + down[:n]).T / 2, up[n:].T, down[n:].T

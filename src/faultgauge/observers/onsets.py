@@ -19,17 +19,18 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.scipy.special import logsumexp
 from jaxtyping import Array, Bool, Float, Int
 
 from faultgauge.observers.branches import NEVER, SCALES, BranchState, Changes, Lanes, Prior
 from faultgauge.observers.divided_difference import (
+    Belief,
     DividedDifferenceFilter,
     Flow,
     Look,
     Seen,
     raised,
 )
+from faultgauge.observers.rows import where_needed
 
 __all__ = ["TICK", "Onsets"]
 
@@ -79,7 +80,7 @@ class Onsets(eqx.Module):
         own = jnp.stack(
             [lanes.eta[:, self.filter.states + k, j] for j, k in enumerate(self.owner)], 1
         )
-        eta = jnp.einsum("bij,bjl->bil", flow.A, lanes.eta.reshape(B, n, K * A))
+        eta = jax.vmap(self.filter.through)(flow.A, lanes.eta.reshape(B, n, K * A))
         eta = eta.reshape(B, n, K, A)
         middle = (flow.up + flow.down) / 2
         sided = jnp.where(
@@ -137,31 +138,45 @@ class Onsets(eqx.Module):
 
     # -- what changes there may have been
 
+    def _alive(self, state: BranchState) -> Bool[Array, "branches"]:
+        """The branches that have any weight: one without gets none, but by being replaced."""
+        return state.weight[: self.branches] > NEVER / 2
+
     def _changes(self, state: BranchState) -> Changes:
-        lanes, prior = state.lanes, self.prior
+        """Of every branch that is alive; beside the others nothing is likely."""
+        at, alive = slice(self.branches), self._alive(state)
+        given = state.lanes, Belief(*(a[at] for a in state.belief)), state.which[at]
+        _, found = where_needed(self._likely, alive, (), given)
+        top, total = (jnp.where(alive[:, None], a, NEVER) for a in (found.top, found.total))
+        return found._replace(top=top, total=total)
+
+    def _likely(
+        self, nothing: tuple[()], given: tuple[Lanes, Belief, Int[Array, "branches"]]
+    ) -> tuple[tuple[()], Changes]:
+        lanes, belief, which = given
+        prior, there = self.prior, self._present(belief)
         B, K, A = lanes.score.shape
-        which = state.which[:B]
         more, less = jnp.array(self.more), jnp.array(self.less)
-        present = self._present(state)[:, self.owner, None]
+        present = there[:, self.owner, None]
         least = self._least()
         V = 1 / (lanes.info[:, None] + least)
         f = lanes.score[:, None] * V
         inside = self._inside(f, V, 1 / least)
         each = lanes.gain + jnp.where(present[:, None], 0.0, inside)
-        gain = logsumexp(each, axis=1) - np.log(len(SCALES))
-        share = jnp.exp(each - logsumexp(each, axis=1, keepdims=True))
+        _, gain, share = _shared(each, 1)
+        gain = gain - np.log(len(SCALES))
         mean = jnp.sum(share * f, axis=1)
         V = jnp.sum(share * (V + (f - mean[:, None]) ** 2), axis=1)
         legal = (more[which] >= 0)[:, :, None]
         changed = jnp.where(present, jnp.log(prior.changed), 0.0)
         ell = jnp.where(legal, lanes.mass + changed + gain, NEVER)
-        steps = Changes(ell, mean, V)
+        steps = ell, mean, V
         # a fault that goes: a step after which it is 0, where a unit of it still stands in the
         # estimate by as much as the signature has `left` there
         F = self.filter.faults
         at = slice(self.filter.states, self.filter.states + F)
-        m = -state.belief.mean[:B, at, None]
-        v = jnp.diagonal(state.belief.P[:B], axis1=1, axis2=2)[:, at, None] + 1e-300
+        m = -belief.mean[:, at, None]
+        v = jnp.diagonal(belief.P, axis1=1, axis2=2)[:, at, None] + 1e-300
         J = jnp.maximum(jnp.diagonal(lanes.J, axis1=1, axis2=2), 0.0).reshape(B, K, A)[:, :F]
         c = lanes.shared[:, :F]
         left = jnp.stack([lanes.eta[:, self.filter.states + k, k] for k in range(F)], 1)
@@ -169,13 +184,14 @@ class Onsets(eqx.Module):
         f = V * (c + left * m / v)
         gain = (f**2 / V - m**2 / v - jnp.log(jnp.maximum(J * v + left**2, 1e-300))) / 2
         rare = jnp.log(prior.recovery / prior.onset[:F])[:, None]
-        legal = ((less[which] >= 0) & self._present(state))[:, :, None]
-        gone = Changes(jnp.where(legal, lanes.mass[:, :F] + rare + gain, NEVER), f, V)
-        return Changes(*(jnp.concatenate(two, axis=1) for two in zip(steps, gone, strict=True)))
+        legal = ((less[which] >= 0) & there)[:, :, None]
+        gone = jnp.where(legal, lanes.mass[:, :F] + rare + gain, NEVER), f, V
+        ell, f, V = (jnp.concatenate(two, axis=1) for two in zip(steps, gone, strict=True))
+        return (), Changes(ell, *_shared(ell, 2), f, V)
 
-    def _present(self, state: BranchState) -> Bool[Array, "branches faults"]:
+    def _present(self, belief: Belief) -> Bool[Array, "filters faults"]:
         at = slice(self.filter.states, self.filter.states + self.filter.faults)
-        return jnp.diagonal(state.belief.P[: self.branches], axis1=1, axis2=2)[:, at] > 0
+        return jnp.diagonal(belief.P, axis1=1, axis2=2)[:, at] > 0
 
     def _inside(self, f: Array, V: Array, s2: Array | np.ndarray) -> Array:
         """ln of the share of the posterior within the fault's limits over that of the prior."""
@@ -192,12 +208,12 @@ class Onsets(eqx.Module):
             lambda: mass(f, jnp.sqrt(V)) - mass(jnp.zeros_like(f), jnp.sqrt(s2)),
         )
 
-    def _blur(self, state: BranchState) -> Float[Array, "branches kinds onsets"]:
+    def _blur(self, t: Float[Array, ""], lanes: Lanes) -> Float[Array, "branches kinds onsets"]:
         """The variance of an onset of which only those beside it are kept: evenly between them."""
-        when, used = state.lanes.onset, state.lanes.mass > NEVER / 2
+        when, used = lanes.onset, lanes.mass > NEVER / 2
         older = jnp.concatenate([when[:, :, :1], when[:, :, :-1]], axis=2)
         before = jnp.concatenate([used[:, :, :1] & False, used[:, :, :-1]], axis=2)
-        younger = jnp.concatenate([when[:, :, 1:], jnp.full_like(when[:, :, :1], state.t)], axis=2)
+        younger = jnp.concatenate([when[:, :, 1:], jnp.full_like(when[:, :, :1], t)], axis=2)
         return (jnp.where(before, younger - older, younger - when) / 2) ** 2 / 3
 
     def _slope(
@@ -243,18 +259,19 @@ class Onsets(eqx.Module):
         new = Lanes(eta, shared, info, gain, shared, J, mass, lanes.onset[b])
         return jax.tree.map(lambda every, one: every.at[place].set(one), lanes, new)
 
-    def _opened(self, state: BranchState, ell: Array, dt: Array) -> BranchState:
+    def _opened(
+        self, t: Float[Array, ""], dt: Float[Array, ""], lanes: Lanes, ell: Array
+    ) -> tuple[Lanes, tuple[()]]:
         """An onset at this sample, behind the others, in the place of the one that is missed least:
         that whose neighbours lie closest for its age and explain what it explains, and is not
         likely."""
-        lanes, K, A = state.lanes, self.kinds, self.onsets
-        B = self.branches
-        likely = jnp.exp(ell - jnp.max(ell, axis=2, keepdims=True)) > HEAVY
+        B, K, A = ell.shape
+        likely = ell - jnp.max(ell, axis=2, keepdims=True) > np.log(HEAVY)
         used, when = lanes.mass > NEVER / 2, lanes.onset
         far = jnp.full((B, K, 1), -1e9)
         older = jnp.concatenate([far, when[:, :, :-1]], axis=2)
-        younger = jnp.concatenate([when[:, :, 1:], jnp.full((B, K, 1), state.t)], axis=2)
-        age = state.t + jnp.maximum(dt, TICK) - when
+        younger = jnp.concatenate([when[:, :, 1:], jnp.full((B, K, 1), t)], axis=2)
+        age = t + jnp.maximum(dt, TICK) - when
         gain = jnp.where(used, ell - lanes.mass, NEVER)
         none = jnp.full((B, K, 1), NEVER)
         beside = jnp.maximum(
@@ -298,7 +315,7 @@ class Onsets(eqx.Module):
         J = down(down(lanes.J, 2), 1)
         start = np.zeros((lanes.eta.shape[1], K, 1))
         start[self.slots, range(K), 0] = 1.0
-        new = Lanes(
+        after = Lanes(
             moved(lanes.eta, jnp.asarray(start)),
             moved(lanes.score, 0.0),
             moved(lanes.info, 0.0),
@@ -306,6 +323,15 @@ class Onsets(eqx.Module):
             moved(lanes.shared, 0.0),
             J,
             moved(mass, fresh),
-            moved(when, state.t),
+            moved(when, t),
         )
-        return state._replace(lanes=new)
+        return after, ()
+
+
+def _shared(log: Array, axis: int) -> tuple[Array, Array, Array]:
+    """(the largest of `log` along `axis`, ln of the sum of exp(log), what each has of that)."""
+    top = jnp.max(log, axis=axis, keepdims=True)
+    each = jnp.exp(log - top)
+    total = jnp.sum(each, axis=axis, keepdims=True)
+    most = jnp.squeeze(top, axis)
+    return most, jnp.log(jnp.squeeze(total, axis)) + most, each / total

@@ -194,7 +194,7 @@ def decision_figures(
             name=fault.name,
             unit=fault.unit,
             truth=truth.get(fault.name),
-            events=[(e.start, e.end) for e in decision.events if e.fault == fault.name],
+            events=[(e.onset, e.end) for e in decision.events if e.fault == fault.name],
             not_judged=silent(decision),
             probable=True,
             least=least[k],

@@ -2,8 +2,10 @@
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from faultgauge.detection.bank import FaultBank
-from faultgauge.detection.events import UNKNOWN
+from faultgauge.detection.events import POSSIBLE, UNKNOWN
 from faultgauge.detection.evidence import MOST_SHOWN, Evidence
 from faultgauge.detection.words import UNDECLARED, moment
 from faultgauge.reporting.report import Section
@@ -11,6 +13,8 @@ from faultgauge.reporting.run_overview import run_overview
 from faultgauge.reporting.svg import Figure
 
 __all__ = ["evidence_section"]
+
+MOST_CAUSES = 6  # in one panel
 
 
 def evidence_section(bank: FaultBank, windows: Sequence[Evidence]) -> Section:
@@ -36,12 +40,15 @@ def _words(bank: FaultBank, found: Evidence) -> str:
 
 
 def _figure(bank: FaultBank, found: Evidence) -> Figure:
-    """What was measured, the estimates and the probabilities."""
+    """What was measured, the estimates, and how likely each cause is that was ever possible."""
     decision, fault = found.decision, found.event.fault
     posterior, names = decision.posterior, bank.model.plant.signals.fault_names
     likely = {"no fault": posterior.healthy}
     if fault in names:
         likely[fault] = posterior.p[:, names.index(fault)]
     likely[UNDECLARED] = posterior.unknown
+    largest = np.max(np.nan_to_num(posterior.p[found.part]), axis=0)
+    others = [k for k in np.argsort(-largest) if names[k] != fault and largest[k] > POSSIBLE]
+    likely |= {names[k]: posterior.p[:, k] for k in others[: MOST_CAUSES - len(likely)]}
     title = f"Evidence of {UNDECLARED if fault == UNKNOWN else fault}, run {decision.run.name}"
     return run_overview(bank, decision, part=found.part, likely=likely, title=title)

@@ -48,6 +48,7 @@ def overview(
     *,
     run: str,
     spans: Sequence[tuple[float, float]] = (),
+    alarms: Sequence[tuple[float, float]] = (),
     not_judged: Bool[np.ndarray, "samples"] | None = None,
     likely: Mapping[str, Float[np.ndarray, "samples"]] | None = None,
     clock: datetime | None = None,
@@ -63,6 +64,7 @@ def overview(
         told: below them one panel each.
         run: the run's name.
         spans: when any fault was there, s.
+        alarms: when there was an alarm without a name, s.
         not_judged: where nothing was judged; hatched in the panels of the faults, or where there
             are none in those of the outputs.
         likely: the probability of each cause, in a last panel.
@@ -78,6 +80,7 @@ def overview(
         canvas, rows = style.panels(heights, share_time=True)
         for axes, each in zip(rows, outputs, strict=False):
             marks.shade(axes, t, spans, color=style.EVENT, label="fault told")
+            marks.shade(axes, t, alarms, color=style.ALARM, label="alarm, no name")
             if not told:
                 marks.hatch(axes, t, hidden, label="not judged")
             marks.line(
@@ -123,7 +126,7 @@ def overview(
             note = f"The healthy model runs out of the picture of {', '.join(gone)}. {note}"
         marks.time_below(rows[-1], t, clock)
         title = title or f"Run {style.short(run)} at a glance"
-        return figure(canvas, title, _caption(told, spans, bool(likely), note))
+        return figure(canvas, title, _caption(told, spans, alarms, bool(likely), note))
 
 
 def _typical(
@@ -135,15 +138,21 @@ def _typical(
 
 
 def _caption(
-    told: Sequence[Told], spans: Sequence[tuple[float, float]], likely: bool, note: str
+    told: Sequence[Told],
+    spans: Sequence[tuple[float, float]],
+    alarms: Sequence[tuple[float, float]],
+    likely: bool,
+    note: str,
 ) -> str:
     parts = ["Measured, and what the healthy model gives for the same inputs."]
     if spans:
         parts.append("Shaded: from when a fault began to when it was last seen.")
     if told:
         parts.append("Below: each fault that was told, with its 95 % band.")
-    elif not spans:
+    elif not spans and not alarms:
         parts.append("No fault was told.")
+    if alarms:
+        parts.append("In grey: an alarm for which no fault was named.")
     if likely:
         parts.append("Last: how likely each cause is.")
     return " ".join([*parts, note]).strip()

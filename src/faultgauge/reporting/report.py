@@ -23,6 +23,7 @@ MOST_SENTENCES = 5  # that lie open below each other
 WALL = 3  # sentences from which on they are a list
 CODE = re.compile("`([^`]+)`")
 NUMBER = re.compile(r"[-+−±<>≤≥≈]?\s?\d[^(]{0,23}|[-–—]?")
+PERCENT = re.compile(r"(?<=\d)%(?!\w)")
 # a number and its unit, or its sign, stay on one line
 BOUND = re.compile(
     r"(?<=\d) (?=(?!to |and |or |of |[a-z]{4,}\b)(?:[^\W\d]|%))|(?<=[<>±]) (?=\d)|(?<=\bp) "
@@ -148,8 +149,10 @@ def _numbered(section: Section, numbers: Iterator[int]) -> Iterator[dict[str, An
 
 
 def _prose(text: str) -> Markup:
-    """`text` made harmless, with what stands between backticks as code."""
-    bound = BOUND.sub("\u00a0", text.replace("+- ", "± "))
+    """`text` made harmless, with what stands between backticks as code, and numbers set as
+    elsewhere: 2 %, ± 0.1."""
+    spaced = PERCENT.sub(" %", text.replace("+- ", "± "))
+    bound = BOUND.sub("\u00a0", spaced)
     return Markup(CODE.sub(r"<code>\1</code>", str(escape(bound))))
 
 

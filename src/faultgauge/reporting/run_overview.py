@@ -5,6 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 from jaxtyping import Bool, Float
 
+from faultgauge.detection.answer import alarms
 from faultgauge.detection.bank import FaultBank
 from faultgauge.detection.decisions import Decision
 from faultgauge.detection.verdicts import NOT_JUDGED, STALE
@@ -49,6 +50,7 @@ def run_overview(
         fault.name: [(e.onset, e.end) for e in seen if e.fault == fault.name]
         for fault in signals.faults
     }
+    unnamed = [e for e in alarms(bank, decision) if e.start <= t[-1] and t[0] <= e.end]
     least = least_sizes(bank, run)
     told = [
         Told(
@@ -75,6 +77,7 @@ def run_overview(
         told[:MOST_TOLD],
         run=run.name,
         spans=[(each.onset, each.end) for each in seen],
+        alarms=[(each.start, each.end) for each in unnamed],
         not_judged=silent(decision)[part],
         likely={cause: p[part] for cause, p in (likely or {}).items()},
         clock=run.clock,

@@ -47,6 +47,7 @@ PREDICTED = "#0b4f8a"
 BAND = "#bcd3ea"
 LIMIT = "#a61b1b"
 EVENT = "#fcecca"
+ALARM = "#e3e6ea"
 BLANK = "#eceff2"
 STRANGE = "#b84a00"
 LONGEST_NAME = 44

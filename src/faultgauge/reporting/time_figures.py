@@ -223,7 +223,7 @@ def fault_estimate(
     seen = ~hidden if not hidden.all() else hidden
     with style.drawing():
         canvas, (axes,) = style.panels((2.9,))
-        marks.shade(axes, t, events, color=style.EVENT, label="event")
+        marks.shade(axes, t, events, color=style.EVENT, label="fault told")
         marks.hatch(axes, t, hidden, label="not judged")
         marks.band(axes, t, lo, hi, label="95 % band")
         marks.line(axes, t, f, color=style.PREDICTED, linewidth=1.4, label="estimate")
@@ -274,7 +274,7 @@ def _estimate_caption(
     if limit is not None:
         parts.append(f"Dash-dotted: the limits, ±{style.quantity(limit, unit)}.")
     if events:
-        parts.append("Shaded: the event." if events == 1 else f"Shaded: {events} events.")
+        parts.append("Shaded: from when it began to when it was last seen.")
     if hidden:
         parts.append("Hatched: not judged.")
     if truth:

@@ -31,7 +31,7 @@ def rows(drives: Mapping[str, Drive]) -> tuple[tuple[str, ...], tuple[tuple[str,
     labels = {
         "free_run_rmse_mm": ("free-run position RMSE", "mm", ".2f"),
         "pulse_rmse_v": ("pulse estimate, RMSE after settling", "V", ".3f"),
-        "pulse_rmse_share": (f"... as a share of {PULSE:g} V", "", ".2%"),
+        "pulse_rmse_share": (f"... as a share of {PULSE:g} V", "%", ".2f"),
         "settling_median_s": ("settling to 5 %, median", "s", ".3f"),
         "settling_max_s": ("settling to 5 %, worst", "s", ".3f"),
         "half_periods_wrong": (f"half periods judged wrong, of {first['half_periods']}", "", "d"),
@@ -50,6 +50,7 @@ def rows(drives: Mapping[str, Drive]) -> tuple[tuple[str, ...], tuple[tuple[str,
 
 
 def _shown(value: float, unit: str, form: str) -> str:
+    value = 100 * value if unit == "%" else value
     return f"{value:{form}} {unit}".rstrip() if np.isfinite(value) else "not at every edge"
 
 
@@ -68,7 +69,7 @@ def drive_report(logs: DriveLogs, drives: Mapping[str, Drive]) -> Report:
         f"Positioning drive, {logs.source}, a {PULSE:g} V pulse hidden every second: "
         f"{told(network)}.",
         f"The pulse was estimated to {network.figures['pulse_rmse_v']:.3f} V (RMSE after "
-        f"settling, {network.figures['pulse_rmse_share']:.2%}), {_settled(network)}.",
+        f"settling, {100 * network.figures['pulse_rmse_share']:.2f} %), {_settled(network)}.",
         f"{network.figures['half_periods'] - network.figures['half_periods_wrong']} of "
         f"{network.figures['half_periods']} half periods were judged right; "
         f"{network.figures['events_on_held_out_nominal']} false alarms on the healthy part that "
@@ -130,7 +131,7 @@ def newtons_figure(logs: DriveLogs, drive: Drive) -> Figure:
         name="force of the pulse",
         unit="N",
         truth=gtau * logs.pulse,
-        events=[(e.start, e.end) for e in drive.decision.events],
+        events=[(e.onset, e.end) for e in drive.decision.events],
         not_judged=np.isin(drive.decision.status, [NOT_JUDGED, STALE]),
         probable=True,
     )

@@ -16,6 +16,7 @@ from faultgauge.telemetry.statistics import Statistics, statistics
 from faultgauge.telemetry.stuck import stuck_stretches
 from faultgauge.telemetry.table import LARGEST, is_text, text_cells
 from faultgauge.telemetry.timing import unit_map
+from faultgauge.telemetry.writing import stamp
 
 __all__ = ["ColumnReport", "Gap", "Inspection", "RunReport", "inspect_runs"]
 
@@ -36,7 +37,8 @@ class Gap:
 @dataclass(frozen=True)
 class RunReport:
     """One run: times in s, `rate` in Hz; `jitter` is the 95th percentile of |step - median| over
-    the median step; `empty` counts the empty cells of each column."""
+    the median step; `empty` counts the empty cells of each column. `start_clock` and `end_clock`
+    are what the log's clock showed, ISO 8601, where it has one."""
 
     name: str
     source: str
@@ -49,6 +51,8 @@ class RunReport:
     jitter: float
     gaps: tuple[Gap, ...]
     empty: dict[str, int]
+    start_clock: str | None = None
+    end_clock: str | None = None
 
 
 @dataclass(frozen=True)
@@ -133,6 +137,8 @@ def _run(log: LogFile, name: str) -> RunReport:
         jitter=float(np.percentile(np.abs(steps - step), 95) / step),
         gaps=tuple(Gap(float(t[k]), float(steps[k])) for k in np.flatnonzero(gaps(t))),
         empty={signal: int(_empty_cells(log, signal)[samples].sum()) for signal in log.signals},
+        start_clock=stamp(log.clock, float(t[0])),
+        end_clock=stamp(log.clock, float(t[-1])),
     )
 
 

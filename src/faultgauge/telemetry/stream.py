@@ -8,6 +8,7 @@ import csv
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from datetime import datetime
 from itertools import count
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -21,6 +22,7 @@ from faultgauge.telemetry.mapping import apply_maps, find_column, parse_maps
 from faultgauge.telemetry.readers.csv import header
 from faultgauge.telemetry.readers.dialect import SEPARATORS, separator_of
 from faultgauge.telemetry.reading import check_present, finite_or_empty, unit_change
+from faultgauge.telemetry.runs import GAP_STEPS, ROUNDING
 from faultgauge.telemetry.summer_time import Evenly, change_note
 from faultgauge.telemetry.table import Table, float_cells
 from faultgauge.telemetry.timing import check_form, clock_of, find_time, in_seconds, seconds
@@ -29,13 +31,17 @@ __all__ = ["NAME", "SOURCE", "Sample", "read_stream"]
 
 SOURCE = "standard input"
 NAME = "stream"  # of its run
+IN_ORDER = "a stream is one run, so send its rows in order, each once"
+GAP = GAP_STEPS + ROUNDING
 
 
 class Sample(NamedTuple):
-    """One row: time [s] and the signals that were asked for, NaN where not sampled."""
+    """One row: time [s] and the signals that were asked for, NaN where not sampled; `clock` is
+    what the stream's clock showed at 0 s, where it has one."""
 
     t: float
     values: dict[str, float]
+    clock: datetime | None = None
 
 
 class _RowError(InputError):
@@ -65,15 +71,16 @@ def read_stream(
     are the columns; a key that is missing later is an empty cell). The other arguments are those of
     `read_telemetry`, and so are the refusals, as `InputError`. What is wrong with one row goes to
     `skip`, which refuses it as well; where it returns, the row is left out. A last line without its
-    newline is no row: nobody knows what of it is missing. `note` is told how columns are understood
-    where that is not plain.
+    newline is no row: nobody knows what of it is missing. A row behind a gap waits for the next:
+    where that goes on from before the gap, the row behind it was wrong. `note` is told how columns
+    are understood where that is not plain.
     """
     if time_format is not None:
         check_form(time_format)
     columns, rows = _Columns(), count(1)
     wanted = [*names, *(each for each in optional if each not in names)]
     reader = _Reader(
-        columns, time, time_format, parse_maps(maps), before, names, wanted, units or {}, note
+        columns, time, time_format, parse_maps(maps), before, names, wanted, units or {}, skip, note
     )
     for several in lines:
         samples = []
@@ -83,13 +90,14 @@ def read_stream(
                     cells = columns.cells(row, line)
                     if cells is not None:
                         reader.prepare(row, cells)
-                        samples.append(reader.sample(row, cells))
+                        samples += reader.samples(row, cells)
                 except _RowError as wrong:
                     skip(wrong)
         except InputError:
-            yield samples  # what came before is answered
+            yield [*samples, *reader.rest()]  # what came before is answered
             raise
         yield samples
+    yield reader.rest()
 
 
 class _Columns:
@@ -180,6 +188,16 @@ def _split(row: int, line: str, count: int) -> list[str]:
     return cells
 
 
+class _Read(NamedTuple):
+    """A row that is telemetry; what its clock `shown`, and after which moment it was put."""
+
+    row: int
+    cells: dict[str, Any]
+    sample: Sample
+    shown: float
+    change: datetime | None
+
+
 class _Reader:
     """Turns rows into samples; the first of them decides which columns are meant."""
 
@@ -193,15 +211,18 @@ class _Reader:
         names: Sequence[str],
         wanted: Sequence[str],
         units: Mapping[str, str],
+        skip: Callable[[InputError], None],
         note: Callable[[str], None],
     ) -> None:
         self.given, self.time, self.form, self.maps = given, time, time_format, maps
         self.before, self.names, self.wanted = before, names, wanted
-        self.units, self.note = units, note
+        self.units, self.skip, self.note = units, skip, note
         self.first: tuple[int, dict[str, Any]] | None = None
         self.columns: dict[str, str] | None = None
         self.changes: dict[str, tuple[float, float]] = {}
-        self.last: float | None = None
+        self.last = -np.inf
+        self.ahead: _Read | None = None  # behind a gap, and not yet believed
+        self.clock: datetime | None = None  # at 0 s
         self.evenly = Evenly()
 
     def prepare(self, row: int, cells: dict[str, Any]) -> None:
@@ -227,8 +248,29 @@ class _Reader:
         for text in notes:
             self.note(text)
 
-    def sample(self, row: int, cells: dict[str, Any]) -> Sample:
-        """The sample of one row, `InputError` for what no log may hold."""
+    def samples(self, row: int, cells: dict[str, Any]) -> list[Sample]:
+        """The samples that are sure now that this row has come; `InputError` for what no log may
+        hold."""
+        ahead, found = self.ahead, self.read(row, cells)
+        if ahead is not None and self.last < found.sample.t < ahead.sample.t:
+            self.ahead = None
+            self.first = self.first if np.isfinite(self.last) else None
+            self.skip(_ahead_error(ahead, found))
+            found = self.read(row, cells)
+        self.check_order(found)
+        sure = self.rest()
+        found = self.read(row, cells) if sure else found
+        if found.sample.t - self.last <= GAP * self.evenly.usual:
+            return [*sure, self.keep(found)]
+        self.ahead, self.first = found, self.first or (row, cells)
+        return sure
+
+    def rest(self) -> list[Sample]:
+        """The row that waits for the next one."""
+        waits, self.ahead = self.ahead, None
+        return [] if waits is None else [self.keep(waits)]
+
+    def read(self, row: int, cells: dict[str, Any]) -> _Read:
         assert self.columns is not None
         assert self.time is not None
         first = self.first or (row, cells)
@@ -236,19 +278,23 @@ class _Reader:
         try:
             table = self.table(row, cells, first)
             shown = float(seconds(table, self.time, self.form)[-1])
-            t, change = self.evenly(shown, clock_of(table, self.time, self.form))
-            self.check_order(row, t)
+            clock = clock_of(table, self.time, self.form)
+            self.check_clock(row, cells.get(self.time), clock)
+            t, change = self.evenly(shown, clock)
             values = {}
             for name, column in self.columns.items():
                 factor, offset = self.changes[name]
                 values[name] = factor * float(finite_or_empty(table, column)[-1]) + offset
         except InputError as wrong:
             raise _RowError(str(wrong)) from None
-        self.first, self.last = first, t
-        self.evenly.kept(shown, t)
-        if change is not None:
-            self.note(change_note(SOURCE, NAME, change))
-        return Sample(t, values)
+        return _Read(row, cells, Sample(t, values, clock), shown, change)
+
+    def keep(self, found: _Read) -> Sample:
+        self.first, self.last = self.first or (found.row, found.cells), found.sample.t
+        self.evenly.kept(found.shown, found.sample.t)
+        if found.change is not None:
+            self.note(change_note(SOURCE, NAME, found.change))
+        return found.sample
 
     def table(self, row: int, cells: dict[str, Any], first: tuple[int, dict[str, Any]]) -> Table:
         """The first row and this one: timestamps are seconds since the first."""
@@ -258,13 +304,23 @@ class _Reader:
         table = self.given.table(columns, [first[0], row])
         return in_seconds(apply_maps(table, self.maps) if self.maps else table, self.time)
 
-    def check_order(self, row: int, t: float) -> None:
-        if self.last is not None and t <= self.last:
-            what = "is the same again" if t == self.last else "runs backwards"
-            raise InputError(
-                f"{SOURCE}, row {row}: time {what} ({t:.9g} s after {self.last:.9g} s); a stream "
-                "is one run, so send its rows in order, each once."
+    def check_order(self, found: _Read) -> None:
+        t, last = found.sample.t, self.ahead.sample.t if self.ahead else self.last
+        if t <= last:
+            what = "is the same again" if t == last else "runs backwards"
+            raise _RowError(
+                f"{SOURCE}, row {found.row}: time {what} ({t:.9g} s after {last:.9g} s); "
+                f"{IN_ORDER}."
             )
+
+    def check_clock(self, row: int, cell: Any, clock: datetime | None) -> None:
+        """A first row of numbers since 1970 is followed by such alone."""
+        if self.first is not None and (clock is None) != (self.clock is None):
+            raise InputError(
+                f"{SOURCE}, row {row}: the time {str(cell)[:40]} is not of the kind of the first "
+                "row's, from the years 2000 to 2100; send every row's time in the same form."
+            )
+        self.clock = clock
 
     def check_run(self, row: int, cells: dict[str, Any], first: dict[str, Any]) -> None:
         if cells.get(RUN) != first.get(RUN):
@@ -272,6 +328,13 @@ class _Reader:
                 f"{SOURCE}, row {row}: a new run, {cells[RUN]!r}, begins; a stream is one run, so "
                 "send each to a call of its own."
             )
+
+
+def _ahead_error(ahead: _Read, after: _Read) -> InputError:
+    return _RowError(
+        f"{SOURCE}, row {ahead.row}: time ({ahead.sample.t:.9g} s) is ahead of what comes after it "
+        f"(row {after.row}: {after.sample.t:.9g} s); {IN_ORDER}."
+    )
 
 
 def _column(pair: tuple[Any, Any]) -> np.ndarray:

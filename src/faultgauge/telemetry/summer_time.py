@@ -6,6 +6,7 @@ just an hour beside the usual step. Any other jump stays what it is.
 
 from collections import deque
 from datetime import datetime, timedelta
+from statistics import median
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -59,11 +60,16 @@ class Evenly:
         self.moved = 0.0
         self.steps: deque[float] = deque(maxlen=STEPS)
 
+    @property
+    def usual(self) -> float:
+        """The usual step [s], 0 before there is one."""
+        return median(self.steps) if self.steps else 0.0
+
     def __call__(self, t: float, clock: datetime | None) -> tuple[float, datetime | None]:
         if clock is None or clock.tzinfo is not None or self.last is None or len(self.steps) < 2:
             return t - self.moved, None
         before = clock + timedelta(seconds=self.last)
-        moved = _put(t - self.last, float(np.median(self.steps)), before)
+        moved = _put(t - self.last, self.usual, before)
         return t - self.moved - moved, before if moved else None
 
     def kept(self, t: float, evenly: float) -> None:

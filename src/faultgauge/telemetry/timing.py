@@ -35,7 +35,14 @@ WORDS = {
 }  # fmt: skip
 # Time since 1970 in units that are told by the size of the numbers -> how many make a second.
 EPOCHS = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}
-NO_YEAR = 1900  # that `strptime` gives where a format has none
+NO_YEAR = 1900  # that `strptime` gives where a format has none; no log is as old
+# Some that others write, to be proposed, never guessed.
+FORMS = [
+    f"{day} {hour}"
+    for day in ("%d/%m/%Y", "%m/%d/%Y", "%Y/%m/%d", "%d-%m-%Y", "%m-%d-%Y", "%d-%b-%Y", "%b %d, %Y")
+    for hour in ("%H:%M", "%H:%M:%S", "%H:%M:%S.%f", "%I:%M %p", "%I:%M:%S %p", "%I:%M:%S.%f %p")
+]
+NO_TIME = "neither seconds nor an ISO 8601 timestamp"
 EARLIEST, LATEST = 946_684_800.0, 4_102_444_800.0  # s: 2000 and 2100
 # Day before month, as every country writes it that has points between them.
 DOTTED = re.compile(
@@ -186,7 +193,13 @@ def _since_first(table: Table, column: str, form: str | None) -> Float[np.ndarra
         if stamp is None:
             if form is None and not stamps and _is_number(cell):
                 raise text_error(table, column)
-            found = f"{cell[:40]!r} is {_no_time(form)}" if cell.strip() else "the time is empty"
+            if form is None and not stamps and cell.strip():
+                raise InputError(
+                    f"{table.source}, row {table.rows[k]}, column {column!r}: {cell[:40]!r} is "
+                    f"{NO_TIME}; say how it is written, {_forms(cell)}."
+                )
+            wrong = NO_TIME if form is None else f"not of the form --time-format {form!r}"
+            found = f"{cell[:40]!r} is {wrong}" if cell.strip() else "the time is empty"
             raise _refusal(table, column, k, found)
         stamps.append(stamp)
         if (stamp.tzinfo is None) != (stamps[0].tzinfo is None):
@@ -196,13 +209,10 @@ def _since_first(table: Table, column: str, form: str | None) -> Float[np.ndarra
     return np.array([(stamp - stamps[0]).total_seconds() for stamp in stamps])
 
 
-def _no_time(form: str | None) -> str:
-    if form is not None:
-        return f"not of the form --time-format {form!r}"
-    return (
-        "neither seconds nor an ISO 8601 timestamp (say how it is written with --time-format, as "
-        'in --time-format "%d/%m/%Y %H:%M:%S")'
-    )
+def _forms(cell: str) -> str:
+    """The options that would read it."""
+    fitting = [f'--time-format "{each}"' for each in FORMS if timestamp(cell, each)]
+    return " or ".join(fitting) or 'as in --time-format "%d/%m/%Y %H:%M:%S"'
 
 
 def clock_of(table: Table, column: str, form: str | None = None) -> datetime | None:
@@ -211,7 +221,7 @@ def clock_of(table: Table, column: str, form: str | None = None) -> datetime | N
     cells = table.columns[column]
     if is_text(cells):
         stamp = timestamp(cells[0], form)
-        return None if stamp is None or stamp.year == NO_YEAR else stamp
+        return None if stamp is None or stamp.year <= NO_YEAR else stamp
     unit = _epoch_unit(table, column)
     if unit is None:
         return None

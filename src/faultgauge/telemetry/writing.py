@@ -5,7 +5,7 @@ import gzip
 import io
 import math
 from collections.abc import Callable, Iterable
-from datetime import timedelta
+from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ __all__ = [
     "as_table",
     "check_writable",
     "csv_line",
+    "stamp",
     "stamps",
     "table_bytes",
     "write_table",
@@ -98,8 +99,12 @@ def as_table(run: Run) -> dict[str, list[Any]]:
 
 def stamps(run: Run) -> list[str | None]:
     """What the log's clock showed at every sample, ISO 8601; None where it has none."""
-    clock = run.clock
-    return [clock and (clock + timedelta(seconds=t)).isoformat() for t in run.t.tolist()]
+    return [stamp(run.clock, t) for t in run.t.tolist()]
+
+
+def stamp(clock: datetime | None, t: float) -> str | None:
+    """What a clock shows at `t` [s] that showed `clock` at 0 s, ISO 8601; None where it is none."""
+    return clock and (clock + timedelta(seconds=t)).isoformat()
 
 
 def check_writable(path: Path) -> None:

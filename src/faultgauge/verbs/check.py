@@ -11,7 +11,7 @@ from faultgauge.plants.model import Model
 from faultgauge.studies import checkup
 from faultgauge.telemetry import check_same_units
 from faultgauge.telemetry.other_range import other_range
-from faultgauge.verbs.estimate import Answer
+from faultgauge.verbs.estimate import Answer, glitched
 from faultgauge.verbs.plants import plant as as_plant
 from faultgauge.verbs.reading import How, Maps, read, runs_for_plant
 from faultgauge.verbs.result import Columns, Result
@@ -113,7 +113,8 @@ def check(
     found = replace(found, model=found.model.with_reading(good.how.said))
     throughout = misfit.alarmed_throughout({e.run.name: e.status for e in found.decisions})
     unlike = other_range(found.model, doubtful)
-    warnings = [*unlike, *found.account.warnings, *found.calibration.warnings, *throughout]
+    odd = [*throughout, *glitched(found.decisions)]
+    warnings = [*unlike, *found.account.warnings, *found.calibration.warnings, *odd]
     return Check(found, warnings)
 
 

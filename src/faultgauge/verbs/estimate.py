@@ -5,7 +5,15 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
-from faultgauge.detection import answer, decisions, drift, estimation, misfit, retrospective
+from faultgauge.detection import (
+    answer,
+    decisions,
+    drift,
+    estimation,
+    glitches,
+    misfit,
+    retrospective,
+)
 from faultgauge.detection.bank import FaultBank
 from faultgauge.detection.decisions import Decision, Walk
 from faultgauge.detection.drift import Drift
@@ -25,7 +33,7 @@ from faultgauge.verbs.plants import model_of
 from faultgauge.verbs.reading import How, Maps, runs_for_model, unlike_warnings
 from faultgauge.verbs.result import Columns, Result
 
-__all__ = ["Answer", "Estimates", "estimate", "need_bank"]
+__all__ = ["Answer", "Estimates", "estimate", "glitched", "need_bank"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -262,12 +270,19 @@ def estimate(
     decided, bank = decisions.decide_runs(known, runs, reference, walk, progress)
     progress("looking for slow changes")
     warnings += misfit.alarmed_throughout({each.run.name: each.status for each in decided})
+    warnings += glitched(decided)
     drifting = [] if bank is None else drift.drifts(bank, decided)
     found = Answer(known, decided, bank, drifting, warnings, smooth)
     if smooth:
         progress("weighing what the whole log tells")
         found.hindsight()
     return found
+
+
+def glitched(decided: Sequence[Decision]) -> list[str]:
+    """What is said of samples that nothing explains."""
+    each = [(f"run {d.run.name}", d.glitches, d.run.clock, d.run.step) for d in decided]
+    return [text for one in each for text in glitches.sentences(*one)]
 
 
 def need_bank(observer: str, given: dict[str, bool]) -> None:

@@ -13,7 +13,7 @@ from jaxtyping import Bool
 from faultgauge.errors import InputError
 from faultgauge.telemetry import Run, read_telemetry
 
-__all__ = ["SENSORS", "Experiment", "flights", "water_loop"]
+__all__ = ["SENSORS", "Experiment", "flights", "healthy_loop", "water_loop"]
 
 FLIGHT = ("m1", "m2", "m3", "m4", "p", "q", "r", "az")
 SENSORS = {  # our name of each sensor, and SKAB's
@@ -55,7 +55,23 @@ def water_loop() -> dict[str, Experiment]:
     return {name: _experiment(name, path) for name, path in named.items()}
 
 
+def healthy_loop() -> Run:
+    """SKAB's record without anomalies, some hours at about 1 Hz; refusals as of `water_loop`."""
+    (path,) = _files("skab", "anomaly-free/*.csv.gz")
+    run, _ = _sensors("anomaly-free", path)
+    return run
+
+
 def _experiment(name: str, path: Path) -> Experiment:
+    run, rows = _sensors(name, path)
+    try:
+        return Experiment(run, np.array([float(row["anomaly"]) > 0 for row in rows]))
+    except (KeyError, ValueError):
+        raise _not_as_exported(path) from None
+
+
+def _sensors(name: str, path: Path) -> tuple[Run, list[dict[str, str]]]:
+    """The run of a file, and its rows."""
     try:
         with gzip.open(path, "rt", newline="") as text:
             rows = list(csv.DictReader(text, delimiter=";"))
@@ -64,13 +80,16 @@ def _experiment(name: str, path: Path) -> Experiment:
         columns = {
             ours: np.array([float(row[its]) for row in rows]) for ours, its in SENSORS.items()
         }
-        anomalous = np.array([float(row["anomaly"]) > 0 for row in rows])
     except (OSError, KeyError, ValueError, IndexError):
-        raise InputError(
-            f"{path}: not as SKAB exports it (semicolons, datetime, eight sensors, anomaly); fetch "
-            "the file anew."
-        ) from None
-    return Experiment(Run(name, str(path), t, columns, clock=clock[0]), anomalous)
+        raise _not_as_exported(path) from None
+    return Run(name, str(path), t, columns, clock=clock[0]), rows
+
+
+def _not_as_exported(path: Path) -> InputError:
+    return InputError(
+        f"{path}: not as SKAB exports it (semicolons, datetime, eight sensors, anomaly); fetch the "
+        "file anew."
+    )
 
 
 def _files(folder: str, pattern: str) -> list[Path]:

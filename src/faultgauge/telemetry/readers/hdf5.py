@@ -1,5 +1,6 @@
 """HDF5 (`.h5`, `.hdf5`), by h5py."""
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -8,11 +9,13 @@ import numpy as np
 from faultgauge.telemetry.readers.arrays import array_table
 from faultgauge.telemetry.readers.cells import as_text
 from faultgauge.telemetry.readers.foreign import package, reading
+from faultgauge.telemetry.readers.unpacked import Room
 from faultgauge.telemetry.table import Table
 
-__all__ = ["read_hdf5"]
+__all__ = ["count_dataset", "read_hdf5"]
 
 UNIT_ATTRIBUTES = ("unit", "units")
+ROWS = 100  # of text that are read at once
 
 
 def read_hdf5(path: Path) -> Table:
@@ -20,9 +23,10 @@ def read_hdf5(path: Path) -> Table:
 
     A field of a compound dataset is `name/field`. The attribute `unit` or `units` of a dataset is
     its unit. Which datasets make the table, `array_table` says. Raises `InputError` for a file
-    that is damaged or holds no vectors, and where the extra `io` is missing.
+    that is damaged, unpacks to too much or holds no vectors, and where the extra `io` is missing.
     """
     h5py = package("h5py", path)
+    room = Room(path)
     arrays: dict[str, np.ndarray] = {}
     units: dict[str, str] = {}
 
@@ -30,12 +34,13 @@ def read_hdf5(path: Path) -> Table:
         name = as_text(path_inside)
         if not isinstance(item, h5py.Dataset) or item.shape is None or item.size < 2:
             return
+        count_dataset(item, room)
         if item.dtype.names:
             records = item[()]
             arrays.update({f"{name}/{part}": records[part] for part in item.dtype.names})
             return
-        is_text = h5py.check_string_dtype(item.dtype) is not None
-        arrays[name] = item.asstr(errors="replace")[()] if is_text else item[()]
+        text = h5py.check_string_dtype(item.dtype)
+        arrays[name] = item[()] if text is None else _text(item, room)
         for attribute in UNIT_ATTRIBUTES:
             if attribute in item.attrs:
                 units[name] = _unit(item.attrs[attribute])
@@ -43,6 +48,22 @@ def read_hdf5(path: Path) -> Table:
     with reading(path, "HDF5"), h5py.File(path, "r") as file:
         file.visititems(visit)
     return array_table(path, arrays, units)
+
+
+def count_dataset(item: Any, room: Room) -> None:
+    """Take from `room` what a dataset holds, whose chunks are unpacked whole."""
+    chunk = math.prod(item.chunks or ()) * item.dtype.itemsize
+    room.take(max(item.nbytes, chunk))
+
+
+def _text(item: Any, room: Room) -> np.ndarray:
+    """The cells of a dataset of text, a few at a time: many may stand for the same long one."""
+    cells, parts = item.asstr(errors="replace"), []
+    for first in range(0, len(item), ROWS):
+        part = cells[first : first + ROWS]
+        room.take(sum(len(cell) for cell in part.flat))
+        parts.append(part)
+    return np.concatenate(parts)
 
 
 def _unit(value: Any) -> str:

@@ -1,5 +1,7 @@
 """MATLAB files: v4 to v7 and v7.3 (`.mat`), by pymatreader."""
 
+import os
+import struct
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from operator import itemgetter
@@ -8,17 +10,21 @@ from typing import Any
 
 import numpy as np
 import scipy.io
-from scipy.io.matlab import MatlabOpaque, varmats_from_mat
+from scipy.io.matlab import MatlabOpaque, matfile_version, varmats_from_mat
 
 from faultgauge.errors import InputError
 from faultgauge.telemetry.readers.arrays import array_table
 from faultgauge.telemetry.readers.cells import MOST_COLUMNS, as_text
 from faultgauge.telemetry.readers.foreign import package, reading
+from faultgauge.telemetry.readers.hdf5 import count_dataset
+from faultgauge.telemetry.readers.unpacked import Room, inflate
 from faultgauge.telemetry.table import Table
 from faultgauge.telemetry.timing import called_like_time
 
 __all__ = ["read_mat"]
 
+V5, V73 = 1, 2  # as SciPy counts them
+HEADER, TAG, COMPRESSED = 128, 8, 15  # bytes of a file's head and of an element's; miCOMPRESSED
 REFERENCE = 0xDD000000  # how MATLAB begins the array that stands for an object of a class
 NAMELESS = "None"  # what SciPy before 1.18 calls every object, and so keeps only the last
 STEPS, RATES = ("Ts", "ts", "dt"), ("Fs", "fs")  # usual names of a sampling time, s, and rate, Hz
@@ -30,12 +36,13 @@ def read_mat(path: Path) -> Table:
 
     A signal in Simulink's "structure with time" is `struct.label`. Which arrays make the table,
     `array_table` says. Where none of them is called like a time, a scalar `Ts` or `dt` (s) or `Fs`
-    (Hz) makes the column `t`. Raises `InputError` for a file that is damaged or holds no vectors
-    but those in objects (timeseries), and where the extra `io` is missing.
+    (Hz) makes the column `t`. Raises `InputError` for a file that is damaged, unpacks to too much
+    or holds no vectors but those in objects (timeseries), and where the extra `io` is missing.
     """
     pymatreader = package("pymatreader", path)
-    package("h5py", path)  # pymatreader asks for it only when it meets v7.3
+    h5py = package("h5py", path)  # pymatreader asks for it only when it meets v7.3
     with reading(path, "MATLAB"):
+        _check_size(path, h5py)
         content = pymatreader.read_mat(path)
         if NAMELESS in content and (names := _object_names(path)):
             del content[NAMELESS]
@@ -51,6 +58,35 @@ def read_mat(path: Path) -> Table:
         raise InputError(_unreadable(path, objects))
     table = _timed(array_table(path, arrays, {}), scalars)
     return replace(table, notes=(*table.notes, _unreadable(path, objects))) if objects else table
+
+
+def _check_size(path: Path, h5py: Any) -> None:
+    """Refuse a file that unpacks to too much; v4 is not packed."""
+    room = Room(path)
+
+    def visit(_: str | bytes, item: Any) -> None:
+        if isinstance(item, h5py.Dataset) and item.shape is not None:
+            count_dataset(item, room)
+
+    version, _ = matfile_version(path)
+    if version == V5:
+        for data in _packed(path):
+            inflate(data, room)
+    elif version == V73:
+        with h5py.File(path, "r") as file:
+            file.visititems(visit)
+
+
+def _packed(path: Path) -> Iterator[bytes]:
+    """The compressed elements of a file of v5."""
+    with path.open("rb") as file:
+        order = "<" if file.read(HEADER)[-2:] == b"IM" else ">"
+        while len(tag := file.read(TAG)) == TAG:
+            kind, size = struct.unpack(f"{order}2I", tag)
+            if kind == COMPRESSED:
+                yield file.read(size)
+            else:
+                file.seek(size, os.SEEK_CUR)
 
 
 def _object_names(path: Path) -> list[str]:

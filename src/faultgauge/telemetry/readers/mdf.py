@@ -15,10 +15,13 @@ import numpy as np
 from faultgauge.errors import InputError
 from faultgauge.telemetry.readers.foreign import package, reading
 from faultgauge.telemetry.readers.join import Channel, join
+from faultgauge.telemetry.readers.unpacked import Room, inflate
 from faultgauge.telemetry.table import Table
 
 __all__ = ["read_mdf"]
 
+CELL = 8  # bytes of a number in memory
+ZLIB = b"\x78"
 TIME = 1  # synchronisation type of a master channel: time, and not angle, distance or index
 
 
@@ -28,8 +31,8 @@ def read_mdf(path: Path) -> Table:
     The master channels are the time `t`, in seconds since the measurement began. Channel groups
     of different rates are joined on time. A name that several groups use, or that is `t`, gets
     its group's number: `speed.0`, `speed.1`. Samples marked invalid are empty cells. Groups
-    without a time are left out. Raises `InputError` for a file that is damaged or holds no
-    channel, and where the extra `io` is missing.
+    without a time are left out. Raises `InputError` for a file that is damaged, unpacks to too
+    much or holds no channel, and where the extra `io` is missing.
     """
     asammdf = package("asammdf", path)
     with reading(path, "MDF"), _quiet():
@@ -51,11 +54,29 @@ def _signals(asammdf: Any, path: Path) -> list[Any]:
         raise ValueError("it does not begin like one")
     try:
         with asammdf.MDF(io.BytesIO(content)) as file:
+            _check_size(file, content, Room(path))
             return list(file.iter_channels(copy_master=False))
+    except InputError:
+        raise
     except Exception as failure:  # noqa: BLE001  (raised again below)
         said = str(failure)
     gc.collect()  # half-made objects complain when they go: here, where nobody hears it
     raise ValueError(said)
+
+
+def _check_size(file: Any, content: bytes, room: Room) -> None:
+    """Refuse a file whose channels or blocks of data, which may be packed, hold too much."""
+    for group in file.groups:
+        room.take(CELL * int(group.channel_group.cycles_nr) * len(group.channels))
+        blocks = [*group.get_data_blocks()]
+        for k, data in enumerate(group.signal_data or []):
+            blocks += group.get_signal_data_blocks(k) if data else []
+        for each in blocks:
+            packed = content[each.address : each.address + (each.compressed_size or 0)]
+            if each.block_type and packed.startswith(ZLIB):
+                inflate(packed, room)
+            else:
+                room.take(each.original_size or 0)
 
 
 @contextmanager

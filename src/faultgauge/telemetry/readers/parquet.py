@@ -9,11 +9,14 @@ from faultgauge.errors import InputError
 from faultgauge.telemetry.headers import with_units
 from faultgauge.telemetry.readers.cells import as_cells
 from faultgauge.telemetry.readers.foreign import package, reading
+from faultgauge.telemetry.readers.unpacked import Room
 from faultgauge.telemetry.table import Table
 
 __all__ = ["read_parquet"]
 
 UNIT_KEYS = (b"unit", b"units")
+ROWS = 1 << 16  # of a batch
+CELL = 8  # bytes of a number in memory
 
 
 def read_parquet(path: Path) -> Table:
@@ -21,7 +24,8 @@ def read_parquet(path: Path) -> Table:
 
     Time stamps become seconds since the first in their column, durations seconds. The field
     metadata `unit` or `units` is a column's unit. Raises `InputError` for a file that is damaged,
-    has fewer than two rows or two columns of one name, and where the extra `io` is missing.
+    unpacks to too much, has fewer than two rows or two columns of one name, and where the extra
+    `io` is missing.
     """
     pyarrow = package("pyarrow", path)
     parquet = package("pyarrow.parquet", path)
@@ -29,7 +33,7 @@ def read_parquet(path: Path) -> Table:
     units: dict[str, str] = {}
     left_out = []
     with reading(path, "Parquet"):
-        table = parquet.ParquetFile(path).read()
+        table = _unpacked(pyarrow, parquet.ParquetFile(path), path)
         while any(pyarrow.types.is_struct(field.type) for field in table.schema):
             table = table.flatten()
         names = table.column_names
@@ -52,6 +56,20 @@ def read_parquet(path: Path) -> Table:
     notes = [f"{path}: neither numbers nor text, and left out: {', '.join(left_out)}."]
     rows = np.arange(1, table.num_rows + 1)
     return with_units(Table(str(path), columns, rows, units, tuple(notes) if left_out else ()))
+
+
+def _unpacked(pyarrow: Any, file: Any, path: Path) -> Any:
+    """The table in a file, by batches whose text has room, too: each cell may be all that a group
+    of rows holds."""
+    Room(path).take(CELL * file.metadata.num_rows * file.metadata.num_columns)
+    room = Room(path)
+    groups = [file.metadata.row_group(k) for k in range(file.metadata.num_row_groups)]
+    longest = max((each.total_byte_size for each in groups), default=0)
+    batches = []
+    for batch in file.iter_batches(min(ROWS, max(1, room.left // max(longest, 1)))):
+        room.take(batch.nbytes)
+        batches.append(batch)
+    return pyarrow.Table.from_batches(batches, file.schema_arrow)
 
 
 def _cells(pyarrow: Any, column: Any) -> np.ndarray | None:
