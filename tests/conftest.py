@@ -45,14 +45,17 @@ LONGEST = (
     "foresight/test_sensors.py",
     "studies/test_accommodating.py",
 )
-# They share a fitted model or a bank (tanks.py, scenes.py) and what is compiled for it.
-TOGETHER = (
-    "tests/cli/",
-    "tests/verbs/",
-    "detection/test_scenes.py",
-    "detection/test_one_source.py",
-    "reporting/test_pages.py",
-)
+# Files that share a model or a bank, and so what is compiled for it, run on one worker.
+TOGETHER = {
+    "tank": (  # tanks.py, scenes.py
+        "tests/cli/",
+        "tests/verbs/",
+        "detection/test_scenes.py",
+        "detection/test_one_source.py",
+        "reporting/test_pages.py",
+    ),
+    "lag": ("detection/test_bank_calibration.py", "detection/test_start.py"),  # lags.py
+}
 # As the commands have it: one thread each; a program is compiled once for all workers.
 for name, value in {
     "OPENBLAS_NUM_THREADS": "1",
@@ -83,11 +86,12 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
     from xdist.scheduler import LoadFileScheduling
 
     class Together(LoadFileScheduling):
-        """A file to a worker, and those of `TOGETHER` to one, which makes what they share once."""
+        """A file to a worker, and every group of `TOGETHER`."""
 
         def _split_scope(self, nodeid: str) -> str:
             file = nodeid.split("::")[0]
-            return "together" if any(each in file for each in TOGETHER) else file
+            groups = (k for k, parts in TOGETHER.items() if any(each in file for each in parts))
+            return next(groups, file)
 
     return Together(config, log)
 
