@@ -5,6 +5,7 @@ import os
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import jaxtyping
 import pytest
@@ -13,37 +14,57 @@ import pytest
 QUICK = "--xla_cpu_multi_thread_eigen=false --xla_cpu_use_fusion_emitters=false"
 # By the time that they take: were one of these among the last, it would run on one core alone.
 LONGEST = (
-    "test_docs.py",
-    "identification/test_sizes.py",
     "cli/test_commands.py",
-    "cli/test_realtime.py",
+    "test_docs.py",
     "export/test_watch.py",
-    "test_examples.py",
-    "detection/test_start.py",
-    "detection/test_drift.py",
-    "verbs/test_results.py",
-    "identification/test_crowds.py",
-    "cli/test_resample.py",
-    "identification/test_unseen.py",
-    "detection/test_stream_bank.py",
     "detection/test_slow_sensors.py",
+    "detection/test_noise_estimation.py",
+    "detection/test_stream_bank.py",
     "rehearsal/test_rehearse.py",
-    "cli/test_settings.py",
-    "cli/test_suspect_data.py",
     "detection/test_bank_calibration.py",
-    "cli/test_bad_input.py",
-    "studies/test_accommodating.py",
+    "export/test_export.py",
+    "detection/test_start.py",
+    "detection/test_watch.py",
+    "detection/test_envelope.py",
+    "detection/test_coverage.py",
+    "detection/test_decisions.py",
+    "detection/test_answer.py",
+    "detection/test_retrospective.py",
+    "observers/test_branching.py",
+    "identification/test_sizes.py",
+    "identification/test_crowds.py",
+    "identification/test_unseen.py",
+    "identification/test_weak_form.py",
+    "identification/test_slow_sensors.py",
+    "identification/refinement/test_hidden_states.py",
+    "identification/refinement/test_outcome.py",
+    "identification/refinement/test_bad_input.py",
     "identification/refinement/test_claims.py",
     "identification/test_command_checks.py",
+    "fleet/test_fit.py",
+    "foresight/test_sensors.py",
+    "studies/test_accommodating.py",
 )
+# Files that share a model or a bank, and so what is compiled for it, run on one worker.
+TOGETHER = {
+    "tank": (  # tanks.py, scenes.py
+        "tests/cli/",
+        "tests/verbs/",
+        "detection/test_scenes.py",
+        "detection/test_one_source.py",
+        "reporting/test_pages.py",
+    ),
+    "lag": ("detection/test_bank_calibration.py", "detection/test_start.py"),  # lags.py
+}
 # As the commands have it: one thread each; a program is compiled once for all workers.
 for name, value in {
     "OPENBLAS_NUM_THREADS": "1",
     "XLA_FLAGS": f"{QUICK} --xla_backend_optimization_level=1",
     "JAX_DISABLE_MOST_OPTIMIZATIONS": "1",
     "JAX_PLATFORMS": "cpu",
+    "JAX_TRACEBACK_IN_LOCATIONS_LIMIT": "0",  # of a program's operations, which nobody reads here
     "JAX_COMPILATION_CACHE_DIR": str(Path(__file__).parents[1] / ".cache" / "jax"),
-    "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.2",
+    "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
     "JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES": "-1",
     "JAX_PERSISTENT_CACHE_ENABLE_XLA_CACHES": "none",
 }.items():
@@ -60,6 +81,21 @@ jax.config.update("jax_enable_x64", True)
 MAPS = Path("/proc/self/maps")
 
 
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    from xdist.scheduler import LoadFileScheduling
+
+    class Together(LoadFileScheduling):
+        """A file to a worker, and every group of `TOGETHER`."""
+
+        def _split_scope(self, nodeid: str) -> str:
+            file = nodeid.split("::")[0]
+            groups = (k for k, parts in TOGETHER.items() if any(each in file for each in parts))
+            return next(groups, file)
+
+    return Together(config, log)
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     place = {Path(__file__).parent / name: k for k, name in enumerate(LONGEST)}
     items.sort(key=lambda item: place.get(item.path, len(LONGEST)))
@@ -70,7 +106,7 @@ def few_programs() -> Iterator[None]:
     """Compiled programs go before there are too many: six mappings each, and Linux allows a
     process 65530, where one process alone runs every test."""
     yield
-    if MAPS.exists() and MAPS.read_bytes().count(b"\n") > 30_000:
+    if MAPS.exists() and MAPS.read_bytes().count(b"\n") > 45_000:
         jax.clear_caches()
 
 
@@ -87,14 +123,12 @@ def quick_code() -> Iterator[None]:
 
 @pytest.fixture(scope="session")
 def long_jobs() -> dict[str, str]:
-    """Environment of processes that run what they compile for long, and one after another the
-    same: some more effort, and everything kept."""
+    """Environment of processes that run what they compile for long."""
     programs = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     return {
         **os.environ,
         "PATH": programs,
         "JAX_DISABLE_MOST_OPTIMIZATIONS": "0",
-        "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
     }
 
 

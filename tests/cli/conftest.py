@@ -1,39 +1,13 @@
-"""A small tank whose truth is known in closed form, its logs, and one fitted model."""
+"""The tank as files: its logs, and one fitted model."""
 
 import json
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from faultgauge.cli.app import run
-
-STEP, COUNT = 0.1, 600
-A, B, LEAK = 0.8, 2.5, 0.6
-NOISE = 0.002
-PLANT = """name = "tank"
-
-[states.x]
-unit = "m"
-derivative = "b*u - a*x"
-
-[inputs.u]
-unit = "V"
-
-[outputs.x]
-unit = "m"
-value = "x"
-
-[parameters]
-a = { value = 1.0, min = 0 }
-b = { value = 1.0 }
-
-[faults.leak]
-enters = "state"
-target = "x"
-unit = "m/s"
-"""
+from tanks import COUNT, LEAK, PLANT, STEP, as_csv, log
 
 
 @dataclass(frozen=True)
@@ -69,26 +43,13 @@ class Outcome:
         return json.loads(self.out)
 
 
-def write_log(path, seed, leak=0.0):
-    """x' = b u - a x + f over each held input, exactly, with sensor noise; f from the middle."""
-    random = np.random.default_rng(seed)
-    u = np.repeat(random.choice([-1.0, 1.0], COUNT // 10), 10)
-    f = np.where(np.arange(COUNT) >= COUNT // 2, leak, 0.0)
-    x, decay = np.zeros(COUNT), np.exp(-A * STEP)
-    for k in range(COUNT - 1):
-        x[k + 1] = decay * x[k] + (1 - decay) / A * (B * u[k] + f[k])
-    x += NOISE * random.standard_normal(COUNT)
-    rows = zip(STEP * np.arange(COUNT), u, x, strict=True)
-    path.write_text("t,u,x\n" + "".join(f"{t:.10g},{v:.10g},{y:.10g}\n" for t, v, y in rows))
-
-
 @pytest.fixture(scope="session")
 def workshop(tmp_path_factory) -> Workshop:
     folder = tmp_path_factory.mktemp("workshop")
     paths = {name: folder / f"{name}.csv" for name in ("healthy", "healthy2", "suspect")}
-    write_log(paths["healthy"], 1)
-    write_log(paths["healthy2"], 2)
-    write_log(paths["suspect"], 3, LEAK)
+    as_csv(log(1), paths["healthy"])
+    as_csv(log(2), paths["healthy2"])
+    as_csv(log(3, LEAK), paths["suspect"])
     plant, model, calibrated, limited = (
         folder / name for name in ("plant.toml", "model.fgm", "calibrated.fgm", "limited.fgm")
     )

@@ -15,7 +15,9 @@ import numpy as np
 import pytest
 
 from faultgauge.cli.app import app, run
+from faultgauge.errors import InputError
 from faultgauge.plants.model import Model, load_model, save_model
+from faultgauge.studies import checkup
 
 SCRIPT = Path(sys.executable).parent / "faultgauge"
 COMMANDS = [
@@ -301,7 +303,8 @@ def test_an_observer_without_intervals_says_how_to_get_them(call, workshop, tmp_
 
 
 def test_calibrate_warns_of_logs_used_in_fit(call, workshop, tmp_path):
-    said = call("calibrate", workshop.model, workshop.healthy, "--out", tmp_path / "c.fgm")
+    eso = ("--observer", "eso", "--out", tmp_path / "c.fgm")
+    said = call("calibrate", workshop.model, workshop.healthy, *eso)
     assert said.code == 0
     assert "warning:" in said.err
     assert "also used in fit" in said.err
@@ -511,22 +514,38 @@ def test_check_answers_as_estimate_does_with_the_model_that_it_keeps(call, works
     assert table_of.read_bytes() == (out / "estimates.csv").read_bytes()
 
 
-def test_check_puts_a_fault_on_every_state_where_none_is_declared(call, workshop, tmp_path):
+@pytest.fixture
+def undeclared(workshop, tmp_path):
+    """`check` with a plant file that declares no fault."""
     plant = tmp_path / "plant.toml"
     text = workshop.plant.read_text()
     plant.write_text(text[: text.index("[faults")])
-    args = ("check", workshop.healthy, workshop.suspect, "--plant", plant)
-    found = one_object(call(*args, "--json"))
+    return "check", workshop.healthy, workshop.suspect, "--plant", plant
+
+
+def test_check_puts_a_fault_on_every_state_where_none_is_declared(
+    call, undeclared, workshop, monkeypatch
+):
+    def stop(plant, *_, **__):
+        raise InputError(f"stopped: {plant.signals.fault_names}.")
+
+    monkeypatch.setattr(checkup, "fit", stop)
+    assert "stopped: ('x_drift',)." in call(*undeclared).err
+    text = workshop.plant.read_text()
+    undeclared[-1].write_text(text.replace("[faults.leak]", '[faults.leak]\nmonitor = "disabled"'))
+    said = call(*undeclared)
+    assert said.code == 2
+    assert "disables all its [faults]" in said.err
+
+
+@pytest.mark.study
+def test_what_check_finds_where_no_fault_is_declared(call, undeclared, workshop):
+    found = one_object(call(*undeclared, "--json"))
     longest = max(found["events"], key=lambda e: e["end"] - e["start"])
     assert longest["fault"] == "x_drift"
     # the leak under another name; from 42 % of one log: 15 %
     assert longest["size"] == pytest.approx(workshop.leak, rel=0.15)
     assert ") since 30 s" in longest["sentence"]
-    text = text.replace("[faults.leak]", '[faults.leak]\nmonitor = "disabled"')
-    plant.write_text(text)
-    said = call(*args)
-    assert said.code == 2
-    assert "disables all its [faults]" in said.err
 
 
 @pytest.mark.parametrize("command", ["fit", "evaluate", "calibrate", "estimate"])

@@ -154,7 +154,7 @@ def test_calibrate_gives_its_rate_to_a_model_without_one(files, call, tmp_path):
     model = tmp_path / "m.fgm"
     assert call("fit", files / "plant.toml", slow, "--out", model).code == 0
     logs = files / "healthy.csv", files / "more.csv"
-    said = call("calibrate", model, *logs, "--resample", RATE)
+    said = call("calibrate", model, *logs, "--resample", RATE, "--observer", "eso")
     assert said.code == 0, said.err
     assert fg.load_model(model).resample == RATE
 

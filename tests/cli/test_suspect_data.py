@@ -16,7 +16,7 @@ def test_calibration_data_that_the_model_does_not_follow_are_named(call, worksho
     """A gauge off all over the log, and the model of another plant, whose motor turns the other
     way."""
     args = (workshop.model, workshop.healthy2, "--map", wrong, "--out", tmp_path / "c.fgm")
-    said = call("calibrate", *args)
+    said = call("calibrate", *args, "--observer", "eso")  # which is quick: whatever judges, later
     assert said.code == 0, said.err
     assert "run healthy2: the model's free run errs by" in said.err
     assert "a fault all over this log, or the model of another plant" in said.err
@@ -35,12 +35,13 @@ def test_the_model_of_another_plant_is_suspected(call, workshop, tmp_path):
 
 
 def test_faults_that_no_data_tell_apart_are_named(call, workshop, tmp_path):
-    """A leak into the tank and a push of its pump are the same to the level."""
+    """A leak into the tank and a push of its pump, which is declared after the fit, are the same to
+    the level."""
     plant, model = tmp_path / "p.toml", tmp_path / "p.fgm"
     push = '\n[faults.push]\nenters = "input"\ntarget = "u"\n'
     plant.write_text(workshop.plant.read_text() + push)
-    assert call("fit", plant, workshop.healthy, "--out", model).code == 0
-    said = call("calibrate", model, workshop.healthy2)
+    args = (workshop.model, workshop.healthy2, "--plant", plant, "--out", model)
+    said = call("calibrate", *args)
     assert "faults 'leak' and 'push' act on the measured outputs in the same way" in said.err
     out = tmp_path / "f.csv"
     said = call("estimate", model, workshop.suspect, "--out", out)

@@ -7,65 +7,9 @@ from faultgauge.detection.bank import CERTAIN, build_fault_bank
 from faultgauge.detection.bank_calibration import _believed, calibrate_bank, level_of
 from faultgauge.detection.blocks import Block
 from faultgauge.detection.decisions import decide, decide_runs
-from faultgauge.detection.noise import Noise
 from faultgauge.detection.uncalibrated import unjudged_sentence
 from faultgauge.errors import InputError
-from faultgauge.plants.gray_box import GrayBoxPlant
-from faultgauge.plants.model import Model
-from faultgauge.plants.plant_file import parse_plant
-from faultgauge.telemetry import Run
-
-LAG = """
-name = "lag"
-[states.x]
-derivative = "u - 0.2*x"
-[inputs.u]
-[outputs.x]
-value = "x"
-[faults.push]
-enters = "state"
-target = "x"
-{more}
-[faults.bias]
-enters = "output"
-target = "x"
-[detection]
-{rules}
-"""
-STEP, SIGMA, COUNT = 0.5, 0.02, 800
-NOISE = Noise(
-    *(np.array(each) for each in (
-        [SIGMA], [1e-3], [],
-        *([1e-4], [100.0], [1e-3], [5.0]),  # next to no error of the model
-        [], [],
-    ))
-)  # fmt: skip
-
-
-def model(more="", rules="", text=LAG):
-    points = np.random.default_rng(0).uniform([-6, -1], [6, 1], (60, 2))
-    record = {
-        "max_step": 1.0,
-        "envelope_points": points.tolist(),
-        "columns": {"states": [["x", 0]], "outputs": ["x"]},
-        "data": {"fit": [], "validate": []},
-    }
-    text = text.format(more=more, rules=rules)
-    return Model(GrayBoxPlant.untrained(parse_plant(text)), record)
-
-
-def log(seed, push=0.0, error=0.0, bias=0.0, until=COUNT, samples=COUNT):
-    """Exact under the hold, with `error` on x' throughout: what the model does not know."""
-    rng = np.random.default_rng(seed)
-    error = np.broadcast_to(error, samples)
-    u = np.repeat(rng.uniform(-1, 1, samples // 20), 20)
-    k = np.arange(samples)
-    acts = (k >= COUNT // 2) & (k < until)
-    fade, x = np.exp(-0.2 * STEP), np.zeros(samples)
-    for j in range(samples - 1):
-        x[j + 1] = fade * x[j] + (1 - fade) / 0.2 * (u[j] + error[j] + push * acts[j])
-    y = x + bias * acts + SIGMA * rng.standard_normal(samples)
-    return Run(f"run{seed}", "lag.csv", STEP * k, {"u": u, "x": y})
+from lags import COUNT, LAG, NOISE, STEP, log, model
 
 
 def calibrated(healthy, **keys):
@@ -169,14 +113,16 @@ def test_passive_faults_are_named_without_an_alarm_and_disabled_ones_are_not_eva
     run = log(4, push=0.2)
     loud = decide(build_fault_bank(model(), [run], NOISE), run)
     assert loud.status[-1] == "FAULT"
-    passive = decide(build_fault_bank(model(more='monitor = "passive"'), [run], NOISE), run)
+    text = LAG.replace("[faults.bias]", '[faults.bias]\nmonitor = "disabled"')
+    both = build_fault_bank(model(more='monitor = "passive"', text=text), [run], NOISE)
+    passive = decide(both, run)
     assert "FAULT" not in passive.status
     assert passive.reason[-1] == "push, which is passive"
     assert [(e.fault, e.passive) for e in passive.events] == [("push", True)]
     assert passive.posterior.p[-1, 0] == pytest.approx(loud.posterior.p[-1, 0])
-    off = decide(build_fault_bank(model(more='monitor = "disabled"'), [run], NOISE), run)
-    assert np.isnan(off.posterior.p[:, 0]).all()
-    assert "push" not in {e.fault for e in off.events}
+    off = decide(both, log(4, bias=0.3))
+    assert np.isnan(off.posterior.p[:, 1]).all()
+    assert "bias" not in {e.fault for e in off.events}
     off = LAG.replace("target", 'monitor = "disabled"\ntarget')
     with pytest.raises(InputError, match="disables all its"):
         build_fault_bank(model(text=off), [run], NOISE)
@@ -189,13 +135,13 @@ def test_persistence_and_hold_off_delay_and_a_latch_keeps():
 
     run = log(4, push=0.2)
     plain, _ = told("", run)
-    later, _ = told("persistence = 20", run)
+    rules = "persistence = 20\nhold_off = 30\nlatch = true"
+    later, decision = told(rules, run)
     first = int(np.argmax(plain == "FAULT"))
     assert int(np.argmax(later == "FAULT")) == first + 40  # 20 s of 0.5 s
-    held, decision = told("hold_off = 30", run)
-    assert set(held[:60]) == {"NOT_JUDGED"}
+    assert set(later[:60]) == {"NOT_JUDGED"}
     assert decision.reason[0] == "held off after a start or a gap"
-    assert held[60] == "HEALTHY" or decision.reason[60] != decision.reason[0]
+    assert later[60] == "HEALTHY" or decision.reason[60] != decision.reason[0]
     gone = log(5, push=0.2, until=500)
     assert told("", gone)[0][-1] != "FAULT"
-    assert told("latch = true", gone)[0][-1] == "FAULT"
+    assert told(rules, gone)[0][-1] == "FAULT"

@@ -16,7 +16,7 @@ from faultgauge.errors import InputError
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
 from faultgauge.plants.plant_file import parse_plant
-from faultgauge.telemetry import Run, read_telemetry
+from faultgauge.telemetry import Run, cut, read_telemetry
 from faultgauge.telemetry.rates import align
 from faultgauge.telemetry.stream import Sample
 from faultgauge.telemetry.writing import as_table, write_table
@@ -84,8 +84,25 @@ def spoiled(run):
 
 
 @pytest.fixture(scope="module")
-def calibration():
-    return calibrate(model(), [log(seed) for seed in (0, 1, 2)])
+def progress():
+    """What is said while it is calibrated."""
+    return []
+
+
+@pytest.fixture(scope="module")
+def calibration(progress):
+    return calibrate(model(), [log(seed) for seed in (0, 1, 2)], progress=progress.append)
+
+
+def test_calibrate_says_how_far_it_is_with_every_step_of_its_search(calibration, progress):
+    shares = [each.share for each in progress]
+    assert list(dict.fromkeys(progress)) == [
+        "finding noise and model error",
+        "finding the alarm level",
+    ]
+    assert shares == sorted(shares)
+    assert shares[0] == 0 < shares[-1] < 1
+    assert len(shares) > 10
 
 
 def test_noise_is_that_of_the_samples(calibration):
@@ -163,16 +180,18 @@ def test_residuals_are_those_of_samples(calibration, reference):
         np.testing.assert_array_equal(r[name], odd[name])
 
 
-@pytest.mark.parametrize("every", [10])
-def test_a_stream_says_what_the_file_says(calibration, every):
-    """Ten rows apart the 20 first do not show a rate; an empty cell is not sampled."""
-    t, columns = cells(10, LOSS, every)
+def test_a_stream_says_what_the_file_says(calibration):
+    """Ten rows apart the 20 first do not show a rate; an empty cell is not sampled. The rows about
+    the onset."""
+    first, last = ONSET - 200, ONSET + 400
+    t, columns = cells(10, LOSS)
     online, rows = Stream(calibration.model), []
-    for k in range(COUNT):
+    for k in range(first, last):
         sample = Sample(float(t[k]), {name: float(v[k]) for name, v in columns.items()})
         rows += [each for each in online.push(sample) if isinstance(each, Decision)]
     rows += [each for each in online.finish() if isinstance(each, Decision)]
-    (decision,), _ = decide_runs(calibration.model, [log(10, LOSS, every)])
+    (decision,), _ = decide_runs(calibration.model, [cut(log(10, LOSS), slice(first, last))])
+    assert "FAULT" in decision.status
     for name in ("f", "lo", "hi", "healthy"):
         said = np.concatenate([getattr(each.posterior, name) for each in rows])
         np.testing.assert_array_equal(said, getattr(decision.posterior, name))

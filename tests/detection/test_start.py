@@ -1,64 +1,15 @@
 """What the bank knows across a gap."""
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from faultgauge.detection.bank import build_fault_bank
 from faultgauge.detection.decisions import decide
-from faultgauge.detection.noise import Noise
 from faultgauge.detection.start import Start
-from faultgauge.plants.gray_box import GrayBoxPlant
-from faultgauge.plants.model import Model
-from faultgauge.plants.plant_file import parse_plant
 from faultgauge.telemetry import Run
-
-LAG = """
-name = "lag"
-[states.x]
-derivative = "u - 0.2*x"
-[inputs.u]
-[outputs.x]
-value = "x"
-[faults.push]
-enters = "state"
-target = "x"
-[faults.bias]
-enters = "output"
-target = "x"
-"""
-STEP, SIGMA, COUNT = 0.5, 0.02, 800
-NOISE = Noise(
-    *(np.array(each) for each in (
-        [SIGMA], [1e-3], [],
-        *([1e-4], [100.0], [1e-3], [5.0]),  # next to no error of the model
-        [], [],
-    ))
-)  # fmt: skip
-
-
-def model():
-    points = np.random.default_rng(0).uniform([-6, -1], [6, 1], (60, 2))
-    record = {
-        "max_step": 1.0,
-        "envelope_points": points.tolist(),
-        "columns": {"states": [["x", 0]], "outputs": ["x"]},
-        "data": {"fit": [], "validate": []},
-    }
-    return Model(GrayBoxPlant.untrained(parse_plant(LAG)), record)
-
-
-def log(seed, push=0.0, bias=0.0):
-    """Exact under the hold; the fault from the middle on."""
-    rng = np.random.default_rng(seed)
-    u = np.repeat(rng.uniform(-1, 1, COUNT // 20), 20)
-    acts = np.arange(COUNT) >= COUNT // 2
-    fade, x = np.exp(-0.2 * STEP), np.zeros(COUNT)
-    for j in range(COUNT - 1):
-        x[j + 1] = fade * x[j] + (1 - fade) / 0.2 * (u[j] + push * acts[j])
-    y = x + bias * acts + SIGMA * rng.standard_normal(COUNT)
-    return Run(f"run{seed}", "lag.csv", STEP * np.arange(COUNT), {"u": u, "x": y})
-
+from lags import COUNT, NOISE, SIGMA, log, model
 
 GAP = 400.0
 
@@ -73,10 +24,15 @@ def test_over_a_gap_faults_go_on_and_the_first_sample_fits_them():
         mean=state.belief.mean.at[:, at].set(0.3), P=state.belief.P.at[:, at, at].set(0.05**2)
     )
     gap, u, y = (jnp.asarray(each) for each in (GAP, [0.5], [2.0]))
-    before = begin.anew(bank.modes, state._replace(belief=belief), gap, u, y)
+
+    @eqx.filter_jit
+    def over(state):
+        before = begin.anew(bank.modes, state, gap, u, y)
+        return before, bank.modes.step(before, u, y, jnp.asarray(0.0))[0]
+
+    before, after = over(state._replace(belief=belief))
     assert float(before.t) == GAP
     np.testing.assert_array_equal(before.weight, state.weight)
-    after, _ = bank.modes.step(before, u, y, jnp.asarray(0.0))
     mean, P = np.asarray(after.belief.mean)[0], np.asarray(after.belief.P)[0]
     # a state that may be anywhere in an envelope of +-6 tells 1 / 14000 of the bias' variance
     assert mean[at] == pytest.approx(0.3, rel=1e-4)

@@ -4,7 +4,6 @@ sensor that stands on one value too, counted by hand."""
 import numpy as np
 import pytest
 
-from faultgauge.detection.calibration import calibrate
 from faultgauge.detection.decisions import Decision, decide_runs, table
 from faultgauge.detection.estimation import Estimated, estimate
 from faultgauge.detection.estimation import table as plain_table
@@ -98,27 +97,20 @@ def test_without_calibration_every_row_says_so_as_in_the_file(block):
     assert judged.reason[0].startswith("not calibrated")
 
 
-@pytest.fixture(scope="module")
-def calibration():
-    """(what was found, what was said while it was)."""
-    said = []
-    return calibrate(model(), [log(1), log(2)], progress=said.append), said
+LEVELS = [SIGMA], [1e-3], [], [1e-4], [100.0], [1e-3], [5.0], [], []
+
+
+def judging(text=TANK):
+    """A model that is calibrated by hand, with what its logs are; the gauge repeats no value."""
+    plain = model(text)
+    noise = Noise(*(np.array(each) for each in LEVELS)).as_dict(plain)
+    block = {"noise": noise, "bank": {"level": 3.0, "healthy_s": 700.0}, "repeats": {"x": 1}}
+    return plain.with_calibration(block)
 
 
 @pytest.fixture(scope="module")
-def calibrated(calibration):
-    return calibration[0].model
-
-
-def test_calibrate_says_how_far_it_is_with_every_step_of_its_search(calibration):
-    shares = [each.share for each in calibration[1]]
-    assert list(dict.fromkeys(calibration[1])) == [
-        "finding noise and model error",
-        "finding the alarm level",
-    ]
-    assert shares == sorted(shares)
-    assert shares[0] == 0 < shares[-1] < 1
-    assert len(shares) > 10
+def calibrated():
+    return judging()
 
 
 def test_every_bit_of_a_holed_log_is_that_of_the_file(calibrated):
@@ -142,15 +134,12 @@ def test_every_bit_of_a_holed_log_is_that_of_the_file(calibrated):
 
 LIMITED = TANK.replace('hold = "zero"', 'hold = "zero"\nmin = 0.7\nmax = 1.2')
 LIMITED = LIMITED.replace('enters = "input"\ntarget = "u"', 'enters = "state"\ntarget = "x"')
-LEVELS = [SIGMA], [1e-3], [], [1e-4], [100.0], [1e-3], [5.0], [], []
 
 
 @pytest.mark.parametrize("observer", ["bank", "eso"])
 def test_a_command_beyond_its_limits_is_the_limit_in_file_and_stream(observer):
     """The log of a pump that does 0.7 to 1.2 l/s of what it is told, and of one told just that."""
-    plain = model(LIMITED)
-    noise = Noise(*(np.array(each) for each in LEVELS)).as_dict(plain)
-    judging = plain.with_calibration({"noise": noise, "bank": {"level": 3.0, "healthy_s": 700.0}})
+    limited = judging(LIMITED)
     done = short(log(3), 120)
     u = np.clip(done.columns["u"], 0.7, 1.2)
     done = Run(done.name, done.source, done.t, done.columns | {"u": u})
@@ -160,12 +149,12 @@ def test_a_command_beyond_its_limits_is_the_limit_in_file_and_stream(observer):
     tables = []
     for run in (done, told):
         if observer == "bank":
-            judged, form = decide_runs(judging, [run])[0], table
+            judged, form = decide_runs(limited, [run])[0], table
         else:
-            judged, form = estimate(judging, [run])[0], plain_table
-        said = streamed(Stream(judging, observer=observer), run)
+            judged, form = estimate(limited, [run])[0], plain_table
+        said = streamed(Stream(limited, observer=observer), run)
         rows = [each for each in said if type(each) is type(judged[0])]
-        names = plain.plant.signals.fault_names
+        names = limited.plant.signals.fault_names
         tables += [form(judged, names), form(rows, names)]
     for each in tables[1:]:
         for name, cells in tables[0].items():
@@ -191,7 +180,7 @@ def saturated(seed):
 
 @pytest.fixture(scope="module")
 def leaky():
-    return calibrate(model(LEAKY), [log(1), log(2)]).model
+    return judging(LEAKY)
 
 
 def believed(flat, run):

@@ -1,4 +1,4 @@
-"""A small fleet of tanks, whose truth is known in closed form, and its fit."""
+"""A small fleet of tanks, and its fit."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -6,34 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import tanks
 from faultgauge.fleet.fit import fit_fleet
 from faultgauge.fleet.result import FleetFit
+from tanks import STEP
 
 # as few samples as make one window, short or long, and so one program
-STEP, COUNT, NOISE = 0.1, 64, 0.004
-PLANT = """name = "tank"
-
-[states.x]
-unit = "m"
-derivative = "b*u - a*x"
-
-[inputs.u]
-unit = "V"
-hold = "zero"
-
-[outputs.x]
-unit = "m"
-value = "x"
-
-[parameters]
-a = { value = 1.0, min = 0 }
-b = { value = 1.0 }
-
-[faults.leak]
-enters = "state"
-target = "x"
-unit = "m/s"
-"""
+COUNT, NOISE = 64, 0.004
+PLANT = tanks.PLANT.replace('unit = "V"', 'unit = "V"\nhold = "zero"')
 
 
 @dataclass(frozen=True)
@@ -51,15 +31,8 @@ class Fleet:
 def write_log(path, seed, a, b, *, count=COUNT, moves=True, unit=None):
     """x' = b u - a x over each held input, exactly, with sensor noise."""
     random = np.random.default_rng(seed)
-    u = (
-        np.repeat(random.choice([-1.0, 1.0], -(-count // 8)), 8)[:count]
-        if moves
-        else np.ones(count)
-    )
-    x, decay = np.zeros(count), np.exp(-a * STEP)
-    for k in range(count - 1):
-        x[k + 1] = decay * x[k] + (1 - decay) / a * b * u[k]
-    x += NOISE * random.standard_normal(count)
+    u = tanks.steps(random, count, 8) if moves else np.ones(count)
+    x = tanks.level(u, a=a, b=b) + NOISE * random.standard_normal(count)
     label = "" if unit is None else f"{unit},"
     rows = [
         f"{label}{t:.10g},{v:g},{y:.10g}\n"

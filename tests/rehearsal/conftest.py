@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 import pytest
 
+import tanks
 from faultgauge.detection.calibration import calibrate
 from faultgauge.identification.fit import fit
 from faultgauge.plants.gray_box import GrayBoxPlant
@@ -13,7 +13,6 @@ from faultgauge.plants.model import Model, save_model
 from faultgauge.plants.plant_file import parse_plant
 from faultgauge.telemetry import Run
 
-STEP, A, B, NOISE = 0.1, 0.8, 2.5, 0.002
 PLANT = """name = "tank"
 
 [states.x]
@@ -47,20 +46,8 @@ max = 1.0
 
 
 def healthy(seed, count=400):
-    """x' = b u - a x over each held input, exactly, with sensor noise."""
-    random = np.random.default_rng(seed)
-    u = np.repeat(random.choice([-1.0, 1.0], -(-count // 10)), 10)[:count]
-    x, decay = np.zeros(count), np.exp(-A * STEP)
-    for k in range(count - 1):
-        x[k + 1] = decay * x[k] + (1 - decay) / A * B * u[k]
-    x += NOISE * random.standard_normal(count)
-    return Run(f"h{seed}", f"h{seed}.csv", STEP * np.arange(count), {"u": u, "x": x})
-
-
-def as_csv(run, path):
-    rows = zip(run.t, run.columns["u"], run.columns["x"], strict=True)
-    path.write_text("t,u,x\n" + "".join(f"{t:.17g},{u:.17g},{x:.17g}\n" for t, u, x in rows))
-    return path
+    columns = tanks.log(seed, count=count)
+    return Run(f"h{seed}", f"h{seed}.csv", columns.pop("t"), columns)
 
 
 @pytest.fixture(scope="session")
@@ -87,5 +74,5 @@ def tank(tmp_path_factory) -> Tank:
     save_model(fitted, folder / "fitted.fgm")
     save_model(calibrated, folder / "calibrated.fgm")
     for seed, count in ((2, 800), (4, 400), (5, 100)):
-        as_csv(healthy(seed, count), folder / f"h{seed}.csv")
+        tanks.as_csv(tanks.log(seed, count=count), folder / f"h{seed}.csv", 17)
     return Tank(folder, fitted, calibrated)
