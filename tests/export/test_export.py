@@ -4,6 +4,7 @@ import hashlib
 import json
 import shutil
 import subprocess
+from pathlib import Path
 
 import pytest
 
@@ -12,6 +13,7 @@ from faultgauge.cli.app import run
 from faultgauge.export.targets import TARGETS
 from faultgauge.plants.model import save_model
 
+WRAPPERS = Path(__file__).parents[2] / "examples" / "wrappers"
 FILES = {
     "CMakeLists.txt", "Makefile", "README.md", "tank.c", "tank.h", "tank_tables.c", "tank_test.c",
 }  # fmt: skip
@@ -47,6 +49,27 @@ def test_the_same_model_gives_the_same_code(shop, tmp_path, capsys):
     assert set(json.loads(capsys.readouterr().out)["files"]) == FILES
     for name in FILES - {"README.md"}:  # which says how long a step took
         assert (tmp_path / "again" / name).read_bytes() == (shop / "c" / name).read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("source", "compilers", "flags"),
+    [
+        ("cfs/fault_app.c", ("cc", "gcc", "clang"), ["-std=c99", "-Wconversion"]),
+        ("fprime/FaultGauge.cpp", ("c++", "g++", "clang++"), ["-std=c++11"]),
+        ("arduino/arduino.ino", ("c++", "g++", "clang++"),
+         ["-x", "c++", "-std=c++11", "-include", "Arduino.h"]),
+    ],
+)  # fmt: skip
+def test_the_wrappers_compile_around_it(shop, source, compilers, flags):
+    """Against just as much of their frameworks as they call."""
+    cc = next(filter(None, map(shutil.which, compilers)), None)
+    if cc is None:
+        pytest.skip(f"none of {', '.join(compilers)} is installed")
+    strict = ["-Wall", "-Wextra", "-Wpedantic", "-Wshadow", "-Werror", "-fsyntax-only"]
+    folders = [f"-I{shop / 'c'}", f"-I{WRAPPERS / 'stubs'}"]
+    command = [cc, *flags, *strict, *folders, str(WRAPPERS / source)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr[:2000]
 
 
 @pytest.mark.study

@@ -106,7 +106,7 @@ def folder(request, tmp_path_factory):
 def parsed(text, folder):
     """The answers as records."""
     real = "f4" if "float x_level" in (folder / "tank.h").read_text() else "f8"
-    kinds = {"float": real, "double": "f8", "int32_t": "i4", "_Bool": "?"}
+    kinds = {"float": real, "double": "f8", "int32_t": "i4", "bool": "?"}
     struct = (folder / "tank.h").read_text().split("} tank_output;")[0].rsplit("{", 1)[1]
     members = re.findall(r"^\s*(\w+) (\w+);", struct, re.MULTILINE)
     dtype = np.dtype([(name, kinds[kind]) for kind, name in members], align=True)

@@ -157,51 +157,12 @@ def native_nan(printed):
 
 # -- the C itself
 
-FUZZ = """
-#include "wheel.h"
-#include <string.h>
-#include <math.h>
-static uint64_t seed = 1;
-static double drawn(void)
-{
-    static const double odd[] = {0.0, -0.0, 1e308, -1e308, 5e-324, 1e-310, 1e30, -1e-30};
-    seed = seed * 6364136223846793005u + 1442695040888963407u;
-    const unsigned k = (unsigned)(seed >> 59);
-    if (k == 0) return NAN;
-    if (k == 1) return k & 1 ? INFINITY : -INFINITY;
-    if (k < 5) return odd[(seed >> 40) % 8];
-    return ((double)(seed >> 11) / 9007199254740992.0 - 0.5) * pow(10.0, (double)(k % 7) - 3.0);
-}
-int main(void)
-{
-    static wheel_state state;
-    wheel_input in;
-    wheel_output out;
-    memset(&state, 0xa5, sizeof state);
-    for (int run = 0; run < 30; run++) {
-        wheel_init(&state);
-        double t = 0;
-        for (int k = 0; k < 150; k++) {
-            double values[sizeof in / sizeof(double)];
-            for (size_t j = 0; j < sizeof values / sizeof *values; j++) values[j] = drawn();
-            t += run % 3 ? 0.1 : drawn();
-            values[0] = t;
-            if (run % 5 == 0) values[1] = 0.01;
-            memcpy(&in, values, sizeof in);
-            wheel_step(&in, &out, &state);
-        }
-    }
-    return 0;
-}
-"""
-
 
 @pytest.fixture(scope="module")
 def folder(printed, tmp_path_factory):
     folder = tmp_path_factory.mktemp("c")
     for name, text in ((".h", header), (".c", step_source), ("_tables.c", table_source)):
         (folder / f"wheel{name}").write_text(text(printed, ""))
-    (folder / "fuzz.c").write_text(FUZZ)
     return folder
 
 
@@ -236,22 +197,6 @@ def test_nothing_is_called_but_mathematics(cc, folder):
             if line.split()[-2] in "BbDdCc"
         ]
         assert changing == []
-
-
-@pytest.mark.study
-def test_no_sample_whatever_makes_the_step_leave_its_memory(cc, folder):
-    """Address and undefined-behaviour sanitizers over fuzzed samples: what is no number, infinite,
-    subnormal, huge, and time that goes back."""
-    flags = ["-std=c99", "-O1", "-g", "-fsanitize=address,undefined,float-cast-overflow"]
-    flags.append("-fno-sanitize-recover=all")
-    done = subprocess.run(
-        [cc, *flags, "fuzz.c", "wheel.c", "wheel_tables.c", "-lm", "-o", "fuzz"],
-        cwd=folder, capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    if "cannot find" in done.stderr:
-        pytest.skip("the compiler's sanitizers are not installed (libasan, libubsan)")
-    assert done.returncode == 0, done.stderr[:2000]
-    compiled(["./fuzz"], folder)
 
 
 # -- other steps than the bank's

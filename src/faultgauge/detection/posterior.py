@@ -21,7 +21,8 @@ __all__ = ["Marginal", "Mixture", "Posterior", "mixture_quantiles"]
 LIKELY = 0.5  # p of a fault from which on it is there rather than not
 TAIL = 0.025
 WIDE = 1.959964  # standard deviations on either side of a 95 % interval
-HALVINGS = 36
+TURNS = 60  # of Newton's method at most: the worst of 20,000 mixtures drawn at random took 45
+NARROW = 2.0**-37  # of where a quantile may lie: it is found
 LIGHT = 1e-4  # weight below which a part of a mixture moves no 2.5 % quantile
 
 
@@ -134,33 +135,58 @@ def mixture_quantiles(
     mean: Float[Array, "many parts"],
     sd: Float[Array, "many parts"],
 ) -> tuple[Float[Array, "many"], Float[Array, "many"]]:
-    """(2.5 %, 97.5 %) quantiles of  sum_i w_i N(m_i, s_i^2), the rest being 0, by bisection."""
+    """(2.5 %, 97.5 %) quantiles of  sum_i w_i N(m_i, s_i^2), the rest being 0, by Newton's method
+    between ends that close in on it."""
     counts = weight > LIGHT
     w, s = jnp.where(counts, weight, 0.0), jnp.maximum(sd, 1e-300)
     # the upper quantile is the lower one of the mirrored mixture
     m = jnp.stack([mean, -mean])
     at_zero = 1 - jnp.sum(w, axis=1)
 
-    def under(x: Array) -> Array:
-        """The mass of the parts below x."""
-        return jnp.sum(w * jax.lax.erfc((m - x[..., None]) / (s * np.sqrt(2.0))), axis=-1) / 2
+    def under(x: Array) -> tuple[Array, Array]:
+        """The mass of the parts below x, and its density there."""
+        z = (m - x[..., None]) / s
+        mass = jnp.sum(w * jax.lax.erfc(z / np.sqrt(2.0)), axis=-1) / 2
+        return mass, jnp.sum(w * jnp.exp(-(z**2) / 2) / s, axis=-1) / np.sqrt(2 * np.pi)
 
-    below = under(jnp.zeros(m.shape[:2]))
+    below, _ = under(jnp.zeros(m.shape[:2]))
     inside = (below < TAIL) & (below + at_zero >= TAIL)
     target = jnp.where(below >= TAIL, TAIL, TAIL - at_zero)
     low = jnp.minimum(jnp.min(jnp.where(counts, m - 9 * s, 0.0), axis=-1), 0.0)
     high = jnp.maximum(jnp.max(jnp.where(counts, m + 9 * s, 0.0), axis=-1), 0.0)
+    narrow = NARROW * (high - low)
+    # of one part alone this is the quantile
+    first = jnp.sum(w * (m - WIDE * s), axis=-1) / jnp.maximum(jnp.sum(w, axis=1), LIGHT)
 
-    def halve(_: Int[Array, ""], ends: tuple[Array, Array]) -> tuple[Array, Array]:
-        middle = (ends[0] + ends[1]) / 2
-        less = under(middle) < target
-        return jnp.where(less, middle, ends[0]), jnp.where(less, ends[1], middle)
+    def closer(at: _Search) -> _Search:
+        mass, density = under(at.x)
+        off = mass - target
+        low, high = jnp.where(off < 0, at.x, at.low), jnp.where(off < 0, at.high, at.x)
+        # a step is half as long as the last one at most, or the ends are halved
+        newton = at.x - off / jnp.maximum(density, 1e-300)
+        step = jnp.abs(newton - at.x)
+        good = (newton > low) & (newton < high) & (2 * step <= at.moved)
+        x = jnp.where(good, newton, (low + high) / 2)
+        x = jnp.where(at.found, at.x, x)
+        found = at.found | (high - low <= narrow) | (good & (step <= narrow))
+        return _Search(x, low, high, jnp.abs(x - at.x), found)
 
-    def halved() -> tuple[Array, Array]:
-        return jax.lax.fori_loop(0, HALVINGS, halve, (low, high))
+    def turn(_: Int[Array, ""], at: _Search) -> _Search:
+        return jax.lax.cond(jnp.all(at.found), lambda at: at, closer, at)
 
     # where nothing speaks of a fault, which is nearly always, all quantiles are 0
-    low, high = jax.lax.cond(jnp.all(inside), lambda: (low, high), halved)
-    found = (low + high) / 2 * np.array([[1.0], [-1.0]])
-    found = jnp.where(inside, 0.0, found)
-    return found[0], found[1]
+    start = _Search(jnp.clip(first, low, high), low, high, high - low, inside)
+    x = jax.lax.fori_loop(0, TURNS, turn, start).x
+    x = jnp.where(inside, 0.0, x * np.array([[1.0], [-1.0]]))
+    return x[0], x[1]
+
+
+class _Search(NamedTuple):
+    """Of every quantile: the best guess, ends that it lies between, how far the guess last moved,
+    and whether it is `found`."""
+
+    x: Float[Array, "two many"]
+    low: Float[Array, "two many"]
+    high: Float[Array, "two many"]
+    moved: Float[Array, "two many"]
+    found: Bool[Array, "two many"]

@@ -62,12 +62,11 @@ class Member:
 
     @property
     def line(self) -> str:
-        kind = "_Bool" if self.kind == "bool" else self.kind
         long = f"[{self.size}]" if self.shape else ""
         words = [str(list(self.shape))] if len(self.shape) > 1 else []
         words += [self.comment] if self.comment else []
         comment = f" /* {': '.join(words)} */" if words else ""
-        return f"{kind} {self.name}{long};{comment}"
+        return f"{self.kind} {self.name}{long};{comment}"
 
 
 @dataclass(frozen=True)

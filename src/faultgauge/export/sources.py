@@ -41,6 +41,7 @@ def header(printed: Printed, banner: str) -> str:
 #ifndef {guard}
 #define {guard}
 
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 

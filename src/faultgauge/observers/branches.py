@@ -43,7 +43,8 @@ class Prior(NamedTuple):
 class Lanes(NamedTuple):
     """Signatures of a unit change of each kind at some onsets, beside every branch: `score` and
     `info` of its size, `gain` in ln L by each of `SCALES`; `shared` scores and `J` are in the
-    branch's own noise, and so tell what one change explains of another."""
+    branch's own noise, and so tell what one change explains of another; `row` is where in `J` each
+    stands, for as long as it is kept."""
 
     eta: Float[Array, "branches n kinds onsets"]
     score: Float[Array, "branches kinds onsets"]
@@ -51,6 +52,7 @@ class Lanes(NamedTuple):
     gain: Float[Array, "branches scales kinds onsets"]
     shared: Float[Array, "branches kinds onsets"]
     J: Float[Array, "branches lanes lanes"]
+    row: Int[Array, "branches kinds onsets"]
     mass: Float[Array, "branches kinds onsets"]
     onset: Float[Array, "branches kinds onsets"]
 

@@ -36,6 +36,7 @@ __all__ = ["Branching"]
 
 KEPT = 1e-9  # of all probability: a branch below may go
 PROMOTED = 0.0  # log-odds of a change against none, within its branch
+HOPELESS = 745.0  # nats behind the likeliest branch: a probability that is no number
 TRIFLE = 5e-3  # of the likeliest onset: one that moves no 95 % interval
 
 
@@ -80,6 +81,7 @@ class Branching(Onsets):
             jnp.zeros((B, len(SCALES), K, A)),
             jnp.zeros((B, K, A)),
             jnp.zeros((B, K * A, K * A)),
+            jnp.broadcast_to(np.arange(K * A).reshape(K, A), (B, K, A)),
             jnp.broadcast_to(mass, (B, K, A)),
             jnp.zeros((B, K, A)),
         )
@@ -110,6 +112,8 @@ class Branching(Onsets):
         likelihood, flow, look, seen = said
         weight = state.weight + likelihood
         weight = jnp.maximum(weight - jnp.max(weight), NEVER)
+        hopeless = (jnp.arange(len(weight)) < B) & (weight < jnp.max(weight[:B]) - HOPELESS)
+        weight = jnp.where(hopeless, NEVER, weight)
         parts = tuple(jax.tree.map(lambda a: a[:B], part) for part in (flow, look, seen))
         lanes, _ = where_needed(self._signatures, alive[:B], state.lanes, parts)
         lead = jnp.argmax(weight[: self.branches])
@@ -271,7 +275,7 @@ class Branching(Onsets):
         lanes = state.lanes
         V = 1 / (lanes.info[b, kind, a] + 1 / self.prior.size[kind] ** 2)
         f = V * lanes.score[b, kind, a]
-        i, which = self.filter.states + kind, kind * self.onsets + a
+        i, which = self.filter.states + kind, lanes.row[b, kind, a]
         left = lanes.eta[b, i, kind, a]
         J = lanes.J[b, which, which]
         v = 1 / (J + left**2 / (state.belief.P[b, i, i] + 1e-300))

@@ -98,7 +98,14 @@ class Onsets(eqx.Module):
             (look.down - middle)[:, :, self.owner, None],
         )
         sided = sided * own[:, None]
-        shared, J = lanes.shared.reshape(B, -1), lanes.J
+        shared, rows = (a.reshape(B, -1) for a in (lanes.shared, lanes.row))
+        every = np.arange(B)[:, None]
+
+        def placed(G: Array) -> Array:
+            return jnp.zeros_like(G).at[every, rows].set(G)
+
+        older = jnp.ones((B, K * A), bool).at[every, lanes.row[:, :, -1]].set(False)
+        J = jnp.where(older[:, :, None] & older[:, None, :], lanes.J, 0.0)
         score, info, gain, least = lanes.score, lanes.info, lanes.gain, self._least()
         narrower, at_once = jnp.ones_like(gain), self._at_once()[:, None]
         for j in range(seen.white.shape[1]):
@@ -106,7 +113,8 @@ class Onsets(eqx.Module):
             g = jnp.einsum("bn,bnka->bka", look.C[:, j], eta) + sided[:, j]
             G = (g / seen.root[:, j, None, None]).reshape(B, -1)
             shared = shared + G * seen.white[:, j, None]
-            J = J + G[:, :, None] * G[:, None, :]
+            H = placed(G)
+            J = J + H[:, :, None] * H[:, None, :]
             # what is far off without a change of a sensor need not be so with it, and then tells
             # its size; of another change that began since the last sample it tells a part
             there = jnp.isfinite(seen.root[:, j])
@@ -155,7 +163,6 @@ class Onsets(eqx.Module):
     ) -> tuple[tuple[()], Changes]:
         lanes, belief, which = given
         prior, there = self.prior, self._present(belief)
-        B, K, A = lanes.score.shape
         more, less = jnp.array(self.more), jnp.array(self.less)
         present = there[:, self.owner, None]
         least = self._least()
@@ -177,7 +184,9 @@ class Onsets(eqx.Module):
         at = slice(self.filter.states, self.filter.states + F)
         m = -belief.mean[:, at, None]
         v = jnp.diagonal(belief.P, axis1=1, axis2=2)[:, at, None] + 1e-300
-        J = jnp.maximum(jnp.diagonal(lanes.J, axis1=1, axis2=2), 0.0).reshape(B, K, A)[:, :F]
+        every = np.arange(len(which))[:, None, None]
+        J = jnp.diagonal(lanes.J, axis1=1, axis2=2)[every, lanes.row[:, :F]]
+        J = jnp.maximum(J, 0.0)
         c = lanes.shared[:, :F]
         left = jnp.stack([lanes.eta[:, self.filter.states + k, k] for k in range(F)], 1)
         V = 1 / (J + left**2 / v + 1e-300)
@@ -241,22 +250,21 @@ class Onsets(eqx.Module):
     ) -> Lanes:
         """The signatures beside the new branch: less what the promoted change, of size `f` and
         variance `V`, explains of them."""
-        K, A = self.kinds, self.onsets
-        which = kind * A + a
-        J, eta, mass = lanes.J[b], lanes.eta[b], lanes.mass[b]
-        column = J[:, which]
-        shared = lanes.shared[b].reshape(-1) - column * f
+        J, eta, mass, rows = lanes.J[b], lanes.eta[b], lanes.mass[b], lanes.row[b]
+        column = J[:, rows[kind, a]]
         J = J - V * column[:, None] * column[None]
-        eta = eta - eta[:, kind, a][:, None, None] * (V * column).reshape(1, K, A)
+        column = column[rows]
+        shared = lanes.shared[b] - column * f
+        eta = eta - eta[:, kind, a][:, None, None] * (V * column)
         # a common cause brings another fault at about the same time
         apart = jnp.abs(lanes.onset[b] - lanes.onset[b, kind, a])
         closest = apart == jnp.min(apart, axis=1, keepdims=True)
         together = closest & (mass > NEVER / 2) & ~gone
         mass = jnp.where(together, jnp.logaddexp(mass, jnp.log(self.prior.common)), mass)
-        shared, info = (a.reshape(K, A) for a in (shared, jnp.maximum(jnp.diagonal(J), 0.0)))
+        info = jnp.maximum(jnp.diagonal(J)[rows], 0.0)
         least = self._least()
         gain = (shared**2 / (info + least) - jnp.log1p(info / least)) / 2
-        new = Lanes(eta, shared, info, gain, shared, J, mass, lanes.onset[b])
+        new = Lanes(eta, shared, info, gain, shared, J, rows, mass, lanes.onset[b])
         return jax.tree.map(lambda every, one: every.at[place].set(one), lanes, new)
 
     def _opened(
@@ -301,18 +309,8 @@ class Onsets(eqx.Module):
             before = index < place if a.ndim == 3 else index < place[:, None]
             return jnp.where(before, a, after)
 
-        # rows and columns of J one place down, as one long axis: a vector for compilers
-        kept = (index < place).reshape(B, K * A)
-        last = np.tile(index == A - 1, K)
-
-        def down(a: Array, axis: int) -> Array:
-            mask = [1, 1, 1]
-            mask[0], mask[axis] = B, K * A
-            one = jnp.roll(a, -1, axis)
-            one = jnp.where(last.reshape(1, *mask[1:]), 0.0, one)
-            return jnp.where(kept.reshape(mask), a, one)
-
-        J = down(down(lanes.J, 2), 1)
+        # what goes leaves its row of J to what comes, which begins it anew (`_signatures`)
+        row = jnp.take_along_axis(lanes.row, place, axis=2)
         start = np.zeros((lanes.eta.shape[1], K, 1))
         start[self.slots, range(K), 0] = 1.0
         after = Lanes(
@@ -321,7 +319,8 @@ class Onsets(eqx.Module):
             moved(lanes.info, 0.0),
             moved(lanes.gain, 0.0),
             moved(lanes.shared, 0.0),
-            J,
+            lanes.J,
+            moved(lanes.row, row),
             moved(mass, fresh),
             moved(when, t),
         )

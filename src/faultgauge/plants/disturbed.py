@@ -132,8 +132,11 @@ class Disturbed(Plant):
         _, d, e, *_ = self.parts
         slow = jnp.exp(-t[:, None] / self.error.tau) * x[d]
         quick = jnp.exp(-t[:, None] / self.error.settling) * x[e]
-        acts = _acts(self.count, self.driven), _acts(self.count, self.following)
-        return slow @ acts[0].T + quick @ acts[1].T
+        added = [jnp.zeros(len(t))] * self.count
+        for acting, parts in ((self.driven, slow), (self.following, quick)):
+            for k, i in enumerate(acting):
+                added[i] = added[i] + parts[:, k]
+        return jnp.stack(added, axis=1)
 
     def output(
         self,

@@ -1,0 +1,184 @@
+"""What is shown of the exported C besides its answers: a million steps of nonsense under
+sanitizers, and which of its decisions were taken both ways."""
+
+import json
+import shutil
+import subprocess
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from drawn_models import calibrated, log_of
+from faultgauge.export.compile import print_step
+from faultgauge.export.entry import bank_of, step_of
+from faultgauge.export.sources import header, step_source, table_source
+
+pytestmark = pytest.mark.study
+
+# Samples that are no number, infinite, subnormal, huge, and time that goes back; then the logs
+# of a file.
+MAIN = """
+#include "tank.h"
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+#define WIDTH (sizeof(tank_input) / sizeof(double))
+static uint64_t seed = 1;
+static uint32_t bits(void)
+{
+    seed = seed * 6364136223846793005u + 1442695040888963407u;
+    return (uint32_t)(seed >> 33);
+}
+static double drawn(void)
+{
+    static const double odd[] = {0.0, -0.0, 1e308, -1e308, 5e-324, 1e-310, 1e30, -1e-30};
+    const uint32_t k = bits() % 32u;
+    if (k == 0) return NAN;
+    if (k == 1) return INFINITY;
+    if (k == 2) return -INFINITY;
+    if (k < 6) return odd[bits() % 8u];
+    return (bits() / 2147483648.0 - 0.5) * pow(10.0, (double)(k % 7u) - 3.0);
+}
+static tank_state state;
+static tank_output out;
+static void step(const double *values)
+{
+    tank_input in;
+    memcpy(&in, values, sizeof in);
+    tank_step(&in, &out, &state);
+}
+int main(void)
+{
+    double values[WIDTH];
+    memset(&state, 0xa5, sizeof state);
+    for (int run = 0; run < RUNS; run++) {
+        double t = 0;
+        tank_init(&state);
+        for (int k = 0; k < 500; k++) {
+            for (size_t j = 0; j < WIDTH; j++) values[j] = drawn();
+            t += run % 3 ? 0.1 : drawn();
+            values[0] = t;
+            if (run % 5 == 0) values[1] = 0.01; /* an output that is possible, at least */
+            step(values);
+        }
+    }
+    FILE *const logs = fopen("samples.bin", "rb");
+    double last = INFINITY;
+    while (logs && fread(values, sizeof values, 1, logs) == 1) {
+        if (!(values[0] >= last)) tank_init(&state);
+        last = values[0];
+        step(values);
+    }
+    return 0;
+}
+"""
+CALLS = 500  # of a run
+MILLION = 1_000_000
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    found = tmp_path_factory.mktemp("c")
+    model = calibrated("tank")
+    printed = print_step(step_of(bank_of(model)), "tank")
+    for end, text in ((".h", header), (".c", step_source), ("_tables.c", table_source)):
+        (found / f"tank{end}").write_text(text(printed, ""))
+    (found / "main.c").write_text(MAIN)
+    np.concatenate([np.stack(list(each.values()), 1) for each in logs(model)]).tofile(
+        found / "samples.bin"
+    )
+    return found
+
+
+def logs(model):
+    """A leak, one that ends, two sizes one after the other, a level that stands still, one that is
+    off, a pump that is not known, samples that are too far apart, and none at all."""
+    rng = np.random.default_rng(5)
+    yield log_of(model, 3000, missing=0.05)
+    for size in (0.05, -0.2):
+        yield log_of(model, 1500, seed=1, size=size)
+    gone, back = (log_of(model, 2000, seed=2, size=size) for size in (0.3, 0.0))
+    gone["level"][1500:] = back["level"][1500:]
+    yield gone
+    stands = log_of(model, 1500, size=0.0)
+    stands["level"][400:] = stands["level"][400]
+    yield stands
+    off = log_of(model, 2000, size=0.0)
+    off["level"][700:1300] += 0.5 * rng.standard_normal(600)
+    off["level"][1500:] += 2.0
+    yield off
+    blind = log_of(model, 1000, size=0.0)
+    blind["u"][300:350], blind["u"][600:640] = np.nan, 1e3
+    blind["t"][800:] += 3.0 * np.arange(200)
+    yield blind
+    none = log_of(model, 300)
+    none["level"][:] = np.nan
+    yield none
+
+
+def compiled(cc, flags, runs, folder, name):
+    command = [cc, "-std=c99", f"-DRUNS={runs}", *flags, "main.c", "tank.c", "tank_tables.c"]
+    done = subprocess.run(
+        [*command, "-lm", "-o", name], cwd=folder, capture_output=True, text=True, check=False
+    )
+    if "cannot find" in done.stderr or "unable to" in done.stderr:
+        pytest.skip(f"{cc} lacks a library for {' '.join(flags)}")
+    assert done.returncode == 0, done.stderr[:2000]
+
+
+def ran(command, folder):
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, (done.stdout + done.stderr)[:2000]
+    return done.stdout
+
+
+def test_a_million_steps_of_nonsense_stay_within_their_memory(cc, folder):
+    """Under the address and undefined-behaviour sanitizers, conversions from floating point
+    included."""
+    flags = ["-O1", "-g", "-fsanitize=address,undefined,float-cast-overflow"]
+    compiled(cc, [*flags, "-fno-sanitize-recover=all"], MILLION // CALLS, folder, "fuzzed")
+    ran(["./fuzzed"], folder)
+
+
+# Of what the step decides, at least so much is decided both ways (conditions) and shown to decide
+# alone (MC/DC); what is not is listed by the test, and docs/export.md says why.
+BOTH_WAYS, ALONE = 0.85, 0.5
+
+
+def test_decisions_are_taken_both_ways(folder, capsys):
+    """Every condition of `tank_step` and its parts, by clang's coverage of conditions, and MC/DC
+    from clang 18 on; the mathematics that it calls is none of it."""
+    found = [name for name in ("clang-21", "clang-20", "clang-19", "clang-18")
+             if shutil.which(name)]  # fmt: skip
+    if not found:
+        pytest.skip("no clang that measures MC/DC (18 or later) is installed")
+    cc, version = found[0], found[0][len("clang") :]
+    flags = ["-O0", "-fprofile-instr-generate", "-fcoverage-mapping", "-fcoverage-mcdc"]
+    compiled(cc, flags, 60, folder, "covered")
+    ran(["env", "LLVM_PROFILE_FILE=raw", "./covered"], folder)
+    ran([f"llvm-profdata{version}", "merge", "raw", "-o", "merged"], folder)
+    told = ran([f"llvm-cov{version}", "export", "./covered", "-instr-profile=merged"], folder)
+    functions = [
+        each for each in json.loads(told)["data"][0]["functions"] if "tank_step" in each["name"]
+    ]
+    assert functions
+    text = (folder / "tank.c").read_text().splitlines()
+    taken, sides, never = 0, 0, Counter()
+    for each in functions:
+        for line, _, _, _, true, false, *_ in each["branches"]:
+            taken, sides = taken + (true > 0) + (false > 0), sides + 2
+            if not (true and false):
+                never[text[line - 1].strip()[:90]] += 1
+    alone, all_alone = 0, 0
+    for each in functions:
+        for record in each.get("mcdc_records", []):
+            shown = record[-1]
+            alone, all_alone = alone + sum(shown), all_alone + len(shown)
+    with capsys.disabled():
+        print(f"\nconditions: {taken} of {sides} ways taken, {taken / sides:.1%}")
+        print(f"MC/DC: {alone} of {all_alone} conditions shown to decide alone")
+        for line, count in never.most_common():
+            print(f"  {count} not both ways: {line}")
+    assert taken >= BOTH_WAYS * sides
+    assert alone >= ALONE * all_alone
