@@ -294,7 +294,7 @@ def carried_out(kills: int, seed: int, cache: Path | None = None) -> int:
     with tempfile.TemporaryDirectory() as name:
         ground = Ground(Path(name), cache or Path(name) / "cache")
         clean: dict[Command, Clean] = {}
-        for command in turns:
+        for k, command in enumerate(turns, 1):
             if command not in clean:
                 found = clean[command] = ground.undisturbed(command)
                 print(
@@ -304,6 +304,7 @@ def carried_out(kills: int, seed: int, cache: Path | None = None) -> int:
             share = rng.uniform(LATE, ROOM) if rng.random() < 0.5 else rng.uniform(0, ROOM)
             said = killed(ground, command, undisturbed, share * undisturbed.seconds, sent)
             wrong += bool(said)
+            print(f"{k} of {kills}, {wrong} wrong", file=sys.stderr, flush=True)
             for text in said:
                 print(f"{command.line}\n  {sent.name} at {share:.2f}: {text}", flush=True)
     print(f"{kills} kills, {wrong} of them wrong")
