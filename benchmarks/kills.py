@@ -14,8 +14,8 @@ write is there already, from before. Afterwards
   ours where temporary files are;
 - what the command reads is as it was.
 
-Of 50 kills one is the demonstration's, which takes long; the others take turns. `--cache` keeps the
-compiled programs for the next time. Exit code 1 where anything of this does not hold.
+Commands take turns; those that take long are left out of most rounds. `--cache` keeps the compiled
+programs for the next time. Exit code 1 where anything of this does not hold.
 """
 
 import argparse
@@ -30,6 +30,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
+from itertools import count, islice
 from pathlib import Path
 from typing import NamedTuple
 
@@ -71,12 +72,14 @@ AT_A_TERMINAL = [
 
 class Command(NamedTuple):
     """A command line, what of the given files stands in its folder before, what standard input is,
-    and whether its rows come one by one."""
+    whether its rows come one by one, and in which rounds it is run: the first, and `every` so
+    many-th."""
 
     line: str
     before: tuple[str, ...] = ()
     stdin: str = ""
     rows: bool = False
+    every: int = 1
 
 
 class Clean(NamedTuple):
@@ -92,20 +95,22 @@ COMMANDS = (
     Command("fit IN/plant.toml IN/healthy.csv --out m.fgm --report r.html"),
     Command("fit IN/plant.toml IN/healthy.csv --out m.fgm --refine --restarts 2"),
     Command("evaluate IN/model.fgm IN/other.csv --report r.html"),
-    Command("calibrate model.fgm IN/other.csv --report r.html", ("model.fgm",)),
+    Command("calibrate model.fgm IN/other.csv --report r.html", ("model.fgm",), every=4),
     Command("calibrate IN/model.fgm IN/other.csv --observer eso --out m.fgm"),
-    Command("estimate IN/model.fgm IN/suspect.csv --out e.csv.gz --report r.html --evidence ev"),
-    Command("estimate IN/model.fgm IN/suspect.csv --out e.csv --smooth --json"),
+    Command(
+        "estimate IN/model.fgm IN/suspect.csv --out e.csv.gz --report r.html --evidence ev", every=4
+    ),
+    Command("estimate IN/model.fgm IN/suspect.csv --out e.csv --smooth --json", every=4),
     Command("estimate IN/model.fgm - --events events.ndjson", stdin="IN/suspect.csv", rows=True),
-    Command("rehearse IN/gauge.fgm IN/other.csv --trials 4 --out r"),
+    Command("rehearse IN/gauge.fgm IN/other.csv --trials 4 --out r", every=4),
     Command("detectability IN/model.fgm IN/other.csv --report r.html"),
     Command("export IN/model.fgm --to c --out c"),
     Command("export IN/model.fgm --to fmu --out f"),
     Command("simulate IN/scenario.toml --out log.csv --report r.html"),
     Command("simulate IN/scenario.toml --realtime 20 --stream csv --out log.csv", rows=True),
-    Command("check IN/healthy.csv IN/suspect.csv --plant IN/plant.toml --out c"),
+    Command("check IN/healthy.csv IN/suspect.csv --plant IN/plant.toml --out c", every=4),
+    Command("demo --out d", every=8),
 )
-DEMO, SELDOM = Command("demo --out d"), 50
 
 
 def given(folder: Path) -> None:
@@ -284,17 +289,20 @@ def _left(ground: Ground, sent: int) -> Iterator[str]:
         shutil.rmtree(path) if path.is_dir() else path.unlink()
 
 
+def turns() -> Iterator[Command]:
+    """Commands, round by round."""
+    for number in count():
+        yield from (each for each in COMMANDS if number % each.every == 0)
+
+
 def carried_out(kills: int, seed: int, cache: Path | None = None) -> int:
     """How many of so many `kills` went wrong; a line is printed of each that did, and of each
     command."""
     rng, wrong = random.Random(seed), 0
-    turns = [
-        DEMO if k % SELDOM == SELDOM - 1 else COMMANDS[k % len(COMMANDS)] for k in range(kills)
-    ]
     with tempfile.TemporaryDirectory() as name:
         ground = Ground(Path(name), cache or Path(name) / "cache")
         clean: dict[Command, Clean] = {}
-        for command in turns:
+        for k, command in enumerate(islice(turns(), kills), 1):
             if command not in clean:
                 found = clean[command] = ground.undisturbed(command)
                 print(
@@ -304,6 +312,7 @@ def carried_out(kills: int, seed: int, cache: Path | None = None) -> int:
             share = rng.uniform(LATE, ROOM) if rng.random() < 0.5 else rng.uniform(0, ROOM)
             said = killed(ground, command, undisturbed, share * undisturbed.seconds, sent)
             wrong += bool(said)
+            print(f"{k} of {kills}, {wrong} wrong", file=sys.stderr, flush=True)
             for text in said:
                 print(f"{command.line}\n  {sent.name} at {share:.2f}: {text}", flush=True)
     print(f"{kills} kills, {wrong} of them wrong")

@@ -343,6 +343,17 @@ def test_single_samples_of_any_size_raise_nothing(bank, seed):
     assert list(decide(bank, log(10 + seed)).glitches) == []
 
 
+def test_a_row_that_is_missing_where_an_input_changes_raises_nothing(bank):
+    """Off by 0.5 s of the change: up to twenty standard deviations of the sensor."""
+    run = log(12)
+    kept = np.delete(np.arange(COUNT), np.arange(60, COUNT, 100))
+    columns = {name: values[kept] for name, values in run.columns.items()}
+    said = decide(bank, replace(run, t=run.t[kept], columns=columns))
+    assert not said.events
+    assert "FAULT" not in said.status
+    assert np.mean(np.array(said.status) == "HEALTHY") > 0.98, "and nothing is held off"
+
+
 def test_glitches_are_counted_and_named_in_file_and_stream(bank):
     run = log(10)
     run.columns["x"][[50, 120, 300, 301, 400]] = -9999.0, 1e9, 7.0, 7.0, 7.0

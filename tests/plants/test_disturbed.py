@@ -75,6 +75,14 @@ def test_a_change_of_an_input_is_off_by_a_share_of_its_effect(plant, before, now
     np.testing.assert_allclose(jump, [0, 0, 0, SHARE * 3.5 * change, 0, 0], atol=1e-12)
 
 
+def test_an_input_that_changed_unseen_did_so_at_any_time(plant):
+    """k = 3.5 times a change of 1 for anything between 0 and 0.6 s: 2.1 / sqrt(3) m/s."""
+    u, none = jnp.array([0.5]), jnp.zeros(2)
+    sd = plant.jumps(jnp.asarray(X), u, u + 1, none, none, 0.6)
+    wanted = [0, 2.1 / np.sqrt(3), 0, SHARE * 3.5, 0, 0]
+    np.testing.assert_allclose(sd, wanted, atol=1e-12)
+
+
 def test_a_fault_that_enters_with_an_input_is_off_by_that_share_too(plant):
     """k = 3.5 times a push of 0.8; a sensor's fault moves nothing."""
     u, none = jnp.array([0.5]), jnp.zeros(2)

@@ -1,6 +1,7 @@
 """Small files that unpack to much are refused by what they hold, before memory is full of it."""
 
 import struct
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,8 @@ import scipy.io
 
 from faultgauge.errors import InputError
 from faultgauge.telemetry import read_telemetry
-from faultgauge.telemetry.readers import unpacked
+from faultgauge.telemetry.readers import unpacked, workbook_size
+from telemetry.workbooks import write_workbook
 
 MOST = 5_000_000  # bytes
 ROWS = 1_000_000  # of 8 bytes
@@ -95,9 +97,30 @@ def lying_mdf(path: Path) -> None:
     path.write_bytes(data)
 
 
+def workbook(path: Path, cells: str = "<c r='XFD1048576'><v>1</v></c>") -> None:
+    """All cells between the log and one in the last row and column would be of the table."""
+    plain = write_workbook(path.with_name("plain.xlsx"), {"log": [["t", "x"], [0, 1], [1, 2]]})
+    row = f"<row r='1048576'>{cells}</row></sheetData>".encode()
+    with zipfile.ZipFile(plain) as source, zipfile.ZipFile(path, "w") as target:
+        for each in source.infolist():
+            target.writestr(each, source.read(each).replace(b"</sheetData>", row))
+
+
+def workbook_of_unplaced_cells(path: Path) -> None:
+    workbook(path, "<c><v>1</v></c>" * 100)
+
+
+def workbook_of_blanks(path: Path) -> None:
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
+        file.writestr("xl/sharedStrings.xml", b" " * 2 * MOST)
+
+
 @pytest.mark.parametrize(
     ("write", "suffix"),
     [
+        (workbook, ".xlsx"),
+        (workbook_of_unplaced_cells, ".xlsx"),
+        (workbook_of_blanks, ".xlsx"),
         (parquet, ".parquet"),
         (parquet_of_text, ".parquet"),
         (hdf5, ".h5"),
@@ -111,8 +134,9 @@ def lying_mdf(path: Path) -> None:
 )
 def test_what_unpacks_to_much_is_refused(tmp_path, monkeypatch, write, suffix):
     monkeypatch.setattr(unpacked, "MOST", MOST)
+    monkeypatch.setattr(workbook_size, "MOST_TEXT", MOST)
     log = tmp_path / f"log{suffix}"
     write(log)
     assert log.stat().st_size < MOST / 10
-    with pytest.raises(InputError, match=rf"log{suffix}: holds more than 5 MB when it is unpacked"):
+    with pytest.raises(InputError, match=rf"log{suffix}: holds more than 5 MB,? when it is unp"):
         read_telemetry(log)

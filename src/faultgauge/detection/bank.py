@@ -141,6 +141,7 @@ def build_fault_bank(
             jnp.asarray(TRIED * size),
             growing,
             substeps_for(step, model.max_step),
+            np.asarray(step),
         ),
         noise=_levels(model, noise, len(size), knowledge.memory),
         prior=prior_of_faults(model, size, onset, growing),

@@ -26,6 +26,7 @@ from faultgauge.simulation.intersample import line
 __all__ = ["Belief", "DividedDifferenceFilter", "Flow", "Look", "Noise", "Seen", "raised"]
 
 FAR = 5.0  # standard deviations of an innovation beyond which it is no noise
+MISSING = 1.5  # steps from row to row
 LEAST = 1e-7  # of a state's scale: the shortest difference
 HUGE = 1e60  # above any number in any unit: its square must not overflow
 LOST = -1e3  # log-likelihood of a sample that no finite prediction precedes
@@ -84,7 +85,8 @@ class DividedDifferenceFilter(eqx.Module):
     """One filter over a plant and its discrepancy; pure `step`.
 
     `growing` are the faults that have a growth rate in z, `scale` the sizes of the states and
-    `probe` those of the faults, by which those that are known exactly are varied.
+    `probe` those of the faults, by which those that are known exactly are varied; rows are
+    `step_s` [s] apart, and where one is missing, nobody knows when within it an input changed.
     """
 
     plant: Disturbed
@@ -92,6 +94,7 @@ class DividedDifferenceFilter(eqx.Module):
     probe: Float[Array, "faults"]
     growing: tuple[int, ...] = eqx.field(static=True)
     substeps: int = eqx.field(static=True)
+    step_s: Float[Array | np.ndarray, ""] = eqx.field(default_factory=lambda: np.asarray(np.inf))
 
     @property
     def states(self) -> int:
@@ -138,7 +141,8 @@ class DividedDifferenceFilter(eqx.Module):
         # were it less where a fault takes an input's effect, noise that is too large would speak
         # for the fault
         none = jnp.zeros(k)
-        jump = self.plant.jumps(after, u_before, u, none, none)
+        unseen = jnp.where(dt > MISSING * self.step_s, dt - self.step_s, 0.0)
+        jump = self.plant.jumps(after, u_before, u, none, none, unseen)
         mean = jnp.concatenate([after, A[n:] @ belief.mean])
         rates = jnp.zeros(size - n - k)
         Q = dt * jnp.concatenate([noise.process, noise.walk * self._present(belief), rates]) ** 2

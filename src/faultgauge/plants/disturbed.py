@@ -161,8 +161,11 @@ class Disturbed(Plant):
         u: Float[Array, "inputs"],
         f_before: Float[Array, "faults"],
         f: Float[Array, "faults"],
+        unseen: Float[Array, ""] | float = 0.0,
     ) -> Float[Array, "states"]:
-        """By how much the states may jump where input or faults change (standard deviations)."""
+        """By how much the states may jump where input or faults change (standard deviations). An
+        input that changed may have done so at any time of those last `unseen` [s] in which no row
+        came: by u t / sqrt(3) too far or too near, u being what it does in a second."""
         if not self.following and not self.lagging:
             return jnp.zeros(len(x))
         # what an output's own fault does is not late
@@ -173,6 +176,7 @@ class Disturbed(Plant):
         moved = _acts(self.count, self.following).T @ (dx[0] - dx[1])[own]
         shown = _acts(y.shape[1], self.lagging).T @ (y[0] - y[1])
         jumps = jnp.zeros(len(x)).at[e].set(jnp.abs(self.error.share * moved))
+        jumps = jumps.at[np.array(self.following, int)].set(unseen * jnp.abs(moved) / np.sqrt(3))
         return jumps.at[lag].set(jnp.abs(self.error.late * shown))
 
     def altered(self, changes: Mapping[str, Change]) -> "Disturbed":

@@ -16,6 +16,7 @@ from faultgauge.telemetry.headers import is_stamp, unit_row, with_units
 from faultgauge.telemetry.readers.cells import from_list
 from faultgauge.telemetry.readers.dialect import Dialect
 from faultgauge.telemetry.readers.foreign import reading
+from faultgauge.telemetry.readers.workbook_size import check_workbook
 from faultgauge.telemetry.table import Table, check_width, is_text
 
 __all__ = ["EXCEL_FILES", "in_workbook", "read_excel"]
@@ -50,13 +51,14 @@ def read_excel(path: Path) -> Table:
     A table is rows of numbers and times beneath a header of text: one row of names, or several,
     merged where one spans columns (`pump` over `flow` and `speed` makes `pump flow`), and a row of
     units where there is one. Titles and remarks above and beside it are passed over. Raises
-    `InputError` for a file that is damaged, a sheet that is not there or holds no table, and two
-    columns of one name.
+    `InputError` for a file that is damaged or unpacks to too much, a sheet that is not there or
+    holds no table, and two columns of one name.
     """
     from python_calamine import CalamineWorkbook
 
     file, wanted = in_workbook(path)
     with reading(file, "Excel"):
+        check_workbook(file)
         workbook = CalamineWorkbook.from_path(str(file))
         names = workbook.sheet_names
         sheets = [wanted] if wanted in names else [] if wanted else names
