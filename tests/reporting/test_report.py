@@ -193,6 +193,11 @@ def test_numbers_stand_at_the_right():
     assert '<td class="number">–</td>' in text
 
 
+def test_a_percentage_has_a_space_that_does_not_break():
+    said = render(Report("x", ("2.02% in all, 3 %, and 2.02%.",), (), None, {}))
+    assert "2.02\u00a0% in all, 3\u00a0%, and 2.02\u00a0%." in said
+
+
 def test_eight_figures_lie_open_and_the_others_are_folded_in_their_order():
     five = (estimate(),) * 5
     page = page_of(
