@@ -191,6 +191,8 @@ def test_numbers_stand_at_the_right():
     text = render(Report("x", ("y.",), (), table, {}))
     assert text.count('class="number"') == 1 + 3  # the heading and three cells of one column
     assert '<td class="number">–</td>' in text
+    most = Table(("name", "settling"), (("1", "0.1 s"), ("2", "never"), ("3", "0.2 s")))
+    assert '<td class="number">never</td>' in render(Report("x", ("y.",), (), most, {}))
 
 
 def test_a_percentage_has_a_space_that_does_not_break():
