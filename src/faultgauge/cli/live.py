@@ -133,10 +133,11 @@ class _Speaker:
         from faultgauge.telemetry.writing import stamp
 
         assert isinstance(said, Alarm | BankEvent)
-        alarm, clock = isinstance(said, Alarm), self.stream.clock
+        clock = self.stream.clock
         if self.lines:
-            line = {"said": "alarm", **asdict(said), "start_clock": stamp(clock, said.start)}
-            if not alarm:
+            if isinstance(said, Alarm):
+                line = {"said": "alarm", **asdict(said), "start_clock": stamp(clock, said.start)}
+            else:
                 line = {"said": "event", **decisions.as_dicts([said], clock)[0]}
             print(json.dumps(line, allow_nan=False), file=self.lines)
         unit = self.units.get(said.fault, "")
