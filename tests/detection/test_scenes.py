@@ -90,7 +90,7 @@ def test_a_bias_is_one_event_through_dropouts_and_what_is_not_judged():
     (event,) = said.events
     assert event.lo < 0.1 < event.hi
     assert line.endswith("would not have shown")
-    assert "told at 155 s, seen until 599.5 s" in line
+    assert "told at 155 s, seen until 599.5 s, the end of the log;" in line
 
 
 def test_a_loss_of_gain_is_one_event_however_the_command_rests():
@@ -103,14 +103,15 @@ def test_a_loss_of_gain_is_one_event_however_the_command_rests():
 def test_an_event_ends_with_its_fault():
     said, (line,) = judged("a leak that ends")
     assert said.events[0].end == pytest.approx(140, abs=2.0)
-    assert "seen until 140" in line
+    assert re.search(r"seen until 140(\.5)? s;", line)
     assert set(said.status[300:]) == {"HEALTHY"}
 
 
 def test_an_event_ends_with_the_last_row_that_was_judged():
     """The sensor falls silent at 400 s with the fault still there: nobody knows about later."""
-    said, _ = judged("a sensor that falls silent")
+    said, (line,) = judged("a sensor that falls silent")
     assert said.events[0].end == T[np.flatnonzero(np.array(said.status) == "FAULT")[-1]] < 410
+    assert "seen until 404.5 s, and nothing was judged from then on;" in line
 
 
 def test_an_interval_is_its_two_ends_however_off_centre():

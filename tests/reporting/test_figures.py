@@ -386,6 +386,17 @@ def test_an_overview_shades_the_faults_and_stops_a_healthy_model_that_diverges(c
     np.testing.assert_allclose(spans[1], [(20.0, 40.0)])
 
 
+def test_an_overview_shades_an_alarm_without_a_name_in_another_colour(canvases: list[Any]):
+    drawing = draw_overview(alarms=[(45.0, 55.0)])
+    assert drawing.caption.endswith("In grey: an alarm for which no fault was named.")
+    of_colour = {}
+    for patch in canvases[0].axes[0].patches:
+        of_colour.setdefault(patch.get_facecolor(), []).append(patch.get_x())
+    assert sorted(of_colour.values()) == [[20.0, 60.0], [45.0]]
+    nothing = draw_overview(spans=[], alarms=[(45.0, 55.0)])
+    assert "No fault was told" not in nothing.caption
+
+
 @pytest.mark.parametrize(
     "draw",
     [draw_free_run, draw_residual, draw_curves, draw_estimate, draw_panels, draw_overview],

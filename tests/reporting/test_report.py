@@ -191,6 +191,13 @@ def test_numbers_stand_at_the_right():
     text = render(Report("x", ("y.",), (), table, {}))
     assert text.count('class="number"') == 1 + 3  # the heading and three cells of one column
     assert '<td class="number">–</td>' in text
+    most = Table(("name", "settling"), (("1", "0.1 s"), ("2", "never"), ("3", "0.2 s")))
+    assert '<td class="number">never</td>' in render(Report("x", ("y.",), (), most, {}))
+
+
+def test_a_percentage_has_a_space_that_does_not_break():
+    said = render(Report("x", ("2.02% in all, 3 %, and 2.02%.",), (), None, {}))
+    assert "2.02\u00a0% in all, 3\u00a0%, and 2.02\u00a0%." in said
 
 
 def test_eight_figures_lie_open_and_the_others_are_folded_in_their_order():

@@ -140,8 +140,9 @@ class _Speaker:
         assert isinstance(said, Alarm | BankEvent)
         clock = self.stream.clock
         if self.lines:
-            line = {"said": "alarm", **asdict(said), "start_clock": stamp(clock, said.start)}
-            if isinstance(said, BankEvent):
+            if isinstance(said, Alarm):
+                line = {"said": "alarm", **asdict(said), "start_clock": stamp(clock, said.start)}
+            else:
                 line = {"said": "event", **decisions.as_dicts([said], clock)[0]}
             print(json.dumps(line, allow_nan=False), file=self.lines)
         unit = self.units.get(said.fault, "")

@@ -39,6 +39,7 @@ from faultgauge.identification.weak_form import (
 )
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant_file import PlantSpec
+from faultgauge.progress import Step
 from faultgauge.simulation.free_run import RATE_STEP, fastest_rate
 from faultgauge.telemetry import Run
 from faultgauge.telemetry.resampling import cover
@@ -176,8 +177,9 @@ def fit_equations(
     found, reports, others = [], [], []
     crowded: dict[str, Box] = {}
     warnings: list[str] = []
-    for number, group in enumerate(groups(plant.spec, how.outputs)):
-        progress(f"fitting {group.name}")
+    everyone = groups(plant.spec, how.outputs)
+    for number, group in enumerate(everyone):
+        progress(Step(f"fitting {group.name}", number / (2 * len(everyone))))
         plant = scale_networks(plant, group, training)
         crowded |= crowds(plant, group, training)
         seeds = [[seed, number, k] for k in range(restarts)]
@@ -202,8 +204,8 @@ def fit_equations(
             plants = [*plants, *more]
         found.append((group, plants, solution, weak, runs))
     longest = max_step(plant, training)
-    for group, plants, solution, weak, runs in found:
-        progress(f"selecting {group.name} by free run")
+    for number, (group, plants, solution, weak, runs) in enumerate(found, len(found)):
+        progress(Step(f"selecting {group.name} by free run", number / (2 * len(found))))
         candidates = [_exchange(plant, other, group) for other in plants]
         errors = free_run_errors(candidates, runs, longest)
         starts = len(solution.status)

@@ -157,9 +157,10 @@ def _prose(text: str) -> Markup:
 
 
 def _numeric_columns(table: Table) -> frozenset[int]:
-    """The columns after the first in which every cell is a number, with or without a unit."""
+    """The columns after the first in which most cells are numbers, with or without a unit."""
     return frozenset(
         column
         for column in range(1, len(table.header))
-        if all(NUMBER.fullmatch(row[column].strip()) for row in table.rows)
+        if 2 * sum(1 for row in table.rows if NUMBER.fullmatch(row[column].strip()))
+        > len(table.rows)
     )

@@ -274,7 +274,8 @@ def _estimate_caption(
     if limit is not None:
         parts.append(f"Dash-dotted: the limits, ±{style.quantity(limit, unit)}.")
     if events:
-        parts.append("Shaded: from when it began to when it was last seen.")
+        shaded = "the event" if events == 1 else f"{events} events"
+        parts.append(f"Shaded: {shaded}, from the onset to when the fault was last seen.")
     if hidden:
         parts.append("Hatched: not judged.")
     if truth:

@@ -113,7 +113,6 @@ def check(
     training, held_out = parts(healthy, float(np.clip(spare, LEAST_SHARE, FIT_SHARE)))
     model, account = fit(plant, training, held_out, seed=seed, progress=progress)
     calibration = calibrate(model, held_out, progress=progress)
-    progress("judging the suspect log")
-    decisions, bank = decide_runs(calibration.model, suspect)
+    decisions, bank = decide_runs(calibration.model, suspect, progress=progress)
     account = account._replace(warnings=[*account.warnings, *unlike])
     return Checkup(calibration.model, account, calibration, decisions, bank, held_out)

@@ -115,7 +115,11 @@ def _chapters(logs: DriveLogs, drive: Drive, name: str) -> list[Section]:
 def _settled(drive: Drive) -> str:
     """How soon the edges are followed."""
     longest = drive.figures["settling_max_s"]
-    return f"each edge within {longest:.3f} s" if np.isfinite(longest) else "but not at every edge"
+    return (
+        f"each edge within {longest:.3f} s"
+        if np.isfinite(longest)
+        else "but some edges did not settle"
+    )
 
 
 def newtons_figure(logs: DriveLogs, drive: Drive) -> Figure:
