@@ -4,7 +4,7 @@ An update with the noise as it was found leaves of an innovation e = y - h, of v
 the part e R / S. What is no more than `FAR` sqrt(S) off leaves at most FAR sqrt(R), and what is
 further off had its noise raised (`divided_difference`) and stays off. A glitch is a sample that
 does between two that do not, and does not change what is told. A sensor's fault begins like one,
-and stays.
+and stays; what process noise may explain is none.
 """
 
 from collections import Counter
@@ -16,7 +16,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int
 
 from faultgauge.detection.bank import FaultBank
 from faultgauge.detection.posterior import Posterior
@@ -30,6 +30,7 @@ from faultgauge.telemetry import Run
 __all__ = ["Glitch", "Glitches", "sentences"]
 
 OTHER = 0.5  # of a cause's probability, by which what is told changes
+SMALL = 0.1  # of a glitch: what its neighbours may be off, where faults are undecided
 SHOWN = 3  # of a column's glitches
 
 
@@ -85,19 +86,23 @@ class Glitches:
 
     def _alone(self, each: _Samples, j: int) -> list[int]:
         """The places of glitches."""
-        jumps = np.abs(np.diff(each.y)) > self.limit[j]
+        steps = np.diff(each.y)
+        jumps = np.sign(steps) * (np.abs(steps) > self.limit[j])
         changed = np.abs(each.p[2:] - each.p[:-2]).max(axis=1, initial=0.0) > OTHER
-        peaks = 1 + np.flatnonzero(jumps[:-1] & jumps[1:] & ~changed)
+        peaks = 1 + np.flatnonzero((jumps[:-1] * jumps[1:] < 0) & ~changed)
         if not len(peaks):  # nearly always: nothing is compiled then
             return []
-        near, off, after = (self._off(each, j, peaks + k) for k in (-1, 0, 1))
-        return peaks[off & ~near & ~after].tolist()
+        before, off, after = (self._off(each, j, peaks + k) for k in (-1, 0, 1))
+        near = np.maximum(before, after) <= np.maximum(self.limit[j], SMALL * off)
+        return peaks[near & (off > self.limit[j])].tolist()
 
-    def _off(self, each: _Samples, j: int, at: Int[np.ndarray, "some"]) -> Bool[np.ndarray, "some"]:
-        """Whether samples are far off what is believed after them."""
+    def _off(
+        self, each: _Samples, j: int, at: Int[np.ndarray, "some"]
+    ) -> Float[np.ndarray, "some"]:
+        """How far samples are off what is believed after them."""
         padded = np.pad(at, (0, bucket(len(at)) - len(at)), mode="edge")
         predicted = _outputs(self.bank.plant, *(jnp.asarray(a[padded]) for a in each[3:]))
-        return np.abs(each.y[at] - np.asarray(predicted)[: len(at), j]) > self.limit[j]
+        return np.abs(each.y[at] - np.asarray(predicted)[: len(at), j])
 
 
 @eqx.filter_jit
