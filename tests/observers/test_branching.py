@@ -309,6 +309,18 @@ def test_a_fault_that_goes_is_gone_and_was_there():
     assert calm.ever[-1, PUSH] < 0.1
 
 
+def test_a_branch_whose_probability_is_no_number_is_given_up():
+    """A push 80 times the noise, over 160 samples of up to 12.5 nats each."""
+    state, info = judged(bank((PUSH, BIAS)), log(5, push=[(2.0, 40, COUNT)]))
+    weight, which = np.asarray(state.weight[:4]), np.asarray(state.which[:4])
+    lead = np.argmax(weight)
+    assert which[lead] == PUSHED
+    given_up = weight < weight[lead] - 745
+    assert given_up[which == HEALTHY].all()
+    assert (weight[given_up] < -1e29).all()
+    assert info.p[-1, PUSHED] > 0.99
+
+
 def test_the_same_log_at_a_tenth_of_its_rate_says_the_same():
     """What hides the push is a discrepancy that lasts 2 s, of which samples 0.02 s apart tell no
     more of its size than samples 0.2 s apart: the intervals agree to a fifth. The odds are those of
