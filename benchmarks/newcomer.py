@@ -94,12 +94,12 @@ def run(command: str, folder: Path, cache: Path) -> tuple[float, float, str]:
 def walk(name: str, commands: tuple[str, ...], folder: Path, cache: Path) -> str:
     """Run and print them; the last answer."""
     print(f"\n{name}: {len(commands)} commands")
-    walls, answer = 0.0, ""
+    walls, cpus, answer = 0.0, 0.0, ""
     for command in commands:
         wall, cpu, answer = run(command, folder, cache)
-        walls += wall
+        walls, cpus = walls + wall, cpus + cpu
         print(f"  {wall:6.1f} s, {cpu:6.1f} s of CPU   faultgauge {command}")
-    print(f"  {walls:6.1f} s in all\n{answer}", flush=True)
+    print(f"  {walls:6.1f} s, {cpus:6.1f} s of CPU   in all\n{answer}", flush=True)
     return answer
 
 

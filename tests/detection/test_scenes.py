@@ -71,8 +71,9 @@ def test_since_is_never_later_than_told_where_a_fault_changes_its_sign():
 
 
 def test_a_fault_that_grows_is_one_with_the_onset_it_had():
-    said, _ = judged("a leak that grows")
+    said, (line,) = judged("a leak that grows")
     (event,) = said.events
+    assert "; while it was there between -0.30 and -0.10 m/s;" in line
     assert event.lo < -0.3 < event.hi
     assert event.onset_lo < 150 < event.onset_hi
 
@@ -90,7 +91,7 @@ def test_a_bias_is_one_event_through_dropouts_and_what_is_not_judged():
     (event,) = said.events
     assert event.lo < 0.1 < event.hi
     assert line.endswith("would not have shown")
-    assert "told at 155 s, seen until 599.5 s, the end of the log;" in line
+    assert "told at 155 s, seen until 599.5 s, the end of the log; leak or weak instead" in line
 
 
 def test_a_loss_of_gain_is_one_event_however_the_command_rests():

@@ -5,6 +5,7 @@ import pytest
 from faultgauge.detection.words import (
     UNDECLARED,
     amount,
+    between,
     less_likely,
     likelihoods,
     moment,
@@ -26,6 +27,11 @@ from faultgauge.detection.words import (
 )
 def test_a_size_is_said_with_its_interval_as_fine_as_that_is(size, low, high, said):
     assert amount(size, low, high, "N*m") == said
+
+
+def test_a_size_that_changed_is_said_as_fine_as_it_changed():
+    assert between(-0.29999, -0.0991, "m/s") == "between -0.30 and -0.10 m/s"
+    assert between(2e-8, 4e-8, "1") == "between +2.0e-08 and +4.0e-08"
 
 
 def test_odds_are_said_as_times():

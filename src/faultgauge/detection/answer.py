@@ -21,13 +21,14 @@ from faultgauge.detection.posterior import LIKELY
 from faultgauge.detection.probability import probability
 from faultgauge.detection.shares import Silent, shares_of
 from faultgauge.detection.smallest import smallest_along
-from faultgauge.detection.verdicts import FAULT, HEALTHY, NOT_JUDGED
+from faultgauge.detection.verdicts import FAULT, HEALTHY, NAMED, NOT_JUDGED
 from faultgauge.detection.words import (
     MOST,
     OLDER,
     PURE,
     UNDECLARED,
     amount,
+    between,
     likelihoods,
     listed,
     moment,
@@ -50,6 +51,7 @@ __all__ = [
 ]
 
 WHOLE = 0.95  # share of a log from which on all of it counts as judged: a start is always held off
+CHANGED = 0.1  # of an event: for longer its size was another one
 SPOKEN = 3  # silent stretches that a sentence names
 LINES = 4  # of a first screen
 # what was asked last: every sentence asks anew
@@ -208,7 +210,7 @@ def answer(bank: FaultBank, decision: Decision, event: BankEvent) -> Told:
     """One event."""
     run = decision.run
     head, times = finding(event, _unit(bank, event.fault), bank.step, run.clock)
-    rest = [times + _whether_over(decision, event)]
+    rest = [times + _whether_over(decision, event), *_course(bank, decision, event)]
     others = {each.fault for each in _beside(decision, event)}
     rest += likelihoods(
         (UNDECLARED if cause == UNKNOWN else cause, odds)
@@ -256,6 +258,20 @@ def _whether_over(decision: Decision, event: BankEvent) -> str:
         return ", the end of the log"
     judged = t[np.isin(decision.status, [HEALTHY, FAULT])]
     return "" if np.any(judged > event.end) else ", and nothing was judged from then on"
+
+
+def _course(bank: FaultBank, decision: Decision, event: BankEvent) -> list[str]:
+    """Between what sizes a fault was that was long as large as the event's interval has it not."""
+    if event.size is None or event.lo is None or event.hi is None:
+        return []
+    t, found = decision.run.t, decision.posterior
+    k = bank.model.plant.signals.fault_names.index(event.fault)
+    sure = (t >= event.start) & (t <= event.end) & (np.nan_to_num(found.p[:, k]) >= NAMED)
+    sizes = found.f[sure, k] / found.p[sure, k]
+    if np.sum((sizes < event.lo) | (sizes > event.hi)) <= CHANGED * len(sizes):
+        return []
+    low, high = np.quantile(sizes, [0.05, 0.95])
+    return [f"while it was there {between(low, high, _unit(bank, event.fault))}"]
 
 
 def _beside(decision: Decision, event: BankEvent) -> list[BankEvent]:

@@ -19,8 +19,9 @@ may lie above it as the rate allows. No alarm in T seconds proves only a rate be
 confidence.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from datetime import datetime
 from itertools import count
 from typing import Any, NamedTuple
 
@@ -40,6 +41,7 @@ from faultgauge.detection.noise import Noise
 from faultgauge.detection.priors import AT_START, RARE
 from faultgauge.detection.verdicts import log_odds
 from faultgauge.detection.watch import Watch
+from faultgauge.detection.words import MOST, moment
 from faultgauge.errors import InputError
 from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run, cut
@@ -113,7 +115,7 @@ def calibrate_bank(
     peaks = np.sort([b.peak for b in blocks])[::-1]
     allowed, mtbfa = allowed_peaks(judged, mtbfa, len(peaks))
     level = level_of(peaks, allowed)
-    warnings = _believed_less(widened, suspects)
+    warnings = _believed_less(widened, suspects, {run.name: run.clock for run in runs})
     found = {
         "level": level,
         "widened": widened,
@@ -132,13 +134,17 @@ def calibrate_bank(
     return BankCalibration(found, noise.widened(widened), blocks, suspects, warnings)
 
 
-def _believed_less(widened: float, suspects: Sequence[Block]) -> list[str]:
+def _believed_less(
+    widened: float, suspects: Sequence[Block], clocks: Mapping[str, datetime | None]
+) -> list[str]:
     """That all is as wide as it is, and where the healthy logs asked for it most."""
     if widened == 1.0:
         return []
     worst = sorted(suspects, key=lambda each: -each.peak)[:MOST_NAMED]
     where = "; ".join(
-        f"run {b.run}, {b.start:.6g} s to {b.end:.6g} s ({_odds(b.peak)})" for b in worst
+        f"run {b.run}, {moment(clocks[b.run], b.start, 1.0)} to "
+        f"{moment(clocks[b.run], b.end, 1.0)} ({_odds(b.peak)})"
+        for b in worst
     )
     where = f", most of all in {where}" if worst else ""
     return [
@@ -193,7 +199,8 @@ def level_of(peaks: Float[np.ndarray, "blocks"], allowed: int) -> float:
 
 
 def _odds(peak: float) -> str:
-    return f"{np.exp(min(peak, 100.0)):.2g} to 1"
+    odds = float(np.exp(min(peak, 100.0)))
+    return f"odds of more than {MOST:.0f} to 1" if odds >= MOST else f"odds of {odds:.2g} to 1"
 
 
 def without_calibration(model: Model) -> Model:

@@ -11,6 +11,7 @@ __all__ = [
     "PURE",
     "UNDECLARED",
     "amount",
+    "between",
     "less_likely",
     "likelihoods",
     "listed",
@@ -35,13 +36,23 @@ UNDECLARED = "something undeclared"
 
 def amount(size: float, low: float, high: float, unit: str) -> str:
     """ "+0.100 N*m (+0.096 to +0.104)", as fine as the interval is."""
-    digits = decimals(high - low)
-    largest = max(abs(low), abs(high), abs(size))
-    style = f"+.{digits}f"
-    if 0 < largest < SMALL:
-        style = f"+.{max(digits + int(np.floor(np.log10(largest))), 0)}e"
+    style = _style(low, high)
     unit = "" if unit in PURE else unit
     return f"{size:{style}} {unit}".rstrip() + f" ({low:{style}} to {high:{style}})"
+
+
+def between(low: float, high: float, unit: str) -> str:
+    """ "between +0.10 and +0.30 N*m", as fine as they are apart."""
+    style = _style(low, high)
+    return f"between {low:{style}} and {high:{style}} {'' if unit in PURE else unit}".rstrip()
+
+
+def _style(low: float, high: float) -> str:
+    """How what lies from `low` to `high` is written."""
+    digits, largest = decimals(high - low), max(abs(low), abs(high))
+    if 0 < largest < SMALL:
+        return f"+.{max(digits + int(np.floor(np.log10(largest))), 0)}e"
+    return f"+.{digits}f"
 
 
 def number(value: float, figures: int = 3) -> str:
