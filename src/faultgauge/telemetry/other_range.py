@@ -76,7 +76,10 @@ def _usual(model: Model) -> dict[str, tuple[float, float]]:
     columns = {state: name for state, (name, order) in states if name and order == 0}
     columns |= {name: name for name in signals.input_names}
     spans = {column: envelope[name] for name, column in columns.items() if name in envelope}
-    return {column: (low, high) for column, (low, high) in spans.items() if high > low}
+    # a record may hold whole numbers
+    return {
+        column: (float(low), float(high)) for column, (low, high) in spans.items() if high > low
+    }
 
 
 def _sentence(source: str, far: Sequence[_Signal], swapped: Sequence[_Signal]) -> str:
