@@ -52,7 +52,7 @@ def test_faults_and_what_judges_them_are_taken(call, workshop, tmp_path):
     assert (signals.faults[1].monitor, signals.faults[1].prior_per_hour) == ("passive", 0.5)
     assert (signals.detection.persistence, signals.max_simultaneous) == (0.5, 1)
     assert signals.observation.bandwidth == 2
-    assert set((after.calibration or {})["channels"]) == {"leak", "gauge"}
+    assert (after.calibration or {})["bandwidth"] == 2
 
     weights, same = tensors(before.plant), tensors(after.plant)
     assert {k: v.tobytes() for k, v in weights.items()} == {k: v.tobytes() for k, v in same.items()}
