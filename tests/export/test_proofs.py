@@ -141,8 +141,8 @@ def test_a_million_steps_of_nonsense_stay_within_their_memory(cc, folder):
     ran(["./fuzzed"], folder)
 
 
-# Of what the step decides, at least so much is decided both ways (conditions: 92.5 % were) and shown
-# to decide alone (MC/DC: 53 %); the rest is listed, and docs/export.md says what it is.
+# Of what the step decides, at least so much is decided both ways (conditions; 92.5 % were) and is
+# shown to decide alone (MC/DC; 53 % were); the rest is listed, and docs/export.md says what it is.
 BOTH_WAYS, ALONE = 0.9, 0.5
 
 
