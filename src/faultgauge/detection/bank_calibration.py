@@ -55,7 +55,7 @@ BY_CHANCE = 0.05  # how often healthy logs may show more
 TRIES = 6  # of how far the evidence can be believed, usually at most
 STEEP = 1.02  # so that few are needed
 CLOSE = 1.04  # times what is needed, either way: close enough
-MOST = np.log(1e3)  # of how many times as large noise may be
+LARGEST = np.log(1e3)  # of how many times as large noise may be
 NEVER = (
     "the healthy logs look faulty however large noise is taken; look at `faultgauge evaluate`, or "
     "leave out what was not healthy with --where."
@@ -182,7 +182,7 @@ def _believed(
         high = excess / 2 + np.log(STEEP)
         while over(high) > 0:
             high *= 1.5
-            if high > MOST:
+            if high > LARGEST:
                 raise InputError(NEVER)
         brentq(over, 0.0, high, xtol=np.log(CLOSE))
     larger = min(each for each in judged if over(each) <= 0)

@@ -51,7 +51,7 @@ ROUNDS = (16, 12, 8)  # steps of each search; the constants are told anew betwee
 STARTS = tuple(product((1.0, 10.0, 100.0), (1.0, 30.0)))
 FIRST = 2  # steps of each; then of the better half, and so on
 SEARCHES = 3  # of all ROUNDS: the plant's levels, then each kind of error of outputs
-ENOUGH = 1.0  # of log-likelihood: a step that gains less is the last
+ENOUGH = 0.3  # of log-likelihood: a step that gains less is the last
 NONE = 1e-6  # times the usual: as good as no discrepancy
 
 

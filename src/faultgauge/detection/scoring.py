@@ -18,7 +18,7 @@ from faultgauge.detection.innovation_likelihood import AT_ONCE, Told
 
 __all__ = ["scored"]
 
-DIFFERENCE = 1e-2  # of a logarithm, for the slopes: where a filter is at times lost, less is rough
+DIFFERENCE = 3e-3  # of a logarithm, for the slopes: where a filter is at times lost, less is rough
 DAMPING = 0.1  # times the information itself: the first
 FACTORS = 10.0 ** np.arange(-1, AT_ONCE - 1)  # times the last damping: those that are tried
 WEAK = 1e-3  # information of what no sample tells, which so stays where it is
@@ -53,9 +53,11 @@ def scored(
     cost = float(told.cost[0] + unlikely(x[None])[0])
     for _ in range(most):
         stepped()
-        slope = (told.cost[1:] - told.cost[0]) / DIFFERENCE
+        M = _information(told)
+        # a difference to one side is off by half of its length times the curvature
+        slope = (told.cost[1:] - told.cost[0]) / DIFFERENCE - DIFFERENCE / 2 * np.diagonal(M)
         slope = slope + np.where(weight > 0, (x - center) * weight, 0.0)
-        M = _information(told) + np.diag(weight + WEAK)
+        M = M + np.diag(weight + WEAK)
         free = ~(((x <= low) & (slope > 0)) | ((x >= high) & (slope < 0)))
         best, gain = x, 0.0
         for _ in range(PULLS):
