@@ -1,0 +1,64 @@
+"""Fisher's scoring on samples whose likeliest levels are known in closed form."""
+
+import numpy as np
+import pytest
+
+from faultgauge.detection.innovation_likelihood import Told
+from faultgauge.detection.scoring import scored
+
+rng = np.random.default_rng(0)
+SAMPLES = rng.standard_normal((2, 500)) * np.array([[0.3], [20.0]])
+FREE = np.full(2, -30.0), np.full(2, 30.0), np.zeros(2), np.full(2, np.inf)
+
+
+def tell(levels):
+    """Independent samples, normal with the standard deviations exp(level), a row of them each."""
+    root = np.repeat(levels, SAMPLES.shape[1], axis=1)
+    white = SAMPLES.ravel() * np.exp(-root)
+    cost = np.sum(white**2 / 2 + root, axis=1)
+    return Told(cost, np.zeros((len(levels), 1, 0)), np.zeros((len(levels), 1, 0, 0)), white, root)
+
+
+def climbed(low, high, center, pull, most=50, enough=1e-9):
+    steps = []
+    prior = (center, pull)
+    found, cost = scored(
+        tell, np.zeros(2), low, high, *prior, most, enough, lambda: steps.append(1)
+    )
+    return found, cost, len(steps)
+
+
+def test_the_likeliest_levels_are_the_samples_own():
+    """ln of the root of the mean square, each; of 500 squares that is known to 1 / sqrt(1000), and
+    the slopes' differences are a tenth of that."""
+    found, cost, steps = climbed(*FREE)
+    exact = np.log(np.sqrt(np.mean(SAMPLES**2, axis=1)))
+    np.testing.assert_allclose(found, exact, atol=1e-3)
+    assert cost == pytest.approx(tell(exact[None]).cost[0], abs=1e-3)
+    assert steps < 20  # steps of at most 2, from 0 to 3, and then by the curvature
+
+
+def test_a_bound_holds_and_leaves_the_other_level_free():
+    low, _, *prior = FREE
+    found, _, _ = climbed(low, np.array([30.0, 2.0]), *prior)
+    assert found[1] == 2.0
+    assert found[0] == pytest.approx(np.log(np.sqrt(np.mean(SAMPLES[0] ** 2))), abs=1e-3)
+
+
+def test_a_prior_pulls_as_its_weight_says():
+    """d/dx [n ln s + sum y^2 / 2 s^2 + (x - c)^2 / 2 pull^2] = 0 at what is found; the slope's
+    scale is n / pull^2 of some thousand."""
+    low, high, _, _ = FREE
+    center, pull = np.array([2.0, 0.0]), np.array([0.05, np.inf])
+    found, _, _ = climbed(low, high, center, pull)
+    n = SAMPLES.shape[1]
+    slope = n - np.sum(SAMPLES[0] ** 2) * np.exp(-2 * found[0]) + (found[0] - 2.0) / 0.05**2
+    assert abs(slope) < 1e-2 * n
+    assert found[0] > np.log(np.sqrt(np.mean(SAMPLES[0] ** 2))) + 0.1
+
+
+def test_the_search_ends_where_a_step_gains_little_and_says_how_often_it_went():
+    _, _, long = climbed(*FREE)
+    _, cost, short = climbed(*FREE, enough=1e9)
+    assert short == 1 < long
+    assert cost < tell(np.zeros((1, 2))).cost[0]
