@@ -103,6 +103,11 @@ def estimate_noise(
         held = {"size", "lasting", "share", "settling"}
         guess = guess._replace(**without)
         noise = _searched(model, batch, guess, bounds, held, sum(ROUNDS), stepped)
+    if not batch.run(model, [noise]).cost[0] / batch.count < -dd.LOST / 4:
+        raise InputError(
+            "the model does not follow the healthy logs at all, so its noise cannot be told; look "
+            "at `faultgauge evaluate`."
+        )
     noise = as_unsure_as_few_runs_tell(model, batch, noise)
     samples = [averaged.get(name, 1.0) for name in model.plant.signals.output_names]
     return noise._replace(sigma=noise.sigma * np.sqrt(samples))
@@ -190,12 +195,7 @@ def _searched(
         return batch.run(model, [levels_of(row, noise) for row in logs])
 
     own = [each[at] for each in (start, bounds.low, bounds.high, bounds.center, bounds.pull)]
-    found, cost = scored(tell, *own, most=most, enough=ENOUGH, stepped=stepped)
-    if not np.all(np.isfinite(found)) or not cost / batch.count < -dd.LOST / 4:
-        raise InputError(
-            "the model does not follow the healthy logs at all, so its noise cannot be told; look "
-            "at `faultgauge evaluate`."
-        )
+    found, _ = scored(tell, *own, most=most, enough=ENOUGH, stepped=stepped)
     logs = start.copy()
     logs[at] = found
     return levels_of(logs, noise)

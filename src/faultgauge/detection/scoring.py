@@ -12,7 +12,7 @@ hundred. Steps are damped as Levenberg and Marquardt's; several dampings are tri
 from collections.abc import Callable
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from faultgauge.detection.innovation_likelihood import AT_ONCE, Told
 
@@ -94,7 +94,7 @@ def _information(told: Told) -> Float[np.ndarray, "levels levels"]:
 def _step(
     M: Float[np.ndarray, "levels levels"],
     slope: Float[np.ndarray, "levels"],
-    free: np.ndarray,
+    free: Bool[np.ndarray, "levels"],
     damping: float,
 ) -> Float[np.ndarray, "levels"]:
     """Downhill, along the levels that are `free`."""
