@@ -189,7 +189,7 @@ def _parameters(
     bank: FaultBank, decision: Decision, healthy: Bool[np.ndarray, "samples"]
 ) -> list[Drift]:
     """Drifting parameters that moved by more than their prior spread."""
-    first = bank.plant.parts[-1].start
+    first = bank.plant.parts.xi.start
     units = {p.name: p.unit for p in bank.model.plant.spec.parameters}
     found = []
     for k, name in enumerate(drifting_of(bank.model)):
@@ -214,7 +214,7 @@ def _constants(
     plant, run = bank.plant, decision.run
     units = {p.name: p.unit for p in bank.model.plant.spec.parameters}
     W = np.asarray(plant.directions)
-    off = W @ decision.posterior.x[np.flatnonzero(healthy)[-1], plant.parts[-1]]
+    off = W @ decision.posterior.x[np.flatnonzero(healthy)[-1], plant.parts.xi]
     far = off / np.linalg.norm(W, axis=1)
     seconds = float(healthy.sum() * run.step)
     return [

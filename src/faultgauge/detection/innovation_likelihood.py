@@ -145,6 +145,7 @@ class Likelihood:
             plant.directions,
             wandering=plant.wandering,
             lagging=plant.lagging,
+            straying=plant.straying,
         )
         found = _costs(
             bare,
@@ -182,7 +183,7 @@ def _costs(
     more = jnp.zeros((len(x), len(scale) - x.shape[1]))
     begin = jnp.concatenate([x, more], axis=1)
 
-    xi = plant.parts[-1]
+    xi = plant.parts.xi
 
     def of(
         error: Error, offset: Array, W: Array, noise: dd.Noise, sd: Array

@@ -77,8 +77,9 @@ def knowledge_of(
     start = np.ones(len(q))
     start[:states] = q[:states] * np.sqrt(dt)
     start[states : states + len(noise.size)] = noise.size
-    _, _, e, b, late, _ = plant.parts
-    start[e], start[late], start[b] = 0.0, 0.0, noise.wander[list(noise.wanders)]
+    parts = plant.parts
+    start[parts.e], start[parts.lag] = 0.0, 0.0
+    start[parts.b], start[parts.a] = noise.wander[list(noise.wanders)], noise.stray[list(noise.strays)]
     P = np.diag(start**2)
     for _ in range(TIMES):
         P = _predicted(A, C, Q, R, P)

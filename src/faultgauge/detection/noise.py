@@ -1,6 +1,6 @@
 """How far the plant is from its model: what calibration finds, and the plant that it makes."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import jax
@@ -18,6 +18,7 @@ from faultgauge.plants.signals import Fault
 
 __all__ = [
     "LATE",
+    "STRAY",
     "WANDER",
     "directions_of",
     "error_of",
@@ -39,6 +40,7 @@ __all__ = [
 
 WANDER = ("wander", "wandering")  # absent where no output does
 LATE = ("late", "lag")
+STRAY = ("stray", "straying")  # absent where no input does
 MOST_CONSTANTS = 6  # that are tracked: those that matter most
 USUAL_SPREAD = 0.01  # of a constant, from run to run
 
@@ -50,8 +52,8 @@ class Noise(NamedTuple):
     `spread` of the constants between runs, by how much `shift` their mean is off the fitted
     value, which an error of the model may have biased, and what share of their variance a gap
     within a run makes anew (`renewed`); `wander` of an output, which lasts for `wandering` [s], and
-    the share of what an input's change does to it that comes `late`, within `lag` [s]; 0, or
-    nothing at all, where its equation lacks nothing."""
+    the share of what an input's change does to it that comes `late`, within `lag` [s]; by what an input is
+    `stray`, for about `straying` [s]; 0, or nothing at all, where nothing of that kind is."""
 
     sigma: Float[np.ndarray, "outputs"]
     process: Float[np.ndarray, "states"]
@@ -67,6 +69,8 @@ class Noise(NamedTuple):
     wandering: Float[np.ndarray, "outputs"] = np.zeros(0)
     late: Float[np.ndarray, "outputs"] = np.zeros(0)
     lag: Float[np.ndarray, "outputs"] = np.zeros(0)
+    stray: Float[np.ndarray, "inputs"] = np.zeros(0)
+    straying: Float[np.ndarray, "inputs"] = np.zeros(0)
 
     @property
     def wanders(self) -> tuple[int, ...]:
@@ -78,10 +82,15 @@ class Noise(NamedTuple):
         """The outputs of which a share comes late."""
         return tuple(np.flatnonzero(self.late).tolist())
 
+    @property
+    def strays(self) -> tuple[int, ...]:
+        """The inputs that stray."""
+        return tuple(np.flatnonzero(self.stray).tolist())
+
     def widened(self, factor: float) -> "Noise":
         """What acts within a run `factor` times as large, which changes no gain of a filter; how
         constants differ between runs is no error of it."""
-        own = ("sigma", "process", "drift", "size", "share", "wander", "late")
+        own = ("sigma", "process", "drift", "size", "share", "wander", "late", "stray")
         return self._replace(**{name: factor * getattr(self, name) for name in own})
 
     def as_dict(self, model: Model) -> dict[str, dict[str, float]]:
@@ -90,12 +99,9 @@ class Noise(NamedTuple):
             key: dict(zip(each, values.tolist(), strict=True))
             for key, each, values in zip(self._fields, _names(model), self, strict=False)
         }
-        outputs = model.plant.signals.output_names
-        return block | {
-            key: {outputs[j]: float(getattr(self, key)[j]) for j in there}
-            for keys, there in ((WANDER, self.wanders), (LATE, self.lags))
-            for key in keys
-        }
+        for keys, names, there in _beside(model, self):
+            block |= {k: {names[j]: float(getattr(self, k)[j]) for j in there} for k in keys}
+        return block
 
 
 def _names(model: Model) -> tuple[Sequence[str], ...]:
@@ -107,6 +113,16 @@ def _names(model: Model) -> tuple[Sequence[str], ...]:
     return (*measured, driven, driven, following, following, known, known, known)
 
 
+def _beside(
+    model: Model, noise: Noise
+) -> Iterator[tuple[tuple[str, str], tuple[str, ...], tuple[int, ...]]]:
+    """What need not be there: the levels, the names of what may have them, which do."""
+    signals = model.plant.signals
+    yield WANDER, signals.output_names, noise.wanders
+    yield LATE, signals.output_names, noise.lags
+    yield STRAY, signals.input_names, noise.strays
+
+
 def drifting_of(model: Model) -> tuple[str, ...]:
     """Parameters with `vary = "slow"`."""
     return tuple(p.name for p in model.plant.spec.parameters if p.vary == "slow")
@@ -115,7 +131,8 @@ def drifting_of(model: Model) -> tuple[str, ...]:
 def noise_of(model: Model) -> Noise:
     """What `calibrate` found. Raises `InputError` for a model without it."""
     block = (model.calibration or {}).get("noise")
-    if block is None or {*block, *WANDER, *LATE} != set(Noise._fields):
+    optional = (*WANDER, *LATE, *STRAY)
+    if block is None or {*block, *optional} != set(Noise._fields):
         raise InputError(
             "the model holds no noise levels, which the bank needs; run `faultgauge "
             "calibrate` on healthy logs, or use --observer eso."
@@ -125,8 +142,12 @@ def noise_of(model: Model) -> Noise:
             np.array([float(block[key][name]) for name in each])
             for key, each in zip(Noise._fields, _names(model), strict=False)
         ]
-        outputs = model.plant.signals.output_names
-        more = [[block.get(key, {}).get(name, 0.0) for name in outputs] for key in (*WANDER, *LATE)]
+        signals = model.plant.signals
+        named = [signals.output_names] * 4 + [signals.input_names] * 2
+        more = [
+            [block.get(key, {}).get(name, 0.0) for name in names]
+            for key, names in zip(optional, named, strict=True)
+        ]
     except KeyError as missing:
         raise InputError(
             f"the model's noise levels say nothing of {missing}; run `faultgauge calibrate` anew."
@@ -252,6 +273,7 @@ def disturbed(model: Model, noise: Noise, undeclared: tuple[Fault, ...] = ()) ->
         undeclared,
         noise.wanders,
         noise.lags,
+        noise.strays,
     )
 
 
@@ -262,9 +284,10 @@ def offset_of(model: Model, noise: Noise) -> Float[np.ndarray, "parameters"]:
 
 def error_of(noise: Noise) -> Error:
     """What of `noise` the plant itself has."""
-    wanders, lags = list(noise.wanders), list(noise.lags)
+    wanders, lags, strays = list(noise.wanders), list(noise.lags), list(noise.strays)
     own = (noise.lasting, noise.settling, noise.share)
-    parts = (*own, noise.wandering[wanders], noise.lag[lags], noise.late[lags])
+    beside = (noise.wandering[wanders], noise.lag[lags], noise.late[lags], noise.straying[strays])
+    parts = (*own, *beside)
     return Error(*(jnp.asarray(each) for each in parts))
 
 
@@ -272,7 +295,7 @@ def process_of(
     noise: Noise, drifted: Float[np.ndarray, "drifting"]
 ) -> Float[np.ndarray, "extended"]:
     """Per sqrt(s), of the states of `Disturbed`."""
-    wanders = list(noise.wanders)
+    wanders, strays = list(noise.wanders), list(noise.strays)
     return np.concatenate(
         [
             noise.process,
@@ -280,6 +303,7 @@ def process_of(
             np.zeros(len(noise.share)),
             noise.wander[wanders] * np.sqrt(2 / noise.wandering[wanders]),
             np.zeros(len(noise.lags)),
+            noise.stray[strays] * np.sqrt(2 / noise.straying[strays]),
             noise.drift / np.maximum(drifted, 1e-300),
             np.zeros(len(noise.spread)),
         ]
@@ -317,7 +341,8 @@ def start_spread(
     follows = noise.share * largest  # an input may have changed by all it can just before
     wanders, lags = list(noise.wanders), list(noise.lags)
     late = noise.late[lags] * ranges_of(model)[lags]
-    rest = noise.wander[wanders], late, np.ones(len(drifted) + len(noise.spread))
+    stray = noise.stray[list(noise.strays)]
+    rest = noise.wander[wanders], late, stray, np.ones(len(drifted) + len(noise.spread))
     return np.concatenate([sd, noise.size, follows, *rest])
 
 
@@ -327,7 +352,8 @@ def scale_of(model: Model, noise: Noise) -> Float[np.ndarray, "extended"]:
     rest = np.ones(len(drifting_of(model)) + len(noise.spread))
     follows = rates_of(model)[list(following_states(model.plant))]
     own = noise.wander[list(noise.wanders)], ranges_of(model)[list(noise.lags)]
-    return np.concatenate([x, noise.size, follows, *own, rest])
+    stray = noise.stray[list(noise.strays)]
+    return np.concatenate([x, noise.size, follows, *own, stray, rest])
 
 
 def width_of(low: float, high: float) -> float:

@@ -9,19 +9,21 @@ Where a log is sampled far faster than it moves, means over blocks of samples te
 what noise of a few samples' memory adds up to.
 """
 
+import sys
 from collections.abc import Callable, Sequence, Set
 from itertools import count, product
 
 import numpy as np
 from jaxtyping import Float
 
+from faultgauge.detection.input_errors import with_errors_of_inputs
 from faultgauge.detection.innovation_likelihood import (
     SAMPLES,
     Likelihood,
     Told,
     healthy_stretches,
 )
-from faultgauge.detection.noise import LATE, WANDER, Noise
+from faultgauge.detection.noise import LATE, STRAY, WANDER, Noise
 from faultgauge.detection.noise_levels import (
     Bounds,
     bounds_of,
@@ -50,7 +52,7 @@ ROUNDS = (16, 12, 8)  # steps of each search; the constants are told anew betwee
 # and the discrepancy
 STARTS = tuple(product((1.0, 10.0, 100.0), (1.0, 30.0)))
 FIRST = 2  # steps of each; then of the better half, and so on
-SEARCHES = 3  # of all ROUNDS: the plant's levels, then each kind of error of outputs
+SEARCHES = 4  # of all ROUNDS: the plant's levels, then each kind of error of outputs
 ENOUGH = 0.3  # of log-likelihood: a step that gains less is the last
 NONE = 1e-6  # times the usual: as good as no discrepancy
 
@@ -87,17 +89,17 @@ def estimate_noise(
         noise = _started(model, batch, guess, bounds, stepped)
         noise = _alternated(model, batch, noise, bounds, stepped)
         spans = spans_of(runs[0].step, stretches)
-        for _ in (WANDER, LATE):
-            more = with_errors_of_outputs(model, batch, noise, spans)
-            added = len(more.wanders + more.lags) - len(noise.wanders + noise.lags)
+        for beside in (with_errors_of_inputs, with_errors_of_outputs, with_errors_of_outputs):
+            more = beside(model, batch, noise, spans)
+            added = _beside(more) - _beside(noise)
             if not added:
-                break
-            own = {name: getattr(more, name) for name in (*WANDER, *LATE)}
+                continue
+            own = {name: getattr(more, name) for name in (*WANDER, *LATE, *STRAY)}
             bounds = bounds_of(guess._replace(**own), runs[0].step, stretches)
             more = _alternated(model, batch, more, bounds, stepped)
-            if _gain(model, batch, noise, more, bounds) < np.log(batch.count) * added:
-                break
-            noise = more
+            print("BESIDE", beside.__name__, added, _gain(model, batch, noise, more, bounds), more, file=sys.stderr)
+            if _gain(model, batch, noise, more, bounds) > np.log(batch.count) * added:
+                noise = more
     else:
         without = {n: NONE * getattr(guess, n) for n in ("size", "share", "spread")}
         held = {"size", "lasting", "share", "settling"}
@@ -125,6 +127,10 @@ def _alternated(
         noise = _searched(model, batch, noise, bounds, set(), steps, stepped)
         noise = constants_retold(model, batch, noise)
     return noise
+
+
+def _beside(noise: Noise) -> int:
+    return len(noise.wanders + noise.lags + noise.strays)
 
 
 def _costs(

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
+from scipy.special import comb
 
 from faultgauge.detection.innovation_likelihood import Stretch
 from faultgauge.detection.judged import operating_points
@@ -38,8 +39,9 @@ __all__ = [
 # the constants' mean and spread are told in another way
 SEARCHED = (
     *("sigma", "process", "drift", "size", "lasting", "share", "settling"),
-    *("wander", "wandering", "late", "lag"),
+    *("wander", "wandering", "late", "lag", "stray", "straying"),
 )
+ORDERS = 8  # of differences: beyond, next to nothing fades that has not
 REACH = np.log(1e4)  # a level is looked for within this factor of its first guess
 USUAL_SIZE = 0.03  # of a state's rate: the discrepancy
 USUAL_SHARE = 0.1  # of an input's effect: what a change of it is off by
@@ -85,18 +87,14 @@ def levels_of(logs: Float[np.ndarray, "levels"], noise: Noise) -> Noise:
 
 
 def first_guess(model: Model, runs: Sequence[Run], stretches: Sequence[Stretch]) -> Noise:
-    """First guesses: sigma from second differences, a state as unsure as a tenth of its own
-    output's noise in one sample, or a thousandth of its range where it is hidden."""
+    """First guesses: sigma by what is white in an output's own samples, a state as unsure as a
+    tenth of its own output's noise in one sample, or a thousandth of its range where it is
+    hidden."""
     signals, step = model.plant.signals, runs[0].step
     sigma = np.ones(len(signals.outputs))
     for j, output in enumerate(signals.outputs):
         own = [s.y[np.isfinite(s.y[:, j]), j] for s in stretches]
-        second = np.concatenate([np.diff(y, 2) for y in own])
-        if len(second):
-            sigma[j] = 1.4826 * np.median(np.abs(second)) / np.sqrt(6)
-            sigma[j] = max(sigma[j], 1e-2 * np.std(second), 1e-12)
-        if output.sigma:
-            sigma[j] = output.sigma
+        sigma[j] = output.sigma or _white(own) or sigma[j]
     process = 1e-3 * np.ptp(operating_points(model).x, axis=0) + 1e-12
     for j, output in enumerate(signals.outputs):
         if output.measures is not None:
@@ -124,7 +122,25 @@ def first_guess(model: Model, runs: Sequence[Run], stretches: Sequence[Stretch])
         sigma, process, np.array(drift, float), size, lasting, share, settling,
         np.array(spread, float), np.zeros(len(spread)), np.zeros(len(spread)),
         *[np.zeros(len(sigma))] * 4,
+        *[np.zeros(len(signals.inputs))] * 2,
     )  # fmt: skip
+
+
+def _white(parts: Sequence[Float[np.ndarray, "_"]]) -> float:
+    """Standard deviation of what is white in a signal, of which these are parts; 0 where they are
+    too short. White noise alone outlasts differences of all orders d,
+
+        sigma_d^2 = var(diff^d y) / binom(2d, d)
+
+    (P. Hall, J. W. Kay and D. M. Titterington, Biometrika 77 (1990)); motion fades the more, the
+    higher the order, so the least is taken, by medians, which a few jumps do not move."""
+    found = []
+    for order in range(2, ORDERS + 1):
+        differences = np.concatenate([np.diff(y, order) for y in parts])
+        if len(differences):
+            typical = 1.4826 * np.median(np.abs(differences))
+            found.append(max(typical, 1e-2 * np.std(differences)) / np.sqrt(comb(2 * order, order)))
+    return max(min(found), 1e-12) if found else 0.0
 
 
 class Spans(NamedTuple):
@@ -149,7 +165,7 @@ def bounds_of(guess: Noise, step: float, stretches: Sequence[Stretch]) -> Bounds
     center = logs_of(guess)
     named = dict(zip(SEARCHED, np.split(center, np.cumsum([*sizes.values()])[:-1]), strict=True))
     low, high = ({name: a + r for name, a in named.items()} for r in (-REACH, REACH))
-    most = {"lasting": spans.longest, "wandering": spans.longest}
+    most = {name: spans.longest for name in ("lasting", "wandering", "straying")}
     most |= {"settling": spans.settled, "lag": spans.settled}
     if len(guess.drift):
         most["lasting"] = max(SLOWER * spans.longest / LONGEST, 20 * step)
@@ -159,7 +175,7 @@ def bounds_of(guess: Noise, step: float, stretches: Sequence[Stretch]) -> Bounds
     for name in ("share", "late"):
         high[name][:] = 0.0
     pull = {name: np.full(count, np.inf) for name, count in sizes.items()}
-    for name in ("size", "share", "lasting"):
+    for name in ("sigma", "size", "share", "lasting"):
         pull[name][:] = UNSURE
     low, high, pull = (np.concatenate([each[n] for n in SEARCHED]) for each in (low, high, pull))
     return Bounds(low, high, center, pull)

@@ -53,9 +53,9 @@ class Start(eqx.Module):
         extended = start_spread(model, noise, ())
         extended[: len(sd)] = sd
         plant = bank.plant
-        _, d, _, b, _, _ = plant.parts
-        fading = [*range(d.start, d.stop), *range(b.start, b.stop)]
-        lasting = np.concatenate([plant.error.tau, plant.error.wandering])
+        parts, error = plant.parts, plant.error
+        fading = [k for part in (parts.d, parts.b, parts.a) for k in range(part.start, part.stop)]
+        lasting = np.concatenate([error.tau, error.wandering, error.straying])
         return Start(
             (x.max(axis=0) + x.min(axis=0)) / 2, sd, extended, extended[fading], lasting,
             np.asarray(noise.renewed, float), tuple(fading), tuple(int(j) for j in measured),

@@ -145,9 +145,9 @@ def _after_gap(
     n = bank.modes.filter.states
     keep = np.ones(n)
     keep[:states] = 0.0
-    _, d, _, b, _, _ = bank.plant.parts
+    parts = bank.plant.parts
     lasting = np.exp(-gap / np.asarray(bank.plant.times))
-    for part in (d, b):
+    for part in (parts.d, parts.b, parts.a):
         keep[part] = lasting[part.start - states : part.stop - states]
     keep[n - len(bank.noise.renewed) :] = np.sqrt(1 - bank.noise.renewed)
     fresh = sd**2

@@ -1,10 +1,12 @@
 """A plant that is not its model: F is followed by a discrepancy, and constants are uncertain.
 
-    x' = F(x, u; theta + offset + W xi) + E (d + e),    d' = -d / tau + w,    xi' = 0,
+    x' = F(x, u + a; theta + offset + W xi) + E (d + e),    d' = -d / tau + w,    xi' = 0,
 
     e' = -e / settling,    and by N(0, (share (F(x, u) - F(x, u before)))^2) where u changes
 
-    y = h(x', x, u) + b + l,    b' = -b / wandering + w,
+    a' = -a / straying + w,
+
+    y = h(x', x, u + a) + b + l,    b' = -b / wandering + w,
 
     l' = -l / lag,    and by N(0, (late (h(x', x, u) - h(x', x, u before)))^2) where u changes
 
@@ -12,7 +14,9 @@ d is a Gauss-Markov process beside every state that is not exact kinematics (Ken
 R. Statist. Soc. B 63 (2001), "Bayesian calibration of computer models": what the model lacks is a
 process of its own); with infinite tau it is a random walk. e is what an input's change does
 besides: a random share of its effect, so that a lag or a delay that the model does not have is
-borne for as long as `settling`, and no loop that answers d by u makes d look like an effect of u. b
+borne for as long as `settling`, and no loop that answers d by u makes d look like an effect of u. a
+is by what an input strays from what is commanded, wherever the input acts: a supply that gives way,
+a pump's curve. b
 is what an output's own equation lacks, where healthy logs show that it lacks something: noise of a
 sensor that remembers, a gust in what an accelerometer feels; l is what an input's change does to an
 output besides, a random share as e is: a flow that follows its command within seconds. xi are the
@@ -35,13 +39,21 @@ from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant import Change, Plant, respond
 from faultgauge.plants.signals import Fault, Signals, State
 
-__all__ = ["Disturbed", "Error", "answering_outputs", "dynamic_states", "following_states"]
+__all__ = [
+    "Disturbed",
+    "Error",
+    "answering_outputs",
+    "dynamic_states",
+    "following_states",
+    "shared_inputs",
+]
 
 
 class Error(NamedTuple):
     """Time constant `tau` [s] of every driven state's d; of every e its time constant `settling`
     [s] and its `share` of what an input's change does (a standard deviation); time constant
-    `wandering` [s] of every b; of every l its time constant `lag` [s] and its share, `late`."""
+    `wandering` [s] of every b; of every l its time constant `lag` [s] and its share, `late`;
+    time constant `straying` [s] of every a."""
 
     tau: Float[Array, "driven"]
     settling: Float[Array, "following"]
@@ -49,12 +61,25 @@ class Error(NamedTuple):
     wandering: Float[Array | np.ndarray, "wandering"] = np.zeros(0)
     lag: Float[Array | np.ndarray, "lagging"] = np.zeros(0)
     late: Float[Array | np.ndarray, "lagging"] = np.zeros(0)
+    straying: Float[Array | np.ndarray, "straying"] = np.zeros(0)
+
+
+class Parts(NamedTuple):
+    """Where x, d, e, b, l, a and xi stand among the states."""
+
+    x: slice
+    d: slice
+    e: slice
+    b: slice
+    lag: slice
+    a: slice
+    xi: slice
 
 
 class Disturbed(Plant):
-    """`base` with the states [x, d, e, b, l, xi]; `driven` are the states that d acts on,
+    """`base` with the states [x, d, e, b, l, a, xi]; `driven` are the states that d acts on,
     `following` those that e acts on, `wandering` the outputs that b acts on, `lagging` those that l
-    acts on, `names` the parameters, of which `directions` (W) is a row each."""
+    acts on, `straying` the inputs that a acts on, `names` the parameters, of which `directions` (W) is a row each."""
 
     signals: Signals = eqx.field(static=True)
     base: Plant
@@ -65,6 +90,7 @@ class Disturbed(Plant):
     following: tuple[int, ...] = eqx.field(static=True)
     wandering: tuple[int, ...] = eqx.field(static=True)
     lagging: tuple[int, ...] = eqx.field(static=True)
+    straying: tuple[int, ...] = eqx.field(static=True)
     names: tuple[str, ...] = eqx.field(static=True)
 
     @staticmethod
@@ -79,6 +105,7 @@ class Disturbed(Plant):
         undeclared: tuple[Fault, ...] = (),
         wandering: tuple[int, ...] = (),
         lagging: tuple[int, ...] = (),
+        straying: tuple[int, ...] = (),
     ) -> "Disturbed":
         """`undeclared` faults stand behind those that `base` declares."""
         signals = base.signals
@@ -86,13 +113,14 @@ class Disturbed(Plant):
         more += [State(f"e({signals.state_names[i]})") for i in following]
         more += [State(f"b({signals.output_names[j]})") for j in wandering]
         more += [State(f"l({signals.output_names[j]})") for j in lagging]
+        more += [State(f"a({signals.input_names[j]})") for j in straying]
         more += [State(f"xi({k})") for k in range(directions.shape[1])]
         own = replace(
             signals,
             states=(*signals.states, *more),
             faults=(*signals.faults, *undeclared),
         )
-        acting = (driven, following, wandering, lagging, names)
+        acting = (driven, following, wandering, lagging, straying, names)
         return Disturbed(own, base, error, offset, directions, *acting)
 
     @property
@@ -101,37 +129,36 @@ class Disturbed(Plant):
         return len(self.base.signals.states)
 
     @property
-    def parts(self) -> tuple[slice, slice, slice, slice, slice, slice]:
-        """Where x, d, e, b, l and xi stand among the states."""
-        acting = (self.driven, self.following, self.wandering, self.lagging)
+    def parts(self) -> Parts:
+        """Where x, d, e, b, l, a and xi stand among the states."""
+        acting = (self.driven, self.following, self.wandering, self.lagging, self.straying)
         counts = [self.count, *map(len, acting), self.directions.shape[1]]
-        x, d, e, b, lag, xi = (slice(*each) for each in pairwise([0, *np.cumsum(counts).tolist()]))
-        return x, d, e, b, lag, xi
+        return Parts(*(slice(*each) for each in pairwise([0, *np.cumsum(counts).tolist()])))
 
     @property
     def times(self) -> Float[Array, "others"]:
-        """How long [s] d, e, b, l and xi last."""
-        lasting = (self.error.tau, self.error.settling, self.error.wandering, self.error.lag)
+        """How long [s] d, e, b, l, a and xi last."""
+        error = self.error
+        lasting = (error.tau, error.settling, error.wandering, error.lag, error.straying)
         return jnp.concatenate([*lasting, jnp.full(self.directions.shape[1], jnp.inf)])
 
     def derivative(
         self, x: Float[Array, "states"], u: Float[Array, "inputs"]
     ) -> Float[Array, "states"]:
-        own = self.parts[0]
+        own = self.parts.x
         dx = self.plant_at(x).derivative(x[own], u) + self.forces(x, jnp.zeros(1))[0]
         return jnp.concatenate([dx, -x[self.count :] / self.times])
 
     def lasting(self, dt: Float[Array, ""]) -> Float[Array, "others"]:
-        """Which share of d, e, b, l and xi is left after `dt` [s]."""
+        """Which share of d, e, b, l, a and xi is left after `dt` [s]."""
         return jnp.exp(-dt / self.times)
 
     def forces(
         self, x: Float[Array, "states"], t: Float[Array, "times"]
     ) -> Float[Array, "times own"]:
         """What d and e add to the rates of `base` `t` [s] after `x`."""
-        _, d, e, *_ = self.parts
-        slow = jnp.exp(-t[:, None] / self.error.tau) * x[d]
-        quick = jnp.exp(-t[:, None] / self.error.settling) * x[e]
+        slow = jnp.exp(-t[:, None] / self.error.tau) * x[self.parts.d]
+        quick = jnp.exp(-t[:, None] / self.error.settling) * x[self.parts.e]
         added = [jnp.zeros(len(t))] * self.count
         for acting, parts in ((self.driven, slow), (self.following, quick)):
             for k, i in enumerate(acting):
@@ -144,15 +171,15 @@ class Disturbed(Plant):
         x: Float[Array, "states"],
         u: Float[Array, "inputs"],
     ) -> Float[Array, "outputs"]:
-        own = self.parts[0]
+        own = self.parts.x
         return self.plant_at(x).output(dx[own], x[own], u)
 
     def besides(self, x: Float[Array, "states"]) -> Float[Array, "outputs"]:
         """b and l, and what `base` shows."""
-        own, _, _, b, lag, _ = self.parts
-        count = len(self.signals.outputs)
-        more = _acts(count, self.wandering) @ x[b] + _acts(count, self.lagging) @ x[lag]
-        return self.base.besides(x[own]) + more
+        count, parts = len(self.signals.outputs), self.parts
+        more = _acts(count, self.wandering) @ x[parts.b]
+        more = more + _acts(count, self.lagging) @ x[parts.lag]
+        return self.base.besides(x[parts.x]) + more
 
     def jumps(
         self,
@@ -172,12 +199,12 @@ class Disturbed(Plant):
         acting = [f.enters not in ("output", "output_gain") for f in self.signals.faults]
         us, fs = jnp.stack([u, u_before]), jnp.stack([f, f_before]) * np.array(acting, float)
         dx, y = jax.vmap(lambda u, f: respond(self, x, u, f))(us, fs)
-        own, _, e, _, lag, _ = self.parts
-        moved = _acts(self.count, self.following).T @ (dx[0] - dx[1])[own]
+        parts = self.parts
+        moved = _acts(self.count, self.following).T @ (dx[0] - dx[1])[parts.x]
         shown = _acts(y.shape[1], self.lagging).T @ (y[0] - y[1])
-        jumps = jnp.zeros(len(x)).at[e].set(jnp.abs(self.error.share * moved))
+        jumps = jnp.zeros(len(x)).at[parts.e].set(jnp.abs(self.error.share * moved))
         jumps = jumps.at[np.array(self.following, int)].set(unseen * jnp.abs(moved) / np.sqrt(3))
-        return jumps.at[lag].set(jnp.abs(self.error.late * shown))
+        return jumps.at[parts.lag].set(jnp.abs(self.error.late * shown))
 
     def altered(self, changes: Mapping[str, Change]) -> "Disturbed":
         """`base` altered: what xi adds to a constant is not."""
@@ -189,15 +216,42 @@ class Disturbed(Plant):
         return _Own(own, self.plant_at(x))
 
     def plant_at(self, x: Float[Array, "states"]) -> Plant:
-        """`base` with the constants that xi makes of them."""
+        """`base` with the constants that xi makes of them, and inputs that stray."""
         plant = self.base
-        if not self.names or not isinstance(plant, GrayBoxPlant):
+        if self.names and isinstance(plant, GrayBoxPlant):
+            shift = self.offset + self.directions @ x[self.parts.xi]
+            changed = {n: plant.parameters[n] + shift[k] for k, n in enumerate(self.names)}
+            plant = GrayBoxPlant(
+                plant.signals, plant.spec, plant.networks, {**plant.parameters, **changed}
+            )
+        if not self.straying:
             return plant
-        shift = self.offset + self.directions @ x[self.parts[-1]]
-        changed = {name: plant.parameters[name] + shift[k] for k, name in enumerate(self.names)}
-        return GrayBoxPlant(
-            plant.signals, plant.spec, plant.networks, {**plant.parameters, **changed}
-        )
+        stray = _acts(len(self.signals.inputs), self.straying) @ x[self.parts.a]
+        return _Strayed(plant.signals, plant, stray)
+
+
+class _Strayed(Plant):
+    """`base` under inputs that are by `stray` off."""
+
+    signals: Signals = eqx.field(static=True)
+    base: Plant
+    stray: Float[Array, "inputs"]
+
+    def derivative(
+        self, x: Float[Array, "states"], u: Float[Array, "inputs"]
+    ) -> Float[Array, "states"]:
+        return self.base.derivative(x, u + self.stray)
+
+    def output(
+        self,
+        dx: Float[Array, "states"],
+        x: Float[Array, "states"],
+        u: Float[Array, "inputs"],
+    ) -> Float[Array, "outputs"]:
+        return self.base.output(dx, x, u + self.stray)
+
+    def altered(self, changes: Mapping[str, Change]) -> "_Strayed":
+        return replace(self, base=self.base.altered(changes))
 
 
 class _Own(Plant):
@@ -263,3 +317,19 @@ def answering_outputs(plant: Plant) -> tuple[int, ...]:
         for j in outputs
         if direct & set(names_used(spec.values[j])) or derivatives_used(spec.values[j])
     )
+
+
+def shared_inputs(plant: Plant) -> tuple[int, ...]:
+    """The inputs that act in two places or more, derivatives of dynamic states or outputs: what
+    they stray by is one error there, not one for each."""
+    inputs = range(len(plant.signals.inputs))
+    if not isinstance(plant, GrayBoxPlant):
+        return tuple(inputs)
+    spec, states = plant.spec, plant.signals.state_names
+    read = {name: set(names_used(spec.derivatives[k])) for k, name in enumerate(states)}
+    places = [read[states[k]] for k in dynamic_states(plant)]
+    for value in spec.values:
+        through = [read[name] for name in derivatives_used(value)]
+        places.append(set(names_used(value)).union(*through))
+    names = plant.signals.input_names
+    return tuple(j for j in inputs if sum(names[j] in each for each in places) > 1)

@@ -102,10 +102,13 @@ class Levels(Part):
     wandering: dict[str, Positive] = {}
     late: dict[str, Positive] = {}
     lag: dict[str, Positive] = {}
+    stray: dict[str, Positive] = {}
+    straying: dict[str, Positive] = {}
 
     @pydantic.model_validator(mode="after")
     def whole(self) -> "Levels":
-        if set(self.wander) != set(self.wandering) or set(self.late) != set(self.lag):
+        pairs = (self.wander, self.wandering), (self.late, self.lag), (self.stray, self.straying)
+        if any(set(size) != set(time) for size, time in pairs):
             raise ValueError("a size without its time")
         return self
 
