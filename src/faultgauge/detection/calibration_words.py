@@ -46,6 +46,13 @@ def errors(model: Model) -> list[str]:
             f"{each.name} wanders by {size} beside what the model says, for about "
             f"{number(noise.wandering[j], 2)} s at a time"
         )
+    for j in noise.strays:
+        each = signals.inputs[j]
+        size = f"{number(noise.stray[j], 2)} {each.unit}".rstrip()
+        lines.append(
+            f"{each.name} strays by {size} from what the log says, for about "
+            f"{number(noise.straying[j], 2)} s at a time"
+        )
     for j in noise.lags:
         lines.append(
             f"what an input's change does to {signals.outputs[j].name} is off by about "

@@ -34,9 +34,7 @@ def with_errors_of_inputs(model: Model, batch: Likelihood, noise: Noise, spans: 
     there = np.isin(np.arange(len(width)), inputs)
     shares = np.arange(1, GRID + 1) / (GRID + 1)
     times = spans.shortest ** (1 - shares) * spans.longest**shares
-    none = noise._replace(
-        stray=NONE * width * there, straying=np.where(there, spans.shortest, 0.0)
-    )
+    none = noise._replace(stray=NONE * width * there, straying=np.where(there, spans.shortest, 0.0))
     many, tried = [none], []
     for j, time, size, calmer in product(inputs, times, SIZES, CALMER):
         one = np.arange(len(width)) == j

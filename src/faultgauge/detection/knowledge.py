@@ -79,7 +79,8 @@ def knowledge_of(
     start[states : states + len(noise.size)] = noise.size
     parts = plant.parts
     start[parts.e], start[parts.lag] = 0.0, 0.0
-    start[parts.b], start[parts.a] = noise.wander[list(noise.wanders)], noise.stray[list(noise.strays)]
+    start[parts.b] = noise.wander[list(noise.wanders)]
+    start[parts.a] = noise.stray[list(noise.strays)]
     P = np.diag(start**2)
     for _ in range(TIMES):
         P = _predicted(A, C, Q, R, P)

@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 from faultgauge.detection.judged import operating_points
 from faultgauge.detection.remember import once
 from faultgauge.errors import InputError
-from faultgauge.plants.disturbed import Disturbed, Error, dynamic_states, following_states
+from faultgauge.plants.disturbed import Disturbed, Error, dynamic_states, following_inputs
 from faultgauge.plants.model import Model
 from faultgauge.plants.plant import respond
 from faultgauge.plants.signals import Fault
@@ -48,12 +48,13 @@ USUAL_SPREAD = 0.01  # of a constant, from run to run
 class Noise(NamedTuple):
     """Standard deviations: `sigma` of a sample, `process` and `drift` per sqrt(s), `size` of the
     discrepancy beside the dynamic states [its state's unit per s], which lasts for `lasting` [s];
-    what an input's change does is off by a random `share` of it, and settles in `settling` [s];
+    an input that changes is off by a random `share` of that, which settles in `settling` [s];
     `spread` of the constants between runs, by how much `shift` their mean is off the fitted
     value, which an error of the model may have biased, and what share of their variance a gap
     within a run makes anew (`renewed`); `wander` of an output, which lasts for `wandering` [s], and
-    the share of what an input's change does to it that comes `late`, within `lag` [s]; by what an input is
-    `stray`, for about `straying` [s]; 0, or nothing at all, where nothing of that kind is."""
+    the share of what an input's change does to it that comes `late`, within `lag` [s]; by what an
+    input strays (`stray`), which lasts for `straying` [s]; 0, or nothing at all, where nothing of
+    that kind is."""
 
     sigma: Float[np.ndarray, "outputs"]
     process: Float[np.ndarray, "states"]
@@ -87,6 +88,11 @@ class Noise(NamedTuple):
         """The inputs that stray."""
         return tuple(np.flatnonzero(self.stray).tolist())
 
+    @property
+    def beside(self) -> int:
+        """How many inputs and outputs err on their own."""
+        return len(self.wanders + self.lags + self.strays)
+
     def widened(self, factor: float) -> "Noise":
         """What acts within a run `factor` times as large, which changes no gain of a filter; how
         constants differ between runs is no error of it."""
@@ -107,7 +113,7 @@ class Noise(NamedTuple):
 def _names(model: Model) -> tuple[Sequence[str], ...]:
     signals = model.plant.signals
     driven = [signals.state_names[k] for k in dynamic_states(model.plant)]
-    following = [signals.state_names[k] for k in following_states(model.plant)]
+    following = [signals.input_names[k] for k in following_inputs(model.plant)]
     known = constants_of(model).names
     measured = signals.output_names, signals.state_names, drifting_of(model)
     return (*measured, driven, driven, following, following, known, known, known)
@@ -200,12 +206,6 @@ def rates_of(model: Model) -> Float[np.ndarray, "states"]:
 
 
 @once
-def largest_rates(model: Model) -> Float[np.ndarray, "states"]:
-    """Of the states' derivatives over the training envelope."""
-    return np.abs(_rates(model)).max(axis=0, initial=1e-12)
-
-
-@once
 def ranges_of(model: Model) -> Float[np.ndarray, "outputs"]:
     """Of the outputs over the training envelope."""
     points = operating_points(model)
@@ -265,7 +265,7 @@ def disturbed(model: Model, noise: Noise, undeclared: tuple[Fault, ...] = ()) ->
     return Disturbed.of(
         model.plant,
         dynamic_states(model.plant),
-        following_states(model.plant),
+        following_inputs(model.plant),
         error_of(noise),
         (*drifting_of(model), *known.names),
         jnp.asarray(offset_of(model, noise)),
@@ -337,8 +337,8 @@ def start_spread(
 ) -> Float[np.ndarray, "extended"]:
     """Of the states of `Disturbed` when a log begins."""
     sd, drifted = spread_of_start(model, noise.sigma, columns)
-    largest = largest_rates(model)[list(following_states(model.plant))]
-    follows = noise.share * largest  # an input may have changed by all it can just before
+    width = np.ptp(operating_points(model).u, axis=0)[list(following_inputs(model.plant))]
+    follows = noise.share * width  # an input may have changed by all it can just before
     wanders, lags = list(noise.wanders), list(noise.lags)
     late = noise.late[lags] * ranges_of(model)[lags]
     stray = noise.stray[list(noise.strays)]
@@ -350,7 +350,7 @@ def scale_of(model: Model, noise: Noise) -> Float[np.ndarray, "extended"]:
     """How large the states of `Disturbed` are."""
     x = np.std(operating_points(model).x, axis=0) + 1e-9
     rest = np.ones(len(drifting_of(model)) + len(noise.spread))
-    follows = rates_of(model)[list(following_states(model.plant))]
+    follows = np.std(operating_points(model).u, axis=0)[list(following_inputs(model.plant))] + 1e-9
     own = noise.wander[list(noise.wanders)], ranges_of(model)[list(noise.lags)]
     stray = noise.stray[list(noise.strays)]
     return np.concatenate([x, noise.size, follows, *own, stray, rest])

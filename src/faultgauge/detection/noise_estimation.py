@@ -2,27 +2,27 @@
 
 Searched are the noise of outputs and states, the size s and the time constant tau of the
 discrepancy beside every state that is not exact kinematics, what a change of an input does besides,
-and, between the searches, the spread of the constants from run to run. No discrepancy, and one that
+by how much inputs and outputs err on their own where that pays, and, between the searches, the
+spread of the constants from run to run. No discrepancy, and one that
 walks without end, are limits of it: s = 0, tau without bound.
 
 Where a log is sampled far faster than it moves, means over blocks of samples tell the same, and
 what noise of a few samples' memory adds up to.
 """
 
-import sys
 from collections.abc import Callable, Sequence, Set
 from itertools import count, product
 
 import numpy as np
 from jaxtyping import Float
 
-from faultgauge.detection.input_errors import with_errors_of_inputs
 from faultgauge.detection.innovation_likelihood import (
     SAMPLES,
     Likelihood,
     Told,
     healthy_stretches,
 )
+from faultgauge.detection.input_errors import with_errors_of_inputs
 from faultgauge.detection.noise import LATE, STRAY, WANDER, Noise
 from faultgauge.detection.noise_levels import (
     Bounds,
@@ -52,7 +52,9 @@ ROUNDS = (16, 12, 8)  # steps of each search; the constants are told anew betwee
 # and the discrepancy
 STARTS = tuple(product((1.0, 10.0, 100.0), (1.0, 30.0)))
 FIRST = 2  # steps of each; then of the better half, and so on
-SEARCHES = 4  # of all ROUNDS: the plant's levels, then each kind of error of outputs
+SEARCHES = 4  # of all ROUNDS: the plant's levels, then what each of BESIDE adds
+# errors of inputs come first, as what outputs share is none of their own
+BESIDE = (with_errors_of_inputs, with_errors_of_outputs, with_errors_of_outputs)
 ENOUGH = 0.3  # of log-likelihood: a step that gains less is the last
 NONE = 1e-6  # times the usual: as good as no discrepancy
 
@@ -89,15 +91,14 @@ def estimate_noise(
         noise = _started(model, batch, guess, bounds, stepped)
         noise = _alternated(model, batch, noise, bounds, stepped)
         spans = spans_of(runs[0].step, stretches)
-        for beside in (with_errors_of_inputs, with_errors_of_outputs, with_errors_of_outputs):
+        for beside in BESIDE:
             more = beside(model, batch, noise, spans)
-            added = _beside(more) - _beside(noise)
+            added = more.beside - noise.beside
             if not added:
                 continue
             own = {name: getattr(more, name) for name in (*WANDER, *LATE, *STRAY)}
             bounds = bounds_of(guess._replace(**own), runs[0].step, stretches)
             more = _alternated(model, batch, more, bounds, stepped)
-            print("BESIDE", beside.__name__, added, _gain(model, batch, noise, more, bounds), more, file=sys.stderr)
             if _gain(model, batch, noise, more, bounds) > np.log(batch.count) * added:
                 noise = more
     else:
@@ -127,10 +128,6 @@ def _alternated(
         noise = _searched(model, batch, noise, bounds, set(), steps, stepped)
         noise = constants_retold(model, batch, noise)
     return noise
-
-
-def _beside(noise: Noise) -> int:
-    return len(noise.wanders + noise.lags + noise.strays)
 
 
 def _costs(

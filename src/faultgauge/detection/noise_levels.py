@@ -21,7 +21,7 @@ from faultgauge.detection.noise import (
     usual_spread,
     width_of,
 )
-from faultgauge.plants.disturbed import dynamic_states, following_states
+from faultgauge.plants.disturbed import dynamic_states, following_inputs
 from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run
 
@@ -115,7 +115,7 @@ def first_guess(model: Model, runs: Sequence[Run], stretches: Sequence[Stretch])
         for n, s in zip(known.names, se, strict=True)
     ]
     lasting = np.full(len(driven), max(length / 10, 20 * step))
-    following = len(following_states(model.plant))
+    following = len(following_inputs(model.plant))
     share = np.full(following, USUAL_SHARE)
     settling = np.full(following, QUICK * step)
     return Noise(
@@ -165,7 +165,7 @@ def bounds_of(guess: Noise, step: float, stretches: Sequence[Stretch]) -> Bounds
     center = logs_of(guess)
     named = dict(zip(SEARCHED, np.split(center, np.cumsum([*sizes.values()])[:-1]), strict=True))
     low, high = ({name: a + r for name, a in named.items()} for r in (-REACH, REACH))
-    most = {name: spans.longest for name in ("lasting", "wandering", "straying")}
+    most = dict.fromkeys(("lasting", "wandering", "straying"), spans.longest)
     most |= {"settling": spans.settled, "lag": spans.settled}
     if len(guess.drift):
         most["lasting"] = max(SLOWER * spans.longest / LONGEST, 20 * step)

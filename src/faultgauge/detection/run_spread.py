@@ -25,6 +25,7 @@ from faultgauge.plants.model import Model
 __all__ = ["as_unsure_as_few_runs_tell", "constants_retold"]
 
 WITHIN = 0.975  # of constants: below the upper end of their 95 % range
+SHARES = (1.0, 0.5, 0.25, 0.1)  # of the way: the filter is not linear, and may be lost there
 ALIKE = 10.0  # times: constants of one unit that differ by more are of two kinds
 
 
@@ -46,11 +47,21 @@ def constants_retold(model: Model, batch: Likelihood, noise: Noise) -> Noise:
         squares = _pooled(model, known.names, sums)
         spread = np.sqrt((squares + usual**2) / (count + 1) * (1 + 1 / count))
         new = _pooled(model, known.names, _within(batch, own, V)) / spread**2
-        told = noise._replace(spread=spread, shift=mean_off, renewed=np.clip(new, 0.0, 1.0))
-        after, mean, P, *_ = batch.run(model, [told])
-        if after[0] > cost[0] + len(usual):  # what a prior may take: here the filter is lost
+        renewed = np.clip(new, 0.0, 1.0)
+        many = [
+            noise._replace(
+                spread=noise.spread * (spread / noise.spread) ** share,
+                shift=noise.shift + share * (mean_off - noise.shift),
+                renewed=renewed,
+            )
+            for share in SHARES
+        ]
+        told = batch.run(model, many)
+        best = int(np.argmin(told.cost))
+        if told.cost[best] > cost[0] + len(usual):  # what a prior may take: here the filter is lost
             break
-        noise, cost = told, after
+        noise, cost = many[best], told.cost[best : best + 1]
+        mean, P = told.mean[best : best + 1], told.P[best : best + 1]
     return noise
 
 

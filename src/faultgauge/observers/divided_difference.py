@@ -124,7 +124,7 @@ class DividedDifferenceFilter(eqx.Module):
         stages = line(self.plant.signals, u_before, u, self.substeps)
 
         def flow(x: Array, f: Array) -> Array:
-            plant, forces = self.plant.own_at(x), self.plant.forces(x, times)
+            plant, forces = self.plant.own_at(x, dt), self.plant.forces(x, times)
             return step_through(plant, x[:own], stages, f, dt, self.substeps, forces=forces)
 
         # what stands behind the plant's own states follows nobody

@@ -1,25 +1,23 @@
 """A plant that is not its model: F is followed by a discrepancy, and constants are uncertain.
 
-    x' = F(x, u + a; theta + offset + W xi) + E (d + e),    d' = -d / tau + w,    xi' = 0,
+    x' = F(x, u + a + e; theta + offset + W xi) + E d,    d' = -d / tau + w,    xi' = 0,
 
-    e' = -e / settling,    and by N(0, (share (F(x, u) - F(x, u before)))^2) where u changes
+    a' = -a / straying + w,    e' = -e / settling,    and by N(0, (share du)^2) where u changes
 
-    a' = -a / straying + w,
-
-    y = h(x', x, u + a) + b + l,    b' = -b / wandering + w,
+    y = h(x', x, u + a + e) + b + l,    b' = -b / wandering + w,
 
     l' = -l / lag,    and by N(0, (late (h(x', x, u) - h(x', x, u before)))^2) where u changes
 
 d is a Gauss-Markov process beside every state that is not exact kinematics (Kennedy and O'Hagan, J.
 R. Statist. Soc. B 63 (2001), "Bayesian calibration of computer models": what the model lacks is a
 process of its own); with infinite tau it is a random walk. e is what an input's change does
-besides: a random share of its effect, so that a lag or a delay that the model does not have is
-borne for as long as `settling`, and no loop that answers d by u makes d look like an effect of u. a
-is by what an input strays from what is commanded, wherever the input acts: a supply that gives way,
-a pump's curve. b
-is what an output's own equation lacks, where healthy logs show that it lacks something: noise of a
-sensor that remembers, a gust in what an accelerometer feels; l is what an input's change does to an
-output besides, a random share as e is: a flow that follows its command within seconds. xi are the
+besides, wherever the input acts: a random share of the change, so that a lag or a delay that the
+model does not have is borne for as long as `settling`, and no loop that answers d by u makes d look
+like an effect of u. a is by what an input strays from what is commanded, where healthy logs show
+that it does: a supply that gives way, a pump's curve. b is what an output's own equation lacks,
+where they show that it lacks something: noise of a sensor that remembers, a gust in what an
+accelerometer feels; l is what an input's change does to an output besides: a flow that follows its
+command within seconds. xi are the
 directions in which the constants are uncertain, of unit variance.
 """
 
@@ -36,7 +34,7 @@ from jaxtyping import Array, Float
 
 from faultgauge.plants.expression import derivatives_used, is_state, names_used
 from faultgauge.plants.gray_box import GrayBoxPlant
-from faultgauge.plants.plant import Change, Plant, respond
+from faultgauge.plants.plant import Change, Plant, applied, respond
 from faultgauge.plants.signals import Fault, Signals, State
 
 __all__ = [
@@ -44,14 +42,14 @@ __all__ = [
     "Error",
     "answering_outputs",
     "dynamic_states",
-    "following_states",
+    "following_inputs",
     "shared_inputs",
 ]
 
 
 class Error(NamedTuple):
     """Time constant `tau` [s] of every driven state's d; of every e its time constant `settling`
-    [s] and its `share` of what an input's change does (a standard deviation); time constant
+    [s] and its `share` of an input's change (a standard deviation); time constant
     `wandering` [s] of every b; of every l its time constant `lag` [s] and its share, `late`;
     time constant `straying` [s] of every a."""
 
@@ -78,8 +76,9 @@ class Parts(NamedTuple):
 
 class Disturbed(Plant):
     """`base` with the states [x, d, e, b, l, a, xi]; `driven` are the states that d acts on,
-    `following` those that e acts on, `wandering` the outputs that b acts on, `lagging` those that l
-    acts on, `straying` the inputs that a acts on, `names` the parameters, of which `directions` (W) is a row each."""
+    `following` the inputs that e acts on, `wandering` the outputs that b acts on, `lagging` those
+    that l acts on, `straying` the inputs that a acts on, `names` the parameters, of which
+    `directions` (W) is a row each."""
 
     signals: Signals = eqx.field(static=True)
     base: Plant
@@ -110,7 +109,7 @@ class Disturbed(Plant):
         """`undeclared` faults stand behind those that `base` declares."""
         signals = base.signals
         more = [State(f"d({signals.state_names[i]})") for i in driven]
-        more += [State(f"e({signals.state_names[i]})") for i in following]
+        more += [State(f"e({signals.input_names[i]})") for i in following]
         more += [State(f"b({signals.output_names[j]})") for j in wandering]
         more += [State(f"l({signals.output_names[j]})") for j in lagging]
         more += [State(f"a({signals.input_names[j]})") for j in straying]
@@ -156,14 +155,9 @@ class Disturbed(Plant):
     def forces(
         self, x: Float[Array, "states"], t: Float[Array, "times"]
     ) -> Float[Array, "times own"]:
-        """What d and e add to the rates of `base` `t` [s] after `x`."""
+        """What d adds to the rates of `base` `t` [s] after `x`."""
         slow = jnp.exp(-t[:, None] / self.error.tau) * x[self.parts.d]
-        quick = jnp.exp(-t[:, None] / self.error.settling) * x[self.parts.e]
-        added = [jnp.zeros(len(t))] * self.count
-        for acting, parts in ((self.driven, slow), (self.following, quick)):
-            for k, i in enumerate(acting):
-                added[i] = added[i] + parts[:, k]
-        return jnp.stack(added, axis=1)
+        return slow @ _acts(self.count, self.driven).T
 
     def output(
         self,
@@ -199,21 +193,27 @@ class Disturbed(Plant):
         acting = [f.enters not in ("output", "output_gain") for f in self.signals.faults]
         us, fs = jnp.stack([u, u_before]), jnp.stack([f, f_before]) * np.array(acting, float)
         dx, y = jax.vmap(lambda u, f: respond(self, x, u, f))(us, fs)
+        reached = jax.vmap(lambda u, f: applied(self.signals, u, f))(us, fs)
         parts = self.parts
-        moved = _acts(self.count, self.following).T @ (dx[0] - dx[1])[parts.x]
+        moved = _acts(len(u), self.following).T @ (reached[0] - reached[1])
         shown = _acts(y.shape[1], self.lagging).T @ (y[0] - y[1])
+        rates = _acts(self.count, self.driven).T @ (dx[0] - dx[1])[parts.x]
         jumps = jnp.zeros(len(x)).at[parts.e].set(jnp.abs(self.error.share * moved))
-        jumps = jumps.at[np.array(self.following, int)].set(unseen * jnp.abs(moved) / np.sqrt(3))
+        jumps = jumps.at[np.array(self.driven, int)].set(unseen * jnp.abs(rates) / np.sqrt(3))
         return jumps.at[parts.lag].set(jnp.abs(self.error.late * shown))
 
     def altered(self, changes: Mapping[str, Change]) -> "Disturbed":
         """`base` altered: what xi adds to a constant is not."""
         return replace(self, base=self.base.altered(changes))
 
-    def own_at(self, x: Float[Array, "states"]) -> Plant:
-        """`base` with the constants that xi makes of them, and with all faults."""
+    def own_at(self, x: Float[Array, "states"], dt: Float[Array, ""]) -> Plant:
+        """`base` with the constants that xi makes of them, inputs off by what a and e are in the
+        mean over the `dt` [s] behind `x`, and with all faults."""
         own = replace(self.signals, states=self.base.signals.states)
-        return _Own(own, self.plant_at(x))
+        spans = dt / self.times
+        mean = jnp.where(spans > 0, -jnp.expm1(-spans) / jnp.where(spans > 0, spans, 1.0), 1.0)
+        beside = x.at[self.count :].multiply(mean) if self.straying or self.following else x
+        return _Own(own, self.plant_at(beside))
 
     def plant_at(self, x: Float[Array, "states"]) -> Plant:
         """`base` with the constants that xi makes of them, and inputs that stray."""
@@ -224,9 +224,11 @@ class Disturbed(Plant):
             plant = GrayBoxPlant(
                 plant.signals, plant.spec, plant.networks, {**plant.parameters, **changed}
             )
-        if not self.straying:
+        if not self.straying and not self.following:
             return plant
-        stray = _acts(len(self.signals.inputs), self.straying) @ x[self.parts.a]
+        count = len(self.signals.inputs)
+        stray = _acts(count, self.straying) @ x[self.parts.a]
+        stray = stray + _acts(count, self.following) @ x[self.parts.e]
         return _Strayed(plant.signals, plant, stray)
 
 
@@ -296,13 +298,13 @@ def dynamic_states(plant: Plant) -> tuple[int, ...]:
     return tuple(k for k, known in enumerate(exact) if not known)
 
 
-def following_states(plant: Plant) -> tuple[int, ...]:
-    """Those of the dynamic states whose derivative reads an input."""
-    dynamic = dynamic_states(plant)
+def following_inputs(plant: Plant) -> tuple[int, ...]:
+    """The inputs that a dynamic state's derivative reads."""
+    inputs = plant.signals.input_names
     if not isinstance(plant, GrayBoxPlant):
-        return dynamic
-    inputs = set(plant.signals.input_names)
-    return tuple(k for k in dynamic if inputs & set(names_used(plant.spec.derivatives[k])))
+        return tuple(range(len(inputs)))
+    read = [set(names_used(plant.spec.derivatives[k])) for k in dynamic_states(plant)]
+    return tuple(j for j, name in enumerate(inputs) if any(name in each for each in read))
 
 
 def answering_outputs(plant: Plant) -> tuple[int, ...]:

@@ -110,9 +110,7 @@ def respond(
             into[fault.enters].append((names[fault.enters].index(fault.target), size))
     if changes:
         plant = plant.altered(changes)
-    lower = jnp.array([each.min for each in signals.inputs])
-    upper = jnp.array([each.max for each in signals.inputs])
-    u = jnp.clip(_scaled(u, lost["gain"]) + _placed(added["input"], len(u)), lower, upper)
+    u = _limited(signals, _scaled(u, lost["gain"]) + _placed(added["input"], len(u)))
     if stuck is not None:
         u = _overwritten(u, stuck.u)
     dx = plant.derivative(x, u) + _placed(added["state"], len(x))
@@ -121,6 +119,25 @@ def respond(
     y = _scaled(plant.output(dx, x, u), lost["output_gain"])
     y = y + _placed(added["output"], len(signals.outputs)) + plant.besides(x)
     return dx, y if stuck is None else _overwritten(y, stuck.y)
+
+
+def applied(
+    signals: Signals, u: Float[Array, "inputs"], f: Float[Array, "faults"]
+) -> Float[Array, "inputs"]:
+    """What reaches the plant of a command `u` with fault sizes `f`, as in `respond`."""
+    names, none = signals.input_names, jnp.zeros(len(u))
+    for size, fault in zip(f, signals.faults, strict=True):
+        if fault.enters == "gain":
+            u = _scaled(u, [(names.index(fault.target), size)])
+        elif fault.enters == "input":
+            none = none + _placed([(names.index(fault.target), size)], len(u))
+    return _limited(signals, u + none)
+
+
+def _limited(signals: Signals, u: Float[Array, "inputs"]) -> Float[Array, "inputs"]:
+    lower = jnp.array([each.min for each in signals.inputs])
+    upper = jnp.array([each.max for each in signals.inputs])
+    return jnp.clip(u, lower, upper)
 
 
 def _placed(sizes: list[tuple[int, Array]], count: int) -> Float[Array, "count"]:

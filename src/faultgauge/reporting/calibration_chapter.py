@@ -10,7 +10,7 @@ from faultgauge.detection.blocks import Block
 from faultgauge.detection.knowledge import Knowledge
 from faultgauge.detection.noise import Noise
 from faultgauge.detection.words import number
-from faultgauge.plants.disturbed import dynamic_states, following_states
+from faultgauge.plants.disturbed import dynamic_states, following_inputs
 from faultgauge.plants.model import Model
 from faultgauge.plants.signals import Fault
 from faultgauge.reporting import style
@@ -147,10 +147,18 @@ def _levels(model: Model, noise: Noise) -> Table:
                 f"lasts {quantity(float(noise.lasting[k]), 's')}",
             )
         )
-    for k, place in enumerate(following_states(model.plant)):
+    rows += [
+        (
+            f"by what {signals.inputs[j].name} strays",
+            quantity(float(noise.stray[j]), signals.inputs[j].unit),
+            f"lasts {quantity(float(noise.straying[j]), 's')}",
+        )
+        for j in noise.strays
+    ]
+    for k, place in enumerate(following_inputs(model.plant)):
         rows.append(
             (
-                f"of what a change of an input does to d({signals.states[place].name}), it errs by",
+                f"of what a change of an input does ({signals.inputs[place].name}), it errs by",
                 f"{100 * noise.share[k]:.2f} %",
                 f"for {quantity(float(noise.settling[k]), 's')}",
             )
