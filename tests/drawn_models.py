@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from faultgauge.detection.noise import Noise, constants_of, drifting_of
-from faultgauge.plants.disturbed import dynamic_states, following_states
+from faultgauge.plants.disturbed import dynamic_states, following_inputs
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
 from faultgauge.plants.plant_file import parse_plant, read_plant_text
@@ -58,7 +58,7 @@ def calibrated(source, seed=0, step=STEP):
         "metrics": {"validation_free_run_nrmse": None},
     }
     model = Model(plant, record)
-    ways = len(dynamic_states(plant)), len(following_states(plant))
+    ways = len(dynamic_states(plant)), len(following_inputs(plant))
     known = len(constants_of(model).names)
     spread = 0.01 * np.abs([float(plant.parameters[n]) for n in constants_of(model).names])
     noise = Noise(

@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from faultgauge.plants.disturbed import Disturbed, Error, dynamic_states
+from faultgauge.plants.disturbed import Disturbed, Error, dynamic_states, shared_inputs
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant import respond
 from faultgauge.plants.plant_file import parse_plant
@@ -42,22 +42,22 @@ def plant():
     error = Error(*(jnp.array([each]) for each in (TAU, SETTLING, SHARE)))
     more = (Fault("undeclared q", "output", "q"),)
     return Disturbed.of(
-        base, (1,), (1,), error, ("k", "c"), jnp.asarray(OFFSET), jnp.asarray(W), more
+        base, (1,), (0,), error, ("k", "c"), jnp.asarray(OFFSET), jnp.asarray(W), more
     )
 
 
 def test_only_what_is_not_kinematics_may_err(plant):
     assert dynamic_states(plant.base) == (1,)
-    assert plant.signals.state_names == ("q", "v", "d(v)", "e(v)", "xi(0)", "xi(1)")
+    assert plant.signals.state_names == ("q", "v", "d(v)", "e(u)", "xi(0)", "xi(1)")
     assert plant.signals.fault_names == ("push", "undeclared q")
     exact = CART.replace('"k*u - c*v"', '"k*u - c*v"\nexact = true')
     assert dynamic_states(GrayBoxPlant.untrained(parse_plant(exact))) == ()
 
 
 def test_derivative_and_output_by_hand(plant):
-    """k = 3 + 0.2 + 0.3 = 3.5; c = 0.5 - 0.1 + 0.05 - 0.04 = 0.41; v' = 3.5 * 1.5 - 0.82 + 0.3."""
+    """k = 3 + 0.2 + 0.3 = 3.5; c = 0.5 - 0.1 + 0.05 - 0.04 = 0.41; u is by 0.4 short."""
     dx = np.asarray(plant.derivative(jnp.asarray(X), jnp.asarray(U)))
-    wanted = [2.0, 3.5 * 1.5 - 0.41 * 2.0 + 0.7 - 0.4, -0.7 / TAU, 0.4 / SETTLING, 0.0, 0.0]
+    wanted = [2.0, 3.5 * (1.5 - 0.4) - 0.41 * 2.0 + 0.7, -0.7 / TAU, 0.4 / SETTLING, 0.0, 0.0]
     np.testing.assert_allclose(dx, wanted, rtol=1e-12)
     y = plant.output(jnp.asarray(dx), jnp.asarray(X), jnp.asarray(U))
     np.testing.assert_allclose(y, [1.0, wanted[1]], rtol=1e-12)
@@ -67,27 +67,27 @@ def test_derivative_and_output_by_hand(plant):
     ("before", "now", "push", "change"),
     [(0.5, 1.5, 0.0, 1.0), (1.5, 1.5, 0.0, 0.0), (0.5, 3.0, 0.0, 1.5), (0.5, 1.5, 1.0, 0.5)],
 )
-def test_a_change_of_an_input_is_off_by_a_share_of_its_effect(plant, before, now, push, change):
-    """k = 3.5 times the change of u as it acts, inside its limits, with the fault."""
+def test_a_change_of_an_input_is_off_by_a_share_of_it(plant, before, now, push, change):
+    """Of the change of u as it acts, inside its limits, with the fault."""
     f = jnp.array([push, 0.0])
     args = (jnp.array([before]), jnp.array([now]), f, f)
     jump = np.asarray(plant.jumps(jnp.asarray(X), *args))
-    np.testing.assert_allclose(jump, [0, 0, 0, SHARE * 3.5 * change, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(jump, [0, 0, 0, SHARE * change, 0, 0], atol=1e-12)
 
 
 def test_an_input_that_changed_unseen_did_so_at_any_time(plant):
     """k = 3.5 times a change of 1 for anything between 0 and 0.6 s: 2.1 / sqrt(3) m/s."""
     u, none = jnp.array([0.5]), jnp.zeros(2)
     sd = plant.jumps(jnp.asarray(X), u, u + 1, none, none, 0.6)
-    wanted = [0, 2.1 / np.sqrt(3), 0, SHARE * 3.5, 0, 0]
+    wanted = [0, 2.1 / np.sqrt(3), 0, SHARE, 0, 0]
     np.testing.assert_allclose(sd, wanted, atol=1e-12)
 
 
 def test_a_fault_that_enters_with_an_input_is_off_by_that_share_too(plant):
-    """k = 3.5 times a push of 0.8; a sensor's fault moves nothing."""
+    """A push of 0.8; a sensor's fault moves nothing."""
     u, none = jnp.array([0.5]), jnp.zeros(2)
     pushed = plant.jumps(jnp.asarray(X), u, u, none, jnp.array([0.8, 0.3]))
-    np.testing.assert_allclose(pushed, [0, 0, 0, SHARE * 3.5 * 0.8, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(pushed, [0, 0, 0, SHARE * 0.8, 0, 0], atol=1e-12)
 
 
 def test_errors_of_outputs_by_hand():
@@ -109,3 +109,29 @@ def test_errors_of_outputs_by_hand():
     np.testing.assert_allclose(sd, [0, 0, 0, 0.7 * 1.6, 0], atol=1e-12)  # rounding
     left = plant.lasting(jnp.asarray(3.0))
     np.testing.assert_allclose(left, [np.exp(-3 / 5), np.exp(-3 / 2), 1.0], rtol=1e-12)
+
+
+def test_an_input_that_strays_does_so_wherever_it_acts():
+    """u = 1.5 - 0.3 moves v by 3.2 * 1.2 - 1 and shows in a; half of what is left of -0.3 after
+    4 ln 2 s acts in the mean over that time: the mean of exp(-t / 4) is 0.5 / ln 2."""
+    base = GrayBoxPlant.untrained(parse_plant(CART))
+    none, times = np.zeros(0), np.array([4.0])
+    error = Error(none, none, none, straying=times)
+    plant = Disturbed.of(
+        base, (), (), error, ("k",), jnp.array([0.2]), jnp.array([[0.3]]), straying=(0,)
+    )
+    assert plant.signals.state_names == ("q", "v", "a(u)", "xi(0)")
+    x, u = jnp.array([1.0, 2.0, -0.3, 0.0]), jnp.array([1.5])
+    dx, y = respond(plant, x, u, jnp.zeros(1))
+    np.testing.assert_allclose(dx, [2.0, 3.2 * 1.2 - 1.0, 0.3 / 4, 0.0], rtol=1e-12)
+    np.testing.assert_allclose(y, [1.0, 3.2 * 1.2 - 1.0], rtol=1e-12)
+    mean = plant.own_at(x, jnp.asarray(4 * np.log(2.0))).derivative(x[:2], u)
+    wanted = [2.0, 3.2 * (1.5 - 0.3 * 0.5 / np.log(2.0)) - 1.0]
+    np.testing.assert_allclose(mean, wanted, rtol=1e-12)
+
+
+def test_inputs_are_shared_by_what_reads_them():
+    """u moves v, which a shows; without a it acts in one place alone."""
+    assert shared_inputs(GrayBoxPlant.untrained(parse_plant(CART))) == (0,)
+    alone = CART.replace('[outputs.a]\nvalue = "d(v)"\n', "")
+    assert shared_inputs(GrayBoxPlant.untrained(parse_plant(alone))) == ()

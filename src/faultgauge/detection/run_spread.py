@@ -25,7 +25,8 @@ from faultgauge.plants.model import Model
 __all__ = ["as_unsure_as_few_runs_tell", "constants_retold"]
 
 WITHIN = 0.975  # of constants: below the upper end of their 95 % range
-SHARES = (1.0, 0.5, 0.25, 0.1)  # of the way: the filter is not linear, and may be lost there
+SHARES = (1.0, 0.5, 0.25, 0.1)  # of the way, as far as it can be borne
+STEPS = 6
 ALIKE = 10.0  # times: constants of one unit that differ by more are of two kinds
 
 
@@ -35,7 +36,7 @@ def constants_retold(model: Model, batch: Likelihood, noise: Noise) -> Noise:
     if not known.names:
         return noise
     cost, mean, P, *_ = batch.run(model, [noise])
-    for _ in range(2):
+    for _ in range(STEPS):
         W = directions_of(model, known, noise.spread)[skip:, skip:]
         own = mean[0, :, skip:] @ W.T
         V = np.einsum("ij,rjk,ik->ri", W, P[0][:, skip:, skip:], W)
@@ -57,9 +58,11 @@ def constants_retold(model: Model, batch: Likelihood, noise: Noise) -> Noise:
             for share in SHARES
         ]
         told = batch.run(model, many)
-        best = int(np.argmin(told.cost))
-        if told.cost[best] > cost[0] + len(usual):  # what a prior may take: here the filter is lost
+        # what a prior may take; beyond, the filter is lost there
+        borne = np.flatnonzero(told.cost <= cost[0] + len(usual))
+        if not len(borne):
             break
+        best = int(borne[0])
         noise, cost = many[best], told.cost[best : best + 1]
         mean, P = told.mean[best : best + 1], told.P[best : best + 1]
     return noise
