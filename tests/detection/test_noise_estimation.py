@@ -122,6 +122,42 @@ def test_what_an_outputs_own_equation_lacks_is_found():
     assert found.lag[2] == pytest.approx(BEHIND, rel=0.1)
 
 
+def strayed(seed):
+    """x' = u + a - 0.2 x and q = 3 (u + a), a a Gauss-Markov process that is renewed at the
+    samples, and acts in between with its mean."""
+    rng = np.random.default_rng(seed)
+    u = np.repeat(rng.uniform(-1, 1, COUNT // 20), 20)
+    slow, fade = np.exp(-STEP / TAU), np.exp(-A * STEP)
+    a, x = np.zeros(COUNT), np.zeros(COUNT)
+    a[0] = SIZE * rng.standard_normal()
+    for k in range(COUNT - 1):
+        x[k + 1] = fade * x[k] + (1 - fade) / A * (u[k] + (1 - slow) * TAU / STEP * a[k])
+        a[k + 1] = slow * a[k] + SIZE * np.sqrt(1 - slow**2) * rng.standard_normal()
+    noise = SIGMA * rng.standard_normal((2, COUNT))
+    columns = {"u": u, "x": x + noise[0], "q": 3 * (u + a) + noise[1]}
+    return Run(f"{seed}", "lag.csv", STEP * np.arange(COUNT), columns)
+
+
+def test_an_input_that_strays_is_one_error_wherever_it_acts():
+    """The scatter is that of someone who sees a itself, as above; three of those. Neither the
+    state nor the output errs on its own."""
+    text = LAG.replace('value = "x"', 'value = "x"\n[outputs.q]\nvalue = "3*u"')
+    points = np.random.default_rng(0).uniform([-3, -1], [3, 1], (60, 2))
+    record = {
+        "max_step": 1.0,
+        "envelope_points": points.tolist(),
+        "columns": {"states": [["x", 0]], "outputs": ["x", "q"]},
+        "data": {"fit": [], "validate": []},
+    }
+    plant = GrayBoxPlant.untrained(parse_plant(text.replace("FIXED", "true")))
+    found = estimate_noise(Model(plant, record), [strayed(seed) for seed in range(LOGS)])
+    slow = TAU / (LOGS * COUNT * STEP)
+    assert (found.strays, found.wanders, found.lags) == ((0,), (), ())
+    assert abs(np.log(found.stray[0] / SIZE)) < 3 * np.sqrt(slow / 2)
+    assert abs(np.log(found.straying[0] / TAU)) < 3 * np.sqrt(2 * slow)
+    assert found.size[0] < SIZE / 5
+
+
 def test_constants_spread_between_runs_as_much_as_they_were_drawn():
     """Twelve constants scatter about their own spread by 1 / sqrt(22), a fifth; what is found is
     that of the twelve themselves to half of it, and their mean to as much of the spread."""

@@ -26,7 +26,7 @@ __all__ = ["as_unsure_as_few_runs_tell", "constants_retold"]
 
 WITHIN = 0.975  # of constants: below the upper end of their 95 % range
 SHARES = (1.0, 0.5, 0.25, 0.1)  # of the way, as far as it can be borne
-STEPS = 6
+STEPS = 6  # of EM, at most
 ALIKE = 10.0  # times: constants of one unit that differ by more are of two kinds
 
 

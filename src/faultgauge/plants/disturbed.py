@@ -1,10 +1,12 @@
 """A plant that is not its model: F is followed by a discrepancy, and constants are uncertain.
 
-    x' = F(x, u + a + e; theta + offset + W xi) + E d,    d' = -d / tau + w,    xi' = 0,
+    x' = F(x, u; theta + offset + W xi) + F_ae + E d,    d' = -d / tau + w,    xi' = 0,
+
+    F_ae = F(x, u + a + e; theta + offset) - F(x, u; theta + offset),
 
     a' = -a / straying + w,    e' = -e / settling,    and by N(0, (share du)^2) where u changes
 
-    y = h(x', x, u + a + e) + b + l,    b' = -b / wandering + w,
+    y = h(x', x, u; ...) + h_ae + b + l,    b' = -b / wandering + w,
 
     l' = -l / lag,    and by N(0, (late (h(x', x, u) - h(x', x, u before)))^2) where u changes
 
@@ -217,32 +219,40 @@ class Disturbed(Plant):
 
     def plant_at(self, x: Float[Array, "states"]) -> Plant:
         """`base` with the constants that xi makes of them, and inputs that stray."""
-        plant = self.base
-        if self.names and isinstance(plant, GrayBoxPlant):
-            shift = self.offset + self.directions @ x[self.parts.xi]
-            changed = {n: plant.parameters[n] + shift[k] for k, n in enumerate(self.names)}
-            plant = GrayBoxPlant(
-                plant.signals, plant.spec, plant.networks, {**plant.parameters, **changed}
-            )
+        usual = self._with(self.offset)
+        plant = self._with(self.offset + self.directions @ x[self.parts.xi])
         if not self.straying and not self.following:
             return plant
         count = len(self.signals.inputs)
         stray = _acts(count, self.straying) @ x[self.parts.a]
         stray = stray + _acts(count, self.following) @ x[self.parts.e]
-        return _Strayed(plant.signals, plant, stray)
+        return _Strayed(plant.signals, plant, usual, stray)
+
+    def _with(self, shift: Float[Array, "parameters"]) -> Plant:
+        """`base` with its constants by `shift` off."""
+        plant = self.base
+        if not self.names or not isinstance(plant, GrayBoxPlant):
+            return plant
+        changed = {n: plant.parameters[n] + shift[k] for k, n in enumerate(self.names)}
+        return GrayBoxPlant(
+            plant.signals, plant.spec, plant.networks, {**plant.parameters, **changed}
+        )
 
 
 class _Strayed(Plant):
-    """`base` under inputs that are by `stray` off."""
+    """`base` under inputs that are by `stray` off. What that does is what it does to the `usual`
+    plant: of an unknown input times an unknown constant a linear filter makes a bias of both."""
 
     signals: Signals = eqx.field(static=True)
     base: Plant
+    usual: Plant
     stray: Float[Array, "inputs"]
 
     def derivative(
         self, x: Float[Array, "states"], u: Float[Array, "inputs"]
     ) -> Float[Array, "states"]:
-        return self.base.derivative(x, u + self.stray)
+        off = self.usual.derivative(x, u + self.stray) - self.usual.derivative(x, u)
+        return self.base.derivative(x, u) + off
 
     def output(
         self,
@@ -250,10 +260,11 @@ class _Strayed(Plant):
         x: Float[Array, "states"],
         u: Float[Array, "inputs"],
     ) -> Float[Array, "outputs"]:
-        return self.base.output(dx, x, u + self.stray)
+        off = self.usual.output(dx, x, u + self.stray) - self.usual.output(dx, x, u)
+        return self.base.output(dx, x, u) + off
 
     def altered(self, changes: Mapping[str, Change]) -> "_Strayed":
-        return replace(self, base=self.base.altered(changes))
+        return replace(self, base=self.base.altered(changes), usual=self.usual.altered(changes))
 
 
 class _Own(Plant):
