@@ -45,7 +45,7 @@ def modelled():
         none, one = {}, {"x": 1e-9}
         noise = {
             "sigma": {"x": SIGMA}, "process": one, "drift": none, "size": one,
-            "lasting": {"x": 50.0}, "share": one, "settling": {"x": 5.0}, "spread": none,
+            "lasting": {"x": 50.0}, "share": {"u": 1e-9}, "settling": {"u": 5.0}, "spread": none,
             "shift": none, "renewed": none,
         }  # fmt: skip
         bank = {"level": 5.0, "healthy_s": 1000.0, "mtbfa_s": 7200.0, "widened": 1.0}

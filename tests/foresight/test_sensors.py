@@ -67,7 +67,7 @@ def bank():
     small = {"a": 1e-9, "b": 1e-9}
     noise = {
         "sigma": {"y": SIGMA}, "process": small, "drift": {}, "size": small,
-        "lasting": {"a": 50.0, "b": 50.0}, "share": {"a": 1e-9}, "settling": {"a": 5.0},
+        "lasting": {"a": 50.0, "b": 50.0}, "share": {"u": 1e-9}, "settling": {"u": 5.0},
         "spread": {}, "shift": {}, "renewed": {},
     }  # fmt: skip
     record = {

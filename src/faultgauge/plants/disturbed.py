@@ -219,13 +219,13 @@ class Disturbed(Plant):
 
     def plant_at(self, x: Float[Array, "states"]) -> Plant:
         """`base` with the constants that xi makes of them, and inputs that stray."""
-        usual = self._with(self.offset)
         plant = self._with(self.offset + self.directions @ x[self.parts.xi])
         if not self.straying and not self.following:
             return plant
         count = len(self.signals.inputs)
         stray = _acts(count, self.straying) @ x[self.parts.a]
         stray = stray + _acts(count, self.following) @ x[self.parts.e]
+        usual = self._with(self.offset) if self.names else None
         return _Strayed(plant.signals, plant, usual, stray)
 
     def _with(self, shift: Float[Array, "parameters"]) -> Plant:
@@ -241,16 +241,19 @@ class Disturbed(Plant):
 
 class _Strayed(Plant):
     """`base` under inputs that are by `stray` off. What that does is what it does to the `usual`
-    plant: of an unknown input times an unknown constant a linear filter makes a bias of both."""
+    plant (None: `base` is), as of an unknown input times an unknown constant a linear filter makes
+    a bias of both."""
 
     signals: Signals = eqx.field(static=True)
     base: Plant
-    usual: Plant
+    usual: Plant | None
     stray: Float[Array, "inputs"]
 
     def derivative(
         self, x: Float[Array, "states"], u: Float[Array, "inputs"]
     ) -> Float[Array, "states"]:
+        if self.usual is None:
+            return self.base.derivative(x, u + self.stray)
         off = self.usual.derivative(x, u + self.stray) - self.usual.derivative(x, u)
         return self.base.derivative(x, u) + off
 
@@ -260,11 +263,14 @@ class _Strayed(Plant):
         x: Float[Array, "states"],
         u: Float[Array, "inputs"],
     ) -> Float[Array, "outputs"]:
+        if self.usual is None:
+            return self.base.output(dx, x, u + self.stray)
         off = self.usual.output(dx, x, u + self.stray) - self.usual.output(dx, x, u)
         return self.base.output(dx, x, u) + off
 
     def altered(self, changes: Mapping[str, Change]) -> "_Strayed":
-        return replace(self, base=self.base.altered(changes), usual=self.usual.altered(changes))
+        usual = None if self.usual is None else self.usual.altered(changes)
+        return replace(self, base=self.base.altered(changes), usual=usual)
 
 
 class _Own(Plant):
