@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 from faultgauge.detection.calibration_words import summary
 from faultgauge.errors import InputError
@@ -20,7 +20,8 @@ from faultgauge.fleet.result import FleetResult, failures
 from faultgauge.fleet.units import Unit, units_in
 from faultgauge.plants.model import Model, decoded, encoded, load_model
 from faultgauge.verbs.calibrate import calibrate
-from faultgauge.verbs.reading import How, Maps, runs_for_model
+from faultgauge.verbs.how import How, Reading, reads
+from faultgauge.verbs.reading import runs_for_model
 from faultgauge.verbs.result import Columns
 
 __all__ = ["CalibrateJob", "FleetCalibrated", "calibrate_fleet", "model_of_unit"]
@@ -89,6 +90,7 @@ class FleetCalibrated(FleetResult):
         }
 
 
+@reads
 def calibrate_fleet(
     fleet: str | Path,
     logs: Any,
@@ -97,12 +99,8 @@ def calibrate_fleet(
     mtbfa: float | None = None,
     again: bool = False,
     scheduler: str | None = None,
-    time: str | None = None,
-    time_format: str | None = None,
-    map: Maps = None,
-    where: str | None = None,
-    resample: float | None = None,
     progress: Callable[[str], None] = lambda text: None,
+    **reading: Unpack[Reading],
 ) -> FleetCalibrated:
     """Calibrate every unit of a fleet on its own healthy logs.
 
@@ -119,7 +117,7 @@ def calibrate_fleet(
     """
     source, units = Path(fleet), units_in(logs)
     target = folder_for(source if out is None else out, logs)
-    job = CalibrateJob(How(time, map, where, resample, time_format), mtbfa)
+    job = CalibrateJob(How(**reading), mtbfa)
     todo = [u for u in units if again or not _calibrated(model_path(target, u.name))]
     given = with_models(source, todo)
     with crew(scheduler, progress) as workers:

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import jax.numpy as jnp
 import numpy as np
@@ -28,8 +28,9 @@ from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model, decoded, encoded, load_model, save_model
 from faultgauge.telemetry import Run, cut
 from faultgauge.verbs.fit import fit
+from faultgauge.verbs.how import How, Reading, reads
 from faultgauge.verbs.plants import plant as as_plant
-from faultgauge.verbs.reading import How, Maps, Runs, runs_for_plant
+from faultgauge.verbs.reading import Runs, runs_for_plant
 
 __all__ = ["FitJob", "fit_fleet"]
 
@@ -113,6 +114,7 @@ def check_excited(plant: GrayBoxPlant, runs: Sequence[Run]) -> None:
             )
 
 
+@reads
 def fit_fleet(
     plant: Any,
     logs: Any,
@@ -124,12 +126,8 @@ def fit_fleet(
     seed: int = 0,
     robust: bool = False,
     despite_alarms: bool = False,
-    time: str | None = None,
-    time_format: str | None = None,
-    map: Maps = None,
-    where: str | None = None,
-    resample: float | None = None,
     progress: Callable[[str], None] = lambda text: None,
+    **reading: Unpack[Reading],
 ) -> FleetFit:
     """Learn a model for every unit of a fleet, and what the fleet tells of its next one.
 
@@ -154,7 +152,7 @@ def fit_fleet(
     Returns a `FleetFit` of all units in `out`. Raises `InputError` for logs that are not those of a
     fleet, and where no unit can be fitted.
     """
-    untrained, how = as_plant(plant), How(time, map, where, resample, time_format)
+    untrained, how = as_plant(plant), How(**reading)
     units, text = units_in(logs), untrained.spec.text
     typical = None if prior is None else _prior(fleet_file(prior), text)
     folder = folder_for(out, logs)

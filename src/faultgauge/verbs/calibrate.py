@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 
@@ -12,8 +12,9 @@ from faultgauge.detection.calibration_words import summary
 from faultgauge.detection.noise import noise_of
 from faultgauge.plants.model import Model
 from faultgauge.plants.settings import with_settings
+from faultgauge.verbs.how import How, Reading, reads
 from faultgauge.verbs.plants import model_of
-from faultgauge.verbs.reading import How, Maps, Runs, runs_for_model, unlike_warnings
+from faultgauge.verbs.reading import Runs, runs_for_model, unlike_warnings
 from faultgauge.verbs.result import Columns, Result
 
 __all__ = ["Calibrated", "calibrate"]
@@ -86,6 +87,7 @@ class Calibrated(Result):
         return calibration_section(bank, self.found.blocks).figures
 
 
+@reads
 def calibrate(
     model: Any,
     sources: Any,
@@ -93,12 +95,8 @@ def calibrate(
     mtbfa: float | None = None,
     observer: str = "bank",
     plant: str | None = None,
-    time: str | None = None,
-    time_format: str | None = None,
-    map: Maps = None,
-    where: str | None = None,
-    resample: float | None = None,
     progress: Callable[[str], None] = lambda text: None,
+    **reading: Unpack[Reading],
 ) -> Calibrated:
     """Find noise, model error and alarm level on healthy logs.
 
@@ -119,7 +117,7 @@ def calibrate(
     known = model_of(model)
     if plant is not None:
         known = with_settings(known, plant)
-    runs = runs_for_model(known, sources, How(time, map, where, resample, time_format))
+    runs = runs_for_model(known, sources, How(**reading))
     odd = unlike_warnings(known, runs)
     found = calibration.calibrate(known, runs, mtbfa=mtbfa, observer=observer, progress=progress)
     return Calibrated(found, runs, [*odd, *found.warnings])
