@@ -192,18 +192,9 @@ def fit(
     if not despite_alarms:
         read = [*runs.sources, *held.sources]
         refuse_alarms(both, read, how.time, how.maps, how.where, replaces, how.time_format)
+    asked = {"refine": refine, "robust": robust, "ensemble": ensemble, "restarts": restarts}
     fits = [
-        identification.fit(
-            untrained,
-            runs,
-            held,
-            seed=seed + k,
-            restarts=restarts,
-            refine=refine,
-            robust=robust,
-            ensemble=ensemble,
-            progress=progress,
-        )
+        identification.fit(untrained, runs, held, seed=seed + k, progress=progress, **asked)
         for k in range(seeds)
     ]
     fits = [(model.with_reading(how.said), account) for model, account in fits]
