@@ -6,7 +6,7 @@ import pytest
 
 from faultgauge.detection.answer import answers
 from faultgauge.detection.bank import build_fault_bank
-from faultgauge.detection.bank_calibration import calibrate_bank
+from faultgauge.detection.bank_calibration import calibrate_bank, calibrated
 from faultgauge.detection.decisions import as_dicts, decide, decide_runs, table
 from faultgauge.detection.events import Judged, _onset, _Stretch
 from faultgauge.detection.noise import Noise
@@ -171,9 +171,9 @@ def test_a_healthy_tank_with_a_slow_nuisance_stays_healthy(bank):
 
 
 def test_the_table_and_the_events_are_those_of_the_contract():
-    block = calibrate_bank(model(), [log(8), log(9)], NOISE).block
-    calibrated = model().with_calibration({"noise": NOISE.as_dict(model()), "bank": block})
-    decisions, bank = decide_runs(calibrated, [log(1, pump=0.2), log(7)])
+    found = calibrate_bank(model(), [log(8), log(9)], NOISE)
+    known = calibrated(model(), found._replace(noise=NOISE))
+    decisions, bank = decide_runs(known, [log(1, pump=0.2), log(7)])
     columns = table(decisions, bank.model.plant.signals.fault_names)
     assert list(columns) == [
         "run", "t", "r_x", "f_pump", "f_pump_lo", "f_pump_hi", "p_pump", "f_weak", "f_weak_lo",

@@ -101,7 +101,7 @@ def test_a_sound_plant_does_not_drift(model):
 def test_what_grows_below_the_alarm_is_told_and_left_open(model):
     """A leak of either kind, fault or wear, that grows too slowly to be told from the model's own
     error: to three times its learned size."""
-    grown = 3 * model.calibration["noise"]["size"]["x"]
+    grown = 3 * model.calibration.noise.size["x"]
     decisions, bank = decide_runs(model, [run_of(1, grown * np.linspace(0, 1, COUNT))])
     found = drifts(bank, decisions)
     for each in found:

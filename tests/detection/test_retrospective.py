@@ -344,7 +344,7 @@ def limited(bank, low, high):
     """`bank` with these limits of its pump's fault, and nothing else changed."""
     limits = f'unit = "l/s"\nmin = {low}\nmax = {high}'
     spec = parse_plant(TANK.replace('unit = "l/s"', limits))
-    return replace(bank, model=Model(GrayBoxPlant.untrained(spec), bank.model.record))
+    return replace(bank, model=replace(bank.model, plant=GrayBoxPlant.untrained(spec)))
 
 
 def test_no_size_is_told_beyond_the_limit_of_its_fault(bank, biased):

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from calibrations import for_bank
 from faultgauge.detection.delay_line import DelayLine
 from faultgauge.detection.noise import Noise
 from faultgauge.detection.watch import Watch
@@ -54,9 +55,8 @@ def model(text=HEATER):
         "data": {"fit": [], "validate": []},
     }
     plain = Model(GrayBoxPlant.untrained(parse_plant(text)), record)
-    noise = Noise(*(np.array(each) for each in LEVELS)).as_dict(plain)
-    bank = {"level": 3.0, "healthy_s": 500.0}
-    return plain.with_calibration({"noise": noise, "bank": bank, "repeats": {"x": 1, "z": 1}})
+    noise = Noise(*(np.array(each) for each in LEVELS))
+    return for_bank(plain, noise, {"x": 1, "z": 1}, level=3.0, healthy_s=500.0)
 
 
 def log(seed, loss=0.0):
@@ -207,7 +207,6 @@ def test_a_slow_column_of_a_file_is_its_samples_alone(watch, walked):
 
 
 def test_a_model_without_calibration_is_refused():
-    plain = model()
-    record = {name: value for name, value in plain.record.items() if name != "calibration"}
+    plain = model().with_calibration(None)
     with pytest.raises(InputError, match="faultgauge calibrate"):
-        Watch(Model(plain.plant, record), ("u", "x", "z"), STEP)
+        Watch(plain, ("u", "x", "z"), STEP)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
+from calibrations import for_bank
 from faultgauge.detection.bank import build_fault_bank
 from faultgauge.detection.noise import noise_of
 from faultgauge.detection.smallest import apart_size, around
@@ -75,9 +76,9 @@ def bank():
         "envelope_points": points.tolist(),
         "columns": {"states": [["a", 0], ["b", 0]], "outputs": ["y"]},
         "data": {"fit": [], "validate": []},
-        "calibration": {"noise": noise, "bank": {"healthy_s": 1000.0, "mtbfa_s": 100.0}},
     }
     model = Model(GrayBoxPlant.untrained(parse_plant(TEXT)), record)
+    model = for_bank(model, noise, healthy_s=1000.0, mtbfa_s=100.0)
     t = STEP * np.arange(COUNT)
     run = Run("r", "r.csv", t, {"u": np.ones(COUNT), "y": np.full(COUNT, 5.0)})
     return build_fault_bank(model, [run], noise_of(model)), run

@@ -114,7 +114,8 @@ def drifting_of(model: Model) -> tuple[str, ...]:
 
 def noise_of(model: Model) -> Noise:
     """What `calibrate` found. Raises `InputError` for a model without it."""
-    block = (model.calibration or {}).get("noise")
+    found = model.calibration and model.calibration.noise
+    block = found.as_dict() if found else None
     if block is None or {*block, *WANDER, *LATE} != set(Noise._fields):
         raise InputError(
             "the model holds no noise levels, which the bank needs; run `faultgauge "

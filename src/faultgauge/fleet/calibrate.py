@@ -19,6 +19,7 @@ from faultgauge.fleet.folder import (
 from faultgauge.fleet.result import FleetResult, failures
 from faultgauge.fleet.units import Unit, units_in
 from faultgauge.plants.model import Model, decoded, encoded, load_model
+from faultgauge.plants.record import CalibrationRecord
 from faultgauge.verbs.calibrate import calibrate
 from faultgauge.verbs.how import How, Reading, reads
 from faultgauge.verbs.reading import runs_for_model
@@ -52,10 +53,10 @@ def model_of_unit(unit: Unit) -> Model:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FleetCalibrated(FleetResult):
-    """What `calibrate_fleet` found: the calibration block of every unit, by name, in `units`."""
+    """What `calibrate_fleet` found: the calibration of every unit, by name, in `units`."""
 
     folder: Path
-    units: dict[str, dict[str, Any]]
+    units: dict[str, CalibrationRecord]
     failed: dict[str, str]
     before: int
     warnings: Sequence[str]
@@ -76,16 +77,17 @@ class FleetCalibrated(FleetResult):
         return [*self.lines, *own]
 
     def as_dict(self) -> dict[str, Any]:
-        return {"units": self.units, "failed": self.failed, "done_before": self.before}
+        units = {name: each.as_dict() for name, each in self.units.items()}
+        return {"units": units, "failed": self.failed, "done_before": self.before}
 
     def columns(self) -> Columns:
         """A row per unit: seconds of healthy log, alarm level, mean time between false alarms."""
-        banks = [each["bank"] for each in self.units.values()]
+        banks = [each.bank for each in self.units.values()]
         rest = [None] * len(self.failed)
         keys = ("healthy_s", "level", "mtbfa_s", "widened")
         return {
             "unit": [*self.units, *self.failed],
-            **{key: [*(bank[key] for bank in banks), *rest] for key in keys},
+            **{key: [*(getattr(bank, key) for bank in banks), *rest] for key in keys},
             "failed": [*(None for _ in banks), *self.failed.values()],
         }
 
@@ -124,12 +126,13 @@ def calibrate_fleet(
         failed = land(workers, job, given, target, len(todo), "calibrating", progress)
     found = {u.name: model_path(target, u.name) for u in units if u.name not in failed}
     check_some(failed, list(found))
-    blocks, said = {}, {}
+    told, said = {}, {}
     for name, path in sorted(found.items()):
         model = load_model(path)
-        blocks[name], said[name] = model.calibration, summary(model)
+        if model.calibration is not None:
+            told[name], said[name] = model.calibration, summary(model)
     before = len(units) - len(todo)
-    return FleetCalibrated(target, blocks, failed, before, failures(failed), said)
+    return FleetCalibrated(target, told, failed, before, failures(failed), said)
 
 
 def _calibrated(path: Path) -> bool:

@@ -12,7 +12,7 @@ placed in discrete time, so it is stable at any omega_o dt.
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Complex, Float
 
 from faultgauge.errors import InputError
 from faultgauge.observers.gains import ackermann, bandwidth_poles, spectral_radius

@@ -244,7 +244,7 @@ def _seen_before(model: Model, runs: Sequence[Run]) -> list[str]:
     data = model.record["data"]
     known = {
         "the fit": {*data["fit"], *data["validate"]},
-        "the calibration": {*(model.calibration or {})["data"]},
+        "the calibration": {*(model.calibration.data if model.calibration else ())},
     }
     found = []
     for where, hashes in known.items():
