@@ -13,10 +13,8 @@ from faultgauge.detection.noise import Noise
 from faultgauge.detection.uncalibrated import prior_of
 from faultgauge.detection.verdicts import Verdict
 from faultgauge.errors import InputError
-from faultgauge.plants.gray_box import GrayBoxPlant
-from faultgauge.plants.model import Model
-from faultgauge.plants.plant_file import parse_plant
 from faultgauge.telemetry import Run
+from models import as_stated
 
 TANK = """
 name = "tank"
@@ -49,13 +47,7 @@ NOISE = Noise(
 def model(text=TANK):
     rng = np.random.default_rng(0)
     points = np.stack([rng.uniform(0, 12, 60), rng.uniform(0, 2, 60)], axis=1)
-    record = {
-        "max_step": 1.0,
-        "envelope_points": points.tolist(),
-        "columns": {"states": [["x", 0]], "outputs": ["x"]},
-        "data": {"fit": [], "validate": []},
-    }
-    return Model(GrayBoxPlant.untrained(parse_plant(text)), record)
+    return as_stated(text, points)
 
 
 @pytest.fixture(scope="module")

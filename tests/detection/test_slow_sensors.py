@@ -14,13 +14,11 @@ from faultgauge.detection.residual import residuals
 from faultgauge.detection.retrospective import retrospect
 from faultgauge.detection.stream import Stream
 from faultgauge.errors import InputError
-from faultgauge.plants.gray_box import GrayBoxPlant
-from faultgauge.plants.model import Model
-from faultgauge.plants.plant_file import parse_plant
 from faultgauge.telemetry import Run, cut, read_telemetry
 from faultgauge.telemetry.rates import align
 from faultgauge.telemetry.stream import Sample
 from faultgauge.telemetry.writing import as_table, write_table
+from models import as_stated
 
 pytestmark = pytest.mark.usefixtures("quick_code")
 
@@ -47,13 +45,7 @@ LOSS = -0.1
 
 def model(text=HEATER):
     points = np.random.default_rng(0).uniform([-4, -6, -2], [4, 6, 2], (80, 3))
-    record = {
-        "max_step": 1.0,
-        "envelope_points": points.tolist(),
-        "columns": {"states": [["x", 0], ["z", 0]], "outputs": ["x", "z"]},
-        "data": {"fit": [], "validate": []},
-    }
-    return Model(GrayBoxPlant.untrained(parse_plant(text)), record)
+    return as_stated(text, points, [("x", 0), ("z", 0)], ["x", "z"])
 
 
 def cells(seed, loss=0.0, every=EVERY):

@@ -13,11 +13,9 @@ from faultgauge.detection.flat_line import FlatLine, longest_repeats
 from faultgauge.detection.noise import Noise
 from faultgauge.detection.stream import Stream
 from faultgauge.observers.follow import follow
-from faultgauge.plants.gray_box import GrayBoxPlant
-from faultgauge.plants.model import Model
-from faultgauge.plants.plant_file import parse_plant
 from faultgauge.telemetry import Run
 from faultgauge.telemetry.stream import Sample
+from models import as_stated
 
 TANK = """
 name = "tank"
@@ -39,13 +37,7 @@ STEP, COUNT, SIGMA = 0.5, 700, 0.02
 
 def model(text=TANK):
     points = np.random.default_rng(0).uniform([0, 0], [12, 2], (60, 2))
-    record = {
-        "max_step": 1.0,
-        "envelope_points": points.tolist(),
-        "columns": {"states": [["x", 0]], "outputs": ["x"]},
-        "data": {"fit": [], "validate": []},
-    }
-    return Model(GrayBoxPlant.untrained(parse_plant(text)), record)
+    return as_stated(text, points)
 
 
 def log(seed, pump=0.0, gauge=0.0):

@@ -16,11 +16,9 @@ from faultgauge.detection.watch import Watch
 from faultgauge.errors import InputError
 from faultgauge.identification.samples import in_effect
 from faultgauge.observers.follow import follow
-from faultgauge.plants.gray_box import GrayBoxPlant
-from faultgauge.plants.model import Model
-from faultgauge.plants.plant_file import parse_plant
 from faultgauge.telemetry import Run
 from faultgauge.telemetry.runs import cut
+from models import as_stated
 
 HEATER = """
 name = "heater"
@@ -48,13 +46,7 @@ LEVELS = [SIGMA, SIGMA], [1e-3, 1e-3], [], [1e-3] * 2, [50.0] * 2, [1e-3], [5.0]
 
 def model(text=HEATER):
     points = np.random.default_rng(0).uniform([-4, -6, -2], [4, 6, 2], (80, 3))
-    record = {
-        "max_step": 1.0,
-        "envelope_points": points.tolist(),
-        "columns": {"states": [["x", 0], ["z", 0]], "outputs": ["x", "z"]},
-        "data": {"fit": [], "validate": []},
-    }
-    plain = Model(GrayBoxPlant.untrained(parse_plant(text)), record)
+    plain = as_stated(text, points, [("x", 0), ("z", 0)], ["x", "z"])
     noise = Noise(*(np.array(each) for each in LEVELS))
     return for_bank(plain, noise, {"x": 1, "z": 1}, level=3.0, healthy_s=500.0)
 

@@ -4,10 +4,8 @@ import numpy as np
 import pytest
 
 from calibrations import for_bank
-from faultgauge.plants.gray_box import GrayBoxPlant
-from faultgauge.plants.model import Model
-from faultgauge.plants.plant_file import parse_plant
 from faultgauge.telemetry import Run
+from models import as_stated
 
 STEP, SIGMA, SLOW = 0.1, 0.05, 0.5  # s, m, 1/s
 PLANT = """
@@ -49,13 +47,7 @@ def modelled():
             "lasting": {"x": 50.0}, "share": one, "settling": {"x": 5.0}, "spread": none,
             "shift": none, "renewed": none,
         }  # fmt: skip
-        record = {
-            "max_step": 1.0,
-            "envelope_points": points.tolist(),
-            "columns": {"states": [["x", 0]], "outputs": ["x"]},
-            "data": {"fit": [], "validate": []},
-        }
-        model = Model(GrayBoxPlant.untrained(parse_plant(PLANT + faults)), record)
+        model = as_stated(PLANT + faults, points)
         if not calibrated:
             return model
         return for_bank(model, noise, level=5.0, healthy_s=1000.0, mtbfa_s=7200.0)
