@@ -205,7 +205,7 @@ def _odds(peak: float) -> str:
 
 def calibrated(model: Model, found: BankCalibration, **beside: Any) -> Model:
     """`model` with what was `found`, and what is told `beside` it: `data`, `repeats`."""
-    levels = NoiseLevels(**found.noise.as_dict(model))
+    levels = NoiseLevels.model_validate(found.noise.as_dict(model))
     told = {"observer": "bank", "data": [], "repeats": {}} | beside
     return model.with_calibration(CalibrationRecord(**told, noise=levels, bank=found.level))
 
