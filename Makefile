@@ -4,13 +4,23 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed-$(shell $(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info[:2])')
 
-.PHONY: demo test studies fuzz kills check lint bench lock docs peers emulators clean
+.PHONY: demo test coverage studies fuzz kills check lint bench lock docs peers emulators clean
 
 demo: $(STAMP)
 	$(BIN)/faultgauge demo --out out
 
 test: $(STAMP)
 	$(BIN)/python -m pytest -q -n 2 --dist loadfile --no-loadscope-reorder -m "not study"
+
+# Branches that the tests take; the folders that everything rests on have a bound.
+coverage: $(STAMP)
+	$(BIN)/python -m pytest -q -n 2 --dist loadfile --no-loadscope-reorder -m "not study" \
+		--cov --cov-report=
+	$(BIN)/coverage report --sort=cover | tail -40
+	for folder in plants telemetry observers detection; do \
+		$(BIN)/coverage report --include="*/faultgauge/$$folder/*" --fail-under=95 \
+			--format=total || exit 1; \
+	done
 
 # Whole studies, on measured and simulated plants: minutes each.
 studies: $(STAMP)

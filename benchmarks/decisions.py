@@ -13,6 +13,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from faultgauge.detection.uncalibrated import level_in
 from faultgauge.studies import merit
 from faultgauge.studies.decisions.naming import Verdict, left_out, named, rig_bank
 from faultgauge.studies.decisions.optimal import against_kalman, linear_bank
@@ -108,11 +109,11 @@ def tanks(first: int, count: int) -> None:
 
 def wheel(first: int, flights: int, healthy: int, calibration: int) -> None:
     bank = wheel_bank(calibration)
-    block = (bank.model.calibration or {})["bank"]
+    block = level_in(bank.model)
     print(
-        f"wheel: alarm at log-odds of {block['level']:.2f}, from {block['judged_s'] / STEP:.4g} "
-        f"healthy samples with {block['alarms']} alarms: at most one false alarm in "
-        f"{block['mtbfa_s'] / STEP:.4g} samples (95 %)"
+        f"wheel: alarm at log-odds of {block.level:.2f}, from {block.judged_s / STEP:.4g} "
+        f"healthy samples with {block.alarms} alarms: at most one false alarm in "
+        f"{block.mtbfa_s / STEP:.4g} samples (95 %)"
     )
     found = [friction_found(bank, first + k) for k in range(flights)]
     weights = [a.samples for a in found]

@@ -54,16 +54,21 @@ def one_seed(logs: DriveLogs, seed: int) -> None:
         said = [f"{q:.3f}" for q in np.quantile(each, SHOWN)] if len(each) else []
         print(f"  settled samples {name}: {len(each)}, median, 99 % and most from training: {said}")
     print(f"  in the box and in no region: {int(np.sum(posterior.outside > 1))}")
-    calibration = placed.model.calibration or {}
-    other = {**calibration, "noise": (speed.model.calibration or {})["noise"]}
-    swapped = replace(placed, model=placed.model.with_calibration(other))
+    own, other = placed.model.calibration, speed.model.calibration
+    assert own is not None
+    assert other is not None
+    mixed = own.model_copy(update={"noise": other.noise})
+    swapped = replace(placed, model=placed.model.with_calibration(mixed))
     for name, body in (("own", placed), ("the other body's", swapped)):
         report(name, body, logs)
 
 
 def report(name: str, body: Body, logs: DriveLogs) -> None:
     found = by_bank(body, logs).figures
-    noise = (body.model.calibration or {})["noise"]["process"]["v"]
+    known = body.model.calibration
+    assert known is not None
+    assert known.noise is not None
+    noise = known.noise.process["v"]
     print(
         f"  {name} noise, {noise:.2g} m/s per root second: half periods wrong "
         f"{found['half_periods_wrong']:.0f}, RMSE {found['rmse_share']:.2%}, coverage "

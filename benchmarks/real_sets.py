@@ -25,6 +25,7 @@ from typing import NamedTuple
 import numpy as np
 
 from faultgauge.detection.calibration import calibrate
+from faultgauge.detection.uncalibrated import level_in
 from faultgauge.errors import InputError
 from faultgauge.identification.fit import fit
 from faultgauge.plants.gray_box import GrayBoxPlant
@@ -183,8 +184,8 @@ def rehearsed(each: RealSet, trials: int) -> dict[str, object]:
     times.append(time.perf_counter())
     said = rehearse(found.model, each.rehearse, trials=trials, progress=progress)
     times.append(time.perf_counter())
-    bank = (found.model.calibration or {})["bank"]
-    own = {k: bank[k] for k in ("widened", "level", "memory_s")}
+    bank = level_in(found.model)
+    own = bank.model_dump(include={"widened", "level", "memory_s"})
     fit_s, calibrate_s, rehearse_s = (b - a for a, b in pairwise(times))
     took = {"fit_s": fit_s, "calibrate_s": calibrate_s, "rehearse_s": rehearse_s}
     print(f"== {each.name}: {own}, {took}\n{said}\n", flush=True)

@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from calibrations import for_bank
 from faultgauge.detection.noise import Noise, constants_of, drifting_of
 from faultgauge.plants.disturbed import dynamic_states, following_inputs
 from faultgauge.plants.gray_box import GrayBoxPlant
@@ -67,13 +68,7 @@ def calibrated(source, seed=0, step=STEP):
         np.full(ways[1], 1e-2), np.full(ways[1], 1.0), spread + 1e-6, np.zeros(known),
         np.zeros(known),
     )  # fmt: skip
-    bank = {
-        "level": 3.0, "widened": 1.0, "mtbfa_s": 3e3, "confidence": 0.95, "judged_s": 1e4,
-        "healthy_s": 1e4, "memory_s": 20.0, "alarms": 0, "blocks": 20, "block_s": 500.0,
-        "samples": 10**5, "size": dict.fromkeys(signals.fault_names, 1.0), "suspects": [],
-    }  # fmt: skip
-    found = {"observer": "bank", "data": [], "repeats": {}}
-    return model.with_calibration({**found, "noise": noise.as_dict(model), "bank": bank})
+    return for_bank(model, noise, size=dict.fromkeys(signals.fault_names, 1.0))
 
 
 def draws(rng, low, high, middle):

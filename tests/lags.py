@@ -3,18 +3,20 @@
 import numpy as np
 
 from faultgauge.detection.noise import Noise
-from faultgauge.plants.gray_box import GrayBoxPlant
-from faultgauge.plants.model import Model
-from faultgauge.plants.plant_file import parse_plant
 from faultgauge.telemetry import Run
+from models import as_stated
 
-LAG = """
+PLANT = """
 name = "lag"
 [states.x]
 derivative = "u - 0.2*x"
 [inputs.u]
 [outputs.x]
 value = "x"
+"""
+LAG = (
+    PLANT
+    + """
 [faults.push]
 enters = "state"
 target = "x"
@@ -25,6 +27,7 @@ target = "x"
 [detection]
 {rules}
 """
+)
 STEP, SIGMA, COUNT = 0.5, 0.02, 800
 NOISE = Noise(
     *(np.array(each) for each in (
@@ -38,14 +41,17 @@ NOISE = Noise(
 def model(more="", rules="", text=LAG):
     """With `more` keys of the fault `push`, and `rules` of detection."""
     points = np.random.default_rng(0).uniform([-6, -1], [6, 1], (60, 2))
-    record = {
-        "max_step": 1.0,
-        "envelope_points": points.tolist(),
-        "columns": {"states": [["x", 0]], "outputs": ["x"]},
-        "data": {"fit": [], "validate": []},
-    }
     text = text.format(more=more, rules=rules)
-    return Model(GrayBoxPlant.untrained(parse_plant(text)), record)
+    return as_stated(text, points)
+
+
+def driven(u, x=0.0, steps=0.0):
+    """Its state from `x` on, exact while each of `u` is held, with `steps` of x at the samples."""
+    steps = np.broadcast_to(steps, len(u))
+    fade, x = np.exp(-0.2 * STEP), np.full(len(u), x)
+    for k in range(len(u) - 1):
+        x[k + 1] = fade * x[k] + (1 - fade) / 0.2 * u[k] + steps[k]
+    return x
 
 
 def log(seed, push=0.0, error=0.0, bias=0.0, until=COUNT, samples=COUNT):
@@ -55,8 +61,6 @@ def log(seed, push=0.0, error=0.0, bias=0.0, until=COUNT, samples=COUNT):
     u = np.repeat(rng.uniform(-1, 1, samples // 20), 20)
     k = np.arange(samples)
     acts = (k >= COUNT // 2) & (k < until)
-    fade, x = np.exp(-0.2 * STEP), np.zeros(samples)
-    for j in range(samples - 1):
-        x[j + 1] = fade * x[j] + (1 - fade) / 0.2 * (u[j] + error[j] + push * acts[j])
+    x = driven(u + error + push * acts)
     y = x + bias * acts + SIGMA * rng.standard_normal(samples)
     return Run(f"run{seed}", "lag.csv", STEP * k, {"u": u, "x": y})

@@ -15,10 +15,8 @@ from jaxtyping import Float
 
 from faultgauge.detection.bank import FaultBank, build_fault_bank
 from faultgauge.detection.noise import Noise
-from faultgauge.plants.gray_box import GrayBoxPlant
-from faultgauge.plants.model import Model
-from faultgauge.plants.plant_file import parse_plant
 from faultgauge.telemetry import Run
+from models import as_stated
 
 Samples: TypeAlias = Float[np.ndarray, "samples"]
 
@@ -147,11 +145,5 @@ SCENES: dict[str, Callable[[], Run]] = {
 def tank_bank(text: str = TANK) -> FaultBank:
     rng = np.random.default_rng(0)
     points = np.stack([rng.uniform(0, 12, 60), rng.uniform(0, 2, 60)], axis=1)
-    record = {
-        "max_step": 1.0,
-        "envelope_points": points.tolist(),
-        "columns": {"states": [["x", 0]], "outputs": ["x"]},
-        "data": {"fit": [], "validate": []},
-    }
-    model = Model(GrayBoxPlant.untrained(parse_plant(text)), record)
+    model = as_stated(text, points)
     return build_fault_bank(model, [log(0)], NOISE)

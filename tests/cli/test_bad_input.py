@@ -12,7 +12,8 @@ import faultgauge.files
 import faultgauge.identification.fit
 from faultgauge.cli.app import ISSUES
 from faultgauge.verbs.check import guessed
-from faultgauge.verbs.reading import How, runs_for_plant
+from faultgauge.verbs.how import How
+from faultgauge.verbs.reading import runs_for_plant
 
 NUL = b"\x00\x01\x02\xff\xfe" * 40
 

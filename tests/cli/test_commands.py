@@ -392,10 +392,10 @@ def test_the_bank_without_calibration_judges_nothing(call, workshop, tmp_path, m
 def test_calibrate_says_what_the_healthy_log_proves_of_the_bank(call, workshop, tmp_path):
     out, report = tmp_path / "c.fgm", tmp_path / "c.html"
     said = call("calibrate", workshop.model, workshop.healthy, "--out", out, "--report", report)
-    block = load_model(out).calibration or {}
-    bank = block["bank"]
-    assert f"proves only that false alarms come at most once in {bank['mtbfa_s']:.4g} s" in said.out
-    assert f"the model's own error in d(x): {block['noise']['size']['x']:.2g} m/s" in said.out
+    known = load_model(out).calibration
+    bank = known.bank
+    assert f"proves only that false alarms come at most once in {bank.mtbfa_s:.4g} s" in said.out
+    assert f"the model's own error in d(x): {known.noise.size['x']:.2g} m/s" in said.out
     text = report.read_text()
     assert "How well a fault is known by when" in text
     assert "Healthy blocks against the alarm level" in text

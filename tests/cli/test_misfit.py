@@ -34,7 +34,7 @@ def test_a_stream_that_begins_under_the_fault_is_warned_of_once(stream, workshop
     (event,) = (line for line in lines if line["said"] == "warning")
     assert warning == f"warning: {event['text']}."
     assert event["run"] == "stream"
-    block = (load_model(workshop.calibrated).calibration or {})["bank"]["block_s"]
+    block = load_model(workshop.calibrated).calibration.bank.block_s
     held = 1.0  # s: 10 samples
     # as many rows as a block has, 20 at least; two rows of 0.1 s for the ends of either
     assert event["t"] - 32.0 - held == pytest.approx(max(block, 2.0), abs=0.2)

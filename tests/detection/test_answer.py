@@ -18,14 +18,12 @@ from faultgauge.detection.decisions import Watching, decide
 from faultgauge.detection.evidence import evidence, same
 from faultgauge.detection.glitches import sentences
 from faultgauge.detection.noise import Noise
-from faultgauge.plants.gray_box import GrayBoxPlant
-from faultgauge.plants.model import Model
-from faultgauge.plants.plant_file import parse_plant
 from faultgauge.reporting.decision_chapter import decision_report
 from faultgauge.reporting.report import render
 from faultgauge.telemetry import Run, read_telemetry
 from faultgauge.telemetry.runs import cut
 from faultgauge.telemetry.writing import as_table, write_table
+from models import as_stated
 
 TANK = """
 name = "tank"
@@ -82,13 +80,7 @@ def bank():
 def built(text):
     rng = np.random.default_rng(0)
     points = np.stack([rng.uniform(0, 12, 60), rng.uniform(0, 2, 60)], axis=1)
-    record = {
-        "max_step": 1.0,
-        "envelope_points": points.tolist(),
-        "columns": {"states": [["x", 0]], "outputs": ["x"]},
-        "data": {"fit": [], "validate": []},
-    }
-    model = Model(GrayBoxPlant.untrained(parse_plant(text)), record)
+    model = as_stated(text, points)
     return build_fault_bank(model, [log(0)], NOISE)
 
 

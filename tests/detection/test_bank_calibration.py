@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from calibrations import for_observer
 from faultgauge.detection.bank import CERTAIN, build_fault_bank
-from faultgauge.detection.bank_calibration import _believed, calibrate_bank, level_of
+from faultgauge.detection.bank_calibration import _believed, calibrate_bank, calibrated, level_of
 from faultgauge.detection.blocks import Block
 from faultgauge.detection.decisions import decide, decide_runs
 from faultgauge.detection.uncalibrated import unjudged_sentence
@@ -12,10 +13,9 @@ from faultgauge.errors import InputError
 from lags import COUNT, LAG, NOISE, STEP, log, model
 
 
-def calibrated(healthy, **keys):
+def on(healthy, **keys):
     plain = model(**keys)
-    block = calibrate_bank(plain, healthy, NOISE).block
-    return plain.with_calibration({"noise": NOISE.as_dict(plain), "bank": block})
+    return calibrated(plain, calibrate_bank(plain, healthy, NOISE)._replace(noise=NOISE))
 
 
 def test_the_level_stands_three_mean_excesses_of_the_upper_half_above_the_highest_peak():
@@ -30,13 +30,13 @@ def test_the_level_stands_three_mean_excesses_of_the_upper_half_above_the_highes
 
 
 def test_the_level_says_what_the_healthy_data_prove():
-    block = calibrated([log(k) for k in (1, 2, 3)]).calibration["bank"]
-    assert block["level"] >= CERTAIN
-    assert block["alarms"] == 0
+    block = on([log(k) for k in (1, 2, 3)]).calibration.bank
+    assert block.level >= CERTAIN
+    assert block.alarms == 0
     # three runs of 800 less 10 samples of hold-off
-    assert block["judged_s"] == pytest.approx(3 * 790 * STEP)
-    assert block["mtbfa_s"] == pytest.approx(block["judged_s"] / 2.9957, rel=1e-4)  # -ln 0.05
-    assert block["blocks"] >= 6
+    assert block.judged_s == pytest.approx(3 * 790 * STEP)
+    assert block.mtbfa_s == pytest.approx(block.judged_s / 2.9957, rel=1e-4)  # -ln 0.05
+    assert block.blocks >= 6
     with pytest.raises(InputError, match="at least 3 blocks"):
         calibrate_bank(model(), [log(1, samples=100)], NOISE)
 
@@ -44,19 +44,19 @@ def test_the_level_says_what_the_healthy_data_prove():
 def test_a_run_that_looks_faulty_is_named_and_kept():
     found = calibrate_bank(model(), [log(1), log(2), log(3, bias=1.0)], NOISE)
     assert any("run3, " in each and "look faulty" in each for each in found.warnings)
-    assert {run for run, *_ in found.block["suspects"]} == {"run3"}
-    assert found.block["level"] > max(b.peak for b in found.blocks)  # kept: it raises the level
+    assert {run for run, *_ in found.level.suspects} == {"run3"}
+    assert found.block.level > max(b.peak for b in found.blocks)  # kept: it raises the level
 
 
 def test_evidence_is_believed_as_far_as_healthy_logs_show_no_fault():
     """A model that is right is believed in full. One that errs by a square wave of 0.1 in x', which
     is neither white nor a rare step, would be sure of faults in healthy logs."""
     right = calibrate_bank(model(), [log(1), log(2), log(3)], NOISE)
-    assert right.block["widened"] == 1.0
+    assert right.level.widened == 1.0
     assert right.noise.as_dict(model()) == NOISE.as_dict(model())
     wave = 0.1 * np.sign(np.sin(2 * np.pi * np.arange(COUNT) / 200))
     wrong = calibrate_bank(model(), [log(k, error=wave) for k in (1, 2, 3)], NOISE)
-    factor = wrong.block["widened"]
+    factor = wrong.level.widened
     assert factor > 1.0
     # one fault in a thousand such sets of logs, and as many at the start of each of three: 4 in a
     # thousand per declared fault, 20 times which is seen by chance once in 20 times
@@ -90,11 +90,10 @@ def test_a_longer_time_than_the_blocks_support_is_refused():
         calibrate_bank(model(), [log(1), log(2), log(3)], NOISE, 500.0)
 
 
-@pytest.mark.parametrize("noise", [False, True])
-def test_a_model_without_calibration_of_the_bank_judges_nothing(noise):
-    """Calibrated before there was a bank, or where its noise or alarm level was not found."""
-    old = {"noise": NOISE.as_dict(model())} if noise else {}
-    (decision,), bank = decide_runs(model().with_calibration(old), [log(1)])
+def test_a_model_without_calibration_of_the_bank_judges_nothing():
+    """Calibrated for an observer, or before there was a bank."""
+    old = for_observer(model())
+    (decision,), bank = decide_runs(old, [log(1)])
     assert bank is None
     assert set(zip(decision.status, decision.reason, strict=True)) == {
         ("NOT_JUDGED", "not calibrated for the bank")
@@ -105,7 +104,7 @@ def test_a_model_without_calibration_of_the_bank_judges_nothing(noise):
     low, high = decision.posterior.lo[:, 1], decision.posterior.hi[:, 1]
     assert np.allclose(high, 1.96 * 12 / 4, rtol=0.05)
     assert np.array_equal(low, -high)
-    assert "again" in unjudged_sentence(model().with_calibration(old))
+    assert "again" in unjudged_sentence(old)
     assert "again" not in unjudged_sentence(model())
 
 

@@ -6,6 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from calibrations import for_bank
 from faultgauge.detection.bank import build_fault_bank
 from faultgauge.detection.coverage import MARGIN, regions_of
 from faultgauge.detection.decisions import Decision, decide, decide_runs, table
@@ -163,9 +164,7 @@ def test_slow_changes_are_judged():
 def test_a_stream_leaves_the_region_at_the_same_samples():
     run = log(np.repeat(np.random.default_rng(3).uniform(0.5, 1.5, COUNT // 20), 20))
     plain = model(near_steady())
-    calibrated = plain.with_calibration(
-        {"noise": NOISE.as_dict(plain), "bank": {"level": 3.0, "healthy_s": 200.0}, "repeats": {}}
-    )
+    calibrated = for_bank(plain, NOISE, level=3.0, healthy_s=200.0)
     judge, said = Stream(calibrated, observer="bank"), []
     for k, t in enumerate(run.t):
         said += judge.push(Sample(float(t), {n: float(v[k]) for n, v in run.columns.items()}))

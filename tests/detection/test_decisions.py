@@ -6,17 +6,15 @@ import pytest
 
 from faultgauge.detection.answer import answers
 from faultgauge.detection.bank import build_fault_bank
-from faultgauge.detection.bank_calibration import calibrate_bank
+from faultgauge.detection.bank_calibration import calibrate_bank, calibrated
 from faultgauge.detection.decisions import as_dicts, decide, decide_runs, table
 from faultgauge.detection.events import Judged, _onset, _Stretch
 from faultgauge.detection.noise import Noise
 from faultgauge.detection.uncalibrated import prior_of
 from faultgauge.detection.verdicts import Verdict
 from faultgauge.errors import InputError
-from faultgauge.plants.gray_box import GrayBoxPlant
-from faultgauge.plants.model import Model
-from faultgauge.plants.plant_file import parse_plant
 from faultgauge.telemetry import Run
+from models import as_stated
 
 TANK = """
 name = "tank"
@@ -49,13 +47,7 @@ NOISE = Noise(
 def model(text=TANK):
     rng = np.random.default_rng(0)
     points = np.stack([rng.uniform(0, 12, 60), rng.uniform(0, 2, 60)], axis=1)
-    record = {
-        "max_step": 1.0,
-        "envelope_points": points.tolist(),
-        "columns": {"states": [["x", 0]], "outputs": ["x"]},
-        "data": {"fit": [], "validate": []},
-    }
-    return Model(GrayBoxPlant.untrained(parse_plant(text)), record)
+    return as_stated(text, points)
 
 
 @pytest.fixture(scope="module")
@@ -171,9 +163,9 @@ def test_a_healthy_tank_with_a_slow_nuisance_stays_healthy(bank):
 
 
 def test_the_table_and_the_events_are_those_of_the_contract():
-    block = calibrate_bank(model(), [log(8), log(9)], NOISE).block
-    calibrated = model().with_calibration({"noise": NOISE.as_dict(model()), "bank": block})
-    decisions, bank = decide_runs(calibrated, [log(1, pump=0.2), log(7)])
+    found = calibrate_bank(model(), [log(8), log(9)], NOISE)
+    known = calibrated(model(), found._replace(noise=NOISE))
+    decisions, bank = decide_runs(known, [log(1, pump=0.2), log(7)])
     columns = table(decisions, bank.model.plant.signals.fault_names)
     assert list(columns) == [
         "run", "t", "r_x", "f_pump", "f_pump_lo", "f_pump_hi", "p_pump", "f_weak", "f_weak_lo",

@@ -14,18 +14,11 @@ from faultgauge.detection.drift import as_dicts, drifts, sentences, trend
 from faultgauge.detection.events import BankEvent
 from faultgauge.detection.noise import Noise
 from faultgauge.detection.posterior import Posterior
-from faultgauge.plants.gray_box import GrayBoxPlant
-from faultgauge.plants.model import Model
-from faultgauge.plants.plant_file import parse_plant
 from faultgauge.telemetry import Run
+from lags import PLANT, STEP, driven
+from models import as_stated
 
-LAG = """
-name = "lag"
-[states.x]
-derivative = "u - 0.2*x"
-[inputs.u]
-[outputs.x]
-value = "x"
+LAG = f"""{PLANT}
 [faults.leak]
 enters = "state"
 target = "x"
@@ -33,7 +26,7 @@ unit = "K/s"
 [observer]
 bandwidth = 0.5
 """
-STEP, COUNT, SIGMA = 0.5, 6000, 0.02
+COUNT, SIGMA = 6000, 0.02
 
 
 def red(seed, count=COUNT, memory=5.0):
@@ -49,12 +42,7 @@ def run_of(seed, drive=0.0, count=COUNT):
     """The lag, exact under the hold, with `drive` (per sample) on its derivative."""
     rng = np.random.default_rng([seed, 1])
     u = np.repeat(rng.uniform(0.5, 1.5, count // 20), 20)
-    fade = np.exp(-0.2 * STEP)
-    x = np.full(count, u[0] / 0.2)
-    push = np.broadcast_to(drive, count)
-    for k in range(count - 1):
-        x[k + 1] = fade * x[k] + (1 - fade) / 0.2 * (u[k] + push[k])
-    y = x + SIGMA * rng.standard_normal(count)
+    y = driven(u + drive, u[0] / 0.2) + SIGMA * rng.standard_normal(count)
     return Run(f"r{seed}", "lag.csv", STEP * np.arange(count), {"u": u, "x": y})
 
 
@@ -62,15 +50,7 @@ def run_of(seed, drive=0.0, count=COUNT):
 def model():
     rng = np.random.default_rng(0)
     points = np.stack([rng.uniform(2, 8, 60), rng.uniform(0, 2, 60)], axis=1)
-    record = {
-        "max_step": 1.0,
-        "envelope_points": points.tolist(),
-        "columns": {"states": [["x", 0]], "outputs": ["x"]},
-        "data": {"fit": [], "validate": []},
-    }
-    return calibrate(
-        Model(GrayBoxPlant.untrained(parse_plant(LAG)), record), [run_of(90), run_of(91)]
-    ).model
+    return calibrate(as_stated(LAG, points), [run_of(90), run_of(91)]).model
 
 
 def test_the_trend_is_that_of_a_regression_on_block_means():
@@ -101,7 +81,7 @@ def test_a_sound_plant_does_not_drift(model):
 def test_what_grows_below_the_alarm_is_told_and_left_open(model):
     """A leak of either kind, fault or wear, that grows too slowly to be told from the model's own
     error: to three times its learned size."""
-    grown = 3 * model.calibration["noise"]["size"]["x"]
+    grown = 3 * model.calibration.noise.size["x"]
     decisions, bank = decide_runs(model, [run_of(1, grown * np.linspace(0, 1, COUNT))])
     found = drifts(bank, decisions)
     for each in found:
@@ -134,15 +114,9 @@ def test_a_drifting_parameter_is_told_from_a_fault():
     )
     rng = np.random.default_rng(0)
     points = np.stack([rng.uniform(1, 9, 60), rng.uniform(0, 2, 60)], axis=1)
-    record = {
-        "max_step": 1.0,
-        "envelope_points": points.tolist(),
-        "columns": {"states": [["x", 0]], "outputs": ["x"]},
-        "data": {"fit": [], "validate": []},
-    }
     walk = 0.1 + 0.04 * np.sin(2 * np.pi * np.arange(COUNT) / 4000)
-    plant = GrayBoxPlant.untrained(parse_plant(text))
-    calibrated = calibrate(Model(plant, record), [run_of(s, walk) for s in (80, 81)]).model
+    plain = as_stated(text, points)
+    calibrated = calibrate(plain, [run_of(s, walk) for s in (80, 81)]).model
     run = run_of(7, 0.1 + 0.08 * np.linspace(0, 1, COUNT))
     decisions, bank = decide_runs(calibrated, [run])
     found = drifts(bank, decisions)
@@ -159,15 +133,9 @@ def test_a_constant_that_took_something_up_is_told_where_no_fault_is():
         LAG.replace("u - 0.2*x", "u - drag*x") + "[parameters]\ndrag = {value = 0.2, unit = '1/s'}"
     )
     points = np.random.default_rng(0).uniform([2, 0], [8, 2], (60, 2))
-    record = {
-        "max_step": 1.0,
-        "envelope_points": points.tolist(),
-        "columns": {"states": [["x", 0]], "outputs": ["x"]},
-        "data": {"fit": [], "validate": []},
-    }
     levels = ([SIGMA], [1e-3], [], [1e-4], [100.0], [1e-3], [5.0], [0.002], [0.0])
     run = run_of(0, count=40)
-    own = Model(GrayBoxPlant.untrained(parse_plant(text)), record)
+    own = as_stated(text, points)
     bank = build_fault_bank(own, [run], Noise(*map(np.array, levels)))
     x = np.zeros((40, bank.plant.parts[-1].stop))
     x[:-1, -1] = 3.2

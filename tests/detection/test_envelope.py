@@ -13,11 +13,9 @@ from faultgauge.detection.envelope import Applied
 from faultgauge.detection.noise import Noise
 from faultgauge.detection.posterior import Marginal
 from faultgauge.detection.verdicts import Heard, Rules
-from faultgauge.plants.gray_box import GrayBoxPlant
-from faultgauge.plants.model import Model
 from faultgauge.plants.plant import respond
-from faultgauge.plants.plant_file import parse_plant
 from faultgauge.telemetry import Run
+from models import as_stated
 
 CART = """
 name = "cart"
@@ -50,13 +48,7 @@ NOISE = Noise(
 def model(text=CART):
     rng = np.random.default_rng(0)
     points = np.stack([rng.uniform(*each, 60) for each in ((0, 1), (-1, 1), (-1, 1))], axis=1)
-    record = {
-        "max_step": 1.0,
-        "envelope_points": points.tolist(),
-        "columns": {"states": [["q", 0], ["q", 1]], "outputs": ["q"]},
-        "data": {"fit": [], "validate": []},
-    }
-    return Model(GrayBoxPlant.untrained(parse_plant(text)), record)
+    return as_stated(text, points, [("q", 0), ("q", 1)], ["q"])
 
 
 def log(seed, u, push):

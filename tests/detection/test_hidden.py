@@ -1,5 +1,6 @@
 """Calibration and estimates where a state is hidden, a parameter varies, or an input acts late."""
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -125,10 +126,10 @@ def test_dead_time_on_every_path():
     late = model(PLANT.replace('"zero"', '"zero"\ndelay = 0.5'))
     plain = by_eso(model(), [log(1), log(2)])
     told = by_eso(late, [log(1, early=5), log(2, early=5)])
-    widths = [f.model.calibration["channels"]["leak"]["interval"] for f in (plain, told)]
+    widths = [f.model.calibration.channels["leak"].interval for f in (plain, told)]
     assert widths[1] == pytest.approx(widths[0], rel=0.1)  # five samples fewer
     (early,), _ = estimate(told.model, [log(3, early=5)])
-    (usual,), _ = estimate(Model(plain.model.plant, told.model.record), [log(3)])
+    (usual,), _ = estimate(replace(told.model, plant=plain.model.plant), [log(3)])
     assert early.reason[:5] == ["not sampled"] * 5
     rows = slice(250, COUNT)  # both have forgotten their start: exp(-0.5 * 24 s) = 6e-6
     scale = np.std(usual.f["leak"][rows])
@@ -137,6 +138,6 @@ def test_dead_time_on_every_path():
         r = residuals(told.model, log(3, early=5), reference)["level"]
         assert np.isnan(r[:5]).all()
         assert np.std(r[100:]) < 3 * NOISE
-    assert told.model.calibration["data"] == sorted(log(k, early=5).content_hash for k in (1, 2)), (
+    assert told.model.calibration.data == sorted(log(k, early=5).content_hash for k in (1, 2)), (
         "of the logs as they are"
     )

@@ -6,10 +6,8 @@ import pytest
 from faultgauge.detection.bank import build_fault_bank
 from faultgauge.detection.knowledge import longest_delay
 from faultgauge.detection.noise import Noise
-from faultgauge.plants.gray_box import GrayBoxPlant
-from faultgauge.plants.model import Model
-from faultgauge.plants.plant_file import parse_plant
 from faultgauge.telemetry import Run
+from models import as_stated
 
 TEXT = """
 name = "integrator"
@@ -34,13 +32,7 @@ STEP, SIGMA, PROCESS, LENGTH = 0.5, 0.1, 0.2, 2000.0
 
 def bank(size=1e-9, lasting=100.0, sigma=SIGMA, process=PROCESS):
     points = np.random.default_rng(0).uniform(-1, 1, (40, 2))
-    record = {
-        "max_step": 1.0,
-        "envelope_points": points.tolist(),
-        "columns": {"states": [["x", 0]], "outputs": ["x"]},
-        "data": {"fit": [], "validate": []},
-    }
-    model = Model(GrayBoxPlant.untrained(parse_plant(TEXT)), record)
+    model = as_stated(TEXT, points)
     small = [1e-9]
     levels = [sigma], [process], [], [size], [lasting], small, [5.0], [], []
     t = np.arange(0.0, 100.0, STEP)

@@ -7,10 +7,8 @@ from scipy.optimize import minimize
 from scipy.stats import multivariate_normal
 
 from faultgauge.detection.noise_estimation import estimate_noise
-from faultgauge.plants.gray_box import GrayBoxPlant
-from faultgauge.plants.model import Model
-from faultgauge.plants.plant_file import parse_plant
 from faultgauge.telemetry import Run
+from models import as_stated
 
 LAG = """
 name = "lag"
@@ -30,14 +28,8 @@ SIZE, TAU = 0.2, 6.0  # of the discrepancy, and how long it lasts [s]
 
 def model(fixed):
     points = np.random.default_rng(0).uniform([-3, -1], [3, 1], (60, 2))
-    record = {
-        "max_step": 1.0,
-        "envelope_points": points.tolist(),
-        "columns": {"states": [["x", 0]], "outputs": ["x"]},
-        "data": {"fit": [], "validate": []},
-    }
     text = LAG.replace("FIXED", str(fixed).lower())
-    return Model(GrayBoxPlant.untrained(parse_plant(text)), record)
+    return as_stated(text, points)
 
 
 def log(seed, a=A, size=SIZE, count=COUNT):
@@ -97,14 +89,8 @@ def test_what_an_outputs_own_equation_lacks_is_found():
     spread of a share of 1, told by 88 of them: 1 / sqrt(176), three times. How fast it comes is
     seen in noise of 4 % of a step over some samples: to some percent."""
     points = np.random.default_rng(0).uniform([-3, -1], [3, 1], (60, 2))
-    record = {
-        "max_step": 1.0,
-        "envelope_points": points.tolist(),
-        "columns": {"states": [["x", 0]], "outputs": ["x", "q", "r"]},
-        "data": {"fit": [], "validate": []},
-    }
     text = DIRECT.replace("FIXED", "true")
-    plant = Model(GrayBoxPlant.untrained(parse_plant(text)), record)
+    plant = as_stated(text, points, [("x", 0)], ["x", "q", "r"])
     runs = [metered(seed) for seed in range(LOGS)]
     found = estimate_noise(plant, runs)
     off = np.stack([run.columns["q"] - 3 * run.columns["u"] for run in runs])

@@ -12,20 +12,12 @@ from faultgauge.detection.noise_estimation import estimate_noise
 from faultgauge.detection.posterior import Mixture, mixture_quantiles
 from faultgauge.errors import InputError
 from faultgauge.observers.branches import BranchInfo
-from faultgauge.plants.gray_box import GrayBoxPlant
-from faultgauge.plants.model import Model
-from faultgauge.plants.plant_file import parse_plant
 from faultgauge.telemetry import Run
+from lags import PLANT, STEP, driven
+from models import as_stated
 
-STEP, COUNT, A = 0.5, 2000, 0.2
-SIGMA, PROCESS = 0.1, 0.05
-LAG = """
-name = "lag"
-[states.x]
-derivative = "u - 0.2*x"
-[inputs.u]
-[outputs.x]
-value = "x"
+COUNT, SIGMA, PROCESS = 2000, 0.1, 0.05
+LAG = f"""{PLANT}
 [faults.push]
 enters = "state"
 target = "x"
@@ -41,23 +33,14 @@ min = -0.5
 
 def model(text=LAG):
     points = np.random.default_rng(0).uniform(-1, 1, (40, 2))
-    record = {
-        "max_step": 1.0,
-        "envelope_points": points.tolist(),
-        "columns": {"states": [["x", 0]], "outputs": ["x"]},
-        "data": {"fit": [], "validate": []},
-    }
-    return Model(GrayBoxPlant.untrained(parse_plant(text)), record)
+    return as_stated(text, points)
 
 
 def healthy(seed, samples=COUNT):
     """Exact under the hold, with noise of state and sensor of known size."""
     rng = np.random.default_rng(seed)
     u = np.repeat(rng.uniform(-1, 1, samples // 20), 20)
-    x, fade = np.zeros(samples), np.exp(-A * STEP)
-    w = PROCESS * np.sqrt(STEP) * rng.standard_normal(samples)
-    for k in range(samples - 1):
-        x[k + 1] = fade * x[k] + (1 - fade) / A * u[k] + w[k]
+    x = driven(u, steps=PROCESS * np.sqrt(STEP) * rng.standard_normal(samples))
     y = x + SIGMA * rng.standard_normal(samples)
     return Run(f"{seed}", "lag.csv", STEP * np.arange(samples), {"u": u, "x": y})
 

@@ -19,11 +19,11 @@ from faultgauge.observers import divided_difference as dd
 from faultgauge.observers.branches import SCALES
 from faultgauge.plants.disturbed import Disturbed, Error
 from faultgauge.plants.gray_box import GrayBoxPlant
-from faultgauge.plants.model import Model
 from faultgauge.plants.plant_file import parse_plant
 from faultgauge.reporting.decision_chapter import decision_report
 from faultgauge.reporting.report import render
 from faultgauge.telemetry import Run
+from models import as_stated
 
 LAG = """
 name = "lag"
@@ -203,13 +203,7 @@ PACE, LONG, NOISE = 0.5, 800, 0.02
 def bank():
     rng = np.random.default_rng(0)
     points = np.stack([rng.uniform(0, 12, 60), rng.uniform(0, 2, 60)], axis=1)
-    record = {
-        "max_step": 1.0,
-        "envelope_points": points.tolist(),
-        "columns": {"states": [["x", 0]], "outputs": ["x"]},
-        "data": {"fit": [], "validate": []},
-    }
-    model = Model(GrayBoxPlant.untrained(parse_plant(TANK)), record)
+    model = as_stated(TANK, points)
     levels = [NOISE], [1e-3], [1e-4], [1e-4], [100.0], [1e-3], [5.0], [], []
     noise = Noise(*(np.array(each) for each in levels))  # next to no error of the model
     return build_fault_bank(model, [log(0)], noise)
@@ -344,7 +338,7 @@ def limited(bank, low, high):
     """`bank` with these limits of its pump's fault, and nothing else changed."""
     limits = f'unit = "l/s"\nmin = {low}\nmax = {high}'
     spec = parse_plant(TANK.replace('unit = "l/s"', limits))
-    return replace(bank, model=Model(GrayBoxPlant.untrained(spec), bank.model.record))
+    return replace(bank, model=replace(bank.model, plant=GrayBoxPlant.untrained(spec)))
 
 
 def test_no_size_is_told_beyond_the_limit_of_its_fault(bank, biased):

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from calibrations import for_observer
 from faultgauge.detection.calibration import calibrate
 from faultgauge.detection.decisions import Decision, decide_runs
 from faultgauge.detection.estimation import estimate
@@ -13,13 +14,11 @@ from faultgauge.detection.residual import residuals
 from faultgauge.detection.retrospective import retrospect
 from faultgauge.detection.stream import Stream
 from faultgauge.errors import InputError
-from faultgauge.plants.gray_box import GrayBoxPlant
-from faultgauge.plants.model import Model
-from faultgauge.plants.plant_file import parse_plant
 from faultgauge.telemetry import Run, cut, read_telemetry
 from faultgauge.telemetry.rates import align
 from faultgauge.telemetry.stream import Sample
 from faultgauge.telemetry.writing import as_table, write_table
+from models import as_stated
 
 pytestmark = pytest.mark.usefixtures("quick_code")
 
@@ -46,13 +45,7 @@ LOSS = -0.1
 
 def model(text=HEATER):
     points = np.random.default_rng(0).uniform([-4, -6, -2], [4, 6, 2], (80, 3))
-    record = {
-        "max_step": 1.0,
-        "envelope_points": points.tolist(),
-        "columns": {"states": [["x", 0], ["z", 0]], "outputs": ["x", "z"]},
-        "data": {"fit": [], "validate": []},
-    }
-    return Model(GrayBoxPlant.untrained(parse_plant(text)), record)
+    return as_stated(text, points, [("x", 0), ("z", 0)], ["x", "z"])
 
 
 def cells(seed, loss=0.0, every=EVERY):
@@ -108,7 +101,7 @@ def test_calibrate_says_how_far_it_is_with_every_step_of_its_search(calibration,
 def test_noise_is_that_of_the_samples(calibration):
     """n samples tell a standard deviation to 1 / sqrt(2 n): three of that. The 4 stretches of 2048
     rows that are looked at are 3 here, 614 samples of z: 8.6 %."""
-    found = calibration.model.calibration["noise"]["sigma"]
+    found = calibration.model.calibration.noise.sigma
     for name, samples in {"x": 3 * 2048, "z": 3 * 2048 / EVERY}.items():
         assert found[name] == pytest.approx(SIGMA[name], rel=3 / np.sqrt(2 * samples))
 
@@ -120,7 +113,7 @@ def limited():
 
 
 def test_the_bandwidth_is_that_of_the_sensors_own_step(limited):
-    assert limited.calibration["bandwidth"] == pytest.approx(0.1 / (EVERY * STEP))
+    assert limited.calibration.bandwidth == pytest.approx(0.1 / (EVERY * STEP))
 
 
 def test_a_fault_that_only_the_slow_sensor_shows_is_inside_its_interval(calibration):
@@ -215,7 +208,7 @@ def test_a_slow_sensor_that_is_stuck_stands_still_by_its_own_samples():
     """Healthy logs never repeat a value, so two samples may: from the third on it stands still."""
     run = log(0)
     run.columns["z"][500:] = 1.25
-    known = model().with_calibration({"repeats": {"x": 1, "z": 1}})
+    known = for_observer(model(), {"x": 1, "z": 1})
     intake = Intake.of(known, STEP, slow_outputs(known, [run]), sized=False)
     _, taken = intake.along(known, intake.init(STEP), run)
     assert np.flatnonzero(taken.standing == 2).tolist() == list(range(520, COUNT))

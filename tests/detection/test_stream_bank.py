@@ -4,6 +4,7 @@ sensor that stands on one value too, counted by hand."""
 import numpy as np
 import pytest
 
+from calibrations import for_bank, for_observer
 from faultgauge.detection.decisions import Decision, decide_runs, table
 from faultgauge.detection.estimation import Estimated, estimate
 from faultgauge.detection.estimation import table as plain_table
@@ -12,11 +13,9 @@ from faultgauge.detection.flat_line import FlatLine, longest_repeats
 from faultgauge.detection.noise import Noise
 from faultgauge.detection.stream import Stream
 from faultgauge.observers.follow import follow
-from faultgauge.plants.gray_box import GrayBoxPlant
-from faultgauge.plants.model import Model
-from faultgauge.plants.plant_file import parse_plant
 from faultgauge.telemetry import Run
 from faultgauge.telemetry.stream import Sample
+from models import as_stated
 
 TANK = """
 name = "tank"
@@ -38,13 +37,7 @@ STEP, COUNT, SIGMA = 0.5, 700, 0.02
 
 def model(text=TANK):
     points = np.random.default_rng(0).uniform([0, 0], [12, 2], (60, 2))
-    record = {
-        "max_step": 1.0,
-        "envelope_points": points.tolist(),
-        "columns": {"states": [["x", 0]], "outputs": ["x"]},
-        "data": {"fit": [], "validate": []},
-    }
-    return Model(GrayBoxPlant.untrained(parse_plant(text)), record)
+    return as_stated(text, points)
 
 
 def log(seed, pump=0.0, gauge=0.0):
@@ -85,9 +78,9 @@ def streamed(judge, run, at_once=1):
     return [*said, *judge.finish()]
 
 
-@pytest.mark.parametrize("block", [None, {"channels": {}}])
-def test_without_calibration_every_row_says_so_as_in_the_file(block):
-    plain = model() if block is None else model().with_calibration(block)
+@pytest.mark.parametrize("of_an_observer", [False, True])
+def test_without_calibration_every_row_says_so_as_in_the_file(of_an_observer):
+    plain = for_observer(model()) if of_an_observer else model()
     run = short(log(3), 300)
     (judged,), _ = decide_runs(plain, [run])
     said = streamed(Stream(plain, observer="bank"), run)
@@ -103,9 +96,8 @@ LEVELS = [SIGMA], [1e-3], [], [1e-4], [100.0], [1e-3], [5.0], [], []
 def judging(text=TANK):
     """A model that is calibrated by hand, with what its logs are; the gauge repeats no value."""
     plain = model(text)
-    noise = Noise(*(np.array(each) for each in LEVELS)).as_dict(plain)
-    block = {"noise": noise, "bank": {"level": 3.0, "healthy_s": 700.0}, "repeats": {"x": 1}}
-    return plain.with_calibration(block)
+    noise = Noise(*(np.array(each) for each in LEVELS))
+    return for_bank(plain, noise, {"x": 1}, level=3.0, healthy_s=700.0)
 
 
 @pytest.fixture(scope="module")
@@ -191,7 +183,7 @@ def believed(flat, run):
 def test_longer_repeats_are_no_measurements():
     """Seven times 1 with an empty cell among them, 2 twice: the 5th to 7th of the ones go."""
     run = readings(0, 1, 1, 1, np.nan, 1, 1, 1, 1, 2, 2)
-    flat = FlatLine.of(model(LEAKY).with_calibration({"repeats": {"x": 2}}))
+    flat = FlatLine.of(for_observer(model(LEAKY), {"x": 2}))
     kept, _ = believed(flat, run)
     wanted = [0, 1, 1, 1, np.nan, 1, np.nan, np.nan, np.nan, 2, 2]
     np.testing.assert_array_equal(kept[:, 0], wanted)
@@ -201,11 +193,11 @@ def test_what_healthy_logs_repeat_is_allowed_twice_and_an_own_fault_explains_it(
     still = readings(0, *[1] * 6, 2)
     assert longest_repeats(model(LEAKY), [still]) == {"x": 6}
     long = readings(0, *[1] * 14)
-    known = {"repeats": {"x": 6}}
-    used, standing = believed(FlatLine.of(model(LEAKY).with_calibration(known)), long)
+    known = {"x": 6}
+    used, standing = believed(FlatLine.of(for_observer(model(LEAKY), known)), long)
     assert np.isfinite(used).sum() == 13  # 0, and twelve times 1
     assert standing[-3:].tolist() == [0, 1, 1]
-    declared = model().with_calibration(known)  # a fault of the gauge
+    declared = for_observer(model(), known)  # a fault of the gauge
     assert not believed(FlatLine.of(declared), long)[1].any()
     assert believed(FlatLine.of(declared, sized=False), long)[1][-1] == 1
 

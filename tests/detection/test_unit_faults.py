@@ -11,10 +11,8 @@ from faultgauge.detection.bank import build_fault_bank
 from faultgauge.detection.noise import Noise, start_spread
 from faultgauge.detection.smallest import around, information_left, smallest_along
 from faultgauge.detection.unit_faults import effects_of, information
-from faultgauge.plants.gray_box import GrayBoxPlant
-from faultgauge.plants.model import Model
-from faultgauge.plants.plant_file import parse_plant
 from faultgauge.telemetry import Run
+from models import as_stated
 
 TEXT = """
 name = "lag"
@@ -45,13 +43,7 @@ NOISELESS = 1e-9  # of process and discrepancy: nothing beside sigma
 @pytest.fixture(scope="module")
 def model():
     points = np.random.default_rng(0).uniform(-2, 2, (40, 2))
-    record = {
-        "max_step": 1.0,
-        "envelope_points": points.tolist(),
-        "columns": {"states": [["x", 0]], "outputs": ["x"]},
-        "data": {"fit": [], "validate": []},
-    }
-    return Model(GrayBoxPlant.untrained(parse_plant(TEXT)), record)
+    return as_stated(TEXT, points)
 
 
 def bank_of(model, run):

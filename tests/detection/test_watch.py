@@ -9,17 +9,16 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from calibrations import for_bank
 from faultgauge.detection.delay_line import DelayLine
 from faultgauge.detection.noise import Noise
 from faultgauge.detection.watch import Watch
 from faultgauge.errors import InputError
 from faultgauge.identification.samples import in_effect
 from faultgauge.observers.follow import follow
-from faultgauge.plants.gray_box import GrayBoxPlant
-from faultgauge.plants.model import Model
-from faultgauge.plants.plant_file import parse_plant
 from faultgauge.telemetry import Run
 from faultgauge.telemetry.runs import cut
+from models import as_stated
 
 HEATER = """
 name = "heater"
@@ -47,16 +46,9 @@ LEVELS = [SIGMA, SIGMA], [1e-3, 1e-3], [], [1e-3] * 2, [50.0] * 2, [1e-3], [5.0]
 
 def model(text=HEATER):
     points = np.random.default_rng(0).uniform([-4, -6, -2], [4, 6, 2], (80, 3))
-    record = {
-        "max_step": 1.0,
-        "envelope_points": points.tolist(),
-        "columns": {"states": [["x", 0], ["z", 0]], "outputs": ["x", "z"]},
-        "data": {"fit": [], "validate": []},
-    }
-    plain = Model(GrayBoxPlant.untrained(parse_plant(text)), record)
-    noise = Noise(*(np.array(each) for each in LEVELS)).as_dict(plain)
-    bank = {"level": 3.0, "healthy_s": 500.0}
-    return plain.with_calibration({"noise": noise, "bank": bank, "repeats": {"x": 1, "z": 1}})
+    plain = as_stated(text, points, [("x", 0), ("z", 0)], ["x", "z"])
+    noise = Noise(*(np.array(each) for each in LEVELS))
+    return for_bank(plain, noise, {"x": 1, "z": 1}, level=3.0, healthy_s=500.0)
 
 
 def log(seed, loss=0.0):
@@ -207,7 +199,6 @@ def test_a_slow_column_of_a_file_is_its_samples_alone(watch, walked):
 
 
 def test_a_model_without_calibration_is_refused():
-    plain = model()
-    record = {name: value for name, value in plain.record.items() if name != "calibration"}
+    plain = model().with_calibration(None)
     with pytest.raises(InputError, match="faultgauge calibrate"):
-        Watch(Model(plain.plant, record), ("u", "x", "z"), STEP)
+        Watch(plain, ("u", "x", "z"), STEP)

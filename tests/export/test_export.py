@@ -96,20 +96,17 @@ def test_its_own_test_builds_runs_and_notices_a_changed_number(cc, shop, tmp_pat
 
 
 @pytest.mark.parametrize(
-    ("change", "options", "said"),
+    ("judging", "options", "said"),
     [
-        ({}, ["--to", "rust"], "--to rust: no such target; legal is c"),
-        ({}, ["--to", "c", "--name", "2 tanks"], "--name 2 tanks"),
-        ({"calibration": None}, ["--to", "c"], "not calibrated for the bank"),
+        (True, ["--to", "rust"], "--to rust: no such target; legal is c"),
+        (True, ["--to", "c", "--name", "2 tanks"], "--name 2 tanks"),
+        (False, ["--to", "c"], "not calibrated for the bank"),
     ],
 )
 def test_what_cannot_be_exported_is_refused_before_a_byte_is_written(
-    change, options, said, tmp_path, capsys
+    judging, options, said, tmp_path, capsys
 ):
-    model = calibrated("tank")
-    model.record.update(change)
-    if "calibration" in change:
-        del model.record["calibration"]
+    model = calibrated("tank") if judging else calibrated("tank").with_calibration(None)
     save_model(model, tmp_path / "tank.fgm")
     command = ["export", str(tmp_path / "tank.fgm"), "--out", str(tmp_path / "c"), *options]
     assert run(command) == 2

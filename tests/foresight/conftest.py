@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from faultgauge.plants.gray_box import GrayBoxPlant
-from faultgauge.plants.model import Model
-from faultgauge.plants.plant_file import parse_plant
+from calibrations import for_bank
 from faultgauge.telemetry import Run
+from models import as_stated
 
 STEP, SIGMA, SLOW = 0.1, 0.05, 0.5  # s, m, 1/s
 PLANT = """
@@ -48,16 +47,10 @@ def modelled():
             "lasting": {"x": 50.0}, "share": {"u": 1e-9}, "settling": {"u": 5.0}, "spread": none,
             "shift": none, "renewed": none,
         }  # fmt: skip
-        bank = {"level": 5.0, "healthy_s": 1000.0, "mtbfa_s": 7200.0, "widened": 1.0}
-        record = {
-            "max_step": 1.0,
-            "envelope_points": points.tolist(),
-            "columns": {"states": [["x", 0]], "outputs": ["x"]},
-            "data": {"fit": [], "validate": []},
-        }
-        if calibrated:
-            record["calibration"] = {"noise": noise, "bank": bank, "data": []}
-        return Model(GrayBoxPlant.untrained(parse_plant(PLANT + faults)), record)
+        model = as_stated(PLANT + faults, points)
+        if not calibrated:
+            return model
+        return for_bank(model, noise, level=5.0, healthy_s=1000.0, mtbfa_s=7200.0)
 
     return modelling
 

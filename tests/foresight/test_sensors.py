@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
+from calibrations import for_bank
 from faultgauge.detection.bank import build_fault_bank
 from faultgauge.detection.noise import noise_of
 from faultgauge.detection.smallest import apart_size, around
@@ -15,10 +16,8 @@ from faultgauge.detection.unit_faults import effects_of, information
 from faultgauge.foresight.problems import Problem, size_told
 from faultgauge.foresight.sensors import sensors_for
 from faultgauge.foresight.structure import structure_of
-from faultgauge.plants.gray_box import GrayBoxPlant
-from faultgauge.plants.model import Model
-from faultgauge.plants.plant_file import parse_plant
 from faultgauge.telemetry import Run
+from models import as_stated
 
 TEXT = """
 name = "two tanks"
@@ -70,14 +69,8 @@ def bank():
         "lasting": {"a": 50.0, "b": 50.0}, "share": {"u": 1e-9}, "settling": {"u": 5.0},
         "spread": {}, "shift": {}, "renewed": {},
     }  # fmt: skip
-    record = {
-        "max_step": 1.0,
-        "envelope_points": points.tolist(),
-        "columns": {"states": [["a", 0], ["b", 0]], "outputs": ["y"]},
-        "data": {"fit": [], "validate": []},
-        "calibration": {"noise": noise, "bank": {"healthy_s": 1000.0, "mtbfa_s": 100.0}},
-    }
-    model = Model(GrayBoxPlant.untrained(parse_plant(TEXT)), record)
+    model = as_stated(TEXT, points, [("a", 0), ("b", 0)], ["y"])
+    model = for_bank(model, noise, healthy_s=1000.0, mtbfa_s=100.0)
     t = STEP * np.arange(COUNT)
     run = Run("r", "r.csv", t, {"u": np.ones(COUNT), "y": np.full(COUNT, 5.0)})
     return build_fault_bank(model, [run], noise_of(model)), run

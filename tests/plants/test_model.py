@@ -15,9 +15,9 @@ import safetensors.numpy
 
 from faultgauge.errors import InputError
 from faultgauge.plants.gray_box import GrayBoxPlant
-from faultgauge.plants.model import Model, load_model, save_model
+from faultgauge.plants.model import Model, encoded, load_model, save_model
 from faultgauge.plants.plant_file import parse_plant
-from faultgauge.plants.record import check_record
+from faultgauge.plants.record import CalibrationRecord, check_record
 from faultgauge.plants.settle import settle
 from faultgauge.plants.shape import Shape
 
@@ -135,8 +135,8 @@ def test_properties(saved):
     loaded = load_model(saved)
     assert loaded.max_step == 0.125
     assert loaded.calibration is None
-    calibrated = loaded.with_calibration({"threshold": 4.0})
-    assert calibrated.calibration == {"threshold": 4.0}
+    known = CalibrationRecord(observer="eso", data=[], repeats={})
+    assert loaded.with_calibration(known).calibration == known
     assert loaded.record == RECORD
 
 
@@ -327,6 +327,26 @@ def test_record_without_what_a_model_needs(saved):
     assert "damaged" in refusal(saved)
 
 
+LEVEL = {
+    "level": 3.0, "mtbfa_s": 9, "confidence": 0.95, "memory_s": 1.0, "alarms": 0, "blocks": 1,
+    "samples": 9, "size": {}, "suspects": [["day", 0, 1.5]], "widened": 1, "judged_s": 1.0,
+    "healthy_s": 1.0, "block_s": 1e-7,
+}  # fmt: skip
+CALIBRATION = {"observer": "bank", "data": ["ab"], "repeats": {"hm": 2}, "bank": LEVEL}
+
+
+def test_a_calibration_is_written_as_it_was_read(saved):
+    """Whole numbers stay whole, and what another version told besides stays, too."""
+    noise = {"sigma": {"h": 1}, "shift": {"h": -0.25}, "ours": {"h": 3}}
+    block = {**CALIBRATION, "noise": noise, "note": [1, 2.0, None]}
+    forged(saved, record={**RECORD, "calibration": block})
+    before = parts(saved.read_bytes())[0]["__metadata__"]["faultgauge"]
+    loaded = load_model(saved)
+    assert (loaded.calibration.bank.mtbfa_s, loaded.record) == (9, RECORD)
+    after = parts(encoded(loaded))[0]["__metadata__"]["faultgauge"]
+    assert after == json.dumps(json.loads(before), sort_keys=True, separators=(",", ":"))
+
+
 @pytest.mark.parametrize(
     ("key", "value", "fits"),
     [
@@ -341,16 +361,7 @@ def test_record_without_what_a_model_needs(saved):
 )
 def test_levels_of_noise_that_are_none(key, value, fits):
     """Times above 0, sizes from 0 on, and numbers."""
-    level = {"level": 3.0, "mtbfa_s": 9.0, "confidence": 0.95, "memory_s": 1.0, "suspects": []}
-    level |= dict.fromkeys(("widened", "judged_s", "healthy_s", "block_s"), 1.0)
-    level |= {"alarms": 0, "blocks": 1, "samples": 9, "size": {}}
-    block = {
-        "observer": "bank",
-        "data": [],
-        "repeats": {},
-        "bank": level,
-        "noise": {key: {"h": value}},
-    }
+    block = {**CALIBRATION, "noise": {key: {"h": value}}}
     record = {**RECORD, "calibration": block}
     if fits:
         check_record(record, model().plant.signals)
@@ -435,7 +446,7 @@ def test_members_come_back_and_the_bytes_are_the_same(tmp_path):
 
 
 def test_calibration_keeps_the_members():
-    assert len(ensemble().with_calibration({}).members) == 2
+    assert len(ensemble().with_calibration(None).members) == 2
 
 
 def test_members_with_sizes_of_their_own(tmp_path):

@@ -10,7 +10,6 @@ import pytest
 from faultgauge.cli.app import run as command
 from faultgauge.errors import InputError
 from faultgauge.plants.gray_box import GrayBoxPlant
-from faultgauge.plants.model import Model
 from faultgauge.plants.plant_file import parse_plant
 from faultgauge.rehearsal import rehearse
 
@@ -127,4 +126,4 @@ def test_a_model_whose_faults_cannot_be_rehearsed_is_refused(tank, log):
     plant = GrayBoxPlant.untrained(parse_plant(none, "tank.toml"))
     plant = replace(plant, parameters=tank.calibrated.plant.parameters)
     with pytest.raises(InputError, match=r"no fault can be rehearsed .* disabled"):
-        rehearse(Model(plant, tank.calibrated.record), [log(7)])
+        rehearse(replace(tank.calibrated, plant=plant), [log(7)])

@@ -1,9 +1,10 @@
 """What the verbs give: one object each, that says what the command says."""
 
+import inspect
 import json
 import pydoc
 import re
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from matplotlib.figure import Figure
 import faultgauge as fg
 from faultgauge.cli.app import run as command
 from faultgauge.errors import InputError
+from faultgauge.verbs.how import How, Reading
 
 
 def saved(path, columns):
@@ -169,6 +171,15 @@ def test_the_package_lists_its_verbs_and_their_help_is_theirs():
         text = re.sub(".\b", "", pydoc.render_doc(getattr(fg, name)))
         assert re.search(rf"^{name}\(", text, re.MULTILINE), text
         assert "**Arguments**" in text or name == "load"
+
+
+def test_every_verb_that_reads_shows_how_and_refuses_what_is_misspelt():
+    options = {field.name for field in fields(How)}
+    assert options == set(Reading.__annotations__)
+    for verb in (fg.read, fg.fit, fg.evaluate, fg.calibrate, fg.estimate, fg.rehearse, fg.check):
+        assert options <= set(inspect.signature(verb).parameters)
+        with pytest.raises(TypeError, match=rf"^{verb.__name__}\(\) got .* argument 'wher'$"):
+            verb("a", "b", wher="x > 0")
 
 
 def test_frames_are_of_what_is_installed(judged, monkeypatch, tank):

@@ -8,45 +8,53 @@ import typer
 from faultgauge.cli import options
 from faultgauge.cli.options import need_fleet, refuse_beside_fleet
 from faultgauge.cli.writing import READS, Writes
+from faultgauge.verbs.how import How, Reading
 
 __all__ = ["calibrate"]
 
 
+Model = Annotated[
+    Path, typer.Argument(help="Model file; with --fleet the folder of a fleet."), READS
+]
+Out = Annotated[
+    Path | None,
+    typer.Option("--out", metavar="MODEL", help="Where to write [default: replace MODEL]."),
+    Writes(over="model"),
+]
+BetweenFalseAlarms = Annotated[
+    float | None,
+    typer.Option(
+        "--mtbfa",
+        metavar="SECONDS",
+        help="Mean time between false alarms [default: the longest that the logs prove].",
+    ),
+]
+Plant = Annotated[
+    str | None,
+    typer.Option(
+        "--plant",
+        metavar="FILE|PRESET",
+        help="Take [faults], [detection] and [observer] from this plant file "
+        "[default: as they were at the fit].",
+    ),
+    READS,
+]
+Observer = Annotated[
+    str,
+    typer.Option(
+        "--observer",
+        help="bank: noise, model error and alarm level; eso: intervals of its estimates.",
+    ),
+]
+
+
 def calibrate(
-    model: Annotated[
-        Path, typer.Argument(help="Model file; with --fleet the folder of a fleet."), READS
-    ],
+    model: Model,
     logs: options.Logs,
-    out: Annotated[
-        Path | None,
-        typer.Option("--out", metavar="MODEL", help="Where to write [default: replace MODEL]."),
-        Writes(over="model"),
-    ] = None,
-    mtbfa: Annotated[
-        float | None,
-        typer.Option(
-            "--mtbfa",
-            metavar="SECONDS",
-            help="Mean time between false alarms [default: the longest that the logs prove].",
-        ),
-    ] = None,
-    plant: Annotated[
-        str | None,
-        typer.Option(
-            "--plant",
-            metavar="FILE|PRESET",
-            help="Take [faults], [detection] and [observer] from this plant file "
-            "[default: as they were at the fit].",
-        ),
-        READS,
-    ] = None,
-    observer: Annotated[
-        str,
-        typer.Option(
-            "--observer",
-            help="bank: noise, model error and alarm level; eso: intervals of its estimates.",
-        ),
-    ] = "bank",
+    out: Out = None,
+    mtbfa: BetweenFalseAlarms = None,
+    plant: Plant = None,
+    observer: Observer = "bank",
     fleet: options.Fleet = False,
     scheduler: options.Scheduler = None,
     again: options.Again = False,
@@ -59,19 +67,19 @@ def calibrate(
     json: options.Json = False,
 ) -> None:
     """Find noise, model error and alarm level on healthy logs and add them to the model."""
+    reading = Reading(time=time, time_format=time_format, map=map, where=where, resample=resample)
     if fleet:
         from faultgauge.cli.fleet import calibrate_units
 
         refuse_beside_fleet({"--plant": plant is not None, "--observer": observer != "bank"})
         calibrate_units(
             model, logs, report, json, out=out, mtbfa=mtbfa, again=again, scheduler=scheduler,
-            time=time, time_format=time_format, map=map, where=where, resample=resample,
+            **reading,
         )  # fmt: skip
         return
     need_fleet({"--scheduler": scheduler is not None, "--again": again})
     from faultgauge.plants.model import load_model, save_model
     from faultgauge.verbs.calibrate import calibrate as find_limit
-    from faultgauge.verbs.reading import How
 
     fitted = load_model(model)
     if plant is not None:
@@ -79,7 +87,7 @@ def calibrate(
 
         fitted = with_settings(fitted, plant)
         options.warn(fitted.plant.spec.warnings)
-    runs, odd = options.read_logs_for(fitted, logs, How(time, map, where, resample, time_format))
+    runs, odd = options.read_logs_for(fitted, logs, How(**reading))
     with options.narrate("calibrating") as progress:
         found = find_limit(fitted, runs, mtbfa=mtbfa, observer=observer, progress=progress)
     save_model(found.model, out or model)

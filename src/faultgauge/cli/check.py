@@ -7,35 +7,44 @@ import typer
 
 from faultgauge.cli import options
 from faultgauge.cli.writing import READS, Fills, make_folder
+from faultgauge.verbs.how import How
 
 __all__ = ["check"]
 
 
+Healthy = Annotated[
+    Path, typer.Argument(help="Healthy log, or a folder of them (--healthy adds more)."), READS
+]
+Suspect = Annotated[Path, typer.Argument(help="Log to judge, or a folder of them."), READS]
+More = Annotated[
+    list[Path] | None,
+    typer.Option("--healthy", metavar="LOG", help="Another healthy log; may be repeated."),
+    READS,
+]
+Plant = Annotated[
+    str | None,
+    typer.Option(
+        "--plant",
+        metavar="FILE|PRESET",
+        help="Plant file, or the name of a preset [default: networks for everything].",
+    ),
+    READS,
+]
+Out = Annotated[
+    Path | None,
+    typer.Option("--out", metavar="DIR", help="Keep model, table and report here."),
+    Fills(("model.fgm", "estimates.csv", "report.html")),
+]
+Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of the random starts.")]
+
+
 def check(
-    healthy: Annotated[
-        Path, typer.Argument(help="Healthy log, or a folder of them (--healthy adds more)."), READS
-    ],
-    suspect: Annotated[Path, typer.Argument(help="Log to judge, or a folder of them."), READS],
-    more: Annotated[
-        list[Path] | None,
-        typer.Option("--healthy", metavar="LOG", help="Another healthy log; may be repeated."),
-        READS,
-    ] = None,
-    plant: Annotated[
-        str | None,
-        typer.Option(
-            "--plant",
-            metavar="FILE|PRESET",
-            help="Plant file, or the name of a preset [default: networks for everything].",
-        ),
-        READS,
-    ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option("--out", metavar="DIR", help="Keep model, table and report here."),
-        Fills(("model.fgm", "estimates.csv", "report.html")),
-    ] = None,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the random starts.")] = 0,
+    healthy: Healthy,
+    suspect: Suspect,
+    more: More = None,
+    plant: Plant = None,
+    out: Out = None,
+    seed: Seed = 0,
     time: options.Time = None,
     time_format: options.TimeFormat = None,
     map: options.Map = None,
@@ -52,12 +61,9 @@ def check(
     from faultgauge.telemetry.writing import write_table
     from faultgauge.verbs.check import check as look_into
     from faultgauge.verbs.check import guessed
-    from faultgauge.verbs.reading import How
 
-    folder, how = (
-        make_folder(out) if out is not None else None,
-        How(time, map, where, resample, time_format),
-    )
+    folder = make_folder(out) if out is not None else None
+    how = How(time, time_format, map, where, resample)
     known = [healthy, *(more or [])]
     body = guessed(known, how) if plant is None else load_plant(plant)
     good = options.read_logs(body.spec, known, how, fitting=True)

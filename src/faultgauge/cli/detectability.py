@@ -7,6 +7,7 @@ import typer
 
 from faultgauge.cli import options
 from faultgauge.cli.writing import READS
+from faultgauge.verbs.how import How
 
 __all__ = ["detectability"]
 
@@ -25,10 +26,9 @@ def detectability(
     """What could be seen of each fault in logs like these, told apart, and by what test input?"""
     from faultgauge.foresight import detectability as foresee
     from faultgauge.plants.model import load_model
-    from faultgauge.verbs.reading import How
 
     fitted = load_model(model)
-    runs, warned = options.read_logs_for(fitted, logs, How(time, map, where, resample, time_format))
+    runs, warned = options.read_logs_for(fitted, logs, How(time, time_format, map, where, resample))
     with options.narrate("foreseeing") as progress:
         sheet = foresee(fitted, runs, progress=progress)
     if report is not None:

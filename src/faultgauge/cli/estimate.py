@@ -1,7 +1,8 @@
 """`faultgauge estimate`"""
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -9,7 +10,7 @@ from faultgauge.cli import options
 from faultgauge.cli.options import need_fleet, refuse_beside_fleet
 from faultgauge.cli.writing import READS, Fills, Writes, check_apart, make_folder
 from faultgauge.errors import InputError
-from faultgauge.progress import Step
+from faultgauge.verbs.how import How, Reading
 
 __all__ = ["estimate"]
 
@@ -110,89 +111,63 @@ def estimate(
     With - for the log, telemetry (CSV or NDJSON) is read from standard input and every row is
     answered on standard output as it arrives, as the whole file would be.
     """
+    reading = Reading(time=time, time_format=time_format, map=map, where=where, resample=resample)
+    weighed = {"--smooth": smooth, "--evidence": bool(evidence), "--engine c": engine == "c"}
+    live = {"--stream": bool(stream), "--events": bool(events), "--view": view, "--strict": strict}
     if fleet:
+        alone = {"--observer": observer != "bank", "--reference": reference != "free"}
+        refuse_beside_fleet({"-": Path("-") in logs} | alone | weighed | live)
         from faultgauge.cli.fleet import estimate_units
 
-        refuse_beside_fleet(
-            {
-                "-": Path("-") in logs,
-                "--observer": observer != "bank",
-                "--reference": reference != "free",
-                "--smooth": smooth,
-                "--evidence": evidence is not None,
-                "--engine c": engine == "c",
-                "--stream": stream is not None,
-                "--events": events is not None,
-                "--view": view,
-                "--strict": strict,
-            }
-        )
         estimate_units(
-            model, logs, out, report, json, verbose, again=again, scheduler=scheduler, time=time,
-            time_format=time_format, map=map, where=where, resample=resample,
-        )  # fmt: skip
+            model, logs, out, report, json, verbose, again=again, scheduler=scheduler, **reading
+        )
         return
     need_fleet({"--scheduler": scheduler is not None, "--again": again})
     if Path("-") in logs:
-        _refuse_beside_a_stream(
-            {
-                "more than one log": len(logs) > 1,
-                "--out": out is not None,
-                "--where": where is not None,
-                "--resample": resample is not None,
-                "--report": report is not None,
-                "--json": json,
-                "--smooth": smooth,
-                "--evidence": evidence is not None,
-                "--engine c": engine == "c",
-            }
-        )
+        made = {"--out": bool(out), "--report": bool(report), "--json": json}
+        rows = {"--where": where is not None, "--resample": resample is not None}
+        _refuse_beside_a_stream({"more than one log": len(logs) > 1} | made | rows | weighed)
         from faultgauge.cli.live import answer
 
         form = stream or "csv"
-        answer(
-            model, observer, reference, time, time_format, map, form, events, view, strict
-        )  # fmt: skip
+        answer(model, observer, reference, time, time_format, map, form, events, view, strict)
         return
-    for name, given in (
-        ("--stream", stream),
-        ("--events", events),
-        ("--view", view),
-        ("--strict", strict),
-    ):
-        if given:
-            raise InputError(f"{name} goes with standard input only; give - for the log.")
-    from faultgauge.cli.evidence import evidence_files, write_evidence
+    _need_a_stream(live)
+    from faultgauge.verbs.estimate import need_bank
+
+    need_bank(observer, weighed)
+    asked = {"observer": observer, "reference": reference, "smooth": smooth}
+    _answer_logs(model, logs, reading, asked, engine, out, report, evidence, verbose, json)
+
+
+def _answer_logs(
+    model: Path,
+    logs: list[Path],
+    reading: Reading,
+    asked: dict[str, Any],
+    engine: Literal["python", "c"],
+    out: Path | None,
+    report: Path | None,
+    evidence: Path | None,
+    verbose: bool,
+    json: bool,
+) -> None:
+    """Answer whole logs as `asked`, and write what is to be written."""
+    from faultgauge.cli.evidence import evidence_files, replayed, write_evidence
     from faultgauge.plants.model import load_model
     from faultgauge.telemetry.writing import check_writable, write_table
     from faultgauge.verbs.estimate import estimate as find
-    from faultgauge.verbs.estimate import need_bank
-    from faultgauge.verbs.reading import How
 
-    need_bank(
-        observer,
-        {"--smooth": smooth, "--evidence": evidence is not None, "--engine c": engine == "c"},
-    )
     if out is not None:
         check_writable(out)
     walk = options.engine(engine)
     fitted = load_model(model)
-    runs, odd = options.read_logs_for(fitted, logs, How(time, map, where, resample, time_format))
+    runs, odd = options.read_logs_for(fitted, logs, How(**reading))
     folder = None if evidence is None else make_folder(evidence)
     with options.narrate("estimating") as progress:
-        found = find(
-            fitted,
-            runs,
-            observer=observer,
-            reference=reference,
-            smooth=smooth,
-            walk=walk,
-            progress=progress,
-        )
-        windows = []
-        for k, each in enumerate(found.events if folder else ()):
-            progress(Step(f"replaying event {k + 1} of {len(found.events)}", k / len(found.events)))
-            windows.append(found.evidence(each))
+        found = find(fitted, runs, walk=walk, progress=progress, **asked)
+        windows = replayed(found, progress) if folder else []
     paths = evidence_files(windows, folder) if folder else []
     files = {"--out": [out] if out else [], "--report": [report] if report else []}
     check_apart([model, *logs], files | {"--evidence": paths})
@@ -213,9 +188,14 @@ def estimate(
     options.wrote(*(path for group in files.values() for path in group), *paths)
 
 
-def _refuse_beside_a_stream(given: dict[str, bool]) -> None:
+def _refuse_beside_a_stream(given: Mapping[str, bool]) -> None:
     for name in (name for name, there in given.items() if there):
         raise InputError(
             f"{name} does not go with -, which answers rows on standard output as they "
             "arrive; leave it out, or give the log as a file."
         )
+
+
+def _need_a_stream(given: Mapping[str, bool]) -> None:
+    for name in (name for name, there in given.items() if there):
+        raise InputError(f"{name} goes with standard input only; give - for the log.")

@@ -7,6 +7,7 @@ import typer
 
 from faultgauge.cli import options
 from faultgauge.cli.writing import READS
+from faultgauge.verbs.how import How
 
 __all__ = ["evaluate"]
 
@@ -31,10 +32,9 @@ def evaluate(
     """Score a model by pure simulation on logs."""
     from faultgauge.plants.model import load_model
     from faultgauge.verbs.evaluate import evaluate as score
-    from faultgauge.verbs.reading import How
 
     fitted = load_model(model)
-    runs, odd = options.read_logs_for(fitted, logs, How(time, map, where, resample, time_format))
+    runs, odd = options.read_logs_for(fitted, logs, How(time, time_format, map, where, resample))
     with options.narrate("simulating"):
         found = score(fitted, runs, warmup=warmup)
     options.warn(found.warnings, but=odd)

@@ -1,17 +1,28 @@
 """`estimate --evidence`: a log of each event's evidence, which gives the same answer again."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from faultgauge.cli import options
+from faultgauge.progress import Step
 
 if TYPE_CHECKING:
     from faultgauge.detection.evidence import Evidence
+    from faultgauge.verbs.estimate import Answer, Estimates
 
-__all__ = ["evidence_files", "write_evidence"]
+__all__ = ["evidence_files", "replayed", "write_evidence"]
 
 LONGEST = 100  # bytes of a run's and of a fault's name in a file name, of which 255 are legal
+
+
+def replayed(found: "Answer | Estimates", progress: Callable[[str], None]) -> "list[Evidence]":
+    """The evidence of every event."""
+    windows = []
+    for k, event in enumerate(found.events):
+        progress(Step(f"replaying event {k + 1} of {len(found.events)}", k / len(found.events)))
+        windows.append(found.evidence(event))
+    return windows
 
 
 def evidence_files(found: "Sequence[Evidence]", folder: Path) -> list[Path]:

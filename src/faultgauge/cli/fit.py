@@ -1,81 +1,95 @@
 """`faultgauge fit`"""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from faultgauge.cli import options
 from faultgauge.cli.options import need_fleet, refuse_beside_fleet
 from faultgauge.cli.writing import READS, Writes
+from faultgauge.verbs.how import How, Reading
 
 __all__ = ["fit"]
 
 
+Plant = Annotated[str, typer.Argument(help="Plant file, or the name of a preset."), READS]
+Out = Annotated[
+    Path,
+    typer.Option(
+        "--out", metavar="MODEL", help="Model file to write; of a fleet a folder of them."
+    ),
+    Writes(),
+]
+Validate = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--validate",
+        metavar="LOG",
+        help="Log to choose the fit by, never fitted; may be repeated.",
+    ),
+    READS,
+]
+Refine = Annotated[
+    bool | None,
+    typer.Option(
+        "--refine/--no-refine",
+        help="Go on to the simulation error [default: where a state is hidden, a parameter "
+        "varies or a sensor is slower than the rows, and with --robust or --ensemble].",
+    ),
+]
+Robust = Annotated[
+    bool, typer.Option("--robust", help="Refine, and bound what an outlier can do to it.")
+]
+Ensemble = Annotated[
+    bool, typer.Option("--ensemble", help="Refine, and keep the next best models in MODEL too.")
+]
+Restarts = Annotated[
+    int, typer.Option("--restarts", min=1, max=1000, help="How many starts the search has.")
+]
+Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of the random starts.")]
+Seeds = Annotated[
+    int,
+    typer.Option(
+        "--seeds",
+        min=1,
+        max=100,
+        help="Fit with so many seeds, from --seed on, to see how much they matter; MODEL is of "
+        "the first.",
+    ),
+]
+DespiteAlarms = Annotated[
+    bool,
+    typer.Option(
+        "--despite-alarms", help="Fit logs under alarm, too, which are refused otherwise."
+    ),
+]
+Prior = Annotated[
+    Path | None,
+    typer.Option(
+        "--from",
+        metavar="FLEET",
+        help="With --fleet: start from what this fleet (its folder, or its fleet.fgm) tells of "
+        "its units, which asks for minutes of log only.",
+    ),
+    READS,
+]
+
+
 def fit(
-    plant: Annotated[str, typer.Argument(help="Plant file, or the name of a preset."), READS],
+    plant: Plant,
     logs: options.Logs,
-    out: Annotated[
-        Path,
-        typer.Option(
-            "--out", metavar="MODEL", help="Model file to write; of a fleet a folder of them."
-        ),
-        Writes(),
-    ],
-    validate: Annotated[
-        list[Path] | None,
-        typer.Option(
-            "--validate",
-            metavar="LOG",
-            help="Log to choose the fit by, never fitted; may be repeated.",
-        ),
-        READS,
-    ] = None,
-    refine: Annotated[
-        bool | None,
-        typer.Option(
-            "--refine/--no-refine",
-            help="Go on to the simulation error [default: where a state is hidden, a parameter "
-            "varies or a sensor is slower than the rows, and with --robust or --ensemble].",
-        ),
-    ] = None,
-    robust: Annotated[
-        bool, typer.Option("--robust", help="Refine, and bound what an outlier can do to it.")
-    ] = False,
-    ensemble: Annotated[
-        bool, typer.Option("--ensemble", help="Refine, and keep the next best models in MODEL too.")
-    ] = False,
-    restarts: Annotated[
-        int, typer.Option("--restarts", min=1, max=1000, help="How many starts the search has.")
-    ] = 10,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the random starts.")] = 0,
-    seeds: Annotated[
-        int,
-        typer.Option(
-            "--seeds",
-            min=1,
-            max=100,
-            help="Fit with so many seeds, from --seed on, to see how much they matter; MODEL is of "
-            "the first.",
-        ),
-    ] = 1,
-    despite_alarms: Annotated[
-        bool,
-        typer.Option(
-            "--despite-alarms", help="Fit logs under alarm, too, which are refused otherwise."
-        ),
-    ] = False,
+    out: Out,
+    validate: Validate = None,
+    refine: Refine = None,
+    robust: Robust = False,
+    ensemble: Ensemble = False,
+    restarts: Restarts = 10,
+    seed: Seed = 0,
+    seeds: Seeds = 1,
+    despite_alarms: DespiteAlarms = False,
     fleet: options.Fleet = False,
-    prior: Annotated[
-        Path | None,
-        typer.Option(
-            "--from",
-            metavar="FLEET",
-            help="With --fleet: start from what this fleet (its folder, or its fleet.fgm) tells of "
-            "its units, which asks for minutes of log only.",
-        ),
-        READS,
-    ] = None,
+    prior: Prior = None,
     scheduler: options.Scheduler = None,
     again: options.Again = False,
     time: options.Time = None,
@@ -88,9 +102,9 @@ def fit(
 ) -> None:
     """Learn a plant's unknowns from healthy logs and write a model file; with --fleet a folder of
     them, with what the fleet tells of its next unit."""
+    reading = Reading(time=time, time_format=time_format, map=map, where=where, resample=resample)
+    both = {"seed": seed, "robust": robust, "despite_alarms": despite_alarms}
     if fleet:
-        from faultgauge.cli.fleet import fit_units
-
         refuse_beside_fleet(
             {
                 "--validate": validate is not None,
@@ -100,38 +114,36 @@ def fit(
                 "--seeds": seeds != 1,
             }
         )
-        fit_units(
-            plant, logs, out, report, json, prior=prior, again=again, scheduler=scheduler,
-            seed=seed, robust=robust, despite_alarms=despite_alarms, time=time,
-            time_format=time_format, map=map, where=where, resample=resample,
-        )  # fmt: skip
+        from faultgauge.cli.fleet import fit_units
+
+        given = {"prior": prior, "again": again, "scheduler": scheduler}
+        fit_units(plant, logs, out, report, json, **given, **both, **reading)
         return
-    need_fleet(
-        {"--from": prior is not None, "--scheduler": scheduler is not None, "--again": again}
-    )
+    need_fleet({"--from": bool(prior), "--scheduler": scheduler is not None, "--again": again})
+    search = {"refine": refine, "ensemble": ensemble, "restarts": restarts, "seeds": seeds}
+    _fit_one(plant, logs, validate, How(**reading), both | search, out, report, json)
+
+
+def _fit_one(
+    plant: str,
+    logs: list[Path],
+    validate: list[Path] | None,
+    how: How,
+    asked: dict[str, Any],
+    out: Path,
+    report: Path | None,
+    json: bool,
+) -> None:
+    """Fit one model as `asked`, and write what is to be written."""
     from faultgauge.plants.gray_box import load_plant
     from faultgauge.plants.model import save_model
     from faultgauge.verbs.fit import fit as learn
-    from faultgauge.verbs.reading import How
 
-    untrained, how = load_plant(plant), How(time, map, where, resample, time_format)
+    untrained = load_plant(plant)
     runs = options.read_logs(untrained.spec, logs, how, fitting=True)
     held = options.read_logs(untrained.spec, validate, how) if validate else None
     with options.narrate("fitting") as progress:
-        found = learn(
-            untrained,
-            runs,
-            validate=held,
-            refine=refine,
-            robust=robust,
-            ensemble=ensemble,
-            restarts=restarts,
-            seed=seed,
-            seeds=seeds,
-            despite_alarms=despite_alarms,
-            replaces=out,
-            progress=progress,
-        )
+        found = learn(untrained, runs, validate=held, replaces=out, progress=progress, **asked)
         save_model(found.model, out)
         progress("validating")
         if json or report is not None:

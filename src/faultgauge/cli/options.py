@@ -20,7 +20,8 @@ if TYPE_CHECKING:
     from faultgauge.detection.decisions import Walk
     from faultgauge.plants.model import Model
     from faultgauge.plants.plant_file import PlantSpec
-    from faultgauge.verbs.reading import How, Runs
+    from faultgauge.verbs.how import How
+    from faultgauge.verbs.reading import Runs
 
 __all__ = [
     "Again",

@@ -8,50 +8,56 @@ import typer
 from faultgauge.cli import options
 from faultgauge.cli.writing import READS, Fills, make_folder
 from faultgauge.errors import InputError
+from faultgauge.verbs.how import How
 
 __all__ = ["rehearse"]
 
 
+Model = Annotated[Path, typer.Argument(help="Calibrated model file."), READS]
+Logs = Annotated[
+    list[Path],
+    typer.Argument(metavar="HEALTHY", help="Healthy logs that neither fit nor calibrate has seen."),
+    READS,
+]
+Out = Annotated[
+    Path | None,
+    typer.Option(
+        "--out", metavar="DIR", help="Write report.html, rehearsal.json and trials.csv here."
+    ),
+    Fills(("report.html", "rehearsal.json", "trials.csv")),
+]
+Size = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--size",
+        metavar="FAULT=SIZE",
+        help="Rehearse this fault of this size alone, as in --size friction=0.1.",
+    ),
+]
+Trials = Annotated[int, typer.Option("--trials", min=2, help="Logs to judge, at most.")]
+
+
 def rehearse(
-    model: Annotated[Path, typer.Argument(help="Calibrated model file."), READS],
-    logs: Annotated[
-        list[Path],
-        typer.Argument(
-            metavar="HEALTHY", help="Healthy logs that neither fit nor calibrate has seen."
-        ),
-        READS,
-    ],
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            "--out", metavar="DIR", help="Write report.html, rehearsal.json and trials.csv here."
-        ),
-        Fills(("report.html", "rehearsal.json", "trials.csv")),
-    ] = None,
-    size: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--size",
-            metavar="FAULT=SIZE",
-            help="Rehearse this fault of this size alone, as in --size friction=0.1.",
-        ),
-    ] = None,
-    trials: Annotated[int, typer.Option("--trials", min=2, help="Logs to judge, at most.")] = 200,
+    model: Model,
+    logs: Logs,
+    out: Out = None,
+    size: Size = None,
+    trials: Trials = 200,
     time: options.Time = None,
     time_format: options.TimeFormat = None,
     map: options.Map = None,
     where: options.Where = None,
+    resample: options.Resample = None,
     report: options.ReportFile = None,
     json: options.Json = False,
 ) -> None:
     """Put declared faults into healthy logs: what would be found?"""
     from faultgauge.plants.model import load_model
-    from faultgauge.verbs.reading import How
     from faultgauge.verbs.rehearse import rehearse as try_out
 
     sizes = dict(_size(each) for each in size or ())
     fitted = load_model(model)
-    runs, odd = options.read_logs_for(fitted, logs, How(time, map, where, time_format=time_format))
+    runs, odd = options.read_logs_for(fitted, logs, How(time, time_format, map, where, resample))
     folder = make_folder(out) if out is not None else None
     with options.narrate("rehearsing") as progress:
         found = try_out(fitted, runs, sizes=sizes, trials=trials, progress=progress)

@@ -12,31 +12,38 @@ from faultgauge.errors import InputError
 __all__ = ["simulate"]
 
 
+Scenario = Annotated[Path, typer.Argument(help="Scenario file."), READS]
+Out = Annotated[
+    Path,
+    typer.Option("--out", metavar="LOG", help="Log to write: .csv, .csv.gz, .parquet."),
+    Writes(),
+]
+Realtime = Annotated[
+    float | None,
+    typer.Option(
+        "--realtime",
+        metavar="[SPEED]",
+        help="Run against the clock, SPEED times as fast [default: 1], with fault commands "
+        "from stdin.",
+    ),
+]
+Control = Annotated[
+    Path | None,
+    typer.Option("--control", metavar="FILE", help="Follow FILE for commands, not stdin."),
+    READS,
+]
+Rows = Annotated[
+    options.RowFormat | None,
+    typer.Option("--stream", help="With --realtime: every row on stdout when it is due."),
+]
+
+
 def simulate(
-    scenario: Annotated[Path, typer.Argument(help="Scenario file."), READS],
-    out: Annotated[
-        Path,
-        typer.Option("--out", metavar="LOG", help="Log to write: .csv, .csv.gz, .parquet."),
-        Writes(),
-    ],
-    realtime: Annotated[
-        float | None,
-        typer.Option(
-            "--realtime",
-            metavar="[SPEED]",
-            help="Run against the clock, SPEED times as fast [default: 1], with fault commands "
-            "from stdin.",
-        ),
-    ] = None,
-    control: Annotated[
-        Path | None,
-        typer.Option("--control", metavar="FILE", help="Follow FILE for commands, not stdin."),
-        READS,
-    ] = None,
-    stream: Annotated[
-        options.RowFormat | None,
-        typer.Option("--stream", help="With --realtime: every row on stdout when it is due."),
-    ] = None,
+    scenario: Scenario,
+    out: Out,
+    realtime: Realtime = None,
+    control: Control = None,
+    stream: Rows = None,
     report: options.ReportFile = None,
     json: options.Json = False,
 ) -> None:

@@ -123,9 +123,9 @@ def build_fault_bank(
     step = float(np.median([run.step for run in runs]))
     outputs = measured_outputs(model, runs)
     rows = tuple(rows_between(runs, name) for name in outputs)
-    found = (model.calibration or {}).get("bank", {})
+    found = model.calibration and model.calibration.bank
     if healthy is None:
-        healthy = float(found.get("healthy_s", sum(run.t[-1] - run.t[0] for run in runs)))
+        healthy = float(found.healthy_s if found else sum(run.t[-1] - run.t[0] for run in runs))
     onset = onsets_of(model, healthy)
     undeclared = undeclared_faults(model, outputs)
     plant = disturbed(model, noise, undeclared)
@@ -156,10 +156,10 @@ def build_fault_bank(
         branches=BRANCHES,
         onsets=ONSETS,
     )
-    wait = signals.detection.hold_off
+    wait, level = signals.detection.hold_off, found.level if found else CERTAIN
     return FaultBank(
         model, modes, sets, size[: len(signals.faults)], onset, noise, outputs, rows, step,
-        knowledge, float(found.get("level", CERTAIN)), HOLD_OFF * step if wait is None else wait,
+        knowledge, float(level), HOLD_OFF * step if wait is None else wait,
         regions_of(model, outputs),
     )  # fmt: skip
 

@@ -20,7 +20,6 @@ confidence.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from datetime import datetime
 from itertools import count
 from typing import Any, NamedTuple
@@ -44,9 +43,10 @@ from faultgauge.detection.watch import Watch
 from faultgauge.detection.words import MOST, moment
 from faultgauge.errors import InputError
 from faultgauge.plants.model import Model
+from faultgauge.plants.record import BankLevel, CalibrationRecord, NoiseLevels
 from faultgauge.telemetry import Run, cut
 
-__all__ = ["BankCalibration", "calibrate_bank", "level_of", "without_calibration"]
+__all__ = ["BankCalibration", "calibrate_bank", "calibrated", "level_of", "without_calibration"]
 
 SAMPLES = 100_000  # that tell the level, but for as many as --mtbfa needs
 MEMORIES = 4.0  # of the bank in a block
@@ -67,10 +67,10 @@ MARGIN = 3.0  # mean excesses: -ln(0.05)
 
 
 class BankCalibration(NamedTuple):
-    """The `bank` part of a calibration block, the noise as large as the evidence can be believed,
-    and what is to be said of both."""
+    """The bank's alarm level, the noise as large as the evidence can be believed, and what is to be
+    said of both."""
 
-    block: dict[str, Any]
+    level: BankLevel
     noise: Noise
     blocks: list[Block]
     suspects: list[Block]
@@ -116,21 +116,21 @@ def calibrate_bank(
     allowed, mtbfa = allowed_peaks(judged, mtbfa, len(peaks))
     level = level_of(peaks, allowed)
     warnings = _believed_less(widened, suspects, {run.name: run.clock for run in runs})
-    found = {
-        "level": level,
-        "widened": widened,
-        "mtbfa_s": mtbfa,
-        "confidence": CONFIDENCE,
-        "alarms": int(np.sum(peaks >= level)),
-        "judged_s": judged,
-        "healthy_s": healthy,
-        "memory_s": bank.knowledge.memory,
-        "blocks": len(blocks),
-        "block_s": float(np.median([b.end - b.start for b in blocks])),
-        "samples": sum(len(run.t) for run in taken),
-        "suspects": [[b.run, b.start, b.end] for b in suspects],
-        "size": dict(zip(model.plant.signals.fault_names, bank.size.tolist(), strict=True)),
-    }
+    found = BankLevel(
+        level=level,
+        widened=widened,
+        mtbfa_s=mtbfa,
+        confidence=CONFIDENCE,
+        alarms=int(np.sum(peaks >= level)),
+        judged_s=judged,
+        healthy_s=healthy,
+        memory_s=bank.knowledge.memory,
+        blocks=len(blocks),
+        block_s=float(np.median([b.end - b.start for b in blocks])),
+        samples=sum(len(run.t) for run in taken),
+        suspects=[(b.run, b.start, b.end) for b in suspects],
+        size=dict(zip(model.plant.signals.fault_names, bank.size.tolist(), strict=True)),
+    )
     return BankCalibration(found, noise.widened(widened), blocks, suspects, warnings)
 
 
@@ -203,10 +203,16 @@ def _odds(peak: float) -> str:
     return f"odds of more than {MOST:.0f} to 1" if odds >= MOST else f"odds of {odds:.2g} to 1"
 
 
+def calibrated(model: Model, found: BankCalibration, **beside: Any) -> Model:
+    """`model` with what was `found`, and what is told `beside` it: `data`, `repeats`."""
+    levels = NoiseLevels.model_validate(found.noise.as_dict(model))
+    told = {"observer": "bank", "data": [], "repeats": {}} | beside
+    return model.with_calibration(CalibrationRecord(**told, noise=levels, bank=found.level))
+
+
 def without_calibration(model: Model) -> Model:
     """`model` without what an earlier calibration says."""
-    record = {key: value for key, value in model.record.items() if key != "calibration"}
-    return replace(model, record=record)
+    return model.with_calibration(None)
 
 
 def _first_samples(runs: Sequence[Run], most: int) -> list[Run]:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from faultgauge.detection.bank import evaluated_faults
-from faultgauge.detection.bank_calibration import calibrate_bank, without_calibration
+from faultgauge.detection.bank_calibration import calibrate_bank, calibrated, without_calibration
 from faultgauge.detection.blocks import CONFIDENCE, Block
 from faultgauge.detection.equal_faults import equal_faults
 from faultgauge.detection.estimation import Observing
@@ -21,6 +21,7 @@ from faultgauge.identification.command_checks import command_warnings
 from faultgauge.identification.log_checks import other_units
 from faultgauge.plants.disturbed import dynamic_states
 from faultgauge.plants.model import Model
+from faultgauge.plants.record import CalibrationRecord, Interval
 from faultgauge.progress import Step
 from faultgauge.telemetry import Run
 
@@ -84,6 +85,7 @@ def calibrate(
     known = {
         "data": sorted(run.content_hash for run in runs),
         "repeats": longest_repeats(model, runs),
+        "observer": observer,
     }
     if observer == "bank":
         return _by_bank(model, runs, mtbfa, discrepancy, known, warnings, progress)
@@ -112,9 +114,8 @@ def _by_bank(
         progress(Step("finding the alarm level", NOISE_SHARE + (1 - NOISE_SHARE) * share))
 
     found = calibrate_bank(model, runs, noise, mtbfa, judging)
-    block = known | {"observer": "bank", "noise": found.noise.as_dict(model), "bank": found.block}
-    calibrated = model.with_calibration(block)
-    return Calibration(calibrated, found.blocks, found.suspects, [*warnings, *found.warnings])
+    told = calibrated(model, found, **known)
+    return Calibration(told, found.blocks, found.suspects, [*warnings, *found.warnings])
 
 
 def _by_observer(
@@ -138,15 +139,16 @@ def _by_observer(
     channels = {}
     for name in bank.designs:
         size = np.concatenate([np.abs(each.f[name][each.settled]) for each in estimated])
-        channels[name] = {"interval": float(np.quantile(size[np.isfinite(size)], CONFIDENCE))}
-    block = known | {
-        "observer": observer,
-        "bandwidth": bank.bandwidth,
-        "judged_s": judged * bank.step,
-        "confidence": CONFIDENCE,
-        "channels": channels,
-    }
-    return Calibration(model.with_calibration(block), [], [], warnings)
+        interval = np.quantile(size[np.isfinite(size)], CONFIDENCE)
+        channels[name] = Interval(interval=float(interval))
+    told = CalibrationRecord(
+        **known,
+        bandwidth=bank.bandwidth,
+        judged_s=judged * bank.step,
+        confidence=CONFIDENCE,
+        channels=channels,
+    )
+    return Calibration(model.with_calibration(told), [], [], warnings)
 
 
 def lasting_warnings(model: Model, runs: Sequence[Run], noise: Noise) -> list[str]:

@@ -1,29 +1,32 @@
 """What calibration found, in words."""
 
+from collections.abc import Mapping
+
 import numpy as np
 
-from faultgauge.detection.noise import drifting_of, noise_of
+from faultgauge.detection.noise import constants_of, drifting_of, noise_of
+from faultgauge.detection.uncalibrated import level_in
 from faultgauge.detection.words import number
 from faultgauge.plants.disturbed import dynamic_states
 from faultgauge.plants.model import Model
+from faultgauge.plants.record import Interval
 
 __all__ = ["errors", "summary"]
 
 
 def summary(model: Model) -> list[str]:
     """A line for each thing that a user should know of a calibrated `model`."""
-    block = model.calibration or {}
-    if "bank" not in block:
-        return _intervals(model)
+    known = model.calibration
+    if known is not None and known.channels is not None:
+        return _intervals(known.channels, _units(model))
     return [*errors(model), *_priors(model), _level(model)]
 
 
-def _intervals(model: Model) -> list[str]:
-    block, units = model.calibration or {}, _units(model)
+def _intervals(channels: Mapping[str, Interval], units: Mapping[str, str]) -> list[str]:
     return [
         f"{name}: 95 % of the healthy estimates lie within +-"
-        f"{number(channel['interval'])} {units.get(name, '')}".rstrip()
-        for name, channel in block["channels"].items()
+        f"{number(each.interval)} {units.get(name, '')}".rstrip()
+        for name, each in channels.items()
     ]
 
 
@@ -58,7 +61,7 @@ def errors(model: Model) -> list[str]:
             f"what an input's change does to {signals.outputs[j].name} is off by about "
             f"{100 * noise.late[j]:.0f} % of it, for about {number(noise.lag[j], 2)} s"
         )
-    known = (model.calibration or {})["noise"]["spread"]
+    known = dict(zip(constants_of(model).names, noise.spread.tolist(), strict=True))
     values = model.plant.parameters
     spread = [
         f"{name} {number(s, 2)} ({100 * s / abs(float(values[name])):.1f} %)"
@@ -75,20 +78,20 @@ def errors(model: Model) -> list[str]:
 
 
 def _priors(model: Model) -> list[str]:
-    found, units = (model.calibration or {})["bank"]["size"], _units(model)
+    found, units = level_in(model).size, _units(model)
     # the widest prior is half of what a fault is at most
     sizes = [f"{name} {number(2 * size, 2)} {units[name]}".rstrip() for name, size in found.items()]
     return [f"faults are looked for up to about: {', '.join(sizes)}"]
 
 
 def _level(model: Model) -> str:
-    bank = (model.calibration or {})["bank"]
-    alarms = bank["alarms"]
+    bank = level_in(model)
+    alarms = bank.alarms
     told = f"{alarms} alarm{'' if alarms == 1 else 's'}" if alarms else "no alarm"
     return (
-        f"alarm at odds of {number(np.exp(min(bank['level'], 100.0)))} to 1; {told} in "
-        f"{bank['blocks']} healthy blocks ({number(bank['judged_s'], 4)} s) proves only that "
-        f"false alarms come at most once in {number(bank['mtbfa_s'], 4)} s (95 % confidence)"
+        f"alarm at odds of {number(np.exp(min(bank.level, 100.0)))} to 1; {told} in "
+        f"{bank.blocks} healthy blocks ({number(bank.judged_s, 4)} s) proves only that "
+        f"false alarms come at most once in {number(bank.mtbfa_s, 4)} s (95 % confidence)"
     )
 
 

@@ -58,8 +58,9 @@ def estimate(
 
 def intervals_in(model: Model) -> dict[str, float]:
     """Half the 95 % interval of each fault, as `calibrate --observer` found it; else empty."""
-    channels = (model.calibration or {}).get("channels", {})
-    return {name: float(channel["interval"]) for name, channel in channels.items()}
+    known = model.calibration
+    channels = known.channels if known is not None and known.channels is not None else {}
+    return {name: float(each.interval) for name, each in channels.items()}
 
 
 class Observing:

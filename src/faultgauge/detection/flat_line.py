@@ -66,7 +66,7 @@ class FlatLine(eqx.Module):
         signals = model.plant.signals
         faults = [f for f in signals.faults if f.monitor != "disabled"]
         own = {f.target for f in faults if sized and f.enters == "output"}
-        known = (model.calibration or {}).get("repeats", {})
+        known = model.calibration.repeats if model.calibration else {}
         most = [
             ROOM * known[n] if n in known and n not in own else np.inf for n in signals.output_names
         ]

@@ -136,7 +136,8 @@ def drifting_of(model: Model) -> tuple[str, ...]:
 
 def noise_of(model: Model) -> Noise:
     """What `calibrate` found. Raises `InputError` for a model without it."""
-    block = (model.calibration or {}).get("noise")
+    found = model.calibration and model.calibration.noise
+    block = found.as_dict() if found else None
     optional = (*WANDER, *LATE, *STRAY)
     if block is None or {*block, *optional} != set(Noise._fields):
         raise InputError(

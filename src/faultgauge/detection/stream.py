@@ -140,8 +140,8 @@ class Stream:
     def _block(self) -> int:
         """Samples of a block of the calibration."""
         assert self.pace is not None
-        found = (self.model.calibration or {}).get("bank", {})
-        return max(int(np.ceil(found.get("block_s", 0.0) / self.pace)), FEWEST)
+        found = self.model.calibration and self.model.calibration.bank
+        return max(int(np.ceil(found.block_s / self.pace)), FEWEST) if found else FEWEST
 
     def _rows(self, samples: Sequence[Sample]) -> Run:
         names = samples[0].values

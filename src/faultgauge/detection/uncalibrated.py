@@ -6,25 +6,35 @@ from jaxtyping import Float
 from faultgauge.detection.posterior import WIDE, Posterior
 from faultgauge.detection.priors import sizes_of
 from faultgauge.detection.remember import once
+from faultgauge.errors import InputError
 from faultgauge.plants.model import Model
+from faultgauge.plants.record import BankLevel
 from faultgauge.telemetry import Run
 
-__all__ = ["prior_of", "uncalibrated", "unjudged_sentence"]
+__all__ = ["level_in", "prior_of", "uncalibrated", "unjudged_sentence"]
 
 
 def uncalibrated(model: Model) -> str:
     """The reason of every row; empty where `model` holds all that the bank needs."""
     if model.calibration is None:
         return "not calibrated"
-    known = {"noise", "bank"} <= set(model.calibration)
-    return "" if known else "not calibrated for the bank"
+    return "" if model.calibration.bank is not None else "not calibrated for the bank"
+
+
+def level_in(model: Model) -> BankLevel:
+    """The bank's alarm level. Raises `InputError` for a model without it."""
+    if model.calibration is None or model.calibration.bank is None:
+        raise InputError(
+            "the model is not calibrated for the bank; run `faultgauge calibrate` on healthy logs."
+        )
+    return model.calibration.bank
 
 
 def unjudged_sentence(model: Model) -> str:
     """What the silence means, and what to do."""
     if model.calibration is None:
         return "Not calibrated, so nothing was judged: run `faultgauge calibrate` on healthy logs."
-    why = model.calibration.get("no_bank", "run `faultgauge calibrate` on healthy logs again.")
+    why = model.calibration.no_bank or "run `faultgauge calibrate` on healthy logs again."
     return (
         f"Calibrated without noise and alarm level of the bank, so nothing was judged: {why} "
         "Until then `faultgauge estimate --observer eso` gives estimates."

@@ -309,12 +309,15 @@ def _said(signals: Signals, regions: Sequence[str], code: int) -> str:
         case Reason.SMALL:
             name = signals.fault_names[first]
             return f"{name} is possible, but not certain enough for an alarm"
+        case Reason.AT_LIMIT | Reason.NOT_EXCITED | Reason.NOT_YET as unseen:
+            return _unseen(signals.faults[first], unseen)
+
+
+def _unseen(fault: Fault, why: Reason) -> str:
+    match why:
         case Reason.AT_LIMIT:
-            fault = signals.faults[first]
             return f"{fault.name} would not show: {fault.target} is at its limit"
         case Reason.NOT_EXCITED:
-            fault = signals.faults[first]
             return f"{fault.name} would not show: {fault.target} does not excite it"
-        case Reason.NOT_YET:
-            name = signals.fault_names[first]
-            return f"{name} would not show yet, after a start, a gap or in these data"
+        case _:
+            return f"{fault.name} would not show yet, after a start, a gap or in these data"

@@ -32,7 +32,7 @@ UNSAMPLED = 0.02  # of the outputs of an example
 def bank_of(model: Model) -> FaultBank:
     """The bank of a calibrated model at the rate that it was fitted at. Raises `InputError` for a
     model without a calibration of the bank."""
-    if "bank" not in (model.calibration or {}):
+    if model.calibration is None or model.calibration.bank is None:
         raise InputError(
             "the model is not calibrated for the bank, whose posterior is what is exported; run "
             "`faultgauge calibrate` on healthy logs first."

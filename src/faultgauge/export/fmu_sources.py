@@ -1,17 +1,19 @@
 """C text of an FMU: the printed step as a block that takes samples in time, and around it what
-hosts of FMI 2.0 and 3.0 call (`fmi_functions`)."""
+hosts of FMI 2.0 and 3.0 call (`fmi2_functions`, `fmi3_functions`)."""
 
 from collections.abc import Sequence
 from string import Template
 
 from faultgauge.export.compile import Member, Printed
-from faultgauge.export.fmi_functions import FMI
+from faultgauge.export.fmi2_functions import FMI2
+from faultgauge.export.fmi3_functions import FMI3
 
 __all__ = ["START", "TIME", "block_sources", "fmi_source"]
 
 TIME = 0  # value reference of the time; those of inputs and outputs follow
 START = 0.0  # of an input
 LONGEST = 1.5  # sample times: a longer communication step would leave samples out
+HOSTS = {2: FMI2, 3: FMI3}  # by version
 # what is said before the first sample, beside no number
 BEFORE = {"status": "NOT_JUDGED", "reason": "REASON_NOT_SAMPLED"}
 
@@ -231,6 +233,6 @@ def fmi_source(printed: Printed, version: int, period: float, banner: str) -> st
         f"the communication step is longer than the time between samples, {period:g} s; take that "
         "or a whole part of it"
     )
-    return Template(FMI[version]).substitute(
+    return Template(HOSTS[version]).substitute(
         banner=banner, name=printed.name, guard=printed.name.upper(), too_long=too_long
     )

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 from faultgauge.detection.calibration_words import summary
 from faultgauge.errors import InputError
@@ -19,8 +19,10 @@ from faultgauge.fleet.folder import (
 from faultgauge.fleet.result import FleetResult, failures
 from faultgauge.fleet.units import Unit, units_in
 from faultgauge.plants.model import Model, decoded, encoded, load_model
+from faultgauge.plants.record import CalibrationRecord
 from faultgauge.verbs.calibrate import calibrate
-from faultgauge.verbs.reading import How, Maps, runs_for_model
+from faultgauge.verbs.how import How, Reading, reads
+from faultgauge.verbs.reading import runs_for_model
 from faultgauge.verbs.result import Columns
 
 __all__ = ["CalibrateJob", "FleetCalibrated", "calibrate_fleet", "model_of_unit"]
@@ -51,10 +53,10 @@ def model_of_unit(unit: Unit) -> Model:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FleetCalibrated(FleetResult):
-    """What `calibrate_fleet` found: the calibration block of every unit, by name, in `units`."""
+    """What `calibrate_fleet` found: the calibration of every unit, by name, in `units`."""
 
     folder: Path
-    units: dict[str, dict[str, Any]]
+    units: dict[str, CalibrationRecord]
     failed: dict[str, str]
     before: int
     warnings: Sequence[str]
@@ -75,20 +77,22 @@ class FleetCalibrated(FleetResult):
         return [*self.lines, *own]
 
     def as_dict(self) -> dict[str, Any]:
-        return {"units": self.units, "failed": self.failed, "done_before": self.before}
+        units = {name: each.as_dict() for name, each in self.units.items()}
+        return {"units": units, "failed": self.failed, "done_before": self.before}
 
     def columns(self) -> Columns:
         """A row per unit: seconds of healthy log, alarm level, mean time between false alarms."""
-        banks = [each["bank"] for each in self.units.values()]
+        banks = [each.bank for each in self.units.values()]
         rest = [None] * len(self.failed)
         keys = ("healthy_s", "level", "mtbfa_s", "widened")
         return {
             "unit": [*self.units, *self.failed],
-            **{key: [*(bank[key] for bank in banks), *rest] for key in keys},
+            **{key: [*(getattr(bank, key) for bank in banks), *rest] for key in keys},
             "failed": [*(None for _ in banks), *self.failed.values()],
         }
 
 
+@reads
 def calibrate_fleet(
     fleet: str | Path,
     logs: Any,
@@ -97,12 +101,8 @@ def calibrate_fleet(
     mtbfa: float | None = None,
     again: bool = False,
     scheduler: str | None = None,
-    time: str | None = None,
-    time_format: str | None = None,
-    map: Maps = None,
-    where: str | None = None,
-    resample: float | None = None,
     progress: Callable[[str], None] = lambda text: None,
+    **reading: Unpack[Reading],
 ) -> FleetCalibrated:
     """Calibrate every unit of a fleet on its own healthy logs.
 
@@ -119,19 +119,20 @@ def calibrate_fleet(
     """
     source, units = Path(fleet), units_in(logs)
     target = folder_for(source if out is None else out, logs)
-    job = CalibrateJob(How(time, map, where, resample, time_format), mtbfa)
+    job = CalibrateJob(How(**reading), mtbfa)
     todo = [u for u in units if again or not _calibrated(model_path(target, u.name))]
     given = with_models(source, todo)
     with crew(scheduler, progress) as workers:
         failed = land(workers, job, given, target, len(todo), "calibrating", progress)
     found = {u.name: model_path(target, u.name) for u in units if u.name not in failed}
     check_some(failed, list(found))
-    blocks, said = {}, {}
+    told, said = {}, {}
     for name, path in sorted(found.items()):
         model = load_model(path)
-        blocks[name], said[name] = model.calibration, summary(model)
+        if model.calibration is not None:
+            told[name], said[name] = model.calibration, summary(model)
     before = len(units) - len(todo)
-    return FleetCalibrated(target, blocks, failed, before, failures(failed), said)
+    return FleetCalibrated(target, told, failed, before, failures(failed), said)
 
 
 def _calibrated(path: Path) -> bool:

@@ -4,7 +4,7 @@ import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 from faultgauge.fleet.calibrate import model_of_unit
 from faultgauge.fleet.crew import Done, crew
@@ -13,7 +13,8 @@ from faultgauge.fleet.result import FleetResult, failures
 from faultgauge.fleet.units import Unit, units_in
 from faultgauge.telemetry.writing import table_bytes
 from faultgauge.verbs.estimate import estimate
-from faultgauge.verbs.reading import How, Maps, runs_for_model
+from faultgauge.verbs.how import How, Reading, reads
+from faultgauge.verbs.reading import runs_for_model
 from faultgauge.verbs.result import Columns
 
 __all__ = ["EstimateJob", "FleetEstimate", "estimate_fleet"]
@@ -83,6 +84,7 @@ class FleetEstimate(FleetResult):
         return {name: [row.get(name) for row in rows] for name in names}
 
 
+@reads
 def estimate_fleet(
     fleet: str | Path,
     logs: Any,
@@ -90,12 +92,8 @@ def estimate_fleet(
     *,
     again: bool = False,
     scheduler: str | None = None,
-    time: str | None = None,
-    time_format: str | None = None,
-    map: Maps = None,
-    where: str | None = None,
-    resample: float | None = None,
     progress: Callable[[str], None] = lambda text: None,
+    **reading: Unpack[Reading],
 ) -> FleetEstimate:
     """Estimate the faults of every unit of a fleet.
 
@@ -111,7 +109,7 @@ def estimate_fleet(
     no unit can be judged.
     """
     units, folder = units_in(logs), folder_for(out, logs)
-    job = EstimateJob(How(time, map, where, resample, time_format))
+    job = EstimateJob(How(**reading))
     todo = [u for u in units if again or not (folder / f"{u.name}{TOLD}").is_file()]
     given = with_models(Path(fleet), todo)
     with crew(scheduler, progress) as workers:

@@ -3,13 +3,13 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import jax.numpy as jnp
 import numpy as np
 
 from faultgauge.errors import InputError
-from faultgauge.fleet.crew import Done, crew
+from faultgauge.fleet.crew import Crew, Done, crew
 from faultgauge.fleet.folder import (
     FLEET,
     check_some,
@@ -28,8 +28,9 @@ from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model, decoded, encoded, load_model, save_model
 from faultgauge.telemetry import Run, cut
 from faultgauge.verbs.fit import fit
+from faultgauge.verbs.how import How, Reading, reads
 from faultgauge.verbs.plants import plant as as_plant
-from faultgauge.verbs.reading import How, Maps, Runs, runs_for_plant
+from faultgauge.verbs.reading import Runs, runs_for_plant
 
 __all__ = ["FitJob", "fit_fleet"]
 
@@ -113,6 +114,7 @@ def check_excited(plant: GrayBoxPlant, runs: Sequence[Run]) -> None:
             )
 
 
+@reads
 def fit_fleet(
     plant: Any,
     logs: Any,
@@ -124,12 +126,8 @@ def fit_fleet(
     seed: int = 0,
     robust: bool = False,
     despite_alarms: bool = False,
-    time: str | None = None,
-    time_format: str | None = None,
-    map: Maps = None,
-    where: str | None = None,
-    resample: float | None = None,
     progress: Callable[[str], None] = lambda text: None,
+    **reading: Unpack[Reading],
 ) -> FleetFit:
     """Learn a model for every unit of a fleet, and what the fleet tells of its next one.
 
@@ -154,44 +152,47 @@ def fit_fleet(
     Returns a `FleetFit` of all units in `out`. Raises `InputError` for logs that are not those of a
     fleet, and where no unit can be fitted.
     """
-    untrained, how = as_plant(plant), How(time, map, where, resample, time_format)
+    untrained, how = as_plant(plant), How(**reading)
     units, text = units_in(logs), untrained.spec.text
     typical = None if prior is None else _prior(fleet_file(prior), text)
-    folder = folder_for(out, logs)
-    _check_same_plant(folder, text)
+    folder = _folder(out, logs, text)
     todo = [u for u in units if again or not model_path(folder, u.name).is_file()]
-    kept = folder / FLEET
     shares = typical is None and bool(own_parameters(untrained.spec.parameters))
     with crew(scheduler, progress) as workers:
-        if shares and kept.is_file() and not again:
-            typical = load_model(kept)
-        elif shares:
-            typical = typical_unit(
-                untrained,
-                units,
-                how,
-                seed=seed,
-                robust=robust,
-                despite_alarms=despite_alarms,
-                progress=progress,
-            )
-            save_model(typical, kept)
-        data = None if typical is None else encoded(typical)
+        if shares:
+            given = {"seed": seed, "robust": robust, "despite_alarms": despite_alarms}
+            typical = _typical(folder, again, untrained, units, how, progress=progress, **given)
+        data = typical and encoded(typical)
         job = FitJob(text, data, prior is not None, how, seed, robust, despite_alarms)
         failed = land(workers, job, todo, folder, len(todo), "fitting", progress)
-        names = {unit.name for unit in units if model_path(folder, unit.name).is_file()}
-        check_some(failed, names)
+        fitted = [unit for unit in units if model_path(folder, unit.name).is_file()]
+        check_some(failed, {unit.name for unit in fitted})
         if shares and typical is not None:
-            typical, own = _with_laws(untrained, typical, folder)
-            weak = [u for u in units if u.name in names and _leans(folder, u, own, typical)]
-            job = replace(job, typical=encoded(typical), prior=True, own=own)
-            failed |= land(workers, job, weak, folder, len(weak), "with the fleet", progress)
-            save_model(typical, kept)
+            typical, lost = _with_the_fleet(workers, job, fitted, typical, folder, progress)
+            failed |= lost
     told = {name: UnitFit.of(model) for name, model in models_in(folder)}
     before = len(told.keys() - {unit.name for unit in todo})
     known = typical.record["fleet"]["warnings"] if shares and typical is not None else []
     warnings = [*known, *failures(failed)]
     return FleetFit(untrained.spec, folder, typical, told, failed, before, warnings).written()
+
+
+def _with_the_fleet(
+    workers: Crew,
+    job: FitJob,
+    units: Sequence[Unit],
+    typical: Model,
+    folder: Path,
+    progress: Callable[[str], None],
+) -> tuple[Model, dict[str, str]]:
+    """(the typical unit with the laws of its units, who failed) once those of `units` that know too
+    little of themselves are fitted again, with the fleet as their prior."""
+    typical, own = _with_laws(as_plant(job.text), typical, folder)
+    weak = [unit for unit in units if _leans(folder, unit, own, typical)]
+    job = replace(job, typical=encoded(typical), prior=True, own=own)
+    failed = land(workers, job, weak, folder, len(weak), "with the fleet", progress)
+    save_model(typical, folder / FLEET)
+    return typical, failed
 
 
 def _prior(path: Path, text: str) -> Model:
@@ -209,15 +210,29 @@ def _prior(path: Path, text: str) -> Model:
     return typical
 
 
-def _check_same_plant(folder: Path, text: str) -> None:
-    """Raises `InputError` where the models in `folder` are of another plant."""
+def _typical(
+    folder: Path, again: bool, plant: GrayBoxPlant, units: Sequence[Unit], how: How, **given: Any
+) -> Model:
+    """The typical unit: the one in `folder`, or one found, `again`, which is then there."""
+    kept = folder / FLEET
+    if kept.is_file() and not again:
+        return load_model(kept)
+    typical = typical_unit(plant, units, how, **given)
+    save_model(typical, kept)
+    return typical
+
+
+def _folder(out: str | Path, logs: Any, text: str) -> Path:
+    """Where models go. Raises `InputError` where those that are there are of another plant."""
+    folder = folder_for(out, logs)
     for path in (folder / FLEET, *(folder / unit_file("_")).parent.glob("*")):
         if path.is_file() and load_model(path).plant.spec.text != text:
             raise InputError(
                 f"{path}: is of another plant file; give another folder for --out, or remove it."
             )
         if path.is_file():
-            return
+            break
+    return folder
 
 
 def _with_laws(

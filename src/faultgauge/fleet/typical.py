@@ -17,7 +17,8 @@ from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
 from faultgauge.plants.settle import settle
 from faultgauge.telemetry import Run, cut
-from faultgauge.verbs.reading import How, runs_for_plant
+from faultgauge.verbs.how import How
+from faultgauge.verbs.reading import runs_for_plant
 
 __all__ = ["base_of", "laws_of", "typical_unit", "unit_plant"]
 

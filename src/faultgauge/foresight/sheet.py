@@ -18,7 +18,7 @@ from faultgauge.detection.smallest import (
     rivals_of,
     seen_size,
 )
-from faultgauge.detection.uncalibrated import uncalibrated
+from faultgauge.detection.uncalibrated import level_in, uncalibrated
 from faultgauge.detection.unit_faults import Effects, Information, effects_of, information
 from faultgauge.errors import InputError
 from faultgauge.foresight.experiments import Bench, propose
@@ -73,7 +73,7 @@ def detectability(
         within(f"the filter along {run.name}", 0.0)
         bank = build_fault_bank(model, [run], noise_of(model))
         sheets.append(_along(bank, run, within))
-    rate = 3600 / float((model.calibration or {})["bank"]["mtbfa_s"])
+    rate = 3600 / level_in(model).mtbfa_s
     return Sheet(model.plant.spec.name, rate, RARER, tuple(sheets))
 
 

@@ -7,7 +7,7 @@ from typing import Literal, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Float, Int
 
 from faultgauge.errors import InputError
 from faultgauge.identification.algorithms import AlgorithmName
@@ -173,21 +173,22 @@ def fit_equations(
 
     Where it makes a difference the starts are also fitted in the weak form, and compete.
     """
-    training, validation, windows = given.training, given.validation, given.windows
-    found, reports, others = [], [], []
+    found: list[_Fitted] = []
+    others: list[GrayBoxPlant] = []
+    reports: list[GroupReport] = []
     crowded: dict[str, Box] = {}
     warnings: list[str] = []
     everyone = groups(plant.spec, how.outputs)
     for number, group in enumerate(everyone):
         progress(Step(f"fitting {group.name}", number / (2 * len(everyone))))
-        plant = scale_networks(plant, group, training)
-        crowded |= crowds(plant, group, training)
+        plant = scale_networks(plant, group, given.training)
+        crowded |= crowds(plant, group, given.training)
         seeds = [[seed, number, k] for k in range(restarts)]
         plants, solution = fit_group(
             plant,
             group,
-            training,
-            validation,
+            given.training,
+            given.validation,
             [np.random.default_rng(each) for each in seeds],
             algorithm=algorithm,
             exogenous=given.exogenous,
@@ -195,58 +196,107 @@ def fit_equations(
         )
         _judge(group, solution, warnings)
         plant = plants[int(np.nanargmin(_ranked(solution)))]
-        weak, runs, states = None, windows, weak_states(plant.spec, how, group)
-        if given.weak and states and gap(plant, group, states, given.weak.training) > MATERIAL:
-            progress(f"fitting {group.name} in the weak form")
-            rngs = [np.random.default_rng(each) for each in seeds]
-            points, unseen, runs, _ = given.weak
-            more, weak = fit_weak(plant, group, states, points, unseen, rngs, algorithm)
-            plants = [*plants, *more]
-        found.append((group, plants, solution, weak, runs))
-    longest = max_step(plant, training)
-    for number, (group, plants, solution, weak, runs) in enumerate(found, len(found)):
-        progress(Step(f"selecting {group.name} by free run", number / (2 * len(found))))
-        candidates = [_exchange(plant, other, group) for other in plants]
-        errors = free_run_errors(candidates, runs, longest)
-        starts = len(solution.status)
-        status = np.concatenate([solution.status, (weak or solution).status])[: len(plants)]
-        errors = np.where(status == FAILED, np.inf, errors)
-        # the file's own start wins ties, then the earliest, of the weak form last: the same bytes
-        # on every run
-        equals = len(plants) if weak else starts
-        chosen = int(np.argmin(np.round(errors[:equals], 12)))
-        with_it, plain = errors[chosen], np.min(errors[equals:], initial=np.inf)
-        if plain * WORSE < with_it:  # only with instruments
-            chosen = starts + int(np.argmin(np.round(errors[starts:], 12)))
-            warnings.append(
-                f"{group.name}: with the instrument the free run on held-out data errs by "
-                f"{100 * with_it:.2f} %, without it by {100 * plain:.2f} %; the fit without is "
-                "kept, and may have the loop's bias; give logs in which the reference moves more"
-            )
-        instrumented = given.exogenous is not None and chosen < starts
-        freed = "references" if instrumented else None
-        plant = candidates[chosen]
-        others = [candidates[k] for k in np.argsort(errors, kind="stable") if k != chosen]
-        form = "filtered"
-        if weak and chosen >= starts:
-            form, solution = "weak", weak
-        errors = errors[:starts] if chosen < starts else errors[starts:]
-        chosen %= starts
-        if solution.status[chosen] == NOT_CONVERGED:
-            warnings.append(not_converged(group.name, int(solution.trials[chosen])))
-        where = chosen % 2 == 1 if crowded.keys() & set(group.networks) else None
-        if given.exogenous is None:
-            plant, freed, errors[chosen] = _freed(plant, group, how, given, runs, errors[chosen])
-            form = "instrumental" if freed else form
-        reports.append(GroupReport(group, solution, errors, chosen, form, freed, where))
-    if reports:  # the last group's choice is the whole plant's
-        error = float(reports[-1].free_run[reports[-1].chosen])
-        plant, reports, error = _no_worse_than_stated(
-            plant, reports, error, found[-1][-1], len(found[-1][1]), training, warnings
-        )
-    else:
-        error = float(free_run_errors([plant], windows, longest)[0])
+        fitted = _Fitted(group, plants, solution, None, given.windows)
+        found.append(_with_weak(fitted, plant, how, given, seeds, algorithm, progress))
+    longest = max_step(plant, given.training)
+    for number, fitted in enumerate(found, len(found)):
+        progress(Step(f"selecting {fitted.group.name} by free run", number / (2 * len(found))))
+        plant, others, report = _selected(fitted, plant, how, given, longest, crowded, warnings)
+        reports.append(report)
+    if not reports:
+        error = float(free_run_errors([plant], given.windows, longest)[0])
+        return EquationFit(plant, others, reports, error, warnings)
+    error = float(reports[-1].free_run[reports[-1].chosen])  # its choice is the whole plant's
+    plant, reports, error = _no_worse_than_stated(
+        plant, reports, error, found[-1].runs, len(found[-1].plants), given.training, warnings
+    )
     return EquationFit(plant, others, reports, error, warnings)
+
+
+class _Fitted(NamedTuple):
+    """A group fitted from every start, a plant each: with instruments those of two-stage least
+    squares and then the `solution`'s; then those of the `weak` form. Free runs over `runs`
+    select."""
+
+    group: Group
+    plants: list[GrayBoxPlant]
+    solution: Solution
+    weak: Solution | None
+    runs: Windows
+
+
+def _with_weak(
+    fitted: _Fitted,
+    plant: GrayBoxPlant,
+    how: Channels,
+    given: Material,
+    seeds: Sequence[list[int]],
+    algorithm: AlgorithmName,
+    progress: Callable[[str], None],
+) -> _Fitted:
+    """The starts fitted in the weak form, too, where that differs for `plant`, the best of them."""
+    group = fitted.group
+    states = weak_states(plant.spec, how, group)
+    if not (given.weak and states and gap(plant, group, states, given.weak.training) > MATERIAL):
+        return fitted
+    progress(f"fitting {group.name} in the weak form")
+    rngs = [np.random.default_rng(each) for each in seeds]
+    points, unseen, runs, _ = given.weak
+    more, weak = fit_weak(plant, group, states, points, unseen, rngs, algorithm)
+    return fitted._replace(plants=[*fitted.plants, *more], weak=weak, runs=runs)
+
+
+def _selected(
+    fitted: _Fitted,
+    plant: GrayBoxPlant,
+    how: Channels,
+    given: Material,
+    longest: float,
+    crowded: dict[str, Box],
+    warnings: list[str],
+) -> tuple[GrayBoxPlant, list[GrayBoxPlant], GroupReport]:
+    """`plant` with the group's unknowns of the start whose free run errs least; with those of the
+    others, by rank; and the group's account."""
+    group, plants, solution, weak, runs = fitted
+    candidates = [_exchange(plant, other, group) for other in plants]
+    errors = free_run_errors(candidates, runs, longest)
+    starts = len(solution.status)
+    status = np.concatenate([solution.status, (weak or solution).status])[: len(plants)]
+    errors = np.where(status == FAILED, np.inf, errors)
+    chosen = _chosen(fitted, errors, warnings)
+    instrumented = given.exogenous is not None and chosen < starts
+    freed = "references" if instrumented else None
+    plant = candidates[chosen]
+    others = [candidates[k] for k in np.argsort(errors, kind="stable") if k != chosen]
+    form = "filtered"
+    if weak and chosen >= starts:
+        form, solution = "weak", weak
+    errors = errors[:starts] if chosen < starts else errors[starts:]
+    chosen %= starts
+    if solution.status[chosen] == NOT_CONVERGED:
+        warnings.append(not_converged(group.name, int(solution.trials[chosen])))
+    where = chosen % 2 == 1 if crowded.keys() & set(group.networks) else None
+    if given.exogenous is None:
+        plant, freed, errors[chosen] = _freed(plant, group, how, given, runs, errors[chosen])
+        form = "instrumental" if freed else form
+    return plant, others, GroupReport(group, solution, errors, chosen, form, freed, where)
+
+
+def _chosen(fitted: _Fitted, errors: Float[np.ndarray, "plants"], warnings: list[str]) -> int:
+    """The plant that errs least. The file's own start wins ties, then the earliest, of the weak
+    form last: the same bytes on every run."""
+    starts = len(fitted.solution.status)
+    equals = len(errors) if fitted.weak else starts
+    chosen = int(np.argmin(np.round(errors[:equals], 12)))
+    with_it, plain = errors[chosen], np.min(errors[equals:], initial=np.inf)
+    if plain * WORSE < with_it:  # only with instruments
+        chosen = starts + int(np.argmin(np.round(errors[starts:], 12)))
+        warnings.append(
+            f"{fitted.group.name}: with the instrument the free run on held-out data errs by "
+            f"{100 * with_it:.2f} %, without it by {100 * plain:.2f} %; the fit without is "
+            "kept, and may have the loop's bias; give logs in which the reference moves more"
+        )
+    return chosen
 
 
 def _freed(

@@ -65,6 +65,88 @@ class _State(NamedTuple):
     history: Array
 
 
+class _Descent(NamedTuple):
+    """What is minimised, and the way from one epoch to the next."""
+
+    residual: Residual
+    samples: Any
+    validation: Any | None
+    lower: Array
+    upper: Array
+    options: DescentOptions
+
+    def squares(self, theta: Array, data: Any) -> Array:
+        return jax.vmap(self.residual, (None, 0))(theta, data) ** 2
+
+    def size(self, theta: Array) -> int:
+        return jax.eval_shape(self.squares, theta, self.samples).size
+
+    def mean_and_gradient(self, theta: Array) -> tuple[Array, Array]:
+        return jax.value_and_grad(lambda theta: jnp.mean(self.squares(theta, self.samples)))(theta)
+
+    def validate(self, theta: Array, cost: Array) -> Array:
+        if self.validation is None:
+            return self.size(theta) * cost
+        return jnp.sum(self.squares(theta, self.validation))
+
+    def settled(self, theta: Array, gradient: Array) -> Array:
+        free = theta - jnp.clip(theta - gradient, self.lower, self.upper)
+        return jnp.max(jnp.abs(free)) <= self.options.min_gradient
+
+    def begin(self, theta: Array) -> _State:
+        options = self.options
+        cost, gradient = self.mean_and_gradient(theta)
+        valid = self.validate(theta, cost)
+        finite = jnp.isfinite(cost) & jnp.all(jnp.isfinite(gradient))
+        going = jnp.where(self.settled(theta, gradient), CONVERGED, -1)
+        return _State(
+            theta=theta,
+            cost=cost,
+            gradient=gradient,
+            step=-options.rate * gradient,
+            rate=jnp.asarray(options.rate),
+            best=theta,
+            best_cost=cost,
+            best_validation=jnp.where(jnp.isfinite(valid), valid, jnp.inf),
+            fails=jnp.asarray(0),
+            epoch=jnp.asarray(0),
+            status=jnp.where(finite, going, FAILED),
+            history=jnp.full((options.max_epochs, 2), jnp.nan),
+        )
+
+    def epoch(self, s: _State) -> _State:
+        options, m = self.options, self.options.momentum
+        moved = s.theta + m * s.step - (1 - m) * s.rate * s.gradient
+        theta = jnp.clip(moved, self.lower, self.upper)
+        cost, gradient = self.mean_and_gradient(theta)
+        taken = jnp.all(jnp.isfinite(gradient)) & (cost <= options.max_increase * s.cost)
+        growth = jnp.where(cost < s.cost, options.rate_growth, 1.0)
+        rate = s.rate * jnp.where(taken, growth, options.rate_cut)
+        valid = self.validate(theta, cost)
+        improved = taken & (valid < s.best_validation)
+        fails = jnp.where(improved, 0, s.fails + taken)
+        status = jnp.where(taken & self.settled(theta, gradient), CONVERGED, -1)
+        if self.validation is not None:
+            status = jnp.where((status < 0) & (fails >= options.max_fail), VALIDATION_STOP, status)
+        keep = lambda new, old: jnp.where(taken, new, old)  # noqa: E731
+        costs = jnp.stack([self.size(theta) * keep(cost, s.cost), keep(valid, jnp.nan)])
+        return _State(
+            theta=keep(theta, s.theta),
+            cost=keep(cost, s.cost),
+            gradient=keep(gradient, s.gradient),
+            # after a refusal the next step is a plain gradient step
+            step=keep(theta - s.theta, -rate * s.gradient),
+            rate=rate,
+            best=jnp.where(improved, theta, s.best),
+            best_cost=jnp.where(improved, cost, s.best_cost),
+            best_validation=jnp.where(improved, valid, s.best_validation),
+            fails=fails,
+            epoch=s.epoch + 1,
+            status=status,
+            history=s.history.at[s.epoch].set(costs),
+        )
+
+
 @eqx.filter_jit
 def gradient_descent(
     residual: Residual,
@@ -81,74 +163,12 @@ def gradient_descent(
     validation cost (without `validation`: the lowest cost) are returned. Steps are projected on
     [lower, upper], and momentum is what was really moved, so none gathers behind a bound.
     """
-
-    def squares(theta: Array, data: Any) -> Array:
-        return jax.vmap(residual, (None, 0))(theta, data) ** 2
-
-    size = jax.eval_shape(squares, starts[0], samples).size
-    mean_and_gradient = jax.value_and_grad(lambda theta: jnp.mean(squares(theta, samples)))
-
-    def validate(theta: Array, cost: Array) -> Array:
-        return size * cost if validation is None else jnp.sum(squares(theta, validation))
-
-    def settled(theta: Array, gradient: Array) -> Array:
-        free = theta - jnp.clip(theta - gradient, lower, upper)
-        return jnp.max(jnp.abs(free)) <= options.min_gradient
-
-    def begin(theta: Array) -> _State:
-        cost, gradient = mean_and_gradient(theta)
-        valid = validate(theta, cost)
-        finite = jnp.isfinite(cost) & jnp.all(jnp.isfinite(gradient))
-        return _State(
-            theta=theta,
-            cost=cost,
-            gradient=gradient,
-            step=-options.rate * gradient,
-            rate=jnp.asarray(options.rate),
-            best=theta,
-            best_cost=cost,
-            best_validation=jnp.where(jnp.isfinite(valid), valid, jnp.inf),
-            fails=jnp.asarray(0),
-            epoch=jnp.asarray(0),
-            status=jnp.where(finite, jnp.where(settled(theta, gradient), CONVERGED, -1), FAILED),
-            history=jnp.full((options.max_epochs, 2), jnp.nan),
-        )
-
-    def epoch(s: _State) -> _State:
-        m = options.momentum
-        theta = jnp.clip(s.theta + m * s.step - (1 - m) * s.rate * s.gradient, lower, upper)
-        cost, gradient = mean_and_gradient(theta)
-        taken = jnp.all(jnp.isfinite(gradient)) & (cost <= options.max_increase * s.cost)
-        growth = jnp.where(cost < s.cost, options.rate_growth, 1.0)
-        rate = s.rate * jnp.where(taken, growth, options.rate_cut)
-        valid = validate(theta, cost)
-        improved = taken & (valid < s.best_validation)
-        fails = jnp.where(improved, 0, s.fails + taken)
-        status = jnp.where(taken & settled(theta, gradient), CONVERGED, -1)
-        if validation is not None:
-            status = jnp.where((status < 0) & (fails >= options.max_fail), VALIDATION_STOP, status)
-        keep = lambda new, old: jnp.where(taken, new, old)  # noqa: E731
-        return _State(
-            theta=keep(theta, s.theta),
-            cost=keep(cost, s.cost),
-            gradient=keep(gradient, s.gradient),
-            # after a refusal the next step is a plain gradient step
-            step=keep(theta - s.theta, -rate * s.gradient),
-            rate=rate,
-            best=jnp.where(improved, theta, s.best),
-            best_cost=jnp.where(improved, cost, s.best_cost),
-            best_validation=jnp.where(improved, valid, s.best_validation),
-            fails=fails,
-            epoch=s.epoch + 1,
-            status=status,
-            history=s.history.at[s.epoch].set(
-                jnp.stack([size * keep(cost, s.cost), keep(valid, jnp.nan)])
-            ),
-        )
+    descent = _Descent(residual, samples, validation, lower, upper, options)
+    size = descent.size(starts[0])
 
     def run(theta: Array) -> _State:
         going = lambda s: (s.status < 0) & (s.epoch < options.max_epochs)  # noqa: E731
-        return jax.lax.while_loop(going, epoch, begin(theta))
+        return jax.lax.while_loop(going, descent.epoch, descent.begin(theta))
 
     final = jax.lax.map(run, jnp.clip(starts, lower, upper))
     return Solution(

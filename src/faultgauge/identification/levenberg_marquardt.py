@@ -104,6 +104,158 @@ class _State(NamedTuple):
     history: Array
 
 
+class _Problem(NamedTuple):
+    """What is minimised, and the way from one trial to the next."""
+
+    residual: Residual
+    samples: Any
+    validation: Any | None
+    lower: Array
+    upper: Array
+    options: Options
+    penalty: Array | None
+    local: int
+    linearised: Linearised | None
+    beside: Callable[[Float[Array, "parameters"]], Float[Array, "rows"]] | None
+
+    @property
+    def bordered(self) -> bool:
+        return bool(self.local) or self.linearised is not None
+
+    def equations(self, theta: Array) -> tuple[Array, Array, Array, Array | None]:
+        """(c, H, g, rows of Jacobian and residual where steps are bent)."""
+        if self.bordered:
+            at_once = self.linearised or forward(self.residual)
+            cost, hessian, gradient, rows = bordered_equations(
+                at_once, theta, self.samples, self.local
+            )
+        else:
+            cost, hessian, gradient = normal_equations(self.residual, theta, self.samples)
+            rows = None
+        if self.beside is not None:
+            r, J = self.beside(theta), jax.jacrev(self.beside)(theta)
+            cost, hessian, gradient = cost + r @ r, hessian + J.T @ J, gradient + J.T @ r
+        if self.penalty is None:
+            return cost, hessian, gradient, rows
+        return (
+            cost + self.penalty @ theta**2,
+            hessian + jnp.diag(self.penalty),
+            gradient + self.penalty * theta,
+            rows,
+        )
+
+    def no_rows(self, theta: Array) -> Array:
+        """Zeros in the shape of `equations`' rows, which need not be traced for it."""
+        each = own(theta, self.samples, self.local)
+        r = jax.eval_shape(lambda: jax.vmap(self.residual)(each, self.samples))
+        return jnp.zeros((*r.shape, each.shape[1] + 1))
+
+    def bend(self, s: _State, rows: Array, factor: Any, held: Array, step: Array) -> Array:
+        """a / 2; the curvature from one residual at a part of the step."""
+        jacobian, r = rows[..., :-1], rows[..., -1]
+        each = own(s.theta + REACH * step, self.samples, self.local)
+        reached = jax.vmap(self.residual)(each, self.samples)
+        slope = jnp.einsum("seo,so->se", jacobian, own(step, self.samples, self.local))
+        k = 2 / REACH * ((reached - r) / REACH - slope)
+        pulled = shared(jnp.einsum("seo,se->so", jacobian, k), self.local)
+        if self.beside is not None:
+            r, pull = jax.vjp(self.beside, s.theta)
+            slope = jax.jvp(self.beside, (s.theta,), (step,))[1]
+            k = 2 / REACH * ((self.beside(s.theta + REACH * step) - r) / REACH - slope)
+            pulled += pull(k)[0]
+        a = -jax.scipy.linalg.cho_solve(factor, jnp.where(held, 0.0, pulled))
+        return jnp.where(jnp.linalg.norm(a) <= BENDS * jnp.linalg.norm(step), a / 2, 0.0)
+
+    def validate(self, theta: Array, cost: Array) -> Array:
+        if self.validation is None:
+            return cost
+        r = jax.vmap(self.residual, (None, 0))(theta, self.validation)
+        return jnp.sum(r * r)
+
+    def begin(self, theta: Array) -> _State:
+        """Before the first trial, which only evaluates: one place in the program that does."""
+        nothing = jnp.zeros_like(theta)
+        infinite = jnp.asarray(jnp.inf)
+        return _State(
+            theta=theta,
+            cost=infinite,
+            hessian=jnp.zeros((theta.size, theta.size)),
+            gradient=nothing,
+            rows=self.no_rows(theta) if self.bordered else None,
+            mu=jnp.asarray(1.0),
+            nu=jnp.asarray(2.0),
+            best=theta,
+            best_cost=infinite,
+            best_validation=infinite,
+            fails=jnp.asarray(0),
+            stalls=jnp.asarray(0),
+            trial=jnp.asarray(-1),
+            status=jnp.asarray(-1),
+            history=jnp.full((self.options.max_trials, 2), jnp.nan),
+        )
+
+    def reach(self, s: _State) -> tuple[Array, Array]:
+        """(where the next step leads, the reduction of c that the quadratic model predicts)."""
+        lower, upper = self.lower, self.upper
+        # a parameter that its bound holds back stays out, or the others' step would count on it
+        held = (s.theta <= lower) & (s.gradient > 0) | (s.theta >= upper) & (s.gradient < 0)
+        reduced = jnp.where(held[:, None] | held, 0.0, s.hessian)
+        factor = jax.scipy.linalg.cho_factor(reduced + s.mu * jnp.eye(s.theta.size))
+        step = -jax.scipy.linalg.cho_solve(factor, s.gradient)
+        # for the step that the quadratic model knows, before it is bent
+        delta = jnp.clip(s.theta + step, lower, upper) - s.theta
+        predicted = -(2 * s.gradient @ delta + delta @ s.hessian @ delta)
+        if s.rows is not None:
+            step += self.bend(s, s.rows, factor, held, step)
+        return jnp.clip(s.theta + step, lower, upper), predicted
+
+    def trial(self, s: _State) -> _State:
+        options = self.options
+        first = s.trial < 0
+        theta, predicted = self.reach(s)
+        delta = theta - s.theta
+        cost, hessian, gradient, rows = self.equations(theta)
+        scale = jnp.max(jnp.diag(hessian))
+        finite = jnp.isfinite(cost) & jnp.isfinite(scale)
+        better = finite & jnp.all(jnp.isfinite(delta)) & (cost < s.cost)
+        better &= jnp.all(jnp.isfinite(hessian))
+        gain = jnp.clip((s.cost - cost) / predicted, 0.0, 1e3)
+        shrink = jnp.maximum(1 / 3, 1 - (2 * gain - 1) ** 3)
+        valid = self.validate(theta, cost)
+        improved = better & (valid < s.best_validation)
+        small = (s.cost - cost) <= options.tolerance * s.cost
+        stuck = jnp.max(jnp.abs(delta)) <= 1e-12 * (1 + jnp.max(jnp.abs(s.theta)))
+        stalls = jnp.where(better & small & ~first, s.stalls + 1, jnp.where(better, 0, s.stalls))
+        fails = jnp.where(improved | first, 0, jnp.where(better, s.fails + 1, s.fails))
+        done = (stalls >= 2) | stuck | (s.mu > 1e16 * jnp.max(jnp.diag(s.hessian)))
+        status = jnp.where(done & ~first, CONVERGED, -1)
+        status = jnp.where(first & ~finite, FAILED, status)
+        if self.validation is not None:
+            status = jnp.where((status < 0) & (fails >= options.max_fail), VALIDATION_STOP, status)
+        keep = lambda new, old: jnp.where(better, new, old)  # noqa: E731
+        costs = jnp.stack([keep(cost, s.cost), keep(valid, jnp.nan)])
+        mu = jnp.where(
+            first, options.tau * jnp.maximum(scale, 1e-300), keep(s.mu * shrink, s.mu * s.nu)
+        )
+        return _State(
+            theta=keep(theta, s.theta),
+            cost=keep(cost, s.cost),
+            hessian=keep(hessian, s.hessian),
+            gradient=keep(gradient, s.gradient),
+            rows=None if rows is None else keep(rows, s.rows),
+            mu=mu,
+            nu=keep(2.0, s.nu * 2.0),
+            best=jnp.where(improved, theta, s.best),
+            best_cost=jnp.where(improved | first, cost, s.best_cost),
+            best_validation=jnp.where(improved, valid, s.best_validation),
+            fails=fails,
+            stalls=stalls,
+            trial=s.trial + 1,
+            status=status,
+            history=jnp.where(first, s.history, s.history.at[s.trial].set(costs)),
+        )
+
+
 @eqx.filter_jit
 def levenberg_marquardt(
     residual: Residual,
@@ -129,137 +281,14 @@ def levenberg_marquardt(
     anew. `residual` must be a hashable function or an Equinox module, so that
     the compiled program is found again.
     """
-
-    bordered = bool(local) or linearised is not None
-
-    def equations(theta: Array) -> tuple[Array, Array, Array, Array | None]:
-        if bordered:
-            at_once = linearised or forward(residual)
-            cost, hessian, gradient, rows = bordered_equations(at_once, theta, samples, local)
-        else:
-            cost, hessian, gradient = normal_equations(residual, theta, samples)
-            rows = None
-        if beside is not None:
-            r, J = beside(theta), jax.jacrev(beside)(theta)
-            cost, hessian, gradient = cost + r @ r, hessian + J.T @ J, gradient + J.T @ r
-        if penalty is None:
-            return cost, hessian, gradient, rows
-        return (
-            cost + penalty @ theta**2,
-            hessian + jnp.diag(penalty),
-            gradient + penalty * theta,
-            rows,
-        )
-
-    def no_rows(theta: Array) -> Array:
-        """Zeros in the shape of `equations`' rows, which need not be traced for it."""
-        each = own(theta, samples, local)
-        r = jax.eval_shape(lambda: jax.vmap(residual)(each, samples))
-        return jnp.zeros((*r.shape, each.shape[1] + 1))
-
-    def bend(s: _State, rows: Array, factor: Any, held: Array, step: Array) -> Array:
-        """a / 2; the curvature from one residual at a part of the step."""
-        jacobian, r = rows[..., :-1], rows[..., -1]
-        each = own(s.theta + REACH * step, samples, local)
-        reached = jax.vmap(residual)(each, samples)
-        slope = jnp.einsum("seo,so->se", jacobian, own(step, samples, local))
-        k = 2 / REACH * ((reached - r) / REACH - slope)
-        pulled = shared(jnp.einsum("seo,se->so", jacobian, k), local)
-        if beside is not None:
-            r, pull = jax.vjp(beside, s.theta)
-            slope = jax.jvp(beside, (s.theta,), (step,))[1]
-            k = 2 / REACH * ((beside(s.theta + REACH * step) - r) / REACH - slope)
-            pulled += pull(k)[0]
-        a = -jax.scipy.linalg.cho_solve(factor, jnp.where(held, 0.0, pulled))
-        return jnp.where(jnp.linalg.norm(a) <= BENDS * jnp.linalg.norm(step), a / 2, 0.0)
-
-    def validate(theta: Array, cost: Array) -> Array:
-        if validation is None:
-            return cost
-        r = jax.vmap(residual, (None, 0))(theta, validation)
-        return jnp.sum(r * r)
-
-    def begin(theta: Array) -> _State:
-        """Before the first trial, which only evaluates: one place in the program that does."""
-        nothing = jnp.zeros_like(theta)
-        infinite = jnp.asarray(jnp.inf)
-        return _State(
-            theta=theta,
-            cost=infinite,
-            hessian=jnp.zeros((theta.size, theta.size)),
-            gradient=nothing,
-            rows=no_rows(theta) if bordered else None,
-            mu=jnp.asarray(1.0),
-            nu=jnp.asarray(2.0),
-            best=theta,
-            best_cost=infinite,
-            best_validation=infinite,
-            fails=jnp.asarray(0),
-            stalls=jnp.asarray(0),
-            trial=jnp.asarray(-1),
-            status=jnp.asarray(-1),
-            history=jnp.full((options.max_trials, 2), jnp.nan),
-        )
-
-    def trial(s: _State) -> _State:
-        first = s.trial < 0
-        # a parameter that its bound holds back stays out, or the others' step would count on it
-        held = (s.theta <= lower) & (s.gradient > 0) | (s.theta >= upper) & (s.gradient < 0)
-        reduced = jnp.where(held[:, None] | held, 0.0, s.hessian)
-        factor = jax.scipy.linalg.cho_factor(reduced + s.mu * jnp.eye(s.theta.size))
-        step = -jax.scipy.linalg.cho_solve(factor, s.gradient)
-        delta = jnp.clip(s.theta + step, lower, upper) - s.theta
-        # predicted reduction of c by the quadratic model, for the step that it knows
-        predicted = -(2 * s.gradient @ delta + delta @ s.hessian @ delta)
-        if s.rows is not None:
-            step += bend(s, s.rows, factor, held, step)
-        theta = jnp.clip(s.theta + step, lower, upper)
-        delta = theta - s.theta
-        cost, hessian, gradient, rows = equations(theta)
-        scale = jnp.max(jnp.diag(hessian))
-        finite = jnp.isfinite(cost) & jnp.isfinite(scale)
-        better = finite & jnp.all(jnp.isfinite(delta)) & (cost < s.cost)
-        better &= jnp.all(jnp.isfinite(hessian))
-        gain = jnp.clip((s.cost - cost) / predicted, 0.0, 1e3)
-        shrink = jnp.maximum(1 / 3, 1 - (2 * gain - 1) ** 3)
-        valid = validate(theta, cost)
-        improved = better & (valid < s.best_validation)
-        small = (s.cost - cost) <= options.tolerance * s.cost
-        stuck = jnp.max(jnp.abs(delta)) <= 1e-12 * (1 + jnp.max(jnp.abs(s.theta)))
-        stalls = jnp.where(better & small & ~first, s.stalls + 1, jnp.where(better, 0, s.stalls))
-        fails = jnp.where(improved | first, 0, jnp.where(better, s.fails + 1, s.fails))
-        done = (stalls >= 2) | stuck | (s.mu > 1e16 * jnp.max(jnp.diag(s.hessian)))
-        status = jnp.where(done & ~first, CONVERGED, -1)
-        status = jnp.where(first & ~finite, FAILED, status)
-        if validation is not None:
-            status = jnp.where((status < 0) & (fails >= options.max_fail), VALIDATION_STOP, status)
-        keep = lambda new, old: jnp.where(better, new, old)  # noqa: E731
-        costs = jnp.stack([keep(cost, s.cost), keep(valid, jnp.nan)])
-        mu = jnp.where(
-            first, options.tau * jnp.maximum(scale, 1e-300), keep(s.mu * shrink, s.mu * s.nu)
-        )
-        return _State(
-            theta=keep(theta, s.theta),
-            cost=keep(cost, s.cost),
-            hessian=keep(hessian, s.hessian),
-            gradient=keep(gradient, s.gradient),
-            rows=None if rows is None else keep(rows, s.rows),
-            mu=mu,
-            nu=keep(2.0, s.nu * 2.0),
-            best=jnp.where(improved, theta, s.best),
-            best_cost=jnp.where(improved | first, cost, s.best_cost),
-            best_validation=jnp.where(improved, valid, s.best_validation),
-            fails=fails,
-            stalls=stalls,
-            trial=s.trial + 1,
-            status=status,
-            history=jnp.where(first, s.history, s.history.at[s.trial].set(costs)),
-        )
+    problem = _Problem(
+        residual, samples, validation, lower, upper, options, penalty, local, linearised, beside
+    )
+    most = options.max_trials if limit is None else jnp.minimum(limit, options.max_trials)
 
     def run(theta: Array) -> _State:
-        most = options.max_trials if limit is None else jnp.minimum(limit, options.max_trials)
         going = lambda s: (s.status < 0) & (s.trial < most)  # noqa: E731
-        return jax.lax.while_loop(going, trial, begin(theta))
+        return jax.lax.while_loop(going, problem.trial, problem.begin(theta))
 
     final = jax.lax.map(run, jnp.clip(starts, lower, upper), batch_size=options.batch)
     return Solution(

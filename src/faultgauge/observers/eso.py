@@ -12,7 +12,7 @@ placed in discrete time, so it is stable at any omega_o dt.
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Complex, Float
 
 from faultgauge.errors import InputError
 from faultgauge.observers.gains import ackermann, bandwidth_poles, spectral_radius
@@ -24,6 +24,7 @@ from faultgauge.observers.observer import (
     linearise,
 )
 from faultgauge.plants.plant import Plant
+from faultgauge.plants.signals import Signals
 from faultgauge.simulation.free_run import substeps_for
 
 __all__ = ["ExtendedStateObserver", "design_eso", "fal"]
@@ -80,25 +81,13 @@ def design_eso(
     """
     _check(bandwidth, zeta, kappa, delta, paper)
     signals = plant.signals
-    target = signals.fault_names.index(fault)
-    if signals.faults[target].enters == "gain":
-        raise InputError(
-            f"fault {fault!r} is a gain loss, which an ESO cannot tell from an additive one; "
-            'declare it with enters = "input" to get the equivalent additive size.'
-        )
+    target = _target(signals, fault)
     substeps = substeps_for(dt, max_step)
     linear = linearise(plant, points, dt, substeps)
     output, chain = _chain(plant, fault, linear, measured)
     A, C = _augmented(linear, target, chain, output)
     wanted = bandwidth_poles(len(chain) + 1, bandwidth, zeta, dt)
-    try:
-        L = ackermann(A, C @ A, wanted)
-    except np.linalg.LinAlgError:
-        raise InputError(
-            f"fault {fault!r} does not move output {signals.output_names[output]} at the median "
-            "operating point (its effect changes sign or vanishes there), so no gain can be "
-            "placed; measure an output that it always moves."
-        ) from None
+    L = _placed(A, C @ A, wanted, fault, signals.output_names[output])
     gain_x = np.zeros((len(signals.states), len(signals.outputs)))
     gain_f = np.zeros(len(signals.outputs))
     gain_x[list(chain), output] = L[:-1]
@@ -140,6 +129,35 @@ def _check(bandwidth: float, zeta: float, kappa: float, delta: float, paper: boo
             f"observer: zeta = {zeta:g} violates condition (13), beta_1^2 > 4 beta_2 "
             "delta^(kappa-1), which paper mode insists on; use zeta > 1."
         )
+
+
+def _target(signals: Signals, fault: str) -> int:
+    """The fault's place. Raises `InputError` for a gain loss."""
+    target = signals.fault_names.index(fault)
+    if signals.faults[target].enters == "gain":
+        raise InputError(
+            f"fault {fault!r} is a gain loss, which an ESO cannot tell from an additive one; "
+            'declare it with enters = "input" to get the equivalent additive size.'
+        )
+    return target
+
+
+def _placed(
+    A: Float[np.ndarray, "n n"],
+    C: Float[np.ndarray, "n"],
+    wanted: Complex[np.ndarray, "n"],
+    fault: str,
+    output: str,
+) -> Float[np.ndarray, "n"]:
+    """The gains. Raises `InputError` where `output` does not tell of the fault."""
+    try:
+        return ackermann(A, C, wanted)
+    except np.linalg.LinAlgError:
+        raise InputError(
+            f"fault {fault!r} does not move output {output} at the median operating point (its "
+            "effect changes sign or vanishes there), so no gain can be placed; measure an output "
+            "that it always moves."
+        ) from None
 
 
 def _chain(

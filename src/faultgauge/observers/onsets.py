@@ -71,6 +71,10 @@ class Onsets(eqx.Module):
 
     # -- signatures
 
+    def _sided(self, up: Array, above: Array, below: Array) -> Array:
+        """Of the side that each change is on, by its fault."""
+        return jnp.where(up, above[:, :, self.owner, None], below[:, :, self.owner, None])
+
     def _signatures(self, lanes: Lanes, step: tuple[Flow, Look, Seen]) -> tuple[Lanes, tuple[()]]:
         """What every unit change has done by now."""
         B, n = lanes.eta.shape[:2]
@@ -83,21 +87,12 @@ class Onsets(eqx.Module):
         eta = jax.vmap(self.filter.through)(flow.A, lanes.eta.reshape(B, n, K * A))
         eta = eta.reshape(B, n, K, A)
         middle = (flow.up + flow.down) / 2
-        sided = jnp.where(
-            up,
-            (flow.up - middle)[:, :, self.owner, None],
-            (flow.down - middle)[:, :, self.owner, None],
-        )
+        sided = self._sided(up, flow.up - middle, flow.down - middle)
         states = eta[:, : self.filter.states] + sided * own[:, None]
         eta = jnp.concatenate([states, eta[:, self.filter.states :]], axis=1)
         own = jnp.stack([eta[:, self.filter.states + k, j] for j, k in enumerate(self.owner)], 1)
         middle = (look.up + look.down) / 2
-        sided = jnp.where(
-            up,
-            (look.up - middle)[:, :, self.owner, None],
-            (look.down - middle)[:, :, self.owner, None],
-        )
-        sided = sided * own[:, None]
+        sided = self._sided(up, look.up - middle, look.down - middle) * own[:, None]
         shared, rows = (a.reshape(B, -1) for a in (lanes.shared, lanes.row))
         every = np.arange(B)[:, None]
 

@@ -22,7 +22,7 @@ from faultgauge.files import read_within, write_atomically
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.network import Network
 from faultgauge.plants.plant_file import PlantSpec, parse_plant
-from faultgauge.plants.record import check_record
+from faultgauge.plants.record import CalibrationRecord, check_record
 from faultgauge.plants.settle import settle
 
 __all__ = ["Model", "decoded", "encoded", "load_model", "save_model"]
@@ -39,24 +39,21 @@ class Model:
     """A fitted plant and what is known about the fit.
 
     `record` is plain JSON: training envelope, metrics, data hashes, time steps, versions, the
-    `choices` of hold and hidden that the plant file left to the fit and, after `calibrate`, the
-    calibration; where the logs were brought to a lower rate, that rate, `resample` [Hz], and their
-    step before, `log_step` [s]; and `reading`, what was said of how they are read. `members` are
-    the other plants of an ensemble, `plant` being its best; the record counts them.
+    `choices` of hold and hidden that the plant file left to the fit; where the logs were brought to
+    a lower rate, that rate, `resample` [Hz], and their step before, `log_step` [s]; and `reading`,
+    what was said of how they are read. `members` are the other plants of an ensemble, `plant` being
+    its best; the record counts them. `calibration` is what `calibrate` found, if it was asked.
     """
 
     plant: GrayBoxPlant
     record: dict[str, Any]
     members: tuple[GrayBoxPlant, ...] = ()
+    calibration: CalibrationRecord | None = None
 
     @property
     def max_step(self) -> float:
         """Longest RK4 step [s] that the fitted dynamics allow."""
         return float(self.record["max_step"])
-
-    @property
-    def calibration(self) -> dict[str, Any] | None:
-        return self.record.get("calibration")
 
     @property
     def resample(self) -> float | None:
@@ -72,8 +69,8 @@ class Model:
         """The model that remembers how its logs were read, where anything was `said`."""
         return replace(self, record={**self.record, "reading": said}) if said else self
 
-    def with_calibration(self, calibration: dict[str, Any]) -> "Model":
-        return replace(self, record={**self.record, "calibration": calibration})
+    def with_calibration(self, calibration: CalibrationRecord | None) -> "Model":
+        return replace(self, calibration=calibration)
 
     def with_resample(self, rate: float) -> "Model":
         """The model with a `rate` [Hz] that faster logs are brought to."""
@@ -126,10 +123,13 @@ def save_model(model: Model, path: str | Path) -> None:
 def encoded(model: Model) -> bytes:
     """What a model file holds; the same model gives the same bytes."""
     arrays = _all_tensors(model)
+    record = dict(model.record)
+    if model.calibration is not None:
+        record["calibration"] = model.calibration.as_dict()
     content = {
         "format": FORMAT,
         "plant": model.plant.spec.text,
-        "record": model.record,
+        "record": record,
         "sha256": digest(arrays),
     }
     content["seal"] = hashlib.sha256(canonical(content).encode()).hexdigest()
@@ -179,8 +179,9 @@ def decoded(data: bytes, path: str | Path) -> Model:
         own = {name: array for name, array in arrays.items() if not name.startswith(MEMBERS)}
         rest = {name: array for name, array in arrays.items() if name.startswith(MEMBERS)}
         members = _members(left_open, choices["hold"], record.get("members", 0), rest)
-        check_record(record, spec.signals)
-        return Model(filled(GrayBoxPlant.untrained(spec), own), record, members)
+        calibration = check_record(record, spec.signals)
+        record.pop("calibration", None)
+        return Model(filled(GrayBoxPlant.untrained(spec), own), record, members, calibration)
     except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError):
         raise InputError(f"{path}: its description is damaged{advice}.") from None
 

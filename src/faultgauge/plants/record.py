@@ -1,6 +1,7 @@
 """What a model file tells beside its plant and its numbers: typed and checked when it is read.
 
-A seal shows that nothing was altered since, not that what was sealed makes sense.
+A seal shows that nothing was altered since, not that what was sealed makes sense. What is read and
+written again is the same JSON: a number keeps its type, and what was not told stays untold.
 """
 
 from collections.abc import Collection, Mapping
@@ -10,14 +11,14 @@ import pydantic
 
 from faultgauge.plants.signals import Signals
 
-__all__ = ["check_record"]
+__all__ = ["BankLevel", "CalibrationRecord", "Interval", "NoiseLevels", "check_record"]
 
 LARGEST = 1e100  # of any number: its square is one too
 MOST_POINTS = 100_000
 
-Number = Annotated[float, pydantic.Field(gt=-LARGEST, lt=LARGEST)]
-Positive = Annotated[float, pydantic.Field(gt=1 / LARGEST, lt=LARGEST)]
-Least = Annotated[float, pydantic.Field(ge=0, lt=LARGEST)]
+Number = Annotated[int | float, pydantic.Field(gt=-LARGEST, lt=LARGEST)]
+Positive = Annotated[int | float, pydantic.Field(gt=1 / LARGEST, lt=LARGEST)]
+Least = Annotated[int | float, pydantic.Field(ge=0, lt=LARGEST)]
 Count = Annotated[int, pydantic.Field(ge=0, lt=1_000_000_000)]
 Share = Annotated[float, pydantic.Field(gt=0, lt=1)]
 Text = Annotated[str, pydantic.Field(max_length=10_000)]
@@ -27,7 +28,11 @@ Span = tuple[str, Number, Number]
 class Part(pydantic.BaseModel):
     """A part of the record; keys that are not named here are nobody's input."""
 
-    model_config = pydantic.ConfigDict(extra="allow")
+    model_config = pydantic.ConfigDict(extra="allow", frozen=True)
+
+    def as_dict(self) -> dict[str, Any]:
+        """What was told of it, as plain JSON."""
+        return self.model_dump(mode="json", by_alias=True, exclude_unset=True)
 
 
 class Constants(Part):
@@ -65,7 +70,9 @@ class Data(Part):
 
 
 class BankLevel(Part):
-    """The bank's alarm level, and from what."""
+    """The bank's alarm `level` (log-odds), for noise `widened` by a factor, and from what: healthy
+    blocks of `block_s` each, `judged_s` in all of `healthy_s`, with so many `alarms`, prove
+    `mtbfa_s` between false alarms; `memory_s` is the bank's; `size` the prior of each fault."""
 
     level: Number
     widened: Positive
@@ -82,12 +89,15 @@ class BankLevel(Part):
     suspects: list[Span]
 
 
-class Channel(Part):
+class Interval(Part):
+    """Of an observer's healthy estimates of a fault: 95 % lie within +-`interval`."""
+
     interval: Least
 
 
-class Levels(Part):
-    """Noise and model error by name; what is not a size nor a time is any number."""
+class NoiseLevels(Part):
+    """Noise and model error by name (`detection.noise.Noise` says of what); what is not a size nor
+    a time is any number."""
 
     __pydantic_extra__: dict[str, dict[str, Number]]  # pyright: ignore
     sigma: dict[str, Least] = {}
@@ -106,26 +116,31 @@ class Levels(Part):
     straying: dict[str, Positive] = {}
 
     @pydantic.model_validator(mode="after")
-    def whole(self) -> "Levels":
+    def whole(self) -> "NoiseLevels":
         pairs = (self.wander, self.wandering), (self.late, self.lag), (self.stray, self.straying)
         if any(set(size) != set(time) for size, time in pairs):
             raise ValueError("a size without its time")
         return self
 
 
-class Calibration(Part):
-    """What `calibrate` found, for the bank or for an observer alone."""
+class CalibrationRecord(Part):
+    """What `calibrate` found on the runs with the hashes `data`: for the bank its noise and its
+    alarm level, for an observer alone the intervals of its estimates, from `judged_s` of healthy
+    rows, at its `bandwidth` [rad/s]. `repeats` says how often a healthy sensor repeats a value."""
 
     observer: str
     data: list[str]
     repeats: dict[str, Count]
-    noise: Levels | None = None
+    noise: NoiseLevels | None = None
     bank: BankLevel | None = None
-    channels: dict[str, Channel] | None = None
+    channels: dict[str, Interval] | None = None
     bandwidth: Positive | None = None
+    judged_s: Least | None = None
+    confidence: Share | None = None
+    no_bank: Text | None = None
 
     @pydantic.model_validator(mode="after")
-    def whole(self) -> "Calibration":
+    def whole(self) -> "CalibrationRecord":
         pairs = ((self.noise, self.bank), (self.channels, self.bandwidth))
         if any((one is None) != (other is None) for one, other in pairs):
             raise ValueError("half a calibration")
@@ -187,13 +202,14 @@ class Record(Part):
     metrics: Metrics
     noise: dict[str, dict[str, Any]] = {}
     reading: Reading = Reading()
-    calibration: Calibration | None = None
+    calibration: CalibrationRecord | None = None
     fleet: Fleet | None = None
     unit: UnitOfFleet | None = None
 
 
-def check_record(record: Mapping[str, Any], signals: Signals) -> None:
-    """Raises `ValueError` that names the key of what does not fit the plant or makes no sense."""
+def check_record(record: Mapping[str, Any], signals: Signals) -> CalibrationRecord | None:
+    """The calibration in `record`, if there is one. Raises `ValueError` that names the key of what
+    does not fit the plant or makes no sense."""
     try:
         found = Record.model_validate(record)
     except pydantic.ValidationError as failure:
@@ -206,11 +222,12 @@ def check_record(record: Mapping[str, Any], signals: Signals) -> None:
         raise ValueError("envelope_points")
     _known("envelope", found.envelope, [*names, *signals.output_names])
     if found.calibration is None:
-        return
+        return None
     faults = signals.fault_names
     if found.calibration.bank is not None:
         _known("calibration.bank.size", found.calibration.bank.size, faults)
     _known("calibration.channels", found.calibration.channels or {}, faults)
+    return found.calibration
 
 
 def _known(place: str, given: Collection[str], legal: Collection[str]) -> None:

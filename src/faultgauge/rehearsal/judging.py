@@ -10,7 +10,7 @@ from faultgauge.detection.bank import build_fault_bank
 from faultgauge.detection.decisions import Decision, decide_runs
 from faultgauge.detection.events import UNKNOWN, pause, stretches
 from faultgauge.detection.noise import noise_of
-from faultgauge.detection.uncalibrated import uncalibrated
+from faultgauge.detection.uncalibrated import level_in, uncalibrated
 from faultgauge.detection.verdicts import FAULT, NOT_JUDGED, STALE
 from faultgauge.errors import InputError
 from faultgauge.plants.model import Model
@@ -76,7 +76,7 @@ def predicted_smallest(model: Model, run: Run, fault: str) -> float | None:
 
 def false_alarm_rate(model: Model) -> float:
     """False alarms per hour that calibration allows at most (95 % confidence)."""
-    return 3600 / float((model.calibration or {})["bank"]["mtbfa_s"])
+    return 3600 / level_in(model).mtbfa_s
 
 
 def _judgement(decision: Decision, longest: int) -> Judgement:

@@ -71,13 +71,7 @@ def rehearse(
     lab = _Lab(signals, windows, {each.fault.name: each for each in subjects})
     untouched = _spread(len(windows), max(trials // UNTOUCHED, 1))
     pairs = signals.max_simultaneous > 1 and not sizes
-    planned = plans(subjects, windows, trials - len(untouched), lab.allows, pairs=pairs)
-    if not planned:
-        why = "; ".join(f"{name}: {', '.join(reasons)}" for name, reasons in lab.refused.items())
-        raise InputError(
-            f"no fault fits into these logs ({why}); give logs farther from the limits."
-        )
-    planned.sort(key=lambda plan: plan.window)  # logs of one window are judged together
+    planned = _planned(lab, subjects, trials - len(untouched), pairs)
     logs = [*((k, windows[k]) for k in untouched), *((p.window, lab.log(p)) for p in planned)]
     said = list(_judged(model, logs, progress))
     calm, asked = said[: len(untouched)], said[len(untouched) :]
@@ -125,6 +119,18 @@ class _Lab:
                 self.refused[plan.doses[0].fault][str(reason)] += 1
             return False
         return True
+
+
+def _planned(lab: _Lab, subjects: Sequence[Subject], room: int, pairs: bool) -> list[Plan]:
+    """At most `room` plans, window by window: logs of one are judged together. Raises `InputError`
+    where no fault fits into any."""
+    planned = plans(subjects, lab.windows, room, lab.allows, pairs=pairs)
+    if not planned:
+        why = "; ".join(f"{name}: {', '.join(reasons)}" for name, reasons in lab.refused.items())
+        raise InputError(
+            f"no fault fits into these logs ({why}); give logs farther from the limits."
+        )
+    return sorted(planned, key=lambda plan: plan.window)
 
 
 def score(number: int, window: str, plan: Plan, said: Judgement) -> Trial:
@@ -238,7 +244,7 @@ def _seen_before(model: Model, runs: Sequence[Run]) -> list[str]:
     data = model.record["data"]
     known = {
         "the fit": {*data["fit"], *data["validate"]},
-        "the calibration": {*(model.calibration or {})["data"]},
+        "the calibration": {*(model.calibration.data if model.calibration else ())},
     }
     found = []
     for where, hashes in known.items():

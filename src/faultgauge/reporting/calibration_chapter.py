@@ -8,7 +8,8 @@ from matplotlib.axes import Axes
 from faultgauge.detection.bank import FaultBank
 from faultgauge.detection.blocks import Block
 from faultgauge.detection.knowledge import Knowledge
-from faultgauge.detection.noise import Noise
+from faultgauge.detection.noise import Noise, constants_of, drifting_of
+from faultgauge.detection.uncalibrated import level_in
 from faultgauge.detection.words import number
 from faultgauge.plants.disturbed import dynamic_states, following_inputs
 from faultgauge.plants.model import Model
@@ -27,13 +28,13 @@ FLAT = 1.1  # times the last standard deviation: from there on it is flat
 
 def proof(model: Model) -> str:
     """What the healthy logs prove of the posterior's alarms."""
-    block = (model.calibration or {})["bank"]
-    alarms = {0: "no alarm", 1: "1 alarm"}.get(block["alarms"], f"{block['alarms']} alarms")
+    bank = level_in(model)
+    alarms = {0: "no alarm", 1: "1 alarm"}.get(bank.alarms, f"{bank.alarms} alarms")
     return (
-        f"{alarms[0].upper()}{alarms[1:]} in {block['blocks']} healthy blocks "
-        f"({number(block['judged_s'], 4)} s) proves that false alarms come at most once in "
-        f"{number(block['mtbfa_s'], 4)} s (95 % confidence); an alarm begins at odds of "
-        f"{number(np.exp(min(block['level'], 100.0)))} to 1."
+        f"{alarms[0].upper()}{alarms[1:]} in {bank.blocks} healthy blocks "
+        f"({number(bank.judged_s, 4)} s) proves that false alarms come at most once in "
+        f"{number(bank.mtbfa_s, 4)} s (95 % confidence); an alarm begins at odds of "
+        f"{number(np.exp(min(bank.level, 100.0)))} to 1."
     )
 
 
@@ -132,7 +133,7 @@ def _hidden(bank: FaultBank) -> tuple[str, ...]:
 
 def _levels(model: Model, noise: Noise) -> Table:
     """Every level that calibration found."""
-    signals, block = model.plant.signals, (model.calibration or {})["noise"]
+    signals = model.plant.signals
     rows = [
         (f"noise of {each.name}", quantity(float(sigma), each.unit), "")
         for each, sigma in zip(signals.outputs, noise.sigma, strict=True)
@@ -180,16 +181,19 @@ def _levels(model: Model, noise: Noise) -> Table:
         for j in noise.lags
     ]
     rows += [
-        (f"drift of {n}", quantity(s, "1"), "per root second") for n, s in block["drift"].items()
+        (f"drift of {name}", quantity(float(drift), "1"), "per root second")
+        for name, drift in zip(drifting_of(model), noise.drift, strict=True)
     ]
     units = {each.name: each.unit or "1" for each in model.plant.spec.parameters}
     rows += [
         (
             f"{name}, from run to run",
-            quantity(spread, units[name]),
-            f"mean off the fit by {quantity(block['shift'][name], units[name])}",
+            quantity(float(spread), units[name]),
+            f"mean off the fit by {quantity(float(shift), units[name])}",
         )
-        for name, spread in block["spread"].items()
+        for name, spread, shift in zip(
+            constants_of(model).names, noise.spread, noise.shift, strict=True
+        )
     ]
     header = ("", "standard deviation", "")
     return Table(header, tuple(rows), "What calibration found.")

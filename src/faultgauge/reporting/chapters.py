@@ -224,9 +224,10 @@ def evaluation_section(
 def calibration_report(found: Calibration, runs: Sequence[Run]) -> Report:
     """The report of `calibrate` on `runs`: the healthy blocks' peaks, the level above them and how
     well each fault can be known; of an observer the intervals of its estimates."""
-    block = found.model.calibration or {}
+    known = found.model.calibration
+    assert known is not None
     warnings = tuple(f"Warning: {warning}." for warning in found.warnings)
-    if "bank" in block:
+    if known.bank is not None:
         bank = build_fault_bank(found.model, runs, noise_of(found.model))
         section = calibration_section(bank, found.blocks)
         said = (f"{line[0].upper()}{line[1:]}." for line in errors(found.model))
@@ -235,10 +236,10 @@ def calibration_report(found: Calibration, runs: Sequence[Run]) -> Report:
         return Report(f"Calibration: {found.model.plant.spec.name}", head, (section,))
     units = {fault.name: fault.unit for fault in found.model.plant.signals.faults}
     rows = tuple(
-        (name, quantity(channel["interval"], units.get(name, "1")))
-        for name, channel in block["channels"].items()
+        (name, quantity(each.interval, units.get(name, "1")))
+        for name, each in (known.channels or {}).items()
     )
-    summary = (f"From {number(block['judged_s'], 4)} s of healthy logs.", *warnings)
+    summary = (f"From {number(known.judged_s or 0.0, 4)} s of healthy logs.", *warnings)
     table = Table(("fault", "95 % of healthy estimates within"), rows)
     section = Section("Healthy estimates", (), (table,))
     return Report(f"Calibration: {found.model.plant.spec.name}", summary, (section,))

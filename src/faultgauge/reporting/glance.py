@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
+from matplotlib.axes import Axes
 
 from faultgauge.reporting import marks, style
 from faultgauge.reporting.svg import Figure, figure
@@ -72,61 +73,79 @@ def overview(
         note: a sentence behind the caption.
         title: of the figure, "Run ... at a glance" where it is left out.
     """
-    gone = []
     likely = likely or {}
     hidden = np.zeros(t.shape, dtype=bool) if not_judged is None else not_judged
     with style.drawing():
         heights = (HEIGHT,) * (len(outputs) + len(told) + bool(likely))
         canvas, rows = style.panels(heights, share_time=True)
+        gone = []
         for axes, each in zip(rows, outputs, strict=False):
             marks.shade(axes, t, spans, color=style.EVENT, label="fault told")
             marks.shade(axes, t, alarms, color=style.ALARM, label="alarm, no name")
             if not told:
                 marks.hatch(axes, t, hidden, label="not judged")
-            marks.line(
-                axes, t, each.measured, color=style.MEASURED, linewidth=2.8, label="measured"
-            )
-            marks.line(
-                axes, t, each.healthy, color=style.PREDICTED, linewidth=1.2, label="healthy model"
-            )
-            seen = each.measured[np.isfinite(each.measured)]
-            far = float(np.ptp(seen)) if seen.size else 0.0
-            low, high = around(each.measured, each.noise)
-            # A healthy model that diverges must not make a line of what was measured.
-            near = np.clip(each.healthy, low - 1.5 * far, high + 1.5 * far)
-            marks.look_at(axes, seen, near)
-            if np.nanmax(np.abs(each.healthy - near), initial=0.0) > 0.0:
+            if _draw_output(axes, t, each):
                 gone.append(style.short(each.name))
-            marks.show_at_least(axes, low, high)
-            axes.set_ylabel(style.upright_label(each.name, each.unit, 17))
             if axes is rows[0]:
                 style.legend(axes)
         for axes, each in zip(rows[len(outputs) :], told, strict=False):
-            marks.shade(axes, t, each.spans, color=style.EVENT, label="fault told")
-            marks.hatch(axes, t, hidden, label="not judged")
-            marks.band(axes, t, each.lo, each.hi, label="95 % band")
-            axes.axhline(0.0, color=style.GREY, linewidth=0.8)
-            marks.line(axes, t, each.f, color=style.PREDICTED, linewidth=1.4, label="estimate")
-            values = [each.f[~hidden], _typical(each.lo, hidden), _typical(each.hi, hidden)]
-            if each.truth is not None:
-                marks.line(axes, t, each.truth, label="truth", **style.TRUTH)
-                values.append(each.truth)
-            marks.look_at(axes, *values)
-            marks.show_at_least(axes, -each.least, each.least)
-            axes.set_ylabel(style.upright_label(each.name, each.unit, 17))
+            _draw_told(axes, t, each, hidden)
             if each is told[0]:
                 style.legend(axes)
         if likely:
-            for look, (cause, p) in zip(style.SERIES, likely.items(), strict=False):
-                marks.line(rows[-1], t, p, label=style.short(cause), **look)
-            marks.show_at_least(rows[-1], 0.0, 1.0)
-            rows[-1].set_ylabel("probability")
-            style.legend(rows[-1])
+            _draw_likely(rows[-1], t, likely)
         if gone:
             note = f"The healthy model runs out of the picture of {', '.join(gone)}. {note}"
         marks.time_below(rows[-1], t, clock)
         title = title or f"Run {style.short(run)} at a glance"
         return figure(canvas, title, _caption(told, spans, alarms, bool(likely), note))
+
+
+def _draw_output(axes: Axes, t: Float[np.ndarray, "samples"], each: Compared) -> bool:
+    """Whether the healthy model runs out of the picture: one that diverges must not make a line of
+    what was measured."""
+    marks.line(axes, t, each.measured, color=style.MEASURED, linewidth=2.8, label="measured")
+    marks.line(axes, t, each.healthy, color=style.PREDICTED, linewidth=1.2, label="healthy model")
+    seen = each.measured[np.isfinite(each.measured)]
+    far = float(np.ptp(seen)) if seen.size else 0.0
+    low, high = around(each.measured, each.noise)
+    near = np.clip(each.healthy, low - 1.5 * far, high + 1.5 * far)
+    marks.look_at(axes, seen, near)
+    marks.show_at_least(axes, low, high)
+    axes.set_ylabel(style.upright_label(each.name, each.unit, 17))
+    return bool(np.nanmax(np.abs(each.healthy - near), initial=0.0) > 0.0)
+
+
+def _draw_told(
+    axes: Axes,
+    t: Float[np.ndarray, "samples"],
+    each: Told,
+    hidden: Bool[np.ndarray, "samples"],
+) -> None:
+    marks.shade(axes, t, each.spans, color=style.EVENT, label="fault told")
+    marks.hatch(axes, t, hidden, label="not judged")
+    marks.band(axes, t, each.lo, each.hi, label="95 % band")
+    axes.axhline(0.0, color=style.GREY, linewidth=0.8)
+    marks.line(axes, t, each.f, color=style.PREDICTED, linewidth=1.4, label="estimate")
+    values = [each.f[~hidden], _typical(each.lo, hidden), _typical(each.hi, hidden)]
+    if each.truth is not None:
+        marks.line(axes, t, each.truth, label="truth", **style.TRUTH)
+        values.append(each.truth)
+    marks.look_at(axes, *values)
+    marks.show_at_least(axes, -each.least, each.least)
+    axes.set_ylabel(style.upright_label(each.name, each.unit, 17))
+
+
+def _draw_likely(
+    axes: Axes,
+    t: Float[np.ndarray, "samples"],
+    likely: Mapping[str, Float[np.ndarray, "samples"]],
+) -> None:
+    for look, (cause, p) in zip(style.SERIES, likely.items(), strict=False):
+        marks.line(axes, t, p, label=style.short(cause), **look)
+    marks.show_at_least(axes, 0.0, 1.0)
+    axes.set_ylabel("probability")
+    style.legend(axes)
 
 
 def _typical(

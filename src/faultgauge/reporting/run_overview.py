@@ -31,18 +31,8 @@ def run_overview(
     only. `truth` (fault: size) where it is known, `likely` (cause: probability) in a panel of its
     own; all are of the whole run."""
     run, found, signals = decision.run, decision.posterior, bank.model.plant.signals
-    t, noise = run.t[part], noise_scales(bank.model)
-    outputs = [
-        Compared(
-            each.name,
-            each.unit,
-            run.own(each.name)[part],
-            (run.own(each.name) - decision.residuals[each.name])[part],
-            noise[each.name],
-        )
-        for each in signals.outputs
-        if each.name in decision.residuals
-    ]
+    t = run.t[part]
+    outputs = _compared(bank, decision, part)
     ordered = sorted(outputs, key=_noises_off, reverse=True)
     furthest = {each.name for each in ordered[:MOST_OUTPUTS]}
     seen = [e for e in decision.events if e.onset <= t[-1] and t[0] <= e.end]
@@ -84,6 +74,22 @@ def run_overview(
         note=note,
         title=title,
     )
+
+
+def _compared(bank: FaultBank, decision: Decision, part: slice) -> list[Compared]:
+    """Every output that has a residual, beside the healthy model."""
+    run, noise = decision.run, noise_scales(bank.model)
+    return [
+        Compared(
+            each.name,
+            each.unit,
+            run.own(each.name)[part],
+            (run.own(each.name) - decision.residuals[each.name])[part],
+            noise[each.name],
+        )
+        for each in bank.model.plant.signals.outputs
+        if each.name in decision.residuals
+    ]
 
 
 def silent(decision: Decision) -> Bool[np.ndarray, "samples"]:

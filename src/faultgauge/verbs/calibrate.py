@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 
@@ -11,9 +11,11 @@ from faultgauge.detection.bank import build_fault_bank
 from faultgauge.detection.calibration_words import summary
 from faultgauge.detection.noise import noise_of
 from faultgauge.plants.model import Model
+from faultgauge.plants.record import CalibrationRecord
 from faultgauge.plants.settings import with_settings
+from faultgauge.verbs.how import How, Reading, reads
 from faultgauge.verbs.plants import model_of
-from faultgauge.verbs.reading import How, Maps, Runs, runs_for_model, unlike_warnings
+from faultgauge.verbs.reading import Runs, runs_for_model, unlike_warnings
 from faultgauge.verbs.result import Columns, Result
 
 __all__ = ["Calibrated", "calibrate"]
@@ -39,20 +41,25 @@ class Calibrated(Result):
         return self.found.model
 
     @property
+    def _known(self) -> CalibrationRecord:
+        assert self.model.calibration is not None
+        return self.model.calibration
+
+    @property
     def lines(self) -> list[str]:
         return summary(self.model)
 
     def as_dict(self) -> dict[str, Any]:
-        return {**(self.model.calibration or {}), "warnings": list(self.warnings)}
+        return {**self._known.as_dict(), "warnings": list(self.warnings)}
 
     def columns(self) -> Columns:
         """A row per healthy block with its highest score in log-odds; of an observer alone, a row
         per fault with the interval of its estimate."""
-        block = self.model.calibration or {}
-        if "channels" in block:
+        channels = self._known.channels
+        if channels is not None:
             return {
-                "fault": list(block["channels"]),
-                "interval": [each["interval"] for each in block["channels"].values()],
+                "fault": list(channels),
+                "interval": [each.interval for each in channels.values()],
             }
         found = self.found.blocks
         return {
@@ -66,14 +73,14 @@ class Calibrated(Result):
 
     def figures(self) -> Any:
         """The healthy blocks against the alarm level; of an observer, its intervals."""
-        block = self.model.calibration or {}
-        if "channels" in block:
+        channels = self._known.channels
+        if channels is not None:
             from faultgauge.reporting.model_figures import bars
 
-            widths = [each["interval"] for each in block["channels"].values()]
+            widths = [each.interval for each in channels.values()]
             return [
                 bars(
-                    list(block["channels"]),
+                    list(channels),
                     np.array([[each] * 3 for each in widths]),
                     title="Healthy estimates",
                     name="95 % within",
@@ -86,6 +93,7 @@ class Calibrated(Result):
         return calibration_section(bank, self.found.blocks).figures
 
 
+@reads
 def calibrate(
     model: Any,
     sources: Any,
@@ -93,12 +101,8 @@ def calibrate(
     mtbfa: float | None = None,
     observer: str = "bank",
     plant: str | None = None,
-    time: str | None = None,
-    time_format: str | None = None,
-    map: Maps = None,
-    where: str | None = None,
-    resample: float | None = None,
     progress: Callable[[str], None] = lambda text: None,
+    **reading: Unpack[Reading],
 ) -> Calibrated:
     """Find noise, model error and alarm level on healthy logs.
 
@@ -119,7 +123,7 @@ def calibrate(
     known = model_of(model)
     if plant is not None:
         known = with_settings(known, plant)
-    runs = runs_for_model(known, sources, How(time, map, where, resample, time_format))
+    runs = runs_for_model(known, sources, How(**reading))
     odd = unlike_warnings(known, runs)
     found = calibration.calibrate(known, runs, mtbfa=mtbfa, observer=observer, progress=progress)
     return Calibrated(found, runs, [*odd, *found.warnings])

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Unpack
 
 from faultgauge.detection import answer, decisions, misfit
 from faultgauge.detection.events import BankEvent
@@ -12,8 +12,9 @@ from faultgauge.studies import checkup
 from faultgauge.telemetry import check_same_units
 from faultgauge.telemetry.other_range import other_range
 from faultgauge.verbs.estimate import Answer, glitched
+from faultgauge.verbs.how import How, Reading, reads
 from faultgauge.verbs.plants import plant as as_plant
-from faultgauge.verbs.reading import How, Maps, read, runs_for_plant
+from faultgauge.verbs.reading import runs_alone, runs_for_plant
 from faultgauge.verbs.result import Columns, Result
 
 __all__ = ["Check", "check", "guessed"]
@@ -79,18 +80,15 @@ class Check(Result):
         return self.answer.figures()
 
 
+@reads
 def check(
     healthy: Any,
     suspect: Any,
     plant: Any = None,
     *,
     seed: int = 0,
-    time: str | None = None,
-    time_format: str | None = None,
-    map: Maps = None,
-    where: str | None = None,
-    resample: float | None = None,
     progress: Callable[[str], None] = lambda text: None,
+    **reading: Unpack[Reading],
 ) -> Check:
     """Fit, calibrate, estimate in one: is `suspect` like `healthy`, and if not, how much?
 
@@ -104,7 +102,7 @@ def check(
 
     Returns a `Check`. Raises `InputError` as `fit`, `calibrate` and `estimate` do.
     """
-    how = How(time, map, where, resample, time_format)
+    how = How(**reading)
     body = guessed(healthy, how) if plant is None else as_plant(plant)
     good = runs_for_plant(body.spec, healthy, how, fitting=True)
     doubtful = runs_for_plant(body.spec, suspect, how)
@@ -120,5 +118,4 @@ def check(
 
 def guessed(healthy: Any, how: How) -> GrayBoxPlant:
     """A black box for what is in the log: a network per state."""
-    runs = read(healthy, None, how.time, how.map, how.where, how.resample, how.time_format)
-    return checkup.black_box(runs, "log")
+    return checkup.black_box(runs_alone(healthy, how), "log")

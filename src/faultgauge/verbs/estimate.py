@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, Unpack
 
 from faultgauge.detection import (
     answer,
@@ -29,8 +29,9 @@ from faultgauge.detection.uncalibrated import unjudged_sentence
 from faultgauge.detection.watch import Watch
 from faultgauge.errors import InputError
 from faultgauge.plants.model import Model
+from faultgauge.verbs.how import How, Reading, reads
 from faultgauge.verbs.plants import model_of
-from faultgauge.verbs.reading import How, Maps, runs_for_model, unlike_warnings
+from faultgauge.verbs.reading import runs_for_model, unlike_warnings
 from faultgauge.verbs.result import Columns, Result
 
 __all__ = ["Answer", "Estimates", "estimate", "glitched", "need_bank"]
@@ -223,6 +224,7 @@ class Estimates(Result):
         return self.page().sections[0].figures
 
 
+@reads
 def estimate(
     model: Any,
     sources: Any,
@@ -232,11 +234,7 @@ def estimate(
     smooth: bool = False,
     walk: Walk = Watch.along,
     progress: Callable[[str], None] = lambda text: None,
-    time: str | None = None,
-    time_format: str | None = None,
-    map: Maps = None,
-    where: str | None = None,
-    resample: float | None = None,
+    **reading: Unpack[Reading],
 ) -> Answer | Estimates:
     """Estimate faults in logs, in physical units.
 
@@ -259,7 +257,7 @@ def estimate(
     """
     need_bank(observer, {"smooth": smooth})
     known = model_of(model)
-    runs = runs_for_model(known, sources, How(time, map, where, resample, time_format))
+    runs = runs_for_model(known, sources, How(**reading))
     warnings = unlike_warnings(known, runs)
     if observer != "bank":
         estimated, observers = estimation.estimate(

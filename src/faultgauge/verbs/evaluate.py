@@ -2,13 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Unpack
 
 from faultgauge.identification import evaluation
 from faultgauge.identification.evaluation import WARMUP, Prediction
 from faultgauge.plants.model import Model
+from faultgauge.verbs.how import How, Reading, reads
 from faultgauge.verbs.plants import model_of
-from faultgauge.verbs.reading import How, Maps, runs_for_model, unlike_warnings
+from faultgauge.verbs.reading import runs_for_model, unlike_warnings
 from faultgauge.verbs.result import Columns, Result
 
 __all__ = ["Evaluation", "evaluate"]
@@ -81,16 +82,13 @@ def _share(s: dict[str, float | None]) -> str:
     return f", R2 {100 * s['r2']:.4f} %, {100 * s['nrmse']:.2f} % of its spread"
 
 
+@reads
 def evaluate(
     model: Any,
     sources: Any,
     *,
     warmup: int = WARMUP,
-    time: str | None = None,
-    time_format: str | None = None,
-    map: Maps = None,
-    where: str | None = None,
-    resample: float | None = None,
+    **reading: Unpack[Reading],
 ) -> Evaluation:
     """Score a model by pure simulation on logs.
 
@@ -104,7 +102,7 @@ def evaluate(
     Returns an `Evaluation`. Raises `InputError` for logs that cannot be read or scored.
     """
     known = model_of(model)
-    runs = runs_for_model(known, sources, How(time, map, where, resample, time_format))
+    runs = runs_for_model(known, sources, How(**reading))
     odd = unlike_warnings(known, runs)
     found, predictions = evaluation.evaluate(known.plant, runs, known.max_step, warmup)
     if known.members:

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 from faultgauge.detection.alarmed import refuse_alarms
 from faultgauge.identification import fit as identification
@@ -13,8 +13,9 @@ from faultgauge.identification.fit import FitReport
 from faultgauge.identification.unseen import Unseen, on_unseen
 from faultgauge.plants.model import Model
 from faultgauge.telemetry import check_same_units
+from faultgauge.verbs.how import How, Reading, reads
 from faultgauge.verbs.plants import plant as as_plant
-from faultgauge.verbs.reading import How, Maps, Runs, runs_for_plant
+from faultgauge.verbs.reading import Runs, runs_for_plant
 from faultgauge.verbs.result import Columns, Result
 
 __all__ = ["Fit", "fit"]
@@ -143,6 +144,7 @@ class Fit(Result):
         return lines
 
 
+@reads
 def fit(
     plant: Any,
     sources: Any,
@@ -156,12 +158,8 @@ def fit(
     seeds: int = 1,
     despite_alarms: bool = False,
     replaces: Path | None = None,
-    time: str | None = None,
-    time_format: str | None = None,
-    map: Maps = None,
-    where: str | None = None,
-    resample: float | None = None,
     progress: Callable[[str], None] = lambda text: None,
+    **reading: Unpack[Reading],
 ) -> Fit:
     """Learn a plant's unknowns from healthy logs.
 
@@ -184,7 +182,7 @@ def fit(
     read, do not tell the unknowns, or stand under alarm.
     """
     untrained = as_plant(plant)
-    how = How(time, map, where, resample, time_format)
+    how = How(**reading)
     runs = runs_for_plant(untrained.spec, sources, how, fitting=True)
     held = Runs([], [], how)
     if validate is not None:
@@ -194,18 +192,9 @@ def fit(
     if not despite_alarms:
         read = [*runs.sources, *held.sources]
         refuse_alarms(both, read, how.time, how.maps, how.where, replaces, how.time_format)
+    asked = {"refine": refine, "robust": robust, "ensemble": ensemble, "restarts": restarts}
     fits = [
-        identification.fit(
-            untrained,
-            runs,
-            held,
-            seed=seed + k,
-            restarts=restarts,
-            refine=refine,
-            robust=robust,
-            ensemble=ensemble,
-            progress=progress,
-        )
+        identification.fit(untrained, runs, held, seed=seed + k, progress=progress, **asked)
         for k in range(seeds)
     ]
     fits = [(model.with_reading(how.said), account) for model, account in fits]

@@ -1,9 +1,9 @@
 """`read`: logs as a plant or a model needs them. The command line reads its logs here, too."""
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal, TypeAlias
+from typing import Any, Literal, Unpack
 
 from faultgauge.errors import InputError
 from faultgauge.identification.samples import column_names, jumping
@@ -15,53 +15,23 @@ from faultgauge.telemetry.other_clock import other_clock
 from faultgauge.telemetry.other_range import other_range
 from faultgauge.telemetry.readers.frames import is_frame, read_frame
 from faultgauge.telemetry.reading import at_rate
+from faultgauge.verbs.how import How, Reading, reads
 from faultgauge.verbs.plants import plant as as_plant
 
 __all__ = [
-    "How",
-    "Maps",
     "Runs",
     "unlike_warnings",
     "read",
+    "runs_alone",
     "runs_for_model",
     "runs_for_plant",
     "said_before",
 ]
 
-Maps: TypeAlias = str | Iterable[str] | Mapping[str, str] | None
-
 LEGAL = (
     "a log is a path, a data frame (pandas, Polars, PyArrow), a dict of arrays, runs that "
     "`faultgauge.read` gave, or a list of them"
 )
-
-
-@dataclass(frozen=True)
-class How:
-    """How logs are read: the name of the time column, maps NAME=EXPRESSION (or a dict of them), a
-    condition on rows, the rate [Hz] they are brought to, and how the time is written."""
-
-    time: str | None = None
-    map: Maps = None
-    where: str | None = None
-    resample: float | None = None
-    time_format: str | None = None
-
-    @property
-    def said(self) -> dict[str, Any]:
-        """What a model remembers of it for logs to come; no more than was said."""
-        every = {"time": self.time, "time_format": self.time_format, "maps": self.maps}
-        return {name: value for name, value in every.items() if value}
-
-    @property
-    def maps(self) -> list[str]:
-        if self.map is None:
-            return []
-        if isinstance(self.map, str):
-            return [self.map]
-        if isinstance(self.map, Mapping):
-            return [f"{name}={text}" for name, text in self.map.items()]
-        return list(self.map)
 
 
 class Runs(list[Run]):
@@ -77,15 +47,8 @@ class Runs(list[Run]):
         return f"<{len(self)} run{'' if len(self) == 1 else 's'}: {text}>"
 
 
-def read(
-    sources: Any,
-    plant: Any = None,
-    time: str | None = None,
-    map: Maps = None,
-    where: str | None = None,
-    resample: float | None = None,
-    time_format: str | None = None,
-) -> Runs:
+@reads
+def read(sources: Any, plant: Any = None, **reading: Unpack[Reading]) -> Runs:
     """Read logs into runs.
 
     **Arguments**
@@ -107,24 +70,29 @@ def read(
     Returns the runs, a list. Raises `InputError` for a log that cannot be read or is not what the
     plant needs, naming file, column and row.
     """
-    how = How(time, map, where, resample, time_format)
+    how = How(**reading)
     if plant is None:
-        known = _known(sources, how)
-        if known is not None:
-            return known
-        opened = _sources(sources)
-        runs = read_telemetry(
-            opened,
-            time=time,
-            maps=how.maps,
-            where=where,
-            resample=resample,
-            time_format=time_format,
-        )
-        return Runs(runs, opened, how)
+        return runs_alone(sources, how)
     if isinstance(plant, Model):
         return runs_for_model(plant, sources, how)
     return runs_for_plant(as_plant(plant).spec, sources, how, fitting=True)
+
+
+def runs_alone(given: Any, how: How) -> Runs:
+    """The runs in `given` with every column of numbers; what are runs already stays as it is."""
+    known = _known(given, how)
+    if known is not None:
+        return known
+    sources = _sources(given)
+    runs = read_telemetry(
+        sources,
+        time=how.time,
+        maps=how.maps,
+        where=how.where,
+        resample=how.resample,
+        time_format=how.time_format,
+    )
+    return Runs(runs, sources, how)
 
 
 def runs_for_plant(

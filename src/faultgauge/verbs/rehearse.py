@@ -2,14 +2,15 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Unpack
 
 from faultgauge.rehearsal import rehearse as rehearsing
 from faultgauge.rehearsal.rehearse import TRIALS
 from faultgauge.rehearsal.result import Rehearsal
 from faultgauge.rehearsal.words import lines
+from faultgauge.verbs.how import How, Reading, reads
 from faultgauge.verbs.plants import model_of
-from faultgauge.verbs.reading import How, Maps, runs_for_model, unlike_warnings
+from faultgauge.verbs.reading import runs_for_model, unlike_warnings
 from faultgauge.verbs.result import Columns, Result
 
 __all__ = ["Rehearsed", "rehearse"]
@@ -43,17 +44,15 @@ class Rehearsed(Result):
         return [each for section in self.page().sections for each in section.figures]
 
 
+@reads
 def rehearse(
     model: Any,
     sources: Any,
     *,
     sizes: Mapping[str, float] | None = None,
     trials: int = TRIALS,
-    time: str | None = None,
-    time_format: str | None = None,
-    map: Maps = None,
-    where: str | None = None,
     progress: Callable[[str], None] = lambda text: None,
+    **reading: Unpack[Reading],
 ) -> Rehearsed:
     """Put declared faults into healthy logs: what would be found?
 
@@ -61,8 +60,8 @@ def rehearse(
 
     - `model`: a calibrated model, or its file.
     - `sources`: healthy logs that neither fit nor calibrate has seen: paths, data frames, dicts of
-      arrays, runs, or a list of them (`read`, which also says what `time`, `time_format`, `map`
-      and `where` mean).
+      arrays, runs, or a list of them (`read`, which also says what `time`, `time_format`, `map`,
+      `where` and `resample` mean).
     - `sizes`: rehearse these faults alone, of these sizes [the fault's unit]: `{"leak": 0.002}`.
     - `trials`: logs to judge, at most.
     - `progress`: is told what is being done.
@@ -71,6 +70,6 @@ def rehearse(
     can be rehearsed on these logs.
     """
     known = model_of(model)
-    runs = runs_for_model(known, sources, How(time, map, where, time_format=time_format))
+    runs = runs_for_model(known, sources, How(**reading))
     found = rehearsing(known, runs, sizes=sizes, trials=trials, progress=progress)
     return Rehearsed(found, [*unlike_warnings(known, runs), *found.warnings])

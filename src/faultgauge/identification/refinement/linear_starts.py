@@ -6,7 +6,7 @@ every other assignment (Wiener-Hammerstein systems: L. Lauwers, R. Pintelon and 
 "Modelling of Wiener-Hammerstein systems via the best linear approximation", SYSID 2009).
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import permutations
 
 import jax
@@ -76,14 +76,29 @@ def equivalents(
         off = ((G - target) / size).ravel()
         return jnp.concatenate([off.real, off.imag, monic - wanted, HELD * theta])
 
-    jacobian = jax.jit(jax.jacfwd(residual))
-    error = jax.jit(residual)
-    lower, upper = unknowns.bounds(plant)
-    found = [theta]
-    for assigned in _assignments(poles):
-        wanted = np.concatenate(
+    goals = [
+        np.concatenate(
             [np.real(np.poly(a / _speed(p)))[1:] for a, p in zip(assigned, poles, strict=True)]
         )
+        for assigned in _assignments(poles)
+    ]
+    return _solutions(residual, goals, theta, unknowns.bounds(plant), rng)
+
+
+def _solutions(
+    residual: Callable[[Array, Array], Array],
+    goals: Sequence[Float[np.ndarray, "coefficients"]],
+    theta: Float[np.ndarray, "unknowns"],
+    bounds: tuple[Float[np.ndarray, "unknowns"], Float[np.ndarray, "unknowns"]],
+    rng: np.random.Generator,
+) -> list[Float[np.ndarray, "unknowns"]]:
+    """Unknowns about `theta`, unlike it and each other, that solve `residual` for one of `goals`;
+    its last rows, one to each unknown, hold those that do not matter and need not vanish."""
+    jacobian = jax.jit(jax.jacfwd(residual))
+    error = jax.jit(residual)
+    lower, upper = bounds
+    found = [theta]
+    for wanted in goals:
         for _ in range(TRIES):
             start = np.clip(theta + rng.standard_normal(len(theta)), lower + 1e-9, upper - 1e-9)
             with np.errstate(over="ignore"):  # a step too far: infinite cost, and it is shortened

@@ -87,19 +87,8 @@ def with_networks(
             )  # fmt: skip
     else:
         count = min(restarts, MANY_STARTS if few else max(SILENT_STARTS, len(bases)))
-        first, crowded = scaled(data, bases[0], data.pieces)
-        for margin in MARGINS if few else MARGINS[:1]:
-            name, starts, names = f"networks, margin {margin:g}", list[GrayBoxPlant](), list[str]()
-            for k in range(count):
-                base, rng = bases[k % len(bases)], np.random.default_rng([seed, 11, k])
-                values = base.unknowns.assemble(base.plant, jnp.asarray(base.fitted.theta))
-                plant = _like(starts[0], values) if starts else first
-                where = crowded if k % 2 else {}
-                starts.append(silent(plant, rng, 1.0 if starts else margin, where))
-                names.append(f"{name}, {CROWDED}" if where else name)
-            claims = _claims(data, replace(bases[0], plant=starts[0]), data.pieces)
-            floor = bases[0].validation
-            found += _path(data, names, starts, RIDGES, sigma, claims, progress, floor=floor)
+        margins = MARGINS if few else MARGINS[:1]
+        found += _from_silence(data, bases, count, margins, sigma, seed, progress)
     if warm:
         sigma = sigma_of(candidates[0].fitted)
         claims = _claims(data, replace(bases[0], plant=warm[0]), data.pieces)
@@ -113,6 +102,34 @@ def with_networks(
         notes.append(f"networks: {lost} of {len(found)} starts had no finite simulation error")
     best = sorted(usable, key=lambda each: each.validation)[:FINALISTS]
     return [*found, *side_by_side(lambda each: by_evidence(data, each), best)]
+
+
+def _from_silence(
+    data: Data,
+    bases: Sequence[Candidate],
+    count: int,
+    margins: Sequence[float],
+    sigma: float,
+    seed: int,
+    progress: Callable[[str], None],
+) -> list[Candidate]:
+    """From `count` starts about `bases`, whose networks do nothing yet; every other one has its
+    units where the arguments crowd."""
+    found: list[Candidate] = []
+    first, crowded = scaled(data, bases[0], data.pieces)
+    for margin in margins:
+        name, starts, names = f"networks, margin {margin:g}", list[GrayBoxPlant](), list[str]()
+        for k in range(count):
+            base, rng = bases[k % len(bases)], np.random.default_rng([seed, 11, k])
+            values = base.unknowns.assemble(base.plant, jnp.asarray(base.fitted.theta))
+            plant = _like(starts[0], values) if starts else first
+            where = crowded if k % 2 else {}
+            starts.append(silent(plant, rng, 1.0 if starts else margin, where))
+            names.append(f"{name}, {CROWDED}" if where else name)
+        claims = _claims(data, replace(bases[0], plant=starts[0]), data.pieces)
+        floor = bases[0].validation
+        found += _path(data, names, starts, RIDGES, sigma, claims, progress, floor=floor)
+    return found
 
 
 def _together(
@@ -258,9 +275,8 @@ def _path(
     """Every start's best along the prior weights, until none has got better twice running.
 
     `plants`, one to each of `names`, share one scaling; `fits` are theirs so far. After a few
-    weights only the best go on.
-    A network that is no better than `floor`, the physics alone, has been shrunk to nothing and
-    would not come to life again: its start tries anew under the next weight.
+    weights only the best go on. A network that is no better than `floor`, the physics alone, has
+    been shrunk to nothing and would not come to life again: its start then tries anew.
     """
     unknowns = unknowns_of(plants[0])
     thetas = first = np.stack([unknowns.vector(each) for each in plants])
@@ -290,8 +306,7 @@ def _path(
         learned = np.array([best[k].validation < BETTER * floor for k in going])
         if quiet >= PATIENCE and learned.any():
             break
-        thetas = np.stack([fitted.theta for fitted in fits])
-        thetas = np.where(learned[:, None], thetas, first)
+        thetas = np.where(learned[:, None], np.stack([each.theta for each in fits]), first)
         if step == FIRST_ROUND and len(going) > FINALISTS:
             order = np.argsort([best[k].validation for k in going], kind="stable")[:FINALISTS]
             going, thetas, first = [going[k] for k in order], thetas[order], first[order]

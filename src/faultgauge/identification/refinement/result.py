@@ -13,13 +13,14 @@ from faultgauge.identification.levenberg_marquardt import NOT_CONVERGED, not_con
 from faultgauge.identification.refinement.candidate import WARM, Candidate
 from faultgauge.identification.refinement.courses import Course, PerRun, along_runs
 from faultgauge.identification.refinement.data import Data
-from faultgauge.identification.refinement.records import records_of
+from faultgauge.identification.refinement.records import Record, records_of
 from faultgauge.identification.refinement.search import Search, refine
 from faultgauge.identification.refinement.uncertainty import Information, information
 from faultgauge.identification.samples import Channels, Samples, slow_columns
 from faultgauge.identification.sizes import chosen_sizes
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.settle import settle
+from faultgauge.plants.signals import Signals
 from faultgauge.telemetry import Run
 
 __all__ = ["Members", "Refinement", "refine_on_logs"]
@@ -85,9 +86,8 @@ def refine_on_logs(
 ) -> Refinement:
     """Refine `plant` from the `warm` starts on `logs`; hold out parts of them unless there are
     runs to `validate` on."""
-    signals = plant.signals
-    records = records_of(signals, logs, how)
-    held = records_of(signals, validate, how) if validate else []
+    records = records_of(plant.signals, logs, how)
+    held = records_of(plant.signals, validate, how) if validate else []
     whole = [np.ones(len(record.t), bool) for record in records]
     masks = whole if held else [split_record(len(record.t)) for record in records]
     found = refine(
@@ -103,37 +103,19 @@ def refine_on_logs(
         warm_counts=not slow_columns(how, logs),
         progress=progress,
     )
-    warnings = [
-        f"input {name!r} never changes in the logs: what it does cannot be learned from them"
-        for k, name in enumerate(signals.input_names)
-        if all(np.ptp(record.u[:, k]) == 0 for record in records)
-    ]
     judged = _members(found, found.members, found.data)
     data = found.data.with_held_out() if found.refitted else found.data
     shipped = _members(found, found.refitted, data) if found.refitted else judged
     best = (found.refitted or found.members)[0]
     progress("standard errors")
-    known = information(
-        best.plant,
-        best.unknowns,
-        best.fitted,
-        data.windows(data.pieces),
-        data.substeps,
-        best.ridge,
-        best.claims,
-        # of whole runs; the windows of long ones are parts already
-        parts=PARTS if len(data.pieces) == len({p.record for p in data.pieces}) else 1,
-        weight=data.prior,
-    )
+    known = _information(best, data)
     per_run, courses = along_runs(best, data)
-    warnings += [*found.notes, *known.warnings()]
-    if best.origin != WARM and best.fitted.status == NOT_CONVERGED:
-        warnings.append(not_converged("refinement", best.fitted.trials))
-    if warm and not found.won:
-        warnings.append(
-            "the refinement by simulation error did not beat the warm start on held-out data; the "
-            "warm start is kept"
-        )
+    warnings = [
+        *_unmoved(plant.signals, records),
+        *found.notes,
+        *known.warnings(),
+        *_unfinished(best, bool(warm) and not found.won),
+    ]
     return Refinement(
         plant=shipped.plants[0],
         members=shipped.plants,
@@ -151,6 +133,42 @@ def refine_on_logs(
         per_run=per_run,
         courses=courses,
     )
+
+
+def _information(best: Candidate, data: Data) -> Information:
+    return information(
+        best.plant,
+        best.unknowns,
+        best.fitted,
+        data.windows(data.pieces),
+        data.substeps,
+        best.ridge,
+        best.claims,
+        # of whole runs; the windows of long ones are parts already
+        parts=PARTS if len(data.pieces) == len({p.record for p in data.pieces}) else 1,
+        weight=data.prior,
+    )
+
+
+def _unmoved(signals: Signals, records: Sequence[Record]) -> list[str]:
+    return [
+        f"input {name!r} never changes in the logs: what it does cannot be learned from them"
+        for k, name in enumerate(signals.input_names)
+        if all(np.ptp(record.u[:, k]) == 0 for record in records)
+    ]
+
+
+def _unfinished(best: Candidate, unbeaten: bool) -> list[str]:
+    """What is said where the search ended early, or its warm start was `unbeaten`."""
+    said = []
+    if best.origin != WARM and best.fitted.status == NOT_CONVERGED:
+        said.append(not_converged("refinement", best.fitted.trials))
+    if unbeaten:
+        said.append(
+            "the refinement by simulation error did not beat the warm start on held-out data; the "
+            "warm start is kept"
+        )
+    return said
 
 
 def _members(found: Search, members: Sequence[Candidate], data: Data) -> Members:

@@ -123,29 +123,9 @@ class SimulationResidual(eqx.Module):
         states, unknowns = window.center.shape[-1], self.unknowns
         values = self._values(own, window)
 
-        def at(drift: Float[Array, "slow"]) -> tuple[list[Array], Float[Array, "unknowns"]]:
-            """(natural values, their slopes against `values`) where parameters have drifted."""
-            now = self._drifted(values, drift) if unknowns.slow else values
-            return unknowns.natural(self.plant, now), unknowns.slopes(self.plant, now)
-
-        def in_own(
-            pulled: list[Array],
-            rows: int,
-            slopes: Float[Array, "unknowns"],
-            walked: Float[Array, "increments slow"],
-        ) -> Float[Array, "rows own"]:
-            """Slopes against natural values as slopes against the window's own unknowns."""
-            each_row = [each.reshape(rows, -1) for each in pulled]
-            shared = slopes * jnp.concatenate([jnp.zeros((rows, 0)), *each_row], axis=1)
-            first = unknowns.weights(self.plant)
-            varying = shared[:, [first + k for k in unknowns.varying]]
-            drifting = shared[:, None, [first + k for k in unknowns.slow]] * walked
-            blocks = shared, jnp.zeros((rows, states)), varying, drifting.reshape(rows, -1)
-            return jnp.concatenate(blocks, axis=1)
-
         def body(carry: tuple[Array, Array], sample: tuple[Array, ...]) -> Any:
             stages, dt, drift, walked = sample
-            natural, slopes = at(drift)
+            natural, slopes = self._natural(values, drift)
 
             def flow(
                 x: Float[Array, "states"], S: Float[Array, "states own"], u: Float[Array, "inputs"]
@@ -155,7 +135,7 @@ class SimulationResidual(eqx.Module):
 
                 dx, pull = jax.vjp(rate, x, natural)
                 in_x, in_natural = jax.vmap(pull)(jnp.eye(states))
-                return dx, in_x @ S + in_own(in_natural, len(in_x), slopes, walked)
+                return dx, in_x @ S + self._in_own(in_natural, in_x.shape, slopes, walked)
 
             return sensitive_step(self.plant, flow, carry, stages, dt, self.substeps), carry
 
@@ -166,14 +146,14 @@ class SimulationResidual(eqx.Module):
 
         def seen(x: Array, S: Array, sample: tuple[Array, ...]) -> tuple[Array, Array]:
             stages, _, drift, walked = sample
-            natural, slopes = at(drift)
+            natural, slopes = self._natural(values, drift)
 
             def output(x: Array, natural: list[Array]) -> Array:
                 return respond(unknowns.put(self.plant, natural), x, stages[0])[1]
 
             y, pull = jax.vjp(output, x, natural)
             in_x, in_natural = jax.vmap(pull)(jnp.eye(len(y)))
-            return y, in_x @ S + in_own(in_natural, len(in_x), slopes, walked)
+            return y, in_x @ S + self._in_own(in_natural, in_x.shape, slopes, walked)
 
         y, in_all = jax.vmap(seen)(x, S, samples)
         error = self._errors(y, window)
@@ -183,6 +163,31 @@ class SimulationResidual(eqx.Module):
         r = jnp.concatenate([bounded.ravel(), self.sigma * own[own.size - local :]])
         prior = self.sigma * jnp.eye(local, own.size, own.size - local)
         return r, jnp.concatenate([in_all.reshape(-1, own.size), prior])
+
+    def _natural(
+        self, values: Float[Array, "unknowns"], drift: Float[Array, "slow"]
+    ) -> tuple[list[Array], Float[Array, "unknowns"]]:
+        """(natural values, their slopes against `values`) where parameters have drifted."""
+        now = self._drifted(values, drift) if self.unknowns.slow else values
+        return self.unknowns.natural(self.plant, now), self.unknowns.slopes(self.plant, now)
+
+    def _in_own(
+        self,
+        pulled: list[Array],
+        shape: tuple[int, int],
+        slopes: Float[Array, "unknowns"],
+        walked: Float[Array, "increments slow"],
+    ) -> Float[Array, "rows own"]:
+        """Slopes against natural values, `pulled` back, as slopes against the window's own
+        unknowns: `shape` says how many rows, and how many starts of states are among those."""
+        rows, states = shape
+        each_row = [each.reshape(rows, -1) for each in pulled]
+        shared = slopes * jnp.concatenate([jnp.zeros((rows, 0)), *each_row], axis=1)
+        first = self.unknowns.weights(self.plant)
+        varying = shared[:, [first + k for k in self.unknowns.varying]]
+        drifting = shared[:, None, [first + k for k in self.unknowns.slow]] * walked
+        blocks = shared, jnp.zeros((rows, states)), varying, drifting.reshape(rows, -1)
+        return jnp.concatenate(blocks, axis=1)
 
     def _values(self, own: Float[Array, "own"], window: Any) -> Float[Array, "unknowns"]:
         """theta with the window's own values of the varying parameters, where it begins."""

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from faultgauge.detection.bank import FaultBank, build_fault_bank
-from faultgauge.detection.bank_calibration import calibrate_bank
+from faultgauge.detection.bank_calibration import calibrate_bank, calibrated
 from faultgauge.detection.decisions import Decision, decide
 from faultgauge.detection.events import UNKNOWN
 from faultgauge.detection.noise_estimation import estimate_noise
@@ -54,7 +54,7 @@ def rig_bank(left_out: str | None = None, seconds: float = 4000.0) -> FaultBank:
     model = true_model(rig(left_out), runs)
     noise = estimate_noise(model, runs)
     found = calibrate_bank(model, runs, noise)
-    return build_fault_bank(model.with_calibration({"bank": found.block}), runs, found.noise)
+    return build_fault_bank(calibrated(model, found), runs, found.noise)
 
 
 def named(bank: FaultBank, seed: int) -> list[Verdict]:

@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 
 from faultgauge.detection.bank import FaultBank, build_fault_bank
-from faultgauge.detection.bank_calibration import calibrate_bank
+from faultgauge.detection.bank_calibration import calibrate_bank, calibrated
 from faultgauge.detection.decisions import Decision, decide
 from faultgauge.detection.noise_estimation import estimate_noise
 from faultgauge.detection.verdicts import FAULT
@@ -97,7 +97,7 @@ def wheel_bank(flights: int = TELLING) -> FaultBank:
     more = [flight(CALIBRATION + k) for k in range(TELLING, flights)]
     asked = PER_ALARM * STEP if flights > TELLING else None
     found = calibrate_bank(model, [*runs, *more], noise, asked)
-    return build_fault_bank(model.with_calibration({"bank": found.block}), runs, found.noise)
+    return build_fault_bank(calibrated(model, found), runs, found.noise)
 
 
 def friction_found(bank: FaultBank, seed: int) -> Alarm:

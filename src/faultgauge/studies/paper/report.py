@@ -82,6 +82,10 @@ def goal_rows(results: dict[str, Any]) -> Rows:
 
 def wheel_sections(results: dict[str, Any], traces: Traces) -> tuple[Section, ...]:
     """Experiment, flight, the paper's Figs 9 to 12, 14 and 15."""
+    return (*_healthy(results, traces), *_residuals(results, traces), _estimates(results, traces))
+
+
+def _healthy(results: dict[str, Any], traces: Traces) -> tuple[Section, ...]:
     return (
         Section(
             "Experiment and what was learned from it",
@@ -108,6 +112,11 @@ def wheel_sections(results: dict[str, Any], traces: Traces) -> tuple[Section, ..
             (),
             figures.flight(traces),
         ),
+    )
+
+
+def _residuals(results: dict[str, Any], traces: Traces) -> tuple[Section, ...]:
+    return (
         Section(
             "Mode 2 (Figs 9, 10 and 12)",
             (
@@ -135,22 +144,25 @@ def wheel_sections(results: dict[str, Any], traces: Traces) -> tuple[Section, ..
                 figures.references(traces, "mode1_intermittent"),
             ),
         ),
-        Section(
-            "Fault estimates (Figs 14 and 15)",
-            (
-                "ESO is the observer over the true wheel, IESONN the same observer over the "
-                "learned one; both read the command and the momentum. Without noise in its "
-                "telemetry the residual against measured states is quicker than any observer, but "
-                "passes f(t) on whole; the observers filter it. The residual of the free-running "
-                "reference is not an estimate of this fault.",
-            ),
-            (tables.estimate_table(results), tables.noise_table(results)),
-            (
-                figures.estimates(traces, "mode1_sustained", "Fig 14"),
-                figures.estimates(traces, "mode1_intermittent", "Fig 15"),
-                figures.estimate_errors(traces, "mode1_intermittent"),
-                figures.noisy(traces, "mode1_intermittent"),
-            ),
+    )
+
+
+def _estimates(results: dict[str, Any], traces: Traces) -> Section:
+    return Section(
+        "Fault estimates (Figs 14 and 15)",
+        (
+            "ESO is the observer over the true wheel, IESONN the same observer over the "
+            "learned one; both read the command and the momentum. Without noise in its "
+            "telemetry the residual against measured states is quicker than any observer, but "
+            "passes f(t) on whole; the observers filter it. The residual of the free-running "
+            "reference is not an estimate of this fault.",
+        ),
+        (tables.estimate_table(results), tables.noise_table(results)),
+        (
+            figures.estimates(traces, "mode1_sustained", "Fig 14"),
+            figures.estimates(traces, "mode1_intermittent", "Fig 15"),
+            figures.estimate_errors(traces, "mode1_intermittent"),
+            figures.noisy(traces, "mode1_intermittent"),
         ),
     )
 

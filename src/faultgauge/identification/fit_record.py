@@ -1,0 +1,152 @@
+"""What comes out of the stages of a fit, and the record of it that the model keeps."""
+
+import platform
+from collections.abc import Sequence
+from importlib import metadata
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+from faultgauge.identification.constants import Information
+from faultgauge.identification.equation_fit import EquationFit, GroupReport, Material, max_step
+from faultgauge.identification.equation_uncertainty import equation_information
+from faultgauge.identification.levenberg_marquardt import CONVERGED
+from faultgauge.identification.refinement.result import Refinement
+from faultgauge.identification.samples import Channels, Samples
+from faultgauge.identification.sizes import chosen_sizes
+from faultgauge.plants.gray_box import GrayBoxPlant
+from faultgauge.plants.plant_file import PlantSpec
+from faultgauge.telemetry import Run, rate_of
+from faultgauge.telemetry.resampling import cover
+
+__all__ = ["Equations", "Outcome", "fit_record", "outcome"]
+
+ENVELOPE_POINTS = 400
+
+
+class Equations(NamedTuple):
+    """What equation error `found` in what was `given`; `sized` is the plant that was begun with,
+    its open sizes chosen."""
+
+    found: EquationFit
+    given: Material
+    sized: GrayBoxPlant
+    warnings: list[str]
+
+    @property
+    def starts(self) -> list[GrayBoxPlant]:
+        """Of a refinement."""
+        return [self.found.plant, *self.found.others]
+
+    def information(self, how: Channels) -> Information:
+        return equation_information(self.found.plant, how, self.found.reports, self.given)
+
+
+class Outcome(NamedTuple):
+    """A fitted plant, the points that it was fitted to, its free run's error on held-out data (a
+    share of the outputs' spread), its longest step [s] and that of the logs [s]."""
+
+    plant: GrayBoxPlant
+    training: Samples
+    error: float
+    max_step: float
+    sample_time: float
+
+
+def outcome(stage: Equations | None, refinement: Refinement | None) -> Outcome:
+    """Of the last stage, one of which there was."""
+    if refinement is not None:
+        found, step = refinement, refinement.sample_time
+        return Outcome(found.plant, found.training, found.error, step / found.substeps, step)
+    assert stage is not None
+    found, training = stage.found, stage.given.training
+    step = float(np.median([s.step for s in stage.given.stretches]))
+    return Outcome(found.plant, training, found.error, max_step(found.plant, training), step)
+
+
+def fit_record(
+    spec: PlantSpec,
+    result: Outcome,
+    how: Channels,
+    logs: Sequence[Run],
+    validate: Sequence[Run],
+    stage: Equations | None,
+    refinement: Refinement | None,
+    known: Information | None,
+    floor: dict[str, Any],
+    seed: int,
+) -> dict[str, Any]:
+    """The record of a fit of what `spec` left open; `known` is what equation error tells of
+    constants, where it had the last word, `floor` the noise of every column."""
+    told = refinement.information if refinement else known
+    record: dict[str, Any] = {
+        "seed": seed,
+        "max_step": result.max_step,
+        "sample_time": result.sample_time,
+        **_envelope(result),
+        "columns": {
+            "states": [list(s or ("", 0)) for s in how.states],
+            "outputs": list(how.outputs),
+        },
+        "derivatives": stage.given.noise if stage else {},
+        "data": {
+            "fit": sorted(run.content_hash for run in logs),
+            "validate": sorted(run.content_hash for run in validate),
+        },
+        "metrics": {
+            "validation_free_run_nrmse": result.error,
+            "groups": [_group(report) for report in stage.found.reports] if stage else [],
+        },
+        "noise": floor,
+        "versions": _versions(),
+    }
+    if refinement is not None:
+        record["metrics"]["refinement"] = refinement.metrics()
+    if stage is not None and stage.given.explained:
+        record["instruments"] = stage.given.explained
+    if told is not None:
+        record["constants"] = told.for_bank()
+    if spec.open_holds or spec.open_sizes:
+        hold = refinement.choices["hold"] if refinement else {}
+        record["choices"] = {"hold": hold, "hidden": chosen_sizes(spec, result.plant)}
+    rate = rate_of([*logs, *validate])
+    if rate is not None:
+        steps = [run.logged for run in logs if run.logged is not None]
+        record |= {"resample": rate, "log_step": float(np.median(steps))}
+    return record
+
+
+def _envelope(result: Outcome) -> dict[str, Any]:
+    signals = result.plant.signals
+    names = (*signals.state_names, *signals.input_names)
+    points = np.concatenate([result.training.x, result.training.u], axis=1)
+    thinned = cover(points, ENVELOPE_POINTS, np.random.default_rng(0))
+    ranges = {
+        name: [float(column.min()), float(column.max())]
+        for name, column in zip(names, points.T, strict=True)
+    }
+    return {"envelope": ranges, "envelope_points": points[thinned].tolist()}
+
+
+def _versions() -> dict[str, str]:
+    return {
+        "faultgauge": metadata.version("faultgauge"),
+        "jax": jax.__version__,
+        "numpy": np.__version__,
+        "machine": platform.machine(),
+    }
+
+
+def _group(report: GroupReport) -> dict[str, Any]:
+    where = {} if report.crowded is None else {"crowded": report.crowded}
+    return {
+        "unknowns": report.group.name,
+        "form": report.form,
+        "starts": len(report.solution.status),
+        "converged": int(np.sum(report.solution.status == CONVERGED)),
+        "trials": int(report.solution.trials[report.chosen]),
+        "chosen": report.chosen,
+        **where,
+        "free_run_nrmse": float(report.free_run[report.chosen]),
+    }
