@@ -66,6 +66,7 @@ def test_what_would_not_have_shown():
 
 def test_times_are_as_fine_as_rows_are_apart():
     assert moment(None, 332.48991, 0.01) == "332.489 s"  # never later than it was
+    assert moment(None, 0.2179931, 0.000999) == moment(None, 0.2179931, 0.001) == "0.2179 s"
     assert moment(None, 1_234_567.5, 0.5) == "1234567.5 s"
     assert since(None, 400.0, 270.0, 530.0) == "since 400 s +- 130 s"
     noon = datetime(2026, 5, 1, 12)

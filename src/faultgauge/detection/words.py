@@ -30,6 +30,7 @@ PURE = ("1", "-")  # units that nobody says
 LARGE = 1e6  # from which on a number is said in powers of ten
 SMALL = 1e-4  # below which a number is said in powers of ten
 ROUNDING = 1e-6  # of the last decimal
+JITTER = 0.01  # decades: rows that are 0.00099 s apart are not told finer than those of 0.001 s
 CENTRED = 0.1  # of half an interval: a value that near its middle is in it
 SPANS = ((100.0, 1.0, "s"), (3600.0, 60.0, "min"), (48 * 3600.0, 3600.0, "h"))  # below: in, as
 COARSE = 600.0  # s, from which on a clock is read to the minute
@@ -150,4 +151,6 @@ def or_earlier(clock: datetime | None, latest: float, resolution: float) -> str:
 
 def decimals(width: float) -> int:
     """Decimals that show two figures of `width`."""
-    return min(max(0, int(np.ceil(-np.log10(width))) + 1), 12) if width > 0 else 6
+    if not width > 0:
+        return 6
+    return min(max(0, int(np.ceil(-np.log10(width) - JITTER)) + 1), 12)
