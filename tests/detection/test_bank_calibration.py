@@ -46,7 +46,9 @@ def test_the_level_says_what_the_healthy_data_prove():
 def test_a_run_that_looks_faulty_is_named_and_kept():
     found = calibrate_bank(model(), [log(1), log(2), log(3, bias=1.0)], NOISE)
     (text,) = [each for each in found.warnings if "look faulty" in each]
-    assert re.search(r"most of all run run3 from \d+ s to \d+ s \(bias, odds of more than 1000 to 1\)", text)
+    assert re.search(
+        r"most of all run run3 from \d+ s to \d+ s \(bias, odds of more than 1000 to 1\)", text
+    )
     assert {run for run, *_ in found.block["suspects"]} == {"run3"}
     assert found.block["level"] > max(b.peak for b in found.blocks)  # kept: it raises the level
 

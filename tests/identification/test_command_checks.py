@@ -114,7 +114,7 @@ def test_a_network_that_has_learned_a_saturation():
     assert "give min and max" in text
     model, account = fit(network, [log(0.5, 0)], restarts=1)
     assert not any("input 'u'" in text for text in account.warnings)
-    # the plant is linear, so this is a log of it, too; the network keeps its edge beyond its training
+    # a linear plant has this log, too, and beyond its training a network keeps its edge
     wide = log(0.5, 0)
     wide.columns.update({name: 2 * column for name, column in wide.columns.items()})
     assert command_warnings(model.plant, [wide]) == []

@@ -210,7 +210,8 @@ def answer(bank: FaultBank, decision: Decision, event: BankEvent) -> Told:
     """One event."""
     run = decision.run
     head, times = finding(event, _unit(bank, event.fault), bank.step, run.clock)
-    rest = [times + _whether_over(decision, event), *_course(bank, decision, event)]
+    rest = [times + _whether_over(decision, event), *_before_its_name(bank, decision, event)]
+    rest += _course(bank, decision, event)
     others = {each.fault for each in _beside(decision, event)}
     rest += likelihoods(
         (UNDECLARED if cause == UNKNOWN else cause, odds)
@@ -260,6 +261,17 @@ def _whether_over(decision: Decision, event: BankEvent) -> str:
     return "" if np.any(judged > event.end) else ", and nothing was judged from then on"
 
 
+def _before_its_name(bank: FaultBank, decision: Decision, event: BankEvent) -> list[str]:
+    """Of an alarm that went on for longer than a name takes before the event had one."""
+    told = int(np.searchsorted(decision.run.t, event.start))
+    status, reason = decision.status[:told], decision.reason[:told]
+    over = [k for k in range(told) if status[k] != FAULT or not reason[k]]
+    first = over[-1] + 1 if over else 0
+    if event.start - decision.run.t[first] <= bank.knowledge.memory:
+        return []
+    return [f"an alarm without a name came before, at {_at(bank, decision, decision.run.t[first])}"]
+
+
 def _course(bank: FaultBank, decision: Decision, event: BankEvent) -> list[str]:
     """Between what sizes a fault was that was long as large as the event's interval has it not."""
     if event.size is None or event.lo is None or event.hi is None:
@@ -271,7 +283,7 @@ def _course(bank: FaultBank, decision: Decision, event: BankEvent) -> list[str]:
     if np.sum((sizes < event.lo) | (sizes > event.hi)) <= CHANGED * len(sizes):
         return []
     low, high = np.quantile(sizes, [0.05, 0.95])
-    return [f"while it was there {between(low, high, _unit(bank, event.fault))}"]
+    return [f"after it was told {between(low, high, _unit(bank, event.fault))}"]
 
 
 def _beside(decision: Decision, event: BankEvent) -> list[BankEvent]:
