@@ -27,7 +27,7 @@ def fit(
         typer.Option(
             "--validate",
             metavar="LOG",
-            help="Log to choose the fit by, never fitted; may be repeated.",
+            help="Log that chooses between fits and is never fitted; may be repeated.",
         ),
         READS,
     ] = None,
@@ -46,7 +46,10 @@ def fit(
         bool, typer.Option("--ensemble", help="Refine, and keep the next best models in MODEL too.")
     ] = False,
     restarts: Annotated[
-        int, typer.Option("--restarts", min=1, max=1000, help="How many starts the search has.")
+        int,
+        typer.Option(
+            "--restarts", min=1, max=1000, help="Random starts of the search; the best is kept."
+        ),
     ] = 10,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the random starts.")] = 0,
     seeds: Annotated[
@@ -62,7 +65,7 @@ def fit(
     despite_alarms: Annotated[
         bool,
         typer.Option(
-            "--despite-alarms", help="Fit logs under alarm, too, which are refused otherwise."
+            "--despite-alarms", help="Fit logs with alarms in them, which are refused otherwise."
         ),
     ] = False,
     fleet: options.Fleet = False,

@@ -160,8 +160,10 @@ def alarms(bank: FaultBank, decision: Decision) -> list[Told]:
             first, last = float(run.t[part.start]), float(run.t[part.stop - 1])
             why = [reason for reason in decision.reason[part] if reason]
             when = f"from {_at(bank, decision, first)} to {_at(bank, decision, last)}"
-            cause = f"; {_usual(why)}" if why else ""
-            found.append(Told(first, last, f"An alarm {when} (run {run.name}){cause}"))
+            cause = (
+                _usual(why) if why else f"{_named(bank, decision, part)}, named there, was given up"
+            )
+            found.append(Told(first, last, f"An alarm {when} (run {run.name}); {cause}"))
     return found
 
 
@@ -178,6 +180,13 @@ def _beyond(bank: FaultBank, decision: Decision, start: int, stop: int) -> list[
         for a, b in stretches(free, free, 0)
         if t[start + b - 1] - t[start + a] > bank.knowledge.memory
     ]
+
+
+def _named(bank: FaultBank, decision: Decision, part: slice) -> str:
+    """What was named in rows that no event tells of: its sign is not known any more, or all of it
+    turned out to be another fault."""
+    p = np.nan_to_num(decision.posterior.p[part]).sum(axis=0)
+    return bank.model.plant.signals.fault_names[int(np.argmax(p))]
 
 
 def _undecided(bank: FaultBank, decision: Decision) -> list[Told]:

@@ -142,8 +142,8 @@ def _believed_less(
     if widened == 1.0:
         return []
     where = "; ".join(
-        f"run {b.run} from {moment(clocks[b.run], b.start, 1.0)} to "
-        f"{moment(clocks[b.run], b.end, 1.0)} ({b.cause}, {_odds(b.peak)})"
+        f"run {b.run} from {_at(b, b.start, clocks)} to {_at(b, b.end, clocks)} "
+        f"({b.cause}, {_odds(b.peak)})"
         for b in sorted(asked, key=lambda each: -each.peak)[:MOST_NAMED]
     )
     return [
@@ -152,6 +152,11 @@ def _believed_less(
         f"must be {widened:.2g} times as large to be told; if some of that was not healthy, leave "
         "it out with --where"
     ]
+
+
+def _at(block: Block, t: float, clocks: Mapping[str, datetime | None]) -> str:
+    """A time of `block`, at the second or finer where it is short."""
+    return moment(clocks[block.run], t, min(1.0, (block.end - block.start) / 10))
 
 
 def _believed(
