@@ -167,7 +167,7 @@ def test_a_newcomer_with_an_odd_log_has_an_answer_in_four_commands(workshop, cal
 
 
 def test_a_clock_is_shown_whole_with_its_zone(call, tmp_path):
-    log = tmp_path / "epoch.csv"
+    log = tmp_path / "a_log_whose_name_is_longer_than_its_column_is_wide.csv"
     rows = [f"{1772438400000 + 10 * k},{k % 7}" for k in range(50)]  # date -d @1772438400
     log.write_text("\n".join(["stamp,x", *rows, ""]))
     table, _, _ = call("inspect", log, "--time", "stamp").out.partition("hint:")

@@ -71,7 +71,8 @@ def _show(found) -> None:
     console = Console(highlight=False, markup=False, emoji=False)
     runs = Table(box=SIMPLE_HEAD, pad_edge=False)
     for title in ("run", "rows", "from", "to", "rate (Hz)", "jitter", "gaps", "empty cells"):
-        runs.add_column(title, min_width=len("2026-03-02") if title in ("from", "to") else None)
+        wide = len("2026-03-02") if title in ("from", "to") else None
+        runs.add_column(title, min_width=wide, overflow="fold")
     for run in found.runs:
         runs.add_row(
             options.plain(run.name),

@@ -34,6 +34,7 @@ from faultgauge.detection.words import (
     moment,
     or_earlier,
     since,
+    times_more,
     would_not_show,
 )
 from faultgauge.telemetry import Run
@@ -114,7 +115,7 @@ def _silence(bank: FaultBank, decisions: Sequence[Decision]) -> list[str]:
             continue
         worst = sorted(gaps, key=lambda each: -each.share)[:SPOKEN]
         parts = [_part(bank, one, each) for each in sorted(worst)]
-        more = [f"{len(gaps) - SPOKEN} times more"] if len(gaps) > SPOKEN else []
+        more = [times_more(len(gaps) - SPOKEN)] if len(gaps) > SPOKEN else []
         why = listed([*parts, *more])
         if judged == 0:
             of = "" if alone else f" of {log}"

@@ -54,7 +54,7 @@ def errors(model: Model) -> list[str]:
     known = (model.calibration or {})["noise"]["spread"]
     values = model.plant.parameters
     spread = [
-        f"{name} {number(s, 2)} ({100 * s / abs(float(values[name])):.1f} %)"
+        f"{name} {number(s, 2)} ({number(100 * s / abs(float(values[name])), 2)} %)"
         if float(values[name])
         else f"{name} {number(s, 2)}"
         for name, s in known.items()

@@ -21,6 +21,7 @@ __all__ = [
     "onset_cell",
     "or_earlier",
     "since",
+    "times_more",
     "would_not_show",
 ]
 
@@ -102,6 +103,11 @@ def listed(names: Sequence[str], word: str = "and") -> str:
     """ "a, b and c"."""
     *first, last = names
     return f"{', '.join(first)} {word} {last}" if first else last
+
+
+def times_more(count: int) -> str:
+    """ "once more", "3 times more"."""
+    return "once more" if count == 1 else f"{count} times more"
 
 
 def moment(clock: datetime | None, t: float, resolution: float = 0.0) -> str:
