@@ -362,6 +362,15 @@ def test_the_bank_names_the_leak_with_probability_and_interval(call, workshop, t
     assert "leak" in report.read_text()
 
 
+def test_a_first_screen_has_five_lines_and_says_what_to_do_next(call, workshop):
+    said = call("estimate", workshop.calibrated, workshop.suspect)
+    (ahead,) = (line for line in said.err.splitlines() if line.startswith("next: "))
+    assert ahead == (
+        "next: --report FILE.html shows why; --smooth tells what the whole log says of it"
+    )
+    assert 1 <= len(said.out.splitlines()) <= 4
+
+
 def test_the_bank_is_silent_on_a_healthy_log(call, workshop, tmp_path):
     said = call("estimate", workshop.calibrated, workshop.healthy, "--out", tmp_path / "f.csv")
     assert said.out.startswith("No fault; leak below ")
