@@ -31,7 +31,7 @@ from faultgauge.detection.events import (
 )
 from faultgauge.detection.intake import Intake, slow_outputs, with_taken
 from faultgauge.detection.judged import build_bank, check_observer
-from faultgauge.detection.misfit import FEWEST, Alarmed, Misfit
+from faultgauge.detection.misfit import FEWEST, Alarmed, Misfit, quiet
 from faultgauge.detection.noise import noise_of
 from faultgauge.detection.residual import Reference, Residuals, curved_inputs
 from faultgauge.detection.uncalibrated import uncalibrated
@@ -128,10 +128,11 @@ class Stream:
     def _misfits(self, said: Decision) -> Iterator[Misfit]:
         """As of each row."""
         block = self._block()
-        for t, status in zip(said.run.t, said.status, strict=True):
+        rows = zip(said.run.t, said.status, quiet(said.posterior), strict=True)
+        for t, status, calm in rows:
             if self.alarmed is None:
                 return
-            self.alarmed.add([status])
+            self.alarmed.add([status], [calm])
             if self.alarmed.judged >= block:
                 yield from self._misfit(float(t))
 
