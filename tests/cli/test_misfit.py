@@ -3,6 +3,7 @@
 import io
 import json
 
+import numpy as np
 import pytest
 
 from faultgauge.detection.misfit import Alarmed
@@ -75,12 +76,12 @@ def test_the_criterion_by_hand(case):
         status = ["FAULT", *["HEALTHY"], *["FAULT"] * 3, "STALE"]  # 4 of 5
     found = Alarmed("log")
     for each in status:
-        found.add([each], [False])
+        found.add([each], np.zeros(1, bool))
     assert found.throughout == wanted
 
 
 def test_quiet_rows_in_which_no_fault_would_show_count_as_calm():
     """Half a log without a word of a fault, then an alarm: not from the beginning on."""
     found = Alarmed("log")
-    found.add(["NOT_JUDGED"] * 50 + ["FAULT"] * 50, [True] * 50 + [False] * 50)
+    found.add(["NOT_JUDGED"] * 50 + ["FAULT"] * 50, np.arange(100) < 50)
     assert not found.throughout

@@ -114,7 +114,7 @@ class Alarmed:
     alarms: int = 0
     calm: int = 0
 
-    def add(self, status: Sequence[str], quiet: Sequence[bool] | Bool[np.ndarray, "_"]) -> None:
+    def add(self, status: Sequence[str], quiet: Bool[np.ndarray, "_"]) -> None:
         """The next samples."""
         for each, calm in zip(status, quiet, strict=True):
             if calm or each in ("HEALTHY", "FAULT"):

@@ -128,11 +128,11 @@ class Stream:
     def _misfits(self, said: Decision) -> Iterator[Misfit]:
         """As of each row."""
         block = self._block()
-        rows = zip(said.run.t, said.status, quiet(said.posterior), strict=True)
-        for t, status, calm in rows:
+        calm = quiet(said.posterior)
+        for k, t in enumerate(said.run.t):
             if self.alarmed is None:
                 return
-            self.alarmed.add([status], [calm])
+            self.alarmed.add(said.status[k : k + 1], calm[k : k + 1])
             if self.alarmed.judged >= block:
                 yield from self._misfit(float(t))
 
