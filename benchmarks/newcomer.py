@@ -1,6 +1,6 @@
 """A newcomer's way to an answer: own logs with odd headers, units and clock, and four commands.
 
-    python benchmarks/newcomer.py [--keep FOLDER]
+    python benchmarks/newcomer.py [--keep FOLDER] [--drive]
 
 The healthy log is as a German logger writes it: semicolons, decimal commas, a byte order mark,
 local time, `Temp [degC]` in the header. The log to judge is a workbook. Half through it the heater
@@ -9,6 +9,11 @@ and `check` fits, calibrates and estimates; or each of these is a command of its
 the commands, with wall and CPU time of each: cold, with no program compiled before, and warm; and
 what they answered. Exit code 1 where an answer is more than ten
 minutes off the onset.
+
+`--drive` instead takes the measured EMPS drive (FAULTGAUGE_DATA names the folder that holds emps/):
+milliseconds since 1970, millimetres, decimal commas, names of its own, and a 5 V pulse every second
+that the voltage column hides. The preset nearest to it is printed and edited: its position and
+voltage get the names of the columns. Exit code 1 where the first pulse is dated 10 ms off.
 """
 
 import argparse
@@ -27,6 +32,9 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "telemetry"))
 from workbooks import write_workbook
 
+from faultgauge.studies.drive import measured_logs
+from faultgauge.telemetry import Run
+
 PACE = 10  # s
 ROOM, PER_PERCENT, LOSING = 21.0, 0.012, 0.004  # degC, degC/s per %, 1/s
 NOISE = 0.05  # degC
@@ -43,6 +51,14 @@ LONG = (
     "calibrate heater.fgm healthy.csv",
     "estimate heater.fgm suspect.xlsx --out estimates.csv --report report.html",
 )
+PRINTED = (
+    "inspect healthy.csv --time Zeitstempel",
+    "presets positioning_drive",
+)
+JUDGED = ("check healthy.csv suspect.csv --plant plant.toml --time Zeitstempel --resample 200",)
+NAMES = {"q": "Weg", "u": "Spannung"}
+FIRST_PULSE, NEAR = 0.343, 0.01  # s
+EPOCH = 1_772_438_400_000  # ms since 1970: 08:00:00 UTC
 
 
 def rows(count: int, start: datetime, seed: int, lost: float) -> list[list]:
@@ -103,11 +119,50 @@ def walk(name: str, commands: tuple[str, ...], folder: Path, cache: Path) -> str
     return answer
 
 
+def write_drive_logs(folder: Path) -> None:
+    """`healthy.csv` and `suspect.csv`."""
+    logs = measured_logs()
+    if logs is None:
+        sys.exit("set FAULTGAUGE_DATA to the folder that holds emps/")
+    for name, run in (("healthy", logs.healthy), ("suspect", logs.faulty)):
+        (folder / f"{name}.csv").write_text("\n".join(drive_lines(run)) + "\n")
+
+
+def drive_lines(run: Run) -> list[str]:
+    lines = ["Zeitstempel;Weg [mm];Spannung [V]"]
+    for t, q, u in zip(run.t, run.columns["q"], run.columns["u"], strict=True):
+        cells = f"{1000 * q:.5f};{u:.5f}".replace(".", ",")
+        lines.append(f"{EPOCH + round(1000 * t)};{cells}")
+    return lines
+
+
+def edited(preset: str) -> str:
+    """The preset with the names of the columns."""
+    for name, column in NAMES.items():
+        preset = re.sub(rf"\b{name}\b(?! =)", column, preset)
+    return preset
+
+
+def drive(folder: Path, cache: Path) -> bool:
+    """Whether the first pulse was dated right."""
+    folder.mkdir(parents=True, exist_ok=True)
+    write_drive_logs(folder)
+    preset = walk("measured drive, before the edit", PRINTED, folder, cache)
+    (folder / "plant.toml").write_text(edited(preset))
+    answer = walk("measured drive, after it", JUDGED, folder, cache)
+    found = re.search(r"pulse \+.* since 08:00:(\d+\.\d+) \+-", answer)
+    return found is not None and abs(float(found[1]) - FIRST_PULSE) <= NEAR
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--keep", type=Path, help="Keep logs and results in this folder.")
+    parser.add_argument("--drive", action="store_true", help="The measured drive instead.")
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as scratch:
+        if given.drive:
+            keep = (given.keep or Path(scratch)) / "drive"
+            sys.exit(not drive(keep, Path(scratch) / "cache"))
         answers = []
         for way, commands in (("check", SHORT), ("step by step", LONG)):
             for state in ("cold", "warm"):

@@ -362,6 +362,15 @@ def test_the_bank_names_the_leak_with_probability_and_interval(call, workshop, t
     assert "leak" in report.read_text()
 
 
+def test_a_first_screen_has_five_lines_and_says_what_to_do_next(call, workshop):
+    said = call("estimate", workshop.calibrated, workshop.suspect)
+    (ahead,) = (line for line in said.err.splitlines() if line.startswith("next: "))
+    assert ahead == (
+        "next: --report FILE.html shows why; --smooth tells what the whole log says of it"
+    )
+    assert 1 <= len(said.out.splitlines()) <= 4
+
+
 def test_the_bank_is_silent_on_a_healthy_log(call, workshop, tmp_path):
     said = call("estimate", workshop.calibrated, workshop.healthy, "--out", tmp_path / "f.csv")
     assert said.out.startswith("No fault; leak below ")
@@ -421,8 +430,8 @@ def test_the_bank_answers_a_stream_as_it_answers_the_file(call, workshop, tmp_pa
     told = [line for line in lines if line["said"] == "event"]
     for name in ("onset", "onset_clock", "start_clock", "end_clock"):
         assert [e[name] for e in told] == [e[name] for e in found["events"]]
-    assert lines[0]["said"] == "alarm"
-    assert lines[0]["start_clock"] == told[0]["start_clock"]
+    (alarm,) = [line for line in lines if line["said"] == "alarm" and line["fault"] == "leak"]
+    assert alarm["start_clock"] == told[0]["start_clock"]
     assert told[0]["start_clock"].startswith("2026-05-02T00:00:")
     assert re.search(r"alarm: leak .*, told at 2026-05-02 00:00:", said.err)
     assert re.search(r"event: leak .* since 2026-05-02 00:00:", said.err)

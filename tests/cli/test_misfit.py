@@ -3,9 +3,10 @@
 import io
 import json
 
+import numpy as np
 import pytest
 
-from faultgauge.detection.misfit import Alarmed, alarmed_throughout
+from faultgauge.detection.misfit import Alarmed
 from faultgauge.plants.model import load_model
 
 SAID = "a fault already there when the log begins, or the model of another plant"
@@ -73,8 +74,14 @@ def test_the_criterion_by_hand(case):
         status += ["HEALTHY"] * 21
     if case == "almost all":
         status = ["FAULT", *["HEALTHY"], *["FAULT"] * 3, "STALE"]  # 4 of 5
-    assert bool(alarmed_throughout({"log": status})) == wanted
-    one_by_one = Alarmed("log")
+    found = Alarmed("log")
     for each in status:
-        one_by_one.add([each])
-    assert one_by_one.throughout == wanted
+        found.add([each], np.zeros(1, bool))
+    assert found.throughout == wanted
+
+
+def test_quiet_rows_in_which_no_fault_would_show_count_as_calm():
+    """Half a log without a word of a fault, then an alarm: not from the beginning on."""
+    found = Alarmed("log")
+    found.add(["NOT_JUDGED"] * 50 + ["FAULT"] * 50, np.arange(100) < 50)
+    assert not found.throughout

@@ -144,11 +144,7 @@ def test_a_newcomer_with_an_odd_log_has_an_answer_in_four_commands(workshop, cal
         oddly(workshop.folder / f"{name}.csv", tmp_path / f"{name}.csv")
     healthy, more, suspect = (tmp_path / f"{name}.csv" for name in names)
     model, plant = tmp_path / "model.fgm", tmp_path / "plant.toml"
-    text = (
-        workshop.plant.read_text()
-        .replace('value = "x"', 'value = "x"')
-        .replace("[outputs.x]", '[outputs."Füllstand"]')
-    )
+    text = workshop.plant.read_text().replace("[outputs.x]", '[outputs."Füllstand"]')
     plant.write_text(text)
     assert "--time Zeit" in call("inspect", healthy).err
     assert call("fit", plant, healthy, "--time", "Zeit", "--out", model).code == 0
@@ -168,3 +164,15 @@ def test_a_newcomer_with_an_odd_log_has_an_answer_in_four_commands(workshop, cal
     for key in ("size", "start", "end"):
         # ten digits of each cell, through two calibrations
         assert event[key] == pytest.approx(same[key], rel=1e-3)
+
+
+def test_a_clock_is_shown_whole_with_its_zone(call, tmp_path):
+    log = tmp_path / "a_log_whose_name_is_longer_than_its_column_is_wide.csv"
+    rows = [f"{1772438400000 + 10 * k},{k % 7}" for k in range(50)]  # date -d @1772438400
+    log.write_text("\n".join(["stamp,x", *rows, ""]))
+    table, _, _ = call("inspect", log, "--time", "stamp").out.partition("hint:")
+    shown = " ".join(table.split())
+    assert shown.count("2026-03-02") == 2
+    assert "08:00:00" in shown
+    assert "UTC" in shown
+    assert "…" not in shown

@@ -126,6 +126,19 @@ def test_silence_says_below_what_it_means_nothing(bank):
     assert "gauge" in line
 
 
+def test_of_several_logs_the_least_telling_says_what_would_not_have_shown(bank, monkeypatch):
+    quiet = decide(bank, log(2))
+    other = replace(quiet, run=replace(quiet.run, name="other"))
+    least = {quiet.run.name: (0.02, 0.3), "other": (0.05, None)}
+    monkeypatch.setattr(
+        "faultgauge.detection.answer.least_told", lambda _, run, k: least[run.name][k]
+    )
+    (line,) = answers(bank, [quiet, other])
+    assert line == (
+        "No fault; leak below 0.05 m/s would not have shown, nor would gauge of any size"
+    )
+
+
 def test_an_alarm_without_a_name_is_no_silence(bank, decision):
     """From 100 s to 110 s, interrupted for a second, and once for a sample within an event."""
     status, reason = ["HEALTHY"] * COUNT, [""] * COUNT

@@ -1,5 +1,7 @@
 """Alarm level and model error of the bank against closed forms, and what they do to answers."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -43,9 +45,12 @@ def test_the_level_says_what_the_healthy_data_prove():
 
 def test_a_run_that_looks_faulty_is_named_and_kept():
     found = calibrate_bank(model(), [log(1), log(2), log(3, bias=1.0)], NOISE)
-    assert any("run3, " in each and "look faulty" in each for each in found.warnings)
+    (text,) = [each for each in found.warnings if "look faulty" in each]
+    assert re.search(
+        r"most of all run run3 from \d+ s to \d+ s \(bias, odds of more than 1000 to 1\)", text
+    )
     assert {run for run, *_ in found.level.suspects} == {"run3"}
-    assert found.block.level > max(b.peak for b in found.blocks)  # kept: it raises the level
+    assert found.level.level > max(b.peak for b in found.blocks)  # kept: it raises the level
 
 
 def test_evidence_is_believed_as_far_as_healthy_logs_show_no_fault():

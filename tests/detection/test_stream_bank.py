@@ -5,10 +5,11 @@ import numpy as np
 import pytest
 
 from calibrations import for_bank, for_observer
+from faultgauge.detection.answer import alarms
 from faultgauge.detection.decisions import Decision, decide_runs, table
 from faultgauge.detection.estimation import Estimated, estimate
 from faultgauge.detection.estimation import table as plain_table
-from faultgauge.detection.events import Alarm, BankEvent
+from faultgauge.detection.events import Alarm, BankEvent, Unnamed
 from faultgauge.detection.flat_line import FlatLine, longest_repeats
 from faultgauge.detection.noise import Noise
 from faultgauge.detection.stream import Stream
@@ -107,7 +108,8 @@ def calibrated():
 
 def test_every_bit_of_a_holed_log_is_that_of_the_file(calibrated):
     run = holed(log(3, pump=0.3, gauge=0.5))
-    (judged,), _ = decide_runs(calibrated, [run])
+    run.columns["x"][60:64] += 0.5  # gone before it has a name
+    (judged,), bank = decide_runs(calibrated, [run])
     said = streamed(Stream(calibrated, observer="bank"), run)
     rows = [each for each in said if isinstance(each, Decision)]
     names = calibrated.plant.signals.fault_names
@@ -115,13 +117,19 @@ def test_every_bit_of_a_holed_log_is_that_of_the_file(calibrated):
     events = sorted((e for e in said if isinstance(e, BankEvent)), key=lambda e: e.start)
     assert events == judged.events
     assert {"pump", "gauge"} <= {e.fault for e in events}
-    alarms = [each for each in said if isinstance(each, Alarm)]
-    assert {(a.fault, a.start) for a in alarms} == {(e.fault, e.start) for e in events}
+    told = [each for each in said if isinstance(each, Alarm)]
+    named = {(a.fault, a.start) for a in told if a.fault is not None}
+    assert named == {(e.fault, e.start) for e in events}
+    begins = [k for k in range(COUNT) if judged.status[k] == "FAULT" != judged.status[k - 1]]
+    assert {a.start for a in told if a.fault is None} <= {run.t[k] for k in begins}
+    unnamed = [(e.start, e.end, e.sentence) for e in said if isinstance(e, Unnamed)]
+    assert len(unnamed) == 1
+    assert unnamed == [(a.start, a.end, a.text) for a in alarms(bank, judged)]
     for at_once in (17, COUNT):
         again = streamed(Stream(calibrated, observer="bank"), run, at_once)
         assert table([e for e in again if isinstance(e, Decision)], names) == table(rows, names)
-        told = [each for each in again if isinstance(each, Alarm | BankEvent)]
-        assert told == [each for each in said if isinstance(each, Alarm | BankEvent)]
+        told = [each for each in again if isinstance(each, Alarm | BankEvent | Unnamed)]
+        assert told == [each for each in said if isinstance(each, Alarm | BankEvent | Unnamed)]
 
 
 LIMITED = TANK.replace('hold = "zero"', 'hold = "zero"\nmin = 0.7\nmax = 1.2')

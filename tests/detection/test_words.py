@@ -1,11 +1,14 @@
 """Sizes and odds as they are said."""
 
+from datetime import datetime
+
 import pytest
 
 from faultgauge.detection.words import (
     UNDECLARED,
     amount,
     between,
+    duration,
     less_likely,
     likelihoods,
     moment,
@@ -63,8 +66,21 @@ def test_what_would_not_have_shown():
 
 def test_times_are_as_fine_as_rows_are_apart():
     assert moment(None, 332.48991, 0.01) == "332.489 s"  # never later than it was
+    assert moment(None, 0.2179931, 0.000999) == moment(None, 0.2179931, 0.001) == "0.2179 s"
     assert moment(None, 1_234_567.5, 0.5) == "1234567.5 s"
     assert since(None, 400.0, 270.0, 530.0) == "since 400 s +- 130 s"
+    noon = datetime(2026, 5, 1, 12)
+    assert since(noon, 400.0, 377.0, 423.0) == "since 12:06:40 +- 23 s"
+    assert since(noon, 4000.0, 3688.0, 4312.0) == "since 13:06:40 +- 5.2 min"
+    assert since(noon, 7300.0, 1900.0, 12700.0) == "since 14:01 +- 1.5 h"
+
+
+@pytest.mark.parametrize(
+    ("seconds", "said"),
+    [(0.012, "0.012 s"), (98.0, "98 s"), (99.7, "1.7 min"), (5400.0, "1.5 h"), (3e5, "3.5 days")],
+)
+def test_how_long_is_said_in_the_unit_in_which_it_is_a_small_number(seconds, said):
+    assert duration(seconds) == said
 
 
 @pytest.mark.parametrize(

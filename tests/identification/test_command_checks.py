@@ -112,5 +112,9 @@ def test_a_network_that_has_learned_a_saturation():
     level = float(text.split("moves on above ")[1].split()[0])
     assert 0.5 <= level < 1.5  # the network rounds the corner off, so it is seen late
     assert "give min and max" in text
-    _, account = fit(network, [log(0.5, 0)], restarts=1)
+    model, account = fit(network, [log(0.5, 0)], restarts=1)
     assert not any("input 'u'" in text for text in account.warnings)
+    # a linear plant has this log, too, and beyond its training a network keeps its edge
+    wide = log(0.5, 0)
+    wide.columns.update({name: 2 * column for name, column in wide.columns.items()})
+    assert command_warnings(model.plant, [wide]) == []

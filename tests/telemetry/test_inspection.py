@@ -142,7 +142,14 @@ def test_time_is_refused_as_by_reading(log):
 
 def test_skeleton_guesses_roles():
     text = plant_skeleton(
-        runs(pump_V=[-0.5, 0.75], level=[1, 2], y_V=[3, 4], level_ref=[0, 0], d_level=[5, 6]),
+        runs(
+            pump_V=[-0.5, 0.75],
+            level=[1, 2],
+            y_V=[3, 4],
+            level_ref=[0, 0],
+            d_level=[5, 6],
+            Sollwert=[7, 8],
+        ),
         "tank",
     )
     plant = tomllib.loads(text)
@@ -153,6 +160,7 @@ def test_skeleton_guesses_roles():
     assert plant["outputs"]["y_V"] == {"value": "y_V"}
     assert plant["networks"] == {"NN_level": {"hidden": 10}, "NN_y_V": {"hidden": 10}}
     assert '"level_ref" (looks like a setpoint' in text
+    assert '"Sollwert" (looks like a setpoint' in text
     assert '"d_level" (read as the derivative of level)' in text
 
 

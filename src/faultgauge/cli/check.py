@@ -83,3 +83,8 @@ def check(
     for line in found.sentences if verbose else found.lines:
         options.tell(line)
     options.wrote(*files)
+    if folder is None:
+        options.say("next: --out DIR keeps model, table and report")
+    else:
+        page, model = folder / "report.html", folder / "model.fgm"
+        options.say(f"next: open {page}; faultgauge estimate {model} LOG judges other logs")

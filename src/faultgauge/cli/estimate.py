@@ -186,6 +186,10 @@ def _answer_logs(
     for line in found.sentences if verbose else found.lines:
         options.tell(line)
     options.wrote(*(path for group in files.values() for path in group), *paths)
+    if found.events:
+        look = "--report FILE.html shows why" if report is None else f"open {report}"
+        back = "" if smooth else "; --smooth tells what the whole log says of it"
+        options.say(f"next: {look}{back}")
 
 
 def _refuse_beside_a_stream(given: Mapping[str, bool]) -> None:

@@ -26,7 +26,7 @@ Validate = Annotated[
     typer.Option(
         "--validate",
         metavar="LOG",
-        help="Log to choose the fit by, never fitted; may be repeated.",
+        help="Log that chooses between fits and is never fitted; may be repeated.",
     ),
     READS,
 ]
@@ -45,7 +45,10 @@ Ensemble = Annotated[
     bool, typer.Option("--ensemble", help="Refine, and keep the next best models in MODEL too.")
 ]
 Restarts = Annotated[
-    int, typer.Option("--restarts", min=1, max=1000, help="How many starts the search has.")
+    int,
+    typer.Option(
+        "--restarts", min=1, max=1000, help="Random starts of the search; the best is kept."
+    ),
 ]
 Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of the random starts.")]
 Seeds = Annotated[
@@ -61,7 +64,7 @@ Seeds = Annotated[
 DespiteAlarms = Annotated[
     bool,
     typer.Option(
-        "--despite-alarms", help="Fit logs under alarm, too, which are refused otherwise."
+        "--despite-alarms", help="Fit logs with alarms in them, which are refused otherwise."
     ),
 ]
 Prior = Annotated[

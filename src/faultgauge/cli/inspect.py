@@ -1,5 +1,6 @@
 """`faultgauge inspect`"""
 
+from datetime import datetime
 from pathlib import Path
 from typing import Annotated
 
@@ -55,8 +56,11 @@ def inspect(
 
 
 def _moment(clock: str | None, t: float) -> str:
-    """By the log's clock to the second, else in seconds."""
-    return f"{t:.6g} s" if clock is None else clock.replace("T", " ").partition(".")[0]
+    """By the log's clock to the second, with its zone where it has one, else in seconds."""
+    if clock is None:
+        return f"{t:.6g} s"
+    at = datetime.fromisoformat(clock)
+    return f"{at:%Y-%m-%d %H:%M:%S} {at.tzname() or ''}".rstrip()
 
 
 def _show(found) -> None:
@@ -67,7 +71,8 @@ def _show(found) -> None:
     console = Console(highlight=False, markup=False, emoji=False)
     runs = Table(box=SIMPLE_HEAD, pad_edge=False)
     for title in ("run", "rows", "from", "to", "rate (Hz)", "jitter", "gaps", "empty cells"):
-        runs.add_column(title, min_width=len("2026-03-02") if title in ("from", "to") else None)
+        wide = len("2026-03-02") if title in ("from", "to") else None
+        runs.add_column(title, min_width=wide, overflow="fold")
     for run in found.runs:
         runs.add_row(
             options.plain(run.name),

@@ -133,32 +133,45 @@ class _Speaker:
     def event(self, said: "Said") -> None:
         from faultgauge.detection import decisions
         from faultgauge.detection.answer import finding
-        from faultgauge.detection.events import Alarm, BankEvent
+        from faultgauge.detection.events import Alarm, BankEvent, Unnamed
         from faultgauge.detection.words import UNDECLARED, moment
         from faultgauge.telemetry.writing import stamp
 
-        assert isinstance(said, Alarm | BankEvent)
+        assert isinstance(said, Alarm | BankEvent | Unnamed)
         clock = self.stream.clock
+        start = {"start_clock": stamp(clock, said.start)}
+        if isinstance(said, Unnamed):
+            line = {"said": "unnamed", **asdict(said), **start}
+            line["end_clock"] = stamp(clock, said.end)
+        elif isinstance(said, Alarm):
+            line = {"said": "alarm", **asdict(said), **start}
+        else:
+            line = {"said": "event", **decisions.as_dicts([said], clock)[0]}
         if self.lines:
-            if isinstance(said, Alarm):
-                line = {"said": "alarm", **asdict(said), "start_clock": stamp(clock, said.start)}
-            else:
-                line = {"said": "event", **decisions.as_dicts([said], clock)[0]}
             print(json.dumps(line, allow_nan=False), file=self.lines)
-        unit = self.units.get(said.fault, "")
         step = self.stream.pace or 0.0
         at = moment(clock, said.start, step)
-        if isinstance(said, BankEvent):
-            text = f"event: {'; '.join(finding(said, unit, step, clock))}"
+        if isinstance(said, Unnamed):
+            text = f"over: {said.sentence}"
+        elif isinstance(said, BankEvent):
+            text = f"event: {'; '.join(finding(said, self._unit(said.fault), step, clock))}"
+        elif said.fault is None:
+            text = f"alarm at {at}, without a name yet; {said.reason}"
         elif said.size is None:
             text = f"alarm: {UNDECLARED}, told at {at}"
         else:
-            size = f"{said.size:+.3g} {unit}".rstrip()
+            size = f"{said.size:+.3g} {self._unit(said.fault)}".rstrip()
             text = f"alarm: {said.fault} {size}, told at {at}"
         if self.view:
             self.view.event(text)
         else:
             options.say(text)
+
+    def _unit(self, fault: str) -> str:
+        from faultgauge.detection.words import PURE
+
+        unit = self.units.get(fault, "")
+        return "" if unit in PURE else unit
 
     def odd(self, found: Sequence["Glitch"]) -> None:
         """A warning of the first sample that nothing explains; all are counted."""

@@ -54,7 +54,7 @@ SELDOM = 20.0  # s
 LONGEST = 4000  # characters of a sentence
 Json = Annotated[bool, typer.Option("--json", help="One JSON object on stdout, nothing else.")]
 Verbose = Annotated[
-    bool, typer.Option("--verbose", help="Say all that was found, not its first lines alone.")
+    bool, typer.Option("--verbose", help="Say everything that was found, not only the first lines.")
 ]
 Time = Annotated[str | None, typer.Option("--time", help="Name of the time column [default: t].")]
 TimeFormat = Annotated[

@@ -8,6 +8,7 @@ import numpy as np
 
 from faultgauge.detection.decisions import decide_runs
 from faultgauge.detection.events import pause, stretches
+from faultgauge.detection.words import times_more
 from faultgauge.errors import InputError
 from faultgauge.plants.model import load_model
 from faultgauge.telemetry import Run
@@ -40,7 +41,7 @@ def refuse_alarms(
         return
     source, stretches = next(iter(found.items()))
     times = ", ".join(f"{a:.6g} s to {b:.6g} s" for a, b in stretches[:SHOWN])
-    more = f" and {len(stretches) - SHOWN} times more" if len(stretches) > SHOWN else ""
+    more = f" and {times_more(len(stretches) - SHOWN)}" if len(stretches) > SHOWN else ""
     raise InputError(
         f"{source}: {said} from {times}{more}, and a fault that is fitted is never found; cut "
         "these times out with --where, or give --despite-alarms if the log is sound."

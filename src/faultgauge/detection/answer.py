@@ -34,6 +34,7 @@ from faultgauge.detection.words import (
     moment,
     or_earlier,
     since,
+    times_more,
     would_not_show,
 )
 from faultgauge.telemetry import Run
@@ -114,7 +115,7 @@ def _silence(bank: FaultBank, decisions: Sequence[Decision]) -> list[str]:
             continue
         worst = sorted(gaps, key=lambda each: -each.share)[:SPOKEN]
         parts = [_part(bank, one, each) for each in sorted(worst)]
-        more = [f"{len(gaps) - SPOKEN} times more"] if len(gaps) > SPOKEN else []
+        more = [times_more(len(gaps) - SPOKEN)] if len(gaps) > SPOKEN else []
         why = listed([*parts, *more])
         if judged == 0:
             of = "" if alone else f" of {log}"
@@ -160,8 +161,10 @@ def alarms(bank: FaultBank, decision: Decision) -> list[Told]:
             first, last = float(run.t[part.start]), float(run.t[part.stop - 1])
             why = [reason for reason in decision.reason[part] if reason]
             when = f"from {_at(bank, decision, first)} to {_at(bank, decision, last)}"
-            cause = f"; {_usual(why)}" if why else ""
-            found.append(Told(first, last, f"An alarm {when} (run {run.name}){cause}"))
+            cause = (
+                _usual(why) if why else f"{_named(bank, decision, part)}, named there, was given up"
+            )
+            found.append(Told(first, last, f"An alarm {when} (run {run.name}); {cause}"))
     return found
 
 
@@ -178,6 +181,13 @@ def _beyond(bank: FaultBank, decision: Decision, start: int, stop: int) -> list[
         for a, b in stretches(free, free, 0)
         if t[start + b - 1] - t[start + a] > bank.knowledge.memory
     ]
+
+
+def _named(bank: FaultBank, decision: Decision, part: slice) -> str:
+    """What was named in rows that no event tells of: its sign is not known any more, or all of it
+    turned out to be another fault."""
+    p = np.nan_to_num(decision.posterior.p[part]).sum(axis=0)
+    return bank.model.plant.signals.fault_names[int(np.argmax(p))]
 
 
 def _undecided(bank: FaultBank, decision: Decision) -> list[Told]:
@@ -210,7 +220,8 @@ def answer(bank: FaultBank, decision: Decision, event: BankEvent) -> Told:
     """One event."""
     run = decision.run
     head, times = finding(event, _unit(bank, event.fault), bank.step, run.clock)
-    rest = [times + _whether_over(decision, event), *_course(bank, decision, event)]
+    rest = [times + _whether_over(decision, event), *_before_its_name(bank, decision, event)]
+    rest += _course(bank, decision, event)
     others = {each.fault for each in _beside(decision, event)}
     rest += likelihoods(
         (UNDECLARED if cause == UNKNOWN else cause, odds)
@@ -260,6 +271,17 @@ def _whether_over(decision: Decision, event: BankEvent) -> str:
     return "" if np.any(judged > event.end) else ", and nothing was judged from then on"
 
 
+def _before_its_name(bank: FaultBank, decision: Decision, event: BankEvent) -> list[str]:
+    """Of an alarm that went on for longer than a name takes before the event had one."""
+    told = int(np.searchsorted(decision.run.t, event.start))
+    status, reason = decision.status[:told], decision.reason[:told]
+    over = [k for k in range(told) if status[k] != FAULT or not reason[k]]
+    first = over[-1] + 1 if over else 0
+    if event.start - decision.run.t[first] <= bank.knowledge.memory:
+        return []
+    return [f"an alarm without a name came before, at {_at(bank, decision, decision.run.t[first])}"]
+
+
 def _course(bank: FaultBank, decision: Decision, event: BankEvent) -> list[str]:
     """Between what sizes a fault was that was long as large as the event's interval has it not."""
     if event.size is None or event.lo is None or event.hi is None:
@@ -271,7 +293,7 @@ def _course(bank: FaultBank, decision: Decision, event: BankEvent) -> list[str]:
     if np.sum((sizes < event.lo) | (sizes > event.hi)) <= CHANGED * len(sizes):
         return []
     low, high = np.quantile(sizes, [0.05, 0.95])
-    return [f"while it was there {between(low, high, _unit(bank, event.fault))}"]
+    return [f"after it was told {between(low, high, _unit(bank, event.fault))}"]
 
 
 def _beside(decision: Decision, event: BankEvent) -> list[BankEvent]:

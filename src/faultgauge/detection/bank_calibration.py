@@ -25,7 +25,7 @@ from itertools import count
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy.optimize import brentq
 
 from faultgauge.detection.bank import CERTAIN, FaultBank, build_fault_bank
@@ -40,7 +40,7 @@ from faultgauge.detection.noise import Noise
 from faultgauge.detection.priors import AT_START, RARE
 from faultgauge.detection.verdicts import log_odds
 from faultgauge.detection.watch import Watch
-from faultgauge.detection.words import MOST, moment
+from faultgauge.detection.words import MOST, UNDECLARED, moment
 from faultgauge.errors import InputError
 from faultgauge.plants.model import Model
 from faultgauge.plants.record import BankLevel, CalibrationRecord, NoiseLevels
@@ -108,6 +108,7 @@ def calibrate_bank(
 
     bank, blocks = tried(1.0)
     suspects = merged([b for b in blocks if b.peak >= CERTAIN])
+    most_of_all = suspects or [max(blocks, key=lambda each: each.peak)]
     expected = bank.onset.sum() * healthy + AT_START * len(bank.onset) * len(runs)
     most = min(float(np.log(expected / BY_CHANCE)), 0.0)
     widened, bank, blocks = _believed(bank, blocks, most, tried)
@@ -115,7 +116,7 @@ def calibrate_bank(
     peaks = np.sort([b.peak for b in blocks])[::-1]
     allowed, mtbfa = allowed_peaks(judged, mtbfa, len(peaks))
     level = level_of(peaks, allowed)
-    warnings = _believed_less(widened, suspects, {run.name: run.clock for run in runs})
+    warnings = _believed_less(widened, most_of_all, {run.name: run.clock for run in runs})
     found = BankLevel(
         level=level,
         widened=widened,
@@ -135,25 +136,27 @@ def calibrate_bank(
 
 
 def _believed_less(
-    widened: float, suspects: Sequence[Block], clocks: Mapping[str, datetime | None]
+    widened: float, asked: Sequence[Block], clocks: Mapping[str, datetime | None]
 ) -> list[str]:
-    """That all is as wide as it is, and where the healthy logs asked for it most."""
+    """That all is as wide as it is, and where the healthy logs `asked` for it most."""
     if widened == 1.0:
         return []
-    worst = sorted(suspects, key=lambda each: -each.peak)[:MOST_NAMED]
     where = "; ".join(
-        f"run {b.run}, {moment(clocks[b.run], b.start, 1.0)} to "
-        f"{moment(clocks[b.run], b.end, 1.0)} ({_odds(b.peak)})"
-        for b in worst
+        f"run {b.run} from {_at(b, b.start, clocks)} to {_at(b, b.end, clocks)} "
+        f"({b.cause}, {_odds(b.peak)})"
+        for b in sorted(asked, key=lambda each: -each.peak)[:MOST_NAMED]
     )
-    where = f", most of all in {where}" if worst else ""
     return [
-        "the model errs in ways that noise does not, and healthy logs would look faulty"
-        + where
-        + f": all intervals are made {widened:.2g} times as wide, and a fault must be "
-        f"{widened:.2g} times as large to be told; if some of that was not healthy, leave it out "
-        "with --where"
+        "the model errs in ways that its noise does not cover, and healthy logs would look faulty, "
+        f"most of all {where}: all intervals are made {widened:.2g} times as wide, and a fault "
+        f"must be {widened:.2g} times as large to be told; if some of that was not healthy, leave "
+        "it out with --where"
     ]
+
+
+def _at(block: Block, t: float, clocks: Mapping[str, datetime | None]) -> str:
+    """A time of `block`, at the second or finer where it is short."""
+    return moment(clocks[block.run], t, min(1.0, (block.end - block.start) / 10))
 
 
 def _believed(
@@ -228,14 +231,17 @@ def _blocks(bank: FaultBank, runs: Sequence[Run], walked: Callable[[], None]) ->
         walked()
         stretches += _scores(bank, run)
     length = max(int(np.ceil(MEMORIES * bank.knowledge.memory / bank.step)), SHORTEST)
-    total = sum(len(score) for _, _, score in stretches)
+    total = sum(len(score) for _, _, score, _ in stretches)
     length = max(min(length, total // (2 * FEWEST_BLOCKS)), SHORTEST)
+    causes = (*bank.model.plant.signals.fault_names, UNDECLARED)
     blocks = []
-    for name, t, score in stretches:
+    for name, t, score, likeliest in stretches:
         count = max(len(score) // length, 1 if len(score) >= SHORTEST else 0)
         for piece in np.array_split(np.arange(len(score)), count) if count else ():
             end = float(t[piece[-1]]) + bank.step
-            blocks.append(Block(name, float(t[piece[0]]), end, float(score[piece].max())))
+            top = piece[np.argmax(score[piece])]
+            peak, cause = float(score[top]), causes[likeliest[top]]
+            blocks.append(Block(name, float(t[piece[0]]), end, peak, cause))
     if len(blocks) < FEWEST_BLOCKS:
         have = total * bank.step
         raise InputError(
@@ -246,13 +252,23 @@ def _blocks(bank: FaultBank, runs: Sequence[Run], walked: Callable[[], None]) ->
     return blocks
 
 
-def _scores(
-    bank: FaultBank, run: Run
-) -> list[tuple[str, Float[np.ndarray, "samples"], Float[np.ndarray, "samples"]]]:
-    """(run, t, score) of every stretch of `run` behind its hold-off."""
+class _Scored(NamedTuple):
+    """Samples of a run: the place of the likeliest cause is one behind the faults where that is
+    undeclared."""
+
+    run: str
+    t: Float[np.ndarray, "samples"]
+    score: Float[np.ndarray, "samples"]
+    likeliest: Int[np.ndarray, "samples"]
+
+
+def _scores(bank: FaultBank, run: Run) -> list[_Scored]:
+    """Every stretch of `run` behind its hold-off."""
     watch = Watch(bank.model, tuple(run.columns), run.step, bank=bank)
     found = watch.along(watch.init(averaged=run.resampled is not None), run)[1].posterior
     odds = np.maximum(np.asarray(log_odds(found.calm)), LOWEST)
+    active = np.nan_to_num(found.p) * bank.with_monitor("active")
+    likeliest = np.argmax(np.column_stack([active, np.nan_to_num(found.unknown)]), axis=1)
     score = np.where(found.held | ~np.isfinite(found.calm), np.nan, odds)
     score = np.where(np.isfinite(score) & ~found.inside, LOWEST, score)
     count = 1 + int(np.ceil(bank.model.plant.signals.detection.persistence / bank.step))
@@ -261,5 +277,6 @@ def _scores(
     for a, b in edges.reshape(-1, 2):
         if b - a >= count:
             lasting = np.lib.stride_tricks.sliding_window_view(score[a:b], count).min(axis=1)
-            found.append((run.name, run.t[a + count - 1 : b], lasting))
+            part = slice(a + count - 1, b)
+            found.append(_Scored(run.name, run.t[part], lasting, likeliest[part]))
     return found

@@ -1,7 +1,7 @@
 """Healthy data cut into blocks, and the false-alarm rate that their peaks support."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -26,12 +26,13 @@ CONFIDENCE = 0.95
 
 @dataclass(frozen=True)
 class Block:
-    """A stretch of a healthy run and its highest score."""
+    """A stretch of a healthy run, its highest score, and which cause is likeliest there."""
 
     run: str
     start: float
     end: float
     peak: float
+    cause: str = ""
 
 
 def merged(blocks: Sequence[Block]) -> list[Block]:
@@ -40,7 +41,8 @@ def merged(blocks: Sequence[Block]) -> list[Block]:
     for each in sorted(blocks, key=lambda block: (block.run, block.start)):
         last = found[-1] if found else None
         if last and last.run == each.run and each.start <= last.end + 1e-9 * abs(last.end):
-            found[-1] = Block(each.run, last.start, each.end, max(last.peak, each.peak))
+            most = max(last, each, key=lambda block: block.peak)
+            found[-1] = replace(most, start=last.start, end=each.end)
         else:
             found.append(each)
     return found

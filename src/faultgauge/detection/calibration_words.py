@@ -6,7 +6,7 @@ import numpy as np
 
 from faultgauge.detection.noise import constants_of, drifting_of, noise_of
 from faultgauge.detection.uncalibrated import level_in
-from faultgauge.detection.words import number
+from faultgauge.detection.words import duration, number
 from faultgauge.plants.disturbed import dynamic_states
 from faultgauge.plants.model import Model
 from faultgauge.plants.record import Interval
@@ -37,34 +37,34 @@ def errors(model: Model) -> list[str]:
     for k, state in enumerate(dynamic_states(model.plant)):
         each = signals.states[state]
         unit = f" {each.unit}/s" if each.unit else " per second"
-        lasting = noise.lasting[k]
+        for_long = duration(float(noise.lasting[k]))
         lines.append(
             f"the model's own error in d({each.name}): {number(noise.size[k], 2)}{unit}, lasting "
-            f"about {number(lasting, 2)} s"
+            f"about {for_long}"
         )
     for j in noise.wanders:
         each = signals.outputs[j]
         size = f"{number(noise.wander[j], 2)} {each.unit}".rstrip()
         lines.append(
             f"{each.name} wanders by {size} beside what the model says, for about "
-            f"{number(noise.wandering[j], 2)} s at a time"
+            f"{duration(float(noise.wandering[j]))} at a time"
         )
     for j in noise.strays:
         each = signals.inputs[j]
         size = f"{number(noise.stray[j], 2)} {each.unit}".rstrip()
         lines.append(
             f"{each.name} strays by {size} from what the log says, for about "
-            f"{number(noise.straying[j], 2)} s at a time"
+            f"{duration(float(noise.straying[j]))} at a time"
         )
     for j in noise.lags:
         lines.append(
             f"what an input's change does to {signals.outputs[j].name} is off by about "
-            f"{100 * noise.late[j]:.0f} % of it, for about {number(noise.lag[j], 2)} s"
+            f"{100 * noise.late[j]:.0f} % of it, for about {duration(float(noise.lag[j]))}"
         )
     known = dict(zip(constants_of(model).names, noise.spread.tolist(), strict=True))
     values = model.plant.parameters
     spread = [
-        f"{name} {number(s, 2)} ({100 * s / abs(float(values[name])):.1f} %)"
+        f"{name} {number(s, 2)} ({number(100 * s / abs(float(values[name])), 2)} %)"
         if float(values[name])
         else f"{name} {number(s, 2)}"
         for name, s in known.items()

@@ -18,7 +18,17 @@ from faultgauge.detection.verdicts import FAULT, HEALTHY, NAMED, STATUS, Reason,
 from faultgauge.detection.words import MOST
 from faultgauge.telemetry import Run
 
-__all__ = ["UNKNOWN", "Alarm", "BankEvent", "Judged", "events", "pause", "stretches", "telling"]
+__all__ = [
+    "UNKNOWN",
+    "Alarm",
+    "BankEvent",
+    "Judged",
+    "Unnamed",
+    "events",
+    "pause",
+    "stretches",
+    "telling",
+]
 
 UNKNOWN = "unknown"
 POSSIBLE = 0.05  # p of a fault beside another from which on it is told
@@ -59,12 +69,24 @@ class BankEvent:
 @dataclass(frozen=True)
 class Alarm:
     """On a stream: a fault was named at `start` [s], as large as it is then, in its unit (None for
-    an undeclared one). How large it was in the end, and since when, its event tells."""
+    an undeclared one). How large it was in the end, and since when, its event tells. `fault` is
+    None where an alarm begins before anything can be named, for the `reason` that is given."""
 
     run: str
-    fault: str
+    fault: str | None
     start: float
     size: float | None
+    reason: str = ""
+
+
+@dataclass(frozen=True)
+class Unnamed:
+    """On a stream: an alarm from `start` to `end` [s] is over, and no fault was named."""
+
+    run: str
+    start: float
+    end: float
+    sentence: str
 
 
 class Judged(NamedTuple):
@@ -176,7 +198,7 @@ def _event(bank: FaultBank, judged: Judged, each: _Stretch, log: float) -> BankE
     p = found.p[:, k] if declared else found.unknown
     last = _settled(p, each.told, each.stop - 1)
     size = float(found.f[last, k] / found.p[last, k]) if declared else None
-    onset, low, high = _onset(bank, judged, each, last)
+    onset, low, high = _onset(bank, judged, each, last, log)
     held = log + bank.hold_off
     return BankEvent(
         judged.run.name,
@@ -198,18 +220,22 @@ def _event(bank: FaultBank, judged: Judged, each: _Stretch, log: float) -> BankE
 
 
 def _onset(
-    bank: FaultBank, judged: Judged, each: _Stretch, last: int
+    bank: FaultBank, judged: Judged, each: _Stretch, last: int, log: float
 ) -> tuple[float, float, float]:
     """(mean, lower, upper), at least a step wide and not after the fault was told; of an unknown
     fault, from the bank's memory before it was likely until then.
 
     Where the fault changed since, the posterior at `last` dates the change; then the best of the
-    dates before is the fault's.
+    dates before is the fault's. A fault that is dated into an alarm that had no name is perhaps
+    what raised it, smaller or still growing: then it is as old as that may be.
     """
     t, told = judged.run.t, float(judged.run.t[each.told])
+
+    def raised(at: int, until: float) -> tuple[float, float, float]:
+        return float(t[at]), max(float(t[at]) - bank.knowledge.memory, log), until
+
     if each.k == judged.found.p.shape[1]:
-        begun = float(t[each.begun])
-        return begun, max(begun - bank.knowledge.memory, float(t[0])), told
+        return raised(each.begun, told)
     ago, sd = judged.found.onset[:, each.k].T
     if t[last] - ago[last] > told:
         rows = np.arange(each.told, last + 1)
@@ -217,7 +243,20 @@ def _onset(
         last = int(first[np.argmin(sd[first])]) if len(first) else last
     mean = min(float(t[last] - ago[last]), told - bank.step / 2)
     half = max(WIDE * float(sd[last]), bank.step / 2)
-    return mean, mean - half, min(mean + half, told)
+    low, high = mean - half, min(mean + half, told)
+    alarm = _nameless(judged, each.told)
+    return raised(alarm, high) if t[alarm] < low else (mean, low, high)
+
+
+def _nameless(judged: Judged, told: int) -> int:
+    """The first row of the alarm without the name of a declared fault that lasts until `told`; that
+    row itself where there is none."""
+    alarm = judged.verdict.status == STATUS.index(FAULT)
+    open_ = alarm & ~judged.verdict.named[:, :-1].any(axis=1)
+    broken = np.flatnonzero(~open_[:told] & np.isfinite(judged.found.healthy[:told]))
+    first = int(broken[-1]) + 1 if len(broken) else 0
+    rows = np.flatnonzero(open_[first:told])
+    return first + int(rows[0]) if len(rows) else told
 
 
 def _settled(p: Float[np.ndarray, "samples"], told: int, last: int) -> int:

@@ -5,11 +5,15 @@ which fault it is; both answers look sound.
 """
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from jaxtyping import Bool
 
+from faultgauge.detection.decisions import Decision
+from faultgauge.detection.posterior import Posterior
+from faultgauge.detection.verdicts import QUIET
 from faultgauge.detection.words import number
 from faultgauge.errors import InputError
 from faultgauge.identification.evaluation import WARMUP, evaluate
@@ -17,7 +21,7 @@ from faultgauge.identification.holdout import LAST_SHARE
 from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run, cut
 
-__all__ = ["FEWEST", "Alarmed", "Misfit", "alarmed_throughout", "not_followed"]
+__all__ = ["FEWEST", "Alarmed", "Misfit", "alarmed_throughout", "not_followed", "quiet"]
 
 SHORTEST = 2 * WARMUP  # samples of a piece
 LONGEST = 20_000  # samples of a free run
@@ -72,12 +76,18 @@ def _pieces(run: Run) -> list[Run]:
     ]
 
 
-def alarmed_throughout(statuses: Mapping[str, Sequence[str]]) -> list[str]:
+def quiet(found: Posterior) -> Bool[np.ndarray, "samples"]:
+    """Rows that speak of no fault, also where none would show: an alarm was not on before them."""
+    heard = np.isfinite(found.healthy) & ~found.held & found.inside
+    return heard & (np.nan_to_num(found.calm) > QUIET)
+
+
+def alarmed_throughout(decisions: Sequence[Decision]) -> list[str]:
     """A sentence for every run whose status is FAULT from its beginning on and nearly always."""
     found = []
-    for run, status in statuses.items():
-        alarmed = Alarmed(run)
-        alarmed.add(status)
+    for each in decisions:
+        alarmed = Alarmed(each.run.name)
+        alarmed.add(each.status, quiet(each.posterior))
         if alarmed.throughout:
             found.append(alarmed.sentence())
     return found
@@ -96,17 +106,18 @@ class Misfit:
 
 @dataclass
 class Alarmed:
-    """How much of one run is under alarm, in judged samples; `calm` of them before the first."""
+    """How much of one run is under alarm, in judged samples and those that are quiet; `calm` of
+    them before the first."""
 
     run: str
     judged: int = 0
     alarms: int = 0
     calm: int = 0
 
-    def add(self, status: Sequence[str]) -> None:
+    def add(self, status: Sequence[str], quiet: Bool[np.ndarray, "_"]) -> None:
         """The next samples."""
-        for each in status:
-            if each in ("HEALTHY", "FAULT"):
+        for each, calm in zip(status, quiet, strict=True):
+            if calm or each in ("HEALTHY", "FAULT"):
                 self.judged += 1
                 self.alarms += each == "FAULT"
                 self.calm += self.alarms == 0

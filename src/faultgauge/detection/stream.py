@@ -15,6 +15,7 @@ import jax
 import numpy as np
 from jaxtyping import Bool
 
+from faultgauge.detection.answer import alarms
 from faultgauge.detection.bank import FaultBank, build_fault_bank, evaluated_faults
 from faultgauge.detection.decisions import Decision, Watching, unjudged
 from faultgauge.detection.estimation import Estimated, Observing
@@ -23,16 +24,18 @@ from faultgauge.detection.events import (
     Alarm,
     BankEvent,
     Judged,
+    Unnamed,
     events,
     pause,
     telling,
 )
 from faultgauge.detection.intake import Intake, slow_outputs, with_taken
 from faultgauge.detection.judged import build_bank, check_observer
-from faultgauge.detection.misfit import FEWEST, Alarmed, Misfit
+from faultgauge.detection.misfit import FEWEST, Alarmed, Misfit, quiet
 from faultgauge.detection.noise import noise_of
 from faultgauge.detection.residual import Reference, Residuals, curved_inputs
 from faultgauge.detection.uncalibrated import uncalibrated
+from faultgauge.detection.verdicts import FAULT, STATUS, words
 from faultgauge.errors import InputError
 from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run
@@ -43,7 +46,7 @@ from faultgauge.telemetry.stream import NAME, SOURCE, Sample
 
 __all__ = ["Said", "Stream"]
 
-Said: TypeAlias = Estimated | Decision | Alarm | BankEvent | Misfit
+Said: TypeAlias = Estimated | Decision | Alarm | BankEvent | Unnamed | Misfit
 
 
 class Stream:
@@ -125,10 +128,11 @@ class Stream:
     def _misfits(self, said: Decision) -> Iterator[Misfit]:
         """As of each row."""
         block = self._block()
-        for t, status in zip(said.run.t, said.status, strict=True):
+        calm = quiet(said.posterior)
+        for k, t in enumerate(said.run.t):
             if self.alarmed is None:
                 return
-            self.alarmed.add([status])
+            self.alarmed.add(said.status[k : k + 1], calm[k : k + 1])
             if self.alarmed.judged >= block:
                 yield from self._misfit(float(t))
 
@@ -232,10 +236,10 @@ class _Ongoing:
         self.names = (*bank.model.plant.signals.fault_names, UNKNOWN)
         self.kept: list[Judged] = []
         self.calm = 0  # sampled rows in a row that speak of no fault
-        self.told: set[str] = set()
+        self.told: set[str | None] = set()  # None: that an alarm has no name yet
         self.begun: float | None = None  # [s]
 
-    def push(self, rows: Judged) -> Iterator[Alarm | BankEvent]:
+    def push(self, rows: Judged) -> Iterator[Alarm | BankEvent | Unnamed]:
         """Keep the rows that belong to what may be an event; tell alarms and events."""
         self.begun = float(rows.run.t[0]) if self.begun is None else self.begun
         speaks, sampled = self._speaks(rows), np.isfinite(rows.found.healthy)
@@ -259,10 +263,16 @@ class _Ongoing:
         likely = np.any(np.nan_to_num(columns) >= detection.release, axis=1)
         p0 = np.clip(np.nan_to_num(found.healthy, nan=1.0), 1e-300, 1.0)
         over = p0 * (1 + np.exp(self.bank.level)) <= 1
-        return likely | over | rows.verdict.named.any(axis=1)
+        return likely | over | rows.verdict.alarm | rows.verdict.named.any(axis=1)
 
     def _alarms(self, rows: Judged, k: int, named: Bool[np.ndarray, "causes"]) -> Iterator[Alarm]:
-        """Of what is `named` in row `k` for the first time."""
+        """Of what is `named` in row `k` for the first time, and of an alarm that begins there and
+        has no name yet."""
+        alarm = rows.verdict.status[k] == STATUS.index(FAULT)
+        if alarm and not named.any() and not self.told:
+            self.told.add(None)
+            _, (reason,) = self._words(rows, slice(k, k + 1))
+            yield Alarm(rows.run.name, None, float(rows.run.t[k]), None, reason)
         for cause in np.flatnonzero(named):
             name, found = self.names[cause], rows.found
             if name not in self.told:
@@ -280,11 +290,23 @@ class _Ongoing:
         while len(self.kept) > 1 and len(self.kept[-2].run.t) <= len(self.kept[-1].run.t):
             self.kept[-2:] = [_joined(self.kept[-2:])]
 
-    def over(self) -> Iterator[BankEvent]:
-        """The events of what was kept."""
-        if any(each.verdict.named.any() for each in self.kept):
-            yield from events(self.bank, _joined(self.kept), self.begun)
+    def over(self) -> Iterator[BankEvent | Unnamed]:
+        """The events of what was kept, and its alarms without one."""
+        if any(np.any(each.verdict.status == STATUS.index(FAULT)) for each in self.kept):
+            kept = _joined(self.kept)
+            found = events(self.bank, kept, self.begun)
+            yield from found
+            said = self._words(kept, slice(None))
+            decision = Decision(kept.run, kept.found, {}, *said, found, kept.run)
+            for each in alarms(self.bank, decision):
+                yield Unnamed(kept.run.name, each.start, each.end, each.text)
         self.kept, self.told = [], set()
+
+    def _words(self, rows: Judged, part: slice) -> tuple[list[str], list[str]]:
+        """(status, reason) of a part of the rows."""
+        signals = self.bank.model.plant.signals
+        regions = [region.covered for region in self.bank.regions]
+        return words(signals, regions, rows.verdict.status[part], rows.verdict.reason[part])
 
 
 def _joined(pieces: Sequence[Judged]) -> Judged:

@@ -49,6 +49,7 @@ QUIET = 0.5  # p of no fault above: nothing speaks of one
 NAMED = 0.98  # p of a fault from which on it is named
 FRESH = 10.0  # samples without any output after which the answer is stale
 PLACES = 4096  # more than there are of anything that a reason may be about
+TOO_SOON = ": too soon after a start or a gap, or not in these data"
 EDGE = 1e-6  # of an input's limits: that near it stands at one
 
 
@@ -70,6 +71,7 @@ class Reason(IntEnum):
     AT_LIMIT = 11
     NOT_EXCITED = 12
     NOT_YET = 13
+    NONE_SHOWS = 14
 
 
 class Verdict(NamedTuple):
@@ -193,6 +195,7 @@ class Rules(eqx.Module):
         shown, on = jnp.any(heard.seen, axis=1), [k != "disabled" for k in self.monitors]
         clear, blind = jnp.any(shown & np.array(on)), jnp.any(~shown & np.array(on))
         unseen = self._unseen(heard, ~shown & np.array(on))
+        none_shows = _reason(Reason.NONE_SHOWS) if sum(on) > 1 else unseen
         quiet = found.healthy > QUIET
         nothing = _reason(Reason.NONE)
         cases = (
@@ -207,7 +210,7 @@ class Rules(eqx.Module):
             (alarm, FAULT, self._cause(found, named)),
             (heard.outside > 0, NOT_JUDGED, _reason(Reason.OUTSIDE, heard.outside - 1)),
             (~quiet, NOT_JUDGED, self._small(found)),
-            (~clear, NOT_JUDGED, unseen),
+            (~clear, NOT_JUDGED, none_shows),
         )
         status = jnp.asarray(STATUS.index(HEALTHY))
         reason = jnp.where(blind, unseen, nothing)
@@ -309,6 +312,8 @@ def _said(signals: Signals, regions: Sequence[str], code: int) -> str:
         case Reason.SMALL:
             name = signals.fault_names[first]
             return f"{name} is possible, but not certain enough for an alarm"
+        case Reason.NONE_SHOWS:
+            return f"no declared fault would show{TOO_SOON}"
         case Reason.AT_LIMIT | Reason.NOT_EXCITED | Reason.NOT_YET as unseen:
             return _unseen(signals.faults[first], unseen)
 
@@ -320,4 +325,4 @@ def _unseen(fault: Fault, why: Reason) -> str:
         case Reason.NOT_EXCITED:
             return f"{fault.name} would not show: {fault.target} does not excite it"
         case _:
-            return f"{fault.name} would not show yet, after a start, a gap or in these data"
+            return f"{fault.name} would not show{TOO_SOON}"

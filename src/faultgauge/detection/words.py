@@ -12,6 +12,7 @@ __all__ = [
     "UNDECLARED",
     "amount",
     "between",
+    "duration",
     "less_likely",
     "likelihoods",
     "listed",
@@ -20,6 +21,7 @@ __all__ = [
     "onset_cell",
     "or_earlier",
     "since",
+    "times_more",
     "would_not_show",
 ]
 
@@ -29,7 +31,10 @@ PURE = ("1", "-")  # units that nobody says
 LARGE = 1e6  # from which on a number is said in powers of ten
 SMALL = 1e-4  # below which a number is said in powers of ten
 ROUNDING = 1e-6  # of the last decimal
+JITTER = 0.01  # decades: rows that are 0.00099 s apart are not told finer than those of 0.001 s
 CENTRED = 0.1  # of half an interval: a value that near its middle is in it
+SPANS = ((100.0, 1.0, "s"), (3600.0, 60.0, "min"), (48 * 3600.0, 3600.0, "h"))  # below: in, as
+COARSE = 600.0  # s, from which on a clock is read to the minute
 OLDER = "already there when the log begins"
 UNDECLARED = "something undeclared"
 
@@ -100,6 +105,11 @@ def listed(names: Sequence[str], word: str = "and") -> str:
     return f"{', '.join(first)} {word} {last}" if first else last
 
 
+def times_more(count: int) -> str:
+    """ "once more", "3 times more"."""
+    return "once more" if count == 1 else f"{count} times more"
+
+
 def moment(clock: datetime | None, t: float, resolution: float = 0.0) -> str:
     """`t` [s] as a clock that showed `clock` at 0 s shows it, or as seconds; as fine as
     `resolution` [s] is, and rounded down, as clocks do, so that nothing is said to be later than
@@ -109,17 +119,28 @@ def moment(clock: datetime | None, t: float, resolution: float = 0.0) -> str:
         return f"{np.floor(t / unit + ROUNDING) * unit:.12g} s"
     at = clock + timedelta(seconds=t)
     date = "" if at.date() == clock.date() else f"{at.date().isoformat()} "
+    if resolution >= COARSE:
+        return date + at.time().isoformat("minutes")
     whole = resolution >= 1 or not at.microsecond
     return date + at.time().isoformat("seconds" if whole else "milliseconds")
 
 
+def duration(seconds: float) -> str:
+    """ "23 s", "5.2 min", "1.5 h", "4.1 days"."""
+    for below, unit, name in SPANS:
+        if float(f"{seconds:.2g}") < below:
+            return f"{number(seconds / unit, 2)} {name}"
+    return f"{number(seconds / 86400.0, 2)} days"
+
+
 def since(clock: datetime | None, onset: float, low: float, high: float) -> str:
-    """ "since 299.5 s +- 1.1 s", or "since 299.5 s, between 298.1 s and 300 s" where that is not
-    the middle of its interval."""
+    """ "since 299.5 s +- 1.1 s", "since 08:41 +- 1.5 h" by a clock, or "since 299.5 s, between
+    298.1 s and 300 s" where that is not the middle of its interval."""
     half = (high - low) / 2
     at, first, last = (moment(clock, t, half) for t in (onset, low, high))
     if abs((low + high) / 2 - onset) <= CENTRED * half:
-        return f"since {at} +- {number(half, 2)} s"
+        width = f"{number(half, 2)} s" if clock is None else duration(half)
+        return f"since {at} +- {width}"
     return f"since {at}, between {first} and {last}"
 
 
@@ -136,4 +157,6 @@ def or_earlier(clock: datetime | None, latest: float, resolution: float) -> str:
 
 def decimals(width: float) -> int:
     """Decimals that show two figures of `width`."""
-    return min(max(0, int(np.ceil(-np.log10(width))) + 1), 12) if width > 0 else 6
+    if not width > 0:
+        return 6
+    return min(max(0, int(np.ceil(-np.log10(width) - JITTER)) + 1), 12)

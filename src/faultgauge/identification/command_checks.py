@@ -24,7 +24,7 @@ from scipy.signal import lfilter
 from faultgauge.errors import InputError
 from faultgauge.identification.log_checks import beyond_limits
 from faultgauge.identification.samples import Stretch, channels, collect, in_effect, slow_columns
-from faultgauge.plants.expression import Expression, names_used, networks_used
+from faultgauge.plants.expression import Expression, Node, evaluate, names_used, networks_used
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.signals import Input
 from faultgauge.telemetry import Run
@@ -41,6 +41,7 @@ ABOVE_NOISE = 2.0  # times the derivative's own noise, which the loop feeds back
 EFFECT = 0.02  # of the spread of d(x): less does not matter
 FLAT = 0.05  # of the slope in the middle half: a response that has stopped
 BEYOND = 0.05  # of the samples lie where it has
+EDGE = 0.999  # of a network's training: what lies further out is at its edge
 
 
 class _Version(NamedTuple):
@@ -80,9 +81,11 @@ def response_warnings(
     )
     found = []
     for k, each in enumerate(plant.signals.inputs):
-        learned = [i for i, e in enumerate(plant.spec.derivatives) if _feeds_network(e, each.name)]
+        learned = [i for i, e in enumerate(plant.spec.derivatives) if [*_reads(e, each.name)]]
         if learned:
-            found += _flat(each, u[:, k], np.abs(slopes[:, learned, k]).max(axis=1))
+            slope = np.abs(slopes[:, learned, k]).max(axis=1)
+            inside = np.asarray(_inside(plant, each.name, jnp.asarray(x), jnp.asarray(u)))
+            found += _flat(each, u[inside, k], slope[inside], len(u))
         acting = [i for i in np.flatnonzero(~small) if slopes[:, i, k].any()]
         if acting:
             found += _other_response(plant, k, stretches, rest[:, acting], slopes[:, acting, k])
@@ -100,10 +103,41 @@ def _responses(
     )
 
 
+@eqx.filter_jit
+def _inside(
+    plant: GrayBoxPlant,
+    name: str,
+    x: Float[Array, "samples states"],
+    u: Float[Array, "samples inputs"],
+) -> Bool[Array, "samples"]:
+    """Where what networks are told of input `name` is within their training: at its edge and
+    beyond they answer the same by design, not because the plant does."""
+
+    def at(x: Float[Array, "states"], u: Float[Array, "inputs"]) -> Bool[Array, ""]:
+        values = plant.point(x, u)
+        rates = dict(zip(plant.signals.state_names, plant.derivative(x, u), strict=True))
+        within = []
+        for each in plant.spec.derivatives:
+            for called, k, argument in _reads(each, name):
+                network = plant.networks[called]
+                p = evaluate(argument, values, jnp, derivatives=rates, networks=plant.networks)
+                away = jnp.abs((p - network.input_center[k]) / network.input_scale[k])
+                within.append(away < EDGE)
+        return jnp.all(jnp.stack(within))
+
+    return jax.vmap(at)(x, u)
+
+
 def _flat(
-    each: Input, u: Float[np.ndarray, "samples"], slope: Float[np.ndarray, "samples"]
+    each: Input,
+    u: Float[np.ndarray, "inside"],
+    slope: Float[np.ndarray, "inside"],
+    samples: int,
 ) -> Iterator[str]:
-    """Whether a network has learned that `u` does nothing beyond a level; `slope` is |dF/du|."""
+    """Whether a network has learned that `u` does nothing beyond a level; `slope` is |dF/du|, both
+    where the network was trained, which is so many of the `samples`."""
+    if len(u) < 2:
+        return
     low, high = np.quantile(u, [0.25, 0.75])
     middle = float(np.median(slope[(u >= low) & (u <= high)]))
     for sign, side in ((1.0, "above"), (-1.0, "below")):
@@ -111,22 +145,22 @@ def _flat(
         mean = np.cumsum(slope[order]) / np.arange(1, len(u) + 1)
         count = int(np.max(np.flatnonzero(mean < FLAT * middle), initial=-1)) + 1
         level, end = u[order[max(count - 1, 0)]], u[order[0]]
-        if count >= BEYOND * len(u) and sign * (end - level) > BEYOND * np.ptp(u):
+        if count >= BEYOND * samples and sign * (end - level) > BEYOND * np.ptp(u):
             yield (
-                f"input {each.name!r} moves on {side} {level:.4g} in {100 * count / len(u):.1f} "
+                f"input {each.name!r} moves on {side} {level:.4g} in {100 * count / samples:.1f} "
                 "% of the samples, where the response does not: it looks like the command of a "
                 f"saturated actuator; log what was applied, or give min and max in "
                 f"[inputs.{each.name}]"
             )
 
 
-def _feeds_network(expression: Expression, name: str) -> bool:
-    return any(
-        name in names_used(Expression("", argument))
-        for calls in networks_used(expression).values()
-        for call in calls
-        for argument in call
-    )
+def _reads(expression: Expression, name: str) -> Iterator[tuple[str, int, Node]]:
+    """(network, which argument, its expression) wherever `name` is told to a network."""
+    for network, calls in networks_used(expression).items():
+        for call in calls:
+            for k, argument in enumerate(call):
+                if name in names_used(Expression("", argument)):
+                    yield network, k, argument
 
 
 def _other_response(

@@ -88,7 +88,8 @@ def _of_output(run: Run, name: str) -> Iterator[str]:
     stretches = stuck_stretches(run, name)
     if stretches:
         first, last = stretches[0].start, stretches[0].stop - 1
-        more = f" and {len(stretches) - 1} more times" if len(stretches) > 1 else ""
+        others = len(stretches) - 1
+        more = (" and once more" if others == 1 else f" and {others} times more") if others else ""
         yield (
             f"output {name!r} is stuck at {run.columns[name][first]:.6g} from {run.t[first]:.6g} s "
             f"to {run.t[last]:.6g} s of run {run.name!r}{more} while other columns move; leave "

@@ -24,7 +24,7 @@ def demonstration_report(
     wheel = (
         "Reaction wheel of a simulated satellite in closed loop: friction faults of 0.1 to 0.2 "
         f"N·m were estimated to {1e3 * quality['rmse']['median']:.2f} mN·m (RMSE from 50 s after "
-        f"each jump), each jump within {quality['settling_s']['median']:.0f} s."
+        f"each jump), each jump within {quality['settling_s']['median']:.1f} s."
     )
     sections = [replace(s, title=f"Drive: {s.title}") for s in drive.sections]
     *before, estimates = wheel_sections(results, traces)

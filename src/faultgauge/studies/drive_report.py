@@ -58,7 +58,7 @@ def told(drive: Drive) -> str:
     """The first answer, and how many there are."""
     first, _ = leading(drive.bank, [drive.decision])
     more = len(drive.decision.events) - 1
-    return f"{first}, and {more} more" if more > 0 else first
+    return f"{first}, and {more} more events" if more > 0 else first
 
 
 def drive_report(logs: DriveLogs, drives: Mapping[str, Drive]) -> Report:

@@ -109,7 +109,7 @@ def check(
     check_same_units([*good, *doubtful], good.how.maps)
     found = checkup.check(body, good, doubtful, seed=seed, progress=progress)
     found = replace(found, model=found.model.with_reading(good.how.said))
-    throughout = misfit.alarmed_throughout({e.run.name: e.status for e in found.decisions})
+    throughout = misfit.alarmed_throughout(found.decisions)
     unlike = other_range(found.model, doubtful)
     odd = [*throughout, *glitched(found.decisions)]
     warnings = [*unlike, *found.account.warnings, *found.calibration.warnings, *odd]

@@ -267,7 +267,7 @@ def estimate(
         return Estimates(known, estimated, observers, reference, warnings, said)
     decided, bank = decisions.decide_runs(known, runs, reference, walk, progress)
     progress("looking for slow changes")
-    warnings += misfit.alarmed_throughout({each.run.name: each.status for each in decided})
+    warnings += misfit.alarmed_throughout(decided)
     warnings += glitched(decided)
     drifting = [] if bank is None else drift.drifts(bank, decided)
     found = Answer(known, decided, bank, drifting, warnings, smooth)
