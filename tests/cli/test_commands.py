@@ -9,12 +9,14 @@ import subprocess
 import sys
 from datetime import datetime, timedelta
 from pathlib import Path
+from types import SimpleNamespace
 
 import equinox as eqx
 import numpy as np
 import pytest
 
 from faultgauge.cli.app import app, run
+from faultgauge.cli.evidence import evidence_files
 from faultgauge.errors import InputError
 from faultgauge.plants.model import Model, load_model, save_model
 from faultgauge.studies import checkup
@@ -451,6 +453,18 @@ def test_the_evidence_is_a_log_that_gives_the_same_answer_again(call, workshop, 
     assert alone.code == 2
     assert alone.err.startswith("faultgauge: --evidence rests on the bank's hypotheses")
     assert not (tmp_path / "w").exists()
+
+
+def test_a_window_of_evidence_has_a_name_that_every_folder_takes(tmp_path):
+    """Whatever run and fault are called; 255 bytes are legal."""
+    called = ["r" * 300, "é" * 300, "../a/b", "", "con: 1"]
+    event = SimpleNamespace(fault="f" * 300)
+    found = [SimpleNamespace(run=SimpleNamespace(name=name), event=event) for name in called]
+    paths = evidence_files(found, tmp_path)
+    for path in paths:
+        path.write_text("")
+        assert path.parent == tmp_path
+    assert len(list(tmp_path.iterdir())) == len(called)
 
 
 def test_smooth_tells_leak_size_and_onset_from_the_whole_log(call, workshop, tmp_path):

@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+import re
 import signal
 import subprocess
 import sys
@@ -71,6 +72,25 @@ def test_a_stream_is_answered_as_its_file(pipe, workshop, tmp_path):
     assert without_run(piped.out) == without_run(out.read_text())
     assert events.read_text() == "", "an observer alone decides nothing"
     assert piped.err.startswith("An observer alone gives an estimate, no decision")
+
+
+def sampled_once(k):
+    return f"{k / 10},{k // 10 % 2},{0.3 if k == 7 else ''}"
+
+
+def flickering(k):
+    return f"{k / 10},5,{k % 2}"
+
+
+@pytest.mark.parametrize("row", [sampled_once, flickering])
+def test_a_sensor_that_says_next_to_nothing_is_answered_in_numbers(pipe, workshop, tmp_path, row):
+    events = tmp_path / "events.ndjson"
+    text = "\n".join(["t,u,x", *map(row, range(300)), ""])
+    said = pipe(text, "estimate", workshop.calibrated, "-", "--events", events)
+    assert said.code == 0, said.err
+    assert len(rows(said.out)) == 300
+    for each in (said.out, said.err, events.read_text()):
+        assert not re.search(r"\b(nan|inf|infinity)\b", each, re.IGNORECASE)
 
 
 def test_ndjson_answers_hold_every_bit_and_maps_act(pipe, workshop, tmp_path):

@@ -59,6 +59,11 @@ def small(old="", new="", *, more=""):
     return SMALL.replace(old, new, 1) + more if old else SMALL + more
 
 
+def bounded(bounds):
+    """The small plant with a fault of such bounds."""
+    return small(more=f'[faults.f]\nenters = "state"\ntarget = "x"\n{bounds}\n')
+
+
 def refusal(text):
     with pytest.raises(InputError) as caught:
         parse_plant(text, "p.toml")
@@ -249,6 +254,8 @@ def test_a_name_that_is_taken_or_reserved(text, parts):
         (small('value = "x"', 'value = "x"\nsigma = 1e-300'), ["sigma = 1e-300", "1e-50"]),
         (small(more="value = 1e300"), ["[parameters.k] value = 1e+300", "1e+50"]),
         (small(more="value = 0x" + "f" * 3600), ["[parameters.k] value = 0xff", "63 bits"]),
+        (bounded("max = 1e300"), ["[faults.f] max = 1e+300", "1e+50"]),
+        (bounded("min = -1e-300"), ["[faults.f] min = -1e-300", "1e-50"]),
         (small(more="[observer]\nbandwidth = -1"), ["[observer] bandwidth = -1", "greater than 0"]),
         (small(more="[observer]\nbandwidth = inf"), ["[observer] bandwidth = inf"]),
         (small(more="[networks.N]\nhidden = 0"), ["[networks.N] hidden = 0"]),
