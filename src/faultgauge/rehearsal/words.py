@@ -6,7 +6,17 @@ from faultgauge.detection.words import number
 from faultgauge.rehearsal.result import FaultResult, PairResult, Rehearsal, Trial
 from faultgauge.rehearsal.shares import Share
 
-__all__ = ["HEADER", "amount", "fault_row", "legend", "lines", "percent", "remarks", "said"]
+__all__ = [
+    "HEADER",
+    "amount",
+    "fault_row",
+    "legend",
+    "lines",
+    "percent",
+    "remarks",
+    "said",
+    "table",
+]
 
 MOST_INSTEAD = 4  # of what was told instead
 HEADER = (
@@ -25,18 +35,22 @@ HEADER = (
 
 def lines(rehearsal: Rehearsal) -> list[str]:
     """The table of the faults with its legend, and the remarks."""
-    rows = [HEADER, *(fault_row(each) for each in rehearsal.faults)]
+    return [*table(rehearsal.faults), "", legend(rehearsal.faults), *remarks(rehearsal)]
+
+
+def table(faults: Sequence[FaultResult]) -> list[str]:
+    """A line for the header and one for each of `faults`."""
+    rows = [HEADER, *(fault_row(each) for each in faults)]
     widths = [max(len(row[k]) for row in rows) for k in range(len(HEADER))]
-    table = [
+    return [
         "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
         for row in rows
     ]
-    return [*table, "", legend(rehearsal), *remarks(rehearsal)]
 
 
-def legend(rehearsal: Rehearsal) -> str:
+def legend(faults: Sequence[FaultResult]) -> str:
     """What the columns of the table mean."""
-    some_predicted = any(each.predicted is not None for each in rehearsal.faults)
+    some_predicted = any(each.predicted is not None for each in faults)
     which = "of at least 4 times the foretold size" if some_predicted else "of all sizes"
     return (
         "foretold: the smallest size that the model says it would name; named in 90 %: the one "
