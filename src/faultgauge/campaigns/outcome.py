@@ -111,9 +111,9 @@ def trial_of(row: Row, right: Mapping[str, Right]) -> Trial | None:
     )
     told = [each for each in row["told"].split(SPLIT) if each]
     known = {name: right[kind].name for kind in kinds for name in right[kind].names}
-    names: dict[str, None] = dict.fromkeys(known.get(each, each) for each in told)
+    names: list[str] = [known.get(each, each) for each in told]
     return Trial(
-        row["run"], row["kind"], answers, tuple(names), bool(row["alarmed"]), row["early"],
+        row["run"], row["kind"], answers, tuple(dict.fromkeys(names)), bool(row["alarmed"]), row["early"],
         row["not_judged"],
     )  # fmt: skip
 

@@ -8,7 +8,9 @@ import numpy as np
 from faultgauge.rehearsal.judging import UNKNOWN
 from faultgauge.rehearsal.shares import Rate, Share, Smallest
 
-__all__ = ["Answer", "FaultResult", "Figures", "PairResult", "Rehearsal", "Trial", "plain"]
+__all__ = ["NEAR", "Answer", "FaultResult", "Figures", "PairResult", "Rehearsal", "Trial", "plain"]
+
+NEAR = 1.5  # times: what is foretold is as good as what is found
 
 
 @dataclass(frozen=True)
@@ -120,6 +122,20 @@ class FaultResult:
     by_size: tuple[Figures, ...]
     large: Figures
     not_injectable: dict[str, int]
+
+    @property
+    def ratio(self) -> float | None:
+        """Named 90 % of the time over foretold along the windows."""
+        return self.smallest.size / self.along if self.smallest and self.along else None
+
+    @property
+    def within(self) -> bool | None:
+        """Whether that is within 1.5 times, either way; None where it is not known."""
+        if self.ratio is None or self.smallest is None:
+            return None
+        if self.smallest.at_most and self.ratio > 1 / NEAR:
+            return None  # it may be smaller
+        return 1 / NEAR <= self.ratio <= NEAR
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from faultgauge.detection.words import number
-from faultgauge.rehearsal.result import FaultResult, PairResult, Rehearsal, Trial
+from faultgauge.rehearsal.result import NEAR, FaultResult, PairResult, Rehearsal, Trial
 from faultgauge.rehearsal.shares import Share
 
 __all__ = [
@@ -84,6 +84,7 @@ def remarks(rehearsal: Rehearsal) -> list[str]:
             "Named exactly, all faults of at least 4 times the foretold size: "
             f"{said(rehearsal.exact)}."
         )
+    found += _against_sheet(rehearsal.faults)
     for times in sorted({each.times for each in rehearsal.pairs}):
         found.append(_pairs([each for each in rehearsal.pairs if each.times == times], times))
     found.append(
@@ -104,6 +105,24 @@ def remarks(rehearsal: Rehearsal) -> list[str]:
             for reason, count in each.not_injectable.items()
         ]
     return found
+
+
+def _against_sheet(faults: Sequence[FaultResult]) -> list[str]:
+    """How far the sizes that were found are off those of the sheet."""
+    known = [each for each in faults if each.ratio is not None]
+    if not known:
+        return []
+    sure = [each for each in known if each.within is not None]
+    near = sum(bool(each.within) for each in sure)
+    each = ", ".join(
+        f"{fault.name} {number(fault.ratio or 0.0, 2)}"
+        + (" or less" if fault.smallest is not None and fault.smallest.at_most else "")
+        for fault in known
+    )
+    return [
+        "Named in 90 % over the size that the detectability sheet foretells for 90 % of the "
+        f"onsets: {each}; within {NEAR:g} times: {near} of {len(sure)}."
+    ]
 
 
 def _before(trials: Sequence[Trial]) -> str:
@@ -128,6 +147,8 @@ def _pairs(some: Sequence[PairResult], times: float) -> str:
 
 
 def _smallest(fault: FaultResult) -> str:
+    if not fault.by_size:
+        return "-"
     if fault.smallest is None:
         return "not reached"
     value = amount(fault.smallest.size, fault.unit)

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from faultgauge.rehearsal.result import FaultResult, Figures, Rehearsal, Trial
 from faultgauge.rehearsal.shares import Share
 from faultgauge.rehearsal.words import HEADER, amount, fault_row, legend, percent, remarks, said
-from faultgauge.reporting.rehearsal_figures import by_size
+from faultgauge.reporting.rehearsal_figures import against_sheet, by_size
 from faultgauge.reporting.report import Report, Section, Table
 
 __all__ = ["rehearsal_report", "size_section"]
@@ -35,8 +35,10 @@ def rehearsal_report(rehearsal: Rehearsal) -> Report:
     faults = Table(
         HEADER, tuple(fault_row(each) for each in rehearsal.faults), legend(rehearsal.faults)
     )
+    drawn = [each for each in (against_sheet(rehearsal.faults),) if each]
+    tables = (faults, *_pairs(rehearsal))
     sections = [
-        Section("What would be found", (HOW, *remarks(rehearsal)), (faults, *_pairs(rehearsal)), ())
+        Section("What would be found", (HOW, *remarks(rehearsal)), tables, tuple(drawn)),
     ]
     for each in rehearsal.faults:
         if each.by_size:
