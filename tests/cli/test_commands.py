@@ -31,6 +31,7 @@ COMMANDS = [
     "estimate",
     "rehearse",
     "detectability",
+    "campaign",
     "export",
     "simulate",
     "reproduce",

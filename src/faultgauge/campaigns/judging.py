@@ -15,7 +15,7 @@ from faultgauge.plants.toml_file import parse_toml
 from faultgauge.plants.toml_text import toml_text
 from faultgauge.rehearsal.judging import check_calibrated
 
-__all__ = ["made_model"]
+__all__ = ["made_model", "plant_of"]
 
 
 def made_model(plan: Plan, progress: Callable[[str], None]) -> tuple[Model, list[str]]:
@@ -28,7 +28,7 @@ def made_model(plan: Plan, progress: Callable[[str], None]) -> tuple[Model, list
     progress("simulating healthy runs")
     seeds = healthy_seeds(plan, maker.fit + maker.calibrate)
     runs = [healthy_run(plan, seed, f"healthy {k}") for k, seed in enumerate(seeds)]
-    plant = _plant(plan)
+    plant = plant_of(plan)
     progress("fitting the model that judges")
     try:
         model, account = fit(plant, runs[: maker.fit], seed=plan.seed, progress=progress)
@@ -38,7 +38,7 @@ def made_model(plan: Plan, progress: Callable[[str], None]) -> tuple[Model, list
     return found.model, [*account.warnings, *found.warnings]
 
 
-def _plant(plan: Plan) -> GrayBoxPlant:
+def plant_of(plan: Plan) -> GrayBoxPlant:
     """What is fitted; of the truth nothing is, and its constants are the scenario's."""
     name, true = plan.judge.plant, plan.scenario.plant
     plant = true

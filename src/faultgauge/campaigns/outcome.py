@@ -109,13 +109,12 @@ def trial_of(row: Row, right: Mapping[str, Right]) -> Trial | None:
         )
         for kind, suffix in zip(kinds, SLOTS, strict=False)
     )
-    told = [each for each in row["told"].split(SPLIT) if each]
+    told: list[str] = [each for each in row["told"].split(SPLIT) if each]
     known = {name: right[kind].name for kind in kinds for name in right[kind].names}
-    names: list[str] = [known.get(each, each) for each in told]
+    names = tuple(dict.fromkeys(known.get(each, each) for each in told))
     return Trial(
-        row["run"], row["kind"], answers, tuple(dict.fromkeys(names)), bool(row["alarmed"]), row["early"],
-        row["not_judged"],
-    )  # fmt: skip
+        row["run"], row["kind"], answers, names, row["alarmed"], row["early"], row["not_judged"]
+    )
 
 
 def _foretold(case: Case, k: int) -> float | None:

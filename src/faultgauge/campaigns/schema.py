@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -280,7 +281,7 @@ class _Checker:
         file, judge = self.file, self.file.judge
         names = [file.scenario, *([judge.plant] if judge.plant else []), judge.model]
         read = {name: self.folder / name for name in names}
-        read |= {str(each): each for each in self.scenario.reads}
+        read |= {os.path.relpath(each, self.folder): each for each in self.scenario.reads}
         found = {name: path for name, path in read.items() if path.is_file()}
         if judge.model not in (*MADE, *found):
             legal = ", ".join(f'"{each}"' for each in MADE)

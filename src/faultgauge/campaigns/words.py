@@ -25,8 +25,8 @@ def remarks(campaign: Campaign) -> list[str]:
     if campaign.size_covered.total:
         found.append(
             f"True sizes in their 95 % interval: {said(campaign.size_covered)} of events; "
-            f"{interval(campaign.covers, 100, '%')} of rows since a fault was named; true onsets: "
-            f"{said(campaign.onset_covered)}."
+            f"{interval(campaign.covers, 100.0, '%')} of rows since a fault was named; true "
+            f"onsets: {said(campaign.onset_covered)}."
         )
     found.append(
         f"Probabilities at the end of the faults: Brier score {interval(campaign.brier)}, log "

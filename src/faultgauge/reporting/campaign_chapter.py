@@ -88,7 +88,7 @@ def _kind_row(kind: KindResult) -> tuple[str, ...]:
         str(kind.runs),
         " or ".join(kind.right) or "nothing",
         interval(kind.smallest, unit=kind.faults.unit),
-        interval(kind.covers, 100, "%"),
+        interval(kind.covers, 100.0, "%"),
         interval(kind.width),
         interval(kind.delay, unit="s"),
     )

@@ -1,0 +1,174 @@
+"""Whole campaigns of a tank that is known exactly: answers, files, and whatever ends one early."""
+
+import errno
+import json
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from faultgauge import files as writing
+from faultgauge.campaigns import read_campaign
+from faultgauge.campaigns.judging import plant_of
+from faultgauge.cli.app import run as command
+from faultgauge.errors import InputError
+from faultgauge.plants.gray_box import load_plant
+from faultgauge.verbs.campaign import FILES, Campaigned, campaign
+
+pytest.importorskip("pyarrow", reason="needs the extra io.")
+
+
+class Killed(BaseException):
+    """As a signal that nobody handles."""
+
+
+@pytest.fixture(scope="module")
+def done(files, tmp_path_factory) -> Campaigned:
+    """One that nothing disturbed."""
+    return campaign(files / "campaign.toml", tmp_path_factory.mktemp("done") / "out")
+
+
+def contents(folder):
+    return {name: (folder / name).read_bytes() for name in (*FILES, "campaign.json", "model.fgm")}
+
+
+def test_large_faults_are_named_and_sized_and_small_ones_missed(done):
+    """A leak of 0.1 m/s is 50 times what shows, one of 0.001 m/s a fortieth of the noise."""
+    leak, gauge, silent = done.found.kinds
+    assert (leak.runs, gauge.runs, silent.runs) == (6, 2, 2)
+    small, *large = leak.faults.by_size
+    assert (small.size, small.found.count) == (0.001, 0)
+    for row in (*large, *gauge.faults.by_size):
+        assert row.exact.count == row.trials == 2
+        assert row.error_median < 0.05
+    rows = done.columns()
+    assert rows["kind"] == ["healthy"] * 3 + ["leak"] * 6 + ["gauge"] * 2 + ["silent"] * 2
+    silence = [answer for kind, answer in zip(rows["kind"], rows["answer"], strict=True)][-2:]
+    assert silence == ["nothing", "nothing"]
+    # 10 s to begin with are held back, and the tank is healthy for 50 s or, without a fault, 100 s
+    hours = sum(rows["healthy_hours"])
+    assert hours == pytest.approx((3 * 100 + 10 * 50) / 3600, rel=0.2)
+    assert done.found.separable.below == 2 + 2  # the smallest leak; a dropout has no size
+    assert done.found.separable.exact.count == 6
+
+
+def test_the_folder_holds_runs_results_and_a_page(done):
+    import pyarrow.parquet as parquet
+
+    table = parquet.read_table(done.folder / "runs.parquet").to_pydict()
+    assert table == done.columns()
+    content = json.loads((done.folder / "results.json").read_text())
+    assert content == json.loads(json.dumps(done.as_dict()))
+    page = (done.folder / "report.html").read_text()
+    for title in ("Detection against false alarms", "Missed, by size", "What was named"):
+        assert title in page
+
+
+def test_one_that_was_ended_ends_the_same_to_the_byte(done, files, tmp_path):
+    """Between two chunks; what a chunk holds that is not whole is not believed."""
+    out = tmp_path / "out"
+
+    def progress(text):
+        if list((out / "chunks").glob("*.json")):
+            raise Killed
+
+    with pytest.raises(Killed):
+        campaign(files / "campaign.toml", out, progress=progress)
+    (kept,) = (out / "chunks").iterdir()
+    before = kept.stat().st_mtime_ns
+    (out / "chunks" / "00001.json").write_bytes(b'{"key": "')
+    campaign(files / "campaign.toml", out)
+    assert kept.stat().st_mtime_ns == before
+    assert contents(out) == contents(done.folder)
+
+
+def test_a_full_disk_loses_nothing(done, files, tmp_path, monkeypatch, capsys):
+    out, replace = tmp_path / "out", os.replace
+
+    def full(draft, target):
+        if str(target).endswith("00001.json"):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        replace(draft, target)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(writing.os, "replace", full)
+        assert command(["campaign", str(files / "campaign.toml"), "--out", str(out)]) == 2
+    said = capsys.readouterr().err.strip().splitlines()[-1]
+    assert "the disk is full: make room" in said
+    assert [each.name for each in (out / "chunks").iterdir()] == ["00000.json"]
+    assert command(["campaign", str(files / "campaign.toml"), "--out", str(out), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == done.as_dict()
+    assert contents(out) == contents(done.folder)
+
+
+def test_a_folder_of_another_campaign_is_left_as_it_is(done, written, tmp_path):
+    out = tmp_path / "out"
+    shutil.copytree(done.folder, out)
+    with pytest.raises(InputError, match=r"holds results of another campaign \('leaks'"):
+        campaign(written(("seeds = 2", "seeds = 3")), out)
+    assert contents(out) == contents(done.folder)
+
+
+def test_a_damaged_folder_is_named(done, files, tmp_path):
+    out = tmp_path / "out"
+    shutil.copytree(done.folder, out)
+    (out / "campaign.json").write_text("{")
+    with pytest.raises(InputError, match=r"campaign.json: is damaged"):
+        campaign(files / "campaign.toml", out)
+
+
+@pytest.mark.parametrize(
+    ("named", "more", "words"),
+    [
+        ('["leek"]', "", ["[faults.silent] named", "'leek'", "'leak'"]),
+        ('["leak"]', 'pairs = [["leak", "silent"]]', ["leak and silent both go by", "'leak'"]),
+    ],
+)
+def test_names_that_the_judge_does_not_have(written, tmp_path, named, more, words):
+    path = written(("named = []", f"named = {named}"), ("onset = 50", f"onset = 50\n{more}"))
+    with pytest.raises(InputError) as refused:
+        campaign(path, tmp_path / "out")
+    for word in words:
+        assert word in str(refused.value)
+
+
+def test_the_truth_has_nothing_to_fit_and_the_scenarios_constants(files, tmp_path):
+    """Of a plant file with free constants, in a scenario that gives one of them another value."""
+    for name in ("tank.toml", "scenario.toml", "campaign.toml"):
+        text = (files / name).read_text()
+        text = text.replace("0.2*x", "a*x") + ("[parameters]\na = 0.3\n" * (name[0] == "s"))
+        if name[0] == "t":
+            text += '[parameters]\na = { value = 0.2, min = 0, vary = "run" }\n'
+        (tmp_path / name).write_text(text.replace("model.fgm", "truth"))
+    plant = plant_of(read_campaign(tmp_path / "campaign.toml"))
+    (a,) = plant.spec.parameters
+    assert (a.value, a.fixed, a.vary) == (0.3, True, None)
+    assert float(plant.parameters["a"]) == 0.3
+    assert load_plant(tmp_path / "tank.toml").spec.parameters[0].vary == "run"
+
+
+@pytest.mark.study
+def test_ten_kills_at_random_moments_end_with_the_undisturbed_files(files, tmp_path, long_jobs):
+    path = tmp_path / "campaign.toml"
+    for name in ("tank.toml", "scenario.toml", "model.fgm"):
+        shutil.copy(files / name, tmp_path)
+    path.write_text((files / "campaign.toml").read_text().replace("seeds = 2", "seeds = 40"))
+    call = [sys.executable, "-m", "faultgauge", "campaign", str(path), "--out"]
+    begun = time.monotonic()
+    subprocess.run([*call, str(tmp_path / "whole")], check=True, env=long_jobs)
+    seconds = time.monotonic() - begun
+    moments = random.Random(0)
+    for _ in range(10):
+        process = subprocess.Popen([*call, str(tmp_path / "killed")], env=long_jobs)
+        try:
+            process.wait(moments.uniform(0.2, 0.9) * seconds)
+        except subprocess.TimeoutExpired:
+            process.send_signal(signal.SIGKILL)
+            process.wait()
+    subprocess.run([*call, str(tmp_path / "killed")], check=True, env=long_jobs)
+    assert contents(tmp_path / "killed") == contents(tmp_path / "whole")
