@@ -28,13 +28,13 @@ x = {SIGMA}
 """
 CAMPAIGN = """name = "leaks"
 scenario = "scenario.toml"
-healthy = 3
+healthy = 1
 seeds = 2
 onset = 50
 [judge]
 model = "model.fgm"
 [faults.leak]
-size = [-0.001, 0.1, -0.2]
+size = [-0.001, 0.1]
 [faults.gauge]
 size = 0.3
 [faults.silent]

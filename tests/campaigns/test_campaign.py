@@ -40,21 +40,20 @@ def contents(folder):
 def test_large_faults_are_named_and_sized_and_small_ones_missed(done):
     """A leak of 0.1 m/s is 50 times what shows, one of 0.001 m/s a fortieth of the noise."""
     leak, gauge, silent = done.found.kinds
-    assert (leak.runs, gauge.runs, silent.runs) == (6, 2, 2)
+    assert (leak.runs, gauge.runs, silent.runs) == (4, 2, 2)
     small, *large = leak.faults.by_size
     assert (small.size, small.found.count) == (0.001, 0)
     for row in (*large, *gauge.faults.by_size):
         assert row.exact.count == row.trials == 2
         assert row.error_median < 0.05
     rows = done.columns()
-    assert rows["kind"] == ["healthy"] * 3 + ["leak"] * 6 + ["gauge"] * 2 + ["silent"] * 2
-    silence = [answer for kind, answer in zip(rows["kind"], rows["answer"], strict=True)][-2:]
-    assert silence == ["nothing", "nothing"]
-    # 10 s to begin with are held back, and the tank is healthy for 50 s or, without a fault, 100 s
+    assert rows["kind"] == ["healthy"] + ["leak"] * 4 + ["gauge"] * 2 + ["silent"] * 2
+    assert rows["answer"][-2:] == ["nothing", "nothing"]
+    # the tank is healthy for 50 s, or for 100 s; ten samples to begin with are held back
     hours = sum(rows["healthy_hours"])
-    assert hours == pytest.approx((3 * 100 + 10 * 50) / 3600, rel=0.2)
-    assert done.found.separable.below == 2 + 2  # the smallest leak; a dropout has no size
-    assert done.found.separable.exact.count == 6
+    assert hours == pytest.approx((100 + 8 * 50 - 9 * 5) / 3600, rel=0.02)
+    # a dropout is nothing that could be told
+    assert (done.found.separable.below, done.found.separable.exact.total) == (2, 4)
 
 
 def test_the_folder_holds_runs_results_and_a_page(done):
@@ -69,40 +68,38 @@ def test_the_folder_holds_runs_results_and_a_page(done):
         assert title in page
 
 
-def test_one_that_was_ended_ends_the_same_to_the_byte(done, files, tmp_path):
-    """Between two chunks; what a chunk holds that is not whole is not believed."""
-    out = tmp_path / "out"
+def test_what_is_ended_early_ends_the_same_to_the_byte(done, files, tmp_path, monkeypatch, capsys):
+    """Killed between two chunks, then by a full disk; what of a chunk is not whole is not
+    believed."""
+    out, replace = tmp_path / "out", os.replace
+    chunks = out / "chunks"
 
     def progress(text):
-        if list((out / "chunks").glob("*.json")):
+        if list(chunks.glob("*.json")):
             raise Killed
-
-    with pytest.raises(Killed):
-        campaign(files / "campaign.toml", out, progress=progress)
-    (kept,) = (out / "chunks").iterdir()
-    before = kept.stat().st_mtime_ns
-    (out / "chunks" / "00001.json").write_bytes(b'{"key": "')
-    campaign(files / "campaign.toml", out)
-    assert kept.stat().st_mtime_ns == before
-    assert contents(out) == contents(done.folder)
-
-
-def test_a_full_disk_loses_nothing(done, files, tmp_path, monkeypatch, capsys):
-    out, replace = tmp_path / "out", os.replace
 
     def full(draft, target):
         if str(target).endswith("00001.json"):
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         replace(draft, target)
 
+    with pytest.raises(Killed):
+        campaign(files / "campaign.toml", out, progress=progress)
+    (kept,) = chunks.iterdir()
+    before = kept.stat().st_mtime_ns
+    call = ["campaign", str(files / "campaign.toml"), "--out", str(out), "--json"]
     with monkeypatch.context() as patch:
         patch.setattr(writing.os, "replace", full)
-        assert command(["campaign", str(files / "campaign.toml"), "--out", str(out)]) == 2
-    said = capsys.readouterr().err.strip().splitlines()[-1]
-    assert "the disk is full: make room" in said
-    assert [each.name for each in (out / "chunks").iterdir()] == ["00000.json"]
-    assert command(["campaign", str(files / "campaign.toml"), "--out", str(out), "--json"]) == 0
-    assert json.loads(capsys.readouterr().out) == done.as_dict()
+        assert command(call) == 2
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert "00001.json: cannot be written" in said.err
+    assert said.err.endswith("the disk is full: make room, or choose a folder on another.\n")
+    assert list(chunks.iterdir()) == [kept]
+    (chunks / "00001.json").write_bytes(b'{"key": "')
+    assert command(call) == 0
+    assert json.loads(capsys.readouterr().out) == json.loads(json.dumps(done.as_dict()))
+    assert kept.stat().st_mtime_ns == before
     assert contents(out) == contents(done.folder)
 
 

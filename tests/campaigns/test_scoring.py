@@ -54,7 +54,7 @@ def row(number, kind="healthy", told="", *, p=(0.0, 0.0, 0.0, 0.0), after=None, 
     return cells | more
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def found(files):
     plan = read_campaign(files / "campaign.toml")
     rows = [

@@ -88,7 +88,7 @@ class _Lab:
         self, run: RunPlan, right: Sequence[Right]
     ) -> Sequence[Mapping[str, float | None]]:
         """By the same run without its faults, from each onset on."""
-        if not any(each.sized for each in right):
+        if not any(k.constant and r.sized for k, r in zip(run.kinds, right, strict=True)):
             return [{} for _ in right]
         twin = log_of(self.plan, run, ())
         shares = [(each - twin.t[0]) / (twin.t[-1] - twin.t[0]) for each in run.onsets]

@@ -31,23 +31,23 @@ class Folder:
 
     def __init__(self, path: Path, name: str, key: str) -> None:
         self.path, self.name, self.key = path, name, key
+        kept = _read(path / KEPT)
+        if kept is None and (path / KEPT).exists():
+            raise InputError(f"{path / KEPT}: is damaged; remove that folder, or give another.")
+        if kept is not None and kept.get("key") != key:
+            raise InputError(
+                f"{path}: holds results of another campaign ({kept.get('name')!r}, or this one as "
+                "it was before its files or this program changed); give another folder, or remove "
+                "it."
+            )
         try:
             (path / CHUNKS).mkdir(parents=True, exist_ok=True)
         except OSError as failure:
             raise InputError(
                 f"{path}: cannot be made a folder ({failure.strerror}); choose another name."
             ) from None
-        kept = _read(path / KEPT)
         if kept is None:
-            if (path / KEPT).exists():
-                raise InputError(f"{path / KEPT}: is damaged; remove that folder, or give another.")
             self.keep(())
-        elif kept.get("key") != key:
-            raise InputError(
-                f"{path}: holds results of another campaign ({kept.get('name')!r}, or this one as "
-                "it was before its files or this program changed); give another folder, or remove "
-                "it."
-            )
 
     def keep(self, warnings: Sequence[str]) -> None:
         """Write down whose folder this is, and what was warned of."""

@@ -118,8 +118,9 @@ def trial_of(row: Row, right: Mapping[str, Right]) -> Trial | None:
 
 
 def _foretold(case: Case, k: int) -> float | None:
+    """The sheet speaks of constant faults alone."""
     sized = case.right[k].sized
-    return None if sized is None else case.foretold[k][sized]
+    return case.foretold[k][sized] if sized and case.run.kinds[k].constant else None
 
 
 def times_of(size: float | None, foretold: float | None) -> float | None:

@@ -93,6 +93,11 @@ class Kind:
     named: tuple[str, ...] | None
 
     @property
+    def constant(self) -> bool:
+        """Whether it stays as it begins."""
+        return self.sized and self.table["profile"] == "constant" and self.lasts is None
+
+    @property
     def sized(self) -> bool:
         """Whether more of it is more of a fault."""
         return self.table.get("effect", "add") == "add"

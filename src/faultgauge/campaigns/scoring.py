@@ -121,12 +121,11 @@ def _by_size(
     sizes = np.array([abs(each.answers[0].size) for each in trials])
     named = np.array([each.found for each in trials])
 
-    def size(drawn: Int[np.ndarray, "runs"]) -> float:
-        least = smallest_size(sizes[drawn], named[drawn])
-        return np.inf if least is None else least.size
+    def least(drawn: Int[np.ndarray, "draws runs"]) -> Float[np.ndarray, "draws"]:
+        each = (smallest_size(sizes[k], named[k]) for k in drawn)
+        return np.array([np.inf if one is None else one.size for one in each])
 
-    lo, hi = over_runs(len(trials), size)
-    return found, Figure(_finite(size(np.arange(len(trials)))), _finite(lo), _finite(hi))
+    return found, _figure(len(trials), least)
 
 
 def _curves(plan: Plan, rows: Sequence[Row]) -> tuple[Curve, ...]:
@@ -184,7 +183,7 @@ def _log_score(p: Float[np.ndarray, "causes"], y: Float[np.ndarray, "causes"]) -
 
 
 def _reliability(
-    pairs: Sequence[tuple[Float[np.ndarray, "causes"], Float[np.ndarray, "causes"]]],
+    pairs: Sequence[tuple[Float[np.ndarray, "_"], Float[np.ndarray, "_"]]],
 ) -> tuple[Bin, ...]:
     p, y = (np.concatenate([each[k] for each in pairs] or [np.zeros(0)]) for k in (0, 1))
     at = np.clip(np.searchsorted(EDGES, p, side="right") - 1, 0, len(EDGES) - 2)
@@ -230,28 +229,27 @@ def _covers(rows: Sequence[Row]) -> Figure:
         ],
         float,
     ).reshape(-1, 2)
-    return _figure(len(counts), lambda k: _ratio(*counts[k].sum(axis=0)))
-
-
-def _ratio(part: float, whole: float) -> float:
-    return float(part / whole) if whole else np.nan
+    inside, rows_of = counts.T
+    return _figure(len(counts), lambda k: inside[k].sum(axis=1) / rows_of[k].sum(axis=1))
 
 
 def _mean(values: Sequence[float]) -> Figure:
     every = np.array(values)
-    return _figure(len(every), lambda k: float(every[k].mean()))
+    return _figure(len(every), lambda k: every[k].mean(axis=1))
 
 
 def _median(values: Sequence[float]) -> Figure:
     every = np.array(values)
-    return _figure(len(every), lambda k: float(np.median(every[k])))
+    return _figure(len(every), lambda k: np.median(every[k], axis=1))
 
 
-def _figure(count: int, of: Callable[[Int[np.ndarray, "runs"]], float]) -> Figure:
+def _figure(
+    count: int, of: Callable[[Int[np.ndarray, "draws runs"]], Float[np.ndarray, "draws"]]
+) -> Figure:
     if not count:
         return Figure(None, None, None)
     lo, hi = over_runs(count, of)
-    return Figure(_finite(of(np.arange(count))), _finite(lo), _finite(hi))
+    return Figure(_finite(float(of(np.arange(count)[None])[0])), _finite(lo), _finite(hi))
 
 
 def _finite(value: float) -> float | None:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Float, Int
 from scipy.optimize import isotonic_regression
 from scipy.stats import chi2
 
@@ -110,15 +110,14 @@ def smallest_found(
 
 
 def over_runs(
-    count: int, figure: Callable[[Int[np.ndarray, "runs"]], float]
+    count: int, figure: Callable[[Int[np.ndarray, "draws runs"]], Float[np.ndarray, "draws"]]
 ) -> tuple[float, float]:
-    """The 95 % interval of a `figure` of `count` runs, which it is given by their places: the
-    percentile bootstrap, by drawing whole runs with replacement (Efron, Ann. Statist. 7 (1979)).
-    NaN for no run."""
+    """The 95 % interval of a `figure` of `count` runs by the percentile bootstrap, which draws
+    whole runs with replacement (Efron, Ann. Statist. 7 (1979)): the figure of each draw, given the
+    places of its runs. NaN for no run."""
     if count == 0:
         return np.nan, np.nan
-    rng = np.random.default_rng(0)
-    drawn = [figure(rng.integers(count, size=count)) for _ in range(DRAWS)]
+    drawn = figure(np.random.default_rng(0).integers(count, size=(DRAWS, count)))
     # inf stands for "never", of which no mean may be taken
     lo, hi = np.quantile(drawn, [0.025, 0.975], method="closest_observation")
     return float(lo), float(hi)

@@ -111,8 +111,8 @@ def isolation_map(campaign: Campaign) -> Figure:
         axes.set_ylabel("what was put in")
         caption = (
             "Runs by what was named in them: one fault, something undeclared (unknown), both of a "
-            "pair and nothing else, several others; undecided: an alarm without a name. The "
-            "darker, the larger the share of the row."
+            "pair, or both names that are right, several others; undecided: an alarm without a "
+            "name. The darker, the larger the share of the row."
         )
         return figure(canvas, "What was named", caption)
 
