@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from faultgauge.campaigns.design import RunPlan
 from faultgauge.campaigns.right import Right
@@ -33,7 +33,10 @@ __all__ = [
 ]
 
 # log-odds of a fault at which an alarm might begin; calibration asks for 2.9 at least
-LEVELS = (0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0, 10.0, 15.0, 20.0, 30.0, 50.0, 100.0)
+LEVELS = (
+    *(-10.0, -8.0, -6.0, -5.0, -4.0, -3.0, -2.0, -1.0, 0.0, 1.0),
+    *(2.0, 3.0, 5.0, 8.0, 12.0, 20.0, 30.0, 50.0, 100.0),
+)
 SLOTS = ("", "_2")  # of the faults of a run
 SPLIT = "+"  # between names
 # an answer that is no name: both of a pair and no other, several names, an alarm without one ...
@@ -180,16 +183,19 @@ class _Seen:
     def healthy_part(self, said: Judgement) -> Row:
         """Before the first onset: hours that were judged and alarms, also at every level."""
         before = self.t < self.first
-        release = self.judge.model.plant.signals.detection.release
-        # an alarm begins at its level and ends below `release`
-        above = (self.scores >= np.log(release / (1 - release))) & before
-        sampled = np.isfinite(self.decision.posterior.healthy)
-        peaks = [self.scores[a:b].max() for a, b in stretches(above, sampled, self.judge.pause)]
         return {
             "healthy_hours": float(np.sum(self.judged & before)) * self.step / 3600,
             "false_alarms": sum(start < self.first for start, _ in said.alarms),
-            **{f"false_at_{level:g}": int(np.sum(np.array(peaks) >= level)) for level in LEVELS},
+            **{f"false_at_{level:g}": self._alarms(before, level) for level in LEVELS},
         }
+
+    def _alarms(self, rows: Bool[np.ndarray, "samples"], level: float) -> int:
+        """In `rows`: one begins at `level` and ends below `release`, or below a lower level."""
+        release = self.judge.model.plant.signals.detection.release
+        above = (self.scores >= min(level, np.log(release / (1 - release)))) & rows
+        sampled = np.isfinite(self.decision.posterior.healthy)
+        parts = stretches(above, sampled, self.judge.pause)
+        return sum(bool(self.scores[start:stop].max() >= level) for start, stop in parts)
 
     def faulty_part(self, faults: Sequence[Schedule]) -> Row:
         """From the first onset on: alarms, also at every level, and what was believed at the last
