@@ -9,6 +9,7 @@ import pytest
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model, save_model
 from faultgauge.plants.plant_file import parse_plant
+from faultgauge.verbs.campaign import FILES
 from scenes import NOISE, SIGMA, TANK
 
 SCENARIO = f"""name = "tank"
@@ -106,3 +107,8 @@ def written(files) -> Callable[..., Path]:
         return path
 
     return writing
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    """What a campaign leaves."""
+    return {name: (folder / name).read_bytes() for name in (*FILES, "campaign.json", "model.fgm")}

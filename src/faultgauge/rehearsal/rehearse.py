@@ -32,7 +32,7 @@ from faultgauge.rehearsal.judging import (
 from faultgauge.rehearsal.result import Answer, Rehearsal, Trial
 from faultgauge.rehearsal.scoring import fault_results, large, pair_results
 from faultgauge.rehearsal.shares import FOUND, poisson, wilson
-from faultgauge.rehearsal.ways import way_of
+from faultgauge.rehearsal.ways import Way, way_of
 from faultgauge.telemetry import Run
 
 __all__ = ["TRIALS", "rehearse", "score"]
@@ -192,35 +192,38 @@ def _subjects(
     """(the faults to rehearse, why the others are not); where `sizes` are given, those alone."""
     found: list[Subject] = []
     left_out: dict[str, str] = {}
-    (smallest,) = Judge(model, [window]).smallest(window, 0.5)
-    for fault in model.plant.signals.faults:
-        if sizes and fault.name not in sizes:
-            continue
-        said = _subject(model, window, fault, smallest[fault.name], sizes.get(fault.name))
-        if isinstance(said, Subject):
-            found.append(said)
+    ways = dict[str, Way]()
+    faults = [each for each in model.plant.signals.faults if not sizes or each.name in sizes]
+    for fault in faults:
+        way = _way(model, window, fault)
+        if isinstance(way, Way):
+            ways[fault.name] = way
         else:
-            left_out[fault.name] = said
+            left_out[fault.name] = way
+    smallest = Judge(model, [window]).smallest(window, 0.5)[0] if ways else {}
+    for fault in (each for each in faults if each.name in ways):
+        least = smallest[fault.name]
+        doses = doses_of(fault, least, sizes.get(fault.name))
+        if doses:
+            found.append(Subject(fault, ways[fault.name], least, doses))
+        else:
+            left_out[fault.name] = (
+                "its limits allow none of the sizes"
+                if least is not None
+                else f"the model foretells none that it would name in {len(window.t)} samples; "
+                "give a size to try"
+            )
     return found, left_out
 
 
-def _subject(
-    model: Model, window: Run, fault: Fault, smallest: float | None, size: float | None
-) -> Subject | str:
+def _way(model: Model, window: Run, fault: Fault) -> Way | str:
+    """How `fault` gets into the window, or why it does not."""
     if fault.monitor == "disabled":
         return "disabled in the plant file"
     way = way_of(model, fault)
     if way is None:
         return f"a {fault.enters} fault, which cannot be put into a recorded log"
-    if way.column not in window.columns:
-        return f"the log has no column {way.column!r}"
-    doses = doses_of(fault, smallest, size)
-    if not doses and smallest is None:
-        return (
-            f"the model foretells none that it would name in {len(window.t)} samples; "
-            "give a size to try"
-        )
-    return Subject(fault, way, smallest, doses) if doses else "its limits allow none of the sizes"
+    return way if way.column in window.columns else f"the log has no column {way.column!r}"
 
 
 def _along(model: Model, windows: Sequence[Run]) -> dict[str, float | None]:

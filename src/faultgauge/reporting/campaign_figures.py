@@ -5,7 +5,7 @@ from matplotlib.axes import Axes
 
 from faultgauge.campaigns.result import Campaign, Curve, KindResult
 from faultgauge.rehearsal.shares import Rate
-from faultgauge.reporting import style
+from faultgauge.reporting import marks, style
 from faultgauge.reporting.svg import Figure, figure
 
 __all__ = ["delay_by_rate", "detection_by_rate", "isolation_map", "missed", "reliability"]
@@ -98,8 +98,7 @@ def isolation_map(campaign: Campaign) -> Figure:
     share = 100 * counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)
     with style.drawing():
         canvas, (axes,) = style.panels((max(LEAST_HEIGHT, 1.4 + CELL * len(table.kinds)),))
-        axes.imshow(share, cmap="Blues", vmin=0.0, vmax=100.0, aspect="auto")
-        axes.grid(visible=False)
+        marks.cells(axes, share)
         for (row, column), count in np.ndenumerate(counts):
             if count:
                 color = "#ffffff" if share[row, column] > 100 * DARK else style.INK
