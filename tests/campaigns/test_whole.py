@@ -26,6 +26,7 @@ def test_large_faults_are_named_and_sized_and_small_ones_missed(files, tmp_path)
     assert (small.size, small.found.count) == (0.001, 0)
     for row in (*large, *gauge.faults.by_size):
         assert row.exact.count == row.trials == 2
+        assert row.error_median is not None
         assert row.error_median < 0.05
     rows = done.columns()
     assert rows["kind"] == ["healthy"] + ["leak"] * 4 + ["gauge"] * 2 + ["silent"] * 2
