@@ -18,13 +18,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from faultgauge.detection.bank import build_fault_bank
 from faultgauge.detection.calibration import calibrate
-from faultgauge.detection.noise import noise_of
-from faultgauge.detection.smallest import smallest_along
 from faultgauge.identification.fit import fit
 from faultgauge.plants.model import Model
-from faultgauge.rehearsal.design import MIDDLE, windows_of
 from faultgauge.rehearsal.rehearse import rehearse
 from faultgauge.reporting import style
 from faultgauge.reporting.svg import Figure, figure
@@ -36,9 +32,6 @@ from real_sets import SETS
 __all__ = ["Compared", "compared", "scatter"]
 
 TRIALS = 60
-WINDOWS = 4  # at most, in which sizes are foretold
-ONSETS = np.linspace(*MIDDLE, 7)  # shares of a window: where a rehearsal's faults begin
-FOUND = 0.9
 REHEARSED = 3  # healthy logs of a case
 
 
@@ -60,36 +53,18 @@ class Compared(NamedTuple):
 
 def compared(where: str, model: Model, runs: Sequence[Run], trials: int) -> list[Compared]:
     """What is foretold in the rehearsal's own windows beside what it finds."""
-    windows = windows_of(runs)[0]
-    places = np.unique(np.linspace(0, len(windows) - 1, WINDOWS).astype(int))
-    sizes = list[list[float | None]]()
-    for k in places:
-        bank = build_fault_bank(model, [windows[k]], noise_of(model))
-        sizes += [smallest_along(bank, windows[k], float(share)) for share in ONSETS]
     result = rehearse(model, runs, trials=trials, progress=lambda s: print(s, file=sys.stderr))
-    found = {each.name: each.smallest for each in result.faults}
-    rows = []
-    for k, fault in enumerate(model.plant.signals.faults):
-        smallest = found.get(fault.name)
-        rows.append(
-            Compared(
-                where,
-                fault.name,
-                fault.unit,
-                None if smallest is None else smallest.size,
-                smallest is not None and smallest.at_most,
-                _quantile([each[k] for each in sizes], FOUND),
-            )
+    return [
+        Compared(
+            where,
+            each.name,
+            each.unit,
+            None if each.smallest is None else each.smallest.size,
+            each.smallest is not None and each.smallest.at_most,
+            each.along,
         )
-    return rows
-
-
-def _quantile(sizes: Sequence[float | None], share: float) -> float | None:
-    """Of sizes, where no size counts as the largest."""
-    value = np.quantile(
-        [np.inf if size is None else size for size in sizes], share, method="higher"
-    )
-    return float(value) if np.isfinite(value) else None
+        for each in result.faults
+    ]
 
 
 def scatter(rows: Sequence[Compared]) -> Figure:

@@ -19,6 +19,7 @@ COMMANDS = (
     "estimate",
     "rehearse",
     "detectability",
+    "campaign",
     "export",
     "simulate",
     "reproduce",

@@ -14,6 +14,7 @@ LAYERS = (
     "verbs",
     "studies",
     "reporting",
+    "campaigns",
     "accommodation",
     "rehearsal",
     "foresight",

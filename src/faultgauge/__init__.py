@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from faultgauge.plants.plant import Plant
     from faultgauge.telemetry import read_telemetry
     from faultgauge.verbs.calibrate import calibrate
+    from faultgauge.verbs.campaign import campaign
     from faultgauge.verbs.check import check
     from faultgauge.verbs.estimate import estimate
     from faultgauge.verbs.evaluate import evaluate
@@ -36,6 +37,7 @@ __all__ = [
     "Plant",
     "Watch",
     "calibrate",
+    "campaign",
     "check",
     "detectability",
     "estimate",
@@ -56,6 +58,7 @@ _HOMES = {
     "Plant": "faultgauge.plants.plant.Plant",
     "Watch": "faultgauge.detection.watch.Watch",
     "calibrate": "faultgauge.verbs.calibrate.calibrate",
+    "campaign": "faultgauge.verbs.campaign.campaign",
     "check": "faultgauge.verbs.check.check",
     "detectability": "faultgauge.foresight.detectability",
     "estimate": "faultgauge.verbs.estimate.estimate",

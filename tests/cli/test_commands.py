@@ -33,6 +33,7 @@ COMMANDS = [
     "estimate",
     "rehearse",
     "detectability",
+    "campaign",
     "export",
     "simulate",
     "reproduce",

@@ -55,6 +55,8 @@ def test_a_rehearsal_end_to_end(tank, log):
         # At a quarter of what would be named nothing is; at 16 times an alarm misses no fault.
         assert each.by_size[0].found.count == 0
         assert each.by_size[-1].alarmed.value == 1.0
+        # nine in ten onsets leave less of a window than its middle or little more
+        assert 0.8 * each.predicted < each.along < 2 * each.predicted
     assert all(each.times in (4.0, 8.0) for each in found.pairs)
     pooled = [t for t in found.trials if len(t.answers) == 1 and t.answers[0].times >= 4 - 1e-9]
     assert (found.exact.count, found.exact.total) == (sum(t.exact for t in pooled), len(pooled))
@@ -98,7 +100,8 @@ def test_the_command_writes_three_files_and_warns_of_a_log_it_knows(tank, call, 
         assert [row["size"] for row in csv.DictReader(file)] == ["0.2"] * 3
     page = (out / "report.html").read_text()
     assert "bias, by size" in page
-    assert page.count("<svg") == 1
+    assert "Foretold and found" in page
+    assert page.count("<svg") == 2
     code, printed, _ = call(model, known, "--size", "bias=0.2", "--trials", 2, "--json")
     assert code == 0
     assert json.loads(printed)["exact"]["total"] == 1

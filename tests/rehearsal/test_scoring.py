@@ -1,11 +1,12 @@
 """What a judgement makes of what was injected, by hand."""
 
+import numpy as np
 import pytest
 
 from faultgauge.rehearsal.design import Dose, Plan
 from faultgauge.rehearsal.judging import Event, Judgement
 from faultgauge.rehearsal.rehearse import score
-from faultgauge.rehearsal.scoring import figures, large, pair_results
+from faultgauge.rehearsal.scoring import fault_result, figures, large, pair_results
 
 
 def event(fault, told, end, size=1.0, half=0.2, onset=None):
@@ -78,3 +79,30 @@ def test_figures_are_medians_of_what_was_found():
     assert (found.size_covered.count, found.size_covered.total) == (2, 3)
     assert found.instead == {"nothing": 1}
     assert len(large(trials)) == 3
+
+
+@pytest.mark.parametrize(
+    ("along", "found", "ratio", "within"),
+    [(1.0, 2, 1.6, False), (1.2, 2, 4 / 3, True), (2.0, 1, 0.5, False), (0.5, 1, 2.0, None)],
+)
+def test_what_was_found_against_the_sheet(along, found, ratio, within):
+    """Sizes 1 and 1.6, of which the larger alone is found, or both: then 1 or less would do."""
+    seen = judged(event("f", 12.0, 30.0))
+    trials = [
+        trial(judged() if found == 2 and size == 1.0 else seen, ("f", size, 5.0))
+        for size in (1.0, 1.6)
+    ]
+    # 0 of 1 and 1 of 1: 90 % are reached at 1.6^0.9
+    size = 1.6**0.9 if found == 2 else 1.0
+    result = fault_result("f", "", 1.0, trials, along)
+    assert result.ratio == pytest.approx(size / along)
+    assert result.within is within
+    assert ratio == pytest.approx(size / along, rel=0.06)
+
+
+def test_many_sizes_are_gathered_in_groups_of_as_many():
+    sizes = np.geomspace(1, 10, 24)
+    result = fault_result("f", "", 1.0, [trial(judged(), ("f", size, 1.0)) for size in sizes])
+    assert [row.trials for row in result.by_size] == [2] * 12
+    assert result.by_size[0].size == pytest.approx((sizes[0] + sizes[1]) / 2)
+    assert result.smallest is None

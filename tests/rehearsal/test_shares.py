@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from faultgauge.rehearsal.shares import poisson, smallest_found, wilson
+from faultgauge.rehearsal.shares import over_runs, poisson, smallest_found, wilson
 
 Z2 = 3.841458820694124  # the 0.95 quantile of chi-square with one degree of freedom
 
@@ -73,3 +73,19 @@ def test_intervals_hold_the_truth_about_as_often_as_they_say():
     share = np.mean(np.isin(drawn, held))
     assert share == pytest.approx(expected, abs=0.006)  # four standard deviations
     assert 0.93 < expected < 0.98
+
+
+def test_drawing_runs_anew_finds_the_interval_of_a_mean():
+    """That of 400 normal values is +- 1.96 / 20; its ends are known to a tenth of that."""
+    values = np.random.default_rng(1).standard_normal(400)
+    lo, hi = over_runs(400, lambda k: values[k].mean(axis=1))
+    half = 1.96 * values.std() / 20
+    assert lo == pytest.approx(values.mean() - half, abs=0.02)
+    assert hi == pytest.approx(values.mean() + half, abs=0.02)
+    assert np.isnan(over_runs(0, lambda k: k.mean(axis=1))).all()
+
+
+def test_what_never_comes_is_an_end_of_an_interval():
+    delays = np.array([1.0, 2.0, np.inf, np.inf])
+    lo, hi = over_runs(4, lambda k: np.median(delays[k], axis=1))
+    assert (lo, hi) == (1.0, np.inf)

@@ -165,7 +165,7 @@ def test_runs_of_a_higher_rate_are_brought_to_that_of_the_model(learned, tank):
 
 def test_the_package_lists_its_verbs_and_their_help_is_theirs():
     verbs = {"read", "plant", "load", "fit", "evaluate", "calibrate", "estimate", "check"}
-    verbs |= {"rehearse", "simulate"}
+    verbs |= {"rehearse", "simulate", "campaign"}
     assert verbs <= set(dir(fg))
     for name in verbs:
         text = re.sub(".\b", "", pydoc.render_doc(getattr(fg, name)))

@@ -13,6 +13,7 @@ from faultgauge.cli import options
 from faultgauge.cli.benchmark import benchmark
 from faultgauge.cli.cache import renew_when_damaged
 from faultgauge.cli.calibrate import calibrate
+from faultgauge.cli.campaign import campaign
 from faultgauge.cli.check import check
 from faultgauge.cli.demo import demo
 from faultgauge.cli.detectability import detectability
@@ -55,6 +56,7 @@ COMMANDS = {  # as the list of commands says it, each on one line
     estimate: "Find faults in logs or a stream, in physical units.",
     rehearse: "Put faults into healthy logs: what would be found?",
     detectability: "What could be seen of each fault in logs like these?",
+    campaign: "Simulate many runs with faults; judge and score them.",
     export: "Write a calibrated model as C or as FMUs.",
     simulate: "Simulate a plant with faults and write the log.",
     reproduce: "Repeat the paper's reaction-wheel study.",

@@ -51,6 +51,7 @@ __all__ = [
 ]
 
 SELDOM = 20.0  # s
+STEADY = 600.0  # s, over which the time left is estimated
 LONGEST = 4000  # characters of a sentence
 Json = Annotated[bool, typer.Option("--json", help="One JSON object on stdout, nothing else.")]
 Verbose = Annotated[
@@ -258,15 +259,23 @@ def narrate(start: str) -> Iterator[Callable[[str], None]]:
     """What is being done, a bar with the share of it that is (`Step`) and the time, on stderr while
     something long runs; where stderr is no terminal a line now and then."""
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
+    from rich.progress import (
+        BarColumn,
+        Progress,
+        TaskProgressColumn,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
 
     console = Console(stderr=True)
     if not console.is_terminal:
         yield _Lines()
         return
     text = TextColumn("{task.description}", markup=False)
-    columns = (text, BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=console, transient=True) as bar:
+    times = TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn()
+    columns = (text, BarColumn(), TaskProgressColumn(), *times)
+    with Progress(*columns, console=console, transient=True, speed_estimate_period=STEADY) as bar:
         task = bar.add_task(start, total=None)
 
         def update(text: str) -> None:

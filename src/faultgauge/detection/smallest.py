@@ -27,6 +27,7 @@ __all__ = [
     "rivals_of",
     "seen_size",
     "smallest_along",
+    "smallest_from",
 ]
 
 NINE_IN_TEN = 1.2816  # standard deviations
@@ -92,7 +93,16 @@ def around(reference: int, rows: int) -> list[int]:
 def smallest_along(bank: FaultBank, run: Run, share: float = 0.5) -> list[float | None]:
     """For each declared fault the size [its unit] that would have been named by the end of `run`
     had it begun at a `share` of it, as the log goes; None where none would."""
+    return smallest_from(bank, run, [share])[0]
+
+
+def smallest_from(bank: FaultBank, run: Run, shares: Sequence[float]) -> list[list[float | None]]:
+    """`smallest_along` for each of some `shares`, with one walk of the filter."""
     effects = effects_of(bank, run)
+    return [_along(bank, effects, share) for share in shares]
+
+
+def _along(bank: FaultBank, effects: Effects, share: float) -> list[float | None]:
     rows, faults = len(effects.t), range(len(bank.size))
     if rows < 2:
         return [None for _ in faults]

@@ -5,25 +5,26 @@ from typing import NamedTuple
 
 import numpy as np
 
-from faultgauge.detection.answer import least_told
 from faultgauge.detection.bank import build_fault_bank
-from faultgauge.detection.decisions import Decision, decide_runs
+from faultgauge.detection.decisions import Decision, Walk, decide
 from faultgauge.detection.events import UNKNOWN, pause, stretches
 from faultgauge.detection.noise import noise_of
+from faultgauge.detection.smallest import smallest_from
 from faultgauge.detection.uncalibrated import level_in, uncalibrated
 from faultgauge.detection.verdicts import FAULT, NOT_JUDGED, STALE
+from faultgauge.detection.watch import Watch
 from faultgauge.errors import InputError
 from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run
+from faultgauge.telemetry.runs import paced
 
 __all__ = [
     "UNKNOWN",
     "Event",
+    "Judge",
     "Judgement",
     "check_calibrated",
     "false_alarm_rate",
-    "judge",
-    "predicted_smallest",
 ]
 
 
@@ -61,17 +62,32 @@ def check_calibrated(model: Model) -> None:
         )
 
 
-def judge(model: Model, runs: Sequence[Run]) -> list[Judgement]:
-    """What `model` says of each of `runs`, which have one time step."""
-    decisions, bank = decide_runs(model, runs)
-    return [_judgement(each, pause(bank) if bank else 1) for each in decisions]
+class Judge:
+    """A calibrated `model` before logs as `runs` are, which have one time step; `walk` is who runs
+    the step."""
 
+    def __init__(self, model: Model, runs: Sequence[Run], walk: Walk = Watch.along) -> None:
+        self.model, self.walk = model, walk
+        self.bank = build_fault_bank(model, runs, noise_of(model))
+        self.pause = pause(self.bank)
 
-def predicted_smallest(model: Model, run: Run, fault: str) -> float | None:
-    """The smallest size [the fault's unit] that the model says it would name, had it begun in the
-    middle of `run`; None where it says none."""
-    bank = build_fault_bank(model, [run], noise_of(model))
-    return least_told(bank, run, model.plant.signals.fault_names.index(fault))
+    def decide(self, run: Run) -> Decision:
+        """All that the model says of `run`; without residuals."""
+        return decide(self.bank, paced(run), None, self.walk)
+
+    def told(self, decision: Decision) -> Judgement:
+        """What counts of that."""
+        return _judgement(decision, self.pause)
+
+    def __call__(self, run: Run) -> Judgement:
+        return self.told(self.decide(run))
+
+    def smallest(self, run: Run, *shares: float) -> list[dict[str, float | None]]:
+        """For each declared fault the smallest size [its unit] that the model says it would name by
+        the end of `run`, had it begun at each of `shares` of it; None where it says none."""
+        names = self.model.plant.signals.fault_names
+        sizes = smallest_from(self.bank, run, shares)
+        return [dict(zip(names, each, strict=True)) for each in sizes]
 
 
 def false_alarm_rate(model: Model) -> float:

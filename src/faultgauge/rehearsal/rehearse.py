@@ -12,27 +12,35 @@ from faultgauge.plants.expression import unknown
 from faultgauge.plants.model import Model
 from faultgauge.plants.signals import Fault, Signals
 from faultgauge.progress import Step
-from faultgauge.rehearsal.design import Dose, Plan, Subject, doses_of, plans, windows_of
+from faultgauge.rehearsal.design import (
+    MIDDLE,
+    Dose,
+    Plan,
+    Subject,
+    doses_of,
+    plans,
+    windows_of,
+)
 from faultgauge.rehearsal.injection import Injected, NotInjectable, inject
 from faultgauge.rehearsal.judging import (
     Event,
+    Judge,
     Judgement,
     check_calibrated,
     false_alarm_rate,
-    judge,
-    predicted_smallest,
 )
 from faultgauge.rehearsal.result import Answer, Rehearsal, Trial
 from faultgauge.rehearsal.scoring import fault_results, large, pair_results
-from faultgauge.rehearsal.shares import poisson, wilson
-from faultgauge.rehearsal.ways import way_of
+from faultgauge.rehearsal.shares import FOUND, poisson, wilson
+from faultgauge.rehearsal.ways import Way, way_of
 from faultgauge.telemetry import Run
 
 __all__ = ["TRIALS", "rehearse", "score"]
 
 TRIALS = 200  # logs that are judged
 UNTOUCHED = 4  # at most one in so many of them is an untouched window
-BATCH = 10  # logs judged in one call: they share its preparation
+FORETOLD = 4  # windows, at most, in which sizes are foretold for onsets along them
+ONSETS = np.linspace(*MIDDLE, 7)  # shares of a window
 
 
 def rehearse(
@@ -74,6 +82,7 @@ def rehearse(
     planned = _planned(lab, subjects, trials - len(untouched), pairs)
     logs = [*((k, windows[k]) for k in untouched), *((p.window, lab.log(p)) for p in planned)]
     said = list(_judged(model, logs, progress))
+    along = _along(model, windows)
     calm, asked = said[: len(untouched)], said[len(untouched) :]
     done = tuple(
         score(k, windows[plan.window].name, plan, each)
@@ -82,7 +91,7 @@ def rehearse(
     return Rehearsal(
         plant=model.plant.spec.name,
         windows={each.name: len(each.t) for each in windows},
-        faults=fault_results(subjects, done, lab.refused),
+        faults=fault_results(subjects, done, lab.refused, along),
         pairs=pair_results(done),
         exact=wilson(sum(e.exact for e in large(done)), len(large(done))),
         false_alarms=poisson(sum(len(e.alarms) for e in calm), sum(e.hours for e in calm)),
@@ -189,33 +198,51 @@ def _subjects(
     """(the faults to rehearse, why the others are not); where `sizes` are given, those alone."""
     found: list[Subject] = []
     left_out: dict[str, str] = {}
-    for fault in model.plant.signals.faults:
-        if sizes and fault.name not in sizes:
-            continue
-        said = _subject(model, window, fault, sizes.get(fault.name))
-        if isinstance(said, Subject):
-            found.append(said)
+    ways = dict[str, Way]()
+    faults = [each for each in model.plant.signals.faults if not sizes or each.name in sizes]
+    for fault in faults:
+        way = _way(model, window, fault)
+        if isinstance(way, Way):
+            ways[fault.name] = way
         else:
-            left_out[fault.name] = said
+            left_out[fault.name] = way
+    smallest = Judge(model, [window]).smallest(window, 0.5)[0] if ways else {}
+    for fault in (each for each in faults if each.name in ways):
+        least = smallest[fault.name]
+        doses = doses_of(fault, least, sizes.get(fault.name))
+        if doses:
+            found.append(Subject(fault, ways[fault.name], least, doses))
+        else:
+            left_out[fault.name] = (
+                "its limits allow none of the sizes"
+                if least is not None
+                else f"the model foretells none that it would name in {len(window.t)} samples; "
+                "give a size to try"
+            )
     return found, left_out
 
 
-def _subject(model: Model, window: Run, fault: Fault, size: float | None) -> Subject | str:
+def _way(model: Model, window: Run, fault: Fault) -> Way | str:
+    """How `fault` gets into the window, or why it does not."""
     if fault.monitor == "disabled":
         return "disabled in the plant file"
     way = way_of(model, fault)
     if way is None:
         return f"a {fault.enters} fault, which cannot be put into a recorded log"
-    if way.column not in window.columns:
-        return f"the log has no column {way.column!r}"
-    smallest = predicted_smallest(model, window, fault.name)
-    doses = doses_of(fault, smallest, size)
-    if not doses and smallest is None:
-        return (
-            f"the model foretells none that it would name in {len(window.t)} samples; "
-            "give a size to try"
-        )
-    return Subject(fault, way, smallest, doses) if doses else "its limits allow none of the sizes"
+    return way if way.column in window.columns else f"the log has no column {way.column!r}"
+
+
+def _along(model: Model, windows: Sequence[Run]) -> dict[str, float | None]:
+    """The size of each fault that the model foretells it would name in 90 % of onsets as those of
+    the trials are, in some of `windows`; None where none."""
+    some = [windows[k] for k in _spread(len(windows), FORETOLD)]
+    sizes = [each for run in some for each in Judge(model, [run]).smallest(run, *ONSETS)]
+    found = {}
+    for name in model.plant.signals.fault_names:
+        own = [np.inf if size is None else size for each in sizes for size in (each[name],)]
+        size = float(np.quantile(own, FOUND, method="higher"))  # none is the largest
+        found[name] = size if np.isfinite(size) else None
+    return found
 
 
 def _spread(count: int, most: int) -> list[int]:
@@ -226,17 +253,15 @@ def _spread(count: int, most: int) -> list[int]:
 def _judged(
     model: Model, logs: Sequence[tuple[int, Run]], progress: Callable[[str], None]
 ) -> Iterator[Judgement]:
-    """What the model says of each of `logs`, at most ten in one call; each call has logs of one
-    window, as they must have one step."""
+    """What the model says of each of `logs`; those of one window have one step."""
     done = 0
     for _, group in groupby(logs, key=lambda each: each[0]):
         runs = [run for _, run in group]
-        for k in range(0, len(runs), BATCH):
-            share = done / len(logs)
-            progress(Step(f"rehearsing: {done} of {len(logs)} logs judged", share))
-            batch = runs[k : k + BATCH]
-            yield from judge(model, batch)
-            done += len(batch)
+        judge = Judge(model, runs)
+        for run in runs:
+            progress(Step(f"rehearsing: {done} of {len(logs)} logs judged", done / len(logs)))
+            yield judge(run)
+            done += 1
 
 
 def _seen_before(model: Model, runs: Sequence[Run]) -> list[str]:

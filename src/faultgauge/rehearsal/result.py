@@ -8,7 +8,9 @@ import numpy as np
 from faultgauge.rehearsal.judging import UNKNOWN
 from faultgauge.rehearsal.shares import Rate, Share, Smallest
 
-__all__ = ["Answer", "FaultResult", "Figures", "PairResult", "Rehearsal", "Trial"]
+__all__ = ["NEAR", "Answer", "FaultResult", "Figures", "PairResult", "Rehearsal", "Trial", "plain"]
+
+NEAR = 1.5  # times: what is foretold is as good as what is found
 
 
 @dataclass(frozen=True)
@@ -107,17 +109,33 @@ class Figures:
 
 @dataclass(frozen=True)
 class FaultResult:
-    """One declared fault: the smallest size that the model foretells, the one that was found 90 %
-    of the time (None where none was), figures by size and over all sizes of at least 4 times the
-    foretold (or over all where none is foretold), and how often a log did not allow it, and why."""
+    """One declared fault: the smallest size that the model foretells from the middle of a window,
+    and for 90 % of onsets `along` the windows; the one that was found 90 % of the time (None where
+    none was), figures by size and over all sizes of at least 4 times the foretold (or over all
+    where none is foretold), and how often a log did not allow it, and why."""
 
     name: str
     unit: str
     predicted: float | None
+    along: float | None
     smallest: Smallest | None
     by_size: tuple[Figures, ...]
     large: Figures
     not_injectable: dict[str, int]
+
+    @property
+    def ratio(self) -> float | None:
+        """Named 90 % of the time over foretold along the windows."""
+        return self.smallest.size / self.along if self.smallest and self.along else None
+
+    @property
+    def within(self) -> bool | None:
+        """Whether that is within 1.5 times, either way; None where it is not known."""
+        if self.ratio is None or self.smallest is None:
+            return None
+        if self.smallest.at_most and self.ratio > 1 / NEAR:
+            return None  # it may be smaller
+        return 1 / NEAR <= self.ratio <= NEAR
 
 
 @dataclass(frozen=True)
@@ -152,7 +170,7 @@ class Rehearsal:
 
     def as_dict(self) -> dict[str, Any]:
         """Everything as plain JSON: NaN and infinities are None."""
-        return _plain(self)
+        return plain(self)
 
     def table(self) -> dict[str, list[Any]]:
         """Every injected fault as a row, the columns of `trials.csv`."""
@@ -187,10 +205,10 @@ def _cell(value: Any) -> Any:
     return int(value) if isinstance(value, bool) else value
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
     """Plain JSON of a result, with the value of every share and rate."""
     if isinstance(value, Share | Rate):
-        return {name: _plain(x) for name, x in {"value": value.value, **vars(value)}.items()}
+        return {name: plain(x) for name, x in {"value": value.value, **vars(value)}.items()}
     if isinstance(value, Smallest):
         return value._asdict()
     if isinstance(value, Trial):
@@ -199,13 +217,13 @@ def _plain(value: Any) -> Any:
     if hasattr(value, "__dataclass_fields__"):
         return _fields(value)
     if isinstance(value, dict):
-        return {key: _plain(each) for key, each in value.items()}
+        return {key: plain(each) for key, each in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(each) for each in value]
+        return [plain(each) for each in value]
     if isinstance(value, float) and not np.isfinite(value):
         return None
     return value
 
 
 def _fields(value: Any) -> dict[str, Any]:
-    return {name: _plain(getattr(value, name)) for name in value.__dataclass_fields__}
+    return {name: plain(getattr(value, name)) for name in value.__dataclass_fields__}

@@ -2,16 +2,27 @@
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
+from jaxtyping import Bool, Float
 
 from faultgauge.rehearsal.design import Subject
 from faultgauge.rehearsal.result import Answer, FaultResult, Figures, PairResult, Trial
-from faultgauge.rehearsal.shares import Share, smallest_found, wilson
+from faultgauge.rehearsal.shares import Share, Smallest, smallest_found, wilson
 
-__all__ = ["LARGE", "fault_results", "figures", "large", "pair_results"]
+__all__ = [
+    "LARGE",
+    "fault_result",
+    "fault_results",
+    "figures",
+    "large",
+    "pair_results",
+    "smallest_size",
+]
 
 LARGE = 4.0 - 1e-9  # times the foretold size: what should be found and named
+MOST_GROUPS = 12  # of sizes, of which figures are said
 
 
 def large(trials: Sequence[Trial]) -> list[Trial]:
@@ -24,26 +35,53 @@ def fault_results(
     subjects: Sequence[Subject],
     trials: Sequence[Trial],
     refused: Mapping[str, Mapping[str, int]],
+    along: Mapping[str, float | None],
 ) -> tuple[FaultResult, ...]:
     """Figures of every fault, of trials with it alone."""
     found = []
     for each in subjects:
         name = each.fault.name
         mine = [trial for trial in trials if trial.names == (name,)]
-        sizes = sorted({abs(trial.answers[0].size) for trial in mine})
-        rows = [
-            figures([trial for trial in mine if abs(trial.answers[0].size) == size], size)
-            for size in sizes
-        ]
-        least = smallest_found(sizes, [r.found.count for r in rows], [r.trials for r in rows])
-        most = mine if each.smallest is None else large(mine)
-        reasons = dict(refused.get(name, {}))
-        found.append(
-            FaultResult(
-                name, each.fault.unit, each.smallest, least, tuple(rows), figures(most), reasons
-            )
-        )
+        result = fault_result(name, each.fault.unit, each.smallest, mine, along.get(name))
+        found.append(replace(result, not_injectable=dict(refused.get(name, {}))))
     return tuple(found)
+
+
+def fault_result(
+    name: str,
+    unit: str,
+    smallest: float | None,
+    trials: Sequence[Trial],
+    along: float | None = None,
+) -> FaultResult:
+    """Figures of `trials` with this fault alone; many sizes are gathered in some."""
+    sizes = np.array([abs(trial.answers[0].size) for trial in trials])
+    rows = []
+    for low, high in _groups(sizes):
+        here = (low <= sizes) & (sizes <= high)
+        some = [trial for trial, inside in zip(trials, here, strict=True) if inside]
+        rows.append(figures(some, float(np.median(sizes[here]))))
+    least = smallest_size(sizes, np.array([trial.found for trial in trials], bool))
+    most = trials if smallest is None else large(trials)
+    return FaultResult(name, unit, smallest, along, least, tuple(rows), figures(most), {})
+
+
+def smallest_size(
+    sizes: Float[np.ndarray, "trials"], found: Bool[np.ndarray, "trials"]
+) -> Smallest | None:
+    """`smallest_found` of single trials."""
+    values, at = np.unique(sizes, return_inverse=True)
+    counts = np.bincount(at, weights=found).astype(int)
+    return smallest_found(values.tolist(), counts.tolist(), np.bincount(at).tolist())
+
+
+def _groups(sizes: Float[np.ndarray, "trials"]) -> list[tuple[float, float]]:
+    """(least, largest) of at most so many groups of sizes, as many trials in each."""
+    values = np.unique(sizes)
+    if len(values) <= MOST_GROUPS:
+        return [(float(each), float(each)) for each in values]
+    parts = np.array_split(np.sort(sizes), MOST_GROUPS)
+    return [(float(part[0]), float(part[-1])) for part in parts]
 
 
 def pair_results(trials: Sequence[Trial]) -> tuple[PairResult, ...]:

@@ -3,10 +3,20 @@
 from collections.abc import Sequence
 
 from faultgauge.detection.words import number
-from faultgauge.rehearsal.result import FaultResult, PairResult, Rehearsal, Trial
+from faultgauge.rehearsal.result import NEAR, FaultResult, PairResult, Rehearsal, Trial
 from faultgauge.rehearsal.shares import Share
 
-__all__ = ["HEADER", "amount", "fault_row", "legend", "lines", "percent", "remarks", "said"]
+__all__ = [
+    "HEADER",
+    "amount",
+    "fault_row",
+    "legend",
+    "lines",
+    "percent",
+    "remarks",
+    "said",
+    "table",
+]
 
 MOST_INSTEAD = 4  # of what was told instead
 HEADER = (
@@ -25,18 +35,22 @@ HEADER = (
 
 def lines(rehearsal: Rehearsal) -> list[str]:
     """The table of the faults with its legend, and the remarks."""
-    rows = [HEADER, *(fault_row(each) for each in rehearsal.faults)]
+    return [*table(rehearsal.faults), "", legend(rehearsal.faults), *remarks(rehearsal)]
+
+
+def table(faults: Sequence[FaultResult]) -> list[str]:
+    """A line for the header and one for each of `faults`."""
+    rows = [HEADER, *(fault_row(each) for each in faults)]
     widths = [max(len(row[k]) for row in rows) for k in range(len(HEADER))]
-    table = [
+    return [
         "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
         for row in rows
     ]
-    return [*table, "", legend(rehearsal), *remarks(rehearsal)]
 
 
-def legend(rehearsal: Rehearsal) -> str:
+def legend(faults: Sequence[FaultResult]) -> str:
     """What the columns of the table mean."""
-    some_predicted = any(each.predicted is not None for each in rehearsal.faults)
+    some_predicted = any(each.predicted is not None for each in faults)
     which = "of at least 4 times the foretold size" if some_predicted else "of all sizes"
     return (
         "foretold: the smallest size that the model says it would name; named in 90 %: the one "
@@ -70,6 +84,7 @@ def remarks(rehearsal: Rehearsal) -> list[str]:
             "Named exactly, all faults of at least 4 times the foretold size: "
             f"{said(rehearsal.exact)}."
         )
+    found += _against_sheet(rehearsal.faults)
     for times in sorted({each.times for each in rehearsal.pairs}):
         found.append(_pairs([each for each in rehearsal.pairs if each.times == times], times))
     found.append(
@@ -90,6 +105,24 @@ def remarks(rehearsal: Rehearsal) -> list[str]:
             for reason, count in each.not_injectable.items()
         ]
     return found
+
+
+def _against_sheet(faults: Sequence[FaultResult]) -> list[str]:
+    """How far the sizes that were found are off those of the sheet."""
+    known = [each for each in faults if each.ratio is not None]
+    if not known:
+        return []
+    sure = [each for each in known if each.within is not None]
+    near = sum(bool(each.within) for each in sure)
+    each = ", ".join(
+        f"{fault.name} {number(fault.ratio or 0.0, 2)}"
+        + (" or less" if fault.smallest is not None and fault.smallest.at_most else "")
+        for fault in known
+    )
+    return [
+        "Named in 90 % over the size that the detectability sheet foretells for 90 % of the "
+        f"onsets: {each}; within {NEAR:g} times: {near} of {len(sure)}."
+    ]
 
 
 def _before(trials: Sequence[Trial]) -> str:
@@ -114,6 +147,8 @@ def _pairs(some: Sequence[PairResult], times: float) -> str:
 
 
 def _smallest(fault: FaultResult) -> str:
+    if not fault.by_size:
+        return "-"
     if fault.smallest is None:
         return "not reached"
     value = amount(fault.smallest.size, fault.unit)

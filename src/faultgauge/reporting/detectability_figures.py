@@ -94,8 +94,7 @@ def pairs_map(run: RunSheet) -> Figure:
         share = np.full((len(names), len(names)), np.nan)
         for pair in run.pairs:
             share[names.index(pair.fault), names.index(pair.other)] = 100 * pair.share
-        shown = axes.imshow(share, cmap="Blues", vmin=0.0, vmax=100.0, aspect="auto")
-        axes.grid(visible=False)
+        marks.cells(axes, share)
         for pair in run.pairs:
             row, column = names.index(pair.fault), names.index(pair.other)
             text = f"{number(100 * pair.share, 2)} %{'' if pair.structural else ' *'}"
@@ -105,8 +104,6 @@ def pairs_map(run: RunSheet) -> Figure:
         axes.set_yticks(range(len(names)), [style.short(each) for each in names])
         axes.set_xlabel("beside this fault")
         axes.set_ylabel("information left about")
-        bar = canvas.colorbar(shown, ax=axes)
-        bar.set_label(style.axis_label("information left", "%"))
         caption = (
             "Of what the log tells about each fault (rows), the share that is left where another "
             "one (columns) may be there, of any size, from any onset nearby. *: the equations "

@@ -17,6 +17,7 @@ from faultgauge.reporting.thinning import stretches, thin, thin_band
 __all__ = [
     "NOISES",
     "band",
+    "cells",
     "cloud",
     "dots",
     "hatch",
@@ -176,6 +177,16 @@ def cloud(
         if shade_of == SHADES[2]:
             patch.set_label(label)
     axes.autoscale_view()
+
+
+def cells(axes: Axes, percent: Float[np.ndarray, "rows columns"]) -> None:
+    """Fill the cells of a table by their percentage, the first row at the top, the centres at whole
+    numbers; as paths, since a report shows no pixel images."""
+    rows, columns = percent.shape
+    edges = np.arange(columns + 1) - 0.5, np.arange(rows + 1) - 0.5
+    axes.pcolormesh(*edges, percent, cmap="Blues", vmin=0.0, vmax=100.0)
+    axes.set_ylim(rows - 0.5, -0.5)
+    axes.grid(visible=False)
 
 
 def _cell(values: Float[np.ndarray, "points"], count: int) -> Int[np.ndarray, "points"]:

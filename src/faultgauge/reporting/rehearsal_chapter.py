@@ -1,12 +1,14 @@
 """The report of `rehearse`: how small a fault would be found in these logs, named and sized."""
 
-from faultgauge.rehearsal.result import FaultResult, Figures, Rehearsal
+from collections.abc import Sequence
+
+from faultgauge.rehearsal.result import FaultResult, Figures, Rehearsal, Trial
 from faultgauge.rehearsal.shares import Share
 from faultgauge.rehearsal.words import HEADER, amount, fault_row, legend, percent, remarks, said
-from faultgauge.reporting.rehearsal_figures import by_size
+from faultgauge.reporting.rehearsal_figures import against_sheet, by_size
 from faultgauge.reporting.report import Report, Section, Table
 
-__all__ = ["rehearsal_report"]
+__all__ = ["rehearsal_report", "size_section"]
 
 FIGURES = (
     "logs",
@@ -30,11 +32,18 @@ HOW = (
 
 def rehearsal_report(rehearsal: Rehearsal) -> Report:
     """The table of all faults, then each by its size."""
-    faults = Table(HEADER, tuple(fault_row(each) for each in rehearsal.faults), legend(rehearsal))
+    faults = Table(
+        HEADER, tuple(fault_row(each) for each in rehearsal.faults), legend(rehearsal.faults)
+    )
+    drawn = [each for each in (against_sheet(rehearsal.faults),) if each]
+    tables = (faults, *_pairs(rehearsal))
     sections = [
-        Section("What would be found", (HOW, *remarks(rehearsal)), (faults, *_pairs(rehearsal)), ())
+        Section("What would be found", (HOW, *remarks(rehearsal)), tables, tuple(drawn)),
     ]
-    sections += [_section(rehearsal, each) for each in rehearsal.faults if each.by_size]
+    for each in rehearsal.faults:
+        if each.by_size:
+            mine = [trial for trial in rehearsal.trials if trial.names == (each.name,)]
+            sections.append(size_section(each, mine))
     return Report(
         f"Rehearsal: {rehearsal.plant}",
         (_headline(rehearsal), *(f"Warning: {text}." for text in rehearsal.warnings)),
@@ -50,14 +59,14 @@ def _headline(rehearsal: Rehearsal) -> str:
     return f"{head}; of the larger ones, named exactly: {said(rehearsal.exact)}."
 
 
-def _section(rehearsal: Rehearsal, fault: FaultResult) -> Section:
+def size_section(fault: FaultResult, trials: Sequence[Trial]) -> Section:
+    """One fault by its size; `trials` are those of it alone."""
     rows = tuple((amount(row.size, fault.unit), *_cells(row)) for row in fault.by_size)
     caption = (
         "In brackets: 95 % intervals of the shares; size error, what is inside its interval and "
         "the delay are of what was named."
     )
     table = Table(("size", *FIGURES), rows, caption)
-    trials = [each for each in rehearsal.trials if each.names == (fault.name,)]
     return Section(f"{fault.name}, by size", (), (table,), (by_size(fault, trials),))
 
 

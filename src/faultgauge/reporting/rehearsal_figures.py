@@ -5,12 +5,12 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from matplotlib.axes import Axes
 
-from faultgauge.rehearsal.result import FaultResult, Figures, Trial
+from faultgauge.rehearsal.result import NEAR, FaultResult, Figures, Trial
 from faultgauge.rehearsal.shares import Share
 from faultgauge.reporting import style
 from faultgauge.reporting.svg import Figure, figure
 
-__all__ = ["by_size"]
+__all__ = ["against_sheet", "by_size"]
 
 MARKS = ("o", "s")
 
@@ -43,6 +43,40 @@ def by_size(fault: FaultResult, trials: Sequence[Trial]) -> Figure:
             "the size that was named in 90 % of the logs."
         )
         return figure(canvas, f"{style.short(fault.name)} by its size", caption)
+
+
+def against_sheet(faults: Sequence[FaultResult]) -> Figure | None:
+    """Draw the size that was named 90 % of the time over the one that the sheet foretells for 90 %
+    of the onsets, each fault in its own unit; None where no fault has both."""
+    known = [each for each in faults if each.ratio is not None and each.along and each.smallest]
+    if not known:
+        return None
+    x = np.array([each.along for each in known], float)
+    y = np.array([each.smallest.size for each in known if each.smallest], float)
+    ends = np.array([min(x.min(), y.min()) / 3, 3 * max(x.max(), y.max())])
+    with style.drawing():
+        canvas, (axes,) = style.panels((4.2,))
+        axes.plot(ends, ends, color=style.GREY, linewidth=0.8)
+        for factor in (1 / NEAR, NEAR):
+            axes.plot(ends, factor * ends, color=style.GREY, linewidth=0.8, linestyle=(0, (4, 3)))
+        for fault, foretold, found in zip(known, x, y, strict=True):
+            least = fault.smallest is not None and fault.smallest.at_most
+            axes.plot(foretold, found, "v" if least else "o", color=style.PREDICTED, markersize=5)
+            text = style.axis_label(fault.name, fault.unit)
+            axes.annotate(text, (foretold, found), (7, -3), textcoords="offset points", fontsize=8)
+        axes.set_xscale("log")
+        axes.set_yscale("log")
+        axes.set_xlim(*ends)
+        axes.set_ylim(*ends)
+        for axis in (axes.xaxis, axes.yaxis):
+            style.plain_powers(axis)
+        axes.set_xlabel("foretold along the log, for 90 % of the onsets")
+        axes.set_ylabel("named in 90 % of the logs")
+        caption = (
+            "Each fault in its own unit. Dashed: 1.5 times more and less. A triangle is the "
+            "smallest size that was tried, which was named often enough already."
+        )
+        return figure(canvas, "Foretold and found", caption)
 
 
 def _shares(axes: Axes, fault: FaultResult) -> None:

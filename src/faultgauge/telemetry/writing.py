@@ -68,10 +68,12 @@ def _parquet(columns: dict[str, list[Any]]) -> bytes:
             "writing Parquet needs an extra package: pip install faultgauge[io]; or write .csv."
         ) from None
     texts = {"run", "time", "status", "reason"}
-    arrays = {
-        name: pyarrow.array(cells, pyarrow.string() if name in texts else pyarrow.float64())
-        for name, cells in columns.items()
-    }
+    arrays = {}
+    for name, cells in columns.items():
+        array = pyarrow.array(cells)
+        if pyarrow.types.is_null(array.type):  # all cells are empty
+            array = array.cast(pyarrow.string() if name in texts else pyarrow.float64())
+        arrays[name] = array
     buffer = io.BytesIO()
     pyarrow.parquet.write_table(pyarrow.table(arrays), buffer)
     return buffer.getvalue()

@@ -1,7 +1,5 @@
 """`plant` and `load`: what to fit, and what was fitted."""
 
-import json
-import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -10,6 +8,7 @@ from faultgauge.errors import InputError
 from faultgauge.plants.gray_box import GrayBoxPlant, load_plant
 from faultgauge.plants.model import Model, load_model
 from faultgauge.plants.plant_file import parse_plant
+from faultgauge.plants.toml_text import toml_text
 
 __all__ = ["load", "model_of", "plant"]
 
@@ -27,7 +26,7 @@ def plant(source: Any) -> GrayBoxPlant:
     if isinstance(source, GrayBoxPlant):
         return source
     if isinstance(source, Mapping):
-        return _parsed(_toml(source), "the plant's dict")
+        return _parsed(toml_text(source), "the plant's dict")
     if isinstance(source, str) and ("\n" in source or "=" in source):
         return _parsed(source, "the plant's text")
     if isinstance(source, str | Path):
@@ -60,41 +59,3 @@ def model_of(given: Any) -> Model:
 
 def _parsed(text: str, source: str) -> GrayBoxPlant:
     return GrayBoxPlant.untrained(parse_plant(text, source))
-
-
-def _toml(tables: Mapping[Any, Any]) -> str:
-    """A plant file of the same content: values first, then a section per table."""
-    lines = [
-        f"{_key(key)} = {_value(value, key)}"
-        for key, value in tables.items()
-        if not isinstance(value, Mapping)
-    ]
-    for key, table in tables.items():
-        if isinstance(table, Mapping):
-            lines += ["", f"[{_key(key)}]"]
-            lines += [f"{_key(name)} = {_value(value, key)}" for name, value in table.items()]
-    return "\n".join(lines) + "\n"
-
-
-def _key(name: Any) -> str:
-    return json.dumps(str(name), ensure_ascii=False)
-
-
-def _value(value: Any, key: Any) -> str:
-    if isinstance(value, Mapping):
-        inner = ", ".join(f"{_key(name)} = {_value(each, name)}" for name, each in value.items())
-        return f"{{ {inner} }}" if inner else "{}"
-    if isinstance(value, list | tuple):
-        return f"[{', '.join(_value(each, key) for each in value)}]"
-    if isinstance(value, str | bool):
-        return json.dumps(value, ensure_ascii=False)
-    if isinstance(value, int):
-        return str(value)
-    try:
-        number = float(value)  # NumPy's numbers too
-    except (TypeError, ValueError):
-        raise InputError(
-            f"the plant's dict, {key}: a {type(value).__name__} is neither a number, a text nor a "
-            "table of them; correct it."
-        ) from None
-    return repr(number) if math.isfinite(number) else str(number)
