@@ -28,6 +28,7 @@ from faultgauge.campaigns.result import (
 )
 from faultgauge.campaigns.right import Right
 from faultgauge.campaigns.schema import HEALTHY, Kind, Plan, label
+from faultgauge.detection.uncalibrated import level_in
 from faultgauge.plants.model import Model
 from faultgauge.rehearsal.judging import UNKNOWN, false_alarm_rate
 from faultgauge.rehearsal.result import FaultResult, Trial
@@ -50,7 +51,7 @@ def scored(
 ) -> Campaign:
     """All figures of a campaign."""
     names = (*model.plant.signals.fault_names, UNKNOWN)
-    bank = (model.calibration or {})["bank"]
+    level = level_in(model).level
     faulty = [row for row in rows if row["kind"] != HEALTHY]
     kinds = tuple(_kind(plan, kinds, rows, right) for kinds in plan.kinds)
     hours = sum(row["healthy_hours"] for row in rows)
@@ -64,7 +65,7 @@ def scored(
         plant=model.plant.spec.name,
         kinds=kinds,
         levels=LEVELS,
-        level=float(bank["level"]),
+        level=level,
         false=tuple(
             poisson(sum(row[f"false_at_{level:g}"] for row in rows), hours) for level in LEVELS
         ),

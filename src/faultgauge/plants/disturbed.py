@@ -247,7 +247,7 @@ class _Strayed(Plant):
     signals: Signals = eqx.field(static=True)
     base: Plant
     usual: Plant | None
-    stray: Float[Array, "inputs"]
+    stray: Float[Array | np.ndarray, "inputs"]
 
     def derivative(
         self, x: Float[Array, "states"], u: Float[Array, "inputs"]
