@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from calibrations import for_bank
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model, save_model
 from faultgauge.plants.plant_file import parse_plant
@@ -62,24 +63,8 @@ def judging() -> Model:
         "metrics": {"validation_free_run_nrmse": 0.0},
     }
     model = Model(GrayBoxPlant.untrained(parse_plant(TANK)), record)
-    bank = {
-        "level": 4.0,
-        "widened": 1.0,
-        "mtbfa_s": 3600.0,
-        "confidence": 0.95,
-        "alarms": 0,
-        "judged_s": 10800.0,
-        "healthy_s": 10800.0,
-        "memory_s": 20.0,
-        "blocks": 100,
-        "block_s": 100.0,
-        "samples": 21600,
-        "suspects": [],
-        "size": {},
-    }
-    noise = NOISE.as_dict(model)
-    calibration = {"observer": "bank", "data": [], "repeats": {}, "noise": noise, "bank": bank}
-    return model.with_calibration(calibration)
+    times = {"judged_s": 10800.0, "healthy_s": 10800.0, "mtbfa_s": 3600.0}
+    return for_bank(model, NOISE, level=4.0, memory_s=20.0, **times)
 
 
 @pytest.fixture(scope="session")
