@@ -129,14 +129,8 @@ def test_an_input_that_strays_is_one_error_wherever_it_acts():
     state nor the output errs on its own."""
     text = LAG.replace('value = "x"', 'value = "x"\n[outputs.q]\nvalue = "3*u"')
     points = np.random.default_rng(0).uniform([-3, -1], [3, 1], (60, 2))
-    record = {
-        "max_step": 1.0,
-        "envelope_points": points.tolist(),
-        "columns": {"states": [["x", 0]], "outputs": ["x", "q"]},
-        "data": {"fit": [], "validate": []},
-    }
-    plant = GrayBoxPlant.untrained(parse_plant(text.replace("FIXED", "true")))
-    found = estimate_noise(Model(plant, record), [strayed(seed) for seed in range(LOGS)])
+    plant = as_stated(text.replace("FIXED", "true"), points, outputs=("x", "q"))
+    found = estimate_noise(plant, [strayed(seed) for seed in range(LOGS)])
     slow = TAU / (LOGS * COUNT * STEP)
     assert (found.strays, found.wanders, found.lags) == ((0,), (), ())
     assert abs(np.log(found.stray[0] / SIZE)) < 3 * np.sqrt(slow / 2)

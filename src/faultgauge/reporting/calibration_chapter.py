@@ -148,9 +148,32 @@ def _levels(model: Model, noise: Noise) -> Table:
                 f"lasts {quantity(float(noise.lasting[k]), 's')}",
             )
         )
+    rows += _besides(model, noise)
+    rows += [
+        (f"drift of {name}", quantity(float(drift), "1"), "per root second")
+        for name, drift in zip(drifting_of(model), noise.drift, strict=True)
+    ]
+    units = {each.name: each.unit or "1" for each in model.plant.spec.parameters}
     rows += [
         (
-            f"by what {signals.inputs[j].name} strays",
+            f"{name}, from run to run",
+            quantity(float(spread), units[name]),
+            f"mean off the fit by {quantity(float(shift), units[name])}",
+        )
+        for name, spread, shift in zip(
+            constants_of(model).names, noise.spread, noise.shift, strict=True
+        )
+    ]
+    header = ("", "standard deviation", "")
+    return Table(header, tuple(rows), "What calibration found.")
+
+
+def _besides(model: Model, noise: Noise) -> list[tuple[str, str, str]]:
+    """What inputs and outputs err by on their own."""
+    signals = model.plant.signals
+    rows = [
+        (
+            f"{signals.inputs[j].name} strays from what the log says by",
             quantity(float(noise.stray[j]), signals.inputs[j].unit),
             f"lasts {quantity(float(noise.straying[j]), 's')}",
         )
@@ -159,7 +182,7 @@ def _levels(model: Model, noise: Noise) -> Table:
     for k, place in enumerate(following_inputs(model.plant)):
         rows.append(
             (
-                f"of what a change of an input does ({signals.inputs[place].name}), it errs by",
+                f"of a change of {signals.inputs[place].name}, what comes late or not at all",
                 f"{100 * noise.share[k]:.2f} %",
                 f"for {quantity(float(noise.settling[k]), 's')}",
             )
@@ -180,20 +203,4 @@ def _levels(model: Model, noise: Noise) -> Table:
         )
         for j in noise.lags
     ]
-    rows += [
-        (f"drift of {name}", quantity(float(drift), "1"), "per root second")
-        for name, drift in zip(drifting_of(model), noise.drift, strict=True)
-    ]
-    units = {each.name: each.unit or "1" for each in model.plant.spec.parameters}
-    rows += [
-        (
-            f"{name}, from run to run",
-            quantity(float(spread), units[name]),
-            f"mean off the fit by {quantity(float(shift), units[name])}",
-        )
-        for name, spread, shift in zip(
-            constants_of(model).names, noise.spread, noise.shift, strict=True
-        )
-    ]
-    header = ("", "standard deviation", "")
-    return Table(header, tuple(rows), "What calibration found.")
+    return rows
