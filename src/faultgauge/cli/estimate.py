@@ -188,7 +188,7 @@ def _answer_logs(
     options.wrote(*(path for group in files.values() for path in group), *paths)
     if found.events:
         look = "--report FILE.html shows why" if report is None else f"open {report}"
-        back = "" if smooth else "; --smooth tells what the whole log says of it"
+        back = "" if asked["smooth"] else "; --smooth tells what the whole log says of it"
         options.say(f"next: {look}{back}")
 
 
