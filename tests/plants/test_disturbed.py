@@ -55,9 +55,10 @@ def test_only_what_is_not_kinematics_may_err(plant):
 
 
 def test_derivative_and_output_by_hand(plant):
-    """k = 3 + 0.2 + 0.3 = 3.5; c = 0.5 - 0.1 + 0.05 - 0.04 = 0.41; u is by 0.4 short."""
+    """k = 3 + 0.2 + 0.3 = 3.5; c = 0.5 - 0.1 + 0.05 - 0.04 = 0.41; u is by 0.4
+    short, which acts as on the usual plant, whose k is 3.2."""
     dx = np.asarray(plant.derivative(jnp.asarray(X), jnp.asarray(U)))
-    wanted = [2.0, 3.5 * (1.5 - 0.4) - 0.41 * 2.0 + 0.7, -0.7 / TAU, 0.4 / SETTLING, 0.0, 0.0]
+    wanted = [2.0, 3.5 * 1.5 - 3.2 * 0.4 - 0.41 * 2.0 + 0.7, -0.7 / TAU, 0.4 / SETTLING, 0.0, 0.0]
     np.testing.assert_allclose(dx, wanted, rtol=1e-12)
     y = plant.output(jnp.asarray(dx), jnp.asarray(X), jnp.asarray(U))
     np.testing.assert_allclose(y, [1.0, wanted[1]], rtol=1e-12)

@@ -212,9 +212,14 @@ class Disturbed(Plant):
         """`base` with the constants that xi makes of them, inputs off by what a and e are in the
         mean over the `dt` [s] behind `x`, and with all faults."""
         own = replace(self.signals, states=self.base.signals.states)
-        spans = dt / self.times
-        mean = jnp.where(spans > 0, -jnp.expm1(-spans) / jnp.where(spans > 0, spans, 1.0), 1.0)
-        beside = x.at[self.count :].multiply(mean) if self.straying or self.following else x
+        beside = x
+        for part, lasting in (
+            (self.parts.e, self.error.settling),
+            (self.parts.a, self.error.straying),
+        ):
+            spans = dt / lasting
+            mean = jnp.where(spans > 0, -jnp.expm1(-spans) / jnp.where(spans > 0, spans, 1.0), 1.0)
+            beside = beside.at[part].multiply(mean)
         return _Own(own, self.plant_at(beside))
 
     def plant_at(self, x: Float[Array, "states"]) -> Plant:
