@@ -3,7 +3,6 @@
 import importlib
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
@@ -26,9 +25,3 @@ def test_ratios_and_their_figure(script):
     drawn = script.scatter(rows)
     assert "smallest size foretold (the fault's unit)" in drawn.svg
     assert "found 90 % of the time (the fault's unit)" in drawn.svg
-
-
-def test_what_no_window_shows_counts_as_the_largest(script):
-    assert script._quantile([1.0, None, 3.0], 0.5) == 3.0
-    assert script._quantile([None, None, 3.0], 0.5) is None
-    assert script._quantile(np.arange(1.0, 11.0).tolist(), 0.9) == 10.0

@@ -29,7 +29,7 @@ def rehearsal(trials, left_out=None):
     return Rehearsal(
         plant="wheel",
         windows={"w": 1000},
-        faults=fault_results([subject], trials, {"friction": {"no room": 2}}),
+        faults=fault_results([subject], trials, {"friction": {"no room": 2}}, {"friction": 1.5}),
         pairs=pair_results(trials),
         exact=wilson(sum(each.exact for each in pooled), len(pooled)),
         false_alarms=poisson(1, 4.0),
@@ -69,8 +69,8 @@ def test_the_report_draws_each_fault_with_its_unit(found):
     report = rehearsal_report(found)
     page = render(report)
     figures = [figure for section in report.sections for figure in section.figures]
-    assert [each.title for each in figures] == ["friction by its size"]
-    words = " ".join(t.text or "" for t in ET.fromstring(figures[0].svg).iter() if t.text)
+    assert [each.title for each in figures] == ["Foretold and found", "friction by its size"]
+    words = " ".join(t.text or "" for t in ET.fromstring(figures[1].svg).iter() if t.text)
     for label in (
         "size of friction (N·m)",
         "share of logs (%)",
