@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from faultgauge.reporting.report import Report, write
-from faultgauge.studies.paper.accommodating import measured
-from faultgauge.studies.paper.bench import set_up
-from faultgauge.studies.paper.reproduce import as_json, over_seeds
+from faultgauge_studies.paper.accommodating import measured
+from faultgauge_studies.paper.bench import set_up
+from faultgauge_studies.paper.reproduce import as_json, over_seeds
 
 
 def one_seed(seed: int) -> tuple[dict[str, Any], dict[str, Any]]:

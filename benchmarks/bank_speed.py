@@ -9,12 +9,12 @@ import sys
 import time
 from dataclasses import replace
 
+from decision_studies.rig import rig, true_model, window
 from faultgauge.detection.bank import build_fault_bank
 from faultgauge.detection.noise_estimation import estimate_noise
 from faultgauge.detection.watch import Watch
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.signals import Fault
-from faultgauge.studies.decisions.rig import rig, true_model, window
 
 COUNT = int(sys.argv[1]) if len(sys.argv) > 1 else 1_000_000
 MORE = (

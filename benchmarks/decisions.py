@@ -13,13 +13,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from decision_studies.naming import Verdict, left_out, named, rig_bank
+from decision_studies.optimal import against_kalman, linear_bank
+from decision_studies.rig import FAULTS
+from decision_studies.tank import leak_found
+from decision_studies.wheel import STEP, false_alarms, friction_found, wheel_bank
 from faultgauge.detection.uncalibrated import level_in
-from faultgauge.studies import merit
-from faultgauge.studies.decisions.naming import Verdict, left_out, named, rig_bank
-from faultgauge.studies.decisions.optimal import against_kalman, linear_bank
-from faultgauge.studies.decisions.rig import FAULTS
-from faultgauge.studies.decisions.tank import leak_found
-from faultgauge.studies.decisions.wheel import STEP, false_alarms, friction_found, wheel_bank
+from faultgauge_studies import merit
 
 FIRST = 100  # seeds below are for tuning: --first 0
 HEALTHY = 1000  # more than --first: the first seed of the fresh healthy flights

@@ -25,8 +25,8 @@ from faultgauge.detection.events import UNKNOWN
 from faultgauge.detection.verdicts import FAULT, NOT_JUDGED
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant_file import parse_plant
-from faultgauge.studies import merit
 from faultgauge.telemetry import Run
+from faultgauge_studies import merit
 from mismatch.harness import calibrated, without_discrepancy
 from mismatch.report import share
 from mismatch.scoring import wilson

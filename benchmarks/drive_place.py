@@ -17,12 +17,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial import KDTree
 
-from faultgauge.detection.decisions import decide_runs
-from faultgauge.detection.judged import operating_points
-from faultgauge.plants.gray_box import load_plant
-from faultgauge.studies import merit
-from faultgauge.studies.checkup import parts
-from faultgauge.studies.decisions.drive_pulses import (
+from decision_studies.drive_pulses import (
     SETTLED,
     SHARES,
     Body,
@@ -30,7 +25,12 @@ from faultgauge.studies.decisions.drive_pulses import (
     by_bank,
     trained,
 )
-from faultgauge.studies.drive import PULSE, DriveLogs, measured_logs
+from faultgauge.detection.decisions import decide_runs
+from faultgauge.detection.judged import operating_points
+from faultgauge.plants.gray_box import load_plant
+from faultgauge.verbs.checkup import parts
+from faultgauge_studies import merit
+from faultgauge_studies.drive import PULSE, DriveLogs, measured_logs
 
 PLACED, SPEED = "network of speed and place, 6 units", "network of speed, 6 units"
 GOOD = 0.5  # V

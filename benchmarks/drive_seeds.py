@@ -7,7 +7,7 @@ import sys
 
 import numpy as np
 
-from faultgauge.studies.drive import BODIES, measured_logs, run_drive
+from faultgauge_studies.drive import BODIES, measured_logs, run_drive
 
 logs = measured_logs()
 if logs is None:

@@ -33,9 +33,9 @@ from faultgauge.identification.fit import fit
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant_file import parse_plant
 from faultgauge.simulation.free_run import free_run, substeps_for
-from faultgauge.studies.published.benchmark import benchmark, plant_of, records
-from faultgauge.studies.published.run import error_of, mean_of
 from faultgauge.telemetry import Run
+from faultgauge_studies.published.benchmark import benchmark, plant_of, records
+from faultgauge_studies.published.run import error_of, mean_of
 from left_out import WARMUP, splits
 
 FORCE = 35.15065188248547  # N/V

@@ -2,7 +2,7 @@
 
 python benchmarks/exported_c.py [SAMPLES]
 
-The rig of `studies/decisions` with three faults: 8 sets, the unknown one included. All run over the
+The rig of `decision_studies` with three faults: 8 sets, the unknown one included. All run over the
 same samples in one thread, turn by turn, and the median of the ratios counts, by the clock of the
 process. The engine is what `estimate --engine c` runs: all that events are found from, for this
 processor. Where filterpy is installed (`pip install faultgauge[peers]`) its EKF of the rig's states
@@ -30,6 +30,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from decision_studies.rig import rig, true_model, window
 from faultgauge.detection.bank import build_fault_bank
 from faultgauge.detection.noise_estimation import estimate_noise
 from faultgauge.detection.watch import Watch
@@ -41,7 +42,6 @@ from faultgauge.export.sources import header, step_source, table_source
 from faultgauge.observers.eso import ExtendedStateObserver
 from faultgauge.observers.observer import ObserverState
 from faultgauge.plants.gray_box import GrayBoxPlant, load_plant
-from faultgauge.studies.decisions.rig import rig, true_model, window
 
 COUNT = int(sys.argv[1]) if len(sys.argv) > 1 else 20_000
 ROUNDS = 5

@@ -16,9 +16,9 @@ import left_out
 from faultgauge.identification.evaluation import predict
 from faultgauge.identification.fit import fit
 from faultgauge.identification.refinement import networks
-from faultgauge.studies.published.benchmark import benchmark, plant_of, records
-from faultgauge.studies.published.run import error_of, mean_of
 from faultgauge.telemetry import Run, cut
+from faultgauge_studies.published.benchmark import benchmark, plant_of, records
+from faultgauge_studies.published.run import error_of, mean_of
 
 LENGTH, CALM, WILD, EVERY = 512, 0.4, 0.85, 6
 VARIANTS = {"with": 0, "without": np.inf}  # from how many samples on

@@ -29,10 +29,10 @@ from faultgauge.detection.verdicts import FAULT
 from faultgauge.errors import InputError
 from faultgauge.identification.fit import fit
 from faultgauge.plants.model import Model, load_model, save_model
-from faultgauge.studies.published.benchmark import plant_text
-from faultgauge.studies.published.faulted_data import healthy_loop
 from faultgauge.telemetry import Run
 from faultgauge.telemetry.runs import cut, paced
+from faultgauge_studies.published.benchmark import plant_text
+from faultgauge_studies.published.faulted_data import healthy_loop
 from real_sets import HALVES, SETS, RealSet, split
 
 COUNT = 20

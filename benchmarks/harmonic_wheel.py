@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
+from decision_studies.harmonic import PRESETS, Flown, harmonic_bank, intermittent
 from faultgauge.reporting.time_figures import Panel, panels
-from faultgauge.studies import merit
-from faultgauge.studies.decisions.harmonic import PRESETS, Flown, harmonic_bank, intermittent
+from faultgauge_studies import merit
 
 
 def measured(preset: str, flights: int) -> Flown:

@@ -14,7 +14,7 @@ import numpy as np
 import left_out
 from faultgauge.identification.refinement import search
 from faultgauge.plants.gray_box import load_plant
-from faultgauge.studies.published.benchmark import benchmark, plant_of, records
+from faultgauge_studies.published.benchmark import benchmark, plant_of, records
 
 VARIANTS = {"as judged": 0.0, "held-out samples too": np.inf}  # short: fewer samples than that
 

@@ -20,6 +20,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from decision_studies.drive_pulses import SHARES, bodies, trained
+from decision_studies.tank import tank_log
 from faultgauge.detection.bank import build_fault_bank
 from faultgauge.detection.calibration import calibrate
 from faultgauge.detection.coverage import MARGIN, regions_of
@@ -30,14 +32,12 @@ from faultgauge.identification.fit import fit
 from faultgauge.plants.gray_box import GrayBoxPlant, load_plant
 from faultgauge.plants.model import Model
 from faultgauge.plants.plant_file import parse_plant
-from faultgauge.studies.checkup import black_box, parts
-from faultgauge.studies.decisions.drive_pulses import SHARES, bodies, trained
-from faultgauge.studies.decisions.tank import tank_log
-from faultgauge.studies.drive import measured_logs
-from faultgauge.studies.paper.cases import inner_disturbance
-from faultgauge.studies.paper.excited import SWEEP, records
-from faultgauge.studies.paper.learning import learn
 from faultgauge.telemetry import Run
+from faultgauge.verbs.checkup import black_box, parts
+from faultgauge_studies.drive import measured_logs
+from faultgauge_studies.paper.cases import inner_disturbance
+from faultgauge_studies.paper.excited import SWEEP, records
+from faultgauge_studies.paper.learning import learn
 
 PLANT = """
 name = "drive"

@@ -17,9 +17,9 @@ import numpy as np
 from faultgauge.identification.evaluation import predict
 from faultgauge.identification.fit import fit
 from faultgauge.plants.gray_box import GrayBoxPlant, load_plant
-from faultgauge.studies.published.benchmark import Benchmark, benchmark, plant_of, records
-from faultgauge.studies.published.run import error_of, mean_of
 from faultgauge.telemetry import Run, cut
+from faultgauge_studies.published.benchmark import Benchmark, benchmark, plant_of, records
+from faultgauge_studies.published.run import error_of, mean_of
 
 __all__ = ["error", "splits"]
 

@@ -32,8 +32,8 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "telemetry"))
 from workbooks import write_workbook
 
-from faultgauge.studies.drive import measured_logs
 from faultgauge.telemetry import Run
+from faultgauge_studies.drive import measured_logs
 
 PACE = 10  # s
 ROOM, PER_PERCENT, LOSING = 21.0, 0.012, 0.004  # degC, degC/s per %, 1/s

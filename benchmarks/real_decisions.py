@@ -13,12 +13,12 @@ from pathlib import Path
 
 import numpy as np
 
+from decision_studies.drive_pulses import Body, Found, bodies, by_bank, by_eso, trained
+from decision_studies.drone_runs import healthy_runs, left_out
 from faultgauge.detection.decisions import Decision
 from faultgauge.reporting.time_figures import fault_estimate
-from faultgauge.studies import merit
-from faultgauge.studies.decisions.drive_pulses import Body, Found, bodies, by_bank, by_eso, trained
-from faultgauge.studies.decisions.drone_runs import healthy_runs, left_out
-from faultgauge.studies.drive import DriveLogs, measured_logs
+from faultgauge_studies import merit
+from faultgauge_studies.drive import DriveLogs, measured_logs
 
 
 def spread(values: Sequence[float]) -> str:

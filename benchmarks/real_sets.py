@@ -31,11 +31,11 @@ from faultgauge.identification.fit import fit
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant_file import parse_plant
 from faultgauge.rehearsal.rehearse import TRIALS, rehearse
-from faultgauge.studies.published import data
-from faultgauge.studies.published.benchmark import plant_text
-from faultgauge.studies.published.crazypad import case_of
-from faultgauge.studies.published.faulted_data import flights
 from faultgauge.telemetry import Run, cut
+from faultgauge_studies.published import data
+from faultgauge_studies.published.benchmark import plant_text
+from faultgauge_studies.published.crazypad import case_of
+from faultgauge_studies.published.faulted_data import flights
 
 __all__ = ["HALVES", "SETS", "RealSet", "split", "with_biases"]
 

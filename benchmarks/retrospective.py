@@ -11,10 +11,10 @@ from pathlib import Path
 
 import numpy as np
 
-from faultgauge.studies import merit
-from faultgauge.studies.decisions.hindsight import Hindsight, linear_hindsight, wheel_hindsight
-from faultgauge.studies.decisions.optimal import linear_bank
-from faultgauge.studies.decisions.wheel import wheel_bank
+from decision_studies.hindsight import Hindsight, linear_hindsight, wheel_hindsight
+from decision_studies.optimal import linear_bank
+from decision_studies.wheel import wheel_bank
+from faultgauge_studies import merit
 
 
 def rms(values: Sequence[float]) -> float:

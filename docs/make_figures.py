@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from faultgauge.reporting.time_figures import fault_estimate
-from faultgauge.studies.drive import measured_logs, run_drive
+from faultgauge_studies.drive import measured_logs, run_drive
 
 logs = measured_logs()
 if logs is None:

@@ -72,7 +72,8 @@ for name, value in {
 
 gc.set_threshold(200_000)  # as the commands have it: tracing makes many objects and few cycles
 
-jaxtyping.install_import_hook("faultgauge", "type_checks.checked").__enter__()
+OURS = ("faultgauge", "faultgauge_studies")
+jaxtyping.install_import_hook(OURS, "type_checks.checked").__enter__()
 
 import jax  # noqa: E402  (after the hook, so that nothing of ours is imported before it)
 

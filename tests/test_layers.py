@@ -6,13 +6,14 @@ from pathlib import Path
 import pytest
 
 import faultgauge
+import faultgauge_studies
 
 ROOT = Path(faultgauge.__file__).parent
+STUDIES = Path(faultgauge_studies.__file__).parent
 LAYERS = (
     "cli",
     "fleet",
     "verbs",
-    "studies",
     "reporting",
     "campaigns",
     "accommodation",
@@ -29,16 +30,21 @@ LAYERS = (
 )
 LONGEST = 60  # lines of a function, its arguments and docstring among them
 BELOW_ALL = {"errors", "files", "progress"}
+RUN_STUDIES = {"cli/benchmark.py", "cli/demo.py", "cli/reproduce.py"}
 
 
-def imported(path: Path) -> set[str]:
+def modules(path: Path) -> set[str]:
     found = set()
     for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.ImportFrom) and node.module:
             found.add(node.module)
         elif isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
-    return {name.split(".")[1] for name in found if name.startswith("faultgauge.")}
+    return found
+
+
+def imported(path: Path) -> set[str]:
+    return {name.split(".")[1] for name in modules(path) if name.startswith("faultgauge.")}
 
 
 @pytest.mark.parametrize("layer", LAYERS)
@@ -50,6 +56,24 @@ def test_a_layer_imports_only_what_is_below_it(layer):
         assert imported(path) <= legal, path
 
 
+def test_studies_import_no_command():
+    for path in sorted(STUDIES.rglob("*.py")):
+        assert imported(path) <= {*LAYERS[LAYERS.index("verbs") :], *BELOW_ALL}, path
+
+
+def test_only_the_commands_that_run_studies_know_them():
+    knowing = {
+        str(path.relative_to(ROOT))
+        for path in ROOT.rglob("*.py")
+        if any(name.split(".")[0] == "faultgauge_studies" for name in modules(path))
+    }
+    assert knowing == RUN_STUDIES
+    for name in RUN_STUDIES:  # and no sooner than they run
+        at_import = ast.parse((ROOT / name).read_text()).body
+        loaded = {node.module for node in at_import if isinstance(node, ast.ImportFrom)}
+        assert not any(module.startswith("faultgauge_studies") for module in loaded if module)
+
+
 def test_every_folder_is_a_layer():
     folders = {p.name for p in ROOT.iterdir() if p.is_dir() and p.name != "__pycache__"}
     assert folders == set(LAYERS)
@@ -58,8 +82,8 @@ def test_every_folder_is_a_layer():
 def test_no_function_is_longer_than_a_screen():
     # how many ways lead through one, Ruff counts (C901)
     long = [
-        f"{path.relative_to(ROOT)}: {node.name} has {node.end_lineno - node.lineno + 1} lines"
-        for path in sorted(ROOT.rglob("*.py"))
+        f"{path.relative_to(ROOT.parent)}: {node.name} has {node.end_lineno - node.lineno + 1} lines"
+        for path in sorted([*ROOT.rglob("*.py"), *STUDIES.rglob("*.py")])
         for node in ast.walk(ast.parse(path.read_text()))
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
         and node.end_lineno - node.lineno >= LONGEST

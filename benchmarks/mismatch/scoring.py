@@ -13,7 +13,7 @@ from scipy.stats import binomtest
 from faultgauge.detection.decisions import Decision
 from faultgauge.detection.events import UNKNOWN
 from faultgauge.detection.verdicts import FAULT, NOT_JUDGED
-from faultgauge.studies import merit
+from faultgauge_studies import merit
 from mismatch.case import Injected
 
 __all__ = ["Found", "Trial", "figures", "scored", "wilson"]

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from faultgauge.accommodation.allocation import allocate, null_projector
-from faultgauge.studies.paper.accommodating.pyramid import AXES, NULL
+from faultgauge_studies.paper.accommodating.pyramid import AXES, NULL
 
 TAU = np.array([0.3, -0.2, 0.5])
 

@@ -3,12 +3,12 @@
 import pytest
 
 from faultgauge.plants.model import Model
-from faultgauge.studies.published import data, faulted, run
-from faultgauge.studies.published.benchmark import BENCHMARKS, FAULTED, Records, plant_of
-from faultgauge.studies.published.crazypad import Answer, Flights, case_of
-from faultgauge.studies.published.crazypad import Trial as Flown
-from faultgauge.studies.published.skab import PUBLISHED, WaterLoop
-from faultgauge.studies.published.skab import Trial as Watched
+from faultgauge_studies.published import data, faulted, run
+from faultgauge_studies.published.benchmark import BENCHMARKS, FAULTED, Records, plant_of
+from faultgauge_studies.published.crazypad import Answer, Flights, case_of
+from faultgauge_studies.published.crazypad import Trial as Flown
+from faultgauge_studies.published.skab import PUBLISHED, WaterLoop
+from faultgauge_studies.published.skab import Trial as Watched
 
 
 @pytest.fixture

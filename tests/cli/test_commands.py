@@ -19,7 +19,7 @@ from faultgauge.cli.app import app, run
 from faultgauge.cli.evidence import evidence_files
 from faultgauge.errors import InputError
 from faultgauge.plants.model import Model, load_model, save_model
-from faultgauge.studies import checkup
+from faultgauge.verbs import checkup
 
 SCRIPT = Path(sys.executable).parent / "faultgauge"
 COMMANDS = [

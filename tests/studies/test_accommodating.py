@@ -7,12 +7,12 @@ from faultgauge.accommodation.perturbed import Perturbed
 from faultgauge.observers.gains import ackermann, bandwidth_poles
 from faultgauge.simulation.satellite.observatory import INERTIA, SLEW, run_satellite
 from faultgauge.simulation.schedules import Schedule
-from faultgauge.studies.paper.accommodating import setting
-from faultgauge.studies.paper.accommodating.array import held, loss, satellite
-from faultgauge.studies.paper.accommodating.margins import CORNERS, crossover, lag
-from faultgauge.studies.paper.accommodating.pyramid import AXES, BIAS, WITHIN
-from faultgauge.studies.paper.bench import set_up
-from faultgauge.studies.paper.cases import ONSET
+from faultgauge_studies.paper.accommodating import setting
+from faultgauge_studies.paper.accommodating.array import held, loss, satellite
+from faultgauge_studies.paper.accommodating.margins import CORNERS, crossover, lag
+from faultgauge_studies.paper.accommodating.pyramid import AXES, BIAS, WITHIN
+from faultgauge_studies.paper.bench import set_up
+from faultgauge_studies.paper.cases import ONSET
 
 W, ZETA, PERIOD, PITCH_INERTIA = 0.1, 0.9, 0.25, INERTIA[1]
 

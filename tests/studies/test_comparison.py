@@ -3,13 +3,14 @@
 import numpy as np
 import pytest
 
-from faultgauge.identification.baselines.baseline import Scaling
-from faultgauge.identification.baselines.narx import narx
 from faultgauge.simulation.satellite.loop import Telemetry
-from faultgauge.studies.paper.claims.verdict import Verdict
-from faultgauge.studies.paper.comparison import Beside, Rival, Wheel, _identification
-from faultgauge.studies.paper.comparison_section import FIG_13, PAPER, verdicts
-from faultgauge.studies.paper.competitors import (
+from faultgauge.telemetry import Run
+from faultgauge_studies.baselines.baseline import Scaling
+from faultgauge_studies.baselines.narx import narx
+from faultgauge_studies.paper.claims.verdict import Verdict
+from faultgauge_studies.paper.comparison import Beside, Rival, Wheel, _identification
+from faultgauge_studies.paper.comparison_section import FIG_13, PAPER, verdicts
+from faultgauge_studies.paper.competitors import (
     HELD_OUT,
     Competitor,
     Logs,
@@ -17,8 +18,7 @@ from faultgauge.studies.paper.competitors import (
     record,
     samples_of,
 )
-from faultgauge.studies.paper.excited import wheel_log
-from faultgauge.telemetry import Run
+from faultgauge_studies.paper.excited import wheel_log
 
 
 def log(name, samples=1000, dt=1.0):

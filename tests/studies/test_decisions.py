@@ -2,11 +2,11 @@
 
 import pytest
 
-from faultgauge.studies.decisions.hindsight import linear_hindsight
-from faultgauge.studies.decisions.naming import left_out, named, rig_bank
-from faultgauge.studies.decisions.optimal import against_kalman, linear_bank
-from faultgauge.studies.decisions.rig import rig, window
-from faultgauge.studies.decisions.tank import leak_found
+from decision_studies.hindsight import linear_hindsight
+from decision_studies.naming import left_out, named, rig_bank
+from decision_studies.optimal import against_kalman, linear_bank
+from decision_studies.rig import rig, window
+from decision_studies.tank import leak_found
 
 pytestmark = pytest.mark.study
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from faultgauge.studies import merit
-from faultgauge.studies.checkup import black_box, parts, with_some_fault
-from faultgauge.studies.drive import BODIES, SETTLED, measured_logs, run_drive, simulated_logs
 from faultgauge.telemetry import Run
+from faultgauge.verbs.checkup import black_box, parts, with_some_fault
+from faultgauge_studies import merit
+from faultgauge_studies.drive import BODIES, SETTLED, measured_logs, run_drive, simulated_logs
 
 
 @pytest.fixture(scope="module")

@@ -7,9 +7,9 @@ from faultgauge.observers.observer import OperatingPoints
 from faultgauge.plants.gray_box import load_plant
 from faultgauge.simulation.satellite.observatory import run
 from faultgauge.simulation.schedules import inject, truth
-from faultgauge.studies.paper import estimating, severity
-from faultgauge.studies.paper.cases import CASES, PHYSICAL
-from faultgauge.studies.paper.learning import beside, rms, scores
+from faultgauge_studies.paper import estimating, severity
+from faultgauge_studies.paper.cases import CASES, PHYSICAL
+from faultgauge_studies.paper.learning import beside, rms, scores
 
 DT = 0.25
 T = DT * np.arange(4000)

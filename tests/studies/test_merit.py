@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import binomtest, poisson
 
-from faultgauge.studies import merit
+from faultgauge_studies import merit
 
 T = np.arange(0.0, 10.0, 0.5)
 TRUTH = np.where(T >= 2.0, 1.0, 0.0) + np.where(T >= 6.0, 1.0, 0.0)

@@ -8,7 +8,7 @@ import pytest
 from faultgauge.plants.gray_box import load_plant
 from faultgauge.simulation.closed_loop import Conditions, Controller, closed_loop, with_faults
 from faultgauge.simulation.schedules import grid, inject, truth
-from faultgauge.studies.paper.cases import CASES, MODE_1, PHYSICAL
+from faultgauge_studies.paper.cases import CASES, MODE_1, PHYSICAL
 
 SAMPLES, DT, SUBSTEPS = 700, 1.0, 5
 TORQUE, START = 0.1, 40.0  # N*m and N*m*s

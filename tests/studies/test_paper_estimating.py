@@ -10,8 +10,8 @@ from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant_file import parse_plant
 from faultgauge.simulation.satellite.loop import Telemetry
 from faultgauge.simulation.schedules import Constant, Schedule, truth
-from faultgauge.studies.paper.cases import CASES, Case
-from faultgauge.studies.paper.estimating import (
+from faultgauge_studies.paper.cases import CASES, Case
+from faultgauge_studies.paper.estimating import (
     cramer_rao,
     design,
     estimate,

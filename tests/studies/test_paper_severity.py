@@ -8,9 +8,9 @@ from faultgauge.simulation.free_run import Trajectory
 from faultgauge.simulation.satellite.loop import Telemetry
 from faultgauge.simulation.satellite.observatory import run
 from faultgauge.simulation.schedules import Schedule
-from faultgauge.studies.paper.cases import CASES, EQ_17, Case, inner_disturbance
-from faultgauge.studies.paper.learning import beside, scores
-from faultgauge.studies.paper.severity import (
+from faultgauge_studies.paper.cases import CASES, EQ_17, Case, inner_disturbance
+from faultgauge_studies.paper.learning import beside, scores
+from faultgauge_studies.paper.severity import (
     SIZES,
     channels_at,
     growth,

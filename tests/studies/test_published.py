@@ -11,12 +11,12 @@ from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
 from faultgauge.plants.plant_file import parse_plant
 from faultgauge.reporting.report import render
-from faultgauge.studies.published import peers, run
-from faultgauge.studies.published.benchmark import Benchmark, Records, Split
-from faultgauge.studies.published.report import benchmark_report
-from faultgauge.studies.published.results import Published
-from faultgauge.studies.published.spread import spread
 from faultgauge.telemetry import Run
+from faultgauge_studies.published import peers, run
+from faultgauge_studies.published.benchmark import Benchmark, Records, Split
+from faultgauge_studies.published.report import benchmark_report
+from faultgauge_studies.published.results import Published
+from faultgauge_studies.published.spread import spread
 
 STEP, COUNT, WINDOW, OFF = 0.1, 200, 20, 0.25
 # x' = u - x, the output twice x: known in closed form.

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from faultgauge.errors import InputError
-from faultgauge.studies.published import data
-from faultgauge.studies.published.benchmark import BENCHMARKS, benchmark, plant_of, records
+from faultgauge_studies.published import data
+from faultgauge_studies.published.benchmark import BENCHMARKS, benchmark, plant_of, records
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.simulation.free_run import free_run
-from faultgauge.studies.published.benchmark import benchmark, plant_of
+from faultgauge_studies.published.benchmark import benchmark, plant_of
 
 STEP = 1e-3  # s, that of the record
 

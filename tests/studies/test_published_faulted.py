@@ -7,12 +7,12 @@ import pytest
 
 from faultgauge.detection.events import BankEvent
 from faultgauge.errors import InputError
-from faultgauge.studies.published import crazypad, skab
-from faultgauge.studies.published.benchmark import plant_named
-from faultgauge.studies.published.crazypad import Answer, Case, case_of
-from faultgauge.studies.published.faulted_data import flights, water_loop
-from faultgauge.studies.published.skab_baselines import t_squared, t_squared_q
 from faultgauge.telemetry import Run
+from faultgauge_studies.published import crazypad, skab
+from faultgauge_studies.published.benchmark import plant_named
+from faultgauge_studies.published.crazypad import Answer, Case, case_of
+from faultgauge_studies.published.faulted_data import flights, water_loop
+from faultgauge_studies.published.skab_baselines import t_squared, t_squared_q
 
 
 @pytest.fixture

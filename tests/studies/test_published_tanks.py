@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from faultgauge.studies.published import data, run
-from faultgauge.studies.published.benchmark import benchmark, records
+from faultgauge_studies.published import data, run
+from faultgauge_studies.published.benchmark import benchmark, records
 
 pytestmark = pytest.mark.study
 

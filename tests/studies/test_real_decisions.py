@@ -4,10 +4,10 @@ wheel with a sine in its plant file."""
 import numpy as np
 import pytest
 
-from faultgauge.studies import merit
-from faultgauge.studies.decisions.drive_pulses import bodies, by_bank, trained
-from faultgauge.studies.decisions.harmonic import PRESETS, harmonic_bank, intermittent
-from faultgauge.studies.drive import measured_logs, simulated_logs
+from decision_studies.drive_pulses import bodies, by_bank, trained
+from decision_studies.harmonic import PRESETS, harmonic_bank, intermittent
+from faultgauge_studies import merit
+from faultgauge_studies.drive import measured_logs, simulated_logs
 
 pytestmark = pytest.mark.study
 

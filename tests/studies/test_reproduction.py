@@ -7,8 +7,8 @@ import re
 import pytest
 
 from faultgauge.cli.app import run
-from faultgauge.studies.paper.goals import GOALS, Goal, found, met
-from faultgauge.studies.paper.reproduce import as_json, over_seeds, reproduce
+from faultgauge_studies.paper.goals import GOALS, Goal, found, met
+from faultgauge_studies.paper.reproduce import as_json, over_seeds, reproduce
 
 pytestmark = pytest.mark.study
 

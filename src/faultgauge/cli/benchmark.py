@@ -26,15 +26,15 @@ def benchmark(
     json: options.Json = False,
 ) -> None:
     """Fit a public benchmark and score it beside published results and a peer."""
-    from faultgauge.studies.published.benchmark import FAULTED
-    from faultgauge.studies.published.benchmark import benchmark as find
+    from faultgauge_studies.published.benchmark import FAULTED
+    from faultgauge_studies.published.benchmark import benchmark as find
 
     if name in FAULTED:
         _decisions(name, seeds, report, json)
         return
     chosen = find(name)
-    from faultgauge.studies.published.report import benchmark_report, score_rows
-    from faultgauge.studies.published.run import as_dict, measure
+    from faultgauge_studies.published.report import benchmark_report, score_rows
+    from faultgauge_studies.published.run import as_dict, measure
 
     with options.narrate("starting") as progress:
         found = measure(chosen, range(seeds), progress)
@@ -56,7 +56,7 @@ def benchmark(
 
 def _decisions(name: str, seeds: int, report: Path | None, json: bool) -> None:
     """A benchmark of decisions."""
-    from faultgauge.studies.published.faulted import MEASURES, faulted_report
+    from faultgauge_studies.published.faulted import MEASURES, faulted_report
 
     with options.narrate("starting") as progress:
         outcome = MEASURES[name](range(seeds), progress)

@@ -23,11 +23,11 @@ def demo(
     folder = make_folder(out)
     from faultgauge.plants.model import save_model
     from faultgauge.reporting.report import write
-    from faultgauge.studies.demonstration import demonstration_report, wheel_rows
-    from faultgauge.studies.drive import BODIES, measured_logs, run_drive, simulated_logs
-    from faultgauge.studies.drive_report import rows, told
-    from faultgauge.studies.paper.experiment import core
-    from faultgauge.studies.paper.reproduce import over_seeds
+    from faultgauge_studies.demonstration import demonstration_report, wheel_rows
+    from faultgauge_studies.drive import BODIES, measured_logs, run_drive, simulated_logs
+    from faultgauge_studies.drive_report import rows, told
+    from faultgauge_studies.paper.experiment import core
+    from faultgauge_studies.paper.reproduce import over_seeds
 
     logs = measured_logs()
     if logs is None:

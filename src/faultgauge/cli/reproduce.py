@@ -38,10 +38,10 @@ def reproduce(
     begun = time.perf_counter()
     from faultgauge.files import write_atomically
     from faultgauge.reporting.report import write
-    from faultgauge.studies.paper.goals import GOALS, met
-    from faultgauge.studies.paper.report import goal_rows, paper_report
-    from faultgauge.studies.paper.reproduce import QUICK_SEEDS, SEEDS, as_json
-    from faultgauge.studies.paper.reproduce import reproduce as repeat
+    from faultgauge_studies.paper.goals import GOALS, met
+    from faultgauge_studies.paper.report import goal_rows, paper_report
+    from faultgauge_studies.paper.reproduce import QUICK_SEEDS, SEEDS, as_json
+    from faultgauge_studies.paper.reproduce import reproduce as repeat
 
     count = seeds or (QUICK_SEEDS if quick else SEEDS)
     with options.narrate("starting") as progress:

@@ -8,9 +8,9 @@ from faultgauge.detection import answer, decisions, misfit
 from faultgauge.detection.events import BankEvent
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
-from faultgauge.studies import checkup
 from faultgauge.telemetry import check_same_units
 from faultgauge.telemetry.other_range import other_range
+from faultgauge.verbs import checkup
 from faultgauge.verbs.estimate import Answer, glitched
 from faultgauge.verbs.how import How, Reading, reads
 from faultgauge.verbs.plants import plant as as_plant
@@ -72,7 +72,7 @@ class Check(Result):
         return self.rows
 
     def page(self) -> Any:
-        from faultgauge.studies.checkup_report import checkup_report
+        from faultgauge.verbs.checkup_report import checkup_report
 
         return checkup_report(self.found)
 

@@ -6,7 +6,7 @@ import pytest
 from faultgauge.plants.gray_box import load_plant
 from faultgauge.simulation.satellite.observatory import AXES, run
 from faultgauge.simulation.schedules import Constant, Schedule, Steps
-from faultgauge.studies.paper.cases import inner_disturbance
+from faultgauge_studies.paper.cases import inner_disturbance
 
 SECONDS, RATE = 1000.0, 4  # s, samples per second
 ROLL, PITCH, YAW = range(3)

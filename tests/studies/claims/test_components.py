@@ -7,14 +7,14 @@ import pytest
 from faultgauge.plants.gray_box import load_plant
 from faultgauge.simulation.satellite.observatory import MOMENTA, SLEW, run
 from faultgauge.simulation.schedules import Constant, Schedule, Sine
-from faultgauge.studies.paper.claims.components import CALIBRATION, RIGHT, SIZES, section, smallest
-from faultgauge.studies.paper.claims.components_flights import (
+from faultgauge_studies.paper.claims.components import CALIBRATION, RIGHT, SIZES, section, smallest
+from faultgauge_studies.paper.claims.components_flights import (
     Plan,
     flights,
     one_wheel,
     residuals,
 )
-from faultgauge.studies.paper.claims.components_naming import (
+from faultgauge_studies.paper.claims.components_naming import (
     NAMED,
     WATCHED,
     limits,
@@ -22,7 +22,7 @@ from faultgauge.studies.paper.claims.components_naming import (
     statistic,
     tally,
 )
-from faultgauge.studies.paper.learning import beside
+from faultgauge_studies.paper.learning import beside
 
 SECONDS, SEED = 100.0, 5
 RIPPLE = Schedule("f", "state", "h", Sine(0.01, 0.3))

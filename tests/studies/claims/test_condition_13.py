@@ -8,10 +8,10 @@ from faultgauge.observers.eso import design_eso
 from faultgauge.observers.observer import OperatingPoints, observe
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant_file import parse_plant
-from faultgauge.studies.paper.claims import condition_13
-from faultgauge.studies.paper.claims.condition_13_error import FORMS, injection, responses
-from faultgauge.studies.paper.claims.condition_13_error import condition_13 as holds
-from faultgauge.studies.paper.reproduce import over_seeds
+from faultgauge_studies.paper.claims import condition_13
+from faultgauge_studies.paper.claims.condition_13_error import FORMS, injection, responses
+from faultgauge_studies.paper.claims.condition_13_error import condition_13 as holds
+from faultgauge_studies.paper.reproduce import over_seeds
 
 T = 0.25  # s
 PLANT = """

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from faultgauge.plants.gray_box import load_plant
-from faultgauge.studies.paper.claims import convergence, same_ability
-from faultgauge.studies.paper.claims.convergence import BANDWIDTHS, SLOPE, lag
-from faultgauge.studies.paper.claims.same_ability import SIZES, spoilt
-from faultgauge.studies.paper.reproduce import over_seeds
+from faultgauge_studies.paper.claims import convergence, same_ability
+from faultgauge_studies.paper.claims.convergence import BANDWIDTHS, SLOPE, lag
+from faultgauge_studies.paper.claims.same_ability import SIZES, spoilt
+from faultgauge_studies.paper.reproduce import over_seeds
 
 
 def test_the_lag_is_that_of_the_characteristic_polynomial():

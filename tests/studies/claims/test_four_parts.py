@@ -12,14 +12,15 @@ from faultgauge.identification.levenberg_marquardt import Solution
 from faultgauge.identification.samples import Samples
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant_file import parse_plant
-from faultgauge.studies.paper.claims import four_parts
-from faultgauge.studies.paper.claims.four_parts import (
+from faultgauge.telemetry import Run
+from faultgauge_studies.paper.claims import four_parts
+from faultgauge_studies.paper.claims.four_parts import (
     PARTS,
     READERS,
     moved,
     share_following,
 )
-from faultgauge.studies.paper.claims.four_parts_plant import (
+from faultgauge_studies.paper.claims.four_parts_plant import (
     PLANT,
     SUMMED,
     TRUE,
@@ -32,8 +33,7 @@ from faultgauge.studies.paper.claims.four_parts_plant import (
     spoilt,
     true_plant,
 )
-from faultgauge.studies.paper.reproduce import over_seeds
-from faultgauge.telemetry import Run
+from faultgauge_studies.paper.reproduce import over_seeds
 
 ROUNDING = 1e-12  # of values up to 120
 

@@ -5,10 +5,10 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from faultgauge.plants.gray_box import load_plant
-from faultgauge.studies.paper.claims import lemma1, lemma1_horizon, lemma1_limit
-from faultgauge.studies.paper.claims.learned import rates, replay, sized, unseen
-from faultgauge.studies.paper.excited import SWEEP, records
 from faultgauge.telemetry import Run
+from faultgauge_studies.paper.claims import lemma1, lemma1_horizon, lemma1_limit
+from faultgauge_studies.paper.claims.learned import rates, replay, sized, unseen
+from faultgauge_studies.paper.excited import SWEEP, records
 
 J, K, V, R = 0.84, 0.0743, 28.0, 0.85
 

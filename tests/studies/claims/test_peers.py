@@ -7,9 +7,9 @@ import pytest
 
 from faultgauge.plants.gray_box import load_plant
 from faultgauge.simulation.satellite.observatory import run
-from faultgauge.studies.paper.cases import inner_disturbance
-from faultgauge.studies.paper.claims import peers
-from faultgauge.studies.paper.claims.peers import (
+from faultgauge_studies.paper.cases import inner_disturbance
+from faultgauge_studies.paper.claims import peers
+from faultgauge_studies.paper.claims.peers import (
     NAMES,
     another_unit,
     judge,
@@ -17,8 +17,8 @@ from faultgauge.studies.paper.claims.peers import (
     simulation_model,
     twin,
 )
-from faultgauge.studies.paper.learning import PITCH, beside
-from faultgauge.studies.paper.reproduce import over_seeds
+from faultgauge_studies.paper.learning import PITCH, beside
+from faultgauge_studies.paper.reproduce import over_seeds
 
 SIZE = 0.02 * 0.84 * 0.2**2  # N*m, of f(t)
 FRICTION = {"tau_v", "tau_c", "tau_s", "w_st", "w_0"}

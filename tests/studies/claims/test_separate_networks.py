@@ -6,11 +6,11 @@ import pytest
 
 from faultgauge.identification.equation_error import groups
 from faultgauge.plants.gray_box import load_plant
-from faultgauge.studies.paper.claims import separate_networks
-from faultgauge.studies.paper.claims.learned import rates, replay, sized
-from faultgauge.studies.paper.claims.one_network import OneNetwork, teach_one
-from faultgauge.studies.paper.excited import Records
 from faultgauge.telemetry import Run
+from faultgauge_studies.paper.claims import separate_networks
+from faultgauge_studies.paper.claims.learned import rates, replay, sized
+from faultgauge_studies.paper.claims.one_network import OneNetwork, teach_one
+from faultgauge_studies.paper.excited import Records
 
 
 @pytest.fixture(scope="module")

@@ -7,9 +7,9 @@ import pytest
 
 from faultgauge.excitation import design
 from faultgauge.plants.gray_box import load_plant
-from faultgauge.studies.paper.claims import unknown_domains
-from faultgauge.studies.paper.claims.learned import rates, sized
-from faultgauge.studies.paper.claims.unknown_domains_errors import (
+from faultgauge_studies.paper.claims import unknown_domains
+from faultgauge_studies.paper.claims.learned import rates, sized
+from faultgauge_studies.paper.claims.unknown_domains_errors import (
     errors,
     outside,
     slope,

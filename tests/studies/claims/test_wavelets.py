@@ -5,8 +5,8 @@ import pytest
 from scipy.stats import binomtest
 
 from faultgauge.plants.gray_box import load_plant
-from faultgauge.studies.paper.claims import wavelets
-from faultgauge.studies.paper.claims.wavelets_faults import (
+from faultgauge_studies.paper.claims import wavelets
+from faultgauge_studies.paper.claims.wavelets_faults import (
     CASES,
     KINDS,
     ORDER,
@@ -15,7 +15,7 @@ from faultgauge.studies.paper.claims.wavelets_faults import (
     reordered,
     residuals_of,
 )
-from faultgauge.studies.paper.claims.wavelets_features import (
+from faultgauge_studies.paper.claims.wavelets_features import (
     BANDS,
     FEATURES,
     PARTS,

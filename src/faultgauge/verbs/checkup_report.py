@@ -1,0 +1,47 @@
+"""The report of `check`."""
+
+from dataclasses import replace
+
+from faultgauge.detection.evidence import MOST_SHOWN, evidence
+from faultgauge.identification.evaluation import evaluate
+from faultgauge.reporting.calibration_chapter import calibration_section, proof
+from faultgauge.reporting.chapters import evaluation_section, fit_sections
+from faultgauge.reporting.decision_chapter import decision_report, unjudged_report
+from faultgauge.reporting.report import Report
+from faultgauge.verbs.checkup import Checkup
+
+__all__ = ["checkup_report"]
+
+
+def checkup_report(checkup: Checkup) -> Report:
+    """The answer and its evidence; why to believe them is folded."""
+    model = checkup.model
+    decided = _decided(checkup)
+    found, predictions = evaluate(model.plant, checkup.held_out, model.max_step)
+    warnings = (*checkup.account.warnings, *checkup.calibration.warnings)
+    believed = [evaluation_section(model, found, predictions)]
+    if checkup.bank:
+        believed.append(calibration_section(checkup.bank, checkup.calibration.blocks))
+    believed += fit_sections(model, checkup.account)
+    return Report(
+        f"Check: {model.plant.spec.name}",
+        (
+            *decided.summary_sentences,
+            *((proof(model),) if checkup.bank else ()),
+            *(f"Warning: {warning}." for warning in warnings),
+        ),
+        (
+            *decided.sections,
+            *(replace(each, folded=True) for each in believed),
+        ),
+    )
+
+
+def _decided(checkup: Checkup) -> Report:
+    """What `estimate` would report."""
+    bank = checkup.bank
+    if bank is None:
+        return unjudged_report(checkup.model, checkup.decisions, checkup.sentences[0])
+    told = [(each, event) for each in checkup.decisions for event in each.events]
+    windows = [evidence(bank, each, event) for each, event in told[:MOST_SHOWN]]
+    return decision_report(bank, checkup.decisions, (), windows)
