@@ -129,8 +129,8 @@ def cost(model: Model, run: Run) -> list[float]:
     """Shares of the samples of `run` that the box holds and a region does not."""
     signals, points = model.plant.signals, operating_points(model)
     part = slice(0, len(run.t))
-    columns = [run.columns[column][part] for column, _ in model.record["columns"]["states"]]
-    slopes = [order for _, order in model.record["columns"]["states"]]
+    columns = [run.columns[column][part] for column, _ in model.record.columns.states]
+    slopes = [order for _, order in model.record.columns.states]
     x = np.stack(
         [
             np.gradient(each, run.t) if order else each

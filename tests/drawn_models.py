@@ -13,6 +13,7 @@ from faultgauge.plants.disturbed import dynamic_states, following_inputs
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
 from faultgauge.plants.plant_file import parse_plant, read_plant_text
+from faultgauge.plants.record import FitRecord
 from faultgauge.simulation.free_run import simulate
 
 STEP = 0.1
@@ -58,7 +59,7 @@ def calibrated(source, seed=0, step=STEP):
         "envelope": {},
         "metrics": {"validation_free_run_nrmse": None},
     }
-    model = Model(plant, record)
+    model = Model(plant, FitRecord.model_validate(record))
     ways = len(dynamic_states(plant)), len(following_inputs(plant))
     known = len(constants_of(model).names)
     spread = 0.01 * np.abs([float(plant.parameters[n]) for n in constants_of(model).names])
@@ -80,8 +81,8 @@ def log_of(model, count, seed=0, fault=0, size=0.3, missing=0.0):
     """Samples by name: the plant under steps of its inputs, the `fault` from the middle on, a share
     `missing` of the outputs not sampled, and a gap."""
     plant, rng = model.plant, np.random.default_rng(seed)
-    signals, step = plant.signals, model.record["sample_time"]
-    points = np.asarray(model.record["envelope_points"])
+    signals, step = plant.signals, model.record.sample_time
+    points = np.asarray(model.record.envelope_points)
     states = len(signals.states)
     u = np.repeat(points[rng.integers(0, len(points), count // 20 + 1), states:], 20, 0)[:count]
     f = np.zeros((count, len(signals.faults)))

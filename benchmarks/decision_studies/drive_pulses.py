@@ -88,7 +88,7 @@ def trained(name: str, plant: GrayBoxPlant, logs: DriveLogs, seed: int) -> Body:
     limited = calibrate(model, third, observer="eso").model
     quiet = estimate(limited, third)[0][0]
     healthy = merit.rms(quiet.f[FAULT][quiet.settled])
-    free = model.record["metrics"]["validation_free_run_nrmse"]
+    free = model.record.metrics.validation_free_run_nrmse
     return Body(name, calibrated, limited, free, healthy)
 
 

@@ -11,12 +11,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
+from decision_studies.stated import as_stated
 from decision_studies.wheel import base_flight
 from faultgauge.detection.bank import FaultBank, build_fault_bank
 from faultgauge.detection.decisions import Decision, decide
 from faultgauge.detection.noise_estimation import estimate_noise
 from faultgauge.plants.gray_box import load_plant
-from faultgauge.plants.model import Model
 from faultgauge.simulation.run_scenario import simulate
 from faultgauge.simulation.schedules import Sine
 from faultgauge.telemetry import Run
@@ -76,14 +76,8 @@ def harmonic_bank(preset: str, flights: int = len(CALIBRATION)) -> FaultBank:
         angle = np.linspace(0, 2 * np.pi, len(points))
         circle = largest * np.stack([np.sin(angle), np.cos(angle)], axis=1)
         points = np.concatenate([points[:, :1], circle, points[:, 1:]], axis=1)
-    states = [["hm", 0]] + [[name, 0] for name in plant.signals.state_names[1:]]
-    record = {
-        "max_step": 0.25,
-        "envelope_points": points.tolist(),
-        "columns": {"states": states, "outputs": ["hm"]},
-        "data": {"fit": [], "validate": []},
-    }
-    model = Model(plant, record)
+    states = ["hm", *plant.signals.state_names[1:]]
+    model = as_stated(plant, points, states, ["hm"], 0.25)
     return build_fault_bank(model, runs, estimate_noise(model, runs))
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
+from decision_studies.stated import as_stated
 from faultgauge.plants.gray_box import GrayBoxPlant, load_plant
 from faultgauge.plants.model import Model
 from faultgauge.simulation.free_run import RATE_STEP, fastest_rate
@@ -69,13 +70,7 @@ def true_model(plant: GrayBoxPlant, runs: list[Run]) -> Model:
     points = np.concatenate([[run.columns[name] for name in names] for run in runs], axis=1).T
     points = points[:: max(len(points) // 500, 1)]
     rate = fastest_rate(plant, points[:, : len(columns)], points[:, len(columns) :])
-    record = {
-        "max_step": RATE_STEP / max(rate, 1e-3),
-        "envelope_points": points.tolist(),
-        "columns": {"states": [[name, 0] for name in columns], "outputs": list(columns)},
-        "data": {"fit": [], "validate": []},
-    }
-    return Model(plant, record)
+    return as_stated(plant, points, columns, columns, RATE_STEP / max(rate, 1e-3))
 
 
 def every_set() -> list[tuple[str, ...]]:

@@ -5,13 +5,13 @@ from functools import cache
 
 import numpy as np
 
+from decision_studies.stated import as_stated
 from faultgauge.detection.bank import FaultBank, build_fault_bank
 from faultgauge.detection.bank_calibration import calibrate_bank, calibrated
 from faultgauge.detection.decisions import Decision, decide
 from faultgauge.detection.noise_estimation import estimate_noise
 from faultgauge.detection.verdicts import FAULT
 from faultgauge.plants.gray_box import load_plant
-from faultgauge.plants.model import Model
 from faultgauge.simulation.run_scenario import simulate
 from faultgauge.simulation.scenario import Scenario, parse_scenario
 from faultgauge.simulation.schedules import Constant, Schedule
@@ -86,13 +86,7 @@ def wheel_bank(flights: int = TELLING) -> FaultBank:
     plant = load_plant("reaction_wheel")
     runs = [flight(CALIBRATION + k) for k in range(TELLING)]
     points = np.concatenate([np.stack([r.columns["hm"], r.columns["u"]], axis=1) for r in runs])
-    record = {
-        "max_step": 0.25,
-        "envelope_points": points[::20].tolist(),
-        "columns": {"states": [["hm", 0]], "outputs": ["hm"]},
-        "data": {"fit": [], "validate": []},
-    }
-    model = Model(plant, record)
+    model = as_stated(plant, points[::20], ["hm"], ["hm"], 0.25)
     noise = estimate_noise(model, runs)
     more = [flight(CALIBRATION + k) for k in range(TELLING, flights)]
     asked = PER_ALARM * STEP if flights > TELLING else None

@@ -10,6 +10,7 @@ from calibrations import for_bank
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model, save_model
 from faultgauge.plants.plant_file import parse_plant
+from faultgauge.plants.record import FitRecord
 from faultgauge.verbs.campaign import FILES
 from scenes import NOISE, SIGMA, TANK
 
@@ -62,7 +63,7 @@ def judging() -> Model:
         "derivatives": {},
         "metrics": {"validation_free_run_nrmse": 0.0},
     }
-    model = Model(GrayBoxPlant.untrained(parse_plant(TANK)), record)
+    model = Model(GrayBoxPlant.untrained(parse_plant(TANK)), FitRecord.model_validate(record))
     times = {"judged_s": 10800.0, "healthy_s": 10800.0, "mtbfa_s": 3600.0}
     return for_bank(model, NOISE, level=4.0, memory_s=20.0, **times)
 

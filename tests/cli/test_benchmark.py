@@ -9,6 +9,7 @@ from faultgauge_studies.published.crazypad import Answer, Flights, case_of
 from faultgauge_studies.published.crazypad import Trial as Flown
 from faultgauge_studies.published.skab import PUBLISHED, WaterLoop
 from faultgauge_studies.published.skab import Trial as Watched
+from models import record_of
 
 
 @pytest.fixture
@@ -16,7 +17,7 @@ def measured(monkeypatch):
     """A run that measured nothing but the time of its fits: seed k took k + 1 s."""
 
     def measure(chosen, seeds, progress):
-        model = Model(plant_of(chosen), {})
+        model = Model(plant_of(chosen), record_of())
         trials = [run.Trial(k, model, k + 1.0, {}, {}, {}, ["said once"]) for k in seeds]
         return run.Found(chosen, Records((), ()), trials, {"jax_sysid": "skipped: for a reason."})
 

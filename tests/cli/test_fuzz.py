@@ -273,4 +273,4 @@ def test_what_is_resealed_unchanged_is_read(workshop, tmp_path):
 
     path = tmp_path / "m.fgm"
     path.write_bytes(resealed(Nothing(), workshop.model.read_bytes()))
-    assert load_model(path).record["seed"] == 0
+    assert load_model(path).record.as_dict()["seed"] == 0

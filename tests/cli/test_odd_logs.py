@@ -49,8 +49,7 @@ def test_the_fit_is_that_of_the_plain_log(workshop, odd):
 
 def test_what_was_said_at_the_fit_need_not_be_said_again(workshop, odd, call):
     _, log, model = odd
-    record = load_model(model).record
-    assert record["reading"] == {"time": "Zeit", "maps": ["x=Füllstand"]}
+    assert load_model(model).reading == {"time": "Zeit", "maps": ["x=Füllstand"]}
     found = call("evaluate", model, log, "--json")
     assert found.json["outputs"]["x"]["r2"] > 0.999
     assert 'b.csv: read as the logs of the fit, with --time Zeit --map "x=Füllstand"' in found.err

@@ -84,11 +84,11 @@ def test_the_constant_of_a_lag_within_its_error(call, files, tmp_path, seed):
 def test_the_model_keeps_its_rate_and_only_then_has_one(files, call, tmp_path):
     model = fg.load_model(files / "model.fgm")
     assert model.resample == RATE
-    assert model.record["sample_time"] == pytest.approx(1 / RATE, rel=1e-9)
+    assert model.record.sample_time == pytest.approx(1 / RATE, rel=1e-9)
     slow = lag(tmp_path / "slow.csv", 0, rate=20)
     assert call("fit", files / "plant.toml", slow, "--out", tmp_path / "m.fgm").code == 0
     record = fg.load_model(tmp_path / "m.fgm").record
-    assert {"resample", "log_step"}.isdisjoint(record)
+    assert {"resample", "log_step"}.isdisjoint(record.as_dict())
 
 
 def test_evaluate_and_estimate_bring_logs_to_it(files, call, tmp_path):

@@ -18,6 +18,7 @@ from faultgauge.plants.model import Model
 from faultgauge.plants.plant_file import parse_plant
 from faultgauge.telemetry import Run
 from faultgauge.telemetry.stream import Sample
+from models import record_of
 
 TANK = """
 name = "tank"
@@ -42,12 +43,11 @@ NOISE = Noise(*(np.array(each) for each in LEVELS))  # next to no error of the m
 
 
 def model(points):
-    record = {
-        "max_step": 1.0,
-        "envelope_points": np.asarray(points).tolist(),
-        "columns": {"states": [["x", 0]], "outputs": ["x"]},
-        "data": {"fit": [], "validate": []},
-    }
+    record = record_of(
+        max_step=1.0,
+        envelope_points=np.asarray(points).tolist(),
+        columns={"states": [["x", 0]], "outputs": ["x"]},
+    )
     return Model(GrayBoxPlant.untrained(parse_plant(TANK)), record)  # its networks are 0
 
 

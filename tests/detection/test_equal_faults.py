@@ -8,6 +8,7 @@ from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
 from faultgauge.plants.plant_file import parse_plant
 from faultgauge.telemetry import Run
+from models import record_of
 
 PLANT = """
 name = "two masses"
@@ -42,7 +43,7 @@ def model(names, most=2, more=""):
         enters, target = FAULTS[name]
         text += f'\n[faults.{name}]\nenters = "{enters}"\ntarget = "{target}"\n{more}'
     points = np.random.default_rng(0).uniform(0.1, 1.9, (30, 3))
-    record = {"max_step": 0.1, "envelope_points": points.tolist()}
+    record = record_of(max_step=0.1, envelope_points=points.tolist())
     return Model(GrayBoxPlant.untrained(parse_plant(text)), record)
 
 
@@ -77,7 +78,7 @@ def test_three_faults_of_which_any_two_look_like_the_others():
     both = base.replace('"u - 0.2*x"', '"u + v - 0.2*x"').replace('0.4*z"', '0.4*z + v"')
     both += '\n[inputs.v]\n[faults.vent]\nenters = "input"\ntarget = "v"\n'
     plant = GrayBoxPlant.untrained(parse_plant(both))
-    record = {"max_step": 0.1, "envelope_points": np.ones((3, 4)).tolist()}
+    record = record_of(max_step=0.1, envelope_points=np.ones((3, 4)).tolist())
     columns = dict.fromkeys("uvxz", np.zeros(50))
     (sentence,) = equal_faults(Model(plant, record), [Run("h", "h.csv", RUN.t, columns)])
     assert "'leak', 'drip' and 'vent' any two together look like any other two" in sentence

@@ -16,6 +16,7 @@ from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
 from faultgauge.plants.plant_file import parse_plant
 from faultgauge.telemetry import Run
+from models import record_of
 
 by_eso = partial(calibrate, observer="eso")
 
@@ -47,12 +48,11 @@ START = (2.0, 1.0)
 
 def model(text=PLANT):
     grid = np.random.default_rng(9).uniform(0, 3, (50, 3))
-    record = {
-        "max_step": 0.1,
-        "envelope_points": grid.tolist(),
-        "columns": {"states": [["", 0], ["level", 0]], "outputs": ["level"]},
-        "data": {"fit": [], "validate": []},
-    }
+    record = record_of(
+        max_step=0.1,
+        envelope_points=grid.tolist(),
+        columns={"states": [["", 0], ["level", 0]], "outputs": ["level"]},
+    )
     return Model(GrayBoxPlant.untrained(parse_plant(text, "tanks.toml")), record)
 
 
@@ -98,8 +98,8 @@ def test_what_the_observer_cannot_reach_is_refused():
     text = text[: text.index("[faults.leak]")]
     text += '[faults.pump]\nenters = "state"\ntarget = "feed"\n[observer]\nbandwidth = 1\n'
     far = model(text)
-    far.record["columns"]["states"].insert(0, ["", 0])
-    far.record["envelope_points"] = np.ones((5, 4)).tolist()
+    far.record.columns.states.insert(0, ("", 0))
+    far.record.envelope_points[:] = np.ones((5, 4)).tolist()
     for job in (by_eso, estimate):
         with pytest.raises(InputError, match="fault 'pump'") as refusal:
             job(far, [log(1)])

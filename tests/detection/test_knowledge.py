@@ -63,7 +63,7 @@ def test_keys_of_the_plant_file_and_what_stands_in_for_them():
     # nothing given: a fault in a thousand records as long as the healthy ones
     assert found.onset == pytest.approx([1e-3 / LENGTH, 3.6 / 3600])
     assert found.size[1] == 0.25  # half of max
-    points = np.asarray(found.model.record["envelope_points"])
+    points = np.asarray(found.model.record.envelope_points)
     assert found.size[0] == pytest.approx(np.ptp(points[:, 1]) / 4)  # the range of d(x)
     prior = found.modes.prior
     assert float(prior.size[-1]) == 0.01  # the growth that `rate` declares

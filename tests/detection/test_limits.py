@@ -14,6 +14,7 @@ from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model, tensors
 from faultgauge.plants.plant_file import parse_plant
 from faultgauge.telemetry import Run
+from models import record_of
 
 by_eso = partial(calibrate, observer="eso")
 
@@ -35,12 +36,11 @@ DT = 0.1
 
 
 def model():
-    record = {
-        "max_step": 1e9,
-        "envelope_points": [[0.0, 0.0], [1.0, 0.5], [-1.0, -0.5]],
-        "columns": {"states": [["x", 0]], "outputs": ["x"]},
-        "data": {"fit": [], "validate": []},
-    }
+    record = record_of(
+        max_step=1e9,
+        envelope_points=[[0.0, 0.0], [1.0, 0.5], [-1.0, -0.5]],
+        columns={"states": [["x", 0]], "outputs": ["x"]},
+    )
     return Model(GrayBoxPlant.untrained(parse_plant(PLANT)), record)
 
 

@@ -8,6 +8,7 @@ from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
 from faultgauge.plants.plant_file import parse_plant
 from faultgauge.telemetry import Run
+from models import record_of
 
 INTEGRATOR = """
 name = "position"
@@ -32,7 +33,7 @@ def test_a_plant_that_integrates_is_judged_over_what_a_fit_holds_out(off, told):
     x = 100 / (2 * np.pi) * np.sin(2 * np.pi * t / 100) + off * t
     model = Model(
         GrayBoxPlant.untrained(parse_plant(INTEGRATOR)),
-        {"metrics": {"validation_free_run_nrmse": USUAL}, "max_step": 1.0},
+        record_of(metrics={"validation_free_run_nrmse": USUAL}),
     )
     # u is held from sample to sample: its mean over the step
     held = np.append(np.diff(x - off * t), 0.0)

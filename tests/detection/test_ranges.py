@@ -10,6 +10,7 @@ from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
 from faultgauge.plants.network import Network
 from faultgauge.plants.plant_file import parse_plant
+from models import record_of
 
 TEXT = """name = "p"
 [states.x]
@@ -54,5 +55,5 @@ def test_ranges_over_the_envelope():
     plant = dataclasses.replace(plant, networks={"N": net})
     # x from -0.5 to 1: the arguments x and 2 x reach from -1 to 2
     points = [[-0.5, 1.0], [0.5, 2.0], [1.0, -1.0]]
-    found = ranges(Model(plant, {"envelope_points": points}), plant)
+    found = ranges(Model(plant, record_of(envelope_points=points)), plant)
     np.testing.assert_allclose(found, list(FAULTS.values()), rtol=1e-12)

@@ -15,6 +15,7 @@ from faultgauge.plants.model import Model
 from faultgauge.plants.plant_file import parse_plant
 from faultgauge.telemetry import Run
 from faultgauge.telemetry.stream import Sample
+from models import record_of
 
 by_eso = partial(calibrate, observer="eso")
 
@@ -46,12 +47,11 @@ DT, COUNT = 0.1, 600
 
 def model(text=PLANT, states=(("first", 0), ("level", 0))):
     grid = np.random.default_rng(9).uniform(0, 3, (50, 3))
-    record = {
-        "max_step": 0.1,
-        "envelope_points": grid.tolist(),
-        "columns": {"states": [list(each) for each in states], "outputs": ["first", "level"]},
-        "data": {"fit": [], "validate": []},
-    }
+    record = record_of(
+        max_step=0.1,
+        envelope_points=grid.tolist(),
+        columns={"states": [list(each) for each in states], "outputs": ["first", "level"]},
+    )
     return Model(GrayBoxPlant.untrained(parse_plant(text, "tanks.toml")), record)
 
 

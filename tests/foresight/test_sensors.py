@@ -93,7 +93,7 @@ def test_a_sensor_in_between_tells_two_leaks_apart(bank):
     assert sensor.value == "a"
     assert sensor.unit == "m"
     assert sensor.structural == (True,)
-    points = np.asarray(bank.model.record["envelope_points"])
+    points = np.asarray(bank.model.record.envelope_points)
     # as good, against its range in training, as the sensor of b
     assert sensor.sigma == pytest.approx(SIGMA * np.ptp(points[:, 0]) / np.ptp(points[:, 1]))
     both = np.concatenate([b / SIGMA, a / sensor.sigma])

@@ -60,7 +60,7 @@ def fitted(truth, seed):
     logs = [log(truth, 3 * seed + k) for k in range(3)]
     model, report = fit(plant(), logs[:1], logs[1:2], seed=seed)
     (group,) = report.groups
-    scores, _ = evaluate(model.plant, logs[2:], model.record["max_step"])
+    scores, _ = evaluate(model.plant, logs[2:], model.max_step)
     return model, report, group, scores
 
 
@@ -71,7 +71,7 @@ def test_units_stand_where_validation_says(truth, crowded, seed):
     assert group.crowded is crowded
     over_range, in_crowd = group.free_run[0::2].min(), group.free_run[1::2].min()
     assert (in_crowd < over_range) == crowded
-    (record,) = model.record["metrics"]["groups"]
+    (record,) = model.record.metrics.groups
     assert record["crowded"] is crowded
     # unseen stairs: 18 rare ones in training leave gaps of some units of u between them, and what
     # stands in a gap for a thirteenth of the time may be off by half the spread
@@ -94,7 +94,7 @@ def test_a_refinement_tries_both_and_names_what_it_chose():
         name = f"networks, margin {margin}"
         assert tried[f"{name}, {CROWDED}"] != tried[name]
     assert tried[refinement.chosen] == min(tried.values())
-    assert model.record["metrics"]["refinement"]["chosen"] == refinement.chosen
+    assert model.record.metrics.refinement["chosen"] == refinement.chosen
 
 
 def found(u, keys=""):

@@ -90,7 +90,7 @@ def test_parameter_and_network_are_recovered(cart_fits):
     model, report = cart_fits[0]
     # What is left: the trapezoid on the friction, (STEP 2.7)^2 / 12 = 0.15 % where it is steepest
     assert float(model.plant.parameters["k"]) == pytest.approx(2.0, rel=2e-3)
-    low, high = model.record["envelope"]["v"]
+    low, high = model.record.envelope["v"]
     assert low < -2
     assert high > 2
     v = np.linspace(0.95 * low, 0.95 * high, 41)
@@ -132,7 +132,7 @@ def test_same_seed_same_bytes(cart_fits, tmp_path):
 
 def test_record_tells_what_was_done(cart_fits):
     model, report = cart_fits[0]
-    record = model.record
+    record = model.record.as_dict()
     assert record["seed"] == 4
     assert record["sample_time"] == pytest.approx(STEP, rel=1e-12)
     assert record["data"] == {"fit": [cart().content_hash], "validate": []}
@@ -164,8 +164,8 @@ def test_doubled_run_is_for_validation_only():
     alone, quiet = fit(plant(FIRST_ORDER), [first], [second, third], restarts=2)
     assert quiet.warnings == []
     assert both.record == alone.record
-    assert both.record["data"]["fit"] == [first.content_hash]
-    assert both.record["data"]["validate"] == sorted([second.content_hash, third.content_hash])
+    assert both.record.data.fit == [first.content_hash]
+    assert both.record.data.validate_ == sorted([second.content_hash, third.content_hash])
     for name in "ab":
         assert float(both.plant.parameters[name]) == float(alone.plant.parameters[name])
     with pytest.raises(InputError, match="no run is left to fit"):
@@ -273,7 +273,7 @@ def test_dead_time_is_taken_out():
         # as without a delay: the trapezoid's (a STEP)^2 / 12 = 1.3e-4
         assert float(told.plant.parameters[name]) == pytest.approx(truth, rel=3e-4)
         assert abs(float(untold.plant.parameters[name]) / truth - 1) > 0.03
-    assert told.record["data"]["fit"] == [log.content_hash], "of the log as it is"
+    assert told.record.data.fit == [log.content_hash], "of the log as it is"
 
 
 def test_cost_that_is_never_finite():

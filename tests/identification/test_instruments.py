@@ -174,11 +174,11 @@ def test_a_weak_instrument_is_a_warning_and_its_share_is_on_record():
     other = closed_loop(1.0, 1).columns["r"]  # of the same size: 4 times the power
     weak = {**log.columns, "r": log.columns["r"] + 2 * other}
     model, account = fit(plant(), [Run("a", "loop.csv", log.t, weak)], restarts=1)
-    share = model.record["instruments"]["u"]
+    share = model.record.instruments["u"]
     assert 0.01 < share < 0.1
     assert f"the instrument of input 'u', explains only {100 * share:.1f} %" in account.warnings[0]
     strong, account = fit(plant(), [log], restarts=1)
-    assert strong.record["instruments"]["u"] > 0.8
+    assert strong.record.instruments["u"] > 0.8
     assert account.warnings == []
 
 

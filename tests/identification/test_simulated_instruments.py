@@ -64,7 +64,7 @@ def found(request):
 
 
 def test_a_lag_shorter_than_the_smoothing_is_found(found):
-    assert found.model.record["derivatives"]["q"]["window_s"] > 5 * LAG
+    assert found.model.record.derivatives["q"]["window_s"] > 5 * LAG
     (group,) = found.account.groups
     assert group.form == "instrumental"
     k, lag = output_error(log(0))

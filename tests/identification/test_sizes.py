@@ -133,7 +133,7 @@ def slow(seed, truths, noise, scale):
 
 def chosen(text, log, held, seed):
     model, _ = fit(GrayBoxPlant.untrained(parse_plant(text, "slow.toml")), [log], [held], seed=seed)
-    return model, model.record["choices"]["hidden"]
+    return model, model.record.choices.hidden
 
 
 @pytest.mark.parametrize(
@@ -147,7 +147,7 @@ def test_as_many_units_as_the_truth_needs(tmp_path, truth, noise, scale, size):
     assert sizes == {"f": size}
     save_model(model, tmp_path / "model.fgm")
     again = load_model(tmp_path / "model.fgm")
-    assert again.record["choices"]["hidden"] == {"f": size}
+    assert again.record.choices.hidden == {"f": size}
     assert len(again.plant.networks["f"].bias) == size
 
 
@@ -215,4 +215,4 @@ def test_a_refinement_takes_as_many_units_as_the_truth_needs(monkeypatch, truth,
     model, report = fit(plant, logs[:1], logs[1:], restarts=1)
     assert report.refinement is not None
     assert report.refinement.chosen.startswith("networks")
-    assert model.record["choices"]["hidden"]["g"] in sizes
+    assert model.record.choices.hidden["g"] in sizes

@@ -245,7 +245,7 @@ def test_the_form_is_chosen_by_free_run():
     model, report = fit(body, [spring(0)], restarts=2)
     (group,) = report.groups
     assert group.form == "weak"
-    assert model.record["metrics"]["groups"][0]["form"] == "weak"
+    assert model.record.metrics.groups[0]["form"] == "weak"
     # k of the weak form, by the bound above
     assert float(model.plant.parameters["k"]) == pytest.approx(K, rel=0.0075)
     k, c = (each.standard_error for each in report.information.constants)
@@ -260,7 +260,7 @@ def test_where_the_form_does_not_matter_one_is_fitted(monkeypatch):
     monkeypatch.setattr(equation_fit, "fit_weak", lambda *given: pytest.fail("was fitted"))
     model, report = fit(plant(SPRING, parameters="kc"), [spring(0, noise=0.0)], restarts=2)
     assert report.groups[0].form == "filtered"
-    assert model.record["metrics"]["groups"][0]["form"] == "filtered"
+    assert model.record.metrics.groups[0]["form"] == "filtered"
 
 
 def test_the_worse_free_run_loses(monkeypatch):

@@ -12,6 +12,7 @@ from faultgauge.plants.plant_file import parse_plant
 from faultgauge.rehearsal.injection import Injected, NotInjectable, inject, profile
 from faultgauge.rehearsal.ways import Way, way_of
 from faultgauge.telemetry import Run
+from models import record_of
 
 BIAS = Way("u", is_input=True, is_loss=False)
 LOSS = Way("u", is_input=True, is_loss=True)
@@ -46,7 +47,7 @@ target = "y"
 """
     plant = GrayBoxPlant.untrained(parse_plant(text, "p.toml"))
     points = [[x, u] for x in (-2.0, 0.5, 3.0) for u in (-1.0, 0.2, 4.0)]
-    return Model(plant, {"envelope_points": points})
+    return Model(plant, record_of(envelope_points=points))
 
 
 def log(u=(1.0, 2.0, 3.0, 4.0), y=(5.0, 6.0, 7.0, 8.0)):
@@ -158,4 +159,7 @@ def test_a_state_fault_through_an_input_that_moves_another_state():
     more = '[states.z]\nderivative = "u - z"\n'
     of = model(more=more)
     points = [[x, 0.0, u] for x in (-2.0, 3.0) for u in (-1.0, 4.0)]
-    assert way_of(Model(of.plant, {"envelope_points": points}), of.plant.signals.faults[0]) is None
+    assert (
+        way_of(Model(of.plant, record_of(envelope_points=points)), of.plant.signals.faults[0])
+        is None
+    )

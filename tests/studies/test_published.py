@@ -17,6 +17,7 @@ from faultgauge_studies.published.benchmark import Benchmark, Records, Split
 from faultgauge_studies.published.report import benchmark_report
 from faultgauge_studies.published.results import Published
 from faultgauge_studies.published.spread import spread
+from models import record_of
 
 STEP, COUNT, WINDOW, OFF = 0.1, 200, 20, 0.25
 # x' = u - x, the output twice x: known in closed form.
@@ -70,7 +71,7 @@ def fitted(*arguments, **options) -> tuple[Model, object]:
     class Account:
         warnings = ("something small",)
 
-    return Model(plant_twice(), {"max_step": 0.05, "seed": options["seed"]}), Account()
+    return Model(plant_twice(), record_of(max_step=0.05, seed=options["seed"])), Account()
 
 
 @pytest.fixture

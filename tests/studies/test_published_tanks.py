@@ -35,7 +35,7 @@ def test_the_scored_run_is_the_equations_by_scipy(tanks):
     (trial,) = found.trials
     assert not trial.model.members
     k = {name: float(value) for name, value in trial.model.plant.parameters.items()}
-    hold = trial.model.record["choices"]["hold"]["u"]
+    hold = trial.model.record.choices.hold["u"]
     (split,) = [each for each in held.splits if each.name == "window_50"]
     t, u = split.test.t, split.test.columns["u"]
     (mine,) = trial.predictions["window_50"]

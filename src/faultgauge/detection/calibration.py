@@ -72,7 +72,7 @@ def calibrate(
     rates = {run.resampled for run in runs if run.resampled is not None}
     if model.resample is None and rates:
         model = model.with_resample(max(rates))
-    fitted = set(model.record["data"]["fit"])
+    fitted = set(model.record.data.fit)
     doubled = [run.name for run in runs if run.content_hash in fitted]
     if doubled:
         warnings.append(

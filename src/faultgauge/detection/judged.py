@@ -80,7 +80,7 @@ class Bank:
 @once
 def operating_points(model: Model) -> OperatingPoints:
     """The points of the training envelope that the model file keeps."""
-    points = np.asarray(model.record["envelope_points"], float)
+    points = np.asarray(model.record.envelope_points, float)
     states = len(model.plant.signals.states)
     return OperatingPoints(points[:, :states], points[:, states:])
 
@@ -207,7 +207,7 @@ class Start(NamedTuple):
 
 def samples_to_start(model: Model, columns: Collection[str]) -> int:
     """How many samples of a stretch `start_from_samples` looks at."""
-    sources = model.record["columns"]["states"]
+    sources = model.record.columns.states
     if varying_parameters(model.plant).parameters or any(c not in columns for c, _ in sources):
         return WARMUP
     return START_SAMPLES if any(order for _, order in sources) else 1
@@ -220,7 +220,7 @@ def start_from_samples(model: Model, run: Run, part: slice) -> Start:
     t = run.t[part][:START_SAMPLES] - run.t[part][0]
     known = {}
     for state, (column, order) in zip(
-        signals.state_names, model.record["columns"]["states"], strict=True
+        signals.state_names, model.record.columns.states, strict=True
     ):
         if column not in run.columns:
             continue

@@ -39,7 +39,7 @@ def not_followed(model: Model, runs: Sequence[Run]) -> list[str]:
     Free runs begin anew at every piece that is as long as what a fit holds out of a run: through
     all of a log the model of a plant that integrates is carried off by errors of no account.
     """
-    usual = model.record.get("metrics", {}).get("validation_free_run_nrmse")
+    usual = model.record.metrics.validation_free_run_nrmse
     if usual is None:
         return []
     found = []

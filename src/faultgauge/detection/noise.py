@@ -172,23 +172,23 @@ class Constants(NamedTuple):
 @once
 def constants_of(model: Model) -> Constants:
     """Those that move the states' rates most, by their standard errors and the usual spread."""
-    known = model.record.get("constants", {"names": [], "errors": [], "correlation": []})
+    known = model.record.constants
     slow = drifting_of(model)
     free = [p.name for p in model.plant.spec.parameters if not p.fixed and p.name not in slow]
     if not free:
         return Constants((), np.zeros((0, 0)))
     values = model.plant.parameters
-    error = dict(zip(known["names"], known["errors"], strict=True))
+    error = dict(zip(known.names, known.errors, strict=True))
     se = np.array([float(error.get(name) or 0.0) for name in free])
     usual = np.array([usual_spread(float(values[n]), s) for n, s in zip(free, se, strict=True)])
     order = np.argsort(-_effects(model, tuple(free)) * np.hypot(se, usual), kind="stable")
     kept = sorted(order[:MOST_CONSTANTS].tolist())
-    place = {name: k for k, name in enumerate(known["names"])}
+    place = {name: k for k, name in enumerate(known.names)}
     correlation = np.eye(len(kept))
     for a, i in enumerate(kept):
         for b, j in enumerate(kept):
             if a != b and free[i] in place and free[j] in place:
-                found = known["correlation"][place[free[i]]][place[free[j]]]
+                found = known.correlation[place[free[i]]][place[free[j]]]
                 correlation[a, b] = found or 0.0
     covariance = correlation * np.outer(se[kept], se[kept])
     w, v = np.linalg.eigh(covariance)

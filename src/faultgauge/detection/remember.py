@@ -23,7 +23,7 @@ def once(function: Callable[[Model], Value]) -> Callable[[Model], Value]:
 
     @wraps(function)
     def remembered(model: Model) -> Value:
-        key = model.plant, model.record["envelope_points"], model.record.get("constants")
+        key = model.plant, model.record.envelope_points, model.record.constants
         for other, value in known:
             if all(a is b for a, b in zip(key, other, strict=True)):
                 return value

@@ -37,7 +37,7 @@ def bank_of(model: Model) -> FaultBank:
             "the model is not calibrated for the bank, whose posterior is what is exported; run "
             "`faultgauge calibrate` on healthy logs first."
         )
-    step = 1 / model.resample if model.resample else float(model.record["sample_time"])
+    step = 1 / model.resample if model.resample else float(model.record.sample_time)
     columns = {name: np.zeros(2) for name in _columns(model)}
     run = Run("export", "the model", step * np.arange(2), columns, step)
     return build_fault_bank(model, [run], noise_of(model))
@@ -84,9 +84,9 @@ def _taken_apart(reason: Int[Array, ""]) -> list[Int[Array, ""]]:
 
 def _columns(model: Model) -> list[str]:
     """Of the log that the model was fitted to."""
-    known = model.record["columns"]
-    states = [name for name, _ in known["states"] if name]
-    return list(dict.fromkeys([*model.plant.signals.input_names, *known["outputs"], *states]))
+    known = model.record.columns
+    states = [name for name, _ in known.states if name]
+    return list(dict.fromkeys([*model.plant.signals.input_names, *known.outputs, *states]))
 
 
 def _read(bank: FaultBank) -> tuple[str, ...]:

@@ -19,13 +19,15 @@ from faultgauge.fleet.folder import (
     model_path,
     models_in,
     unit_file,
+    unit_of,
 )
 from faultgauge.fleet.result import FleetFit, UnitFit, failures
-from faultgauge.fleet.typical import laws_of, typical_unit, unit_plant
+from faultgauge.fleet.typical import fleet_of, laws_of, typical_unit, unit_plant
 from faultgauge.fleet.units import Unit, units_in
 from faultgauge.identification.population import Law, Population, own_parameters, population
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model, decoded, encoded, load_model, save_model
+from faultgauge.plants.record import LawRecord, UnitRecord
 from faultgauge.telemetry import Run, cut
 from faultgauge.verbs.fit import fit
 from faultgauge.verbs.how import How, Reading, reads
@@ -50,7 +52,7 @@ class FitJob:
     seed: int
     robust: bool
     despite_alarms: bool
-    own: dict[str, Any] = field(default_factory=dict)
+    own: dict[str, dict[str, Any]] = field(default_factory=dict)
 
     def __call__(self, unit: Unit) -> Done:
         plant = as_plant(self.text)
@@ -70,23 +72,23 @@ class FitJob:
             runs = Runs(shorter, runs.sources, runs.how)
             found = fit(unit_plant(typical, prior=self.prior), runs, restarts=1, **given)
             model = replace(found.model, plant=replace(found.model.plant, spec=typical.plant.spec))
-            if "choices" in typical.record:
-                model = Model(model.plant, model.record | {"choices": typical.record["choices"]})
+            if "choices" in typical.record.model_fields_set:
+                model = Model(model.plant, model.record.but(choices=typical.record.choices))
         constants = {each.name: each for each in _constants(found)}
         own = {
-            p.name: [found.parameters[p.name], constants[p.name].standard_error]
+            p.name: (found.parameters[p.name], constants[p.name].standard_error)
             for p in own_parameters(plant.spec.parameters)
             if p.name in constants
         }
-        told = {
-            "samples": sum(len(run.t) for run in runs),
-            "seconds": float(sum(run.t[-1] - run.t[0] for run in runs)),
-            "constants": own,
-            "own": self.own.get(unit.name, {}) if self.prior else own,
-            "prior": self.prior,
-            "warnings": list(found.account.warnings),
-        }
-        model = Model(model.plant, model.record | {"unit": told}, model.members)
+        told = UnitRecord(
+            samples=sum(len(run.t) for run in runs),
+            seconds=float(sum(run.t[-1] - run.t[0] for run in runs)),
+            constants=own,
+            own=self.own.get(unit.name, {}) if self.prior else own,
+            prior=self.prior,
+            warnings=list(found.account.warnings),
+        )
+        model = Model(model.plant, model.record.but(unit=told), model.members)
         return Done(unit.name, {unit_file(unit.name): encoded(model)})
 
 
@@ -172,7 +174,7 @@ def fit_fleet(
             failed |= lost
     told = {name: UnitFit.of(model) for name, model in models_in(folder)}
     before = len(told.keys() - {unit.name for unit in todo})
-    known = typical.record["fleet"]["warnings"] if shares and typical is not None else []
+    known = fleet_of(typical).warnings if shares and typical is not None else []
     warnings = [*known, *failures(failed)]
     return FleetFit(untrained.spec, folder, typical, told, failed, before, warnings).written()
 
@@ -197,8 +199,7 @@ def _with_the_fleet(
 
 def _prior(path: Path, text: str) -> Model:
     typical = load_model(path)
-    laws = typical.record.get("fleet", {}).get("laws", {})
-    if not laws:
+    if typical.record.fleet is None or not typical.record.fleet.laws:
         raise InputError(
             f"{path}: tells nothing of the units to come, because it is no fleet's or fewer than "
             "four units are behind it; give the fleet.fgm of a `faultgauge fit --fleet`."
@@ -239,19 +240,20 @@ def _with_laws(
     untrained: GrayBoxPlant, typical: Model, folder: Path
 ) -> tuple[Model, dict[str, Any]]:
     """(the typical unit with the laws that its units tell, what each says of its own constants)."""
-    own = {name: model.record["unit"]["own"] for name, model in models_in(folder)}
+    own = {name: unit_of(model).own for name, model in models_in(folder)}
     own = {name: each for name, each in own.items() if each}
     parameters = own_parameters(untrained.spec.parameters)
     found = laws_from(parameters, own)
     centers = {name: jnp.asarray(law.center) for name, law in found.laws.items()}
     plant = typical.plant
     plant = replace(plant, parameters=plant.parameters | centers)
-    fleet = typical.record["fleet"] | {
-        "laws": {name: law.to_dict() for name, law in found.laws.items()},
+    told = {
+        "laws": {name: LawRecord(**law.to_dict()) for name, law in found.laws.items()},
         "units": list(own),
         "unlike": dict(zip(own, found.unlike.tolist(), strict=True)),
     }
-    return Model(plant, typical.record | {"fleet": fleet}), own
+    fleet = fleet_of(typical).model_copy(update=told)
+    return Model(plant, typical.record.but(fleet=fleet)), own
 
 
 def laws_from(parameters: Sequence[Any], own: dict[str, Any]) -> Population:
@@ -267,7 +269,7 @@ def _leans(folder: Path, unit: Unit, own: dict[str, Any], typical: Model) -> boo
     """Whether a unit's own log tells too little, and it does not lean on the fleet yet."""
     if unit.name not in own or not _vague(own[unit.name], laws_of(typical)):
         return False
-    return not load_model(model_path(folder, unit.name)).record["unit"]["prior"]
+    return not unit_of(load_model(model_path(folder, unit.name))).prior
 
 
 def _vague(own: dict[str, Any], laws: dict[str, Law]) -> bool:

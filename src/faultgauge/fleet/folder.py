@@ -12,6 +12,7 @@ from faultgauge.files import read_within, write_atomically
 from faultgauge.fleet.crew import Crew, Done, Job
 from faultgauge.fleet.units import Unit
 from faultgauge.plants.model import Model, load_model
+from faultgauge.plants.record import UnitRecord
 from faultgauge.progress import Step
 
 __all__ = [
@@ -23,6 +24,7 @@ __all__ = [
     "model_path",
     "models_in",
     "unit_file",
+    "unit_of",
     "with_models",
 ]
 
@@ -67,11 +69,17 @@ def models_in(folder: Path) -> Iterator[tuple[str, Model]]:
     """The units that have a model, by name, one at a time."""
     for path in sorted((folder / UNITS).glob(f"*{ENDING}")):
         model = load_model(path)
-        if "unit" not in model.record:
+        if model.record.unit is None:
             raise InputError(
                 f"{path}: is no unit of a fleet; move it elsewhere, or fit it with --fleet."
             )
         yield path.name.removesuffix(ENDING), model
+
+
+def unit_of(model: Model) -> UnitRecord:
+    """What the model of a unit tells of it; `models_in` sees to it that it does."""
+    assert model.record.unit is not None
+    return model.record.unit
 
 
 def with_models(folder: Path, units: Iterable[Unit]) -> Iterator[Unit]:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from faultgauge.fleet.folder import unit_of
 from faultgauge.fleet.typical import laws_of
 from faultgauge.identification.population import own_parameters
 from faultgauge.plants.model import Model
@@ -79,14 +80,14 @@ class UnitFit:
 
     @staticmethod
     def of(model: Model) -> "UnitFit":
-        told = model.record["unit"]
+        told = unit_of(model)
         return UnitFit(
-            told["samples"],
-            told["seconds"],
-            model.record["metrics"]["validation_free_run_nrmse"],
-            {name: (each[0], each[1]) for name, each in told["constants"].items()},
-            told["prior"],
-            told["warnings"],
+            told.samples,
+            told.seconds,
+            model.record.metrics.free_run_error,
+            {name: (each[0], each[1]) for name, each in told.constants.items()},
+            told.prior,
+            told.warnings,
         )
 
 
@@ -121,8 +122,8 @@ class FleetFit(FleetResult):
     @property
     def unlike(self) -> dict[str, float]:
         """Probabilities of the units that are unlike the others rather than like them."""
-        known = {} if self.typical is None else self.typical.record["fleet"].get("unlike", {})
-        return {name: p for name, p in known.items() if p >= UNLIKE}
+        fleet = None if self.typical is None else self.typical.record.fleet
+        return {name: p for name, p in fleet.unlike.items() if p >= UNLIKE} if fleet else {}
 
     @property
     def lines(self) -> list[str]:

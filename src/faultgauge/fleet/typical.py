@@ -15,12 +15,13 @@ from faultgauge.identification import fit as identification
 from faultgauge.identification.population import Law, own_parameters, population, with_population
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
+from faultgauge.plants.record import FleetRecord
 from faultgauge.plants.settle import settle
 from faultgauge.telemetry import Run, cut
 from faultgauge.verbs.how import How
 from faultgauge.verbs.reading import runs_for_plant
 
-__all__ = ["base_of", "laws_of", "typical_unit", "unit_plant"]
+__all__ = ["base_of", "fleet_of", "laws_of", "typical_unit", "unit_plant"]
 
 POOL = 6  # units that are fitted together
 SAMPLES = 20_000  # of all of them
@@ -56,8 +57,8 @@ def typical_unit(
     start = {name: float(np.median(list(each.values()))) for name, each in own.items()}
     center = {name: jnp.asarray(value) for name, value in start.items()}
     found = eqx.tree_at(lambda p: p.parameters, model.plant, model.plant.parameters | center)
-    fleet = {"start": start, "laws": {}, "units": [], "warnings": warnings}
-    record = {**model.record, "fleet": fleet}
+    fleet = FleetRecord(start=start, laws={}, units=[], warnings=warnings)
+    record = model.record.but(fleet=fleet)
     typical = Model(found, record).with_reading(how.said)
     return replace(typical, plant=base_of(plant, typical))
 
@@ -106,20 +107,30 @@ def _alike(plant: GrayBoxPlant, own: dict[str, dict[str, float]], runs: Sequence
 def base_of(plant: GrayBoxPlant, typical: Model) -> GrayBoxPlant:
     """`plant`, of the file, with what the fleet knows: what was left open is decided, networks and
     constants are the typical unit's."""
-    choices = typical.record.get("choices", {"hold": {}, "hidden": {}})
-    settled = GrayBoxPlant.untrained(settle(plant.spec, choices["hold"], choices["hidden"]))
+    choices = typical.record.choices
+    settled = GrayBoxPlant.untrained(settle(plant.spec, choices.hold, choices.hidden))
     given = typical.plant
     return eqx.tree_at(
         lambda p: (p.networks, p.parameters), settled, (given.networks, given.parameters)
     )
 
 
+def fleet_of(typical: Model) -> FleetRecord:
+    """What its file tells of the fleet. Raises `InputError` where it is the model of no fleet."""
+    if typical.record.fleet is None:
+        raise InputError(
+            f"{typical.plant.spec.name}: the model is no fleet's; give the fleet.fgm of a "
+            "`faultgauge fit --fleet`."
+        )
+    return typical.record.fleet
+
+
 def laws_of(typical: Model) -> dict[str, Law]:
-    return {name: Law(**law) for name, law in typical.record["fleet"]["laws"].items()}
+    return {name: Law(**law.as_dict()) for name, law in fleet_of(typical).laws.items()}
 
 
 def unit_plant(typical: Model, *, prior: bool) -> GrayBoxPlant:
     """A unit before its own logs are seen; with a `prior`, as uncertain as the fleet's laws say."""
     laws = laws_of(typical) if prior else {}
-    centers = typical.record["fleet"]["start"] | {n: law.center for n, law in laws.items()}
+    centers = fleet_of(typical).start | {n: law.center for n, law in laws.items()}
     return with_population(typical.plant, typical.plant.networks, centers, laws)

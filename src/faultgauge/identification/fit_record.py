@@ -17,6 +17,7 @@ from faultgauge.identification.samples import Channels, Samples
 from faultgauge.identification.sizes import chosen_sizes
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant_file import PlantSpec
+from faultgauge.plants.record import FitRecord
 from faultgauge.telemetry import Run, rate_of
 from faultgauge.telemetry.resampling import cover
 
@@ -76,7 +77,7 @@ def fit_record(
     known: Information | None,
     floor: dict[str, Any],
     seed: int,
-) -> dict[str, Any]:
+) -> FitRecord:
     """The record of a fit of what `spec` left open; `known` is what equation error tells of
     constants, where it had the last word, `floor` the noise of every column."""
     told = refinement.information if refinement else known
@@ -114,7 +115,7 @@ def fit_record(
     if rate is not None:
         steps = [run.logged for run in logs if run.logged is not None]
         record |= {"resample": rate, "log_step": float(np.median(steps))}
-    return record
+    return FitRecord.model_validate(record)
 
 
 def _envelope(result: Outcome) -> dict[str, Any]:

@@ -22,7 +22,14 @@ from faultgauge.files import read_within, write_atomically
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.network import Network
 from faultgauge.plants.plant_file import PlantSpec, parse_plant
-from faultgauge.plants.record import CalibrationRecord, check_record
+from faultgauge.plants.record import (
+    CalibrationRecord,
+    FitRecord,
+    Reading,
+    calibration_in,
+    check_record,
+    fit_in,
+)
 from faultgauge.plants.settle import settle
 
 __all__ = ["Model", "decoded", "encoded", "load_model", "save_model"]
@@ -31,54 +38,50 @@ KEY = "faultgauge"
 FORMAT = 1
 MAX_BYTES = 100_000_000
 MEMBERS = "members/"
-MOST_MEMBERS = 100
 
 
 @dataclass(frozen=True)
 class Model:
     """A fitted plant and what is known about the fit.
 
-    `record` is plain JSON: training envelope, metrics, data hashes, time steps, versions, the
-    `choices` of hold and hidden that the plant file left to the fit; where the logs were brought to
-    a lower rate, that rate, `resample` [Hz], and their step before, `log_step` [s]; and `reading`,
-    what was said of how they are read. `members` are the other plants of an ensemble, `plant` being
-    its best; the record counts them. `calibration` is what `calibrate` found, if it was asked.
+    `record` is what the fit did and found. `members` are the other plants of an ensemble, `plant`
+    being its best; the record counts them. `calibration` is what `calibrate` found, if asked.
     """
 
     plant: GrayBoxPlant
-    record: dict[str, Any]
+    record: FitRecord
     members: tuple[GrayBoxPlant, ...] = ()
     calibration: CalibrationRecord | None = None
 
     @property
     def max_step(self) -> float:
         """Longest RK4 step [s] that the fitted dynamics allow."""
-        return float(self.record["max_step"])
+        return float(self.record.max_step)
 
     @property
     def resample(self) -> float | None:
         """The rate [Hz] that faster logs are brought to before the model sees them, if any."""
-        return self.record.get("resample")
+        return self.record.resample
 
     @property
     def reading(self) -> dict[str, Any]:
         """What was said of the logs at the fit: their `time` column, its `time_format`, `maps`."""
-        return self.record.get("reading", {})
+        return self.record.reading.as_dict()
 
     def with_reading(self, said: dict[str, Any]) -> "Model":
         """The model that remembers how its logs were read, where anything was `said`."""
-        return replace(self, record={**self.record, "reading": said}) if said else self
+        return replace(self, record=self.record.but(reading=Reading(**said))) if said else self
 
     def with_calibration(self, calibration: CalibrationRecord | None) -> "Model":
         return replace(self, calibration=calibration)
 
     def with_resample(self, rate: float) -> "Model":
         """The model with a `rate` [Hz] that faster logs are brought to."""
-        return replace(self, record={**self.record, "resample": rate})
+        return replace(self, record=self.record.but(resample=rate))
 
     def with_members(self, members: Sequence[GrayBoxPlant]) -> "Model":
         """The model as the best of an ensemble, `members` being the others."""
-        record = {**self.record, "members": len(members)}
+        record = self.record.but(members=len(members))
         return replace(self, record=record, members=tuple(members))
 
 
@@ -123,7 +126,7 @@ def save_model(model: Model, path: str | Path) -> None:
 def encoded(model: Model) -> bytes:
     """What a model file holds; the same model gives the same bytes."""
     arrays = _all_tensors(model)
-    record = dict(model.record)
+    record = model.record.as_dict()
     if model.calibration is not None:
         record["calibration"] = model.calibration.as_dict()
     content = {
@@ -172,15 +175,14 @@ def decoded(data: bytes, path: str | Path) -> Model:
             raise InputError(f"{path}: its description was altered or damaged{advice}.")
         if content["sha256"] != digest(arrays):
             raise InputError(f"{path}: its numbers were altered or damaged{advice}.")
-        record = content["record"]
-        choices = record.get("choices", {"hold": {}, "hidden": {}})
+        calibration = calibration_in(content["record"].pop("calibration", None))
+        record = fit_in(content["record"])
         left_open = parse_plant(content["plant"], str(path))
-        spec = settle(left_open, choices["hold"], choices["hidden"])
+        spec = settle(left_open, record.choices.hold, record.choices.hidden)
         own = {name: array for name, array in arrays.items() if not name.startswith(MEMBERS)}
         rest = {name: array for name, array in arrays.items() if name.startswith(MEMBERS)}
-        members = _members(left_open, choices["hold"], record.get("members", 0), rest)
-        calibration = check_record(record, spec.signals)
-        record.pop("calibration", None)
+        members = _members(left_open, record.choices.hold, record.members, rest)
+        check_record(record, calibration, spec.signals)
         return Model(filled(GrayBoxPlant.untrained(spec), own), record, members, calibration)
     except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError):
         raise InputError(f"{path}: its description is damaged{advice}.") from None
@@ -190,8 +192,6 @@ def _members(
     spec: PlantSpec, holds: dict[str, str], count: int, arrays: dict[str, np.ndarray]
 ) -> tuple[GrayBoxPlant, ...]:
     """The `count` members; where the file leaves a network's size open, each has its own."""
-    if not 0 <= count <= MOST_MEMBERS:
-        raise ValueError("members")
     found, read = [], 0
     for k in range(1, count + 1):
         start = _prefix(k)

@@ -4,17 +4,30 @@ A seal shows that nothing was altered since, not that what was sealed makes sens
 written again is the same JSON: a number keeps its type, and what was not told stays untold.
 """
 
-from collections.abc import Collection, Mapping
-from typing import Annotated, Any
+from collections.abc import Collection
+from typing import Annotated, Any, TypeVar
 
 import pydantic
 
 from faultgauge.plants.signals import Signals
 
-__all__ = ["BankLevel", "CalibrationRecord", "Interval", "NoiseLevels", "check_record"]
+__all__ = [
+    "BankLevel",
+    "CalibrationRecord",
+    "FitRecord",
+    "FleetRecord",
+    "Interval",
+    "NoiseLevels",
+    "Reading",
+    "UnitRecord",
+    "calibration_in",
+    "check_record",
+    "fit_in",
+]
 
 LARGEST = 1e100  # of any number: its square is one too
 MOST_POINTS = 100_000
+MOST_MEMBERS = 100
 
 Number = Annotated[int | float, pydantic.Field(gt=-LARGEST, lt=LARGEST)]
 Positive = Annotated[int | float, pydantic.Field(gt=1 / LARGEST, lt=LARGEST)]
@@ -28,7 +41,8 @@ Span = tuple[str, Number, Number]
 class Part(pydantic.BaseModel):
     """A part of the record; keys that are not named here are nobody's input."""
 
-    model_config = pydantic.ConfigDict(extra="allow", frozen=True)
+    # what JSON cannot say stays what it is, and is refused where it is written
+    model_config = pydantic.ConfigDict(extra="allow", frozen=True, ser_json_inf_nan="constants")
 
     def as_dict(self) -> dict[str, Any]:
         """What was told of it, as plain JSON."""
@@ -53,13 +67,33 @@ class Constants(Part):
 
 
 class Columns(Part):
-    """Where states come from: a column, and which derivative of it they are."""
+    """Where states come from: a column ("" where hidden), and which derivative of it they are; and
+    which outputs have one."""
 
     states: list[tuple[str, Annotated[int, pydantic.Field(ge=0, le=10)]]]
+    outputs: list[str] = []
 
 
 class Metrics(Part):
+    """How well the fit went: the free run's error on held-out data, as a share of the outputs'
+    spread; of every group of equations and of the refinement what they tell of themselves."""
+
     validation_free_run_nrmse: Number | None
+    groups: list[dict[str, Any]] = []
+    refinement: dict[str, Any] | None = None
+
+    @property
+    def free_run_error(self) -> float:
+        """That error; nan for a model that nobody fitted."""
+        error = self.validation_free_run_nrmse
+        return float("nan") if error is None else float(error)
+
+
+class Choices(Part):
+    """What the plant file left to the fit: holds of inputs, sizes of networks."""
+
+    hold: dict[str, str]
+    hidden: dict[str, int]
 
 
 class Data(Part):
@@ -155,7 +189,7 @@ class Reading(Part):
     maps: Annotated[list[Text], pydantic.Field(max_length=10_000)] = []
 
 
-class Law(Part):
+class LawRecord(Part):
     """What a fleet tells of a constant (`identification.population`)."""
 
     center: Number
@@ -164,18 +198,18 @@ class Law(Part):
     log: bool
 
 
-class Fleet(Part):
+class FleetRecord(Part):
     """Of a fleet's typical unit: where the fits of its units start, the laws of their constants,
     and who these are from; empty, while the units are still being fitted."""
 
     start: dict[str, Number]
-    laws: dict[str, Law]
+    laws: dict[str, LawRecord]
     units: list[Text]
     unlike: dict[str, Annotated[float, pydantic.Field(ge=0, le=1)]] = {}
     warnings: list[Text] = []
 
 
-class UnitOfFleet(Part):
+class UnitRecord(Part):
     """Of a fleet's unit: its log, and [value, standard error] of its constants, as they are and as
     its own log alone has them."""
 
@@ -187,47 +221,78 @@ class UnitOfFleet(Part):
     warnings: list[Text]
 
 
-class Record(Part):
+class FitRecord(Part):
+    """What `fit` did and found, beside the plant itself.
+
+    `max_step` and `sample_time` [s]; `resample` [Hz], the rate that the logs were brought to, and
+    `log_step` [s] before that; how many `members` the ensemble has beside the best; the `columns`
+    that were read, `reading` what was said of them; `data`, the hashes of the runs; `envelope`, the
+    training range by name, and `envelope_points` in it, states then inputs; `noise` and
+    `derivatives` by column; how sure the `constants` are; `fleet` and `unit` of units of a fleet.
+    """
+
     max_step: Positive
     sample_time: Positive
     resample: Positive | None = None
     log_step: Positive | None = None
-    members: Annotated[int, pydantic.Field(ge=0, le=100)] = 0
+    members: Annotated[int, pydantic.Field(ge=0, le=MOST_MEMBERS)] = 0
+    choices: Choices = Choices(hold={}, hidden={})
     columns: Columns
-    constants: Constants | None = None
+    constants: Constants = Constants(names=[], errors=[], correlation=[])
     data: Data
     derivatives: dict[str, dict[str, Number | None]]
     envelope: dict[str, tuple[Number, Number]]
     envelope_points: Annotated[list[list[Number]], pydantic.Field(max_length=MOST_POINTS)]
+    instruments: dict[str, Number] = {}
     metrics: Metrics
     noise: dict[str, dict[str, Any]] = {}
     reading: Reading = Reading()
-    calibration: CalibrationRecord | None = None
-    fleet: Fleet | None = None
-    unit: UnitOfFleet | None = None
+    fleet: FleetRecord | None = None
+    unit: UnitRecord | None = None
+
+    def but(self, **told: Any) -> "FitRecord":
+        """The record with what is `told` in place of what it was."""
+        return self.model_copy(update=told)
 
 
-def check_record(record: Mapping[str, Any], signals: Signals) -> CalibrationRecord | None:
-    """The calibration in `record`, if there is one. Raises `ValueError` that names the key of what
-    does not fit the plant or makes no sense."""
+def fit_in(told: object) -> FitRecord:
+    """The record of a fit that a model file tells. Raises `ValueError` that names the key of what
+    makes no sense."""
+    return _parsed(FitRecord, told)
+
+
+def calibration_in(told: object) -> CalibrationRecord | None:
+    """The same of its calibration, if there is one."""
+    return None if told is None else _parsed(CalibrationRecord, told, "calibration.")
+
+
+Kind = TypeVar("Kind", bound=Part)
+
+
+def _parsed(kind: type[Kind], told: object, within: str = "") -> Kind:
     try:
-        found = Record.model_validate(record)
+        return kind.model_validate(told)
     except pydantic.ValidationError as failure:
         place = ".".join(map(str, failure.errors()[0]["loc"])) or "record"
-        raise ValueError(place) from None
+        raise ValueError(f"{within}{place}") from None
+
+
+def check_record(
+    record: FitRecord, calibration: CalibrationRecord | None, signals: Signals
+) -> None:
+    """Raises `ValueError` that names the key of what does not fit the plant."""
     names = [*signals.state_names, *signals.input_names]
-    if len(found.columns.states) != len(signals.state_names):
+    if len(record.columns.states) != len(signals.state_names):
         raise ValueError("columns.states")
-    if any(len(point) != len(names) for point in found.envelope_points):
+    if any(len(point) != len(names) for point in record.envelope_points):
         raise ValueError("envelope_points")
-    _known("envelope", found.envelope, [*names, *signals.output_names])
-    if found.calibration is None:
-        return None
+    _known("envelope", record.envelope, [*names, *signals.output_names])
+    if calibration is None:
+        return
     faults = signals.fault_names
-    if found.calibration.bank is not None:
-        _known("calibration.bank.size", found.calibration.bank.size, faults)
-    _known("calibration.channels", found.calibration.channels or {}, faults)
-    return found.calibration
+    if calibration.bank is not None:
+        _known("calibration.bank.size", calibration.bank.size, faults)
+    _known("calibration.channels", calibration.channels or {}, faults)
 
 
 def _known(place: str, given: Collection[str], legal: Collection[str]) -> None:

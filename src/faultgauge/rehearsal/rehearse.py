@@ -266,9 +266,9 @@ def _judged(
 
 def _seen_before(model: Model, runs: Sequence[Run]) -> list[str]:
     """A sentence for what the model was made with, which it knows better than new logs."""
-    data = model.record["data"]
+    data = model.record.data
     known = {
-        "the fit": {*data["fit"], *data["validate"]},
+        "the fit": {*data.fit, *data.validate_},
         "the calibration": {*(model.calibration.data if model.calibration else ())},
     }
     found = []

@@ -72,7 +72,7 @@ def fit_report(
 ) -> Report:
     """The report of `fit`; `unseen` are its free runs over held-out data, `given` for validation
     or cut from the logs."""
-    error = model.record["metrics"]["validation_free_run_nrmse"]
+    error = model.record.metrics.free_run_error
     summary = (
         f"{model.plant.spec.name}: on data that it was not fitted to, the model's free run is off "
         f"by {100 * error:.2f} % of each output's standard deviation.",

@@ -52,7 +52,7 @@ def noise_table(model: Model, found: Validation) -> tuple[Table, ...]:
     """The free run's error on unseen data beside the noise of each output's own samples."""
     rows = []
     for each in found.outputs:
-        sd = model.record["noise"].get(each.name, {}).get("sd")
+        sd = model.record.noise.get(each.name, {}).get("sd")
         if sd is None or each.rmse is None or each.bias is None:
             continue
         left = max(each.rmse**2 - each.bias**2, 0.0) ** 0.5

@@ -23,10 +23,10 @@ def other_clock(
 ) -> list[str]:
     """A sentence for every log, read with `time` and `maps`, whose step is a thousand times (or a
     million, a thousand million, a thousandth) that of the logs that `model` was fitted to."""
-    before = model.record.get("log_step")
+    before = model.record.log_step
     found = {}
     for run in runs:
-        step, usual = run.step, float(model.record["sample_time"])
+        step, usual = run.step, float(model.record.sample_time)
         if before is not None:
             step, usual = run.logged or run.step, float(before)
         for times, (unit, factor) in LOOKS.items():

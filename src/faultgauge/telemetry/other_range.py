@@ -71,8 +71,8 @@ def other_range(model: Model, runs: Sequence[Run]) -> list[str]:
 
 def _usual(model: Model) -> dict[str, tuple[float, float]]:
     """The training ranges of columns: of inputs and measured states that moved."""
-    signals, envelope = model.plant.signals, model.record["envelope"]
-    states = zip(signals.state_names, model.record["columns"]["states"], strict=True)
+    signals, envelope = model.plant.signals, model.record.envelope
+    states = zip(signals.state_names, model.record.columns.states, strict=True)
     columns = {state: name for state, (name, order) in states if name and order == 0}
     columns |= {name: name for name in signals.input_names}
     spans = {column: envelope[name] for name, column in columns.items() if name in envelope}

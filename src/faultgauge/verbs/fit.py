@@ -63,12 +63,12 @@ class Fit(Result):
         record, information = self.model.record, self.account.information
         return {
             "parameters": self.parameters,
-            "metrics": record["metrics"],
-            "derivatives": record["derivatives"],
-            "noise": record["noise"],
-            "envelope": record["envelope"],
-            "choices": record.get("choices", {"hold": {}, "hidden": {}}),
-            "refinement": record["metrics"].get("refinement"),
+            "metrics": record.metrics.as_dict(),
+            "derivatives": record.derivatives,
+            "noise": record.noise,
+            "envelope": record.envelope,
+            "choices": record.choices.as_dict(),
+            "refinement": record.metrics.refinement,
             "equation_error": information.to_dict() if information else None,
             "members": len(self.model.members),
             "warnings": self.account.warnings,
@@ -129,7 +129,7 @@ class Fit(Result):
 
     def _errors(self) -> list[str]:
         """The free run's error on held-out data, of the model and over the seeds."""
-        errors = [each.record["metrics"]["validation_free_run_nrmse"] for each, _ in self.fits]
+        errors = [each.record.metrics.free_run_error for each, _ in self.fits]
         refined = self.account.refinement
         refitted = refined is not None and refined.refitted
         before = ", before the model was fitted to them, too" if refitted else ""

@@ -196,7 +196,7 @@ def test_an_integrator_does_not_drift(driven, seed):
     """A free run over 400 samples of an unseen run stays near the truth to its end."""
     log, angle = drive(seed, NOISE["angle"])
     model = driven[0]
-    _, (found,) = evaluate(model.plant, [log], model.record["max_step"])
+    _, (found,) = evaluate(model.plant, [log], model.max_step)
     error = found.predicted[:, 0] - angle
     rms = [np.sqrt(np.mean(part**2)) for part in np.array_split(error[found.warmup :], 3)]
     # standard errors of a thousandth of each constant, on an angle that goes through 10 rad

@@ -72,7 +72,7 @@ def test_the_term_and_the_constant_are_found(fitted):
     assert abs(k.value - 2.0) < 4 * k.standard_error
     assert k.standard_error < 0.02
     assert k.imitated_by is None
-    low, high = model.record["envelope"]["v"]
+    low, high = model.record.envelope["v"]
     v = np.linspace(0.9 * low, 0.9 * high, 61)
     error = learned(model, v) - drag(v)
     # Four units, noise of 0.05 in v: where v stays for a time, v' is known to about 0.05. Drag
@@ -107,7 +107,7 @@ def test_the_network_beats_any_linear_drag_on_an_unseen_run(fitted, seed):
     """Even k, c and v(0) of v' = k u - c v that SciPy fits to that very run."""
     log, v = run(seed, 1.8)  # inside the envelope
     model = fitted[0]
-    _, (found,) = evaluate(model.plant, [log], model.record["max_step"])
+    _, (found,) = evaluate(model.plant, [log], model.max_step)
     error = found.predicted[found.warmup :, 0] - 2 * v[found.warmup :]
 
     def linear(p):

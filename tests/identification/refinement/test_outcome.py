@@ -265,7 +265,7 @@ def test_the_hold_left_open_is_that_of_the_log(hold):
     y = 2 * T + 0.01 * rng.standard_normal(COUNT)
     log = Run("held", "heat.csv", STEP * np.arange(COUNT), {"u": u, "y": y})
     model, _ = fit(plant, [log], restarts=STARTS)
-    assert model.record["choices"]["hold"] == {"u": hold}
+    assert model.record.choices.hold == {"u": hold}
     np.testing.assert_allclose(values(model), [a, b], rtol=0.02)  # noise of 1 % of the output
 
 

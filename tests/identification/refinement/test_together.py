@@ -64,7 +64,7 @@ def test_a_network_that_the_physics_cannot_do_without():
     # hidden units may take as much again
     assert report.refinement.error < 1.3 * NOISE / spread
     assert float(model.plant.parameters["k"]) == pytest.approx(K, rel=0.03)
-    unseen, _ = evaluate(model.plant, [run(2)], model.record["max_step"])
+    unseen, _ = evaluate(model.plant, [run(2)], model.max_step)
     assert unseen["outputs"]["lower"]["rmse"] < 1.5 * NOISE
 
 

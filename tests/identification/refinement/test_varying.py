@@ -49,7 +49,7 @@ def of_run(model, log, samples=COUNT):
         log.columns["u"][:samples, None],
         log.columns["T"][:samples, None],
         {"T": float(log.columns["T"][0])},
-        model.record["max_step"],
+        model.max_step,
     )
     assert isinstance(found, GrayBoxPlant)
     return float(found.parameters["b"]), float(found.parameters["a"])
@@ -101,7 +101,7 @@ def test_a_new_run_takes_its_value_from_the_warm_up(fitted, b):
     log = run(20, b)
     found, _ = of_run(model, log, 50)
     assert abs(found - b) < 4 * 2 * exact_error(50, log) + 0.005 * b  # as above
-    table, (prediction,) = evaluate(model.plant, [log], model.record["max_step"])
+    table, (prediction,) = evaluate(model.plant, [log], model.max_step)
     assert prediction.warmup == 50
     # noise alone is left: 250 samples know it to 4.5 %, three of which are 13 %
     assert table["outputs"]["T"]["rmse"] == pytest.approx(NOISE, rel=0.15)

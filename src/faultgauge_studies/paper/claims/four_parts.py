@@ -85,7 +85,7 @@ def measure(bench: Bench) -> tuple[dict[str, Any], Traces]:
         return fit(plant, [log], [validation], seed=seed, restarts=RESTARTS)
 
     model, account = identify(training)
-    summary, (run,) = evaluate(model.plant, [fresh], model.record["max_step"])
+    summary, (run,) = evaluate(model.plant, [fresh], model.max_step)
     points = samples_of(fresh, true)
     known = inside(account.training, points)
     found = groups(plant.spec, plant.signals.output_names)
