@@ -93,7 +93,7 @@ class Choices(Part):
     """What the plant file left to the fit: holds of inputs, sizes of networks."""
 
     hold: dict[str, str]
-    hidden: dict[str, int]
+    hidden: dict[str, pydantic.StrictInt]
 
 
 class Data(Part):
@@ -235,7 +235,7 @@ class FitRecord(Part):
     sample_time: Positive
     resample: Positive | None = None
     log_step: Positive | None = None
-    members: Annotated[int, pydantic.Field(ge=0, le=MOST_MEMBERS)] = 0
+    members: Annotated[pydantic.StrictInt, pydantic.Field(ge=0, le=MOST_MEMBERS)] = 0
     choices: Choices = Choices(hold={}, hidden={})
     columns: Columns
     constants: Constants = Constants(names=[], errors=[], correlation=[])
