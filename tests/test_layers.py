@@ -74,6 +74,33 @@ def test_only_the_commands_that_run_studies_know_them():
         assert not any(module.startswith("faultgauge_studies") for module in loaded if module)
 
 
+def offered(tree: ast.Module) -> set[str]:
+    """What a module's `__all__` names."""
+    lists = [
+        node.value
+        for node in tree.body
+        if isinstance(node, ast.Assign) and getattr(node.targets[0], "id", "") == "__all__"
+    ]
+    return set(ast.literal_eval(lists[0])) if lists else set()
+
+
+def test_a_module_takes_from_another_only_what_that_one_offers():
+    trees = {}
+    for path in [*ROOT.rglob("*.py"), *STUDIES.rglob("*.py")]:
+        name = ".".join(path.relative_to(ROOT.parent).with_suffix("").parts)
+        trees[name.removesuffix(".__init__")] = ast.parse(path.read_text())
+    offers = {name: offered(tree) for name, tree in trees.items()}
+    taken = [
+        f"{name} takes {alias.name} from {node.module}"
+        for name, tree in trees.items()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ImportFrom) and node.module in trees
+        for alias in node.names
+        if f"{node.module}.{alias.name}" not in trees and alias.name not in offers[node.module]
+    ]
+    assert not taken
+
+
 def test_every_folder_is_a_layer():
     folders = {p.name for p in ROOT.iterdir() if p.is_dir() and p.name != "__pycache__"}
     assert folders == set(LAYERS)

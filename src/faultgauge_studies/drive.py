@@ -32,7 +32,16 @@ from faultgauge.telemetry import Run, read_telemetry
 from faultgauge.verbs.checkup import parts
 from faultgauge_studies import merit
 
-__all__ = ["BODIES", "Drive", "DriveLogs", "measured_logs", "run_drive", "simulated_logs"]
+__all__ = [
+    "BODIES",
+    "FAULT",
+    "PULSE",
+    "Drive",
+    "DriveLogs",
+    "measured_logs",
+    "run_drive",
+    "simulated_logs",
+]
 
 BODIES = {"physics": "positioning_drive", "network": "positioning_drive_network"}
 FAULT = "pulse"

@@ -19,6 +19,7 @@ from faultgauge.detection.words import MOST
 from faultgauge.telemetry import Run
 
 __all__ = [
+    "POSSIBLE",
     "UNKNOWN",
     "Alarm",
     "BankEvent",

@@ -39,7 +39,7 @@ from faultgauge.simulation.closed_loop import with_faults
 from faultgauge.simulation.free_run import substeps_for
 from faultgauge.telemetry import Run, segments
 
-__all__ = ["SAMPLES", "Likelihood", "Stretch", "Told", "healthy_stretches"]
+__all__ = ["AT_ONCE", "SAMPLES", "Likelihood", "Stretch", "Told", "healthy_stretches"]
 
 SAMPLES = 16384  # that tell the levels
 LONGEST = 4096  # of one stretch

@@ -16,7 +16,7 @@ from jaxtyping import Array, Bool, Float, Int
 from faultgauge.detection.bank import FaultBank
 from faultgauge.observers.branches import BranchInfo
 
-__all__ = ["Marginal", "Mixture", "Posterior", "mixture_quantiles"]
+__all__ = ["LIKELY", "TAIL", "WIDE", "Marginal", "Mixture", "Posterior", "mixture_quantiles"]
 
 LIKELY = 0.5  # p of a fault from which on it is there rather than not
 TAIL = 0.025

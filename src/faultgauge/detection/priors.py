@@ -25,6 +25,7 @@ from faultgauge.plants.plant import respond
 from faultgauge.plants.signals import LOSSES, Fault
 
 __all__ = [
+    "ALIEN",
     "AT_START",
     "RARE",
     "onsets_of",

@@ -32,6 +32,7 @@ __all__ = [
     "HEALTHY",
     "NAMED",
     "NOT_JUDGED",
+    "PLACES",
     "QUIET",
     "STALE",
     "STATUS",

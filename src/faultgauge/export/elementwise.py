@@ -7,7 +7,17 @@ import numpy as np
 from faultgauge.errors import InputError
 from faultgauge.export.mathematics import INLINE
 
-__all__ = ["ELEMENTWISE", "HELPERS", "FLOATS", "Kind", "TANH_ERROR", "kind_of", "literal", "truth"]
+__all__ = [
+    "ELEMENTWISE",
+    "FLOATS",
+    "HELPERS",
+    "LETTERS",
+    "TANH_ERROR",
+    "Kind",
+    "kind_of",
+    "literal",
+    "truth",
+]
 
 TANH_ERROR = 3e-7  # of `fast_tanh`, absolute
 

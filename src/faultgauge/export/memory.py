@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 from faultgauge.export.nests import Nest
 
-__all__ = ["Array", "Branch", "Loop", "Statement", "place"]
+__all__ = ["Array", "Branch", "Loop", "Node", "Statement", "place"]
 
 
 @dataclass(eq=False)

@@ -8,7 +8,7 @@ from typing import Any
 
 from faultgauge.errors import InputError
 
-__all__ = ["VERSIONS", "do_chunk", "versions"]
+__all__ = ["VERSIONS", "do_chunk", "other_version", "versions"]
 
 VERSIONS = ("faultgauge", "jax", "numpy")  # another of these may give other bits
 

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from faultgauge.detection.words import number
 from faultgauge.foresight.result import FaultSheet, Help, RunSheet, Sheet
 
-__all__ = ["HEADER", "fault_row", "legend", "lines", "remarks"]
+__all__ = ["HEADER", "amount", "fault_row", "legend", "lines", "remarks"]
 
 HEADER = (
     "fault",

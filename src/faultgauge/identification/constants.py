@@ -11,7 +11,15 @@ from faultgauge.identification.refinement.unknowns import WEIGHTS, Unknowns
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant_file import Parameter
 
-__all__ = ["Constant", "Information", "at_bound", "constants", "contradictions", "imitated"]
+__all__ = [
+    "Constant",
+    "Information",
+    "at_bound",
+    "constants",
+    "contradictions",
+    "imitated",
+    "shifted",
+]
 
 IMITATED = 0.99  # of what a parameter does to what is fitted, a network's weights can do too
 ALIKE = 0.99  # correlation at which two parameters cannot be told apart

@@ -31,6 +31,7 @@ __all__ = [
     "scores",
     "start_of_run",
     "too_short",
+    "varying_parameters",
 ]
 
 WARMUP = 50

@@ -37,9 +37,10 @@ __all__ = [
     "CONVERGED",
     "FAILED",
     "NOT_CONVERGED",
-    "Options",
-    "Solution",
     "VALIDATION_STOP",
+    "Options",
+    "Residual",
+    "Solution",
     "levenberg_marquardt",
     "not_converged",
 ]

@@ -23,7 +23,7 @@ from faultgauge.plants.plant import respond
 from faultgauge.simulation.integrators import step_through
 from faultgauge.simulation.intersample import line
 
-__all__ = ["Belief", "DividedDifferenceFilter", "Flow", "Look", "Noise", "Seen", "raised"]
+__all__ = ["FAR", "Belief", "DividedDifferenceFilter", "Flow", "Look", "Noise", "Seen", "raised"]
 
 FAR = 5.0  # standard deviations of an innovation beyond which it is no noise
 MISSING = 1.5  # steps from row to row

@@ -15,6 +15,7 @@ from faultgauge.simulation.integrators import step as integrate
 __all__ = [
     "CurrentObserver",
     "Design",
+    "Linearisation",
     "Observer",
     "ObserverInfo",
     "ObserverState",

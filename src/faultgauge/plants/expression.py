@@ -17,10 +17,12 @@ from typing import Any
 from faultgauge.errors import InputError
 
 __all__ = [
+    "FUNCTIONS",
+    "MAX_CHARACTERS",
+    "MAX_DEPTH",
     "Binary",
     "Call",
     "Expression",
-    "FUNCTIONS",
     "Name",
     "Negative",
     "Node",
@@ -32,6 +34,7 @@ __all__ = [
     "names_used",
     "networks_used",
     "parse",
+    "unknown",
     "walk",
 ]
 

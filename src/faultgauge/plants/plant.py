@@ -12,7 +12,7 @@ from jaxtyping import Array, Float
 
 from faultgauge.plants.signals import INNER, Signals
 
-__all__ = ["Change", "Plant", "Stuck", "clip_state", "respond"]
+__all__ = ["Change", "Plant", "Stuck", "applied", "clip_state", "respond"]
 
 # Every JAX module of faultgauge imports this one. float32 surprises: identification needs 1e-8.
 jax.config.update("jax_enable_x64", True)

@@ -17,6 +17,7 @@ __all__ = [
     "FitRecord",
     "FleetRecord",
     "Interval",
+    "LawRecord",
     "NoiseLevels",
     "Reading",
     "UnitRecord",

@@ -12,10 +12,11 @@ from faultgauge.plants.signals import Entry, Hold, Monitor
 from faultgauge.plants.toml_file import Number, Positive, Table
 
 __all__ = [
+    "MAX_HIDDEN",
     "DetectionTable",
+    "FaultTable",
     "FileTable",
     "InputTable",
-    "MAX_HIDDEN",
     "NetworkTable",
     "ParameterTable",
     "StateTable",

@@ -12,7 +12,7 @@ from faultgauge.plants.signals import Fault
 from faultgauge.rehearsal.ways import Way
 from faultgauge.telemetry import Run, cut
 
-__all__ = ["Dose", "Plan", "Subject", "doses_of", "plans", "windows_of"]
+__all__ = ["MIDDLE", "Dose", "Plan", "Subject", "doses_of", "plans", "windows_of"]
 
 SHORTEST, WINDOW = 200, 2000  # samples of a window
 SIZES = np.geomspace(0.25, 16.0, 8)  # times the smallest size that the model foretells

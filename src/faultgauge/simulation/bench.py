@@ -36,7 +36,7 @@ from faultgauge.simulation.satellite.observatory import (
 from faultgauge.simulation.scenario import Scenario
 from faultgauge.simulation.schedules import Schedule, grid
 
-__all__ = ["Bench", "bench_of"]
+__all__ = ["Bench", "Row", "bench_of"]
 
 Row = dict[str, float]
 

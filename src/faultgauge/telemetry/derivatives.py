@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-__all__ = ["Kernel", "choose_kernel", "noise_sd"]
+__all__ = ["WIDTHS", "Kernel", "choose_kernel", "noise_sd"]
 
 TARGET_SHARE = 0.01  # noise in a derivative, as a share of its own spread, that is small enough
 KEPT = 0.95  # of an input's spread is left by a kernel that still lets it excite

@@ -28,7 +28,7 @@ from faultgauge.telemetry.timing import (
 )
 from faultgauge.telemetry.where import keep_rows, met
 
-__all__ = ["Before", "LogFile", "Paths", "Source", "open_logs", "recalled"]
+__all__ = ["RUN", "Before", "LogFile", "Paths", "Source", "open_logs", "recalled"]
 
 RUN = "run"
 

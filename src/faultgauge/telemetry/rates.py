@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float
 
 from faultgauge.telemetry.runs import GAP_STEPS, ROUNDING, nearest
 
-__all__ = ["Aligned", "align"]
+__all__ = ["DROPOUT", "FEWEST", "REGULAR", "SLOWER", "Aligned", "align"]
 
 SLOWER = 1.5  # times the shortest median interval: a rate of its own
 DROPOUT = (

@@ -9,7 +9,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 __all__ = [
+    "GAP_STEPS",
     "PACE_SAMPLES",
+    "ROUNDING",
     "Run",
     "as_sampled",
     "cut",

@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 from faultgauge.identification.levenberg_marquardt import Options, levenberg_marquardt
 from faultgauge_studies.baselines.baseline import Baseline, Record, simulate
 
-__all__ = ["Mode", "Trained", "train"]
+__all__ = ["Mode", "RunResidual", "Trained", "train", "with_weights"]
 
 Model = TypeVar("Model", bound=Baseline)
 Mode = Literal["parallel", "series_parallel"]  # fed its own output, or the plant's

@@ -13,7 +13,7 @@ from faultgauge_studies.paper.cases import SECONDS, inner_disturbance
 from faultgauge_studies.paper.excited import SWEEP, records
 from faultgauge_studies.paper.learning import Learned, learn
 
-__all__ = ["Bench", "Traces", "learn_from", "set_up"]
+__all__ = ["WHEEL", "Bench", "Traces", "learn_from", "set_up"]
 
 Traces = dict[str, Mapping[str, Any]]  # curves by figure, then by name
 

@@ -5,7 +5,16 @@ from dataclasses import dataclass
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.simulation.schedules import Constant, Schedule, Sine, Steps
 
-__all__ = ["CASES", "MODE_1", "ONSET", "PHYSICAL", "SECONDS", "Case", "inner_disturbance"]
+__all__ = [
+    "CASES",
+    "MODE_1",
+    "ONSET",
+    "PHYSICAL",
+    "SECONDS",
+    "SUSTAINED",
+    "Case",
+    "inner_disturbance",
+]
 
 SECONDS = 1000.0
 ONSET = 500.0

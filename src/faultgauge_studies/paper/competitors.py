@@ -38,7 +38,17 @@ from faultgauge_studies.paper.bench import Bench
 from faultgauge_studies.paper.cases import SECONDS
 from faultgauge_studies.paper.excited import SWEEP, records, wheel_log
 
-__all__ = ["ALONE", "Budget", "Competitor", "Logs", "competitors", "logs", "record", "samples_of"]
+__all__ = [
+    "ALONE",
+    "PER_SECOND",
+    "Budget",
+    "Competitor",
+    "Logs",
+    "competitors",
+    "logs",
+    "record",
+    "samples_of",
+]
 
 HIDDEN = 10
 ORDER = 2  # of each linear block of Wiener-Hammerstein

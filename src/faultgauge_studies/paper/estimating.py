@@ -19,7 +19,12 @@ from faultgauge_studies.paper.cases import ONSET, Case
 from faultgauge_studies.paper.learning import PITCH
 
 __all__ = [
+    "AFTER",
+    "BAND",
     "BANDWIDTH",
+    "DELTA",
+    "KAPPA",
+    "ZETA",
     "Quality",
     "cramer_rao",
     "design",

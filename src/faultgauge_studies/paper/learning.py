@@ -20,7 +20,7 @@ from faultgauge.simulation.satellite.observatory import AXES, STEPS_PER_PERIOD
 from faultgauge.telemetry import Run
 from faultgauge_studies.merit import rms
 
-__all__ = ["Learned", "Scores", "beside", "fitted", "learn", "rms", "scores"]
+__all__ = ["GRAY_BOX", "PITCH", "Learned", "Scores", "beside", "fitted", "learn", "rms", "scores"]
 
 PITCH = AXES.index("pitch")
 GRAY_BOX = "reaction_wheel_network"

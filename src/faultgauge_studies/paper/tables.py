@@ -19,6 +19,7 @@ __all__ = [
     "noise_table",
     "reach",
     "severity_table",
+    "span",
 ]
 
 Results = Mapping[str, Any]

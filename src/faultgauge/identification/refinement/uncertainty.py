@@ -34,7 +34,7 @@ from faultgauge.identification.refinement.unknowns import Unknowns
 from faultgauge.identification.validation.correlation import correlation, integrated_time
 from faultgauge.plants.gray_box import GrayBoxPlant
 
-__all__ = ["Curvature", "curvature", "information", "residual_time"]
+__all__ = ["Curvature", "Information", "curvature", "information", "residual_time"]
 
 WATCHED = (
     2000  # values of all parameters in all parts: the information on them is as large, squared

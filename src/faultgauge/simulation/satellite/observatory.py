@@ -37,6 +37,7 @@ from faultgauge.simulation.schedules import Schedule, grid
 __all__ = [
     "AXES",
     "HOLD",
+    "INERTIA",
     "MOMENTA",
     "PERIOD",
     "SLEW",

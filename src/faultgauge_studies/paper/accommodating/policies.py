@@ -16,7 +16,7 @@ from faultgauge_studies.paper.cases import CASES, ONSET
 from faultgauge_studies.paper.learning import PITCH, rms
 from faultgauge_studies.paper.tables import Results, milli, span
 
-__all__ = ["NAMES", "measure", "pitch", "section"]
+__all__ = ["CASE", "NAMES", "measure", "pitch", "section"]
 
 NAMES = {
     "none": "none",

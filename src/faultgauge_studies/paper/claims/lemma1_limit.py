@@ -21,7 +21,7 @@ from faultgauge_studies.paper.excited import SWEEP, records
 from faultgauge_studies.paper.learning import rms
 from faultgauge_studies.paper.tables import Results, milli, span
 
-__all__ = ["floor_of", "limit_figures", "limit_table", "limit_verdict", "measure_limit"]
+__all__ = ["binned", "floor_of", "limit_figures", "limit_table", "limit_verdict", "measure_limit"]
 
 HIDDEN = (2, 5, 10, 20)
 # 2000 samples each, 1 Hz: 1000 N*m*s of travel at 0.5 N*m leaves the motor room for the noise.
