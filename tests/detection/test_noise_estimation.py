@@ -60,7 +60,7 @@ def test_noise_and_discrepancy_are_found_as_large_and_as_lasting_as_they_were():
     ):
         off = float(np.log(getattr(found, name)[0] / truth))
         assert abs(off) < 3 * scatter, name
-    assert found.wanders == found.lags == ()  # the output is what the file says
+    assert found.doubts == found.wanders == found.lags == ()  # the output is what the file says
 
 
 DIRECT = LAG.replace(
@@ -136,6 +136,39 @@ def test_an_input_that_strays_is_one_error_wherever_it_acts():
     assert abs(np.log(found.stray[0] / SIZE)) < 3 * np.sqrt(slow / 2)
     assert abs(np.log(found.straying[0] / TAU)) < 3 * np.sqrt(2 * slow)
     assert found.size[0] < SIZE / 5
+
+
+EDGE, DOUBT = 0.6, 5.0  # of u, beyond which noise is so many times as large
+
+
+def rough(seed):
+    """x' = u - a x + w, w so many times as large where u is beyond the edge."""
+    rng = np.random.default_rng(seed)
+    u = np.repeat(rng.uniform(-1, 1, COUNT // 20), 20)
+    fade, x = np.exp(-A * STEP), np.zeros(COUNT)
+    for k in range(COUNT - 1):
+        beyond = max(u[k], u[k + 1]) > EDGE
+        x[k + 1] = fade * x[k] + (1 - fade) / A * u[k]
+        x[k + 1] += (DOUBT if beyond else 1) * PROCESS * np.sqrt(STEP) * rng.standard_normal()
+    columns = {"u": u, "x": x + SIGMA / 10 * rng.standard_normal(COUNT)}
+    return Run(f"{seed}", "lag.csv", STEP * np.arange(COUNT), columns)
+
+
+def test_where_the_model_errs_more_is_found_and_by_how_much():
+    """A fifth of the samples tell the larger noise, the rest the usual one, each to 1 / sqrt(2 n);
+    three of those. Only some edges are tried: the one that is found may hold a third more of the
+    samples, of which the rms is less by that."""
+    runs = [rough(seed) for seed in range(LOGS)]
+    found = estimate_noise(model(True), runs)
+    u = np.concatenate([run.columns["u"] for run in runs])
+    beyond = np.mean(u > EDGE)
+    assert found.doubts == (1,)
+    assert np.isinf(found.below[1])
+    assert abs(np.mean(u > found.above[1]) / beyond - 1) < 1 / 3
+    scatter = 1 / np.sqrt(2 * LOGS * COUNT * beyond)
+    thinned = np.sqrt((DOUBT**2 + 1 / 3) / (1 + 1 / 3)) / DOUBT
+    assert np.log(thinned) - 3 * scatter < np.log(found.doubt[1] / DOUBT) < 3 * scatter
+    assert abs(np.log(found.process[0] / PROCESS)) < 3 * scatter
 
 
 def test_constants_spread_between_runs_as_much_as_they_were_drawn():

@@ -16,6 +16,7 @@ from itertools import count, product
 import numpy as np
 from jaxtyping import Float
 
+from faultgauge.detection.doubted_regions import with_doubted_regions
 from faultgauge.detection.innovation_likelihood import (
     SAMPLES,
     Likelihood,
@@ -23,7 +24,7 @@ from faultgauge.detection.innovation_likelihood import (
     healthy_stretches,
 )
 from faultgauge.detection.input_errors import with_errors_of_inputs
-from faultgauge.detection.noise import LATE, STRAY, WANDER, Noise
+from faultgauge.detection.noise import DOUBT, LATE, STRAY, WANDER, Noise
 from faultgauge.detection.noise_levels import (
     Bounds,
     bounds_of,
@@ -52,9 +53,14 @@ ROUNDS = (16, 12, 8)  # steps of each search; the constants are told anew betwee
 # and the discrepancy
 STARTS = tuple(product((1.0, 10.0, 100.0), (1.0, 30.0)))
 FIRST = 2  # steps of each; then of the better half, and so on
-SEARCHES = 4  # of all ROUNDS: the plant's levels, then what each of BESIDE adds
+SEARCHES = 5  # of all ROUNDS: the plant's levels, then what each of BESIDE adds
 # errors of inputs come first, as what outputs share is none of their own
-BESIDE = (with_errors_of_inputs, with_errors_of_outputs, with_errors_of_outputs)
+BESIDE = (
+    with_errors_of_inputs,
+    with_errors_of_outputs,
+    with_errors_of_outputs,
+    with_doubted_regions,
+)
 ENOUGH = 0.3  # of log-likelihood: a step that gains less is the last
 NONE = 1e-6  # times the usual: as good as no discrepancy
 
@@ -96,7 +102,7 @@ def estimate_noise(
             added = more.beside - noise.beside
             if not added:
                 continue
-            own = {name: getattr(more, name) for name in (*WANDER, *LATE, *STRAY)}
+            own = {name: getattr(more, name) for name in (*WANDER, *LATE, *STRAY, *DOUBT)}
             bounds = bounds_of(guess._replace(**own), runs[0].step, stretches)
             more = _alternated(model, batch, more, bounds, stepped)
             if _gain(model, batch, noise, more, bounds) > np.log(batch.count) * added:

@@ -7,6 +7,7 @@ from matplotlib.axes import Axes
 
 from faultgauge.detection.bank import FaultBank
 from faultgauge.detection.blocks import Block
+from faultgauge.detection.calibration_words import doubted
 from faultgauge.detection.knowledge import Knowledge
 from faultgauge.detection.noise import Noise, constants_of, drifting_of
 from faultgauge.detection.uncalibrated import level_in
@@ -202,5 +203,9 @@ def _besides(model: Model, noise: Noise) -> list[tuple[str, str, str]]:
             f"for {quantity(float(noise.lag[j]), 's')}",
         )
         for j in noise.lags
+    ]
+    rows += [
+        (f"where {where}, all this is larger by", f"{number(times, 2)} times", "")
+        for where, times in doubted(model, noise)
     ]
     return rows
