@@ -124,7 +124,7 @@ def first_guess(model: Model, runs: Sequence[Run], stretches: Sequence[Stretch])
         np.array(spread, float), np.zeros(len(spread)), np.zeros(len(spread)),
         *[np.zeros(len(sigma))] * 4,
         *[np.zeros(len(signals.inputs))] * 2,
-        nothing, nothing - np.inf, nothing + np.inf,
+        doubt=nothing, above=nothing - np.inf, below=nothing + np.inf,
     )  # fmt: skip
 
 
