@@ -28,6 +28,7 @@ def compare(bank, said):
     for event, plain in zip(said.events, told_of, strict=True):
         check_event(bank, said, event, plain, rows)
         assert plain["sentence"] in lines
+    check_once(said.events)
     check_report(bank, said)
     assert not any(NOTHING.search(line) for line in [*lines, *first_screen(bank, [said])])
     assert json.dumps([told_of, of_run], allow_nan=False)
@@ -56,6 +57,15 @@ def check_statuses(bank, said, rows, lines, of_run):
     edges = np.flatnonzero(np.diff(alone, prepend=False, append=False)).reshape(-1, 2)
     # the bank's memory is the longest that an alarm goes before its event, or on behind it
     assert all(t[b - 1] - t[a] <= bank.knowledge.memory for a, b in edges)
+
+
+def check_once(events):
+    """A fault that is dated to before its last event ended is no second event."""
+    latest = {}
+    for each in events:
+        key = each.fault, np.sign(each.size or 0.0)
+        assert each.fault == UNKNOWN or each.onset > latest.get(key, -np.inf), each
+        latest[key] = each.end
 
 
 def check_event(bank, said, event, plain, rows):

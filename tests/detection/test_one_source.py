@@ -9,6 +9,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -142,4 +143,25 @@ def posterior(bank, run, parts, ever, latch):
 def test_every_view_says_what_the_posterior_says(parts, ever, clocked, latch):
     bank, run = tank_bank(), run_of(clocked)
     said = posterior(bank, run, parts, ever, latch)
+    compare(bank, said)
+
+
+def test_a_fault_that_changes_after_its_sign_was_open_for_a_while_is_one_event():
+    """A leak since 10 s, of which nothing is known from 30 to 40 s, and which changes at 60 s: the
+    last rows date the change, those before it the fault."""
+    bank = tank_bank()
+    none, leak = (np.where(np.arange(SETS) == k, 1 - 1e-6, 1e-6 / (SETS - 1)) for k in (0, 1))
+    known = (1e-3, 10.0, 0.3, "", True)
+    parts = [
+        (20, none, 0.0, *known),
+        (40, leak, 0.3, *known),
+        (20, leak, 0.0, 1.0, *known[1:]),
+        (40, leak, 0.3, *known),
+        (40, leak, 0.4, 1e-3, 60.0, 0.3, "", True),
+    ]
+    said = posterior(bank, run_of(False), parts, [1.0] * 3, False)
+    (event,) = said.events
+    assert event.fault == "leak"
+    assert event.onset == pytest.approx(10.0)
+    assert event.end == T[-1]
     compare(bank, said)
