@@ -83,6 +83,24 @@ def stretches(draw, *, calm=False, sets=SETS):
     )
 
 
+@st.composite
+def interrupted(draw):
+    """A fault that stays through something else, and may change behind that."""
+    rows, *one = draw(stretches(calm=True))
+    fault = draw(st.integers(1, 3))
+    p = np.full(SETS, 1e-9)
+    p[fault] = 1 - 1e-9 * (SETS - 1)
+    size = draw(st.sampled_from([-0.3, 0.3]))
+    there = (p, size, 1e-3, draw(st.floats(-5.0, 15.0)), 0.3, "", True)
+    calm = draw(st.sampled_from([p, one[0]]))  # as sure of the fault, or of none
+    open_ = (calm, 0.0, 1.0, there[3], 0.3, "", True)
+    later = (p, size, 1e-3, draw(st.floats(0.0, 70.0)), 0.3, "", True)
+    counts = draw(st.lists(st.integers(15, 40), min_size=4, max_size=4))
+    return [(min(rows, 20), *one)] + list(
+        (count, *each) for count, each in zip(counts, (there, open_, there, later), strict=True)
+    )
+
+
 def posterior(bank, run, parts, ever, latch):
     """What is decided of stretches on end."""
     sets, faults = len(bank.sets) + 1, len(bank.size)
@@ -135,6 +153,7 @@ def posterior(bank, run, parts, ever, latch):
     parts=st.one_of(
         *[st.lists(stretches(), min_size=1, max_size=7)] * 3,
         st.lists(stretches(calm=True), min_size=1, max_size=3),
+        interrupted(),
     ),
     ever=st.lists(st.sampled_from([0.2, 1.0]), min_size=3, max_size=3),
     clocked=st.booleans(),
