@@ -85,7 +85,7 @@ def stretches(draw, *, calm=False, sets=SETS):
 
 @st.composite
 def interrupted(draw):
-    """A fault that stays through something else, and may change behind that."""
+    """A fault that stays through something else, and behind that may change, or may be gone."""
     rows, *one = draw(stretches(calm=True))
     fault = draw(st.integers(1, 3))
     p = np.full(SETS, 1e-9)
@@ -95,6 +95,10 @@ def interrupted(draw):
     calm = draw(st.sampled_from([p, one[0]]))  # as sure of the fault, or of none
     open_ = (calm, 0.0, 1.0, there[3], 0.3, "", True)
     later = (p, size, 1e-3, draw(st.floats(0.0, 70.0)), 0.3, "", True)
+    if draw(st.booleans()):
+        p = np.full(SETS, 0.01)  # which of them, or none: nobody knows
+        p[[0, fault]] = draw(st.permutations([0.4, 0.54]))
+        later = (p, *later[1:])
     counts = draw(st.lists(st.integers(15, 40), min_size=4, max_size=4))
     return [(min(rows, 20), *one)] + list(
         (count, *each) for count, each in zip(counts, (there, open_, there, later), strict=True)
@@ -148,7 +152,7 @@ def posterior(bank, run, parts, ever, latch):
     return Decision(run, whole, {}, status, reason, events(bank, judged), run)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=200, deadline=None)
 @given(
     parts=st.one_of(
         *[st.lists(stretches(), min_size=1, max_size=7)] * 3,
