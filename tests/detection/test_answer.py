@@ -166,8 +166,8 @@ def test_a_log_that_ends_undecided_says_so_and_one_without_a_fault_is_named(bank
     open_ = replace(quiet, posterior=found._replace(healthy=healthy, p=p), status=status)
     (line,) = answers(bank, [open_])
     assert line == (
-        "Undecided since 575 s, to the end of the log (run run2): leak is likeliest (p 0.8), "
-        "no fault has p 0.2"
+        "Undecided from 575 s to the end of the log (run run2): the likeliest fault is leak "
+        "(p 0.8); that there is none has p 0.2"
     )
     told, silent = answers(bank, [decision, quiet])
     assert told == answers(bank, [decision])[0]

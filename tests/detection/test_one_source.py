@@ -100,9 +100,8 @@ def interrupted(draw):
         p[[0, fault]] = draw(st.permutations([0.4, 0.54]))
         later = (p, *later[1:])
     counts = draw(st.lists(st.integers(15, 40), min_size=4, max_size=4))
-    return [(min(rows, 20), *one)] + list(
-        (count, *each) for count, each in zip(counts, (there, open_, there, later), strict=True)
-    )
+    after = zip(counts, (there, open_, there, later), strict=True)
+    return [(min(rows, 20), *one), *((count, *each) for count, each in after)]
 
 
 def posterior(bank, run, parts, ever, latch):

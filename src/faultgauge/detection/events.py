@@ -175,9 +175,7 @@ def _within(each: _Stretch, other: _Stretch) -> bool:
     return each is not other and other.begun <= each.begun and each.stop <= other.stop
 
 
-def _joined(
-    bank: FaultBank, judged: Judged, own: list[_Stretch], log: float
-) -> list[_Stretch]:
+def _joined(bank: FaultBank, judged: Judged, own: list[_Stretch], log: float) -> list[_Stretch]:
     """Stretches of one cause and sign; one that began before the last one ended is part of it."""
     kept = own[:1]
     for each in own[1:]:
