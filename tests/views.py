@@ -11,8 +11,9 @@ import pytest
 from faultgauge.detection.answer import answers, as_dicts, first_screen, runs_as_dicts, told
 from faultgauge.detection.decisions import table
 from faultgauge.detection.events import POSSIBLE, UNKNOWN
+from faultgauge.detection.posterior import LIKELY
 from faultgauge.detection.probability import probability
-from faultgauge.detection.words import MOST, OLDER, UNDECLARED
+from faultgauge.detection.words import MOST, OLDER, UNDECLARED, number
 from faultgauge.reporting.decision_chapter import HEADER, _events
 
 NOTHING = re.compile(r"\b(nan|inf|none)\b", re.IGNORECASE)
@@ -28,6 +29,9 @@ def compare(bank, said):
     for event, plain in zip(said.events, told_of, strict=True):
         check_event(bank, said, event, plain, rows)
         assert plain["sentence"] in lines
+    check_once(said.events)
+    check_undecided(rows, names, of_run)
+    check_screen(first_screen(bank, [said]), lines)
     check_report(bank, said)
     assert not any(NOTHING.search(line) for line in [*lines, *first_screen(bank, [said])])
     assert json.dumps([told_of, of_run], allow_nan=False)
@@ -45,9 +49,14 @@ def check_statuses(bank, said, rows, lines, of_run):
         share = re.match(r"No fault in the (\d+) % of the log that could be judged", lines[0])
         assert not share or f"{100 * judged:.0f}" == share[1]
         assert share or judged >= 0.95
+        check_least(lines[0], of_run["faults"])
     if any(line.startswith("Nothing could be judged") for line in lines):
         assert judged == 0
     t = said.run.t
+    for each in of_run["silent"]:
+        part = status[(each["from"] <= t) & (t <= each["to"])]
+        assert not np.isin(part, ["HEALTHY", "FAULT"]).any()
+        assert each["share"] == pytest.approx(len(part) / len(t))
     covered = [(each.onset_lo, each.end) for each in said.events]
     covered += [(each["from"], each["to"]) for each in of_run["unnamed"]]
     alone = status == "FAULT"
@@ -56,6 +65,55 @@ def check_statuses(bank, said, rows, lines, of_run):
     edges = np.flatnonzero(np.diff(alone, prepend=False, append=False)).reshape(-1, 2)
     # the bank's memory is the longest that an alarm goes before its event, or on behind it
     assert all(t[b - 1] - t[a] <= bank.knowledge.memory for a, b in edges)
+
+
+def check_least(sentence, faults):
+    """What would not have shown is what `smallest` says."""
+    for name, each in faults.items():
+        small = re.search(rf"\b{name} below ([\d.e+-]+)", sentence)
+        assert (small is None) == (each["smallest"] is None)
+        assert small is None or small[1] == number(each["smallest"], 2)
+
+
+def check_once(events):
+    """A fault that is dated to before its last event ended is no second event."""
+    latest = {}
+    for each in events:
+        key = each.fault, np.sign(each.size or 0.0)
+        assert each.fault == UNKNOWN or each.onset > latest.get(key, -np.inf), each
+        latest[key] = each.end
+
+
+def check_undecided(rows, names, of_run):
+    """Where the log ends with a fault likelier than none and no row judged, the likeliest cause is
+    said, as the last such row has it."""
+    told = [each for each in of_run["unnamed"] if each["sentence"].startswith("Undecided")]
+    sampled = [k for k, p in enumerate(rows["p_healthy"]) if p is not None and np.isfinite(p)]
+    last = sampled[-1] if sampled else None
+    expected = (
+        last is not None
+        and rows["status"][last] == "NOT_JUDGED"
+        and rows["p_healthy"][last] < LIKELY
+    )
+    assert len(told) == expected
+    if told:
+        p = {UNDECLARED if n == UNKNOWN else n: rows[f"p_{n}"][last] for n in (*names, UNKNOWN)}
+        found = re.search(r"fault is (.+) \(p ([^)]+)\); that there is none has p (.+)$",
+                          told[0]["sentence"])  # fmt: skip
+        assert p[found[1]] == max(p.values())
+        assert found[2] == probability(p[found[1]])
+        assert found[3] == probability(rows["p_healthy"][last])
+
+
+def check_screen(shown, lines):
+    """A first screen is at most four lines, each the beginning or the rest of what is said in
+    full, or how much more there is."""
+    assert 0 < len(shown) <= 4
+    more = [line for line in shown if re.fullmatch(r"and \d+ more \(--verbose\)", line)]
+    whole = [line for line in shown if line not in more]
+    assert all(any(line in each for each in lines) for line in whole)
+    if more:
+        assert len(whole) + int(more[0].split()[1]) == len(lines)
 
 
 def check_event(bank, said, event, plain, rows):

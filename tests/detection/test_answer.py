@@ -1,11 +1,13 @@
 """The answer as a sentence, and the evidence that gives it again."""
 
+import csv
 from dataclasses import replace
-from datetime import datetime
+from datetime import datetime, timedelta
 
 import numpy as np
 import pytest
 
+from faultgauge.cli.evidence import write_evidence
 from faultgauge.detection.answer import (
     answers,
     as_dicts,
@@ -164,8 +166,8 @@ def test_a_log_that_ends_undecided_says_so_and_one_without_a_fault_is_named(bank
     open_ = replace(quiet, posterior=found._replace(healthy=healthy, p=p), status=status)
     (line,) = answers(bank, [open_])
     assert line == (
-        "Undecided since 575 s, to the end of the log (run run2): leak is likeliest (p 0.8), "
-        "no fault has p 0.2"
+        "Undecided from 575 s to the end of the log (run run2): the likeliest fault is leak "
+        "(p 0.8); that there is none has p 0.2"
     )
     told, silent = answers(bank, [decision, quiet])
     assert told == answers(bank, [decision])[0]
@@ -270,6 +272,31 @@ def test_the_evidence_replays_from_a_file(bank, decision, tmp_path):
     np.testing.assert_array_equal(again.t, timed.t)
     events = decide(bank, again).events
     assert any(same(bank, decision.events[-1], each) for each in events)
+
+
+def test_a_file_of_evidence_shows_the_clock_of_the_log(bank, decision, tmp_path):
+    """Row by row as the log has it, through midnight, and read by that clock it says the same."""
+    begun = datetime(2026, 5, 1, 23, 55, 45)
+    whole = replace(decision.run, clock=begun)
+    found = evidence(bank, replace(decision, run=whole), decision.events[-1])
+    write_evidence([found], [tmp_path / "e.csv"])
+    with open(tmp_path / "e.csv") as file:
+        rows = list(csv.DictReader(file))
+    logged = {
+        (begun + timedelta(seconds=t)).isoformat(): (t, x)
+        for t, x in zip(whole.t.tolist(), whole.columns["x"].tolist(), strict=True)
+    }
+    for row in rows:
+        # ten digits are written
+        assert (float(row["t"]), float(row["x"])) == pytest.approx(logged[row["time"]], rel=1e-9)
+    assert {row["time"][:10] for row in rows} == {"2026-05-01", "2026-05-02"}
+    (again,) = read_telemetry(tmp_path / "e.csv", time="time", names=["u", "x"])
+    (event,) = (each for each in as_dicts(bank, [decide(bank, again)]) if each["fault"] == "leak")
+    onset = datetime.fromisoformat(event["onset_clock"])
+    first, last = (
+        begun + timedelta(seconds=each) for each in (found.event.onset_lo, found.event.onset_hi)
+    )
+    assert first <= onset <= last
 
 
 def test_the_report_opens_with_the_answer_and_shows_the_evidence(bank, decision):

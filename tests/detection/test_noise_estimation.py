@@ -6,7 +6,7 @@ from scipy.linalg import toeplitz
 from scipy.optimize import minimize
 from scipy.stats import multivariate_normal
 
-from faultgauge.detection.noise_estimation import estimate_noise
+from faultgauge.detection.noise_estimation import estimate_doubts, estimate_noise
 from faultgauge.telemetry import Run
 from models import as_stated
 
@@ -50,7 +50,9 @@ def test_noise_and_discrepancy_are_found_as_large_and_as_lasting_as_they_were():
     """The scatter is at least that of someone who sees noise and discrepancy themselves, relative:
     1 / sqrt(2 n) of sigma from n samples, sqrt(tau / 2 T) of the size and sqrt(2 tau / T) of tau
     from T seconds (M. S. Bartlett, 1946); three of those."""
-    found = estimate_noise(model(True), [log(seed) for seed in range(LOGS)])
+    runs = [log(seed) for seed in range(LOGS)]
+    found = estimate_noise(model(True), runs)
+    assert estimate_doubts(model(True), runs, found) is None  # it errs alike everywhere
     samples = LOGS * COUNT
     slow = TAU / (samples * STEP)
     for name, truth, scatter in (
@@ -136,6 +138,41 @@ def test_an_input_that_strays_is_one_error_wherever_it_acts():
     assert abs(np.log(found.stray[0] / SIZE)) < 3 * np.sqrt(slow / 2)
     assert abs(np.log(found.straying[0] / TAU)) < 3 * np.sqrt(2 * slow)
     assert found.size[0] < SIZE / 5
+
+
+EDGE, DOUBT = 0.6, 5.0  # of u, beyond which noise is so many times as large
+
+
+def rough(seed):
+    """x' = u - a x + w, w so many times as large where u is beyond the edge."""
+    rng = np.random.default_rng(seed)
+    u = np.repeat(rng.uniform(-1, 1, COUNT // 20), 20)
+    fade, x = np.exp(-A * STEP), np.zeros(COUNT)
+    for k in range(COUNT - 1):
+        beyond = max(u[k], u[k + 1]) > EDGE
+        x[k + 1] = fade * x[k] + (1 - fade) / A * u[k]
+        x[k + 1] += (DOUBT if beyond else 1) * PROCESS * np.sqrt(STEP) * rng.standard_normal()
+    columns = {"u": u, "x": x + SIGMA / 10 * rng.standard_normal(COUNT)}
+    return Run(f"{seed}", "lag.csv", STEP * np.arange(COUNT), columns)
+
+
+def test_where_the_model_errs_more_is_found_and_by_how_much():
+    """A fifth of the samples tell the larger noise, the rest the usual one, each to 1 / sqrt(2 n);
+    three of those. Only some edges are tried: the one that is found may hold a third more of the
+    samples, of which the rms is less by that."""
+    runs = [rough(seed) for seed in range(LOGS)]
+    usual = estimate_noise(model(True), runs)
+    found = estimate_doubts(model(True), runs, usual)
+    assert found is not None
+    u = np.concatenate([run.columns["u"] for run in runs])
+    beyond = np.mean(u > EDGE)
+    assert found.doubts == (1,)
+    assert np.isinf(found.below[1])
+    assert abs(np.mean(u > found.above[1]) / beyond - 1) < 1 / 3
+    scatter = 1 / np.sqrt(2 * LOGS * COUNT * beyond)
+    thinned = np.sqrt((DOUBT**2 + 1 / 3) / (1 + 1 / 3)) / DOUBT
+    assert np.log(thinned) - 3 * scatter < np.log(found.doubt[1] / DOUBT) < 3 * scatter
+    assert abs(np.log(found.process[0] / PROCESS)) < 3 * scatter
 
 
 def test_constants_spread_between_runs_as_much_as_they_were_drawn():

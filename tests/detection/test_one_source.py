@@ -9,6 +9,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -82,6 +83,27 @@ def stretches(draw, *, calm=False, sets=SETS):
     )
 
 
+@st.composite
+def interrupted(draw):
+    """A fault that stays through something else, and behind that may change, or may be gone."""
+    rows, *one = draw(stretches(calm=True))
+    fault = draw(st.integers(1, 3))
+    p = np.full(SETS, 1e-9)
+    p[fault] = 1 - 1e-9 * (SETS - 1)
+    size = draw(st.sampled_from([-0.3, 0.3]))
+    there = (p, size, 1e-3, draw(st.floats(-5.0, 15.0)), 0.3, "", True)
+    calm = draw(st.sampled_from([p, one[0]]))  # as sure of the fault, or of none
+    open_ = (calm, 0.0, 1.0, there[3], 0.3, "", True)
+    later = (p, size, 1e-3, draw(st.floats(0.0, 70.0)), 0.3, "", True)
+    if draw(st.booleans()):
+        p = np.full(SETS, 0.01)  # which of them, or none: nobody knows
+        p[[0, fault]] = draw(st.permutations([0.4, 0.54]))
+        later = (p, *later[1:])
+    counts = draw(st.lists(st.integers(15, 40), min_size=4, max_size=4))
+    after = zip(counts, (there, open_, there, later), strict=True)
+    return [(min(rows, 20), *one), *((count, *each) for count, each in after)]
+
+
 def posterior(bank, run, parts, ever, latch):
     """What is decided of stretches on end."""
     sets, faults = len(bank.sets) + 1, len(bank.size)
@@ -129,11 +151,12 @@ def posterior(bank, run, parts, ever, latch):
     return Decision(run, whole, {}, status, reason, events(bank, judged), run)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=200, deadline=None)
 @given(
     parts=st.one_of(
         *[st.lists(stretches(), min_size=1, max_size=7)] * 3,
         st.lists(stretches(calm=True), min_size=1, max_size=3),
+        interrupted(),
     ),
     ever=st.lists(st.sampled_from([0.2, 1.0]), min_size=3, max_size=3),
     clocked=st.booleans(),
@@ -142,4 +165,25 @@ def posterior(bank, run, parts, ever, latch):
 def test_every_view_says_what_the_posterior_says(parts, ever, clocked, latch):
     bank, run = tank_bank(), run_of(clocked)
     said = posterior(bank, run, parts, ever, latch)
+    compare(bank, said)
+
+
+def test_a_fault_that_changes_after_its_sign_was_open_for_a_while_is_one_event():
+    """A leak since 10 s, of which nothing is known from 30 to 40 s, and which changes at 60 s: the
+    last rows date the change, those before it the fault."""
+    bank = tank_bank()
+    none, leak = (np.where(np.arange(SETS) == k, 1 - 1e-6, 1e-6 / (SETS - 1)) for k in (0, 1))
+    known = (1e-3, 10.0, 0.3, "", True)
+    parts = [
+        (20, none, 0.0, *known),
+        (40, leak, 0.3, *known),
+        (20, leak, 0.0, 1.0, *known[1:]),
+        (40, leak, 0.3, *known),
+        (40, leak, 0.4, 1e-3, 60.0, 0.3, "", True),
+    ]
+    said = posterior(bank, run_of(False), parts, [1.0] * 3, False)
+    (event,) = said.events
+    assert event.fault == "leak"
+    assert event.onset == pytest.approx(10.0)
+    assert event.end == T[-1]
     compare(bank, said)

@@ -2,6 +2,7 @@
 
 import math
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -74,6 +75,16 @@ def test_values_are_those_worked_out_by_hand(text, expected, xp):
     found = evaluate(parse(text, "here", SCOPE).tree, values, xp)
     # A few roundings of a float64.
     np.testing.assert_allclose(np.broadcast_to(found, 2), expected, rtol=1e-14, atol=1e-15)
+
+
+def test_a_root_has_a_slope_wherever_it_has_a_value():
+    """1/(2 sqrt(x)); 0 at 0, as for a tank that begins empty: sqrt(max(x, 0)) has one on both
+    sides."""
+    tree = parse("sqrt(max(x, 0))", "here", SCOPE).tree
+    x = jnp.asarray([-1.0, 0.0, 0.25, 4.0])
+    slope = jax.vmap(jax.grad(lambda x: evaluate(tree, {"x": x}, jnp)))(x)
+    np.testing.assert_allclose(slope, [0, 0, 1, 0.25], rtol=1e-14)
+    assert np.isnan(evaluate(parse("sqrt(x)", "here", SCOPE).tree, {"x": x}, jnp)[0])
 
 
 def test_derivatives_and_networks_are_looked_up():

@@ -99,6 +99,26 @@ def test_a_stream_goes_on_as_its_file_does(tmp_path, change, step):
     assert f"an hour after {stamps[9][:19]} in run 'stream'" in said
 
 
+@pytest.mark.parametrize("lost", [(10,), (9,), (9, 10)], ids=["first", "last", "both"])
+@pytest.mark.parametrize("step", [0.1, 1.0, 600.0])
+def test_rows_may_be_missing_where_summer_time_ends(tmp_path, step, lost):
+    """The last row before the hour comes again, the first one after, or both: bad, and left out."""
+    begin = datetime(2026, 10, 25, 1, tzinfo=UTC) - timedelta(seconds=10 * step)
+    stamps = local("Europe/Berlin", begin, step, 20)
+    rows = [(k, stamp) for k, stamp in enumerate(stamps) if k not in lost]
+    path = log(tmp_path, [stamp for _, stamp in rows])
+    (run,) = read_telemetry(path, time="when")
+    # stamps have milliseconds
+    np.testing.assert_allclose(run.t, [step * k for k, _ in rows], atol=1e-9)
+    lines = [f"{stamp},{k}\n" if k not in lost else "odd\n" for k, stamp in enumerate(stamps)]
+    left_out = []
+    given = read_stream(
+        [[line] for line in ["when,u\n", *lines]], time="when", names=["u"], skip=left_out.append
+    )
+    assert [each.t for several in given for each in several] == run.t.tolist()
+    assert len(left_out) == len(lost)
+
+
 def test_other_jumps_stay(tmp_path):
     step = timedelta(seconds=1)
     midday, sunday = datetime(2026, 10, 25, 12, 59, 50), datetime(2026, 10, 25, 2, 30, 0)

@@ -205,8 +205,8 @@ def _undecided(bank: FaultBank, decision: Decision) -> list[Told]:
     cause = max(shares, key=lambda name: np.nan_to_num(shares[name]))
     begun = _at(bank, decision, float(run.t[first]))
     text = (
-        f"Undecided since {begun}, to the end of the log (run {run.name}): {cause} is likeliest "
-        f"(p {probability(float(shares[cause]))}), no fault has p "
+        f"Undecided from {begun} to the end of the log (run {run.name}): the likeliest fault is "
+        f"{cause} (p {probability(float(shares[cause]))}); that there is none has p "
         f"{probability(float(found.healthy[sampled[-1]]))}"
     )
     return [Told(float(run.t[first]), float(run.t[sampled[-1]]), text)]

@@ -40,7 +40,7 @@ from faultgauge.detection.noise import Noise
 from faultgauge.detection.priors import AT_START, RARE
 from faultgauge.detection.verdicts import log_odds
 from faultgauge.detection.watch import Watch
-from faultgauge.detection.words import MOST, UNDECLARED, moment
+from faultgauge.detection.words import MOST, UNDECLARED, moment, number
 from faultgauge.errors import InputError
 from faultgauge.plants.model import Model
 from faultgauge.plants.record import BankLevel, CalibrationRecord, NoiseLevels
@@ -203,7 +203,9 @@ def level_of(peaks: Float[np.ndarray, "blocks"], allowed: int) -> float:
 
 def _odds(peak: float) -> str:
     odds = float(np.exp(min(peak, 100.0)))
-    return f"odds of more than {MOST:.0f} to 1" if odds >= MOST else f"odds of {odds:.2g} to 1"
+    return (
+        f"odds of more than {MOST:.0f} to 1" if odds >= MOST else f"odds of {number(odds, 2)} to 1"
+    )
 
 
 def calibrated(model: Model, found: BankCalibration, **beside: Any) -> Model:

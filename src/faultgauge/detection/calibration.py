@@ -15,7 +15,7 @@ from faultgauge.detection.flat_line import longest_repeats
 from faultgauge.detection.judged import build_bank, check_observer
 from faultgauge.detection.misfit import not_followed
 from faultgauge.detection.noise import Noise
-from faultgauge.detection.noise_estimation import estimate_noise
+from faultgauge.detection.noise_estimation import estimate_doubts, estimate_noise
 from faultgauge.errors import InputError
 from faultgauge.identification.command_checks import command_warnings
 from faultgauge.identification.log_checks import other_units
@@ -27,7 +27,10 @@ from faultgauge.telemetry import Run
 
 __all__ = ["Calibration", "calibrate"]
 
-NOISE_SHARE = 0.6  # of the work
+# of the work: noise, how far evidence is believed, and both once more where the model errs more
+# somewhere
+SHARES = (0.4, 0.2, 0.2, 0.2)
+LEFT = 0.5  # of what evidence must be believed less: a place that leaves more is not its cause
 FEWEST = 100  # samples that tell a 95 % interval: 5 of them lie outside
 
 
@@ -103,17 +106,24 @@ def _by_bank(
 ) -> Calibration:
     warnings += equal_faults(model, runs)
 
-    def searching(share: float) -> None:
-        progress(Step("finding noise and model error", NOISE_SHARE * share))
+    done = np.cumsum([0.0, *SHARES])
 
+    def step(number: int, text: str) -> Callable[[float], None]:
+        return lambda share: progress(Step(text, done[number] + SHARES[number] * share))
+
+    searching = step(0, "finding noise and model error")
     searching(0.0)
     noise = estimate_noise(model, runs, discrepancy, searching)
+    found = calibrate_bank(model, runs, noise, mtbfa, step(1, "finding the alarm level"))
+    if discrepancy and found.level.widened > 1:
+        where = step(2, "finding where the model errs more")
+        doubted = estimate_doubts(model, runs, noise, where)
+        if doubted is not None:
+            level = step(3, "finding the alarm level")
+            other = calibrate_bank(model, runs, doubted, mtbfa, level)
+            if np.log(other.level.widened) < LEFT * np.log(found.level.widened):
+                noise, found = doubted, other
     warnings += lasting_warnings(model, runs, noise)
-
-    def judging(share: float) -> None:
-        progress(Step("finding the alarm level", NOISE_SHARE + (1 - NOISE_SHARE) * share))
-
-    found = calibrate_bank(model, runs, noise, mtbfa, judging)
     told = calibrated(model, found, **known)
     return Calibration(told, found.blocks, found.suspects, [*warnings, *found.warnings])
 

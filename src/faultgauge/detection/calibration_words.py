@@ -4,14 +4,14 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from faultgauge.detection.noise import constants_of, drifting_of, noise_of
+from faultgauge.detection.noise import Noise, constants_of, drifting_of, noise_of
 from faultgauge.detection.uncalibrated import level_in
-from faultgauge.detection.words import duration, number
+from faultgauge.detection.words import PURE, duration, number
 from faultgauge.plants.disturbed import dynamic_states
 from faultgauge.plants.model import Model
 from faultgauge.plants.record import Interval
 
-__all__ = ["errors", "summary"]
+__all__ = ["doubted", "errors", "summary"]
 
 
 def summary(model: Model) -> list[str]:
@@ -61,6 +61,10 @@ def errors(model: Model) -> list[str]:
             f"what an input's change does to {signals.outputs[j].name} is off by about "
             f"{100 * noise.late[j]:.0f} % of it, for about {duration(float(noise.lag[j]))}"
         )
+    lines += [
+        f"where {where}, the model errs about {number(times, 2)} times as much as elsewhere"
+        for where, times in doubted(model, noise)
+    ]
     known = dict(zip(constants_of(model).names, noise.spread.tolist(), strict=True))
     values = model.plant.parameters
     spread = [
@@ -75,6 +79,22 @@ def errors(model: Model) -> list[str]:
     if slow:
         lines.append(f"tracked as it drifts: {', '.join(slow)}")
     return lines
+
+
+def doubted(model: Model, noise: Noise) -> list[tuple[str, float]]:
+    """Where the model errs more than elsewhere, and how many times as much: ("u is below 0.8 V",
+    4.0)."""
+    signals = model.plant.signals
+    both, found = (*signals.states, *signals.inputs), []
+    for k in noise.doubts:
+        low, high = float(noise.above[k]), float(noise.below[k])
+        if np.isfinite(low) and np.isfinite(high):
+            within = f"between {number(low)} and {number(high)}"
+        else:
+            within = f"below {number(high)}" if np.isfinite(high) else f"above {number(low)}"
+        unit = "" if both[k].unit in PURE else both[k].unit
+        found.append((f"{both[k].name} is {within} {unit}".rstrip(), float(noise.doubt[k])))
+    return found
 
 
 def _priors(model: Model) -> list[str]:

@@ -114,10 +114,10 @@ def events(bank: FaultBank, judged: Judged, begun: float | None = None) -> list[
     posterior, by the last sample, is sure were never there. The log `begun` [s], by
     default at the first sample of `judged`."""
     sampled = np.flatnonzero(np.isfinite(judged.found.healthy))
-    found = sorted(_stretches(bank, judged), key=lambda each: (each.told, each.k))
+    begun = float(judged.run.t[0]) if begun is None else begun
+    found = sorted(_stretches(bank, judged, begun), key=lambda each: (each.told, each.k))
     if not found:
         return []
-    begun = float(judged.run.t[0]) if begun is None else begun
     ever = judged.found.ever[sampled[-1]]
     told = [
         _event(bank, judged, each, begun)
@@ -149,7 +149,7 @@ def _judged(verdict: Verdict) -> Bool[np.ndarray, "samples"]:
     return passive | np.isin(verdict.status, [STATUS.index(each) for each in (HEALTHY, FAULT)])
 
 
-def _stretches(bank: FaultBank, judged: Judged) -> list[_Stretch]:
+def _stretches(bank: FaultBank, judged: Judged, log: float) -> list[_Stretch]:
     found, verdict = judged.found, judged.verdict
     columns = np.concatenate([found.p, found.unknown[:, None]], axis=1)
     release = bank.model.plant.signals.detection.release
@@ -166,7 +166,7 @@ def _stretches(bank: FaultBank, judged: Judged) -> list[_Stretch]:
                 named = np.flatnonzero((verdict.named[:, k] & here)[start:stop])
                 if len(named):
                     parts.append(_Stretch(k, start, start + int(named[0]), stop))
-            own += _joined(judged, parts)
+            own += _joined(bank, judged, parts, log)
         everyone += [each for each in own if not any(_within(each, other) for other in own)]
     return everyone
 
@@ -176,8 +176,8 @@ def _within(each: _Stretch, other: _Stretch) -> bool:
     return each is not other and other.begun <= each.begun and each.stop <= other.stop
 
 
-def _joined(judged: Judged, own: list[_Stretch]) -> list[_Stretch]:
-    """Stretches of one cause, those as one between which the posterior has it that it stayed."""
+def _joined(bank: FaultBank, judged: Judged, own: list[_Stretch], log: float) -> list[_Stretch]:
+    """Stretches of one cause and sign; one that began before the last one ended is part of it."""
     kept = own[:1]
     for each in own[1:]:
         before = kept[-1]
@@ -185,8 +185,7 @@ def _joined(judged: Judged, own: list[_Stretch]) -> list[_Stretch]:
             kept.append(each)
             continue
         last = _settled(judged.found.p[:, each.k], each.told, each.stop - 1)
-        began = judged.run.t[last] - judged.found.onset[last, each.k, 0]
-        if began <= judged.run.t[before.stop - 1]:
+        if _onset(bank, judged, each, last, log)[0] <= judged.run.t[before.stop - 1]:
             kept[-1] = before._replace(stop=each.stop)
         else:
             kept.append(each)

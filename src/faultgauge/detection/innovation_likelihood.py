@@ -146,6 +146,7 @@ class Likelihood:
             wandering=plant.wandering,
             lagging=plant.lagging,
             straying=plant.straying,
+            doubted=plant.doubted,
         )
         found = _costs(
             bare,

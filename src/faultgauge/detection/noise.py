@@ -17,6 +17,7 @@ from faultgauge.plants.plant import respond
 from faultgauge.plants.signals import Fault
 
 __all__ = [
+    "DOUBT",
     "LATE",
     "STRAY",
     "WANDER",
@@ -41,6 +42,8 @@ __all__ = [
 WANDER = ("wander", "wandering")  # absent where no output does
 LATE = ("late", "lag")
 STRAY = ("stray", "straying")  # absent where no input does
+DOUBT = ("doubt", "above", "below")  # absent where the model is as good everywhere
+NOWHERE = {"doubt": 0.0, "above": -np.inf, "below": np.inf}  # what of these is absent
 MOST_CONSTANTS = 6  # that are tracked: those that matter most
 USUAL_SPREAD = 0.01  # of a constant, from run to run
 
@@ -53,8 +56,9 @@ class Noise(NamedTuple):
     value, which an error of the model may have biased, and what share of their variance a gap
     within a run makes anew (`renewed`); `wander` of an output, which lasts for `wandering` [s], and
     the share of what an input's change does to it that comes `late`, within `lag` [s]; by what an
-    input strays (`stray`), which lasts for `straying` [s]; 0, or nothing at all, where nothing of
-    that kind is."""
+    input strays (`stray`), which lasts for `straying` [s]; how many times as large all this is
+    (`doubt`) where a state or an input lies between `above` and `below`; 0, or nothing at all,
+    where nothing of that kind is."""
 
     sigma: Float[np.ndarray, "outputs"]
     process: Float[np.ndarray, "states"]
@@ -72,6 +76,9 @@ class Noise(NamedTuple):
     lag: Float[np.ndarray, "outputs"] = np.zeros(0)
     stray: Float[np.ndarray, "inputs"] = np.zeros(0)
     straying: Float[np.ndarray, "inputs"] = np.zeros(0)
+    doubt: Float[np.ndarray, "signals"] = np.zeros(0)
+    above: Float[np.ndarray, "signals"] = np.zeros(0)
+    below: Float[np.ndarray, "signals"] = np.zeros(0)
 
     @property
     def wanders(self) -> tuple[int, ...]:
@@ -89,9 +96,14 @@ class Noise(NamedTuple):
         return tuple(np.flatnonzero(self.stray).tolist())
 
     @property
+    def doubts(self) -> tuple[int, ...]:
+        """The states and inputs, counted on from these, of which the model errs more somewhere."""
+        return tuple(np.flatnonzero(self.doubt).tolist())
+
+    @property
     def beside(self) -> int:
-        """How many inputs and outputs err on their own."""
-        return len(self.wanders + self.lags + self.strays)
+        """How many inputs and outputs err on their own, and signals somewhere more."""
+        return len(self.wanders + self.lags + self.strays + self.doubts)
 
     def widened(self, factor: float) -> "Noise":
         """What acts within a run `factor` times as large, which changes no gain of a filter; how
@@ -106,7 +118,9 @@ class Noise(NamedTuple):
             for key, each, values in zip(self._fields, _names(model), self, strict=False)
         }
         for keys, names, there in _beside(model, self):
-            block |= {k: {names[j]: float(getattr(self, k)[j]) for j in there} for k in keys}
+            for key in keys:
+                told = {names[j]: float(getattr(self, key)[j]) for j in there}
+                block[key] = {name: a for name, a in told.items() if np.isfinite(a)}
         return block
 
 
@@ -121,12 +135,13 @@ def _names(model: Model) -> tuple[Sequence[str], ...]:
 
 def _beside(
     model: Model, noise: Noise
-) -> Iterator[tuple[tuple[str, str], tuple[str, ...], tuple[int, ...]]]:
+) -> Iterator[tuple[tuple[str, ...], tuple[str, ...], tuple[int, ...]]]:
     """What need not be there: the levels, the names of what may have them, which do."""
     signals = model.plant.signals
     yield WANDER, signals.output_names, noise.wanders
     yield LATE, signals.output_names, noise.lags
     yield STRAY, signals.input_names, noise.strays
+    yield DOUBT, (*signals.state_names, *signals.input_names), noise.doubts
 
 
 def drifting_of(model: Model) -> tuple[str, ...]:
@@ -138,7 +153,7 @@ def noise_of(model: Model) -> Noise:
     """What `calibrate` found. Raises `InputError` for a model without it."""
     found = model.calibration and model.calibration.noise
     block = found.as_dict() if found else None
-    optional = (*WANDER, *LATE, *STRAY)
+    optional = (*WANDER, *LATE, *STRAY, *DOUBT)
     if block is None or {*block, *optional} != set(Noise._fields):
         raise InputError(
             "the model holds no noise levels, which the bank needs; run `faultgauge "
@@ -150,9 +165,10 @@ def noise_of(model: Model) -> Noise:
             for key, each in zip(Noise._fields, _names(model), strict=False)
         ]
         signals = model.plant.signals
-        named = [signals.output_names] * 4 + [signals.input_names] * 2
+        both = (*signals.state_names, *signals.input_names)
+        named = [signals.output_names] * 4 + [signals.input_names] * 2 + [both] * 3
         more = [
-            [block.get(key, {}).get(name, 0.0) for name in names]
+            [block.get(key, {}).get(name, NOWHERE.get(key, 0.0)) for name in names]
             for key, names in zip(optional, named, strict=True)
         ]
     except KeyError as missing:
@@ -275,6 +291,7 @@ def disturbed(model: Model, noise: Noise, undeclared: tuple[Fault, ...] = ()) ->
         noise.wanders,
         noise.lags,
         noise.strays,
+        noise.doubts,
     )
 
 
@@ -288,7 +305,8 @@ def error_of(noise: Noise) -> Error:
     wanders, lags, strays = list(noise.wanders), list(noise.lags), list(noise.strays)
     own = (noise.lasting, noise.settling, noise.share)
     beside = (noise.wandering[wanders], noise.lag[lags], noise.late[lags], noise.straying[strays])
-    parts = (*own, *beside)
+    doubts = list(noise.doubts)
+    parts = (*own, *beside, *(getattr(noise, name)[doubts] for name in DOUBT))
     return Error(*(jnp.asarray(each) for each in parts))
 
 

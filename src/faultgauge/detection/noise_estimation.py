@@ -11,21 +11,25 @@ what noise of a few samples' memory adds up to.
 """
 
 from collections.abc import Callable, Sequence, Set
+from dataclasses import dataclass
 from itertools import count, product
 
 import numpy as np
 from jaxtyping import Float
 
+from faultgauge.detection.doubted_regions import with_doubted_regions
 from faultgauge.detection.innovation_likelihood import (
     SAMPLES,
     Likelihood,
+    Stretch,
     Told,
     healthy_stretches,
 )
 from faultgauge.detection.input_errors import with_errors_of_inputs
-from faultgauge.detection.noise import LATE, STRAY, WANDER, Noise
+from faultgauge.detection.noise import DOUBT, LATE, STRAY, WANDER, Noise
 from faultgauge.detection.noise_levels import (
     Bounds,
+    Spans,
     bounds_of,
     first_guess,
     levels_of,
@@ -42,7 +46,7 @@ from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run
 from faultgauge.telemetry.oversampling import block_means
 
-__all__ = ["estimate_noise"]
+__all__ = ["estimate_doubts", "estimate_noise"]
 
 GRID = 4  # time constants to begin from
 SMALLER = (1.0, 10.0, 100.0)  # times: sizes of the discrepancy to begin from
@@ -54,7 +58,11 @@ STARTS = tuple(product((1.0, 10.0, 100.0), (1.0, 30.0)))
 FIRST = 2  # steps of each; then of the better half, and so on
 SEARCHES = 4  # of all ROUNDS: the plant's levels, then what each of BESIDE adds
 # errors of inputs come first, as what outputs share is none of their own
-BESIDE = (with_errors_of_inputs, with_errors_of_outputs, with_errors_of_outputs)
+BESIDE = (
+    with_errors_of_inputs,
+    with_errors_of_outputs,
+    with_errors_of_outputs,
+)
 ENOUGH = 0.3  # of log-likelihood: a step that gains less is the last
 NONE = 1e-6  # times the usual: as good as no discrepancy
 
@@ -70,50 +78,107 @@ def estimate_noise(
 
     Raises `InputError` where no stretch is long enough or the filter never follows the data.
     """
-    names = [n for n in model.plant.signals.output_names if n in runs[0].columns]
-    total = sum(len(run.t) for run in runs)
-    runs, averaged = block_means(runs, names, total / SAMPLES)
-    stretches = healthy_stretches(model, runs)
-    if not stretches:
-        raise InputError(
-            f"{runs[0].source}: no stretch of healthy data is long enough to tell the noise; give "
-            "at least 100 samples in a row."
-        )
-    guess = first_guess(model, runs, stretches)
-    batch = Likelihood.of(model, runs, guess, stretches)
-    bounds = bounds_of(guess, runs[0].step, stretches)
+    told = _Told.of(model, runs)
     steps = count(1)
 
     def stepped() -> None:
         progress(next(steps) / (2 * len(STARTS) * FIRST + SEARCHES * sum(ROUNDS)))
 
     if discrepancy:
-        noise = _started(model, batch, guess, bounds, stepped)
-        noise = _alternated(model, batch, noise, bounds, stepped)
-        spans = spans_of(runs[0].step, stretches)
+        noise = _started(model, told.batch, told.guess, told.bounds(told.guess), stepped)
+        noise = _alternated(model, told.batch, noise, told.bounds(noise), stepped)
         for beside in BESIDE:
-            more = beside(model, batch, noise, spans)
-            added = more.beside - noise.beside
-            if not added:
-                continue
-            own = {name: getattr(more, name) for name in (*WANDER, *LATE, *STRAY)}
-            bounds = bounds_of(guess._replace(**own), runs[0].step, stretches)
-            more = _alternated(model, batch, more, bounds, stepped)
-            if _gain(model, batch, noise, more, bounds) > np.log(batch.count) * added:
-                noise = more
+            noise = _with(beside, model, told, noise, stepped) or noise
     else:
-        without = {n: NONE * getattr(guess, n) for n in ("size", "share", "spread")}
+        without = {n: NONE * getattr(told.guess, n) for n in ("size", "share", "spread")}
         held = {"size", "lasting", "share", "settling"}
-        guess = guess._replace(**without)
-        noise = _searched(model, batch, guess, bounds, held, sum(ROUNDS), stepped)
-    if not batch.run(model, [noise]).cost[0] / batch.count < -dd.LOST / 4:
+        bounds = told.bounds(told.guess)
+        guess = told.guess._replace(**without)
+        noise = _searched(model, told.batch, guess, bounds, held, sum(ROUNDS), stepped)
+    if not told.batch.run(model, [noise]).cost[0] / told.batch.count < -dd.LOST / 4:
         raise InputError(
             "the model does not follow the healthy logs at all, so its noise cannot be told; look "
             "at `faultgauge evaluate`."
         )
-    noise = as_unsure_as_few_runs_tell(model, batch, noise)
-    samples = [averaged.get(name, 1.0) for name in model.plant.signals.output_names]
-    return noise._replace(sigma=noise.sigma * np.sqrt(samples))
+    return told.of_samples(as_unsure_as_few_runs_tell(model, told.batch, noise))
+
+
+def estimate_doubts(
+    model: Model,
+    runs: Sequence[Run],
+    noise: Noise,
+    progress: Callable[[float], None] = lambda share: None,
+) -> Noise | None:
+    """The most likely levels on healthy `runs` where the model may err more in a part of the range
+    of a state or an input, from `noise` on, which `estimate_noise` found; None where that gains
+    nothing. `progress` as there."""
+    told = _Told.of(model, runs)
+    steps = count(1)
+
+    def stepped() -> None:
+        progress(next(steps) / sum(ROUNDS))
+
+    noise = noise._replace(sigma=noise.sigma / told.averaged)
+    found = _with(with_doubted_regions, model, told, noise, stepped)
+    if found is None:
+        return None
+    return told.of_samples(as_unsure_as_few_runs_tell(model, told.batch, found))
+
+
+@dataclass(frozen=True)
+class _Told:
+    """What healthy runs tell of noise: their likelihood, a first guess, how far from it levels may
+    lie, and the root of how many samples each of an output's is the mean of."""
+
+    batch: Likelihood
+    guess: Noise
+    step: float
+    stretches: list[Stretch]
+    averaged: Float[np.ndarray, "outputs"]
+
+    @staticmethod
+    def of(model: Model, runs: Sequence[Run]) -> "_Told":
+        outputs = model.plant.signals.output_names
+        names = [n for n in outputs if n in runs[0].columns]
+        total = sum(len(run.t) for run in runs)
+        runs, averaged = block_means(runs, names, total / SAMPLES)
+        stretches = healthy_stretches(model, runs)
+        if not stretches:
+            raise InputError(
+                f"{runs[0].source}: no stretch of healthy data is long enough to tell the noise; "
+                "give at least 100 samples in a row."
+            )
+        guess = first_guess(model, runs, stretches)
+        batch = Likelihood.of(model, runs, guess, stretches)
+        means = np.sqrt([averaged.get(name, 1.0) for name in outputs])
+        return _Told(batch, guess, runs[0].step, stretches, means)
+
+    def bounds(self, noise: Noise) -> Bounds:
+        """Of the levels that `noise` has."""
+        own = {name: getattr(noise, name) for name in (*WANDER, *LATE, *STRAY, *DOUBT)}
+        return bounds_of(self.guess._replace(**own), self.step, self.stretches)
+
+    def of_samples(self, noise: Noise) -> Noise:
+        """`noise` of means as that of samples."""
+        return noise._replace(sigma=noise.sigma * self.averaged)
+
+
+def _with(
+    beside: Callable[[Model, Likelihood, Noise, Spans], Noise],
+    model: Model,
+    told: _Told,
+    noise: Noise,
+    stepped: Callable[[], None],
+) -> Noise | None:
+    """`noise` and what there is `beside` it, all told anew; None where that gains too little."""
+    more = beside(model, told.batch, noise, spans_of(told.step, told.stretches))
+    added = more.beside - noise.beside
+    if not added:
+        return None
+    bounds = told.bounds(more)
+    more = _alternated(model, told.batch, more, bounds, stepped)
+    enough = np.log(told.batch.count) * added
+    return more if _gain(model, told.batch, noise, more, bounds) > enough else None
 
 
 def _alternated(

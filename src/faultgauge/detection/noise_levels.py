@@ -39,7 +39,7 @@ __all__ = [
 # the constants' mean and spread are told in another way
 SEARCHED = (
     *("sigma", "process", "drift", "size", "lasting", "share", "settling"),
-    *("wander", "wandering", "late", "lag", "stray", "straying"),
+    *("wander", "wandering", "late", "lag", "stray", "straying", "doubt"),
 )
 ORDERS = 8  # of differences: beyond, next to nothing fades that has not
 REACH = np.log(1e4)  # a level is looked for within this factor of its first guess
@@ -118,11 +118,13 @@ def first_guess(model: Model, runs: Sequence[Run], stretches: Sequence[Stretch])
     following = len(following_inputs(model.plant))
     share = np.full(following, USUAL_SHARE)
     settling = np.full(following, QUICK * step)
+    nothing = np.zeros(len(signals.states) + len(signals.inputs))
     return Noise(
         sigma, process, np.array(drift, float), size, lasting, share, settling,
         np.array(spread, float), np.zeros(len(spread)), np.zeros(len(spread)),
         *[np.zeros(len(sigma))] * 4,
         *[np.zeros(len(signals.inputs))] * 2,
+        doubt=nothing, above=nothing - np.inf, below=nothing + np.inf,
     )  # fmt: skip
 
 
@@ -174,6 +176,7 @@ def bounds_of(guess: Noise, step: float, stretches: Sequence[Stretch]) -> Bounds
         high[name] = np.full(sizes[name], np.log(time))
     for name in ("share", "late"):
         high[name][:] = 0.0
+    low["doubt"][:] = 0.0
     pull = {name: np.full(count, np.inf) for name, count in sizes.items()}
     for name in ("sigma", "size", "share", "lasting"):
         pull[name][:] = UNSURE

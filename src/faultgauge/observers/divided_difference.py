@@ -145,8 +145,10 @@ class DividedDifferenceFilter(eqx.Module):
         jump = self.plant.jumps(after, u_before, u, none, none, unseen)
         mean = jnp.concatenate([after, A[n:] @ belief.mean])
         rates = jnp.zeros(size - n - k)
-        Q = dt * jnp.concatenate([noise.process, noise.walk * self._present(belief), rates]) ** 2
-        Q = Q.at[:n].add(jump**2)
+        doubts = self.plant.doubts(belief.mean[:n], mean[:n], u_before, u)
+        process = doubts * noise.process
+        Q = dt * jnp.concatenate([process, noise.walk * self._present(belief), rates]) ** 2
+        Q = Q.at[:n].add((doubts * jump) ** 2)
         P = self.through(A, self.through(A, belief.P).T) + jnp.diag(Q)
         return Belief(mean, P), Flow(A, up, down)
 

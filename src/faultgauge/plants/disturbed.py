@@ -10,6 +10,9 @@
 
     l' = -l / lag,    and by N(0, (late (h(x', x, u) - h(x', x, u before)))^2) where u changes
 
+and w, e and l are `doubt` times as large while a state or an input is where the model errs more
+than elsewhere.
+
 d is a Gauss-Markov process beside every state that is not exact kinematics (Kennedy and O'Hagan, J.
 R. Statist. Soc. B 63 (2001), "Bayesian calibration of computer models": what the model lacks is a
 process of its own); with infinite tau it is a random walk. e is what an input's change does
@@ -53,7 +56,8 @@ class Error(NamedTuple):
     """Time constant `tau` [s] of every driven state's d; of every e its time constant `settling`
     [s] and its `share` of an input's change (a standard deviation); time constant
     `wandering` [s] of every b; of every l its time constant `lag` [s] and its share, `late`;
-    time constant `straying` [s] of every a."""
+    time constant `straying` [s] of every a; what acts at random is `doubt` times as large where a
+    signal lies between `above` and `below`."""
 
     tau: Float[Array, "driven"]
     settling: Float[Array, "following"]
@@ -62,6 +66,9 @@ class Error(NamedTuple):
     lag: Float[Array | np.ndarray, "lagging"] = np.zeros(0)
     late: Float[Array | np.ndarray, "lagging"] = np.zeros(0)
     straying: Float[Array | np.ndarray, "straying"] = np.zeros(0)
+    doubt: Float[Array | np.ndarray, "doubted"] = np.zeros(0)
+    above: Float[Array | np.ndarray, "doubted"] = np.zeros(0)
+    below: Float[Array | np.ndarray, "doubted"] = np.zeros(0)
 
 
 class Parts(NamedTuple):
@@ -79,7 +86,8 @@ class Parts(NamedTuple):
 class Disturbed(Plant):
     """`base` with the states [x, d, e, b, l, a, xi]; `driven` are the states that d acts on,
     `following` the inputs that e acts on, `wandering` the outputs that b acts on, `lagging` those
-    that l acts on, `straying` the inputs that a acts on, `names` the parameters, of which
+    that l acts on, `straying` the inputs that a acts on, `doubted` the states and inputs, counted
+    on from these, of which the model is to be doubted somewhere, `names` the parameters, of which
     `directions` (W) is a row each."""
 
     signals: Signals = eqx.field(static=True)
@@ -92,6 +100,7 @@ class Disturbed(Plant):
     wandering: tuple[int, ...] = eqx.field(static=True)
     lagging: tuple[int, ...] = eqx.field(static=True)
     straying: tuple[int, ...] = eqx.field(static=True)
+    doubted: tuple[int, ...] = eqx.field(static=True)
     names: tuple[str, ...] = eqx.field(static=True)
 
     @staticmethod
@@ -107,6 +116,7 @@ class Disturbed(Plant):
         wandering: tuple[int, ...] = (),
         lagging: tuple[int, ...] = (),
         straying: tuple[int, ...] = (),
+        doubted: tuple[int, ...] = (),
     ) -> "Disturbed":
         """`undeclared` faults stand behind those that `base` declares."""
         signals = base.signals
@@ -121,7 +131,7 @@ class Disturbed(Plant):
             states=(*signals.states, *more),
             faults=(*signals.faults, *undeclared),
         )
-        acting = (driven, following, wandering, lagging, straying, names)
+        acting = (driven, following, wandering, lagging, straying, doubted, names)
         return Disturbed(own, base, error, offset, directions, *acting)
 
     @property
@@ -203,6 +213,25 @@ class Disturbed(Plant):
         jumps = jnp.zeros(len(x)).at[parts.e].set(jnp.abs(self.error.share * moved))
         jumps = jumps.at[np.array(self.driven, int)].set(unseen * jnp.abs(rates) / np.sqrt(3))
         return jumps.at[parts.lag].set(jnp.abs(self.error.late * shown))
+
+    def doubts(
+        self,
+        x_before: Float[Array, "states"],
+        x: Float[Array, "states"],
+        u_before: Float[Array, "inputs"],
+        u: Float[Array, "inputs"],
+    ) -> Float[Array | np.ndarray, "states"]:
+        """How many times as large as usual what acts on each state at random is on the way from
+        `x_before` to `x`."""
+        usual = np.ones(len(x))
+        if not self.doubted:
+            return usual
+        own, error = self.parts.x, self.error
+        ends = jnp.stack([jnp.concatenate([a[own], b]) for a, b in ((x_before, u_before), (x, u))])
+        ends = ends[:, np.array(self.doubted)]
+        there = jnp.any((ends > error.above) & (ends < error.below), axis=0)
+        times = jnp.max(jnp.where(there, error.doubt, 1.0))
+        return jnp.where(np.arange(len(x)) < self.parts.xi.start, times, usual)
 
     def altered(self, changes: Mapping[str, Change]) -> "Disturbed":
         """`base` altered: what xi adds to a constant is not."""

@@ -7,6 +7,7 @@ from matplotlib.axes import Axes
 
 from faultgauge.detection.bank import FaultBank
 from faultgauge.detection.blocks import Block
+from faultgauge.detection.calibration_words import doubted
 from faultgauge.detection.knowledge import Knowledge
 from faultgauge.detection.noise import Noise, constants_of, drifting_of
 from faultgauge.detection.uncalibrated import level_in
@@ -158,7 +159,7 @@ def _levels(model: Model, noise: Noise) -> Table:
         (
             f"{name}, from run to run",
             quantity(float(spread), units[name]),
-            f"mean off the fit by {quantity(float(shift), units[name])}",
+            f"mean differs from the fit by {quantity(float(shift), units[name])}",
         )
         for name, spread, shift in zip(
             constants_of(model).names, noise.spread, noise.shift, strict=True
@@ -182,14 +183,14 @@ def _besides(model: Model, noise: Noise) -> list[tuple[str, str, str]]:
     for k, place in enumerate(following_inputs(model.plant)):
         rows.append(
             (
-                f"of a change of {signals.inputs[place].name}, what comes late or not at all",
+                f"share of a change of {signals.inputs[place].name} that comes late or not at all",
                 f"{100 * noise.share[k]:.2f} %",
                 f"for {quantity(float(noise.settling[k]), 's')}",
             )
         )
     rows += [
         (
-            f"what {signals.outputs[j].name} is off by besides",
+            f"{signals.outputs[j].name} wanders beside the model by",
             quantity(float(noise.wander[j]), signals.outputs[j].unit),
             f"lasts {quantity(float(noise.wandering[j]), 's')}",
         )
@@ -197,10 +198,14 @@ def _besides(model: Model, noise: Noise) -> list[tuple[str, str, str]]:
     ]
     rows += [
         (
-            f"of what a change of an input does to {signals.outputs[j].name}, it errs by",
+            f"error in what a change of an input does to {signals.outputs[j].name}",
             f"{100 * noise.late[j]:.2f} %",
             f"for {quantity(float(noise.lag[j]), 's')}",
         )
         for j in noise.lags
+    ]
+    rows += [
+        (f"where {where}, all this is larger by", f"{number(times, 2)} times", "")
+        for where, times in doubted(model, noise)
     ]
     return rows

@@ -17,6 +17,7 @@ HOUR = 3600.0  # s
 NEAR = 0.5  # of a step, within which a jump is one of an hour
 LATEST = 4  # o'clock
 SUNDAY = 6  # of `weekday`
+LOST = 2  # rows that may be missing where a clock is put back
 STEPS = 20  # that tell a stream's usual one
 
 
@@ -41,7 +42,8 @@ def without_summer_time(
         return times, changes
     times, steps = times.copy(), np.diff(times)
     usual = float(np.median(steps))
-    for k in np.flatnonzero(np.abs(np.abs(steps - usual) - HOUR) <= NEAR * usual):
+    forward = np.abs(steps - usual - HOUR) <= NEAR * usual
+    for k in np.flatnonzero(forward | ((steps < 0) & (steps > -HOUR))):
         before = clock + timedelta(seconds=float(t[samples[k]]))
         moved = _put(float(steps[k]), usual, before)
         if moved:
@@ -80,17 +82,23 @@ class Evenly:
 
 
 def _put(step: float, usual: float, before: datetime) -> float:
-    """By how much [s] a clock was put forward in a `step` after it showed `before`, or 0."""
-    for moved in (HOUR, -HOUR):  # in spring, in autumn
-        if abs(step - usual - moved) <= NEAR * usual < NEAR * HOUR and _at_night(before, usual):
+    """By how much [s] a clock was put forward in a `step` after it showed `before`, or 0.
+
+    Time never goes back by itself, so some rows may be missing there; where it jumps ahead that
+    would be a gap.
+    """
+    for moved, lost in ((HOUR, 0), (-HOUR, LOST)):  # in spring, in autumn
+        rest = step - moved
+        near = (1 - NEAR) * usual <= rest <= (1 + lost + NEAR) * usual
+        if near and 0 < usual < HOUR and _at_night(before, max(rest, usual), usual):
             return moved
     return 0.0
 
 
-def _at_night(before: datetime, step: float) -> bool:
-    """Whether a full hour strikes within a step and a half of `before`, in the night of a
+def _at_night(before: datetime, rest: float, usual: float) -> bool:
+    """Whether a full hour strikes within `rest`, to half a step, of `before`, in the night of a
     Sunday."""
-    struck = before + timedelta(seconds=(1 + NEAR) * step)
+    struck = before + timedelta(seconds=rest + NEAR * usual)
     hour = struck.replace(minute=0, second=0, microsecond=0)
-    nearby = hour > before - timedelta(seconds=NEAR * step)
+    nearby = hour > before - timedelta(seconds=NEAR * usual)
     return nearby and hour.weekday() == SUNDAY and hour.hour <= LATEST

@@ -106,7 +106,13 @@ def jump_table(results: Results) -> Table:
         for time, size in zip(times, injected[key], strict=True):
             grows = span(entry["growth_in_100s"]) if key.endswith("sustained") else "-"
             rows.append(
-                (SHORT[key], time, f"{size:+.2f}", span(entry["jump"][time], "+.4f"), grows)
+                (
+                    SHORT[key],
+                    f"{time[:-1]} s",
+                    f"{size:+.2f}",
+                    span(entry["jump"][time], "+.4f"),
+                    grows,
+                )
             )
     return Table(
         (

@@ -404,6 +404,6 @@ def no_finite_start(data: Data, plant: GrayBoxPlant) -> str:
             )
     return (
         f"no start of plant {plant.spec.name!r} simulates to a finite error on the held-out data; "
-        "protect sqrt, log and divisions in its expressions, as in sqrt(max(x, 1e-6)), for at 0 "
-        "the slope of sqrt has no end, or give the parameters min and max"
+        "protect roots of what may fall below 0, logarithms and divisions in its expressions, as "
+        "in sqrt(max(x, 0)) and log(max(x, 1e-6)), or give the parameters min and max"
     )
