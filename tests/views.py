@@ -98,7 +98,7 @@ def check_undecided(rows, names, of_run):
     assert len(told) == expected
     if told:
         p = {UNDECLARED if n == UNKNOWN else n: rows[f"p_{n}"][last] for n in (*names, UNKNOWN)}
-        found = re.search(r"fault is (.+) \(p ([^)]+)\); that there is none has p (.+)$",
+        found = re.search(r"fault is (.+) \(p ([^)]+)\); that nothing is wrong has p (.+)$",
                           told[0]["sentence"])  # fmt: skip
         assert p[found[1]] == max(p.values())
         assert found[2] == probability(p[found[1]])

@@ -167,7 +167,7 @@ def test_a_log_that_ends_undecided_says_so_and_one_without_a_fault_is_named(bank
     (line,) = answers(bank, [open_])
     assert line == (
         "Undecided from 575 s to the end of the log (run run2): the likeliest fault is leak "
-        "(p 0.8); that there is none has p 0.2"
+        "(p 0.8); that nothing is wrong has p 0.2"
     )
     told, silent = answers(bank, [decision, quiet])
     assert told == answers(bank, [decision])[0]

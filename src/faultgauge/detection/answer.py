@@ -206,7 +206,7 @@ def _undecided(bank: FaultBank, decision: Decision) -> list[Told]:
     begun = _at(bank, decision, float(run.t[first]))
     text = (
         f"Undecided from {begun} to the end of the log (run {run.name}): the likeliest fault is "
-        f"{cause} (p {probability(float(shares[cause]))}); that there is none has p "
+        f"{cause} (p {probability(float(shares[cause]))}); that nothing is wrong has p "
         f"{probability(float(found.healthy[sampled[-1]]))}"
     )
     return [Told(float(run.t[first]), float(run.t[sampled[-1]]), text)]
