@@ -30,6 +30,7 @@ __all__ = ["Calibration", "calibrate"]
 # of the work: noise, how far evidence is believed, and both once more where the model errs more
 # somewhere
 SHARES = (0.4, 0.2, 0.2, 0.2)
+WORTH = 1.25  # times as large as found: noise that is taken larger has a cause that is looked for
 LEFT = 0.5  # of what evidence must be believed less: a place that leaves more is not its cause
 FEWEST = 100  # samples that tell a 95 % interval: 5 of them lie outside
 
@@ -115,7 +116,7 @@ def _by_bank(
     searching(0.0)
     noise = estimate_noise(model, runs, discrepancy, searching)
     found = calibrate_bank(model, runs, noise, mtbfa, step(1, "finding the alarm level"))
-    if discrepancy and found.level.widened > 1:
+    if discrepancy and found.level.widened > WORTH:
         where = step(2, "finding where the model errs more")
         doubted = estimate_doubts(model, runs, noise, where)
         if doubted is not None:
