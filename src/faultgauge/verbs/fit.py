@@ -66,7 +66,7 @@ class Fit(Result):
             "metrics": record.metrics.as_dict(),
             "derivatives": record.derivatives,
             "noise": record.noise,
-            "envelope": record.envelope,
+            "envelope": {name: list(ends) for name, ends in record.envelope.items()},
             "choices": record.choices.as_dict(),
             "refinement": record.metrics.refinement,
             "equation_error": information.to_dict() if information else None,
