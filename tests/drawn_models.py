@@ -70,7 +70,7 @@ def calibrated(source, seed=0, step=STEP):
         np.zeros(known),
     )  # fmt: skip
     # more error where the last input is large
-    last = np.arange(len(signals.states) + len(signals.inputs)) == len(x[0]) + len(u[0]) - 1
+    last = np.arange(len(signals.inputs)) == len(signals.inputs) - 1
     edge = np.where(last, np.quantile(u[:, -1], 0.75), -np.inf)
     noise = noise._replace(doubt=3.0 * last, above=edge, below=np.full(len(last), np.inf))
     return for_bank(model, noise, size=dict.fromkeys(signals.fault_names, 1.0))

@@ -166,12 +166,12 @@ def test_where_the_model_errs_more_is_found_and_by_how_much():
     assert found is not None
     u = np.concatenate([run.columns["u"] for run in runs])
     beyond = np.mean(u > EDGE)
-    assert found.doubts == (1,)
-    assert np.isinf(found.below[1])
-    assert abs(np.mean(u > found.above[1]) / beyond - 1) < 1 / 3
+    assert found.doubts == (0,)
+    assert np.isinf(found.below[0])
+    assert abs(np.mean(u > found.above[0]) / beyond - 1) < 1 / 3
     scatter = 1 / np.sqrt(2 * LOGS * COUNT * beyond)
     thinned = np.sqrt((DOUBT**2 + 1 / 3) / (1 + 1 / 3)) / DOUBT
-    assert np.log(thinned) - 3 * scatter < np.log(found.doubt[1] / DOUBT) < 3 * scatter
+    assert np.log(thinned) - 3 * scatter < np.log(found.doubt[0] / DOUBT) < 3 * scatter
     assert abs(np.log(found.process[0] / PROCESS)) < 3 * scatter
 
 

@@ -132,27 +132,17 @@ def test_an_input_that_strays_does_so_wherever_it_acts():
 
 
 def test_what_acts_at_random_is_larger_where_the_model_is_doubted():
-    """q below 0.5, 4 times; u between 1 and 2, 3 times: one end of a step is enough, the larger
-    counts, and nothing acts on xi."""
+    """u between 1 and 2, 3 times, at one end of a step at least; nothing acts on xi."""
     base = GrayBoxPlant.untrained(parse_plant(CART))
-    none, inf = np.zeros(0), np.inf
-    places = {"doubt": np.array([4.0, 3.0]), "above": np.array([-inf, 1.0])}
-    error = Error(np.array([5.0]), none, none, **places, below=np.array([0.5, 2.0]))
+    none, times, low, high = np.zeros(0), np.array([3.0]), np.array([1.0]), np.array([2.0])
+    error = Error(np.array([5.0]), none, none, doubt=times, above=low, below=high)
     plant = Disturbed.of(
-        base, (1,), (), error, ("k",), jnp.array([0.2]), jnp.array([[0.3]]), doubted=(0, 2)
+        base, (1,), (), error, ("k",), jnp.array([0.2]), jnp.array([[0.3]]), doubted=(0,)
     )
     assert plant.signals.state_names == ("q", "v", "d(v)", "xi(0)")
-    near, far = jnp.array([0.4, 0.0, 0.0, 0.0]), jnp.array([0.6, 0.0, 0.0, 0.0])
-    usual, within = jnp.array([0.0]), jnp.array([1.5])
-    for x_before, x, u_before, u, times in (
-        (far, far, usual, usual, 1.0),
-        (near, far, usual, usual, 4.0),
-        (far, near, within, usual, 4.0),
-        (far, far, usual, within, 3.0),
-        (far, far, within, usual, 3.0),
-    ):
-        found = plant.doubts(x_before, x, u_before, u)
-        np.testing.assert_array_equal(found, [times, times, times, 1.0])
+    for u_before, u, larger in ((0.0, 2.5, 1.0), (0.0, 1.5, 3.0), (1.5, 0.0, 3.0), (1.2, 1.8, 3.0)):
+        found = plant.doubts(jnp.array([u_before]), jnp.array([u]))
+        np.testing.assert_array_equal(found, [larger, larger, larger, 1.0])
 
 
 def test_inputs_are_shared_by_what_reads_them():

@@ -84,16 +84,15 @@ def errors(model: Model) -> list[str]:
 def doubted(model: Model, noise: Noise) -> list[tuple[str, float]]:
     """Where the model errs more than elsewhere, and how many times as much: ("u is below 0.8 V",
     4.0)."""
-    signals = model.plant.signals
-    both, found = (*signals.states, *signals.inputs), []
+    inputs, found = model.plant.signals.inputs, []
     for k in noise.doubts:
         low, high = float(noise.above[k]), float(noise.below[k])
         if np.isfinite(low) and np.isfinite(high):
             within = f"between {number(low)} and {number(high)}"
         else:
             within = f"below {number(high)}" if np.isfinite(high) else f"above {number(low)}"
-        unit = "" if both[k].unit in PURE else both[k].unit
-        found.append((f"{both[k].name} is {within} {unit}".rstrip(), float(noise.doubt[k])))
+        unit = "" if inputs[k].unit in PURE else inputs[k].unit
+        found.append((f"{inputs[k].name} is {within} {unit}".rstrip(), float(noise.doubt[k])))
     return found
 
 

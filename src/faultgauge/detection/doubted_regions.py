@@ -1,7 +1,7 @@
 """Where the model errs more than elsewhere, by what the innovation likelihood gains.
 
-A pump that gives nothing below a volt, friction at standstill, a rim: in a part of the range of a
-state or an input the model may err far more than elsewhere, and noise of one size would be too
+A pump that gives nothing below a volt, a motor that does not move under small ones: in a part of
+the range of an input the model may err far more than elsewhere, and noise of one size would be too
 large elsewhere and too small there. What acts at random is then larger there: the edge of that
 part and how many times as large are two levels more, and must gain what Schwarz's criterion asks
 of two (G. Schwarz, Ann. Stat. 6 (1978)).
@@ -15,7 +15,6 @@ import numpy as np
 from jaxtyping import Float
 
 from faultgauge.detection.innovation_likelihood import Likelihood
-from faultgauge.detection.judged import operating_points
 from faultgauge.detection.noise import Noise
 from faultgauge.detection.noise_levels import Spans
 from faultgauge.plants.model import Model
@@ -27,14 +26,14 @@ CLOSER = (0.5, 1.0, 2.0)  # times that
 TIMES = (2.0, 4.0, 8.0, 16.0)  # as large there
 FIRST = 4.0  # of these, by which the parts are told apart
 BEST = 3  # parts that are looked at more closely
-MOST = 2  # signals with such a part
+MOST = 2  # inputs with such a part
 
 
 class _Part(NamedTuple):
-    """A part of the range of signal number `signal`, from its edge in the sense of `towards` (below
+    """A part of the range of input number `number`, from its edge in the sense of `towards` (below
     it, above it, or 0: around zero up to it), that holds a `share` of the samples."""
 
-    signal: int
+    number: int
     towards: int
     share: float
 
@@ -49,12 +48,11 @@ class _Part(NamedTuple):
 
 
 def with_doubted_regions(model: Model, batch: Likelihood, noise: Noise, spans: Spans) -> Noise:
-    """`noise` with a part of the range of those states and inputs that gain by it while all else
-    stays, the one that gains most first."""
-    inputs = np.asarray(batch.u).reshape(-1, batch.u.shape[2])
-    signals = [*operating_points(model).x.T, *inputs.T]
+    """`noise` with a part of the range of those inputs that gain by it while all else stays, the
+    one that gains most first."""
+    inputs = list(np.asarray(batch.u).reshape(-1, batch.u.shape[2]).T)
     for _ in range(MOST):
-        found = _with_one(model, batch, noise, signals)
+        found = _with_one(model, batch, noise, inputs)
         if found is None:
             break
         noise = found
@@ -62,13 +60,13 @@ def with_doubted_regions(model: Model, batch: Likelihood, noise: Noise, spans: S
 
 
 def _with_one(
-    model: Model, batch: Likelihood, noise: Noise, signals: Sequence[Float[np.ndarray, "_"]]
+    model: Model, batch: Likelihood, noise: Noise, inputs: Sequence[Float[np.ndarray, "_"]]
 ) -> Noise | None:
-    """`noise` with a part for one more signal; None where none gains enough."""
+    """`noise` with a part for one more input; None where none gains enough."""
 
     def tried(part: _Part, times: float) -> Noise:
-        one = np.arange(len(signals)) == part.signal
-        low, high = part.ends(signals[part.signal])
+        one = np.arange(len(inputs)) == part.number
+        low, high = part.ends(inputs[part.number])
         return noise._replace(
             doubt=np.where(one, times, noise.doubt),
             above=np.where(one, low, noise.above),
@@ -77,7 +75,7 @@ def _with_one(
 
     parts = [
         _Part(k, towards, share)
-        for k, values in enumerate(signals)
+        for k, values in enumerate(inputs)
         if not noise.doubt[k] and np.ptp(values) > 0
         for towards, share in product(
             (-1, 0, 1) if min(values) < 0 < max(values) else (-1, 1), SHARES

@@ -57,7 +57,7 @@ class Noise(NamedTuple):
     within a run makes anew (`renewed`); `wander` of an output, which lasts for `wandering` [s], and
     the share of what an input's change does to it that comes `late`, within `lag` [s]; by what an
     input strays (`stray`), which lasts for `straying` [s]; how many times as large all this is
-    (`doubt`) where a state or an input lies between `above` and `below`; 0, or nothing at all,
+    (`doubt`) where an input lies between `above` and `below`; 0, or nothing at all,
     where nothing of that kind is."""
 
     sigma: Float[np.ndarray, "outputs"]
@@ -76,9 +76,9 @@ class Noise(NamedTuple):
     lag: Float[np.ndarray, "outputs"] = np.zeros(0)
     stray: Float[np.ndarray, "inputs"] = np.zeros(0)
     straying: Float[np.ndarray, "inputs"] = np.zeros(0)
-    doubt: Float[np.ndarray, "signals"] = np.zeros(0)
-    above: Float[np.ndarray, "signals"] = np.zeros(0)
-    below: Float[np.ndarray, "signals"] = np.zeros(0)
+    doubt: Float[np.ndarray, "inputs"] = np.zeros(0)
+    above: Float[np.ndarray, "inputs"] = np.zeros(0)
+    below: Float[np.ndarray, "inputs"] = np.zeros(0)
 
     @property
     def wanders(self) -> tuple[int, ...]:
@@ -97,12 +97,12 @@ class Noise(NamedTuple):
 
     @property
     def doubts(self) -> tuple[int, ...]:
-        """The states and inputs, counted on from these, of which the model errs more somewhere."""
+        """The inputs for which the model errs more somewhere."""
         return tuple(np.flatnonzero(self.doubt).tolist())
 
     @property
     def beside(self) -> int:
-        """How many inputs and outputs err on their own, and signals somewhere more."""
+        """How many inputs and outputs err on their own, and inputs somewhere more."""
         return len(self.wanders + self.lags + self.strays + self.doubts)
 
     def widened(self, factor: float) -> "Noise":
@@ -141,7 +141,7 @@ def _beside(
     yield WANDER, signals.output_names, noise.wanders
     yield LATE, signals.output_names, noise.lags
     yield STRAY, signals.input_names, noise.strays
-    yield DOUBT, (*signals.state_names, *signals.input_names), noise.doubts
+    yield DOUBT, signals.input_names, noise.doubts
 
 
 def drifting_of(model: Model) -> tuple[str, ...]:
@@ -165,8 +165,7 @@ def noise_of(model: Model) -> Noise:
             for key, each in zip(Noise._fields, _names(model), strict=False)
         ]
         signals = model.plant.signals
-        both = (*signals.state_names, *signals.input_names)
-        named = [signals.output_names] * 4 + [signals.input_names] * 2 + [both] * 3
+        named = [signals.output_names] * 4 + [signals.input_names] * 5
         more = [
             [block.get(key, {}).get(name, NOWHERE.get(key, 0.0)) for name in names]
             for key, names in zip(optional, named, strict=True)

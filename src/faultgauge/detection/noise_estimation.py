@@ -110,7 +110,7 @@ def estimate_doubts(
     progress: Callable[[float], None] = lambda share: None,
 ) -> Noise | None:
     """The most likely levels on healthy `runs` where the model may err more in a part of the range
-    of a state or an input, from `noise` on, which `estimate_noise` found; None where that gains
+    of an input, from `noise` on, which `estimate_noise` found; None where that gains
     nothing. `progress` as there."""
     told = _Told.of(model, runs)
     steps = count(1)

@@ -118,12 +118,12 @@ def first_guess(model: Model, runs: Sequence[Run], stretches: Sequence[Stretch])
     following = len(following_inputs(model.plant))
     share = np.full(following, USUAL_SHARE)
     settling = np.full(following, QUICK * step)
-    nothing = np.zeros(len(signals.states) + len(signals.inputs))
+    nothing = np.zeros(len(signals.inputs))
     return Noise(
         sigma, process, np.array(drift, float), size, lasting, share, settling,
         np.array(spread, float), np.zeros(len(spread)), np.zeros(len(spread)),
         *[np.zeros(len(sigma))] * 4,
-        *[np.zeros(len(signals.inputs))] * 2,
+        nothing, nothing,
         doubt=nothing, above=nothing - np.inf, below=nothing + np.inf,
     )  # fmt: skip
 

@@ -145,7 +145,7 @@ class DividedDifferenceFilter(eqx.Module):
         jump = self.plant.jumps(after, u_before, u, none, none, unseen)
         mean = jnp.concatenate([after, A[n:] @ belief.mean])
         rates = jnp.zeros(size - n - k)
-        doubts = self.plant.doubts(belief.mean[:n], mean[:n], u_before, u)
+        doubts = self.plant.doubts(u_before, u)
         process = doubts * noise.process
         Q = dt * jnp.concatenate([process, noise.walk * self._present(belief), rates]) ** 2
         Q = Q.at[:n].add((doubts * jump) ** 2)

@@ -10,8 +10,8 @@
 
     l' = -l / lag,    and by N(0, (late (h(x', x, u) - h(x', x, u before)))^2) where u changes
 
-and w, e and l are `doubt` times as large while a state or an input is where the model errs more
-than elsewhere.
+and w, e and l are `doubt` times as large while an input is where the model errs more than
+elsewhere: an input, as that is known to all hypotheses alike.
 
 d is a Gauss-Markov process beside every state that is not exact kinematics (Kennedy and O'Hagan, J.
 R. Statist. Soc. B 63 (2001), "Bayesian calibration of computer models": what the model lacks is a
@@ -56,8 +56,8 @@ class Error(NamedTuple):
     """Time constant `tau` [s] of every driven state's d; of every e its time constant `settling`
     [s] and its `share` of an input's change (a standard deviation); time constant
     `wandering` [s] of every b; of every l its time constant `lag` [s] and its share, `late`;
-    time constant `straying` [s] of every a; what acts at random is `doubt` times as large where a
-    signal lies between `above` and `below`."""
+    time constant `straying` [s] of every a; what acts at random is `doubt` times as large where an
+    input lies between `above` and `below`."""
 
     tau: Float[Array, "driven"]
     settling: Float[Array, "following"]
@@ -86,9 +86,9 @@ class Parts(NamedTuple):
 class Disturbed(Plant):
     """`base` with the states [x, d, e, b, l, a, xi]; `driven` are the states that d acts on,
     `following` the inputs that e acts on, `wandering` the outputs that b acts on, `lagging` those
-    that l acts on, `straying` the inputs that a acts on, `doubted` the states and inputs, counted
-    on from these, of which the model is to be doubted somewhere, `names` the parameters, of which
-    `directions` (W) is a row each."""
+    that l acts on, `straying` the inputs that a acts on, `doubted` the inputs for which the
+    model is to be doubted somewhere, `names` the parameters, of which `directions` (W) is a row
+    each."""
 
     signals: Signals = eqx.field(static=True)
     base: Plant
@@ -215,23 +215,17 @@ class Disturbed(Plant):
         return jumps.at[parts.lag].set(jnp.abs(self.error.late * shown))
 
     def doubts(
-        self,
-        x_before: Float[Array, "states"],
-        x: Float[Array, "states"],
-        u_before: Float[Array, "inputs"],
-        u: Float[Array, "inputs"],
+        self, u_before: Float[Array, "inputs"], u: Float[Array, "inputs"]
     ) -> Float[Array | np.ndarray, "states"]:
         """How many times as large as usual what acts on each state at random is on the way from
-        `x_before` to `x`."""
-        usual = np.ones(len(x))
+        `u_before` to `u`."""
+        usual = np.ones(len(self.signals.states))
         if not self.doubted:
             return usual
-        own, error = self.parts.x, self.error
-        ends = jnp.stack([jnp.concatenate([a[own], b]) for a, b in ((x_before, u_before), (x, u))])
-        ends = ends[:, np.array(self.doubted)]
-        there = jnp.any((ends > error.above) & (ends < error.below), axis=0)
-        times = jnp.max(jnp.where(there, error.doubt, 1.0))
-        return jnp.where(np.arange(len(x)) < self.parts.xi.start, times, usual)
+        ends = jnp.stack([u_before, u])[:, np.array(self.doubted)]
+        there = jnp.any((ends > self.error.above) & (ends < self.error.below), axis=0)
+        times = jnp.max(jnp.where(there, self.error.doubt, 1.0))
+        return jnp.where(np.arange(len(usual)) < self.parts.xi.start, times, usual)
 
     def altered(self, changes: Mapping[str, Change]) -> "Disturbed":
         """`base` altered: what xi adds to a constant is not."""
