@@ -123,7 +123,8 @@ def first_guess(model: Model, runs: Sequence[Run], stretches: Sequence[Stretch])
         sigma, process, np.array(drift, float), size, lasting, share, settling,
         np.array(spread, float), np.zeros(len(spread)), np.zeros(len(spread)),
         *[np.zeros(len(sigma))] * 4,
-        stray=nothing, straying=nothing, doubt=nothing, above=nothing - np.inf, below=nothing + np.inf,
+        stray=nothing, straying=nothing,
+        doubt=nothing, above=nothing - np.inf, below=nothing + np.inf,
     )  # fmt: skip
 
 
