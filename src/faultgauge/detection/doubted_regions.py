@@ -50,7 +50,8 @@ class _Part(NamedTuple):
 def with_doubted_regions(model: Model, batch: Likelihood, noise: Noise, spans: Spans) -> Noise:
     """`noise` with a part of the range of those inputs that gain by it while all else stays, the
     one that gains most first."""
-    inputs = list(np.asarray(batch.u).reshape(-1, batch.u.shape[2]).T)
+    sampled = np.isfinite(np.asarray(batch.y)).any(axis=2)  # stretches are padded to one length
+    inputs = list(np.asarray(batch.u)[sampled].T)
     for _ in range(MOST):
         found = _with_one(model, batch, noise, inputs)
         if found is None:

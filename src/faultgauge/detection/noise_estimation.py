@@ -78,7 +78,7 @@ def estimate_noise(
 
     Raises `InputError` where no stretch is long enough or the filter never follows the data.
     """
-    told = _Told.of(model, runs)
+    told = _Healthy.of(model, runs)
     steps = count(1)
 
     def stepped() -> None:
@@ -112,7 +112,7 @@ def estimate_doubts(
     """The most likely levels on healthy `runs` where the model may err more in a part of the range
     of an input, from `noise` on, which `estimate_noise` found; None where that gains
     nothing. `progress` as there."""
-    told = _Told.of(model, runs)
+    told = _Healthy.of(model, runs)
     steps = count(1)
 
     def stepped() -> None:
@@ -126,7 +126,7 @@ def estimate_doubts(
 
 
 @dataclass(frozen=True)
-class _Told:
+class _Healthy:
     """What healthy runs tell of noise: their likelihood, a first guess, how far from it levels may
     lie, and the root of how many samples each of an output's is the mean of."""
 
@@ -137,7 +137,7 @@ class _Told:
     averaged: Float[np.ndarray, "outputs"]
 
     @staticmethod
-    def of(model: Model, runs: Sequence[Run]) -> "_Told":
+    def of(model: Model, runs: Sequence[Run]) -> "_Healthy":
         outputs = model.plant.signals.output_names
         names = [n for n in outputs if n in runs[0].columns]
         total = sum(len(run.t) for run in runs)
@@ -151,7 +151,7 @@ class _Told:
         guess = first_guess(model, runs, stretches)
         batch = Likelihood.of(model, runs, guess, stretches)
         means = np.sqrt([averaged.get(name, 1.0) for name in outputs])
-        return _Told(batch, guess, runs[0].step, stretches, means)
+        return _Healthy(batch, guess, runs[0].step, stretches, means)
 
     def bounds(self, noise: Noise) -> Bounds:
         """Of the levels that `noise` has."""
@@ -166,7 +166,7 @@ class _Told:
 def _with(
     beside: Callable[[Model, Likelihood, Noise, Spans], Noise],
     model: Model,
-    told: _Told,
+    told: _Healthy,
     noise: Noise,
     stepped: Callable[[], None],
 ) -> Noise | None:
