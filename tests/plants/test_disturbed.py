@@ -126,9 +126,10 @@ def test_an_input_that_strays_does_so_wherever_it_acts():
     dx, y = respond(plant, x, u, jnp.zeros(1))
     np.testing.assert_allclose(dx, [2.0, 3.2 * 1.2 - 1.0, 0.3 / 4, 0.0], rtol=1e-12)
     np.testing.assert_allclose(y, [1.0, 3.2 * 1.2 - 1.0], rtol=1e-12)
-    mean = plant.own_at(x, jnp.asarray(4 * np.log(2.0))).derivative(x[:2], u)
-    wanted = [2.0, 3.2 * (1.5 - 0.3 * 0.5 / np.log(2.0)) - 1.0]
-    np.testing.assert_allclose(mean, wanted, rtol=1e-12)
+    forces = plant.forces(x, u, jnp.zeros(1), jnp.array([0.0, 4 * np.log(2.0)]))
+    np.testing.assert_allclose(forces, [[0.0, -3.2 * 0.3 * 0.5 / np.log(2.0)]] * 2, rtol=1e-12)
+    own = plant.own_at(x).derivative(x[:2], u)
+    np.testing.assert_allclose(own, [2.0, 3.2 * 1.5 - 1.0], rtol=1e-12)
 
 
 def test_what_acts_at_random_is_larger_where_the_model_is_doubted():

@@ -7,7 +7,7 @@ counts (Schweppe, IEEE TAC 11 (1965); Mehra, IEEE TAC 15 (1970)).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import equinox as eqx
@@ -111,6 +111,11 @@ class Likelihood:
             substeps_for(runs[0].step, model.max_step),
             int(sum(np.isfinite(s.y).sum() for s in stretches)),
         )
+
+    def beginning(self, samples: int) -> "Likelihood":
+        """The first `samples` of every stretch."""
+        u, y, dt = (each[:, :samples] for each in (self.u, self.y, self.dt))
+        return replace(self, u=u, y=y, dt=dt, count=int(jnp.isfinite(y).sum()))
 
     def run(self, model: Model, many: Sequence[Noise]) -> Told:
         """What the stretches say under each of `many` levels, a few at a time on every core."""

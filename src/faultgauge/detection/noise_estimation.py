@@ -56,6 +56,7 @@ ROUNDS = (16, 12, 8)  # steps of each search; the constants are told anew betwee
 # and the discrepancy
 STARTS = tuple(product((1.0, 10.0, 100.0), (1.0, 30.0)))
 FIRST = 2  # steps of each; then of the better half, and so on
+PART = 0.25  # of every stretch, which the first of these steps look at
 SEARCHES = 4  # of all ROUNDS: the plant's levels, then what each of BESIDE adds
 # errors of inputs come first, as what outputs share is none of their own
 BESIDE = (
@@ -236,10 +237,11 @@ def _started(
     both = [(between("lasting", a), noise.size / b) for a in shares for b in SMALLER]
     noise = best([noise, *(noise._replace(lasting=a, size=b) for a, b in both)])
     many = [noise._replace(process=a * noise.process, size=b * noise.size) for a, b in STARTS]
+    seen = batch.beginning(int(PART * batch.dt.shape[1]))
     while len(many) > 1:
-        many = [_searched(model, batch, m, bounds, set(), FIRST, stepped) for m in many]
+        many = [_searched(model, seen, m, bounds, set(), FIRST, stepped) for m in many]
         order = np.argsort(_costs(model, batch, many, bounds))
-        many = [many[k] for k in order[: len(many) // 2]]
+        many, seen = [many[k] for k in order[: len(many) // 2]], batch
     return many[0]
 
 

@@ -27,6 +27,7 @@ __all__ = ["as_unsure_as_few_runs_tell", "constants_retold"]
 WITHIN = 0.975  # of constants: below the upper end of their 95 % range
 SHARES = (1.0, 0.5, 0.25, 0.1)  # of the way, as far as it can be borne
 STEPS = 6  # of EM, at most
+STILL = 0.02  # of the spread: a step that would move mean and spread by less is left out
 ALIKE = 10.0  # times: constants of one unit that differ by more are of two kinds
 
 
@@ -57,6 +58,9 @@ def constants_retold(model: Model, batch: Likelihood, noise: Noise) -> Noise:
             )
             for share in SHARES
         ]
+        wider, moved = np.log(spread / noise.spread), (mean_off - noise.shift) / spread
+        if np.max(np.abs([wider, moved])) < STILL:
+            break
         told = batch.run(model, many)
         # what a prior may take; beyond, the filter is lost there
         borne = np.flatnonzero(told.cost <= cost[0] + len(usual))

@@ -48,11 +48,11 @@ def scored(
     def unlikely(x: Float[np.ndarray, "many levels"]) -> Float[np.ndarray, "many"]:
         return np.sum(np.where(weight > 0, (x - center) ** 2 * weight / 2, 0.0), axis=-1)
 
-    x, damping = np.clip(start, low, high), DAMPING
-    told = tell(np.concatenate([x[None], x + steps]))
-    cost = float(told.cost[0] + unlikely(x[None])[0])
+    x, damping, cost = np.clip(start, low, high), DAMPING, np.inf
     for _ in range(most):
         stepped()
+        told = tell(np.concatenate([x[None], x + steps]))
+        cost = float(told.cost[0] + unlikely(x[None])[0])
         M = _information(told)
         # a difference to one side is off by half of its length times the curvature
         slope = (told.cost[1:] - told.cost[0]) / DIFFERENCE - DIFFERENCE / 2 * np.diagonal(M)
@@ -74,11 +74,9 @@ def scored(
                 best, gain = tries[k], cost - float(costs[k])
                 break
             damping *= float(FACTORS[-1])
-        x = best
+        x, cost = best, cost - gain
         if gain < enough:
-            return x, cost - gain
-        told = tell(np.concatenate([x[None], x + steps]))
-        cost = float(told.cost[0] + unlikely(x[None])[0])
+            break
     return x, cost
 
 

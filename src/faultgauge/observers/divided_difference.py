@@ -122,9 +122,10 @@ class DividedDifferenceFilter(eqx.Module):
         n, k, own = self.states, self.faults, self.plant.count
         times = dt * np.arange(2 * self.substeps + 1) / (2 * self.substeps)
         stages = line(self.plant.signals, u_before, u, self.substeps)
+        middle = stages[self.substeps]
 
         def flow(x: Array, f: Array) -> Array:
-            plant, forces = self.plant.own_at(x, dt), self.plant.forces(x, times)
+            plant, forces = self.plant.own_at(x), self.plant.forces(x, middle, f, times)
             return step_through(plant, x[:own], stages, f, dt, self.substeps, forces=forces)
 
         # what stands behind the plant's own states follows nobody

@@ -26,7 +26,7 @@ command within seconds. xi are the
 directions in which the constants are uncertain, of unit variance.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple
@@ -156,8 +156,9 @@ class Disturbed(Plant):
     def derivative(
         self, x: Float[Array, "states"], u: Float[Array, "inputs"]
     ) -> Float[Array, "states"]:
-        own = self.parts.x
-        dx = self.plant_at(x).derivative(x[own], u) + self.forces(x, jnp.zeros(1))[0]
+        own = x[self.parts.x]
+        dx = self._told(x).derivative(own, u) + self._slow(x, jnp.zeros(1))[0]
+        dx = dx + self._astray(x, lambda plant: plant.derivative(own, u))
         return jnp.concatenate([dx, -x[self.count :] / self.times])
 
     def lasting(self, dt: Float[Array, ""]) -> Float[Array, "others"]:
@@ -165,11 +166,27 @@ class Disturbed(Plant):
         return jnp.exp(-dt / self.times)
 
     def forces(
-        self, x: Float[Array, "states"], t: Float[Array, "times"]
+        self,
+        x: Float[Array, "states"],
+        u: Float[Array, "inputs"],
+        f: Float[Array, "faults"],
+        t: Float[Array, "times"],
     ) -> Float[Array, "times own"]:
-        """What d adds to the rates of `base` `t` [s] after `x`."""
-        slow = jnp.exp(-t[:, None] / self.error.tau) * x[self.parts.d]
-        return slow @ _acts(self.count, self.driven).T
+        """What is added to the rates of `base` `t` [s] after `x`, the last of which ends the step:
+        by d, and by a and e what they do at `x` under `u` in the mean of the step."""
+        beside = x
+        for part, lasting in (
+            (self.parts.e, self.error.settling),
+            (self.parts.a, self.error.straying),
+        ):
+            spans = t[-1] / lasting
+            mean = jnp.where(spans > 0, -jnp.expm1(-spans) / jnp.where(spans > 0, spans, 1.0), 1.0)
+            beside = beside.at[part].multiply(mean)
+
+        def rates(plant: Plant) -> Float[Array, "own"]:
+            return respond(_Own(self._own, plant), x[self.parts.x], u, f)[0]
+
+        return self._slow(x, t) + self._astray(beside, rates)
 
     def output(
         self,
@@ -178,7 +195,11 @@ class Disturbed(Plant):
         u: Float[Array, "inputs"],
     ) -> Float[Array, "outputs"]:
         own = self.parts.x
-        return self.plant_at(x).output(dx[own], x[own], u)
+
+        def shown(plant: Plant) -> Float[Array, "outputs"]:
+            return plant.output(dx[own], x[own], u)
+
+        return shown(self._told(x)) + self._astray(x, shown)
 
     def besides(self, x: Float[Array, "states"]) -> Float[Array, "outputs"]:
         """b and l, and what `base` shows."""
@@ -231,30 +252,39 @@ class Disturbed(Plant):
         """`base` altered: what xi adds to a constant is not."""
         return replace(self, base=self.base.altered(changes))
 
-    def own_at(self, x: Float[Array, "states"], dt: Float[Array, ""]) -> Plant:
-        """`base` with the constants that xi makes of them, inputs off by what a and e are in the
-        mean over the `dt` [s] behind `x`, and with all faults."""
-        own = replace(self.signals, states=self.base.signals.states)
-        beside = x
-        for part, lasting in (
-            (self.parts.e, self.error.settling),
-            (self.parts.a, self.error.straying),
-        ):
-            spans = dt / lasting
-            mean = jnp.where(spans > 0, -jnp.expm1(-spans) / jnp.where(spans > 0, spans, 1.0), 1.0)
-            beside = beside.at[part].multiply(mean)
-        return _Own(own, self.plant_at(beside))
+    def own_at(self, x: Float[Array, "states"]) -> Plant:
+        """`base` with the constants that xi makes of them, and with all faults."""
+        return _Own(self._own, self._told(x))
 
-    def plant_at(self, x: Float[Array, "states"]) -> Plant:
-        """`base` with the constants that xi makes of them, and inputs that stray."""
-        plant = self._with(self.offset + self.directions @ x[self.parts.xi])
-        if not self.straying and not self.following:
-            return plant
+    @property
+    def _own(self) -> Signals:
+        """Those of `base`, with all faults."""
+        return replace(self.signals, states=self.base.signals.states)
+
+    def _told(self, x: Float[Array, "states"]) -> Plant:
+        """`base` with the constants that xi makes of them."""
+        return self._with(self.offset + self.directions @ x[self.parts.xi])
+
+    def _slow(
+        self, x: Float[Array, "states"], t: Float[Array, "times"]
+    ) -> Float[Array, "times own"]:
+        """What d adds to the rates of `base` `t` [s] after `x`."""
+        slow = jnp.exp(-t[:, None] / self.error.tau) * x[self.parts.d]
+        return slow @ _acts(self.count, self.driven).T
+
+    def _astray(
+        self, x: Float[Array, "states"], of: Callable[[Plant], Float[Array, "some"]]
+    ) -> Float[Array, "some"]:
+        """By how much more there is `of` a plant whose inputs stray by the a and e in `x`: of the
+        usual one, as of an unknown input times an unknown constant a linear filter makes a bias of
+        both."""
+        usual = self._with(self.offset)
         count = len(self.signals.inputs)
         stray = _acts(count, self.straying) @ x[self.parts.a]
         stray = stray + _acts(count, self.following) @ x[self.parts.e]
-        usual = self._with(self.offset) if self.names else None
-        return _Strayed(plant.signals, plant, usual, stray)
+        if not self.straying and not self.following:
+            return jnp.zeros_like(of(usual))
+        return of(_Strayed(usual.signals, usual, stray)) - of(usual)
 
     def _with(self, shift: Float[Array, "parameters"]) -> Plant:
         """`base` with its constants by `shift` off."""
@@ -268,22 +298,16 @@ class Disturbed(Plant):
 
 
 class _Strayed(Plant):
-    """`base` under inputs that are by `stray` off. What that does is what it does to the `usual`
-    plant (None: `base` is), as of an unknown input times an unknown constant a linear filter makes
-    a bias of both."""
+    """`base` under inputs that are by `stray` off."""
 
     signals: Signals = eqx.field(static=True)
     base: Plant
-    usual: Plant | None
     stray: Float[Array | np.ndarray, "inputs"]
 
     def derivative(
         self, x: Float[Array, "states"], u: Float[Array, "inputs"]
     ) -> Float[Array, "states"]:
-        if self.usual is None:
-            return self.base.derivative(x, u + self.stray)
-        off = self.usual.derivative(x, u + self.stray) - self.usual.derivative(x, u)
-        return self.base.derivative(x, u) + off
+        return self.base.derivative(x, u + self.stray)
 
     def output(
         self,
@@ -291,14 +315,10 @@ class _Strayed(Plant):
         x: Float[Array, "states"],
         u: Float[Array, "inputs"],
     ) -> Float[Array, "outputs"]:
-        if self.usual is None:
-            return self.base.output(dx, x, u + self.stray)
-        off = self.usual.output(dx, x, u + self.stray) - self.usual.output(dx, x, u)
-        return self.base.output(dx, x, u) + off
+        return self.base.output(dx, x, u + self.stray)
 
     def altered(self, changes: Mapping[str, Change]) -> "_Strayed":
-        usual = None if self.usual is None else self.usual.altered(changes)
-        return replace(self, base=self.base.altered(changes), usual=usual)
+        return replace(self, base=self.base.altered(changes))
 
 
 class _Own(Plant):
