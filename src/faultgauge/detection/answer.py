@@ -178,7 +178,7 @@ def _beyond(bank: FaultBank, decision: Decision, start: int, stop: int) -> list[
         return [slice(start, stop)]
     return [
         slice(start + a, start + b)
-        for a, b in stretches(free, free, 0)
+        for a, b in stretches(free, np.ones_like(free), 0)
         if t[start + b - 1] - t[start + a] > bank.knowledge.memory
     ]
 
