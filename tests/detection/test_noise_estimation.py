@@ -183,3 +183,15 @@ def test_constants_spread_between_runs_as_much_as_they_were_drawn():
     spread = np.std(own, ddof=1)
     assert found.spread[0] == pytest.approx(spread, rel=0.1)
     assert A + found.shift[0] == pytest.approx(np.mean(own), abs=0.1 * spread)
+
+
+def test_a_fit_that_is_off_all_runs_alike_is_no_difference_between_them():
+    """The fit has a = 0.3, all runs 0.2. Whoever takes d for what a lacks is off by d / x, 0.2 / 2,
+    in each of the 80 spans of TAU that there are: by 0.1 / sqrt(80) = 0.011, three times that. No
+    run differs, so that the spread is that of the prior, 1 % of a, as wide as Student's t has it
+    for four degrees of freedom, 1.4 times, and at most twice that."""
+    points = np.random.default_rng(0).uniform([-3, -1], [3, 1], (60, 2))
+    plant = as_stated(LAG.replace("FIXED", "false").replace("0.2", "0.3"), points)
+    found = estimate_noise(plant, [log(seed) for seed in range(4)])
+    assert 0.3 + found.shift[0] == pytest.approx(A, abs=0.034)
+    assert found.spread[0] < 2 * 1.4 * 0.01 * 0.3

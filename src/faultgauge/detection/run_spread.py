@@ -3,8 +3,12 @@
 What each stretch says of its own constants tells (the EM algorithm: Dempster, Laird and Rubin,
 J. R. Statist. Soc. B 39 (1977))
 
-    mean = avg m_r,    C = (sum_r (m_r - mean)^2 + V_r + C_0) / (R + 1),
+    mean = (sum_r I - V_r)^-1 sum_r m_r,
 
+    C = (sum_r (m_r + V_r mean - mean)^2 + V_r + C_0) / (R + 1),
+
+with m_r and V_r what run r leaves of a prior N(0, I) around the last mean, so that a mean of which
+each run tells little is found at once and not a little at a time, and
 constants of one unit pooled, since few runs tell each one's spread badly. Where there is one run
 only, the fitted values are those of another; where there are more, they tell nothing: a fit that is
 biased (noise in what the equations read, disturbances that a simulation does not see) is off all
@@ -30,6 +34,7 @@ WITHIN = 0.975  # of constants: below the upper end of their 95 % range
 SHARES = (1.0, 0.5, 0.25, 0.1)  # of the way, as far as it can be borne
 STEPS = 6  # of EM, at most
 STILL = 0.02  # of the spread: a step that would move mean and spread by less is left out
+UNTOLD = 0.1  # of what a run would tell at most: what the mean is held by where none tells it
 ALIKE = 10.0  # times: constants of one unit that differ by more are of two kinds
 
 
@@ -42,18 +47,23 @@ def constants_retold(model: Model, batch: Likelihood, noise: Noise) -> Noise:
     cost, mean, P, *_ = batch.run(model, [noise])
     for _ in range(STEPS):
         W = directions_of(model, known, noise.spread)[skip:, skip:]
-        own = mean[0, :, skip:] @ W.T
-        V = np.einsum("ij,rjk,ik->ri", W, P[0][:, skip:, skip:], W)
-        off = noise.shift + own
-        if alone:  # the fit: one more
-            off = np.concatenate([off, np.zeros((1, own.shape[1]))])
-        mean_off, count = off.mean(axis=0), len(off)
+        xi, unsure = mean[0, :, skip:], P[0][:, skip:, skip:]
+        if alone:  # the fit: one more, of which all is known
+            xi = np.concatenate([xi, -np.linalg.solve(W, noise.shift)[None]])
+            unsure = np.concatenate([unsure, np.zeros((1, len(W), len(W)))])
+        told = np.eye(len(W)) - unsure
+        off = np.linalg.solve(told.sum(axis=0) + UNTOLD * np.eye(len(W)), xi.sum(axis=0))
+        xi = xi + unsure @ off
+        mean_off, off = noise.shift + W @ off, noise.shift + xi @ W.T
+        V, count = np.einsum("ij,rjk,ik->ri", W, unsure, W), len(off)
         values = [float(model.plant.parameters[n]) for n in known.names]
         usual = np.array([usual_spread(value, 0.0) for value in values])
         sums = np.sum((off - mean_off) ** 2, axis=0) + V.sum(axis=0)
         squares = _pooled(model, known.names, sums)
         spread = np.sqrt((squares + usual**2) / (count + 1) * (1 + 1 / count))
-        new = _pooled(model, known.names, _within(batch, own, V)) / spread**2
+        stretches = len(batch.runs)
+        within = _within(batch, off[:stretches], V[:stretches])
+        new = _pooled(model, known.names, within) / spread**2
         renewed = np.clip(new, 0.0, 1.0)
         many = [
             noise._replace(
