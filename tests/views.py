@@ -98,11 +98,19 @@ def check_undecided(rows, names, of_run):
     assert len(told) == expected
     if told:
         p = {UNDECLARED if n == UNKNOWN else n: rows[f"p_{n}"][last] for n in (*names, UNKNOWN)}
-        found = re.search(r"fault is (.+) \(p ([^)]+)\); that nothing is wrong has p (.+)$",
-                          told[0]["sentence"])  # fmt: skip
-        assert p[found[1]] == max(p.values())
-        assert found[2] == probability(p[found[1]])
-        assert found[3] == probability(rows["p_healthy"][last])
+        found = re.search(
+            r"fault is ([^,]+?)(?:, (\S+)(?: \S+)? if it is there)? \(p ([^)]+)\); "
+            r"that nothing is wrong has p (.+)$",
+            told[0]["sentence"],
+        )
+        cause, size, sure, calm = found.groups()
+        assert p[cause] == max(p.values())
+        assert sure == probability(p[cause])
+        assert calm == probability(rows["p_healthy"][last])
+        assert (size is None) == (cause == UNDECLARED)
+        if size:  # three figures
+            mean = rows[f"f_{cause}"][last] / p[cause]
+            assert float(size) == pytest.approx(mean, rel=6e-3, abs=1e-12)
 
 
 def check_screen(shown, lines):

@@ -158,16 +158,17 @@ def test_an_alarm_without_a_name_is_no_silence(bank, decision):
 
 
 def test_a_log_that_ends_undecided_says_so_and_one_without_a_fault_is_named(bank, decision):
-    """From 575 s on the leak has p 0.8, without an alarm."""
+    """From 575 s on the leak has p 0.8, without an alarm, and is as large as 0.016 / 0.8."""
     quiet = decide(bank, log(2))
     found, last = quiet.posterior, STEP * np.arange(COUNT) >= 575
     healthy, p = np.where(last, 0.2, 1.0), np.where(last[:, None], [0.8, 0.0], 0.0)
     status = ["NOT_JUDGED" if each else "HEALTHY" for each in last]
-    open_ = replace(quiet, posterior=found._replace(healthy=healthy, p=p), status=status)
+    seen = found._replace(healthy=healthy, p=p, f=0.02 * p)
+    open_ = replace(quiet, posterior=seen, status=status)
     (line,) = answers(bank, [open_])
     assert line == (
-        "Undecided from 575 s to the end of the log (run run2): the likeliest fault is leak "
-        "(p 0.8); that nothing is wrong has p 0.2"
+        "Undecided from 575 s to the end of the log (run run2): the likeliest fault is leak, "
+        "+0.02 m/s if it is there (p 0.8); that nothing is wrong has p 0.2"
     )
     told, silent = answers(bank, [decision, quiet])
     assert told == answers(bank, [decision])[0]

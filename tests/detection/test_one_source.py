@@ -187,3 +187,21 @@ def test_a_fault_that_changes_after_its_sign_was_open_for_a_while_is_one_event()
     assert event.onset == pytest.approx(10.0)
     assert event.end == T[-1]
     compare(bank, said)
+
+
+def test_what_is_undeclared_lasts_as_long_as_the_alarm_that_nothing_else_explains():
+    """Sure from 10 s to 15 s, and again from 35 s to 40 s; in between and from there on some fault
+    is there, and nobody knows which. No alarm is told beside it."""
+    bank = tank_bank()
+    none, other = (
+        np.where(np.arange(SETS) == k, 1 - 1e-6, 1e-6 / (SETS - 1)) for k in (0, SETS - 1)
+    )
+    some = np.where(np.arange(SETS) == 0, 1e-9, 1 / (SETS - 1))
+    known = (0.3, 1e-3, 10.0, 0.3, "", True)
+    parts = [(20, none, *known), (10, other, *known), (40, some, *known)]
+    parts += [(10, other, *known), (40, some, *known)]
+    said = posterior(bank, run_of(False), parts, [1.0] * 3, False)
+    (event,) = said.events
+    assert (event.fault, event.end) == ("unknown", T[-1])
+    assert event.start == pytest.approx(10.0, abs=5.0)
+    compare(bank, said)

@@ -178,7 +178,7 @@ def _beyond(bank: FaultBank, decision: Decision, start: int, stop: int) -> list[
         return [slice(start, stop)]
     return [
         slice(start + a, start + b)
-        for a, b in stretches(free, free, 0)
+        for a, b in stretches(free, np.ones_like(free), 0)
         if t[start + b - 1] - t[start + a] > bank.knowledge.memory
     ]
 
@@ -203,10 +203,15 @@ def _undecided(bank: FaultBank, decision: Decision) -> list[Told]:
     shares = dict(zip(bank.model.plant.signals.fault_names, found.p[sampled[-1]], strict=True))
     shares[UNDECLARED] = found.unknown[sampled[-1]]
     cause = max(shares, key=lambda name: np.nan_to_num(shares[name]))
+    size = ""
+    if cause != UNDECLARED:
+        k = bank.model.plant.signals.fault_names.index(cause)
+        there = found.f[sampled[-1], k] / max(found.p[sampled[-1], k], 1e-300)
+        size = f", {there:+.3g} {_unit(bank, cause)}".rstrip() + " if it is there"
     begun = _at(bank, decision, float(run.t[first]))
     text = (
         f"Undecided from {begun} to the end of the log (run {run.name}): the likeliest fault is "
-        f"{cause} (p {probability(float(shares[cause]))}); that nothing is wrong has p "
+        f"{cause}{size} (p {probability(float(shares[cause]))}); that nothing is wrong has p "
         f"{probability(float(found.healthy[sampled[-1]]))}"
     )
     return [Told(float(run.t[first]), float(run.t[sampled[-1]]), text)]

@@ -13,6 +13,8 @@ from faultgauge.plants.record import Interval
 
 __all__ = ["doubted", "errors", "summary"]
 
+FAR = 3.0  # standard deviations of fit and spread
+
 
 def summary(model: Model) -> list[str]:
     """A line for each thing that a user should know of a calibrated `model`."""
@@ -75,10 +77,26 @@ def errors(model: Model) -> list[str]:
     ]
     if spread:
         lines.append(f"constants differ from run to run by about {', '.join(spread)}")
+    lines += _elsewhere(model, noise)
     slow = drifting_of(model)
     if slow:
         lines.append(f"tracked as it drifts: {', '.join(slow)}")
     return lines
+
+
+def _elsewhere(model: Model, noise: Noise) -> list[str]:
+    """Constants that healthy logs have elsewhere than the fit, beyond what either may be off."""
+    known, units = constants_of(model), {p.name: p.unit for p in model.plant.spec.parameters}
+    far = FAR * np.hypot(np.sqrt(np.diag(known.covariance)), noise.spread)
+    found = []
+    for name, shift in zip(
+        known.names, np.where(np.abs(noise.shift) > far, noise.shift, 0.0), strict=True
+    ):
+        if shift:
+            value = float(model.plant.parameters[name])
+            there = f"{number(value + shift)} {units[name]}".rstrip()
+            found.append(f"{name} = {there} (fit: {number(value)})")
+    return [f"the healthy logs say {', '.join(found)}, and the bank goes by them"] if found else []
 
 
 def doubted(model: Model, noise: Noise) -> list[tuple[str, float]]:

@@ -3,10 +3,11 @@
 A fault that stays is one event, however its estimate is refined and whatever interrupts the log: a
 stretch belongs to the one before where the posterior holds that the fault began before that ended.
 It ends where the posterior lets it go, or no longer knows which sign it has, and where it gets the
-other sign another one begins. An event begins and ends in rows that were judged.
+other sign another one begins; what is undeclared ends with the alarm that nothing else explains.
+An event begins and ends in rows that were judged.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -124,7 +125,28 @@ def events(bank: FaultBank, judged: Judged, begun: float | None = None) -> list[
         for each in found
         if each.k == len(ever) or ever[each.k] > 1 - NAMED
     ]
-    return [each for each in told if each.fault != UNKNOWN or not _renamed(each, told)]
+    kept = [each for each in told if each.fault != UNKNOWN or not _renamed(each, told)]
+    return _lasting(bank, judged, kept)
+
+
+def _lasting(bank: FaultBank, judged: Judged, told: list[BankEvent]) -> list[BankEvent]:
+    """`told`, where what is undeclared is one event until the alarm that no declared fault explains
+    is over, however sure of it the rows in between are."""
+    t, verdict = judged.run.t, judged.verdict
+    open_ = verdict.status == STATUS.index(FAULT)
+    for each in told:
+        if each.fault != UNKNOWN:
+            open_ = open_ & ((t < each.start) | (t > each.end))
+    spans = [(t[a], t[b - 1]) for a, b in stretches(open_, _judged(verdict), pause(bank))]
+    kept, until = [], -np.inf
+    for each in told:
+        if each.fault == UNKNOWN:
+            if each.start <= until:
+                continue
+            until = float(max([each.end, *(b for a, b in spans if a <= each.end <= b)]))
+            each = replace(each, end=until)
+        kept.append(each)
+    return kept
 
 
 def _renamed(unknown: BankEvent, told: list[BankEvent]) -> bool:

@@ -64,6 +64,7 @@ BESIDE = (
     with_errors_of_outputs,
     with_errors_of_outputs,
 )
+SIZES = {pair[0]: pair for pair in (WANDER, LATE, STRAY)}  # with their times
 ENOUGH = 0.3  # of log-likelihood: a step that gains less is the last
 NONE = 1e-6  # times the usual: as good as no discrepancy
 
@@ -90,6 +91,7 @@ def estimate_noise(
         noise = _alternated(model, told.batch, noise, told.bounds(noise), stepped)
         for beside in BESIDE:
             noise = _with(beside, model, told, noise, stepped) or noise
+        noise = _needed(model, told.batch, noise)
     else:
         without = {n: NONE * getattr(told.guess, n) for n in ("size", "share", "spread")}
         held = {"size", "lasting", "share", "settling"}
@@ -180,6 +182,26 @@ def _with(
     more = _alternated(model, told.batch, more, bounds, stepped)
     enough = np.log(told.batch.count) * added
     return more if _gain(model, told.batch, noise, more, bounds) > enough else None
+
+
+def _needed(model: Model, batch: Likelihood, noise: Noise) -> Noise:
+    """`noise` without errors of inputs and outputs that gain too little beside those which were
+    found after them."""
+    while there := [(name, j) for name in SIZES for j in np.flatnonzero(getattr(noise, name))]:
+        many = [noise]
+        for name, j in there:
+            size = getattr(noise, name).copy()
+            size[j] *= NONE
+            many.append(noise._replace(**{name: size}))
+        cost = batch.run(model, many).cost
+        least = int(np.argmin(cost[1:]))
+        if cost[1 + least] - cost[0] > np.log(batch.count):
+            break
+        name, j = there[least]
+        without = {n: np.where(np.arange(len(getattr(noise, n))) == j, 0.0, getattr(noise, n))
+                   for n in SIZES[name]}  # fmt: skip
+        noise = noise._replace(**without)
+    return noise
 
 
 def _alternated(

@@ -5,9 +5,11 @@ J. R. Statist. Soc. B 39 (1977))
 
     mean = avg m_r,    C = (sum_r (m_r - mean)^2 + V_r + C_0) / (R + 1),
 
-the fitted values being those of one more run, and constants of one unit pooled, since few runs tell
-each one's spread badly. What of it lies between the stretches of one run, a gap makes anew: a
-vehicle that has landed flies on with another trim.
+constants of one unit pooled, since few runs tell each one's spread badly. Where there is one run
+only, the fitted values are those of another; where there are more, they tell nothing: a fit that is
+biased (noise in what the equations read, disturbances that a simulation does not see) is off all
+runs alike, and would be taken for a spread between them. What of it lies between the stretches of
+one run, a gap makes anew: a vehicle that has landed flies on with another trim.
 """
 
 from collections.abc import Sequence
@@ -36,12 +38,15 @@ def constants_retold(model: Model, batch: Likelihood, noise: Noise) -> Noise:
     known, skip = constants_of(model), len(drifting_of(model))
     if not known.names:
         return noise
+    alone = len(np.unique(batch.runs)) == 1
     cost, mean, P, *_ = batch.run(model, [noise])
     for _ in range(STEPS):
         W = directions_of(model, known, noise.spread)[skip:, skip:]
         own = mean[0, :, skip:] @ W.T
         V = np.einsum("ij,rjk,ik->ri", W, P[0][:, skip:, skip:], W)
-        off = np.concatenate([noise.shift + own, np.zeros((1, own.shape[1]))])  # the fit: one more
+        off = noise.shift + own
+        if alone:  # the fit: one more
+            off = np.concatenate([off, np.zeros((1, own.shape[1]))])
         mean_off, count = off.mean(axis=0), len(off)
         values = [float(model.plant.parameters[n]) for n in known.names]
         usual = np.array([usual_spread(value, 0.0) for value in values])
@@ -76,9 +81,9 @@ def as_unsure_as_few_runs_tell(model: Model, batch: Likelihood, noise: Noise) ->
     """`noise` with constants spread as wide as those of the next run may lie: a normal
     distribution with the 95 % range of Student's t, since a spread that few runs told may be far
     larger (A. Gelman et al., Bayesian Data Analysis, section 3.2)."""
-    spread, stretches = noise.spread.copy(), len(np.unique(batch.runs))
+    spread, runs = noise.spread.copy(), len(np.unique(batch.runs))
     for alike in _alike(model, constants_of(model).names):
-        told = stretches * len(alike) + 1  # the prior: one more
+        told = max(runs - 1, 1) * len(alike) + 1  # the prior: one more
         spread[alike] *= student_t.ppf(WITHIN, told) / norm.ppf(WITHIN)
     return noise._replace(spread=spread)
 
