@@ -201,6 +201,29 @@ def test_terms_that_do_not_fit_are_named(derivative, parts):
         assert warning.endswith("; check the units of its terms")
 
 
+@pytest.mark.parametrize(
+    "derivative",
+    [
+        "603*x",
+        "v + 603*x",
+        "v*tanh(x/3)",
+        "v + exp(0.3*x)*v",
+        "-9.81 + v",
+        "4*pi*x/3".replace("pi", "3.14159"),
+    ],
+)
+def test_a_number_may_be_a_constant_in_a_unit(derivative):
+    """603*(Ts - Tr) is a heat flow: what a number multiplies has no unit to check."""
+    assert warnings(plant(derivative)) == []
+
+
+@pytest.mark.parametrize(
+    "derivative", ["2*x", "0.5*x", "-x/2", "2*3.1416*x", "1.5*x + v", "3*(v - x)"]
+)
+def test_a_factor_of_a_formula_has_no_unit(derivative):
+    assert len(warnings(plant(derivative))) == 1
+
+
 def test_an_output_must_have_its_own_unit():
     assert warnings(plant(value="d(x)/k")) == []
     assert warnings(plant(value="d(x)")) == [
@@ -344,8 +367,8 @@ def test_units_of_different_things(given, wanted):
     assert conversion(given, wanted) is None
 
 
-def test_a_number_that_may_have_a_unit_is_to_become_a_parameter():
-    """A flow times 4.18 kJ/(L*K) times a temperature over kJ/K: K/s, once 4.18 has its unit."""
+def test_a_constant_is_checked_once_it_is_a_parameter_with_a_unit():
+    """A flow times 4.18 kJ/(L*K) times a temperature over kJ/K: K/s."""
     text = """
 name = "mixer"
 [states.T]
@@ -359,7 +382,8 @@ value = "T"
 [parameters]
 C = { value = 10, unit = "kJ/K" }
 """
-    (said,) = warnings(text.replace("HEAT", "4.18"))
-    assert "if one here is in a unit like Pa/K, make it a parameter" in said
-    told = text.replace("HEAT", "c") + 'c = { value = 4.18, fixed = true, unit = "kJ/L/K" }\n'
-    assert warnings(told) == []
+    assert warnings(text.replace("HEAT", "4.18")) == []
+    text = text.replace("flow/60*HEAT", "c*flow") + 'c = { value = 0.07, unit = "kJ/L/K" }\n'
+    assert warnings(text) == []
+    (said,) = warnings(text.replace("kJ/L/K", "kJ/L"))
+    assert "but the place needs K/s" in said

@@ -129,6 +129,11 @@ def test_hints_say_what_to_do(log, text, time, words):
     assert any(all(word in hint for word in words) for hint in hints), hints
 
 
+@pytest.mark.parametrize("step", [2, 5, 30, 60, 0.5])
+def test_steps_that_are_usual_in_seconds_are_no_milliseconds(log, step):
+    assert inspect_runs(log(f"t,u\n0,1\n{step},2\n{2 * step},4\n")).hints == ()
+
+
 def test_a_clean_log_and_a_text_column_give_no_hint(log):
     assert inspect_runs(log("t,u,mode\n0,1,on\n.1,2,off\n.2,4,\n")).hints == ()
 

@@ -5,6 +5,7 @@ import json
 import pydoc
 import re
 from dataclasses import fields, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -81,6 +82,20 @@ def test_a_fit_finds_what_is_true_and_says_so(learned, tank):
     assert frame["parameter"] == ["a", "b"]
     assert frame["value"] == list(learned.parameters.values())
     assert learned.lines[0].startswith("a = 0.")
+
+
+def test_a_runs_own_value_beyond_the_files_limits_says_so(learned):
+    """The file limits the common value alone: a of the tank has min = 0."""
+    account = learned.account
+    own = SimpleNamespace(
+        per_run={"a": {"r1": 0.01, "r2": -0.5}}, information=account.information, refitted=False
+    )
+    fits = [(learned.model, account._replace(refinement=own))]
+    lines = replace(learned, fits=fits).lines
+    assert lines[1:3] == [
+        "  run r1: 0.01",
+        "  run r2: -0.5 (outside of the file's min = 0, which limits the common value only)",
+    ]
 
 
 def test_an_answer_tells_the_fault(judged, tank):

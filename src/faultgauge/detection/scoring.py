@@ -95,9 +95,11 @@ def _step(
     free: Bool[np.ndarray, "levels"],
     damping: float,
 ) -> Float[np.ndarray, "levels"]:
-    """Downhill, along the levels that are `free`."""
+    """Downhill, along the levels that are `free`; none where the slope is not finite."""
     own = M[np.ix_(free, free)]
     step = np.zeros(len(slope))
+    if not np.all(np.isfinite(slope[free])):
+        return step
     damped = own + damping * np.diag(np.diagonal(own))
     step[free] = -np.linalg.lstsq(damped, slope[free], rcond=None)[0]
     return np.clip(step, -STRIDE, STRIDE)

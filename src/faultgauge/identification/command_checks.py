@@ -236,6 +236,7 @@ def _partial(
 ) -> tuple[float, float]:
     """(share of rho, beside `controls`, that q explains; g / b). Column `own` of the controls is
     the input."""
+    rows = rows & np.isfinite(rho)  # F may have no value where it was measured
     both = np.stack([rho[rows], q[rows]], axis=1)
     weights = np.linalg.lstsq(controls[rows], both, rcond=None)[0]
     rest, left = (both - controls[rows] @ weights).T

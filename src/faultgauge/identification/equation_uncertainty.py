@@ -177,11 +177,13 @@ def _residuals(
     errors: Callable[[GrayBoxPlant, Group, Any], Array],
     scales: Float[Array, "equations"],
 ) -> tuple[Float[Array, "samples equations"], Float[Array, "samples equations unknowns"]]:
-    """(`errors` of the group at every sample, each over its scale; their Jacobian)."""
+    """(`errors` of the group at every sample, each over its scale; their Jacobian), 0 where either
+    is not finite: LAPACK may not end on what is infinite."""
 
     def error(theta: Array, sample: Any) -> tuple[Array, Array]:
         r = errors(unknowns.assemble(plant, theta), group, sample) / scales
         return r, r
 
     J, r = jax.vmap(jax.jacrev(error, has_aux=True), (None, 0))(theta, samples)
-    return r, J
+    tells = jnp.isfinite(r) & jnp.all(jnp.isfinite(J), axis=-1)
+    return jnp.where(tells, r, 0.0), jnp.where(tells[..., None], J, 0.0)

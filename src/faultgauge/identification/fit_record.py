@@ -21,7 +21,7 @@ from faultgauge.plants.record import FitRecord
 from faultgauge.telemetry import Run, rate_of
 from faultgauge.telemetry.resampling import cover
 
-__all__ = ["Equations", "Outcome", "fit_record", "outcome"]
+__all__ = ["Anew", "Equations", "FitReport", "Outcome", "fit_record", "outcome"]
 
 ENVELOPE_POINTS = 400
 
@@ -53,6 +53,44 @@ class Outcome(NamedTuple):
     error: float
     max_step: float
     sample_time: float
+
+
+class Anew(NamedTuple):
+    """Free runs that begin at the held-out part of each log: their error, as a share of each
+    output's standard deviation, how long the longest is [s], and the longest whole stretch [s]."""
+
+    error: float
+    seconds: float
+    whole: float
+
+
+class FitReport(NamedTuple):
+    """What happened during a fit: for the report, not needed to use the model.
+
+    `training` holds the points that were fitted; `noise` what smoothing left per state;
+    `information` what they say about the parameters, where equation error had the last word;
+    `anew` are free runs of a refined model that is far off in those through whole logs.
+    """
+
+    groups: list[GroupReport]
+    training: Samples
+    noise: dict[str, dict[str, float]]
+    warnings: list[str]
+    refinement: Refinement | None = None
+    information: Information | None = None
+    anew: Anew | None = None
+
+    def free_run(self, error: float) -> str:
+        """What the free run is off by on held-out data, and over which time where that matters;
+        `error` is that of the fit's choice, a share."""
+        said = f"{100 * error:.2f} % of each output's standard deviation"
+        if self.anew is None or not self.anew.error < error:
+            return said
+        return (
+            f"{100 * self.anew.error:.2f} % of each output's standard deviation within "
+            f"{self.anew.seconds:.4g} s, and by {100 * error:.2f} % in runs through whole logs (up "
+            f"to {self.anew.whole:.4g} s), in which small errors add up"
+        )
 
 
 def outcome(stage: Equations | None, refinement: Refinement | None) -> Outcome:

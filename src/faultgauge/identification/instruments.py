@@ -197,5 +197,7 @@ def _basis(
     """Orthonormal columns that span dr/dtheta at the projections; zero where not determined."""
     slopes = jax.vmap(jax.jacrev(residual), (None, 0))(theta, exogenous)
     error = jnp.sqrt(jnp.mean(jax.vmap(residual, (None, 0))(theta, samples) ** 2))
-    left, size, _ = jnp.linalg.svd(slopes.reshape(-1, theta.size), full_matrices=False)
+    rows = slopes.reshape(-1, theta.size)
+    rows = jnp.where(jnp.isfinite(rows), rows, 0.0)  # LAPACK may not end on what is infinite
+    left, size, _ = jnp.linalg.svd(rows, full_matrices=False)
     return jnp.where(error < KNOWN * size, left, 0.0)

@@ -82,8 +82,9 @@ class Solution(NamedTuple):
 def not_converged(name: str, trials: int) -> str:
     """What to tell of a fit of `name` that hit the cap."""
     return (
-        f"{name}: not converged after {trials} trials; the fit may still be good (see its "
-        "validation), more data or fewer hidden units would help"
+        f"{name}: the search ended after {trials} trials before it had converged; judge the model "
+        "by its error on held-out data, and where that is too large give better parameter values, "
+        "more restarts or fewer hidden units"
     )
 
 

@@ -13,7 +13,7 @@ from faultgauge.identification.evaluation import (
     finds_start,
     predict,
 )
-from faultgauge.identification.fit import FitReport
+from faultgauge.identification.fit_record import Anew, FitReport
 from faultgauge.identification.holdout import LAST_SHARE
 from faultgauge.identification.samples import Samples, channels, in_effect
 from faultgauge.identification.validation import Validation, validate
@@ -22,7 +22,7 @@ from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run, cut, segments
 from faultgauge.telemetry.runs import ROUNDING
 
-__all__ = ["Unseen", "held_out", "on_unseen"]
+__all__ = ["Unseen", "held_out", "on_unseen", "run_anew"]
 
 
 class Unseen(NamedTuple):
@@ -57,6 +57,24 @@ def on_unseen(
     beside = [predict(_judged(*other)[0], runs, other[0].max_step) for other in others]
     checked = validate(plant, predictions, training, beside)
     return Unseen(scores, predictions, checked)
+
+
+def run_anew(model: Model, account: FitReport, logs: Sequence[Run]) -> Anew | None:
+    """The free runs of `on_unseen` over what was held out of `logs`; None where that is too short
+    to run through, or one diverges."""
+    plant, _ = _judged(model, account)
+    try:
+        found, parts = evaluate(plant, held_out(model, account, logs), model.max_step)
+    except InputError:  # nothing to score beside the warm-up
+        return None
+    scored = found["outputs"].values()
+    shares = [each["nrmse"] for each in scored if each["nrmse"] is not None]
+    if not shares or any(each["rmse"] is None for each in scored):
+        return None
+    lasts = [float(part.t[-1] - part.t[part.warmup]) for part in parts]
+    whole = [run.t[part] for run in logs for part in segments(run, plant.signals.input_names)]
+    error = float(np.sqrt(np.mean(np.square(shares))))
+    return Anew(error, max(lasts), float(max(t[-1] - t[0] for t in whole)))
 
 
 def _judged(model: Model, account: FitReport) -> tuple[GrayBoxPlant, Samples]:

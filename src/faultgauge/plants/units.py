@@ -1,6 +1,7 @@
 """Do the units of a plant file fit together? Warnings only: by dimension, a fault also by scale."""
 
 import enum
+import math
 import reprlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -29,13 +30,16 @@ PURE = ("exp", "log", "sin", "cos", "tanh")  # dimensionless argument and result
 ALIKE = ("min", "max", "clip", "overflow", "deadzone")
 READ = ("states", "inputs", "parameters")  # the tables whose names expressions may read
 MAX_EXPONENT = 100  # beyond it no unit is meant
+# Factors that formulas have by themselves. Any other number may be a constant of the plant, in a
+# unit that an expression cannot say: 603*(Ts - Tr) may well be in W.
+PURE_FACTORS = (0.0, 0.5, 1.0, 1.5, 2.0, math.pi, 2 * math.pi)
 
 
 class _Open(enum.Enum):
     """What has no dimension to check: both fit anything in a sum."""
 
     UNKNOWN = enum.auto()  # in a product: unknown again
-    NUMBER = enum.auto()  # a literal; in a product: dimensionless
+    NUMBER = enum.auto()  # a literal of `PURE_FACTORS`; in a product: dimensionless
 
 
 Quantity = Dimension | _Open
@@ -138,26 +142,21 @@ class _Walker:
     def compare(self, expression: Expression, place: Quantity) -> list[str]:
         found = self.quantity(expression.tree)
         if isinstance(found, tuple) and isinstance(place, tuple) and found != place:
-            lacks = product(place, found, -1) if _constants(expression.tree) else None
-            self.warn(
-                f"{expression.text.strip()!r} {_has(found)}, but the place needs", place, lacks
-            )
+            self.warn(f"{expression.text.strip()!r} {_has(found)}, but the place needs", place)
         return self.warnings
 
-    def warn(self, problem: str, needed: Dimension, lacks: Dimension | None = None) -> None:
-        advice = "check the units of its terms"
-        if lacks is not None:
-            advice += (
-                f"; a bare number has no unit: if one here is in a unit like "
-                f"{describe(lacks)}, make "
-                "it a parameter with that unit and fixed = true"
-            )
-        self.warnings.append(f"{self.where}: {problem} {describe(needed)}; {advice}")
+    def warn(self, problem: str, needed: Dimension) -> None:
+        self.warnings.append(
+            f"{self.where}: {problem} {describe(needed)}; check the units of its terms"
+        )
 
     def quantity(self, node: Node) -> Quantity:
         match node:
             case Number():
-                return NUMBER
+                pure = any(
+                    math.isclose(abs(node.value), each, rel_tol=1e-3) for each in PURE_FACTORS
+                )
+                return NUMBER if pure else UNKNOWN
             case Name():
                 return self.known[node.name]
             case Negative():
@@ -214,20 +213,6 @@ class _Walker:
         if isinstance(found, tuple) and found != DIMENSIONLESS:
             self.warn(f"{text(node)!r} {_has(found)}, but {place} needs", DIMENSIONLESS)
         return found
-
-
-def _constants(node: Node) -> bool:
-    """Whether a number multiplies or divides in `node` that could have a unit."""
-    match node:
-        case Negative():
-            return _constants(node.operand)
-        case Binary(operator="*" | "/"):
-            ends = (node.left, node.right)
-            return any(isinstance(each, Number) or _constants(each) for each in ends)
-        case Binary(operator="+" | "-"):
-            return _constants(node.left) or _constants(node.right)
-        case _:
-            return False
 
 
 def _has(found: Dimension) -> str:

@@ -75,7 +75,7 @@ def fit_report(
     error = model.record.metrics.free_run_error
     summary = (
         f"{model.plant.spec.name}: on data that it was not fitted to, the model's free run is off "
-        f"by {100 * error:.2f} % of each output's standard deviation.",
+        f"by {account.free_run(error)}.",
         *(f"Warning: {warning}." for warning in account.warnings),
     )
     sections = fit_sections(model, account)

@@ -23,7 +23,9 @@ __all__ = ["ColumnReport", "Gap", "Inspection", "RunReport", "inspect_runs"]
 UNEVEN = 0.2  # jitter worth a remark
 MOST_NAMES = 6  # in one hint
 FULL_RATE = 0.5  # of the cells of a column are there at least
-COARSE_STEP = 1.0  # s: whole-number times with steps of this or more may be milliseconds
+# Steps of whole-number times that may be milliseconds: 1 kHz to 1 Hz. Other steps are as usual in
+# seconds (2, 5, 30, 60) and rare as rates.
+STEPS_IN_MS = (1.0, 10.0, 100.0, 1000.0)
 
 
 @dataclass(frozen=True)
@@ -167,11 +169,14 @@ def _time_hints(logs: list[LogFile], runs: tuple[RunReport, ...]) -> list[str]:
                 f"Time column {log.time!r} is taken as seconds but its name says otherwise: "
                 f"use {conversion} instead."
             )
-        elif log.time == "t" and np.median(np.diff(log.t)) >= COARSE_STEP and not np.any(log.t % 1):
-            hints.append(
-                "Time column 't' holds whole numbers: if they are not seconds but, say, "
-                'milliseconds, use --map "t=t/1000".'
-            )
+        elif log.time == "t" and not np.any(log.t % 1):
+            step = float(np.median(np.diff(log.t)))
+            if step in STEPS_IN_MS:
+                hints.append(
+                    f"Time column 't' holds whole numbers {step:g} apart, taken as seconds: if "
+                    f"they are milliseconds, of a log at {1000 / step:g} Hz, use "
+                    '--map "t=t/1000".'
+                )
     for run in runs:
         if run.gaps:
             longest = max(gap.length for gap in run.gaps)

@@ -124,7 +124,15 @@ class Fit(Result):
                 off = "" if bias is None else f" (off by about {bias:+.2g} because of noise)"
                 lines.append(line + off)
                 own = refinement.per_run.get(p.name, {}) if refinement else {}
-                lines += [f"  run {run}: {each:.6g} {p.unit}".rstrip() for run, each in own.items()]
+                for run, each in own.items():
+                    said = f"  run {run}: {each:.6g} {p.unit}".rstrip()
+                    limit = "min" if each < p.min else "max" if each > p.max else ""
+                    if limit:
+                        end = f"{limit} = {getattr(p, limit):g}"
+                        said += (
+                            f" (outside of the file's {end}, which limits the common value only)"
+                        )
+                    lines.append(said)
         return lines
 
     def _errors(self) -> list[str]:
@@ -134,8 +142,7 @@ class Fit(Result):
         refitted = refined is not None and refined.refitted
         before = ", before the model was fitted to them, too" if refitted else ""
         lines = [
-            f"free run on held-out data: error {100 * errors[0]:.2f} % of each output's standard "
-            f"deviation{before}"
+            f"on held-out data the free run is off by {self.account.free_run(errors[0])}{before}"
         ]
         if len(errors) > 1:
             lines.append(

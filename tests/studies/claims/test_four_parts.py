@@ -7,7 +7,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from faultgauge.identification.equation_error import Group, groups
-from faultgauge.identification.fit import FitReport, GroupReport, fit
+from faultgauge.identification.equation_fit import GroupReport
+from faultgauge.identification.fit import FitReport, fit
 from faultgauge.identification.levenberg_marquardt import Solution
 from faultgauge.identification.samples import Samples
 from faultgauge.plants.gray_box import GrayBoxPlant

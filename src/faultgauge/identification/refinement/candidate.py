@@ -18,7 +18,15 @@ from faultgauge.identification.refinement.simulation_error import Fitted, Ridge
 from faultgauge.identification.refinement.unknowns import Unknowns
 from faultgauge.plants.gray_box import GrayBoxPlant
 
-__all__ = ["WARM", "Candidate", "fitted_again", "sample_count", "sigma_of", "validated"]
+__all__ = [
+    "WARM",
+    "Candidate",
+    "few_starts",
+    "fitted_again",
+    "sample_count",
+    "sigma_of",
+    "validated",
+]
 
 LEAST_SIGMA = 1e-4  # of the outputs' spread
 WARM = "warm start"
@@ -61,6 +69,18 @@ def fitted_again(data: Data, candidate: Candidate, ridge: Ridge, trials: int) ->
         claims=candidate.claims,
     )[0]
     return replace(candidate, fitted=fitted, ridge=ridge)
+
+
+def few_starts(what: str, lost: int, count: int) -> list[str]:
+    """What to say where most of `count` starts of `what` have no finite error; a few that are lost
+    are no matter: the best start is kept."""
+    if 2 * lost <= count:
+        return []
+    return [
+        f"{what}: in {lost} of {count} starts the simulation has no finite error, which leaves few "
+        "or none to choose from; look for a wrong sign, or a root, log or division that leaves its "
+        "domain, in the plant file, and give values to start from, with min and max"
+    ]
 
 
 def validated(data: Data, candidate: Candidate) -> Candidate:

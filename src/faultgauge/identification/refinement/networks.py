@@ -11,6 +11,7 @@ from jaxtyping import Float
 from faultgauge.errors import InputError
 from faultgauge.identification.refinement.candidate import (
     Candidate,
+    few_starts,
     sample_count,
     sigma_of,
     validated,
@@ -78,7 +79,7 @@ def with_networks(
         progress("networks: which start to take, over short windows")
         screened = _screened(data, bases, seed)
         if screened is None:
-            notes.append("networks: over short windows no start had a finite simulation error")
+            notes += few_starts("networks", len(bases), len(bases))
         else:
             sigma, plant, fitted, claims = screened
             found += _path(
@@ -97,9 +98,7 @@ def with_networks(
         found += _path(data, names, starts, WARM_RIDGES, sigma, claims, progress)
     progress("networks: prior weights by evidence")
     usable = [each for each in found if np.isfinite(each.validation)]
-    if len(usable) < len(found):
-        lost = len(found) - len(usable)
-        notes.append(f"networks: {lost} of {len(found)} starts had no finite simulation error")
+    notes += few_starts("networks", len(found) - len(usable), len(found))
     best = sorted(usable, key=lambda each: each.validation)[:FINALISTS]
     return [*found, *side_by_side(lambda each: by_evidence(data, each), best)]
 
@@ -160,7 +159,7 @@ def _together(
     thetas = [unknowns.vector(each) for each in starts]
     fits, failed = over_short_windows(fresh, starts[0], unknowns, thetas, short)
     if not fits:
-        notes.append(f"networks: none of {failed} starts had a finite simulation error")
+        notes += few_starts("networks", failed, failed)
         return []
     fresh.remember(short, fits[0].x)
     plants = [unknowns.assemble(starts[0], jnp.asarray(f.theta)) for f in fits[:FINALISTS]]

@@ -19,6 +19,7 @@ from faultgauge.errors import InputError
 from faultgauge.identification.refinement.candidate import (
     WARM,
     Candidate,
+    few_starts,
     fitted_again,
     sample_count,
     sigma_of,
@@ -297,8 +298,7 @@ def _physics(
         again, failed_again = over_short_windows(wider, plant, unknowns, thetas, short)
         if again and again[0].mse < CLEARLY * fits[0].mse:
             data.sd, fits, failed = wider.sd, again, failed_again
-    if failed:
-        notes.append(f"physics: {failed} of {len(thetas)} starts had no finite simulation error")
+    notes += few_starts("physics", failed, len(thetas))
     if not fits:
         return []
     data.remember(short, fits[0].x)
