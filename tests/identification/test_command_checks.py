@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from faultgauge.identification.command_checks import command_warnings
+from faultgauge.identification.command_checks import _partial, command_warnings
 from faultgauge.identification.fit import fit
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant_file import parse_plant
@@ -118,3 +118,11 @@ def test_a_network_that_has_learned_a_saturation():
     wide = log(0.5, 0)
     wide.columns.update({name: 2 * column for name, column in wide.columns.items()})
     assert command_warnings(model.plant, [wide]) == []
+
+
+def test_samples_where_the_model_has_no_value_do_not_count():
+    """rho = 2 q but for a sample at which F is infinite, on which LAPACK might not end."""
+    q = np.random.default_rng(0).standard_normal(50)
+    rho = np.where(np.arange(50) == 7, np.inf, 2 * q)
+    share, _ = _partial(rho, q, np.ones((50, 1)), np.ones(50, bool), 1.0, 0)
+    assert share == pytest.approx(1.0)  # q explains all that is left
