@@ -98,8 +98,7 @@ def fit(
         begun = (stage.sized, stage.starts) if stage else (plant, [])
         refinement = refine_on_logs(*begun, acting, unseen, how, seed, restarts, robust, progress)
         warnings += [*refinement.warnings, *_contradicted(stage, how, refinement)]
-    result = outcome(stage, refinement)
-    _refuse_divergence(result, validate or logs)
+    result = _finite(outcome(stage, refinement), validate or logs)
     known = stage.information(how) if stage and not refinement else None
     warnings += known.warnings() if known else []
     if stage and result.error < 1:  # a model of no use says nothing about the input
@@ -111,10 +110,7 @@ def fit(
         model = model.with_members(refinement.members[1:])
     groups, noise = (stage.found.reports, stage.given.noise) if stage else ([], {})
     account = FitReport(groups, result.training, noise, warnings, refinement, known)
-    if refinement is not None and not validate and result.error >= POOR:
-        account = account._replace(anew=run_anew(model, account, logs))
-    warnings += _of_no_use(result, account)
-    return model, account
+    return model, _with_its_use(model, account, result, [] if validate else logs)
 
 
 def _by_equations(
@@ -177,8 +173,8 @@ def _as_resampled(plant: GrayBoxPlant, runs: Sequence[Run]) -> GrayBoxPlant:
     return replace(plant, spec=replace(plant.spec, open_holds=()))
 
 
-def _refuse_divergence(result: Outcome, runs: Sequence[Run]) -> None:
-    """Raises where every start diverges."""
+def _finite(result: Outcome, runs: Sequence[Run]) -> Outcome:
+    """`result`. Raises where every start diverges."""
     if not np.isfinite(result.error):
         where = divergence(result.plant, predict(result.plant, runs, result.max_step))
         raise InputError(
@@ -186,6 +182,18 @@ def _refuse_divergence(result: Outcome, runs: Sequence[Run]) -> None:
             "unit error in the plant file or --map, (b) an unstable plant logged in closed loop, "
             "(c) too little excitation. Check the report of `faultgauge inspect`."
         )
+    return result
+
+
+def _with_its_use(
+    model: Model, account: FitReport, result: Outcome, logs: Sequence[Run]
+) -> FitReport:
+    """`account`, which warns where the model is of no use; where a refined one is far off in runs
+    through whole `logs`, it runs anew over what was held out of them."""
+    if logs and account.refinement is not None and result.error >= POOR:
+        account = account._replace(anew=run_anew(model, account, logs))
+    account.warnings.extend(_of_no_use(result, account))
+    return account
 
 
 def _of_no_use(result: Outcome, account: FitReport) -> list[str]:
