@@ -48,14 +48,8 @@ def constants_retold(model: Model, batch: Likelihood, noise: Noise) -> Noise:
     for _ in range(STEPS):
         W = directions_of(model, known, noise.spread)[skip:, skip:]
         xi, unsure = mean[0, :, skip:], P[0][:, skip:, skip:]
-        if alone:  # the fit: one more, of which all is known
-            xi = np.concatenate([xi, -np.linalg.solve(W, noise.shift)[None]])
-            unsure = np.concatenate([unsure, np.zeros((1, len(W), len(W)))])
-        told = np.eye(len(W)) - unsure
-        off = np.linalg.solve(told.sum(axis=0) + UNTOLD * np.eye(len(W)), xi.sum(axis=0))
-        xi = xi + unsure @ off
-        mean_off, off = noise.shift + W @ off, noise.shift + xi @ W.T
-        V, count = np.einsum("ij,rjk,ik->ri", W, unsure, W), len(off)
+        mean_off, off, V = _runs_own(W, noise.shift, xi, unsure, alone)
+        count = len(off)
         values = [float(model.plant.parameters[n]) for n in known.names]
         usual = np.array([usual_spread(value, 0.0) for value in values])
         sums = np.sum((off - mean_off) ** 2, axis=0) + V.sum(axis=0)
@@ -85,6 +79,29 @@ def constants_retold(model: Model, batch: Likelihood, noise: Noise) -> Noise:
         noise, cost = many[best], told.cost[best : best + 1]
         mean, P = told.mean[best : best + 1], told.P[best : best + 1]
     return noise
+
+
+def _runs_own(
+    W: Float[np.ndarray, "constants constants"],
+    shift: Float[np.ndarray, "constants"],
+    xi: Float[np.ndarray, "stretches constants"],
+    unsure: Float[np.ndarray, "stretches constants constants"],
+    alone: bool,
+) -> tuple[
+    Float[np.ndarray, "constants"],
+    Float[np.ndarray, "runs constants"],
+    Float[np.ndarray, "runs constants"],
+]:
+    """(by how much the constants' mean is off the fit, and every run's own; how unsure these are),
+    of what each leaves of a prior N(0, I) around the `shift`; of one run `alone` the fit is
+    another, of which all is known."""
+    if alone:
+        xi = np.concatenate([xi, -np.linalg.solve(W, shift)[None]])
+        unsure = np.concatenate([unsure, np.zeros((1, len(W), len(W)))])
+    one = np.eye(len(W))
+    moved = np.linalg.solve((one - unsure).sum(axis=0) + UNTOLD * one, xi.sum(axis=0))
+    own = shift + (xi + unsure @ moved) @ W.T
+    return shift + W @ moved, own, np.einsum("ij,rjk,ik->ri", W, unsure, W)
 
 
 def as_unsure_as_few_runs_tell(model: Model, batch: Likelihood, noise: Noise) -> Noise:
