@@ -28,18 +28,23 @@ class Sizes:
 
 @dataclass(frozen=True)
 class Injected:
-    """A fault of a test log: its size and the time [s] of the first sample from which it acts."""
+    """A fault of a test log: its size, and the times [s] of the first sample from which it acts
+    and of the first at which it acts no more."""
 
     size: float
     onset: float
+    end: float = float("inf")
 
 
 @dataclass(frozen=True)
 class Case:
     """`truth` draws a record's plant, drive and noise; a log has the columns of the plant file.
 
-    `slow` names outputs that are sampled every so many rows. `told_as` says of a fault that the
-    outputs show as another one by which name, and by how many times the size, it is rightly told.
+    `slow` names outputs that are sampled every so many rows. `through` says which of the truth's
+    disturbances a fault adds to, where it does not enter as the file's faults do: one that changes
+    a parameter, or that the file does not declare. `told_as` says of a fault that the outputs show
+    as another one by which name, and by how many times the size, it is rightly told; an undeclared
+    one is told as "unknown", which has no size.
     """
 
     name: str
@@ -49,6 +54,7 @@ class Case:
     pairs: bool = False
     fits: int = 3
     slow: Mapping[str, int] = field(default_factory=dict)
+    through: Mapping[str, int] = field(default_factory=dict)
     told_as: Mapping[str, tuple[str, float]] = field(default_factory=dict)
 
     @cached_property
@@ -71,6 +77,9 @@ class Case:
         return Run(name, self.name, t[found.kept], found.columns, sampled=found.sampled)
 
     def _acting(self, truth: Truth, name: str, injected: Injected) -> Acting:
+        size, onset, end = injected.size, injected.onset, injected.end
+        if name in self.through:
+            return Acting("disturbance", self.through[name], size, onset, end=end)
         signals = self.plant.signals
         fault = next(each for each in signals.faults if each.name == name)
         places = {
@@ -80,4 +89,4 @@ class Case:
             "output": signals.output_names,
         }
         index = places[fault.enters].index(fault.target)
-        return Acting(fault.enters, index, injected.size, injected.onset)
+        return Acting(fault.enters, index, size, onset, end=end)

@@ -24,6 +24,7 @@ __all__ = ["calibrated", "measure", "without_discrepancy"]
 CALIBRATIONS = 5  # logs
 FIT, CALIBRATE, HEALTHY, FAULTY = range(4)  # the first number of a log's seed; then 0 to N - 1
 EARLIEST, LATEST = 0.25, 0.6  # of the log: where onsets lie
+SHORTEST, LONGEST = 0.15, 0.25  # of the log: every third log's faults are over after so long
 RULES = ("engineering", "x4", "x8")
 BATCH = 10  # logs judged at a time
 
@@ -107,17 +108,17 @@ def draws(case: Case, count: int) -> list[Draw]:
 def injections(
     case: Case, draw: Draw, smallest: Mapping[str, float | None], seed: int
 ) -> tuple[str, dict[str, Injected]]:
-    """Size, sign and onset of every fault of a log, and the rule that sized them. It is
+    """Size, sign, onset and end of every fault of a log, and the rule that sized them. It is
     "engineering" too where the model predicts no smallest size, and "largest" where a multiple of
     it makes no sense and the largest sensible size stands for it."""
-    rng = np.random.default_rng([FAULTY, seed, 1])
+    rng, lasting = (np.random.default_rng([FAULTY, seed, part]) for part in (1, 2))
     truth = case.truth(_rng(FAULTY, seed))
     samples, rule, found = len(truth.noise), draw.rule, dict[str, Injected]()
     for name in draw.faults:
         sizes = case.sizes[name]
         size = float(rng.uniform(sizes.low, sizes.high))
         told, times = case.told_as.get(name, (name, 1.0))
-        least = smallest[told]
+        least = smallest.get(told)  # None of what is not declared
         if draw.rule != RULES[0] and least is None:
             rule = RULES[0]
         elif draw.rule != RULES[0] and least is not None:
@@ -125,7 +126,9 @@ def injections(
             size = min(wanted, sizes.most)
             rule = rule if size == wanted else "largest"
         at = int(rng.uniform(EARLIEST, LATEST) * samples)
-        found[name] = Injected(float(rng.choice(sizes.signs)) * size, at * truth.step)
+        lasts = int(lasting.uniform(SHORTEST, LONGEST) * samples) if seed % 3 == 2 else samples
+        size, end = float(rng.choice(sizes.signs)) * size, (at + lasts) * truth.step
+        found[name] = Injected(size, at * truth.step, end)
     return rule, found
 
 
@@ -159,7 +162,7 @@ def _by_right_name(case: Case, injected: Mapping[str, Injected]) -> dict[str, In
     found = {}
     for name, each in injected.items():
         told, times = case.told_as.get(name, (name, 1.0))
-        found[told] = Injected(each.size * times, each.onset)
+        found[told] = Injected(each.size * times, each.onset, each.end)
     return found
 
 

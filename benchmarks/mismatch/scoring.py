@@ -24,12 +24,13 @@ LIKELY = 0.5  # p of a fault from which on it stands at a log's end
 @dataclass(frozen=True)
 class Found:
     """A fault that acts and was named: the last event's size as a share of the truth, less 1; half
-    its interval as such a share; whether the interval holds the truth, whether the first event's
-    onset interval holds the onset, and the delay [s] until it was told."""
+    its interval as such a share; whether the interval holds the truth (these three are None of
+    what is not declared); whether the first event's onset interval holds the onset; and the delay
+    [s] until it was told."""
 
-    error: float
-    half: float
-    sized: bool
+    error: float | None
+    half: float | None
+    sized: bool | None
     dated: bool
     delay: float
 
@@ -39,9 +40,9 @@ class Trial:
     """One log. `rule` is how its faults were sized, `truth` what acts by its right name.
 
     `exact`: the names told over the whole log, "unknown" among them, are those that act.
-    `exact_at_end`: the faults with p >= 0.5 at the end are. `wrong`: an event names a declared
-    fault that does not act, or not yet. `missed`: how many that act no event names. `unknown`: an
-    event of something undeclared. `early`: an alarm before the first onset (healthy: any).
+    `exact_at_end`: the faults with p >= 0.5 at the end are those that still act. `wrong`: an event names a declared
+    fault that does not act, or not yet, or no more. `missed`: how many that act no event names. `unknown`: an
+    event of something undeclared, and nothing undeclared acts. `early`: an alarm before the first onset (healthy: any).
     `nameless`: an alarm, and no event.
     """
 
@@ -69,9 +70,14 @@ def scored(
     status, t = np.array(decision.status), decision.run.t
     end = decision.posterior.p[-1]
     standing = [name for name, p in zip(faults, end, strict=True) if p >= LIKELY]
+    lasting = {name for name, each in truth.items() if each.end > t[-1]}
     wrong = any(
         event.fault != UNKNOWN
-        and (event.fault not in truth or event.end < truth[event.fault].onset)
+        and (
+            event.fault not in truth
+            or event.end < truth[event.fault].onset
+            or event.onset_lo > truth[event.fault].end
+        )
         for event in events
     )
     first = min((each.onset for each in truth.values()), default=np.inf)
@@ -85,10 +91,10 @@ def scored(
         truth=dict(truth),
         names=tuple(sorted(named)),
         exact=named == set(truth) and not wrong,
-        exact_at_end=merit.exact_set(standing, truth),
+        exact_at_end=merit.exact_set(standing, lasting - {UNKNOWN}),
         wrong=wrong,
         missed=len(truth) - len(kept),
-        unknown=UNKNOWN in named,
+        unknown=UNKNOWN in named and UNKNOWN not in truth,
         early=early,
         nameless=bool(alarm.any()) and not events,
         not_judged=float(np.mean(status == NOT_JUDGED)),
@@ -101,19 +107,18 @@ def _found(decision: Decision, name: str, injected: Injected) -> Found | None:
     events = [e for e in decision.events if e.fault == name and e.end >= injected.onset]
     if not events:
         return None
-    last, scale = max(events, key=lambda event: event.end), abs(injected.size)
     dated = merit.dated(decision.events, name, injected.onset)
-    assert last.size is not None
-    assert last.lo is not None
-    assert last.hi is not None
     assert dated is not None
-    told = min(event.start for event in events)
+    delay = max(min(event.start for event in events) - injected.onset, 0.0)
+    last, scale = max(events, key=lambda event: event.end), abs(injected.size)
+    if last.size is None or last.lo is None or last.hi is None:
+        return Found(None, None, None, dated.inside, delay)
     return Found(
         error=(last.size - injected.size) / scale,
         half=(last.hi - last.lo) / 2 / scale,
         sized=bool(last.lo <= injected.size <= last.hi),
         dated=dated.inside,
-        delay=max(told, injected.onset) - injected.onset,
+        delay=delay,
     )
 
 
@@ -130,6 +135,8 @@ def wilson(right: Sequence[bool]) -> dict[str, Any]:
 def figures(healthy: Sequence[Trial], faulty: Sequence[Trial]) -> dict[str, Any]:
     """The case's figures as plain JSON: shares of logs, and of named faults."""
     found = [each for trial in faulty for each in trial.found.values()]
+    errors = [abs(each.error) for each in found if each.error is not None]
+    halves = [each.half for each in found if each.half is not None]
     groups: dict[str, Callable[[Trial], bool]] = {
         "singles": lambda trial: len(trial.truth) == 1,
         "pairs": lambda trial: len(trial.truth) == 2,
@@ -154,11 +161,11 @@ def figures(healthy: Sequence[Trial], faulty: Sequence[Trial]) -> dict[str, Any]
             "faulty": _quantile([trial.not_judged for trial in faulty], None),
         },
         "size_error": {
-            "median": _quantile([abs(each.error) for each in found], 0.5),
-            "p90": _quantile([abs(each.error) for each in found], 0.9),
+            "median": _quantile(errors, 0.5),
+            "p90": _quantile(errors, 0.9),
         },
-        "half_width": {"median": _quantile([each.half for each in found], 0.5)},
-        "size_covered": wilson([each.sized for each in found]),
+        "half_width": {"median": _quantile(halves, 0.5)},
+        "size_covered": wilson([each.sized for each in found if each.sized is not None]),
         "onset_covered": wilson([each.dated for each in found]),
         "delay_s": {"median": _quantile([each.delay for each in found], 0.5)},
     }

@@ -20,15 +20,15 @@ class Truth:
     """A plant, what drives it and what is measured of it, for `len(disturbances)` samples.
 
     `rates(x, u, d)` are dx/dt at inputs u as they act and disturbances d, both held from sample to
-    sample. Output k is state `sensors[k]`, plus `noise[:, k]`, rounded to multiples of `quantum[k]`
-    (0: not rounded). `command(k, y)` gives the inputs of sample k from the measured outputs of
+    sample. Output k is state `sensors[k]`, or `sensors[k](x, d)`, plus `noise[:, k]`, rounded to
+    multiples of `quantum[k]` (0: not rounded). `command(k, y)` gives the inputs of sample k from the measured outputs of
     samples 0 to k; `limits` (lo, hi) cut off what acts. Steps in s.
     """
 
     rates: Callable[[Vector, Vector, Vector], Vector]
     states: tuple[str, ...]
     start: Vector
-    sensors: tuple[int, ...]
+    sensors: tuple[int | Callable[[Vector, Vector], float], ...]
     command: Callable[[int, Sequence[Vector]], Vector]
     limits: tuple[tuple[float, float], ...]
     disturbances: Float[np.ndarray, "samples disturbances"]
@@ -40,10 +40,10 @@ class Truth:
 
 @dataclass(frozen=True)
 class Acting:
-    """A fault of `size` from `onset` [s] on; `grows`: `size` per second from there.
+    """A fault of `size` from `onset` [s] on, until `end`; `grows`: `size` per second from there.
 
     `enters` is a plant file's: "state" adds to a rate, "input" and "output" to a value; "gain"
-    takes the share `size` of input `index`.
+    takes the share `size` of input `index`. "disturbance" adds to one of the truth's disturbances.
     """
 
     enters: str
@@ -51,9 +51,10 @@ class Acting:
     size: float
     onset: float
     grows: bool = False
+    end: float = float("inf")
 
     def at(self, t: float) -> float:
-        if t < self.onset:
+        if not self.onset <= t < self.end:
             return 0.0
         return self.size * (t - self.onset) if self.grows else self.size
 
@@ -79,18 +80,20 @@ def simulate(
     """(inputs as commanded, outputs as measured) of one record."""
     noise, disturbed = truth.noise.tolist(), truth.disturbances.tolist()
     x, commanded, measured = truth.start, list[Vector](), list[Vector]()
-    for k, disturbance in enumerate(disturbed):
+    for k, undisturbed in enumerate(disturbed):
         t = k * truth.step
+        d = _moved(tuple(undisturbed), _entering(faults, "disturbance", t, len(undisturbed)), 1.0)
         bias = _entering(faults, "output", t, len(truth.sensors))
+        sensed = [x[each] if isinstance(each, int) else each(x, d) for each in truth.sensors]
         measured.append(
             tuple(
-                _rounded(x[at] + b + v, q)
-                for at, b, v, q in zip(truth.sensors, bias, noise[k], truth.quantum, strict=True)
+                _rounded(value + b + v, q)
+                for value, b, v, q in zip(sensed, bias, noise[k], truth.quantum, strict=True)
             )
         )
         u = truth.command(k, measured)
         commanded.append(u)
-        x = rk4(_held(truth, faults, t, u, tuple(disturbance)), x, truth.step, truth.substeps)
+        x = rk4(_held(truth, faults, t, u, d), x, truth.step, truth.substeps)
     return np.array(commanded), np.array(measured)
 
 

@@ -98,6 +98,9 @@ def test_faults_enter_where_a_plant_file_has_them(load):
     assert outputs(fault("output", 10.0)) == pytest.approx([0, 12, 14, 16])
     assert outputs(fault("output", 10.0, grows=True)) == pytest.approx([0, 2, 14, 26])
     assert outputs(quantum=(1.5,)) == pytest.approx([0, 1.5, 4.5, 6])
+    assert outputs(fault("state", 0.5, end=2.0)) == pytest.approx([0, 2, 4.5, 6.5])
+    pushed = {"rates": lambda x, u, d: (u[0] + d[0],), "sensors": (lambda x, d: 2 * x[0] - d[0],)}
+    assert outputs(fault("disturbance", 0.5), **pushed) == pytest.approx([0, 3.5, 8.5, 13.5])
 
 
 def test_coloured_noise_has_its_spread_and_its_correlation(load):
@@ -220,6 +223,29 @@ def test_what_is_wrong_is_told_apart(load, events, p, expected):
         judged(events, STATUS, p), ("a", "b"), {"a": injected(2.0, 40.0)}, "x4"
     )
     assert {name: getattr(scored, name) for name in expected} == expected
+
+
+def test_a_fault_told_anew_after_its_end_is_a_wrong_name(load):
+    injected = load("mismatch.case").Injected
+    events = [event("a", 50.0, 60.0), event("a", 80.0, 90.0, onset=(75.0, 80.0))]
+    for end, wrong in ((70.0, True), (76.0, False)):
+        scored = load("mismatch.scoring").scored(
+            judged(events, STATUS, [0.1, 0.1]), ("a", "b"), {"a": injected(2.0, 40.0, end)}, "x4"
+        )
+        assert (scored.wrong, scored.exact, scored.exact_at_end) == (wrong, not wrong, True)
+
+
+def test_what_is_not_declared_is_rightly_told_as_unknown(load):
+    injected = load("mismatch.case").Injected
+    told = [event("unknown", 50.0, 90.0, (None, None, None), onset=(30.0, 45.0))]
+    for events, exact in ((told, True), ([event("a", 50.0, 90.0)], False)):
+        scored = load("mismatch.scoring").scored(
+            judged(events, STATUS, [0.1, 0.1]), ("a",), {"unknown": injected(2.0, 40.0)}, "x4"
+        )
+        assert (scored.exact, scored.wrong, scored.unknown) == (exact, not exact, False)
+        assert scored.missed == (0 if exact else 1)
+    figures = load("mismatch.scoring").figures([], [scored])
+    assert figures["size_error"]["median"] is None
 
 
 def test_an_alarm_on_a_healthy_log_counts(load):
