@@ -40,9 +40,10 @@ class Trial:
     """One log. `rule` is how its faults were sized, `truth` what acts by its right name.
 
     `exact`: the names told over the whole log, "unknown" among them, are those that act.
-    `exact_at_end`: the faults with p >= 0.5 at the end are those that still act. `wrong`: an event names a declared
-    fault that does not act, or not yet, or no more. `missed`: how many that act no event names. `unknown`: an
-    event of something undeclared, and nothing undeclared acts. `early`: an alarm before the first onset (healthy: any).
+    `exact_at_end`: the faults with p >= 0.5 at the end are those that still act. `wrong`: an event
+    names a declared fault that does not act, or not yet, or no more. `missed`: how many that act
+    no event names. `unknown`: an event of something undeclared where nothing undeclared acts.
+    `early`: an alarm before the first onset (healthy: any).
     `nameless`: an alarm, and no event.
     """
 

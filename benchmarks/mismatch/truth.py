@@ -21,8 +21,8 @@ class Truth:
 
     `rates(x, u, d)` are dx/dt at inputs u as they act and disturbances d, both held from sample to
     sample. Output k is state `sensors[k]`, or `sensors[k](x, d)`, plus `noise[:, k]`, rounded to
-    multiples of `quantum[k]` (0: not rounded). `command(k, y)` gives the inputs of sample k from the measured outputs of
-    samples 0 to k; `limits` (lo, hi) cut off what acts. Steps in s.
+    multiples of `quantum[k]` (0: not rounded). `command(k, y)` gives the inputs of sample k from
+    the measured outputs of samples 0 to k; `limits` (lo, hi) cut off what acts. Steps in s.
     """
 
     rates: Callable[[Vector, Vector, Vector], Vector]

@@ -240,7 +240,7 @@ def test_what_is_not_declared_is_rightly_told_as_unknown(load):
     told = [event("unknown", 50.0, 90.0, (None, None, None), onset=(30.0, 45.0))]
     for events, exact in ((told, True), ([event("a", 50.0, 90.0)], False)):
         scored = load("mismatch.scoring").scored(
-            judged(events, STATUS, [0.1, 0.1]), ("a",), {"unknown": injected(2.0, 40.0)}, "x4"
+            judged(events, STATUS, [0.1]), ("a",), {"unknown": injected(2.0, 40.0)}, "x4"
         )
         assert (scored.exact, scored.wrong, scored.unknown) == (exact, not exact, False)
         assert scored.missed == (0 if exact else 1)
