@@ -1,8 +1,9 @@
 """How well a fault can be known by when, beside noise, discrepancy and uncertain constants.
 
 The healthy filter, linearised at the middle of the training envelope, is in its steady state when a
-constant fault of unit size begins. What it leaves in the innovations adds up (Willsky and Jones,
-IEEE TAC 21 (1976)),
+constant fault of unit size begins, which acts as strongly as it does over the envelope in root mean
+square: a loss of gain does nothing at the middle where that is an input of 0. What it leaves in the
+innovations adds up (Willsky and Jones, IEEE TAC 21 (1976)),
 
     1 / sd(t)^2 = sum |S^-1/2 dv|^2,
 
@@ -67,8 +68,8 @@ def knowledge_of(
     x = np.concatenate([points.x, np.zeros((len(points.x), more))], axis=1)
     linear = linearise(plant, OperatingPoints(x, points.u), dt, substeps_for(dt, model.max_step))
     measured = [plant.signals.output_names.index(name) for name in outputs]
-    A, B = np.median(linear.A, axis=0), np.median(linear.B, axis=0)
-    C, D = np.median(linear.C, axis=0)[measured], np.median(linear.D, axis=0)[measured]
+    A, C = np.median(linear.A, axis=0), np.median(linear.C, axis=0)[measured]
+    B, D = np.split(_typical(np.concatenate([linear.B, linear.D[:, measured]], axis=1)), [len(A)])
     # white noise as strong as sigma at one sample in n is sigma sqrt(n) at every row
     R = np.diag(noise.sigma[measured] ** 2 * np.array(rows) / stride)
     q = process_of(noise, spread_of_start(model, noise.sigma, ())[1])
@@ -102,6 +103,15 @@ def knowledge_of(
     when = np.array([t[np.argmax(each)] if each.any() else t[-1] for each in shows.T])
     when = np.clip(when, FEWEST * step, t[-1])
     return Knowledge(t, sd[:, :declared], when, float(np.median(when)))
+
+
+def _typical(
+    directions: Float[np.ndarray, "points rows faults"],
+) -> Float[np.ndarray, "rows faults"]:
+    """Along which each fault acts over all points, as long as its root mean square: the leading
+    singular vector of all of its directions."""
+    _, strength, along = np.linalg.svd(np.moveaxis(directions, 2, 0), full_matrices=False)
+    return (strength[:, :1] * along[:, 0] / np.sqrt(len(directions))).T
 
 
 def _predicted(
