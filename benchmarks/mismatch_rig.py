@@ -18,6 +18,8 @@ as they make sense. `--without-discrepancy` calibrates without model error. Shar
   lag          a lag with another behind it, 0.15 times as long
   slow_sensor  one sensor ten times as slow as the log, rounded; a room that wanders
   meter        a tank whose flow is measured, behind a lag and a supply that wanders
+  exchanger    two lumps for a counterflow of cells; a valve's lag, inlets that wander
+  battery      a cell with one pair of two, no hysteresis, resistances that warmth lowers
   equal        the heaters without anything that the file lacks
 """
 
@@ -28,7 +30,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from mismatch.battery import battery
 from mismatch.case import Case
+from mismatch.exchanger import exchanger
 from mismatch.harness import measure, without_discrepancy
 from mismatch.heaters import equal, heaters
 from mismatch.lag import lag
@@ -46,6 +50,8 @@ CASES: dict[str, Callable[[], Case]] = {
     "lag": lag,
     "slow_sensor": slow_sensor,
     "meter": meter,
+    "exchanger": exchanger,
+    "battery": battery,
     "equal": equal,
 }
 SHARES = {

@@ -26,7 +26,9 @@ def truths(load):
     """(truth, the largest error in its outputs) per case.
 
     Runge-Kutta's own error is far below the noise (0.02 to 0.1); the servo's friction is not
-    smooth where the speed changes sign, and its encoder has steps of 1.5e-3 rad.
+    smooth where the speed changes sign, and its encoder has steps of 1.5e-3 rad. The exchanger has 0.9/s at most and steps of 1 s, (0.9^5/120 of
+    a change per step: 1e-3 of the noise); the cell's voltage is slow against its steps, its surface
+    has 0.16/s.
     """
     rng = np.random.default_rng(0)
     return {
@@ -36,10 +38,14 @@ def truths(load):
         "lag": (load("mismatch.lag").lag().truth(rng), 1e-6),
         "slow_sensor": (load("mismatch.slow_sensor").slow_sensor().truth(rng), 1e-6),
         "servo": (load("mismatch.servo").servo().truth(rng), 2e-4),
+        "exchanger": (load("mismatch.exchanger").exchanger().truth(rng), 1e-3),
+        "battery": (load("mismatch.battery").battery().truth(rng), 1e-5),
     }
 
 
-@pytest.mark.parametrize("case", ["heaters", "equal", "tanks", "lag", "slow_sensor", "servo"])
+@pytest.mark.parametrize(
+    "case", ["heaters", "equal", "tanks", "lag", "slow_sensor", "servo", "exchanger", "battery"]
+)
 def test_a_truth_is_what_scipy_integrates(load, truths, case):
     drawn, tolerance = truths[case]
     samples = 120
@@ -52,8 +58,10 @@ def test_a_truth_is_what_scipy_integrates(load, truths, case):
     u, y = load("mismatch.truth").simulate(quiet)
     x, found = np.array(quiet.start), []
     for k in range(samples):
-        found.append(x[list(quiet.sensors)])
         held = tuple(u[k]), tuple(quiet.disturbances[k])
+        found.append(
+            [x[each] if isinstance(each, int) else each(x, held[1]) for each in quiet.sensors]
+        )
         step = solve_ivp(
             lambda t, x, held: quiet.rates(tuple(x), *held),
             (0.0, quiet.step),

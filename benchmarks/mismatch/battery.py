@@ -1,0 +1,146 @@
+"""A lithium-ion cell under the current of a drive, from 85 % of its charge to about 45 %.
+
+    dz = -j/Q,  dv_n = (j R_n a - v_n)/tau_n (n = 1, 2),  dh = -g |j|/Q (h + sign j),  j = i + s
+    Cc dTc = heat - (Tc - Ts)/Rc,  Cs dTs = (Tc - Ts)/Rc - k (Ts - Ta)
+    V = ocv(z) + M h - v_1 - v_2 - r R_0 a j,  a = exp(B/Tc - B/T0)
+
+The heat is j (v_1 + v_2 + r R_0 a j) + s V, of an inner short's current s; the faults raise r and
+lower k. The capacity Q and the resistance differ from log to log, the cooling k wanders.
+The file has a straight-line-and-square ocv, one pair, one temperature, resistances that do not
+depend on it, the nominal Q, no hysteresis and no short. A short is a bias of the current with heat.
+
+ocv, and the resistances and time constants of the first order of size (for a cell three times as
+large): Chen and Rincon-Mora, "Accurate electrical battery model capable of predicting runtime and
+I-V performance" (2006). Hysteresis: Plett's one-state model (2004). The rest is assumed.
+"""
+
+from collections.abc import Sequence
+from math import exp
+
+import numpy as np
+
+from mismatch.case import Case, Sizes
+from mismatch.truth import Truth, Vector, coloured, levels, white
+
+__all__ = ["battery"]
+
+FILE = """
+name = "lithium-ion cell"
+[states]
+z = { derivative = "-i/Q", initial = 0.85 }
+v = { unit = "V", derivative = "(R1*i - v)/tau" }
+T = { unit = "degC", derivative = "(i*(R0*i + v) - k*(T - Ta))/C" }
+[inputs]
+i = { unit = "A", hold = "zero" }
+Ta = { unit = "degC", hold = "linear" }
+[outputs]
+voltage = { unit = "V", value = "e0 + e1*z + e2*z**2 - R0*i - v" }
+surface = { unit = "degC", value = "T" }
+[parameters]
+Q = { value = 9000, unit = "A*s", fixed = true }
+e0 = { value = 3.685, unit = "V", fixed = true }
+e1 = { value = 0.2, unit = "V" }
+e2 = { value = 0.2, unit = "V" }
+R0 = { value = 0.02, unit = "ohm", min = 0.001 }
+R1 = { value = 0.02, unit = "ohm", min = 0.001 }
+tau = { value = 60, unit = "s", min = 1 }
+k = { value = 0.15, unit = "W/K", min = 0.01 }
+C = { value = 60, unit = "J/K", min = 1 }
+[faults]
+current_bias = { enters = "input", target = "i", unit = "A" }
+voltage_bias = { enters = "output", target = "voltage", unit = "V" }
+thermometer_bias = { enters = "output", target = "surface", unit = "degC" }
+resistance = { enters = "parameter", target = "R0", relative = true, min = 0, max = 3 }
+cooling = { enters = "parameter", target = "k", relative = true, min = -0.9, max = 0 }
+"""
+STEP, SAMPLES = 1.0, 2400
+CAPACITY, SPREAD = 9000.0, 0.01  # A s; of it and of the resistance, from log to log
+SERIES, PAIRS = 0.025, ((0.016, 33.0), (0.017, 223.0))  # ohm, (ohm, s)
+ACTIVATION, WARM = 2400.0, 298.15  # K, of the resistances; K, where they are as above
+HYSTERESIS, MEMORY = 0.008, 40.0  # V, 1
+CORE, SURFACE, INNER, COOLING = 62.7, 4.5, 1.94, 0.2  # J/K, J/K, K/W, W/K
+KELVIN, AMBIENT = 273.15, 25.0  # degC
+WANDER, WANDER_TIME = (0.2, 0.03), 300.0  # (K of the ambient, of the cooling), s
+CURRENT, DRAWN, HOLD = (-12.0, 12.0), (1.2, 2.0), (3.0, 20.0)  # A about the mean, A mean, s
+NOISE, QUANTUM = (0.001, 0.05), (0.001, 0.1)  # V, K
+
+
+def battery() -> Case:
+    return Case(
+        "battery",
+        FILE,
+        truth,
+        {
+            "current_bias": Sizes(0.4, 0.8, 1.2),
+            "voltage_bias": Sizes(0.04, 0.08, 0.3),
+            "thermometer_bias": Sizes(1.0, 2.0, 5.0),
+            "resistance": Sizes(0.2, 0.4, 1.5, (1.0,)),
+            "cooling": Sizes(0.2, 0.4, 0.8, (-1.0,)),
+            "short": Sizes(0.2, 0.4, 1.0, (1.0,)),  # A
+        },
+        through={"current_bias": 0, "cooling": 2, "resistance": 3, "short": 4},
+        told_as={"short": ("unknown", 1.0)},
+    )
+
+
+def ocv(z: float) -> float:
+    return -1.031 * exp(-35 * z) + 3.685 + 0.2156 * z - 0.1178 * z**2 + 0.3201 * z**3
+
+
+def voltage(x: Vector, d: Vector) -> float:
+    z, v1, v2, h, core, _ = x
+    current, _, _, rise, short = d
+    drop = (1 + rise) * SERIES * warming(core) * (current + short)
+    return ocv(z) + HYSTERESIS * h - v1 - v2 - drop
+
+
+def warming(core: float) -> float:
+    """By how many times the resistances are those at 25 degC."""
+    return exp(ACTIVATION / (core + KELVIN) - ACTIVATION / WARM)
+
+
+def truth(rng: np.random.Generator) -> Truth:
+    profile = np.array(levels(rng, SAMPLES, STEP, CURRENT, HOLD))
+    profile += rng.uniform(*DRAWN) - profile.mean()
+    ambient, cooling = coloured(rng, SAMPLES, STEP, WANDER, WANDER_TIME).T
+    capacity, resistance = (1.0, 0.0) + SPREAD * rng.standard_normal(2)
+    columns = (profile, AMBIENT + ambient, cooling, np.full(SAMPLES, resistance), np.zeros(SAMPLES))
+    seen = AMBIENT + ambient + white(rng, SAMPLES, NOISE[1:])[:, 0]
+    recorded = np.column_stack([profile, np.round(seen / QUANTUM[1]) * QUANTUM[1]]).tolist()
+    charge, settled = CAPACITY * float(capacity), float(rng.uniform(-1.0, 1.0))
+
+    def rates(x: Vector, u: Vector, d: Vector) -> Vector:
+        """States z, v1, v2, h, Tc and Ts [degC]; d: current, ambient, cooling, resistance, short.
+
+        The current is d's, since the voltage is to see it too; u is only its record."""
+        z, v1, v2, h, core, surface = x
+        current, ambient, cooling, rise, short = d
+        j, a = current + short, warming(core)
+        heat = j * (v1 + v2 + (1 + rise) * SERIES * a * j) + short * voltage(x, d)
+        inwards = (core - surface) / INNER
+        (r1, tau1), (r2, tau2) = PAIRS
+        return (
+            -j / charge,
+            (r1 * a * j - v1) / tau1,
+            (r2 * a * j - v2) / tau2,
+            -MEMORY * abs(j) / charge * (h + (1.0 if j > 0 else -1.0)),
+            (heat - inwards) / CORE,
+            (inwards - (1 + cooling) * COOLING * (surface - ambient)) / SURFACE,
+        )
+
+    def command(k: int, y: Sequence[Vector]) -> Vector:
+        return tuple(recorded[k])
+
+    return Truth(
+        rates=rates,
+        states=("z", "v1", "v2", "h", "Tc", "Ts"),
+        start=(float(rng.uniform(0.8, 0.9)), 0.0, 0.0, settled, AMBIENT, AMBIENT),
+        sensors=(voltage, 5),
+        command=command,
+        limits=((-100.0, 100.0), (-50.0, 100.0)),
+        disturbances=np.column_stack(columns),
+        noise=white(rng, SAMPLES, NOISE),
+        quantum=QUANTUM,
+        step=STEP,
+        substeps=1,
+    )
