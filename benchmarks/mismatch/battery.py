@@ -1,13 +1,13 @@
 """A lithium-ion cell under the current of a drive, from 85 % of its charge to about 45 %.
 
-    dz = -j/Q,  dv_n = (j R_n a - v_n)/tau_n (n = 1, 2),  dh = -g |j|/Q (h + sign j),  j = i + s
+    dz = -i/Q,  dv_n = (s R_n a i - v_n)/tau_n (n = 1, 2),  dh = -g |i|/Q (h + sign i)
     Cc dTc = heat - (Tc - Ts)/Rc,  Cs dTs = (Tc - Ts)/Rc - k (Ts - Ta)
-    V = ocv(z) + M h - v_1 - v_2 - r R_0 a j,  a = exp(B/Tc - B/T0)
+    V = ocv(z) + M h - v_1 - v_2 - r R_0 a i,  a = exp(B/Tc - B/T0)
 
-The heat is j (v_1 + v_2 + r R_0 a j) + s V, of an inner short's current s; the faults raise r and
-lower k. The capacity Q and the resistance differ from log to log, the cooling k wanders.
-The file has a straight-line-and-square ocv, one pair, one temperature, resistances that do not
-depend on it, the nominal Q, no hysteresis and no short. A short is a bias of the current with heat.
+The heat is i (v_1 + v_2 + r R_0 a i). Q and r differ from log to log, the cooling k wanders; faults
+raise r and lower k. The file has an ocv of second order, one pair, one temperature, resistances
+that do not depend on it, the nominal Q and no hysteresis. It does not declare that the diffusion
+gets worse: s, by which a pulse sags more, but not at once as with r.
 
 ocv, and the resistances and time constants of the first order of size (for a cell three times as
 large): Chen and Rincon-Mora, "Accurate electrical battery model capable of predicting runtime and
@@ -76,10 +76,10 @@ def battery() -> Case:
             "thermometer_bias": Sizes(1.0, 2.0, 5.0),
             "resistance": Sizes(0.2, 0.4, 1.5, (1.0,)),
             "cooling": Sizes(0.2, 0.4, 0.8, (-1.0,)),
-            "short": Sizes(0.2, 0.4, 1.0, (1.0,)),  # A
+            "diffusion": Sizes(0.4, 0.8, 2.0, (1.0,)),
         },
-        through={"current_bias": 0, "cooling": 2, "resistance": 3, "short": 4},
-        told_as={"short": ("unknown", 1.0)},
+        through={"current_bias": 0, "cooling": 2, "resistance": 3, "diffusion": 4},
+        told_as={"diffusion": ("unknown", 1.0)},
     )
 
 
@@ -89,9 +89,8 @@ def ocv(z: float) -> float:
 
 def voltage(x: Vector, d: Vector) -> float:
     z, v1, v2, h, core, _ = x
-    current, _, _, rise, short = d
-    drop = (1 + rise) * SERIES * warming(core) * (current + short)
-    return ocv(z) + HYSTERESIS * h - v1 - v2 - drop
+    current, _, _, rise, _ = d
+    return ocv(z) + HYSTERESIS * h - v1 - v2 - (1 + rise) * SERIES * warming(core) * current
 
 
 def warming(core: float) -> float:
@@ -110,20 +109,19 @@ def truth(rng: np.random.Generator) -> Truth:
     charge, settled = CAPACITY * float(capacity), float(rng.uniform(-1.0, 1.0))
 
     def rates(x: Vector, u: Vector, d: Vector) -> Vector:
-        """States z, v1, v2, h, Tc and Ts [degC]; d: current, ambient, cooling, resistance, short.
-
-        The current is d's, since the voltage is to see it too; u is only its record."""
-        z, v1, v2, h, core, surface = x
-        current, ambient, cooling, rise, short = d
-        j, a = current + short, warming(core)
-        heat = j * (v1 + v2 + (1 + rise) * SERIES * a * j) + short * voltage(x, d)
+        """States z, v1, v2, h, Tc and Ts [degC]; d: current, ambient, cooling, resistance,
+        diffusion. The voltage sees d's current, so this is the real one, and u is its record."""
+        _, v1, v2, h, core, surface = x
+        i, ambient, cooling, rise, slower = d
+        a = warming(core)
+        heat = i * (v1 + v2 + (1 + rise) * SERIES * a * i)
         inwards = (core - surface) / INNER
         (r1, tau1), (r2, tau2) = PAIRS
         return (
-            -j / charge,
-            (r1 * a * j - v1) / tau1,
-            (r2 * a * j - v2) / tau2,
-            -MEMORY * abs(j) / charge * (h + (1.0 if j > 0 else -1.0)),
+            -i / charge,
+            ((1 + slower) * r1 * a * i - v1) / tau1,
+            ((1 + slower) * r2 * a * i - v2) / tau2,
+            -MEMORY * abs(i) / charge * (h + (1.0 if i > 0 else -1.0)),
             (heat - inwards) / CORE,
             (inwards - (1 + cooling) * COOLING * (surface - ambient)) / SURFACE,
         )

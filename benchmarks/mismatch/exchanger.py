@@ -6,9 +6,8 @@
 
 H_3 and C_1 leave and are measured, the hot inlet too. The supply s and both inlets wander, and UA
 differs from log to log. The file has one lump a side, driven by the means of inlet and outlet, a
-constant UA, no lag, and a constant cold inlet. It does not declare a leaking gasket between the hot
-inlet and the cold outlet, which takes from the hot flow and heats the cold water: less fouling
-would, if `fouling` were allowed to be positive.
+constant UA, no lag, and a constant cold inlet. It does not declare a leak from C_3 to H_3: the
+hot water leaves colder and the cold, being less, hotter; of the declared faults none does both.
 Exponent: Dittus and Boelter (1930). The other figures are of no particular exchanger.
 """
 
@@ -52,7 +51,7 @@ cold_inlet = { enters = "parameter", target = "Tci", unit = "degC", min = -15, m
 """
 STEP, SAMPLES = 1.0, 2000
 HELD, CELLS = 6.0, 3  # kg of water a side
-HOT_FLOW, COLD_FLOW = 0.5, 0.3  # kg/s, the hot one of an open valve
+HOT_FLOW, COLD_FLOW = 0.7, 0.3  # kg/s, the hot one of an open valve
 HEAT = 4186.0  # J/kg/K
 HOT_FILM, COLD_FILM, RATED = 1700.0, 1900.0, 0.25  # W/K, W/K, kg/s of the hot film
 VALVE = 4.0  # s
@@ -76,10 +75,10 @@ def exchanger() -> Case:
             "hot_sensor": Sizes(1.5, 3.0, 6.0),
             "cold_sensor": Sizes(1.2, 2.4, 5.0),
             "cold_inlet": Sizes(1.5, 3.0, 6.0),
-            "gasket": Sizes(0.015, 0.03, 0.06, (1.0,)),  # kg/s
+            "leak": Sizes(0.03, 0.06, 0.12, (1.0,)),  # kg/s
         },
-        through={"cold_inlet": 1, "fouling": 3, "gasket": 4},
-        told_as={"gasket": ("unknown", 1.0)},
+        through={"cold_inlet": 1, "fouling": 3, "leak": 4},
+        told_as={"leak": ("unknown", 1.0)},
     )
 
 
@@ -87,7 +86,7 @@ def rates(x: Vector, u: Vector, d: Vector) -> Vector:
     """States H1 to H3, C1 to C3 [degC] and the valve; d: both inlets, supply, fouling, leak."""
     h1, h2, h3, c1, c2, c3, valve = x
     hot_in, cold_in, supply, fouling, leak = d
-    m = max((1 + supply) * HOT_FLOW * valve - leak, 1e-3)
+    m = max((1 + supply) * HOT_FLOW * valve, 1e-3)
     film = HOT_FILM * (m / RATED) ** 0.8
     k = (1 + fouling) * film * COLD_FILM / (film + COLD_FILM) / CELLS / HEAT
     w = CELLS / HELD
@@ -95,22 +94,23 @@ def rates(x: Vector, u: Vector, d: Vector) -> Vector:
     return (
         w * (m * (hot_in - h1) - q1),
         w * (m * (h1 - h2) - q2),
-        w * (m * (h2 - h3) - q3),
-        w * (COLD_FLOW * (c2 - c1) + leak * (hot_in - c1) + q1),
-        w * (COLD_FLOW * (c3 - c2) + q2),
+        w * (m * (h2 - h3) + leak * (c3 - h3) - q3),
+        w * ((COLD_FLOW - leak) * (c2 - c1) + q1),
+        w * ((COLD_FLOW - leak) * (c3 - c2) + q2),
         w * (COLD_FLOW * (cold_in - c3) + q3),
         (u[0] - valve) / VALVE,
     )
 
 
 def truth(rng: np.random.Generator) -> Truth:
-    wanted = levels(rng, SAMPLES, STEP, (31.0, 42.0), (100.0, 300.0))
-    inlets = (HOT_INLET, COLD_INLET) + coloured(rng, SAMPLES, STEP, WANDER, WANDER_TIME)
+    wanted = levels(rng, SAMPLES, STEP, (30.0, 40.0), (100.0, 300.0))
+    inlets = coloured(rng, SAMPLES, STEP, WANDER, WANDER_TIME)
+    inlets += np.array((HOT_INLET, COLD_INLET))
     supply = coloured(rng, SAMPLES, STEP, (SUPPLY,), SUPPLY_TIME)
     fouling, leak = np.full((SAMPLES, 1), SPREAD * rng.standard_normal()), np.zeros((SAMPLES, 1))
     seen = inlets[:, 0] + white(rng, SAMPLES, (NOISE,))[:, 0]
     thermometer = (np.round(seen / QUANTUM) * QUANTUM).tolist()
-    summed = 0.5  # of the valve
+    summed = 0.4  # of the valve
 
     def command(k: int, y: Sequence[Vector]) -> Vector:
         nonlocal summed
@@ -123,7 +123,7 @@ def truth(rng: np.random.Generator) -> Truth:
     return Truth(
         rates=rates,
         states=("H1", "H2", "H3", "C1", "C2", "C3", "valve"),
-        start=(61.0, 52.0, 44.0, 36.0, 29.0, 22.0, 0.5),
+        start=(61.0, 52.0, 44.0, 36.0, 29.0, 22.0, 0.4),
         sensors=(2, 3),
         command=command,
         limits=((0.0, 1.0), (0.0, 100.0)),

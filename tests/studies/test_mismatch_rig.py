@@ -26,9 +26,9 @@ def truths(load):
     """(truth, the largest error in its outputs) per case.
 
     Runge-Kutta's own error is far below the noise (0.02 to 0.1); the servo's friction is not
-    smooth where the speed changes sign, and its encoder has steps of 1.5e-3 rad. The exchanger has 0.9/s at most and steps of 1 s, (0.9^5/120 of
-    a change per step: 1e-3 of the noise); the cell's voltage is slow against its steps, its surface
-    has 0.16/s.
+    smooth where the speed changes sign, and its encoder has steps of 1.5e-3 rad.
+    The exchanger's fastest rate is 0.36/s: one step of 1 s errs by 0.36^5/120 = 5e-5 of what is
+    still to go. The battery's is 0.16/s: 1e-6 of it.
     """
     rng = np.random.default_rng(0)
     return {
