@@ -9,9 +9,9 @@ raise r and lower k. The file has an ocv of second order, one pair, one temperat
 that do not depend on it, the nominal Q and no hysteresis. It does not declare that the diffusion
 gets worse: s, by which a pulse sags more, but not at once as with r.
 
-ocv, and the resistances and time constants of the first order of size (for a cell three times as
-large): Chen and Rincon-Mora, "Accurate electrical battery model capable of predicting runtime and
-I-V performance" (2006). Hysteresis: Plett's one-state model (2004). The rest is assumed.
+ocv, time constants and, a third as large for a cell three times as large, resistances: Chen and
+Rincon-Mora, "Accurate electrical battery model capable of predicting runtime and I-V performance"
+(2006), from memory. Hysteresis: Plett's one-state model (2004). The rest is assumed.
 """
 
 from collections.abc import Sequence

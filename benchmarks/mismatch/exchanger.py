@@ -69,13 +69,13 @@ def exchanger() -> Case:
         FILE,
         truth,
         {
-            "fouling": Sizes(0.15, 0.3, 0.5, (-1.0,)),
+            "fouling": Sizes(0.15, 0.3, 0.4, (-1.0,)),
             "valve_bias": Sizes(0.06, 0.12, 0.25),
             "hot_flow_loss": Sizes(0.1, 0.2, 0.4, (1.0,)),
             "hot_sensor": Sizes(1.5, 3.0, 6.0),
             "cold_sensor": Sizes(1.2, 2.4, 5.0),
             "cold_inlet": Sizes(1.5, 3.0, 6.0),
-            "leak": Sizes(0.03, 0.06, 0.12, (1.0,)),  # kg/s
+            "leak": Sizes(0.02, 0.04, 0.08, (1.0,)),  # kg/s
         },
         through={"cold_inlet": 1, "fouling": 3, "leak": 4},
         told_as={"leak": ("unknown", 1.0)},
