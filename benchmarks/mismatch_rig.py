@@ -18,6 +18,8 @@ as they make sense. `--without-discrepancy` calibrates without model error. Shar
   lag          a lag with another behind it, 0.15 times as long
   slow_sensor  one sensor ten times as slow as the log, rounded; a room that wanders
   meter        a tank whose flow is measured, behind a lag and a supply that wanders
+  quad         a quadrotor's height and pitch: rotor lag, a battery that sags, ground, gusts
+  ahu          an air handling unit: a curved valve, walls, and people who come and go
   equal        the heaters without anything that the file lacks
 """
 
@@ -28,11 +30,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from mismatch.ahu import ahu
 from mismatch.case import Case
 from mismatch.harness import measure, without_discrepancy
 from mismatch.heaters import equal, heaters
 from mismatch.lag import lag
 from mismatch.meter import meter
+from mismatch.quad import quad
 from mismatch.report import amount, share
 from mismatch.servo import servo
 from mismatch.slow_sensor import slow_sensor
@@ -46,6 +50,8 @@ CASES: dict[str, Callable[[], Case]] = {
     "lag": lag,
     "slow_sensor": slow_sensor,
     "meter": meter,
+    "quad": quad,
+    "ahu": ahu,
     "equal": equal,
 }
 SHARES = {

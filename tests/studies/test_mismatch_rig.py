@@ -26,7 +26,9 @@ def truths(load):
     """(truth, the largest error in its outputs) per case.
 
     Runge-Kutta's own error is far below the noise (0.02 to 0.1); the servo's friction is not
-    smooth where the speed changes sign, and its encoder has steps of 1.5e-3 rad.
+    smooth where the speed changes sign, and its encoder has steps of 1.5e-3 rad. A step of the
+    quadrotor is a fifth of its rotors' lag, and one of the air handling unit three eighths of its
+    stem's: errors of (1/5)^5/120 and (3/8)^5/120 of a jump, 3e-6 and 6e-5 (of 2 rad/s, of 10 K).
     """
     rng = np.random.default_rng(0)
     return {
@@ -36,10 +38,14 @@ def truths(load):
         "lag": (load("mismatch.lag").lag().truth(rng), 1e-6),
         "slow_sensor": (load("mismatch.slow_sensor").slow_sensor().truth(rng), 1e-6),
         "servo": (load("mismatch.servo").servo().truth(rng), 2e-4),
+        "quad": (load("mismatch.quad").quad().truth(rng), 1e-5),
+        "ahu": (load("mismatch.ahu").ahu().truth(rng), 1e-3),
     }
 
 
-@pytest.mark.parametrize("case", ["heaters", "equal", "tanks", "lag", "slow_sensor", "servo"])
+@pytest.mark.parametrize(
+    "case", ["heaters", "equal", "tanks", "lag", "slow_sensor", "servo", "quad", "ahu"]
+)
 def test_a_truth_is_what_scipy_integrates(load, truths, case):
     drawn, tolerance = truths[case]
     samples = 120
