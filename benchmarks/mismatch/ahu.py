@@ -68,9 +68,9 @@ WINDOWS, INSIDE, OUTSIDE = 80.0, 400.0, 100.0  # W/K: of the room to outside, to
 STEM, DUCT = 40.0, 45.0  # s
 AUTHORITY, RANGEABILITY, LEAK, CURVE = 0.3, 30.0, 0.02, 1.2
 BOILER, BOILER_WANDER, BOILER_TIME = 55.0, 1.0, 1800.0  # degC, K, s
-MEAN, SWING, WEATHER, WEATHER_TIME = (0.0, 6.0), 3.0, 1.0, 7200.0  # degC, K, K, s
+MEAN, SWING, WEATHER, WEATHER_TIME = (-4.0, 1.0), 3.0, 1.0, 7200.0  # degC, K, K, s
 SUN, SUN_TIME = 0.3, 3600.0  # K: error of the thermometer outside, s
-PEOPLE, COME, COME_TIME = 1500.0, 250.0, 5400.0  # W, W, s
+PEOPLE, COME, COME_TIME = 1000.0, 250.0, 5400.0  # W, W, s
 VARIES = 0.02  # standard deviation of the air's flow from log to log, as a share
 NOISE, QUANTUM = (0.1, 0.1, 0.05), (0.1, 0.1, 0.05)  # K
 SUPPLY, SUPPLY_TIME = 0.015, 240.0  # 1/K, s
@@ -79,10 +79,10 @@ WARM, WARM_TIME = 3.0, 3600.0  # K/K, s
 
 def ahu() -> Case:
     sizes = {
-        "valve_bias": Sizes(0.08, 0.15, 0.3),
+        "valve_bias": Sizes(0.08, 0.15, 0.2),
         "valve_loss": Sizes(0.12, 0.25, 0.5, (1.0,)),
-        "damper_bias": Sizes(0.08, 0.15, 0.3),
-        "fouling": Sizes(0.15, 0.3, 0.6, (-1.0,)),
+        "damper_bias": Sizes(0.08, 0.15, 0.2),
+        "fouling": Sizes(0.15, 0.3, 0.45, (-1.0,)),
         "supply_bias": Sizes(1.0, 2.0, 5.0),
         "room_bias": Sizes(0.6, 1.2, 3.0),
         "window": Sizes(50.0, 100.0, 200.0, (1.0,)),
@@ -94,8 +94,8 @@ def ahu() -> Case:
 def rates(x: Vector, u: Vector, d: Vector) -> Vector:
     """States coil, supply, room, wall [degC] and the stem; u: valve, damper.
 
-    d: outdoor and water [degC], people [W], change of e and of the air's flow (d[5]), both as a
-    share, and window [W/K].
+    d: outdoor and water [degC], people [W], change of e as a share, window [W/K], change of the
+    air's flow as a share.
     """
     coil, supply, room, wall, stem = x
     effect, air = EFFECT * (1 + d[3]), AIR * (1 + d[5])
@@ -118,7 +118,7 @@ def flow(stem: float) -> float:
 def truth(rng: np.random.Generator) -> Truth:
     t = STEP * np.arange(SAMPLES)
     wanted = levels(rng, SAMPLES, STEP, (19.5, 22.5), (7200.0, 18000.0))
-    damper = levels(rng, SAMPLES, STEP, (0.15, 0.6), (3600.0, 9000.0))
+    damper = levels(rng, SAMPLES, STEP, (0.2, 0.6), (3600.0, 9000.0))
     day = SWING * np.sin(2 * np.pi * (t / 86400.0 + rng.uniform()))
     outdoor = rng.uniform(*MEAN) + day + coloured(rng, SAMPLES, STEP, (WEATHER,), WEATHER_TIME).T[0]
     seen = outdoor + coloured(rng, SAMPLES, STEP, (SUN,), SUN_TIME).T[0]

@@ -80,9 +80,9 @@ def quad() -> Case:
 
 
 def rates(x: Vector, u: Vector, d: Vector) -> Vector:
-    """States h, v, p, q, T1, T2 [m/s^2], s and r, for a load that swings at 1 rad/s.
+    """States h, v, p, q, T1, T2 [m/s^2], s, r.
 
-    d: voltage, gust [m/s^2], twist [rad/s^2] and swing [rad/s^2]; the load's W is d[4].
+    d: voltage (a share), gust [m/s^2], twist [rad/s^2], swing [rad/s^2] and the load's W [rad/s].
     """
     h, v, p, q, front, rear, s, r = x
     near = 1 - (RADIUS / (4 * max(h, 0.2))) ** 2
