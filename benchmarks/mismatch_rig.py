@@ -20,6 +20,8 @@ as they make sense. `--without-discrepancy` calibrates without model error. Shar
   meter        a tank whose flow is measured, behind a lag and a supply that wanders
   exchanger    two lumps for a counterflow of cells; a valve's lag, inlets that wander
   battery      a cell with one pair of two, no hysteresis, resistances that warmth lowers
+  quad         a quadrotor's height and pitch: rotor lag, a battery that sags, ground, gusts
+  ahu          an air handling unit: a curved valve, walls, and people who come and go
   equal        the heaters without anything that the file lacks
 """
 
@@ -30,6 +32,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from mismatch.ahu import ahu
 from mismatch.battery import battery
 from mismatch.case import Case
 from mismatch.exchanger import exchanger
@@ -37,6 +40,7 @@ from mismatch.harness import measure, without_discrepancy
 from mismatch.heaters import equal, heaters
 from mismatch.lag import lag
 from mismatch.meter import meter
+from mismatch.quad import quad
 from mismatch.report import amount, share
 from mismatch.servo import servo
 from mismatch.slow_sensor import slow_sensor
@@ -52,6 +56,8 @@ CASES: dict[str, Callable[[], Case]] = {
     "meter": meter,
     "exchanger": exchanger,
     "battery": battery,
+    "quad": quad,
+    "ahu": ahu,
     "equal": equal,
 }
 SHARES = {

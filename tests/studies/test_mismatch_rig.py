@@ -26,9 +26,11 @@ def truths(load):
     """(truth, the largest error in its outputs) per case.
 
     Runge-Kutta's own error is far below the noise (0.02 to 0.1); the servo's friction is not
-    smooth where the speed changes sign, and its encoder has steps of 1.5e-3 rad.
-    The exchanger's fastest rate is 0.36/s: one step of 1 s errs by 0.36^5/120 = 5e-5 of what is
-    still to go. The battery's is 0.16/s: 1e-6 of it.
+    smooth where the speed changes sign, and its encoder has steps of 1.5e-3 rad. The exchanger's
+    fastest rate is 0.36/s: one step of 1 s errs by 0.36^5/120 = 5e-5 of what is still to go. The
+    battery's is 0.16/s: 1e-6 of it. A step of the quadrotor is a fifth of its rotors' lag, and one
+    of the air handling unit three eighths of its stem's: errors of (1/5)^5/120 and (3/8)^5/120 of a
+    jump, 3e-6 and 6e-5 (of 2 rad/s, of 10 K).
     """
     rng = np.random.default_rng(0)
     return {
@@ -40,11 +42,25 @@ def truths(load):
         "servo": (load("mismatch.servo").servo().truth(rng), 2e-4),
         "exchanger": (load("mismatch.exchanger").exchanger().truth(rng), 1e-3),
         "battery": (load("mismatch.battery").battery().truth(rng), 1e-5),
+        "quad": (load("mismatch.quad").quad().truth(rng), 1e-5),
+        "ahu": (load("mismatch.ahu").ahu().truth(rng), 1e-3),
     }
 
 
 @pytest.mark.parametrize(
-    "case", ["heaters", "equal", "tanks", "lag", "slow_sensor", "servo", "exchanger", "battery"]
+    "case",
+    [
+        "heaters",
+        "equal",
+        "tanks",
+        "lag",
+        "slow_sensor",
+        "servo",
+        "exchanger",
+        "battery",
+        "quad",
+        "ahu",
+    ],
 )
 def test_a_truth_is_what_scipy_integrates(load, truths, case):
     drawn, tolerance = truths[case]
