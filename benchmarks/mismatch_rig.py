@@ -22,6 +22,8 @@ as they make sense. `--without-discrepancy` calibrates without model error. Shar
   battery      a cell with one pair of two, no hysteresis, resistances that warmth lowers
   quad         a quadrotor's height and pitch: rotor lag, a battery that sags, ground, gusts
   ahu          an air handling unit: a curved valve, walls, and people who come and go
+  valve        a control valve in a flow loop: a stem that sticks, pressures that wander
+  cylinder     a hydraulic position loop: Stribeck's friction, the valve's root and lag
   equal        the heaters without anything that the file lacks
 """
 
@@ -36,6 +38,7 @@ from mismatch.ahu import ahu
 from mismatch.battery import battery
 from mismatch.case import Case
 from mismatch.exchanger import exchanger
+from mismatch.cylinder import cylinder
 from mismatch.harness import measure, without_discrepancy
 from mismatch.heaters import equal, heaters
 from mismatch.lag import lag
@@ -45,6 +48,7 @@ from mismatch.report import amount, share
 from mismatch.servo import servo
 from mismatch.slow_sensor import slow_sensor
 from mismatch.tanks import tanks
+from mismatch.valve import valve
 
 CASES: dict[str, Callable[[], Case]] = {
     "heaters": heaters,
@@ -58,6 +62,8 @@ CASES: dict[str, Callable[[], Case]] = {
     "battery": battery,
     "quad": quad,
     "ahu": ahu,
+    "valve": valve,
+    "cylinder": cylinder,
     "equal": equal,
 }
 SHARES = {
