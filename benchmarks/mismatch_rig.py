@@ -37,8 +37,8 @@ from typing import Any
 from mismatch.ahu import ahu
 from mismatch.battery import battery
 from mismatch.case import Case
-from mismatch.exchanger import exchanger
 from mismatch.cylinder import cylinder
+from mismatch.exchanger import exchanger
 from mismatch.harness import measure, without_discrepancy
 from mismatch.heaters import equal, heaters
 from mismatch.lag import lag

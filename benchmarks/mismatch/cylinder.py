@@ -1,6 +1,7 @@
 """A hydraulic cylinder that a servo valve positions, with a spring and a wandering load on it.
 
-    dx = v,   dv = (A p - B v - S x - W - F(v)) / m + load,   F(v) = (Fc + (Fs - Fc) e^-(v/vs)^2) sgn v
+    dx = v,   dv = (A p - B v - S x - W - w - F(v)) / m + load
+    F(v) = (Fc + (Fs - Fc) exp(-(v/vs)^2)) sgn v
     dp = E (K y sqrt((P - p sgn y) / P0) - A v - (1 + leakage) C p),   dy = (u - y) / lag
 
 Merritt, "Hydraulic Control Systems" (1967): p is the pressure across the piston, P = P0 (1 - drop)

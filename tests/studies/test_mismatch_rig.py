@@ -30,7 +30,8 @@ def truths(load):
     fastest rate is 0.36/s: one step of 1 s errs by 0.36^5/120 = 5e-5 of what is still to go. The
     battery's is 0.16/s: 1e-6 of it. A step of the quadrotor is a fifth of its rotors' lag, and one
     of the air handling unit three eighths of its stem's: errors of (1/5)^5/120 and (3/8)^5/120 of a
-    jump, 3e-6 and 6e-5 (of 2 rad/s, of 10 K).
+    jump, 3e-6 and 6e-5 (of 2 rad/s, of 10 K). The valve's stem starts and stops with kinks (noise
+    0.06), the cylinder's spool has one at its middle (0.4 bar).
     """
     rng = np.random.default_rng(0)
     return {
@@ -44,6 +45,8 @@ def truths(load):
         "battery": (load("mismatch.battery").battery().truth(rng), 1e-5),
         "quad": (load("mismatch.quad").quad().truth(rng), 1e-5),
         "ahu": (load("mismatch.ahu").ahu().truth(rng), 1e-3),
+        "valve": (load("mismatch.valve").valve().truth(rng), 1e-3),
+        "cylinder": (load("mismatch.cylinder").cylinder().truth(rng), 2e-4),
     }
 
 
@@ -60,6 +63,8 @@ def truths(load):
         "battery",
         "quad",
         "ahu",
+        "valve",
+        "cylinder",
     ],
 )
 def test_a_truth_is_what_scipy_integrates(load, truths, case):
