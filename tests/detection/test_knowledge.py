@@ -30,9 +30,9 @@ min = -0.5
 STEP, SIGMA, PROCESS, LENGTH = 0.5, 0.1, 0.2, 2000.0
 
 
-def bank(size=1e-9, lasting=100.0, sigma=SIGMA, process=PROCESS):
+def bank(size=1e-9, lasting=100.0, sigma=SIGMA, process=PROCESS, text=TEXT):
     points = np.random.default_rng(0).uniform(-1, 1, (40, 2))
-    model = as_stated(TEXT, points)
+    model = as_stated(text, points)
     small = [1e-9]
     levels = [sigma], [process], [], [size], [lasting], small, [5.0], [], []
     t = np.arange(0.0, 100.0, STEP)
@@ -56,6 +56,15 @@ def test_a_drive_beside_a_discrepancy_is_known_to_its_mean():
     for t in (200.0, 450.0):
         # the mean of a process that begins in its steady state: tau / t of relative correction
         assert known.at(0, t) == pytest.approx(size * np.sqrt(2 * tau / t), rel=2 * tau / t + 0.02)
+
+
+def test_a_loss_of_gain_is_known_from_how_far_its_input_moves_about_nothing():
+    """dx = (1 - f) u is a drive of -f u, of root mean square f u_rms over the envelope."""
+    lossy = bank(text=TEXT + '[faults.loss]\nenters = "gain"\ntarget = "u"\n')
+    u = np.asarray(lossy.model.record.envelope_points)[:, 1]
+    assert abs(np.median(u)) < np.sqrt(np.mean(u**2)) / 2
+    expected = lossy.knowledge.at(0, 100.0) / np.sqrt(np.mean(u**2))
+    assert lossy.knowledge.at(2, 100.0) == pytest.approx(expected, rel=1e-9)
 
 
 def test_keys_of_the_plant_file_and_what_stands_in_for_them():
