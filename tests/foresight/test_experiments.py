@@ -18,7 +18,9 @@ STEP, SIGMA, SLOW, BASE = 0.1, 0.05, 0.5, 2.0
 def bench(modelled, log):
     run = log(np.full(600, BASE))
     bank = build_fault_bank(modelled(), [run], noise_of(modelled()))
-    return Bench(bank, run, effects_of(bank, run))
+    found = Bench(bank, run, effects_of(bank, run))
+    found.rows = 200  # a multisine of fewer than 100 moves as fast as the rows: see KNOWN_GAPS.md
+    return found
 
 
 def response(u):
