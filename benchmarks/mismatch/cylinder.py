@@ -17,7 +17,7 @@ from math import exp, tanh
 import numpy as np
 
 from mismatch.case import Case, Sizes
-from mismatch.truth import Truth, Vector, coloured, levels, white
+from mismatch.truth import Truth, Vector, coloured, moves, white
 
 __all__ = ["cylinder"]
 
@@ -95,7 +95,7 @@ def rates(x: Vector, u: Vector, d: Vector) -> Vector:
 
 
 def truth(rng: np.random.Generator) -> Truth:
-    reference = _reference(rng)
+    reference = moves(rng, SAMPLES, STEP, (-0.15, 0.15), (1.0, 2.5), rows=90, wave=0.02)  # m
     speed = np.gradient(reference, STEP)
 
     def command(k: int, y: Sequence[Vector]) -> Vector:
@@ -117,13 +117,3 @@ def truth(rng: np.random.Generator) -> Truth:
         step=STEP,
         substeps=8,
     )
-
-
-def _reference(rng: np.random.Generator) -> np.ndarray:
-    """Smoothed moves between random places, with a rest at each, and a slow sine [m]."""
-    t = STEP * np.arange(SAMPLES)
-    places = np.array(levels(rng, SAMPLES, STEP, (-0.15, 0.15), (1.0, 2.5)))
-    kernel = np.hanning(90)
-    smooth = np.convolve(np.pad(places, 89, mode="edge"), kernel / kernel.sum(), mode="same")
-    wave = 0.02 * np.sin(2 * np.pi * (rng.uniform(0.1, 0.4) * t + rng.uniform()))
-    return smooth[89 : 89 + SAMPLES] + wave

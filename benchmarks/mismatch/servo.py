@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from mismatch.case import Case, Sizes
-from mismatch.truth import Truth, Vector, levels, white
+from mismatch.truth import Truth, Vector, moves, white
 
 __all__ = ["servo"]
 
@@ -66,7 +66,7 @@ def rates(x: Vector, u: Vector, d: Vector) -> Vector:
 
 
 def truth(rng: np.random.Generator) -> Truth:
-    reference = _reference(rng)
+    reference = moves(rng, SAMPLES, STEP, (-2.0, 2.0), (0.6, 2.0), rows=50, wave=0.5)  # rad
     speed = np.gradient(reference, STEP)
 
     def command(k: int, y: Sequence[Vector]) -> Vector:
@@ -87,13 +87,3 @@ def truth(rng: np.random.Generator) -> Truth:
         step=STEP,
         substeps=5,
     )
-
-
-def _reference(rng: np.random.Generator) -> np.ndarray:
-    """Smoothed moves between random places, with a rest at each, and a slow sine [rad]."""
-    t = STEP * np.arange(SAMPLES)
-    places = np.array(levels(rng, SAMPLES, STEP, (-2.0, 2.0), (0.6, 2.0)))
-    kernel = np.hanning(50)
-    smooth = np.convolve(np.pad(places, 49, mode="edge"), kernel / kernel.sum(), mode="same")
-    wave = 0.5 * np.sin(2 * np.pi * (rng.uniform(0.1, 0.4) * t + rng.uniform()))
-    return smooth[49 : 49 + SAMPLES] + wave

@@ -10,7 +10,17 @@ from typing import TypeAlias
 import numpy as np
 from jaxtyping import Float
 
-__all__ = ["Acting", "Truth", "Vector", "coloured", "levels", "rk4", "simulate", "white"]
+__all__ = [
+    "Acting",
+    "Truth",
+    "Vector",
+    "coloured",
+    "levels",
+    "moves",
+    "rk4",
+    "simulate",
+    "white",
+]
 
 Vector: TypeAlias = tuple[float, ...]
 
@@ -160,3 +170,21 @@ def levels(
         level = float(rng.uniform(*between))
         found += [level] * max(round(rng.uniform(*hold) / step), 1)
     return found[:samples]
+
+
+def moves(
+    rng: np.random.Generator,
+    samples: int,
+    step: float,
+    between: tuple[float, float],
+    hold: tuple[float, float],
+    rows: int,
+    wave: float,
+) -> Float[np.ndarray, "samples"]:
+    """`levels`, between which each move takes so many `rows`, and a slow sine of size `wave`."""
+    t = step * np.arange(samples)
+    places = np.array(levels(rng, samples, step, between, hold))
+    kernel, edge = np.hanning(rows), rows - 1
+    smooth = np.convolve(np.pad(places, edge, mode="edge"), kernel / kernel.sum(), mode="same")
+    sine = wave * np.sin(2 * np.pi * (rng.uniform(0.1, 0.4) * t + rng.uniform()))
+    return smooth[edge : edge + samples] + sine

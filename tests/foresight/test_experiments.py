@@ -19,7 +19,7 @@ def bench(modelled, log):
     run = log(np.full(600, BASE))
     bank = build_fault_bank(modelled(), [run], noise_of(modelled()))
     found = Bench(bank, run, effects_of(bank, run))
-    found.rows = 200  # a multisine of fewer than 100 moves as fast as the rows: see KNOWN_GAPS.md
+    found.rows = 200  # a shorter multisine promises too much: KNOWN_GAPS.md, Proposed test inputs
     return found
 
 

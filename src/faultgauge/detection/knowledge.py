@@ -109,7 +109,7 @@ def _typical(
     directions: Float[np.ndarray, "points rows faults"],
 ) -> Float[np.ndarray, "rows faults"]:
     """Along which each fault acts over all points, as long as its root mean square: the leading
-    singular vector of all of its directions."""
+    singular vector of all of its directions (where these differ, it depends on the units)."""
     _, strength, along = np.linalg.svd(np.moveaxis(directions, 2, 0), full_matrices=False)
     return (strength[:, :1] * along[:, 0] / np.sqrt(len(directions))).T
 
