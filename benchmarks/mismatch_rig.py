@@ -11,20 +11,26 @@ range, and 4 and 8 times the smallest that the model itself says it would tell i
 as they make sense. `--without-discrepancy` calibrates without model error. Shares have Wilson's
 95 % intervals.
 
-  heaters      two coupled heaters: radiation, sensor lags, a room that wanders, 0.3 K steps
-  servo        a position loop whose friction has memory
-  tanks2_2     two tanks whose constants differ by 2 % from run to run; coloured noise
-  tanks2_5     the same, 5 %
-  lag          a lag with another behind it, 0.15 times as long
-  slow_sensor  one sensor ten times as slow as the log, rounded; a room that wanders
-  meter        a tank whose flow is measured, behind a lag and a supply that wanders
-  exchanger    two lumps for a counterflow of cells; a valve's lag, inlets that wander
-  battery      a cell with one pair of two, no hysteresis, resistances that warmth lowers
-  quad         a quadrotor's height and pitch: rotor lag, a battery that sags, ground, gusts
-  ahu          an air handling unit: a curved valve, walls, and people who come and go
-  valve        a control valve in a flow loop: a stem that sticks, pressures that wander
-  cylinder     a hydraulic position loop: Stribeck's friction, the valve's root and lag
-  equal        the heaters without anything that the file lacks
+  heaters         two coupled heaters: radiation, sensor lags, a room that wanders, 0.3 K steps
+  servo           a position loop whose friction has memory
+  tanks2_2        two tanks whose constants differ by 2 % from run to run; coloured noise
+  tanks2_5        the same, 5 %
+  lag             a lag with another behind it, 0.15 times as long
+  slow_sensor     one sensor ten times as slow as the log, rounded; a room that wanders
+  meter           a tank whose flow is measured, behind a lag and a supply that wanders
+  exchanger       two lumps for a counterflow of cells; a valve's lag, inlets that wander
+  battery         a cell with one pair of two, no hysteresis, resistances that warmth lowers
+  quad            a quadrotor's height and pitch: rotor lag, a battery that sags, ground, gusts
+  ahu             an air handling unit: a curved valve, walls, and people who come and go
+  valve           a control valve in a flow loop: a stem that sticks, pressures that wander
+  cylinder        a hydraulic position loop: Stribeck's friction, the valve's root and lag
+  bench_heaters   a board with two heaters and ten bits: sensors that lag, draughts, a weak supply
+  dc_motor        a speed loop: cogging, Stribeck's friction, a winding that warms, filters
+  reaction_wheel  half an hour of a momentum loop: oil that warms, a cage, pulses that are counted
+  pump_loop       a pump that fills a vessel: check valve, cut-off, suction that wanders
+  furnace         ten hours of soaks: walls that store, lags, mains that wander
+  two_mass        a position loop over a soft coupling with play; ripple, an encoder out of centre
+  equal           the heaters without anything that the file lacks
 """
 
 import argparse
@@ -36,18 +42,24 @@ from typing import Any
 
 from mismatch.ahu import ahu
 from mismatch.battery import battery
+from mismatch.bench_heaters import bench_heaters
 from mismatch.case import Case
 from mismatch.cylinder import cylinder
+from mismatch.dc_motor import dc_motor
 from mismatch.exchanger import exchanger
+from mismatch.furnace import furnace
 from mismatch.harness import measure, without_discrepancy
 from mismatch.heaters import equal, heaters
 from mismatch.lag import lag
 from mismatch.meter import meter
+from mismatch.pump_loop import pump_loop
 from mismatch.quad import quad
+from mismatch.reaction_wheel import reaction_wheel
 from mismatch.report import amount, share
 from mismatch.servo import servo
 from mismatch.slow_sensor import slow_sensor
 from mismatch.tanks import tanks
+from mismatch.two_mass import two_mass
 from mismatch.valve import valve
 
 CASES: dict[str, Callable[[], Case]] = {
@@ -64,6 +76,12 @@ CASES: dict[str, Callable[[], Case]] = {
     "ahu": ahu,
     "valve": valve,
     "cylinder": cylinder,
+    "bench_heaters": bench_heaters,
+    "dc_motor": dc_motor,
+    "reaction_wheel": reaction_wheel,
+    "pump_loop": pump_loop,
+    "furnace": furnace,
+    "two_mass": two_mass,
     "equal": equal,
 }
 SHARES = {

@@ -87,6 +87,7 @@ class Case:
             "input": signals.input_names,
             "gain": signals.input_names,
             "output": signals.output_names,
+            "output_gain": signals.output_names,
         }
         index = places[fault.enters].index(fault.target)
         return Acting(fault.enters, index, size, onset, end=end)

@@ -17,7 +17,9 @@ __all__ = [
     "coloured",
     "levels",
     "moves",
+    "ramps",
     "rk4",
+    "scattered",
     "simulate",
     "white",
 ]
@@ -53,7 +55,8 @@ class Acting:
     """A fault of `size` from `onset` [s] on, until `end`; `grows`: `size` per second from there.
 
     `enters` is a plant file's: "state" adds to a rate, "input" and "output" to a value; "gain"
-    takes the share `size` of input `index`. "disturbance" adds to one of the truth's disturbances.
+    takes the share `size` of input `index`, "output_gain" of output `index` before its bias and
+    noise. "disturbance" adds to one of the truth's disturbances.
     """
 
     enters: str
@@ -94,11 +97,14 @@ def simulate(
         t = k * truth.step
         d = _moved(tuple(undisturbed), _entering(faults, "disturbance", t, len(undisturbed)), 1.0)
         bias = _entering(faults, "output", t, len(truth.sensors))
+        lost = _entering(faults, "output_gain", t, len(truth.sensors))
         sensed = [x[each] if isinstance(each, int) else each(x, d) for each in truth.sensors]
         measured.append(
             tuple(
-                _rounded(value + b + v, q)
-                for value, b, v, q in zip(sensed, bias, noise[k], truth.quantum, strict=True)
+                _rounded(value * (1 - g) + b + v, q)
+                for value, g, b, v, q in zip(
+                    sensed, lost, bias, noise[k], truth.quantum, strict=True
+                )
             )
         )
         u = truth.command(k, measured)
@@ -157,6 +163,11 @@ def coloured(
     return found
 
 
+def scattered(rng: np.random.Generator, constants: Vector, sd: float) -> Vector:
+    """`constants`, each times exp(sd e): what differs from run to run."""
+    return tuple(each * float(np.exp(sd * rng.standard_normal())) for each in constants)
+
+
 def levels(
     rng: np.random.Generator,
     samples: int,
@@ -170,6 +181,14 @@ def levels(
         level = float(rng.uniform(*between))
         found += [level] * max(round(rng.uniform(*hold) / step), 1)
     return found[:samples]
+
+
+def ramps(places: Sequence[float], most: float) -> list[float]:
+    """What follows `places` by no more than `most` from sample to sample."""
+    found = [places[0]]
+    for place in places[1:]:
+        found.append(found[-1] + min(max(place - found[-1], -most), most))
+    return found
 
 
 def moves(

@@ -31,7 +31,12 @@ def truths(load):
     battery's is 0.16/s: 1e-6 of it. A step of the quadrotor is a fifth of its rotors' lag, and one
     of the air handling unit three eighths of its stem's: errors of (1/5)^5/120 and (3/8)^5/120 of a
     jump, 3e-6 and 6e-5 (of 2 rad/s, of 10 K). The valve's stem starts and stops with kinks (noise
-    0.06), the cylinder's spool has one at its middle (0.4 bar).
+    0.06), the cylinder's spool has one at its middle (0.4 bar). The heater board's fastest rate is
+    0.06/s: one step of 1 s errs by 0.06^5/120 = 6e-9 of what is still to go. A step of the DC motor
+    is a third of its filter's lag: (1/3)^5/120 = 3e-5 of a change of 1 rad/s. Half a sample of the
+    wheel is its electronics' lag: 9e-3 of a change of torque, which is some 0.1 rad/s. The pump's
+    check valve has a kink (noise 0.02 L/s), and so have the ends of the two-mass drive's play (1e-4
+    rad). A step of the furnace is a fifth of its thermocouple's lag: 3e-6 of some K.
     """
     rng = np.random.default_rng(0)
     return {
@@ -47,6 +52,12 @@ def truths(load):
         "ahu": (load("mismatch.ahu").ahu().truth(rng), 1e-3),
         "valve": (load("mismatch.valve").valve().truth(rng), 1e-3),
         "cylinder": (load("mismatch.cylinder").cylinder().truth(rng), 2e-4),
+        "bench_heaters": (load("mismatch.bench_heaters").bench_heaters().truth(rng), 1e-6),
+        "dc_motor": (load("mismatch.dc_motor").dc_motor().truth(rng), 1e-4),
+        "reaction_wheel": (load("mismatch.reaction_wheel").reaction_wheel().truth(rng), 1e-3),
+        "pump_loop": (load("mismatch.pump_loop").pump_loop().truth(rng), 1e-3),
+        "furnace": (load("mismatch.furnace").furnace().truth(rng), 1e-4),
+        "two_mass": (load("mismatch.two_mass").two_mass().truth(rng), 1e-5),
     }
 
 
@@ -65,6 +76,12 @@ def truths(load):
         "ahu",
         "valve",
         "cylinder",
+        "bench_heaters",
+        "dc_motor",
+        "reaction_wheel",
+        "pump_loop",
+        "furnace",
+        "two_mass",
     ],
 )
 def test_a_truth_is_what_scipy_integrates(load, truths, case):
@@ -126,6 +143,8 @@ def test_faults_enter_where_a_plant_file_has_them(load):
     assert outputs(fault("gain", 0.5), fault("input", 1.0)) == pytest.approx([0, 2, 4, 6])
     assert outputs(fault("output", 10.0)) == pytest.approx([0, 12, 14, 16])
     assert outputs(fault("output", 10.0, grows=True)) == pytest.approx([0, 2, 14, 26])
+    assert outputs(fault("output_gain", 0.25)) == pytest.approx([0, 1.5, 3, 4.5])
+    assert outputs(fault("output_gain", 0.5), fault("output", 1.0)) == pytest.approx([0, 2, 3, 4])
     assert outputs(quantum=(1.5,)) == pytest.approx([0, 1.5, 4.5, 6])
     assert outputs(fault("state", 0.5, end=2.0)) == pytest.approx([0, 2, 4.5, 6.5])
     pushed = {"rates": lambda x, u, d: (u[0] + d[0],), "sensors": (lambda x, d: 2 * x[0] - d[0],)}
