@@ -186,7 +186,9 @@ class Constants(NamedTuple):
 
 @once
 def constants_of(model: Model) -> Constants:
-    """Those that move the states' rates most, by their standard errors and the usual spread."""
+    """Those that move the states' rates and outputs most, by their standard errors and the usual
+    spread, and those that a fault changes: how much of that there is in healthy plants, nothing
+    else can tell."""
     known = model.record.constants
     slow = drifting_of(model)
     free = [p.name for p in model.plant.spec.parameters if not p.fixed and p.name not in slow]
@@ -197,7 +199,8 @@ def constants_of(model: Model) -> Constants:
     se = np.array([float(error.get(name) or 0.0) for name in free])
     usual = np.array([usual_spread(float(values[n]), s) for n, s in zip(free, se, strict=True)])
     order = np.argsort(-_effects(model, tuple(free)) * np.hypot(se, usual), kind="stable")
-    kept = sorted(order[:MOST_CONSTANTS].tolist())
+    changed = {fault.target for fault in model.plant.signals.faults if fault.enters == "parameter"}
+    kept = sorted({*order[:MOST_CONSTANTS].tolist(), *np.flatnonzero(np.isin(free, [*changed]))})
     place = {name: k for k, name in enumerate(known.names)}
     correlation = np.eye(len(kept))
     for a, i in enumerate(kept):

@@ -88,7 +88,7 @@ def estimate_noise(
 
     if discrepancy:
         noise = _started(model, told.batch, told.guess, told.bounds(told.guess), stepped)
-        noise = _alternated(model, told.batch, noise, told.bounds(noise), stepped)
+        noise = _alternated(model, told.batch, noise, told.bounds(noise), stepped, {"sigma"})
         for beside in BESIDE:
             noise = _with(beside, model, told, noise, stepped) or noise
         noise = _needed(model, told.batch, noise)
@@ -210,10 +210,12 @@ def _alternated(
     noise: Noise,
     bounds: Bounds,
     stepped: Callable[[], None],
+    held: Set[str] = frozenset(),
 ) -> Noise:
-    """Searches of so many steps each, and the constants told anew after each."""
-    for steps in ROUNDS:
-        noise = _searched(model, batch, noise, bounds, set(), steps, stepped)
+    """Searches of so many steps each, the first with some levels `held`, and the constants told
+    anew after each."""
+    for k, steps in enumerate(ROUNDS):
+        noise = _searched(model, batch, noise, bounds, set() if k else held, steps, stepped)
         noise = constants_retold(model, batch, noise)
     return noise
 
@@ -261,7 +263,7 @@ def _started(
     many = [noise._replace(process=a * noise.process, size=b * noise.size) for a, b in STARTS]
     seen = batch.beginning(int(PART * batch.dt.shape[1]))
     while len(many) > 1:
-        many = [_searched(model, seen, m, bounds, set(), FIRST, stepped) for m in many]
+        many = [_searched(model, seen, m, bounds, {"sigma"}, FIRST, stepped) for m in many]
         order = np.argsort(_costs(model, batch, many, bounds))
         many, seen = [many[k] for k in order[: len(many) // 2]], batch
     return many[0]
