@@ -108,11 +108,17 @@ def as_unsure_as_few_runs_tell(model: Model, batch: Likelihood, noise: Noise) ->
     """`noise` with constants spread as wide as those of the next run may lie: a normal
     distribution with the 95 % range of Student's t, since a spread that few runs told may be far
     larger (A. Gelman et al., Bayesian Data Analysis, section 3.2)."""
-    spread, runs = noise.spread.copy(), len(np.unique(batch.runs))
+    runs = len(np.unique(batch.runs))
+    wider = np.ones(len(noise.spread))
     for alike in _alike(model, constants_of(model).names):
         told = max(runs - 1, 1) * len(alike) + 1  # the prior: one more
-        spread[alike] *= student_t.ppf(WITHIN, told) / norm.ppf(WITHIN)
-    return noise._replace(spread=spread)
+        wider[alike] = student_t.ppf(WITHIN, told) / norm.ppf(WITHIN)
+    many = [noise._replace(spread=noise.spread * wider**share) for share in SHARES]
+    cost = batch.run(model, [noise, *many]).cost
+    # a wider prior costs as much as it is wider at most; beyond, the filter is lost there
+    most = np.array(SHARES) * len(batch.runs) * np.log(wider).sum()
+    borne = np.flatnonzero(cost[1:] <= cost[0] + most + 1.0)
+    return many[int(borne[0])] if len(borne) else noise
 
 
 def _within(
