@@ -3,7 +3,7 @@ of one posterior."""
 
 import json
 import re
-from datetime import datetime, timedelta
+from datetime import datetime
 
 import numpy as np
 import pytest
@@ -179,7 +179,7 @@ def check_times(bank, said, event, plain, rows, begin, end):
             continue
         stamp = datetime.fromisoformat(rows["time"][row])
         shown = re.search(rf"{word} (?:(\S+) )?(\d+:\d+:[\d.]+)", sentence)
-        day = shown[1] or said.run.clock.date().isoformat()
+        day = shown[1] or said.run.clock.begun.date().isoformat()
         assert datetime.fromisoformat(f"{day}T{shown[2]}") == stamp
     began = re.search(r"since (?:(\S+) )?([\d.:-]+) ?", sentence)
     clock = said.run.clock
@@ -189,8 +189,8 @@ def check_times(bank, said, event, plain, rows, begin, end):
     elif not clocked:
         assert float(began[2]) <= event.start
     else:
-        day = began[1] or said.run.clock.date().isoformat()
-        assert datetime.fromisoformat(f"{day}T{began[2]}") <= clock + timedelta(seconds=event.start)
+        day = began[1] or said.run.clock.begun.date().isoformat()
+        assert datetime.fromisoformat(f"{day}T{began[2]}") <= clock.at(event.start)
         assert plain["onset_clock"] is not None
 
 

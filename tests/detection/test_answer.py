@@ -23,6 +23,7 @@ from faultgauge.detection.noise import Noise
 from faultgauge.reporting.decision_chapter import decision_report
 from faultgauge.reporting.report import render
 from faultgauge.telemetry import Run, read_telemetry
+from faultgauge.telemetry.clock import Clock
 from faultgauge.telemetry.runs import cut
 from faultgauge.telemetry.writing import as_table, write_table
 from models import as_stated
@@ -107,7 +108,7 @@ def test_the_sentence_says_what_since_when_and_what_it_is_not(bank, decision):
 
 
 def test_a_log_with_a_clock_is_answered_in_its_time(bank, decision):
-    timed = replace(decision.run, clock=datetime(2026, 5, 1, 8, 41, 10))
+    timed = replace(decision.run, clock=Clock(datetime(2026, 5, 1, 8, 41, 10)))
     (line,) = answers(bank, [replace(decision, run=timed)])
     assert "since 08:46:" in line  # 300 s after 08:41:10, found to within seconds
     (found,) = as_dicts(bank, [replace(decision, run=timed)])
@@ -118,7 +119,7 @@ def test_timestamps_of_a_file_set_the_clock(tmp_path):
     path = tmp_path / "log.csv"
     path.write_text("t,u\n2026-05-01T23:59:59,1\n2026-05-02T00:00:00,2\n2026-05-02T00:00:01,1\n")
     (run,) = read_telemetry(path)
-    assert run.clock == datetime(2026, 5, 1, 23, 59, 59)
+    assert run.clock == Clock(datetime(2026, 5, 1, 23, 59, 59))
     assert run.t.tolist() == [0.0, 1.0, 2.0]
 
 
@@ -267,7 +268,7 @@ def test_the_evidence_replays_from_a_file(bank, decision, tmp_path):
     found = evidence(bank, decision, decision.events[-1])
     assert found.replayed is not None
     assert found.run.t[0] < ONSET < found.run.t[-1]
-    timed = replace(found.run, clock=datetime(2026, 5, 1, 8, 41, 10))
+    timed = replace(found.run, clock=Clock(datetime(2026, 5, 1, 8, 41, 10)))
     write_table(as_table(timed), tmp_path / "window.csv")
     (again,) = read_telemetry(tmp_path / "window.csv", names=["u", "x"])
     np.testing.assert_array_equal(again.t, timed.t)
@@ -278,7 +279,7 @@ def test_the_evidence_replays_from_a_file(bank, decision, tmp_path):
 def test_a_file_of_evidence_shows_the_clock_of_the_log(bank, decision, tmp_path):
     """Row by row as the log has it, through midnight, and read by that clock it says the same."""
     begun = datetime(2026, 5, 1, 23, 55, 45)
-    whole = replace(decision.run, clock=begun)
+    whole = replace(decision.run, clock=Clock(begun))
     found = evidence(bank, replace(decision, run=whole), decision.events[-1])
     write_evidence([found], [tmp_path / "e.csv"])
     with open(tmp_path / "e.csv") as file:
@@ -336,7 +337,7 @@ def test_a_report_of_a_healthy_run_has_the_outputs_alone(bank):
 
 
 def test_a_report_of_a_log_with_a_clock_is_in_its_time(bank, decision):
-    timed = replace(decision.run, clock=datetime(2026, 5, 1, 8, 41, 10))
+    timed = replace(decision.run, clock=Clock(datetime(2026, 5, 1, 8, 41, 10)))
     report = decision_report(bank, [replace(decision, run=timed)])
     (table,) = report.sections[1].tables
     assert table.header[1:4] == ("began", "told", "seen until")

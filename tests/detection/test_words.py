@@ -16,6 +16,7 @@ from faultgauge.detection.words import (
     since,
     would_not_show,
 )
+from faultgauge.telemetry.clock import Clock
 
 
 @pytest.mark.parametrize(
@@ -69,7 +70,7 @@ def test_times_are_as_fine_as_rows_are_apart():
     assert moment(None, 0.2179931, 0.000999) == moment(None, 0.2179931, 0.001) == "0.2179 s"
     assert moment(None, 1_234_567.5, 0.5) == "1234567.5 s"
     assert since(None, 400.0, 270.0, 530.0) == "since 400 s +- 130 s"
-    noon = datetime(2026, 5, 1, 12)
+    noon = Clock(datetime(2026, 5, 1, 12))
     assert since(noon, 400.0, 377.0, 423.0) == "since 12:06:40 +- 23 s"
     assert since(noon, 4000.0, 3688.0, 4312.0) == "since 13:06:40 +- 5.2 min"
     assert since(noon, 7300.0, 1900.0, 12700.0) == "since 14:01 +- 1.5 h"

@@ -8,7 +8,6 @@ may be, and what this log would not have shown.
 
 from collections import Counter, deque
 from collections.abc import Sequence
-from datetime import datetime
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -38,6 +37,7 @@ from faultgauge.detection.words import (
     would_not_show,
 )
 from faultgauge.telemetry import Run
+from faultgauge.telemetry.clock import Clock
 
 __all__ = [
     "alarms",
@@ -246,7 +246,7 @@ def answer(bank: FaultBank, decision: Decision, event: BankEvent) -> Told:
 
 
 def finding(
-    event: BankEvent, unit: str, step: float, clock: datetime | None = None
+    event: BankEvent, unit: str, step: float, clock: Clock | None = None
 ) -> tuple[str, str]:
     """(what, how big, since when and how sure; when it was told and seen last), of rows that are
     `step` [s] apart."""

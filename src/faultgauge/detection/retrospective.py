@@ -3,7 +3,6 @@ would have been told, when."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
-from datetime import datetime
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -30,6 +29,7 @@ from faultgauge.detection.words import (
     since,
     would_not_show,
 )
+from faultgauge.telemetry.clock import Clock
 
 __all__ = ["HEALTHY", "Retrospect", "Told", "as_dicts", "retrospect", "sentences"]
 
@@ -86,7 +86,7 @@ class Retrospect:
     given: Curve
     white: Float[np.ndarray, "samples outputs"]
     fit: Float[np.ndarray, "samples outputs"]
-    clock: datetime | None = None  # at 0 s
+    clock: Clock | None = None
 
 
 def retrospect(bank: FaultBank, decision: Decision) -> list[Retrospect]:

@@ -1,9 +1,10 @@
 """Sizes, times and odds as they are said."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from datetime import datetime, timedelta
 
 import numpy as np
+
+from faultgauge.telemetry.clock import Clock
 
 __all__ = [
     "MOST",
@@ -37,6 +38,7 @@ SPANS = ((100.0, 1.0, "s"), (3600.0, 60.0, "min"), (48 * 3600.0, 3600.0, "h"))  
 COARSE = 600.0  # s, from which on a clock is read to the minute
 OLDER = "already there when the log begins"
 UNDECLARED = "something undeclared"
+TWICE = " (by the clock put back)"
 
 
 def amount(size: float, low: float, high: float, unit: str) -> str:
@@ -110,19 +112,20 @@ def times_more(count: int) -> str:
     return "once more" if count == 1 else f"{count} times more"
 
 
-def moment(clock: datetime | None, t: float, resolution: float = 0.0) -> str:
-    """`t` [s] as a clock that showed `clock` at 0 s shows it, or as seconds; as fine as
-    `resolution` [s] is, and rounded down, as clocks do, so that nothing is said to be later than
-    it was. With the date where that is another day."""
+def moment(clock: Clock | None, t: float, resolution: float = 0.0) -> str:
+    """`t` [s] as the log's clock shows it, or as seconds; as fine as `resolution` [s] is, and
+    rounded down, as clocks do, so that nothing is said to be later than it was. With the date where
+    that is another day, and with a word where the clock shows that time for the second time."""
     if clock is None:
         unit = 10.0 ** -decimals(resolution)
         return f"{np.floor(t / unit + ROUNDING) * unit:.12g} s"
-    at = clock + timedelta(seconds=t)
-    date = "" if at.date() == clock.date() else f"{at.date().isoformat()} "
+    at = clock.at(t)
+    date = "" if at.date() == clock.begun.date() else f"{at.date().isoformat()} "
+    again = TWICE if clock.shown_twice(t) else ""
     if resolution >= COARSE:
-        return date + at.time().isoformat("minutes")
+        return date + at.time().isoformat("minutes") + again
     whole = resolution >= 1 or not at.microsecond
-    return date + at.time().isoformat("seconds" if whole else "milliseconds")
+    return date + at.time().isoformat("seconds" if whole else "milliseconds") + again
 
 
 def duration(seconds: float) -> str:
@@ -133,7 +136,7 @@ def duration(seconds: float) -> str:
     return f"{number(seconds / 86400.0, 2)} days"
 
 
-def since(clock: datetime | None, onset: float, low: float, high: float) -> str:
+def since(clock: Clock | None, onset: float, low: float, high: float) -> str:
     """ "since 299.5 s +- 1.1 s", "since 08:41 +- 1.5 h" by a clock, or "since 299.5 s, between
     298.1 s and 300 s" where that is not the middle of its interval."""
     half = (high - low) / 2
@@ -144,13 +147,13 @@ def since(clock: datetime | None, onset: float, low: float, high: float) -> str:
     return f"since {at}, between {first} and {last}"
 
 
-def onset_cell(clock: datetime | None, onset: float, low: float, high: float) -> str:
+def onset_cell(clock: Clock | None, onset: float, low: float, high: float) -> str:
     """ "299.5 s (298.1 s to 300 s)", in a table."""
     at, first, last = (moment(clock, t, (high - low) / 2) for t in (onset, low, high))
     return f"{at} ({first} to {last})"
 
 
-def or_earlier(clock: datetime | None, latest: float, resolution: float) -> str:
+def or_earlier(clock: Clock | None, latest: float, resolution: float) -> str:
     """ "since 299.5 s or earlier", of what began by `latest` [s]."""
     return f"since {moment(clock, latest, resolution)} or earlier"
 

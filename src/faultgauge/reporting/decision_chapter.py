@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from datetime import datetime
 
 import numpy as np
 from jaxtyping import Float
@@ -23,6 +22,7 @@ from faultgauge.reporting.run_overview import run_overview, silent
 from faultgauge.reporting.scales import least_sizes, noise_scales
 from faultgauge.reporting.svg import Figure
 from faultgauge.reporting.time_figures import Panel, around, fault_estimate, panels
+from faultgauge.telemetry.clock import Clock
 
 __all__ = [
     "decision_figures",
@@ -139,7 +139,7 @@ def _residuals(model: Model, decision: Decision) -> list[Panel]:
     ]
 
 
-def _row(bank: FaultBank, clock: datetime | None, event: BankEvent) -> tuple[str, ...]:
+def _row(bank: FaultBank, clock: Clock | None, event: BankEvent) -> tuple[str, ...]:
     """What the sentence of an event says, as cells."""
     units = {each.name: each.unit for each in bank.model.plant.signals.faults}
 

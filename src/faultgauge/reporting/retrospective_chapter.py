@@ -1,7 +1,6 @@
 """The section of `estimate --smooth`: what the whole log tells, beside what was told then."""
 
 from collections.abc import Sequence
-from datetime import datetime
 
 import numpy as np
 
@@ -15,6 +14,7 @@ from faultgauge.reporting.marks import NOISES
 from faultgauge.reporting.report import Section, Table
 from faultgauge.reporting.svg import Figure
 from faultgauge.reporting.time_figures import Panel, curves, panels
+from faultgauge.telemetry.clock import Clock
 
 __all__ = ["retrospective_section"]
 
@@ -98,7 +98,7 @@ def _fault(bank: FaultBank, decision: Decision, found: Retrospect) -> Figure:
     )
 
 
-def _onset(found: Retrospect, clock: datetime | None) -> Figure:
+def _onset(found: Retrospect, clock: Clock | None) -> Figure:
     """The posterior of the onset, near it."""
     assert found.onset_lo is not None
     assert found.onset_hi is not None
