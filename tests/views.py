@@ -76,9 +76,13 @@ def check_least(sentence, faults):
 
 
 def check_once(events):
-    """A fault that is dated to before its last event ended is no second event."""
+    """A fault that is dated to before its last event ended is no second event, and one of another
+    sign ends the one before, unless it is dated to before that was told."""
     latest = {}
-    for each in events:
+    for k, each in enumerate(events):
+        for other in events[:k]:
+            if each.fault == other.fault != UNKNOWN:
+                assert other.end <= each.onset or each.onset < other.start
         key = each.fault, np.sign(each.size or 0.0)
         assert each.fault == UNKNOWN or each.onset > latest.get(key, -np.inf), each
         latest[key] = each.end

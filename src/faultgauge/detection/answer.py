@@ -228,8 +228,12 @@ def answer(bank: FaultBank, decision: Decision, event: BankEvent) -> Told:
     rest = [times + _whether_over(decision, event), *_before_its_name(bank, decision, event)]
     rest += _course(bank, decision, event)
     others = {each.fault for each in _beside(decision, event)}
+
+    def alone(cause: str) -> str:  # as what may be there too is not counted
+        return f"{cause} alone" if cause in dict(event.beside) else cause
+
     rest += likelihoods(
-        (UNDECLARED if cause == UNKNOWN else cause, odds)
+        (UNDECLARED if cause == UNKNOWN else alone(cause), odds)
         for cause, odds in event.instead
         if cause not in others and (odds < MOST or cause not in dict(event.beside))
     )
@@ -288,14 +292,17 @@ def _before_its_name(bank: FaultBank, decision: Decision, event: BankEvent) -> l
 
 
 def _course(bank: FaultBank, decision: Decision, event: BankEvent) -> list[str]:
-    """Between what sizes a fault was that was long as large as the event's interval has it not."""
+    """Between what sizes a fault was told that was of another size for long: rows and event hold
+    each other's size for wrong."""
     if event.size is None or event.lo is None or event.hi is None:
         return []
     t, found = decision.run.t, decision.posterior
     k = bank.model.plant.signals.fault_names.index(event.fault)
     sure = (t >= event.start) & (t <= event.end) & (np.nan_to_num(found.p[:, k]) >= NAMED)
     sizes = found.f[sure, k] / found.p[sure, k]
-    if np.sum((sizes < event.lo) | (sizes > event.hi)) <= CHANGED * len(sizes):
+    other = (sizes < event.lo) | (sizes > event.hi)
+    other &= (found.lo[sure, k] > event.size) | (found.hi[sure, k] < event.size)
+    if np.sum(other) <= CHANGED * len(sizes):
         return []
     low, high = np.quantile(sizes, [0.05, 0.95])
     return [f"after it was told {between(low, high, _unit(bank, event.fault))}"]

@@ -296,7 +296,7 @@ def _said(signals: Signals, regions: Sequence[str], code: int) -> str:
         case Reason.STALE:
             return "no output was sampled for a while"
         case Reason.HELD:
-            return "held off after a start or a gap"
+            return "too soon after a start or a gap"
         case Reason.UNDECLARED:
             return "no declared fault explains it"
         case Reason.EITHER:
