@@ -156,7 +156,7 @@ def check_event(bank, said, event, plain, rows):
         assert 0 < odds <= MOST
         # 1e-6: the sets are kept in single precision
         assert marginal[name] <= event.p / odds + event.p * beside.get(name, 0.0) + 1e-6
-        if f"{name} instead is more than" in sentence:
+        if f"{name} is more than" in sentence:
             assert name not in beside
             assert marginal[name] <= event.p / MOST + 1e-6
     assert all(each > POSSIBLE for each in beside.values())

@@ -97,7 +97,7 @@ def test_the_sentence_says_what_since_when_and_what_it_is_not(bank, decision):
     assert line.startswith("leak -0.")
     assert "m/s (-0." in line
     assert ") since 299.53 s +- 0.83 s (p > 0.999, run run1); told at 309 s, " in line
-    assert "; gauge instead is more than 1000 times less likely;" in line
+    assert "; gauge is more than 1000 times less likely;" in line
     assert "; leak below " in line
     assert line.endswith("m/s would not have shown")
     (found,) = as_dicts(bank, [decision])
@@ -180,13 +180,13 @@ def test_a_fault_that_is_told_beside_another_is_no_other_explanation_of_it(bank,
     (event,) = decision.events
     other = replace(event, fault="gauge", onset=event.onset + 50, start=event.start + 50)
     both = replace(decision, events=[event, other])
-    assert "instead" not in answers(bank, [both])[0]
+    assert "less likely" not in answers(bank, [both])[0]
     likely = replace(event, instead=(("gauge", 1000.0), ("unknown", 4.0)))
     said = answers(bank, [replace(decision, events=[likely])])[0]
     assert "; something undeclared is only 4 times less likely;" in said
     early = replace(other, onset=1.0, start=2.0, end=10.0)  # over before the leak begins
     apart = replace(decision, events=[early, event])
-    assert "; gauge instead is" in answers(bank, [apart])[1]
+    assert "; gauge is" in answers(bank, [apart])[1]
 
 
 def test_what_may_be_there_too_is_said_and_what_is_told_beside_is_not_said_twice(bank, decision):

@@ -39,20 +39,20 @@ def test_a_size_that_changed_is_said_as_fine_as_it_changed():
 
 
 def test_odds_are_said_as_times():
-    assert less_likely(["leak"], 200.4) == "leak instead is 200 times less likely"
+    assert less_likely(["leak"], 200.4) == "leak is 200 times less likely"
     assert less_likely(["leak", "gauge"], 1000.0) == (
-        "leak or gauge instead is more than 1000 times less likely"
+        "leak or gauge is more than 1000 times less likely"
     )
-    assert less_likely(["leak"], 1.01) == "leak instead is as likely"
-    assert less_likely(["leak"], 2.214) == "leak instead is 2.21 times less likely"
+    assert less_likely(["leak"], 1.01) == "leak is as likely"
+    assert less_likely(["leak"], 2.214) == "leak is 2.2 times less likely"
 
 
 def test_causes_of_the_same_odds_are_said_together():
     """The likeliest first; what is undeclared only while it is likely."""
     odds = [("gauge", 5000.0), ("pump", 1000.0), ("leak", 30.0), (UNDECLARED, 25.0)]
     assert likelihoods(odds) == [
-        "leak instead is 30 times less likely",
-        "pump or gauge instead is more than 1000 times less likely",
+        "leak is 30 times less likely",
+        "pump or gauge is more than 1000 times less likely",
     ]
     assert likelihoods([(UNDECLARED, 12.34)]) == [f"{UNDECLARED} is only 12 times less likely"]
 

@@ -130,7 +130,7 @@ def test_rows_may_be_missing_where_summer_time_ends(tmp_path, step, lost):
 
 def test_an_hour_that_comes_twice_is_told_apart():
     clock = Clock(datetime(2026, 10, 25, 2, 30), ((1800.0, -3600.0),))
-    back = " (by the clock put back)"
+    back = " (winter time)"
     assert [moment(clock, t, 1.0) for t in (0.0, 1799.0, 1800.0, 5399.0, 5400.0)] == [
         *("02:30:00", "02:59:59", f"02:00:00{back}", f"02:59:59{back}", "03:00:00")
     ]

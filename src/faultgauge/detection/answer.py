@@ -2,7 +2,7 @@
 may be, and what this log would not have shown.
 
     friction +0.100 N*m (+0.096 to +0.104) since 08:41:10 +- 6 s (p 0.998, run a); told at 08:41:21,
-    seen until 09:00:00; gain instead is 200 times less likely; friction below 0.0012 N*m would not
+    seen until 09:00:00; gain is 200 times less likely; friction below 0.0012 N*m would not
     have shown
 """
 
@@ -47,6 +47,7 @@ __all__ = [
     "finding",
     "first_screen",
     "least_told",
+    "other_cause",
     "runs_as_dicts",
     "told",
 ]
@@ -228,12 +229,8 @@ def answer(bank: FaultBank, decision: Decision, event: BankEvent) -> Told:
     rest = [times + _whether_over(decision, event), *_before_its_name(bank, decision, event)]
     rest += _course(bank, decision, event)
     others = {each.fault for each in _beside(decision, event)}
-
-    def alone(cause: str) -> str:  # as what may be there too is not counted
-        return f"{cause} alone" if cause in dict(event.beside) else cause
-
     rest += likelihoods(
-        (UNDECLARED if cause == UNKNOWN else alone(cause), odds)
+        (other_cause(event, cause), odds)
         for cause, odds in event.instead
         if cause not in others and (odds < MOST or cause not in dict(event.beside))
     )
@@ -269,6 +266,13 @@ def finding(
         f"{what} {began} ({how}p {probability(event.p)}, run {event.run})",
         f"told at {told}, seen until {last}",
     )
+
+
+def other_cause(event: BankEvent, cause: str) -> str:
+    """What the odds of `event` are against: of what may be there too, that it is there alone."""
+    if cause == UNKNOWN:
+        return UNDECLARED
+    return f"{cause} alone" if cause in dict(event.beside) else cause
 
 
 def _whether_over(decision: Decision, event: BankEvent) -> str:

@@ -253,7 +253,7 @@ def sentences(bank: FaultBank, found: Sequence[Retrospect]) -> list[str]:
 
 def _sentence(bank: FaultBank, found: Retrospect) -> str:
     """ "In hindsight: friction +0.100 N*m (+0.096 to +0.104) since 41 s +- 6 s (p 0.98, run 1);
-    leak instead is 200 times less likely; online you would have been told at 52 s, then as ..." """
+    leak is 200 times less likely; online you would have been told at 52 s, then as ..." """
     units = {fault.name: fault.unit for fault in bank.model.plant.signals.faults}
     assert found.onset is not None
     assert found.onset_lo is not None

@@ -38,7 +38,7 @@ SPANS = ((100.0, 1.0, "s"), (3600.0, 60.0, "min"), (48 * 3600.0, 3600.0, "h"))  
 COARSE = 600.0  # s, from which on a clock is read to the minute
 OLDER = "already there when the log begins"
 UNDECLARED = "something undeclared"
-TWICE = " (by the clock put back)"
+AGAIN = " (winter time)"  # where the clock shows a time for the second time
 
 
 def amount(size: float, low: float, high: float, unit: str) -> str:
@@ -69,11 +69,11 @@ def number(value: float, figures: int = 3) -> str:
 
 
 def less_likely(causes: Sequence[str], odds: float) -> str:
-    """ "leak instead is 200 times less likely"."""
+    """ "leak is 200 times less likely"."""
     if odds < 1.05:
-        return f"{' or '.join(causes)} instead is as likely"
-    times = f"more than {MOST:.0f}" if odds >= MOST else f"{odds:.3g}"
-    return f"{' or '.join(causes)} instead is {times} times less likely"
+        return f"{' or '.join(causes)} is as likely"
+    times = f"more than {MOST:.0f}" if odds >= MOST else number(odds, 2)
+    return f"{' or '.join(causes)} is {times} times less likely"
 
 
 def likelihoods(instead: Iterable[tuple[str, float]]) -> list[str]:
@@ -121,7 +121,7 @@ def moment(clock: Clock | None, t: float, resolution: float = 0.0) -> str:
         return f"{np.floor(t / unit + ROUNDING) * unit:.12g} s"
     at = clock.at(t)
     date = "" if at.date() == clock.begun.date() else f"{at.date().isoformat()} "
-    again = TWICE if clock.shown_twice(t) else ""
+    again = AGAIN if clock.shown_twice(t) else ""
     if resolution >= COARSE:
         return date + at.time().isoformat("minutes") + again
     whole = resolution >= 1 or not at.microsecond

@@ -6,14 +6,14 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from faultgauge.detection.answer import answers, told
+from faultgauge.detection.answer import answers, other_cause, told
 from faultgauge.detection.bank import FaultBank
 from faultgauge.detection.decisions import Decision
 from faultgauge.detection.events import UNKNOWN, BankEvent
 from faultgauge.detection.evidence import Evidence
 from faultgauge.detection.probability import probability
 from faultgauge.detection.retrospective import Retrospect
-from faultgauge.detection.words import MOST, OLDER, UNDECLARED, amount, moment, onset_cell
+from faultgauge.detection.words import MOST, OLDER, UNDECLARED, amount, moment, number, onset_cell
 from faultgauge.plants.model import Model
 from faultgauge.reporting.evidence_chapter import evidence_section
 from faultgauge.reporting.report import Report, Section, Table
@@ -34,7 +34,7 @@ __all__ = [
 MOST_CURVES, MOST_RESIDUALS = 8, 4  # in one figure
 MOST_ROWS = 12  # of an open table
 MOST_FIGURES = 12  # a report is read, not scrolled
-HEADER = ("run", "fault", "began", "told", "seen until", "size", "p", "instead", "beside")
+HEADER = ("run", "fault", "began", "told", "seen until", "size", "p", "less likely", "there too")
 
 
 def decision_report(
@@ -155,7 +155,11 @@ def _row(bank: FaultBank, clock: Clock | None, event: BankEvent) -> tuple[str, .
         moment(clock, event.end, bank.step),
         size,
         probability(event.p),
-        "; ".join(f"{_said(name)} 1:{odds:.3g}" for name, odds in event.instead if odds < MOST),
+        "; ".join(
+            f"{other_cause(event, name)} 1:{number(odds, 2)}"
+            for name, odds in event.instead
+            if odds < MOST
+        ),
         "; ".join(f"{name} p {probability(p)}" for name, p in event.beside),
     )
 
