@@ -203,15 +203,22 @@ def test_no_fault_is_said_of_the_judged_share_alone(bank):
     status = ["HEALTHY"] * 408 + ["NOT_JUDGED"] * (COUNT - 408)
     reason = [""] * 408 + ["u is outside of its trusted range, 0 to 2"] * (COUNT - 408)
     blind = replace(quiet, status=status, reason=reason)
+    u = quiet.run.columns["u"][408:]
+    was = f"u was {u.min():.3g} to {u.max():.3g}"
     (line,) = answers(bank, [blind])
     assert line.startswith(
         "No fault in the 34 % of the log that could be judged; not judged from 204 s to 599.5 s (u "
-        "is outside of its trusted range, 0 to 2); leak below "
+        f"is outside of its trusted range, 0 to 2; {was}); leak below "
     )
     (found,) = runs_as_dicts(bank, [blind], ["leak", "gauge"]).values()
     assert found["judged_share"] == pytest.approx(0.34)
     assert found["silent"] == [
-        {"from": 204.0, "to": 599.5, "share": pytest.approx(0.66), "reason": reason[-1]}
+        {
+            "from": 204.0,
+            "to": 599.5,
+            "share": pytest.approx(0.66),
+            "reason": f"{reason[-1]}; {was}",
+        }
     ]
     assert found["faults"]["leak"]["judged_share"] <= 0.34
     assert found["faults"]["leak"]["smallest"] == least_told(bank, quiet.run, 0)

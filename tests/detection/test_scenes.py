@@ -39,7 +39,7 @@ def test_no_fault_is_said_of_what_was_judged_alone():
     assert line.startswith(
         "No fault in the 32 % of the log that could be judged; not judged from 0 s to 4.5 s (too "
         "soon after a start or a gap) and from 200 s to 599.5 s (u is outside of its trusted "
-        "range, 0 to 1.8); "
+        "range, 0 to 1.8 m/s; u was 1.9); "
     )
 
 
