@@ -13,6 +13,7 @@ from faultgauge.detection.words import (
     likelihoods,
     moment,
     number,
+    onset_cell,
     since,
     would_not_show,
 )
@@ -74,6 +75,13 @@ def test_times_are_as_fine_as_rows_are_apart():
     assert since(noon, 400.0, 377.0, 423.0) == "since 12:06:40 +- 23 s"
     assert since(noon, 4000.0, 3688.0, 4312.0) == "since 13:06:40 +- 5.2 min"
     assert since(noon, 7300.0, 1900.0, 12700.0) == "since 14:01 +- 1.5 h"
+    day = 86400.0
+    assert onset_cell(noon, day, day - 60, day + 60) == (
+        "2026-05-02 12:00:00 (11:59:00 to 12:01:00)"
+    )
+    assert since(noon, day / 2 + 5, day / 2 - 90, day / 2 + 20) == (
+        "since 2026-05-02 00:00:05, between 23:58:30 and 2026-05-02 00:00:20"
+    )
 
 
 @pytest.mark.parametrize(

@@ -140,7 +140,7 @@ def since(clock: Clock | None, onset: float, low: float, high: float) -> str:
     """ "since 299.5 s +- 1.1 s", "since 08:41 +- 1.5 h" by a clock, or "since 299.5 s, between
     298.1 s and 300 s" where that is not the middle of its interval."""
     half = (high - low) / 2
-    at, first, last = (moment(clock, t, half) for t in (onset, low, high))
+    at, first, last = _three(clock, onset, low, high)
     if abs((low + high) / 2 - onset) <= CENTRED * half:
         width = f"{number(half, 2)} s" if clock is None else duration(half)
         return f"since {at} +- {width}"
@@ -149,8 +149,17 @@ def since(clock: Clock | None, onset: float, low: float, high: float) -> str:
 
 def onset_cell(clock: Clock | None, onset: float, low: float, high: float) -> str:
     """ "299.5 s (298.1 s to 300 s)", in a table."""
-    at, first, last = (moment(clock, t, (high - low) / 2) for t in (onset, low, high))
+    at, first, last = _three(clock, onset, low, high)
     return f"{at} ({first} to {last})"
+
+
+def _three(clock: Clock | None, onset: float, low: float, high: float) -> tuple[str, str, str]:
+    """A time and its interval's ends; where all are of one day, with one date."""
+    at, first, last = (moment(clock, t, (high - low) / 2) for t in (onset, low, high))
+    day = f"{clock.at(onset).date().isoformat()} " if clock else ""
+    if day and all(each.startswith(day) for each in (at, first, last)):
+        return at, first.removeprefix(day), last.removeprefix(day)
+    return at, first, last
 
 
 def or_earlier(clock: Clock | None, latest: float, resolution: float) -> str:

@@ -156,8 +156,14 @@ def axis_label(name: str, unit: str) -> str:
 
 
 def upright_label(name: str, unit: str, width: int = 24) -> str:
-    """Return `axis_label` in lines of at most `width` letters, for beside a vertical axis."""
-    return textwrap.fill(axis_label(name, unit), width)
+    """Return `axis_label` in lines of at most `width` letters, for beside a vertical axis; broken
+    between words, those of a name_of_several too."""
+    lines = [""]
+    for word in re.split(r"(?<=[ _])", axis_label(name, unit)):
+        if len(lines[-1]) + len(word.rstrip()) > width:
+            lines.append("")
+        lines[-1] += word
+    return "\n".join(textwrap.fill(line.rstrip(), width) for line in lines if line)
 
 
 def quantity(value: float, unit: str, figures: int = 3) -> str:
