@@ -268,9 +268,7 @@ def _rate_hints(log: LogFile, name: str, driven: set[str]) -> list[str]:
 def _column_hints(column: ColumnReport) -> list[str]:
     hints = []
     if column.kind == "empty":
-        hints.append(
-            f"Column {column.name!r} is empty: commands that need it refuse it; remove or fill it."
-        )
+        hints.append(f"Column {column.name!r} is empty: leave it out of the plant file.")
     if column.statistics is not None and column.statistics.constant:
         hints.append(
             f"Column {column.name!r} never changes ({column.statistics.min:.6g}): nothing can be "
