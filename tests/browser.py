@@ -1,4 +1,4 @@
-"""Pages as Chromium lays them out, measured and not looked at."""
+"""Pages as Chromium lays them out: measured, and photographed."""
 
 import json
 import re
@@ -8,9 +8,12 @@ from html import escape, unescape
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
 import pytest
+from matplotlib.image import imread
 
 WIDTHS, HEIGHT = (1100, 600), 800  # pixels: a laptop's window and half of one
+TALL = 6000  # pixels: more than a page of the tests has
 NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
 MEASURE = """
 <script>
@@ -77,9 +80,6 @@ class Layout(NamedTuple):
 
 def layouts(pages: list[str], folder: Path) -> list[list[Layout]]:
     """Every page's layouts, one for each of `WIDTHS`; a skip where there is no Chromium."""
-    program = next((found for name in NAMES if (found := shutil.which(name))), None)
-    if program is None:
-        pytest.skip("no Chromium here: pages are measured where `chromium` is on the PATH")
     frames = "".join(
         f'<iframe srcdoc="{escape(page)}" style="width:{width}px;height:{HEIGHT}px;border:0">'
         "</iframe>"
@@ -88,16 +88,33 @@ def layouts(pages: list[str], folder: Path) -> list[list[Layout]]:
     )
     harness = folder / "pages.html"
     harness.write_text(f"<!doctype html><meta charset=utf-8>{MEASURE}<body>{frames}</body>")
-    done = subprocess.run(
-        [program, "--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage",
-         f"--user-data-dir={folder / 'profile'}", "--dump-dom", harness.as_uri()],
-        capture_output=True, text=True, timeout=300, check=False,
-    )  # fmt: skip
+    done = _chromium(folder, "--dump-dom", harness.as_uri())
     found = re.search(r"<pre>(.*?)</pre>", done.stdout, re.DOTALL)
     assert found, done.stderr[-2000:]
     each = [Layout(**layout) for layout in json.loads(unescape(found[1]))]
     assert len(each) == len(WIDTHS) * len(pages)
     return [each[k : k + len(WIDTHS)] for k in range(0, len(each), len(WIDTHS))]
+
+
+def picture(page: str, width: int, folder: Path) -> np.ndarray:
+    """(height, width, colour) of the whole page, all unfolded, in a window `width` wide."""
+    harness, found = folder / "picture.html", folder / "picture.png"
+    harness.write_text(re.sub(r"<details(?! open)", "<details open", page))
+    size = f"--window-size={width},{TALL}"
+    done = _chromium(folder, "--hide-scrollbars", size, f"--screenshot={found}", harness.as_uri())
+    assert found.exists(), done.stderr[-2000:]
+    return imread(found)[:, :, :3]
+
+
+def _chromium(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    program = next((found for name in NAMES if (found := shutil.which(name))), None)
+    if program is None:
+        pytest.skip("no Chromium here: pages are measured where `chromium` is on the PATH")
+    return subprocess.run(
+        [program, "--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage",
+         f"--user-data-dir={folder / 'profile'}", *arguments],
+        capture_output=True, text=True, timeout=300, check=False,
+    )  # fmt: skip
 
 
 def check(layout: Layout) -> None:

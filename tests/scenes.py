@@ -16,6 +16,7 @@ from jaxtyping import Float
 from faultgauge.detection.bank import FaultBank, build_fault_bank
 from faultgauge.detection.noise import Noise
 from faultgauge.telemetry import Run
+from faultgauge.telemetry.clock import Clock
 from models import as_stated
 
 Samples: TypeAlias = Float[np.ndarray, "samples"]
@@ -102,7 +103,7 @@ def _resting() -> Samples:
 
 def _clocked() -> Run:
     run = log(1, leak=between(300, NEVER, -0.1))
-    return replace(run, clock=datetime(2026, 5, 1, 8, 41))
+    return replace(run, clock=Clock(datetime(2026, 5, 1, 8, 41)))
 
 
 SCENES: dict[str, Callable[[], Run]] = {

@@ -3,7 +3,7 @@ of one posterior."""
 
 import json
 import re
-from datetime import datetime, timedelta
+from datetime import datetime
 
 import numpy as np
 import pytest
@@ -76,9 +76,13 @@ def check_least(sentence, faults):
 
 
 def check_once(events):
-    """A fault that is dated to before its last event ended is no second event."""
+    """A fault that is dated to before its last event ended is no second event, and one of another
+    sign ends the one before, unless it is dated to before that was told."""
     latest = {}
-    for each in events:
+    for k, each in enumerate(events):
+        for other in events[:k]:
+            if each.fault == other.fault != UNKNOWN:
+                assert other.end <= each.onset or each.onset < other.start
         key = each.fault, np.sign(each.size or 0.0)
         assert each.fault == UNKNOWN or each.onset > latest.get(key, -np.inf), each
         latest[key] = each.end
@@ -152,7 +156,7 @@ def check_event(bank, said, event, plain, rows):
         assert 0 < odds <= MOST
         # 1e-6: the sets are kept in single precision
         assert marginal[name] <= event.p / odds + event.p * beside.get(name, 0.0) + 1e-6
-        if f"{name} instead is more than" in sentence:
+        if f"{name} is more than" in sentence:
             assert name not in beside
             assert marginal[name] <= event.p / MOST + 1e-6
     assert all(each > POSSIBLE for each in beside.values())
@@ -179,7 +183,7 @@ def check_times(bank, said, event, plain, rows, begin, end):
             continue
         stamp = datetime.fromisoformat(rows["time"][row])
         shown = re.search(rf"{word} (?:(\S+) )?(\d+:\d+:[\d.]+)", sentence)
-        day = shown[1] or said.run.clock.date().isoformat()
+        day = shown[1] or said.run.clock.begun.date().isoformat()
         assert datetime.fromisoformat(f"{day}T{shown[2]}") == stamp
     began = re.search(r"since (?:(\S+) )?([\d.:-]+) ?", sentence)
     clock = said.run.clock
@@ -189,8 +193,8 @@ def check_times(bank, said, event, plain, rows, begin, end):
     elif not clocked:
         assert float(began[2]) <= event.start
     else:
-        day = began[1] or said.run.clock.date().isoformat()
-        assert datetime.fromisoformat(f"{day}T{began[2]}") <= clock + timedelta(seconds=event.start)
+        day = began[1] or said.run.clock.begun.date().isoformat()
+        assert datetime.fromisoformat(f"{day}T{began[2]}") <= clock.at(event.start)
         assert plain["onset_clock"] is not None
 
 

@@ -497,6 +497,10 @@ def test_check_does_it_all(call, workshop, tmp_path):
     logs = (workshop.healthy, workshop.suspect)
     found = one_object(call("check", *logs, "--plant", workshop.plant, "--out", out, "--json"))
     assert found.keys() == {"events", "sentences", "runs"}
+    (run,) = found["runs"].values()
+    assert run.keys() == {"judged_share", "silent", "faults", "unnamed", "glitches"}
+    assert all(each.keys() == {"from", "to", "share", "reason"} for each in run["silent"])
+    assert run["faults"]["leak"].keys() == {"judged_share", "smallest"}
     longest = max(found["events"], key=lambda e: e["end"] - e["start"])
     # fitted on 42 % of one log only: 15 %
     assert longest["size"] == pytest.approx(workshop.leak, rel=0.15)

@@ -23,6 +23,7 @@ from faultgauge.detection.noise import Noise
 from faultgauge.reporting.decision_chapter import decision_report
 from faultgauge.reporting.report import render
 from faultgauge.telemetry import Run, read_telemetry
+from faultgauge.telemetry.clock import Clock
 from faultgauge.telemetry.runs import cut
 from faultgauge.telemetry.writing import as_table, write_table
 from models import as_stated
@@ -96,7 +97,7 @@ def test_the_sentence_says_what_since_when_and_what_it_is_not(bank, decision):
     assert line.startswith("leak -0.")
     assert "m/s (-0." in line
     assert ") since 299.53 s +- 0.83 s (p > 0.999, run run1); told at 309 s, " in line
-    assert "; gauge instead is more than 1000 times less likely;" in line
+    assert "; gauge is more than 1000 times less likely;" in line
     assert "; leak below " in line
     assert line.endswith("m/s would not have shown")
     (found,) = as_dicts(bank, [decision])
@@ -107,7 +108,7 @@ def test_the_sentence_says_what_since_when_and_what_it_is_not(bank, decision):
 
 
 def test_a_log_with_a_clock_is_answered_in_its_time(bank, decision):
-    timed = replace(decision.run, clock=datetime(2026, 5, 1, 8, 41, 10))
+    timed = replace(decision.run, clock=Clock(datetime(2026, 5, 1, 8, 41, 10)))
     (line,) = answers(bank, [replace(decision, run=timed)])
     assert "since 08:46:" in line  # 300 s after 08:41:10, found to within seconds
     (found,) = as_dicts(bank, [replace(decision, run=timed)])
@@ -118,7 +119,7 @@ def test_timestamps_of_a_file_set_the_clock(tmp_path):
     path = tmp_path / "log.csv"
     path.write_text("t,u\n2026-05-01T23:59:59,1\n2026-05-02T00:00:00,2\n2026-05-02T00:00:01,1\n")
     (run,) = read_telemetry(path)
-    assert run.clock == datetime(2026, 5, 1, 23, 59, 59)
+    assert run.clock == Clock(datetime(2026, 5, 1, 23, 59, 59))
     assert run.t.tolist() == [0.0, 1.0, 2.0]
 
 
@@ -179,13 +180,13 @@ def test_a_fault_that_is_told_beside_another_is_no_other_explanation_of_it(bank,
     (event,) = decision.events
     other = replace(event, fault="gauge", onset=event.onset + 50, start=event.start + 50)
     both = replace(decision, events=[event, other])
-    assert "instead" not in answers(bank, [both])[0]
+    assert "less likely" not in answers(bank, [both])[0]
     likely = replace(event, instead=(("gauge", 1000.0), ("unknown", 4.0)))
     said = answers(bank, [replace(decision, events=[likely])])[0]
     assert "; something undeclared is only 4 times less likely;" in said
     early = replace(other, onset=1.0, start=2.0, end=10.0)  # over before the leak begins
     apart = replace(decision, events=[early, event])
-    assert "; gauge instead is" in answers(bank, [apart])[1]
+    assert "; gauge is" in answers(bank, [apart])[1]
 
 
 def test_what_may_be_there_too_is_said_and_what_is_told_beside_is_not_said_twice(bank, decision):
@@ -202,15 +203,22 @@ def test_no_fault_is_said_of_the_judged_share_alone(bank):
     status = ["HEALTHY"] * 408 + ["NOT_JUDGED"] * (COUNT - 408)
     reason = [""] * 408 + ["u is outside of its trusted range, 0 to 2"] * (COUNT - 408)
     blind = replace(quiet, status=status, reason=reason)
+    u = quiet.run.columns["u"][408:]
+    was = f"u was {u.min():.3g} to {u.max():.3g}"
     (line,) = answers(bank, [blind])
     assert line.startswith(
         "No fault in the 34 % of the log that could be judged; not judged from 204 s to 599.5 s (u "
-        "is outside of its trusted range, 0 to 2); leak below "
+        f"is outside of its trusted range, 0 to 2; {was}); leak below "
     )
     (found,) = runs_as_dicts(bank, [blind], ["leak", "gauge"]).values()
     assert found["judged_share"] == pytest.approx(0.34)
     assert found["silent"] == [
-        {"from": 204.0, "to": 599.5, "share": pytest.approx(0.66), "reason": reason[-1]}
+        {
+            "from": 204.0,
+            "to": 599.5,
+            "share": pytest.approx(0.66),
+            "reason": f"{reason[-1]}; {was}",
+        }
     ]
     assert found["faults"]["leak"]["judged_share"] <= 0.34
     assert found["faults"]["leak"]["smallest"] == least_told(bank, quiet.run, 0)
@@ -267,7 +275,7 @@ def test_the_evidence_replays_from_a_file(bank, decision, tmp_path):
     found = evidence(bank, decision, decision.events[-1])
     assert found.replayed is not None
     assert found.run.t[0] < ONSET < found.run.t[-1]
-    timed = replace(found.run, clock=datetime(2026, 5, 1, 8, 41, 10))
+    timed = replace(found.run, clock=Clock(datetime(2026, 5, 1, 8, 41, 10)))
     write_table(as_table(timed), tmp_path / "window.csv")
     (again,) = read_telemetry(tmp_path / "window.csv", names=["u", "x"])
     np.testing.assert_array_equal(again.t, timed.t)
@@ -278,7 +286,7 @@ def test_the_evidence_replays_from_a_file(bank, decision, tmp_path):
 def test_a_file_of_evidence_shows_the_clock_of_the_log(bank, decision, tmp_path):
     """Row by row as the log has it, through midnight, and read by that clock it says the same."""
     begun = datetime(2026, 5, 1, 23, 55, 45)
-    whole = replace(decision.run, clock=begun)
+    whole = replace(decision.run, clock=Clock(begun))
     found = evidence(bank, replace(decision, run=whole), decision.events[-1])
     write_evidence([found], [tmp_path / "e.csv"])
     with open(tmp_path / "e.csv") as file:
@@ -336,7 +344,7 @@ def test_a_report_of_a_healthy_run_has_the_outputs_alone(bank):
 
 
 def test_a_report_of_a_log_with_a_clock_is_in_its_time(bank, decision):
-    timed = replace(decision.run, clock=datetime(2026, 5, 1, 8, 41, 10))
+    timed = replace(decision.run, clock=Clock(datetime(2026, 5, 1, 8, 41, 10)))
     report = decision_report(bank, [replace(decision, run=timed)])
     (table,) = report.sections[1].tables
     assert table.header[1:4] == ("began", "told", "seen until")

@@ -144,7 +144,7 @@ def test_persistence_and_hold_off_delay_and_a_latch_keeps():
     first = int(np.argmax(plain == "FAULT"))
     assert int(np.argmax(later == "FAULT")) == first + 40  # 20 s of 0.5 s
     assert set(later[:60]) == {"NOT_JUDGED"}
-    assert decision.reason[0] == "held off after a start or a gap"
+    assert decision.reason[0] == "too soon after a start or a gap"
     assert later[60] == "HEALTHY" or decision.reason[60] != decision.reason[0]
     gone = log(5, push=0.2, until=500)
     assert told("", gone)[0][-1] != "FAULT"

@@ -19,11 +19,12 @@ from faultgauge.detection.posterior import Mixture, Posterior
 from faultgauge.detection.verdicts import Heard, Rules, words
 from faultgauge.observers.branches import BranchInfo
 from faultgauge.telemetry import Run
+from faultgauge.telemetry.clock import Clock
 from scenes import STEP, moving, tank_bank
 from views import compare
 
 ROWS = 160  # sixteen memories of the bank: names need a quarter of one, alarms a sample
-CLOCK = datetime(2026, 5, 1, 23, 59, 30)  # midnight comes in the log
+CLOCK = Clock(datetime(2026, 5, 1, 23, 59, 30))  # midnight comes in the log
 T = STEP * np.arange(ROWS)
 SETS = 8  # none, three faults, three pairs, something undeclared
 

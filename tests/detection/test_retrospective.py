@@ -316,7 +316,7 @@ def test_sentence_json_and_report_say_the_same(bank, biased):
     (sentence,) = sentences(bank, seen)
     assert sentence.startswith(f"In hindsight: pump +{seen[0].size:.4f} l/s (+{seen[0].lo:.4f} to ")
     assert ") since " in sentence
-    assert "; weak instead is " in sentence
+    assert "; weak is " in sentence
     assert f"online you would have been told at {seen[0].told.start:.6g} s" in sentence
     (plain,) = json.loads(json.dumps(as_dicts(seen), allow_nan=False))
     assert plain["size"] == seen[0].size

@@ -91,7 +91,7 @@ def equal(found, wanted):
 def test_the_log_has_what_is_to_be_gone_through(watch, walked):
     status, reason = watch.words(walked[1][1].verdict)
     assert {"HEALTHY", "FAULT", "NOT_JUDGED"} <= set(status)
-    still, held = "x stands on one value: stuck or saturated", "held off after a start or a gap"
+    still, held = "x stands on one value: stuck or saturated", "too soon after a start or a gap"
     assert {"not sampled", held, still} <= set(reason)
 
 

@@ -13,9 +13,11 @@ from faultgauge.detection.words import (
     likelihoods,
     moment,
     number,
+    onset_cell,
     since,
     would_not_show,
 )
+from faultgauge.telemetry.clock import Clock
 
 
 @pytest.mark.parametrize(
@@ -38,20 +40,20 @@ def test_a_size_that_changed_is_said_as_fine_as_it_changed():
 
 
 def test_odds_are_said_as_times():
-    assert less_likely(["leak"], 200.4) == "leak instead is 200 times less likely"
+    assert less_likely(["leak"], 200.4) == "leak is 200 times less likely"
     assert less_likely(["leak", "gauge"], 1000.0) == (
-        "leak or gauge instead is more than 1000 times less likely"
+        "leak or gauge is more than 1000 times less likely"
     )
-    assert less_likely(["leak"], 1.01) == "leak instead is as likely"
-    assert less_likely(["leak"], 2.214) == "leak instead is 2.21 times less likely"
+    assert less_likely(["leak"], 1.01) == "leak is as likely"
+    assert less_likely(["leak"], 2.214) == "leak is 2.2 times less likely"
 
 
 def test_causes_of_the_same_odds_are_said_together():
     """The likeliest first; what is undeclared only while it is likely."""
     odds = [("gauge", 5000.0), ("pump", 1000.0), ("leak", 30.0), (UNDECLARED, 25.0)]
     assert likelihoods(odds) == [
-        "leak instead is 30 times less likely",
-        "pump or gauge instead is more than 1000 times less likely",
+        "leak is 30 times less likely",
+        "pump or gauge is more than 1000 times less likely",
     ]
     assert likelihoods([(UNDECLARED, 12.34)]) == [f"{UNDECLARED} is only 12 times less likely"]
 
@@ -69,10 +71,17 @@ def test_times_are_as_fine_as_rows_are_apart():
     assert moment(None, 0.2179931, 0.000999) == moment(None, 0.2179931, 0.001) == "0.2179 s"
     assert moment(None, 1_234_567.5, 0.5) == "1234567.5 s"
     assert since(None, 400.0, 270.0, 530.0) == "since 400 s +- 130 s"
-    noon = datetime(2026, 5, 1, 12)
+    noon = Clock(datetime(2026, 5, 1, 12))
     assert since(noon, 400.0, 377.0, 423.0) == "since 12:06:40 +- 23 s"
     assert since(noon, 4000.0, 3688.0, 4312.0) == "since 13:06:40 +- 5.2 min"
     assert since(noon, 7300.0, 1900.0, 12700.0) == "since 14:01 +- 1.5 h"
+    day = 86400.0
+    assert onset_cell(noon, day, day - 60, day + 60) == (
+        "2026-05-02 12:00:00 (11:59:00 to 12:01:00)"
+    )
+    assert since(noon, day / 2 + 5, day / 2 - 90, day / 2 + 20) == (
+        "since 2026-05-02 00:00:05, between 23:58:30 and 2026-05-02 00:00:20"
+    )
 
 
 @pytest.mark.parametrize(

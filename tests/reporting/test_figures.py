@@ -35,6 +35,7 @@ from faultgauge.reporting import (
     time_figures,
 )
 from faultgauge.reporting.clock_axis import clock_ticks
+from faultgauge.telemetry.clock import Clock
 
 RNG = np.random.default_rng(0)
 T = np.linspace(0.0, 100.0, 1001)
@@ -403,7 +404,7 @@ def test_an_overview_shades_an_alarm_without_a_name_in_another_colour(canvases: 
     ids=lambda draw: draw.__name__,
 )
 def test_a_log_with_a_clock_is_drawn_in_its_time(draw: Any, canvases: list[Any]):
-    drawn = words(draw(clock=datetime(2026, 5, 1, 23, 59, 0)))
+    drawn = words(draw(clock=Clock(datetime(2026, 5, 1, 23, 59, 0))))
     # 100 s from 23:59:00, every 30 s; midnight is 60 s after the start
     assert {"23:59:00", "2026-05-01", "23:59:30", "00:00:00", "2026-05-02"} <= set(drawn)
     axes = canvases[0].axes[-1]
@@ -426,7 +427,7 @@ def test_a_log_with_a_clock_is_drawn_in_its_time(draw: Any, canvases: list[Any])
     ],
 )  # fmt: skip
 def test_ticks_lie_at_round_times_of_the_clock(length: float, labels: list[str]):
-    clock = datetime(2026, 5, 1, 8, 41, 10, 250_000)
+    clock = Clock(datetime(2026, 5, 1, 8, 41, 10, 250_000))
     places, found = clock_ticks(clock, 0.0, length)
     assert found == labels
     assert all(0.0 <= place <= length for place in places)
@@ -434,5 +435,5 @@ def test_ticks_lie_at_round_times_of_the_clock(length: float, labels: list[str])
 
 
 def test_the_zone_of_a_clock_is_told(canvases: list[Any]):
-    draw_residual(clock=datetime(2026, 5, 1, tzinfo=UTC))
+    draw_residual(clock=Clock(datetime(2026, 5, 1, tzinfo=UTC)))
     assert canvases[0].axes[0].get_xlabel() == "time (UTC)"

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from browser import WIDTHS, check, layouts
+from browser import HEIGHT, WIDTHS, check, layouts, picture
 from faultgauge.detection.decisions import decide
 from faultgauge.reporting import Report, Section, Table, render
 from faultgauge.reporting.time_figures import Panel, fault_estimate, panels
@@ -28,7 +28,9 @@ def test_nothing_of_a_scene_is_clipped_or_covered(tmp_path):
     assert len(pages) == 13
 
 
-def test_long_names_and_wide_tables_are_not_clipped(tmp_path):
+@pytest.fixture(scope="module")
+def wide_page():
+    """Names and tables that are wider than any page."""
     name = "temperature_of_the_outer_bearing_of_the_second_stage"
     t = np.linspace(0.0, 100.0, 50)
     header = ("fault", *(f"what is told in column {k}" for k in range(9)))
@@ -40,7 +42,22 @@ def test_long_names_and_wide_tables_are_not_clipped(tmp_path):
     section = Section(
         "Everything", ("Run `faultgauge fit`.",), (Table(header, rows, name),), figures
     )
-    (both,) = layouts([render(Report("A page", ("One answer.",), (section,)))], tmp_path)
+    return render(Report("A page", ("One answer.",), (section,)))
+
+
+def test_long_names_and_wide_tables_are_not_clipped(wide_page, tmp_path):
+    (both,) = layouts([wide_page], tmp_path)
     for layout in both:
         check(layout)
         assert layout.shown == 2
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+def test_a_screenshot_shows_the_answer_first_and_nothing_runs_off_it(wide_page, width, tmp_path):
+    shot = picture(wide_page, width, tmp_path)
+    ink = (shot != shot[-1, -1]).any(axis=2)
+    assert shot.shape[1] == width
+    assert not ink[-1].any()  # the page ends above
+    assert not ink[:, :4].any()
+    assert not ink[:, -4:].any()
+    assert ink[:HEIGHT].any(axis=1).sum() > HEIGHT // 4  # the answer and what follows

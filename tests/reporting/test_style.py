@@ -78,6 +78,10 @@ def test_upright_labels_are_wrapped_between_words():
     assert upright_label("torque on the wheel's housing", "N*m") == (
         "torque on the wheel's\nhousing (N·m)"
     )
+    assert upright_label("Water_outlet_temperature", "degF", 20) == (
+        "Water_outlet_\ntemperature (degF)"
+    )
+    assert upright_label("x" * 30, "V") == f"{'x' * 24}\n{'x' * 6} (V)"
 
 
 @pytest.mark.parametrize(

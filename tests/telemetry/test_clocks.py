@@ -6,9 +6,13 @@ from zoneinfo import ZoneInfo
 import numpy as np
 import pytest
 
+from faultgauge.detection.words import moment
 from faultgauge.errors import InputError
+from faultgauge.reporting.clock_axis import clock_ticks
 from faultgauge.telemetry import read_telemetry
+from faultgauge.telemetry.clock import Clock
 from faultgauge.telemetry.stream import read_stream
+from faultgauge.telemetry.writing import as_table, stamp
 
 from .conftest import refusal
 
@@ -38,7 +42,7 @@ def test_clocks_that_are_not_iso(tmp_path, stamps, form):
     (run,) = read_telemetry(log(tmp_path, stamps), time="when", time_format=form)
     assert run.t.tolist() == [0, 0.5, 0.75]
     whole = None if form and "%d" not in form else datetime(2026, 11, 22, 14, 3, 7, 500_000)
-    assert run.clock == whole
+    assert run.clock == (whole and Clock(whole))
 
 
 def test_refusals_name_the_option(tmp_path):
@@ -83,6 +87,9 @@ def test_time_goes_on_where_summer_time_begins_or_ends(tmp_path, zone, change, s
     np.testing.assert_allclose(run.t, step * np.arange(20), atol=1e-9)
     assert len(run.notes) == 1 + 1  # the separator, too
     assert f"an hour after {stamps[9][:19]} in run 'log'" in run.notes[-1]
+    # what is written has the log's own time again, row by row
+    shown = [datetime.fromisoformat(each) for each in as_table(run)["time"]]
+    assert shown == [datetime.fromisoformat(each) for each in stamps]
 
 
 @pytest.mark.parametrize("step", [0.1, 1.0, 600.0])
@@ -94,7 +101,9 @@ def test_a_stream_goes_on_as_its_file_does(tmp_path, change, step):
     (run,) = read_telemetry(path, time="when")
     lines = [f"{line}\n" for line in path.read_text().replace(";", ",").splitlines()]
     given = read_stream([[line] for line in lines], time="when", names=["u"], note=notes.append)
-    assert [each.t for several in given for each in several] == run.t.tolist()
+    samples = [each for several in given for each in several]
+    assert [each.t for each in samples] == run.t.tolist()
+    assert [stamp(each.clock, each.t) for each in samples] == as_table(run)["time"]
     (said,) = (note for note in notes if "put forward or back by an hour" in note)
     assert f"an hour after {stamps[9][:19]} in run 'stream'" in said
 
@@ -119,6 +128,17 @@ def test_rows_may_be_missing_where_summer_time_ends(tmp_path, step, lost):
     assert len(left_out) == len(lost)
 
 
+def test_an_hour_that_comes_twice_is_told_apart():
+    clock = Clock(datetime(2026, 10, 25, 2, 30), ((1800.0, -3600.0),))
+    back = " (winter time)"
+    assert [moment(clock, t, 1.0) for t in (0.0, 1799.0, 1800.0, 5399.0, 5400.0)] == [
+        *("02:30:00", "02:59:59", f"02:00:00{back}", f"02:59:59{back}", "03:00:00")
+    ]
+    _, ticks = clock_ticks(clock, 0.0, 7200.0)
+    assert ticks[0] == "02:30:00\n2026-10-25"
+    assert ticks[1:] == ["02:00:00", "02:30:00", "03:00:00", "03:30:00"]
+
+
 def test_other_jumps_stay(tmp_path):
     step = timedelta(seconds=1)
     midday, sunday = datetime(2026, 10, 25, 12, 59, 50), datetime(2026, 10, 25, 2, 30, 0)
@@ -139,6 +159,7 @@ def test_each_run_of_a_file_has_its_own_change(tmp_path):
     path.write_text("\n".join(["when,u,run", *rows, ""]))
     for run in read_telemetry(path, time="when"):
         assert run.t.tolist() == [0, 1, 2, 3, 4, 5]
+        assert run.clock.put == ((3.0, -3600.0),)
 
 
 @pytest.mark.parametrize(("unit", "per_second"), [("ms", 10**3), ("us", 10**6), ("ns", 10**9)])
@@ -152,5 +173,5 @@ def test_time_since_1970_with_and_without_its_unit(tmp_path, unit, per_second):
     for run in (bare, named):
         # float64 holds nanoseconds since 1970 to 256 ns
         np.testing.assert_allclose(run.t, [0, 0.5, 1, 1.5], atol=1e-6)
-        assert run.clock == datetime(2026, 11, 22, 14, 3, 7, tzinfo=UTC)
+        assert run.clock == Clock(datetime(2026, 11, 22, 14, 3, 7, tzinfo=UTC))
         assert "since 1970 by its size" in run.notes[0]

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from faultgauge.telemetry import inspect_runs, read_telemetry
+from faultgauge.telemetry.clock import Clock
 from faultgauge.telemetry.stream import read_stream
 
 FIRST = datetime(2026, 3, 29, 1, 59, 59, tzinfo=UTC)
@@ -24,7 +25,7 @@ def test_numbers_that_count_since_1970(tmp_path, digits, unit, atol):
     path.write_text("stamp,u\n" + "".join(lines))
     (run,) = read_telemetry(path, time="stamp")
     np.testing.assert_allclose(run.t, np.arange(30) / 50, rtol=1e-12, atol=atol)
-    assert run.clock == FIRST
+    assert run.clock == Clock(FIRST)
     assert f"{unit} since 1970" in run.notes[0]
     assert "2026-03-29 01:59:59 UTC" in run.notes[0]
     assert run.notes[0] in inspect_runs(path, time="stamp").hints

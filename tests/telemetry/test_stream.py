@@ -9,6 +9,7 @@ import pytest
 
 from faultgauge.errors import InputError
 from faultgauge.telemetry import read_telemetry
+from faultgauge.telemetry.clock import Clock
 from faultgauge.telemetry.logs import Before
 from faultgauge.telemetry.stream import Sample, read_stream
 
@@ -69,7 +70,7 @@ def test_timestamps_are_seconds_since_the_first():
     assert read(text, time="when", names=["u"])[0].tolist() == [0.0, 0.25, 60.0]
     lines = [text.splitlines(keepends=True)]
     samples = list(chain(*read_stream(lines, time="when", names=["u"])))
-    assert {each.clock for each in samples} == {datetime(2026, 1, 1, tzinfo=UTC)}
+    assert {each.clock for each in samples} == {Clock(datetime(2026, 1, 1, tzinfo=UTC))}
 
 
 def test_a_time_since_1970_goes_on_as_one():
@@ -79,7 +80,7 @@ def test_a_time_since_1970_goes_on_as_one():
     lines = [text.splitlines(keepends=True)]
     samples = list(chain(*read_stream(lines, names=["u"], skip=left_out.append)))
     assert [each.t for each in samples] == [0.0, 0.25, 60.0]
-    assert {each.clock for each in samples} == {datetime(2026, 1, 1, tzinfo=UTC)}
+    assert {each.clock for each in samples} == {Clock(datetime(2026, 1, 1, tzinfo=UTC))}
     assert "row 4: the time 7 is not of the kind of the first row's" in str(left_out[0])
 
 

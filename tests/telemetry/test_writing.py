@@ -10,6 +10,7 @@ import pytest
 
 from faultgauge.errors import InputError
 from faultgauge.telemetry import Run
+from faultgauge.telemetry.clock import Clock
 from faultgauge.telemetry.writing import as_table, write_table
 
 COLUMNS = {
@@ -41,7 +42,7 @@ def test_a_log_with_a_clock_keeps_its_time(tmp_path):
     """So that rows can be joined to the export that they come from."""
     run = Run("a", "a.csv", np.array([0.0, 0.5]), {"x": np.array([1.0, np.nan])})
     assert list(as_table(run)) == ["t", "x"]
-    columns = as_table(replace(run, clock=datetime(2026, 5, 1, 23, 59, 59, 750_000)))
+    columns = as_table(replace(run, clock=Clock(datetime(2026, 5, 1, 23, 59, 59, 750_000))))
     assert columns == {
         "t": [0.0, 0.5],
         "time": ["2026-05-01T23:59:59.750000", "2026-05-02T00:00:00.250000"],

@@ -10,6 +10,7 @@ import faultgauge.identification.fit
 from faultgauge.cli.app import run as command
 from faultgauge.errors import InputError
 from faultgauge.telemetry import Run
+from faultgauge.telemetry.clock import Clock
 
 PLANT = """name = "p"
 states.x = { unit = "m", derivative = "b*u - a*x" }
@@ -137,7 +138,7 @@ def test_a_frame_of_any_package_is_a_log(package):
     plain = {name: list(cells) for name, cells in columns.items()}
     (run,) = fg.read(getattr(module, make)(plain), PLANT)
     same([run], fg.read(columns, PLANT))
-    assert run.clock == CLOCK
+    assert run.clock == Clock(CLOCK)
     np.testing.assert_allclose(run.t, 0.1 * np.arange(200), atol=1e-9)  # stamps are whole ms
     assert np.isnan(run.columns["x"][0])
     assert fg.read(getattr(module, make)(plain))[0].columns["on"].tolist() == [1, 0] * 100
@@ -151,7 +152,7 @@ def test_an_index_of_pandas_that_is_the_time_is_taken_for_it():
     stamped = pandas.DataFrame(
         {name: whole[name] for name in "ux"}, index=pandas.DatetimeIndex(STAMPS)
     )
-    assert fg.read(stamped, PLANT)[0].clock == CLOCK
+    assert fg.read(stamped, PLANT)[0].clock == Clock(CLOCK)
     filtered = frame[frame.t > 5]  # the index is a mere number
     np.testing.assert_array_equal(fg.read(filtered, PLANT)[0].t, whole["t"][whole["t"] > 5])
 

@@ -2,13 +2,12 @@
 may be, and what this log would not have shown.
 
     friction +0.100 N*m (+0.096 to +0.104) since 08:41:10 +- 6 s (p 0.998, run a); told at 08:41:21,
-    seen until 09:00:00; gain instead is 200 times less likely; friction below 0.0012 N*m would not
+    seen until 09:00:00; gain is 200 times less likely; friction below 0.0012 N*m would not
     have shown
 """
 
 from collections import Counter, deque
 from collections.abc import Sequence
-from datetime import datetime
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -38,6 +37,7 @@ from faultgauge.detection.words import (
     would_not_show,
 )
 from faultgauge.telemetry import Run
+from faultgauge.telemetry.clock import Clock
 
 __all__ = [
     "alarms",
@@ -47,6 +47,7 @@ __all__ = [
     "finding",
     "first_screen",
     "least_told",
+    "other_cause",
     "runs_as_dicts",
     "told",
 ]
@@ -229,7 +230,7 @@ def answer(bank: FaultBank, decision: Decision, event: BankEvent) -> Told:
     rest += _course(bank, decision, event)
     others = {each.fault for each in _beside(decision, event)}
     rest += likelihoods(
-        (UNDECLARED if cause == UNKNOWN else cause, odds)
+        (other_cause(event, cause), odds)
         for cause, odds in event.instead
         if cause not in others and (odds < MOST or cause not in dict(event.beside))
     )
@@ -246,7 +247,7 @@ def answer(bank: FaultBank, decision: Decision, event: BankEvent) -> Told:
 
 
 def finding(
-    event: BankEvent, unit: str, step: float, clock: datetime | None = None
+    event: BankEvent, unit: str, step: float, clock: Clock | None = None
 ) -> tuple[str, str]:
     """(what, how big, since when and how sure; when it was told and seen last), of rows that are
     `step` [s] apart."""
@@ -265,6 +266,13 @@ def finding(
         f"{what} {began} ({how}p {probability(event.p)}, run {event.run})",
         f"told at {told}, seen until {last}",
     )
+
+
+def other_cause(event: BankEvent, cause: str) -> str:
+    """What the odds of `event` are against: of what may be there too, that it is there alone."""
+    if cause == UNKNOWN:
+        return UNDECLARED
+    return f"{cause} alone" if cause in dict(event.beside) else cause
 
 
 def _whether_over(decision: Decision, event: BankEvent) -> str:
@@ -288,14 +296,17 @@ def _before_its_name(bank: FaultBank, decision: Decision, event: BankEvent) -> l
 
 
 def _course(bank: FaultBank, decision: Decision, event: BankEvent) -> list[str]:
-    """Between what sizes a fault was that was long as large as the event's interval has it not."""
+    """Between what sizes a fault was told that was of another size for long: rows and event hold
+    each other's size for wrong."""
     if event.size is None or event.lo is None or event.hi is None:
         return []
     t, found = decision.run.t, decision.posterior
     k = bank.model.plant.signals.fault_names.index(event.fault)
     sure = (t >= event.start) & (t <= event.end) & (np.nan_to_num(found.p[:, k]) >= NAMED)
     sizes = found.f[sure, k] / found.p[sure, k]
-    if np.sum((sizes < event.lo) | (sizes > event.hi)) <= CHANGED * len(sizes):
+    other = (sizes < event.lo) | (sizes > event.hi)
+    other &= (found.lo[sure, k] > event.size) | (found.hi[sure, k] < event.size)
+    if np.sum(other) <= CHANGED * len(sizes):
         return []
     low, high = np.quantile(sizes, [0.05, 0.95])
     return [f"after it was told {between(low, high, _unit(bank, event.fault))}"]

@@ -20,7 +20,6 @@ confidence.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from datetime import datetime
 from itertools import count
 from typing import Any, NamedTuple
 
@@ -45,6 +44,7 @@ from faultgauge.errors import InputError
 from faultgauge.plants.model import Model
 from faultgauge.plants.record import BankLevel, CalibrationRecord, NoiseLevels
 from faultgauge.telemetry import Run, cut
+from faultgauge.telemetry.clock import Clock
 
 __all__ = ["BankCalibration", "calibrate_bank", "calibrated", "level_of", "without_calibration"]
 
@@ -136,7 +136,7 @@ def calibrate_bank(
 
 
 def _believed_less(
-    widened: float, asked: Sequence[Block], clocks: Mapping[str, datetime | None]
+    widened: float, asked: Sequence[Block], clocks: Mapping[str, Clock | None]
 ) -> list[str]:
     """That all is as wide as it is, and where the healthy logs `asked` for it most."""
     if widened == 1.0:
@@ -154,7 +154,7 @@ def _believed_less(
     ]
 
 
-def _at(block: Block, t: float, clocks: Mapping[str, datetime | None]) -> str:
+def _at(block: Block, t: float, clocks: Mapping[str, Clock | None]) -> str:
     """A time of `block`, at the second or finer where it is short."""
     return moment(clocks[block.run], t, min(1.0, (block.end - block.start) / 10))
 

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
-from datetime import datetime
 from typing import Any, TypeAlias
 
 import jax
@@ -23,6 +22,7 @@ from faultgauge.identification.samples import in_effect
 from faultgauge.plants.model import Model
 from faultgauge.progress import Step
 from faultgauge.telemetry import Run
+from faultgauge.telemetry.clock import Clock
 from faultgauge.telemetry.dead_time import check_delays
 from faultgauge.telemetry.runs import cut, paced
 from faultgauge.telemetry.writing import stamp, stamps
@@ -176,9 +176,8 @@ def _rows(
     return rows | {"status": decision.status, "reason": decision.reason}
 
 
-def as_dicts(events: Sequence[BankEvent], clock: datetime | None = None) -> list[dict[str, Any]]:
-    """Events as plain JSON; their times in seconds and as a `clock` shows them that showed this at
-    0 s."""
+def as_dicts(events: Sequence[BankEvent], clock: Clock | None = None) -> list[dict[str, Any]]:
+    """Events as plain JSON; their times in seconds and as the log's `clock` shows them."""
     return [
         {
             **asdict(event),

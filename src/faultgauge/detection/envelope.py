@@ -28,12 +28,17 @@ class Bound(NamedTuple):
     at: int
     low: float
     high: float
+    unit: str
 
 
 def bounds_of(signals: Signals) -> list[Bound]:
     """Whatever the plant file bounds."""
     every = enumerate((*signals.states, *signals.inputs))
-    return [Bound(each.name, k, *each.trusted) for k, each in every if each.trusted is not None]
+    return [
+        Bound(each.name, k, *each.trusted, each.unit)
+        for k, each in every
+        if each.trusted is not None
+    ]
 
 
 class Applied(eqx.Module):

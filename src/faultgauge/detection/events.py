@@ -2,12 +2,14 @@
 
 A fault that stays is one event, however its estimate is refined and whatever interrupts the log: a
 stretch belongs to the one before where the posterior holds that the fault began before that ended.
-It ends where the posterior lets it go, or no longer knows which sign it has, and where it gets the
-other sign another one begins; what is undeclared ends with the alarm that nothing else explains.
+It ends where the posterior lets it go, or no longer knows which sign it has. Where it gets the
+other sign another one begins, and the first ends where that one's onset lies; what is undeclared
+ends with the alarm that nothing else explains.
 An event begins and ends in rows that were judged.
 """
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -189,8 +191,31 @@ def _stretches(bank: FaultBank, judged: Judged, log: float) -> list[_Stretch]:
                 if len(named):
                     parts.append(_Stretch(k, start, start + int(named[0]), stop))
             own += _joined(bank, judged, parts, log)
-        everyone += [each for each in own if not any(_within(each, other) for other in own)]
+        own = [each for each in own if not any(_within(each, other) for other in own)]
+        everyone += _in_turn(bank, judged, there[:, k], own, log)
     return everyone
+
+
+def _in_turn(
+    bank: FaultBank,
+    judged: Judged,
+    there: Bool[np.ndarray, "samples"],
+    own: list[_Stretch],
+    log: float,
+) -> list[_Stretch]:
+    """Stretches of one cause, which is `there`; one that has another sign ends the one before it
+    at its onset."""
+    own = sorted(own, key=lambda each: each.told)
+    for at, (before, after) in enumerate(pairwise(own)):
+        if after.k == judged.found.p.shape[1]:  # nobody dates what is undeclared
+            break
+        last = _settled(judged.found.p[:, after.k], after.told, after.stop - 1)
+        onset = _onset(bank, judged, after, last, log)[0]
+        rows = np.arange(before.told, before.stop)
+        until = rows[there[rows] & (judged.run.t[rows] <= onset)]
+        if len(until):
+            own[at] = before._replace(stop=int(until[-1]) + 1)
+    return own
 
 
 def _within(each: _Stretch, other: _Stretch) -> bool:

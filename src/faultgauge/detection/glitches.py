@@ -9,7 +9,6 @@ and stays; what process noise may explain is none.
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from datetime import datetime
 from typing import NamedTuple
 
 import equinox as eqx
@@ -26,6 +25,7 @@ from faultgauge.plants.disturbed import Disturbed
 from faultgauge.plants.plant import respond
 from faultgauge.simulation.free_run import bucket
 from faultgauge.telemetry import Run
+from faultgauge.telemetry.clock import Clock
 
 __all__ = ["Glitch", "Glitches", "sentences"]
 
@@ -120,7 +120,7 @@ def _joined(before: np.ndarray, after: np.ndarray) -> np.ndarray:
 
 
 def sentences(
-    source: str, glitches: Sequence[Glitch], clock: datetime | None, step: float
+    source: str, glitches: Sequence[Glitch], clock: Clock | None, step: float
 ) -> Iterator[str]:
     """One for each output of `source` that has any; its rows are `step` [s] apart."""
     for name, count in Counter(each.output for each in glitches).items():

@@ -3,7 +3,6 @@ would have been told, when."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
-from datetime import datetime
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -30,6 +29,7 @@ from faultgauge.detection.words import (
     since,
     would_not_show,
 )
+from faultgauge.telemetry.clock import Clock
 
 __all__ = ["HEALTHY", "Retrospect", "Told", "as_dicts", "retrospect", "sentences"]
 
@@ -86,7 +86,7 @@ class Retrospect:
     given: Curve
     white: Float[np.ndarray, "samples outputs"]
     fit: Float[np.ndarray, "samples outputs"]
-    clock: datetime | None = None  # at 0 s
+    clock: Clock | None = None
 
 
 def retrospect(bank: FaultBank, decision: Decision) -> list[Retrospect]:
@@ -253,7 +253,7 @@ def sentences(bank: FaultBank, found: Sequence[Retrospect]) -> list[str]:
 
 def _sentence(bank: FaultBank, found: Retrospect) -> str:
     """ "In hindsight: friction +0.100 N*m (+0.096 to +0.104) since 41 s +- 6 s (p 0.98, run 1);
-    leak instead is 200 times less likely; online you would have been told at 52 s, then as ..." """
+    leak is 200 times less likely; online you would have been told at 52 s, then as ..." """
     units = {fault.name: fault.unit for fault in bank.model.plant.signals.faults}
     assert found.onset is not None
     assert found.onset_lo is not None

@@ -1,12 +1,15 @@
 """How much of a run was judged: in all, fault by fault, and where not and why."""
 
+import re
 from itertools import groupby
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from faultgauge.detection.decisions import Decision
-from faultgauge.detection.verdicts import FAULT, HEALTHY
+from faultgauge.detection.verdicts import FAULT, HEALTHY, OUTSIDE
+from faultgauge.detection.words import listed, number
+from faultgauge.telemetry import Run
 
 __all__ = ["Shares", "Silent", "shares_of"]
 
@@ -56,5 +59,19 @@ def shares_of(decision: Decision) -> Shares:
     for reason, part in groupby(range(len(t)), key=lambda k: reasons[k]):
         if reason is not None:
             at = list(part)
-            silent.append(Silent(float(t[at[0]]), float(t[at[-1]]), len(at) / len(t), reason))
+            why = reason + _values(decision.run, reason, at)
+            silent.append(Silent(float(t[at[0]]), float(t[at[-1]]), len(at) / len(t), why))
     return Shares(float(judged.mean()), tuple(shown.mean(axis=0).tolist()), tuple(silent))
+
+
+def _values(run: Run, reason: str, rows: list[int]) -> str:
+    """What the columns were in `rows` that are outside of something, as `reason` says."""
+    if OUTSIDE not in reason:
+        return ""
+    said = []
+    for name, column in run.columns.items():
+        values = column[rows][np.isfinite(column[rows])]
+        if len(values) and re.search(rf"(?<!\w){re.escape(name)}(?!\w)", reason):
+            low, high = number(values.min()), number(values.max())
+            said.append(f"{name} was {low}" + f" to {high}" * (low != high))
+    return f"; {listed(said)}" if said else ""

@@ -8,7 +8,6 @@ model, one stream is one run, and `--reference free` is refused where an input i
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from datetime import datetime
 from typing import TypeAlias
 
 import jax
@@ -39,6 +38,7 @@ from faultgauge.detection.verdicts import FAULT, STATUS, words
 from faultgauge.errors import InputError
 from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run
+from faultgauge.telemetry.clock import Clock
 from faultgauge.telemetry.rates import align
 from faultgauge.telemetry.resampling import same_rate
 from faultgauge.telemetry.runs import PACE_SAMPLES, cut, joined, paced
@@ -73,7 +73,7 @@ class Stream:
         self.answers: _Observers | _Unjudged | _Decided | None = None
         self.alarmed: Alarmed | None = Alarmed(NAME)  # until it is said
         self.last = 0.0
-        self.clock: datetime | None = None  # at 0 s, once a sample is there
+        self.clock: Clock | None = None  # once a sample is there
 
     @property
     def refused(self) -> list[str]:
@@ -82,11 +82,11 @@ class Stream:
 
     def push(self, *samples: Sample) -> Iterator[Said]:
         """The rows of the `samples`, and then the alarms and events that they bring."""
+        self.clock = samples[-1].clock if samples else self.clock
         if self.answers is not None:
             yield from self._said(samples)
             return
         self.first += samples
-        self.clock = self.first[0].clock if self.first else None
         if len(self.first) >= PACE_SAMPLES:
             yield from self._open()
 

@@ -25,6 +25,7 @@ from faultgauge.detection.envelope import bounds_of
 from faultgauge.detection.flat_line import standing_still
 from faultgauge.detection.limit_checker import LimitChecker, LimitState
 from faultgauge.detection.posterior import Marginal
+from faultgauge.detection.words import PURE
 from faultgauge.plants.signals import Fault, Signals
 
 __all__ = [
@@ -32,6 +33,7 @@ __all__ = [
     "HEALTHY",
     "NAMED",
     "NOT_JUDGED",
+    "OUTSIDE",
     "PLACES",
     "QUIET",
     "STALE",
@@ -49,6 +51,7 @@ STATUS = HEALTHY, FAULT, NOT_JUDGED, STALE = "HEALTHY", "FAULT", "NOT_JUDGED", "
 QUIET = 0.5  # p of no fault above: nothing speaks of one
 NAMED = 0.98  # p of a fault from which on it is named
 FRESH = 10.0  # samples without any output after which the answer is stale
+OUTSIDE = "outside of"  # what the plant file or training bounds
 PLACES = 4096  # more than there are of anything that a reason may be about
 TOO_SOON = ": too soon after a start or a gap, or not in these data"
 EDGE = 1e-6  # of an input's limits: that near it stands at one
@@ -296,7 +299,7 @@ def _said(signals: Signals, regions: Sequence[str], code: int) -> str:
         case Reason.STALE:
             return "no output was sampled for a while"
         case Reason.HELD:
-            return "held off after a start or a gap"
+            return "too soon after a start or a gap"
         case Reason.UNDECLARED:
             return "no declared fault explains it"
         case Reason.EITHER:
@@ -305,9 +308,11 @@ def _said(signals: Signals, regions: Sequence[str], code: int) -> str:
             return "undecided whether there is a fault"
         case Reason.OUTSIDE:
             if first < len(regions):
-                return f"outside of what training covered of {regions[first]}"
+                return f"{OUTSIDE} what training covered of {regions[first]}"
             left = bounds_of(signals)[first - len(regions)]
-            return f"{left.name} is outside of its trusted range, {left.low:g} to {left.high:g}"
+            unit = "" if left.unit in PURE else left.unit
+            reach = f"{left.low:g} to {left.high:g} {unit}".rstrip()
+            return f"{left.name} is {OUTSIDE} its trusted range, {reach}"
         case Reason.PASSIVE:
             return f"{signals.fault_names[first]}, which is passive"
         case Reason.SMALL:

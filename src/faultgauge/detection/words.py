@@ -1,9 +1,10 @@
 """Sizes, times and odds as they are said."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from datetime import datetime, timedelta
 
 import numpy as np
+
+from faultgauge.telemetry.clock import Clock
 
 __all__ = [
     "MOST",
@@ -37,6 +38,7 @@ SPANS = ((100.0, 1.0, "s"), (3600.0, 60.0, "min"), (48 * 3600.0, 3600.0, "h"))  
 COARSE = 600.0  # s, from which on a clock is read to the minute
 OLDER = "already there when the log begins"
 UNDECLARED = "something undeclared"
+AGAIN = " (winter time)"  # where the clock shows a time for the second time
 
 
 def amount(size: float, low: float, high: float, unit: str) -> str:
@@ -67,11 +69,11 @@ def number(value: float, figures: int = 3) -> str:
 
 
 def less_likely(causes: Sequence[str], odds: float) -> str:
-    """ "leak instead is 200 times less likely"."""
+    """ "leak is 200 times less likely"."""
     if odds < 1.05:
-        return f"{' or '.join(causes)} instead is as likely"
-    times = f"more than {MOST:.0f}" if odds >= MOST else f"{odds:.3g}"
-    return f"{' or '.join(causes)} instead is {times} times less likely"
+        return f"{' or '.join(causes)} is as likely"
+    times = f"more than {MOST:.0f}" if odds >= MOST else number(odds, 2)
+    return f"{' or '.join(causes)} is {times} times less likely"
 
 
 def likelihoods(instead: Iterable[tuple[str, float]]) -> list[str]:
@@ -110,19 +112,20 @@ def times_more(count: int) -> str:
     return "once more" if count == 1 else f"{count} times more"
 
 
-def moment(clock: datetime | None, t: float, resolution: float = 0.0) -> str:
-    """`t` [s] as a clock that showed `clock` at 0 s shows it, or as seconds; as fine as
-    `resolution` [s] is, and rounded down, as clocks do, so that nothing is said to be later than
-    it was. With the date where that is another day."""
+def moment(clock: Clock | None, t: float, resolution: float = 0.0) -> str:
+    """`t` [s] as the log's clock shows it, or as seconds; as fine as `resolution` [s] is, and
+    rounded down, as clocks do, so that nothing is said to be later than it was. With the date where
+    that is another day, and with a word where the clock shows that time for the second time."""
     if clock is None:
         unit = 10.0 ** -decimals(resolution)
         return f"{np.floor(t / unit + ROUNDING) * unit:.12g} s"
-    at = clock + timedelta(seconds=t)
-    date = "" if at.date() == clock.date() else f"{at.date().isoformat()} "
+    at = clock.at(t)
+    date = "" if at.date() == clock.begun.date() else f"{at.date().isoformat()} "
+    again = AGAIN if clock.shown_twice(t) else ""
     if resolution >= COARSE:
-        return date + at.time().isoformat("minutes")
+        return date + at.time().isoformat("minutes") + again
     whole = resolution >= 1 or not at.microsecond
-    return date + at.time().isoformat("seconds" if whole else "milliseconds")
+    return date + at.time().isoformat("seconds" if whole else "milliseconds") + again
 
 
 def duration(seconds: float) -> str:
@@ -133,24 +136,33 @@ def duration(seconds: float) -> str:
     return f"{number(seconds / 86400.0, 2)} days"
 
 
-def since(clock: datetime | None, onset: float, low: float, high: float) -> str:
+def since(clock: Clock | None, onset: float, low: float, high: float) -> str:
     """ "since 299.5 s +- 1.1 s", "since 08:41 +- 1.5 h" by a clock, or "since 299.5 s, between
     298.1 s and 300 s" where that is not the middle of its interval."""
     half = (high - low) / 2
-    at, first, last = (moment(clock, t, half) for t in (onset, low, high))
+    at, first, last = _three(clock, onset, low, high)
     if abs((low + high) / 2 - onset) <= CENTRED * half:
         width = f"{number(half, 2)} s" if clock is None else duration(half)
         return f"since {at} +- {width}"
     return f"since {at}, between {first} and {last}"
 
 
-def onset_cell(clock: datetime | None, onset: float, low: float, high: float) -> str:
+def onset_cell(clock: Clock | None, onset: float, low: float, high: float) -> str:
     """ "299.5 s (298.1 s to 300 s)", in a table."""
-    at, first, last = (moment(clock, t, (high - low) / 2) for t in (onset, low, high))
+    at, first, last = _three(clock, onset, low, high)
     return f"{at} ({first} to {last})"
 
 
-def or_earlier(clock: datetime | None, latest: float, resolution: float) -> str:
+def _three(clock: Clock | None, onset: float, low: float, high: float) -> tuple[str, str, str]:
+    """A time and its interval's ends; where all are of one day, with one date."""
+    at, first, last = (moment(clock, t, (high - low) / 2) for t in (onset, low, high))
+    day = f"{clock.at(onset).date().isoformat()} " if clock else ""
+    if day and all(each.startswith(day) for each in (at, first, last)):
+        return at, first.removeprefix(day), last.removeprefix(day)
+    return at, first, last
+
+
+def or_earlier(clock: Clock | None, latest: float, resolution: float) -> str:
     """ "since 299.5 s or earlier", of what began by `latest` [s]."""
     return f"since {moment(clock, latest, resolution)} or earlier"
 

@@ -1,7 +1,6 @@
 """Scoring a model by pure simulation: the log's inputs in, its outputs compared."""
 
 from collections.abc import Sequence
-from datetime import datetime
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -18,6 +17,7 @@ from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant import Plant
 from faultgauge.simulation.free_run import blow_up, bucket, free_run, pad, simulate, substeps_for
 from faultgauge.telemetry import Run, as_sampled, segments
+from faultgauge.telemetry.clock import Clock
 
 __all__ = [
     "WARMUP",
@@ -44,7 +44,7 @@ class Prediction(NamedTuple):
     """A free run beside one stretch of a log without a gap in time or inputs.
 
     The first `warmup` samples are not scored, nor are outputs that were not sampled, NaN in
-    `measured`; `u` are the inputs in effect, `clock` what the log's showed at 0 s.
+    `measured`; `u` are the inputs in effect, `clock` is the log's.
     """
 
     run: str
@@ -54,7 +54,7 @@ class Prediction(NamedTuple):
     x: Float[np.ndarray, "samples states"]
     warmup: int
     u: Float[np.ndarray, "samples inputs"]
-    clock: datetime | None = None
+    clock: Clock | None = None
 
 
 def at_samples(prediction: Prediction, output: int) -> Prediction:

@@ -40,7 +40,8 @@ __all__ = ["FitReport", "fit"]
 POOR = 0.5  # of the outputs' spread: a quarter of the variance is not explained
 LOOK_FOR = (
     "look for outliers (--robust), a stuck sensor or wrong units, give better parameter values, "
-    "more restarts or more excitation, or add what the plant file lacks"
+    "more restarts or more excitation, make inputs of outputs that the plant does not set itself, "
+    "or add what the plant file lacks"
 )
 LOOSE = 0.1  # share of an input that its instrument explains, below which a fit is loose
 

@@ -61,8 +61,8 @@ PARAMETERS = (
     "a network can imitate is not identifiable."
 )
 WEAK_FORM = (
-    "In the weak form, which averages an equation over the smoothing's kernel instead of taking it "
-    "at averages, and whose free run was the better one: {}."
+    "Fitted in the weak form, which averages an equation over the smoothing's kernel, as its free "
+    "run was the better one: {}."
 )
 MOST_FIGURES = 12  # per section: a report is read, not scrolled
 

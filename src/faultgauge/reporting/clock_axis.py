@@ -1,8 +1,10 @@
 """Ticks of a time axis as the log's own clock showed them."""
 
-from datetime import datetime, timedelta
+from datetime import timedelta
 
 import numpy as np
+
+from faultgauge.telemetry.clock import Clock
 
 __all__ = ["clock_label", "clock_ticks"]
 
@@ -18,28 +20,30 @@ STEPS = (
 )
 
 
-def clock_ticks(clock: datetime, start: float, end: float) -> tuple[list[float], list[str]]:
-    """Where between `start` and `end` (s) of a log whose clock showed `clock` at 0 s round times
-    lie, and what the clock showed there; the date below the first and wherever it changes."""
-    midnight = clock.replace(hour=0, minute=0, second=0, microsecond=0)
-    since = (clock - midnight).total_seconds()
+def clock_ticks(clock: Clock, start: float, end: float) -> tuple[list[float], list[str]]:
+    """Where between `start` and `end` (s) of a log round times lie by its `clock`, and what that
+    showed there; the date below the first and wherever it changes."""
+    midnight = clock.begun.replace(hour=0, minute=0, second=0, microsecond=0)
+    since = (clock.begun - midnight).total_seconds()
     step = next((s for s in STEPS if (end - start) / s <= MOST_TICKS - 1), STEPS[-1])
     first, last = (since + start) / step - DUST, (since + end) / step + DUST
     rounds = np.arange(np.ceil(first), np.floor(last) + 1)
     places, labels, date = [], [], ""
     for k in rounds.tolist():
-        at = midnight + timedelta(seconds=k * step)
+        place = min(max(k * step - since, start), end)
+        # from midnight, as adding up fractions of a second rounds; `put` is whole hours
+        at = midnight + timedelta(seconds=k * step + clock.moved(place))
         day = at.date().isoformat()
         time = at.time().isoformat("seconds" if step >= 1.0 else "milliseconds")
         if step >= DAY:
             labels.append(day)
         else:
             labels.append(time if day == date else f"{time}\n{day}")
-        places.append(min(max(k * step - since, start), end))
+        places.append(place)
         date = day
     return places, labels
 
 
-def clock_label(clock: datetime) -> str:
+def clock_label(clock: Clock) -> str:
     """What a time axis of that clock is called: with its zone, where it told one."""
-    return f"time ({clock.tzname()})" if clock.tzinfo else "time"
+    return f"time ({clock.begun.tzname()})" if clock.begun.tzinfo else "time"

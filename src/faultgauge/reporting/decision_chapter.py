@@ -2,19 +2,18 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from datetime import datetime
 
 import numpy as np
 from jaxtyping import Float
 
-from faultgauge.detection.answer import answers, told
+from faultgauge.detection.answer import answers, other_cause, told
 from faultgauge.detection.bank import FaultBank
 from faultgauge.detection.decisions import Decision
 from faultgauge.detection.events import UNKNOWN, BankEvent
 from faultgauge.detection.evidence import Evidence
 from faultgauge.detection.probability import probability
 from faultgauge.detection.retrospective import Retrospect
-from faultgauge.detection.words import MOST, OLDER, UNDECLARED, amount, moment, onset_cell
+from faultgauge.detection.words import MOST, OLDER, UNDECLARED, amount, moment, number, onset_cell
 from faultgauge.plants.model import Model
 from faultgauge.reporting.evidence_chapter import evidence_section
 from faultgauge.reporting.report import Report, Section, Table
@@ -23,6 +22,7 @@ from faultgauge.reporting.run_overview import run_overview, silent
 from faultgauge.reporting.scales import least_sizes, noise_scales
 from faultgauge.reporting.svg import Figure
 from faultgauge.reporting.time_figures import Panel, around, fault_estimate, panels
+from faultgauge.telemetry.clock import Clock
 
 __all__ = [
     "decision_figures",
@@ -34,7 +34,7 @@ __all__ = [
 MOST_CURVES, MOST_RESIDUALS = 8, 4  # in one figure
 MOST_ROWS = 12  # of an open table
 MOST_FIGURES = 12  # a report is read, not scrolled
-HEADER = ("run", "fault", "began", "told", "seen until", "size", "p", "instead", "beside")
+HEADER = ("run", "fault", "began", "told", "seen until", "size", "p", "less likely", "there too")
 
 
 def decision_report(
@@ -139,7 +139,7 @@ def _residuals(model: Model, decision: Decision) -> list[Panel]:
     ]
 
 
-def _row(bank: FaultBank, clock: datetime | None, event: BankEvent) -> tuple[str, ...]:
+def _row(bank: FaultBank, clock: Clock | None, event: BankEvent) -> tuple[str, ...]:
     """What the sentence of an event says, as cells."""
     units = {each.name: each.unit for each in bank.model.plant.signals.faults}
 
@@ -155,7 +155,11 @@ def _row(bank: FaultBank, clock: datetime | None, event: BankEvent) -> tuple[str
         moment(clock, event.end, bank.step),
         size,
         probability(event.p),
-        "; ".join(f"{_said(name)} 1:{odds:.3g}" for name, odds in event.instead if odds < MOST),
+        "; ".join(
+            f"{other_cause(event, name)} 1:{number(odds, 2)}"
+            for name, odds in event.instead
+            if odds < MOST
+        ),
         "; ".join(f"{name} p {probability(p)}" for name, p in event.beside),
     )
 

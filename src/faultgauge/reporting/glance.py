@@ -1,7 +1,6 @@
 """One run at a glance: outputs beside the healthy model, and every fault that was told."""
 
 from collections.abc import Mapping, Sequence
-from datetime import datetime
 from typing import NamedTuple
 
 import numpy as np
@@ -11,6 +10,7 @@ from matplotlib.axes import Axes
 from faultgauge.reporting import marks, style
 from faultgauge.reporting.svg import Figure, figure
 from faultgauge.reporting.time_figures import around
+from faultgauge.telemetry.clock import Clock
 
 __all__ = ["Compared", "Told", "overview"]
 
@@ -52,7 +52,7 @@ def overview(
     alarms: Sequence[tuple[float, float]] = (),
     not_judged: Bool[np.ndarray, "samples"] | None = None,
     likely: Mapping[str, Float[np.ndarray, "samples"]] | None = None,
-    clock: datetime | None = None,
+    clock: Clock | None = None,
     note: str = "",
     title: str = "",
 ) -> Figure:
@@ -69,7 +69,7 @@ def overview(
         not_judged: where nothing was judged; hatched in the panels of the faults, or where there
             are none in those of the outputs.
         likely: the probability of each cause, in a last panel.
-        clock: what the log's clock showed at 0 s, where it has one.
+        clock: that of the log, where it has one.
         note: a sentence behind the caption.
         title: of the figure, "Run ... at a glance" where it is left out.
     """

@@ -1,7 +1,6 @@
 """What figures are made of: lines, bands, limits, shaded stretches, clouds of points."""
 
 from collections.abc import Sequence
-from datetime import datetime
 from typing import Any
 
 import numpy as np
@@ -13,6 +12,7 @@ from matplotlib.path import Path
 from faultgauge.reporting import style
 from faultgauge.reporting.clock_axis import clock_label, clock_ticks
 from faultgauge.reporting.thinning import stretches, thin, thin_band
+from faultgauge.telemetry.clock import Clock
 
 __all__ = [
     "NOISES",
@@ -106,9 +106,9 @@ def hatch(
         )
 
 
-def time_below(axes: Axes, t: Float[np.ndarray, "samples"], clock: datetime | None = None) -> None:
-    """Label the time axis and let it span the log; in the log's own time where a `clock` showed
-    that at 0 s."""
+def time_below(axes: Axes, t: Float[np.ndarray, "samples"], clock: Clock | None = None) -> None:
+    """Label the time axis and let it span the log; in the log's own time where it has a
+    `clock`."""
     scale, unit = style.time_axis(t)
     axes.set_xlabel(style.axis_label("time", unit) if clock is None else clock_label(clock))
     if t.size > 1:

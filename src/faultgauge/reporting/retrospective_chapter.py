@@ -1,7 +1,6 @@
 """The section of `estimate --smooth`: what the whole log tells, beside what was told then."""
 
 from collections.abc import Sequence
-from datetime import datetime
 
 import numpy as np
 
@@ -10,11 +9,12 @@ from faultgauge.detection.decisions import Decision
 from faultgauge.detection.events import UNKNOWN
 from faultgauge.detection.probability import probability
 from faultgauge.detection.retrospective import HEALTHY, Retrospect, sentences
-from faultgauge.detection.words import UNDECLARED, amount, moment, onset_cell
+from faultgauge.detection.words import UNDECLARED, amount, moment, onset_cell, or_earlier
 from faultgauge.reporting.marks import NOISES
 from faultgauge.reporting.report import Section, Table
 from faultgauge.reporting.svg import Figure
 from faultgauge.reporting.time_figures import Panel, curves, panels
+from faultgauge.telemetry.clock import Clock
 
 __all__ = ["retrospective_section"]
 
@@ -54,6 +54,9 @@ def _row(bank: FaultBank, found: Retrospect) -> tuple[str, ...]:
     clock, told, began, size = found.clock, found.told.start, "", ""
     if found.onset is not None and found.onset_lo is not None and found.onset_hi is not None:
         began = onset_cell(clock, found.onset, found.onset_lo, found.onset_hi)
+        if found.onset_lo <= found.start:  # as the sentence has it
+            width = found.onset_hi - found.onset_lo
+            began = or_earlier(clock, found.onset_hi, width).removeprefix("since ")
     if found.size is not None and found.lo is not None and found.hi is not None:
         units = {each.name: each.unit for each in bank.model.plant.signals.faults}
         size = amount(found.size, found.lo, found.hi, units[found.cause])
@@ -98,7 +101,7 @@ def _fault(bank: FaultBank, decision: Decision, found: Retrospect) -> Figure:
     )
 
 
-def _onset(found: Retrospect, clock: datetime | None) -> Figure:
+def _onset(found: Retrospect, clock: Clock | None) -> Figure:
     """The posterior of the onset, near it."""
     assert found.onset_lo is not None
     assert found.onset_hi is not None

@@ -4,7 +4,6 @@ Curves differ in lightness and in dashes, never in hue alone.
 """
 
 import re
-import textwrap
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -156,8 +155,15 @@ def axis_label(name: str, unit: str) -> str:
 
 
 def upright_label(name: str, unit: str, width: int = 24) -> str:
-    """Return `axis_label` in lines of at most `width` letters, for beside a vertical axis."""
-    return textwrap.fill(axis_label(name, unit), width)
+    """Return `axis_label` in lines of at most `width` letters, for beside a vertical axis; broken
+    between words, those of a name_of_several too."""
+    words = re.split(r"(?<=[ _])", axis_label(name, unit))
+    lines = [""]
+    for part in (word[k : k + width] for word in words for k in range(0, len(word), width)):
+        if len(lines[-1]) + len(part.rstrip()) > width:
+            lines.append("")
+        lines[-1] += part
+    return "\n".join(line.rstrip() for line in lines if line)
 
 
 def quantity(value: float, unit: str, figures: int = 3) -> str:

@@ -2,13 +2,13 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from datetime import datetime
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from faultgauge.reporting import marks, style
 from faultgauge.reporting.svg import Figure, figure
+from faultgauge.telemetry.clock import Clock
 
 __all__ = ["Panel", "around", "curves", "fault_estimate", "free_run", "panels", "residual"]
 
@@ -36,7 +36,7 @@ def free_run(
     run: str,
     warmup: int = 0,
     noise: float = 0.0,
-    clock: datetime | None = None,
+    clock: Clock | None = None,
 ) -> Figure:
     """Draw an output and the model's pure simulation of it; below, their difference.
 
@@ -51,7 +51,7 @@ def free_run(
             shaded.
         noise: its standard deviation in the output, `unit`; an axis spans five of them at least
             on either side.
-        clock: what the log's clock showed at 0 s, where it has one.
+        clock: that of the log, where it has one.
     """
     with style.drawing():
         canvas, (top, bottom) = style.panels((2.3, 1.5), share_time=True)
@@ -90,7 +90,7 @@ def residual(
     unit: str,
     reference: str,
     noise: float = 0.0,
-    clock: datetime | None = None,
+    clock: Clock | None = None,
 ) -> Figure:
     """Draw the residual r = y - yhat of one output, with the limits of its healthy range.
 
@@ -103,7 +103,7 @@ def residual(
         reference: what the healthy reference is driven by, a few words.
         noise: its standard deviation in the output, `unit`; the axis spans five of them at least
             on either side.
-        clock: what the log's clock showed at 0 s, where it has one.
+        clock: that of the log, where it has one.
     """
     with style.drawing():
         canvas, (axes,) = style.panels((2.1,))
@@ -130,7 +130,7 @@ def curves(
     unit: str,
     truth: Float[np.ndarray, "samples"] | None = None,
     truth_name: str = "truth",
-    clock: datetime | None = None,
+    clock: Clock | None = None,
 ) -> Figure:
     """Draw several curves of one quantity in one panel: residuals or estimates side by side.
 
@@ -142,7 +142,7 @@ def curves(
         unit: its unit as declared.
         truth: what the curves are to be compared with, `unit`; drawn dashed on top.
         truth_name: its name in the legend.
-        clock: what the log's clock showed at 0 s, where it has one.
+        clock: that of the log, where it has one.
     """
     panel = Panel(name, unit, values, truth, truth_name)
     caption = "" if truth is None else f"Dashed, on top: {style.short(truth_name)}."
@@ -155,7 +155,7 @@ def panels(
     *,
     title: str,
     caption: str = "",
-    clock: datetime | None = None,
+    clock: Clock | None = None,
 ) -> Figure:
     """Draw panels (a), (b), ... above each other over one time axis.
 
@@ -164,7 +164,7 @@ def panels(
         stack: what each panel shows; at most eight curves in one, of which four read well.
         title: what is shown, a few words.
         caption: what to see in it.
-        clock: what the log's clock showed at 0 s, where it has one.
+        clock: that of the log, where it has one.
     """
     height = 2.8 if len(stack) == 1 else 1.9
     with style.drawing():
@@ -200,7 +200,7 @@ def fault_estimate(
     not_judged: Bool[np.ndarray, "samples"] | None = None,
     probable: bool = False,
     least: float = 0.0,
-    clock: datetime | None = None,
+    clock: Clock | None = None,
 ) -> Figure:
     """Draw a fault estimate with its 95 % band, limits and events.
 
@@ -217,7 +217,7 @@ def fault_estimate(
         not_judged: where nothing was judged; hatched, and left out of the vertical range.
         probable: judged by probabilities, which need no limit.
         least: the smallest size that would be told, `unit`; the axis spans it at least, either way.
-        clock: what the log's clock showed at 0 s, where it has one.
+        clock: that of the log, where it has one.
     """
     hidden = np.zeros(t.shape, dtype=bool) if not_judged is None else not_judged
     seen = ~hidden if not hidden.all() else hidden

@@ -139,8 +139,8 @@ def _run(log: LogFile, name: str) -> RunReport:
         jitter=float(np.percentile(np.abs(steps - step), 95) / step),
         gaps=tuple(Gap(float(t[k]), float(steps[k])) for k in np.flatnonzero(gaps(t))),
         empty={signal: int(_empty_cells(log, signal)[samples].sum()) for signal in log.signals},
-        start_clock=stamp(log.clock, float(t[0])),
-        end_clock=stamp(log.clock, float(t[-1])),
+        start_clock=stamp(log.clocks.get(name), float(t[0])),
+        end_clock=stamp(log.clocks.get(name), float(t[-1])),
     )
 
 
@@ -160,7 +160,7 @@ def _column(logs: list[LogFile], name: str) -> ColumnReport:
 def _time_hints(logs: list[LogFile], runs: tuple[RunReport, ...]) -> list[str]:
     hints = []
     for log in logs:
-        known = log.clock is not None or log.table.units.get(log.time) == "s"
+        known = bool(log.clocks) or log.table.units.get(log.time) == "s"
         if known or is_text(log.table.columns[log.time]):
             continue
         conversion = unit_map(log.time)
@@ -268,9 +268,7 @@ def _rate_hints(log: LogFile, name: str, driven: set[str]) -> list[str]:
 def _column_hints(column: ColumnReport) -> list[str]:
     hints = []
     if column.kind == "empty":
-        hints.append(
-            f"Column {column.name!r} is empty: commands that need it refuse it; remove or fill it."
-        )
+        hints.append(f"Column {column.name!r} is empty: leave it out of the plant file.")
     if column.statistics is not None and column.statistics.constant:
         hints.append(
             f"Column {column.name!r} never changes ({column.statistics.min:.6g}): nothing can be "

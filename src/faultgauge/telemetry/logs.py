@@ -2,8 +2,7 @@
 
 import os
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
-from datetime import datetime
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -11,6 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from faultgauge.errors import InputError
+from faultgauge.telemetry.clock import Clock
 from faultgauge.telemetry.mapping import apply_maps, can_map, find_column, parse_maps
 from faultgauge.telemetry.readers import logs_in, read_table, stem
 from faultgauge.telemetry.readers.excel import in_workbook
@@ -48,8 +48,8 @@ class Before:
 
 @dataclass(frozen=True, eq=False)
 class LogFile:
-    """One file after `--map`: its time (s) and the samples of each of its runs; `clock` is what
-    a clock showed at 0 s, where the file tells; `holes` are the rows that stand for those that
+    """One file after `--map`: its time (s) and the samples of each of its runs; `clocks` are
+    those of the runs, where the file tells; `holes` are the rows that stand for those that
     `--where` left out; `notes` say how it was understood, where that is not plain.
 
     `signals` are the names of all columns except the time, `t` and `run`.
@@ -59,7 +59,7 @@ class LogFile:
     time: str
     t: Float[np.ndarray, "rows"]
     runs: dict[str, Int[np.ndarray, "_"]]
-    clock: datetime | None = None
+    clocks: dict[str, Clock] = field(default_factory=dict)
     holes: Bool[np.ndarray, "rows"] | None = None
     notes: tuple[str, ...] = ()
 
@@ -161,8 +161,7 @@ def _log_file(
     column = find_time(table, time, mapped)
     table = in_seconds(table, column)
     t, clock = seconds(table, column, form), clock_of(table, column, form)
-    notes = []
-    runs = {}
+    notes, runs, clocks = [], {}, {}
     for label, samples in _groups(table).items():
         name = _free_name(f"{own}:{label}" if label else own, taken)
         if len(samples) < 2:
@@ -172,12 +171,13 @@ def _log_file(
             )
         runs[name] = samples
         evenly, changes = without_summer_time(t, samples, clock)
-        if changes:
-            t[samples] = evenly
-        notes += [change_note(table.source, name, each) for each in changes]
+        if clock is not None:
+            clocks[name] = Clock(clock, tuple((each.when, each.by) for each in changes))
+        t[samples] = evenly
+        notes += [change_note(table.source, name, each.before) for each in changes]
     note = epoch_note(table, column)
     notes = tuple(notes if note is None else [*notes, note])
-    return LogFile(table, column, t, runs, clock, notes=notes)
+    return LogFile(table, column, t, runs, clocks, notes=notes)
 
 
 def _kept(log: LogFile, where: str) -> LogFile:
@@ -188,7 +188,7 @@ def _kept(log: LogFile, where: str) -> LogFile:
             f"{table.source}, --where: no run has two rows that meet {where[:80]!r}; widen the "
             "condition, or leave the file out."
         )
-    return LogFile(table, log.time, log.t[rows], runs, log.clock, holes, log.notes)
+    return LogFile(table, log.time, log.t[rows], runs, log.clocks, holes, log.notes)
 
 
 def _groups(table: Table) -> dict[str, Int[np.ndarray, "_"]]:

@@ -257,7 +257,7 @@ def _run(
         log.table.source,
         t[aligned.kept],
         columns,
-        clock=log.clock,
+        clock=log.clocks.get(name),
         sampled=sampled,
         units={column: unit for column, unit in units.items() if unit},
         notes=log.notes,

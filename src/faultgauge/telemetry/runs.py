@@ -3,10 +3,11 @@
 import hashlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from datetime import datetime
 
 import numpy as np
 from jaxtyping import Bool, Float
+
+from faultgauge.telemetry.clock import Clock
 
 __all__ = [
     "GAP_STEPS",
@@ -33,8 +34,8 @@ class Run:
 
     `t` is in seconds and strictly increasing; `columns` are in the units of the log, NaN where
     nothing was sampled; `source` is the file as the user gave it and `name` is unique among the
-    runs read together. `pace` is the step where it is settled, `paced`; `clock` is what a clock
-    showed at 0 s, where the log has timestamps. `sampled` marks, in a column of a slow sensor that
+    runs read together. `pace` is the step where it is settled, `paced`; `clock` is that of
+    the log, where it has timestamps. `sampled` marks, in a column of a slow sensor that
     was filled in between, the cells that stand for its samples. `units` are those that the file
     gives. `resampled` is the rate [Hz] that the run was brought to, where it was, and `logged` the
     step [s] that its log has; `notes` say in sentences how the time of the file was understood.
@@ -45,7 +46,7 @@ class Run:
     t: Float[np.ndarray, "samples"]
     columns: dict[str, Float[np.ndarray, "samples"]]
     pace: float | None = None
-    clock: datetime | None = None
+    clock: Clock | None = None
     sampled: dict[str, Bool[np.ndarray, "samples"]] = field(default_factory=dict)
     units: dict[str, str] = field(default_factory=dict)
     resampled: float | None = None

@@ -124,10 +124,12 @@ def _head(runs: Sequence[Run], name: str, roles: Roles) -> str:
     sources = ", ".join(dict.fromkeys(_quoted(run.source) for run in runs))
     lines = [
         f"# Plant file, guessed from the columns of {sources}.",
-        "# Edit it: what is an input and what a state was guessed, units may be absent,",
-        "# and every derivative is wholly unknown (a network NN_...). Replace what you know by",
-        '# physics: derivative = "v" for a position, or known terms beside a network, such as',
-        '# "-k*x/m + NN_x(x, v)" with [parameters] k and m.',
+        "# Edit it: what is an input and what a state was guessed. What the plant does not set",
+        "# itself (a command, a flow from elsewhere, the weather) is an input: move it from",
+        "# its [states] and [outputs] to [inputs.NAME]; leave out what tells nothing. Units may be",
+        "# absent, and every derivative is wholly unknown (a network NN_...). Replace what you",
+        '# know by physics: derivative = "v" for a position, or known terms beside a network, such',
+        '# as "-k*x/m + NN_x(x, v)" with [parameters] k and m.',
     ]
     if not roles.inputs:
         lines += [

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from faultgauge.errors import InputError
+from faultgauge.telemetry.clock import Clock
 from faultgauge.telemetry.headers import split_headers, unit_row
 from faultgauge.telemetry.logs import RUN, Before, recalled
 from faultgauge.telemetry.mapping import apply_maps, find_column, parse_maps
@@ -23,7 +24,7 @@ from faultgauge.telemetry.readers.csv import header
 from faultgauge.telemetry.readers.dialect import SEPARATORS, separator_of
 from faultgauge.telemetry.reading import check_present, finite_or_empty, unit_change
 from faultgauge.telemetry.runs import GAP_STEPS, ROUNDING
-from faultgauge.telemetry.summer_time import Evenly, change_note
+from faultgauge.telemetry.summer_time import Change, Evenly, change_note
 from faultgauge.telemetry.table import Table, float_cells
 from faultgauge.telemetry.timing import check_form, clock_of, find_time, in_seconds, seconds
 
@@ -36,12 +37,12 @@ GAP = GAP_STEPS + ROUNDING
 
 
 class Sample(NamedTuple):
-    """One row: time [s] and the signals that were asked for, NaN where not sampled; `clock` is
-    what the stream's clock showed at 0 s, where it has one."""
+    """One row: time [s] and the signals that were asked for, NaN where not sampled; and the
+    stream's `clock`, as it was put so far, where it has one."""
 
     t: float
     values: dict[str, float]
-    clock: datetime | None = None
+    clock: Clock | None = None
 
 
 class _RowError(InputError):
@@ -189,13 +190,13 @@ def _split(row: int, line: str, count: int) -> list[str]:
 
 
 class _Read(NamedTuple):
-    """A row that is telemetry; what its clock `shown`, and after which moment it was put."""
+    """A row that is telemetry; what its clock `shown`, and where it was put."""
 
     row: int
     cells: dict[str, Any]
     sample: Sample
     shown: float
-    change: datetime | None
+    change: Change | None
 
 
 class _Reader:
@@ -222,7 +223,8 @@ class _Reader:
         self.changes: dict[str, tuple[float, float]] = {}
         self.last = -np.inf
         self.ahead: _Read | None = None  # behind a gap, and not yet believed
-        self.clock: datetime | None = None  # at 0 s
+        self.begun: datetime | None = None  # by the clock, at 0 s
+        self.put: tuple[tuple[float, float], ...] = ()
         self.evenly = Evenly()
 
     def prepare(self, row: int, cells: dict[str, Any]) -> None:
@@ -278,9 +280,11 @@ class _Reader:
         try:
             table = self.table(row, cells, first)
             shown = float(seconds(table, self.time, self.form)[-1])
-            clock = clock_of(table, self.time, self.form)
-            self.check_clock(row, cells.get(self.time), clock)
-            t, change = self.evenly(shown, clock)
+            begun = clock_of(table, self.time, self.form)
+            self.check_clock(row, cells.get(self.time), begun)
+            t, change = self.evenly(shown, begun)
+            put = self.put if change is None else (*self.put, (change.when, change.by))
+            clock = None if begun is None else Clock(begun, put)
             values = {}
             for name, column in self.columns.items():
                 factor, offset = self.changes[name]
@@ -293,7 +297,8 @@ class _Reader:
         self.first, self.last = self.first or (found.row, found.cells), found.sample.t
         self.evenly.kept(found.shown, found.sample.t)
         if found.change is not None:
-            self.note(change_note(SOURCE, NAME, found.change))
+            self.put = (*self.put, (found.change.when, found.change.by))
+            self.note(change_note(SOURCE, NAME, found.change.before))
         return found.sample
 
     def table(self, row: int, cells: dict[str, Any], first: tuple[int, dict[str, Any]]) -> Table:
@@ -313,14 +318,14 @@ class _Reader:
                 f"{IN_ORDER}."
             )
 
-    def check_clock(self, row: int, cell: Any, clock: datetime | None) -> None:
+    def check_clock(self, row: int, cell: Any, begun: datetime | None) -> None:
         """A first row of numbers since 1970 is followed by such alone."""
-        if self.first is not None and (clock is None) != (self.clock is None):
+        if self.first is not None and (begun is None) != (self.begun is None):
             raise InputError(
                 f"{SOURCE}, row {row}: the time {str(cell)[:40]} is not of the kind of the first "
                 "row's, from the years 2000 to 2100; send every row's time in the same form."
             )
-        self.clock = clock
+        self.begun = begun
 
     def check_run(self, row: int, cells: dict[str, Any], first: dict[str, Any]) -> None:
         if cells.get(RUN) != first.get(RUN):

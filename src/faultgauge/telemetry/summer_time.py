@@ -7,11 +7,12 @@ just an hour beside the usual step. Any other jump stays what it is.
 from collections import deque
 from datetime import datetime, timedelta
 from statistics import median
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
 
-__all__ = ["Evenly", "change_note", "without_summer_time"]
+__all__ = ["Change", "Evenly", "change_note", "without_summer_time"]
 
 HOUR = 3600.0  # s
 NEAR = 0.5  # of a step, within which a jump is one of an hour
@@ -21,23 +22,31 @@ LOST = 2  # rows that may be missing where a clock is put back
 STEPS = 20  # that tell a stream's usual one
 
 
+class Change(NamedTuple):
+    """From `when` [s] on a clock was put forward `by` so much [s]; what it showed last before."""
+
+    when: float
+    by: float
+    before: datetime
+
+
 def change_note(source: str, run: str, before: datetime) -> str:
     """What is said of a change after the clock showed `before`."""
     return (
         f"{source}: the clock is put forward or back by an hour after "
-        f"{before:%Y-%m-%d %H:%M:%S} in run {run!r}, as where summer time begins or ends; time "
-        "goes on evenly there."
+        f"{before:%Y-%m-%d %H:%M:%S} in run {run!r}, as where summer time begins or ends; seconds "
+        "(t) go on evenly there."
     )
 
 
 def without_summer_time(
     t: Float[np.ndarray, "rows"], samples: Int[np.ndarray, "samples"], clock: datetime | None
-) -> tuple[Float[np.ndarray, "samples"], list[datetime]]:
+) -> tuple[Float[np.ndarray, "samples"], list[Change]]:
     """Times [s] of one run, `t[samples]`, as a clock would have them that nobody puts forward or
-    back, and where that was done: what the clock showed last before. `clock` is what it showed at
-    0 s; one with a zone, or none, is not put anywhere."""
+    back, and where that was done. `clock` is what it showed at 0 s; one with a zone, or none, is
+    not put anywhere."""
     times = t[samples]
-    changes: list[datetime] = []
+    changes: list[Change] = []
     if clock is None or clock.tzinfo is not None or len(times) < 3:
         return times, changes
     times, steps = times.copy(), np.diff(times)
@@ -48,14 +57,13 @@ def without_summer_time(
         moved = _put(float(steps[k]), usual, before)
         if moved:
             times[k + 1 :] -= moved
-            changes.append(before)
+            changes.append(Change(float(times[k + 1]), moved, before))
     return times, changes
 
 
 class Evenly:
     """The same row by row: called with each time [s] after the row before was `kept`, it gives the
-    time as a clock would have it that nobody puts forward or back, and what the clock showed last
-    before where it was."""
+    time as a clock would have it that nobody puts forward or back, and the change where it was."""
 
     def __init__(self) -> None:
         self.last: float | None = None
@@ -67,12 +75,13 @@ class Evenly:
         """The usual step [s], 0 before there is one."""
         return median(self.steps) if self.steps else 0.0
 
-    def __call__(self, t: float, clock: datetime | None) -> tuple[float, datetime | None]:
+    def __call__(self, t: float, clock: datetime | None) -> tuple[float, Change | None]:
         if clock is None or clock.tzinfo is not None or self.last is None or len(self.steps) < 2:
             return t - self.moved, None
         before = clock + timedelta(seconds=self.last)
         moved = _put(t - self.last, self.usual, before)
-        return t - self.moved - moved, before if moved else None
+        evenly = t - self.moved - moved
+        return evenly, Change(evenly, moved, before) if moved else None
 
     def kept(self, t: float, evenly: float) -> None:
         """That the row of time `t`, which it took for `evenly`, was one."""

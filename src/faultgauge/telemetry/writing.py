@@ -5,12 +5,12 @@ import gzip
 import io
 import math
 from collections.abc import Callable, Iterable
-from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
 
 from faultgauge.errors import InputError
 from faultgauge.files import write_atomically
+from faultgauge.telemetry.clock import Clock
 from faultgauge.telemetry.runs import Run
 from faultgauge.telemetry.table import float_cells
 
@@ -104,9 +104,9 @@ def stamps(run: Run) -> list[str | None]:
     return [stamp(run.clock, t) for t in run.t.tolist()]
 
 
-def stamp(clock: datetime | None, t: float) -> str | None:
-    """What a clock shows at `t` [s] that showed `clock` at 0 s, ISO 8601; None where it is none."""
-    return clock and (clock + timedelta(seconds=t)).isoformat()
+def stamp(clock: Clock | None, t: float) -> str | None:
+    """What a `clock` shows at `t` [s], ISO 8601; None where it is none."""
+    return None if clock is None else clock.at(t).isoformat()
 
 
 def check_writable(path: Path) -> None:

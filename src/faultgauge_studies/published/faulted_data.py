@@ -12,6 +12,7 @@ from jaxtyping import Bool
 
 from faultgauge.errors import InputError
 from faultgauge.telemetry import Run, read_telemetry
+from faultgauge.telemetry.clock import Clock
 
 __all__ = ["SENSORS", "Experiment", "flights", "healthy_loop", "water_loop"]
 
@@ -82,7 +83,7 @@ def _sensors(name: str, path: Path) -> tuple[Run, list[dict[str, str]]]:
         }
     except (OSError, KeyError, ValueError, IndexError):
         raise _not_as_exported(path) from None
-    return Run(name, str(path), t, columns, clock=clock[0]), rows
+    return Run(name, str(path), t, columns, clock=Clock(clock[0])), rows
 
 
 def _not_as_exported(path: Path) -> InputError:
