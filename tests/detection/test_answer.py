@@ -447,11 +447,11 @@ def test_the_first_sample_of_a_fault_is_no_glitch(bank, decision):
     assert list(said.glitches) == []
 
 
+@pytest.mark.parametrize("limits", ["", "min = 0\n", "min = 0\nmax = 2\n"])
 @pytest.mark.parametrize("value", [-9999.0, 1e9, -1e30])
-def test_a_cell_of_an_input_that_is_no_command_raises_nothing(value):
-    """Where the plant file has no limits, which would be what acts."""
-    free = TANK.replace("min = 0\nmax = 2\n", "")
-    bank = built(free)
+def test_a_cell_of_an_input_that_is_no_command_raises_nothing(value, limits):
+    """It would act as the limit where the plant file has one."""
+    bank = built(TANK.replace("min = 0\nmax = 2\n", limits))
     run = log(21)
     rows = np.arange(50, COUNT, 100)
     run.columns["u"][rows] = value
