@@ -8,13 +8,15 @@ in three parts, with the faults of its own plant file; `--rows` takes at most so
 nor calibration has seen, or as much as there is, go 20 glitches in one output each: -9999, 0, 1e9
 and values off by one standard deviation of the noise up to 1e12, log-uniform, of either sign. The
 log without them is judged beside it. An alarm or event counts as the glitches' where the log
-without them has none within ten samples; of the intervals, five samples later, those that held 0
-without. Set FAULTGAUGE_DATA to the folder that holds the records.
+without them has none within ten samples. Where there is any, the log that lacks these samples is
+judged as well: nobody knows what they would have said, so what it tells, too, is the record's own.
+Of the intervals count, five samples later, those that held 0 without. Set FAULTGAUGE_DATA to the
+folder that holds the records.
 """
 
 import argparse
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -51,13 +53,21 @@ class Glitch(NamedTuple):
     value: float
 
 
+class Told(NamedTuple):
+    """When what began, and what there is to say of it."""
+
+    t: float
+    text: str
+
+
 class Found(NamedTuple):
-    """Of one run with glitches; `alarms` and `events` are the glitches' own, those of the log
-    without them beside them."""
+    """Of one run with glitches; `alarms` and `events` are those that the log without them lacks,
+    `alone` those of both that a log without these samples lacks, too."""
 
     seconds: float
-    alarms: list[str]
-    events: list[str]
+    alarms: list[Told]
+    events: list[Told]
+    alone: list[Told]
     healthy_alarms: int
     healthy_events: int
     held: int
@@ -111,37 +121,50 @@ def begun(said: Decision) -> np.ndarray:
     return np.flatnonzero(alarm & ~np.append(False, alarm[:-1]))
 
 
+def told(said: Decision) -> tuple[list[Told], list[Told]]:
+    """(its alarms, its events)."""
+    t = said.run.t
+    alarms = [Told(float(t[k]), f"alarm ({said.reason[k]})") for k in begun(said)]
+    return alarms, [Told(each.start, f"event {each.fault}") for each in said.events]
+
+
+def beside(said: Decision, other: Decision) -> tuple[list[Told], list[Told]]:
+    """The alarms and the events of `said` that have none like them near them in `other`."""
+    alarm = np.array(other.status) == FAULT
+    there = other.run.t[alarm].tolist(), [each.start for each in other.events]
+    near = NEAR * said.run.step
+    alarms, events = (
+        [each for each in found if all(abs(each.t - t) > near for t in times)]
+        for found, times in zip(told(said), there, strict=True)
+    )
+    return alarms, events
+
+
 def compared(bank: FaultBank, run: Run, seed: int) -> Found:
     """`run` with the glitches of `seed`, beside itself."""
     sigma = dict(zip(bank.model.plant.signals.output_names, bank.noise.sigma, strict=True))
     sigma = {name: float(each) for name, each in sigma.items() if name in bank.outputs}
     glitches = list(drawn(run, sigma, np.random.default_rng(seed)))
-    columns = {name: values.copy() for name, values in run.columns.items()}
-    for each in glitches:
-        columns[each.output][each.row] = each.value
-    healthy, said = decide(bank, run), decide(bank, replace(run, columns=columns))
 
-    def own(t: float, others: list[float]) -> bool:
-        return all(abs(t - other) > NEAR * run.step for other in others)
+    def judged(values: Iterable[float]) -> Decision:
+        columns = {name: each.copy() for name, each in run.columns.items()}
+        for each, value in zip(glitches, values, strict=True):
+            columns[each.output][each.row] = value
+        return decide(bank, replace(run, columns=columns))
 
-    def told(t: float, what: str) -> str:
-        near = min(glitches, key=lambda each: abs(run.t[each.row] - t))
-        return f"{what} at {t:.6g} s; {near.output} = {near.value:.4g} at {run.t[near.row]:.6g} s"
-
-    quiet = [float(run.t[k]) for k in np.flatnonzero(np.array(healthy.status) == FAULT)]
-    alarms = [
-        told(run.t[k], f"alarm ({said.reason[k]})") for k in begun(said) if own(run.t[k], quiet)
-    ]
-    before = [each.start for each in healthy.events]
-    events = [
-        told(each.start, f"event {each.fault}") for each in said.events if own(each.start, before)
-    ]
+    healthy, said = decide(bank, run), judged(each.value for each in glitches)
+    alarms, events = beside(said, healthy)
+    alone = list[Told]()
+    if alarms or events:
+        lost = beside(said, judged(np.nan for _ in glitches))
+        alone = [each for found in lost for each in found if each in (*alarms, *events)]
     rows = [each.row + LATER for each in glitches if each.row + LATER < len(run.t)]
     held = [(d.posterior.lo[rows] <= 0) & (d.posterior.hi[rows] >= 0) for d in (healthy, said)]
     return Found(
         float(run.t[-1] - run.t[0]),
         alarms,
         events,
+        alone,
         len(begun(healthy)),
         len(healthy.events),
         int((held[0] & held[1]).sum()),
@@ -163,16 +186,19 @@ def measured(each: RealSet, seeds: range, folder: Path | None) -> str:
     for run in map(paced, runs):
         bank = build_fault_bank(model, [run], noise_of(model))
         found += [compared(bank, run, seed) for seed in seeds]
-    for text in [text for one in found for text in (*one.alarms, *one.events)]:
-        print(f"{each.name}: {text}", file=sys.stderr, flush=True)
+    for one in found:
+        for each_told in (*one.alarms, *one.events):
+            why = "" if each_told in one.alone else "; it comes without these samples, too"
+            print(f"{each.name}: {each_told.text} at {each_told.t:.6g} s{why}", file=sys.stderr)
     seconds = sum(one.seconds for one in found)
     alarms, events = (sum(len(one[k]) for one in found) for k in (1, 2))
     first = found[:: len(seeds)]
     healthy = f"{sum(o.healthy_alarms for o in first)}, {sum(o.healthy_events for o in first)}"
+    alone = sum(len(one.alone) for one in found)
     held, asked = sum(one.held for one in found), sum(one.asked for one in found)
     return (
         f"| {each.name} | {len(found)}, {seconds:.0f} s | {COUNT * len(found)} | {healthy} | "
-        f"{alarms} | {events} | {held} of {asked} |"
+        f"{alarms} | {events} | {alone} | {held} of {asked} |"
     )
 
 
@@ -187,7 +213,8 @@ def main() -> None:
         given.models.mkdir(parents=True, exist_ok=True)
     print(
         "| set | logs | glitches | alarms, events without them | alarms more | events more | "
-        "intervals that hold 0 five samples later |\n|---|---|---|---|---|---|---|"
+        "of these not where the samples are missing | intervals that hold 0 five samples later |\n"
+        "|---|---|---|---|---|---|---|---|"
     )
     for name in given.sets or ALL:
         try:

@@ -16,6 +16,7 @@ from datetime import datetime, timedelta
 import pytest
 
 from faultgauge.plants.model import load_model
+from faultgauge.plants.plant_file import parse_plant
 from telemetry.workbooks import write_workbook
 
 *FROM, CASES = map(int, os.environ.get("FAULTGAUGE_FUZZ", "30").split("-"))
@@ -134,6 +135,7 @@ def test_logs(attempt, workshop, tmp_path):
         attempt(case, "inspect", log, "--init-plant", draft)
         attempt(case, "inspect", log, "--json")
         if draft.exists():
+            parse_plant(draft.read_text())
             attempt(case, "fit", draft, tmp_path / "none.csv", "--out", tmp_path / "m.fgm")
         if case % WHOLE == 0:
             attempt(case, "evaluate", workshop.model, log)

@@ -135,6 +135,21 @@ def test_inspect_shows_headers_as_they_are(call, tmp_path):
     assert names == {"T": "degC", "x [raw]": "", "[bold]": ""}
 
 
+def test_no_text_of_a_log_reaches_the_terminal_as_a_command(call, workshop, tmp_path):
+    """Names of files, columns and runs, and cells, with escape sequences in them."""
+    log = tmp_path / "log\x1b[31m.csv"
+    log.write_text(
+        "t,run,u,\x1b]0;x\x07,x\n" + "".join(f"{k},\x1b[2J,{k % 2},1,{k}\n" for k in range(9))
+    )
+    for command in (
+        ("inspect", log),
+        ("inspect", log, "--json"),
+        ("evaluate", workshop.model, log),
+    ):
+        said = call(*command)
+        assert not re.search(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]", said.out + said.err), command
+
+
 @pytest.mark.study
 def test_a_newcomer_with_an_odd_log_has_an_answer_in_four_commands(workshop, call, tmp_path):
     """The leak as from the plain logs, from logs that no command needs a --map for."""

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 
 import pytest
 
@@ -109,3 +110,43 @@ def test_a_sensor_at_the_end_of_its_range_is_not_judged(call, workshop, tmp_path
         assert {row["status"] for row in still} == {"NOT_JUDGED"}
         # a third of the time at the end of the range, in stretches of a second
         assert len(still) > 30
+
+
+def flickering(lines):
+    """0 and 1 in turn at one input: a sensor far noisier than any that was calibrated."""
+    return [f"{k / 10},5,{k % 2}" for k in range(300)]
+
+
+def one_usable_row(lines):
+    return [f"{line.rsplit(',', 1)[0]}," if k != 7 else line for k, line in enumerate(lines)]
+
+
+def no_whole_row(lines):
+    """Each lacks one of the two columns."""
+    rows = [line.split(",") for line in lines]
+    return [f"{t},{u}," if k % 2 else f"{t},,{x}" for k, (t, u, x) in enumerate(rows)]
+
+
+def stuck(lines):
+    return [f"{line.rsplit(',', 1)[0]},0.3" for line in lines]
+
+
+@pytest.mark.parametrize("observer", ["eso", "bank"])
+@pytest.mark.parametrize("kind", [flickering, one_usable_row, no_whole_row, stuck])
+def test_a_log_that_says_next_to_nothing_is_answered_in_numbers(
+    call, workshop, tmp_path, kind, observer
+):
+    """Or refused in a sentence; no number that is printed or written is NaN or infinite."""
+    head, *lines = workshop.suspect.read_text().splitlines()
+    log, out, report = tmp_path / "log.csv", tmp_path / "e.csv", tmp_path / "r.html"
+    log.write_text("\n".join([head, *kind(lines), ""]))
+    args = ("estimate", workshop.judging(observer), log, "--observer", observer, "--out", out)
+    more = ("--smooth", "--evidence", tmp_path / "ev") if observer == "bank" else ()
+    said = call(*args, "--report", report, "--json", *more)
+    assert said.code in (0, 2), said.err
+    written = [path.read_text() for path in tmp_path.rglob("*.csv") if path != log]
+    for text in (said.out, said.err, *written):
+        assert not re.search(r"\b(nan|inf|infinity)\b", text, re.IGNORECASE)
+    if said.code == 0:
+        assert not re.search(r"[>\s,-](nan|inf)[<\s,]", report.read_text(), re.IGNORECASE)
+        assert table(out)

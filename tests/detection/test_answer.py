@@ -384,6 +384,40 @@ def test_single_samples_of_any_size_raise_nothing(bank, seed):
     assert list(decide(bank, log(10 + seed)).glitches) == []
 
 
+OFF = np.array([3.0, -4.0, 5.0, -6.0, 7.0, -8.0, 10.0, -12.0, 15.0, -20.0, 30.0, -50.0, 100.0])
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_single_samples_that_are_a_little_off_raise_nothing(bank, seed):
+    """By some standard deviations: what a fault that has just begun would show as well."""
+    run = log(30 + seed)
+    rows = 40 + 80 * np.arange(len(OFF))
+    run.columns["x"][rows] += SIGMA * np.random.default_rng(seed).permutation(OFF)
+    said = decide(bank, run)
+    assert not said.events
+    assert "FAULT" not in said.status
+    for k in rows + 5:
+        assert np.all(said.posterior.lo[k] <= 0)
+        assert np.all(said.posterior.hi[k] >= 0)
+
+
+def test_a_glitch_tells_no_more_than_a_sample_that_is_missing(bank):
+    """The same log without them is answered the same: nothing of a glitch is left in the states,
+    nor in what speaks for any fault."""
+    run, rows = log(14, LEAK), np.arange(50, COUNT, 60)
+    odd, lost = (dict(run.columns) | {"x": run.columns["x"].copy()} for _ in range(2))
+    odd["x"][rows] = np.resize([-9999.0, 1e6, -1e9, 1e30], len(rows))
+    lost["x"][rows] = np.nan
+    said, without = (decide(bank, replace(run, columns=each)) for each in (odd, lost))
+    judged = np.isfinite(without.posterior.healthy)
+    judged[rows] = False
+    for name in ("p", "f", "lo", "hi", "healthy", "unknown", "x"):
+        found, expected = (getattr(d.posterior, name)[judged] for d in (said, without))
+        # 9999 m is 5e5 times sigma and leaves 25 / 5e5 of it
+        np.testing.assert_allclose(found, expected, atol=1e-4, err_msg=name)
+    assert [each.fault for each in said.events] == [each.fault for each in without.events]
+
+
 def test_a_row_that_is_missing_where_an_input_changes_raises_nothing(bank):
     """Off by 0.5 s of the change: up to twenty standard deviations of the sensor."""
     run = log(12)
@@ -421,11 +455,11 @@ def test_the_first_sample_of_a_fault_is_no_glitch(bank, decision):
     assert list(said.glitches) == []
 
 
+@pytest.mark.parametrize("limits", ["", "min = 0\n", "min = 0\nmax = 2\n"])
 @pytest.mark.parametrize("value", [-9999.0, 1e9, -1e30])
-def test_a_cell_of_an_input_that_is_no_command_raises_nothing(value):
-    """Where the plant file has no limits, which would be what acts."""
-    free = TANK.replace("min = 0\nmax = 2\n", "")
-    bank = built(free)
+def test_a_cell_of_an_input_that_is_no_command_raises_nothing(value, limits):
+    """It would act as the limit where the plant file has one."""
+    bank = built(TANK.replace("min = 0\nmax = 2\n", limits))
     run = log(21)
     rows = np.arange(50, COUNT, 100)
     run.columns["u"][rows] = value

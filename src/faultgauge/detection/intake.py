@@ -1,7 +1,7 @@
 """What of a row is believed: inputs as they act, outputs but for those that stand still.
 
-An input without a limit that reads far beyond all that training covered is no command and counts
-as not sampled: one cell of -9999 would move the healthy model out of sight of the plant.
+An input that reads far beyond its limits and all that training covered is no command and counts as
+not sampled: one cell of -9999 would move the healthy model out of sight of the plant.
 """
 
 from collections.abc import Sequence
@@ -23,7 +23,7 @@ from faultgauge.telemetry import Run
 __all__ = ["Intake", "IntakeState", "Taken", "slow_outputs", "with_taken"]
 
 
-FAR = 100.0  # times the range of an input in training, beyond it
+FAR = 100.0  # times the range of an input, beyond it
 
 
 class IntakeState(NamedTuple):
@@ -85,15 +85,15 @@ class Intake(eqx.Module):
 
 
 def _commands(model: Model) -> tuple[Float[np.ndarray, "inputs"], Float[np.ndarray, "inputs"]]:
-    """(least, largest) that is a command; what lies beyond a limit of the plant file acts as it."""
+    """(least, largest) that is a command. The range of an input goes from limit to limit of the
+    plant file, and as far as training where there is none; a little beyond a limit acts as it."""
     inputs, u = model.plant.signals.inputs, operating_points(model).u
     if not len(u):
         return np.full(len(inputs), -np.inf), np.full(len(inputs), np.inf)
-    low, high = u.min(axis=0), u.max(axis=0)
+    limits = np.array([[each.min, each.max] for each in inputs], float).reshape(-1, 2).T
+    low, high = np.where(np.isfinite(limits), limits, [u.min(axis=0), u.max(axis=0)])
     room = np.where(high > low, FAR * (high - low), np.inf)
-    limited = np.array([[np.isfinite(each.min), np.isfinite(each.max)] for each in inputs], bool)
-    below, above = limited.reshape(-1, 2).T
-    return np.where(below, -np.inf, low - room), np.where(above, np.inf, high + room)
+    return low - room, high + room
 
 
 def slow_outputs(model: Model, runs: Sequence[Run]) -> tuple[str, ...]:
