@@ -234,8 +234,10 @@ def _leapt(model: Model, batch: Likelihood, noise: Noise, bounds: Bounds, held: 
     at = np.flatnonzero(np.isfinite(start) & ~np.isin(names_of(noise), list(held)))
     cost = _costs(model, batch, [noise], bounds)[0]
     for _ in range(LEAPS):
-        logs = start + np.concatenate([far * np.eye(len(start))[at] for far in FAR_OFF])
-        many = [levels_of(np.clip(row, bounds.low, bounds.high), noise) for row in logs]
+        logs = np.tile(start, (len(FAR_OFF) * len(at), 1))
+        every = np.concatenate([far * np.eye(len(at)) for far in FAR_OFF])
+        logs[:, at] = np.clip(start[at] + every, bounds.low[at], bounds.high[at])
+        many = [levels_of(row, noise) for row in logs]
         costs = _costs(model, batch, many, bounds)
         best = int(np.argmin(costs))
         if not cost - costs[best] > ENOUGH:
