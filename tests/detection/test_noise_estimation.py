@@ -195,6 +195,8 @@ def test_a_fit_that_is_off_all_runs_alike_is_no_difference_between_them():
     found = estimate_noise(plant, [log(seed) for seed in range(4)])
     assert 0.3 + found.shift[0] == pytest.approx(A, abs=0.034)
     assert found.spread[0] < 2 * 1.4 * 0.01 * 0.3
+
+
 MOTOR = """
 name = "motor"
 [states]
