@@ -56,7 +56,7 @@ ROUNDS = (16, 12, 8)  # steps of each search; the constants are told anew betwee
 # and the discrepancy
 STARTS = tuple(product((1.0, 10.0, 100.0), (1.0, 30.0)))
 FIRST = 2  # steps of each; then of the better half, and so on
-PART = 0.25  # of every stretch, which these steps look at
+PART = 0.25  # of every stretch, which the first of these steps look at
 SEARCHES = 4  # of all ROUNDS: the plant's levels, then what each of BESIDE adds
 # errors of inputs come first, as what outputs share is none of their own
 BESIDE = (
@@ -65,6 +65,7 @@ BESIDE = (
     with_errors_of_outputs,
 )
 SIZES = {pair[0]: pair for pair in (WANDER, LATE, STRAY)}  # with their times
+WHITE = frozenset({"sigma"})  # what an output's own samples tell
 LEAPS = 4  # of single levels, at most
 FAR_OFF = (-np.log(10.0), -np.log(3.0), np.log(3.0), np.log(10.0))  # how far each of them goes
 ENOUGH = 0.3  # of log-likelihood: a step that gains less is the last
@@ -90,7 +91,7 @@ def estimate_noise(
 
     if discrepancy:
         noise = _started(model, told.batch, told.guess, told.bounds(told.guess), stepped)
-        noise = _alternated(model, told.batch, noise, told.bounds(noise), stepped, True)
+        noise = _alternated(model, told.batch, noise, told.bounds(noise), stepped, WHITE)
         for beside in BESIDE:
             noise = _with(beside, model, told, noise, stepped) or noise
         noise = _needed(model, told.batch, noise)
@@ -212,24 +213,20 @@ def _alternated(
     noise: Noise,
     bounds: Bounds,
     stepped: Callable[[], None],
-    leaping: bool = False,
+    held: Set[str] = frozenset(),
 ) -> Noise:
-    """Searches of so many steps each, with leaps behind the first where asked for, and the
-    constants told anew after each, until that gains less than what one level more must gain."""
-    for steps in ROUNDS:
-        before = _costs(model, batch, [noise], bounds)[0]
-        noise = _searched(model, batch, noise, bounds, set(), steps, stepped)
-        if leaping and steps == ROUNDS[0]:
-            noise = _leapt(model, batch, noise, bounds, set())
+    """Searches of so many steps each, the first with some levels `held`, and the constants told
+    anew after each."""
+    for k, steps in enumerate(ROUNDS):
+        noise = _searched(model, batch, noise, bounds, set() if k else held, steps, stepped)
         noise = constants_retold(model, batch, noise)
-        if before - _costs(model, batch, [noise], bounds)[0] < np.log(batch.count) / 2:
-            break
     return noise
 
 
 def _leapt(model: Model, batch: Likelihood, noise: Noise, bounds: Bounds, held: Set[str]) -> Noise:
-    """`noise` with levels, one at a time, many times smaller or larger, as long as that gains: a
-    filter that is at times lost has a rough likelihood, on which a search stops early."""
+    """`noise` with levels, one at a time, many times smaller or larger, as long as that gains what
+    Schwarz's criterion asks of two: a filter that is at times lost has a rough likelihood, on which
+    a search stops early."""
     start = logs_of(noise)
     at = np.flatnonzero(np.isfinite(start) & ~np.isin(names_of(noise), list(held)))
     cost = _costs(model, batch, [noise], bounds)[0]
@@ -240,7 +237,7 @@ def _leapt(model: Model, batch: Likelihood, noise: Noise, bounds: Bounds, held: 
         many = [levels_of(row, noise) for row in logs]
         costs = _costs(model, batch, many, bounds)
         best = int(np.argmin(costs))
-        if not cost - costs[best] > ENOUGH:
+        if not cost - costs[best] > np.log(batch.count):
             break
         noise, start, cost = many[best], logs_of(many[best]), costs[best]
     return noise
@@ -289,13 +286,11 @@ def _started(
     many = [noise._replace(process=a * noise.process, size=b * noise.size) for a, b in STARTS]
     seen = batch.beginning(int(PART * batch.dt.shape[1]))
     # of an output's noise its own samples tell: a search that begins far off would give it up
-    held = {"sigma"}
     while len(many) > 1:
-        many = [_searched(model, seen, m, bounds, held, FIRST, stepped) for m in many]
-        order = np.argsort(_costs(model, seen, many, bounds))
-        many = [many[k] for k in order[: len(many) // 2]]
-    noise = _leapt(model, seen, many[0], bounds, held)
-    return _searched(model, seen, noise, bounds, held, ROUNDS[0], stepped)
+        many = [_searched(model, seen, m, bounds, WHITE, FIRST, stepped) for m in many]
+        order = np.argsort(_costs(model, batch, many, bounds))
+        many, seen = [many[k] for k in order[: len(many) // 2]], batch
+    return _leapt(model, batch, many[0], bounds, WHITE)
 
 
 def _searched(
