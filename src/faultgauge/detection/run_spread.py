@@ -109,6 +109,8 @@ def as_unsure_as_few_runs_tell(model: Model, batch: Likelihood, noise: Noise) ->
     distribution with the 95 % range of Student's t, since a spread that few runs told may be far
     larger (A. Gelman et al., Bayesian Data Analysis, section 3.2)."""
     runs = len(np.unique(batch.runs))
+    if not len(noise.spread):
+        return noise
     wider = np.ones(len(noise.spread))
     for alike in _alike(model, constants_of(model).names):
         told = max(runs - 1, 1) * len(alike) + 1  # the prior: one more
