@@ -65,9 +65,6 @@ BESIDE = (
     with_errors_of_outputs,
 )
 SIZES = {pair[0]: pair for pair in (WANDER, LATE, STRAY)}  # with their times
-WHITE = frozenset({"sigma"})  # what an output's own samples tell
-LEAPS = 4  # of single levels, at most
-FAR_OFF = (-np.log(10.0), -np.log(3.0), np.log(3.0), np.log(10.0))  # how far each of them goes
 ENOUGH = 0.3  # of log-likelihood: a step that gains less is the last
 NONE = 1e-6  # times the usual: as good as no discrepancy
 
@@ -91,7 +88,7 @@ def estimate_noise(
 
     if discrepancy:
         noise = _started(model, told.batch, told.guess, told.bounds(told.guess), stepped)
-        noise = _alternated(model, told.batch, noise, told.bounds(noise), stepped, WHITE)
+        noise = _alternated(model, told.batch, noise, told.bounds(noise), stepped, {"sigma"})
         for beside in BESIDE:
             noise = _with(beside, model, told, noise, stepped) or noise
         noise = _needed(model, told.batch, noise)
@@ -223,26 +220,6 @@ def _alternated(
     return noise
 
 
-def _leapt(model: Model, batch: Likelihood, noise: Noise, bounds: Bounds, held: Set[str]) -> Noise:
-    """`noise` with levels, one at a time, many times smaller or larger, as long as that gains what
-    Schwarz's criterion asks of two: a filter that is at times lost has a rough likelihood, on which
-    a search stops early."""
-    start = logs_of(noise)
-    at = np.flatnonzero(np.isfinite(start) & ~np.isin(names_of(noise), list(held)))
-    cost = _costs(model, batch, [noise], bounds)[0]
-    for _ in range(LEAPS):
-        logs = np.tile(start, (len(FAR_OFF) * len(at), 1))
-        every = np.concatenate([far * np.eye(len(at)) for far in FAR_OFF])
-        logs[:, at] = np.clip(start[at] + every, bounds.low[at], bounds.high[at])
-        many = [levels_of(row, noise) for row in logs]
-        costs = _costs(model, batch, many, bounds)
-        best = int(np.argmin(costs))
-        if not cost - costs[best] > np.log(batch.count):
-            break
-        noise, start, cost = many[best], logs_of(many[best]), costs[best]
-    return noise
-
-
 def _costs(
     model: Model, batch: Likelihood, many: Sequence[Noise], bounds: Bounds
 ) -> Float[np.ndarray, "many"]:
@@ -285,12 +262,11 @@ def _started(
     noise = best([noise, *(noise._replace(lasting=a, size=b) for a, b in both)])
     many = [noise._replace(process=a * noise.process, size=b * noise.size) for a, b in STARTS]
     seen = batch.beginning(int(PART * batch.dt.shape[1]))
-    # of an output's noise its own samples tell: a search that begins far off would give it up
     while len(many) > 1:
-        many = [_searched(model, seen, m, bounds, WHITE, FIRST, stepped) for m in many]
+        many = [_searched(model, seen, m, bounds, {"sigma"}, FIRST, stepped) for m in many]
         order = np.argsort(_costs(model, batch, many, bounds))
         many, seen = [many[k] for k in order[: len(many) // 2]], batch
-    return _leapt(model, batch, many[0], bounds, WHITE)
+    return many[0]
 
 
 def _searched(

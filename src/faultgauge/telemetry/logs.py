@@ -160,7 +160,7 @@ def _log_file(
 ) -> LogFile:
     column = find_time(table, time, mapped)
     table = in_seconds(table, column)
-    t, clock = seconds(table, column, form), clock_of(table, column, form)
+    t, clock = seconds(table, column, form).copy(), clock_of(table, column, form)
     notes, runs, clocks = [], {}, {}
     for label, samples in _groups(table).items():
         name = _free_name(f"{own}:{label}" if label else own, taken)
