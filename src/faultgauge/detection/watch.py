@@ -59,6 +59,7 @@ class Row(NamedTuple):
     verdict: Verdict
     sets: Float[Any, "*samples sets"]
     taken: Taken
+    said: BranchInfo
 
 
 class Watch(eqx.Module):
@@ -173,7 +174,7 @@ class Watch(eqx.Module):
         )
         last = jnp.where(running, t, state.last)
         after = WatchState(intake, bank, rules, running, begun, rows + 1, last)
-        return after, Row(posterior, verdict, said.p, taken)
+        return after, Row(posterior, verdict, said.p, taken, said)
 
     def _nothing(self) -> BranchInfo:
         """What the bank says of a row that is in no stretch."""

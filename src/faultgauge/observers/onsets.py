@@ -244,9 +244,12 @@ class Onsets(eqx.Module):
         gone: Bool[Array, ""],
     ) -> Lanes:
         """The signatures beside the new branch: less what the promoted change, of size `f` and
-        variance `V`, explains of them."""
+        variance `V`, explains of them. What a step explains is told by the innovations that `J` is
+        of, as it may explain no more than all there is."""
         J, eta, mass, rows = lanes.J[b], lanes.eta[b], lanes.mass[b], lanes.row[b]
         column = J[:, rows[kind, a]]
+        alone = 1 / (column[rows[kind, a]] + 1 / self.prior.size[kind] ** 2)
+        f, V = jnp.where(gone, f, alone * lanes.shared[b, kind, a]), jnp.where(gone, V, alone)
         J = J - V * column[:, None] * column[None]
         column = column[rows]
         shared = lanes.shared[b] - column * f
