@@ -57,7 +57,8 @@ class FaultBank:
     each of `outputs` (1 but for slow sensors); `size` the widest prior of each
     fault and `onset` its rate [1/s]; `knowledge` how well a fault is known by when; `level` are the
     log-odds of a fault from which on there is an alarm; `hold_off` in s;
-    `regions` are what its networks were trained on.
+    `regions` are what its networks were trained on; `shape` and `gain` are by which shares the
+    model's answer to what acts on the plant is off, in all and in size.
     """
 
     model: Model
@@ -73,6 +74,8 @@ class FaultBank:
     level: float
     hold_off: float
     regions: tuple[Region, ...]
+    shape: float
+    gain: float
 
     @property
     def plant(self) -> Disturbed:
@@ -160,7 +163,7 @@ def build_fault_bank(
     return FaultBank(
         model, modes, sets, size[: len(signals.faults)], onset, noise, outputs, rows, step,
         knowledge, float(level), HOLD_OFF * step if wait is None else wait,
-        regions_of(model, outputs),
+        regions_of(model, outputs), found.shape if found else 0.0, found.gain if found else 0.0,
     )  # fmt: skip
 
 

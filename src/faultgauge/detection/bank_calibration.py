@@ -35,6 +35,7 @@ from faultgauge.detection.blocks import (
     allowed_peaks,
     merged,
 )
+from faultgauge.detection.fidelity import gain_error, shape_error
 from faultgauge.detection.noise import Noise
 from faultgauge.detection.priors import AT_START, RARE
 from faultgauge.detection.verdicts import log_odds
@@ -131,6 +132,8 @@ def calibrate_bank(
         samples=sum(len(run.t) for run in taken),
         suspects=[(b.run, b.start, b.end) for b in suspects],
         size=dict(zip(model.plant.signals.fault_names, bank.size.tolist(), strict=True)),
+        shape=shape_error(model),
+        gain=gain_error(model, runs),
     )
     return BankCalibration(found, noise.widened(widened), blocks, suspects, warnings)
 

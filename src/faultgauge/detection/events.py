@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from faultgauge.detection.bank import FaultBank
+from faultgauge.detection.knowledge import longest_delay
 from faultgauge.detection.posterior import WIDE, Posterior
 from faultgauge.detection.verdicts import FAULT, HEALTHY, NAMED, STATUS, Reason, Verdict
 from faultgauge.detection.words import MOST
@@ -44,7 +45,8 @@ class BankEvent:
     interval, given that the fault is there (None for an undeclared one).
 
     `start` is when it was told, `onset` when it began, which may have been before the log did:
-    `older`. Size, p and the rest stand at the last sample at which the fault was sure.
+    `older`. Size, p and the rest stand at the last sample at which the fault was sure; of a
+    fault that is over, before its end may have begun to show.
     `alternatives` are other sets of faults, with the odds of the best set against them; `beside`
     other faults that may be there too, with their probabilities if this one is; `instead` every
     other cause, with the odds of this fault against it, at most 1000: against it without this
@@ -244,6 +246,8 @@ def _event(bank: FaultBank, judged: Judged, each: _Stretch, log: float) -> BankE
     declared = k < found.p.shape[1]
     p = found.p[:, k] if declared else found.unknown
     last = _settled(p, each.told, each.stop - 1)
+    if declared:
+        last = _before_its_end(bank, judged, each, last)
     size = float(found.f[last, k] / found.p[last, k]) if declared else None
     onset, low, high = _onset(bank, judged, each, last, log)
     held = log + bank.hold_off
@@ -310,6 +314,20 @@ def _settled(p: Float[np.ndarray, "samples"], told: int, last: int) -> int:
     """The last sample from `told` to `last` at which the fault was sure."""
     sure = np.flatnonzero(p[told : last + 1] >= NAMED)
     return told + int(sure[-1]) if len(sure) else last
+
+
+def _before_its_end(bank: FaultBank, judged: Judged, each: _Stretch, last: int) -> int:
+    """`last`, or, where a fault is over by then, as long before as it may take to see that it is:
+    until then its end would be told as a smaller size."""
+    found, t, k = judged.found, judged.run.t, each.k
+    if not np.isfinite(found.healthy[each.stop :]).any():
+        return last
+    size = float(found.f[last, k] / found.p[last, k])
+    onset = float(bank.onset[k])
+    late = longest_delay(bank.knowledge, k, size, onset, bank.level)
+    rows = np.arange(each.told, last + 1)
+    sure = rows[(found.p[rows, k] >= NAMED) & (t[rows] <= t[each.stop - 1] - late)]
+    return int(sure[-1]) if len(sure) else each.told
 
 
 def _alternatives(bank: FaultBank, p: Float[np.ndarray, "sets"]) -> tuple[tuple[str, float], ...]:

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import logsumexp
 
+from faultgauge.detection.answers import acting
 from faultgauge.detection.bank import CERTAIN, FaultBank
 from faultgauge.detection.change_points import total, windows_of
 from faultgauge.detection.changes import Changes, Sized, changes_of
@@ -143,7 +144,8 @@ def _answer(
         density = np.exp(columns[k] - logs[k])
     if isinstance(which, Sized):
         given = causes.mean[:, k] + which.before
-        sd = causes.sd[:, k] * which.wider
+        own = bank.gain * acting(faults)[k] * np.abs(given)
+        sd = np.hypot(causes.sd[:, k] * which.wider, own)
         size = size_over(density, given, sd, faults[k].min, faults[k].max)
     onset = onset_over(window.t, density)
     data = causes.seen[min(k, len(faults))]

@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from faultgauge.detection.answers import Answers
 from faultgauge.detection.bank import FaultBank, build_fault_bank
 from faultgauge.detection.envelope import Envelope
 from faultgauge.detection.intake import Intake, IntakeState, Taken
@@ -59,7 +60,6 @@ class Row(NamedTuple):
     verdict: Verdict
     sets: Float[Any, "*samples sets"]
     taken: Taken
-    said: BranchInfo
 
 
 class Watch(eqx.Module):
@@ -76,6 +76,7 @@ class Watch(eqx.Module):
     intake: Intake
     modes: Branching
     start: Start
+    answers: Answers
     mixture: Mixture
     envelope: Envelope
     rules: Rules
@@ -104,7 +105,7 @@ class Watch(eqx.Module):
         slow = [n for n, rows in zip(bank.outputs, bank.rows, strict=True) if rows > 1]
         self.intake = Intake.of(model, step, slow)
         self.modes, self.start = bank.modes, Start.of(bank)
-        self.mixture, self.rules = Mixture.of(bank), Rules.of(bank)
+        self.answers, self.mixture, self.rules = Answers.of(bank), Mixture.of(bank), Rules.of(bank)
         self.envelope = Envelope.of(model, bank.regions)
         self.used = np.array([n in bank.outputs for n in signals.output_names], bool)
         self.hold_off, self.step_s = np.asarray(bank.hold_off), np.asarray(step)
@@ -153,6 +154,7 @@ class Watch(eqx.Module):
             return bank, self._nothing()
 
         bank, said = jax.lax.cond(running, go, stay, state.bank)
+        said = self.answers.told(said)
         begun, rows = jnp.where(begins, t, state.begun), jnp.where(begins, 0, state.rows)
         held = running & ((t - begun < self.hold_off) | (rows < self.settling))
         heard = Heard(
@@ -174,7 +176,7 @@ class Watch(eqx.Module):
         )
         last = jnp.where(running, t, state.last)
         after = WatchState(intake, bank, rules, running, begun, rows + 1, last)
-        return after, Row(posterior, verdict, said.p, taken, said)
+        return after, Row(posterior, verdict, said.p, taken)
 
     def _nothing(self) -> BranchInfo:
         """What the bank says of a row that is in no stretch."""

@@ -107,7 +107,8 @@ class Data(Part):
 class BankLevel(Part):
     """The bank's alarm `level` (log-odds), for noise `widened` by a factor, and from what: healthy
     blocks of `block_s` each, `judged_s` in all of `healthy_s`, with so many `alarms`, prove
-    `mtbfa_s` between false alarms; `memory_s` is the bank's; `size` the prior of each fault."""
+    `mtbfa_s` between false alarms; `memory_s` is the bank's; `size` the prior of each fault;
+    `shape` and `gain` by which shares the model's answer is off, in all and in size."""
 
     level: Number
     widened: Positive
@@ -122,6 +123,8 @@ class BankLevel(Part):
     samples: Count
     size: dict[str, Positive]
     suspects: list[Span]
+    shape: Least = 0.0
+    gain: Least = 0.0
 
 
 class Interval(Part):
