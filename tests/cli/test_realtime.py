@@ -381,6 +381,26 @@ def test_an_interrupt_that_a_finalizer_swallows_comes_once_more(sent):
     assert (done.stdout, done.stderr) == ("interrupted\n", "")
 
 
+def test_an_interrupt_that_an_import_takes_for_its_own_failure_is_one(workshop):
+    """As compiled modules do while they are loaded."""
+    code = (
+        "import signal as s, sys; from faultgauge.cli import main\n"
+        "s.signal(s.SIGTERM, s.SIG_DFL)\n"
+        "class Compiled:\n"
+        "    @staticmethod\n"
+        "    def find_spec(name, *_):\n"
+        "        if name == 'numpy':\n"
+        "            try: s.raise_signal(s.SIGTERM)\n"
+        "            except KeyboardInterrupt: pass\n"
+        "            raise ImportError('initialization failed')\n"
+        "sys.meta_path.insert(0, Compiled)\n"
+        f"sys.argv = ['faultgauge', 'inspect', {str(workshop.healthy)!r}]; main()"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 130, done.stderr
+    assert done.stderr == "faultgauge: interrupted; nothing was written half-way.\n"
+
+
 def test_an_interrupt_after_the_end_changes_nothing():
     code = (
         "import atexit, signal, sys; from faultgauge.cli import main\n"
