@@ -87,7 +87,10 @@ def root(
 def main() -> None:
     """Run the command line: exit 0 done, 2 wrong input, 1 our own fault, 130 interrupted."""
     renew_when_damaged()
-    code = run(sys.argv[1:], end_as_interrupts())
+    try:
+        code = run(sys.argv[1:], end_as_interrupts())
+    except KeyboardInterrupt:  # a second one, while the first was told
+        code = INTERRUPTED
     end_in_peace()
     sys.exit(code)
 
