@@ -140,8 +140,8 @@ def beside(said: Decision, other: Decision) -> tuple[list[Told], list[Told]]:
     return alarms, events
 
 
-def compared(bank: FaultBank, run: Run, seed: int) -> Found:
-    """`run` with the glitches of `seed`, beside itself."""
+def compared(bank: FaultBank, healthy: Decision, run: Run, seed: int) -> Found:
+    """`run`, of which `healthy` was said, with the glitches of `seed`."""
     sigma = dict(zip(bank.model.plant.signals.output_names, bank.noise.sigma, strict=True))
     sigma = {name: float(each) for name, each in sigma.items() if name in bank.outputs}
     glitches = list(drawn(run, sigma, np.random.default_rng(seed)))
@@ -152,7 +152,7 @@ def compared(bank: FaultBank, run: Run, seed: int) -> Found:
             columns[each.output][each.row] = value
         return decide(bank, replace(run, columns=columns))
 
-    healthy, said = decide(bank, run), judged(each.value for each in glitches)
+    said = judged(each.value for each in glitches)
     alarms, events = beside(said, healthy)
     alone = list[Told]()
     if alarms or events:
@@ -185,7 +185,8 @@ def measured(each: RealSet, seeds: range, folder: Path | None) -> str:
     found = []
     for run in map(paced, runs):
         bank = build_fault_bank(model, [run], noise_of(model))
-        found += [compared(bank, run, seed) for seed in seeds]
+        healthy = decide(bank, run)
+        found += [compared(bank, healthy, run, seed) for seed in seeds]
     for one in found:
         for each_told in (*one.alarms, *one.events):
             why = "" if each_told in one.alone else "; it comes without these samples, too"

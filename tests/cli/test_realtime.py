@@ -381,6 +381,39 @@ def test_an_interrupt_that_a_finalizer_swallows_comes_once_more(sent):
     assert (done.stdout, done.stderr) == ("interrupted\n", "")
 
 
+def interrupted_import(folder, more=""):
+    """`inspect`, sent SIGTERM while numpy is loaded, which takes it for its own failure."""
+    log = folder / "log.csv"
+    log.write_text("t,x\n0,1\n1,2\n2,4\n")
+    code = (
+        "import signal as s, sys; from faultgauge.cli import main, options\n"
+        "s.signal(s.SIGTERM, s.SIG_DFL); s.signal(s.SIGHUP, s.SIG_DFL)\n"
+        "class Compiled:\n"
+        "    @staticmethod\n"
+        "    def find_spec(name, *_):\n"
+        "        if name == 'numpy':\n"
+        "            try: s.raise_signal(s.SIGTERM)\n"
+        "            except KeyboardInterrupt: pass\n"
+        "            raise ImportError('initialization failed')\n"
+        f"sys.meta_path.insert(0, Compiled)\n{more}\n"
+        f"sys.argv = ['faultgauge', 'inspect', {str(log)!r}]; main()"
+    )
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+
+
+def test_an_interrupt_that_an_import_takes_for_its_own_failure_is_one(tmp_path):
+    """As compiled modules do while they are loaded."""
+    done = interrupted_import(tmp_path)
+    assert done.returncode == 130, done.stderr
+    assert done.stderr == "faultgauge: interrupted; nothing was written half-way.\n"
+
+
+def test_a_second_interrupt_while_the_first_is_told_is_none(tmp_path):
+    """A terminal that closes tells so twice."""
+    done = interrupted_import(tmp_path, "options.say = lambda text: s.raise_signal(s.SIGHUP)")
+    assert (done.returncode, done.stderr) == (130, "")
+
+
 def test_an_interrupt_after_the_end_changes_nothing():
     code = (
         "import atexit, signal, sys; from faultgauge.cli import main\n"

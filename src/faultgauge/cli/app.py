@@ -3,7 +3,7 @@
 import re
 import sys
 import traceback
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from itertools import zip_longest
 
 import typer
@@ -86,15 +86,18 @@ def root(
 
 def main() -> None:
     """Run the command line: exit 0 done, 2 wrong input, 1 our own fault, 130 interrupted."""
-    end_as_interrupts()
     renew_when_damaged()
-    code = run(sys.argv[1:])
+    try:
+        code = run(sys.argv[1:], end_as_interrupts())
+    except KeyboardInterrupt:  # a second one, while the first was told
+        code = INTERRUPTED
     end_in_peace()
     sys.exit(code)
 
 
-def run(arguments: list[str]) -> int:
-    """Exit code of one call; every error is one sentence on stderr."""
+def run(arguments: list[str], interrupted: Callable[[], bool] = lambda: False) -> int:
+    """Exit code of one call; every error is one sentence on stderr, of which an interrupt is the
+    cause once one came."""
     debug = "--debug" in arguments
     if debug:  # legal anywhere on the line
         arguments = ["--debug", *(a for a in arguments if a != "--debug")]
@@ -107,25 +110,32 @@ def run(arguments: list[str]) -> int:
         if code == INTERRUPTED:  # typer has caught the interrupt itself, and says nothing
             return _fail(STOPPED, INTERRUPTED, debug=False)
         return code if isinstance(code, int) else 0
-    except InputError as wrong:
-        return _fail(str(wrong), 2, debug)
-    except TyperException as usage:
-        if not usage.format_message():  # no arguments at all: the help has been printed
-            return 2
-        return _fail(f"{usage.format_message().rstrip('.')}. See faultgauge --help.", 2, debug)
     except (KeyboardInterrupt, typer.Abort):
         return _fail(STOPPED, INTERRUPTED, debug)
-    except BrokenPipeError:
-        let_go()
-        return 0
-    except OSError as failure:
-        if not full_disk(failure):
-            return _our_fault(failure, debug)
-        let_go()
-        name = failure.filename or "standard output"
-        return _fail(f"{name}: cannot be written, because the disk is full; make room.", 2, debug)
-    except Exception as fault:  # noqa: BLE001  (the last net: our own fault, said as such)
-        return _our_fault(fault, debug)
+    except Exception as failure:  # noqa: BLE001  (the last net: what is not known is our own fault)
+        return _fail(STOPPED, INTERRUPTED, debug) if interrupted() else _failed(failure, debug)
+
+
+def _failed(failure: Exception, debug: bool) -> int:
+    match failure:
+        case InputError():
+            return _fail(str(failure), 2, debug)
+        case TyperException():
+            if not failure.format_message():  # no arguments at all: the help has been printed
+                return 2
+            return _fail(
+                f"{failure.format_message().rstrip('.')}. See faultgauge --help.", 2, debug
+            )
+        case BrokenPipeError():
+            let_go()
+            return 0
+        case OSError() if full_disk(failure):
+            let_go()
+            name = failure.filename or "standard output"
+            return _fail(
+                f"{name}: cannot be written, because the disk is full; make room.", 2, debug
+            )
+    return _our_fault(failure, debug)
 
 
 def _our_fault(fault: Exception, debug: bool) -> int:

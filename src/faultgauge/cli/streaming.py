@@ -9,7 +9,7 @@ import signal
 import sys
 import threading
 from _thread import interrupt_main
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from faultgauge.cli import options
@@ -79,19 +79,21 @@ def let_go() -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def end_as_interrupts() -> None:
+def end_as_interrupts() -> Callable[[], bool]:
     """What ends a program by default ends it as Ctrl-C does; not what it was begun to ignore, as
-    under nohup. An interrupt that comes within a finalizer, which swallows it, comes once more."""
-    usual, came = sys.unraisablehook, signal.SIGINT
+    under nohup. An interrupt that comes within a finalizer, which swallows it, comes once more.
+
+    What is returned tells whether any came: compiled modules make an error of their own of it."""
+    usual, came = sys.unraisablehook, list[signal.Signals]()
 
     def interrupt(number: int, _: object) -> None:
-        nonlocal came
-        came = signal.Signals(number)
+        came.append(signal.Signals(number))
         raise KeyboardInterrupt
 
     def swallowed(found: Any) -> None:
         if issubclass(found.exc_type, KeyboardInterrupt):
-            threading.Timer(AGAIN, interrupt_main, (came,)).start()
+            last = came[-1] if came else signal.SIGINT
+            threading.Timer(AGAIN, interrupt_main, (last,)).start()
         else:
             usual(found)
 
@@ -99,6 +101,7 @@ def end_as_interrupts() -> None:
         if signal.getsignal(each) in (signal.SIG_DFL, signal.default_int_handler):
             signal.signal(each, interrupt)
     sys.unraisablehook = swallowed
+    return lambda: bool(came)
 
 
 def end_in_peace() -> None:
