@@ -18,7 +18,8 @@ from faultgauge.detection.decisions import as_dicts as events_as_dicts
 from faultgauge.detection.events import UNKNOWN, BankEvent, pause, stretches
 from faultgauge.detection.posterior import LIKELY
 from faultgauge.detection.probability import probability
-from faultgauge.detection.shares import Silent, shares_of
+from faultgauge.detection.reliance import headed
+from faultgauge.detection.shares import WHOLE, Silent, shares_of
 from faultgauge.detection.smallest import smallest_along
 from faultgauge.detection.verdicts import FAULT, HEALTHY, NAMED, NOT_JUDGED
 from faultgauge.detection.words import (
@@ -36,7 +37,6 @@ from faultgauge.detection.words import (
     times_more,
     would_not_show,
 )
-from faultgauge.telemetry import Run
 from faultgauge.telemetry.clock import Clock
 
 __all__ = [
@@ -46,18 +46,18 @@ __all__ = [
     "as_dicts",
     "finding",
     "first_screen",
+    "given_up",
     "least_told",
     "other_cause",
     "runs_as_dicts",
     "told",
 ]
 
-WHOLE = 0.95  # share of a log from which on all of it counts as judged: a start is always held off
 CHANGED = 0.1  # of an event: for longer its size was another one
 SPOKEN = 3  # silent stretches that a sentence names
 LINES = 4  # of a first screen
 # what was asked last: every sentence asks anew
-_SMALLEST: deque[tuple[FaultBank, Run, list[float | None]]] = deque(maxlen=32)
+_SMALLEST: deque[tuple[FaultBank, Decision, list[float | None]]] = deque(maxlen=32)
 
 
 class Told(NamedTuple):
@@ -108,7 +108,7 @@ def _silence(bank: FaultBank, decisions: Sequence[Decision]) -> list[str]:
     alone = len(decisions) == 1
     if whole:
         where = "" if len(whole) == len(decisions) else f" in {_runs(whole)}"
-        said.append(f"No fault{where}; {_would_not_show(bank, [one.run for one in whole])}")
+        said.append(headed(bank.model, f"No fault{where}; {_would_not_show(bank, whole)}"))
     for one in silent:
         judged, _, gaps = shares[one.run.name]
         log = "log" if alone else f"run {one.run.name}"
@@ -122,10 +122,11 @@ def _silence(bank: FaultBank, decisions: Sequence[Decision]) -> list[str]:
             of = "" if alone else f" of {log}"
             said.append(f"Nothing{of} could be judged: {why}")
             continue
-        said.append(
+        text = (
             f"No fault in the {100 * judged:.0f} % of the {log} that could be judged; not judged "
-            f"{why}; {_would_not_show(bank, [one.run])}"
+            f"{why}; {_would_not_show(bank, [one])} there"
         )
+        said.append(headed(bank.model, text))
     return said
 
 
@@ -165,7 +166,8 @@ def alarms(bank: FaultBank, decision: Decision) -> list[Told]:
             cause = (
                 _usual(why) if why else f"{_named(bank, decision, part)}, named there, was given up"
             )
-            found.append(Told(first, last, f"An alarm {when} (run {run.name}); {cause}"))
+            text = headed(bank.model, f"An alarm {when} (run {run.name}); {cause}")
+            found.append(Told(first, last, text))
     return found
 
 
@@ -215,7 +217,7 @@ def _undecided(bank: FaultBank, decision: Decision) -> list[Told]:
         f"{cause}{size} (p {probability(float(shares[cause]))}); that nothing is wrong has p "
         f"{probability(float(found.healthy[sampled[-1]]))}"
     )
-    return [Told(float(run.t[first]), float(run.t[sampled[-1]]), text)]
+    return [Told(float(run.t[first]), float(run.t[sampled[-1]]), headed(bank.model, text))]
 
 
 def _usual(reasons: Sequence[str]) -> str:
@@ -226,8 +228,13 @@ def answer(bank: FaultBank, decision: Decision, event: BankEvent) -> Told:
     """One event."""
     run = decision.run
     head, times = finding(event, _unit(bank, event.fault), bank.step, run.clock)
-    rest = [times + _whether_over(decision, event), *_before_its_name(bank, decision, event)]
-    rest += _course(bank, decision, event)
+    rest = [times + _whether_over(bank, decision, event)]
+    rest += [*_before_its_name(bank, decision, event), *_course(bank, decision, event)]
+    rest += [
+        f"{_cause(name)} was named beside it from {_at(bank, decision, first)} to "
+        f"{_at(bank, decision, last)}, and given up"
+        for name, first, last in given_up(bank, decision, event)
+    ]
     others = {each.fault for each in _beside(decision, event)}
     rest += likelihoods(
         (other_cause(event, cause), odds)
@@ -241,9 +248,12 @@ def answer(bank: FaultBank, decision: Decision, event: BankEvent) -> Told:
     ]
     if event.fault != UNKNOWN:
         k = bank.model.plant.signals.fault_names.index(event.fault)
-        if least_told(bank, run, k) is not None:  # else it shows only as the input moves
-            rest.append(_would_not_show(bank, [run], (event.fault,)))
-    return Told(event.start, event.end, head, tuple(rest))
+        if least_told(bank, decision, k) is not None:  # else it shows only as the input moves
+            judged = shares_of(decision).judged
+            of = f" in the {100 * judged:.0f} % of the log that could be judged"
+            small = _would_not_show(bank, [decision], (event.fault,))
+            rest.append(small + of * (judged < WHOLE))
+    return Told(event.start, event.end, headed(bank.model, head), tuple(rest))
 
 
 def finding(
@@ -275,9 +285,47 @@ def other_cause(event: BankEvent, cause: str) -> str:
     return f"{cause} alone" if cause in dict(event.beside) else cause
 
 
-def _whether_over(decision: Decision, event: BankEvent) -> str:
-    """Of a fault that was not seen to end, why it is not."""
+def _cause(fault: str) -> str:
+    return UNDECLARED if fault == UNKNOWN else fault
+
+
+def given_up(
+    bank: FaultBank, decision: Decision, event: BankEvent
+) -> list[tuple[str, float, float]]:
+    """(fault, from, to [s]) of what rows within `event` name beside it, and no event tells of: of
+    its `beside` it is not, at the end."""
+    t, found = decision.run.t, decision.posterior
+    columns = dict(zip(bank.model.plant.signals.fault_names, found.p.T, strict=True))
+    columns[UNKNOWN] = found.unknown
+    telling = np.array([why == "" for why in decision.reason]) & (
+        np.array(decision.status) == FAULT
+    )
+    telling &= (t >= event.onset_lo) & (t <= event.end)
+    said = []
+    for name, p in columns.items():
+        rows = telling & (np.nan_to_num(p) >= NAMED) & (name != event.fault)
+        for each in decision.events:
+            rows &= (each.fault != name) | (t < each.onset_lo) | (t > each.end)
+        said += [
+            (name, float(t[a]), float(t[b - 1]))
+            for a, b in stretches(rows, np.isfinite(found.healthy), pause(bank))
+            if b - a > 1
+        ]
+    return said
+
+
+def _whether_over(bank: FaultBank, decision: Decision, event: BankEvent) -> str:
+    """Of a fault that was not seen to end, why it is not; of one that changed its sign, when that
+    was seen: until then rows have it as it was."""
     t = decision.run.t
+    turned = [
+        each.start
+        for each in decision.events
+        if each.fault == event.fault and (each.size or 0.0) * (event.size or 0.0) < 0
+        if event.end < each.start and abs(each.onset - event.end) <= bank.pause
+    ]
+    if turned:
+        return f", where its sign changed, as was told at {_at(bank, decision, min(turned))}"
     if event.end >= t[-1]:
         return ", the end of the log"
     judged = t[np.isin(decision.status, [HEALTHY, FAULT])]
@@ -321,14 +369,14 @@ def _beside(decision: Decision, event: BankEvent) -> list[BankEvent]:
     ]
 
 
-def least_told(bank: FaultBank, run: Run, fault: int) -> float | None:
-    """The size [the fault's unit] that would have been named by the end of `run` had the fault
-    begun in its middle; None where none would."""
+def least_told(bank: FaultBank, decision: Decision, fault: int) -> float | None:
+    """The size [the fault's unit] that would have been named by the judged rows of a run had the
+    fault begun in the middle of them; None where none would."""
     for one, other, sizes in _SMALLEST:
-        if one is bank and other is run:
+        if one is bank and other is decision:
             return sizes[fault]
-    sizes = smallest_along(bank, run)
-    _SMALLEST.append((bank, run, sizes))
+    sizes = smallest_along(bank, decision.run, np.isin(decision.status, [HEALTHY, FAULT]))
+    _SMALLEST.append((bank, decision, sizes))
     return sizes[fault]
 
 
@@ -351,7 +399,7 @@ def runs_as_dicts(
     calibrated."""
     found = dict[str, Any]()
     for one in decisions:
-        least = [None if bank is None else least_told(bank, one.run, k) for k in range(len(faults))]
+        least = [None if bank is None else least_told(bank, one, k) for k in range(len(faults))]
         unnamed = [] if bank is None else _unnamed(bank, one)
         found[one.run.name] = {
             **shares_of(one).as_dict(dict(zip(faults, least, strict=True))),
@@ -362,22 +410,27 @@ def runs_as_dicts(
 
 
 def _said(bank: FaultBank, decision: Decision, event: BankEvent) -> dict[str, Any]:
-    run = decision.run
     names = bank.model.plant.signals.fault_names
-    least = None if event.fault == UNKNOWN else least_told(bank, run, names.index(event.fault))
+    least = None if event.fault == UNKNOWN else least_told(bank, decision, names.index(event.fault))
     return {
         "sentence": answer(bank, decision, event).text,
         "least": least,
+        "given_up": [
+            {"fault": name, "from": first, "to": last}
+            for name, first, last in given_up(bank, decision, event)
+        ],
     }
 
 
-def _would_not_show(bank: FaultBank, runs: Sequence[Run], only: Sequence[str] = ()) -> str:
-    """Below what each fault would not have shown in the least telling of `runs`."""
+def _would_not_show(
+    bank: FaultBank, decisions: Sequence[Decision], only: Sequence[str] = ()
+) -> str:
+    """Below what each fault would not have shown in the least telling of some runs."""
     least = dict[str, tuple[float | None, str]]()
     for k, name in enumerate(bank.model.plant.signals.fault_names):
         if only and name not in only:
             continue
-        sizes = [least_told(bank, run, k) for run in runs]
+        sizes = [least_told(bank, one, k) for one in decisions]
         shown = [size for size in sizes if size is not None]
         least[name] = max(shown) if len(shown) == len(sizes) else None, _unit(bank, name)
     return would_not_show(least)
