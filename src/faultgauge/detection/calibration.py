@@ -16,7 +16,6 @@ from faultgauge.detection.judged import build_bank, check_observer
 from faultgauge.detection.misfit import not_followed
 from faultgauge.detection.noise import Noise
 from faultgauge.detection.noise_estimation import estimate_doubts, estimate_noise
-from faultgauge.detection.reliance import missed
 from faultgauge.errors import InputError
 from faultgauge.identification.command_checks import command_warnings
 from faultgauge.identification.log_checks import other_units
@@ -90,7 +89,6 @@ def calibrate(
     known = {
         "data": sorted(run.content_hash for run in runs),
         "repeats": longest_repeats(model, runs),
-        "missed": missed(model, runs),
         "observer": observer,
     }
     if observer == "bank":

@@ -4,9 +4,9 @@ An alarm level that is found on such logs hides faults, and an alarm over such a
 which fault it is; both answers look sound.
 """
 
+import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool
@@ -16,22 +16,14 @@ from faultgauge.detection.posterior import Posterior
 from faultgauge.detection.verdicts import QUIET
 from faultgauge.detection.words import number
 from faultgauge.errors import InputError
-from faultgauge.identification.evaluation import evaluate
-from faultgauge.identification.unseen import pieces
+from faultgauge.identification.evaluation import WARMUP, evaluate
+from faultgauge.identification.holdout import LAST_SHARE
 from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run, cut
 
-__all__ = [
-    "FEWEST",
-    "Alarmed",
-    "Misfit",
-    "Typical",
-    "alarmed_throughout",
-    "not_followed",
-    "quiet",
-    "typical_errors",
-]
+__all__ = ["FEWEST", "Alarmed", "Misfit", "alarmed_throughout", "not_followed", "quiet"]
 
+SHORTEST = 2 * WARMUP  # samples of a piece
 LONGEST = 20_000  # samples of a free run
 WORSE = 10.0  # times the free run's error on the data that the fit was validated on
 NOTABLE = 0.1  # of an output's standard deviation
@@ -50,46 +42,38 @@ def not_followed(model: Model, runs: Sequence[Run]) -> list[str]:
     usual = model.record.metrics.validation_free_run_nrmse
     if usual is None:
         return []
-    return [
-        f"run {each.run}: the model's free run errs by {number(each.share, 2)} times the standard "
-        f"deviation of {each.output}, and by {number(usual, 2)} times where it was validated: a "
-        "fault all over this log, or the model of another plant; smaller faults than this error "
-        "will not be told"
-        for each in typical_errors(model, runs)
-        if each.share > max(WORSE * usual, NOTABLE)
-    ]
-
-
-class Typical(NamedTuple):
-    """The free run's `error` in an output of a run, the median over its parts, and the output's
-    `spread`, its standard deviation, both in its unit."""
-
-    run: str
-    output: str
-    error: float
-    spread: float
-
-    @property
-    def share(self) -> float:
-        return self.error / self.spread
-
-
-def typical_errors(model: Model, runs: Sequence[Run]) -> list[Typical]:
-    """Of every output that moves in `runs`, as far as they can be scored."""
     found = []
     for run in [cut(run, slice(0, LONGEST)) for run in runs]:
         try:
-            scores = evaluate(model.plant, pieces(run), model.max_step)[0]["runs"]
+            scores = evaluate(model.plant, _pieces(run), model.max_step)[0]["runs"]
         except InputError:  # nowhere two samples in a row: nothing to follow
             continue
         for name in model.plant.signals.output_names:
             parts = [each["outputs"][name]["rmse"] for each in scores if name in each["outputs"]]
             spread = float(np.nanstd(run.columns[name])) if parts else 0.0
-            if spread > 0:
-                blown_up = np.inf
-                typical = np.median([blown_up if each is None else each for each in parts])
-                found.append(Typical(run.name, name, float(typical), spread))
+            if not spread > 0:
+                continue
+            blown_up = np.inf
+            typical = np.median([blown_up if each is None else each for each in parts])
+            error = float(typical) / spread
+            if error > max(WORSE * usual, NOTABLE):
+                found.append(
+                    f"run {run.name}: the model's free run errs by {number(error, 2)} times the "
+                    f"standard deviation of {name}, and by {number(usual, 2)} times where it was "
+                    "validated: a fault all over this log, or the model of another plant; smaller "
+                    "faults than this error will not be told"
+                )
     return found
+
+
+def _pieces(run: Run) -> list[Run]:
+    """`run` in parts as long as what a fit holds out of one, and long enough to be scored."""
+    count = max(1, min(round(1 / LAST_SHARE), len(run.t) // SHORTEST))
+    edges = np.linspace(0, len(run.t), count + 1).astype(int)
+    return [
+        replace(cut(run, slice(a, b)), name=f"{run.name}, part {k}")
+        for k, (a, b) in enumerate(itertools.pairwise(edges.tolist()), 1)
+    ]
 
 
 def quiet(found: Posterior) -> Bool[np.ndarray, "samples"]:

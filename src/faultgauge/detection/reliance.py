@@ -1,61 +1,71 @@
-"""How far a model is off its own healthy logs, and what heads its answers where that is far.
+"""Whether a calibrated model explains more of its own healthy logs than it errs by.
 
-Noise and model error that are found on healthy logs keep false alarms rare there. They say nothing
-of which fault it is where the model explains little of how the plant moves: its own error then
-looks like one fault at one operating point, and like another one elsewhere.
+A free run does not tell: it is carried off where a plant integrates or is held by its loop alone,
+and the bank judges beside the sensors all the same. What does is the error in a derivative that
+calibration found, against all that the model has that derivative do. A fault is told from what
+stays for the bank's memory T, and an error of size s that lasts for tau has there a mean of
+
+    s sqrt(2 r (1 - r (1 - exp(-1/r)))),    r = tau / T
+
+(Gauss-Markov). Where that is more than the model explains, false alarms are as rare as calibrated,
+but which fault it is, and how large, may be the error's doing: it looks like one fault at one
+operating point, and like another one elsewhere.
 """
 
-from collections.abc import Sequence
-
+import jax
+import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 
-from faultgauge.detection.misfit import typical_errors
-from faultgauge.identification.fit import POOR
-from faultgauge.identification.noise_floor import noise_floor
+from faultgauge.detection.judged import operating_points
+from faultgauge.detection.noise import noise_of
+from faultgauge.detection.remember import once
+from faultgauge.detection.uncalibrated import level_in, uncalibrated
+from faultgauge.detection.words import number
+from faultgauge.plants.disturbed import dynamic_states
 from faultgauge.plants.model import Model
-from faultgauge.telemetry import Run
 
-__all__ = ["doubt", "headed", "missed"]
+__all__ = ["doubt", "errs_by", "headed"]
 
-MOST = 100.0  # times the spread: what diverges
+LASTING = 1e4  # memories, from which on an error does not change within one
 
 
-def missed(model: Model, runs: Sequence[Run]) -> dict[str, float]:
-    """By how much the free run is off each output in healthy `runs`, beyond its noise and as a
-    share of its standard deviation, in parts as long as what a fit holds out of a run; outputs that
-    could be scored."""
-    noise = noise_floor(model.plant.signals, runs)
-    found = dict[str, list[float]]()
-    for each in typical_errors(model, runs):
-        sd = noise[each.output]["sd"] or 0.0
-        off = np.sqrt(max(each.error**2 - sd**2, 0.0)) / each.spread
-        found.setdefault(each.output, []).append(min(float(off), MOST))
-    return {name: float(np.sqrt(np.mean(np.square(parts)))) for name, parts in found.items()}
+def errs_by(model: Model) -> dict[str, float]:
+    """What stays of the model's own error in the derivative of each dynamic state that it has move,
+    as a share of the standard deviation that this derivative has in the model over the training
+    envelope."""
+    noise, names, moved = noise_of(model), model.plant.signals.state_names, _moved(model)
+    r = noise.lasting / max(level_in(model).memory_s, 1e-300)
+    stays = noise.size * np.sqrt(np.clip(2 * r * (1 + r * np.expm1(-1 / r)), 0.0, 1.0))
+    stays = np.where(r > LASTING, noise.size, stays)
+    return {
+        names[state]: float(stays[k] / moved[state])
+        for k, state in enumerate(dynamic_states(model.plant))
+        if moved[state] > 0
+    }
 
 
 def doubt(model: Model) -> str | None:
-    """What a calibrated `model` misses of its own healthy logs, where that is so much that its
-    answers are little to rely on; None where it follows them."""
-    known = model.calibration
-    shares = {} if known is None or known.missed is None else known.missed
-    if not shares:
+    """That answers of a calibrated `model` are little to rely on, and why; None where it explains
+    more than it errs by."""
+    shares = {} if uncalibrated(model) else errs_by(model)
+    worst = max(shares, key=lambda name: shares[name], default="")
+    if not worst or shares[worst] < 1:
         return None
-    off = float(np.sqrt(np.mean(np.square(list(shares.values())))))
-    if off < POOR:
-        return None
-    worst = max(shares, key=lambda name: shares[name])
-    if off < 1:
-        return (
-            f"Little to rely on, as the model is {100 * off:.0f} % off on its own healthy logs "
-            f"(most in {worst})"
-        )
     return (
-        "Not to be relied on, as on its own healthy logs the model is worse than each output's "
-        f"mean (most in {worst})"
+        f"little to rely on, as on its own healthy logs the model's error in d({worst}) is "
+        f"{number(shares[worst], 2)} times all that it explains of it"
     )
 
 
 def headed(model: Model, sentence: str) -> str:
     """`sentence`, behind what is to be doubted of all that `model` says."""
     reason = doubt(model)
-    return sentence if reason is None else f"{reason}: {sentence}"
+    return sentence if reason is None else f"{reason[0].upper()}{reason[1:]}: {sentence}"
+
+
+@once
+def _moved(model: Model) -> Float[np.ndarray, "states"]:
+    points = operating_points(model)
+    moved = jax.vmap(model.plant.derivative)(jnp.asarray(points.x), jnp.asarray(points.u))
+    return np.nan_to_num(np.std(np.asarray(moved), axis=0))

@@ -13,7 +13,7 @@ from faultgauge.detection.bank import CERTAIN, FaultBank
 from faultgauge.detection.change_points import total, windows_of
 from faultgauge.detection.changes import Changes, Sized, changes_of
 from faultgauge.detection.decisions import Decision
-from faultgauge.detection.events import UNKNOWN
+from faultgauge.detection.events import UNKNOWN, pause, stretches
 from faultgauge.detection.over_onsets import onset_over, size_over
 from faultgauge.detection.probability import probability
 from faultgauge.detection.reliance import headed
@@ -40,6 +40,8 @@ PLAIN = 20.0  # odds from which on it goes without saying that there is a fault
 MOST_ODDS = 1e6  # nobody's priors are better than that
 
 Curve: TypeAlias = Float[np.ndarray, "samples"]
+# mean and the ends of its interval [s]
+Onset: TypeAlias = tuple[float, float, float] | tuple[None, None, None]
 
 
 @dataclass(frozen=True)
@@ -187,6 +189,8 @@ def _answer(
         sd = causes.sd[:, k] * which.wider
         size = size_over(density, given, sd, faults[k].min, faults[k].max)
     onset = onset_over(window.t, density)
+    if names[k] == UNKNOWN:
+        onset = _since_its_alarm(bank, decision, window, onset)
     used = np.flatnonzero(np.isfinite(window.record.y[:count]).any(axis=1))
     data = causes.seen[min(k, len(faults))]
     return Retrospect(
@@ -212,6 +216,21 @@ def _answer(
         fit=fit,
         clock=decision.run.clock,
     )
+
+
+def _since_its_alarm(bank: FaultBank, decision: Decision, window: Window, onset: Onset) -> Onset:
+    """The `onset` of what is undeclared or not constant, which dates the likeliest jump of it: one
+    that lies amid an alarm is as old as that, as `events` has it."""
+    t, (_, low, high) = window.t, onset
+    if low is None or high is None:
+        return onset
+    alarm = np.array(decision.status[window.part]) == FAULT
+    sampled = np.isfinite(decision.posterior.healthy[window.part])
+    for first, stop in stretches(alarm, sampled, pause(bank)):
+        begun = float(t[first])
+        if begun < low <= t[stop - 1]:
+            return begun, max(begun - bank.knowledge.memory, float(t[0])), high
+    return onset
 
 
 def _alternatives(
@@ -262,7 +281,7 @@ def _told(
     decision: Decision,
     part: slice,
     cause: str,
-    onset: tuple[float, float, float] | tuple[None, None, None],
+    onset: Onset,
     size: float | None,
 ) -> Told:
     """What was told of `cause`: of its events with the sign of `size` the one that is dated nearest

@@ -35,7 +35,7 @@ from faultgauge.plants.plant_file import PlantSpec
 from faultgauge.plants.signals import Signals
 from faultgauge.telemetry import Run, rate_of
 
-__all__ = ["POOR", "FitReport", "fit"]
+__all__ = ["FitReport", "fit"]
 
 POOR = 0.5  # of the outputs' spread: a quarter of the variance is not explained
 LOOK_FOR = (
@@ -111,7 +111,7 @@ def fit(
         model = model.with_members(refinement.members[1:])
     groups, noise = (stage.found.reports, stage.given.noise) if stage else ([], {})
     account = FitReport(groups, result.training, noise, warnings, refinement, known)
-    return model, _with_its_use(model, account, result, logs, validate)
+    return model, _with_its_use(model, account, result, [] if validate else logs)
 
 
 def _by_equations(
@@ -187,18 +187,15 @@ def _finite(result: Outcome, runs: Sequence[Run]) -> Outcome:
 
 
 def _with_its_use(
-    model: Model,
-    account: FitReport,
-    result: Outcome,
-    logs: Sequence[Run],
-    validate: Sequence[Run],
+    model: Model, account: FitReport, result: Outcome, logs: Sequence[Run]
 ) -> FitReport:
-    """`account`, which warns where the model is of no use; where it is far off in runs through
-    whole logs, it runs anew over parts of them that no stage has fitted."""
-    if result.error >= POOR and (validate or account.refinement is not None):
-        account = account._replace(anew=run_anew(model, account, logs, validate))
-    account.warnings.extend(_of_no_use(result, account))
-    return account
+    """`account`, which warns where the model is of no use; where a refined one is far off in runs
+    through whole `logs`, it runs anew over what was held out of them."""
+    if logs and account.refinement is not None and result.error >= POOR:
+        account = account._replace(anew=run_anew(model, account, logs))
+    no_use = _of_no_use(result, account)
+    account.warnings.extend(no_use)
+    return account._replace(no_use=next(iter(no_use), None))
 
 
 def _of_no_use(result: Outcome, account: FitReport) -> list[str]:

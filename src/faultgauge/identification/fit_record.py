@@ -56,7 +56,7 @@ class Outcome(NamedTuple):
 
 
 class Anew(NamedTuple):
-    """Free runs that begin at held-out parts of each log: their error, as a share of each
+    """Free runs that begin at the held-out part of each log: their error, as a share of each
     output's standard deviation, how long the longest is [s], and the longest whole stretch [s]."""
 
     error: float
@@ -69,7 +69,8 @@ class FitReport(NamedTuple):
 
     `training` holds the points that were fitted; `noise` what smoothing left per state;
     `information` what they say about the parameters, where equation error had the last word;
-    `anew` are free runs of a model that is far off in those through whole logs.
+    `anew` are free runs of a refined model that is far off in those through whole logs; `no_use` is
+    that of the `warnings` which says that the free run is far off.
     """
 
     groups: list[GroupReport]
@@ -79,6 +80,7 @@ class FitReport(NamedTuple):
     refinement: Refinement | None = None
     information: Information | None = None
     anew: Anew | None = None
+    no_use: str | None = None
 
     def free_run(self, error: float) -> str:
         """What the free run is off by on held-out data, and over which time where that matters;

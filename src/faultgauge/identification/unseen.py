@@ -1,8 +1,6 @@
 """The data that a fit has not seen, and what the fitted model does on them."""
 
-import itertools
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,9 +22,7 @@ from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run, cut, segments
 from faultgauge.telemetry.runs import ROUNDING
 
-__all__ = ["Unseen", "held_out", "on_unseen", "pieces", "run_anew"]
-
-SHORTEST = 2 * WARMUP  # samples of a piece
+__all__ = ["Unseen", "held_out", "on_unseen", "run_anew"]
 
 
 class Unseen(NamedTuple):
@@ -63,15 +59,12 @@ def on_unseen(
     return Unseen(scores, predictions, checked)
 
 
-def run_anew(
-    model: Model, account: FitReport, logs: Sequence[Run], held: Sequence[Run] = ()
-) -> Anew | None:
-    """Free runs over what was held out of `logs`, or over parts as long of the runs `held` for
-    validation; None where that is too short to run through, or one diverges."""
+def run_anew(model: Model, account: FitReport, logs: Sequence[Run]) -> Anew | None:
+    """The free runs of `on_unseen` over what was held out of `logs`; None where that is too short
+    to run through, or one diverges."""
     plant, _ = _judged(model, account)
-    runs = [part for run in held for part in pieces(run)] or held_out(model, account, logs)
     try:
-        found, parts = evaluate(plant, runs, model.max_step)
+        found, parts = evaluate(plant, held_out(model, account, logs), model.max_step)
     except InputError:  # nothing to score beside the warm-up
         return None
     scored = found["outputs"].values()
@@ -79,20 +72,9 @@ def run_anew(
     if not shares or any(each["rmse"] is None for each in scored):
         return None
     lasts = [float(part.t[-1] - part.t[part.warmup]) for part in parts]
-    names = plant.signals.input_names
-    whole = [run.t[part] for run in (held or logs) for part in segments(run, names)]
+    whole = [run.t[part] for run in logs for part in segments(run, plant.signals.input_names)]
     error = float(np.sqrt(np.mean(np.square(shares))))
     return Anew(error, max(lasts), float(max(t[-1] - t[0] for t in whole)))
-
-
-def pieces(run: Run) -> list[Run]:
-    """`run` in parts as long as what a fit holds out of one, and long enough to be scored."""
-    count = max(1, min(round(1 / LAST_SHARE), len(run.t) // SHORTEST))
-    edges = np.linspace(0, len(run.t), count + 1).astype(int)
-    return [
-        replace(cut(run, slice(a, b)), name=f"{run.name}, part {k}")
-        for k, (a, b) in enumerate(itertools.pairwise(edges.tolist()), 1)
-    ]
 
 
 def _judged(model: Model, account: FitReport) -> tuple[GrayBoxPlant, Samples]:

@@ -166,13 +166,11 @@ class NoiseLevels(Part):
 class CalibrationRecord(Part):
     """What `calibrate` found on the runs with the hashes `data`: for the bank its noise and its
     alarm level, for an observer alone the intervals of its estimates, from `judged_s` of healthy
-    rows, at its `bandwidth` [rad/s]. `repeats` says how often a healthy sensor repeats a value,
-    `missed` by how much the model is off each output there (`detection.reliance`)."""
+    rows, at its `bandwidth` [rad/s]. `repeats` says how often a healthy sensor repeats a value."""
 
     observer: str
     data: list[str]
     repeats: dict[str, Count]
-    missed: dict[str, Least] | None = None
     noise: NoiseLevels | None = None
     bank: BankLevel | None = None
     channels: dict[str, Interval] | None = None
