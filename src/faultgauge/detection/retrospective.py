@@ -69,7 +69,8 @@ class Retrospect:
     its run; None where nothing would have shown it.
     `density` is the posterior of the onset per sample of `t`, and `given` the size for each onset:
     an onset at sample n acts from sample n - 1 on; `white` the innovations of the
-    healthy filter and `fit` the fault's part of them, in standard deviations.
+    healthy filter and `fit` the fault's part of them, in standard deviations; NaN where an output
+    was not sampled or not believed.
     """
 
     run: str
@@ -191,7 +192,8 @@ def _answer(
     onset = onset_over(window.t, density)
     if names[k] == UNKNOWN:
         onset = _since_its_alarm(bank, decision, window, onset)
-    used = np.flatnonzero(np.isfinite(window.record.y[:count]).any(axis=1))
+    heard = np.isfinite(window.record.y[:count])
+    used = np.flatnonzero(heard.any(axis=1))
     data = causes.seen[min(k, len(faults))]
     return Retrospect(
         run=decision.run.name,
@@ -212,8 +214,10 @@ def _answer(
         t=window.t,
         density=density,
         given=given,
-        white=np.asarray(data.white)[:count] + np.asarray(data.fit)[:count],
-        fit=fit,
+        white=np.where(
+            heard, np.asarray(data.white)[:count] + np.asarray(data.fit)[:count], np.nan
+        ),
+        fit=np.where(heard, fit, np.nan),
         clock=decision.run.clock,
     )
 
@@ -372,7 +376,7 @@ def _sentence(bank: FaultBank, found: Retrospect) -> str:
         return moment(found.clock, t, step)
 
     if told.start is None and told.alarm is not None:
-        said.append(f"online you would have been told of a fault at {at(told.alarm)}")
+        said.append(f"online an alarm would have begun at {at(told.alarm)}")
     elif told.start is None:
         said.append("online you would not have been told")
     elif told.start < found.onset_lo:

@@ -86,7 +86,8 @@ def _fault(bank: FaultBank, decision: Decision, found: Retrospect) -> Figure:
     """Data with the fitted fault, and the fault as told online and in hindsight."""
     first = int(np.searchsorted(decision.run.t, found.t[0]))
     signals = bank.model.plant.signals
-    j = int(np.argmax(np.abs(found.fit).sum(axis=0)))
+    explained, left = (np.nansum(np.abs(each), axis=0) for each in (found.fit, found.white))
+    j = int(np.argmax(explained if explained.any() else left))
     noise = (-NOISES, NOISES)
     seen = {"without a fault": found.white[:, j]}
     caption = "What the healthy filter saw, in standard deviations of the noise."
@@ -106,7 +107,7 @@ def _fault(bank: FaultBank, decision: Decision, found: Retrospect) -> Figure:
             Panel(f"innovation of {signals.output_names[j]}", "sd", seen, span=noise),
             Panel(found.cause, signals.faults[k].unit, levels),
         ]
-    if np.nanmax(np.abs(seen["without a fault"]), initial=0.0) == FAR:
+    if np.isclose(np.nanmax(np.abs(seen["without a fault"]), initial=0.0), FAR):
         caption += f" What lies beyond {FAR:g} of them is cut off there."
     return panels(
         found.t,
