@@ -14,6 +14,7 @@ from faultgauge.detection.events import POSSIBLE, UNKNOWN
 from faultgauge.detection.posterior import LIKELY
 from faultgauge.detection.probability import probability
 from faultgauge.detection.retrospective import retrospect, sentences
+from faultgauge.detection.shares import WHOLE
 from faultgauge.detection.verdicts import NAMED
 from faultgauge.detection.words import MOST, OLDER, UNDECLARED, number
 from faultgauge.reporting.decision_chapter import HEADER, _events
@@ -35,6 +36,7 @@ def compare(bank, said):
     check_once(said.events)
     check_named(bank, said, told_of, of_run["unnamed"])
     check_undecided(rows, names, of_run)
+    check_shares(bank, said, of_run)
     check_screen(first_screen(bank, [said]), lines)
     check_report(bank, said)
     assert not any(NOTHING.search(line) for line in [*lines, *first_screen(bank, [said])])
@@ -69,6 +71,14 @@ def check_statuses(bank, said, rows, lines, of_run):
     edges = np.flatnonzero(np.diff(alone, prepend=False, append=False)).reshape(-1, 2)
     # the bank's memory is the longest that an alarm goes before its event, or on behind it
     assert all(t[b - 1] - t[a] <= bank.knowledge.memory for a, b in edges)
+
+
+def check_shares(bank, said, of_run):
+    """Where a part of the log could not be judged, whatever is told says how much could."""
+    share = f"{100 * of_run['judged_share']:.0f} %"
+    for each in told(bank, [said]):
+        if of_run["judged_share"] < WHOLE:
+            assert re.search(rf"\b{share} (of the log (that )?)?could be judged", each.text)
 
 
 def check_least(sentence, faults):

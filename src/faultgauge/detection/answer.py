@@ -151,11 +151,13 @@ def _told(bank: FaultBank, decision: Decision) -> list[Told]:
 
 def _unnamed(bank: FaultBank, decision: Decision) -> list[Told]:
     """Alarms without an event, and what the log ends undecided about."""
-    return [*alarms(bank, decision), *_undecided(bank, decision)]
+    judged = shares_of(decision).judged
+    note = "" if judged >= WHOLE else f", of which {100 * judged:.0f} % could be judged"
+    return [*alarms(bank, decision, note), *_undecided(bank, decision, note)]
 
 
-def alarms(bank: FaultBank, decision: Decision) -> list[Told]:
-    """Alarms without an event."""
+def alarms(bank: FaultBank, decision: Decision, note: str = "") -> list[Told]:
+    """Alarms without an event, with a `note` on the run."""
     run, found = decision.run, list[Told]()
     alarm = np.array(decision.status) == FAULT
     for start, stop in stretches(alarm, np.isfinite(decision.posterior.healthy), pause(bank)):
@@ -166,7 +168,7 @@ def alarms(bank: FaultBank, decision: Decision) -> list[Told]:
             cause = (
                 _usual(why) if why else f"{_named(bank, decision, part)}, named there, was given up"
             )
-            text = headed(bank.model, f"An alarm {when} (run {run.name}); {cause}")
+            text = headed(bank.model, f"An alarm {when} (run {run.name}{note}); {cause}")
             found.append(Told(first, last, text))
     return found
 
@@ -193,7 +195,7 @@ def _named(bank: FaultBank, decision: Decision, part: slice) -> str:
     return bank.model.plant.signals.fault_names[int(np.argmax(p))]
 
 
-def _undecided(bank: FaultBank, decision: Decision) -> list[Told]:
+def _undecided(bank: FaultBank, decision: Decision, note: str) -> list[Told]:
     """What stands at the end of a log, without an alarm: likelier than not, and not sure."""
     run, found = decision.run, decision.posterior
     sampled = np.flatnonzero(np.isfinite(found.healthy))
@@ -213,8 +215,8 @@ def _undecided(bank: FaultBank, decision: Decision) -> list[Told]:
         size = f", {there:+.3g} {_unit(bank, cause)}".rstrip() + " if it is there"
     begun = _at(bank, decision, float(run.t[first]))
     text = (
-        f"Undecided from {begun} to the end of the log (run {run.name}): the likeliest fault is "
-        f"{cause}{size} (p {probability(float(shares[cause]))}); that nothing is wrong has p "
+        f"Undecided from {begun} to the end of the log (run {run.name}{note}): the likeliest fault "
+        f"is {cause}{size} (p {probability(float(shares[cause]))}); that nothing is wrong has p "
         f"{probability(float(found.healthy[sampled[-1]]))}"
     )
     return [Told(float(run.t[first]), float(run.t[sampled[-1]]), headed(bank.model, text))]
@@ -246,13 +248,16 @@ def answer(bank: FaultBank, decision: Decision, event: BankEvent) -> Told:
         for name, p in event.beside
         if name not in others
     ]
+    judged, least = shares_of(decision).judged, None
+    share = f"{100 * judged:.0f} % of the log"
     if event.fault != UNKNOWN:
         k = bank.model.plant.signals.fault_names.index(event.fault)
-        if least_told(bank, decision, k) is not None:  # else it shows only as the input moves
-            judged = shares_of(decision).judged
-            of = f" in the {100 * judged:.0f} % of the log that could be judged"
-            small = _would_not_show(bank, [decision], (event.fault,))
-            rest.append(small + of * (judged < WHOLE))
+        least = least_told(bank, decision, k)
+    if least is not None:  # else it shows only as the input moves
+        small = _would_not_show(bank, [decision], (event.fault,))
+        rest.append(f"{small} in the {share} that could be judged" if judged < WHOLE else small)
+    elif judged < WHOLE:
+        rest.append(f"{share} could be judged")
     return Told(event.start, event.end, headed(bank.model, head), tuple(rest))
 
 
