@@ -7,6 +7,7 @@ from datetime import datetime, timedelta
 import numpy as np
 import pytest
 
+from calibrations import for_bank
 from faultgauge.cli.evidence import write_evidence
 from faultgauge.detection.answer import (
     answers,
@@ -225,6 +226,24 @@ def test_no_fault_is_said_of_the_judged_share_alone(bank):
     nothing = replace(quiet, status=["NOT_JUDGED"] * COUNT, reason=["not sampled"] * COUNT)
     (line,) = answers(bank, [nothing])
     assert line == "Nothing could be judged: from 0 s to 599.5 s (not sampled)"
+    wide = for_bank(bank.model, bank.noise, widened=14.0)
+    (line,) = answers(replace(bank, model=wide), [nothing])
+    assert line.startswith("Nothing could be judged: from 0 s to 599.5 s (not sampled); by the ")
+    assert line.endswith(" and a fault must be 14 times as large to be told")
+
+
+def test_of_many_stretches_the_reasons_are_said_with_their_shares(bank):
+    """Ten of 30 s each in the second half of 600 s: four for one reason, three for each other."""
+    quiet = decide(bank, log(2))
+    status, reason = ["HEALTHY"] * COUNT, [""] * COUNT
+    why = ["not sampled", "leak would not show: u does not excite it", "something else"]
+    for k in range(COUNT // 2, COUNT):
+        status[k], reason[k] = "NOT_JUDGED", why[(k // 60) % 3]
+    (line,) = answers(bank, [replace(quiet, status=status, reason=reason)])
+    assert line.startswith(
+        "No fault in the 50 % of the log that could be judged; not judged 20 % (leak would not "
+        "show: u does not excite it), 15 % (something else) and 15 % (not sampled); leak below "
+    )
 
 
 def test_a_fault_that_may_be_older_than_the_log_says_so(bank, decision):

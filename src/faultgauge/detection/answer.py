@@ -21,6 +21,7 @@ from faultgauge.detection.probability import probability
 from faultgauge.detection.reliance import headed
 from faultgauge.detection.shares import WHOLE, Silent, shares_of
 from faultgauge.detection.smallest import smallest_along
+from faultgauge.detection.uncalibrated import level_in, uncalibrated
 from faultgauge.detection.verdicts import FAULT, HEALTHY, NAMED, NOT_JUDGED
 from faultgauge.detection.words import (
     MOST,
@@ -32,9 +33,9 @@ from faultgauge.detection.words import (
     likelihoods,
     listed,
     moment,
+    number,
     or_earlier,
     since,
-    times_more,
     would_not_show,
 )
 from faultgauge.telemetry.clock import Clock
@@ -54,7 +55,7 @@ __all__ = [
 ]
 
 CHANGED = 0.1  # of an event: for longer its size was another one
-SPOKEN = 3  # silent stretches that a sentence names
+SPOKEN = 3  # silent stretches that a sentence names, or reasons of more of them
 LINES = 4  # of a first screen
 # what was asked last: every sentence asks anew
 _SMALLEST: deque[tuple[FaultBank, Decision, list[float | None]]] = deque(maxlen=32)
@@ -114,13 +115,10 @@ def _silence(bank: FaultBank, decisions: Sequence[Decision]) -> list[str]:
         log = "log" if alone else f"run {one.run.name}"
         if judged >= WHOLE:
             continue
-        worst = sorted(gaps, key=lambda each: -each.share)[:SPOKEN]
-        parts = [_part(bank, one, each) for each in sorted(worst)]
-        more = [times_more(len(gaps) - SPOKEN)] if len(gaps) > SPOKEN else []
-        why = listed([*parts, *more])
+        why = _why(bank, one, gaps)
         if judged == 0:
             of = "" if alone else f" of {log}"
-            said.append(f"Nothing{of} could be judged: {why}")
+            said.append(f"Nothing{of} could be judged: {why}{_wide(bank)}")
             continue
         text = (
             f"No fault in the {100 * judged:.0f} % of the {log} that could be judged; not judged "
@@ -128,6 +126,30 @@ def _silence(bank: FaultBank, decisions: Sequence[Decision]) -> list[str]:
         )
         said.append(headed(bank.model, text))
     return said
+
+
+def _why(bank: FaultBank, one: Decision, gaps: Sequence[Silent]) -> str:
+    """When and why not, of few stretches; of many which share for what reason."""
+    if len(gaps) <= SPOKEN:
+        return listed([_part(bank, one, each) for each in gaps])
+    shares = dict[str, float]()
+    for each in gaps:
+        reason = each.reason.partition("; ")[0]  # without what the columns were there
+        shares[reason] = shares.get(reason, 0.0) + each.share
+    largest = sorted(shares.items(), key=lambda each: -each[1])[:SPOKEN]
+    parts = [f"{100 * share:.0f} % ({reason})" for reason, share in largest]
+    return listed([*parts, "the rest for other reasons"] if len(shares) > SPOKEN else parts)
+
+
+def _wide(bank: FaultBank) -> str:
+    """Why a calibration may leave nothing that shows."""
+    if uncalibrated(bank.model) or level_in(bank.model).widened <= 1:
+        return ""
+    times = number(level_in(bank.model).widened, 2)
+    return (
+        "; by the healthy logs the model errs more than its noise covers, and a fault must be "
+        f"{times} times as large to be told"
+    )
 
 
 def _part(bank: FaultBank, one: Decision, part: Silent) -> str:
