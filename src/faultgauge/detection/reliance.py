@@ -53,8 +53,8 @@ def doubt(model: Model) -> str | None:
     if not worst or shares[worst] < 1:
         return None
     return (
-        f"little to rely on, as on its own healthy logs the model's error in d({worst}) is "
-        f"{number(shares[worst], 2)} times all that it explains of it"
+        "little to rely on, as even in healthy logs the model errs by "
+        f"{number(shares[worst], 2)} times what it explains of d({worst})"
     )
 
 
