@@ -14,7 +14,8 @@ from models import as_stated
 from scenes import NOISE, SCENES, TANK
 
 HEAD = (
-    "Little to rely on, as even in healthy logs the model errs by 2 times what it explains of d(x): "
+    "Little to rely on, as even in healthy logs the model errs by 2 times "
+    "what it explains of d(x): "
 )
 MOVED = 0.5  # m/s: of u - 0.2 x over the envelope below
 
