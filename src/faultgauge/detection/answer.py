@@ -255,8 +255,8 @@ def answer(bank: FaultBank, decision: Decision, event: BankEvent) -> Told:
     rest = [times + _whether_over(bank, decision, event)]
     rest += [*_before_its_name(bank, decision, event), *_course(bank, decision, event)]
     rest += [
-        f"{_cause(name)} was named beside it from {_at(bank, decision, first)} to "
-        f"{_at(bank, decision, last)}, and given up"
+        f"{UNDECLARED if name == UNKNOWN else name} was named beside it from "
+        f"{_at(bank, decision, first)} to {_at(bank, decision, last)}, and given up"
         for name, first, last in given_up(bank, decision, event)
     ]
     others = {each.fault for each in _beside(decision, event)}
@@ -270,16 +270,7 @@ def answer(bank: FaultBank, decision: Decision, event: BankEvent) -> Told:
         for name, p in event.beside
         if name not in others
     ]
-    judged, least = shares_of(decision).judged, None
-    share = f"{100 * judged:.0f} % of the log"
-    if event.fault != UNKNOWN:
-        k = bank.model.plant.signals.fault_names.index(event.fault)
-        least = least_told(bank, decision, k)
-    if least is not None:  # else it shows only as the input moves
-        small = _would_not_show(bank, [decision], (event.fault,))
-        rest.append(f"{small} in the {share} that could be judged" if judged < WHOLE else small)
-    elif judged < WHOLE:
-        rest.append(f"{share} could be judged")
+    rest += _least_shown(bank, decision, event)
     return Told(event.start, event.end, headed(bank.model, head), tuple(rest))
 
 
@@ -312,8 +303,15 @@ def other_cause(event: BankEvent, cause: str) -> str:
     return f"{cause} alone" if cause in dict(event.beside) else cause
 
 
-def _cause(fault: str) -> str:
-    return UNDECLARED if fault == UNKNOWN else fault
+def _least_shown(bank: FaultBank, decision: Decision, event: BankEvent) -> list[str]:
+    """Below what the fault would not have shown, and in which share of the log; nothing of one that
+    shows only as the input moves."""
+    judged, names = shares_of(decision).judged, bank.model.plant.signals.fault_names
+    share = f"{100 * judged:.0f} % of the log"
+    if event.fault == UNKNOWN or least_told(bank, decision, names.index(event.fault)) is None:
+        return [f"{share} could be judged"] if judged < WHOLE else []
+    small = _would_not_show(bank, [decision], (event.fault,))
+    return [f"{small} in the {share} that could be judged" if judged < WHOLE else small]
 
 
 def given_up(
