@@ -111,27 +111,35 @@ def _answers(
     declared = len(bank.onset)
     alien = total(changes.alone.weight[:, declared:])
     beside = changes.weight + total(changes.more.weight[:, declared:])
-    change = changes.weight if changes.found else total(changes.alone.weight[:, :declared])
+    single = len(changes.found) < 2  # then each single change is weighed
+    change = total(changes.alone.weight[:, :declared]) if single else changes.weight
     logs = np.array([0.0, change, np.logaddexp(alien, beside)])
-    share = np.exp(logs - total(logs))
     best = int(np.argmax(logs)) if changes.found else 2 * int(logs[2] > 0)
-    rivals = {HEALTHY: logs[best] - logs[0], UNKNOWN: logs[best] - logs[2]}
+    own = changes.weight if best == 1 else logs[best]
+    share = float(np.exp(own - total(logs)))
+    rivals = {HEALTHY: float(own - logs[0]), UNKNOWN: float(own - logs[2])}
     if best == 1:
+        sure = [1.0 if single else _among(each, declared) for each in changes.found]
         return _until(
             [
-                _answer(bank, decision, window, each.causes, each, float(share[1]), rivals)
-                for each in changes.found
+                _answer(bank, decision, window, each.causes, each, share * p, rivals)
+                for each, p in zip(changes.found, sure, strict=True)
             ]
         )
     names = bank.model.plant.signals.fault_names
     # what is beside a declared change is in `best`: one change alone is weighed against that, too
-    rivals |= {
-        name: float(logs[best] - total(changes.alone.weight[:, k])) for k, name in enumerate(names)
-    }
-    if changes.found:
-        rivals[_together(names, changes)] = float(logs[best] - logs[1])
+    rivals |= {name: float(own - total(changes.alone.weight[:, k])) for k, name in enumerate(names)}
+    if not single:
+        rivals[_together(names, changes)] = float(own - changes.weight)
     which = None if best == 0 else _begun(changes, declared, float(np.exp(beside - logs[2])))
-    return [_answer(bank, decision, window, changes.alone, which, float(share[best]), rivals)]
+    return [_answer(bank, decision, window, changes.alone, which, share, rivals)]
+
+
+def _among(each: Sized, declared: int) -> float:
+    """How likely a change beside others is that one, and no other nor none."""
+    weights = each.causes.weight
+    logs = [*(total(column) for column in weights.T[:declared]), total(weights[:, declared:]), 0.0]
+    return float(np.exp(logs[each.change.fault] - total(np.array(logs))))
 
 
 def _begun(changes: Changes, declared: int, beside: float) -> Curve:
@@ -181,7 +189,6 @@ def _answer(
     k = len(faults) + 1 if which is None else len(faults)
     if isinstance(which, Sized):
         k, fit = which.change.fault, which.fit
-        share *= float(np.exp(logs[k] - total(logs)))
     if isinstance(which, np.ndarray):
         density = which
     if isinstance(which, Sized):
