@@ -8,21 +8,26 @@ import pytest
 from calibrations import LEVEL, for_bank
 from faultgauge.detection.reliance import doubt, errs_by, headed
 from faultgauge.detection.retrospective import sentences
+from faultgauge.plants.model import Model
+from faultgauge.plants.record import Metrics
 from faultgauge.reporting.report import render
 from faultgauge.verbs.estimate import estimate
 from models import as_stated
 from scenes import NOISE, SCENES, TANK
 
 HEAD = (
-    "Little to rely on, as even in healthy logs the model errs by 2 times "
+    "Little to rely on, as in healthy logs the model's free run is 80 % off and its error 2 times "
     "what it explains of d(x): "
 )
 MOVED = 0.5  # m/s: of u - 0.2 x over the envelope below
 
 
-def tank(size, lasting=1e9):
-    """The tank, two points of whose envelope are 2 MOVED apart, with an error of its own."""
-    model = as_stated(TANK, np.array([[0.0, 0.0], [0.0, 2 * MOVED]]))
+def tank(size, lasting=1e9, off=0.8):
+    """The tank, two points of whose envelope are 2 MOVED apart, with an error of its own and a free
+    run that was `off` by so much."""
+    stated = as_stated(TANK, np.array([[0.0, 0.0], [0.0, 2 * MOVED]]))
+    metrics = Metrics(validation_free_run_nrmse=off)
+    model = Model(stated.plant, stated.record.model_copy(update={"metrics": metrics}))
     levels = NOISE._replace(size=np.array([size]), lasting=np.array([lasting]))
     sizes = {"leak": 0.2, "gauge": 0.5, "weak": 0.2}
     return for_bank(model, levels, size=sizes, memory_s=10.0, block_s=50.0)
@@ -46,6 +51,12 @@ def test_a_model_that_explains_more_than_it_errs_by_has_no_head():
     assert doubt(tank(0.9 * MOVED)) is None
     assert headed(tank(0.9 * MOVED), "leak") == "leak"
     assert headed(tank(2 * MOVED), "leak") == f"{HEAD}leak"
+
+
+def test_a_model_whose_free_run_followed_is_not_doubted():
+    """What it errs by may be as quick as it is large."""
+    assert doubt(tank(2 * MOVED, off=0.3)) is None
+    assert doubt(tank(2 * MOVED, off=None)) is None  # nobody fitted it
 
 
 def test_every_view_of_a_doubtful_model_begins_with_it():

@@ -1,15 +1,16 @@
-"""Whether a calibrated model explains more of its own healthy logs than it errs by.
+"""Whether a calibrated model follows its own healthy logs.
 
-A free run does not tell: it is carried off where a plant integrates or is held by its loop alone,
-and the bank judges beside the sensors all the same. What does is the error in a derivative that
-calibration found, against all that the model has that derivative do. A fault is told from what
-stays for the bank's memory T, and an error of size s that lasts for tau has there a mean of
+Its free run alone does not tell: it is carried off where a plant integrates or is held by its loop,
+and the bank judges beside the sensors all the same. So a model whose free run is far off is doubted
+only if what calibration found it to err by in a derivative is more than all that it has that
+derivative do. A fault is told from what stays for the bank's memory T, and an error of size s that
+lasts for tau has there a mean of
 
     s sqrt(2 r (1 - r (1 - exp(-1/r)))),    r = tau / T
 
-(Gauss-Markov). Where that is more than the model explains, false alarms are as rare as calibrated,
-but which fault it is, and how large, may be the error's doing: it looks like one fault at one
-operating point, and like another one elsewhere.
+(Gauss-Markov). False alarms are as rare as calibrated then, but which fault it is, and how large,
+may be the error's doing: it looks like one fault at one operating point, and like another one
+elsewhere.
 """
 
 import jax
@@ -22,6 +23,7 @@ from faultgauge.detection.noise import noise_of
 from faultgauge.detection.remember import once
 from faultgauge.detection.uncalibrated import level_in, uncalibrated
 from faultgauge.detection.words import number
+from faultgauge.identification.fit import POOR
 from faultgauge.plants.disturbed import dynamic_states
 from faultgauge.plants.model import Model
 
@@ -46,15 +48,18 @@ def errs_by(model: Model) -> dict[str, float]:
 
 
 def doubt(model: Model) -> str | None:
-    """That answers of a calibrated `model` are little to rely on, and why; None where it explains
-    more than it errs by."""
-    shares = {} if uncalibrated(model) else errs_by(model)
+    """That answers of a calibrated `model` are little to rely on, and why; None where its free run
+    followed the data that it was not fitted to, or it explains more than it errs by."""
+    off = model.record.metrics.free_run_error
+    if uncalibrated(model) or not off >= POOR:
+        return None
+    shares = errs_by(model)
     worst = max(shares, key=lambda name: shares[name], default="")
     if not worst or shares[worst] < 1:
         return None
     return (
-        "little to rely on, as even in healthy logs the model errs by "
-        f"{number(shares[worst], 2)} times what it explains of d({worst})"
+        f"little to rely on, as in healthy logs the model's free run is {100 * off:.0f} % off and "
+        f"its error {number(shares[worst], 2)} times what it explains of d({worst})"
     )
 
 

@@ -35,7 +35,7 @@ from faultgauge.plants.plant_file import PlantSpec
 from faultgauge.plants.signals import Signals
 from faultgauge.telemetry import Run, rate_of
 
-__all__ = ["FitReport", "fit"]
+__all__ = ["POOR", "FitReport", "fit"]
 
 POOR = 0.5  # of the outputs' spread: a quarter of the variance is not explained
 LOOK_FOR = (
