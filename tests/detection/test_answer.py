@@ -239,6 +239,7 @@ def test_of_many_stretches_the_reasons_are_said_with_their_shares(bank):
     why = ["not sampled", "leak would not show: u does not excite it", "something else"]
     for k in range(COUNT // 2, COUNT):
         status[k], reason[k] = "NOT_JUDGED", why[(k // 60) % 3]
+    status[100], reason[100] = "NOT_JUDGED", "a reason of one row"
     (line,) = answers(bank, [replace(quiet, status=status, reason=reason)])
     assert line.startswith(
         "No fault in the 50 % of the log that could be judged; not judged 20 % (leak would not "

@@ -56,6 +56,7 @@ __all__ = [
 
 CHANGED = 0.1  # of an event: for longer its size was another one
 SPOKEN = 3  # silent stretches that a sentence names, or reasons of more of them
+LITTLE = 0.005  # of a log: what would be said as 0 %
 LINES = 4  # of a first screen
 # what was asked last: every sentence asks anew
 _SMALLEST: deque[tuple[FaultBank, Decision, list[float | None]]] = deque(maxlen=32)
@@ -137,8 +138,9 @@ def _why(bank: FaultBank, one: Decision, gaps: Sequence[Silent]) -> str:
         reason = each.reason.partition("; ")[0]  # without what the columns were there
         shares[reason] = shares.get(reason, 0.0) + each.share
     largest = sorted(shares.items(), key=lambda each: -each[1])[:SPOKEN]
-    parts = [f"{100 * share:.0f} % ({reason})" for reason, share in largest]
-    return listed([*parts, "the rest for other reasons"] if len(shares) > SPOKEN else parts)
+    parts = [f"{100 * share:.0f} % ({reason})" for reason, share in largest if share >= LITTLE]
+    rest = sum(shares.values()) - sum(share for _, share in largest)
+    return listed([*parts, "the rest for other reasons"] if rest >= LITTLE else parts)
 
 
 def _wide(bank: FaultBank) -> str:
