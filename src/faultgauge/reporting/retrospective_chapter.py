@@ -43,7 +43,9 @@ def retrospective_section(
     ]
     rows = [_row(bank, each) for each in found]
     whole = min(sum(e.judged for e in found if e.run == run) for run in by_run) >= WHOLE
-    kept = [k for k, name in enumerate(HEADER) if not (whole and name == "judged")]
+    left = {"judged"} if whole else set[str]()
+    left |= {"run"} if len(by_run) == 1 else set()
+    kept = [k for k, name in enumerate(HEADER) if name not in left]
     table = Table(
         tuple(HEADER[k] for k in kept),
         tuple(tuple(row[k] for k in kept) for row in rows),
