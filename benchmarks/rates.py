@@ -30,6 +30,7 @@ from scipy.linalg import expm
 
 from faultgauge.detection.decisions import decide_runs
 from faultgauge.detection.retrospective import retrospect
+from faultgauge.detection.verdicts import NAMED
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
 from faultgauge.plants.plant_file import parse_plant
@@ -245,7 +246,7 @@ class Search:
                 found = decision.posterior
                 self.judged[key] = Judged(
                     bool(late),
-                    any(each.cause == "load" for each in seen),
+                    any(each.cause == "load" and each.p >= NAMED for each in seen),
                     float(found.hi[-1, 0] - found.lo[-1, 0]) / 2,
                 )
         return {seed: self.judged[seed, at] for seed, at in places.items()}

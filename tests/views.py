@@ -13,8 +13,12 @@ from faultgauge.detection.decisions import table
 from faultgauge.detection.events import POSSIBLE, UNKNOWN
 from faultgauge.detection.posterior import LIKELY
 from faultgauge.detection.probability import probability
+from faultgauge.detection.retrospective import retrospect, sentences
+from faultgauge.detection.shares import WHOLE
+from faultgauge.detection.verdicts import NAMED
 from faultgauge.detection.words import MOST, OLDER, UNDECLARED, number
 from faultgauge.reporting.decision_chapter import HEADER, _events
+from faultgauge.reporting.retrospective_chapter import retrospective_section
 
 NOTHING = re.compile(r"\b(nan|inf|none)\b", re.IGNORECASE)
 
@@ -30,7 +34,9 @@ def compare(bank, said):
         check_event(bank, said, event, plain, rows)
         assert plain["sentence"] in lines
     check_once(said.events)
+    check_named(bank, said, told_of, of_run["unnamed"])
     check_undecided(rows, names, of_run)
+    check_shares(bank, said, of_run)
     check_screen(first_screen(bank, [said]), lines)
     check_report(bank, said)
     assert not any(NOTHING.search(line) for line in [*lines, *first_screen(bank, [said])])
@@ -67,6 +73,14 @@ def check_statuses(bank, said, rows, lines, of_run):
     assert all(t[b - 1] - t[a] <= bank.knowledge.memory for a, b in edges)
 
 
+def check_shares(bank, said, of_run):
+    """Where a part of the log could not be judged, whatever is told says how much could."""
+    share = f"{100 * of_run['judged_share']:.0f} %"
+    for each in told(bank, [said]):
+        if of_run["judged_share"] < WHOLE:
+            assert re.search(rf"\b{share} (of the log (that )?)?could be judged", each.text)
+
+
 def check_least(sentence, faults):
     """What would not have shown is what `smallest` says."""
     for name, each in faults.items():
@@ -86,6 +100,47 @@ def check_once(events):
         key = each.fault, np.sign(each.size or 0.0)
         assert each.fault == UNKNOWN or each.onset > latest.get(key, -np.inf), each
         latest[key] = each.end
+
+
+def check_named(bank, said, told_of, unnamed):
+    """No row names a fault for longer than a name takes that no sentence has there."""
+    t, status, reason = said.run.t, np.array(said.status), np.array(said.reason)
+    names = (*bank.model.plant.signals.fault_names, UNKNOWN)
+    columns = np.concatenate([said.posterior.p, said.posterior.unknown[:, None]], axis=1)
+    for name, p in zip(names, columns.T, strict=True):
+        open_ = (status == "FAULT") & (reason == "") & (np.nan_to_num(p) >= NAMED)
+        spans = [(each.onset_lo, each.end) for each in said.events if each.fault == name]
+        spans += [(e["from"], e["to"]) for plain in told_of for e in plain["given_up"]
+                  if e["fault"] == name]  # fmt: skip
+        spans += [(each["from"], each["to"]) for each in unnamed]
+        for first, last in spans:
+            open_ &= (t < first) | (t > last)
+        edges = np.flatnonzero(np.diff(open_, prepend=False, append=False)).reshape(-1, 2)
+        assert all(t[b - 1] - t[a] <= bank.knowledge.memory for a, b in edges), name
+    for plain in told_of:
+        for each in plain["given_up"]:
+            assert "was named beside it from" in plain["sentence"]
+            part = (each["from"] <= t) & (t <= each["to"])
+            assert np.nanmax(columns[part, names.index(each["fault"])]) >= NAMED
+
+
+def compare_hindsight(bank, said):
+    """What is told in hindsight: odds and p of one posterior, and sentence and table of it."""
+    seen = retrospect(bank, said)
+    lines = sentences(bank, seen)
+    for each in seen:
+        assert 0 < each.p <= 1
+        for _, odds in each.alternatives:
+            assert each.p <= odds / (1 + odds) + 1e-6  # a rival of odds o has p / o
+        assert sum(each.judged for each in seen) <= 1 + 1e-9
+    faulty = [each for each in seen if each.cause != "healthy"]
+    assert len(lines) == max(len(faulty), 1)
+    for each, line in zip(faulty, lines, strict=False):
+        assert f"(p {probability(each.p)}, run {each.run})" in line
+        assert ("as likely" in line) <= (each.p < 0.6)
+    (found,) = retrospective_section(bank, [said], seen).tables
+    assert [row[-1] for row in found.rows] == [probability(each.p) for each in seen]
+    return seen, lines
 
 
 def check_undecided(rows, names, of_run):

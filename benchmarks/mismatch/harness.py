@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from faultgauge.detection.answer import least_told
 from faultgauge.detection.bank import FaultBank
 from faultgauge.detection.calibration import calibrate
 from faultgauge.detection.decisions import decide_runs
+from faultgauge.detection.smallest import smallest_along
 from faultgauge.errors import InputError
 from faultgauge.identification.fit import fit
 from faultgauge.plants.model import Model
@@ -49,7 +49,7 @@ def without_discrepancy() -> dict[str, Any]:
 
 def predicted_smallest(bank: FaultBank, run: Run, fault: int) -> float | None:
     """The smallest size the model itself says it would tell; THE ONE PLACE that asks."""
-    return least_told(bank, run, fault)
+    return smallest_along(bank, run)[fault]
 
 
 def calibrated(

@@ -496,7 +496,8 @@ def test_check_does_it_all(call, workshop, tmp_path):
     out = tmp_path / "kept"
     logs = (workshop.healthy, workshop.suspect)
     found = one_object(call("check", *logs, "--plant", workshop.plant, "--out", out, "--json"))
-    assert found.keys() == {"events", "sentences", "runs"}
+    assert found.keys() == {"events", "sentences", "doubt", "runs"}
+    assert found["doubt"] is None
     (run,) = found["runs"].values()
     assert run.keys() == {"judged_share", "silent", "faults", "unnamed", "glitches"}
     assert all(each.keys() == {"from", "to", "share", "reason"} for each in run["silent"])

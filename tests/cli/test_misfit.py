@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 from faultgauge.detection.misfit import Alarmed
-from faultgauge.plants.model import load_model
+from faultgauge.detection.reliance import errs_by
+from faultgauge.plants.model import Model, load_model, save_model
+from faultgauge.plants.record import CalibrationRecord, Metrics
 
 SAID = "a fault already there when the log begins, or the model of another plant"
 
@@ -59,6 +61,35 @@ def test_a_short_stream_is_told_at_its_end_what_its_file_is(call, workshop, stre
     )
     assert of_file == of_stream
     assert len(of_stream) == 1
+
+
+def test_a_stream_of_a_doubtful_model_says_so_with_every_alarm(
+    call, workshop, tmp_path, monkeypatch
+):
+    """The model's error is 2.5 times what it explains, and does not change: the leak shows all the
+    same. JSON of the file has the same doubt."""
+    model = load_model(workshop.calibrated)
+    told = model.calibration.as_dict()
+    size, lasting = told["noise"]["size"], told["noise"]["lasting"]
+    for state, share in errs_by(model).items():
+        size[state], lasting[state] = 2.5 * size[state] / share, 1e9
+    path = tmp_path / "doubtful.fgm"
+    metrics = Metrics(validation_free_run_nrmse=0.8)
+    model = Model(model.plant, model.record.model_copy(update={"metrics": metrics}))
+    save_model(model.with_calibration(CalibrationRecord(**told)), path)
+    monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(workshop.suspect.read_bytes())))
+    events = tmp_path / "events.ndjson"
+    said = call("estimate", path, "-", "--events", events)
+    assert said.code == 0, said.err
+    lines = [json.loads(line) for line in events.read_text().splitlines()]
+    whole = json.loads(call("estimate", path, workshop.suspect, "--json").out)
+    assert whole["doubt"].startswith(
+        "little to rely on, as in healthy logs the model's free run is "
+    )
+    assert lines
+    assert {line["doubt"] for line in lines} == {whole["doubt"]}
+    heads = [line for line in said.err.splitlines() if "Little to rely on" in line]
+    assert len(heads) == len(lines)
 
 
 BOTH = {"almost all": (1, 4, True), "too few": (0, 79, False), "too late": (6, 94, False),

@@ -7,6 +7,7 @@ from datetime import datetime, timedelta
 import numpy as np
 import pytest
 
+from calibrations import for_bank
 from faultgauge.cli.evidence import write_evidence
 from faultgauge.detection.answer import (
     answers,
@@ -134,7 +135,7 @@ def test_of_several_logs_the_least_telling_says_what_would_not_have_shown(bank, 
     other = replace(quiet, run=replace(quiet.run, name="other"))
     least = {quiet.run.name: (0.02, 0.3), "other": (0.05, None)}
     monkeypatch.setattr(
-        "faultgauge.detection.answer.least_told", lambda _, run, k: least[run.name][k]
+        "faultgauge.detection.answer.least_told", lambda _, one, k: least[one.run.name][k]
     )
     (line,) = answers(bank, [quiet, other])
     assert line == (
@@ -144,7 +145,7 @@ def test_of_several_logs_the_least_telling_says_what_would_not_have_shown(bank, 
 
 def test_an_alarm_without_a_name_is_no_silence(bank, decision):
     """From 100 s to 110 s, interrupted for a second, and once for a sample within an event."""
-    status, reason = ["HEALTHY"] * COUNT, [""] * COUNT
+    status, reason = [*decision.status], [*decision.reason]
     for k in (*range(200, 210), *range(212, 221), 700):
         status[k], reason[k] = "FAULT", "cause undecided: leak or gauge"
     (first, second) = answers(bank, [replace(decision, status=status, reason=reason)])
@@ -221,10 +222,29 @@ def test_no_fault_is_said_of_the_judged_share_alone(bank):
         }
     ]
     assert found["faults"]["leak"]["judged_share"] <= 0.34
-    assert found["faults"]["leak"]["smallest"] == least_told(bank, quiet.run, 0)
+    assert found["faults"]["leak"]["smallest"] == least_told(bank, blind, 0)
     nothing = replace(quiet, status=["NOT_JUDGED"] * COUNT, reason=["not sampled"] * COUNT)
     (line,) = answers(bank, [nothing])
     assert line == "Nothing could be judged: from 0 s to 599.5 s (not sampled)"
+    wide = for_bank(bank.model, bank.noise, widened=14.0)
+    (line,) = answers(replace(bank, model=wide), [nothing])
+    assert line.startswith("Nothing could be judged: from 0 s to 599.5 s (not sampled); by the ")
+    assert line.endswith(" and a fault must be 14 times as large to be told")
+
+
+def test_of_many_stretches_the_reasons_are_said_with_their_shares(bank):
+    """Ten of 30 s each in the second half of 600 s: four for one reason, three for each other."""
+    quiet = decide(bank, log(2))
+    status, reason = ["HEALTHY"] * COUNT, [""] * COUNT
+    why = ["not sampled", "leak would not show: u does not excite it", "something else"]
+    for k in range(COUNT // 2, COUNT):
+        status[k], reason[k] = "NOT_JUDGED", why[(k // 60) % 3]
+    status[100], reason[100] = "NOT_JUDGED", "a reason of one row"
+    (line,) = answers(bank, [replace(quiet, status=status, reason=reason)])
+    assert line.startswith(
+        "No fault in the 50 % of the log that could be judged; not judged 20 % (leak would not "
+        "show: u does not excite it), 15 % (something else) and 15 % (not sampled); leak below "
+    )
 
 
 def test_a_fault_that_may_be_older_than_the_log_says_so(bank, decision):
@@ -262,7 +282,7 @@ def test_a_report_leads_with_what_lasts(bank, decision):
 
 
 def test_a_fault_of_twice_the_least_size_is_told_and_one_of_a_third_is_not(bank):
-    size = least_told(bank, log(0), 0)
+    size = least_told(bank, decide(bank, log(0)), 0)
 
     def told(seed, leak):
         return any(each.fault == "leak" for each in decide(bank, log(seed, leak)).events)

@@ -255,6 +255,18 @@ def test_a_healthy_log_holds_no_fault_and_says_what_would_not_have_shown(bank):
     assert "no fault; pump below 0.0" in sentences(bank, seen)[0]
 
 
+@pytest.mark.parametrize("share", [0.3, 0.5, 0.7, 1.0])
+def test_odds_and_p_add_up_however_weak_the_evidence(bank, share):
+    """A rival of odds o has p / o, and all rivals together have what p leaves; what is told is the
+    likeliest of all."""
+    size = retrospect(bank, decide(bank, log(2)))[0].least["pump"]
+    (seen,) = retrospect(bank, decide(bank, log(11, pump=share * size)))
+    rest = sum(seen.p / odds for _, odds in seen.alternatives)
+    # the weights of a weaker rival are those beside no other change
+    assert rest == pytest.approx(1 - seen.p, rel=0.1, abs=1e-4)
+    assert all(odds >= 1 for _, odds in seen.alternatives)
+
+
 def test_what_a_limit_cuts_off_would_not_have_shown(bank):
     (seen,) = retrospect(bank, decide(bank, log(3, u=0.0)))
     assert seen.least["weak"] is None  # a gain takes nothing away from 0

@@ -6,10 +6,10 @@ import re
 import numpy as np
 import pytest
 
-from faultgauge.detection.answer import answers, as_dicts
+from faultgauge.detection.answer import answers, as_dicts, runs_as_dicts
 from faultgauge.detection.decisions import decide, table
-from scenes import SCENES, T, tank_bank
-from views import compare
+from scenes import NEVER, SCENES, T, between, tank_bank
+from views import compare, compare_hindsight
 
 
 def judged(scene):
@@ -30,17 +30,34 @@ def test_a_healthy_log_has_no_fault_and_says_what_would_not_have_shown():
     )
 
 
+BEYOND = "mostly beyond what the plant file trusts"
+
+
 def test_no_fault_is_said_of_what_was_judged_alone():
     """Two thirds of the log are beyond what the plant file trusts."""
-    _, (line,) = judged("mostly beyond what the plant file trusts")
-    assert line.endswith(
-        "; gauge below 0.059 m would not have shown, nor would leak or weak of any size"
-    )
+    said, (line,) = judged(BEYOND)
     assert line.startswith(
         "No fault in the 32 % of the log that could be judged; not judged from 0 s to 4.5 s (too "
         "soon after a start or a gap) and from 200 s to 599.5 s (u is outside of its trusted "
         "range, 0 to 1.8 m/s; u was 1.9); "
     )
+    assert re.search(r"; leak below \S+ m/s, gauge below \S+ m and weak below \S+ would", line)
+    assert line.endswith(" would not have shown there")
+    _, (line,) = compare_hindsight(tank_bank(), said)
+    assert line.startswith("In hindsight: no fault in the 33 % of the log that could be judged; ")
+    assert line.endswith(" would not have shown there")
+
+
+def test_what_would_have_shown_of_the_judged_rows_is_named_there_and_not_where_none_was():
+    """A bias of the gauge from the middle of the judged rows on, and from 300 s on."""
+    (least,) = runs_as_dicts(tank_bank(), [judged(BEYOND)[0]], ("leak", "gauge", "weak")).values()
+    size, run = 1.2 * least["faults"]["gauge"]["smallest"], SCENES[BEYOND]
+    found = []
+    for start in (102, 300):
+        biased = run()
+        biased.columns["x"] += between(start, NEVER, size)
+        found.append([each.fault for each in decide(tank_bank(), biased).events])
+    assert found == [["gauge"], []]
 
 
 def test_a_fault_that_cannot_show_silences_no_other():
@@ -69,8 +86,27 @@ def test_since_is_never_later_than_told_where_a_fault_changes_its_sign():
     assert second.onset == pytest.approx(300, abs=2.0)  # in four samples, seen through noise
     # while the posterior still took the change for something beside the first, it was the second
     assert first.end <= second.onset
-    assert "told at" in lines[0]
+    assert "told at 163.5 s, seen until 300.5 s, where its sign changed, as was told at" in lines[0]
     assert "weak is likely" not in lines[0]
+    # rows of the table have weak for as long, and the sentence says so
+    assert re.search(r"; weak was named beside it from 30\S+ s to 31\S+ s, and given up;", lines[1])
+
+
+@pytest.mark.parametrize(
+    ("scene", "first", "last"),
+    [("a leak that grows", 149.0, 151.0), ("a loss that grows slowly", 200.0, 300.0)],
+)
+def test_in_hindsight_a_fault_that_is_not_constant_is_weighed_against_one_that_is(
+    scene, first, last
+):
+    """What is undeclared is there beside the constant fault: a fault alone is not as likely, and
+    the first of the two begins it."""
+    said, _ = judged(scene)
+    (seen,), (line,) = compare_hindsight(tank_bank(), said)
+    assert seen.cause == "unknown"
+    assert line.startswith("In hindsight: something undeclared or not constant since ")
+    assert "constant weak is more than 1000 times less likely;" in line
+    assert first <= seen.onset_lo <= seen.onset_hi <= last
 
 
 def test_a_fault_that_grows_is_one_with_the_onset_it_had():

@@ -152,3 +152,20 @@ def test_the_smallest_size_by_hand(model):
     alone = (np.sqrt(2 * (level + prior + occam)) + 1.2816) / np.sqrt(J)
     # beside a drive from any onset less is left, and a name needs that
     assert alone <= found[1] < 3 * alone
+
+
+def test_the_smallest_size_is_of_the_judged_rows(model):
+    """The first half of the log alone, and a fault that begins in the middle of that: what the
+    other half would show counts for nothing."""
+    run = log(steps())
+    bank = bank_of(model, run)
+    half = np.arange(COUNT) < COUNT // 2
+    found = smallest_along(bank, run, half)
+    effect = moved(np.where(np.arange(COUNT) >= COUNT // 4 - 1, steps(), 0.0))
+    J = np.sum((effect / SIGMA)[half] ** 2)
+    level, prior = max(bank.level, np.log(49)), np.log(3 / (bank.onset[1] * 99.9))
+    occam = np.log1p((0.02 * bank.size[1]) ** 2 * J) / 2
+    alone = (np.sqrt(2 * (level + prior + occam)) + 1.2816) / np.sqrt(J)
+    assert alone <= found[1] < 3 * alone
+    assert found[1] > smallest_along(bank, run)[1]
+    assert smallest_along(bank, run, np.zeros(COUNT, bool)) == [None] * 3

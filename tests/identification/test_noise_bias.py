@@ -1,9 +1,13 @@
 """What noise in the regressors does to a motor's inductance, and whether it is said."""
 
+import html
+import re
+
 import numpy as np
 import pytest
 from scipy.linalg import expm
 
+from faultgauge.reporting.report import render
 from faultgauge.telemetry import Run
 from faultgauge.verbs.fit import fit
 
@@ -60,10 +64,15 @@ def test_a_bias_that_the_standard_error_does_not_hold_is_said_beside_the_number(
     assert constant(found, "K").bias is None
     (warning,) = (each for each in found.warnings if "'L'" in each)
     assert "because of noise" in warning
-    assert warning.endswith("use --refine")
-    assert any(line.startswith("L = ") and "because of noise" in line for line in found.lines)
-    rows = found.as_dict()["equation_error"]["parameters"]
-    assert next(row["bias"] for row in rows if row["name"] == "L") == told.bias
+    assert warning.endswith("use `faultgauge fit --refine`")
+    # beside the number, and what to do, in the terminal, in JSON and in the report
+    said = f"off by about {told.bias:+.2g} H because of noise: use --refine"
+    (line,) = (each for each in found.lines if each.startswith("L = "))
+    assert line.endswith(f" H ({said})")
+    rows = {row["name"]: row for row in found.as_dict()["equation_error"]["parameters"]}
+    assert (rows["L"]["bias"], rows["L"]["shift"]) == (told.bias, said)
+    assert rows["K"]["shift"] is None
+    assert said in html.unescape(re.sub(r"<[^>]+>|\s+", " ", render(found.page())))
 
 
 def test_simulated_instruments_leave_no_bias():

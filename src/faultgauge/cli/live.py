@@ -134,6 +134,7 @@ class _Speaker:
         from faultgauge.detection import decisions
         from faultgauge.detection.answer import finding
         from faultgauge.detection.events import Alarm, BankEvent, Unnamed
+        from faultgauge.detection.reliance import doubt, headed
         from faultgauge.detection.words import UNDECLARED, moment
         from faultgauge.telemetry.writing import stamp
 
@@ -148,6 +149,8 @@ class _Speaker:
         else:
             line = {"said": "event", **decisions.as_dicts([said], clock)[0]}
         if self.lines:
+            reason = doubt(self.model)
+            line |= {} if reason is None else {"doubt": reason}
             print(json.dumps(line, allow_nan=False), file=self.lines)
         step = self.stream.pace or 0.0
         at = moment(clock, said.start, step)
@@ -162,6 +165,8 @@ class _Speaker:
         else:
             size = f"{said.size:+.3g} {self._unit(said.fault)}".rstrip()
             text = f"alarm: {said.fault} {size}, told at {at}"
+        if not isinstance(said, Unnamed):  # whose sentence has its head
+            text = headed(self.model, text)
         if self.view:
             self.view.event(text)
         else:

@@ -18,8 +18,10 @@ from faultgauge.detection.decisions import as_dicts as events_as_dicts
 from faultgauge.detection.events import UNKNOWN, BankEvent, pause, stretches
 from faultgauge.detection.posterior import LIKELY
 from faultgauge.detection.probability import probability
-from faultgauge.detection.shares import Silent, shares_of
+from faultgauge.detection.reliance import headed
+from faultgauge.detection.shares import WHOLE, Silent, shares_of
 from faultgauge.detection.smallest import smallest_along
+from faultgauge.detection.uncalibrated import level_in, uncalibrated
 from faultgauge.detection.verdicts import FAULT, HEALTHY, NAMED, NOT_JUDGED
 from faultgauge.detection.words import (
     MOST,
@@ -31,12 +33,11 @@ from faultgauge.detection.words import (
     likelihoods,
     listed,
     moment,
+    number,
     or_earlier,
     since,
-    times_more,
     would_not_show,
 )
-from faultgauge.telemetry import Run
 from faultgauge.telemetry.clock import Clock
 
 __all__ = [
@@ -46,18 +47,19 @@ __all__ = [
     "as_dicts",
     "finding",
     "first_screen",
+    "given_up",
     "least_told",
     "other_cause",
     "runs_as_dicts",
     "told",
 ]
 
-WHOLE = 0.95  # share of a log from which on all of it counts as judged: a start is always held off
 CHANGED = 0.1  # of an event: for longer its size was another one
-SPOKEN = 3  # silent stretches that a sentence names
+SPOKEN = 3  # silent stretches that a sentence names, or reasons of more of them
+LITTLE = 0.005  # of a log: what would be said as 0 %
 LINES = 4  # of a first screen
 # what was asked last: every sentence asks anew
-_SMALLEST: deque[tuple[FaultBank, Run, list[float | None]]] = deque(maxlen=32)
+_SMALLEST: deque[tuple[FaultBank, Decision, list[float | None]]] = deque(maxlen=32)
 
 
 class Told(NamedTuple):
@@ -108,25 +110,48 @@ def _silence(bank: FaultBank, decisions: Sequence[Decision]) -> list[str]:
     alone = len(decisions) == 1
     if whole:
         where = "" if len(whole) == len(decisions) else f" in {_runs(whole)}"
-        said.append(f"No fault{where}; {_would_not_show(bank, [one.run for one in whole])}")
+        said.append(headed(bank.model, f"No fault{where}; {_would_not_show(bank, whole)}"))
     for one in silent:
         judged, _, gaps = shares[one.run.name]
         log = "log" if alone else f"run {one.run.name}"
         if judged >= WHOLE:
             continue
-        worst = sorted(gaps, key=lambda each: -each.share)[:SPOKEN]
-        parts = [_part(bank, one, each) for each in sorted(worst)]
-        more = [times_more(len(gaps) - SPOKEN)] if len(gaps) > SPOKEN else []
-        why = listed([*parts, *more])
+        why = _why(bank, one, gaps)
         if judged == 0:
             of = "" if alone else f" of {log}"
-            said.append(f"Nothing{of} could be judged: {why}")
+            said.append(f"Nothing{of} could be judged: {why}{_wide(bank)}")
             continue
-        said.append(
+        text = (
             f"No fault in the {100 * judged:.0f} % of the {log} that could be judged; not judged "
-            f"{why}; {_would_not_show(bank, [one.run])}"
+            f"{why}; {_would_not_show(bank, [one])} there"
         )
+        said.append(headed(bank.model, text))
     return said
+
+
+def _why(bank: FaultBank, one: Decision, gaps: Sequence[Silent]) -> str:
+    """When and why not, of few stretches; of many which share for what reason."""
+    if len(gaps) <= SPOKEN:
+        return listed([_part(bank, one, each) for each in gaps])
+    shares = dict[str, float]()
+    for each in gaps:
+        reason = each.reason.partition("; ")[0]  # without what the columns were there
+        shares[reason] = shares.get(reason, 0.0) + each.share
+    largest = sorted(shares.items(), key=lambda each: -each[1])[:SPOKEN]
+    parts = [f"{100 * share:.0f} % ({reason})" for reason, share in largest if share >= LITTLE]
+    rest = sum(shares.values()) - sum(share for _, share in largest)
+    return listed([*parts, "the rest for other reasons"] if rest >= LITTLE else parts)
+
+
+def _wide(bank: FaultBank) -> str:
+    """Why a calibration may leave nothing that shows."""
+    if uncalibrated(bank.model) or level_in(bank.model).widened <= 1:
+        return ""
+    times = number(level_in(bank.model).widened, 2)
+    return (
+        "; by the healthy logs the model errs more than its noise covers, and a fault must be "
+        f"{times} times as large to be told"
+    )
 
 
 def _part(bank: FaultBank, one: Decision, part: Silent) -> str:
@@ -150,11 +175,13 @@ def _told(bank: FaultBank, decision: Decision) -> list[Told]:
 
 def _unnamed(bank: FaultBank, decision: Decision) -> list[Told]:
     """Alarms without an event, and what the log ends undecided about."""
-    return [*alarms(bank, decision), *_undecided(bank, decision)]
+    judged = shares_of(decision).judged
+    note = "" if judged >= WHOLE else f", of which {100 * judged:.0f} % could be judged"
+    return [*alarms(bank, decision, note), *_undecided(bank, decision, note)]
 
 
-def alarms(bank: FaultBank, decision: Decision) -> list[Told]:
-    """Alarms without an event."""
+def alarms(bank: FaultBank, decision: Decision, note: str = "") -> list[Told]:
+    """Alarms without an event, with a `note` on the run."""
     run, found = decision.run, list[Told]()
     alarm = np.array(decision.status) == FAULT
     for start, stop in stretches(alarm, np.isfinite(decision.posterior.healthy), pause(bank)):
@@ -165,7 +192,8 @@ def alarms(bank: FaultBank, decision: Decision) -> list[Told]:
             cause = (
                 _usual(why) if why else f"{_named(bank, decision, part)}, named there, was given up"
             )
-            found.append(Told(first, last, f"An alarm {when} (run {run.name}); {cause}"))
+            text = headed(bank.model, f"An alarm {when} (run {run.name}{note}); {cause}")
+            found.append(Told(first, last, text))
     return found
 
 
@@ -191,7 +219,7 @@ def _named(bank: FaultBank, decision: Decision, part: slice) -> str:
     return bank.model.plant.signals.fault_names[int(np.argmax(p))]
 
 
-def _undecided(bank: FaultBank, decision: Decision) -> list[Told]:
+def _undecided(bank: FaultBank, decision: Decision, note: str) -> list[Told]:
     """What stands at the end of a log, without an alarm: likelier than not, and not sure."""
     run, found = decision.run, decision.posterior
     sampled = np.flatnonzero(np.isfinite(found.healthy))
@@ -211,11 +239,11 @@ def _undecided(bank: FaultBank, decision: Decision) -> list[Told]:
         size = f", {there:+.3g} {_unit(bank, cause)}".rstrip() + " if it is there"
     begun = _at(bank, decision, float(run.t[first]))
     text = (
-        f"Undecided from {begun} to the end of the log (run {run.name}): the likeliest fault is "
-        f"{cause}{size} (p {probability(float(shares[cause]))}); that nothing is wrong has p "
+        f"Undecided from {begun} to the end of the log (run {run.name}{note}): the likeliest fault "
+        f"is {cause}{size} (p {probability(float(shares[cause]))}); that nothing is wrong has p "
         f"{probability(float(found.healthy[sampled[-1]]))}"
     )
-    return [Told(float(run.t[first]), float(run.t[sampled[-1]]), text)]
+    return [Told(float(run.t[first]), float(run.t[sampled[-1]]), headed(bank.model, text))]
 
 
 def _usual(reasons: Sequence[str]) -> str:
@@ -226,8 +254,13 @@ def answer(bank: FaultBank, decision: Decision, event: BankEvent) -> Told:
     """One event."""
     run = decision.run
     head, times = finding(event, _unit(bank, event.fault), bank.step, run.clock)
-    rest = [times + _whether_over(decision, event), *_before_its_name(bank, decision, event)]
-    rest += _course(bank, decision, event)
+    rest = [times + _whether_over(bank, decision, event)]
+    rest += [*_before_its_name(bank, decision, event), *_course(bank, decision, event)]
+    rest += [
+        f"{UNDECLARED if name == UNKNOWN else name} was named beside it from "
+        f"{_at(bank, decision, first)} to {_at(bank, decision, last)}, and given up"
+        for name, first, last in given_up(bank, decision, event)
+    ]
     others = {each.fault for each in _beside(decision, event)}
     rest += likelihoods(
         (other_cause(event, cause), odds)
@@ -239,11 +272,8 @@ def answer(bank: FaultBank, decision: Decision, event: BankEvent) -> Told:
         for name, p in event.beside
         if name not in others
     ]
-    if event.fault != UNKNOWN:
-        k = bank.model.plant.signals.fault_names.index(event.fault)
-        if least_told(bank, run, k) is not None:  # else it shows only as the input moves
-            rest.append(_would_not_show(bank, [run], (event.fault,)))
-    return Told(event.start, event.end, head, tuple(rest))
+    rest += _least_shown(bank, decision, event)
+    return Told(event.start, event.end, headed(bank.model, head), tuple(rest))
 
 
 def finding(
@@ -275,9 +305,54 @@ def other_cause(event: BankEvent, cause: str) -> str:
     return f"{cause} alone" if cause in dict(event.beside) else cause
 
 
-def _whether_over(decision: Decision, event: BankEvent) -> str:
-    """Of a fault that was not seen to end, why it is not."""
+def _least_shown(bank: FaultBank, decision: Decision, event: BankEvent) -> list[str]:
+    """Below what the fault would not have shown, and in which share of the log; nothing of one that
+    shows only as the input moves."""
+    judged, names = shares_of(decision).judged, bank.model.plant.signals.fault_names
+    share = f"{100 * judged:.0f} % of the log"
+    if event.fault == UNKNOWN or least_told(bank, decision, names.index(event.fault)) is None:
+        return [f"{share} could be judged"] if judged < WHOLE else []
+    small = _would_not_show(bank, [decision], (event.fault,))
+    return [f"{small} in the {share} that could be judged" if judged < WHOLE else small]
+
+
+def given_up(
+    bank: FaultBank, decision: Decision, event: BankEvent
+) -> list[tuple[str, float, float]]:
+    """(fault, from, to [s]) of what rows within `event` name beside it, and no event tells of: of
+    its `beside` it is not, at the end."""
+    t, found = decision.run.t, decision.posterior
+    columns = dict(zip(bank.model.plant.signals.fault_names, found.p.T, strict=True))
+    columns[UNKNOWN] = found.unknown
+    telling = np.array([why == "" for why in decision.reason]) & (
+        np.array(decision.status) == FAULT
+    )
+    telling &= (t >= event.onset_lo) & (t <= event.end)
+    said = []
+    for name, p in columns.items():
+        rows = telling & (np.nan_to_num(p) >= NAMED) & (name != event.fault)
+        for each in decision.events:
+            rows &= (each.fault != name) | (t < each.onset_lo) | (t > each.end)
+        said += [
+            (name, float(t[a]), float(t[b - 1]))
+            for a, b in stretches(rows, np.isfinite(found.healthy), pause(bank))
+            if b - a > 1
+        ]
+    return said
+
+
+def _whether_over(bank: FaultBank, decision: Decision, event: BankEvent) -> str:
+    """Of a fault that was not seen to end, why it is not; of one that changed its sign, when that
+    was seen: until then rows have it as it was."""
     t = decision.run.t
+    turned = [
+        each.start
+        for each in decision.events
+        if each.fault == event.fault and (each.size or 0.0) * (event.size or 0.0) < 0
+        if event.end < each.start and abs(each.onset - event.end) <= bank.pause
+    ]
+    if turned:
+        return f", where its sign changed, as was told at {_at(bank, decision, min(turned))}"
     if event.end >= t[-1]:
         return ", the end of the log"
     judged = t[np.isin(decision.status, [HEALTHY, FAULT])]
@@ -321,14 +396,14 @@ def _beside(decision: Decision, event: BankEvent) -> list[BankEvent]:
     ]
 
 
-def least_told(bank: FaultBank, run: Run, fault: int) -> float | None:
-    """The size [the fault's unit] that would have been named by the end of `run` had the fault
-    begun in its middle; None where none would."""
+def least_told(bank: FaultBank, decision: Decision, fault: int) -> float | None:
+    """The size [the fault's unit] that would have been named by the judged rows of a run had the
+    fault begun in the middle of them; None where none would."""
     for one, other, sizes in _SMALLEST:
-        if one is bank and other is run:
+        if one is bank and other is decision:
             return sizes[fault]
-    sizes = smallest_along(bank, run)
-    _SMALLEST.append((bank, run, sizes))
+    sizes = smallest_along(bank, decision.run, np.isin(decision.status, [HEALTHY, FAULT]))
+    _SMALLEST.append((bank, decision, sizes))
     return sizes[fault]
 
 
@@ -351,7 +426,7 @@ def runs_as_dicts(
     calibrated."""
     found = dict[str, Any]()
     for one in decisions:
-        least = [None if bank is None else least_told(bank, one.run, k) for k in range(len(faults))]
+        least = [None if bank is None else least_told(bank, one, k) for k in range(len(faults))]
         unnamed = [] if bank is None else _unnamed(bank, one)
         found[one.run.name] = {
             **shares_of(one).as_dict(dict(zip(faults, least, strict=True))),
@@ -362,22 +437,27 @@ def runs_as_dicts(
 
 
 def _said(bank: FaultBank, decision: Decision, event: BankEvent) -> dict[str, Any]:
-    run = decision.run
     names = bank.model.plant.signals.fault_names
-    least = None if event.fault == UNKNOWN else least_told(bank, run, names.index(event.fault))
+    least = None if event.fault == UNKNOWN else least_told(bank, decision, names.index(event.fault))
     return {
         "sentence": answer(bank, decision, event).text,
         "least": least,
+        "given_up": [
+            {"fault": name, "from": first, "to": last}
+            for name, first, last in given_up(bank, decision, event)
+        ],
     }
 
 
-def _would_not_show(bank: FaultBank, runs: Sequence[Run], only: Sequence[str] = ()) -> str:
-    """Below what each fault would not have shown in the least telling of `runs`."""
+def _would_not_show(
+    bank: FaultBank, decisions: Sequence[Decision], only: Sequence[str] = ()
+) -> str:
+    """Below what each fault would not have shown in the least telling of some runs."""
     least = dict[str, tuple[float | None, str]]()
     for k, name in enumerate(bank.model.plant.signals.fault_names):
         if only and name not in only:
             continue
-        sizes = [least_told(bank, run, k) for run in runs]
+        sizes = [least_told(bank, one, k) for one in decisions]
         shown = [size for size in sizes if size is not None]
         least[name] = max(shown) if len(shown) == len(sizes) else None, _unit(bank, name)
     return would_not_show(least)

@@ -61,9 +61,10 @@ class Changes:
 
 
 def changes_of(bank: FaultBank, decision: Decision, window: Window) -> Changes:
-    """What changes in a window: the likeliest single change, or what the bank's events become."""
+    """What changes in a window: the likeliest single change, where that is likelier than none, or
+    what the bank's events become."""
     alone = causes_of(bank, window)
-    change = _likeliest(bank, alone, [])
+    change = _likeliest(bank, alone, [], least=0.0)
     found = _weighed(bank, window, alone, [] if change is None else [change])
     told = _as_told(bank, decision, window)
     if len(told) > 1:
@@ -102,14 +103,17 @@ def _weighed(bank: FaultBank, window: Window, alone: Causes, told: list[Change])
     return Changes(_sized(bank, window, told, posteriors), weight, alone, more)
 
 
-def _likeliest(bank: FaultBank, causes: Causes, others: list[Change]) -> Change | None:
-    """The best declared change, None where it is not clear that there is one."""
+def _likeliest(
+    bank: FaultBank, causes: Causes, others: list[Change], least: float = CLEAR
+) -> Change | None:
+    """The best declared change; None where its weight is below the `least`, by default that from
+    which on it is clear that there is one."""
     faults = bank.model.plant.signals.faults
     present = {change.fault for change in others}
     full = len(present) >= bank.model.plant.signals.max_simultaneous
     legal = sorted(present) if full else list(range(len(faults)))
     best = max(legal, key=lambda k: total(causes.weight[:, k]))
-    if total(causes.weight[:, best]) < CLEAR:
+    if total(causes.weight[:, best]) < least:
         return None
     at = int(np.argmax(causes.weight[:, best]))
     return Change(best, at, float(causes.mean[at, best]))

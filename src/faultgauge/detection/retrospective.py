@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any, TypeAlias
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy.special import logsumexp
 
 from faultgauge.detection.answers import acting
@@ -14,9 +14,11 @@ from faultgauge.detection.bank import CERTAIN, FaultBank
 from faultgauge.detection.change_points import total, windows_of
 from faultgauge.detection.changes import Changes, Sized, changes_of
 from faultgauge.detection.decisions import Decision
-from faultgauge.detection.events import UNKNOWN
+from faultgauge.detection.events import UNKNOWN, pause, stretches
 from faultgauge.detection.over_onsets import onset_over, size_over
 from faultgauge.detection.probability import probability
+from faultgauge.detection.reliance import headed
+from faultgauge.detection.shares import WHOLE
 from faultgauge.detection.shocks import Shocks
 from faultgauge.detection.verdicts import FAULT
 from faultgauge.detection.window import Causes, Window
@@ -39,6 +41,8 @@ PLAIN = 20.0  # odds from which on it goes without saying that there is a fault
 MOST_ODDS = 1e6  # nobody's priors are better than that
 
 Curve: TypeAlias = Float[np.ndarray, "samples"]
+# mean and the ends of its interval [s]
+Onset: TypeAlias = tuple[float, float, float] | tuple[None, None, None]
 
 
 @dataclass(frozen=True)
@@ -62,10 +66,12 @@ class Retrospect:
     Times in s, size in the fault's unit, intervals of 95 %; None where there is none: onset and
     size of a healthy window, the size of an undeclared fault. An onset lies between two samples,
     so its interval spans both. `least` is for each declared fault the size that would have been
-    named had it begun in the middle of the window; None where nothing would have shown it.
+    named had it begun in the middle of what was judged of the window, which is a share `judged` of
+    its run; None where nothing would have shown it.
     `density` is the posterior of the onset per sample of `t`, and `given` the size for each onset:
     an onset at sample n acts from sample n - 1 on; `white` the innovations of the
-    healthy filter and `fit` the fault's part of them, in standard deviations.
+    healthy filter and `fit` the fault's part of them, in standard deviations; NaN where an output
+    was not sampled or not believed.
     """
 
     run: str
@@ -81,6 +87,7 @@ class Retrospect:
     hi: float | None
     alternatives: tuple[tuple[str, float], ...]
     least: dict[str, float | None]
+    judged: float
     told: Told
     t: Curve
     density: Curve
@@ -105,19 +112,63 @@ def _answers(
     declared = len(bank.onset)
     alien = total(changes.alone.weight[:, declared:])
     beside = changes.weight + total(changes.more.weight[:, declared:])
-    logs = np.array([0.0, changes.weight, np.logaddexp(alien, beside)])
-    share = np.exp(logs - total(logs))
-    best = int(np.argmax(logs))
-    if best != 1:
-        which = None if best == 0 else declared
-        return [_answer(bank, decision, window, changes.alone, which, float(share[best]), {})]
-    rivals = {HEALTHY: logs[1], UNKNOWN: logs[1] - logs[2]}
-    return _until(
-        [
-            _answer(bank, decision, window, each.causes, each, float(share[1]), rivals)
-            for each in changes.found
-        ]
-    )
+    single = len(changes.found) < 2  # then each single change is weighed
+    change = total(changes.alone.weight[:, :declared]) if single else changes.weight
+    logs = np.array([0.0, change, np.logaddexp(alien, beside)])
+    best = int(np.argmax(logs)) if changes.found else 2 * int(logs[2] > 0)
+    own = changes.weight if best == 1 else logs[best]
+    share = float(np.exp(own - total(logs)))
+    rivals = {HEALTHY: float(own - logs[0]), UNKNOWN: float(own - logs[2])}
+    if best == 1:
+        sure = [1.0 if single else _among(each, declared) for each in changes.found]
+        return _until(
+            [
+                _answer(bank, decision, window, each.causes, each, share * p, rivals)
+                for each, p in zip(changes.found, sure, strict=True)
+            ]
+        )
+    names = bank.model.plant.signals.fault_names
+    # what is beside a declared change is in `best`: one change alone is weighed against that, too
+    rivals |= {name: float(own - total(changes.alone.weight[:, k])) for k, name in enumerate(names)}
+    if not single:
+        rivals[_together(names, changes)] = float(own - changes.weight)
+    which = None if best == 0 else _begun(changes, declared, float(np.exp(beside - logs[2])))
+    return [_answer(bank, decision, window, changes.alone, which, share, rivals)]
+
+
+def _among(each: Sized, declared: int) -> float:
+    """How likely a change beside others is that one, and no other nor none."""
+    weights = each.causes.weight
+    logs = [*(total(column) for column in weights.T[:declared]), total(weights[:, declared:]), 0.0]
+    return float(np.exp(logs[each.change.fault] - total(np.array(logs))))
+
+
+def _begun(changes: Changes, declared: int, beside: float) -> Curve:
+    """When it began, if something undeclared is there: beside the declared changes, of which the
+    first may be earlier, or else alone."""
+    alone = _density(changes.alone.weight[:, declared:])
+    if not changes.found:
+        return alone
+    there = [_density(each.causes.weight[:, each.change.fault]) for each in changes.found]
+    both = _earliest([*there, _density(changes.more.weight[:, declared:])])
+    return beside * both + (1 - beside) * alone
+
+
+def _density(weight: Float[np.ndarray, "samples ..."]) -> Curve:
+    """The posterior of one onset per sample, of ln weights of onsets, or onsets and causes."""
+    by_onset = weight if weight.ndim == 1 else logsumexp(weight, axis=1)
+    return np.exp(by_onset - total(by_onset))
+
+
+def _earliest(densities: Sequence[Curve]) -> Curve:
+    """That of the first of several onsets."""
+    later = np.prod([np.cumsum(each[::-1])[::-1] for each in densities], axis=0)  # P(none before n)
+    return np.clip(later - np.append(later[1:], 0.0), 0.0, None)
+
+
+def _together(names: Sequence[str], changes: Changes) -> str:
+    """The faults that change, once each: "leak", "leak+gauge"."""
+    return "+".join(dict.fromkeys(names[each.change.fault] for each in changes.found))
 
 
 def _answer(
@@ -125,11 +176,11 @@ def _answer(
     decision: Decision,
     window: Window,
     causes: Causes,
-    which: Sized | int | None,
+    which: Sized | Curve | None,
     share: float,
     rivals: dict[str, float],
 ) -> Retrospect:
-    """One change; `which` is it, or the first column of the undeclared ones, or None: healthy."""
+    """One change; `which` is it, or when what is undeclared began, or None: healthy."""
     faults, count = bank.model.plant.signals.faults, len(window.t)
     names = (*(fault.name for fault in faults), UNKNOWN, HEALTHY)
     columns = [*causes.weight.T[: len(faults)], logsumexp(causes.weight[:, len(faults) :], axis=1)]
@@ -139,15 +190,19 @@ def _answer(
     k = len(faults) + 1 if which is None else len(faults)
     if isinstance(which, Sized):
         k, fit = which.change.fault, which.fit
-        share *= float(np.exp(logs[k] - total(logs)))
-    if which is not None:
-        density = np.exp(columns[k] - logs[k])
+    if isinstance(which, np.ndarray):
+        density = which
     if isinstance(which, Sized):
+        density = np.exp(columns[k] - logs[k])
         given = causes.mean[:, k] + which.before
         own = bank.gain * acting(faults)[k] * np.abs(given)
         sd = np.hypot(causes.sd[:, k] * which.wider, own)
         size = size_over(density, given, sd, faults[k].min, faults[k].max)
     onset = onset_over(window.t, density)
+    if names[k] == UNKNOWN:
+        onset = _since_its_alarm(bank, decision, window, onset)
+    heard = np.isfinite(window.record.y[:count])
+    used = np.flatnonzero(heard.any(axis=1))
     data = causes.seen[min(k, len(faults))]
     return Retrospect(
         run=decision.run.name,
@@ -161,24 +216,51 @@ def _answer(
         size=size[0],
         lo=size[1],
         hi=size[2],
-        alternatives=_alternatives(names, logs, k, rivals),
-        least=_least(bank, causes.seen[-1], count),
+        alternatives=_alternatives(names, logs, which, k, rivals),
+        least=_least(bank, causes.seen[-1], used),
+        judged=len(used) / len(decision.run.t),
         told=_told(bank, decision, window.part, names[k], onset, size[0]),
         t=window.t,
         density=density,
         given=given,
-        white=np.asarray(data.white)[:count] + np.asarray(data.fit)[:count],
-        fit=fit,
+        white=np.where(
+            heard, np.asarray(data.white)[:count] + np.asarray(data.fit)[:count], np.nan
+        ),
+        fit=np.where(heard, fit, np.nan),
         clock=decision.run.clock,
     )
 
 
+def _since_its_alarm(bank: FaultBank, decision: Decision, window: Window, onset: Onset) -> Onset:
+    """The `onset` of what is undeclared or not constant, which dates the likeliest jump of it: one
+    that lies amid an alarm is as old as that, as `events` has it."""
+    t, (_, low, high) = window.t, onset
+    if low is None or high is None:
+        return onset
+    alarm = np.array(decision.status[window.part]) == FAULT
+    sampled = np.isfinite(decision.posterior.healthy[window.part])
+    for first, stop in stretches(alarm, sampled, pause(bank)):
+        begun = float(t[first])
+        if begun < low <= t[stop - 1]:
+            return begun, max(begun - bank.knowledge.memory, float(t[0])), high
+    return onset
+
+
 def _alternatives(
-    names: tuple[str, ...], logs: Float[np.ndarray, "causes"], k: int, rivals: dict[str, float]
+    names: tuple[str, ...],
+    logs: Float[np.ndarray, "causes"],
+    which: Sized | Curve | None,
+    k: int,
+    rivals: dict[str, float],
 ) -> tuple[tuple[str, float], ...]:
-    """(cause, odds of cause `k` against it), the likeliest first."""
-    apart = {names[m]: float(logs[k] - logs[m]) for m in range(len(names)) if m != k}
-    apart |= {name: min(apart[name], gap) for name, gap in rivals.items()}
+    """(cause, odds of cause `k` against it), the likeliest first: by the `rivals` of the whole
+    answer; of one change beside known ones also against what else it may be."""
+    apart = {name: gap for name, gap in rivals.items() if name != names[k]}
+    if isinstance(which, Sized):
+        for m in range(len(names)):
+            if m != k:
+                gap = float(logs[k] - logs[m])
+                apart[names[m]] = min(apart.get(names[m], gap), gap)
     odds = {name: min(float(np.exp(min(gap, 100.0))), MOST_ODDS) for name, gap in apart.items()}
     return tuple(sorted(odds.items(), key=lambda item: item[1]))
 
@@ -195,10 +277,11 @@ def _until(found: list[Retrospect]) -> list[Retrospect]:
     return kept
 
 
-def _least(bank: FaultBank, found: Shocks, count: int) -> dict[str, float | None]:
-    """The size of each fault that would have been named had it begun in the window's middle."""
+def _least(bank: FaultBank, found: Shocks, used: Int[np.ndarray, "_"]) -> dict[str, float | None]:
+    """The size of each fault that would have been named had it begun in the middle of the samples
+    that were `used`."""
     faults = bank.model.plant.signals.faults
-    information = np.asarray(found.information)[count // 2, : len(faults)]
+    information = np.asarray(found.information)[used[len(used) // 2], : len(faults)]
     needed = CERTAIN - np.log(bank.onset * bank.step)
     needed = needed + np.log1p(information * bank.size**2) / 2
     shown = information * bank.size**2 > 1
@@ -211,7 +294,7 @@ def _told(
     decision: Decision,
     part: slice,
     cause: str,
-    onset: tuple[float, float, float] | tuple[None, None, None],
+    onset: Onset,
     size: float | None,
 ) -> Told:
     """What was told of `cause`: of its events with the sign of `size` the one that is dated nearest
@@ -241,16 +324,35 @@ def _told(
 
 def sentences(bank: FaultBank, found: Sequence[Retrospect]) -> list[str]:
     """What the windows with a fault in them hold, in words; one for all where none has."""
-    faulty = [_sentence(bank, each) for each in found if each.cause != HEALTHY]
+    faulty = [headed(bank.model, _sentence(bank, each)) for each in found if each.cause != HEALTHY]
     if faulty or not found:
         return faulty or ["In hindsight: too few samples to judge."]
+    shares = {name: sum(each.judged for each in found if each.run == name) for name in
+              dict.fromkeys(each.run for each in found)}  # fmt: skip
+    whole = [name for name, share in shares.items() if share >= WHOLE]
+    said = []
+    if whole:
+        where = f" in run {', run '.join(whole)}" if len(whole) < len(shares) else ""
+        small = _would_not_show(bank, [each for each in found if each.run in whole])
+        said.append(f"In hindsight: no fault{where}; {small}")
+    for name in (name for name in shares if name not in whole):
+        log = "log" if len(shares) == 1 else f"run {name}"
+        small = _would_not_show(bank, [each for each in found if each.run == name])
+        said.append(
+            f"In hindsight: no fault in the {100 * shares[name]:.0f} % of the {log} that could be "
+            f"judged; {small} there"
+        )
+    return [headed(bank.model, each) for each in said]
+
+
+def _would_not_show(bank: FaultBank, found: Sequence[Retrospect]) -> str:
     least = dict[str, tuple[float | None, str]]()
     for fault in bank.model.plant.signals.faults:
         sizes = [each.least[fault.name] for each in found]
         shown = [size for size in sizes if size is not None]
         unit = "" if fault.unit in PURE else fault.unit
         least[fault.name] = max(shown) if len(shown) == len(sizes) else None, unit
-    return [f"In hindsight: no fault; {would_not_show(least)}"]
+    return would_not_show(least)
 
 
 def _sentence(bank: FaultBank, found: Retrospect) -> str:
@@ -270,9 +372,9 @@ def _sentence(bank: FaultBank, found: Retrospect) -> str:
         what = f"{found.cause} {amount(found.size, found.lo, found.hi, units[found.cause])}"
     said = [f"In hindsight: {what} {began} (p {probability(found.p)}, run {found.run})"]
     labels = {HEALTHY: "no fault", UNKNOWN: UNDECLARED}
-    constant = "one constant " if found.cause == UNKNOWN else ""
+    constant = "constant " if found.cause == UNKNOWN else ""
     said += likelihoods(
-        (labels.get(cause, f"{constant}{cause}"), odds)
+        (labels.get(cause, f"{constant}{cause.replace('+', ' and ')}"), odds)
         for cause, odds in found.alternatives
         if cause != HEALTHY or odds < PLAIN
     )
@@ -283,7 +385,7 @@ def _sentence(bank: FaultBank, found: Retrospect) -> str:
         return moment(found.clock, t, step)
 
     if told.start is None and told.alarm is not None:
-        said.append(f"online you would have been told of a fault at {at(told.alarm)}")
+        said.append(f"online an alarm would have begun at {at(told.alarm)}")
     elif told.start is None:
         said.append("online you would not have been told")
     elif told.start < found.onset_lo:

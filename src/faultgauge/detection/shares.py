@@ -11,7 +11,9 @@ from faultgauge.detection.verdicts import FAULT, HEALTHY, OUTSIDE
 from faultgauge.detection.words import listed, number
 from faultgauge.telemetry import Run
 
-__all__ = ["Shares", "Silent", "shares_of"]
+__all__ = ["WHOLE", "Shares", "Silent", "shares_of"]
+
+WHOLE = 0.95  # share of a log from which on all of it counts as judged: a start is always held off
 
 
 class Silent(NamedTuple):

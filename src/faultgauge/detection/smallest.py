@@ -6,10 +6,11 @@ that is most like it, as much must be left as a name takes. One that does so 9 t
 larger.
 """
 
+from collections import deque
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from faultgauge.detection.bank import FaultBank
 from faultgauge.detection.unit_faults import Effects, Information, effects_of, information
@@ -32,6 +33,7 @@ __all__ = [
 
 NINE_IN_TEN = 1.2816  # standard deviations
 NEARBY = 12  # onsets of another fault on either side
+_LAST: deque[tuple[FaultBank, Run, Effects]] = deque(maxlen=2)  # what was walked last
 
 
 def seen_size(bank: FaultBank, fault: int, sd: float, seconds: float, rarer: float = 1.0) -> float:
@@ -90,25 +92,51 @@ def around(reference: int, rows: int) -> list[int]:
     return [*legal, *[reference] * (2 * NEARBY + 1 - len(legal))]
 
 
-def smallest_along(bank: FaultBank, run: Run, share: float = 0.5) -> list[float | None]:
-    """For each declared fault the size [its unit] that would have been named by the end of `run`
-    had it begun at a `share` of it, as the log goes; None where none would."""
-    return smallest_from(bank, run, [share])[0]
+def smallest_along(
+    bank: FaultBank, run: Run, judged: Bool[np.ndarray, "rows"] | None = None
+) -> list[float | None]:
+    """For each declared fault the size [its unit] that would have been named by the rows of `run`
+    that were `judged` (by default all) had it begun in the middle of them; None where none would.
+    """
+    effects = _effects(bank, run)
+    at = np.ones(len(effects.t), bool)
+    if judged is not None:
+        at = judged[np.searchsorted(run.t, effects.t)]
+    rows = np.flatnonzero(at)
+    if len(rows) < 2:
+        return [None] * len(bank.size)
+    heard = effects._replace(G=np.where(at[:, None, None], effects.G, 0.0))
+    return _from(bank, heard, int(rows[len(rows) // 2]))
+
+
+def _effects(bank: FaultBank, run: Run) -> Effects:
+    """`effects_of`, which the same run is asked for again where it was judged anew."""
+    for one, other, effects in _LAST:
+        if one is bank and other is run:
+            return effects
+    effects = effects_of(bank, run)
+    _LAST.append((bank, run, effects))
+    return effects
 
 
 def smallest_from(bank: FaultBank, run: Run, shares: Sequence[float]) -> list[list[float | None]]:
-    """`smallest_along` for each of some `shares`, with one walk of the filter."""
+    """For each of some `shares` of `run` what would have been named had it begun there, by all rows
+    and with one walk of the filter."""
     effects = effects_of(bank, run)
-    return [_along(bank, effects, share) for share in shares]
-
-
-def _along(bank: FaultBank, effects: Effects, share: float) -> list[float | None]:
-    rows, faults = len(effects.t), range(len(bank.size))
+    rows = len(effects.t)
     if rows < 2:
-        return [None for _ in faults]
-    onset = int(share * rows)
+        return [[None] * len(bank.size) for _ in shares]
+    return [_from(bank, effects, int(share * rows)) for share in shares]
+
+
+def _from(bank: FaultBank, effects: Effects, onset: int) -> list[float | None]:
+    """By the end of the log, of a fault that begins at row `onset`."""
+    rows = len(effects.t)
     found = information(effects, onset, around(onset, rows), [rows - 1])
-    return [_smallest(bank, effects, found, k) if (k,) in bank.sets else None for k in faults]
+    return [
+        _smallest(bank, effects, found, k) if (k,) in bank.sets else None
+        for k in range(len(bank.size))
+    ]
 
 
 def _smallest(bank: FaultBank, effects: Effects, found: Information, k: int) -> float | None:

@@ -49,6 +49,14 @@ class Constant:
         """Whether its standard error is more than a tenth of it."""
         return self.standard_error is not None and self.standard_error > VAGUE * abs(self.value)
 
+    @property
+    def shift(self) -> str | None:
+        """What is to be known of a biased value beside it, and what to do."""
+        if self.bias is None:
+            return None
+        off = f"{self.bias:+.2g} {self.unit}".rstrip()
+        return f"off by about {off} because of noise: use --refine"
+
 
 @dataclass(frozen=True)
 class Information:
@@ -83,7 +91,8 @@ class Information:
                 found.append(
                     f"parameter {each.name!r} is off by about {each.bias:+.2g} {each.unit}".rstrip()
                     + f" ({100 * abs(each.bias / each.value):.0f} %) because of noise in what "
-                    "its equation reads, which its standard error does not hold; use --refine"
+                    "its equation reads, which its standard error does not hold; use "
+                    "`faultgauge fit --refine`"
                 )
             if each.imitated_by:
                 both = (
@@ -127,7 +136,7 @@ class Information:
         }
 
     def to_dict(self) -> dict[str, Any]:
-        rows = [vars(each) for each in self.constants]
+        rows = [vars(each) | {"shift": each.shift} for each in self.constants]
         return {
             "parameters": rows,
             "correlation": [

@@ -35,7 +35,7 @@ from faultgauge.plants.plant_file import PlantSpec
 from faultgauge.plants.signals import Signals
 from faultgauge.telemetry import Run, rate_of
 
-__all__ = ["FitReport", "fit"]
+__all__ = ["POOR", "FitReport", "fit"]
 
 POOR = 0.5  # of the outputs' spread: a quarter of the variance is not explained
 LOOK_FOR = (
@@ -193,8 +193,9 @@ def _with_its_use(
     through whole `logs`, it runs anew over what was held out of them."""
     if logs and account.refinement is not None and result.error >= POOR:
         account = account._replace(anew=run_anew(model, account, logs))
-    account.warnings.extend(_of_no_use(result, account))
-    return account
+    no_use = _of_no_use(result, account)
+    account.warnings.extend(no_use)
+    return account._replace(no_use=next(iter(no_use), None))
 
 
 def _of_no_use(result: Outcome, account: FitReport) -> list[str]:

@@ -69,7 +69,8 @@ class FitReport(NamedTuple):
 
     `training` holds the points that were fitted; `noise` what smoothing left per state;
     `information` what they say about the parameters, where equation error had the last word;
-    `anew` are free runs of a refined model that is far off in those through whole logs.
+    `anew` are free runs of a refined model that is far off in those through whole logs; `no_use` is
+    that of the `warnings` which says that the free run is far off.
     """
 
     groups: list[GroupReport]
@@ -79,6 +80,7 @@ class FitReport(NamedTuple):
     refinement: Refinement | None = None
     information: Information | None = None
     anew: Anew | None = None
+    no_use: str | None = None
 
     def free_run(self, error: float) -> str:
         """What the free run is off by on held-out data, and over which time where that matters;

@@ -174,7 +174,7 @@ def decision_figures(
     """What each fault is given, with the residuals; then every fault, in the plant's order."""
     found, run = decision.posterior, decision.run
     faults = bank.model.plant.signals.faults
-    least = least_sizes(bank, run)
+    least = least_sizes(bank, decision)
     curves = {"no fault": found.healthy, UNDECLARED: found.unknown}
     curves |= {fault.name: found.p[:, k] for k, fault in enumerate(faults[: MOST_CURVES - 2])}
     evidence = [

@@ -127,11 +127,11 @@ def _draw_told(
     marks.band(axes, t, each.lo, each.hi, label="95 % band")
     axes.axhline(0.0, color=style.GREY, linewidth=0.8)
     marks.line(axes, t, each.f, color=style.PREDICTED, linewidth=1.4, label="estimate")
-    values = [each.f[~hidden], _typical(each.lo, hidden), _typical(each.hi, hidden)]
+    values = list[np.ndarray]()
     if each.truth is not None:
         marks.line(axes, t, each.truth, label="truth", **style.TRUTH)
         values.append(each.truth)
-    marks.look_at(axes, *values)
+    marks.look_at_estimate(axes, each.f, each.lo, each.hi, ~hidden, *values)
     marks.show_at_least(axes, -each.least, each.least)
     axes.set_ylabel(style.upright_label(each.name, each.unit, 17))
 
@@ -146,14 +146,6 @@ def _draw_likely(
     marks.show_at_least(axes, 0.0, 1.0)
     axes.set_ylabel("probability")
     style.legend(axes)
-
-
-def _typical(
-    edge: Float[np.ndarray, "samples"], hidden: Bool[np.ndarray, "samples"]
-) -> Float[np.ndarray, "_"]:
-    """The edge of a band but for the tenth of it that is furthest out: a band is wide at first."""
-    seen = edge[~hidden & np.isfinite(edge)]
-    return np.quantile(seen, [0.05, 0.95]) if seen.size else seen
 
 
 def _caption(

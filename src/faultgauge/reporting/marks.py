@@ -24,6 +24,7 @@ __all__ = [
     "limits",
     "line",
     "look_at",
+    "look_at_estimate",
     "shade",
     "show_at_least",
     "time_below",
@@ -124,6 +125,21 @@ def look_at(axes: Axes, *values: Float[np.ndarray, "_"]) -> None:
     if shown.size and np.ptp(shown) > 0.0:
         margin = 0.06 * np.ptp(shown)
         axes.set_ylim(shown.min() - margin, shown.max() + margin)
+
+
+def look_at_estimate(
+    axes: Axes,
+    f: Float[np.ndarray, "samples"],
+    lo: Float[np.ndarray, "samples"],
+    hi: Float[np.ndarray, "samples"],
+    seen: Bool[np.ndarray, "samples"],
+    *more: Float[np.ndarray, "_"],
+) -> None:
+    """The same of an estimate where it is `seen`, and of as much of its band as is usual: where it
+    is as wide as the prior it would leave nothing of the estimate."""
+    width = (hi - lo)[seen]
+    usual = np.nanmedian(width) / 2 if np.isfinite(width).any() else 0.0
+    look_at(axes, f[seen] - usual, f[seen] + usual, *more)
 
 
 def show_at_least(axes: Axes, low: float, high: float) -> None:

@@ -120,8 +120,8 @@ def _error(each: Constant) -> str:
     if each.standard_error is None:
         return ""
     unit = each.unit or "1"
-    off = "" if each.bias is None else f"; off by about {quantity(each.bias, unit)} by noise"
-    return quantity(each.standard_error, unit) + off
+    shift = "" if each.shift is None else f"; {each.shift}"
+    return quantity(each.standard_error, unit) + shift
 
 
 def correlation_table(found: Information) -> tuple[Table, ...]:

@@ -9,7 +9,9 @@ from faultgauge.detection.decisions import Decision
 from faultgauge.detection.events import UNKNOWN
 from faultgauge.detection.probability import probability
 from faultgauge.detection.retrospective import HEALTHY, Retrospect, sentences
+from faultgauge.detection.shares import WHOLE
 from faultgauge.detection.words import UNDECLARED, amount, moment, onset_cell, or_earlier
+from faultgauge.observers.divided_difference import FAR
 from faultgauge.reporting.marks import NOISES
 from faultgauge.reporting.report import Section, Table
 from faultgauge.reporting.svg import Figure
@@ -19,15 +21,16 @@ from faultgauge.telemetry.clock import Clock
 __all__ = ["retrospective_section"]
 
 MOST_FIGURES = 6
-HEADER = ("run", "window", "cause", "began", "told", "size", "p")
-NAMES = {HEALTHY: "no fault", UNKNOWN: UNDECLARED}
+HEADER = ("run", "window", "judged", "cause", "began", "told", "size", "p")
+NAMES = {HEALTHY: "no fault", UNKNOWN: f"{UNDECLARED} or not constant"}
 AROUND = 2.0  # widths of the onset's interval that are shown on either side of it
 
 
 def retrospective_section(
     bank: FaultBank, decisions: Sequence[Decision], found: Sequence[Retrospect]
 ) -> Section:
-    """Sentences, a table of all windows, and the figures of those with a fault."""
+    """Sentences, a table of all windows, and the figures of those with a fault. Which share of its
+    run each window judges is told where some of a run was not judged."""
     by_run = {each.run.name: each for each in decisions}
     figures = [
         picture
@@ -38,11 +41,19 @@ def retrospective_section(
             _onset(each, by_run[each.run].run.clock),
         )
     ]
-    rows = tuple(_row(bank, each) for each in found)
-    table = Table(HEADER, rows, "Every window, in hindsight.")
+    rows = [_row(bank, each) for each in found]
+    whole = min(sum(e.judged for e in found if e.run == run) for run in by_run) >= WHOLE
+    left = {"judged"} if whole else set[str]()
+    left |= {"run"} if len(by_run) == 1 else set()
+    kept = [k for k, name in enumerate(HEADER) if name not in left]
+    table = Table(
+        tuple(HEADER[k] for k in kept),
+        tuple(tuple(row[k] for k in kept) for row in rows),
+        "Every window, in hindsight.",
+    )
     return Section(
         "In hindsight",
-        tuple(sentences(bank, found)),
+        tuple(f"{each}." for each in sentences(bank, found)),
         (table,),
         tuple(figures[:MOST_FIGURES]),
         shown=1,
@@ -64,6 +75,7 @@ def _row(bank: FaultBank, found: Retrospect) -> tuple[str, ...]:
     return (
         found.run,
         f"{first} to {last}",
+        f"{100 * found.judged:.0f} %",
         NAMES.get(found.cause, found.cause),
         began,
         "" if told is None else moment(clock, told, bank.step),
@@ -76,9 +88,11 @@ def _fault(bank: FaultBank, decision: Decision, found: Retrospect) -> Figure:
     """Data with the fitted fault, and the fault as told online and in hindsight."""
     first = int(np.searchsorted(decision.run.t, found.t[0]))
     signals = bank.model.plant.signals
-    j = int(np.argmax(np.abs(found.fit).sum(axis=0)))
+    explained, left = (np.nansum(np.abs(each), axis=0) for each in (found.fit, found.white))
+    j = int(np.argmax(explained if explained.any() else left))
     noise = (-NOISES, NOISES)
     seen = {"without a fault": found.white[:, j]}
+    caption = "What the healthy filter saw, in standard deviations of the noise."
     if found.size is None:
         stack = [Panel(f"innovation of {signals.output_names[j]}", "sd", seen, span=noise)]
     else:
@@ -87,16 +101,21 @@ def _fault(bank: FaultBank, decision: Decision, found: Retrospect) -> Figure:
         lasts = (found.t >= found.onset) & (found.t <= found.end)
         levels = {"online": online, "in hindsight": np.where(lasts, found.size, np.nan)}
         seen |= {"the fitted fault": found.fit[:, j]}
+        caption = (
+            "What the healthy filter saw and what the fault explains of it, in standard "
+            "deviations of the noise; below, the fault."
+        )
         stack = [
             Panel(f"innovation of {signals.output_names[j]}", "sd", seen, span=noise),
             Panel(found.cause, signals.faults[k].unit, levels),
         ]
+    if np.isclose(np.nanmax(np.abs(seen["without a fault"]), initial=0.0), FAR):
+        caption += f" What lies beyond {FAR:g} of them is cut off there."
     return panels(
         found.t,
         stack,
         title=f"In hindsight: {NAMES.get(found.cause, found.cause)}, run {found.run}",
-        caption="What the healthy filter saw and what the fault explains of it, in standard "
-        "deviations of the noise; below, the fault.",
+        caption=caption,
         clock=decision.run.clock,
     )
 

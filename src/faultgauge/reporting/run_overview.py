@@ -41,7 +41,7 @@ def run_overview(
         for fault in signals.faults
     }
     unnamed = [e for e in alarms(bank, decision) if e.start <= t[-1] and t[0] <= e.end]
-    least = least_sizes(bank, run)
+    least = least_sizes(bank, decision)
     told = [
         Told(
             fault.name,

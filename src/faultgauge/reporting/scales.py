@@ -4,10 +4,10 @@ import numpy as np
 
 from faultgauge.detection.answer import least_told
 from faultgauge.detection.bank import FaultBank
+from faultgauge.detection.decisions import Decision
 from faultgauge.detection.noise import noise_of
 from faultgauge.detection.uncalibrated import uncalibrated
 from faultgauge.plants.model import Model
-from faultgauge.telemetry import Run
 
 __all__ = ["least_sizes", "noise_scales"]
 
@@ -19,10 +19,10 @@ def noise_scales(model: Model) -> dict[str, float]:
     return dict(zip(names, sigma.tolist(), strict=True))
 
 
-def least_sizes(bank: FaultBank, run: Run) -> list[float]:
-    """The smallest size of each fault [its unit] that would have been told in `run`, or the widest
+def least_sizes(bank: FaultBank, decision: Decision) -> list[float]:
+    """The smallest size of each fault [its unit] that would have been told of a run, or the widest
     that is expected where none would."""
-    found = [least_told(bank, run, k) for k in range(len(bank.size))]
+    found = [least_told(bank, decision, k) for k in range(len(bank.size))]
     return [
         float(size) if least is None else least
         for size, least in zip(bank.size, found, strict=True)

@@ -227,15 +227,14 @@ def fault_estimate(
         marks.hatch(axes, t, hidden, label="not judged")
         marks.band(axes, t, lo, hi, label="95 % band")
         marks.line(axes, t, f, color=style.PREDICTED, linewidth=1.4, label="estimate")
-        usual = np.nanmedian(hi[seen] - lo[seen]) / 2 if np.isfinite(hi - lo)[seen].any() else 0.0
-        values = [f[seen] - usual, f[seen] + usual]
+        values = list[np.ndarray]()
         if limit is not None:
             marks.limits(axes, limit)
             values.append(np.array([-limit, limit]))
         if truth is not None:
             marks.line(axes, t, truth, label="truth", **style.TRUTH)
             values.append(truth)
-        marks.look_at(axes, *values)
+        marks.look_at_estimate(axes, f, lo, hi, seen, *values)
         marks.show_at_least(axes, -least, least)
         axes.set_ylabel(style.upright_label(name, unit))
         style.legend(axes)

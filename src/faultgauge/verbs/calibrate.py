@@ -10,6 +10,7 @@ from faultgauge.detection import calibration
 from faultgauge.detection.bank import build_fault_bank
 from faultgauge.detection.calibration_words import summary
 from faultgauge.detection.noise import noise_of
+from faultgauge.detection.reliance import doubt
 from faultgauge.plants.model import Model
 from faultgauge.plants.record import CalibrationRecord
 from faultgauge.plants.settings import with_settings
@@ -126,4 +127,5 @@ def calibrate(
     runs = runs_for_model(known, sources, How(**reading))
     odd = unlike_warnings(known, runs)
     found = calibration.calibrate(known, runs, mtbfa=mtbfa, observer=observer, progress=progress)
-    return Calibrated(found, runs, [*odd, *found.warnings])
+    reason = doubt(found.model)
+    return Calibrated(found, runs, [*odd, *found.warnings, *([reason] if reason else [])])

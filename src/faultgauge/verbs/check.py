@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Unpack
 
-from faultgauge.detection import answer, decisions, misfit
+from faultgauge.detection import answer, decisions, misfit, reliance
 from faultgauge.detection.events import BankEvent
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
@@ -65,6 +65,7 @@ class Check(Result):
         return {
             "events": answer.as_dicts(found.bank, found.decisions) if found.bank else [],
             "sentences": found.sentences,
+            "doubt": reliance.doubt(found.model),
             "runs": answer.runs_as_dicts(found.bank, found.decisions, names),
         }
 

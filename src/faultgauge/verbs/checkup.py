@@ -11,7 +11,8 @@ from faultgauge.detection.answer import answers, first_screen
 from faultgauge.detection.bank import FaultBank, evaluated_faults
 from faultgauge.detection.calibration import Calibration, calibrate
 from faultgauge.detection.decisions import Decision, decide_runs
-from faultgauge.detection.uncalibrated import unjudged_sentence
+from faultgauge.detection.reliance import doubt, errs_by
+from faultgauge.detection.uncalibrated import uncalibrated, unjudged_sentence
 from faultgauge.errors import InputError
 from faultgauge.identification.fit import FitReport, fit
 from faultgauge.identification.log_checks import other_units
@@ -114,5 +115,21 @@ def check(
     model, account = fit(plant, training, held_out, seed=seed, progress=progress)
     calibration = calibrate(model, held_out, progress=progress)
     decisions, bank = decide_runs(calibration.model, suspect, progress=progress)
+    account = _as_used(account, calibration.model)
     account = account._replace(warnings=[*account.warnings, *unlike])
     return Checkup(calibration.model, account, calibration, decisions, bank, held_out)
+
+
+def _as_used(account: FitReport, model: Model) -> FitReport:
+    """`account`; where it holds the model for useless by its free run, and the calibrated one
+    explains more than it errs by, its warning says so: answers come from that one."""
+    if account.no_use is None or uncalibrated(model) or doubt(model) is not None:
+        return account
+    error, left = model.record.metrics.free_run_error, max(errs_by(model).values(), default=0.0)
+    said = (
+        f"on held-out data the free run is off by {100 * error:.0f} % of each output's standard "
+        "deviation; faults are judged beside the sensors, where the calibrated model errs by "
+        f"{100 * left:.0f} % at most of what it explains of a derivative"
+    )
+    warnings = [said if each == account.no_use else each for each in account.warnings]
+    return account._replace(warnings=warnings, no_use=None)

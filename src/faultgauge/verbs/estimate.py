@@ -12,6 +12,7 @@ from faultgauge.detection import (
     estimation,
     glitches,
     misfit,
+    reliance,
     retrospective,
 )
 from faultgauge.detection.bank import FaultBank
@@ -124,7 +125,11 @@ class Answer(Result):
 
     def as_dict(self) -> dict[str, Any]:
         events = [] if self.bank is None else answer.as_dicts(self.bank, self.decisions)
-        found: dict[str, Any] = {"answer": self._answers, "events": events}
+        found: dict[str, Any] = {
+            "answer": self._answers,
+            "doubt": reliance.doubt(self.model),
+            "events": events,
+        }
         if self.smooth:
             found["retrospective"] = retrospective.as_dicts(self.hindsight())
         names = self.model.plant.signals.fault_names

@@ -107,10 +107,10 @@ class Fit(Result):
         errors = {each.name: each.standard_error for each in known.constants} if known else {}
         return None if parameter.fixed or parameter.vary else errors.get(parameter.name)
 
-    def _bias(self, parameter: Any) -> float | None:
-        """How far noise has shifted it, where that is worth a word."""
+    def _shift(self, parameter: Any) -> str | None:
+        """How far noise has shifted it, where that is worth a word, and what to do."""
         known = None if self.account.refinement else self.account.information
-        return {c.name: c.bias for c in known.constants}.get(parameter.name) if known else None
+        return {c.name: c.shift for c in known.constants}.get(parameter.name) if known else None
 
     def _values(self) -> list[str]:
         """A line for every fitted parameter: value, standard error where it is known, unit."""
@@ -120,9 +120,8 @@ class Fit(Result):
                 error = self._error(p)
                 width = "" if error is None else f" +- {error:.2g}"
                 line = f"{p.name} = {self.parameters[p.name]:.6g}{width} {p.unit}".rstrip()
-                bias = self._bias(p)
-                off = "" if bias is None else f" (off by about {bias:+.2g} because of noise)"
-                lines.append(line + off)
+                shift = self._shift(p)
+                lines.append(line if shift is None else f"{line} ({shift})")
                 own = refinement.per_run.get(p.name, {}) if refinement else {}
                 for run, each in own.items():
                     said = f"  run {run}: {each:.6g} {p.unit}".rstrip()
