@@ -352,3 +352,36 @@ def test_stepping_in_two_halves_is_stepping_at_once():
     for one, other, all_of_it in zip(first, second, whole, strict=True):
         np.testing.assert_array_equal(np.concatenate([one, other]), all_of_it)
     assert eqx.tree_equal(again, state)
+
+
+def test_what_a_step_explains_of_others_leaves_no_more_evidence_than_there_was():
+    """Where a first sample is far off, the information on a step's size is that of the raised
+    noise in `J` and more in `info`. With M = I - V g g^T, V <= 1/|g|^2, what is left of any other
+    signature h is bounded: (h^T M w)^2 <= (h^T M h) (w^T w) (Cauchy and Schwarz). Told by another
+    V, two steps that look alike left evidence without information, and so without end."""
+    modes = bank(faults=(PUSH, BIAS))
+    rng = np.random.default_rng(0)
+    state = modes.init(jnp.zeros(3), jnp.asarray(START), jnp.zeros(1))
+    lanes = state.lanes
+    K, onsets = lanes.score.shape[1:]
+    for alike in (1.0, 1e-3, 1e-6):
+        g = rng.normal(size=6)
+        G = g + alike * rng.normal(size=(K * onsets, 6))
+        w = 5 * rng.normal(size=6)
+        J, shared = G @ G.T, (G @ w).reshape(K, onsets)
+        info = np.diagonal(J).reshape(K, onsets)
+        for share in (0.1, 1.0, 10.0):
+            given = lanes._replace(
+                J=lanes.J.at[0].set(J),
+                shared=lanes.shared.at[0].set(shared),
+                score=lanes.score.at[0].set(share * shared),
+                info=lanes.info.at[0].set(share * info),
+            )
+            V = 1 / (share * info[0, 0] + 1 / WIDTHS[0] ** 2)
+            f = V * share * shared[0, 0]
+            args = (jnp.asarray(each) for each in (0, 0, 0, 1, f, V, False))
+            left = modes._inherited(given, *args)
+            score, info_left = np.asarray(left.score[1]), np.asarray(left.info[1])
+            # rounding of differences of J
+            bound = (info_left + 1e-12 * info.max()) * (w @ w)
+            assert np.all(score**2 <= bound * (1 + 1e-6) + 1e-9)

@@ -21,7 +21,7 @@ def summary(model: Model) -> list[str]:
     known = model.calibration
     if known is not None and known.channels is not None:
         return _intervals(known.channels, _units(model))
-    return [*errors(model), *_priors(model), _level(model)]
+    return [*errors(model), *_answers(model), *_priors(model), _level(model)]
 
 
 def _intervals(channels: Mapping[str, Interval], units: Mapping[str, str]) -> list[str]:
@@ -82,6 +82,18 @@ def errors(model: Model) -> list[str]:
     if slow:
         lines.append(f"tracked as it drifts: {', '.join(slow)}")
     return lines
+
+
+def _answers(model: Model) -> list[str]:
+    """By how much the answer to what acts on the plant is off."""
+    level = level_in(model)
+    if not level.gain:
+        return []
+    return [
+        f"the model's answer to what acts on the plant is off by {number(100 * level.gain, 2)} % in "
+        f"size, and so may be the size of a fault, and by {number(100 * level.shape, 2)} % in all, "
+        "as which a second fault beside a large one may be made up"
+    ]
 
 
 def _elsewhere(model: Model, noise: Noise) -> list[str]:

@@ -1,0 +1,107 @@
+"""What a model whose answers are off makes of a posterior, against Bayes' theorem written out."""
+
+from dataclasses import replace
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+from calibrations import for_bank
+from faultgauge.detection.answers import Answers
+from faultgauge.detection.fidelity import USUAL_GAIN, USUAL_SHAPE, gain_error, shape_error
+from faultgauge.observers.branches import BranchInfo
+from faultgauge.telemetry import Run
+from lags import NOISE, STEP, log, model
+
+SETS = 5  # healthy, two faults of the plant, both, unknown
+ACTS, SIZE, COMMON = np.array([1.0, 1.0]), np.array([2.0, 4.0]), 1e-3
+SOURCES = ((1, -1, 3, -1, -1), (2, 3, -1, -1, -1))
+HOLDS = np.array([[0, 0], [1, 0], [0, 1], [1, 1], [0, 0]], float)
+
+
+def answers(shape=0.1, gain=0.0, acts=ACTS):
+    return Answers(
+        HOLDS, acts, SIZE, np.asarray(COMMON), np.asarray(shape), np.asarray(gain), SOURCES
+    )
+
+
+def said(first, second):
+    """Both faults at p 0.9, `first` and `second` being (size, sd)."""
+    f = np.tile([first[0], second[0]], (SETS, 1))
+    sd = np.tile([first[1], second[1]], (SETS, 1))
+    f[1], sd[1] = (first[0] + 0.5, 9.0), (2 * first[1], 9.0)  # alone it is told otherwise
+    p = np.array([0.02, 0.04, 0.03, 0.9, 0.01])
+    rest = np.zeros(3), np.zeros((2, 2)), np.zeros((2, 2))
+    return BranchInfo(*map(jnp.asarray, (p, f, sd, *rest, np.array([0.95, 0.94]))))
+
+
+@pytest.mark.parametrize(("z", "named"), [(6.0, False), (30.0, True)])
+def test_a_second_fault_is_there_as_far_as_the_error_of_the_first_does_not_explain_it(z, named):
+    """The first shows at 40 standard deviations, so that 4 of the second are its error's doing."""
+    sd = 0.01
+    given = said((40 * 0.05, 0.05), (z * sd, sd))
+    found = answers().told(given)
+    e = 0.1 * 40
+    real = COMMON * norm.pdf(z, 0, np.hypot(1, SIZE[1] / sd))
+    made_up = e**2 / (1 + e**2) * norm.pdf(z, 0, np.hypot(1, e))
+    share = made_up / (real + made_up)
+    # and the first beside the second, whose error is as small as it is itself
+    e1, z1 = 0.1 * z, 40.0
+    real1 = COMMON * norm.pdf(z1, 0, np.hypot(1, SIZE[0] / 0.05))
+    made1 = e1**2 / (1 + e1**2) * norm.pdf(z1, 0, np.hypot(1, e1))
+    first_gone = made1 / (real1 + made1)
+    both = 0.9 * (1 - share) * (1 - first_gone)
+    assert found.p[3] == pytest.approx(both, rel=1e-9)
+    assert np.sum(found.p) == pytest.approx(1.0)  # nothing is lost
+    assert (found.p[3] > 0.85) == named
+    moved = 0.9 * (1 - first_gone) * share
+    assert found.ever[1] == pytest.approx(0.94 - moved)
+    # alone, the first is a mixture of two
+    w = moved / (moved + 0.04)
+    assert found.p[1] == pytest.approx(0.04 + moved)
+    mean = w * given.f[3, 0] + (1 - w) * given.f[1, 0]
+    square = w * (given.f[3, 0] ** 2 + 0.05**2) + (1 - w) * (given.f[1, 0] ** 2 + 0.1**2)
+    assert found.f[1, 0] == pytest.approx(mean)
+    assert found.sd[1, 0] == pytest.approx(np.sqrt(square - mean**2))
+
+
+def test_what_a_sensors_own_fault_shows_is_known_exactly():
+    given = said((2.0, 0.05), (0.06, 0.01))
+    found = answers(gain=0.1, acts=np.array([0.0, 1.0])).told(given)
+    # no error of the first makes up the second; its size is as sure as before
+    assert found.p[3] == pytest.approx(0.9, rel=1e-3)
+    assert found.sd[3] == pytest.approx([0.05, np.hypot(0.01, 0.1 * 0.06)])
+
+
+def test_an_exact_model_changes_nothing():
+    given = said((2.0, 0.05), (0.06, 0.01))
+    for before, after in zip(given, answers(shape=0.0).told(given), strict=True):
+        np.testing.assert_allclose(after, before, rtol=1e-12)
+
+
+def off(run, gain):
+    """`run` of a plant whose answer is by `gain` larger: of a linear one from rest, all of it."""
+    x = run.columns["x"]
+    return Run(
+        run.name, run.source, run.t, {**run.columns, "x": x[0] + (1 + gain) * (x - x[0])}, STEP
+    )
+
+
+def test_the_error_of_gain_is_that_of_healthy_logs_and_of_one_usual_one():
+    plain, runs = model(), [log(k) for k in (1, 2, 3)]
+    exact = gain_error(plain, runs)
+    assert exact == pytest.approx(USUAL_GAIN / 2, abs=2e-3)  # noise is a hundredth of what x does
+    larger = gain_error(plain, [off(run, 0.2) for run in runs])
+    # x(0) is no answer and adds a little
+    assert larger == pytest.approx(np.sqrt((3 * 0.2**2 + USUAL_GAIN**2) / 4), rel=0.05)
+
+
+def test_the_error_of_shape_is_that_of_the_data_held_out():
+    plain = for_bank(model(), NOISE)
+    assert plain.record.metrics.validation_free_run_nrmse is None
+    assert shape_error(plain) == 0.0
+    for error, share in ((0.3, 0.3), (30.0, USUAL_SHAPE)):
+        metrics = plain.record.metrics.model_copy(update={"validation_free_run_nrmse": error})
+        record = plain.record.model_copy(update={"metrics": metrics})
+        assert shape_error(replace(plain, record=record)) == share
