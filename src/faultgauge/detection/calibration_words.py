@@ -89,10 +89,11 @@ def _answers(model: Model) -> list[str]:
     level = level_in(model)
     if not level.gain:
         return []
+    size, shape = (number(100 * each, 2) for each in (level.gain, level.shape))
     return [
-        f"the model's answer to what acts on the plant is off by {number(100 * level.gain, 2)} % in "
-        f"size, and so may be the size of a fault, and by {number(100 * level.shape, 2)} % in all, "
-        "as which a second fault beside a large one may be made up"
+        f"the model's answer to what acts on the plant is off by {size} % in size (so may a fault's "
+        f"size be) and by {shape} % in all (a small second fault beside a large one may be that "
+        "error, and is then not told)"
     ]
 
 
