@@ -91,8 +91,8 @@ def _answers(model: Model) -> list[str]:
         return []
     size, shape = (number(100 * each, 2) for each in (level.gain, level.shape))
     return [
-        f"the model's answer to what acts on the plant is off by {size} % in size (so may a fault's "
-        f"size be) and by {shape} % in all (a small second fault beside a large one may be that "
+        f"the model's answer to what acts on the plant is off by {size} % in size (so may a "
+        f"fault's size be) and by {shape} % in all (a small second fault beside a large one may be that "
         "error, and is then not told)"
     ]
 
