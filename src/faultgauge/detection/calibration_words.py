@@ -92,8 +92,8 @@ def _answers(model: Model) -> list[str]:
     size, shape = (number(100 * each, 2) for each in (level.gain, level.shape))
     return [
         f"the model's answer to what acts on the plant is off by {size} % in size (so may a "
-        f"fault's size be) and by {shape} % in all (a small second fault beside a large one may be that "
-        "error, and is then not told)"
+        f"fault's size be) and by {shape} % in all (a small second fault beside a large one may be "
+        "that error, and is then not told)"
     ]
 
 

@@ -15,6 +15,7 @@ import numpy as np
 
 from faultgauge.errors import InputError
 from faultgauge.identification.evaluation import Prediction, predict
+from faultgauge.identification.fit import POOR
 from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run, cut
 
@@ -35,7 +36,8 @@ def shape_error(model: Model) -> float:
 
 def gain_error(model: Model, runs: Sequence[Run]) -> float:
     """By which share the size of the model's answer is off (r.m.s.), by every output that the free
-    run follows in every one of `runs`."""
+    run follows in every one of `runs`: one that is off by half and more, as where a plant
+    integrates, is carried off by what is no answer."""
     logs = [replace(cut(run, slice(0, LONGEST)), name=str(k)) for k, run in enumerate(runs)]
     try:
         predictions = predict(model.plant, logs, model.max_step)
@@ -46,12 +48,12 @@ def gain_error(model: Model, runs: Sequence[Run]) -> float:
 
 
 def _gains(prediction: Prediction) -> list[float]:
-    """Of every output that is nearer to the free run than to its own mean."""
+    """Of every output that the free run follows."""
     found = []
     for y, h in zip(prediction.measured.T, prediction.predicted.T, strict=True):
         y, h = y[prediction.warmup :], h[prediction.warmup :]
         there = np.isfinite(y) & np.isfinite(h)
         y, h = (each[there] - np.mean(each[there]) for each in (y, h)) if there.any() else (y, h)
-        if there.sum() > 1 and np.sum((y - h) ** 2) < np.sum(y**2):
+        if there.sum() > 1 and np.sum((y - h) ** 2) < POOR**2 * np.sum(y**2):
             found.append(float(h @ y / (h @ h) - 1))
     return found
