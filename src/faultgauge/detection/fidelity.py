@@ -19,7 +19,7 @@ from faultgauge.identification.fit import POOR
 from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run, cut
 
-__all__ = ["gain_error", "shape_error"]
+__all__ = ["LONGEST", "gain_error", "shape_error"]
 
 LONGEST = 20_000  # samples of a free run
 USUAL_GAIN = 0.05  # as good as one more output of one more run

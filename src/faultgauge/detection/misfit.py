@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Bool
 
 from faultgauge.detection.decisions import Decision
+from faultgauge.detection.fidelity import LONGEST
 from faultgauge.detection.posterior import Posterior
 from faultgauge.detection.verdicts import QUIET
 from faultgauge.detection.words import number
@@ -24,7 +25,6 @@ from faultgauge.telemetry import Run, cut
 __all__ = ["FEWEST", "Alarmed", "Misfit", "alarmed_throughout", "not_followed", "quiet"]
 
 SHORTEST = 2 * WARMUP  # samples of a piece
-LONGEST = 20_000  # samples of a free run
 WORSE = 10.0  # times the free run's error on the data that the fit was validated on
 NOTABLE = 0.1  # of an output's standard deviation
 ALMOST_ALL = 0.8  # of the judged samples of a run

@@ -9,12 +9,12 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.special import logsumexp
 
-from faultgauge.detection.answers import acting
 from faultgauge.detection.bank import CERTAIN, FaultBank
 from faultgauge.detection.change_points import total, windows_of
 from faultgauge.detection.changes import Changes, Sized, changes_of
 from faultgauge.detection.decisions import Decision
 from faultgauge.detection.events import UNKNOWN, pause, stretches
+from faultgauge.detection.inexact import acting
 from faultgauge.detection.over_onsets import onset_over, size_over
 from faultgauge.detection.probability import probability
 from faultgauge.detection.reliance import headed

@@ -15,9 +15,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from faultgauge.detection.answers import Answers
 from faultgauge.detection.bank import FaultBank, build_fault_bank
 from faultgauge.detection.envelope import Envelope
+from faultgauge.detection.inexact import Inexact
 from faultgauge.detection.intake import Intake, IntakeState, Taken
 from faultgauge.detection.judged import arrays_of, samples_to_start
 from faultgauge.detection.noise import noise_of
@@ -76,7 +76,7 @@ class Watch(eqx.Module):
     intake: Intake
     modes: Branching
     start: Start
-    answers: Answers
+    inexact: Inexact
     mixture: Mixture
     envelope: Envelope
     rules: Rules
@@ -105,7 +105,7 @@ class Watch(eqx.Module):
         slow = [n for n, rows in zip(bank.outputs, bank.rows, strict=True) if rows > 1]
         self.intake = Intake.of(model, step, slow)
         self.modes, self.start = bank.modes, Start.of(bank)
-        self.answers, self.mixture, self.rules = Answers.of(bank), Mixture.of(bank), Rules.of(bank)
+        self.inexact, self.mixture, self.rules = Inexact.of(bank), Mixture.of(bank), Rules.of(bank)
         self.envelope = Envelope.of(model, bank.regions)
         self.used = np.array([n in bank.outputs for n in signals.output_names], bool)
         self.hold_off, self.step_s = np.asarray(bank.hold_off), np.asarray(step)
@@ -154,7 +154,7 @@ class Watch(eqx.Module):
             return bank, self._nothing()
 
         bank, said = jax.lax.cond(running, go, stay, state.bank)
-        said = self.answers.told(said)
+        said = self.inexact.told(said)
         begun, rows = jnp.where(begins, t, state.begun), jnp.where(begins, 0, state.rows)
         held = running & ((t - begun < self.hold_off) | (rows < self.settling))
         heard = Heard(

@@ -8,8 +8,8 @@ import pytest
 from scipy.stats import norm
 
 from calibrations import for_bank
-from faultgauge.detection.answers import Answers
 from faultgauge.detection.fidelity import USUAL_GAIN, USUAL_SHAPE, gain_error, shape_error
+from faultgauge.detection.inexact import Inexact
 from faultgauge.observers.branches import BranchInfo
 from faultgauge.telemetry import Run
 from lags import NOISE, STEP, log, model
@@ -20,8 +20,8 @@ SOURCES = ((1, -1, 3, -1, -1), (2, 3, -1, -1, -1))
 HOLDS = np.array([[0, 0], [1, 0], [0, 1], [1, 1], [0, 0]], float)
 
 
-def answers(shape=0.1, gain=0.0, acts=ACTS):
-    return Answers(
+def inexact(shape=0.1, gain=0.0, acts=ACTS):
+    return Inexact(
         HOLDS, acts, SIZE, np.asarray(COMMON), np.asarray(shape), np.asarray(gain), SOURCES
     )
 
@@ -41,7 +41,7 @@ def test_a_second_fault_is_there_as_far_as_the_error_of_the_first_does_not_expla
     """The first shows at 40 standard deviations, so that 4 of the second are its error's doing."""
     sd = 0.01
     given = said((40 * 0.05, 0.05), (z * sd, sd))
-    found = answers().told(given)
+    found = inexact().told(given)
     e = 0.1 * 40
     real = COMMON * norm.pdf(z, 0, np.hypot(1, SIZE[1] / sd))
     made_up = e**2 / (1 + e**2) * norm.pdf(z, 0, np.hypot(1, e))
@@ -68,7 +68,7 @@ def test_a_second_fault_is_there_as_far_as_the_error_of_the_first_does_not_expla
 
 def test_what_a_sensors_own_fault_shows_is_known_exactly():
     given = said((2.0, 0.05), (0.06, 0.01))
-    found = answers(gain=0.1, acts=np.array([0.0, 1.0])).told(given)
+    found = inexact(gain=0.1, acts=np.array([0.0, 1.0])).told(given)
     # no error of the first makes up the second; its size is as sure as before
     assert found.p[3] == pytest.approx(0.9, rel=1e-3)
     assert found.sd[3] == pytest.approx([0.05, np.hypot(0.01, 0.1 * 0.06)])
@@ -76,7 +76,7 @@ def test_what_a_sensors_own_fault_shows_is_known_exactly():
 
 def test_an_exact_model_changes_nothing():
     given = said((2.0, 0.05), (0.06, 0.01))
-    for before, after in zip(given, answers(shape=0.0).told(given), strict=True):
+    for before, after in zip(given, inexact(shape=0.0).told(given), strict=True):
         np.testing.assert_allclose(after, before, rtol=1e-12)
 
 

@@ -30,12 +30,12 @@ from faultgauge.detection.bank import FaultBank
 from faultgauge.observers.branches import BranchInfo
 from faultgauge.plants.signals import Fault
 
-__all__ = ["Answers", "acting"]
+__all__ = ["Inexact", "acting"]
 
 TINY = 1e-300
 
 
-class Answers(eqx.Module):
+class Inexact(eqx.Module):
     """`holds` 1 where a set (the unknown last) has a fault; `sources` of each fault the set with it
     on top of each set, -1 where there is none; `acts` 1 for the faults that act on the plant and
     not on a sensor alone; `size` the widest prior of each, `common` the share of onsets that bring
@@ -50,7 +50,7 @@ class Answers(eqx.Module):
     sources: tuple[tuple[int, ...], ...] = eqx.field(static=True)
 
     @staticmethod
-    def of(bank: FaultBank) -> "Answers":
+    def of(bank: FaultBank) -> "Inexact":
         faults = bank.model.plant.signals.faults
         sets = (*bank.sets, ())
         holds = [[float(k in each) for k in range(len(faults))] for each in sets]
@@ -60,7 +60,7 @@ class Answers(eqx.Module):
             )
             for k in range(len(faults))
         )
-        return Answers(
+        return Inexact(
             np.array(holds),
             acting(faults),
             np.asarray(bank.size, float),
