@@ -7,8 +7,13 @@ import pytest
 
 from calibrations import for_observer
 from faultgauge.detection.bank import CERTAIN, build_fault_bank
-from faultgauge.detection.bank_calibration import _believed, calibrate_bank, calibrated, level_of
-from faultgauge.detection.blocks import Block
+from faultgauge.detection.bank_calibration import (
+    _believed,
+    _Scored,
+    calibrate_bank,
+    calibrated,
+    level_of,
+)
 from faultgauge.detection.decisions import decide, decide_runs
 from faultgauge.detection.uncalibrated import unjudged_sentence
 from faultgauge.errors import InputError
@@ -74,19 +79,39 @@ def test_evidence_is_believed_as_far_as_healthy_logs_show_no_fault():
 
 
 def test_evidence_falls_with_the_square_of_how_far_it_is_believed():
-    """Blocks of a filter with noise s times as large: ln odds -7 + E / s^2 with E the evidence, so
-    E = 42 at most shows none from s = sqrt(42 / 7) on, and s is taken no more than 8 % larger."""
+    """Runs under a filter with noise s times as large: ln odds -7 + E / s^2 with E the evidence, so
+    E = 42 at most shows none from s = sqrt(42 / 7) on, and s is taken no more than 8 % larger. A
+    run whose odds fall more slowly, -7 + 20 / s, asks for s = 20 / 7 although it shows less at
+    first. A stretch too short for a block asks for nothing."""
     bank = build_fault_bank(model(), [log(1)], NOISE)
-    evidence = np.array([42.0, 12.0, 0.0])
+    times = np.arange(60.0)
 
-    def tried(widened):
-        peaks = -7 + evidence / widened**2
-        return bank, [Block("a", 0.0, 1.0, float(peak)) for peak in peaks]
+    def scores(*peaks):
+        return [_Scored("a", times, np.full(60, peak), np.zeros(60, int)) for peak in peaks]
 
-    widened, _, blocks = _believed(*tried(1.0), 0.0, tried)
+    def rig(*peaks):
+        def tried(widened, some):
+            short = _Scored("a", times[:9], np.full(9, 99.0), np.zeros(9, int))
+            return bank, [[*scores(peaks[k](widened)), short] for k in some]
+
+        asked = []
+
+        def told(widened, some):
+            asked.extend(some)
+            return tried(widened, some)
+
+        return *tried(1.0, range(len(peaks)))[:2], told, asked
+
+    runs = [lambda s: -7 + 12 / s**2, lambda s: -7 + 42 / s**2, lambda s: -7.0]
+    first, found, tried, asked = rig(*runs)
+    widened, _, found = _believed(first, found, 0.0, tried)
     assert np.sqrt(6) <= widened <= 1.08 * np.sqrt(6)
-    assert max(each.peak for each in blocks) <= 0.0
-    calm = [Block("a", 0.0, 1.0, -0.1)]
+    assert all(each.score.max() <= 0.0 for each, _ in found)
+    assert asked.count(1) > asked.count(0) == asked.count(2) == 1  # the others once, at the end
+    first, found, tried, asked = rig(*runs, lambda s: -7 + 20 / s)
+    widened, _, found = _believed(first, found, 0.0, tried)
+    assert 20 / 7 <= widened <= 1.08 * 20 / 7
+    calm = [scores(-0.1)]
     assert _believed(bank, calm, 0.0, tried) == (1.0, bank, calm)
 
 

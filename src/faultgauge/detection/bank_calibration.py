@@ -42,6 +42,7 @@ from faultgauge.detection.verdicts import log_odds
 from faultgauge.detection.watch import Watch
 from faultgauge.detection.words import MOST, UNDECLARED, moment, number
 from faultgauge.errors import InputError
+from faultgauge.identification.refinement.cores import side_by_side
 from faultgauge.plants.model import Model
 from faultgauge.plants.record import BankLevel, CalibrationRecord, NoiseLevels
 from faultgauge.telemetry import Run, cut
@@ -97,22 +98,28 @@ def calibrate_bank(
     most = SAMPLES if mtbfa is None else int(1.1 * 3 * mtbfa / step) + SAMPLES // 100
     taken = _first_samples(runs, most)
 
-    walks = count()
+    walks = count(1)
 
-    def walked() -> None:
-        progress(next(walks) / ((1 + TRIES) * len(taken)))
-
-    def tried(widened: float) -> tuple[FaultBank, list[Block]]:
+    def tried(widened: float, some: Sequence[int]) -> tuple[FaultBank, list[list[_Scored]]]:
         plain = without_calibration(model)
         bank = build_fault_bank(plain, runs, noise.widened(widened), healthy)
-        return bank, _blocks(bank, taken, walked)
 
-    bank, blocks = tried(1.0)
+        def walked(run: Run) -> list[_Scored]:
+            found = _scores(bank, run)
+            progress(min(next(walks) / (2 * len(taken) + TRIES), 1.0))
+            return found
+
+        first, *others = (taken[k] for k in some)  # the first compiles what all go through
+        return bank, [walked(first), *side_by_side(walked, others)]
+
+    bank, scores = tried(1.0, range(len(taken)))
+    blocks = _blocks(bank, scores, taken[0].source)
     suspects = merged([b for b in blocks if b.peak >= CERTAIN])
     most_of_all = suspects or [max(blocks, key=lambda each: each.peak)]
     expected = bank.onset.sum() * healthy + AT_START * len(bank.onset) * len(runs)
     most = min(float(np.log(expected / BY_CHANCE)), 0.0)
-    widened, bank, blocks = _believed(bank, blocks, most, tried)
+    widened, bank, scores = _believed(bank, scores, most, tried)
+    blocks = _blocks(bank, scores, taken[0].source)
     judged = sum(each.end - each.start for each in blocks)
     peaks = np.sort([b.peak for b in blocks])[::-1]
     allowed, mtbfa = allowed_peaks(judged, mtbfa, len(peaks))
@@ -164,35 +171,41 @@ def _at(block: Block, t: float, clocks: Mapping[str, Clock | None]) -> str:
 
 def _believed(
     bank: FaultBank,
-    blocks: list[Block],
+    scores: list[list["_Scored"]],
     most: float,
-    tried: Callable[[float], tuple[FaultBank, list[Block]]],
-) -> tuple[float, FaultBank, list[Block]]:
-    """(how many times as large the noise must be for no block to show log-odds above `most`, and
-    the bank and its blocks with that).
+    tried: Callable[[float, Sequence[int]], tuple[FaultBank, list[list["_Scored"]]]],
+) -> tuple[float, FaultBank, list[list["_Scored"]]]:
+    """(how many times as large the noise must be for no run to show log-odds above `most`, and
+    the bank and all runs' scores with that); `tried` tells both for some of the runs.
 
-    Evidence falls about with the square of it, from the least odds that any block has. Raises
+    It is found on the run that asks for most, and the others are asked whether it will do. Evidence
+    falls about with the square of it, from the least odds that there are. Raises
     `InputError` where no such noise is found.
     """
-    nothing = min(*(each.peak for each in blocks), np.log(RARE))
-    judged = {0.0: (bank, blocks)}  # by ln of how many times as large
+    peaks = [_highest(each) for each in scores]
+    nothing = min(*peaks, np.log(RARE))
+    low = 0.0  # ln of it: of what is not enough
+    while (highest := max(peaks)) > most:
+        worst = int(np.argmax(peaks))
+        # by ln of how many times as large noise is, that of how many times too large evidence is
+        known = {low: float(np.log((highest - nothing) / (most - nothing)))}
 
-    def over(larger: float) -> float:
-        """ln of how many times too large the evidence is."""
-        if larger not in judged:
-            judged[larger] = tried(float(np.exp(larger)))
-        evidence = max(each.peak for each in judged[larger][1]) - nothing
-        return float(np.log(max(evidence / (most - nothing), LEAST)))
+        def over(larger: float, worst: int = worst, known: dict[float, float] = known) -> float:
+            if larger not in known:
+                evidence = _highest(tried(float(np.exp(larger)), [worst])[1][0]) - nothing
+                known[larger] = float(np.log(max(evidence / (most - nothing), LEAST)))
+            return known[larger]
 
-    if (excess := over(0.0)) > 0:
-        high = excess / 2 + np.log(STEEP)
+        high = low + known[low] / 2 + np.log(STEEP)
         while over(high) > 0:
-            high *= 1.5
+            high += max(known[high], np.log(CLOSE))
             if high > LARGEST:
                 raise InputError(NEVER)
-        brentq(over, 0.0, high, xtol=np.log(CLOSE))
-    larger = min(each for each in judged if over(each) <= 0)
-    return float(np.exp(larger)), *judged[larger]
+        brentq(over, low, high, xtol=np.log(CLOSE))
+        low = min(each for each in known if known[each] <= 0)
+        bank, scores = tried(float(np.exp(low)), range(len(scores)))
+        peaks = [_highest(each) for each in scores]
+    return float(np.exp(low)), bank, scores
 
 
 def level_of(peaks: Float[np.ndarray, "blocks"], allowed: int) -> float:
@@ -229,14 +242,17 @@ def _first_samples(runs: Sequence[Run], most: int) -> list[Run]:
     return [cut(run, slice(0, max(2, int(share * len(run.t))))) for run in runs]
 
 
-def _blocks(bank: FaultBank, runs: Sequence[Run], walked: Callable[[], None]) -> list[Block]:
-    """Every run's score in blocks; before each of them it is `walked`."""
-    stretches = []
-    for run in runs:
-        walked()
-        stretches += _scores(bank, run)
+def _highest(stretches: Sequence["_Scored"]) -> float:
+    """The highest score of a run; as low as any where it is not judged."""
+    long = [each.score.max() for each in stretches if len(each.score) >= SHORTEST]
+    return float(max(long, default=LOWEST))
+
+
+def _blocks(bank: FaultBank, scores: Sequence[Sequence["_Scored"]], source: str) -> list[Block]:
+    """Every run's `scores` in blocks."""
+    stretches = [each for run in scores for each in run]
     length = max(int(np.ceil(MEMORIES * bank.knowledge.memory / bank.step)), SHORTEST)
-    total = sum(len(score) for _, _, score, _ in stretches)
+    total = sum(len(each.score) for each in stretches)
     length = max(min(length, total // (2 * FEWEST_BLOCKS)), SHORTEST)
     causes = (*bank.model.plant.signals.fault_names, UNDECLARED)
     blocks = []
@@ -250,7 +266,7 @@ def _blocks(bank: FaultBank, runs: Sequence[Run], walked: Callable[[], None]) ->
     if len(blocks) < FEWEST_BLOCKS:
         have = total * bank.step
         raise InputError(
-            f"{runs[0].source}: calibration needs at least {FEWEST_BLOCKS} blocks "
+            f"{source}: calibration needs at least {FEWEST_BLOCKS} blocks "
             f"({FEWEST_BLOCKS * length * bank.step:.3g} s of healthy data), "
             f"but there are {have:.3g} s after the hold-off; give more healthy runs."
         )
