@@ -30,8 +30,10 @@ min = -0.5
 STEP, SIGMA, PROCESS, LENGTH = 0.5, 0.1, 0.2, 2000.0
 
 
-def bank(size=1e-9, lasting=100.0, sigma=SIGMA, process=PROCESS, text=TEXT):
-    points = np.random.default_rng(0).uniform(-1, 1, (40, 2))
+MOVING = np.random.default_rng(0).uniform(-1, 1, (40, 2))
+
+
+def bank(size=1e-9, lasting=100.0, sigma=SIGMA, process=PROCESS, text=TEXT, points=MOVING):
     model = as_stated(text, points)
     small = [1e-9]
     levels = [sigma], [process], [], [size], [lasting], small, [5.0], [], []
@@ -86,3 +88,16 @@ def test_the_delay_falls_with_size_and_rises_with_the_level():
     assert longest_delay(known, 0, 0.4, 1e-6, 10.0) >= sizes[1]
     # f^2 / (2 sd^2) = needed, at twice the size in a quarter of the time (sd falls as t^-1/2)
     assert sizes[0] / sizes[1] == pytest.approx(4.0, rel=0.1)
+
+
+def test_what_acts_on_a_plant_may_be_so_large_that_it_shows():
+    """At rest no rate has a range. A drive of an integrator with noise of q per sqrt(s) is known to
+    q / sqrt(t), and may be 8 times as large as that is in the end, after 400 steps of 1 s; where
+    the file says how large it is, it is that."""
+    still = np.zeros((40, 2))
+    found = bank(points=still)
+    assert found.size[0] == pytest.approx(8 * PROCESS / np.sqrt(400.0), rel=0.02)
+    limits = TEXT.replace(
+        'target = "x"\n[faults.bias]', 'target = "x"\nmax = 0.002\nmin = 0\n[faults.bias]'
+    )
+    assert bank(points=still, text=limits).size[0] == 0.001

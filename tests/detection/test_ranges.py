@@ -57,3 +57,22 @@ def test_ranges_over_the_envelope():
     points = [[-0.5, 1.0], [0.5, 2.0], [1.0, -1.0]]
     found = ranges(Model(plant, record_of(envelope_points=points)), plant)
     np.testing.assert_allclose(found, list(FAULTS.values()), rtol=1e-12)
+
+
+def test_a_rate_that_is_held_near_0_has_the_range_of_its_terms():
+    """dx = u - 2 x with u = 2 x at every point: the rate is 0 all along, and moves by the range of
+    u where that moves alone, by twice that of x where x does."""
+    text = """name = "held"
+[states.x]
+derivative = "u - 2*x"
+[inputs.u]
+[outputs.y]
+value = "x"
+[faults.force]
+enters = "state"
+target = "x"
+"""
+    plant = GrayBoxPlant.untrained(parse_plant(text))
+    points = [[-0.5, -1.0], [0.5, 1.0], [1.0, 2.0]]
+    found = ranges(Model(plant, record_of(envelope_points=points)), plant)
+    np.testing.assert_allclose(found, [3.0], rtol=1e-12)

@@ -137,6 +137,7 @@ def build_fault_bank(
     sets = fault_sets(evaluated, signals.max_simultaneous)
     more, less = _changes(sets, signals, len(undeclared), growing)
     knowledge = knowledge_of(model, plant, noise, size, step, outputs, rows, healthy)
+    size[: len(signals.faults)] = knowledge.size
     modes = Branching(
         filter=DividedDifferenceFilter(
             plant,

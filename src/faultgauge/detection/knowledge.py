@@ -33,11 +33,13 @@ FEWEST = 20  # samples of the memory
 
 
 class Knowledge(NamedTuple):
-    """`sd` of each declared fault at times `t` [s] after its onset (inf: nothing shows); `when` one
-    of its widest size shows [s after its onset], and the median of that, the bank's memory."""
+    """`sd` of each declared fault at times `t` [s] after its onset (inf: nothing shows); its widest
+    `size`; `when` one of that size shows [s after its onset], and the median of that, the bank's
+    memory."""
 
     t: Float[np.ndarray, "times"]
     sd: Float[np.ndarray, "times faults"]
+    size: Float[np.ndarray, "faults"]
     when: Float[np.ndarray, "faults"]
     memory: float
 
@@ -60,7 +62,9 @@ def knowledge_of(
     rows: Sequence[int],
     healthy: float,
 ) -> Knowledge:
-    """`rows` between the samples of each of `outputs`; times reach a share of `healthy` [s]."""
+    """`rows` between the samples of each of `outputs`; times reach a share of `healthy` [s]. A
+    `size` is taken for larger where it would never show, unless the file says how large it is: what
+    acts on a plant that is held in one place has no range of its own."""
     stride = max(1, int(SHARE * healthy / (TIMES * step)))
     dt = stride * step
     points = operating_points(model)
@@ -98,11 +102,15 @@ def knowledge_of(
         P = _predicted(A, C, Q, R, P)
     sd = np.where(sd > 1e100, np.inf, sd)
     t = dt * np.arange(1, TIMES + 1)
-    declared = len(model.plant.signals.faults)
-    shows = CLEAR * sd[:, :declared] <= size[:declared]
+    faults = model.plant.signals.faults
+    sd, size = sd[:, : len(faults)], size[: len(faults)].copy()
+    for k, fault in enumerate(faults):
+        if fault.enters == "state" and not np.isfinite(max(abs(fault.min), abs(fault.max))):
+            size[k] = max(size[k], CLEAR * sd[-1, k] if np.isfinite(sd[-1, k]) else 0.0)
+    shows = CLEAR * sd <= size
     when = np.array([t[np.argmax(each)] if each.any() else t[-1] for each in shows.T])
     when = np.clip(when, FEWEST * step, t[-1])
-    return Knowledge(t, sd[:, :declared], when, float(np.median(when)))
+    return Knowledge(t, sd, size, when, float(np.median(when)))
 
 
 def _typical(

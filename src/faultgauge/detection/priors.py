@@ -2,8 +2,9 @@
 
 - `size`, the widest standard deviation of a step: half of the fault's own larger limit, or a
   quarter of the range of what it enters: an input's limits, else what the training envelope holds.
-  A network, or a parameter that is 0 and has no limits, may at least change so far that a state's
-  rate, or an output, moves by as much as it does in training, or as the inputs alone make it.
+  A state's rate is near 0 wherever a plant is held, and its terms are not: it has the range that it
+  would have were the inputs, or the states, to move alone. A network, or a parameter that is 0 and
+  has no limits, may at least change so far that a rate or an output moves by such a range.
   Decades below are as likely (`branches.SCALES`), so it matters little.
 - a growth is as fast as `rate` says.
 - `onset`: `prior_per_hour`, or once in a thousand records as long as the healthy ones.
@@ -49,13 +50,15 @@ def ranges(model: Model, plant: GrayBoxPlant) -> Float[np.ndarray, "faults"]:
     x, u = jnp.asarray(points.x), jnp.asarray(points.u)
     rates, outputs = jax.vmap(lambda x, u: respond(plant, x, u))(x, u)
     at_rest = jax.vmap(lambda u: respond(plant, jnp.median(x, axis=0), u))(u)
-    moves = [
-        np.maximum(_range(a), _range(b)) for a, b in zip((rates, outputs), at_rest, strict=True)
-    ]
-    reach = _reach(plant, x, u, np.concatenate(moves))
+    held = jax.vmap(lambda x: respond(plant, x, jnp.median(u, axis=0)))(x)
+    moved, shown = (
+        np.max([_range(each) for each in some], axis=0)
+        for some in zip((rates, outputs), at_rest, held, strict=True)
+    )
+    reach = _reach(plant, x, u, np.concatenate([moved, shown]))
     found = []
     for k, fault in enumerate(signals.faults):
-        values = np.zeros(0)
+        values, alone = np.zeros(0), 0.0
         match fault.enters:
             case _ if fault.relative or fault.enters in LOSSES:
                 found.append(2.0)
@@ -68,7 +71,8 @@ def ranges(model: Model, plant: GrayBoxPlant) -> Float[np.ndarray, "faults"]:
                 found.append(max(float(_range(values[:, None])[0]), reach[k]))
                 continue
             case "state":
-                values = np.asarray(rates)[:, signals.state_names.index(fault.target)]
+                at = signals.state_names.index(fault.target)
+                values, alone = np.asarray(rates)[:, at], float(moved[at])
             case "output":
                 values = np.asarray(outputs)[:, signals.output_names.index(fault.target)]
             case "input":
@@ -81,7 +85,7 @@ def ranges(model: Model, plant: GrayBoxPlant) -> Float[np.ndarray, "faults"]:
         values = values[np.isfinite(values)]
         width = float(np.ptp(values)) if len(values) else 0.0
         # a signal that stands still in training says how large it is, not how far it moves
-        found.append(max(width, 0.1 * float(np.abs(values).max(initial=0.0)), 1e-9))
+        found.append(max(width, alone, 0.1 * float(np.abs(values).max(initial=0.0)), 1e-9))
     return np.array(found)
 
 
