@@ -92,11 +92,12 @@ def test_the_delay_falls_with_size_and_rises_with_the_level():
 
 def test_what_acts_on_a_plant_may_be_so_large_that_it_shows():
     """At rest no rate has a range. A drive of an integrator with noise of q per sqrt(s) is known to
-    q / sqrt(t), and may be 8 times as large as that is in the end, after 400 steps of 1 s; where
-    the file says how large it is, it is that."""
+    q / sqrt(t), and may be 24 times as large as that is in the end, after 400 steps of 1 s: it
+    shows, by 8 times, after a ninth of that. Where the file says how large it is, it is that."""
     still = np.zeros((40, 2))
     found = bank(points=still)
-    assert found.size[0] == pytest.approx(8 * PROCESS / np.sqrt(400.0), rel=0.02)
+    assert found.size[0] == pytest.approx(24 * PROCESS / np.sqrt(400.0), rel=0.02)
+    assert found.knowledge.when[0] == pytest.approx(400.0 / 9, rel=0.05)
     limits = TEXT.replace(
         'target = "x"\n[faults.bias]', 'target = "x"\nmax = 0.002\nmin = 0\n[faults.bias]'
     )

@@ -147,9 +147,9 @@ def build_fault_bank(
             substeps_for(step, model.max_step),
             np.asarray(step),
         ),
-        noise=_levels(model, noise, len(size), knowledge.memory),
+        noise=_levels(model, noise, len(size), knowledge),
         prior=prior_of_faults(model, size, onset, growing),
-        alien=jnp.asarray(_alien(model, noise, len(size) + len(growing))),
+        alien=jnp.asarray(_alien(model, noise, len(size) + len(growing), knowledge)),
         own=jnp.asarray(_own(model, noise)),
         usual=jnp.asarray(_usual(model, noise, len(size) + len(growing))),
         memory=jnp.asarray(knowledge.memory),
@@ -193,13 +193,13 @@ def _changes(
     return (*more, nowhere), (*less, back)
 
 
-def _levels(model: Model, noise: Noise, faults: int, memory: float) -> dd.Noise:
+def _levels(model: Model, noise: Noise, faults: int, knowledge: Knowledge) -> dd.Noise:
     """Of the branches, and of the unknown filters behind them: theirs changes all the time, or it
     would be a constant fault by another name."""
     drifted = spread_of_start(model, noise.sigma, ())[1]
     usual = process_of(noise, drifted)
-    quick = np.minimum(noise.lasting, memory)
-    far = process_of(noise._replace(size=_far(model, noise), lasting=quick), drifted)
+    quick = np.minimum(noise.lasting, knowledge.memory)
+    far = process_of(noise._replace(size=_far(model, noise, knowledge), lasting=quick), drifted)
     count = BRANCHES + UNKNOWN
     return dd.Noise(
         jnp.asarray(np.stack([*[usual] * BRANCHES, *[far] * UNKNOWN])),
@@ -208,10 +208,11 @@ def _levels(model: Model, noise: Noise, faults: int, memory: float) -> dd.Noise:
     )
 
 
-def _far(model: Model, noise: Noise) -> Float[np.ndarray, "driven"]:
-    """A discrepancy far beyond the learned one."""
+def _far(model: Model, noise: Noise, knowledge: Knowledge) -> Float[np.ndarray, "driven"]:
+    """A discrepancy far beyond the learned one, and at least one that shows."""
     usual = rates_of(model)[list(disturbed(model, noise).driven)]
-    return np.maximum(FAR * noise.size, NOTABLE * usual)
+    shows = np.where(np.isfinite(knowledge.drive), knowledge.drive, 0.0)
+    return np.max([FAR * noise.size, NOTABLE * usual, shows], axis=0)
 
 
 def _parts(model: Model, noise: Noise) -> tuple[int, int, int]:
@@ -223,13 +224,15 @@ def _parts(model: Model, noise: Noise) -> tuple[int, int, int]:
 def unknown_shock(bank: FaultBank) -> Float[np.ndarray, "extended"]:
     """Standard deviations of what an unknown fault does to [states, discrepancy, others]."""
     states, _, others = _parts(bank.model, bank.noise)
-    far = _far(bank.model, bank.noise)
+    far = _far(bank.model, bank.noise, bank.knowledge)
     return np.concatenate([np.zeros(states), far, np.zeros(others)])
 
 
-def _alien(model: Model, noise: Noise, slots: int) -> Float[np.ndarray, "n n"]:
+def _alien(
+    model: Model, noise: Noise, slots: int, knowledge: Knowledge
+) -> Float[np.ndarray, "n n"]:
     states, _, others = _parts(model, noise)
-    far = _far(model, noise) ** 2
+    far = _far(model, noise, knowledge) ** 2
     return np.diag(np.concatenate([np.zeros(states), far, np.zeros(others + slots)]))
 
 

@@ -29,19 +29,24 @@ __all__ = ["Knowledge", "knowledge_of", "longest_delay"]
 TIMES = 400
 SHARE = 0.25  # of the healthy logs: how far the times reach
 CLEAR = 8.0  # standard deviations by which a fault of its widest size shows
+EARLIER = (
+    3.0  # times what shows in the end: the widest of what is given no size, which shows sooner
+)
 FEWEST = 20  # samples of the memory
 
 
 class Knowledge(NamedTuple):
     """`sd` of each declared fault at times `t` [s] after its onset (inf: nothing shows); its widest
     `size`; `when` one of that size shows [s after its onset], and the median of that, the bank's
-    memory."""
+    memory; which `drive` of each state that a discrepancy acts on shows as
+    soon."""
 
     t: Float[np.ndarray, "times"]
     sd: Float[np.ndarray, "times faults"]
     size: Float[np.ndarray, "faults"]
     when: Float[np.ndarray, "faults"]
     memory: float
+    drive: Float[np.ndarray, "driven"]
 
     def at(self, fault: int, t: float) -> float:
         """sd of `fault` `t` [s] after its onset."""
@@ -74,6 +79,9 @@ def knowledge_of(
     measured = [plant.signals.output_names.index(name) for name in outputs]
     A, C = np.median(linear.A, axis=0), np.median(linear.C, axis=0)[measured]
     B, D = np.split(_typical(np.concatenate([linear.B, linear.D[:, measured]], axis=1)), [len(A)])
+    parts, faults = plant.parts, B.shape[1]
+    drives = np.where(np.arange(len(A))[:, None] < points.x.shape[1], A[:, parts.d], 0.0)
+    B, D = np.hstack([B, drives]), np.hstack([D, C[:, parts.d]])
     # white noise as strong as sigma at one sample in n is sigma sqrt(n) at every row
     R = np.diag(noise.sigma[measured] ** 2 * np.array(rows) / stride)
     q = process_of(noise, spread_of_start(model, noise.sigma, ())[1])
@@ -82,7 +90,6 @@ def knowledge_of(
     start = np.ones(len(q))
     start[:states] = q[:states] * np.sqrt(dt)
     start[states : states + len(noise.size)] = noise.size
-    parts = plant.parts
     start[parts.e], start[parts.lag] = 0.0, 0.0
     start[parts.b] = noise.wander[list(noise.wanders)]
     start[parts.a] = noise.stray[list(noise.strays)]
@@ -102,15 +109,17 @@ def knowledge_of(
         P = _predicted(A, C, Q, R, P)
     sd = np.where(sd > 1e100, np.inf, sd)
     t = dt * np.arange(1, TIMES + 1)
-    faults = model.plant.signals.faults
-    sd, size = sd[:, : len(faults)], size[: len(faults)].copy()
-    for k, fault in enumerate(faults):
+    wide = EARLIER * CLEAR * sd[-1]
+    drive = wide[faults:]
+    declared = model.plant.signals.faults
+    sd, size = sd[:, : len(declared)], size[: len(declared)].copy()
+    for k, fault in enumerate(declared):
         if fault.enters == "state" and not np.isfinite(max(abs(fault.min), abs(fault.max))):
-            size[k] = max(size[k], CLEAR * sd[-1, k] if np.isfinite(sd[-1, k]) else 0.0)
+            size[k] = max(size[k], wide[k] if np.isfinite(wide[k]) else 0.0)
     shows = CLEAR * sd <= size
     when = np.array([t[np.argmax(each)] if each.any() else t[-1] for each in shows.T])
     when = np.clip(when, FEWEST * step, t[-1])
-    return Knowledge(t, sd, size, when, float(np.median(when)))
+    return Knowledge(t, sd, size, when, float(np.median(when)), drive)
 
 
 def _typical(
