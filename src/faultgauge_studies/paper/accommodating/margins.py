@@ -114,7 +114,7 @@ def section(results: Results, traces: Traces) -> Section:
     found, alarm = results["accommodation"]["margins"], results["accommodation"]["false_alarm"]
     worst = max(found[name][corner]["left_deg"]["max"] for name in JUDGED[1:] for corner in CORNERS)
     verdict = "All come to rest" if worst <= STILL else "Not all come to rest"
-    beyond = span(found["estimate_and_friction"][BEYOND]["left_deg"], ".2g", "deg")
+    beyond = {name: span(found[name][BEYOND]["left_deg"], ".2g", "deg") for name in JUDGED[1:]}
     return Section(
         "Accommodation: margins and a false alarm",
         (
@@ -123,10 +123,13 @@ def section(results: Results, traces: Traces) -> Section:
             f"the attitude loop crosses over under that gain. {verdict}: the largest swing left "
             f"in the last {END:g} of {LONG:g} s is {worst:.2g} deg. Beyond these corners, with "
             "the gain doubled and the delay that is 30 deg in the nominal loop (and 58 deg in "
-            f"this one), {beyond} are left: the estimator closes a loop of its own, and its "
-            "authority bounds the swing.",
+            f"this one), {beyond['estimate_and_friction']} are left by the posterior and "
+            f"{beyond['adrc']} by ADRC, whose estimate closes a loop of its own.",
+            "The posterior knows of a loss of effectiveness, and so a gain that is off is named and "
+            "made up for. A delay it does not know: what it sees is something undeclared, on which "
+            "nothing is done, and the friction stays as long as it lasts. ADRC asks for no cause.",
             "A tachometer that drifts by 3 N·m·s in a minute looks like 0.05 N·m of friction. The "
-            f"alarm falls for it for {span(alarm['acted_s'], '.3g', 's')}; pitch leaves by "
+            f"posterior falls for it for {span(alarm['acted_s'], '.3g', 's')}; pitch leaves by "
             f"{span(alarm['peak_deg'], '.2g', 'deg')} at most, the compensation comes and goes "
             f"in steps of {span(alarm['largest_compensation_step'], '.2g', 'N·m')} at most, and "
             f"{span(alarm['left_deg'], '.1g', 'deg')} are left of it.",
