@@ -125,9 +125,10 @@ def section(results: Results, traces: Traces) -> Section:
             "the gain doubled and the delay that is 30 deg in the nominal loop (and 58 deg in "
             f"this one), {beyond['estimate_and_friction']} are left by the posterior and "
             f"{beyond['adrc']} by ADRC, whose estimate closes a loop of its own.",
-            "The posterior knows of a loss of effectiveness, and so a gain that is off is named and "
-            "made up for. A delay it does not know: what it sees is something undeclared, on which "
-            "nothing is done, and the friction stays as long as it lasts. ADRC asks for no cause.",
+            "The posterior knows of a loss of effectiveness, and so a gain that is off is named "
+            "and made up for. A delay it does not know: what it sees is something undeclared, on "
+            "which nothing is done, and the friction stays as long as it lasts. ADRC asks for no "
+            "cause.",
             "A tachometer that drifts by 3 N·m·s in a minute looks like 0.05 N·m of friction. The "
             f"posterior falls for it for {span(alarm['acted_s'], '.3g', 's')}; pitch leaves by "
             f"{span(alarm['peak_deg'], '.2g', 'deg')} at most, the compensation comes and goes "
