@@ -18,7 +18,7 @@ from faultgauge.plants.expression import unknown
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model, load_model
 from faultgauge.plants.signals import Fault
-from faultgauge.plants.toml_file import Positive, Table, typed
+from faultgauge.plants.toml_file import Positive, SchemaTable, typed
 from faultgauge.simulation.closed_loop import with_faults
 from faultgauge.simulation.free_run import RATE_STEP, fastest_rate
 from faultgauge.simulation.scenario import Scenario, trained_plant
@@ -31,7 +31,7 @@ DESIRED = ("estimate_and_friction", "adrc")
 _Share = Annotated[float, pydantic.Field(gt=0, le=1, allow_inf_nan=False)]
 
 
-class _Accommodation(Table):
+class _Accommodation(SchemaTable):
     policy: Literal["none", "estimate", "estimate_and_friction", "adrc"]
     model: str | None = None
     desired: str | None = None
