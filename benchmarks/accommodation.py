@@ -17,8 +17,7 @@ def one_seed(seed: int) -> tuple[dict[str, Any], dict[str, Any]]:
     bench = set_up(seed)
     figures: dict[str, Any] = {}
     traces: dict[str, Any] = {}
-    for measure in (*measured.QUICK, *measured.SLOW):
-        more, curves = measure(bench)
+    for more, curves in measured.measured(bench):
         for key, value in more.items():
             figures.setdefault(key, {}).update(value)
         traces |= curves

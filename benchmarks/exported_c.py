@@ -34,7 +34,7 @@ from decision_studies.rig import rig, true_model, window
 from faultgauge.detection.bank import build_fault_bank
 from faultgauge.detection.noise_estimation import estimate_noise
 from faultgauge.detection.watch import Watch
-from faultgauge.export.compile import Printed, Step, print_step
+from faultgauge.export.compile import ExportedStep, Printed, print_step
 from faultgauge.export.engine import Engine
 from faultgauge.export.entry import step_of
 from faultgauge.export.native import FASTER, Native
@@ -191,7 +191,9 @@ start = ObserverState(jnp.zeros(1), jnp.zeros(()), jnp.zeros(1))
 given = {"u": jnp.zeros(1), "y": jnp.zeros(outputs)}
 many = {name: rng.standard_normal((1_000_000, *a.shape)) for name, a in given.items()}
 for fast in (False, True):
-    printed = print_step(Step(observed, start, given, {}), "eso", fast_tanh=fast, inline=True)
+    printed = print_step(
+        ExportedStep(observed, start, given, {}), "eso", fast_tanh=fast, inline=True
+    )
     with Native(printed, [*FASTER, "-march=native"]) as native:
         native.run(many)
         least = min(timed(lambda: native.run(many)) for _ in range(ROUNDS))

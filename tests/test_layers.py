@@ -101,6 +101,16 @@ def test_a_module_takes_from_another_only_what_that_one_offers():
     assert not taken
 
 
+def test_a_public_class_has_a_name_of_its_own():
+    """Within the product; two classes of one name are two ideas with one word."""
+    homes: dict[str, list[str]] = {}
+    for path in sorted(ROOT.rglob("*.py")):
+        for node in ast.parse(path.read_text()).body:
+            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                homes.setdefault(node.name, []).append(str(path.relative_to(ROOT)))
+    assert not {name: where for name, where in homes.items() if len(where) > 1}
+
+
 def test_every_folder_is_a_layer():
     folders = {p.name for p in ROOT.iterdir() if p.is_dir() and p.name != "__pycache__"}
     assert folders == set(LAYERS)

@@ -23,7 +23,7 @@ from faultgauge.telemetry import Run
 from faultgauge_studies.paper.cases import CASES, UNBALANCE, inner_disturbance
 from faultgauge_studies.paper.estimating import Quality, quality
 
-__all__ = ["Flown", "PRESETS", "harmonic_bank", "harmonic_flight", "intermittent"]
+__all__ = ["PRESETS", "Flown", "harmonic_bank", "harmonic_flight", "intermittent"]
 
 PRESETS = ("reaction_wheel_harmonic", "reaction_wheel")  # with the disturbance's states, without
 CALIBRATION = (10_000, 10_001, 10_002)  # seeds of the healthy flights

@@ -15,8 +15,8 @@ from faultgauge.detection.events import BankEvent
 __all__ = [
     "Dated",
     "Interval",
-    "alarms",
     "alarm_rate",
+    "alarms",
     "coverage",
     "dated",
     "edges_of",

@@ -13,7 +13,7 @@ from faultgauge.detection.bank import build_fault_bank
 from faultgauge.detection.decisions import decide
 from faultgauge.detection.noise import Noise
 from faultgauge.detection.retrospective import as_dicts, retrospect, sentences
-from faultgauge.detection.shocks import Record, Shocks, shocks
+from faultgauge.detection.shocks import KnownStretch, Shocks, shocks
 from faultgauge.detection.window import Window, causes_in
 from faultgauge.observers import divided_difference as dd
 from faultgauge.observers.branches import SCALES
@@ -80,7 +80,7 @@ def lane(text, process):
     base = GrayBoxPlant.untrained(parse_plant(text))
     nothing = Error(*[jnp.zeros(0)] * 3)
     plant = Disturbed.of(base, (), (), nothing, (), jnp.zeros(0), jnp.zeros((0, 0)))
-    noise = dd.Noise(jnp.array([process]), jnp.zeros(3), jnp.array([SIGMA]))
+    noise = dd.FilterNoise(jnp.array([process]), jnp.zeros(3), jnp.array([SIGMA]))
     filter = dd.DividedDifferenceFilter(plant, jnp.ones(1), jnp.full(3, SIZE), (), 1)
     return filter, noise
 
@@ -91,7 +91,7 @@ def found(y, f=None):
     dt[0] = 0.0
     f = np.zeros((COUNT, 3)) if f is None else f
     arrays = (np.zeros((COUNT, 1)), y[:, None], dt, f, np.zeros((COUNT, 3)))
-    record = Record(*(jnp.asarray(a) for a in arrays))
+    record = KnownStretch(*(jnp.asarray(a) for a in arrays))
     return shocks(
         filter, noise, filter.begin(jnp.zeros(1), jnp.array([START])), record, jnp.array([JUMP])
     )
@@ -143,7 +143,7 @@ def test_a_mean_that_changes_in_known_noise_is_the_textbook_one():
     y = SIGMA * rng.standard_normal(COUNT) + np.where(np.arange(COUNT) >= 10, 1.0, 0.0)
     filter, noise = lane(LAG.replace("u - 0.5*x", "u"), 0.0)
     arrays = (np.zeros((COUNT, 1)), y[:, None], np.full(COUNT, STEP), *np.zeros((2, COUNT, 3)))
-    record = Record(*(jnp.asarray(a) for a in arrays))
+    record = KnownStretch(*(jnp.asarray(a) for a in arrays))
     begin = filter.begin(jnp.zeros(1), jnp.zeros(1))
     answer = shocks(filter, noise, begin, record, jnp.array([JUMP]))
     left = COUNT - np.arange(COUNT)
@@ -167,7 +167,7 @@ def test_a_fault_that_an_input_at_its_limit_hides_shows_to_the_other_side():
         f[:, 1] = guess
         x = STEP * k[:, None] * min(1 + guess, 1)
         arrays = np.ones((COUNT, 1)), x, dt, f, np.zeros((COUNT, 3))
-        record = Record(*(jnp.asarray(a) for a in arrays))
+        record = KnownStretch(*(jnp.asarray(a) for a in arrays))
         begin = filter.begin(jnp.zeros(1), jnp.zeros(1))
         found.append(shocks(filter, noise, begin, record, jnp.array([JUMP])).information[:, 1])
     steps = np.clip(np.add.outer(1 - np.maximum(k, 1), k), 0, None)  # onset by sample
@@ -398,7 +398,7 @@ def a_window(bank, length):
     """So many samples in which nothing is said of inputs and outputs."""
     dt, nothing = np.full(length, PACE), np.zeros((length, 1))
     faults = np.zeros((length, bank.modes.filter.faults))
-    record = Record(*(jnp.asarray(a) for a in (nothing, nothing, dt, faults, faults)))
+    record = KnownStretch(*(jnp.asarray(a) for a in (nothing, nothing, dt, faults, faults)))
     start = jnp.zeros(bank.modes.filter.states)
     belief = bank.modes.filter.begin(start, start)
     return Window(belief, record, PACE * np.arange(length), slice(0, length))

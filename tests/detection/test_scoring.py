@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from faultgauge.detection.innovation_likelihood import Told
+from faultgauge.detection.innovation_likelihood import Likelihoods
 from faultgauge.detection.scoring import scored
 
 rng = np.random.default_rng(0)
@@ -16,7 +16,9 @@ def tell(levels):
     root = np.repeat(levels, SAMPLES.shape[1], axis=1)
     white = SAMPLES.ravel() * np.exp(-root)
     cost = np.sum(white**2 / 2 + root, axis=1)
-    return Told(cost, np.zeros((len(levels), 1, 0)), np.zeros((len(levels), 1, 0, 0)), white, root)
+    return Likelihoods(
+        cost, np.zeros((len(levels), 1, 0)), np.zeros((len(levels), 1, 0, 0)), white, root
+    )
 
 
 def climbed(low, high, center, pull, most=50, enough=1e-9):

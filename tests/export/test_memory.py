@@ -6,7 +6,7 @@ from itertools import pairwise
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from faultgauge.export.memory import Array, Branch, Loop, Statement, place
+from faultgauge.export.memory import Array, Branch, CLoop, Statement, place
 
 SIZES = (1, 2, 3)
 FIXED = 2  # arrays whose place is given, and that last
@@ -24,7 +24,7 @@ def program(draw):
                 ways = [("", nodes(depth + 1, list(known))) for _ in range(2)]
                 found.append(Branch(ways))
             elif kind == 5:
-                found.append(Loop("", nodes(depth + 1, list(known))))
+                found.append(CLoop("", nodes(depth + 1, list(known))))
             else:
                 found.append(statement(known))
         return found
@@ -56,7 +56,7 @@ def run(nodes, arrays, cells):
 
     def walk(nodes):
         for each in nodes:
-            if isinstance(each, Loop):
+            if isinstance(each, CLoop):
                 walk(each.body)
                 walk(each.body)
             elif isinstance(each, Branch):

@@ -12,7 +12,7 @@ from jax import lax
 from scipy.special import erfinv
 
 from faultgauge.errors import InputError
-from faultgauge.export.compile import Step, identifier, print_step
+from faultgauge.export.compile import ExportedStep, identifier, print_step
 from faultgauge.export.native import FASTER, Native
 from faultgauge.observers.rows import where_needed
 
@@ -92,7 +92,7 @@ def samples():
 @pytest.fixture(scope="module")
 def both(samples):
     """(what C says, what JAX says), by operation."""
-    printed = print_step(Step(step, (), three(), {}), "all")
+    printed = print_step(ExportedStep(step, (), three(), {}), "all")
     given = OrderedDict((k, jnp.asarray(v)) for k, v in samples.items())
     said = jax.jit(lambda: lax.scan(step, (), given)[1])()
     with Native(printed) as native:
@@ -118,7 +118,7 @@ def test_inline_functions_are_those_of_libm(cc):
         [2.0 ** np.linspace(-60, 1000, 4000), -(2.0 ** np.linspace(-60, 9, 3000))]
     )
     x = np.concatenate([ends, np.linspace(-30, 30, 20_001), wide])
-    printed = print_step(Step(one, (), {"x": jnp.zeros(())}, {}), "inline", inline=True)
+    printed = print_step(ExportedStep(one, (), {"x": jnp.zeros(())}, {}), "inline", inline=True)
     assert not re.search(r"[^_](exp|log|log1p|erfc?)\(", printed.step)
     with Native(printed, FASTER) as native, np.errstate(all="ignore"):
         found = native.run({"x": x})
@@ -152,7 +152,7 @@ def test_what_is_no_number_goes_where_jax_has_it_go(cc):
     example = OrderedDict(a=jnp.zeros(8), b=jnp.zeros(8))
     given = OrderedDict(a=jnp.asarray(a), b=jnp.asarray(b))
     said = lax.scan(odd, (), given)[1]
-    with Native(print_step(Step(odd, (), example, {}), "odd")) as native:
+    with Native(print_step(ExportedStep(odd, (), example, {}), "odd")) as native:
         found = native.run({"a": a, "b": b})
     for name, wanted in said.items():
         got = found[name].reshape(wanted.shape)
@@ -169,7 +169,7 @@ def test_what_is_no_number_goes_where_jax_has_it_go(cc):
     ],
 )
 def test_what_c_cannot_carry_is_refused_with_the_reason(function, said):
-    given = Step(lambda s, g: (s, {"x": function(g["a"])}), (), {"a": jnp.ones((2, 2))}, {})
+    given = ExportedStep(lambda s, g: (s, {"x": function(g["a"])}), (), {"a": jnp.ones((2, 2))}, {})
     with pytest.raises(InputError, match=said):
         print_step(given, "none")
 
@@ -183,7 +183,7 @@ def test_only_one_side_of_a_condition_is_computed_and_constants_are_not():
         said = lax.cond(x > 0, lambda x: jnp.exp(jnp.sin(x)), lambda x: jnp.exp(x), x)
         return state, {"y": said + table[2]}
 
-    printed = print_step(Step(one, (), {"x": jnp.zeros(())}, {}), "one")
+    printed = print_step(ExportedStep(one, (), {"x": jnp.zeros(())}, {}), "one")
     assert printed.operations["functions"] == 2
     assert printed.step.count("exp(") == 2
     assert not printed.tables.strip()
@@ -197,7 +197,7 @@ def test_what_no_turn_of_a_loop_changes_is_computed_once():
 
         return state, {"y": lax.scan(turn, 0.0, jnp.arange(5.0))[0]}
 
-    printed = print_step(Step(one, (), {"x": jnp.zeros(())}, {}), "one")
+    printed = print_step(ExportedStep(one, (), {"x": jnp.zeros(())}, {}), "one")
     assert printed.operations["functions"] == 1
 
 
@@ -211,7 +211,7 @@ def test_rows_that_need_no_answer_are_neither_computed_nor_copied(cc):
         )
         return state, {"y": said}
 
-    printed = print_step(Step(one, rows, {"needed": jnp.zeros(3)}, {}), "one")
+    printed = print_step(ExportedStep(one, rows, {"needed": jnp.zeros(3)}, {}), "one")
     with Native(printed) as native:
         said = native.run({"needed": np.array([[1.0, 0.0, 1.0]] * 2)})
         np.testing.assert_array_equal(said["y"], [[3, 0, 7], [6, 0, 18]])

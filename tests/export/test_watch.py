@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from drawn_models import calibrated, log_of, walked
-from faultgauge.export.compile import Step, print_step
+from faultgauge.export.compile import ExportedStep, print_step
 from faultgauge.export.elementwise import TANH_ERROR
 from faultgauge.export.entry import bank_of, step_of
 from faultgauge.export.native import Native
@@ -140,7 +140,7 @@ def test_the_fast_tanh_is_as_close_as_it_says(cc):
     def one(state, given):
         return state, {"y": jnp.tanh(given["x"])}
 
-    step = Step(one, (), {"x": jnp.zeros(())}, {})
+    step = ExportedStep(one, (), {"x": jnp.zeros(())}, {})
     x = np.concatenate([np.linspace(-12, 12, 200_001), [1e300, -1e300, 0.0, 5e-324]])
     printed = print_step(step, "one", fast_tanh=True)
     assert " tanh(" not in printed.step + printed.helpers
@@ -258,7 +258,7 @@ def alongside(plant):
 
     start = (jnp.zeros(2), jnp.zeros(2), jnp.zeros(()), jnp.zeros(1))
     sample = {"u": jnp.zeros(1), "y": jnp.zeros(1), "dt": jnp.zeros(())}
-    return Step(step, start, sample, {})
+    return ExportedStep(step, start, sample, {})
 
 
 def compared(text, count=400):

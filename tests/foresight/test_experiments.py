@@ -8,7 +8,7 @@ import pytest
 from faultgauge.detection.bank import build_fault_bank
 from faultgauge.detection.noise import noise_of
 from faultgauge.detection.unit_faults import effects_of
-from faultgauge.foresight.experiments import KINDS, Bench, propose
+from faultgauge.foresight.experiments import KINDS, InputTrials, propose
 from faultgauge.foresight.problems import Problem
 
 STEP, SIGMA, SLOW, BASE = 0.1, 0.05, 0.5, 2.0
@@ -18,7 +18,7 @@ STEP, SIGMA, SLOW, BASE = 0.1, 0.05, 0.5, 2.0
 def bench(modelled, log):
     run = log(np.full(600, BASE))
     bank = build_fault_bank(modelled(), [run], noise_of(modelled()))
-    found = Bench(bank, run, effects_of(bank, run))
+    found = InputTrials(bank, run, effects_of(bank, run))
     found.rows = 200  # a shorter multisine promises too much: KNOWN_GAPS.md, Proposed test inputs
     return found
 

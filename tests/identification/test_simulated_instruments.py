@@ -7,7 +7,7 @@ from scipy.optimize import curve_fit
 from scipy.signal import lfilter
 
 from faultgauge.identification import equation_fit
-from faultgauge.identification.constants import Constant, at_bound, contradictions
+from faultgauge.identification.constants import FittedConstant, at_bound, contradictions
 from faultgauge.identification.refinement.unknowns import unknowns_of
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant_file import parse_plant
@@ -110,7 +110,7 @@ def test_two_ways_that_contradict_each_other_are_said():
     """3.4 +- 0.6 and 0.8 +- 0.1 are 4.3 of sqrt(0.6^2 + 0.1^2) apart, 3.4 and 2.0 are 2.3."""
 
     def lag(value, error):
-        return [Constant("lag", "s", value, error, None, None)]
+        return [FittedConstant("lag", "s", value, error, None, None)]
 
     (said,) = contradictions(lag(3.4, 0.6), lag(0.8, 0.1))
     assert said.startswith("parameter 'lag' is 0.8 +- 0.1 by simulation error and 3.4 +- 0.6 by eq")

@@ -51,7 +51,7 @@ def bank(
     error = Error(*(jnp.array([each]) for each in (TAU, 1.0, 0.0)))
     plant = Disturbed.of(base, (0,), (0,), error, (), jnp.zeros(0), jnp.zeros((0, 0)))
     process = np.array([PROCESS, SIZE * np.sqrt(2 / TAU), 0.0])
-    noise = dd.Noise(np.tile(process, (5, 1)), np.zeros((5, 2)), np.full((5, 1), sigma))
+    noise = dd.FilterNoise(np.tile(process, (5, 1)), np.zeros((5, 2)), np.full((5, 1), sigma))
     may = np.isin(range(2), faults)
     prior = Prior(
         size=jnp.array(WIDTHS),

@@ -11,7 +11,7 @@ from faultgauge.observers.divided_difference import (
     LOST,
     Belief,
     DividedDifferenceFilter,
-    Noise,
+    FilterNoise,
 )
 from faultgauge.plants.disturbed import Disturbed, Error
 from faultgauge.plants.gray_box import GrayBoxPlant
@@ -39,7 +39,7 @@ target = "x"
 A, TAU, SETTLING, SHARE, STEP = 0.5, 8.0, 1.5, 0.2, 0.4
 SIGMA, PROCESS = (0.1, 0.3), (0.05, 0.04, 0.0)
 COUNT = 40
-NOISE = Noise(jnp.array(PROCESS), jnp.array([0.02, 0.0]), jnp.array(SIGMA))
+NOISE = FilterNoise(jnp.array(PROCESS), jnp.array([0.02, 0.0]), jnp.array(SIGMA))
 START = jnp.array([0.5, 0.0, 0.0, 0.0, 0.0, 0.0])  # x, d, e, push, bias, the push's growth
 SPREAD = np.array([0.4, 0.1, 0.2, 0.5, 0.0, 0.01])
 

@@ -11,7 +11,7 @@ import pytest
 from faultgauge.errors import InputError
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.network import Network
-from faultgauge.plants.plant import Change, Plant, respond
+from faultgauge.plants.plant import Plant, ValueChange, respond
 from faultgauge.plants.plant_file import parse_plant
 from faultgauge.plants.shape import Shape
 from faultgauge.plants.signals import Fault, Input, Output, Signals, State
@@ -147,7 +147,7 @@ def test_a_network_of_any_shape_takes_a_change_of_its_value(shape):
     net = dataclasses.replace(free, **drawn)
     for p in rng.normal(size=(5, 2)):
         p = p.tolist()
-        altered = net.altered(Change(1.6, -0.3))(*p)
+        altered = net.altered(ValueChange(1.6, -0.3))(*p)
         # as the sum is ordered otherwise: rounding of terms of order one
         np.testing.assert_allclose(altered, 1.6 * net(*p) - 0.3, rtol=0, atol=1e-14)
 

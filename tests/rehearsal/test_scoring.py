@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from faultgauge.rehearsal.design import Dose, Plan
+from faultgauge.rehearsal.design import Dose, RehearsalPlan
 from faultgauge.rehearsal.judging import Event, Judgement
 from faultgauge.rehearsal.rehearse import score
 from faultgauge.rehearsal.scoring import fault_result, figures, large, pair_results
@@ -20,7 +20,7 @@ def judged(*events, alarms=()):
 
 
 def trial(said, *doses, onsets=(10.0,)):
-    plan = Plan(0, tuple(Dose(name, size, times) for name, size, times in doses), onsets)
+    plan = RehearsalPlan(0, tuple(Dose(name, size, times) for name, size, times in doses), onsets)
     return score(0, "w", plan, said)
 
 

@@ -17,7 +17,7 @@ from faultgauge.reporting import (
     Compared,
     Figure,
     Panel,
-    Told,
+    ToldSpan,
     bars,
     curves,
     envelope,
@@ -108,7 +108,7 @@ def draw_overview(**changes: Any) -> Figure:
         Compared("torque", "N*m", Y + NOISE, changes.pop("healthy", Y), 0.01),
         Compared("u", "V", Y, Y),
     ]
-    told = [Told("friction", "N*m", NOISE, NOISE - 0.1, NOISE + 0.1, [(20.0, 40.0)], 0.5)]
+    told = [ToldSpan("friction", "N*m", NOISE, NOISE - 0.1, NOISE + 0.1, [(20.0, 40.0)], 0.5)]
     looks: dict[str, Any] = {"run": "log 1", "spans": [(20.0, 40.0), (60.0, 70.0)]}
     looks["not_judged"] = T < 5.0
     return overview(T, outputs, told, **(looks | changes))

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from faultgauge.identification.constants import Constant, Information
+from faultgauge.identification.constants import ConstantsInformation, FittedConstant
 from faultgauge.identification.refinement.courses import Course
 from faultgauge.identification.refinement.result import Members, Refinement
 from faultgauge.identification.samples import Samples
@@ -19,8 +19,8 @@ def refinement(choices=None, tried=None, refitted=False):
     nothing = np.zeros((1, 1))
     training = Samples(nothing, nothing, nothing, nothing)
     constants = (
-        Constant("k_in", "m/s/V", 0.0123, 0.0004, None, None),
-        Constant("k_out", "m**0.5/s", 0.0, None, "min = 0", "outlet"),
+        FittedConstant("k_in", "m/s/V", 0.0123, 0.0004, None, None),
+        FittedConstant("k_out", "m**0.5/s", 0.0, None, "min = 0", "outlet"),
     )
     correlation = np.array([[1.0, -0.75], [-0.75, 1.0]])
     return Refinement(
@@ -35,7 +35,7 @@ def refinement(choices=None, tried=None, refitted=False):
         choices=choices or {"hold": {}, "hidden": {}},
         tried=tried or [("physics", 0.3), ("networks", np.inf), ("networks", 0.02)],
         chosen="networks",
-        information=Information(constants, correlation, (), 12.0),
+        information=ConstantsInformation(constants, correlation, (), 12.0),
         warnings=[],
     )
 

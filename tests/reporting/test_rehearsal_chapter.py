@@ -6,7 +6,7 @@ import pytest
 
 from faultgauge.plants.signals import Fault
 from faultgauge.rehearsal.design import Dose, Subject
-from faultgauge.rehearsal.result import Answer, Rehearsal, Trial
+from faultgauge.rehearsal.result import InjectedFault, Rehearsal, Trial
 from faultgauge.rehearsal.scoring import fault_results, large, pair_results
 from faultgauge.rehearsal.shares import poisson, wilson
 from faultgauge.rehearsal.ways import Way
@@ -17,7 +17,9 @@ from faultgauge.reporting.report import render
 
 def trial(number, size, found, names=("friction",)):
     told = {"delay": 2.0, "estimate": 1.1 * size, "size_covered": True, "onset_covered": False}
-    answers = tuple(Answer(n, size, 10.0, size / 0.5, **(told if found else {})) for n in names)
+    answers = tuple(
+        InjectedFault(n, size, 10.0, size / 0.5, **(told if found else {})) for n in names
+    )
     return Trial(number, "w", answers, names if found else (), found, 0, 0.125)
 
 

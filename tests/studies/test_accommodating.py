@@ -89,7 +89,8 @@ def test_a_perturbed_policy_multiplies_and_delays():
 def flown():
     """A pyramid of like wheels; the second is lost in hold."""
     bench = set_up(0)
-    flying = satellite([bench.wheel] * 4, [bench.learned] * 4, AXES, (-1,) * 4)
+    model = setting.calibrated(bench.learned.model, bench.wheel, bench.seed)
+    flying = satellite([bench.wheel] * 4, [model] * 4, AXES, (-1,) * 4)
     schedules: list[list[Schedule]] = [[*bench.inner] for _ in range(4)]
     schedules[1].append(loss(ONSET))
     return run_satellite(flying, 1000.0, 0, schedules, SLEW, [float(x) for x in BIAS])

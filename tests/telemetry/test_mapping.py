@@ -5,22 +5,22 @@ import pytest
 
 from faultgauge.errors import InputError
 from faultgauge.telemetry.mapping import alias, apply_maps, find_column, parse_maps
-from faultgauge.telemetry.table import Table
+from faultgauge.telemetry.table import LogTable
 
 
-def table(**columns) -> Table:
+def table(**columns) -> LogTable:
     arrays = {
         name: np.array(cells, dtype=object if isinstance(cells[0], str) else np.float64)
         for name, cells in columns.items()
     }
-    return Table("log.csv", arrays, np.arange(len(next(iter(arrays.values())))) + 2)
+    return LogTable("log.csv", arrays, np.arange(len(next(iter(arrays.values())))) + 2)
 
 
-def mapped(source: Table, *maps: str) -> Table:
+def mapped(source: LogTable, *maps: str) -> LogTable:
     return apply_maps(source, parse_maps(maps))
 
 
-def refusal(source: Table, *maps: str) -> str:
+def refusal(source: LogTable, *maps: str) -> str:
     with pytest.raises(InputError) as caught:
         mapped(source, *maps)
     return str(caught.value)

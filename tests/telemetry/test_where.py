@@ -9,12 +9,12 @@ import typer
 from faultgauge.cli.app import app
 from faultgauge.errors import InputError
 from faultgauge.telemetry import inspect_runs, read_telemetry, segments
-from faultgauge.telemetry.table import Table
+from faultgauge.telemetry.table import LogTable
 from faultgauge.telemetry.where import met
 
 NAN = np.nan
 DATA = Path(__file__).parents[1] / "data"
-TABLE = Table(
+TABLE = LogTable(
     "log.csv",
     {
         "u": np.array([-6.0, -1.0, 0.0, 2.0, NAN, 7.0]),

@@ -1,31 +1,30 @@
-"""What a policy needs of an observer: state, faults and how far they can be trusted, online."""
+"""What a policy acts on, sample by sample: the state, and the faults that are to be cancelled."""
 
 import abc
 from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+import numpy as np
+from jaxtyping import Array, Bool, Float
 
-from faultgauge.observers.joint import JointObserver, JointState
+from faultgauge.detection.watch import Watch, WatchState
 from faultgauge.observers.observer import Observer, ObserverState
 from faultgauge.plants.plant import Plant
 
-__all__ = ["Estimate", "Estimator", "JointFaults", "SingleFault"]
+__all__ = ["ByPosterior", "Estimate", "Estimator", "TotalDisturbance"]
 
 
 class Estimate(NamedTuple):
-    """State and fault sizes; `sd` of the sizes, `unexplained`: what no fault accounts for, about
-    1 where the model is right."""
+    """State, fault sizes, and which faults are to be acted upon."""
 
     x: Float[Array, "states"]
     f: Float[Array, "faults"]
-    sd: Float[Array, "faults"]
-    unexplained: Float[Array, ""]
+    engaged: Bool[Array, "faults"]
 
 
 class Estimator(eqx.Module):
-    """An observer in a loop: first it reads y, then it is told the command that follows."""
+    """In a loop it first reads y, then it is told the command that follows."""
 
     @property
     @abc.abstractmethod
@@ -46,11 +45,48 @@ class Estimator(eqx.Module):
         """`u` stands from now on."""
 
 
-class SingleFault(Estimator):
-    """One observer for one fault: ESO over physics, IESONN over a learned plant.
+class WatchingState(NamedTuple):
+    """The watch, the time [s] and command of its next row, and the last state that was known."""
 
-    It gives no spread, and with one hypothesis nothing is left unexplained.
-    """
+    watch: WatchState
+    t: Float[Array, ""]
+    u: Float[Array, "inputs"]
+    x: Float[Array, "states"]
+
+
+class ByPosterior(Estimator):
+    """The watch along a log, row by row as they come: a fault is acted upon while it is named, and
+    its size is the posterior's mean. A passive fault is not acted upon."""
+
+    watch: Watch
+
+    @property
+    def plant(self) -> Plant:
+        return self.watch.plant
+
+    def init(self, x: Float[Array, "states"], u: Float[Array, "inputs"]) -> WatchingState:
+        return WatchingState(self.watch.init(), jnp.zeros(()), u, x)
+
+    def read(
+        self, state: WatchingState, y: Float[Array, "outputs"], dt: Float[Array, ""]
+    ) -> tuple[WatchingState, Estimate]:
+        # outputs that nobody logs are not in the row of a file either
+        y = jnp.where(self.watch.used, y, jnp.nan)
+        watch, row = self.watch.step(state.watch, state.t + dt, state.u, y)
+        x = row.posterior.x[: len(state.x)]
+        x = jnp.where(jnp.isfinite(x), x, state.x)
+        active = np.array([f.monitor == "active" for f in self.watch.signals.faults], bool)
+        engaged = row.verdict.named[:-1] & active
+        f = jnp.nan_to_num(row.posterior.f)
+        return WatchingState(watch, state.t + dt, state.u, x), Estimate(x, f, engaged)
+
+    def commanded(self, state: WatchingState, u: Float[Array, "inputs"]) -> WatchingState:
+        return state._replace(watch=self.watch.commanded(state.watch, u), u=u)
+
+
+class TotalDisturbance(Estimator):
+    """An observer of one fault, which stands for whatever differs from its plant and is always
+    acted upon: no decision is made."""
 
     observer: Observer
 
@@ -66,29 +102,7 @@ class SingleFault(Estimator):
     ) -> tuple[ObserverState, Estimate]:
         state, info = self.observer.step(state, state.u, y, dt)
         f = self.observer.faults(info.f)
-        return state, Estimate(info.x, f, jnp.zeros_like(f), jnp.ones(()))
+        return state, Estimate(info.x, f, jnp.ones_like(f, bool))
 
     def commanded(self, state: ObserverState, u: Float[Array, "inputs"]) -> ObserverState:
-        return state._replace(u=u)
-
-
-class JointFaults(Estimator):
-    """All declared faults at once, by the joint observer."""
-
-    observer: JointObserver
-
-    @property
-    def plant(self) -> Plant:
-        return self.observer.plant
-
-    def init(self, x: Float[Array, "states"], u: Float[Array, "inputs"]) -> JointState:
-        return self.observer.init(x, u)
-
-    def read(
-        self, state: JointState, y: Float[Array, "outputs"], dt: Float[Array, ""]
-    ) -> tuple[JointState, Estimate]:
-        state, info = self.observer.step(state, state.u, y, dt)
-        return state, Estimate(info.x, info.f, info.sd, info.unexplained)
-
-    def commanded(self, state: JointState, u: Float[Array, "inputs"]) -> JointState:
         return state._replace(u=u)

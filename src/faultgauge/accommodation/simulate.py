@@ -25,8 +25,8 @@ def simulate(scenario: Scenario | str | Path) -> Run:
     The run holds the inputs as commanded inside their limits, the outputs as measured (NaN where
     no sample came) and `true_<fault>` for every fault: its size, NaN while it is not stuck, 1
     while it is dropped out. With `[accommodation]` it also holds `fhat_<fault>` and
-    `acted_<fault>` (1 while it is acted upon) for every alarm, and `added_<input>`, what was added
-    to the controller's command. The same scenario gives the same run.
+    `acted_<fault>` (1 while it is acted upon) for every fault of its model, and `added_<input>`,
+    what was added to the controller's command. The same scenario gives the same run.
 
     Raises `InputError` for a scenario that makes no sense, or whose plant leaves all bounds.
     """

@@ -5,40 +5,39 @@ from typing import Annotated, Literal
 import jax.numpy as jnp
 import numpy as np
 import pydantic
-from jaxtyping import Float
 
-from faultgauge.accommodation.alarm import Alarm
-from faultgauge.accommodation.estimator import Estimator, JointFaults, SingleFault
+from faultgauge.accommodation.estimator import ByPosterior, TotalDisturbance
 from faultgauge.accommodation.feed_forward import Limits, outcome
 from faultgauge.accommodation.policy import Accommodation, accommodation
+from faultgauge.detection.uncalibrated import uncalibrated
+from faultgauge.detection.watch import Watch
 from faultgauge.errors import InputError
 from faultgauge.observers.eso import design_eso
-from faultgauge.observers.joint import design_joint
 from faultgauge.observers.observer import OperatingPoints
 from faultgauge.plants.expression import unknown
 from faultgauge.plants.gray_box import GrayBoxPlant
+from faultgauge.plants.model import Model, load_model
 from faultgauge.plants.signals import Fault
-from faultgauge.plants.toml_file import Positive, Table, typed
+from faultgauge.plants.toml_file import Positive, SchemaTable, typed
 from faultgauge.simulation.closed_loop import with_faults
 from faultgauge.simulation.free_run import RATE_STEP, fastest_rate
 from faultgauge.simulation.scenario import Scenario, trained_plant
 
 __all__ = ["policy_of"]
 
-SLOWLY = 1e-3  # of the bandwidth: the rate at which a compensation has to hold
+SLOWLY = 1e-3  # of the rate at which faults become known: that at which a compensation has to hold
+DESIRED = ("estimate_and_friction", "adrc")
 
 _Share = Annotated[float, pydantic.Field(gt=0, le=1, allow_inf_nan=False)]
 
 
-class _Accommodation(Table):
+class _Accommodation(SchemaTable):
     policy: Literal["none", "estimate", "estimate_and_friction", "adrc"]
     model: str | None = None
     desired: str | None = None
+    fault: str | None = None
     bandwidth: Positive | None = None
-    persistence: Positive | None = None
-    settling: Positive | None = None
     floor: _Share = 0.2
-    alarms: Annotated[dict[str, Positive], pydantic.Field(min_length=1)]
     authority: dict[str, Positive] = pydantic.Field(default_factory=dict)
     slew: dict[str, Positive] = pydantic.Field(default_factory=dict)
 
@@ -67,23 +66,23 @@ class _Builder:
 
     def policy(self) -> Accommodation:
         self.check_loop()
-        model, desired = self.plants()
-        model = with_faults(model, self.hypotheses(model))
-        bandwidth = self.bandwidth(model)
-        alarms = [self.table.alarms[fault.name] for fault in model.signals.faults]
-        alarm = Alarm(
-            limits=jnp.array(alarms),
-            persistence=self.table.persistence or 1.0 / bandwidth,
-            settling=self.table.settling or 1.0 / bandwidth,
-        )
+        self.check_keys()
+        table = self.table
+        desired = None if table.desired is None else self.desired(table.desired)
+        if table.policy == "adrc":
+            assert desired is not None
+            estimator, rate = self.total_disturbance(desired)
+        else:
+            estimator = ByPosterior(self.watch())
+            rate = 1 / float(estimator.watch.modes.memory)
+        model = estimator.plant
         return accommodation(
-            self.table.policy,
-            self.estimator(model, bandwidth),
-            alarm,
-            desired,
+            table.policy,
+            estimator,
+            model if desired is None else desired,
             self.limits(),
-            outcome(model, self.points, self.regulated(), SLOWLY * bandwidth),
-            self.table.floor,
+            outcome(model, self.points, self.regulated(), SLOWLY * rate),
+            table.floor,
         )
 
     def check_loop(self) -> None:
@@ -93,6 +92,11 @@ class _Builder:
                     f'needs inputs that are held, but the plant says hold = "{each.hold}" for '
                     f"{each.name!r}"
                 )
+            if each.delay:
+                raise self.fail(
+                    f"needs inputs that act at once, but the plant says delay = {each.delay:g} "
+                    f"for {each.name!r}; remove one of them"
+                )
         drops = [f.name for f in self.scenario.faults if f.effect == "dropout"]
         if self.scenario.flight and drops:
             raise self.fail(
@@ -100,77 +104,100 @@ class _Builder:
                 "every sample; remove one of them"
             )
 
-    def plants(self) -> tuple[GrayBoxPlant, GrayBoxPlant]:
-        """(what the estimator believes in, what the controller is to see)."""
-        table = self.table
-        if table.policy in ("estimate_and_friction", "adrc"):
-            if table.desired is None:
-                raise self.fail(
-                    f'policy = "{table.policy}" needs `desired`, the plant that the controller is '
-                    "to see (for a wheel: ideal_wheel)"
-                )
-        elif table.desired is not None:
-            raise self.fail(f'policy = "{table.policy}" has no use for `desired`; remove it')
-        if table.policy == "adrc" and table.model is not None:
+    def check_keys(self) -> None:
+        """What a policy needs is there, and what it has no use for is not."""
+        table, policy = self.table, self.table.policy
+        if policy in DESIRED and table.desired is None:
+            raise self.fail(
+                f'policy = "{policy}" needs `desired`, the plant that the controller is '
+                "to see (for a wheel: ideal_wheel)"
+            )
+        useless = {"desired": policy not in DESIRED}
+        useless |= {"fault": policy != "adrc", "bandwidth": policy != "adrc"}
+        for key, found in useless.items():
+            if found and getattr(table, key) is not None:
+                raise self.fail(f'policy = "{policy}" has no use for `{key}`; remove it')
+        if policy == "adrc" and table.model is not None:
             raise self.fail('policy = "adrc" knows `desired` alone; remove `model`')
-        model = self.read("model", table.model)
-        desired = self.read("desired", table.desired)
-        return (desired, desired) if table.policy == "adrc" else (model, desired)
 
-    def read(self, key: str, name: str | None) -> GrayBoxPlant:
-        """The plant named at `key`, the scenario's own if none is, with the same signals."""
+    def watch(self) -> Watch:
+        """The watch of the calibrated model, over everything that the scenario measures."""
+        model = self.model()
+        self.check_alike("model", str(self.table.model), model.plant)
+        columns = (*self.signals.input_names, *self.signals.output_names)
+        try:
+            return Watch(model, columns, self.scenario.step)
+        except InputError as wrong:
+            raise InputError(f"{self.where} model = {self.table.model!r}: {wrong}") from None
+
+    def model(self) -> Model:
+        name = self.table.model
         if name is None:
-            return self.scenario.plant
-        where = f"{self.where} {key}"
-        plant = trained_plant(name, where, self.scenario.folder)
+            raise self.fail(
+                f'policy = "{self.table.policy}" needs `model`, whose posterior says what to act '
+                "upon: a model file (.fgm) made by `faultgauge fit` and `faultgauge calibrate`"
+            )
+        path = self.scenario.folder / name
+        if path.suffix != ".fgm":
+            raise self.fail(
+                f"model = {name!r} is no model file (.fgm), and a posterior needs one; make it by "
+                "`faultgauge fit` and `faultgauge calibrate`"
+            )
+        model = load_model(path)
+        if lacking := uncalibrated(model):
+            raise self.fail(
+                f"model = {name!r} is {lacking}, so it says nothing of faults; run "
+                f"`faultgauge calibrate {path} LOG...` on healthy logs"
+            )
+        return model
+
+    def desired(self, name: str) -> GrayBoxPlant:
+        plant = trained_plant(name, f"{self.where} desired", self.scenario.folder)
+        self.check_alike("desired", name, plant)
+        return plant
+
+    def check_alike(self, key: str, name: str, plant: GrayBoxPlant) -> None:
+        """The plant named at `key` has the scenario's signals."""
         for kind in ("state_names", "input_names", "output_names"):
             own, other = getattr(self.signals, kind), getattr(plant.signals, kind)
             if own != other:
                 raise InputError(
-                    f"{where} = {name!r}: has the {kind.removesuffix('_names')}s "
+                    f"{self.where} {key} = {name!r}: has the {kind.removesuffix('_names')}s "
                     f"{', '.join(other)}, but the scenario's plant has {', '.join(own)}; they must "
                     "be the same, in the same order."
                 )
-        return plant
 
-    def hypotheses(self, model: GrayBoxPlant) -> tuple[Fault, ...]:
-        known = {fault.name: fault for fault in model.signals.faults}
-        for name in self.table.alarms:
-            if name not in known:
-                raise InputError(f"{self.where} alarms: {unknown('fault', name, known)}.")
-        return tuple(fault for name, fault in known.items() if name in self.table.alarms)
-
-    def bandwidth(self, model: GrayBoxPlant) -> float:
-        found = self.table.bandwidth or model.signals.observation.bandwidth
-        if found is None:
+    def total_disturbance(self, desired: GrayBoxPlant) -> tuple[TotalDisturbance, float]:
+        """An ESO of the one fault that stands for all, and its bandwidth [rad/s]."""
+        fault = self.fault(desired)
+        model = with_faults(desired, (fault,))
+        bandwidth = self.table.bandwidth or model.signals.observation.bandwidth
+        if bandwidth is None:
             raise self.fail(
                 "key 'bandwidth' is missing, and the plant has none in [observer]; add it (rad/s)"
             )
-        return float(found)
-
-    def estimator(self, model: GrayBoxPlant, bandwidth: float) -> Estimator:
-        """An ESO for one additive fault, the joint observer for several or one that multiplies."""
-        step, faults = self.scenario.step, model.signals.faults
+        step = self.scenario.step
         rate = fastest_rate(model, self.points.x, self.points.u)
         longest = RATE_STEP / rate if rate > 0 else step
-        chosen = model.signals.observation.outputs or model.signals.output_names
-        if len(faults) == 1 and faults[0].enters in ("state", "input", "output"):
-            design = design_eso(
-                model, faults[0].name, self.points, step, bandwidth, chosen, longest
-            )
-            return SingleFault(design.observer)
-        sigma = np.where([n in chosen for n in self.signals.output_names], self.sigma(), np.inf)
-        return JointFaults(design_joint(model, self.points, step, bandwidth, sigma, longest))
+        outputs = model.signals.observation.outputs or model.signals.output_names
+        design = design_eso(
+            model, fault.name, self.points, step, float(bandwidth), outputs, longest
+        )
+        return TotalDisturbance(design.observer), float(bandwidth)
 
-    def sigma(self) -> Float[np.ndarray, "outputs"]:
-        sigma = self.scenario.sigma
-        for name, size in zip(self.signals.output_names, sigma, strict=True):
-            if size == 0:
-                raise InputError(
-                    f"{self.scenario.source}: [noise] {name}: several faults are weighed against "
-                    "each other by the noise of the outputs; give it more than 0."
-                )
-        return sigma
+    def fault(self, desired: GrayBoxPlant) -> Fault:
+        known = {fault.name: fault for fault in desired.signals.faults}
+        name = self.table.fault
+        if name is None and len(known) == 1:
+            return next(iter(known.values()))
+        if name is None:
+            raise self.fail(
+                f"needs `fault`, the one of `desired` that stands for whatever differs: "
+                f"{', '.join(known) or 'it declares none'}"
+            )
+        if name not in known:
+            raise InputError(f"{self.where} fault: {unknown('fault', name, known)}.")
+        return known[name]
 
     def limits(self) -> Limits:
         """By input; half of the way from the middle of its range to a limit, in a second."""

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 import numpy as np
 import pydantic
 
-from faultgauge.plants.toml_file import Number, Table
+from faultgauge.plants.toml_file import Number, SchemaTable
 
 __all__ = ["Axis", "AxisOf"]
 
@@ -36,7 +36,7 @@ class Axis:
         return float(size * (rng.choice([-1.0, 1.0]) if self.signs else 1.0))
 
 
-class _Range(Table):
+class _Range(SchemaTable):
     low: Number
     high: Number
     count: Annotated[int, pydantic.Field(ge=2, le=1000)] = 8

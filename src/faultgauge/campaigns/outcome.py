@@ -12,10 +12,10 @@ from faultgauge.campaigns.schema import label
 from faultgauge.detection.decisions import Decision
 from faultgauge.detection.events import POSSIBLE, stretches
 from faultgauge.detection.verdicts import FAULT, HEALTHY, log_odds
-from faultgauge.rehearsal.design import Dose, Plan
+from faultgauge.rehearsal.design import Dose, RehearsalPlan
 from faultgauge.rehearsal.judging import UNKNOWN, Judge, Judgement
 from faultgauge.rehearsal.rehearse import score
-from faultgauge.rehearsal.result import Answer, Trial
+from faultgauge.rehearsal.result import InjectedFault, Trial
 from faultgauge.simulation.schedules import Schedule
 
 __all__ = [
@@ -100,7 +100,7 @@ def trial_of(row: Row, right: Mapping[str, Right]) -> Trial | None:
     if not kinds or any(not right[kind].names for kind in kinds):
         return None
     answers = tuple(
-        Answer(
+        InjectedFault(
             right[kind].name,
             row[f"size{suffix}"] or np.nan,
             row[f"onset{suffix}"],
@@ -146,11 +146,11 @@ def _trial(case: Case, said: Judgement, foretold: Sequence[float | None]) -> Tri
         Dose(right.name, size if right.sized else np.nan, times_of(size, least))
         for right, size, least in zip(case.right, run.sizes, foretold, strict=True)
     )
-    planned = Plan(0, doses, run.onsets)
+    planned = RehearsalPlan(0, doses, run.onsets)
     return score(run.number, label(run.kinds), planned, said._replace(events=tuple(events)))
 
 
-def _said(answer: Answer, suffix: str) -> Row:
+def _said(answer: InjectedFault, suffix: str) -> Row:
     return {
         f"delay{suffix}": answer.delay,
         f"estimate{suffix}": answer.estimate,
@@ -217,7 +217,7 @@ class _Seen:
         row["possible"] = SPLIT.join(possible)
         return row
 
-    def along(self, right: Right, fault: Schedule, answer: Answer, suffix: str) -> Row:
+    def along(self, right: Right, fault: Schedule, answer: InjectedFault, suffix: str) -> Row:
         """Rows in which the fault acts since it was named, how many of their intervals hold its
         size, and their median width."""
         if right.sized is None or answer.delay is None:

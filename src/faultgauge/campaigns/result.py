@@ -7,11 +7,11 @@ from faultgauge.campaigns.outcome import Row
 from faultgauge.rehearsal.result import FaultResult, Trial, plain
 from faultgauge.rehearsal.shares import Rate, Share
 
-__all__ = ["Bin", "Campaign", "Curve", "Figure", "Isolation", "KindResult", "Separable"]
+__all__ = ["Bin", "Campaign", "Curve", "Isolation", "KindResult", "RunFigure", "Separable"]
 
 
 @dataclass(frozen=True)
-class Figure:
+class RunFigure:
     """A figure over runs, and the 95 % interval of drawing them anew; None: none, or never."""
 
     value: float | None
@@ -31,10 +31,10 @@ class KindResult:
     runs: int
     right: tuple[str, ...]
     faults: FaultResult
-    smallest: Figure
-    covers: Figure
-    width: Figure
-    delay: Figure
+    smallest: RunFigure
+    covers: RunFigure
+    width: RunFigure
+    delay: RunFigure
     trials: tuple[Trial, ...] = field(repr=False)
 
 
@@ -45,7 +45,7 @@ class Curve:
 
     name: str
     detected: tuple[Share, ...]
-    delay: tuple[Figure, ...]
+    delay: tuple[RunFigure, ...]
 
 
 @dataclass(frozen=True)
@@ -100,11 +100,11 @@ class Campaign:
     curves: tuple[Curve, ...]
     isolation: Isolation
     reliability: tuple[Bin, ...]
-    brier: Figure
-    log_score: Figure
+    brier: RunFigure
+    log_score: RunFigure
     size_covered: Share
     onset_covered: Share
-    covers: Figure
+    covers: RunFigure
     separable: Separable
     false_alarms: Rate
     calibrated_rate: float

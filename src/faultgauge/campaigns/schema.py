@@ -15,7 +15,7 @@ from faultgauge.errors import InputError
 from faultgauge.plants.expression import unknown
 from faultgauge.plants.plant_file import presets
 from faultgauge.plants.signals import Entry
-from faultgauge.plants.toml_file import Positive, Table, parse_toml, read_text, typed
+from faultgauge.plants.toml_file import Positive, SchemaTable, parse_toml, read_text, typed
 from faultgauge.simulation.fault_tables import schedules
 from faultgauge.simulation.scenario import Scenario, read_scenario
 from faultgauge.simulation.schedules import Schedule
@@ -40,7 +40,7 @@ HEALTHY = "healthy"
 Count = Annotated[int, pydantic.Field(ge=0)]
 
 
-class _Kind(Table):
+class _Kind(SchemaTable):
     enters: Entry | None = None
     target: str | None = None
     effect: Literal["add", "stuck", "dropout"] | None = None
@@ -52,7 +52,7 @@ class _Kind(Table):
     named: list[str] | None = None
 
 
-class Maker(Table):
+class Maker(SchemaTable):
     """Where the model that judges comes from: `model` is a model file, "truth" (the plant's own
     equations and constants) or "fitted"; the latter two are made on healthy runs, so many for the
     fit and for the calibration, of `plant` (None: the scenario's)."""
@@ -64,7 +64,7 @@ class Maker(Table):
     mtbfa: Positive | None = None
 
 
-class _File(Table):
+class _File(SchemaTable):
     name: str
     scenario: str
     design: Literal["grid", "random"] = "grid"

@@ -21,9 +21,9 @@ from faultgauge.campaigns.result import (
     Bin,
     Campaign,
     Curve,
-    Figure,
     Isolation,
     KindResult,
+    RunFigure,
     Separable,
 )
 from faultgauge.campaigns.right import Right
@@ -109,12 +109,12 @@ def _kind(
 
 def _by_size(
     plan: Plan, kinds: Sequence[Kind], rows: Sequence[Row], trials: Sequence[Trial]
-) -> tuple[FaultResult, Figure]:
+) -> tuple[FaultResult, RunFigure]:
     """Figures over the size, and the one that was named 90 % of the time; of pairs, and of what is
     stuck or lost, over all runs."""
     if len(kinds) > 1 or not kinds[0].sized or not trials:
         whole = FaultResult(label(kinds), "", None, None, None, (), figures(trials), {})
-        return whole, Figure(None, None, None)
+        return whole, RunFigure(None, None, None)
     foretold = [np.inf if row["foretold"] is None else row["foretold"] for row in rows]
     usual = float(np.median(foretold))
     unit = kinds[0].schedule(plan.scenario, 1.0, plan.onset.values[0]).unit
@@ -219,7 +219,7 @@ def _foretold(row: Row) -> bool:
     return all(each is not None and each >= 1 for each in times)
 
 
-def _covers(rows: Sequence[Row]) -> Figure:
+def _covers(rows: Sequence[Row]) -> RunFigure:
     """The share of rows since a fault was named whose interval holds its size."""
     counts = np.array(
         [
@@ -234,23 +234,23 @@ def _covers(rows: Sequence[Row]) -> Figure:
     return _figure(len(counts), lambda k: inside[k].sum(axis=1) / rows_of[k].sum(axis=1))
 
 
-def _mean(values: Sequence[float]) -> Figure:
+def _mean(values: Sequence[float]) -> RunFigure:
     every = np.array(values)
     return _figure(len(every), lambda k: every[k].mean(axis=1))
 
 
-def _median(values: Sequence[float]) -> Figure:
+def _median(values: Sequence[float]) -> RunFigure:
     every = np.array(values)
     return _figure(len(every), lambda k: np.median(every[k], axis=1))
 
 
 def _figure(
     count: int, of: Callable[[Int[np.ndarray, "draws runs"]], Float[np.ndarray, "draws"]]
-) -> Figure:
+) -> RunFigure:
     if not count:
-        return Figure(None, None, None)
+        return RunFigure(None, None, None)
     lo, hi = over_runs(count, of)
-    return Figure(_finite(float(of(np.arange(count)[None])[0])), _finite(lo), _finite(hi))
+    return RunFigure(_finite(float(of(np.arange(count)[None])[0])), _finite(lo), _finite(hi))
 
 
 def _finite(value: float) -> float | None:

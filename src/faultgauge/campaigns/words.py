@@ -1,6 +1,6 @@
 """A campaign as a person reads it: a table, and what else is to be said."""
 
-from faultgauge.campaigns.result import Campaign, Figure
+from faultgauge.campaigns.result import Campaign, RunFigure
 from faultgauge.detection.words import number
 from faultgauge.rehearsal.words import legend, said, table
 
@@ -41,7 +41,7 @@ def remarks(campaign: Campaign) -> list[str]:
     return found
 
 
-def interval(figure: Figure, scale: float = 1.0, unit: str = "") -> str:
+def interval(figure: RunFigure, scale: float = 1.0, unit: str = "") -> str:
     """ "12.1 % (11.0 to 13.5)"; "-" for nothing, "never" for an end that is not reached."""
     if figure.value is None:
         return "-" if figure.lo is None else f"never (from {number(scale * figure.lo)} {unit})"

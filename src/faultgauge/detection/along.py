@@ -12,7 +12,7 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
-from faultgauge.detection.judged import Start, samples_to_start, start_from_samples
+from faultgauge.detection.judged import StretchStart, samples_to_start, start_from_samples
 from faultgauge.observers.follow import follow
 from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run
@@ -38,7 +38,7 @@ class Track(Protocol):
         """The columns that its first sample must have."""
         ...
 
-    def begin(self, start: Start, u: Float[np.ndarray, "inputs"]) -> tuple[Any, Any]:
+    def begin(self, start: StretchStart, u: Float[np.ndarray, "inputs"]) -> tuple[Any, Any]:
         """(object with a pure `step`, its first state) of a stretch."""
         ...
 

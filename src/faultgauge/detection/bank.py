@@ -193,7 +193,7 @@ def _changes(
     return (*more, nowhere), (*less, back)
 
 
-def _levels(model: Model, noise: Noise, faults: int, knowledge: Knowledge) -> dd.Noise:
+def _levels(model: Model, noise: Noise, faults: int, knowledge: Knowledge) -> dd.FilterNoise:
     """Of the branches, and of the unknown filters behind them: theirs changes all the time, or it
     would be a constant fault by another name."""
     drifted = spread_of_start(model, noise.sigma, ())[1]
@@ -201,7 +201,7 @@ def _levels(model: Model, noise: Noise, faults: int, knowledge: Knowledge) -> dd
     quick = np.minimum(noise.lasting, knowledge.memory)
     far = process_of(noise._replace(size=_far(model, noise, knowledge), lasting=quick), drifted)
     count = BRANCHES + UNKNOWN
-    return dd.Noise(
+    return dd.FilterNoise(
         jnp.asarray(np.stack([*[usual] * BRANCHES, *[far] * UNKNOWN])),
         jnp.zeros((count, faults)),
         jnp.asarray(np.tile(noise.sigma, (count, 1))),

@@ -22,7 +22,7 @@ from faultgauge.detection.decisions import Decision
 from faultgauge.detection.verdicts import NAMED
 from faultgauge.detection.window import Causes, Window, shocks_of
 
-__all__ = ["Change", "Changes", "Sized", "changes_of"]
+__all__ = ["Change", "ChangeHistory", "Sized", "changes_of"]
 
 MOST = 6  # changes in one window
 ROUNDS = 4  # of revising them
@@ -50,7 +50,7 @@ class Sized:
 
 
 @dataclass(frozen=True)
-class Changes:
+class ChangeHistory:
     """The changes in the order of time, `weight` of all of them (ln, healthy: 0); the posterior
     of one change where none is known (`alone`), and of one more (`more`)."""
 
@@ -60,7 +60,7 @@ class Changes:
     more: Causes
 
 
-def changes_of(bank: FaultBank, decision: Decision, window: Window) -> Changes:
+def changes_of(bank: FaultBank, decision: Decision, window: Window) -> ChangeHistory:
     """What changes in a window: the likeliest single change, where that is likelier than none, or
     what the bank's events become."""
     alone = causes_of(bank, window)
@@ -88,9 +88,9 @@ def _as_told(bank: FaultBank, decision: Decision, window: Window) -> list[Change
     return sorted(changes, key=lambda change: change.at)[:MOST]
 
 
-def _weighed(bank: FaultBank, window: Window, alone: Causes, told: list[Change]) -> Changes:
+def _weighed(bank: FaultBank, window: Window, alone: Causes, told: list[Change]) -> ChangeHistory:
     if not told:
-        return Changes((), -np.inf, alone, alone)
+        return ChangeHistory((), -np.inf, alone, alone)
     more = causes_of(bank, _knowing(window, told))
     told = sorted(told, key=lambda change: change.at)
     posteriors = [alone]
@@ -100,7 +100,7 @@ def _weighed(bank: FaultBank, window: Window, alone: Causes, told: list[Change])
     weight = every - float(alone.seen[-1].base)
     for change, causes in zip(told, posteriors, strict=True):
         weight += total(causes.weight[:, change.fault]) - (every - float(causes.seen[-1].base))
-    return Changes(_sized(bank, window, told, posteriors), weight, alone, more)
+    return ChangeHistory(_sized(bank, window, told, posteriors), weight, alone, more)
 
 
 def _likeliest(

@@ -39,7 +39,7 @@ from faultgauge.simulation.closed_loop import with_faults
 from faultgauge.simulation.free_run import substeps_for
 from faultgauge.telemetry import Run, segments
 
-__all__ = ["AT_ONCE", "SAMPLES", "Likelihood", "Stretch", "Told", "healthy_stretches"]
+__all__ = ["AT_ONCE", "SAMPLES", "Likelihood", "Likelihoods", "StretchPiece", "healthy_stretches"]
 
 SAMPLES = 16384  # that tell the levels
 LONGEST = 4096  # of one stretch
@@ -47,7 +47,7 @@ AT_ONCE = 4  # levels: one compiled program for any number of them
 
 
 @dataclass(frozen=True)
-class Stretch:
+class StretchPiece:
     """A piece of stretch `part` of run number `run`."""
 
     run: int
@@ -58,7 +58,7 @@ class Stretch:
     dt: Float[np.ndarray, "samples"]
 
 
-class Told(NamedTuple):
+class Likelihoods(NamedTuple):
     """Under each of some levels: -ln p(y) of all stretches; mean and covariance of each stretch's
     own xi; of every sample of every output the innovation in standard deviations (0: not sampled)
     and the logarithm of its standard deviation (0: not sampled)."""
@@ -86,7 +86,7 @@ class Likelihood:
 
     @staticmethod
     def of(
-        model: Model, runs: Sequence[Run], guess: Noise, stretches: Sequence[Stretch]
+        model: Model, runs: Sequence[Run], guess: Noise, stretches: Sequence[StretchPiece]
     ) -> "Likelihood":
         length = max(len(s.dt) for s in stretches)
 
@@ -117,14 +117,14 @@ class Likelihood:
         u, y, dt = (each[:, :samples] for each in (self.u, self.y, self.dt))
         return replace(self, u=u, y=y, dt=dt, count=int(jnp.isfinite(y).sum()))
 
-    def run(self, model: Model, many: Sequence[Noise]) -> Told:
+    def run(self, model: Model, many: Sequence[Noise]) -> Likelihoods:
         """What the stretches say under each of `many` levels, a few at a time on every core."""
         padded = [*many, *[many[-1]] * (-len(many) % AT_ONCE)]
         chunks = [padded[k : k + AT_ONCE] for k in range(0, len(padded), AT_ONCE)]
         told = side_by_side(lambda some: self._run(model, some), chunks)
-        return Told(*(np.concatenate(each)[: len(many)] for each in zip(*told, strict=True)))
+        return Likelihoods(*(np.concatenate(each)[: len(many)] for each in zip(*told, strict=True)))
 
-    def _run(self, model: Model, many: Sequence[Noise]) -> Told:
+    def _run(self, model: Model, many: Sequence[Noise]) -> Likelihoods:
         known = constants_of(model)
         drifted = spread_of_start(model, many[0].sigma, self.columns)[1]
         plant = disturbed(model, many[0])
@@ -132,7 +132,7 @@ class Likelihood:
         offset = jnp.asarray(np.stack([offset_of(model, each) for each in many]))
         errors = [error_of(each) for each in many]
         error = jax.tree.map(lambda *parts: jnp.stack(parts), *errors)
-        levels = dd.Noise(
+        levels = dd.FilterNoise(
             jnp.asarray(np.stack([process_of(each, drifted) for each in many])),
             jnp.zeros((len(many), 0)),
             jnp.asarray(np.stack([each.sigma for each in many])),
@@ -167,7 +167,7 @@ class Likelihood:
             self.dt,
             self.substeps,
         )
-        return Told(*(np.asarray(each) for each in found))
+        return Likelihoods(*(np.asarray(each) for each in found))
 
 
 @eqx.filter_jit
@@ -176,7 +176,7 @@ def _costs(
     error: Error,
     offset: Float[Array, "levels parameters"],
     W: Float[Array, "levels parameters directions"],
-    levels: dd.Noise,
+    levels: dd.FilterNoise,
     sd: Float[Array, "levels extended"],
     scale: Float[Array, "extended"],
     x: Float[Array, "stretches states"],
@@ -185,14 +185,14 @@ def _costs(
     dt: Float[Array, "stretches samples"],
     substeps: int,
 ) -> tuple[Array, Array, Array, Array, Array]:
-    """The fields of `Told`."""
+    """The fields of `Likelihoods`."""
     more = jnp.zeros((len(x), len(scale) - x.shape[1]))
     begin = jnp.concatenate([x, more], axis=1)
 
     xi = plant.parts.xi
 
     def of(
-        error: Error, offset: Array, W: Array, noise: dd.Noise, sd: Array
+        error: Error, offset: Array, W: Array, noise: dd.FilterNoise, sd: Array
     ) -> tuple[Array, Array, Array, Array, Array]:
         parts = error, offset, W
         own = eqx.tree_at(lambda p: (p.error, p.offset, p.directions), plant, parts)
@@ -220,7 +220,7 @@ def _costs(
     return jax.vmap(of)(error, offset, W, levels, sd)
 
 
-def healthy_stretches(model: Model, runs: Sequence[Run]) -> list[Stretch]:
+def healthy_stretches(model: Model, runs: Sequence[Run]) -> list[StretchPiece]:
     parts = []
     for number, log in enumerate(runs):
         run = in_effect(model.plant.signals, log)
@@ -243,5 +243,5 @@ def healthy_stretches(model: Model, runs: Sequence[Run]) -> list[Stretch]:
             start = start_from_samples(model, run, piece)
             u, y = record_arrays(model, run, piece)
             u, y, dt = pad_stretch(u, y, run.t[piece])
-            found.append(Stretch(number, at, start.x, u, y, dt))
+            found.append(StretchPiece(number, at, start.x, u, y, dt))
     return found

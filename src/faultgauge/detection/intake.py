@@ -60,7 +60,7 @@ class Intake(eqx.Module):
         delays = DelayLine.of(model.plant.signals, step)
         return Intake(delays, FlatLine.of(model, slow, sized=sized), *_commands(model))
 
-    def init(self, step: float | np.ndarray, averaged: bool = False) -> IntakeState:
+    def init(self, step: float | np.ndarray | Array, averaged: bool = False) -> IntakeState:
         return IntakeState(
             self.delays.init(), self.flat.init(), jnp.asarray(step), jnp.asarray(averaged)
         )

@@ -21,7 +21,7 @@ from faultgauge.telemetry import Run, segments
 
 __all__ = [
     "Bank",
-    "Start",
+    "StretchStart",
     "arrays_of",
     "bandwidth_of",
     "build_bank",
@@ -30,11 +30,11 @@ __all__ = [
     "operating_points",
     "pad_stretch",
     "record_arrays",
-    "steps_to",
-    "stretches",
     "rows_between",
     "samples_to_start",
     "start_from_samples",
+    "steps_to",
+    "stretches",
 ]
 
 SAMPLES_PER_RADIAN = 10.0  # default bandwidth: omega_o dt = 0.1
@@ -63,7 +63,7 @@ class Bank:
         """The columns that its first sample must have."""
         return self.names
 
-    def begin(self, start: "Start", u: Float[np.ndarray, "inputs"]) -> tuple[Beside, States]:
+    def begin(self, start: "StretchStart", u: Float[np.ndarray, "inputs"]) -> tuple[Beside, States]:
         """(all observers over the run's own plant, their first states)."""
         judge = Beside.of(self.designs).on(start.plant)
         return judge, judge.init(start.x, u)
@@ -194,7 +194,7 @@ def arrays_of(
     return np.stack(u, axis=1) if u else np.zeros((count, 0)), np.stack(y, axis=1)
 
 
-class Start(NamedTuple):
+class StretchStart(NamedTuple):
     """Where a stretch starts; `plant` has the run's own values of parameters that vary.
 
     `samples` are those that hidden states and such values were found from; 0 where there is none.
@@ -213,7 +213,7 @@ def samples_to_start(model: Model, columns: Collection[str]) -> int:
     return START_SAMPLES if any(order for _, order in sources) else 1
 
 
-def start_from_samples(model: Model, run: Run, part: slice) -> Start:
+def start_from_samples(model: Model, run: Run, part: slice) -> StretchStart:
     """State at a stretch's first sample: as measured, derivatives of measured ones as slopes of
     the first 20, and the rest by the least error of a free run through the first 50."""
     signals = model.plant.signals
@@ -239,7 +239,7 @@ def start_from_samples(model: Model, run: Run, part: slice) -> Start:
         model.plant, run.t[part][first], u[first], y[first], known, model.max_step
     )
     solved = plant is not model.plant or len(known) < len(signals.states)
-    return Start(plant, x, min(WARMUP, len(y)) if solved else 0)
+    return StretchStart(plant, x, min(WARMUP, len(y)) if solved else 0)
 
 
 def steps_to(t: Float[np.ndarray, "samples"]) -> Float[np.ndarray, "samples"]:

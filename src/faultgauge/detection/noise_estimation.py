@@ -21,8 +21,8 @@ from faultgauge.detection.doubted_regions import with_doubted_regions
 from faultgauge.detection.innovation_likelihood import (
     SAMPLES,
     Likelihood,
-    Stretch,
-    Told,
+    Likelihoods,
+    StretchPiece,
     healthy_stretches,
 )
 from faultgauge.detection.input_errors import with_errors_of_inputs
@@ -136,7 +136,7 @@ class _Healthy:
     batch: Likelihood
     guess: Noise
     step: float
-    stretches: list[Stretch]
+    stretches: list[StretchPiece]
     averaged: Float[np.ndarray, "outputs"]
 
     @staticmethod
@@ -283,7 +283,7 @@ def _searched(
     start = logs_of(noise)
     at = np.flatnonzero(np.isfinite(start) & ~np.isin(names_of(noise), list(held)))
 
-    def tell(some: Float[np.ndarray, "many free"]) -> Told:
+    def tell(some: Float[np.ndarray, "many free"]) -> Likelihoods:
         logs = np.tile(start, (len(some), 1))
         logs[:, at] = some
         return batch.run(model, [levels_of(row, noise) for row in logs])

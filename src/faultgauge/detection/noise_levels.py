@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import comb
 
-from faultgauge.detection.innovation_likelihood import Stretch
+from faultgauge.detection.innovation_likelihood import StretchPiece
 from faultgauge.detection.judged import operating_points
 from faultgauge.detection.noise import (
     Noise,
@@ -86,7 +86,7 @@ def levels_of(logs: Float[np.ndarray, "levels"], noise: Noise) -> Noise:
     return noise._replace(**dict(zip(SEARCHED, parts, strict=True)))
 
 
-def first_guess(model: Model, runs: Sequence[Run], stretches: Sequence[Stretch]) -> Noise:
+def first_guess(model: Model, runs: Sequence[Run], stretches: Sequence[StretchPiece]) -> Noise:
     """First guesses: sigma by what is white in an output's own samples, a state as unsure as a
     tenth of its own output's noise in one sample, or a thousandth of its range where it is
     hidden."""
@@ -154,13 +154,13 @@ class Spans(NamedTuple):
     longest: float
 
 
-def spans_of(step: float, stretches: Sequence[Stretch]) -> Spans:
+def spans_of(step: float, stretches: Sequence[StretchPiece]) -> Spans:
     """Of `stretches` with `step` [s]."""
     length = float(max(np.sum(s.dt) for s in stretches))
     return Spans(2 * step, SETTLED * length, LONGEST * length)
 
 
-def bounds_of(guess: Noise, step: float, stretches: Sequence[Stretch]) -> Bounds:
+def bounds_of(guess: Noise, step: float, stretches: Sequence[StretchPiece]) -> Bounds:
     """Within what the levels are looked for around `guess`, in logs that have `step` [s]."""
     spans = spans_of(step, stretches)
     sizes = {name: len(getattr(guess, name)) for name in SEARCHED}

@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from faultgauge.detection.along import Along, placed
 from faultgauge.detection.judged import (
-    Start,
+    StretchStart,
     bandwidth_of,
     measured_outputs,
     operating_points,
@@ -138,7 +138,7 @@ class HealthyReference:
         """The columns that its first sample must have."""
         return tuple(dict.fromkeys([*self.names, *self.outputs]))
 
-    def begin(self, start: Start, u: Float[np.ndarray, "inputs"]) -> tuple[Any, Any]:
+    def begin(self, start: StretchStart, u: Float[np.ndarray, "inputs"]) -> tuple[Any, Any]:
         """(judge with the run's own plant, its first state)."""
         judge = eqx.tree_at(lambda each: each.plant, self.judge, start.plant)
         return judge, judge.init(jnp.asarray(start.x), jnp.asarray(u))

@@ -11,7 +11,7 @@ from scipy.special import logsumexp
 
 from faultgauge.detection.bank import CERTAIN, FaultBank
 from faultgauge.detection.change_points import total, windows_of
-from faultgauge.detection.changes import Changes, Sized, changes_of
+from faultgauge.detection.changes import ChangeHistory, Sized, changes_of
 from faultgauge.detection.decisions import Decision
 from faultgauge.detection.events import UNKNOWN, pause, stretches
 from faultgauge.detection.inexact import acting
@@ -34,7 +34,7 @@ from faultgauge.detection.words import (
 )
 from faultgauge.telemetry.clock import Clock
 
-__all__ = ["HEALTHY", "Retrospect", "Told", "as_dicts", "retrospect", "sentences"]
+__all__ = ["HEALTHY", "Retrospect", "SaidOnline", "as_dicts", "retrospect", "sentences"]
 
 HEALTHY = "healthy"
 PLAIN = 20.0  # odds from which on it goes without saying that there is a fault
@@ -46,7 +46,7 @@ Onset: TypeAlias = tuple[float, float, float] | tuple[None, None, None]
 
 
 @dataclass(frozen=True)
-class Told:
+class SaidOnline:
     """What the bank said while the log ran: `alarm` [s], its first FAULT of the window; `start`
     [s], when it named this cause, and the `size` with its interval that it gave then (None where
     that was before this change of it)."""
@@ -88,7 +88,7 @@ class Retrospect:
     alternatives: tuple[tuple[str, float], ...]
     least: dict[str, float | None]
     judged: float
-    told: Told
+    told: SaidOnline
     t: Curve
     density: Curve
     given: Curve
@@ -106,7 +106,7 @@ def retrospect(bank: FaultBank, decision: Decision) -> list[Retrospect]:
 
 
 def _answers(
-    bank: FaultBank, decision: Decision, window: Window, changes: Changes
+    bank: FaultBank, decision: Decision, window: Window, changes: ChangeHistory
 ) -> list[Retrospect]:
     """The likeliest of: nothing; the declared changes; something undeclared, be it beside them."""
     declared = len(bank.onset)
@@ -143,7 +143,7 @@ def _among(each: Sized, declared: int) -> float:
     return float(np.exp(logs[each.change.fault] - total(np.array(logs))))
 
 
-def _begun(changes: Changes, declared: int, beside: float) -> Curve:
+def _begun(changes: ChangeHistory, declared: int, beside: float) -> Curve:
     """When it began, if something undeclared is there: beside the declared changes, of which the
     first may be earlier, or else alone."""
     alone = _density(changes.alone.weight[:, declared:])
@@ -166,7 +166,7 @@ def _earliest(densities: Sequence[Curve]) -> Curve:
     return np.clip(later - np.append(later[1:], 0.0), 0.0, None)
 
 
-def _together(names: Sequence[str], changes: Changes) -> str:
+def _together(names: Sequence[str], changes: ChangeHistory) -> str:
     """The faults that change, once each: "leak", "leak+gauge"."""
     return "+".join(dict.fromkeys(names[each.change.fault] for each in changes.found))
 
@@ -296,7 +296,7 @@ def _told(
     cause: str,
     onset: Onset,
     size: float | None,
-) -> Told:
+) -> SaidOnline:
     """What was told of `cause`: of its events with the sign of `size` the one that is dated nearest
     to the `onset`."""
     t, found = decision.run.t, decision.posterior
@@ -311,15 +311,15 @@ def _told(
         and (size is None or e.size is None or e.size * size >= 0)
     ]
     if onset[0] is None or not named:
-        return Told(alarm, None, None, None, None)
+        return SaidOnline(alarm, None, None, None, None)
     middle, low, _ = onset
     start = min(named, key=lambda e: abs(e.onset - middle)).start
     if cause == UNKNOWN or start < low:
-        return Told(alarm, start, None, None, None)
+        return SaidOnline(alarm, start, None, None, None)
     k = bank.model.plant.signals.fault_names.index(cause)
     n = int(np.searchsorted(t, start))
     sizes = found.f[n, k] / found.p[n, k], found.lo[n, k], found.hi[n, k]
-    return Told(alarm, start, *(float(each) for each in sizes))
+    return SaidOnline(alarm, start, *(float(each) for each in sizes))
 
 
 def sentences(bank: FaultBank, found: Sequence[Retrospect]) -> list[str]:

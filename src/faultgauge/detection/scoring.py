@@ -14,7 +14,7 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Bool, Float
 
-from faultgauge.detection.innovation_likelihood import AT_ONCE, Told
+from faultgauge.detection.innovation_likelihood import AT_ONCE, Likelihoods
 
 __all__ = ["scored"]
 
@@ -27,7 +27,7 @@ PULLS = 3  # sets of dampings that are tried before a step is the last
 
 
 def scored(
-    tell: Callable[[Float[np.ndarray, "many levels"]], Told],
+    tell: Callable[[Float[np.ndarray, "many levels"]], Likelihoods],
     start: Float[np.ndarray, "levels"],
     low: Float[np.ndarray, "levels"],
     high: Float[np.ndarray, "levels"],
@@ -80,7 +80,7 @@ def scored(
     return x, cost
 
 
-def _information(told: Told) -> Float[np.ndarray, "levels levels"]:
+def _information(told: Likelihoods) -> Float[np.ndarray, "levels levels"]:
     """M of the docstring above, from the first levels and those a `DIFFERENCE` beside them."""
     e = told.white * np.exp(told.root)
     J = (e[1:] - e[0]) * np.exp(-told.root[0]) / DIFFERENCE

@@ -25,12 +25,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from faultgauge.observers.divided_difference import Belief, DividedDifferenceFilter, Noise
+from faultgauge.observers.divided_difference import Belief, DividedDifferenceFilter, FilterNoise
 
-__all__ = ["Record", "Shocks", "shocks"]
+__all__ = ["KnownStretch", "Shocks", "shocks"]
 
 
-class Record(NamedTuple):
+class KnownStretch(NamedTuple):
     """A stretch, the faults that are `known` and a guess `f` of another, per sample; `dt[k]`
     leads to sample k. Declared faults come first, then undeclared ones."""
 
@@ -70,9 +70,9 @@ class _Effect(NamedTuple):
 @eqx.filter_jit
 def shocks(
     lane: DividedDifferenceFilter,
-    noise: Noise,
+    noise: FilterNoise,
     belief: Belief,
-    record: Record,
+    record: KnownStretch,
     shock: Float[Array, "states"],
 ) -> Shocks:
     """Filter forwards, collect backwards; `belief` is of the states, `shock` the standard
@@ -81,7 +81,7 @@ def shocks(
     up = jnp.sum(record.f + record.known, axis=0) >= 0
 
     def forwards(
-        carry: tuple[Belief, Array, Array], sample: Record
+        carry: tuple[Belief, Array, Array], sample: KnownStretch
     ) -> tuple[tuple[Belief, Array, Array], _Effect]:
         before, u_before, d = carry
         told = sample.f + sample.known

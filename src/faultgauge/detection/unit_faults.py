@@ -30,7 +30,7 @@ from faultgauge.detection.judged import (
 )
 from faultgauge.detection.noise import start_spread
 from faultgauge.identification.samples import in_effect
-from faultgauge.observers.divided_difference import Belief, DividedDifferenceFilter, Noise
+from faultgauge.observers.divided_difference import Belief, DividedDifferenceFilter, FilterNoise
 from faultgauge.observers.follow import follow
 from faultgauge.telemetry import Run, cut
 
@@ -66,7 +66,7 @@ class _Healthy(eqx.Module):
     """The filter without a fault; `side` that each fault goes to: -1 down, 1 up, 0 both."""
 
     filter: DividedDifferenceFilter
-    noise: Noise
+    noise: FilterNoise
     side: Float[np.ndarray, "faults"]
 
     def step(

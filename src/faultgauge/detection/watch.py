@@ -29,7 +29,9 @@ from faultgauge.identification.evaluation import WARMUP
 from faultgauge.observers.branches import BranchInfo, BranchState
 from faultgauge.observers.branching import Branching
 from faultgauge.observers.follow import follow
+from faultgauge.plants.disturbed import Disturbed
 from faultgauge.plants.model import Model
+from faultgauge.plants.plant import Plant
 from faultgauge.plants.signals import Signals
 from faultgauge.telemetry import Run
 from faultgauge.telemetry.runs import GAP_STEPS, ROUNDING
@@ -112,6 +114,13 @@ class Watch(eqx.Module):
         needed = samples_to_start(model, columns)
         self.settling = needed if needed == WARMUP else 0
 
+    @property
+    def plant(self) -> Plant:
+        """The plant that healthy data were judged by, without what it may be off by."""
+        disturbed = self.modes.filter.plant
+        assert isinstance(disturbed, Disturbed)
+        return disturbed.base
+
     def init(self, *, averaged: bool = False) -> WatchState:
         """Before the first row; `averaged`: inputs are means over the rows' intervals, as in a log
         that was brought to a lower rate."""
@@ -177,6 +186,11 @@ class Watch(eqx.Module):
         last = jnp.where(running, t, state.last)
         after = WatchState(intake, bank, rules, running, begun, rows + 1, last)
         return after, Row(posterior, verdict, said.p, taken)
+
+    def commanded(self, state: WatchState, u: Float[Array, "inputs"]) -> WatchState:
+        """The state when `u` acts from the last row on in place of what that row said: in a loop
+        the command is known only after the row is. Inputs with a dead time have no such row."""
+        return state._replace(bank=state.bank._replace(u=u))
 
     def _nothing(self) -> BranchInfo:
         """What the bank says of a row that is in no stretch."""

@@ -23,7 +23,7 @@ from faultgauge.detection.bank import FaultBank, unknown_shock
 from faultgauge.detection.judged import pad_stretch, record_arrays
 from faultgauge.detection.noise import start_spread
 from faultgauge.detection.priors import ALIEN, AT_START
-from faultgauge.detection.shocks import Record, Shocks, shocks
+from faultgauge.detection.shocks import KnownStretch, Shocks, shocks
 from faultgauge.observers.branches import SCALES
 from faultgauge.observers.divided_difference import Belief
 from faultgauge.telemetry import Run
@@ -35,7 +35,7 @@ class Window(NamedTuple):
     """The samples `part` of a run, its arrays padded to the length of a bucket."""
 
     belief: Belief
-    record: Record
+    record: KnownStretch
     t: Float[np.ndarray, "samples"]
     part: slice
 
@@ -72,7 +72,7 @@ def window_of(
     sd = start_spread(model, bank.noise, ())
     lane = bank.modes.filter
     faults = np.zeros((len(dt), lane.faults))
-    record = Record(*(jnp.asarray(a) for a in (u, y, dt, faults, faults)))
+    record = KnownStretch(*(jnp.asarray(a) for a in (u, y, dt, faults, faults)))
     return Window(lane.begin(jnp.asarray(mean), jnp.asarray(sd)), record, run.t[part], part)
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from faultgauge.export.compile import Member, Printed, Step, print_step
+from faultgauge.export.compile import ExportedStep, Member, Printed, print_step
 from faultgauge.export.elementwise import TANH_ERROR, literal
 from faultgauge.export.native import Native, compiler
 from faultgauge.export.request import Request
@@ -54,7 +54,9 @@ def plain(text: str) -> str:
 # -- the test
 
 
-def vectors(step: Step, count: int = SAMPLES) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+def vectors(
+    step: ExportedStep, count: int = SAMPLES
+) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     """(samples by name, what Python says of them)."""
     assert step.examples is not None
     samples = step.examples(count, np.random.default_rng(SEED))
@@ -67,7 +69,7 @@ def vectors(step: Step, count: int = SAMPLES) -> tuple[dict[str, np.ndarray], di
     return samples, {k: np.asarray(v) for k, v in walk(step.state, given).items()}
 
 
-def _test(printed: Printed, step: Step, banner: str) -> str:
+def _test(printed: Printed, step: ExportedStep, banner: str) -> str:
     samples, said = vectors(step)
     exact = not printed.single and not printed.fast_tanh
     tolerance = EXACT if exact else ROUGH
@@ -300,7 +302,7 @@ def _members(members: Sequence[Member]) -> str:
     return "\n".join(f"| `{m.name}` | {m.comment} |" for m in members)
 
 
-def _measured(printed: Printed, step: Step) -> str:
+def _measured(printed: Printed, step: ExportedStep) -> str:
     if compiler() is None:
         return "not measured: no C compiler was there"
     assert step.examples is not None

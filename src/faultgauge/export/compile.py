@@ -18,7 +18,7 @@ from faultgauge.export.program import Program, trace
 from faultgauge.export.tables import Tables
 from faultgauge.export.widths import wide_values
 
-__all__ = ["Member", "Printed", "Step", "identifier", "print_step"]
+__all__ = ["ExportedStep", "Member", "Printed", "identifier", "print_step"]
 
 WORDS = """auto break case char const continue default do double else enum extern float for goto if
 inline int long register restrict return short signed sizeof static struct switch typedef union
@@ -28,7 +28,7 @@ BYTES = {"wide": 8, "bool": 1, "int32_t": 4, "int64_t": 8}
 
 
 @dataclass(frozen=True)
-class Step:
+class ExportedStep:
     """What is exported: a pure `step(state, sample) -> (state, info)` of pytrees of arrays, all of
     fixed shapes, the `state` that it begins with, and the form of a `sample`, by name. `comments`
     say by name what a member of sample or info is, and in which unit; `examples` makes as many
@@ -118,7 +118,12 @@ def _bytes(kind: Kind, single: bool) -> int:
 
 
 def print_step(
-    given: Step, name: str, *, single: bool = False, fast_tanh: bool = False, inline: bool = False
+    given: ExportedStep,
+    name: str,
+    *,
+    single: bool = False,
+    fast_tanh: bool = False,
+    inline: bool = False,
 ) -> Printed:
     """Print `given`; with `inline` exp, log and erf in double are not those of <math.h> but inline
     ones, of which compilers make vectors. Raises `InputError` where C cannot carry a part of it."""

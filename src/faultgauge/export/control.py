@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Sequence
 
-from faultgauge.export.memory import Branch, Loop, Node, Statement
+from faultgauge.export.memory import Branch, CLoop, Node, Statement
 from faultgauge.export.places import Place
 from faultgauge.export.printing import Printer
 from faultgauge.export.program import Operation, Value
@@ -65,7 +65,7 @@ def _scan(printer: Printer, each: Operation) -> None:
     printer.turns //= length
     head = f"for (int32_t {turn} = 0; {turn} < {length}; {turn}++) {{"
     inside, printer.nodes = printer.nodes, outside
-    printer.nodes.append(Loop(head, inside))
+    printer.nodes.append(CLoop(head, inside))
 
 
 def _turned(printer: Printer, carries: Sequence[Value], new: Sequence[Value]) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 
 from faultgauge.detection.judged import arrays_of
 from faultgauge.detection.watch import Row, Watch, WatchState
-from faultgauge.export.compile import Step, print_step
+from faultgauge.export.compile import ExportedStep, print_step
 from faultgauge.export.kept import hash_of, kept
 from faultgauge.export.native import Native, needed_compiler
 from faultgauge.telemetry import Run
@@ -85,7 +85,7 @@ class _Compiled:
         def made() -> bytes:
             row = jax.tree.map(lambda each: each.dtype, jax.eval_shape(step, start, sample)[1])
             return pickle.dumps(
-                (print_step(Step(step, start, sample, {}), "watch", inline=True), row)
+                (print_step(ExportedStep(step, start, sample, {}), "watch", inline=True), row)
             )
 
         shapes = [leaf.shape for leaf in jax.tree.leaves(start)]

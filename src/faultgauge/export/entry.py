@@ -16,7 +16,7 @@ from faultgauge.detection.noise import noise_of
 from faultgauge.detection.verdicts import PLACES, STATUS, Reason
 from faultgauge.detection.watch import Watch, WatchState
 from faultgauge.errors import InputError
-from faultgauge.export.compile import Step
+from faultgauge.export.compile import ExportedStep
 from faultgauge.plants.model import Model
 from faultgauge.plants.signals import Signals
 from faultgauge.simulation.free_run import simulate
@@ -43,7 +43,7 @@ def bank_of(model: Model) -> FaultBank:
     return build_fault_bank(model, [run], noise_of(model))
 
 
-def step_of(bank: FaultBank) -> Step:
+def step_of(bank: FaultBank) -> ExportedStep:
     """The step of `Watch` from one named sample to named answers."""
     signals = bank.model.plant.signals
     watch = Watch(bank.model, _columns(bank.model), bank.step, bank=bank)
@@ -69,7 +69,7 @@ def step_of(bank: FaultBank) -> Step:
 
     sample = OrderedDict((name, jnp.zeros(())) for name in ("t", *_read(bank)))
     codes = {"": STATUS, "reason": tuple(each.name for each in Reason)}
-    return Step(
+    return ExportedStep(
         *(step, watch.init(), sample, _comments(bank), partial(_examples, bank), codes, TIMES),
         _units(signals),
     )

@@ -5,7 +5,7 @@ import re
 from collections import Counter
 from collections.abc import Callable, Sequence
 
-from faultgauge.export.memory import Branch, Loop, Node, Statement
+from faultgauge.export.memory import Branch, CLoop, Node, Statement
 from faultgauge.export.nests import flat
 
 __all__ = ["Functions"]
@@ -69,7 +69,7 @@ class Functions:
             if isinstance(each, Statement):
                 own = [] if each.idle else flat(each.lines)
                 lines += _changing([self.placed(line) for line in _read_ones(own)])
-            elif isinstance(each, Loop):
+            elif isinstance(each, CLoop):
                 lines += [each.head, *(f"    {line}" for line in self._lines(each.body)), "}"]
             else:
                 lines += self._branch(each, self._lines)

@@ -7,7 +7,7 @@ once, it never needs memory of its own, so that a chain of elementwise operation
 from collections import defaultdict
 from math import prod
 
-from faultgauge.export.program import Block, Operation, Program
+from faultgauge.export.program import OpBlock, Operation, Program
 
 __all__ = ["FUNCTIONS", "VIEWS", "kept_values", "whole"]
 
@@ -52,7 +52,7 @@ def kept_values(program: Program) -> set[int]:
     return kept
 
 
-def _costs(block: Block, cost: dict[int, float], joined: set[int], dear: set[int]) -> None:
+def _costs(block: OpBlock, cost: dict[int, float], joined: set[int], dear: set[int]) -> None:
     """Of one element, in additions; what it reads costs a load at most, since it will be kept where
     it costs more."""
     for each in block.operations:
@@ -97,7 +97,7 @@ def _turns(each: Operation) -> float:
 
 
 def _decide(
-    block: Block,
+    block: OpBlock,
     times: float,
     cost: dict[int, float],
     kept: set[int],

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 from faultgauge.export.nests import Nest
 
-__all__ = ["Array", "Branch", "Loop", "Node", "Statement", "place"]
+__all__ = ["Array", "Branch", "CLoop", "Node", "Statement", "place"]
 
 
 @dataclass(eq=False)
@@ -60,12 +60,12 @@ class Branch:
 
 
 @dataclass(eq=False)
-class Loop:
+class CLoop:
     head: str
     body: "list[Node]"
 
 
-Node = Statement | Branch | Loop
+Node = Statement | Branch | CLoop
 
 
 def place(nodes: Sequence[Node], arrays: Sequence[Array], lasting: set[Array]) -> dict[str, int]:
@@ -101,7 +101,7 @@ def _statements(nodes: Sequence[Node]) -> list[Statement]:
     for each in nodes:
         if isinstance(each, Statement):
             found.append(each)
-        elif isinstance(each, Loop):
+        elif isinstance(each, CLoop):
             found += _statements(each.body)
         else:
             for _, way in each.ways:
@@ -121,7 +121,7 @@ def _live(nodes: Sequence[Node], after: set[Array], apart: dict[Array, set[Array
                     apart[new].add(other)
                     apart[other].add(new)
             live = (live if each.part else live - each.writes) | each.reads | each.there
-        elif isinstance(each, Loop):
+        elif isinstance(each, CLoop):
             while True:  # what a turn reads, the turn before must leave
                 grown = live | _live(each.body, live, apart)
                 if grown == live:

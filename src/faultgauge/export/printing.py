@@ -14,7 +14,7 @@ from faultgauge.export.mathematics import INLINE, NEEDED
 from faultgauge.export.memory import Array, Node, Statement
 from faultgauge.export.nests import Nest, merged
 from faultgauge.export.places import ELEMENT, Place, linear
-from faultgauge.export.program import Block, Operation, Program, Value
+from faultgauge.export.program import OpBlock, Operation, Program, Value
 from faultgauge.export.tables import Tables
 
 __all__ = ["Cut", "Forms", "Index", "Printer", "bare", "refused", "simple"]
@@ -26,7 +26,7 @@ EDGES = {"max": "atleast", "min": "atmost"}  # of which one side is a number: qu
 
 
 @dataclass
-class Scope:
+class OpenScope:
     """A loop that is open, or the statement around it: its lines, and what has a name in it."""
 
     body: list[str | Nest] = field(default_factory=list)
@@ -87,7 +87,7 @@ class Printer:
         self.helpers: set[str] = set()
         self.operations: Counter[str] = Counter()
         self.nodes: list[Node] = []
-        self.scopes: list[Scope] = []
+        self.scopes: list[OpenScope] = []
         self.depth: dict[str, int] = {}  # of the scope that a variable belongs to
         self.spans: dict[str, Span] = {}  # by variable, of the loops of a statement
         self.cuts: dict[tuple[int, int], set[int]] = {}
@@ -122,7 +122,7 @@ class Printer:
             elif self.held.get(id(value)) is not into:
                 self.store(value, into, copy=True)
 
-    def block(self, block: Block) -> None:
+    def block(self, block: OpBlock) -> None:
         for each in block.operations:
             self._operation(each)
 
@@ -149,7 +149,7 @@ class Printer:
         self.cuts = {}
         while True:
             before = self.count, self.operations.copy(), set(self.helpers)
-            self.scopes, self.reads, self.to = [Scope()], [], None
+            self.scopes, self.reads, self.to = [OpenScope()], [], None
             try:
                 write()
                 break
@@ -221,7 +221,7 @@ class Printer:
                 name = f"i{len(self.scopes) - 1}"
                 self.depth[name] = len(self.scopes)
                 self.spans[name] = Span(over, first, end - first)
-                self.scopes.append(Scope(turns=end - first))
+                self.scopes.append(OpenScope(turns=end - first))
                 inner(axis + 1, (*index, Place.variable(name) + first))
                 scope = self.scopes.pop()
                 if scope.body:
@@ -365,7 +365,7 @@ def _divides(value: Value) -> bool:
     return value.array is not None and bool((value.array > 0).all())
 
 
-def _uses(block: Block) -> Iterator[int]:
+def _uses(block: OpBlock) -> Iterator[int]:
     yield from map(id, block.outputs)
     for each in block.operations:
         yield from map(id, each.inputs)

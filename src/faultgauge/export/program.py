@@ -16,7 +16,7 @@ from jax.extend.core import ClosedJaxpr, Jaxpr, Literal
 import faultgauge.plants.plant  # noqa: F401  (it has JAX count in float64)
 from faultgauge.errors import InputError
 
-__all__ = ["Block", "Operation", "Program", "Value", "trace"]
+__all__ = ["OpBlock", "Operation", "Program", "Value", "trace"]
 
 CALLS = ("jaxpr", "call_jaxpr", "fun_jaxpr")
 CONTROL = ("cond", "scan", "while")
@@ -46,11 +46,11 @@ class Operation:
     params: dict[str, Any]
     inputs: list[Value]
     outputs: list[Value]
-    blocks: "list[Block]" = field(default_factory=list)
+    blocks: "list[OpBlock]" = field(default_factory=list)
 
 
 @dataclass(eq=False)
-class Block:
+class OpBlock:
     """Operations in order; `carries` are what a turn of a loop leaves to the next."""
 
     operations: list[Operation]
@@ -63,7 +63,7 @@ class Program:
     """A pure function of `inputs`; it may read what blocks around it define."""
 
     inputs: list[Value]
-    body: Block
+    body: OpBlock
 
 
 def trace(function: Callable[..., Any], *arguments: Any) -> Program:
@@ -84,9 +84,9 @@ class _Flattening:
         tidy(body)
         return Program(inputs, body)
 
-    def _block(self, closed: Any, inputs: Sequence[Value]) -> Block:
+    def _block(self, closed: Any, inputs: Sequence[Value]) -> OpBlock:
         operations: list[Operation] = []
-        return Block(operations, self._inlined(closed, inputs, operations))
+        return OpBlock(operations, self._inlined(closed, inputs, operations))
 
     def _inlined(self, closed: Any, inputs: Sequence[Value], into: list[Operation]) -> list[Value]:
         """The outputs of a jaxpr at `inputs`, its operations appended to `into`."""
@@ -189,7 +189,7 @@ class _Flattening:
         assert value.array is not None
         return value.array
 
-    def _evaluate(self, body: Block) -> None:
+    def _evaluate(self, body: OpBlock) -> None:
         """All that is known and needed, in one program."""
         needed = {id(v) for v in _read(body) if v.known and v.array is None}
         for _, given, outputs in reversed(self.before):
@@ -227,7 +227,7 @@ def _constant(array: Any) -> Value:
     return Value(array.shape, array.dtype, array, True)
 
 
-def _read(block: Block) -> Iterator[Value]:
+def _read(block: OpBlock) -> Iterator[Value]:
     """Whatever the block reads."""
     yield from block.outputs
     for each in block.operations:
@@ -239,7 +239,7 @@ def _read(block: Block) -> Iterator[Value]:
 # -- the same with fewer operations
 
 
-def tidy(body: Block) -> None:
+def tidy(body: OpBlock) -> None:
     """Drop what changes nothing, what was computed already, and what nobody reads; take out of
     loops what every turn would compute alike."""
     _same(body, {}, {})
@@ -247,7 +247,7 @@ def tidy(body: Block) -> None:
     _used(body, set())
 
 
-def _same(block: Block, alias: dict[int, Value], known: dict[Any, list[Value]]) -> None:
+def _same(block: OpBlock, alias: dict[int, Value], known: dict[Any, list[Value]]) -> None:
     """`alias` leads from a value to an equal one, `known` from an operation to its results."""
 
     def final(value: Value) -> Value:
@@ -338,7 +338,7 @@ def _everywhere(value: Value, number: int) -> bool:
     return value.array is not None and bool(np.all(value.array == number))
 
 
-def _hoisted(block: Block) -> None:
+def _hoisted(block: OpBlock) -> None:
     """Put what does not depend on the turn of a loop before the loop, also where only some turns
     need it, but not what a condition within them spares."""
     kept = []
@@ -352,7 +352,7 @@ def _hoisted(block: Block) -> None:
     block.operations = kept
 
 
-def _outside(block: Block, own: set[int], depth: int) -> list[Operation]:
+def _outside(block: OpBlock, own: set[int], depth: int) -> list[Operation]:
     """Operations that read nothing of their `own` loop, taken out of its body, and out of as many
     conditions in each other as `depth` says."""
     out, kept = [], []
@@ -370,7 +370,7 @@ def _outside(block: Block, own: set[int], depth: int) -> list[Operation]:
     return out
 
 
-def _used(block: Block, used: set[int]) -> None:
+def _used(block: OpBlock, used: set[int]) -> None:
     """Drop operations of which no output is read; `used` are those read behind the block."""
     used |= {id(v) for v in block.outputs}
     kept = []

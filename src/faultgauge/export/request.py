@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from faultgauge.export.compile import Step
+from faultgauge.export.compile import ExportedStep
 
 __all__ = ["Request"]
 
@@ -13,7 +13,7 @@ class Request:
     functions, in which numbers; `title` and `about` say what it is, `digest` is the SHA-256 of the
     model file."""
 
-    step: Step
+    step: ExportedStep
     period: float
     name: str
     title: str

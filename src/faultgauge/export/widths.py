@@ -7,7 +7,7 @@ do. So everything that is made of a time is `wide`, but for the difference of tw
 from collections.abc import Iterable, Sequence
 
 from faultgauge.export.fusion import VIEWS
-from faultgauge.export.program import Block, Operation, Program, Value
+from faultgauge.export.program import OpBlock, Operation, Program, Value
 
 __all__ = ["wide_values"]
 
@@ -41,7 +41,7 @@ def wide_values(program: Program, times: Iterable[int], states: int) -> set[int]
         given[:states] = new
 
 
-def _spread(block: Block, level: dict[int, int]) -> None:
+def _spread(block: OpBlock, level: dict[int, int]) -> None:
     for each in block.operations:
         carries = each.blocks[0].carries if each.name == "scan" else []
         level |= {id(c): _level(v, level) for c, v in zip(carries, each.inputs, strict=False)}

@@ -11,7 +11,7 @@ import numpy as np
 
 from faultgauge.errors import InputError
 from faultgauge.telemetry.readers import READERS, is_log, logs_in, read_table, stem
-from faultgauge.telemetry.table import Table, is_text
+from faultgauge.telemetry.table import LogTable, is_text
 
 __all__ = ["Unit", "units_in"]
 
@@ -26,7 +26,7 @@ class Unit:
     bytes, where it has one."""
 
     name: str
-    source: Path | Table
+    source: Path | LogTable
     model: bytes | None = None
 
 
@@ -92,7 +92,7 @@ def _where(unit: Unit) -> str:
     return str(unit.source) if isinstance(unit.source, Path) else unit.source.source
 
 
-def _by_column(table: Table) -> list[Unit]:
+def _by_column(table: LogTable) -> list[Unit]:
     if UNIT not in table.columns:
         raise InputError(
             f"{table.source}: has no column {UNIT!r} that tells the units of a fleet apart; add "

@@ -22,7 +22,7 @@ from faultgauge.foresight.problems import Problem
 from faultgauge.simulation.free_run import free_run, substeps_for
 from faultgauge.telemetry import Run
 
-__all__ = ["KINDS", "Bench", "Proposal", "Tested", "propose"]
+__all__ = ["KINDS", "InputTrials", "Proposal", "Tested", "propose"]
 
 FEWEST, MOST = 60, 1000  # rows of a test
 HALVINGS = 8  # of the amplitude's logarithm
@@ -81,7 +81,7 @@ class Proposal:
     told: Tested
 
 
-class Bench:
+class InputTrials:
     """Simulated tests that go on from the end of a log."""
 
     def __init__(self, bank: FaultBank, run: Run, effects: Effects) -> None:
@@ -163,7 +163,7 @@ class Bench:
         return bool(np.all((x >= self.low) & (x <= self.high)))
 
 
-def propose(bench: Bench, problem: Problem) -> Proposal | None:
+def propose(bench: InputTrials, problem: Problem) -> Proposal | None:
     """The test that tells a problem's fault with the least share of what its input may do; None
     where none does."""
     signals, best = bench.bank.model.plant.signals, None
@@ -181,7 +181,7 @@ def propose(bench: Bench, problem: Problem) -> Proposal | None:
 
 
 def _least(
-    bench: Bench, problem: Problem, which: int, kind: str, room: float
+    bench: InputTrials, problem: Problem, which: int, kind: str, room: float
 ) -> tuple[float, Tested] | None:
     """(the least share of `room` that tells, what it told): larger is tried where what is larger
     leaves the safe range only."""

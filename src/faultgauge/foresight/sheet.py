@@ -21,7 +21,7 @@ from faultgauge.detection.smallest import (
 from faultgauge.detection.uncalibrated import level_in, uncalibrated
 from faultgauge.detection.unit_faults import Effects, Information, effects_of, information
 from faultgauge.errors import InputError
-from faultgauge.foresight.experiments import Bench, propose
+from faultgauge.foresight.experiments import InputTrials, propose
 from faultgauge.foresight.problems import problems_of
 from faultgauge.foresight.result import (
     Delay,
@@ -255,7 +255,7 @@ def _help(
         return ()
     progress(f"one sensor more along {run.name}", 0.2)
     sensors = sensors_for(bank, run, effects, structure, problems)
-    bench, faults = Bench(bank, run, effects), bank.model.plant.signals.faults
+    bench, faults = InputTrials(bank, run, effects), bank.model.plant.signals.faults
     helped = []
     for n, each in enumerate(problems):
         text = f"test inputs from the end of {run.name}: {n + 1} of {len(problems)}"

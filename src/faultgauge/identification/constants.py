@@ -12,8 +12,8 @@ from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant_file import Parameter
 
 __all__ = [
-    "Constant",
-    "Information",
+    "ConstantsInformation",
+    "FittedConstant",
     "at_bound",
     "constants",
     "contradictions",
@@ -31,7 +31,7 @@ NEAR = 1e-3  # of the range: a parameter this near to a bound is at it
 
 
 @dataclass(frozen=True)
-class Constant:
+class FittedConstant:
     """A fitted parameter: value, standard error and unit; `bound` names the bound it is at,
     `imitated_by` the network that can do what it does; `bias` is how far noise in what the
     equations read has shifted it, where that is more than its standard error tells."""
@@ -59,12 +59,12 @@ class Constant:
 
 
 @dataclass(frozen=True)
-class Information:
+class ConstantsInformation:
     """Constants, their correlations (NaN: not known), and combinations of states that no output
     shows; whether networks were kept from what they could imitate; by which share the squared error
     would fall if a parameter changed along the logs (see `constancy`)."""
 
-    constants: tuple[Constant, ...]
+    constants: tuple[FittedConstant, ...]
     correlation: Float[np.ndarray, "constants constants"]
     unseen: tuple[str, ...]
     residual_time: float
@@ -149,7 +149,9 @@ class Information:
         }
 
 
-def contradictions(by_equations: Sequence[Constant], refined: Sequence[Constant]) -> list[str]:
+def contradictions(
+    by_equations: Sequence[FittedConstant], refined: Sequence[FittedConstant]
+) -> list[str]:
     """A sentence for each parameter on which equation error and simulation error contradict each
     other: by more than `APART` of both standard errors."""
     found = []
@@ -174,7 +176,7 @@ def constants(
     theta: Float[np.ndarray, "unknowns"],
     covariance: Float[np.ndarray, "parameters parameters"],
     imitated_by: Sequence[str | None],
-) -> tuple[tuple[Constant, ...], Float[np.ndarray, "parameters parameters"]]:
+) -> tuple[tuple[FittedConstant, ...], Float[np.ndarray, "parameters parameters"]]:
     """(the parameters at `theta`, their correlations), with the covariance of their theta (NaN:
     not known)."""
     sd = np.sqrt(np.maximum(np.diag(covariance), 0.0))
@@ -196,7 +198,7 @@ def _constant(
     k: int,
     sd: float,
     imitated: str | None,
-) -> Constant:
+) -> FittedConstant:
     name = unknowns.parameters[k]
     spec = next(p for p in plant.spec.parameters if p.name == name)
     center, scale = unknowns.centers[k], unknowns.scales[k]
@@ -204,7 +206,7 @@ def _constant(
     slope = abs(value) * scale if unknowns.positive[k] else scale
     bound = _bound(spec, float(value))
     error = None if bound or np.isnan(sd) else float(slope * sd)
-    return Constant(name, spec.unit, float(value), error, bound, imitated)
+    return FittedConstant(name, spec.unit, float(value), error, bound, imitated)
 
 
 def _bound(spec: Parameter, value: float) -> str | None:
@@ -218,11 +220,11 @@ def _bound(spec: Parameter, value: float) -> str | None:
 
 
 def shifted(
-    found: Sequence[Constant], before: GrayBoxPlant, after: GrayBoxPlant
-) -> tuple[Constant, ...]:
+    found: Sequence[FittedConstant], before: GrayBoxPlant, after: GrayBoxPlant
+) -> tuple[FittedConstant, ...]:
     """`found` with the bias that takes `before` to `after`, where it is worth a word."""
 
-    def bias(each: Constant) -> float | None:
+    def bias(each: FittedConstant) -> float | None:
         moved = float(after.parameters[each.name] - before.parameters[each.name])
         if each.standard_error is None or not np.isfinite(moved):
             return None

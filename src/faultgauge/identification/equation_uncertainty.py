@@ -40,7 +40,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from faultgauge.identification.constants import (
-    Information,
+    ConstantsInformation,
     at_bound,
     constants,
     imitated,
@@ -72,13 +72,13 @@ class _Linearised(NamedTuple):
 
 def equation_information(
     plant: GrayBoxPlant, how: Channels, reports: Sequence[GroupReport], given: Material
-) -> Information:
+) -> ConstantsInformation:
     """What the samples that `plant` was fitted to, its groups as in `reports`, say about its
     parameters."""
     unknowns = unknowns_of(plant)
     theta = unknowns.vector(plant)
     if not unknowns.parameters or not reports:
-        return Information((), np.zeros((0, 0)), (), 1.0)
+        return ConstantsInformation((), np.zeros((0, 0)), (), 1.0)
     parts = [_linearised(plant, unknowns, how, report, given) for report in reports]
     hessian = np.sum([np.einsum("sei,sej->ij", part.J, part.J) for part in parts], axis=0)
     slopes = np.sum([np.einsum("sei,sej->ij", part.G, part.J) for part in parts], axis=0)
@@ -107,7 +107,7 @@ def equation_information(
         normal = partial(_normal, plant, unknowns, theta, biased, free, given)
         shift[free] = shift_by_noise(normal, given.training, left, s2)
     rows = shifted(rows, plant, unknowns.assemble(plant, jnp.asarray(theta + shift)))
-    return Information(rows, correlation, (), float(np.max(times, initial=0.0)))
+    return ConstantsInformation(rows, correlation, (), float(np.max(times, initial=0.0)))
 
 
 def _normal(

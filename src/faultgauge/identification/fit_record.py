@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from faultgauge.identification.constants import Information
+from faultgauge.identification.constants import ConstantsInformation
 from faultgauge.identification.equation_fit import EquationFit, GroupReport, Material, max_step
 from faultgauge.identification.equation_uncertainty import equation_information
 from faultgauge.identification.levenberg_marquardt import CONVERGED
@@ -40,7 +40,7 @@ class Equations(NamedTuple):
         """Of a refinement."""
         return [self.found.plant, *self.found.others]
 
-    def information(self, how: Channels) -> Information:
+    def information(self, how: Channels) -> ConstantsInformation:
         return equation_information(self.found.plant, how, self.found.reports, self.given)
 
 
@@ -78,7 +78,7 @@ class FitReport(NamedTuple):
     noise: dict[str, dict[str, float]]
     warnings: list[str]
     refinement: Refinement | None = None
-    information: Information | None = None
+    information: ConstantsInformation | None = None
     anew: Anew | None = None
     no_use: str | None = None
 
@@ -114,7 +114,7 @@ def fit_record(
     validate: Sequence[Run],
     stage: Equations | None,
     refinement: Refinement | None,
-    known: Information | None,
+    known: ConstantsInformation | None,
     floor: dict[str, Any],
     seed: int,
 ) -> FitRecord:

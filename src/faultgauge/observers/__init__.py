@@ -6,6 +6,6 @@
 from faultgauge.observers.eso import design_eso
 from faultgauge.observers.observer import Design, Observer, ObserverInfo, ObserverState, observe
 
-__all__ = ["Design", "OBSERVERS", "Observer", "ObserverInfo", "ObserverState", "observe"]
+__all__ = ["OBSERVERS", "Design", "Observer", "ObserverInfo", "ObserverState", "observe"]
 
 OBSERVERS = {"eso": design_eso}

@@ -28,7 +28,7 @@ from faultgauge.observers.branches import (
     Probe,
     Sums,
 )
-from faultgauge.observers.divided_difference import Belief, Flow, Look, Noise, Seen
+from faultgauge.observers.divided_difference import Belief, FilterNoise, Flow, Look, Seen
 from faultgauge.observers.onsets import Onsets
 from faultgauge.observers.rows import where_needed
 
@@ -48,7 +48,7 @@ class Branching(Onsets):
     when a log begins. Healthy is the first set, unknown the last.
     """
 
-    noise: Noise
+    noise: FilterNoise
     alien: Float[Array, "n n"]
     own: Float[Array, "states"]
     usual: Float[Array, "n"]
@@ -103,7 +103,7 @@ class Branching(Onsets):
         """One sample: `u` and `y` (NaN: not sampled) now, `dt` s after the last."""
         t = state.t + dt
 
-        def one(belief: Belief, noise: Noise) -> tuple:
+        def one(belief: Belief, noise: FilterNoise) -> tuple:
             after, *said = self.filter.step(belief, noise, state.u, u, y, dt)
             return after, said
 

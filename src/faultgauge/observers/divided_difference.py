@@ -23,7 +23,16 @@ from faultgauge.plants.plant import respond
 from faultgauge.simulation.integrators import step_through
 from faultgauge.simulation.intersample import line
 
-__all__ = ["FAR", "Belief", "DividedDifferenceFilter", "Flow", "Look", "Noise", "Seen", "raised"]
+__all__ = [
+    "FAR",
+    "Belief",
+    "DividedDifferenceFilter",
+    "FilterNoise",
+    "Flow",
+    "Look",
+    "Seen",
+    "raised",
+]
 
 FAR = 5.0  # standard deviations of an innovation beyond which it is no noise
 MISSING = 1.5  # steps from row to row
@@ -39,7 +48,7 @@ class Belief(NamedTuple):
     P: Float[Array, "*many n n"]
 
 
-class Noise(NamedTuple):
+class FilterNoise(NamedTuple):
     """Standard deviations: `process` per sqrt(s) of the states, `walk` per sqrt(s) of the faults,
     `sigma` of a sample."""
 
@@ -113,7 +122,7 @@ class DividedDifferenceFilter(eqx.Module):
     def predict(
         self,
         belief: Belief,
-        noise: Noise,
+        noise: FilterNoise,
         u_before: Float[Array, "inputs"],
         u: Float[Array, "inputs"],
         dt: Float[Array, ""],
@@ -179,7 +188,7 @@ class DividedDifferenceFilter(eqx.Module):
     def update(
         self,
         belief: Belief,
-        noise: Noise,
+        noise: FilterNoise,
         expected: Float[Array, "outputs"],
         look: Look,
         y: Float[Array, "outputs"],
@@ -207,7 +216,7 @@ class DividedDifferenceFilter(eqx.Module):
     def step(
         self,
         belief: Belief,
-        noise: Noise,
+        noise: FilterNoise,
         u_before: Float[Array, "inputs"],
         u: Float[Array, "inputs"],
         y: Float[Array, "outputs"],

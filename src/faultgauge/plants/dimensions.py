@@ -10,7 +10,7 @@ __all__ = [
     "BASE",
     "DIMENSIONLESS",
     "Dimension",
-    "Unit",
+    "PhysicalUnit",
     "change_of",
     "conversion",
     "describe",
@@ -103,7 +103,7 @@ def power(base: Dimension, exponent: Fraction) -> Dimension:
     return tuple(a * exponent for a in base)
 
 
-class Unit(NamedTuple):
+class PhysicalUnit(NamedTuple):
     """A unit: its dimension, the power of an angle in it, and how many SI units it is.
 
     An angle has no dimension, but rpm and Hz are no multiples of each other. NaN is no scale.
@@ -113,18 +113,18 @@ class Unit(NamedTuple):
     angle: Fraction = Fraction(0)
     scale: float = 1.0
 
-    def times(self, other: "Unit", sign: int = 1) -> "Unit":
+    def times(self, other: "PhysicalUnit", sign: int = 1) -> "PhysicalUnit":
         """self * other, or self / other with `sign` = -1."""
-        return Unit(
+        return PhysicalUnit(
             product(self.dimension, other.dimension, sign),
             self.angle + sign * other.angle,
             self.scale * _raise(other.scale, float(sign)),
         )
 
-    def power(self, exponent: Fraction) -> "Unit":
+    def power(self, exponent: Fraction) -> "PhysicalUnit":
         """self ** exponent."""
         scale = _raise(self.scale, float(exponent))
-        return Unit(power(self.dimension, exponent), self.angle * exponent, scale)
+        return PhysicalUnit(power(self.dimension, exponent), self.angle * exponent, scale)
 
 
 def _raise(scale: float, exponent: float) -> float:
@@ -142,7 +142,7 @@ def parse_unit(text: str) -> Dimension:
     return read_unit(text).dimension
 
 
-def read_unit(text: str) -> Unit:
+def read_unit(text: str) -> PhysicalUnit:
     """`text` as a unit. Raises `ValueError` saying in a few words what cannot be read."""
     return _Parser(text).parse()
 
@@ -205,7 +205,7 @@ class _Parser:
             self.tokens.append(match[1])
             position = match.end()
 
-    def parse(self) -> Unit:
+    def parse(self) -> PhysicalUnit:
         unit = self.unit()
         if self.tokens:
             raise ValueError(f"an operator is missing before {self.tokens[0]!r}")
@@ -223,24 +223,24 @@ class _Parser:
         if not self.accept(")"):
             raise ValueError("a ')' is missing")
 
-    def unit(self) -> Unit:
+    def unit(self) -> PhysicalUnit:
         unit = self.factor()
         while operator := self.accept("*", "·", "/"):
             unit = unit.times(self.factor(), -1 if operator == "/" else 1)
         return unit
 
-    def factor(self) -> Unit:
+    def factor(self) -> PhysicalUnit:
         atom = self.atom()
         return atom.power(self.exponent()) if self.accept("**", "^") else atom
 
-    def atom(self) -> Unit:
+    def atom(self) -> PhysicalUnit:
         if self.accept("("):
             unit = self.unit()
             self.close()
             return unit
         token = self.take()
         if token[0] in ".0123456789":
-            return Unit(DIMENSIONLESS, scale=float(token))
+            return PhysicalUnit(DIMENSIONLESS, scale=float(token))
         return _named(token)
 
     def exponent(self) -> Fraction:
@@ -269,13 +269,13 @@ def _base(index: int) -> Dimension:
 
 
 # The table of units, filled by the parser itself.
-_BARE: dict[str, Unit] = {}
-_PREFIXED: dict[str, Unit] = {
-    unit: Unit(_base(index)) for index, unit in enumerate(BASE) if unit != "kg"
-} | {"g": Unit(_base(0), scale=1e-3), "rad": Unit(DIMENSIONLESS, Fraction(1))}
+_BARE: dict[str, PhysicalUnit] = {}
+_PREFIXED: dict[str, PhysicalUnit] = {
+    unit: PhysicalUnit(_base(index)) for index, unit in enumerate(BASE) if unit != "kg"
+} | {"g": PhysicalUnit(_base(0), scale=1e-3), "rad": PhysicalUnit(DIMENSIONLESS, Fraction(1))}
 
 
-def _named(name: str) -> Unit:
+def _named(name: str) -> PhysicalUnit:
     for table in (_BARE, _PREFIXED):
         if name in table:
             return table[name]
@@ -288,7 +288,7 @@ def _named(name: str) -> Unit:
 
 for _table, _texts in ((_PREFIXED, DERIVED), (_BARE, BARE)):
     for _name, (_text, _times) in _texts.items():
-        _table[_name] = read_unit(_text).times(Unit(DIMENSIONLESS, scale=_times))
+        _table[_name] = read_unit(_text).times(PhysicalUnit(DIMENSIONLESS, scale=_times))
 
 
 def describe(dimension: Dimension) -> str:

@@ -39,7 +39,7 @@ from jaxtyping import Array, Float
 
 from faultgauge.plants.expression import derivatives_used, is_state, names_used
 from faultgauge.plants.gray_box import GrayBoxPlant
-from faultgauge.plants.plant import Change, Plant, applied, respond
+from faultgauge.plants.plant import Plant, ValueChange, applied, respond
 from faultgauge.plants.signals import Fault, Signals, State
 
 __all__ = [
@@ -248,7 +248,7 @@ class Disturbed(Plant):
         times = jnp.max(jnp.where(there, self.error.doubt, 1.0))
         return jnp.where(np.arange(len(usual)) < self.parts.xi.start, times, usual)
 
-    def altered(self, changes: Mapping[str, Change]) -> "Disturbed":
+    def altered(self, changes: Mapping[str, ValueChange]) -> "Disturbed":
         """`base` altered: what xi adds to a constant is not."""
         return replace(self, base=self.base.altered(changes))
 
@@ -317,7 +317,7 @@ class _Strayed(Plant):
     ) -> Float[Array, "outputs"]:
         return self.base.output(dx, x, u + self.stray)
 
-    def altered(self, changes: Mapping[str, Change]) -> "_Strayed":
+    def altered(self, changes: Mapping[str, ValueChange]) -> "_Strayed":
         return replace(self, base=self.base.altered(changes))
 
 
@@ -340,7 +340,7 @@ class _Own(Plant):
     ) -> Float[Array, "outputs"]:
         return self.base.output(dx, x, u)
 
-    def altered(self, changes: Mapping[str, Change]) -> "_Own":
+    def altered(self, changes: Mapping[str, ValueChange]) -> "_Own":
         return replace(self, base=self.base.altered(changes))
 
 

@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 
 from faultgauge.plants.expression import Call, evaluate, networks_used
 from faultgauge.plants.network import Network
-from faultgauge.plants.plant import Change, Plant
+from faultgauge.plants.plant import Plant, ValueChange
 from faultgauge.plants.plant_file import PlantSpec, parse_plant, read_plant_text
 from faultgauge.plants.signals import Signals
 
@@ -66,7 +66,7 @@ class GrayBoxPlant(Plant):
         ]
         return jnp.stack([jnp.asarray(output, float) for output in outputs])
 
-    def altered(self, changes: Mapping[str, Change]) -> "GrayBoxPlant":
+    def altered(self, changes: Mapping[str, ValueChange]) -> "GrayBoxPlant":
         """The plant with its parameters and networks changed, by their names."""
         parameters, networks = dict(self.parameters), dict(self.networks)
         for name, change in changes.items():

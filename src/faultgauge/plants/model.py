@@ -25,7 +25,7 @@ from faultgauge.plants.plant_file import PlantSpec, parse_plant
 from faultgauge.plants.record import (
     CalibrationRecord,
     FitRecord,
-    Reading,
+    ReadingRecord,
     calibration_in,
     check_record,
     fit_in,
@@ -70,7 +70,9 @@ class Model:
 
     def with_reading(self, said: dict[str, Any]) -> "Model":
         """The model that remembers how its logs were read, where anything was `said`."""
-        return replace(self, record=self.record.but(reading=Reading(**said))) if said else self
+        return (
+            replace(self, record=self.record.but(reading=ReadingRecord(**said))) if said else self
+        )
 
     def with_calibration(self, calibration: CalibrationRecord | None) -> "Model":
         return replace(self, calibration=calibration)

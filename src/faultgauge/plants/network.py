@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from faultgauge.plants.plant import Change
+from faultgauge.plants.plant import ValueChange
 from faultgauge.plants.shape import FREE, Shape
 
 __all__ = ["Network"]
@@ -82,7 +82,7 @@ class Network(eqx.Module):
         """Weights and scalings by name."""
         return {name: value for name, value in vars(self).items() if name != "shape"}
 
-    def altered(self, change: Change) -> "Network":
+    def altered(self, change: ValueChange) -> "Network":
         """The network whose value is factor NN(p) + shift everywhere, at no cost in evaluation."""
         return dataclasses.replace(
             self,

@@ -12,7 +12,7 @@ from jaxtyping import Array, Float
 
 from faultgauge.plants.signals import INNER, Signals
 
-__all__ = ["Change", "Plant", "Stuck", "applied", "clip_state", "respond"]
+__all__ = ["Plant", "Stuck", "ValueChange", "applied", "clip_state", "respond"]
 
 # Every JAX module of faultgauge imports this one. float32 surprises: identification needs 1e-8.
 jax.config.update("jax_enable_x64", True)
@@ -20,7 +20,7 @@ jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_cpu_enable_async_dispatch", False)
 
 
-class Change(NamedTuple):
+class ValueChange(NamedTuple):
     """What faults make of the value v of a parameter or a network: factor v + shift."""
 
     factor: Float[Array, ""] | float = 1.0
@@ -60,7 +60,7 @@ class Plant(eqx.Module):
         """What the outputs show besides h, and no loss of their gain makes less: nothing."""
         return jnp.zeros(len(self.signals.outputs))
 
-    def altered(self, changes: Mapping[str, Change]) -> "Plant":
+    def altered(self, changes: Mapping[str, ValueChange]) -> "Plant":
         """The plant with its parameters and networks, by name, as `changes` make them.
 
         Only a plant that declares faults which enter a parameter or a network needs one.
@@ -97,13 +97,13 @@ def respond(
     signals = plant.signals
     added: dict[str, list[tuple[int, Array]]] = {"state": [], "output": [], "input": []}
     lost: dict[str, list[tuple[int, Array]]] = {"gain": [], "output_gain": []}
-    changes: dict[str, Change] = {}
+    changes: dict[str, ValueChange] = {}
     names = {"state": signals.state_names, "input": signals.input_names}
     names |= {"output": signals.output_names, "gain": signals.input_names}
     names |= {"output_gain": signals.output_names}
     for size, fault in () if f is None else zip(f, signals.faults, strict=True):
         if fault.enters in INNER:
-            known = changes.get(fault.target, Change())
+            known = changes.get(fault.target, ValueChange())
             changes[fault.target] = _changed(known, size, fault.relative)
         else:
             into = added if fault.enters in added else lost
@@ -155,7 +155,7 @@ def _scaled(values: Float[Array, "n"], losses: list[tuple[int, Array]]) -> Float
     return values
 
 
-def _changed(known: Change, size: Float[Array, ""], relative: bool) -> Change:
+def _changed(known: ValueChange, size: Float[Array, ""], relative: bool) -> ValueChange:
     if relative:
         return known._replace(factor=known.factor * (1.0 + size))
     return known._replace(shift=known.shift + size)

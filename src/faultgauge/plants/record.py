@@ -19,7 +19,7 @@ __all__ = [
     "Interval",
     "LawRecord",
     "NoiseLevels",
-    "Reading",
+    "ReadingRecord",
     "UnitRecord",
     "calibration_in",
     "check_record",
@@ -50,7 +50,7 @@ class Part(pydantic.BaseModel):
         return self.model_dump(mode="json", by_alias=True, exclude_unset=True)
 
 
-class Constants(Part):
+class ConstantsRecord(Part):
     """Uncertain constants: names, standard errors, correlations; None where not known."""
 
     names: list[str]
@@ -58,7 +58,7 @@ class Constants(Part):
     correlation: list[list[Annotated[float, pydantic.Field(ge=-1.001, le=1.001)] | None]]
 
     @pydantic.model_validator(mode="after")
-    def of_one_size(self) -> "Constants":
+    def of_one_size(self) -> "ConstantsRecord":
         count = len(self.names)
         if not count == len(self.errors) == len(self.correlation):
             raise ValueError("sizes")
@@ -97,7 +97,7 @@ class Choices(Part):
     hidden: dict[str, pydantic.StrictInt]
 
 
-class Data(Part):
+class DataRecord(Part):
     """Hashes of runs."""
 
     fit: list[str]
@@ -190,7 +190,7 @@ class CalibrationRecord(Part):
         return self
 
 
-class Reading(Part):
+class ReadingRecord(Part):
     """What was said of how the logs are read."""
 
     time: Text | None = None
@@ -247,15 +247,15 @@ class FitRecord(Part):
     members: Annotated[pydantic.StrictInt, pydantic.Field(ge=0, le=MOST_MEMBERS)] = 0
     choices: Choices = Choices(hold={}, hidden={})
     columns: Columns
-    constants: Constants = Constants(names=[], errors=[], correlation=[])
-    data: Data
+    constants: ConstantsRecord = ConstantsRecord(names=[], errors=[], correlation=[])
+    data: DataRecord
     derivatives: dict[str, dict[str, Number | None]]
     envelope: dict[str, tuple[Number, Number]]
     envelope_points: Annotated[list[list[Number]], pydantic.Field(max_length=MOST_POINTS)]
     instruments: dict[str, Number] = {}
     metrics: Metrics
     noise: dict[str, dict[str, Any]] = {}
-    reading: Reading = Reading()
+    reading: ReadingRecord = ReadingRecord()
     fleet: FleetRecord | None = None
     unit: UnitRecord | None = None
 

@@ -9,7 +9,7 @@ import pydantic
 
 from faultgauge.plants.shape import Monotone
 from faultgauge.plants.signals import Entry, Hold, Monitor
-from faultgauge.plants.toml_file import Number, Positive, Table
+from faultgauge.plants.toml_file import Number, Positive, SchemaTable
 
 __all__ = [
     "MAX_HIDDEN",
@@ -28,7 +28,7 @@ Text = str
 Seconds = Annotated[float, pydantic.Field(ge=0, allow_inf_nan=False)]
 
 
-class StateTable(Table):
+class StateTable(SchemaTable):
     derivative: Text
     unit: Text = ""
     min: Number | None = None
@@ -38,7 +38,7 @@ class StateTable(Table):
     trusted: list[Number] | None = None
 
 
-class InputTable(Table):
+class InputTable(SchemaTable):
     unit: Text = ""
     min: Number | None = None
     max: Number | None = None
@@ -48,14 +48,14 @@ class InputTable(Table):
     trusted: list[Number] | None = None
 
 
-class OutputTable(Table):
+class OutputTable(SchemaTable):
     value: Text
     unit: Text = ""
     sigma: Positive | None = None
     trusted: list[Number] | None = None
 
 
-class ParameterTable(Table):
+class ParameterTable(SchemaTable):
     value: Number | None = None
     unit: Text = ""
     min: Number | None = None
@@ -64,7 +64,7 @@ class ParameterTable(Table):
     vary: Literal["run", "slow"] | None = None
 
 
-class NetworkTable(Table):
+class NetworkTable(SchemaTable):
     hidden: Annotated[int, pydantic.Field(ge=1, le=MAX_HIDDEN)] | None = None
     odd: bool = False
     zero_at_zero: bool = False
@@ -75,7 +75,7 @@ class NetworkTable(Table):
     ] = None
 
 
-class FaultTable(Table):
+class FaultTable(SchemaTable):
     enters: Entry
     target: Text
     unit: Text = ""
@@ -87,12 +87,12 @@ class FaultTable(Table):
     relative: bool | None = None
 
 
-class ObserverTable(Table):
+class ObserverTable(SchemaTable):
     outputs: list[Text] | None = None
     bandwidth: Positive | None = None
 
 
-class DetectionTable(Table):
+class DetectionTable(SchemaTable):
     max_simultaneous: Literal[1, 2] = 2
     persistence: Seconds = 0.0
     release: Annotated[float, pydantic.Field(gt=0, le=0.95)] = 0.5
@@ -100,7 +100,7 @@ class DetectionTable(Table):
     hold_off: Seconds | None = None
 
 
-class FileTable(Table):
+class FileTable(SchemaTable):
     name: Text
     states: dict[str, StateTable]
     inputs: dict[str, InputTable] = pydantic.Field(default_factory=dict)

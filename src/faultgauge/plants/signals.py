@@ -5,13 +5,13 @@ from dataclasses import dataclass
 from typing import Literal
 
 __all__ = [
+    "INNER",
+    "LOSSES",
     "Detection",
     "Entry",
     "Fault",
     "Hold",
-    "INNER",
     "Input",
-    "LOSSES",
     "Monitor",
     "Observation",
     "Output",

@@ -14,7 +14,7 @@ from faultgauge.errors import InputError
 from faultgauge.files import read_within
 from faultgauge.plants.expression import unknown
 
-__all__ = ["Number", "Positive", "Table", "parse_toml", "read_text", "typed", "values_in"]
+__all__ = ["Number", "Positive", "SchemaTable", "parse_toml", "read_text", "typed", "values_in"]
 
 MAX_BYTES = 1_000_000
 
@@ -32,13 +32,13 @@ Number = Annotated[float, pydantic.Field(allow_inf_nan=False), pydantic.AfterVal
 Positive = Annotated[Number, pydantic.Field(gt=0)]
 
 
-class Table(pydantic.BaseModel):
+class SchemaTable(pydantic.BaseModel):
     """A table of the schema: its keys and their types; unknown keys are refused."""
 
     model_config = pydantic.ConfigDict(extra="forbid", strict=True)
 
 
-T = TypeVar("T", bound=Table)
+T = TypeVar("T", bound=SchemaTable)
 
 
 def read_text(path: Path, kind: str, advice: str) -> str:
@@ -106,7 +106,7 @@ def typed(
 
 def _first(
     failure: pydantic.ValidationError,
-    model: type[Table],
+    model: type[SchemaTable],
     also: Sequence[str],
 ) -> str:
     """The first thing wrong, as one sentence."""
@@ -144,10 +144,12 @@ def _path(location: tuple[int | str, ...]) -> list[str]:
     return path
 
 
-def _legal(model: type[Table], tables: Sequence[str]) -> list[str]:
+def _legal(model: type[SchemaTable], tables: Sequence[str]) -> list[str]:
     """Keys of the table that `tables` leads to: through fields, and through dicts of tables."""
     kind: Any = model
     for key in tables:
-        is_table = isinstance(kind, type) and issubclass(kind, Table)
+        is_table = isinstance(kind, type) and issubclass(kind, SchemaTable)
         kind = kind.model_fields[key].annotation if is_table else get_args(kind)[-1]
-    return list(kind.model_fields) if isinstance(kind, type) and issubclass(kind, Table) else []
+    return (
+        list(kind.model_fields) if isinstance(kind, type) and issubclass(kind, SchemaTable) else []
+    )

@@ -12,7 +12,7 @@ from faultgauge.plants.signals import Fault
 from faultgauge.rehearsal.ways import Way
 from faultgauge.telemetry import Run, cut
 
-__all__ = ["MIDDLE", "Dose", "Plan", "Subject", "doses_of", "plans", "windows_of"]
+__all__ = ["MIDDLE", "Dose", "RehearsalPlan", "Subject", "doses_of", "plans", "windows_of"]
 
 SHORTEST, WINDOW = 200, 2000  # samples of a window
 SIZES = np.geomspace(0.25, 16.0, 8)  # times the smallest size that the model foretells
@@ -38,7 +38,7 @@ class Subject(NamedTuple):
     doses: tuple[Dose, ...]
 
 
-class Plan(NamedTuple):
+class RehearsalPlan(NamedTuple):
     """What goes into which window, each from its own onset [s] on."""
 
     window: int
@@ -88,14 +88,14 @@ def plans(
     subjects: Sequence[Subject],
     windows: Sequence[Run],
     budget: int,
-    legal: Callable[[Plan], bool],
+    legal: Callable[[RehearsalPlan], bool],
     *,
     pairs: bool,
-) -> list[Plan]:
+) -> list[RehearsalPlan]:
     """At most `budget` plans that are `legal`, round by round: in each one every size of every
     fault, of alternating signs, and every pair once at 4 and once at 8 times; the windows in turn,
     and onsets at random in their middle. Of the last round as many as fit, evenly."""
-    found: list[Plan] = []
+    found: list[RehearsalPlan] = []
     k = fruitless = 0
     while len(found) < budget and fruitless < 2 * len(windows):
         given = enumerate(_one_round(subjects, k, pairs))
@@ -132,10 +132,10 @@ def _signed(subject: Subject, times: float, sign: int) -> Dose | None:
     return Dose(fault.name, legal[0], times) if legal else None
 
 
-def _placed(doses: tuple[Dose, ...], i: int, k: int, windows: Sequence[Run]) -> Plan:
+def _placed(doses: tuple[Dose, ...], i: int, k: int, windows: Sequence[Run]) -> RehearsalPlan:
     """The i-th of round `k`: its window, and an onset at a sample for each of its faults."""
     at = (k // 2 + i) % len(windows)
     t = windows[at].t
     share = np.random.default_rng([k, i]).uniform(*MIDDLE, len(doses))
     onsets = t[np.searchsorted(t, t[0] + share * (t[-1] - t[0]))]
-    return Plan(at, doses, tuple(float(each) for each in onsets))
+    return RehearsalPlan(at, doses, tuple(float(each) for each in onsets))

@@ -15,7 +15,7 @@ from faultgauge.progress import Step
 from faultgauge.rehearsal.design import (
     MIDDLE,
     Dose,
-    Plan,
+    RehearsalPlan,
     Subject,
     doses_of,
     plans,
@@ -29,7 +29,7 @@ from faultgauge.rehearsal.judging import (
     check_calibrated,
     false_alarm_rate,
 )
-from faultgauge.rehearsal.result import Answer, Rehearsal, Trial
+from faultgauge.rehearsal.result import InjectedFault, Rehearsal, Trial
 from faultgauge.rehearsal.scoring import fault_results, large, pair_results
 from faultgauge.rehearsal.shares import FOUND, poisson, wilson
 from faultgauge.rehearsal.ways import Way, way_of
@@ -111,7 +111,7 @@ class _Lab:
     subjects: Mapping[str, Subject]
     refused: dict[str, Counter[str]] = field(default_factory=lambda: defaultdict(Counter))
 
-    def log(self, plan: Plan) -> Run:
+    def log(self, plan: RehearsalPlan) -> Run:
         """The window with the faults in it. Raises `NotInjectable`."""
         injected = []
         for dose, onset in zip(plan.doses, plan.onsets, strict=True):
@@ -119,7 +119,7 @@ class _Lab:
             injected.append(Injected(way, dose.size, onset, fault.rate))
         return inject(self.windows[plan.window], self.signals, injected)
 
-    def allows(self, plan: Plan) -> bool:
+    def allows(self, plan: RehearsalPlan) -> bool:
         """Whether the window allows the faults; counted where it does not allow a single one."""
         try:
             self.log(plan)
@@ -130,7 +130,7 @@ class _Lab:
         return True
 
 
-def _planned(lab: _Lab, subjects: Sequence[Subject], room: int, pairs: bool) -> list[Plan]:
+def _planned(lab: _Lab, subjects: Sequence[Subject], room: int, pairs: bool) -> list[RehearsalPlan]:
     """At most `room` plans, window by window: logs of one are judged together. Raises `InputError`
     where no fault fits into any."""
     planned = plans(subjects, lab.windows, room, lab.allows, pairs=pairs)
@@ -142,7 +142,7 @@ def _planned(lab: _Lab, subjects: Sequence[Subject], room: int, pairs: bool) -> 
     return sorted(planned, key=lambda plan: plan.window)
 
 
-def score(number: int, window: str, plan: Plan, said: Judgement) -> Trial:
+def score(number: int, window: str, plan: RehearsalPlan, said: Judgement) -> Trial:
     """What `said` makes of the faults that `plan` put into `window`."""
     first = min(plan.onsets)
     after = [each for each in said.events if each.told >= first]
@@ -157,8 +157,8 @@ def score(number: int, window: str, plan: Plan, said: Judgement) -> Trial:
     )
 
 
-def _answer(dose: Dose, onset: float, events: Sequence[Event]) -> Answer:
-    unasked = Answer(dose.fault, dose.size, onset, dose.times)
+def _answer(dose: Dose, onset: float, events: Sequence[Event]) -> InjectedFault:
+    unasked = InjectedFault(dose.fault, dose.size, onset, dose.times)
     mine = [each for each in events if each.fault == dose.fault and each.told >= onset]
     if not mine:
         return unasked

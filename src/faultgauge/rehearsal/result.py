@@ -8,13 +8,22 @@ import numpy as np
 from faultgauge.rehearsal.judging import UNKNOWN
 from faultgauge.rehearsal.shares import Rate, Share, Smallest
 
-__all__ = ["NEAR", "Answer", "FaultResult", "Figures", "PairResult", "Rehearsal", "Trial", "plain"]
+__all__ = [
+    "NEAR",
+    "FaultResult",
+    "Figures",
+    "InjectedFault",
+    "PairResult",
+    "Rehearsal",
+    "Trial",
+    "plain",
+]
 
 NEAR = 1.5  # times: what is foretold is as good as what is found
 
 
 @dataclass(frozen=True)
-class Answer:
+class InjectedFault:
     """One injected fault and what was said of it: `size` [its unit] from `onset` [s] on, `times`
     the smallest size that the model foretells (None where it foretells none).
 
@@ -49,7 +58,7 @@ class Trial:
 
     number: int
     window: str
-    answers: tuple[Answer, ...]
+    answers: tuple[InjectedFault, ...]
     told: tuple[str, ...]
     alarmed: bool
     false_before: int

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from faultgauge.rehearsal.design import Subject
-from faultgauge.rehearsal.result import Answer, FaultResult, Figures, PairResult, Trial
+from faultgauge.rehearsal.result import FaultResult, Figures, InjectedFault, PairResult, Trial
 from faultgauge.rehearsal.shares import Share, Smallest, smallest_found, wilson
 
 __all__ = [
@@ -108,7 +108,9 @@ def figures(trials: Sequence[Trial], size: float | None = None) -> Figures:
     def share(holds: Callable[[Trial], bool]) -> Share:
         return wilson(sum(holds(each) for each in trials), len(trials))
 
-    def covered(some: Sequence[Answer], inside: Callable[[Answer], bool | None]) -> Share:
+    def covered(
+        some: Sequence[InjectedFault], inside: Callable[[InjectedFault], bool | None]
+    ) -> Share:
         return wilson(sum(bool(inside(each)) for each in some), len(some))
 
     return Figures(

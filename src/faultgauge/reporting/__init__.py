@@ -4,7 +4,7 @@ Importing this package imports matplotlib and jinja2; commands do so only when t
 """
 
 from faultgauge.reporting.coverage import outside
-from faultgauge.reporting.glance import Compared, Told, overview
+from faultgauge.reporting.glance import Compared, ToldSpan, overview
 from faultgauge.reporting.model_figures import bars, envelope, fit_history, learned_curve
 from faultgauge.reporting.relations import relation
 from faultgauge.reporting.report import Report, Section, Table, installed_versions, render, write
@@ -27,7 +27,7 @@ __all__ = [
     "Report",
     "Section",
     "Table",
-    "Told",
+    "ToldSpan",
     "axis_label",
     "bars",
     "curves",

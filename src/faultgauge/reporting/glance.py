@@ -12,7 +12,7 @@ from faultgauge.reporting.svg import Figure, figure
 from faultgauge.reporting.time_figures import around
 from faultgauge.telemetry.clock import Clock
 
-__all__ = ["Compared", "Told", "overview"]
+__all__ = ["Compared", "ToldSpan", "overview"]
 
 HEIGHT = 1.6  # of a panel, inches
 
@@ -28,7 +28,7 @@ class Compared(NamedTuple):
     noise: float = 0.0
 
 
-class Told(NamedTuple):
+class ToldSpan(NamedTuple):
     """A fault that was told in the `spans` (s): its estimate with the 95 % band, the smallest size
     that would be told, and the truth where it is known."""
 
@@ -45,7 +45,7 @@ class Told(NamedTuple):
 def overview(
     t: Float[np.ndarray, "samples"],
     outputs: Sequence[Compared],
-    told: Sequence[Told],
+    told: Sequence[ToldSpan],
     *,
     run: str,
     spans: Sequence[tuple[float, float]] = (),
@@ -119,7 +119,7 @@ def _draw_output(axes: Axes, t: Float[np.ndarray, "samples"], each: Compared) ->
 def _draw_told(
     axes: Axes,
     t: Float[np.ndarray, "samples"],
-    each: Told,
+    each: ToldSpan,
     hidden: Bool[np.ndarray, "samples"],
 ) -> None:
     marks.shade(axes, t, each.spans, color=style.EVENT, label="fault told")
@@ -149,7 +149,7 @@ def _draw_likely(
 
 
 def _caption(
-    told: Sequence[Told],
+    told: Sequence[ToldSpan],
     spans: Sequence[tuple[float, float]],
     alarms: Sequence[tuple[float, float]],
     likely: bool,

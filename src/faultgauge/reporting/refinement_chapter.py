@@ -4,7 +4,7 @@ from collections.abc import Collection
 
 import numpy as np
 
-from faultgauge.identification.constants import Constant, Information
+from faultgauge.identification.constants import ConstantsInformation, FittedConstant
 from faultgauge.identification.refinement.result import Refinement
 from faultgauge.reporting.report import Section, Table
 from faultgauge.reporting.style import quantity
@@ -63,7 +63,7 @@ def _tried(found: Refinement) -> Table:
 
 
 def parameter_table(
-    found: Information, caption: str, varying: Collection[str] = ()
+    found: ConstantsInformation, caption: str, varying: Collection[str] = ()
 ) -> tuple[Table, ...]:
     """Parameters; of the `varying` ones the value that they have in common has no error."""
     if not found.constants:
@@ -107,7 +107,7 @@ def _drift(found: Refinement, name: str) -> Figure:
     return curves(t, values, title=f"How {name} drifted", name=name, unit=unit)
 
 
-def _value(each: Constant) -> str:
+def _value(each: FittedConstant) -> str:
     """To the second figure of its standard error."""
     figures = 3
     if each.standard_error and each.value:
@@ -116,7 +116,7 @@ def _value(each: Constant) -> str:
     return quantity(each.value, each.unit or "1", figures)
 
 
-def _error(each: Constant) -> str:
+def _error(each: FittedConstant) -> str:
     if each.standard_error is None:
         return ""
     unit = each.unit or "1"
@@ -124,7 +124,7 @@ def _error(each: Constant) -> str:
     return quantity(each.standard_error, unit) + shift
 
 
-def correlation_table(found: Information) -> tuple[Table, ...]:
+def correlation_table(found: ConstantsInformation) -> tuple[Table, ...]:
     names = [each.name for each in found.constants]
     pairs = [
         (float(found.correlation[i, j]), names[j], names[i])

@@ -9,7 +9,7 @@ from faultgauge.detection.answer import alarms
 from faultgauge.detection.bank import FaultBank
 from faultgauge.detection.decisions import Decision
 from faultgauge.detection.verdicts import NOT_JUDGED, STALE
-from faultgauge.reporting.glance import Compared, Told, overview
+from faultgauge.reporting.glance import Compared, ToldSpan, overview
 from faultgauge.reporting.scales import least_sizes, noise_scales
 from faultgauge.reporting.svg import Figure
 
@@ -43,7 +43,7 @@ def run_overview(
     unnamed = [e for e in alarms(bank, decision) if e.start <= t[-1] and t[0] <= e.end]
     least = least_sizes(bank, decision)
     told = [
-        Told(
+        ToldSpan(
             fault.name,
             fault.unit,
             found.f[part, k],

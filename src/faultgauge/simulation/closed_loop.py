@@ -19,8 +19,8 @@ __all__ = [
     "Conditions",
     "Controller",
     "Loop",
+    "LoopRecord",
     "LoopState",
-    "Record",
     "closed_loop",
     "governed_loop",
     "with_faults",
@@ -47,7 +47,7 @@ class Conditions(NamedTuple):
     dropped: Bool[Array, "samples outputs"]
 
 
-class Record(NamedTuple):
+class LoopRecord(NamedTuple):
     """A simulated run at the controller's samples: `u` as commanded inside its limits, the true
     x, dx and y under that u, and `measured` = y with noise (a stuck output shows its value and no
     noise), NaN where no sample came."""
@@ -109,7 +109,7 @@ class Loop(eqx.Module):
 
     def step(
         self, state: LoopState, now: Conditions, later: Float[Array, "inputs"]
-    ) -> tuple[LoopState, tuple[Record, Any]]:
+    ) -> tuple[LoopState, tuple[LoopRecord, Any]]:
         """One sample under the conditions `now` of it; `later` is the next feedforward. The
         policy's info comes beside the record."""
         plant, controller, dt = self.plant, self.controller, self.dt
@@ -140,7 +140,7 @@ class Loop(eqx.Module):
             return step(plant, x, u0, u1, f, jnp.asarray(dt / self.substeps), 1, stuck), None
 
         x = jax.lax.scan(advance, state.x, (begins, ends, now.f, now.stuck))[0]
-        record = Record(u, state.x, dx, y, measured)
+        record = LoopRecord(u, state.x, dx, y, measured)
         return LoopState(x, ends[-1], past, z, seen, inner), (record, info)
 
 
@@ -155,7 +155,7 @@ def closed_loop(
     x0: Float[Array, "states"],
     conditions: Conditions,
     dt: float,
-) -> Record:
+) -> LoopRecord:
     """Run `plant` from `x0` in a `Loop`."""
     return governed_loop(plant, controller, None, x0, conditions, dt)[0]
 
@@ -168,7 +168,7 @@ def governed_loop(
     x0: Float[Array, "states"],
     conditions: Conditions,
     dt: float,
-) -> tuple[Record, Any]:
+) -> tuple[LoopRecord, Any]:
     """(record, info of every sample): `closed_loop` with a `policy` in the loop."""
     loop = Loop(plant, controller, dt, conditions.f.shape[1], policy)
     uf = conditions.feedforward

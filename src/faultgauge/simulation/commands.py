@@ -18,12 +18,12 @@ import pydantic
 from faultgauge.errors import InputError
 from faultgauge.plants.expression import unknown
 from faultgauge.plants.signals import LOSSES, Entry, Signals
-from faultgauge.plants.toml_file import Positive, Table, typed
+from faultgauge.plants.toml_file import Positive, SchemaTable, typed
 from faultgauge.simulation.fault_tables import entry, unfit
 from faultgauge.simulation.scenario import TRUTH, Scenario
 from faultgauge.simulation.schedules import Constant, Ramp, Schedule, truth
 
-__all__ = ["Change", "Commands"]
+__all__ = ["Commanded", "Commands"]
 
 Effect = Literal["add", "stuck", "dropout"]
 
@@ -36,7 +36,7 @@ FORMS = (
 )
 
 
-class Change(NamedTuple):
+class Commanded(NamedTuple):
     """What a command has changed: `did` (inject, clear, stop), the schedule injected with its size
     (None: a dropout) and ramp [s], or the names cleared."""
 
@@ -57,7 +57,7 @@ class _Meant(NamedTuple):
 Finite = Annotated[float, pydantic.Field(allow_inf_nan=False)]
 
 
-class _Inject(Table):
+class _Inject(SchemaTable):
     name: str
     enters: Literal["state", "input", "output"] | None = None
     kind: Literal["bias", "gain", "stuck", "dropout"] | None = None
@@ -65,15 +65,15 @@ class _Inject(Table):
     ramp: Positive | None = None
 
 
-class _Clear(Table):
+class _Clear(SchemaTable):
     name: str
 
 
-class _Stop(Table):
+class _Stop(SchemaTable):
     pass
 
 
-TABLES: dict[str, type[Table]] = {"inject": _Inject, "clear": _Clear, "stop": _Stop}
+TABLES: dict[str, type[SchemaTable]] = {"inject": _Inject, "clear": _Clear, "stop": _Stop}
 
 
 class Commands:
@@ -90,7 +90,7 @@ class Commands:
         self.ever = dict(self.schedules)  # the first schedule of every name
         self.effects: dict[str, Effect] = {each.name: each.effect for each in scenario.faults}
 
-    def obey(self, line: str, t: float) -> Change:
+    def obey(self, line: str, t: float) -> Commanded:
         """Carry out one command at time `t` [s]. Raises `InputError`, and then nothing changed."""
         where = f"command {line.strip()[:80]!r}"
         do, given = _parsed(line.strip(), where)
@@ -101,7 +101,7 @@ class Commands:
             self.ever.setdefault(schedule.name, schedule)
             self.known[schedule.name] = (schedule.enters, schedule.target)
             self.effects[schedule.name] = schedule.effect
-            return Change("inject", schedule, table.size, table.ramp or 0.0)
+            return Commanded("inject", schedule, table.size, table.ramp or 0.0)
         if isinstance(table, _Clear):
             names = tuple(self.schedules) if table.name == "all" else (table.name,)
             if not set(names) <= set(self.schedules):
@@ -109,8 +109,8 @@ class Commands:
                 raise InputError(f"{where}: {unknown('injected fault', table.name, legal)}.")
             for name in names:
                 del self.schedules[name]
-            return Change("clear", cleared=names)
-        return Change("stop")
+            return Commanded("clear", cleared=names)
+        return Commanded("stop")
 
     def _schedule(self, table: _Inject, t: float, where: str) -> Schedule:
         if table.name in self.known and table.enters is None:

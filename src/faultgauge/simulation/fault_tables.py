@@ -6,14 +6,14 @@ from typing import Any, Literal, NamedTuple
 from faultgauge.errors import InputError
 from faultgauge.plants.expression import unknown
 from faultgauge.plants.signals import INNER, LOSSES, Entry, Signals
-from faultgauge.plants.toml_file import Table, typed
+from faultgauge.plants.toml_file import SchemaTable, typed
 from faultgauge.simulation.schedules import Profile, Schedule
 from faultgauge.simulation.sources import PROFILES
 
-__all__ = ["Place", "entry", "schedules", "unfit"]
+__all__ = ["Entrance", "entry", "schedules", "unfit"]
 
 
-class Place(NamedTuple):
+class Entrance(NamedTuple):
     """Where a fault enters, and what it is measured in: `unit`, or a share where `relative`."""
 
     enters: Entry
@@ -22,7 +22,7 @@ class Place(NamedTuple):
     relative: bool = False
 
 
-class _Schedule(Table):
+class _Schedule(SchemaTable):
     enters: Entry | None = None
     target: str | None = None
     effect: Literal["add", "stuck", "dropout"] = "add"
@@ -79,7 +79,7 @@ def _profile(where: str, head: _Schedule, body: dict[str, Any]) -> Profile:
 
 def entry(
     where: str, name: str, enters: Entry | None, target: str | None, signals: Signals
-) -> Place:
+) -> Entrance:
     """As written, or as the plant declares `name`; what enters a parameter or a network has to be
     a fault that the plant declares."""
     declared = next((fault for fault in signals.faults if fault.name == name), None)
@@ -92,7 +92,7 @@ def entry(
             "it from; add it."
         )
     if declared and (declared.enters, declared.target) == (enters, target):
-        return Place(enters, target, declared.unit, declared.relative)
+        return Entrance(enters, target, declared.unit, declared.relative)
     if enters in INNER:
         legal = ", ".join(fault.name for fault in signals.faults if fault.enters == enters)
         raise InputError(
@@ -105,5 +105,5 @@ def entry(
     if target not in units:
         raise InputError(f"{where} target: {unknown(kind, target, units)}.")
     if enters == "state":
-        return Place(enters, target, f"({units[target]})/s" if units[target] else "")
-    return Place(enters, target, "" if enters in LOSSES else units[target])
+        return Entrance(enters, target, f"({units[target]})/s" if units[target] else "")
+    return Entrance(enters, target, "" if enters in LOSSES else units[target])

@@ -9,7 +9,7 @@ import numpy as np
 
 from faultgauge.errors import InputError
 from faultgauge.simulation.bench import Row, bench_of
-from faultgauge.simulation.commands import Change, Commands
+from faultgauge.simulation.commands import Commanded, Commands
 from faultgauge.simulation.pacing import Pacer
 from faultgauge.simulation.scenario import TRUTH, Scenario
 from faultgauge.simulation.schedules import grid, truth
@@ -113,7 +113,7 @@ class Session:
         return False
 
 
-def _records(change: Change, k: int, t: float) -> list[dict[str, Any]]:
+def _records(change: Commanded, k: int, t: float) -> list[dict[str, Any]]:
     """What is kept of a command: the sample at which it began to act, and what it did."""
     at = {"sample": k, "t": t, "did": change.did}
     if change.schedule is None:

@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from faultgauge.errors import InputError
 from faultgauge.plants.signals import INNER
-from faultgauge.simulation.closed_loop import Conditions, Record, governed_loop, with_faults
+from faultgauge.simulation.closed_loop import Conditions, LoopRecord, governed_loop, with_faults
 from faultgauge.simulation.free_run import RATE_STEP, fastest_rate
 from faultgauge.simulation.policy import Policy
 from faultgauge.simulation.satellite.loop import Telemetry
@@ -19,7 +19,7 @@ from faultgauge.simulation.satellite.observatory import AXES, PERIOD
 from faultgauge.simulation.satellite.observatory import run as fly
 from faultgauge.simulation.scenario import MOST_STEPS, TRUTH, Drive, Scenario, read_scenario
 from faultgauge.simulation.schedules import Schedule, grid, inject, truth
-from faultgauge.simulation.sources import Clock
+from faultgauge.simulation.sources import SampleClock
 from faultgauge.telemetry import Run
 
 __all__ = [
@@ -103,7 +103,7 @@ def _looped(
 
 def rehearse(
     scenario: Scenario, t: Float[np.ndarray, "samples"], policy: Policy | None = None
-) -> tuple[Record, Any, int]:
+) -> tuple[LoopRecord, Any, int]:
     """The loop run through, the policy's info, and the integration steps per sample that it took.
 
     Raises `InputError` where it makes no sense or leaves all bounds.
@@ -209,7 +209,7 @@ def truths(
 
 def _record(
     scenario: Scenario, t: Float[np.ndarray, "samples"], substeps: int, policy: Policy | None
-) -> tuple[Record, Any]:
+) -> tuple[LoopRecord, Any]:
     if scenario.samples * substeps > MOST_STEPS:
         raise InputError(
             f"{scenario.source}: {substeps} integration steps for each of {scenario.samples} "
@@ -247,14 +247,14 @@ def driven(
         drives, table, names = scenario.references, "references", signals.output_names
     columns = np.zeros((len(t), len(drives)))
     for j, (drive, name) in enumerate(zip(drives, names, strict=True)):
-        clock = Clock(t, scenario.step, linear[j], scenario.folder)
+        clock = SampleClock(t, scenario.step, linear[j], scenario.folder)
         rng = np.random.default_rng([scenario.seed, stream, j])
         columns[:, j] = _signal(drive, clock, rng, f"{scenario.source}: [{table}.{name}]")
     return columns
 
 
 def _signal(
-    drive: Drive, clock: Clock, rng: np.random.Generator, where: str
+    drive: Drive, clock: SampleClock, rng: np.random.Generator, where: str
 ) -> Float[np.ndarray, "samples"]:
     if drive.source is None:
         return np.full(len(clock.t), drive.offset)
@@ -264,7 +264,7 @@ def _signal(
         raise InputError(f"{where} {wrong}") from None
 
 
-def _needed(scenario: Scenario, record: Record) -> int:
+def _needed(scenario: Scenario, record: LoopRecord) -> int:
     """Integration steps per sample that the plant asks for where the run has led it."""
     points = np.linspace(0, scenario.samples - 1, POINTS).astype(int)
     x, u = np.asarray(record.x)[points], np.asarray(record.u)[points]
@@ -277,7 +277,7 @@ def _needed(scenario: Scenario, record: Record) -> int:
     return int(min(np.ceil(scenario.step * rate / RATE_STEP), MOST_STEPS))
 
 
-def _check_finite(scenario: Scenario, t: Float[np.ndarray, "samples"], record: Record) -> None:
+def _check_finite(scenario: Scenario, t: Float[np.ndarray, "samples"], record: LoopRecord) -> None:
     whole = np.concatenate([record.u, record.x, record.y], axis=1)
     wrong = np.flatnonzero(~np.isfinite(whole).all(axis=1))
     if wrong.size:

@@ -21,7 +21,7 @@ from faultgauge.plants.plant_file import presets
 from faultgauge.plants.toml_file import (
     Number,
     Positive,
-    Table,
+    SchemaTable,
     parse_toml,
     read_text,
     typed,
@@ -107,12 +107,12 @@ class Scenario:
 
 
 # The file's schema, as pydantic sees it; sources and profiles are typed by their kind, below.
-class _Driven(Table):
+class _Driven(SchemaTable):
     source: str | None = None
     offset: Number = 0.0
 
 
-class _Feedback(Table):
+class _Feedback(SchemaTable):
     kp: Number = 0.0
     ki: Number = 0.0
 
@@ -120,13 +120,13 @@ class _Feedback(Table):
 _Three = Annotated[list[Number], pydantic.Field(min_length=3, max_length=3)]
 
 
-class _Satellite(Table):
+class _Satellite(SchemaTable):
     axis: Literal["roll", "pitch", "yaw"] = "pitch"
     angles: _Three = pydantic.Field(default_factory=lambda: [*SLEW])
     momenta: _Three = pydantic.Field(default_factory=lambda: [*MOMENTA])
 
 
-class _File(Table):
+class _File(SchemaTable):
     name: str
     plant: str
     satellite: _Satellite | None = None

@@ -13,14 +13,14 @@ from faultgauge.errors import InputError
 from faultgauge.excitation.multisine import multisine
 from faultgauge.excitation.noise import band_limited_noise
 from faultgauge.excitation.sweep import triangles
-from faultgauge.plants.toml_file import Number, Positive, Table
+from faultgauge.plants.toml_file import Number, Positive, SchemaTable
 from faultgauge.simulation.schedules import Constant, Intermittent, Profile, Ramp, Sine, Steps
 from faultgauge.telemetry import read_telemetry
 
-__all__ = ["PROFILES", "SOURCES", "Clock", "ProfileTable", "Source"]
+__all__ = ["PROFILES", "SOURCES", "ProfileTable", "SampleClock", "Source"]
 
 
-class Clock(NamedTuple):
+class SampleClock(NamedTuple):
     """When the samples of a scenario are, and how a signal runs between those of a log."""
 
     t: Float[np.ndarray, "samples"]
@@ -29,11 +29,11 @@ class Clock(NamedTuple):
     folder: Path  # relative paths start here
 
 
-class Source(Table, abc.ABC):
+class Source(SchemaTable, abc.ABC):
     """What an input or a reference is made of."""
 
     @abc.abstractmethod
-    def signal(self, clock: Clock, rng: np.random.Generator) -> Float[np.ndarray, "samples"]:
+    def signal(self, clock: SampleClock, rng: np.random.Generator) -> Float[np.ndarray, "samples"]:
         """Its values at the samples. Raises `InputError` where they cannot be had."""
 
 
@@ -43,7 +43,7 @@ class ProfileTable(Source):
     @abc.abstractmethod
     def profile(self) -> Profile: ...
 
-    def signal(self, clock: Clock, rng: np.random.Generator) -> Float[np.ndarray, "samples"]:
+    def signal(self, clock: SampleClock, rng: np.random.Generator) -> Float[np.ndarray, "samples"]:
         return self.profile().sizes(clock.t)
 
 
@@ -124,7 +124,7 @@ class _Triangles(Source):
     amplitude: Positive
     cycles: Annotated[int, pydantic.Field(ge=1)] = 2
 
-    def signal(self, clock: Clock, rng: np.random.Generator) -> Float[np.ndarray, "samples"]:
+    def signal(self, clock: SampleClock, rng: np.random.Generator) -> Float[np.ndarray, "samples"]:
         return triangles(len(clock.t), self.amplitude, self.cycles)
 
 
@@ -133,12 +133,12 @@ class _Noise(Source):
     low: Number
     high: Number
 
-    def signal(self, clock: Clock, rng: np.random.Generator) -> Float[np.ndarray, "samples"]:
+    def signal(self, clock: SampleClock, rng: np.random.Generator) -> Float[np.ndarray, "samples"]:
         return band_limited_noise(rng, len(clock.t), clock.dt, self.low, self.high, self.sigma)
 
 
 class _Multisine(_Noise):
-    def signal(self, clock: Clock, rng: np.random.Generator) -> Float[np.ndarray, "samples"]:
+    def signal(self, clock: SampleClock, rng: np.random.Generator) -> Float[np.ndarray, "samples"]:
         return multisine(rng, len(clock.t), clock.dt, self.low, self.high, self.sigma)
 
 
@@ -149,7 +149,7 @@ class _Log(Source):
     column: str
     time: str | None = None
 
-    def signal(self, clock: Clock, rng: np.random.Generator) -> Float[np.ndarray, "samples"]:
+    def signal(self, clock: SampleClock, rng: np.random.Generator) -> Float[np.ndarray, "samples"]:
         runs = read_telemetry(clock.folder / self.path, time=self.time, names=[self.column])
         run = runs[0]
         if len(runs) > 1:

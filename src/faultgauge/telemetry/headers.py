@@ -11,7 +11,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from faultgauge.plants.dimensions import read_unit
-from faultgauge.telemetry.table import Table, float_cells
+from faultgauge.telemetry.table import LogTable, float_cells
 
 __all__ = ["Headers", "is_stamp", "split_headers", "unit_row", "with_units"]
 
@@ -89,7 +89,7 @@ def _unit(text: str) -> str | None:
     return text
 
 
-def with_units(table: Table) -> Table:
+def with_units(table: LogTable) -> LogTable:
     """`table` with the units that stand in its headers; those that the file gives elsewhere count
     first. A column is found by its whole header, too."""
     found = split_headers(list(table.columns))

@@ -15,7 +15,7 @@ from faultgauge.telemetry.mapping import apply_maps, can_map, find_column, parse
 from faultgauge.telemetry.readers import logs_in, read_table, stem
 from faultgauge.telemetry.readers.excel import in_workbook
 from faultgauge.telemetry.summer_time import change_note, without_summer_time
-from faultgauge.telemetry.table import Table, is_text
+from faultgauge.telemetry.table import LogTable, is_text
 from faultgauge.telemetry.timing import (
     check_form,
     check_increasing,
@@ -32,7 +32,7 @@ __all__ = ["RUN", "Before", "LogFile", "Paths", "Source", "open_logs", "recalled
 
 RUN = "run"
 
-Source = str | Path | Table  # a file, or what is in memory already
+Source = str | Path | LogTable  # a file, or what is in memory already
 Paths = Source | Sequence[Source]
 
 
@@ -55,7 +55,7 @@ class LogFile:
     `signals` are the names of all columns except the time, `t` and `run`.
     """
 
-    table: Table
+    table: LogTable
     time: str
     t: Float[np.ndarray, "rows"]
     runs: dict[str, Int[np.ndarray, "_"]]
@@ -84,9 +84,11 @@ def open_logs(
     `run` labels the rows; a name that is taken gets `#2`. Raises `InputError` for a file that
     cannot be read or comes twice, and for a time or run column that cannot be used.
     """
-    given = [paths] if isinstance(paths, str | Path | Table) else list(paths)
+    given = [paths] if isinstance(paths, str | Path | LogTable) else list(paths)
     sources = [
-        each for one in given for each in ([one] if isinstance(one, Table) else logs_in(Path(one)))
+        each
+        for one in given
+        for each in ([one] if isinstance(one, LogTable) else logs_in(Path(one)))
     ]
     if not sources:
         raise InputError("No log was given; name at least one file.")
@@ -97,7 +99,7 @@ def open_logs(
     taken: set[str] = set()
     logs = []
     for source in sources:
-        if isinstance(source, Table):
+        if isinstance(source, LogTable):
             name, table = source.source, source
         else:
             name, table = stem(source), read_table(source)
@@ -113,7 +115,7 @@ def open_logs(
 
 
 def recalled(
-    table: Table,
+    table: LogTable,
     time: str | None,
     time_format: str | None,
     maps: dict[str, str],
@@ -156,7 +158,7 @@ def _check_new(path: Path, seen: dict[tuple[int, int, str], Path]) -> None:
 
 
 def _log_file(
-    own: str, table: Table, time: str | None, form: str | None, mapped: bool, taken: set[str]
+    own: str, table: LogTable, time: str | None, form: str | None, mapped: bool, taken: set[str]
 ) -> LogFile:
     column = find_time(table, time, mapped)
     table = in_seconds(table, column)
@@ -191,7 +193,7 @@ def _kept(log: LogFile, where: str) -> LogFile:
     return LogFile(table, log.time, log.t[rows], runs, log.clocks, holes, log.notes)
 
 
-def _groups(table: Table) -> dict[str, Int[np.ndarray, "_"]]:
+def _groups(table: LogTable) -> dict[str, Int[np.ndarray, "_"]]:
     """Samples of each run label, labels in order of appearance; one unlabelled run if none."""
     if RUN not in table.columns:
         return {"": np.arange(len(table.rows))}

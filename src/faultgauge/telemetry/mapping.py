@@ -17,7 +17,7 @@ from jaxtyping import Float
 
 from faultgauge.errors import InputError
 from faultgauge.plants.expression import Expression, Name, Scope, evaluate, names_used, parse
-from faultgauge.telemetry.table import Table, is_text, text_error
+from faultgauge.telemetry.table import LogTable, is_text, text_error
 
 __all__ = ["alias", "apply_maps", "can_map", "find_column", "parse_maps"]
 
@@ -35,7 +35,7 @@ def alias(name: str) -> str:
     return spelled if spelled.isidentifier() else "_" + spelled
 
 
-def find_column(table: Table, name: str) -> str | None:
+def find_column(table: LogTable, name: str) -> str | None:
     """The column of `table` that `name` means, by its own name, its whole header or the alias of
     either; None if none.
 
@@ -50,7 +50,7 @@ def find_column(table: Table, name: str) -> str | None:
     return meant[0] if meant else None
 
 
-def _known_as(table: Table, column: str) -> tuple[str, ...]:
+def _known_as(table: LogTable, column: str) -> tuple[str, ...]:
     written = table.written.get(column, column)
     return column, alias(column), written, alias(written)
 
@@ -78,7 +78,7 @@ def parse_maps(maps: Iterable[str]) -> dict[str, str]:
     return parsed
 
 
-def apply_maps(table: Table, maps: dict[str, str]) -> Table:
+def apply_maps(table: LogTable, maps: dict[str, str]) -> LogTable:
     """`table` with the columns that `maps` ({NAME: EXPRESSION}) defines.
 
     Expressions see the file's own columns, never other maps; a new column hides one of the same
@@ -105,7 +105,7 @@ def apply_maps(table: Table, maps: dict[str, str]) -> Table:
     return replace(table, columns=kept | new, units=old | units, written=written)
 
 
-def can_map(table: Table, name: str, text: str) -> bool:
+def can_map(table: LogTable, name: str, text: str) -> bool:
     """Whether `table` has every column that the map `name=text` reads."""
     try:
         parse(text, f"--map {name}", _scope(table))
@@ -114,14 +114,14 @@ def can_map(table: Table, name: str, text: str) -> bool:
     return True
 
 
-def _scope(table: Table) -> Scope:
+def _scope(table: LogTable) -> Scope:
     """What expressions may read, names before whole headers."""
     spelled = [alias(each) for each in (*table.columns, *table.written.values())]
     return Scope(names=list(dict.fromkeys(spelled)))
 
 
 def _values(
-    table: Table, where: str, expression: Expression, sources: dict[str, str]
+    table: LogTable, where: str, expression: Expression, sources: dict[str, str]
 ) -> Float[np.ndarray, "rows"]:
     for column in sources.values():
         if is_text(table.columns[column]):
@@ -141,7 +141,7 @@ def _values(
 
 
 def _check_finite(
-    table: Table,
+    table: LogTable,
     where: str,
     text: str,
     result: Float[np.ndarray, "rows"],

@@ -15,7 +15,7 @@ from faultgauge.telemetry.mapping import alias, find_column, parse_maps
 from faultgauge.telemetry.rates import align
 from faultgauge.telemetry.resampling import check_rate, resampled, same_rate
 from faultgauge.telemetry.runs import Run
-from faultgauge.telemetry.table import LARGEST, Table, is_text, text_error
+from faultgauge.telemetry.table import LARGEST, LogTable, is_text, text_error
 
 __all__ = [
     "at_rate",
@@ -47,7 +47,7 @@ def read_telemetry(
 
     **Arguments**
 
-    - `paths`: one path (or `Table`) or several; several files are several runs, and so are the
+    - `paths`: one path (or `LogTable`) or several; several files are several runs, and so are the
       labels of a column `run` (rows of one label need not be together).
     - `time`: the time column, `t` by default; seconds, or timestamps (ISO 8601, day.month.year, or
       as `time_format` has them, a format of `strptime`), which become seconds since the first
@@ -137,7 +137,7 @@ def _columns(
     return {name: _numbers(table, column) for name, column in found.items()}
 
 
-def check_present(table: Table, names: Sequence[str]) -> None:
+def check_present(table: LogTable, names: Sequence[str]) -> None:
     missing = [name for name in names if find_column(table, name) is None]
     if not missing:
         return
@@ -172,7 +172,7 @@ def _converted(
 
 
 def unit_change(
-    table: Table, name: str, wanted: str, maps: Iterable[str] = ()
+    table: LogTable, name: str, wanted: str, maps: Iterable[str] = ()
 ) -> tuple[float, float]:
     """(factor, offset) that bring column `name` to the unit `wanted`, as `change_of`. Raises
     `InputError` where the file gives it a unit of something else."""
@@ -189,12 +189,12 @@ def unit_change(
     return change
 
 
-def _unit(table: Table, name: str) -> str:
+def _unit(table: LogTable, name: str) -> str:
     """The unit that the file gives for column `name`; "" where it gives none."""
     return table.units.get(find_column(table, name) or name, "").strip()
 
 
-def _numbers(table: Table, column: str) -> Float[np.ndarray, "rows"]:
+def _numbers(table: LogTable, column: str) -> Float[np.ndarray, "rows"]:
     values = finite_or_empty(table, column)
     if np.isnan(values).all():
         raise InputError(
@@ -204,7 +204,7 @@ def _numbers(table: Table, column: str) -> Float[np.ndarray, "rows"]:
     return values
 
 
-def finite_or_empty(table: Table, column: str) -> Float[np.ndarray, "rows"]:
+def finite_or_empty(table: LogTable, column: str) -> Float[np.ndarray, "rows"]:
     """A column as numbers, NaN where empty. Raises `InputError` for text and Inf."""
     values = table.columns[column]
     if is_text(values):

@@ -24,8 +24,8 @@ from faultgauge.telemetry.readers.csv import header
 from faultgauge.telemetry.readers.dialect import SEPARATORS, separator_of
 from faultgauge.telemetry.reading import check_present, finite_or_empty, unit_change
 from faultgauge.telemetry.runs import GAP_STEPS, ROUNDING
-from faultgauge.telemetry.summer_time import Change, Evenly, change_note
-from faultgauge.telemetry.table import Table, float_cells
+from faultgauge.telemetry.summer_time import ClockChange, Evenly, change_note
+from faultgauge.telemetry.table import LogTable, float_cells
 from faultgauge.telemetry.timing import check_form, clock_of, find_time, in_seconds, seconds
 
 __all__ = ["NAME", "SOURCE", "Sample", "read_stream"]
@@ -144,8 +144,8 @@ class _Columns:
     def _take(self, headers: list[str]) -> None:
         self.names, self.units, self.written = split_headers(headers)
 
-    def table(self, cells: dict[str, np.ndarray], rows: Sequence[int]) -> Table:
-        return Table(SOURCE, cells, np.array(rows), self.units, written=self.written)
+    def table(self, cells: dict[str, np.ndarray], rows: Sequence[int]) -> LogTable:
+        return LogTable(SOURCE, cells, np.array(rows), self.units, written=self.written)
 
 
 def _check_separator(line: str) -> None:
@@ -196,7 +196,7 @@ class _Read(NamedTuple):
     cells: dict[str, Any]
     sample: Sample
     shown: float
-    change: Change | None
+    change: ClockChange | None
 
 
 class _Reader:
@@ -301,7 +301,7 @@ class _Reader:
             self.note(change_note(SOURCE, NAME, found.change.before))
         return found.sample
 
-    def table(self, row: int, cells: dict[str, Any], first: tuple[int, dict[str, Any]]) -> Table:
+    def table(self, row: int, cells: dict[str, Any], first: tuple[int, dict[str, Any]]) -> LogTable:
         """The first row and this one: timestamps are seconds since the first."""
         assert self.time is not None
         pairs = {name: (first[1][name], cell) for name, cell in cells.items()}

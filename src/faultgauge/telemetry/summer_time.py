@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-__all__ = ["Change", "Evenly", "change_note", "without_summer_time"]
+__all__ = ["ClockChange", "Evenly", "change_note", "without_summer_time"]
 
 HOUR = 3600.0  # s
 NEAR = 0.5  # of a step, within which a jump is one of an hour
@@ -22,7 +22,7 @@ LOST = 2  # rows that may be missing where a clock is put back
 STEPS = 20  # that tell a stream's usual one
 
 
-class Change(NamedTuple):
+class ClockChange(NamedTuple):
     """From `when` [s] on a clock was put forward `by` so much [s]; what it showed last before."""
 
     when: float
@@ -41,12 +41,12 @@ def change_note(source: str, run: str, before: datetime) -> str:
 
 def without_summer_time(
     t: Float[np.ndarray, "rows"], samples: Int[np.ndarray, "samples"], clock: datetime | None
-) -> tuple[Float[np.ndarray, "samples"], list[Change]]:
+) -> tuple[Float[np.ndarray, "samples"], list[ClockChange]]:
     """Times [s] of one run, `t[samples]`, as a clock would have them that nobody puts forward or
     back, and where that was done. `clock` is what it showed at 0 s; one with a zone, or none, is
     not put anywhere."""
     times = t[samples]
-    changes: list[Change] = []
+    changes: list[ClockChange] = []
     if clock is None or clock.tzinfo is not None or len(times) < 3:
         return times, changes
     times, steps = times.copy(), np.diff(times)
@@ -57,7 +57,7 @@ def without_summer_time(
         moved = _put(float(steps[k]), usual, before)
         if moved:
             times[k + 1 :] -= moved
-            changes.append(Change(float(times[k + 1]), moved, before))
+            changes.append(ClockChange(float(times[k + 1]), moved, before))
     return times, changes
 
 
@@ -75,13 +75,13 @@ class Evenly:
         """The usual step [s], 0 before there is one."""
         return median(self.steps) if self.steps else 0.0
 
-    def __call__(self, t: float, clock: datetime | None) -> tuple[float, Change | None]:
+    def __call__(self, t: float, clock: datetime | None) -> tuple[float, ClockChange | None]:
         if clock is None or clock.tzinfo is not None or self.last is None or len(self.steps) < 2:
             return t - self.moved, None
         before = clock + timedelta(seconds=self.last)
         moved = _put(t - self.last, self.usual, before)
         evenly = t - self.moved - moved
-        return evenly, Change(evenly, moved, before) if moved else None
+        return evenly, ClockChange(evenly, moved, before) if moved else None
 
     def kept(self, t: float, evenly: float) -> None:
         """That the row of time `t`, which it took for `evenly`, was one."""

@@ -10,14 +10,22 @@ from jaxtyping import Bool, Float, Int, Shaped
 
 from faultgauge.errors import InputError
 
-__all__ = ["LARGEST", "Table", "check_width", "float_cells", "is_text", "text_cells", "text_error"]
+__all__ = [
+    "LARGEST",
+    "LogTable",
+    "check_width",
+    "float_cells",
+    "is_text",
+    "text_cells",
+    "text_error",
+]
 
 MOST_COLUMNS = 10_000
 LARGEST = 1e100  # of a number: its square is one too
 
 
 @dataclass(frozen=True, eq=False)
-class Table:
+class LogTable:
     """Columns of one file.
 
     `source` is the path as the user gave it. A number column is float64 with NaN for an empty
@@ -74,7 +82,7 @@ def text_cells(column: Shaped[np.ndarray, "rows"]) -> Bool[np.ndarray, "rows"]:
     return np.array([_value(cell) is None for cell in column], dtype=bool)
 
 
-def text_error(table: Table, name: str) -> InputError:
+def text_error(table: LogTable, name: str) -> InputError:
     """The refusal of text column `name` where numbers are needed."""
     cells = table.columns[name]
     first = int(np.argmax(text_cells(cells)))

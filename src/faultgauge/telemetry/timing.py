@@ -11,7 +11,7 @@ from faultgauge.errors import InputError
 from faultgauge.plants.dimensions import parse_unit, read_unit
 from faultgauge.plants.expression import unknown
 from faultgauge.telemetry.mapping import alias, find_column
-from faultgauge.telemetry.table import LARGEST, Table, float_cells, is_text, text_error
+from faultgauge.telemetry.table import LARGEST, LogTable, float_cells, is_text, text_error
 
 __all__ = [
     "called_like_time",
@@ -55,7 +55,7 @@ TIME_NAME = re.compile(
 )
 
 
-def find_time(table: Table, time: str | None, mapped: bool) -> str:
+def find_time(table: LogTable, time: str | None, mapped: bool) -> str:
     """The time column: `t`, which a map may have made (`mapped`), or what `--time` named.
 
     Raises `InputError` that lists the columns and proposes likely ones.
@@ -87,7 +87,7 @@ def unit_map(column: str) -> str | None:
     return None
 
 
-def _proposal(table: Table) -> str:
+def _proposal(table: LogTable) -> str:
     scores = {name: _likely(table, name) for name in table.columns}
     best = max(1, *scores.values())
     likely = [name for name, score in scores.items() if score == best][:3]
@@ -101,7 +101,7 @@ def _quoted(name: str) -> str:
     return name if re.fullmatch(r"[\w.-]+", name) else f'"{name}"'
 
 
-def _likely(table: Table, name: str) -> int:
+def _likely(table: LogTable, name: str) -> int:
     """2 if called like a time, 1 if it only runs like one, else 0."""
     cells = table.columns[name]
     if called_like_time(name):
@@ -111,7 +111,7 @@ def _likely(table: Table, name: str) -> int:
     return int(bool(np.all(np.diff(cells) > 0)))
 
 
-def in_seconds(table: Table, column: str) -> Table:
+def in_seconds(table: LogTable, column: str) -> LogTable:
     """`table` with its time `column` in seconds, where the file gives it a unit of time."""
     word = table.units.get(column, "").split(" since ")[0].strip()
     try:
@@ -133,7 +133,7 @@ def in_seconds(table: Table, column: str) -> Table:
     )
 
 
-def seconds(table: Table, column: str, form: str | None = None) -> Float[np.ndarray, "rows"]:
+def seconds(table: LogTable, column: str, form: str | None = None) -> Float[np.ndarray, "rows"]:
     """Time column in seconds: numbers as they are, timestamps from the file's first.
 
     Timestamps are as `form` says (of `strptime`), else as `timestamp` reads them, good to a
@@ -157,7 +157,7 @@ def seconds(table: Table, column: str, form: str | None = None) -> Float[np.ndar
     return cells if unit is None else (cells - cells[0]) / EPOCHS[unit]
 
 
-def _epoch_unit(table: Table, column: str) -> str | None:
+def _epoch_unit(table: LogTable, column: str) -> str | None:
     """The unit of time since 1970 that number column `column` is in, if its size tells one.
 
     All of it must lie between 2000 and 2100. Seconds are left as they are, and so is what the file
@@ -173,7 +173,7 @@ def _epoch_unit(table: Table, column: str) -> str | None:
     return None
 
 
-def epoch_note(table: Table, column: str) -> str | None:
+def epoch_note(table: LogTable, column: str) -> str | None:
     """A sentence where the time column was taken for milli-, micro- or nanoseconds since 1970."""
     unit = _epoch_unit(table, column)
     if unit is None:
@@ -185,7 +185,7 @@ def epoch_note(table: Table, column: str) -> str | None:
     )
 
 
-def _since_first(table: Table, column: str, form: str | None) -> Float[np.ndarray, "rows"]:
+def _since_first(table: LogTable, column: str, form: str | None) -> Float[np.ndarray, "rows"]:
     cells = table.columns[column]
     stamps: list[datetime] = []
     for k, cell in enumerate(cells):
@@ -215,7 +215,7 @@ def _forms(cell: str) -> str:
     return " or ".join(fitting) or 'as in --time-format "%d/%m/%Y %H:%M:%S"'
 
 
-def clock_of(table: Table, column: str, form: str | None = None) -> datetime | None:
+def clock_of(table: LogTable, column: str, form: str | None = None) -> datetime | None:
     """What the clock showed at 0 s of `seconds`, where the time column holds timestamps with a
     date."""
     cells = table.columns[column]
@@ -267,7 +267,7 @@ def _is_number(cell: str) -> bool:
     return float_cells([cell]) is not None and bool(cell.strip())
 
 
-def _refusal(table: Table, column: str, sample: int | np.integer, found: str) -> InputError:
+def _refusal(table: LogTable, column: str, sample: int | np.integer, found: str) -> InputError:
     return InputError(
         f"{table.source}, row {table.rows[sample]}, column {column!r}: {found}; every row needs a "
         "time in seconds or a timestamp, so correct or remove the row."
@@ -275,7 +275,7 @@ def _refusal(table: Table, column: str, sample: int | np.integer, found: str) ->
 
 
 def check_increasing(
-    table: Table,
+    table: LogTable,
     column: str,
     t: Float[np.ndarray, "rows"],
     samples: Int[np.ndarray, "samples"],

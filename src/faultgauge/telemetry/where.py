@@ -27,7 +27,7 @@ from faultgauge.plants.expression import (
 from faultgauge.telemetry.mapping import alias, find_column
 from faultgauge.telemetry.rates import DROPOUT, FEWEST, REGULAR, SLOWER
 from faultgauge.telemetry.runs import GAP_STEPS, ROUNDING
-from faultgauge.telemetry.table import Table, is_text
+from faultgauge.telemetry.table import LogTable, is_text
 
 __all__ = ["keep_rows", "met"]
 
@@ -51,7 +51,7 @@ class _Truth(NamedTuple):
 
 
 def met(
-    table: Table,
+    table: LogTable,
     condition: str,
     time: str,
     t: Float[np.ndarray, "rows"],
@@ -67,8 +67,8 @@ def met(
 
 
 def keep_rows(
-    table: Table, time: str, runs: dict[str, np.ndarray], kept: Bool[np.ndarray, "rows"]
-) -> tuple[Table, np.ndarray, dict[str, np.ndarray], np.ndarray]:
+    table: LogTable, time: str, runs: dict[str, np.ndarray], kept: Bool[np.ndarray, "rows"]
+) -> tuple[LogTable, np.ndarray, dict[str, np.ndarray], np.ndarray]:
     """`table` without the rows that are not `kept`, the rows it has now, `runs` in it, and which of
     its rows are holes.
 
@@ -106,7 +106,7 @@ def _blanked(cells: Shaped[np.ndarray, "rows"], blank: Bool[np.ndarray, "rows"])
 class _Condition:
     def __init__(
         self,
-        table: Table,
+        table: LogTable,
         text: str,
         time: str,
         t: Float[np.ndarray, "rows"],

@@ -20,12 +20,12 @@ from faultgauge.verbs.plants import plant as as_plant
 
 __all__ = [
     "Runs",
-    "unlike_warnings",
     "read",
     "runs_alone",
     "runs_for_model",
     "runs_for_plant",
     "said_before",
+    "unlike_warnings",
 ]
 
 LEGAL = (

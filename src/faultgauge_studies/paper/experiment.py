@@ -15,7 +15,7 @@ from faultgauge.plants.plant import Plant
 from faultgauge.simulation.satellite.observatory import HOLD, PERIOD, run
 from faultgauge.simulation.schedules import grid, truth
 from faultgauge_studies.paper import comparison, estimating, severity
-from faultgauge_studies.paper.accommodating import measured
+from faultgauge_studies.paper.accommodating.measured import measured
 from faultgauge_studies.paper.bench import Bench, Traces, learn_from, set_up
 from faultgauge_studies.paper.cases import (
     CASES,
@@ -73,8 +73,7 @@ def experiment(
         _merge(figures, more)
         traces |= curves
     progress("accommodating")
-    for measure in measured.QUICK if quick else (*measured.QUICK, *measured.SLOW):
-        more, curves = measure(bench)
+    for more, curves in measured(bench, quick=quick):
         _merge(figures, more)
         traces |= curves
     for claim in () if quick else CLAIMS:

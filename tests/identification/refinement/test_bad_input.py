@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 
 from faultgauge.errors import InputError
 from faultgauge.identification.fit import fit
-from faultgauge.identification.refinement.simulation_error import Fitted, Window
+from faultgauge.identification.refinement.simulation_error import Fitted, WindowBatch
 from faultgauge.identification.refinement.uncertainty import information
 from faultgauge.identification.refinement.unknowns import unknowns_of
 from faultgauge.plants.gray_box import GrayBoxPlant
@@ -178,7 +178,7 @@ def known(text, weights=None):
     u, count = run().columns["u"][:120], 120
     dt = np.full(count, STEP)
     dt[-1] = 0.0
-    windows = Window(
+    windows = WindowBatch(
         center=np.full((1, states), 0.3),
         sd=np.ones((1, states)),
         stages=np.broadcast_to(u[None, :, None, None], (1, count, 3, 1)).copy(),

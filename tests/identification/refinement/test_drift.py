@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from faultgauge.identification.refinement.data import prepare
-from faultgauge.identification.refinement.drift import Drift
+from faultgauge.identification.refinement.drift import SlowWalk
 from faultgauge.identification.refinement.records import records_of
 from faultgauge.identification.refinement.unknowns import unknowns_of
 from faultgauge.identification.samples import channels
@@ -14,7 +14,7 @@ from faultgauge.telemetry import Run
 
 
 def test_straight_lines_between_knots():
-    drift = Drift(np.array([2.0, 1.0]), across=40, segment=10)
+    drift = SlowWalk(np.array([2.0, 1.0]), across=40, segment=10)
     walk = drift.walk(35)
     assert walk.shape == (35, 4, 2)
     c = np.array([[1.0, 0.0], [-3.0, 0.0], [0.5, 2.0], [9.0, 0.0]])
@@ -29,13 +29,13 @@ def test_straight_lines_between_knots():
 
 def test_it_walks_as_far_as_its_scale_says():
     """Over `across` samples the variances of independent increments add up to its square."""
-    drift = Drift(np.array([0.3]), across=160, segment=10)
+    drift = SlowWalk(np.array([0.3]), across=160, segment=10)
     end = drift.walk(161)[-1, :, 0]
     assert np.sum(end**2) == pytest.approx(0.3**2)
 
 
 def test_longer_windows_hold_what_is_known():
-    drift = Drift(np.array([1.0]), across=100, segment=10)
+    drift = SlowWalk(np.array([1.0]), across=100, segment=10)
     z = np.arange(8.0).reshape(1, 8)  # a start of three, then five increments of 50 samples
     longer = drift.lengthened(z, 50, 100)
     assert longer.shape == (1, 13)
@@ -45,14 +45,14 @@ def test_longer_windows_hold_what_is_known():
 
 
 def test_nothing_drifts():
-    assert Drift.over(0, 300, 3).walk(64).shape == (64, 0, 0)
-    assert Drift.over(2, 300, 3).none().walk(64).shape == (64, 0, 0)
+    assert SlowWalk.over(0, 300, 3).walk(64).shape == (64, 0, 0)
+    assert SlowWalk.over(2, 300, 3).none().walk(64).shape == (64, 0, 0)
 
 
 @pytest.mark.parametrize(("runs", "segments"), [(3, 16), (100, 10), (5000, 1)])
 def test_many_runs_have_fewer_knots_each(runs, segments):
     """So that the normal equations stay near a thousand unknowns."""
-    drift = Drift.over(1, 1600, runs)
+    drift = SlowWalk.over(1, 1600, runs)
     assert drift.increments(1600) == segments
 
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from faultgauge.identification.refinement.drift import Drift
-from faultgauge.identification.refinement.simulation_error import SimulationResidual, Window
+from faultgauge.identification.refinement.drift import SlowWalk
+from faultgauge.identification.refinement.simulation_error import SimulationResidual, WindowBatch
 from faultgauge.identification.refinement.unknowns import WEIGHTS, unknowns_of
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant_file import parse_plant
@@ -81,14 +81,14 @@ def window(outputs, substeps, slow, seed=1):
     weight = rng.uniform(0.5, 2.0, (SAMPLES, outputs))
     weight[rng.uniform(size=weight.shape) < 0.2] = 0.0
     weight[-3:] = 0.0
-    return Window(
+    return WindowBatch(
         center=jnp.array([0.1, 0.2]),
         sd=jnp.array([0.5, 0.05]),
         stages=jnp.asarray(stages),
         dt=jnp.asarray(dt),
         y=jnp.asarray(rng.normal(size=(SAMPLES, outputs))),
         weight=jnp.asarray(weight),
-        walk=jnp.asarray(Drift.over(slow, SAMPLES, 1).walk(SAMPLES)),
+        walk=jnp.asarray(SlowWalk.over(slow, SAMPLES, 1).walk(SAMPLES)),
     )
 
 
@@ -161,7 +161,7 @@ def test_bounded_errors_by_hand(size):
     plain = SimulationResidual(model, jnp.asarray(sigma), unknowns_of(model), 1)
     robust = SimulationResidual(model, jnp.asarray(sigma), unknowns_of(model), 1, True)
     at = window(1, 1, 1)
-    at = Window(at.center, at.sd, at.stages, at.dt, at.y, size * at.weight, at.walk)
+    at = WindowBatch(at.center, at.sd, at.stages, at.dt, at.y, size * at.weight, at.walk)
     own = jnp.asarray(np.concatenate([unknowns_of(model).vector(model), np.zeros(6)]))
     r, bounded = (np.asarray(errors(each, own, at))[:SAMPLES] for each in (plain, robust))
     b = 1.345 * sigma

@@ -27,7 +27,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from faultgauge.identification.normal_equations import bordered_equations
-from faultgauge.identification.refinement.simulation_error import SimulationResidual, Window
+from faultgauge.identification.refinement.simulation_error import SimulationResidual, WindowBatch
 from faultgauge.identification.refinement.unknowns import Unknowns, unknowns_of
 from faultgauge.identification.starts import nguyen_widrow
 from faultgauge.plants.gray_box import GrayBoxPlant
@@ -63,7 +63,7 @@ def claims_of(
     plant: GrayBoxPlant,
     theta: Float[np.ndarray, "parameters"],
     z: Float[np.ndarray, "windows local"],
-    windows: Window,
+    windows: WindowBatch,
     substeps: int,
     sigma: float,
     points: tuple[Float[np.ndarray, "samples states"], Float[np.ndarray, "samples inputs"]],
@@ -128,7 +128,7 @@ def _information(
     unknowns: Unknowns,
     values: Float[np.ndarray, "unknowns"],
     z: Float[np.ndarray, "windows local"],
-    windows: Window,
+    windows: WindowBatch,
     substeps: int,
     sigma: float,
 ) -> Float[np.ndarray, "unknowns unknowns"]:
@@ -145,7 +145,7 @@ def _information(
 
 
 @eqx.filter_jit
-def _hessian(residual: SimulationResidual, theta: Array, windows: Window, local: int) -> Array:
+def _hessian(residual: SimulationResidual, theta: Array, windows: WindowBatch, local: int) -> Array:
     return bordered_equations(residual.linearised, theta, windows, local)[1]
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from faultgauge.errors import InputError
-from faultgauge.identification.refinement.drift import Drift
+from faultgauge.identification.refinement.drift import SlowWalk
 from faultgauge.identification.refinement.records import (
     Piece,
     Record,
@@ -19,7 +19,7 @@ from faultgauge.identification.refinement.simulation_error import (
     Fitted,
     Ridge,
     Rows,
-    Window,
+    WindowBatch,
     fit_starts,
     fit_windows,
     simulated,
@@ -57,7 +57,7 @@ class Data:
     guesses: list[Float[np.ndarray, "_ states"]]
     sd: Float[np.ndarray, "states"]
     robust: bool = False
-    drift: Drift = field(default_factory=lambda: Drift.over(0, 1, 1))
+    drift: SlowWalk = field(default_factory=lambda: SlowWalk.over(0, 1, 1))
     whole: list[Piece] = field(default_factory=list)
     pieces: list[Piece] = field(default_factory=list)  # those that are worked on
     alone: list[Piece] = field(default_factory=list)
@@ -65,7 +65,7 @@ class Data:
 
     def windows(
         self, pieces: Sequence[Piece], masks: Sequence[Bool[np.ndarray, "_"]] | None = None
-    ) -> Window:
+    ) -> WindowBatch:
         return cut_windows(
             self.signals,
             self.records,
@@ -139,7 +139,7 @@ class Data:
         pieces = _from_fitted_samples(pieces_of(self.records, length), self.masks)
         return [piece for piece in pieces if self.fitted_samples(piece) >= FEWEST]
 
-    def starts(self, windows: Window, fitted: Fitted) -> Float[np.ndarray, "windows local"]:
+    def starts(self, windows: WindowBatch, fitted: Fitted) -> Float[np.ndarray, "windows local"]:
         """What is local to the windows, where a fit over such as begin alike found it."""
         states = windows.center.shape[1]
         x0 = (fitted.x[:, 0] - np.asarray(windows.center)) / np.asarray(windows.sd)
@@ -257,11 +257,13 @@ def prepare(
     data.whole = _some(data.whole, max(MOST, longest if longest <= most else 0))
     data.pieces = _some(data.whole, BUDGET) if longest > most else data.whole
     longest = max(piece.stop - piece.start for piece in data.whole)
-    data.drift = Drift.over(len(unknowns.slow), longest, len(data.whole))
+    data.drift = SlowWalk.over(len(unknowns.slow), longest, len(data.whole))
     return data
 
 
-def _centred(plant: GrayBoxPlant, unknowns: Unknowns, fitted: Fitted, windows: Window) -> Fitted:
+def _centred(
+    plant: GrayBoxPlant, unknowns: Unknowns, fitted: Fitted, windows: WindowBatch
+) -> Fitted:
     """The same fit with the common value of every varying parameter in the middle of the windows'
     own, the means along them: nothing but a weak prior tells the fit where it is, and new runs are
     looked for around it."""

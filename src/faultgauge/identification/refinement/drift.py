@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-__all__ = ["Drift"]
+__all__ = ["SlowWalk"]
 
 SEGMENTS, SHORTEST = 16, 16  # of the longest window, at most; samples of one, at least
 INCREMENTS = 1000  # of all windows together: normal equations are as large
@@ -21,7 +21,7 @@ FIRST = 0.1  # prior standard deviations of theta: positive constants move by a 
 
 
 @dataclass(frozen=True)
-class Drift:
+class SlowWalk:
     """How far each of the slow parameters walks in `across` samples, knots `segment` apart."""
 
     scale: Float[np.ndarray, "slow"]
@@ -29,7 +29,7 @@ class Drift:
     segment: int
 
     @classmethod
-    def over(cls, slow: int, longest: int, windows: int) -> "Drift":
+    def over(cls, slow: int, longest: int, windows: int) -> "SlowWalk":
         """Of `slow` parameters in so many `windows` of up to `longest` samples."""
         segments = min(SEGMENTS, max(1, INCREMENTS // (windows * max(slow, 1))))
         return cls(np.full(slow, FIRST), longest, max(SHORTEST, math.ceil(longest / segments)))
@@ -52,9 +52,9 @@ class Drift:
         more = (self.increments(longer) - self.increments(length)) * len(self.scale)
         return np.pad(z, ((0, 0), (0, more)))
 
-    def none(self) -> "Drift":
+    def none(self) -> "SlowWalk":
         """Of no parameter."""
         return replace(self, scale=np.zeros(0))
 
-    def rescaled(self, factor: Float[np.ndarray, "slow"]) -> "Drift":
+    def rescaled(self, factor: Float[np.ndarray, "slow"]) -> "SlowWalk":
         return replace(self, scale=self.scale * factor)

@@ -11,8 +11,8 @@ from jaxtyping import Bool, Float
 from scipy.signal import savgol_filter
 
 from faultgauge.errors import InputError
-from faultgauge.identification.refinement.drift import Drift
-from faultgauge.identification.refinement.simulation_error import Window
+from faultgauge.identification.refinement.drift import SlowWalk
+from faultgauge.identification.refinement.simulation_error import WindowBatch
 from faultgauge.identification.samples import Channels, spread
 from faultgauge.plants.signals import Signals
 from faultgauge.simulation.intersample import intersample
@@ -133,8 +133,8 @@ def cut_windows(
     sd: Float[np.ndarray, "states"],
     substeps: int,
     scale: Float[np.ndarray, "outputs"],
-    drift: Drift,
-) -> Window:
+    drift: SlowWalk,
+) -> WindowBatch:
     """Windows, one per piece, padded to one length; samples outside `masks` weigh nothing.
 
     Hidden states start at `guesses` (per record) with spread `sd`. `scale` normalises outputs.
@@ -153,7 +153,7 @@ def cut_windows(
         y = record.y[cut]
         weight = np.isfinite(y) * masks[k][cut, None] / scale
         rows.append(
-            Window(
+            WindowBatch(
                 center=np.where(hidden, guesses[k][start], known),
                 sd=np.where(hidden | ~np.isfinite(record.sd), sd, record.sd),
                 stages=_pad(stages[k][cut], length, edge=True),
@@ -164,7 +164,7 @@ def cut_windows(
             )
         )
     fields = ("center", "sd", "stages", "dt", "y", "weight", "walk")
-    return Window(*(np.stack([getattr(row, field) for row in rows]) for field in fields))
+    return WindowBatch(*(np.stack([getattr(row, field) for row in rows]) for field in fields))
 
 
 def _pad(x: np.ndarray, length: int, *, edge: bool = False) -> np.ndarray:

@@ -15,7 +15,7 @@ from faultgauge.identification.refinement.courses import Course, PerRun, along_r
 from faultgauge.identification.refinement.data import Data
 from faultgauge.identification.refinement.records import Record, records_of
 from faultgauge.identification.refinement.search import Search, refine
-from faultgauge.identification.refinement.uncertainty import Information, information
+from faultgauge.identification.refinement.uncertainty import ConstantsInformation, information
 from faultgauge.identification.samples import Channels, Samples, slow_columns
 from faultgauge.identification.sizes import chosen_sizes
 from faultgauge.plants.gray_box import GrayBoxPlant
@@ -55,7 +55,7 @@ class Refinement:
     choices: dict[str, dict[str, Any]]
     tried: list[tuple[str, float]]
     chosen: str
-    information: Information
+    information: ConstantsInformation
     warnings: list[str]
     per_run: PerRun = field(default_factory=dict)
     courses: dict[str, list[Course]] = field(default_factory=dict)
@@ -135,7 +135,7 @@ def refine_on_logs(
     )
 
 
-def _information(best: Candidate, data: Data) -> Information:
+def _information(best: Candidate, data: Data) -> ConstantsInformation:
     return information(
         best.plant,
         best.unknowns,

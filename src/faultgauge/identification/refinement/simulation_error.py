@@ -31,12 +31,12 @@ from faultgauge.plants.plant import respond
 from faultgauge.simulation.integrators import sensitive_step, step_through
 
 __all__ = [
-    "Beside",
     "Fitted",
+    "PseudoRows",
     "Ridge",
     "Rows",
     "SimulationResidual",
-    "Window",
+    "WindowBatch",
     "beside_of",
     "fit_starts",
     "fit_windows",
@@ -60,7 +60,7 @@ Ridge = float | Float[np.ndarray, "weights"]  # of the networks' prior, for all 
 Rows = Callable[[GrayBoxPlant], Float[Array, "rows"]]  # what should be 0 of a plant
 
 
-class Window(eqx.Module):
+class WindowBatch(eqx.Module):
     """Windows of one length, windows first: stage inputs (see `intersample`), time steps [s],
     outputs, and weights (0 where a sample is not to be fitted); starts as centre and spread; what
     each increment of a drifting parameter adds to it at each sample (see `drift`)."""
@@ -235,7 +235,7 @@ def local_unknowns(unknowns: Unknowns, window: Any) -> int:
     return window.center.shape[-1] + len(unknowns.varying) + increments
 
 
-class Beside(eqx.Module):
+class PseudoRows(eqx.Module):
     """Rows of the plant that theta stands for, as the weighted errors count."""
 
     plant: GrayBoxPlant
@@ -251,12 +251,12 @@ def beside_of(
     plant: GrayBoxPlant,
     claims: Rows,
     unknowns: Unknowns,
-    windows: Window,
+    windows: WindowBatch,
     sigma: float,
-) -> Beside:
+) -> PseudoRows:
     """`claims` beside a fit over `windows` whose errors are about `sigma`."""
     weight = CLAIM * sigma * np.sqrt(windows.dt.size)
-    return Beside(plant, claims, jnp.asarray(weight), unknowns)
+    return PseudoRows(plant, claims, jnp.asarray(weight), unknowns)
 
 
 class Fitted(NamedTuple):
@@ -279,7 +279,7 @@ def fit_windows(
     plant: GrayBoxPlant,
     unknowns: Unknowns,
     thetas: Float[np.ndarray, "starts unknowns"],
-    windows: Window,
+    windows: WindowBatch,
     substeps: int,
     *,
     z: Float[np.ndarray, "starts windows local"] | None = None,
@@ -308,7 +308,7 @@ def fit_starts(
     plant: GrayBoxPlant,
     unknowns: Unknowns,
     theta: Float[np.ndarray, "unknowns"],
-    windows: Window,
+    windows: WindowBatch,
     substeps: int,
     *,
     sigma: float,
@@ -326,7 +326,7 @@ def _fit(
     unknowns: Unknowns,
     thetas: Float[np.ndarray, "starts unknowns"],
     z: Float[np.ndarray, "starts windows local"] | None,
-    windows: Window,
+    windows: WindowBatch,
     substeps: int,
     sigma: float,
     ridge: Ridge,
@@ -382,7 +382,7 @@ def _fit(
 
 
 def _range_of_starts(
-    plant: GrayBoxPlant, windows: Window, local: int
+    plant: GrayBoxPlant, windows: WindowBatch, local: int
 ) -> tuple[Float[np.ndarray, "starts"], Float[np.ndarray, "starts"]]:
     """Bounds of the windows' own unknowns: a state starts within its min and max."""
     found = []
@@ -399,7 +399,7 @@ def simulated(
     unknowns: Unknowns,
     theta: Float[np.ndarray, "unknowns"],
     z: Float[np.ndarray, "windows local"],
-    windows: Window,
+    windows: WindowBatch,
     substeps: int,
 ) -> tuple[
     Float[np.ndarray, "windows samples states"], Float[np.ndarray, "windows samples outputs"]
@@ -415,7 +415,7 @@ def simulated(
 
 
 def mean_square(
-    errors: Float[np.ndarray, "*grid outputs"], windows: Window, robust: bool = False
+    errors: Float[np.ndarray, "*grid outputs"], windows: WindowBatch, robust: bool = False
 ) -> float:
     """Mean square of the weighted errors; `robust`: as their median has it under Gaussian noise."""
     weighed = np.abs(errors[windows.weight > 0])
@@ -427,9 +427,9 @@ def mean_square(
 
 @eqx.filter_jit
 def _simulated(
-    residual: SimulationResidual, theta: Array, z: Array, windows: Window
+    residual: SimulationResidual, theta: Array, z: Array, windows: WindowBatch
 ) -> tuple[Array, Array]:
-    def one(z: Array, window: Window) -> tuple[Array, Array]:
+    def one(z: Array, window: WindowBatch) -> tuple[Array, Array]:
         return residual.run(jnp.concatenate([theta, z]), window)
 
     return jax.vmap(one)(z, windows)

@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from faultgauge.identification.constants import Information, constants, imitated
+from faultgauge.identification.constants import ConstantsInformation, constants, imitated
 from faultgauge.identification.normal_equations import bordered_equations
 from faultgauge.identification.refinement.claims import Claims
 from faultgauge.identification.refinement.constancy import drops, steps
@@ -26,7 +26,7 @@ from faultgauge.identification.refinement.simulation_error import (
     Fitted,
     Ridge,
     SimulationResidual,
-    Window,
+    WindowBatch,
     beside_of,
     simulated,
 )
@@ -34,7 +34,7 @@ from faultgauge.identification.refinement.unknowns import Unknowns
 from faultgauge.identification.validation.correlation import correlation, integrated_time
 from faultgauge.plants.gray_box import GrayBoxPlant
 
-__all__ = ["Curvature", "Information", "curvature", "information", "residual_time"]
+__all__ = ["ConstantsInformation", "Curvature", "curvature", "information", "residual_time"]
 
 WATCHED = (
     2000  # values of all parameters in all parts: the information on them is as large, squared
@@ -57,7 +57,7 @@ def curvature(
     plant: GrayBoxPlant,
     unknowns: Unknowns,
     fitted: Fitted,
-    windows: Window,
+    windows: WindowBatch,
     substeps: int,
     ridge: Ridge,
     claims: Claims | None = None,
@@ -89,13 +89,13 @@ def information(
     plant: GrayBoxPlant,
     unknowns: Unknowns,
     fitted: Fitted,
-    windows: Window,
+    windows: WindowBatch,
     substeps: int,
     ridge: Ridge,
     claims: Claims | None = None,
     parts: int = 1,
     weight: float = 1.0,
-) -> Information:
+) -> ConstantsInformation:
     """Standard errors and warnings at a fit over `windows`, its networks' prior being `ridge` and
     what they leave to the physics `claims`. Unless some drift, parameters are looked at for being
     constant from part to part of the windows, of which each has so many `parts`; but not where that
@@ -121,12 +121,12 @@ def information(
         dropped = drops(found.hessian, inverse, found.gradient, inner, columns)
         shares = dropped / max(found.squares, 1e-300)
         changing = dict(zip(unknowns.parameters, shares.tolist(), strict=True))
-    return Information(*told, unseen, found.residual_time, claims is not None, changing)
+    return ConstantsInformation(*told, unseen, found.residual_time, claims is not None, changing)
 
 
 def _with_steps(
-    unknowns: Unknowns, fitted: Fitted, windows: Window, parts: int
-) -> tuple[Unknowns, Fitted, Window]:
+    unknowns: Unknowns, fitted: Fitted, windows: WindowBatch, parts: int
+) -> tuple[Unknowns, Fitted, WindowBatch]:
     """The same with values of their own for all parameters in every part of a window, all 0 yet."""
     count = len(unknowns.parameters)
     walk = steps(windows.dt.shape[1], parts, count)
@@ -141,13 +141,13 @@ def _with_steps(
 
 @eqx.filter_jit
 def _normal_equations(
-    residual: SimulationResidual, theta: Array, windows: Window, local: int
+    residual: SimulationResidual, theta: Array, windows: WindowBatch, local: int
 ) -> tuple[Array, Array, Array]:
     return bordered_equations(residual.linearised, theta, windows, local)[:3]
 
 
 def residual_time(
-    plant: GrayBoxPlant, unknowns: Unknowns, fitted: Fitted, windows: Window, substeps: int
+    plant: GrayBoxPlant, unknowns: Unknowns, fitted: Fitted, windows: WindowBatch, substeps: int
 ) -> float:
     """The longest integrated autocorrelation time over the outputs, samples."""
     errors = simulated(plant, unknowns, fitted.theta, fitted.z, windows, substeps)[1]
@@ -167,7 +167,7 @@ def _factor(share: float) -> str:
 
 
 def _unseen(
-    plant: GrayBoxPlant, hessian: Float[np.ndarray, "n n"], shared: int, windows: Window
+    plant: GrayBoxPlant, hessian: Float[np.ndarray, "n n"], shared: int, windows: WindowBatch
 ) -> tuple[str, ...]:
     """Combinations of states that change no output, whatever the window."""
     count, states = windows.center.shape

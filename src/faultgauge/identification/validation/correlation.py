@@ -19,10 +19,10 @@ __all__ = [
     "InputTest",
     "ResidualTest",
     "correlation",
-    "integrated_time",
-    "spread_of_cross_correlation",
     "input_test",
+    "integrated_time",
     "residual_test",
+    "spread_of_cross_correlation",
 ]
 
 LEVEL = 0.95  # of one lag

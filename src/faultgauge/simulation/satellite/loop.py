@@ -21,7 +21,7 @@ from faultgauge.simulation.satellite.determination import AttitudeEstimate, Atti
 from faultgauge.simulation.satellite.orbit import Orbit
 from faultgauge.simulation.satellite.sensors import EarthSensor, Gyro, SunSensors
 
-__all__ = ["NOISES", "Now", "Satellite", "State", "Telemetry", "fly", "start", "step"]
+__all__ = ["NOISES", "Now", "Satellite", "SatelliteState", "Telemetry", "fly", "start", "step"]
 
 NOISES = 10  # standard normal numbers per step: gyro 3, its bias 3, earth 2, sun 2
 
@@ -55,7 +55,7 @@ class Satellite(eqx.Module):
     stacked: bool = eqx.field(static=True, default=False)
 
 
-class State(NamedTuple):
+class SatelliteState(NamedTuple):
     """What is carried from step to step (a checkpoint)."""
 
     step: Int[Array, ""]
@@ -100,7 +100,7 @@ def start(
     angles: Float[Array, "3"],
     h: Float[Array, "wheels"],
     error: Float[Array, "3"],
-) -> State:
+) -> SatelliteState:
     """At rest against the orbit frame, turned by `angles` (roll, pitch, yaw), wheel momenta `h`;
     attitude is first known to within `error` [rad]."""
     orbit = satellite.orbit
@@ -118,10 +118,10 @@ def start(
     if satellite.policy is not None:
         policy = (jnp.zeros_like(h), satellite.policy.init(h, jnp.zeros_like(h)))
     bias = jnp.array(satellite.gyro.bias)
-    return State(jnp.asarray(0), q, omega, h, zero, zero, bias, estimate, policy)
+    return SatelliteState(jnp.asarray(0), q, omega, h, zero, zero, bias, estimate, policy)
 
 
-def step(satellite: Satellite, state: State, now: Now) -> tuple[State, Telemetry]:
+def step(satellite: Satellite, state: SatelliteState, now: Now) -> tuple[SatelliteState, Telemetry]:
     """One control period: sense, estimate, command, and let the physics run under it."""
     orbit = satellite.orbit
     t = state.step * satellite.dt
@@ -149,7 +149,7 @@ def step(satellite: Satellite, state: State, now: Now) -> tuple[State, Telemetry
 
 
 def _command(
-    satellite: Satellite, state: State, wanted: Array, now: Now, stuck: Stuck
+    satellite: Satellite, state: SatelliteState, wanted: Array, now: Now, stuck: Stuck
 ) -> tuple[Array, Any, Any, Any]:
     """(commands inside the wheels' limits; the policy's next state, what it read, its info)."""
     limit = satellite.wheel.signals.inputs[0]
@@ -163,7 +163,9 @@ def _command(
     return u, (u, inner), y, info
 
 
-def _determine(satellite: Satellite, state: State, t: Array, noise: Array) -> State:
+def _determine(
+    satellite: Satellite, state: SatelliteState, t: Array, noise: Array
+) -> SatelliteState:
     """Read the sensors and bring the attitude estimate to this sample."""
     orbit, gyro, dt = satellite.orbit, satellite.gyro, satellite.dt
     root = jnp.sqrt(dt)
@@ -214,7 +216,9 @@ class _Motion(NamedTuple):
     angle: Array
 
 
-def _advance(satellite: Satellite, state: State, t: Array, u: Array, now: Now) -> State:
+def _advance(
+    satellite: Satellite, state: SatelliteState, t: Array, u: Array, now: Now
+) -> SatelliteState:
     """RK4 over one control period; faults are held over each integration step."""
     step = satellite.dt / satellite.substeps
 
@@ -249,6 +253,8 @@ def _rates(satellite: Satellite, t: Array, x: _Motion, u: Array, f: Array, stuck
 
 
 @eqx.filter_jit
-def fly(satellite: Satellite, begin: State, during: Now) -> tuple[State, Telemetry]:
+def fly(
+    satellite: Satellite, begin: SatelliteState, during: Now
+) -> tuple[SatelliteState, Telemetry]:
     """A run: (state after it, telemetry of every step). `during` has the steps first."""
     return jax.lax.scan(lambda state, now: step(satellite, state, now), begin, during)

@@ -25,7 +25,7 @@ from faultgauge.simulation.satellite.loop import (
     NOISES,
     Now,
     Satellite,
-    State,
+    SatelliteState,
     Telemetry,
     fly,
     start,
@@ -87,7 +87,7 @@ def paper_satellite(
 
 def paper_start(
     satellite: Satellite, angles: Three = SLEW, momenta: Sequence[float] = MOMENTA
-) -> State:
+) -> SatelliteState:
     """Turned by `angles` (roll, pitch, yaw) [deg]; the wheels' `momenta` in N*m*s."""
     return start(
         satellite,

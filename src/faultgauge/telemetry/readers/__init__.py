@@ -13,11 +13,11 @@ from faultgauge.telemetry.readers.hdf5 import read_hdf5
 from faultgauge.telemetry.readers.mat import read_mat
 from faultgauge.telemetry.readers.mdf import read_mdf
 from faultgauge.telemetry.readers.parquet import read_parquet
-from faultgauge.telemetry.table import Table, check_width
+from faultgauge.telemetry.table import LogTable, check_width
 
 __all__ = ["READERS", "is_log", "logs_in", "read_table", "stem"]
 
-READERS: dict[str, Callable[[Path], Table]] = {
+READERS: dict[str, Callable[[Path], LogTable]] = {
     ".csv": read_csv,
     ".csv.gz": read_csv,
     ".tsv": read_csv,
@@ -33,7 +33,7 @@ READERS: dict[str, Callable[[Path], Table]] = {
 }
 
 
-def read_table(path: Path) -> Table:
+def read_table(path: Path) -> LogTable:
     """Read one file with the reader of its suffix, or a folder as a ROS 2 bag.
 
     Raises `InputError` if it is missing, of an unknown suffix, or refused by the reader.
@@ -63,7 +63,7 @@ def read_table(path: Path) -> Table:
     )
 
 
-def _narrow(table: Table) -> Table:
+def _narrow(table: LogTable) -> LogTable:
     check_width(table.source, len(table.columns))
     return table
 

@@ -8,13 +8,13 @@ import numpy as np
 
 from faultgauge.errors import InputError
 from faultgauge.telemetry.readers.cells import MOST_COLUMNS, as_cells, split
-from faultgauge.telemetry.table import Table
+from faultgauge.telemetry.table import LogTable
 from faultgauge.telemetry.timing import called_like_time
 
 __all__ = ["array_table"]
 
 
-def array_table(path: Path, arrays: Mapping[str, np.ndarray], units: Mapping[str, str]) -> Table:
+def array_table(path: Path, arrays: Mapping[str, np.ndarray], units: Mapping[str, str]) -> LogTable:
     """A table of those of `arrays` that are sampled together.
 
     A vector is a column; an n x k matrix is k columns `name_0` to `name_<k-1>`, its longer side
@@ -44,7 +44,7 @@ def array_table(path: Path, arrays: Mapping[str, np.ndarray], units: Mapping[str
     names = ", ".join(f"{name} ({' x '.join(map(str, arrays[name].shape))})" for name in left_out)
     notes = (f"{path}: not made of {samples} samples like the rest, and left out: {names}.",)
     rows = np.arange(1, samples + 1)
-    return Table(str(path), columns, rows, known, notes if left_out else ())
+    return LogTable(str(path), columns, rows, known, notes if left_out else ())
 
 
 def _length(values: np.ndarray) -> int:

@@ -9,7 +9,7 @@ from faultgauge.telemetry.readers.db3 import add_db3
 from faultgauge.telemetry.readers.foreign import reading
 from faultgauge.telemetry.readers.mcap import add_mcap
 from faultgauge.telemetry.readers.topics import Topics
-from faultgauge.telemetry.table import Table
+from faultgauge.telemetry.table import LogTable
 
 __all__ = ["BAG_FILES", "read_bag"]
 
@@ -20,7 +20,7 @@ BAG_FILES = tuple(f"{storage}{packed}" for storage in STORAGES for packed in (""
 LISTED = re.compile(r"""^\s*-\s+["']?(?:.*/)?(.+\.(?:mcap|db3)(?:\.zstd)?)["']?\s*$""", re.M)
 
 
-def read_bag(path: Path) -> Table:
+def read_bag(path: Path) -> LogTable:
     """Read a `.mcap` or `.db3` file, either also as `.zstd`, or a folder of them as one table.
 
     `Topics` tells columns and time. Raises `InputError` for a file that is damaged or missing,

@@ -14,7 +14,7 @@ from faultgauge.errors import InputError
 from faultgauge.files import read_within, take
 from faultgauge.telemetry.headers import unit_row, with_units
 from faultgauge.telemetry.readers.dialect import Dialect, find_dialect
-from faultgauge.telemetry.table import Table, check_width, float_cells
+from faultgauge.telemetry.table import LogTable, check_width, float_cells
 
 __all__ = ["header", "read_csv"]
 
@@ -25,7 +25,7 @@ UTF_16 = (b"\xff\xfe", b"\xfe\xff")
 NAMED = re.compile(r'"?sep=(.)"?')  # a first line that Excel writes and heeds
 
 
-def read_csv(path: Path) -> Table:
+def read_csv(path: Path) -> LogTable:
     """Read a text file: a header row, a row of units where there is one, and a row per sample.
 
     Cells are separated by commas, semicolons, tabs or bars, whichever the header has most of;
@@ -59,7 +59,7 @@ def read_csv(path: Path) -> Table:
         raise InputError(f"{path} has {found}; a log needs at least two samples.")
     given = {name: unit for name, unit in zip(names, units, strict=False) if unit}
     readings = (*dialect.note(path), *readings)
-    return with_units(Table(str(path), columns, rows, given, readings=readings))
+    return with_units(LogTable(str(path), columns, rows, given, readings=readings))
 
 
 def _units(lines: list[str], width: int, separator: str) -> list[str]:

@@ -17,7 +17,7 @@ from faultgauge.telemetry.readers.cells import from_list
 from faultgauge.telemetry.readers.dialect import Dialect
 from faultgauge.telemetry.readers.foreign import reading
 from faultgauge.telemetry.readers.workbook_size import check_workbook
-from faultgauge.telemetry.table import Table, check_width, is_text
+from faultgauge.telemetry.table import LogTable, check_width, is_text
 
 __all__ = ["EXCEL_FILES", "in_workbook", "read_excel"]
 
@@ -45,7 +45,7 @@ def in_workbook(path: Path) -> tuple[Path, str]:
     return (Path(match[1]), match[2]) if match and not path.exists() else (path, "")
 
 
-def read_excel(path: Path) -> Table:
+def read_excel(path: Path) -> LogTable:
     """Read the sheet that `path` names behind a `#`, else the first that holds a table.
 
     A table is rows of numbers and times beneath a header of text: one row of names, or several,
@@ -146,7 +146,7 @@ def _letters(column: int) -> str:
     return text
 
 
-def _table(path: Path, sheet: str, sheets: list[str], rows: list[Row], found: Found) -> Table:
+def _table(path: Path, sheet: str, sheets: list[str], rows: list[Row], found: Found) -> LogTable:
     numbered = [(k + 1, row) for k, row in enumerate(rows) if k >= found.start]
     numbered = [(k, row) for k, row in numbered if any(row[j] != "" for j in found.names)]
     at = [k for k, _ in numbered]
@@ -166,7 +166,7 @@ def _table(path: Path, sheet: str, sheets: list[str], rows: list[Row], found: Fo
     )
     told = others and not in_workbook(path)[1]
     return with_units(
-        Table(
+        LogTable(
             str(path),
             columns,
             np.array(at),

@@ -10,7 +10,7 @@ from jaxtyping import Shaped
 from faultgauge.errors import InputError
 from faultgauge.telemetry.headers import with_units
 from faultgauge.telemetry.readers.cells import as_cells, from_list, split
-from faultgauge.telemetry.table import Table, check_width
+from faultgauge.telemetry.table import LogTable, check_width
 
 __all__ = ["is_frame", "read_frame"]
 
@@ -25,7 +25,7 @@ def is_frame(given: Any) -> bool:
     return isinstance(known, nw.DataFrame | nw.LazyFrame | Mapping)
 
 
-def read_frame(given: Any, source: str) -> Table:
+def read_frame(given: Any, source: str) -> LogTable:
     """The columns of a data frame or of a dict of arrays; `source` is what messages call it.
 
     Empty cells are None, NaN or NaT; dates are taken as timestamps, durations in seconds. An index
@@ -50,7 +50,7 @@ def read_frame(given: Any, source: str) -> Table:
     notes = (f"{source}: neither numbers nor text, and left out: {', '.join(left_out)}.",)
     units = {name: unit for name, unit in units.items() if name in kept}
     rows = np.arange(1, rows + 1)
-    return with_units(Table(source, kept, rows, units, notes if left_out else ()))
+    return with_units(LogTable(source, kept, rows, units, notes if left_out else ()))
 
 
 def _arrays(given: Mapping[Any, Any], source: str) -> dict[str, Any]:

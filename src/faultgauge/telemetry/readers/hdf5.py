@@ -10,7 +10,7 @@ from faultgauge.telemetry.readers.arrays import array_table
 from faultgauge.telemetry.readers.cells import as_text
 from faultgauge.telemetry.readers.foreign import package, reading
 from faultgauge.telemetry.readers.unpacked import Room
-from faultgauge.telemetry.table import Table
+from faultgauge.telemetry.table import LogTable
 
 __all__ = ["count_dataset", "read_hdf5"]
 
@@ -18,7 +18,7 @@ UNIT_ATTRIBUTES = ("unit", "units")
 ROWS = 100  # of text that are read at once
 
 
-def read_hdf5(path: Path) -> Table:
+def read_hdf5(path: Path) -> LogTable:
     """Read the datasets of an HDF5 file under their paths (`group/name`).
 
     A field of a compound dataset is `name/field`. The attribute `unit` or `units` of a dataset is

@@ -10,7 +10,7 @@ from jaxtyping import Float, Int, Shaped
 from faultgauge.errors import InputError
 from faultgauge.telemetry.readers.cells import as_cells, split
 from faultgauge.telemetry.runs import ROUNDING
-from faultgauge.telemetry.table import Table, is_text
+from faultgauge.telemetry.table import LogTable, is_text
 
 __all__ = ["Channel", "join"]
 
@@ -25,7 +25,7 @@ class Channel:
     unit: str = ""
 
 
-def join(path: Path, channels: Sequence[Channel], notes: Sequence[str] = ()) -> Table:
+def join(path: Path, channels: Sequence[Channel], notes: Sequence[str] = ()) -> LogTable:
     """A table with a row for every time at which any channel was sampled, time as column `t`.
 
     A cell is empty where its channel was not sampled. Times that differ by less than a thousandth
@@ -60,7 +60,7 @@ def join(path: Path, channels: Sequence[Channel], notes: Sequence[str] = ()) -> 
     if left_out:
         text = f"{path}: neither numbers nor text, or one sample only, and left out: "
         notes = [*notes, f"{text}{', '.join(left_out)}."]
-    return Table(str(path), columns, np.arange(1, len(t) + 1), units, tuple(notes))
+    return LogTable(str(path), columns, np.arange(1, len(t) + 1), units, tuple(notes))
 
 
 def _all_times(times: Sequence[Float[np.ndarray, "_"]]) -> tuple[Float[np.ndarray, "rows"], float]:

@@ -18,7 +18,7 @@ from faultgauge.telemetry.readers.cells import MOST_COLUMNS, as_text
 from faultgauge.telemetry.readers.foreign import package, reading
 from faultgauge.telemetry.readers.hdf5 import count_dataset
 from faultgauge.telemetry.readers.unpacked import Room, inflate
-from faultgauge.telemetry.table import Table
+from faultgauge.telemetry.table import LogTable
 from faultgauge.telemetry.timing import called_like_time
 
 __all__ = ["read_mat"]
@@ -31,7 +31,7 @@ STEPS, RATES = ("Ts", "ts", "dt"), ("Fs", "fs")  # usual names of a sampling tim
 SAME = 1e-6  # of one another: 51200 Hz and 1.953125e-05 s are one, written by hand
 
 
-def read_mat(path: Path) -> Table:
+def read_mat(path: Path) -> LogTable:
     """Read a `.mat` file; a field of a struct is `struct.field`, an element of a cell `cell.0`.
 
     A signal in Simulink's "structure with time" is `struct.label`. Which arrays make the table,
@@ -104,7 +104,7 @@ def _unreadable(path: Path, names: list[str]) -> str:
     )
 
 
-def _timed(table: Table, scalars: Mapping[str, float]) -> Table:
+def _timed(table: LogTable, scalars: Mapping[str, float]) -> LogTable:
     """`table` with a column `t` from the sampling time among `scalars`, if it has no time."""
     if any(called_like_time(name) for name in table.columns):
         return table

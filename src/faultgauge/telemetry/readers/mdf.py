@@ -16,7 +16,7 @@ from faultgauge.errors import InputError
 from faultgauge.telemetry.readers.foreign import package, reading
 from faultgauge.telemetry.readers.join import Channel, join
 from faultgauge.telemetry.readers.unpacked import Room, inflate
-from faultgauge.telemetry.table import Table
+from faultgauge.telemetry.table import LogTable
 
 __all__ = ["read_mdf"]
 
@@ -25,7 +25,7 @@ ZLIB = b"\x78"
 TIME = 1  # synchronisation type of a master channel: time, and not angle, distance or index
 
 
-def read_mdf(path: Path) -> Table:
+def read_mdf(path: Path) -> LogTable:
     """Read the channels of an MDF file in physical values, with their units.
 
     The master channels are the time `t`, in seconds since the measurement began. Channel groups

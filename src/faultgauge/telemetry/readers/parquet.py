@@ -10,7 +10,7 @@ from faultgauge.telemetry.headers import with_units
 from faultgauge.telemetry.readers.cells import as_cells
 from faultgauge.telemetry.readers.foreign import package, reading
 from faultgauge.telemetry.readers.unpacked import Room
-from faultgauge.telemetry.table import Table
+from faultgauge.telemetry.table import LogTable
 
 __all__ = ["read_parquet"]
 
@@ -19,7 +19,7 @@ ROWS = 1 << 16  # of a batch
 CELL = 8  # bytes of a number in memory
 
 
-def read_parquet(path: Path) -> Table:
+def read_parquet(path: Path) -> LogTable:
     """Read a Parquet file; a field of a struct is `struct.field`, a null an empty cell.
 
     Time stamps become seconds since the first in their column, durations seconds. The field
@@ -55,7 +55,7 @@ def read_parquet(path: Path) -> Table:
         raise InputError(f"{path} has {table.num_rows} row(s); a log needs at least two samples.")
     notes = [f"{path}: neither numbers nor text, and left out: {', '.join(left_out)}."]
     rows = np.arange(1, table.num_rows + 1)
-    return with_units(Table(str(path), columns, rows, units, tuple(notes) if left_out else ()))
+    return with_units(LogTable(str(path), columns, rows, units, tuple(notes) if left_out else ()))
 
 
 def _unpacked(pyarrow: Any, file: Any, path: Path) -> Any:

@@ -13,7 +13,7 @@ from jaxtyping import Float, Int
 from faultgauge.errors import InputError
 from faultgauge.telemetry.readers.cells import MOST_COLUMNS
 from faultgauge.telemetry.readers.join import Channel, join
-from faultgauge.telemetry.table import Table
+from faultgauge.telemetry.table import LogTable
 
 __all__ = ["Topics"]
 
@@ -54,7 +54,7 @@ class Topics:
         """Take in a decoded message that was logged at `log_time`, ns."""
         _add(self._topics[topic], log_time, message)
 
-    def table(self, path: Path) -> Table:
+    def table(self, path: Path) -> LogTable:
         """All messages as the table of `path`. Raises `InputError` where none could be decoded."""
         left_out = ", ".join(f"{topic} ({what})" for topic, what in self.left_out.items())
         if not self._topics:

@@ -13,11 +13,17 @@ from jaxtyping import Float
 from faultgauge.accommodation.allocation import NullMotion, Reconfiguration
 from faultgauge.accommodation.units import Units
 from faultgauge.plants.gray_box import GrayBoxPlant
+from faultgauge.plants.model import Model
 from faultgauge.simulation.satellite.loop import Satellite, Telemetry
 from faultgauge.simulation.satellite.observatory import paper_satellite
 from faultgauge.simulation.schedules import Constant, Schedule
-from faultgauge_studies.paper.accommodating.setting import FLOOR, PERSISTENCE, TACHOMETER, joint
-from faultgauge_studies.paper.learning import Learned, rms
+from faultgauge_studies.paper.accommodating.setting import (
+    FLOOR,
+    PERSISTENCE,
+    TACHOMETER,
+    by_posterior,
+)
+from faultgauge_studies.paper.learning import rms
 
 __all__ = ["HELD", "held", "loss", "off_target", "satellite"]
 
@@ -26,13 +32,13 @@ HELD = 0.05  # deg: pointing is held within it
 
 def satellite(
     wheels: Sequence[GrayBoxPlant],
-    learned: Sequence[Learned],
+    models: Sequence[Model],
     axes: Float[np.ndarray, "3 wheels"],
     spare_of: tuple[int, ...],
     null_motion: NullMotion | None = None,
 ) -> Satellite:
-    """The paper's satellite on other wheels, under `Reconfiguration`."""
-    each = stacked([joint(one, "estimate_and_friction") for one in learned])
+    """The paper's satellite on other wheels under `Reconfiguration`, a model for each."""
+    each = stacked([by_posterior(one, "estimate_and_friction") for one in models])
     units = Units(spare_of, FLOOR, PERSISTENCE)
     policy = Reconfiguration(each, jnp.asarray(axes), units, 1, null_motion)
     plain = paper_satellite(wheels[0], policy, TACHOMETER)
@@ -47,7 +53,7 @@ def satellite(
 
 def stacked(alike: list[Any]) -> Any:
     """Modules of one structure as one, their arrays with the wheels first."""
-    return jax.tree.map(lambda *a: jnp.stack(a) if eqx.is_array(a[0]) else a[0], *alike)
+    return jax.tree.map(lambda *a: jnp.stack(a) if eqx.is_array_like(a[0]) else a[0], *alike)
 
 
 def loss(start: float, size: float = 1.0) -> Schedule:

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from faultgauge.plants.model import Model
 from faultgauge.reporting.report import Section, Table
 from faultgauge.reporting.svg import Figure
 from faultgauge.reporting.time_figures import Panel, panels
@@ -12,7 +13,7 @@ from faultgauge.simulation.satellite.observatory import MOMENTA, SLEW, run_satel
 from faultgauge.simulation.schedules import Schedule
 from faultgauge_studies.paper.accommodating.array import held, loss, off_target, satellite
 from faultgauge_studies.paper.accommodating.policies import NAMES, pitch
-from faultgauge_studies.paper.accommodating.setting import beneath, fly, joint
+from faultgauge_studies.paper.accommodating.setting import beneath, by_posterior, fly
 from faultgauge_studies.paper.bench import Bench, Traces
 from faultgauge_studies.paper.cases import ONSET, SECONDS
 from faultgauge_studies.paper.learning import PITCH, rms
@@ -32,15 +33,15 @@ LABELS = {
 }
 
 
-def measure(bench: Bench) -> tuple[dict[str, Any], Traces]:
+def measure(bench: Bench, model: Model) -> tuple[dict[str, Any], Traces]:
     rescaled = {}
     for name in RESCALED:
-        flown = fly(bench, beneath(joint(bench.learned, name)), loss(EARLY, PART))
+        flown = fly(bench, beneath(by_posterior(model, name)), loss(EARLY, PART))
         rescaled[name] = {
             "rms_deg": rms(pitch(flown)[flown.t >= ONSET]),
             "loss": float(flown.info.f[-1, PITCH, 1]),
         }
-    array = satellite([bench.wheel] * 4, [bench.learned] * 4, AXES, SPARE_OF)
+    array = satellite([bench.wheel] * 4, [model] * 4, AXES, SPARE_OF)
     cases: dict[str, tuple[list[Schedule], list[Schedule]]] = {
         "healthy": ([], []),
         "part": ([loss(ONSET, PART)], []),

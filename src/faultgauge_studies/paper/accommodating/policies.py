@@ -1,16 +1,24 @@
 """Four policies under eq (17), and the same four without a fault."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from faultgauge.accommodation.policy import POLICIES
+from faultgauge.plants.model import Model
 from faultgauge.reporting.report import Section, Table
 from faultgauge.reporting.svg import Figure
 from faultgauge.reporting.time_figures import Panel, curves, panels
 from faultgauge.simulation.satellite.loop import Telemetry
 from faultgauge.simulation.schedules import truth
-from faultgauge_studies.paper.accommodating.setting import beneath, fly, single
+from faultgauge_studies.paper.accommodating.setting import (
+    adrc,
+    beneath,
+    by_posterior,
+    calibrated_like,
+    fly,
+)
 from faultgauge_studies.paper.bench import Bench, Traces
 from faultgauge_studies.paper.cases import CASES, ONSET
 from faultgauge_studies.paper.learning import PITCH, rms
@@ -33,12 +41,12 @@ def pitch(flown: Telemetry) -> np.ndarray:
     return np.rad2deg(np.asarray(flown.attitude[:, PITCH]))
 
 
-def measure(bench: Bench) -> tuple[dict[str, Any], Traces]:
+def measure(bench: Bench, model: Model) -> tuple[dict[str, Any], Traces]:
     """Pitch from the onset on, and what the estimates look like when nothing is wrong."""
     figures: dict[str, Any] = {}
     drawn: dict[str, Any] = {}
     for name in POLICIES:
-        policy = beneath(single(bench, name))
+        policy = beneath(adrc(bench) if name == "adrc" else by_posterior(model, name))
         flown = fly(bench, policy, CASE.fault)
         healthy = fly(bench, policy)
         figures[name] = {**_scores(flown), **_healthy(healthy)}
@@ -49,9 +57,9 @@ def measure(bench: Bench) -> tuple[dict[str, Any], Traces]:
             f"engaged_{name}": np.asarray(flown.info.engaged[:, PITCH, 0], float),
         }
         drawn["t"] = np.asarray(flown.t)
-    over_physics = fly(
-        bench, beneath(single(bench, "estimate_and_friction", "physics")), CASE.fault
-    )
+    true = replace(bench.learned.model, plant=bench.wheel)
+    physics = beneath(by_posterior(calibrated_like(model, true), "estimate_and_friction"))
+    over_physics = fly(bench, physics, CASE.fault)
     figures["estimate_and_friction_over_physics"] = _scores(over_physics)
     drawn["fault"] = truth(CASE.fault, drawn["t"])
     return {"accommodation": figures}, {"accommodation": drawn}
@@ -88,14 +96,14 @@ def section(results: Results, traces: Traces) -> Section:
     return Section(
         "Accommodation: four policies under eq (17)",
         (
-            "The estimate of the learned plant's observer (IESONN) is fed back inside the loop, by "
-            "every wheel for itself. With -fhat the wheel does what it would do without the "
-            "fault; its known friction still holds the satellite off, because the controller has "
-            "no integral. With the learned friction fed forward as well that goes too. An "
-            "estimate is acted upon once it is large, settled and isolated; what it may do is "
-            "bounded in size and slope.",
-            "ADRC cancels whatever differs from an ideal wheel, at once and without an alarm. It "
-            "is as good or a little better, and it hides degradation: with nothing wrong its "
+            "The posterior over the learned plant, which knows of friction and of a loss of "
+            "effectiveness, is acted upon inside the loop, by every wheel for itself. With -fhat "
+            "the wheel does what it would do without the fault; its known friction still holds the "
+            "satellite off, because the controller has no integral. With the learned friction fed "
+            "forward as well that goes too. A fault is acted upon while it is named; what that "
+            "may do is bounded in size and slope.",
+            "ADRC cancels whatever differs from an ideal wheel, at once and without a decision, by "
+            "an observer of its own. It hides degradation: with nothing wrong its "
             f"estimate stands at {1e3 * (hidden or 0):.2g} mN·m, friction and all, where the "
             f"learned reference shows {1e3 * (seen or 0):.2g} mN·m. A fault of that size would "
             "pass unnamed.",

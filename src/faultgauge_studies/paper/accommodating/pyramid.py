@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 from faultgauge.accommodation.allocation import NullMotion
 from faultgauge.plants.gray_box import GrayBoxPlant
+from faultgauge.plants.model import Model
 from faultgauge.reporting.report import Section, Table
 from faultgauge.reporting.svg import Figure
 from faultgauge.reporting.time_figures import Panel, panels
@@ -16,10 +17,10 @@ from faultgauge.simulation.satellite.loop import Satellite, Telemetry
 from faultgauge.simulation.satellite.observatory import PERIOD, SLEW, run_satellite
 from faultgauge.simulation.schedules import Schedule
 from faultgauge_studies.paper.accommodating.array import HELD, held, loss, off_target, satellite
+from faultgauge_studies.paper.accommodating.setting import calibrated_like
 from faultgauge_studies.paper.bench import Bench, Traces, learn_from
 from faultgauge_studies.paper.cases import ONSET, SECONDS, inner_disturbance
 from faultgauge_studies.paper.excited import SWEEP
-from faultgauge_studies.paper.learning import Learned
 from faultgauge_studies.paper.tables import Results, span
 
 __all__ = ["AXES", "WITHIN", "measure", "section"]
@@ -38,14 +39,14 @@ WHEELS = range(4)
 
 class _Array(NamedTuple):
     wheels: list[GrayBoxPlant]
-    learned: list[Learned]
+    models: list[Model]
 
     def satellite(self, moving: bool) -> Satellite:
         null = NullMotion(jnp.asarray(BIAS), RATE, MOST) if moving else None
-        return satellite(self.wheels, self.learned, AXES, (-1,) * 4, null)
+        return satellite(self.wheels, self.models, AXES, (-1,) * 4, null)
 
 
-def measure(bench: Bench) -> tuple[dict[str, Any], Traces]:
+def measure(bench: Bench, model: Model) -> tuple[dict[str, Any], Traces]:
     """Each wheel lost in turn; ranks; and what null motion spares the wheels."""
     wheels = [_wheel(bench.wheel, factor) for factor in FRICTION]
     seeds = [1000 * (k + 1) + bench.seed for k in WHEELS]
@@ -53,7 +54,8 @@ def measure(bench: Bench) -> tuple[dict[str, Any], Traces]:
         learn_from(wheel, SWEEP, seed, (inner_disturbance(wheel),))
         for wheel, seed in zip(wheels, seeds, strict=True)
     ]
-    array = _Array(wheels, learned)
+    models = [calibrated_like(model, each.model) for each in learned]
+    array = _Array(wheels, models)
     moving, free = array.satellite(True), array.satellite(False)
     lost = [_fly(bench, array, moving, BIAS, k) for k in WHEELS]
     healthy = _fly(bench, array, moving, BIAS, None)

@@ -13,7 +13,14 @@ from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant import Plant, Stuck
 from faultgauge.plants.signals import Fault
 from faultgauge.simulation.closed_loop import with_faults
-from faultgauge.simulation.satellite.loop import NOISES, Now, Satellite, State, Telemetry, fly
+from faultgauge.simulation.satellite.loop import (
+    NOISES,
+    Now,
+    Satellite,
+    SatelliteState,
+    Telemetry,
+    fly,
+)
 from faultgauge.simulation.satellite.observatory import (
     AXES,
     PERIOD,
@@ -68,7 +75,7 @@ def _friction(
 @eqx.filter_jit
 def _fly(
     satellite: Satellite,
-    begin: State,
+    begin: SatelliteState,
     noise: Float[Array, "flights steps noises"],
     f: Float[Array, "flights steps substeps wheels 1"],
 ) -> Telemetry:
@@ -76,7 +83,7 @@ def _fly(
     counts = (len(signals.states), len(signals.inputs), len(signals.outputs))
     free = Stuck(*(jnp.full((*f.shape[1:-1], n), jnp.nan) for n in counts))
 
-    def one(state: State, noise: Array, f: Array) -> Telemetry:
+    def one(state: SatelliteState, noise: Array, f: Array) -> Telemetry:
         return fly(satellite, state, Now(noise, f, free))[1]
 
     return jax.vmap(one)(begin, noise, f)
