@@ -30,6 +30,8 @@ as they make sense. `--without-discrepancy` calibrates without model error. Shar
   pump_loop       a pump that fills a vessel: check valve, cut-off, suction that wanders
   furnace         ten hours of soaks: walls that store, lags, mains that wander
   two_mass        a position loop over a soft coupling with play; ripple, an encoder out of centre
+  satellite       an axis with a wheel: a panel that swings, a gyro that drifts, friction
+  air             compressed air in two vessels: gas that warms, choked nozzles, a bent valve
   equal           the heaters without anything that the file lacks
 """
 
@@ -41,6 +43,7 @@ from pathlib import Path
 from typing import Any
 
 from mismatch.ahu import ahu
+from mismatch.air import air
 from mismatch.battery import battery
 from mismatch.bench_heaters import bench_heaters
 from mismatch.case import Case
@@ -56,6 +59,7 @@ from mismatch.pump_loop import pump_loop
 from mismatch.quad import quad
 from mismatch.reaction_wheel import reaction_wheel
 from mismatch.report import amount, share
+from mismatch.satellite import satellite
 from mismatch.servo import servo
 from mismatch.slow_sensor import slow_sensor
 from mismatch.tanks import tanks
@@ -82,6 +86,8 @@ CASES: dict[str, Callable[[], Case]] = {
     "pump_loop": pump_loop,
     "furnace": furnace,
     "two_mass": two_mass,
+    "satellite": satellite,
+    "air": air,
     "equal": equal,
 }
 SHARES = {
