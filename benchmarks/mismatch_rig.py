@@ -32,6 +32,8 @@ as they make sense. `--without-discrepancy` calibrates without model error. Shar
   two_mass        a position loop over a soft coupling with play; ripple, an encoder out of centre
   satellite       an axis with a wheel: a panel that swings, a gyro that drifts, friction
   air             compressed air in two vessels: gas that warms, choked nozzles, a bent valve
+  reactor         a cooled tank: Arrhenius, a wall, fouling, a valve of equal percentage
+  conveyor        a belt on a drum: creep and slip, a load that strays, a splice, lags
   equal           the heaters without anything that the file lacks
 """
 
@@ -47,6 +49,7 @@ from mismatch.air import air
 from mismatch.battery import battery
 from mismatch.bench_heaters import bench_heaters
 from mismatch.case import Case
+from mismatch.conveyor import conveyor
 from mismatch.cylinder import cylinder
 from mismatch.dc_motor import dc_motor
 from mismatch.exchanger import exchanger
@@ -58,6 +61,7 @@ from mismatch.meter import meter
 from mismatch.pump_loop import pump_loop
 from mismatch.quad import quad
 from mismatch.reaction_wheel import reaction_wheel
+from mismatch.reactor import reactor
 from mismatch.report import amount, share
 from mismatch.satellite import satellite
 from mismatch.servo import servo
@@ -88,6 +92,8 @@ CASES: dict[str, Callable[[], Case]] = {
     "two_mass": two_mass,
     "satellite": satellite,
     "air": air,
+    "reactor": reactor,
+    "conveyor": conveyor,
     "equal": equal,
 }
 SHARES = {

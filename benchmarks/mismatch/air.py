@@ -6,8 +6,8 @@
 p = m R T/V. Filling warms, emptying cools, and walls pull back to a room that wanders. The valve's
 opening lags and its curve is bent; the draw strays from the one that is logged; constants differ
 from run to run. The file has two isothermal pressures, a compressor whose delivery falls with
-pressure, a root for the valve and a choked draw. What is not declared is a valve that loses
-the share `worn` of its area. Pressures are absolute.
+pressure, a root and a power for the valve and a choked draw. What is not declared is a valve that
+loses the share `worn` of its area. Pressures are absolute.
 """
 
 from collections.abc import Sequence
@@ -22,9 +22,12 @@ __all__ = ["air"]
 
 FILE = """
 name = "compressed air"
-[states]
-p1 = { unit = "bar", derivative = "fill*speed*(1 - slip*p1) - k1*valve*sqrt(max(p2*(p1 - p2), 0))" }
-p2 = { unit = "bar", derivative = "k2*valve*sqrt(max(p2*(p1 - p2), 0)) - use*draw*p2" }
+[states.p1]
+unit = "bar"
+derivative = "fill*speed*(1 - slip*p1) - k1*max(valve, 1)**n*sqrt(max(p2*(p1 - p2), 0))"
+[states.p2]
+unit = "bar"
+derivative = "k2*max(valve, 1)**n*sqrt(max(p2*(p1 - p2), 0)) - use*draw*p2"
 [inputs]
 speed = { unit = "%", min = 0, max = 100, hold = "zero" }
 valve = { unit = "%", min = 0, max = 100, hold = "zero" }
@@ -37,6 +40,7 @@ fill = { value = 1e-3, min = 0 }
 slip = { value = 0.03, min = 0, max = 0.1 }
 k1 = { value = 2e-4, min = 0 }
 k2 = { value = 5e-4, min = 0 }
+n = { value = 1, min = 0.3, max = 3 }
 use = { value = 2e-4, min = 0 }
 [faults]
 compressor_loss = { enters = "gain", target = "speed" }
@@ -48,7 +52,7 @@ STEP, SAMPLES = 1.0, 4000  # s
 R, CV = 287.0, 718.0  # J/(kg K)
 CP = R + CV
 RECEIVER, HEADER = 1.0, 0.4  # m^3
-DELIVERY, SLIP, HOT = 0.06, 0.035, 25.0  # kg/s, 1/bar, K over the room
+DELIVERY, SLIP, HOT = 0.085, 0.035, 25.0  # kg/s, 1/bar, K over the room
 VALVE, DRAW, CRITICAL = 0.022, 0.0135, 0.4  # kg/(s bar) when open, pressure ratio
 CURVE, LAG = 1.3, 2.5  # 1, s: of the valve
 WALLS = (60.0, 30.0)  # W/K
