@@ -98,19 +98,14 @@ def calibrate_bank(
     most = SAMPLES if mtbfa is None else int(1.1 * 3 * mtbfa / step) + SAMPLES // 100
     taken = _first_samples(runs, most)
 
-    walks = count(1)
+    plain, walks = without_calibration(model), count(1)
+
+    def stepped() -> None:
+        progress(min(next(walks) / (2 * len(taken) + TRIES), 1.0))
 
     def tried(widened: float, some: Sequence[int]) -> tuple[FaultBank, list[list[_Scored]]]:
-        plain = without_calibration(model)
         bank = build_fault_bank(plain, runs, noise.widened(widened), healthy)
-
-        def walked(run: Run) -> list[_Scored]:
-            found = _scores(bank, run)
-            progress(min(next(walks) / (2 * len(taken) + TRIES), 1.0))
-            return found
-
-        first, *others = (taken[k] for k in some)  # the first compiles what all go through
-        return bank, [walked(first), *side_by_side(walked, others)]
+        return bank, _walked(bank, [taken[k] for k in some], stepped)
 
     bank, scores = tried(1.0, range(len(taken)))
     blocks = _blocks(bank, scores, taken[0].source)
@@ -143,6 +138,20 @@ def calibrate_bank(
         gain=gain_error(model, runs),
     )
     return BankCalibration(found, noise.widened(widened), blocks, suspects, warnings)
+
+
+def _walked(
+    bank: FaultBank, runs: Sequence[Run], stepped: Callable[[], None]
+) -> list[list["_Scored"]]:
+    """The scores of each of `runs`, several at once; after each it is `stepped`."""
+
+    def walked(run: Run) -> list[_Scored]:
+        found = _scores(bank, run)
+        stepped()
+        return found
+
+    first, *others = runs  # the first compiles what all go through
+    return [walked(first), *side_by_side(walked, others)]
 
 
 def _believed_less(

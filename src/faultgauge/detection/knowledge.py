@@ -93,20 +93,7 @@ def knowledge_of(
     start[parts.e], start[parts.lag] = 0.0, 0.0
     start[parts.b] = noise.wander[list(noise.wanders)]
     start[parts.a] = noise.stray[list(noise.strays)]
-    P = np.diag(start**2)
-    for _ in range(TIMES):
-        P = _predicted(A, C, Q, R, P)
-    shift, total = np.zeros(B.shape), np.zeros(B.shape[1])
-    sd = np.zeros((TIMES, B.shape[1]))
-    for k in range(TIMES):
-        S = C @ P @ C.T + R
-        K, white = np.linalg.solve(S, C @ P).T, np.linalg.inv(np.linalg.cholesky(S))
-        shift = A @ shift + B
-        change = C @ shift + D
-        total += np.sum((white @ change) ** 2, axis=0)
-        shift = shift - K @ change
-        sd[k] = 1 / np.sqrt(np.maximum(total, 1e-300))
-        P = _predicted(A, C, Q, R, P)
+    sd = _deviations(A, B, C, D, Q, R, np.diag(start**2))
     sd = np.where(sd > 1e100, np.inf, sd)
     t = dt * np.arange(1, TIMES + 1)
     wide = EARLIER * CLEAR * sd[-1]
@@ -120,6 +107,32 @@ def knowledge_of(
     when = np.array([t[np.argmax(each)] if each.any() else t[-1] for each in shows.T])
     when = np.clip(when, FEWEST * step, t[-1])
     return Knowledge(t, sd, size, when, float(np.median(when)), drive)
+
+
+def _deviations(
+    A: Float[np.ndarray, "n n"],
+    B: Float[np.ndarray, "n faults"],
+    C: Float[np.ndarray, "m n"],
+    D: Float[np.ndarray, "m faults"],
+    Q: Float[np.ndarray, "n n"],
+    R: Float[np.ndarray, "m m"],
+    P: Float[np.ndarray, "n n"],
+) -> Float[np.ndarray, "times faults"]:
+    """sd(t) of the docstring above, of a filter that begins its way to the steady state at `P`."""
+    for _ in range(TIMES):
+        P = _predicted(A, C, Q, R, P)
+    shift, total = np.zeros(B.shape), np.zeros(B.shape[1])
+    sd = np.zeros((TIMES, B.shape[1]))
+    for k in range(TIMES):
+        S = C @ P @ C.T + R
+        K, white = np.linalg.solve(S, C @ P).T, np.linalg.inv(np.linalg.cholesky(S))
+        shift = A @ shift + B
+        change = C @ shift + D
+        total += np.sum((white @ change) ** 2, axis=0)
+        shift = shift - K @ change
+        sd[k] = 1 / np.sqrt(np.maximum(total, 1e-300))
+        P = _predicted(A, C, Q, R, P)
+    return sd
 
 
 def _typical(

@@ -39,6 +39,8 @@ def follow(
     `samples` are the arguments of `step` after the state, the samples first.
     """
     total = len(samples[0])
+    # a first state of Python's numbers would be compiled for, and then that of the arrays after it
+    state = jax.tree.map(lambda a: np.asarray(a) if getattr(a, "weak_type", False) else a, state)
     said = []
     for first in range(0, total, CHUNK):
         parts = [each[first : first + CHUNK] for each in samples]
