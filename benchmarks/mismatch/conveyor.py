@@ -37,8 +37,8 @@ a = { value = 10, min = 1 }
 b = { value = 1, min = 0 }
 Fc = { value = 20, unit = "N*m", min = 0 }
 g = { value = 5000, min = 500 }
-J = { value = 10, min = 1 }
-M = { value = 500, unit = "kg", min = 50 }
+J = { value = 12, fixed = true }
+M = { value = 600, unit = "kg", fixed = true }
 F0 = { value = 200, unit = "N", min = 0 }
 roll = { value = 0.3, min = 0 }
 r = { value = 0.25, unit = "m", fixed = true }

@@ -7,8 +7,8 @@
     lag (1 + late) dA = c - A
 
 S and A are the thermometer and the analyser. Uj fouls slowly and wanders, feed and cooling water
-wander, constants differ from run to run. The file knows a rate that is exponential in temperature
-with one feed, a jacket without wall, losses, or lags, and cooling in proportion to the valve. The
+wander, constants differ from run to run. The file has a rate that is exponential in temperature,
+feed and cooling water that stay, a jacket without wall or losses, and a valve without lag. The
 feed's flow is logged and moves. What is not declared is an analyser that gets `late` times slower.
 """
 
@@ -27,7 +27,7 @@ name = "stirred-tank reactor"
 [states]
 c = { unit = "mol/l", derivative = "feed*(c_in - c)/volume - k*exp(s*(T - 340))*c" }
 T = { unit = "K", derivative = "feed*(T_in - T)/volume + hot*k*exp(s*(T - 340))*c - ua*(T - J)" }
-J = { unit = "K", derivative = "uj*(T - J) - cool*valve*(J - T_cool)" }
+J = { unit = "K", derivative = "uj*(T - J) - cool*exp(0.032*valve)*(J - T_cool)" }
 [inputs]
 valve = { unit = "%", min = 0, max = 100, hold = "zero" }
 feed = { unit = "l/min", min = 0, max = 20, hold = "zero" }
@@ -36,7 +36,7 @@ analyser = { unit = "mol/l", value = "c" }
 reactor = { unit = "K", value = "T" }
 jacket = { unit = "K", value = "J" }
 [parameters]
-volume = { value = 6000, min = 100 }
+volume = { value = 6000, unit = "l*s/min", fixed = true }
 c_in = { value = 2, unit = "mol/l", fixed = true }
 T_in = { value = 298, unit = "K", fixed = true }
 T_cool = { value = 288, unit = "K", fixed = true }
@@ -45,7 +45,7 @@ s = { value = 0.05, min = 0 }
 hot = { value = 40, min = 0 }
 ua = { value = 0.001, min = 0 }
 uj = { value = 0.003, min = 0 }
-cool = { value = 1e-4, min = 0 }
+cool = { value = 3e-4, min = 0 }
 [faults]
 heat_loss = { enters = "state", target = "T", unit = "K/s", max = 0 }
 cooling_loss = { enters = "gain", target = "valve" }
@@ -57,7 +57,7 @@ STEP, SAMPLES = 10.0, 5000  # s; 14 h
 VOLUME = 100.0  # l
 RATE, ACTIVATION, MIDDLE = 0.004, 5000.0, 340.0  # 1/s, K, K
 HEAT, STORED, CARRIED = 250.0, 420.0, 4.1  # kJ/mol, kJ/K, kJ/(l K)
-WALL, JACKET = 25.0, 80.0  # kJ/K
+WALL, JACKET = 60.0, 300.0  # kJ/K
 INNER, OUTER, LOSS = 2.5, 2.5, 0.02  # kW/K
 FLOW, RANGE, STEM = 2.0, 25.0, 15.0  # kW/K of cooling when open, 1, s: equal percentage
 THERMOMETER, ANALYSER = 20.0, 60.0  # s
