@@ -10,8 +10,8 @@ import time
 from dataclasses import replace
 
 from decision_studies.rig import rig, true_model, window
-from faultgauge.detection.bank import build_fault_bank
-from faultgauge.detection.noise_estimation import estimate_noise
+from faultgauge.detection.bank.bank import build_fault_bank
+from faultgauge.detection.calibration.noise_estimation import estimate_noise
 from faultgauge.detection.watch import Watch
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.signals import Fault

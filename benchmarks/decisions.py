@@ -18,7 +18,7 @@ from decision_studies.optimal import against_kalman, linear_bank
 from decision_studies.rig import FAULTS
 from decision_studies.tank import leak_found
 from decision_studies.wheel import STEP, false_alarms, friction_found, wheel_bank
-from faultgauge.detection.uncalibrated import level_in
+from faultgauge.detection.posterior.uncalibrated import level_in
 from faultgauge_studies import merit
 
 FIRST = 100  # seeds below are for tuning: --first 0

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from faultgauge.detection.calibration import calibrate
+from faultgauge.detection.calibration.calibration import calibrate
 from faultgauge.identification.fit import fit
 from faultgauge.plants.model import Model
 from faultgauge.rehearsal.rehearse import rehearse

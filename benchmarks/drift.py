@@ -21,8 +21,8 @@ from typing import Any
 import numpy as np
 
 from faultgauge.detection.decisions import Decision, decide_runs
-from faultgauge.detection.events import UNKNOWN
-from faultgauge.detection.verdicts import FAULT, NOT_JUDGED
+from faultgauge.detection.posterior.events import UNKNOWN
+from faultgauge.detection.posterior.verdicts import FAULT, NOT_JUDGED
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant_file import parse_plant
 from faultgauge.telemetry import Run

@@ -26,7 +26,7 @@ from decision_studies.drive_pulses import (
     trained,
 )
 from faultgauge.detection.decisions import decide_runs
-from faultgauge.detection.judged import operating_points
+from faultgauge.detection.rows.judged import operating_points
 from faultgauge.plants.gray_box import load_plant
 from faultgauge.verbs.checkup import parts
 from faultgauge_studies import merit

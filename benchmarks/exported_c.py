@@ -31,8 +31,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from decision_studies.rig import rig, true_model, window
-from faultgauge.detection.bank import build_fault_bank
-from faultgauge.detection.noise_estimation import estimate_noise
+from faultgauge.detection.bank.bank import build_fault_bank
+from faultgauge.detection.calibration.noise_estimation import estimate_noise
 from faultgauge.detection.watch import Watch
 from faultgauge.export.compile import ExportedStep, Printed, print_step
 from faultgauge.export.engine import Engine

@@ -23,11 +23,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from faultgauge.detection.bank import FaultBank, build_fault_bank
-from faultgauge.detection.calibration import calibrate
+from faultgauge.detection.bank.bank import FaultBank, build_fault_bank
+from faultgauge.detection.bank.noise import noise_of
+from faultgauge.detection.calibration.calibration import calibrate
 from faultgauge.detection.decisions import Decision, decide
-from faultgauge.detection.noise import noise_of
-from faultgauge.detection.verdicts import FAULT
+from faultgauge.detection.posterior.verdicts import FAULT
 from faultgauge.errors import InputError
 from faultgauge.identification.fit import fit
 from faultgauge.plants.model import Model, load_model, save_model

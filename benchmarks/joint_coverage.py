@@ -22,12 +22,12 @@ import numpy as np
 
 from decision_studies.drive_pulses import SHARES, bodies, trained
 from decision_studies.tank import tank_log
-from faultgauge.detection.bank import build_fault_bank
-from faultgauge.detection.calibration import calibrate
-from faultgauge.detection.coverage import MARGIN, regions_of
+from faultgauge.detection.bank.bank import build_fault_bank
+from faultgauge.detection.bank.coverage import MARGIN, regions_of
+from faultgauge.detection.bank.noise import noise_of
+from faultgauge.detection.calibration.calibration import calibrate
 from faultgauge.detection.decisions import decide
-from faultgauge.detection.judged import operating_points, record_arrays
-from faultgauge.detection.noise import noise_of
+from faultgauge.detection.rows.judged import operating_points, record_arrays
 from faultgauge.identification.fit import fit
 from faultgauge.plants.gray_box import GrayBoxPlant, load_plant
 from faultgauge.plants.model import Model

@@ -29,8 +29,8 @@ from jaxtyping import Float
 from scipy.linalg import expm
 
 from faultgauge.detection.decisions import decide_runs
-from faultgauge.detection.retrospective import retrospect
-from faultgauge.detection.verdicts import NAMED
+from faultgauge.detection.onset.retrospective import retrospect
+from faultgauge.detection.posterior.verdicts import NAMED
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
 from faultgauge.plants.plant_file import parse_plant

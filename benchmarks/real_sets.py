@@ -24,8 +24,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from faultgauge.detection.calibration import calibrate
-from faultgauge.detection.uncalibrated import level_in
+from faultgauge.detection.calibration.calibration import calibrate
+from faultgauge.detection.posterior.uncalibrated import level_in
 from faultgauge.errors import InputError
 from faultgauge.identification.fit import fit
 from faultgauge.plants.gray_box import GrayBoxPlant

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from faultgauge.detection.noise import Noise
+from faultgauge.detection.bank.noise import Noise
 from faultgauge.telemetry import Run
 from models import as_stated
 

@@ -13,8 +13,8 @@ from typing import TypeAlias
 import numpy as np
 from jaxtyping import Float
 
-from faultgauge.detection.bank import FaultBank, build_fault_bank
-from faultgauge.detection.noise import Noise
+from faultgauge.detection.bank.bank import FaultBank, build_fault_bank
+from faultgauge.detection.bank.noise import Noise
 from faultgauge.telemetry import Run
 from faultgauge.telemetry.clock import Clock
 from models import as_stated

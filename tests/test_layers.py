@@ -28,6 +28,12 @@ LAYERS = (
     "telemetry",
     "plants",
 )
+INSIDE = {  # folders and files of a layer, likewise
+    "detection": (
+        *("stream", "calibration", "onset", "answer", "decisions", "watch", "posterior"),
+        *("bank", "rows", "remember", "words"),
+    )
+}
 LONGEST = 60  # lines of a function, its arguments and docstring among them
 BELOW_ALL = {"errors", "files", "progress"}
 RUN_STUDIES = {"cli/benchmark.py", "cli/demo.py", "cli/reproduce.py"}
@@ -54,6 +60,20 @@ def test_a_layer_imports_only_what_is_below_it(layer):
     assert files
     for path in files:
         assert imported(path) <= legal, path
+
+
+@pytest.mark.parametrize("layer", INSIDE)
+def test_inside_a_layer_imports_point_down_as_well(layer):
+    order = INSIDE[layer]
+    there = {path.stem for path in (ROOT / layer).iterdir() if not path.stem.startswith("_")}
+    assert there == {*order}
+    for path in sorted((ROOT / layer).rglob("*.py")):
+        own = path.relative_to(ROOT / layer).with_suffix("").parts[0]
+        taken = {
+            name.split(".")[2] for name in modules(path) if name.startswith(f"faultgauge.{layer}.")
+        }
+        if own in order:
+            assert taken <= {*order[order.index(own) :]}, path
 
 
 def test_studies_import_no_command():

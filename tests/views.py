@@ -8,14 +8,14 @@ from datetime import datetime
 import numpy as np
 import pytest
 
-from faultgauge.detection.answer import answers, as_dicts, first_screen, runs_as_dicts, told
+from faultgauge.detection.answer.answer import answers, as_dicts, first_screen, runs_as_dicts, told
+from faultgauge.detection.answer.shares import WHOLE
 from faultgauge.detection.decisions import table
-from faultgauge.detection.events import POSSIBLE, UNKNOWN
-from faultgauge.detection.posterior import LIKELY
-from faultgauge.detection.probability import probability
-from faultgauge.detection.retrospective import retrospect, sentences
-from faultgauge.detection.shares import WHOLE
-from faultgauge.detection.verdicts import NAMED
+from faultgauge.detection.onset.retrospective import retrospect, sentences
+from faultgauge.detection.posterior.events import POSSIBLE, UNKNOWN
+from faultgauge.detection.posterior.posterior import LIKELY
+from faultgauge.detection.posterior.probability import probability
+from faultgauge.detection.posterior.verdicts import NAMED
 from faultgauge.detection.words import MOST, OLDER, UNDECLARED, number
 from faultgauge.reporting.decision_chapter import HEADER, _events
 from faultgauge.reporting.retrospective_chapter import retrospective_section

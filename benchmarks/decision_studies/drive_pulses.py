@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from faultgauge.detection.calibration import calibrate
+from faultgauge.detection.answer.estimation import estimate
+from faultgauge.detection.calibration.calibration import calibrate
 from faultgauge.detection.decisions import decide_runs
-from faultgauge.detection.estimation import estimate
 from faultgauge.identification.fit import fit
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model

@@ -7,7 +7,7 @@ calibrates, so the judged run is new to the model, to its noise and to its limit
 from dataclasses import dataclass
 from pathlib import Path
 
-from faultgauge.detection.calibration import calibrate
+from faultgauge.detection.calibration.calibration import calibrate
 from faultgauge.detection.decisions import Decision, decide_runs
 from faultgauge.identification.fit import fit
 from faultgauge.plants.gray_box import load_plant

@@ -13,9 +13,9 @@ from jaxtyping import Float
 
 from decision_studies.stated import as_stated
 from decision_studies.wheel import base_flight
-from faultgauge.detection.bank import FaultBank, build_fault_bank
+from faultgauge.detection.bank.bank import FaultBank, build_fault_bank
+from faultgauge.detection.calibration.noise_estimation import estimate_noise
 from faultgauge.detection.decisions import Decision, decide
-from faultgauge.detection.noise_estimation import estimate_noise
 from faultgauge.plants.gray_box import load_plant
 from faultgauge.simulation.run_scenario import simulate
 from faultgauge.simulation.schedules import Sine

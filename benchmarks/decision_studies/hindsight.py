@@ -16,9 +16,9 @@ from jaxtyping import Float
 
 from decision_studies import optimal
 from decision_studies.wheel import base_flight
-from faultgauge.detection.bank import FaultBank
+from faultgauge.detection.bank.bank import FaultBank
 from faultgauge.detection.decisions import decide
-from faultgauge.detection.retrospective import Retrospect, retrospect
+from faultgauge.detection.onset.retrospective import Retrospect, retrospect
 from faultgauge.simulation.run_scenario import simulate
 from faultgauge.simulation.schedules import Constant, Schedule
 from faultgauge.telemetry import Run

@@ -11,13 +11,13 @@ from decision_studies.rig import (
     true_model,
     window,
 )
-from faultgauge.detection.bank import FaultBank, build_fault_bank
-from faultgauge.detection.bank_calibration import calibrate_bank, calibrated
+from faultgauge.detection.bank.bank import FaultBank, build_fault_bank
+from faultgauge.detection.calibration.bank_calibration import calibrate_bank, calibrated
+from faultgauge.detection.calibration.noise_estimation import estimate_noise
 from faultgauge.detection.decisions import Decision, decide
-from faultgauge.detection.events import UNKNOWN
-from faultgauge.detection.noise_estimation import estimate_noise
-from faultgauge.detection.posterior import WIDE
-from faultgauge.detection.verdicts import QUIET
+from faultgauge.detection.posterior.events import UNKNOWN
+from faultgauge.detection.posterior.posterior import WIDE
+from faultgauge.detection.posterior.verdicts import QUIET
 from faultgauge_studies import merit
 
 __all__ = ["Verdict", "left_out", "named", "rig_bank"]

@@ -11,9 +11,9 @@ from jaxtyping import Float
 from scipy.linalg import solve_discrete_are
 
 from decision_studies.rig import true_model
-from faultgauge.detection.bank import FaultBank, build_fault_bank
+from faultgauge.detection.bank.bank import FaultBank, build_fault_bank
+from faultgauge.detection.bank.noise import Noise
 from faultgauge.detection.decisions import decide
-from faultgauge.detection.noise import Noise
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant_file import parse_plant
 from faultgauge.telemetry import Run

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from faultgauge.detection.calibration import calibrate
+from faultgauge.detection.calibration.calibration import calibrate
 from faultgauge.detection.decisions import decide_runs
 from faultgauge.identification.fit import fit
 from faultgauge.plants.gray_box import load_plant

@@ -6,11 +6,11 @@ from functools import cache
 import numpy as np
 
 from decision_studies.stated import as_stated
-from faultgauge.detection.bank import FaultBank, build_fault_bank
-from faultgauge.detection.bank_calibration import calibrate_bank, calibrated
+from faultgauge.detection.bank.bank import FaultBank, build_fault_bank
+from faultgauge.detection.calibration.bank_calibration import calibrate_bank, calibrated
+from faultgauge.detection.calibration.noise_estimation import estimate_noise
 from faultgauge.detection.decisions import Decision, decide
-from faultgauge.detection.noise_estimation import estimate_noise
-from faultgauge.detection.verdicts import FAULT
+from faultgauge.detection.posterior.verdicts import FAULT
 from faultgauge.plants.gray_box import load_plant
 from faultgauge.simulation.run_scenario import simulate
 from faultgauge.simulation.scenario import Scenario, parse_scenario

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from faultgauge.detection.bank import FaultBank
-from faultgauge.detection.calibration import calibrate
+from faultgauge.detection.answer.smallest import smallest_along
+from faultgauge.detection.bank.bank import FaultBank
+from faultgauge.detection.calibration.calibration import calibrate
 from faultgauge.detection.decisions import decide_runs
-from faultgauge.detection.smallest import smallest_along
 from faultgauge.errors import InputError
 from faultgauge.identification.fit import fit
 from faultgauge.plants.model import Model

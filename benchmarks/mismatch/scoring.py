@@ -11,8 +11,8 @@ import numpy as np
 from scipy.stats import binomtest
 
 from faultgauge.detection.decisions import Decision
-from faultgauge.detection.events import UNKNOWN
-from faultgauge.detection.verdicts import FAULT, NOT_JUDGED
+from faultgauge.detection.posterior.events import UNKNOWN
+from faultgauge.detection.posterior.verdicts import FAULT, NOT_JUDGED
 from faultgauge_studies import merit
 from mismatch.case import Injected
 

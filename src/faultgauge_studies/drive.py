@@ -17,12 +17,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from faultgauge.detection.bank import FaultBank
-from faultgauge.detection.calibration import Calibration, calibrate
+from faultgauge.detection.answer.estimation import Estimated, estimate
+from faultgauge.detection.bank.bank import FaultBank
+from faultgauge.detection.calibration.calibration import Calibration, calibrate
 from faultgauge.detection.decisions import Decision, decide_runs
-from faultgauge.detection.estimation import Estimated, estimate
-from faultgauge.detection.judged import Bank
-from faultgauge.detection.uncalibrated import unjudged_sentence
+from faultgauge.detection.posterior.uncalibrated import unjudged_sentence
+from faultgauge.detection.rows.judged import Bank
 from faultgauge.errors import InputError
 from faultgauge.identification.evaluation import Prediction, evaluate
 from faultgauge.identification.fit import FitReport, fit

@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from faultgauge.detection.evidence import evidence
-from faultgauge.detection.verdicts import NOT_JUDGED, STALE
+from faultgauge.detection.answer.evidence import evidence
+from faultgauge.detection.posterior.verdicts import NOT_JUDGED, STALE
 from faultgauge.reporting.calibration_chapter import calibration_section
 from faultgauge.reporting.chapters import (
     envelope_figure,

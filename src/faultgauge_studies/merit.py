@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 from scipy.stats import beta, chi2
 
-from faultgauge.detection.events import BankEvent
+from faultgauge.detection.posterior.events import BankEvent
 
 __all__ = [
     "Dated",

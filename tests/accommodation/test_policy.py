@@ -9,7 +9,7 @@ from calibrations import for_bank
 from faultgauge.accommodation.estimator import ByPosterior, TotalDisturbance
 from faultgauge.accommodation.feed_forward import Limits
 from faultgauge.accommodation.policy import Accommodation
-from faultgauge.detection.noise import Noise
+from faultgauge.detection.bank.noise import Noise
 from faultgauge.detection.watch import Watch
 from faultgauge.observers.eso import design_eso
 from faultgauge.observers.observer import OperatingPoints

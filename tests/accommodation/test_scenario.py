@@ -5,7 +5,7 @@ import pytest
 
 from calibrations import for_bank
 from faultgauge.accommodation.simulate import simulate
-from faultgauge.detection.noise import Noise
+from faultgauge.detection.bank.noise import Noise
 from faultgauge.detection.watch import Watch
 from faultgauge.errors import InputError
 from faultgauge.plants.gray_box import load_plant

@@ -6,8 +6,8 @@ import json
 import numpy as np
 import pytest
 
-from faultgauge.detection.misfit import Alarmed
-from faultgauge.detection.reliance import errs_by
+from faultgauge.detection.answer.misfit import Alarmed
+from faultgauge.detection.answer.reliance import errs_by
 from faultgauge.plants.model import Model, load_model, save_model
 from faultgauge.plants.record import CalibrationRecord, Metrics
 

@@ -9,18 +9,18 @@ import pytest
 
 from calibrations import for_bank
 from faultgauge.cli.evidence import write_evidence
-from faultgauge.detection.answer import (
+from faultgauge.detection.answer.answer import (
     answers,
     as_dicts,
     first_screen,
     least_told,
     runs_as_dicts,
 )
-from faultgauge.detection.bank import build_fault_bank
+from faultgauge.detection.answer.evidence import evidence, same
+from faultgauge.detection.bank.bank import build_fault_bank
+from faultgauge.detection.bank.noise import Noise
 from faultgauge.detection.decisions import Watching, decide
-from faultgauge.detection.evidence import evidence, same
-from faultgauge.detection.glitches import sentences
-from faultgauge.detection.noise import Noise
+from faultgauge.detection.posterior.glitches import sentences
 from faultgauge.reporting.decision_chapter import decision_report
 from faultgauge.reporting.report import render
 from faultgauge.telemetry import Run, read_telemetry
@@ -135,7 +135,7 @@ def test_of_several_logs_the_least_telling_says_what_would_not_have_shown(bank, 
     other = replace(quiet, run=replace(quiet.run, name="other"))
     least = {quiet.run.name: (0.02, 0.3), "other": (0.05, None)}
     monkeypatch.setattr(
-        "faultgauge.detection.answer.least_told", lambda _, one, k: least[one.run.name][k]
+        "faultgauge.detection.answer.answer.least_told", lambda _, one, k: least[one.run.name][k]
     )
     (line,) = answers(bank, [quiet, other])
     assert line == (

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from calibrations import for_observer
-from faultgauge.detection.bank import CERTAIN, build_fault_bank
-from faultgauge.detection.bank_calibration import (
+from faultgauge.detection.bank.bank import CERTAIN, build_fault_bank
+from faultgauge.detection.calibration.bank_calibration import (
     _believed,
     _Scored,
     calibrate_bank,
@@ -15,7 +15,7 @@ from faultgauge.detection.bank_calibration import (
     level_of,
 )
 from faultgauge.detection.decisions import decide, decide_runs
-from faultgauge.detection.uncalibrated import unjudged_sentence
+from faultgauge.detection.posterior.uncalibrated import unjudged_sentence
 from faultgauge.errors import InputError
 from lags import COUNT, LAG, NOISE, STEP, log, model
 

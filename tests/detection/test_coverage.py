@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from calibrations import for_bank
-from faultgauge.detection.bank import build_fault_bank
-from faultgauge.detection.coverage import MARGIN, regions_of
+from faultgauge.detection.bank.bank import build_fault_bank
+from faultgauge.detection.bank.coverage import MARGIN, regions_of
+from faultgauge.detection.bank.noise import Noise
 from faultgauge.detection.decisions import Decision, decide, decide_runs, table
-from faultgauge.detection.noise import Noise
-from faultgauge.detection.posterior import WIDE
+from faultgauge.detection.posterior.posterior import WIDE
 from faultgauge.detection.stream import Stream
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model

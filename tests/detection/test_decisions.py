@@ -4,14 +4,14 @@ known."""
 import numpy as np
 import pytest
 
-from faultgauge.detection.answer import answers
-from faultgauge.detection.bank import build_fault_bank
-from faultgauge.detection.bank_calibration import calibrate_bank, calibrated
+from faultgauge.detection.answer.answer import answers
+from faultgauge.detection.bank.bank import build_fault_bank
+from faultgauge.detection.bank.noise import Noise
+from faultgauge.detection.calibration.bank_calibration import calibrate_bank, calibrated
 from faultgauge.detection.decisions import as_dicts, decide, decide_runs, table
-from faultgauge.detection.events import Judged, _onset, _Stretch
-from faultgauge.detection.noise import Noise
-from faultgauge.detection.uncalibrated import prior_of
-from faultgauge.detection.verdicts import Verdict
+from faultgauge.detection.posterior.events import Judged, _onset, _Stretch
+from faultgauge.detection.posterior.uncalibrated import prior_of
+from faultgauge.detection.posterior.verdicts import Verdict
 from faultgauge.errors import InputError
 from faultgauge.telemetry import Run
 from models import as_stated

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from scipy.stats import linregress
 
-from faultgauge.detection.bank import build_fault_bank
-from faultgauge.detection.calibration import calibrate
+from faultgauge.detection.bank.bank import build_fault_bank
+from faultgauge.detection.bank.noise import Noise
+from faultgauge.detection.calibration.calibration import calibrate
+from faultgauge.detection.calibration.drift import as_dicts, drifts, sentences, trend
 from faultgauge.detection.decisions import Decision, decide_runs
-from faultgauge.detection.drift import as_dicts, drifts, sentences, trend
-from faultgauge.detection.events import BankEvent
-from faultgauge.detection.noise import Noise
-from faultgauge.detection.posterior import Posterior
+from faultgauge.detection.posterior.events import BankEvent
+from faultgauge.detection.posterior.posterior import Posterior
 from faultgauge.telemetry import Run
 from lags import PLANT, STEP, driven
 from models import as_stated

@@ -7,12 +7,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from faultgauge.detection.bank import build_fault_bank
+from faultgauge.detection.bank.bank import build_fault_bank
+from faultgauge.detection.bank.envelope import Applied
+from faultgauge.detection.bank.noise import Noise
 from faultgauge.detection.decisions import decide
-from faultgauge.detection.envelope import Applied
-from faultgauge.detection.noise import Noise
-from faultgauge.detection.posterior import Marginal
-from faultgauge.detection.verdicts import Heard, Rules
+from faultgauge.detection.posterior.posterior import Marginal
+from faultgauge.detection.posterior.verdicts import Heard, Rules
 from faultgauge.plants.plant import respond
 from faultgauge.telemetry import Run
 from models import as_stated

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from faultgauge.detection.equal_faults import equal_faults, signatures
+from faultgauge.detection.calibration.equal_faults import equal_faults, signatures
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
 from faultgauge.plants.plant_file import parse_plant

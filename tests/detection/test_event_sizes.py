@@ -3,11 +3,11 @@
 import numpy as np
 
 from calibrations import for_bank
-from faultgauge.detection.bank import build_fault_bank
+from faultgauge.detection.bank.bank import build_fault_bank
+from faultgauge.detection.bank.knowledge import longest_delay
 from faultgauge.detection.decisions import decide_runs
-from faultgauge.detection.events import Judged, _before_its_end, _Stretch
-from faultgauge.detection.knowledge import longest_delay
-from faultgauge.detection.verdicts import Verdict
+from faultgauge.detection.posterior.events import Judged, _before_its_end, _Stretch
+from faultgauge.detection.posterior.verdicts import Verdict
 from lags import NOISE, STEP, log, model
 
 MODEL = for_bank(model(), NOISE)

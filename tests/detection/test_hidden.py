@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from scipy.signal import cont2discrete
 
-from faultgauge.detection.calibration import calibrate
-from faultgauge.detection.estimation import ALONE, estimate
-from faultgauge.detection.judged import start_from_samples
-from faultgauge.detection.residual import residuals
+from faultgauge.detection.answer.estimation import ALONE, estimate
+from faultgauge.detection.calibration.calibration import calibrate
+from faultgauge.detection.rows.judged import start_from_samples
+from faultgauge.detection.rows.residual import residuals
 from faultgauge.errors import InputError
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model

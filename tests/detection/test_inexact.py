@@ -8,8 +8,8 @@ import pytest
 from scipy.stats import norm
 
 from calibrations import for_bank
-from faultgauge.detection.fidelity import USUAL_GAIN, USUAL_SHAPE, gain_error, shape_error
-from faultgauge.detection.inexact import Inexact
+from faultgauge.detection.bank.fidelity import USUAL_GAIN, USUAL_SHAPE, gain_error, shape_error
+from faultgauge.detection.posterior.inexact import Inexact
 from faultgauge.observers.branches import BranchInfo
 from faultgauge.telemetry import Run
 from lags import NOISE, STEP, log, model

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from faultgauge.detection.bank import build_fault_bank
-from faultgauge.detection.knowledge import longest_delay
-from faultgauge.detection.noise import Noise
+from faultgauge.detection.bank.bank import build_fault_bank
+from faultgauge.detection.bank.knowledge import longest_delay
+from faultgauge.detection.bank.noise import Noise
 from faultgauge.telemetry import Run
 from models import as_stated
 

@@ -4,7 +4,7 @@ import jax
 import numpy as np
 import pytest
 
-from faultgauge.detection.limit_checker import LimitChecker
+from faultgauge.detection.posterior.limit_checker import LimitChecker
 
 T = 0.5 * np.arange(12)
 #      t: 0  .5 1  1.5 2  2.5 3  3.5 4  4.5 5  5.5

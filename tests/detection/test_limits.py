@@ -5,10 +5,10 @@ from functools import partial
 import numpy as np
 import pytest
 
-from faultgauge.detection.blocks import Block, allowed_peaks, correlation_time, merged
-from faultgauge.detection.calibration import calibrate
-from faultgauge.detection.estimation import ALONE, estimate, table
-from faultgauge.detection.residual import residuals
+from faultgauge.detection.answer.estimation import ALONE, estimate, table
+from faultgauge.detection.calibration.blocks import Block, allowed_peaks, correlation_time, merged
+from faultgauge.detection.calibration.calibration import calibrate
+from faultgauge.detection.rows.residual import residuals
 from faultgauge.errors import InputError
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model, tensors

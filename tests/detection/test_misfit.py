@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from faultgauge.detection.misfit import not_followed
+from faultgauge.detection.answer.misfit import not_followed
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
 from faultgauge.plants.plant_file import parse_plant

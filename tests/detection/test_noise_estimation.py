@@ -6,9 +6,9 @@ from scipy.linalg import toeplitz
 from scipy.optimize import minimize
 from scipy.stats import multivariate_normal
 
-from faultgauge.detection import noise_estimation
-from faultgauge.detection.noise import constants_of
-from faultgauge.detection.noise_estimation import estimate_doubts, estimate_noise
+from faultgauge.detection.bank.noise import constants_of
+from faultgauge.detection.calibration import noise_estimation
+from faultgauge.detection.calibration.noise_estimation import estimate_doubts, estimate_noise
 from faultgauge.telemetry import Run
 from models import as_stated
 

@@ -14,9 +14,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from faultgauge.detection.decisions import Decision
-from faultgauge.detection.events import Judged, events
-from faultgauge.detection.posterior import Mixture, Posterior
-from faultgauge.detection.verdicts import Heard, Rules, words
+from faultgauge.detection.posterior.events import Judged, events
+from faultgauge.detection.posterior.posterior import Mixture, Posterior
+from faultgauge.detection.posterior.verdicts import Heard, Rules, words
 from faultgauge.observers.branches import BranchInfo
 from faultgauge.telemetry import Run
 from faultgauge.telemetry.clock import Clock

@@ -6,10 +6,10 @@ import pytest
 from scipy.optimize import brentq
 from scipy.stats import norm
 
-from faultgauge.detection.bank import build_fault_bank
-from faultgauge.detection.noise import Noise, noise_of
-from faultgauge.detection.noise_estimation import estimate_noise
-from faultgauge.detection.posterior import Mixture, mixture_quantiles
+from faultgauge.detection.bank.bank import build_fault_bank
+from faultgauge.detection.bank.noise import Noise, noise_of
+from faultgauge.detection.calibration.noise_estimation import estimate_noise
+from faultgauge.detection.posterior.posterior import Mixture, mixture_quantiles
 from faultgauge.errors import InputError
 from faultgauge.observers.branches import BranchInfo
 from faultgauge.telemetry import Run

@@ -2,7 +2,7 @@
 
 import pytest
 
-from faultgauge.detection.probability import probability
+from faultgauge.detection.posterior.probability import probability
 
 
 @pytest.mark.parametrize(

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from calibrations import LEVEL, for_bank
-from faultgauge.detection.reliance import doubt, errs_by, headed
-from faultgauge.detection.retrospective import sentences
+from faultgauge.detection.answer.reliance import doubt, errs_by, headed
+from faultgauge.detection.onset.retrospective import sentences
 from faultgauge.plants.model import Model
 from faultgauge.plants.record import Metrics
 from faultgauge.reporting.report import render

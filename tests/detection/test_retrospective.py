@@ -9,12 +9,12 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import multivariate_normal, norm
 
-from faultgauge.detection.bank import build_fault_bank
+from faultgauge.detection.bank.bank import build_fault_bank
+from faultgauge.detection.bank.noise import Noise
 from faultgauge.detection.decisions import decide
-from faultgauge.detection.noise import Noise
-from faultgauge.detection.retrospective import as_dicts, retrospect, sentences
-from faultgauge.detection.shocks import KnownStretch, Shocks, shocks
-from faultgauge.detection.window import Window, causes_in
+from faultgauge.detection.onset.retrospective import as_dicts, retrospect, sentences
+from faultgauge.detection.onset.shocks import KnownStretch, Shocks, shocks
+from faultgauge.detection.onset.window import Window, causes_in
 from faultgauge.observers import divided_difference as dd
 from faultgauge.observers.branches import SCALES
 from faultgauge.plants.disturbed import Disturbed, Error

@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 
-from faultgauge.detection.answer import answers, as_dicts, runs_as_dicts
+from faultgauge.detection.answer.answer import answers, as_dicts, runs_as_dicts
 from faultgauge.detection.decisions import decide, table
 from scenes import NEVER, SCENES, T, between, tank_bank
 from views import compare, compare_hindsight

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from faultgauge.detection.innovation_likelihood import Likelihoods
-from faultgauge.detection.scoring import scored
+from faultgauge.detection.calibration.innovation_likelihood import Likelihoods
+from faultgauge.detection.calibration.scoring import scored
 
 rng = np.random.default_rng(0)
 SAMPLES = rng.standard_normal((2, 500)) * np.array([[0.3], [20.0]])

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from calibrations import for_observer
-from faultgauge.detection.calibration import calibrate
+from faultgauge.detection.answer.estimation import estimate
+from faultgauge.detection.calibration.calibration import calibrate
 from faultgauge.detection.decisions import Decision, decide_runs
-from faultgauge.detection.estimation import estimate
-from faultgauge.detection.intake import Intake, slow_outputs, with_taken
-from faultgauge.detection.residual import residuals
-from faultgauge.detection.retrospective import retrospect
+from faultgauge.detection.onset.retrospective import retrospect
+from faultgauge.detection.rows.intake import Intake, slow_outputs, with_taken
+from faultgauge.detection.rows.residual import residuals
 from faultgauge.detection.stream import Stream
 from faultgauge.errors import InputError
 from faultgauge.telemetry import Run, cut, read_telemetry

@@ -5,9 +5,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from faultgauge.detection.bank import build_fault_bank
+from faultgauge.detection.bank.bank import build_fault_bank
+from faultgauge.detection.bank.start import Start
 from faultgauge.detection.decisions import decide
-from faultgauge.detection.start import Start
 from faultgauge.telemetry import Run
 from lags import COUNT, NOISE, SIGMA, log, model
 

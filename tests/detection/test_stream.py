@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.signal import cont2discrete
 
-from faultgauge.detection.calibration import calibrate
-from faultgauge.detection.estimation import Estimated, estimate, table
+from faultgauge.detection.answer.estimation import Estimated, estimate, table
+from faultgauge.detection.calibration.calibration import calibrate
 from faultgauge.detection.stream import Stream
 from faultgauge.errors import InputError
 from faultgauge.plants.gray_box import GrayBoxPlant

@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 
 from calibrations import for_bank, for_observer
-from faultgauge.detection.answer import alarms
+from faultgauge.detection.answer.answer import alarms
+from faultgauge.detection.answer.estimation import Estimated, estimate
+from faultgauge.detection.answer.estimation import table as plain_table
+from faultgauge.detection.bank.noise import Noise
 from faultgauge.detection.decisions import Decision, decide_runs, table
-from faultgauge.detection.estimation import Estimated, estimate
-from faultgauge.detection.estimation import table as plain_table
-from faultgauge.detection.events import Alarm, BankEvent, Unnamed
-from faultgauge.detection.flat_line import FlatLine, longest_repeats
-from faultgauge.detection.noise import Noise
+from faultgauge.detection.posterior.events import Alarm, BankEvent, Unnamed
+from faultgauge.detection.rows.flat_line import FlatLine, longest_repeats
 from faultgauge.detection.stream import Stream
 from faultgauge.observers.follow import follow
 from faultgauge.telemetry import Run

@@ -7,10 +7,10 @@ loss of gain by minus what u does.
 import numpy as np
 import pytest
 
-from faultgauge.detection.bank import build_fault_bank
-from faultgauge.detection.noise import Noise, start_spread
-from faultgauge.detection.smallest import around, information_left, smallest_along
-from faultgauge.detection.unit_faults import effects_of, information
+from faultgauge.detection.answer.smallest import around, information_left, smallest_along
+from faultgauge.detection.bank.bank import build_fault_bank
+from faultgauge.detection.bank.noise import Noise, start_spread
+from faultgauge.detection.posterior.unit_faults import effects_of, information
 from faultgauge.telemetry import Run
 from models import as_stated
 

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from calibrations import for_bank
-from faultgauge.detection.delay_line import DelayLine
-from faultgauge.detection.noise import Noise
+from faultgauge.detection.bank.noise import Noise
+from faultgauge.detection.rows.delay_line import DelayLine
 from faultgauge.detection.watch import Watch
 from faultgauge.errors import InputError
 from faultgauge.identification.samples import in_effect

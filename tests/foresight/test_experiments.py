@@ -5,9 +5,9 @@ from copy import copy
 import numpy as np
 import pytest
 
-from faultgauge.detection.bank import build_fault_bank
-from faultgauge.detection.noise import noise_of
-from faultgauge.detection.unit_faults import effects_of
+from faultgauge.detection.bank.bank import build_fault_bank
+from faultgauge.detection.bank.noise import noise_of
+from faultgauge.detection.posterior.unit_faults import effects_of
 from faultgauge.foresight.experiments import KINDS, InputTrials, propose
 from faultgauge.foresight.problems import Problem
 

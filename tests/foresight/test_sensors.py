@@ -9,10 +9,10 @@ import pytest
 from scipy.linalg import expm
 
 from calibrations import for_bank
-from faultgauge.detection.bank import build_fault_bank
-from faultgauge.detection.noise import noise_of
-from faultgauge.detection.smallest import apart_size, around
-from faultgauge.detection.unit_faults import effects_of, information
+from faultgauge.detection.answer.smallest import apart_size, around
+from faultgauge.detection.bank.bank import build_fault_bank
+from faultgauge.detection.bank.noise import noise_of
+from faultgauge.detection.posterior.unit_faults import effects_of, information
 from faultgauge.foresight.problems import Problem, size_told
 from faultgauge.foresight.sensors import sensors_for
 from faultgauge.foresight.structure import structure_of

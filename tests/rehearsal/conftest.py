@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 import tanks
-from faultgauge.detection.calibration import calibrate
+from faultgauge.detection.calibration.calibration import calibrate
 from faultgauge.identification.fit import fit
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model, save_model

@@ -10,7 +10,7 @@ import pytest
 from scipy.integrate import quad_vec, solve_ivp
 from scipy.linalg import expm
 
-from faultgauge.detection.events import BankEvent
+from faultgauge.detection.posterior.events import BankEvent
 
 
 @pytest.fixture(scope="module")

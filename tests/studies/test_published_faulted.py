@@ -5,7 +5,7 @@ import gzip
 import numpy as np
 import pytest
 
-from faultgauge.detection.events import BankEvent
+from faultgauge.detection.posterior.events import BankEvent
 from faultgauge.errors import InputError
 from faultgauge.telemetry import Run
 from faultgauge_studies.published import crazypad, skab

@@ -9,7 +9,7 @@ import pydantic
 from faultgauge.accommodation.estimator import ByPosterior, TotalDisturbance
 from faultgauge.accommodation.feed_forward import Limits, outcome
 from faultgauge.accommodation.policy import Accommodation, accommodation
-from faultgauge.detection.uncalibrated import uncalibrated
+from faultgauge.detection.posterior.uncalibrated import uncalibrated
 from faultgauge.detection.watch import Watch
 from faultgauge.errors import InputError
 from faultgauge.observers.eso import design_eso

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from faultgauge.campaigns.design import healthy_seeds
 from faultgauge.campaigns.runs import healthy_run
 from faultgauge.campaigns.schema import MADE, TRUTH, Plan
-from faultgauge.detection.calibration import calibrate
+from faultgauge.detection.calibration.calibration import calibrate
 from faultgauge.errors import InputError
 from faultgauge.identification.fit import fit
 from faultgauge.plants.gray_box import GrayBoxPlant, load_plant

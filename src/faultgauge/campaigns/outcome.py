@@ -10,8 +10,8 @@ from faultgauge.campaigns.design import RunPlan
 from faultgauge.campaigns.right import Right
 from faultgauge.campaigns.schema import label
 from faultgauge.detection.decisions import Decision
-from faultgauge.detection.events import POSSIBLE, stretches
-from faultgauge.detection.verdicts import FAULT, HEALTHY, log_odds
+from faultgauge.detection.posterior.events import POSSIBLE, stretches
+from faultgauge.detection.posterior.verdicts import FAULT, HEALTHY, log_odds
 from faultgauge.rehearsal.design import Dose, RehearsalPlan
 from faultgauge.rehearsal.judging import UNKNOWN, Judge, Judgement
 from faultgauge.rehearsal.rehearse import score

@@ -28,7 +28,7 @@ from faultgauge.campaigns.result import (
 )
 from faultgauge.campaigns.right import Right
 from faultgauge.campaigns.schema import HEALTHY, Kind, Plan, label
-from faultgauge.detection.uncalibrated import level_in
+from faultgauge.detection.posterior.uncalibrated import level_in
 from faultgauge.plants.model import Model
 from faultgauge.rehearsal.judging import UNKNOWN, false_alarm_rate
 from faultgauge.rehearsal.result import FaultResult, Trial

@@ -8,7 +8,7 @@ from faultgauge.cli import options
 from faultgauge.progress import Step
 
 if TYPE_CHECKING:
-    from faultgauge.detection.evidence import Evidence
+    from faultgauge.detection.answer.evidence import Evidence
     from faultgauge.verbs.estimate import Answer, Estimates
 
 __all__ = ["evidence_files", "replayed", "write_evidence"]

@@ -14,9 +14,9 @@ from faultgauge.cli.view import View
 from faultgauge.errors import InputError
 
 if TYPE_CHECKING:
-    from faultgauge.detection.glitches import Glitch
-    from faultgauge.detection.misfit import Misfit
-    from faultgauge.detection.residual import Reference
+    from faultgauge.detection.answer.misfit import Misfit
+    from faultgauge.detection.posterior.glitches import Glitch
+    from faultgauge.detection.rows.residual import Reference
     from faultgauge.detection.stream import Said, Stream
     from faultgauge.plants.model import Model
 
@@ -39,9 +39,9 @@ def answer(
     that are no telemetry are left out; `strict`, they end it."""
     if view and not sys.stderr.isatty():
         raise InputError("--view draws on standard error, which is no terminal here; leave it out.")
-    from faultgauge.detection import estimation
+    from faultgauge.detection.answer import estimation
+    from faultgauge.detection.posterior.uncalibrated import uncalibrated, unjudged_sentence
     from faultgauge.detection.stream import Stream
-    from faultgauge.detection.uncalibrated import uncalibrated, unjudged_sentence
     from faultgauge.identification.samples import column_names
     from faultgauge.plants.model import load_model
     from faultgauge.telemetry.stream import read_stream
@@ -105,8 +105,9 @@ class _Speaker:
         self.glitches = 0
 
     def say(self, said: Iterable["Said"]) -> None:
-        from faultgauge.detection import decisions, estimation
-        from faultgauge.detection.misfit import Misfit
+        from faultgauge.detection import decisions
+        from faultgauge.detection.answer import estimation
+        from faultgauge.detection.answer.misfit import Misfit
 
         faults = self.model.plant.signals.fault_names
         for each in said:
@@ -132,9 +133,9 @@ class _Speaker:
 
     def event(self, said: "Said") -> None:
         from faultgauge.detection import decisions
-        from faultgauge.detection.answer import finding
-        from faultgauge.detection.events import Alarm, BankEvent, Unnamed
-        from faultgauge.detection.reliance import doubt, headed
+        from faultgauge.detection.answer.answer import finding
+        from faultgauge.detection.answer.reliance import doubt, headed
+        from faultgauge.detection.posterior.events import Alarm, BankEvent, Unnamed
         from faultgauge.detection.words import UNDECLARED, moment
         from faultgauge.telemetry.writing import stamp
 
@@ -180,7 +181,7 @@ class _Speaker:
 
     def odd(self, found: Sequence["Glitch"]) -> None:
         """A warning of the first sample that nothing explains; all are counted."""
-        from faultgauge.detection.glitches import sentences
+        from faultgauge.detection.posterior.glitches import sentences
         from faultgauge.telemetry.stream import SOURCE
 
         if not self.glitches:

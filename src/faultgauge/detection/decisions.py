@@ -8,15 +8,15 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
-from faultgauge.detection.bank import FaultBank, build_fault_bank, evaluated_faults
-from faultgauge.detection.events import BankEvent, Judged, events
-from faultgauge.detection.glitches import Glitch, Glitches
-from faultgauge.detection.intake import with_taken
-from faultgauge.detection.noise import noise_of
-from faultgauge.detection.posterior import Posterior
-from faultgauge.detection.residual import Reference, residuals_of
-from faultgauge.detection.uncalibrated import prior_of, uncalibrated
-from faultgauge.detection.verdicts import NOT_JUDGED
+from faultgauge.detection.bank.bank import FaultBank, build_fault_bank, evaluated_faults
+from faultgauge.detection.bank.noise import noise_of
+from faultgauge.detection.posterior.events import BankEvent, Judged, events
+from faultgauge.detection.posterior.glitches import Glitch, Glitches
+from faultgauge.detection.posterior.posterior import Posterior
+from faultgauge.detection.posterior.uncalibrated import prior_of, uncalibrated
+from faultgauge.detection.posterior.verdicts import NOT_JUDGED
+from faultgauge.detection.rows.intake import with_taken
+from faultgauge.detection.rows.residual import Reference, residuals_of
 from faultgauge.detection.watch import Row, Watch, WatchState
 from faultgauge.identification.samples import in_effect
 from faultgauge.plants.model import Model

@@ -14,11 +14,13 @@ import jax
 import numpy as np
 from jaxtyping import Bool
 
-from faultgauge.detection.answer import alarms
-from faultgauge.detection.bank import FaultBank, build_fault_bank, evaluated_faults
+from faultgauge.detection.answer.answer import alarms
+from faultgauge.detection.answer.estimation import Estimated, Observing
+from faultgauge.detection.answer.misfit import FEWEST, Alarmed, Misfit, quiet
+from faultgauge.detection.bank.bank import FaultBank, build_fault_bank, evaluated_faults
+from faultgauge.detection.bank.noise import noise_of
 from faultgauge.detection.decisions import Decision, Watching, unjudged
-from faultgauge.detection.estimation import Estimated, Observing
-from faultgauge.detection.events import (
+from faultgauge.detection.posterior.events import (
     UNKNOWN,
     Alarm,
     BankEvent,
@@ -28,13 +30,11 @@ from faultgauge.detection.events import (
     pause,
     telling,
 )
-from faultgauge.detection.intake import Intake, slow_outputs, with_taken
-from faultgauge.detection.judged import build_bank, check_observer
-from faultgauge.detection.misfit import FEWEST, Alarmed, Misfit, quiet
-from faultgauge.detection.noise import noise_of
-from faultgauge.detection.residual import Reference, Residuals, curved_inputs
-from faultgauge.detection.uncalibrated import uncalibrated
-from faultgauge.detection.verdicts import FAULT, STATUS, words
+from faultgauge.detection.posterior.uncalibrated import uncalibrated
+from faultgauge.detection.posterior.verdicts import FAULT, STATUS, words
+from faultgauge.detection.rows.intake import Intake, slow_outputs, with_taken
+from faultgauge.detection.rows.judged import build_bank, check_observer
+from faultgauge.detection.rows.residual import Reference, Residuals, curved_inputs
 from faultgauge.errors import InputError
 from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run

@@ -15,16 +15,23 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from faultgauge.detection.bank import FaultBank, build_fault_bank
-from faultgauge.detection.envelope import Envelope
-from faultgauge.detection.inexact import Inexact
-from faultgauge.detection.intake import Intake, IntakeState, Taken
-from faultgauge.detection.judged import arrays_of, samples_to_start
-from faultgauge.detection.noise import noise_of
-from faultgauge.detection.posterior import Mixture, Posterior
-from faultgauge.detection.start import Start
-from faultgauge.detection.verdicts import NOT_JUDGED, STATUS, Heard, Rules, RulesState, Verdict
-from faultgauge.detection.verdicts import words as in_words
+from faultgauge.detection.bank.bank import FaultBank, build_fault_bank
+from faultgauge.detection.bank.envelope import Envelope
+from faultgauge.detection.bank.noise import noise_of
+from faultgauge.detection.bank.start import Start
+from faultgauge.detection.posterior.inexact import Inexact
+from faultgauge.detection.posterior.posterior import Mixture, Posterior
+from faultgauge.detection.posterior.verdicts import (
+    NOT_JUDGED,
+    STATUS,
+    Heard,
+    Rules,
+    RulesState,
+    Verdict,
+)
+from faultgauge.detection.posterior.verdicts import words as in_words
+from faultgauge.detection.rows.intake import Intake, IntakeState, Taken
+from faultgauge.detection.rows.judged import arrays_of, samples_to_start
 from faultgauge.identification.evaluation import WARMUP
 from faultgauge.observers.branches import BranchInfo, BranchState
 from faultgauge.observers.branching import Branching

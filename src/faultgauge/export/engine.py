@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from faultgauge.detection.judged import arrays_of
+from faultgauge.detection.rows.judged import arrays_of
 from faultgauge.detection.watch import Row, Watch, WatchState
 from faultgauge.export.compile import ExportedStep, print_step
 from faultgauge.export.kept import hash_of, kept

@@ -10,10 +10,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from faultgauge.detection.bank import FaultBank, build_fault_bank
-from faultgauge.detection.judged import operating_points
-from faultgauge.detection.noise import noise_of
-from faultgauge.detection.verdicts import PLACES, STATUS, Reason
+from faultgauge.detection.bank.bank import FaultBank, build_fault_bank
+from faultgauge.detection.bank.noise import noise_of
+from faultgauge.detection.posterior.verdicts import PLACES, STATUS, Reason
+from faultgauge.detection.rows.judged import operating_points
 from faultgauge.detection.watch import Watch, WatchState
 from faultgauge.errors import InputError
 from faultgauge.export.compile import ExportedStep

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Unpack
 
-from faultgauge.detection.calibration_words import summary
+from faultgauge.detection.calibration.calibration_words import summary
 from faultgauge.errors import InputError
 from faultgauge.fleet.crew import Done, crew
 from faultgauge.fleet.folder import (

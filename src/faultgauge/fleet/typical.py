@@ -8,7 +8,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from faultgauge.detection.alarmed import refuse_alarms
+from faultgauge.detection.answer.alarmed import refuse_alarms
 from faultgauge.errors import InputError
 from faultgauge.fleet.units import Unit
 from faultgauge.identification import fit as identification

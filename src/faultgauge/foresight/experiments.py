@@ -13,10 +13,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from faultgauge.detection.bank import FaultBank
-from faultgauge.detection.judged import operating_points
-from faultgauge.detection.smallest import apart_size, information_left, seen_size
-from faultgauge.detection.unit_faults import Effects, effects_along, information
+from faultgauge.detection.answer.smallest import apart_size, information_left, seen_size
+from faultgauge.detection.bank.bank import FaultBank
+from faultgauge.detection.posterior.unit_faults import Effects, effects_along, information
+from faultgauge.detection.rows.judged import operating_points
 from faultgauge.excitation.multisine import multisine
 from faultgauge.foresight.problems import Problem
 from faultgauge.simulation.free_run import free_run, substeps_for

@@ -4,15 +4,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from faultgauge.detection.bank import FaultBank
-from faultgauge.detection.smallest import (
+from faultgauge.detection.answer.smallest import (
     apart_size,
     deviations,
     information_left,
     rivals_of,
     seen_size,
 )
-from faultgauge.detection.unit_faults import Information
+from faultgauge.detection.bank.bank import FaultBank
+from faultgauge.detection.posterior.unit_faults import Information
 
 __all__ = ["ORDINARY", "Problem", "problems_of", "size_told"]
 

@@ -13,10 +13,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from faultgauge.detection.bank import FaultBank, build_fault_bank
-from faultgauge.detection.judged import operating_points
-from faultgauge.detection.smallest import around
-from faultgauge.detection.unit_faults import Effects, Information, effects_of, information
+from faultgauge.detection.answer.smallest import around
+from faultgauge.detection.bank.bank import FaultBank, build_fault_bank
+from faultgauge.detection.posterior.unit_faults import Effects, Information, effects_of, information
+from faultgauge.detection.rows.judged import operating_points
 from faultgauge.foresight.problems import Problem, size_told
 from faultgauge.foresight.structure import Structure, rate_of, value_of
 from faultgauge.plants.expression import Expression

@@ -6,9 +6,7 @@ from itertools import combinations, permutations
 import numpy as np
 from jaxtyping import Float
 
-from faultgauge.detection.bank import FaultBank, build_fault_bank, evaluated_faults
-from faultgauge.detection.noise import noise_of
-from faultgauge.detection.smallest import (
+from faultgauge.detection.answer.smallest import (
     apart_size,
     around,
     deviations,
@@ -18,8 +16,10 @@ from faultgauge.detection.smallest import (
     rivals_of,
     seen_size,
 )
-from faultgauge.detection.uncalibrated import level_in, uncalibrated
-from faultgauge.detection.unit_faults import Effects, Information, effects_of, information
+from faultgauge.detection.bank.bank import FaultBank, build_fault_bank, evaluated_faults
+from faultgauge.detection.bank.noise import noise_of
+from faultgauge.detection.posterior.uncalibrated import level_in, uncalibrated
+from faultgauge.detection.posterior.unit_faults import Effects, Information, effects_of, information
 from faultgauge.errors import InputError
 from faultgauge.foresight.experiments import InputTrials, propose
 from faultgauge.foresight.problems import problems_of

@@ -5,13 +5,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from faultgauge.detection.bank import build_fault_bank
+from faultgauge.detection.answer.smallest import smallest_from
+from faultgauge.detection.bank.bank import build_fault_bank
+from faultgauge.detection.bank.noise import noise_of
 from faultgauge.detection.decisions import Decision, Walk, decide
-from faultgauge.detection.events import UNKNOWN, pause, stretches
-from faultgauge.detection.noise import noise_of
-from faultgauge.detection.smallest import smallest_from
-from faultgauge.detection.uncalibrated import level_in, uncalibrated
-from faultgauge.detection.verdicts import FAULT, NOT_JUDGED, STALE
+from faultgauge.detection.posterior.events import UNKNOWN, pause, stretches
+from faultgauge.detection.posterior.uncalibrated import level_in, uncalibrated
+from faultgauge.detection.posterior.verdicts import FAULT, NOT_JUDGED, STALE
 from faultgauge.detection.watch import Watch
 from faultgauge.errors import InputError
 from faultgauge.plants.model import Model

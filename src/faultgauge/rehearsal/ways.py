@@ -17,7 +17,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from faultgauge.detection.judged import operating_points
+from faultgauge.detection.rows.judged import operating_points
 from faultgauge.plants.model import Model
 from faultgauge.plants.signals import Fault
 

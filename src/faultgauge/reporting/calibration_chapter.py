@@ -5,12 +5,12 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 
-from faultgauge.detection.bank import FaultBank
-from faultgauge.detection.blocks import Block
-from faultgauge.detection.calibration_words import doubted
-from faultgauge.detection.knowledge import Knowledge
-from faultgauge.detection.noise import Noise, constants_of, drifting_of
-from faultgauge.detection.uncalibrated import level_in
+from faultgauge.detection.bank.bank import FaultBank
+from faultgauge.detection.bank.knowledge import Knowledge
+from faultgauge.detection.bank.noise import Noise, constants_of, drifting_of
+from faultgauge.detection.calibration.blocks import Block
+from faultgauge.detection.calibration.calibration_words import doubted
+from faultgauge.detection.posterior.uncalibrated import level_in
 from faultgauge.detection.words import number
 from faultgauge.plants.disturbed import dynamic_states, following_inputs
 from faultgauge.plants.model import Model

@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from faultgauge.detection.bank import build_fault_bank
-from faultgauge.detection.calibration import Calibration
-from faultgauge.detection.calibration_words import errors
-from faultgauge.detection.estimation import Estimated, sentence
-from faultgauge.detection.judged import Bank
-from faultgauge.detection.noise import noise_of
-from faultgauge.detection.residual import Reference
+from faultgauge.detection.answer.estimation import Estimated, sentence
+from faultgauge.detection.bank.bank import build_fault_bank
+from faultgauge.detection.bank.noise import noise_of
+from faultgauge.detection.calibration.calibration import Calibration
+from faultgauge.detection.calibration.calibration_words import errors
+from faultgauge.detection.rows.judged import Bank
+from faultgauge.detection.rows.residual import Reference
 from faultgauge.detection.words import number
 from faultgauge.identification.evaluation import Prediction, at_samples, divergence
 from faultgauge.identification.fit import FitReport

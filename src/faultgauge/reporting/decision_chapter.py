@@ -6,13 +6,13 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from faultgauge.detection.answer import answers, other_cause, told
-from faultgauge.detection.bank import FaultBank
+from faultgauge.detection.answer.answer import answers, other_cause, told
+from faultgauge.detection.answer.evidence import Evidence
+from faultgauge.detection.bank.bank import FaultBank
 from faultgauge.detection.decisions import Decision
-from faultgauge.detection.events import UNKNOWN, BankEvent
-from faultgauge.detection.evidence import Evidence
-from faultgauge.detection.probability import probability
-from faultgauge.detection.retrospective import Retrospect
+from faultgauge.detection.onset.retrospective import Retrospect
+from faultgauge.detection.posterior.events import UNKNOWN, BankEvent
+from faultgauge.detection.posterior.probability import probability
 from faultgauge.detection.words import MOST, OLDER, UNDECLARED, amount, moment, number, onset_cell
 from faultgauge.plants.model import Model
 from faultgauge.reporting.evidence_chapter import evidence_section

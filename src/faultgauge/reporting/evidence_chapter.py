@@ -4,9 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from faultgauge.detection.bank import FaultBank
-from faultgauge.detection.events import POSSIBLE, UNKNOWN
-from faultgauge.detection.evidence import MOST_SHOWN, Evidence
+from faultgauge.detection.answer.evidence import MOST_SHOWN, Evidence
+from faultgauge.detection.bank.bank import FaultBank
+from faultgauge.detection.posterior.events import POSSIBLE, UNKNOWN
 from faultgauge.detection.words import UNDECLARED, moment
 from faultgauge.reporting.report import Section
 from faultgauge.reporting.run_overview import run_overview

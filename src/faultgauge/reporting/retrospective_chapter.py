@@ -4,12 +4,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from faultgauge.detection.bank import FaultBank
+from faultgauge.detection.answer.shares import WHOLE
+from faultgauge.detection.bank.bank import FaultBank
 from faultgauge.detection.decisions import Decision
-from faultgauge.detection.events import UNKNOWN
-from faultgauge.detection.probability import probability
-from faultgauge.detection.retrospective import HEALTHY, Retrospect, sentences
-from faultgauge.detection.shares import WHOLE
+from faultgauge.detection.onset.retrospective import HEALTHY, Retrospect, sentences
+from faultgauge.detection.posterior.events import UNKNOWN
+from faultgauge.detection.posterior.probability import probability
 from faultgauge.detection.words import UNDECLARED, amount, moment, onset_cell, or_earlier
 from faultgauge.observers.divided_difference import FAR
 from faultgauge.reporting.marks import NOISES

@@ -5,10 +5,10 @@ from collections.abc import Mapping
 import numpy as np
 from jaxtyping import Bool, Float
 
-from faultgauge.detection.answer import alarms
-from faultgauge.detection.bank import FaultBank
+from faultgauge.detection.answer.answer import alarms
+from faultgauge.detection.bank.bank import FaultBank
 from faultgauge.detection.decisions import Decision
-from faultgauge.detection.verdicts import NOT_JUDGED, STALE
+from faultgauge.detection.posterior.verdicts import NOT_JUDGED, STALE
 from faultgauge.reporting.glance import Compared, ToldSpan, overview
 from faultgauge.reporting.scales import least_sizes, noise_scales
 from faultgauge.reporting.svg import Figure

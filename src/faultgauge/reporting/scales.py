@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from faultgauge.detection.answer import least_told
-from faultgauge.detection.bank import FaultBank
+from faultgauge.detection.answer.answer import least_told
+from faultgauge.detection.bank.bank import FaultBank
+from faultgauge.detection.bank.noise import noise_of
 from faultgauge.detection.decisions import Decision
-from faultgauge.detection.noise import noise_of
-from faultgauge.detection.uncalibrated import uncalibrated
+from faultgauge.detection.posterior.uncalibrated import uncalibrated
 from faultgauge.plants.model import Model
 
 __all__ = ["least_sizes", "noise_scales"]

@@ -6,11 +6,11 @@ from typing import Any, Unpack
 
 import numpy as np
 
-from faultgauge.detection import calibration
-from faultgauge.detection.bank import build_fault_bank
-from faultgauge.detection.calibration_words import summary
-from faultgauge.detection.noise import noise_of
-from faultgauge.detection.reliance import doubt
+from faultgauge.detection.answer.reliance import doubt
+from faultgauge.detection.bank.bank import build_fault_bank
+from faultgauge.detection.bank.noise import noise_of
+from faultgauge.detection.calibration import calibration
+from faultgauge.detection.calibration.calibration_words import summary
 from faultgauge.plants.model import Model
 from faultgauge.plants.record import CalibrationRecord
 from faultgauge.plants.settings import with_settings

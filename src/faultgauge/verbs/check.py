@@ -4,8 +4,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Unpack
 
-from faultgauge.detection import answer, decisions, misfit, reliance
-from faultgauge.detection.events import BankEvent
+from faultgauge.detection import decisions
+from faultgauge.detection.answer import answer, misfit, reliance
+from faultgauge.detection.posterior.events import BankEvent
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
 from faultgauge.telemetry import check_same_units

@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from faultgauge.detection.answer import answers, first_screen
-from faultgauge.detection.bank import FaultBank, evaluated_faults
-from faultgauge.detection.calibration import Calibration, calibrate
+from faultgauge.detection.answer.answer import answers, first_screen
+from faultgauge.detection.answer.reliance import doubt, errs_by
+from faultgauge.detection.bank.bank import FaultBank, evaluated_faults
+from faultgauge.detection.calibration.calibration import Calibration, calibrate
 from faultgauge.detection.decisions import Decision, decide_runs
-from faultgauge.detection.reliance import doubt, errs_by
-from faultgauge.detection.uncalibrated import uncalibrated, unjudged_sentence
+from faultgauge.detection.posterior.uncalibrated import uncalibrated, unjudged_sentence
 from faultgauge.errors import InputError
 from faultgauge.identification.fit import FitReport, fit
 from faultgauge.identification.log_checks import other_units

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from faultgauge.detection.evidence import MOST_SHOWN, evidence
+from faultgauge.detection.answer.evidence import MOST_SHOWN, evidence
 from faultgauge.identification.evaluation import evaluate
 from faultgauge.reporting.calibration_chapter import calibration_section, proof
 from faultgauge.reporting.chapters import evaluation_section, fit_sections

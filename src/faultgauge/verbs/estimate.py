@@ -5,28 +5,23 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Unpack
 
-from faultgauge.detection import (
-    answer,
-    decisions,
-    drift,
-    estimation,
-    glitches,
-    misfit,
-    reliance,
-    retrospective,
-)
-from faultgauge.detection.bank import FaultBank
+from faultgauge.detection import decisions
+from faultgauge.detection.answer import answer, estimation, misfit, reliance
+from faultgauge.detection.answer.estimation import Estimated
+from faultgauge.detection.answer.evidence import MOST_SHOWN, Evidence
+from faultgauge.detection.answer.evidence import evidence as evidence_of
+from faultgauge.detection.answer.shares import shares_of
+from faultgauge.detection.bank.bank import FaultBank
+from faultgauge.detection.calibration import drift
+from faultgauge.detection.calibration.drift import Drift
 from faultgauge.detection.decisions import Decision, Walk
-from faultgauge.detection.drift import Drift
-from faultgauge.detection.estimation import Estimated
-from faultgauge.detection.events import UNKNOWN, BankEvent
-from faultgauge.detection.evidence import MOST_SHOWN, Evidence
-from faultgauge.detection.evidence import evidence as evidence_of
-from faultgauge.detection.judged import Bank
-from faultgauge.detection.residual import Reference
-from faultgauge.detection.retrospective import Retrospect
-from faultgauge.detection.shares import shares_of
-from faultgauge.detection.uncalibrated import unjudged_sentence
+from faultgauge.detection.onset import retrospective
+from faultgauge.detection.onset.retrospective import Retrospect
+from faultgauge.detection.posterior import glitches
+from faultgauge.detection.posterior.events import UNKNOWN, BankEvent
+from faultgauge.detection.posterior.uncalibrated import unjudged_sentence
+from faultgauge.detection.rows.judged import Bank
+from faultgauge.detection.rows.residual import Reference
 from faultgauge.detection.watch import Watch
 from faultgauge.errors import InputError
 from faultgauge.plants.model import Model

@@ -6,7 +6,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Unpack
 
-from faultgauge.detection.alarmed import refuse_alarms
+from faultgauge.detection.answer.alarmed import refuse_alarms
 from faultgauge.identification import fit as identification
 from faultgauge.identification.evaluation import evaluate
 from faultgauge.identification.fit import FitReport

@@ -18,10 +18,10 @@ import numpy as np
 from jaxtyping import Float
 from scipy.stats import rankdata
 
-from faultgauge.detection.calibration import calibrate
+from faultgauge.detection.calibration.calibration import calibrate
 from faultgauge.detection.decisions import decide_runs
-from faultgauge.detection.events import BankEvent
-from faultgauge.detection.verdicts import NOT_JUDGED
+from faultgauge.detection.posterior.events import BankEvent
+from faultgauge.detection.posterior.verdicts import NOT_JUDGED
 from faultgauge.identification.fit import fit
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.telemetry import Run

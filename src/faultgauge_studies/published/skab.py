@@ -13,9 +13,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Bool
 
-from faultgauge.detection.calibration import calibrate
+from faultgauge.detection.calibration.calibration import calibrate
 from faultgauge.detection.decisions import decide_runs
-from faultgauge.detection.verdicts import FAULT, NOT_JUDGED
+from faultgauge.detection.posterior.verdicts import FAULT, NOT_JUDGED
 from faultgauge.errors import InputError
 from faultgauge.identification.fit import fit
 from faultgauge.plants.gray_box import GrayBoxPlant

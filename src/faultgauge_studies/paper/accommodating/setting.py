@@ -9,7 +9,7 @@ from faultgauge.accommodation.estimator import ByPosterior, Estimator, TotalDist
 from faultgauge.accommodation.feed_forward import Limits
 from faultgauge.accommodation.policy import Accommodation, accommodation
 from faultgauge.accommodation.wheels import EachWheel
-from faultgauge.detection.calibration import calibrate
+from faultgauge.detection.calibration.calibration import calibrate
 from faultgauge.detection.watch import Watch
 from faultgauge.observers.observer import OperatingPoints
 from faultgauge.plants.gray_box import GrayBoxPlant, load_plant

@@ -1,0 +1,1 @@
+"""What is told of judged rows: events, alarms, shares, evidence, the sentence."""

@@ -1,0 +1,76 @@
+"""Whether a calibrated model follows its own healthy logs.
+
+Its free run alone does not tell: it is carried off where a plant integrates or is held by its loop,
+and the bank judges beside the sensors all the same. So a model whose free run is far off is doubted
+only if what calibration found it to err by in a derivative is more than all that it has that
+derivative do. A fault is told from what stays for the bank's memory T, and an error of size s that
+lasts for tau has there a mean of
+
+    s sqrt(2 r (1 - r (1 - exp(-1/r)))),    r = tau / T
+
+(Gauss-Markov). False alarms are as rare as calibrated then, but which fault it is, and how large,
+may be the error's doing: it looks like one fault at one operating point, and like another one
+elsewhere.
+"""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from faultgauge.detection.bank.noise import noise_of
+from faultgauge.detection.posterior.uncalibrated import level_in, uncalibrated
+from faultgauge.detection.remember import once
+from faultgauge.detection.rows.judged import operating_points
+from faultgauge.detection.words import number
+from faultgauge.identification.fit import POOR
+from faultgauge.plants.disturbed import dynamic_states
+from faultgauge.plants.model import Model
+
+__all__ = ["doubt", "errs_by", "headed"]
+
+LASTING = 1e4  # memories, from which on an error does not change within one
+
+
+def errs_by(model: Model) -> dict[str, float]:
+    """What stays of the model's own error in the derivative of each dynamic state that it has move,
+    as a share of the standard deviation that this derivative has in the model over the training
+    envelope."""
+    noise, names, moved = noise_of(model), model.plant.signals.state_names, _moved(model)
+    r = noise.lasting / max(level_in(model).memory_s, 1e-300)
+    stays = noise.size * np.sqrt(np.clip(2 * r * (1 + r * np.expm1(-1 / r)), 0.0, 1.0))
+    stays = np.where(r > LASTING, noise.size, stays)
+    return {
+        names[state]: float(stays[k] / moved[state])
+        for k, state in enumerate(dynamic_states(model.plant))
+        if moved[state] > 0
+    }
+
+
+def doubt(model: Model) -> str | None:
+    """That answers of a calibrated `model` are little to rely on, and why; None where its free run
+    followed the data that it was not fitted to, or it explains more than it errs by."""
+    off = model.record.metrics.free_run_error
+    if uncalibrated(model) or not off >= POOR:
+        return None
+    shares = errs_by(model)
+    worst = max(shares, key=lambda name: shares[name], default="")
+    if not worst or shares[worst] < 1:
+        return None
+    return (
+        f"little to rely on, as in healthy logs the model's free run is {100 * off:.0f} % off and "
+        f"its error {number(shares[worst], 2)} times what it explains of d({worst})"
+    )
+
+
+def headed(model: Model, sentence: str) -> str:
+    """`sentence`, behind what is to be doubted of all that `model` says."""
+    reason = doubt(model)
+    return sentence if reason is None else f"{reason[0].upper()}{reason[1:]}: {sentence}"
+
+
+@once
+def _moved(model: Model) -> Float[np.ndarray, "states"]:
+    points = operating_points(model)
+    moved = jax.vmap(model.plant.derivative)(jnp.asarray(points.x), jnp.asarray(points.u))
+    return np.nan_to_num(np.std(np.asarray(moved), axis=0))

@@ -1,0 +1,79 @@
+"""How much of a run was judged: in all, fault by fault, and where not and why."""
+
+import re
+from itertools import groupby
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from faultgauge.detection.decisions import Decision
+from faultgauge.detection.posterior.verdicts import FAULT, HEALTHY, OUTSIDE
+from faultgauge.detection.words import listed, number
+from faultgauge.telemetry import Run
+
+__all__ = ["WHOLE", "Shares", "Silent", "shares_of"]
+
+WHOLE = 0.95  # share of a log from which on all of it counts as judged: a start is always held off
+
+
+class Silent(NamedTuple):
+    """Rows in a row that were not judged for one reason, `start` to `end` [s], and their share of
+    the run."""
+
+    start: float
+    end: float
+    share: float
+    reason: str
+
+
+class Shares(NamedTuple):
+    """`judged` is the share of a run's rows that have a status; `faults` the share of them in which
+    each declared fault would have shown, in the order of the plant file."""
+
+    judged: float
+    faults: tuple[float, ...]
+    silent: tuple[Silent, ...]
+
+    def as_dict(self, smallest: dict[str, float | None]) -> dict[str, Any]:
+        """As plain JSON, beside the `smallest` size of each fault that would have been told."""
+        faults = zip(smallest.items(), self.faults, strict=True)
+        return {
+            "judged_share": self.judged,
+            "silent": [
+                {"from": each.start, "to": each.end, "share": each.share, "reason": each.reason}
+                for each in self.silent
+            ],
+            "faults": {
+                name: {"judged_share": share, "smallest": size} for (name, size), share in faults
+            },
+        }
+
+
+def shares_of(decision: Decision) -> Shares:
+    """What was judged of one run."""
+    t, found = decision.run.t, decision.posterior
+    judged = np.isin(decision.status, [HEALTHY, FAULT])
+    told = np.nan_to_num(found.p) > 0.5
+    shown = (found.seen.any(axis=2) | told) & judged[:, None]
+    silent = []
+    # a reason stands on healthy rows too, where one fault would not show
+    reasons = [None if fine else why for fine, why in zip(judged, decision.reason, strict=True)]
+    for reason, part in groupby(range(len(t)), key=lambda k: reasons[k]):
+        if reason is not None:
+            at = list(part)
+            why = reason + _values(decision.run, reason, at)
+            silent.append(Silent(float(t[at[0]]), float(t[at[-1]]), len(at) / len(t), why))
+    return Shares(float(judged.mean()), tuple(shown.mean(axis=0).tolist()), tuple(silent))
+
+
+def _values(run: Run, reason: str, rows: list[int]) -> str:
+    """What the columns were in `rows` that are outside of something, as `reason` says."""
+    if OUTSIDE not in reason:
+        return ""
+    said = []
+    for name, column in run.columns.items():
+        values = column[rows][np.isfinite(column[rows])]
+        if len(values) and re.search(rf"(?<!\w){re.escape(name)}(?!\w)", reason):
+            low, high = number(values.min()), number(values.max())
+            said.append(f"{name} was {low}" + f" to {high}" * (low != high))
+    return f"; {listed(said)}" if said else ""

@@ -1,0 +1,1 @@
+"""The hypotheses: which faults, how far the plant is from its model, where it is trusted."""

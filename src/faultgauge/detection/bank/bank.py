@@ -1,0 +1,246 @@
+"""The bank of a calibrated model: its branches, its noise, and what calibration says of both."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float
+
+from faultgauge.detection.bank.coverage import Region, regions_of
+from faultgauge.detection.bank.knowledge import Knowledge, knowledge_of
+from faultgauge.detection.bank.noise import (
+    Noise,
+    disturbed,
+    process_of,
+    rates_of,
+    scale_of,
+    spread_of_start,
+)
+from faultgauge.detection.bank.priors import (
+    onsets_of,
+    prior_of_faults,
+    sizes_of,
+    undeclared_faults,
+)
+from faultgauge.detection.bank.sets import Set, fault_sets
+from faultgauge.detection.rows.judged import measured_outputs, rows_between
+from faultgauge.errors import InputError
+from faultgauge.observers import divided_difference as dd
+from faultgauge.observers.branching import Branching
+from faultgauge.observers.divided_difference import DividedDifferenceFilter
+from faultgauge.plants.disturbed import Disturbed
+from faultgauge.plants.model import Model
+from faultgauge.plants.signals import Signals
+from faultgauge.simulation.closed_loop import with_faults
+from faultgauge.simulation.free_run import substeps_for
+from faultgauge.telemetry import Run
+
+__all__ = ["CERTAIN", "FaultBank", "build_fault_bank", "evaluated_faults", "unknown_shock"]
+
+CERTAIN = float(np.log(0.95 / 0.05))  # log-odds below which nothing is ever told or named
+HOLD_OFF = 10  # samples
+BRANCHES = 4  # sets of faults that are followed at once
+UNKNOWN = 3  # unknown filters, each of an age of its own
+ONSETS = 12  # of every fault beside every branch
+FAR = 10.0  # times the learned discrepancy: an unknown one
+NOTABLE = 0.1  # of a state's rate: and at least that
+TRIED = 0.3  # of a fault's widest size: by which it is linearised
+LONG = 200  # samples that an onset is remembered by default
+
+
+@dataclass(frozen=True)
+class FaultBank:
+    """The branches of a model's faults.
+
+    `sets` of faults, healthy first and the unknown not among them; `rows` between the samples of
+    each of `outputs` (1 but for slow sensors); `size` the widest prior of each
+    fault and `onset` its rate [1/s]; `knowledge` how well a fault is known by when; `level` are the
+    log-odds of a fault from which on there is an alarm; `hold_off` in s;
+    `regions` are what its networks were trained on; `shape` and `gain` are by which shares the
+    model's answer to what acts on the plant is off, in all and in size.
+    """
+
+    model: Model
+    modes: Branching
+    sets: tuple[Set, ...]
+    size: Float[np.ndarray, "faults"]
+    onset: Float[np.ndarray, "faults"]
+    noise: Noise
+    outputs: tuple[str, ...]
+    rows: tuple[int, ...]
+    step: float
+    knowledge: Knowledge
+    level: float
+    hold_off: float
+    regions: tuple[Region, ...]
+    shape: float
+    gain: float
+
+    @property
+    def plant(self) -> Disturbed:
+        plant = self.modes.filter.plant
+        assert isinstance(plant, Disturbed)
+        return plant
+
+    @property
+    def waits(self) -> Float[np.ndarray, "causes"]:
+        """How long [s] a name must be likely to be told, by declared fault and, last, for something
+        undeclared: a quarter of the time in which a large one shows."""
+        shows = np.append(self.knowledge.when, self.knowledge.memory)
+        return np.maximum(shows / 4, self.step)
+
+    @property
+    def pause(self) -> float:
+        """How long [s] a pause may be that ends no event."""
+        return max(self.knowledge.memory / 4, self.step)
+
+    def with_monitor(self, which: str) -> Bool[np.ndarray, "faults"]:
+        """The declared faults that are `which`: active, passive or disabled."""
+        return np.array([f.monitor == which for f in self.model.plant.signals.faults])
+
+
+def evaluated_faults(signals: Signals) -> list[int]:
+    """The declared faults that are not disabled. Raises `InputError` where there is none."""
+    faults = signals.faults
+    evaluated = [k for k, fault in enumerate(faults) if fault.monitor != "disabled"]
+    if not evaluated:
+        what = "disables all its [faults]" if faults else "declares no [faults]"
+        raise InputError(
+            f"the plant file {what}, so the bank has nothing to tell apart; declare "
+            "what may go wrong, or use `faultgauge estimate --observer eso`."
+        )
+    return evaluated
+
+
+def build_fault_bank(
+    model: Model, runs: Sequence[Run], noise: Noise, healthy: float | None = None
+) -> FaultBank:
+    """The bank for `runs`, with the alarm level where `model` is calibrated for it.
+
+    `healthy` [s] is how long the healthy logs are, by default as calibration found them. Raises
+    `InputError` where the plant file declares no fault that is not disabled.
+    """
+    signals = model.plant.signals
+    evaluated = evaluated_faults(signals)
+    step = float(np.median([run.step for run in runs]))
+    outputs = measured_outputs(model, runs)
+    rows = tuple(rows_between(runs, name) for name in outputs)
+    found = model.calibration and model.calibration.bank
+    if healthy is None:
+        healthy = float(found.healthy_s if found else sum(run.t[-1] - run.t[0] for run in runs))
+    onset = onsets_of(model, healthy)
+    undeclared = undeclared_faults(model, outputs)
+    plant = disturbed(model, noise, undeclared)
+    size = sizes_of(model, with_faults(model.plant, plant.signals.faults))
+    growing = tuple(k for k in evaluated if signals.faults[k].rate is not None)
+    sets = fault_sets(evaluated, signals.max_simultaneous)
+    more, less = _changes(sets, signals, len(undeclared), growing)
+    knowledge = knowledge_of(model, plant, noise, size, step, outputs, rows, healthy)
+    size[: len(signals.faults)] = knowledge.size
+    modes = Branching(
+        filter=DividedDifferenceFilter(
+            plant,
+            jnp.asarray(scale_of(model, noise)),
+            jnp.asarray(TRIED * size),
+            growing,
+            substeps_for(step, model.max_step),
+            np.asarray(step),
+        ),
+        noise=_levels(model, noise, len(size), knowledge),
+        prior=prior_of_faults(model, size, onset, growing),
+        alien=jnp.asarray(_alien(model, noise, len(size) + len(growing), knowledge)),
+        own=jnp.asarray(_own(model, noise)),
+        usual=jnp.asarray(_usual(model, noise, len(size) + len(growing))),
+        memory=jnp.asarray(knowledge.memory),
+        recall=jnp.asarray(knowledge.when),
+        more=more,
+        less=less,
+        declared=len(signals.faults),
+        branches=BRANCHES,
+        onsets=ONSETS,
+    )
+    wait, level = signals.detection.hold_off, found.level if found else CERTAIN
+    return FaultBank(
+        model, modes, sets, size[: len(signals.faults)], onset, noise, outputs, rows, step,
+        knowledge, float(level), HOLD_OFF * step if wait is None else wait,
+        regions_of(model, outputs), found.shape if found else 0.0, found.gain if found else 0.0,
+    )  # fmt: skip
+
+
+def _changes(
+    sets: tuple[Set, ...], signals: Signals, undeclared: int, growing: tuple[int, ...]
+) -> tuple[tuple[tuple[int, ...], ...], tuple[tuple[int, ...], ...]]:
+    """Where a change of each kind, and the end of each fault, leads from every set; -1: nowhere."""
+    declared = len(signals.faults)
+    kinds = [*range(declared), *[None] * undeclared, *growing]
+    more, less = [], []
+    for each in sets:
+        row = []
+        for kind in kinds:
+            if kind is None:
+                row.append(len(sets) if not each else -1)
+            else:
+                new = tuple(sorted({*each, kind}))
+                row.append(sets.index(new) if new in sets else -1)
+        more.append(tuple(row))
+        rest = [tuple(k for k in each if k != fault) for fault in range(declared)]
+        gone = [sets.index(r) if r != each else -1 for r in rest]
+        less.append((*gone, *[-1] * undeclared))
+    nowhere = (-1,) * len(kinds)
+    # an undeclared bias may go again
+    back = (*[-1] * declared, *[0] * undeclared)
+    return (*more, nowhere), (*less, back)
+
+
+def _levels(model: Model, noise: Noise, faults: int, knowledge: Knowledge) -> dd.FilterNoise:
+    """Of the branches, and of the unknown filters behind them: theirs changes all the time, or it
+    would be a constant fault by another name."""
+    drifted = spread_of_start(model, noise.sigma, ())[1]
+    usual = process_of(noise, drifted)
+    quick = np.minimum(noise.lasting, knowledge.memory)
+    far = process_of(noise._replace(size=_far(model, noise, knowledge), lasting=quick), drifted)
+    count = BRANCHES + UNKNOWN
+    return dd.FilterNoise(
+        jnp.asarray(np.stack([*[usual] * BRANCHES, *[far] * UNKNOWN])),
+        jnp.zeros((count, faults)),
+        jnp.asarray(np.tile(noise.sigma, (count, 1))),
+    )
+
+
+def _far(model: Model, noise: Noise, knowledge: Knowledge) -> Float[np.ndarray, "driven"]:
+    """A discrepancy far beyond the learned one, and at least one that shows."""
+    usual = rates_of(model)[list(disturbed(model, noise).driven)]
+    shows = np.where(np.isfinite(knowledge.drive), knowledge.drive, 0.0)
+    return np.max([FAR * noise.size, NOTABLE * usual, shows], axis=0)
+
+
+def _parts(model: Model, noise: Noise) -> tuple[int, int, int]:
+    """How many states, driven ones and, behind their discrepancies, other ones there are."""
+    states, driven = len(model.plant.signals.states), len(noise.size)
+    return states, driven, len(scale_of(model, noise)) - states - driven
+
+
+def unknown_shock(bank: FaultBank) -> Float[np.ndarray, "extended"]:
+    """Standard deviations of what an unknown fault does to [states, discrepancy, others]."""
+    states, _, others = _parts(bank.model, bank.noise)
+    far = _far(bank.model, bank.noise, bank.knowledge)
+    return np.concatenate([np.zeros(states), far, np.zeros(others)])
+
+
+def _alien(
+    model: Model, noise: Noise, slots: int, knowledge: Knowledge
+) -> Float[np.ndarray, "n n"]:
+    states, _, others = _parts(model, noise)
+    far = _far(model, noise, knowledge) ** 2
+    return np.diag(np.concatenate([np.zeros(states), far, np.zeros(others + slots)]))
+
+
+def _own(model: Model, noise: Noise) -> Float[np.ndarray, "extended"]:
+    states, driven, others = _parts(model, noise)
+    return np.concatenate([np.ones(states), np.zeros(driven), np.ones(others)])
+
+
+def _usual(model: Model, noise: Noise, slots: int) -> Float[np.ndarray, "n"]:
+    states, _, others = _parts(model, noise)
+    return np.concatenate([np.zeros(states), noise.size**2, np.zeros(others + slots)])

@@ -1,0 +1,1 @@
+"""What healthy logs say of a model: noise, discrepancy, alarm level, doubts."""

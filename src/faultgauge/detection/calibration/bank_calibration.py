@@ -1,0 +1,312 @@
+"""`calibrate` for the bank: how far its evidence can be believed, and its alarm level.
+
+Were the model right in all, odds of L for a fault would be reached by chance once in L times
+(J. Ville's inequality: a likelihood ratio is a martingale), so healthy logs, in which E faults are
+expected before any data, would show odds of E / 0.05 once in 20 times. Where they show more, or
+even odds, what the model errs is none of the kinds that noise and discrepancy can be, and all
+evidence is too strong. It is then believed by so much less that they do not: its logarithm is
+divided by s^2 where noise and discrepancy are s times as large, which changes no gain (P. Grunwald,
+"Safe learning", COLT 2011).
+
+The score of a healthy sample is the log-odds of a fault, as low as it was within `persistence`.
+Healthy runs are cut into blocks of several memories of the bank, and the level follows from the
+blocks' peaks. Were the model right in all, odds of L would be reached by chance once in L times
+(J. Ville's inequality), so the peaks have an exponential tail. The mean excess beta of the upper
+half of them over their median tells the tail as it is, whatever the many peaks are that lie far
+below nothing; the highest of as many further blocks lies within 3 beta of the highest seen with
+95 % probability, and there the level stands, never below odds of 19. With `--mtbfa` as many peaks
+may lie above it as the rate allows. No alarm in T seconds proves only a rate below 3/T at 95 %
+confidence.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from itertools import count
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.optimize import brentq
+
+from faultgauge.detection.bank.bank import CERTAIN, FaultBank, build_fault_bank
+from faultgauge.detection.bank.fidelity import gain_error, shape_error
+from faultgauge.detection.bank.noise import Noise
+from faultgauge.detection.bank.priors import AT_START, RARE
+from faultgauge.detection.calibration.blocks import (
+    CONFIDENCE,
+    FEWEST_BLOCKS,
+    Block,
+    allowed_peaks,
+    merged,
+)
+from faultgauge.detection.posterior.verdicts import log_odds
+from faultgauge.detection.watch import Watch
+from faultgauge.detection.words import MOST, UNDECLARED, moment, number
+from faultgauge.errors import InputError
+from faultgauge.identification.refinement.cores import side_by_side
+from faultgauge.plants.model import Model
+from faultgauge.plants.record import BankLevel, CalibrationRecord, NoiseLevels
+from faultgauge.telemetry import Run, cut
+from faultgauge.telemetry.clock import Clock
+
+__all__ = ["BankCalibration", "calibrate_bank", "calibrated", "level_of", "without_calibration"]
+
+SAMPLES = 100_000  # that tell the level, but for as many as --mtbfa needs
+MEMORIES = 4.0  # of the bank in a block
+SHORTEST = 50  # samples of a block
+BY_CHANCE = 0.05  # how often healthy logs may show more
+TRIES = 6  # of how far the evidence can be believed, usually at most
+STEEP = 1.02  # so that few are needed
+CLOSE = 1.04  # times what is needed, either way: close enough
+LARGEST = np.log(1e3)  # of how many times as large noise may be
+NEVER = (
+    "the healthy logs look faulty however large noise is taken; look at `faultgauge evaluate`, or "
+    "leave out what was not healthy with --where."
+)
+LEAST = 1e-2  # of what is allowed: less is alike
+MOST_NAMED = 3  # stretches that look faulty
+LOWEST = -30.0  # log-odds: what lies below is alike
+MARGIN = 3.0  # mean excesses: -ln(0.05)
+
+
+class BankCalibration(NamedTuple):
+    """The bank's alarm level, the noise as large as the evidence can be believed, and what is to be
+    said of both."""
+
+    level: BankLevel
+    noise: Noise
+    blocks: list[Block]
+    suspects: list[Block]
+    warnings: list[str]
+
+
+def calibrate_bank(
+    model: Model,
+    runs: Sequence[Run],
+    noise: Noise,
+    mtbfa: float | None = None,
+    progress: Callable[[float], None] = lambda share: None,
+) -> BankCalibration:
+    """Alarm level on healthy `runs`.
+
+    `mtbfa` [s] is the requested mean time between false alarms; by default the longest that the
+    data support; `progress` is told the share that is done, were all tries needed. Runs in which
+    the bank is sure of a fault are named, and kept: they are said to be healthy. Raises
+    `InputError` where they are too short.
+    """
+    healthy = float(sum(run.t[-1] - run.t[0] for run in runs))
+    step = float(np.median([run.step for run in runs]))
+    most = SAMPLES if mtbfa is None else int(1.1 * 3 * mtbfa / step) + SAMPLES // 100
+    taken = _first_samples(runs, most)
+
+    plain, walks = without_calibration(model), count(1)
+
+    def stepped() -> None:
+        progress(min(next(walks) / (2 * len(taken) + TRIES), 1.0))
+
+    def tried(widened: float, some: Sequence[int]) -> tuple[FaultBank, list[list[_Scored]]]:
+        bank = build_fault_bank(plain, runs, noise.widened(widened), healthy)
+        return bank, _walked(bank, [taken[k] for k in some], stepped)
+
+    bank, scores = tried(1.0, range(len(taken)))
+    blocks = _blocks(bank, scores, taken[0].source)
+    suspects = merged([b for b in blocks if b.peak >= CERTAIN])
+    most_of_all = suspects or [max(blocks, key=lambda each: each.peak)]
+    expected = bank.onset.sum() * healthy + AT_START * len(bank.onset) * len(runs)
+    most = min(float(np.log(expected / BY_CHANCE)), 0.0)
+    widened, bank, scores = _believed(bank, scores, most, tried)
+    blocks = _blocks(bank, scores, taken[0].source)
+    judged = sum(each.end - each.start for each in blocks)
+    peaks = np.sort([b.peak for b in blocks])[::-1]
+    allowed, mtbfa = allowed_peaks(judged, mtbfa, len(peaks))
+    level = level_of(peaks, allowed)
+    warnings = _believed_less(widened, most_of_all, {run.name: run.clock for run in runs})
+    found = BankLevel(
+        level=level,
+        widened=widened,
+        mtbfa_s=mtbfa,
+        confidence=CONFIDENCE,
+        alarms=int(np.sum(peaks >= level)),
+        judged_s=judged,
+        healthy_s=healthy,
+        memory_s=bank.knowledge.memory,
+        blocks=len(blocks),
+        block_s=float(np.median([b.end - b.start for b in blocks])),
+        samples=sum(len(run.t) for run in taken),
+        suspects=[(b.run, b.start, b.end) for b in suspects],
+        size=dict(zip(model.plant.signals.fault_names, bank.size.tolist(), strict=True)),
+        shape=shape_error(model),
+        gain=gain_error(model, runs),
+    )
+    return BankCalibration(found, noise.widened(widened), blocks, suspects, warnings)
+
+
+def _walked(
+    bank: FaultBank, runs: Sequence[Run], stepped: Callable[[], None]
+) -> list[list["_Scored"]]:
+    """The scores of each of `runs`, several at once; after each it is `stepped`."""
+
+    def walked(run: Run) -> list[_Scored]:
+        found = _scores(bank, run)
+        stepped()
+        return found
+
+    first, *others = runs  # the first compiles what all go through
+    return [walked(first), *side_by_side(walked, others)]
+
+
+def _believed_less(
+    widened: float, asked: Sequence[Block], clocks: Mapping[str, Clock | None]
+) -> list[str]:
+    """That all is as wide as it is, and where the healthy logs `asked` for it most."""
+    if widened == 1.0:
+        return []
+    where = "; ".join(
+        f"run {b.run} from {_at(b, b.start, clocks)} to {_at(b, b.end, clocks)} "
+        f"({b.cause}, {_odds(b.peak)})"
+        for b in sorted(asked, key=lambda each: -each.peak)[:MOST_NAMED]
+    )
+    return [
+        "the model errs in ways that its noise does not cover, and healthy logs would look faulty, "
+        f"most of all {where}: all intervals are made {widened:.2g} times as wide, and a fault "
+        f"must be {widened:.2g} times as large to be told; if some of that was not healthy, leave "
+        "it out with --where"
+    ]
+
+
+def _at(block: Block, t: float, clocks: Mapping[str, Clock | None]) -> str:
+    """A time of `block`, at the second or finer where it is short."""
+    return moment(clocks[block.run], t, min(1.0, (block.end - block.start) / 10))
+
+
+def _believed(
+    bank: FaultBank,
+    scores: list[list["_Scored"]],
+    most: float,
+    tried: Callable[[float, Sequence[int]], tuple[FaultBank, list[list["_Scored"]]]],
+) -> tuple[float, FaultBank, list[list["_Scored"]]]:
+    """(how many times as large the noise must be for no run to show log-odds above `most`, and
+    the bank and all runs' scores with that); `tried` tells both for some of the runs.
+
+    It is found on the run that asks for most, and the others are asked whether it will do. Evidence
+    falls about with the square of it, from the least odds that there are. Raises
+    `InputError` where no such noise is found.
+    """
+    peaks = [_highest(each) for each in scores]
+    nothing = min(*peaks, np.log(RARE))
+    low = 0.0  # ln of it: of what is not enough
+    while (highest := max(peaks)) > most:
+        worst = int(np.argmax(peaks))
+        # by ln of how many times as large noise is, that of how many times too large evidence is
+        known = {low: float(np.log((highest - nothing) / (most - nothing)))}
+
+        def over(larger: float, worst: int = worst, known: dict[float, float] = known) -> float:
+            if larger not in known:
+                evidence = _highest(tried(float(np.exp(larger)), [worst])[1][0]) - nothing
+                known[larger] = float(np.log(max(evidence / (most - nothing), LEAST)))
+            return known[larger]
+
+        high = low + known[low] / 2 + np.log(STEEP)
+        while over(high) > 0:
+            high += max(known[high], np.log(CLOSE))
+            if high > LARGEST:
+                raise InputError(NEVER)
+        brentq(over, low, high, xtol=np.log(CLOSE))
+        low = min(each for each in known if known[each] <= 0)
+        bank, scores = tried(float(np.exp(low)), range(len(scores)))
+        peaks = [_highest(each) for each in scores]
+    return float(np.exp(low)), bank, scores
+
+
+def level_of(peaks: Float[np.ndarray, "blocks"], allowed: int) -> float:
+    """The level that `allowed` of the `peaks`, highest first, may lie above."""
+    upper = peaks[: max((len(peaks) + 1) // 2, 1)]
+    excess = float(np.mean(upper - np.median(peaks)))
+    return float(
+        max(peaks[allowed] + MARGIN * min(excess, 1.0 + max(peaks[allowed], 0.0)), CERTAIN)
+    )
+
+
+def _odds(peak: float) -> str:
+    odds = float(np.exp(min(peak, 100.0)))
+    return (
+        f"odds of more than {MOST:.0f} to 1" if odds >= MOST else f"odds of {number(odds, 2)} to 1"
+    )
+
+
+def calibrated(model: Model, found: BankCalibration, **beside: Any) -> Model:
+    """`model` with what was `found`, and what is told `beside` it: `data`, `repeats`."""
+    levels = NoiseLevels.model_validate(found.noise.as_dict(model))
+    told = {"observer": "bank", "data": [], "repeats": {}} | beside
+    return model.with_calibration(CalibrationRecord(**told, noise=levels, bank=found.level))
+
+
+def without_calibration(model: Model) -> Model:
+    """`model` without what an earlier calibration says."""
+    return model.with_calibration(None)
+
+
+def _first_samples(runs: Sequence[Run], most: int) -> list[Run]:
+    """As much of every one of `runs`, `most` samples in all."""
+    share = min(1.0, most / sum(len(run.t) for run in runs))
+    return [cut(run, slice(0, max(2, int(share * len(run.t))))) for run in runs]
+
+
+def _highest(stretches: Sequence["_Scored"]) -> float:
+    """The highest score of a run; as low as any where it is not judged."""
+    long = [each.score.max() for each in stretches if len(each.score) >= SHORTEST]
+    return float(max(long, default=LOWEST))
+
+
+def _blocks(bank: FaultBank, scores: Sequence[Sequence["_Scored"]], source: str) -> list[Block]:
+    """Every run's `scores` in blocks."""
+    stretches = [each for run in scores for each in run]
+    length = max(int(np.ceil(MEMORIES * bank.knowledge.memory / bank.step)), SHORTEST)
+    total = sum(len(each.score) for each in stretches)
+    length = max(min(length, total // (2 * FEWEST_BLOCKS)), SHORTEST)
+    causes = (*bank.model.plant.signals.fault_names, UNDECLARED)
+    blocks = []
+    for name, t, score, likeliest in stretches:
+        count = max(len(score) // length, 1 if len(score) >= SHORTEST else 0)
+        for piece in np.array_split(np.arange(len(score)), count) if count else ():
+            end = float(t[piece[-1]]) + bank.step
+            top = piece[np.argmax(score[piece])]
+            peak, cause = float(score[top]), causes[likeliest[top]]
+            blocks.append(Block(name, float(t[piece[0]]), end, peak, cause))
+    if len(blocks) < FEWEST_BLOCKS:
+        have = total * bank.step
+        raise InputError(
+            f"{source}: calibration needs at least {FEWEST_BLOCKS} blocks "
+            f"({FEWEST_BLOCKS * length * bank.step:.3g} s of healthy data), "
+            f"but there are {have:.3g} s after the hold-off; give more healthy runs."
+        )
+    return blocks
+
+
+class _Scored(NamedTuple):
+    """Samples of a run: the place of the likeliest cause is one behind the faults where that is
+    undeclared."""
+
+    run: str
+    t: Float[np.ndarray, "samples"]
+    score: Float[np.ndarray, "samples"]
+    likeliest: Int[np.ndarray, "samples"]
+
+
+def _scores(bank: FaultBank, run: Run) -> list[_Scored]:
+    """Every stretch of `run` behind its hold-off."""
+    watch = Watch(bank.model, tuple(run.columns), run.step, bank=bank)
+    found = watch.along(watch.init(averaged=run.resampled is not None), run)[1].posterior
+    odds = np.maximum(np.asarray(log_odds(found.calm)), LOWEST)
+    active = np.nan_to_num(found.p) * bank.with_monitor("active")
+    likeliest = np.argmax(np.column_stack([active, np.nan_to_num(found.unknown)]), axis=1)
+    score = np.where(found.held | ~np.isfinite(found.calm), np.nan, odds)
+    score = np.where(np.isfinite(score) & ~found.inside, LOWEST, score)
+    count = 1 + int(np.ceil(bank.model.plant.signals.detection.persistence / bank.step))
+    edges = np.flatnonzero(np.diff(np.isfinite(score), prepend=False, append=False))
+    found = []
+    for a, b in edges.reshape(-1, 2):
+        if b - a >= count:
+            lasting = np.lib.stride_tricks.sliding_window_view(score[a:b], count).min(axis=1)
+            part = slice(a + count - 1, b)
+            found.append(_Scored(run.name, run.t[part], lasting, likeliest[part]))
+    return found

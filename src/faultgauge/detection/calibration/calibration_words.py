@@ -1,0 +1,149 @@
+"""What calibration found, in words."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from faultgauge.detection.bank.noise import Noise, constants_of, drifting_of, noise_of
+from faultgauge.detection.posterior.uncalibrated import level_in
+from faultgauge.detection.words import PURE, duration, number
+from faultgauge.plants.disturbed import dynamic_states
+from faultgauge.plants.model import Model
+from faultgauge.plants.record import Interval
+
+__all__ = ["doubted", "errors", "summary"]
+
+FAR = 3.0  # standard deviations of fit and spread
+
+
+def summary(model: Model) -> list[str]:
+    """A line for each thing that a user should know of a calibrated `model`."""
+    known = model.calibration
+    if known is not None and known.channels is not None:
+        return _intervals(known.channels, _units(model))
+    return [*errors(model), *_answers(model), *_priors(model), _level(model)]
+
+
+def _intervals(channels: Mapping[str, Interval], units: Mapping[str, str]) -> list[str]:
+    return [
+        f"{name}: 95 % of the healthy estimates lie within +-"
+        f"{number(each.interval)} {units.get(name, '')}".rstrip()
+        for name, each in channels.items()
+    ]
+
+
+def errors(model: Model) -> list[str]:
+    """How far the plant is from its model, and for how long."""
+    signals, noise = model.plant.signals, noise_of(model)
+    lines = []
+    for k, state in enumerate(dynamic_states(model.plant)):
+        each = signals.states[state]
+        unit = f" {each.unit}/s" if each.unit else " per second"
+        for_long = duration(float(noise.lasting[k]))
+        lines.append(
+            f"the model's own error in d({each.name}): {number(noise.size[k], 2)}{unit}, lasting "
+            f"about {for_long}"
+        )
+    for j in noise.wanders:
+        each = signals.outputs[j]
+        size = f"{number(noise.wander[j], 2)} {each.unit}".rstrip()
+        lines.append(
+            f"{each.name} wanders by {size} beside what the model says, for about "
+            f"{duration(float(noise.wandering[j]))} at a time"
+        )
+    for j in noise.strays:
+        each = signals.inputs[j]
+        size = f"{number(noise.stray[j], 2)} {each.unit}".rstrip()
+        lines.append(
+            f"{each.name} strays by {size} from what the log says, for about "
+            f"{duration(float(noise.straying[j]))} at a time"
+        )
+    for j in noise.lags:
+        lines.append(
+            f"what an input's change does to {signals.outputs[j].name} is off by about "
+            f"{100 * noise.late[j]:.0f} % of it, for about {duration(float(noise.lag[j]))}"
+        )
+    lines += [
+        f"where {where}, the model errs about {number(times, 2)} times as much as elsewhere"
+        for where, times in doubted(model, noise)
+    ]
+    known = dict(zip(constants_of(model).names, noise.spread.tolist(), strict=True))
+    values = model.plant.parameters
+    spread = [
+        f"{name} {number(s, 2)} ({number(100 * s / abs(float(values[name])), 2)} %)"
+        if float(values[name])
+        else f"{name} {number(s, 2)}"
+        for name, s in known.items()
+    ]
+    if spread:
+        lines.append(f"constants differ from run to run by about {', '.join(spread)}")
+    lines += _elsewhere(model, noise)
+    slow = drifting_of(model)
+    if slow:
+        lines.append(f"tracked as it drifts: {', '.join(slow)}")
+    return lines
+
+
+def _answers(model: Model) -> list[str]:
+    """By how much the answer to what acts on the plant is off."""
+    level = level_in(model)
+    if not level.gain:
+        return []
+    size, shape = (number(100 * each, 2) for each in (level.gain, level.shape))
+    return [
+        f"the model's answer to what acts on the plant is off by {size} % in size (so may a "
+        f"fault's size be) and by {shape} % in all (a small second fault beside a large one may be "
+        "that error, and is then not told)"
+    ]
+
+
+def _elsewhere(model: Model, noise: Noise) -> list[str]:
+    """Constants that healthy logs have elsewhere than the fit, beyond what either may be off."""
+    known, units = constants_of(model), {p.name: p.unit for p in model.plant.spec.parameters}
+    far = FAR * np.hypot(np.sqrt(np.diag(known.covariance)), noise.spread)
+    found = []
+    for name, shift in zip(
+        known.names, np.where(np.abs(noise.shift) > far, noise.shift, 0.0), strict=True
+    ):
+        if shift:
+            value = float(model.plant.parameters[name])
+            there = f"{number(value + shift)} {units[name]}".rstrip()
+            found.append(f"{name} = {there} (fit: {number(value)})")
+    return [f"the healthy logs say {', '.join(found)}, and the bank goes by them"] if found else []
+
+
+def doubted(model: Model, noise: Noise) -> list[tuple[str, float]]:
+    """Where the model errs more than elsewhere, and how many times as much: ("u is below 0.8 V",
+    4.0)."""
+    inputs, found = model.plant.signals.inputs, []
+    for k in noise.doubts:
+        low, high = float(noise.above[k]), float(noise.below[k])
+        if np.isfinite(low) and np.isfinite(high):
+            within = f"between {number(low)} and {number(high)}"
+        else:
+            within = f"below {number(high)}" if np.isfinite(high) else f"above {number(low)}"
+        unit = "" if inputs[k].unit in PURE else inputs[k].unit
+        found.append((f"{inputs[k].name} is {within} {unit}".rstrip(), float(noise.doubt[k])))
+    return found
+
+
+def _priors(model: Model) -> list[str]:
+    found, units = level_in(model).size, _units(model)
+    # the widest prior is half of what a fault is at most
+    sizes = [f"{name} {number(2 * size, 2)} {units[name]}".rstrip() for name, size in found.items()]
+    return [f"faults are looked for up to about: {', '.join(sizes)}"]
+
+
+def _level(model: Model) -> str:
+    bank = level_in(model)
+    alarms = bank.alarms
+    told = f"{alarms} alarm{'' if alarms == 1 else 's'}" if alarms else "no alarm"
+    return (
+        f"alarm at odds of {number(np.exp(min(bank.level, 100.0)))} to 1; {told} in "
+        f"{bank.blocks} healthy blocks ({number(bank.judged_s, 4)} s) proves only that "
+        f"false alarms come at most once in {number(bank.mtbfa_s, 4)} s (95 % confidence)"
+    )
+
+
+def _units(model: Model) -> dict[str, str]:
+    return {fault.name: fault.unit for fault in model.plant.signals.faults}

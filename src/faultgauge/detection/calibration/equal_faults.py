@@ -1,0 +1,78 @@
+"""Hypotheses that are structurally the same: no data will ever tell them apart.
+
+A fault leaves h(n) = D, C B, C A B, ... in the outputs n samples after its onset, at each point of
+the training envelope (Markov parameters of the linearised plant). Two faults with parallel h are
+one; three whose h span a plane are such that any two look like any other two (Basseville and
+Nikiforov, "Detection of Abrupt Changes", 1993, 7.2: isolation needs independent signatures).
+"""
+
+from collections.abc import Sequence
+from itertools import combinations
+
+import numpy as np
+from jaxtyping import Float
+
+from faultgauge.detection.rows.judged import measured_outputs, operating_points
+from faultgauge.observers.observer import linearise
+from faultgauge.plants.model import Model
+from faultgauge.simulation.free_run import substeps_for
+from faultgauge.telemetry import Run
+
+__all__ = ["equal_faults", "signatures"]
+
+LENGTH = 100  # samples after an onset
+ALIKE = 1e-6  # least singular value over the largest, of signatures scaled to 1
+
+
+def equal_faults(model: Model, runs: Sequence[Run]) -> list[str]:
+    """A sentence for every two, and every three, faults that are the same to the outputs."""
+    h = signatures(model, runs)
+    faults = model.plant.signals.faults
+    seen = [
+        k
+        for k, fault in enumerate(faults)
+        if fault.monitor != "disabled" and np.isfinite(h[:, k]).all() and np.any(h[:, k])
+    ]
+    unit = h[:, seen] / np.linalg.norm(h[:, seen], axis=0)
+    gram = np.eye(len(faults))
+    gram[np.ix_(seen, seen)] = unit.T @ unit
+    names, found = model.plant.signals.fault_names, []
+    same = {pair for pair in combinations(seen, 2) if _dependent(gram, pair)}
+    for j, k in sorted(same):
+        found.append(
+            f"faults {names[j]!r} and {names[k]!r} act on the measured outputs in the same way, so "
+            "no data can tell them apart and the bank leaves the cause undecided; keep one of the "
+            'two, or give the other monitor = "disabled"'
+        )
+    if model.plant.signals.max_simultaneous == 2:
+        for three in combinations(seen, 3):
+            alike = any(pair in same for pair in combinations(three, 2))
+            if not alike and _dependent(gram, three):
+                a, b, c = (repr(names[k]) for k in three)
+                found.append(
+                    f"of the faults {a}, {b} and {c} any two together look like any other two, and "
+                    "like the third: their cause may stay undecided; set [detection] "
+                    "max_simultaneous = 1, or measure more"
+                )
+    return found
+
+
+def signatures(model: Model, runs: Sequence[Run]) -> Float[np.ndarray, "effects faults"]:
+    """h of every fault, over all points, times and measured outputs."""
+    step = float(np.median([run.step for run in runs]))
+    outputs = measured_outputs(model, runs)
+    substeps = substeps_for(step, model.max_step)
+    linear = linearise(model.plant, operating_points(model), step, substeps)
+    measured = [model.plant.signals.output_names.index(name) for name in outputs]
+    C, shift = linear.C[:, measured], np.zeros_like(linear.B)
+    found = []
+    for _ in range(LENGTH):
+        found.append(C @ shift + linear.D[:, measured])
+        shift = linear.A @ shift + linear.B
+    return np.concatenate(found, axis=1).reshape(-1, len(model.plant.signals.faults))
+
+
+def _dependent(gram: Float[np.ndarray, "faults faults"], some: tuple[int, ...]) -> bool:
+    """Whether the signatures of `some` faults span less than their number."""
+    values = np.linalg.eigvalsh(gram[np.ix_(some, some)])  # squares of singular values
+    return bool(values[0] <= ALIKE**2 * values[-1])

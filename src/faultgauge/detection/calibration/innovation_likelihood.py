@@ -1,0 +1,247 @@
+"""The innovation likelihood of levels of noise on healthy runs, by the healthy filter.
+
+    sum_k ln N(y_k; yhat_k|k-1, S_k)
+
+Every stretch begins with a discrepancy and constants of its own, so that what differs between runs
+counts (Schweppe, IEEE TAC 11 (1965); Mehra, IEEE TAC 15 (1970)).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from faultgauge.detection.bank.noise import (
+    Noise,
+    constants_of,
+    directions_of,
+    disturbed,
+    error_of,
+    offset_of,
+    process_of,
+    scale_of,
+    spread_of_start,
+    start_spread,
+)
+from faultgauge.detection.rows.judged import pad_stretch, record_arrays, start_from_samples
+from faultgauge.identification.refinement.cores import side_by_side
+from faultgauge.identification.samples import in_effect
+from faultgauge.observers import divided_difference as dd
+from faultgauge.observers.divided_difference import Belief, DividedDifferenceFilter
+from faultgauge.plants.disturbed import Disturbed, Error
+from faultgauge.plants.model import Model
+from faultgauge.simulation.closed_loop import with_faults
+from faultgauge.simulation.free_run import substeps_for
+from faultgauge.telemetry import Run, segments
+
+__all__ = ["AT_ONCE", "SAMPLES", "Likelihood", "Likelihoods", "StretchPiece", "healthy_stretches"]
+
+SAMPLES = 16384  # that tell the levels
+LONGEST = 4096  # of one stretch
+AT_ONCE = 4  # levels: one compiled program for any number of them
+
+
+@dataclass(frozen=True)
+class StretchPiece:
+    """A piece of stretch `part` of run number `run`."""
+
+    run: int
+    part: int
+    x: Float[np.ndarray, "states"]
+    u: Float[np.ndarray, "samples inputs"]
+    y: Float[np.ndarray, "samples outputs"]
+    dt: Float[np.ndarray, "samples"]
+
+
+class Likelihoods(NamedTuple):
+    """Under each of some levels: -ln p(y) of all stretches; mean and covariance of each stretch's
+    own xi; of every sample of every output the innovation in standard deviations (0: not sampled)
+    and the logarithm of its standard deviation (0: not sampled)."""
+
+    cost: Float[np.ndarray, "levels"]
+    mean: Float[np.ndarray, "levels stretches directions"]
+    P: Float[np.ndarray, "levels stretches directions directions"]
+    white: Float[np.ndarray, "levels samples"]
+    root: Float[np.ndarray, "levels samples"]
+
+
+@dataclass(frozen=True)
+class Likelihood:
+    """The stretches, padded to one length and stacked, and what is the same for all levels."""
+
+    x: Float[Array, "stretches states"]
+    u: Float[Array, "stretches samples inputs"]
+    y: Float[Array, "stretches samples outputs"]
+    dt: Float[Array, "stretches samples"]
+    runs: Int[np.ndarray, "stretches"]
+    parts: Int[np.ndarray, "stretches"]
+    columns: tuple[str, ...]
+    substeps: int
+    count: int
+
+    @staticmethod
+    def of(
+        model: Model, runs: Sequence[Run], guess: Noise, stretches: Sequence[StretchPiece]
+    ) -> "Likelihood":
+        length = max(len(s.dt) for s in stretches)
+
+        def stacked(name: str, fill: float) -> Array:
+            rows = []
+            for s in stretches:
+                a = getattr(s, name)
+                more = np.full((length - len(a), *a.shape[1:]), fill)
+                if name == "u":
+                    more = np.repeat(a[-1:], length - len(a), axis=0)
+                rows.append(np.concatenate([a, more]))
+            return jnp.asarray(np.stack(rows))
+
+        return Likelihood(
+            jnp.asarray(np.stack([s.x for s in stretches])),
+            stacked("u", 0.0),
+            stacked("y", np.nan),
+            stacked("dt", 0.0),
+            np.array([s.run for s in stretches]),
+            np.array([s.part for s in stretches]),
+            tuple(runs[0].columns),
+            substeps_for(runs[0].step, model.max_step),
+            int(sum(np.isfinite(s.y).sum() for s in stretches)),
+        )
+
+    def beginning(self, samples: int) -> "Likelihood":
+        """The first `samples` of every stretch."""
+        u, y, dt = (each[:, :samples] for each in (self.u, self.y, self.dt))
+        return replace(self, u=u, y=y, dt=dt, count=int(jnp.isfinite(y).sum()))
+
+    def run(self, model: Model, many: Sequence[Noise]) -> Likelihoods:
+        """What the stretches say under each of `many` levels, a few at a time on every core."""
+        padded = [*many, *[many[-1]] * (-len(many) % AT_ONCE)]
+        chunks = [padded[k : k + AT_ONCE] for k in range(0, len(padded), AT_ONCE)]
+        told = side_by_side(lambda some: self._run(model, some), chunks)
+        return Likelihoods(*(np.concatenate(each)[: len(many)] for each in zip(*told, strict=True)))
+
+    def _run(self, model: Model, many: Sequence[Noise]) -> Likelihoods:
+        known = constants_of(model)
+        drifted = spread_of_start(model, many[0].sigma, self.columns)[1]
+        plant = disturbed(model, many[0])
+        W = jnp.asarray(np.stack([directions_of(model, known, each.spread) for each in many]))
+        offset = jnp.asarray(np.stack([offset_of(model, each) for each in many]))
+        errors = [error_of(each) for each in many]
+        error = jax.tree.map(lambda *parts: jnp.stack(parts), *errors)
+        levels = dd.FilterNoise(
+            jnp.asarray(np.stack([process_of(each, drifted) for each in many])),
+            jnp.zeros((len(many), 0)),
+            jnp.asarray(np.stack([each.sigma for each in many])),
+        )
+        sd = jnp.asarray(np.stack([start_spread(model, each, self.columns) for each in many]))
+        scale = jnp.asarray(scale_of(model, many[0]))
+        base = with_faults(model.plant, ())
+        bare = Disturbed.of(
+            base,
+            plant.driven,
+            plant.following,
+            plant.error,
+            plant.names,
+            plant.offset,
+            plant.directions,
+            wandering=plant.wandering,
+            lagging=plant.lagging,
+            straying=plant.straying,
+            doubted=plant.doubted,
+        )
+        found = _costs(
+            bare,
+            error,
+            offset,
+            W,
+            levels,
+            sd,
+            scale,
+            self.x,
+            self.u,
+            self.y,
+            self.dt,
+            self.substeps,
+        )
+        return Likelihoods(*(np.asarray(each) for each in found))
+
+
+@eqx.filter_jit
+def _costs(
+    plant: Disturbed,
+    error: Error,
+    offset: Float[Array, "levels parameters"],
+    W: Float[Array, "levels parameters directions"],
+    levels: dd.FilterNoise,
+    sd: Float[Array, "levels extended"],
+    scale: Float[Array, "extended"],
+    x: Float[Array, "stretches states"],
+    u: Float[Array, "stretches samples inputs"],
+    y: Float[Array, "stretches samples outputs"],
+    dt: Float[Array, "stretches samples"],
+    substeps: int,
+) -> tuple[Array, Array, Array, Array, Array]:
+    """The fields of `Likelihoods`."""
+    more = jnp.zeros((len(x), len(scale) - x.shape[1]))
+    begin = jnp.concatenate([x, more], axis=1)
+
+    xi = plant.parts.xi
+
+    def of(
+        error: Error, offset: Array, W: Array, noise: dd.FilterNoise, sd: Array
+    ) -> tuple[Array, Array, Array, Array, Array]:
+        parts = error, offset, W
+        own = eqx.tree_at(lambda p: (p.error, p.offset, p.directions), plant, parts)
+        lane = DividedDifferenceFilter(own, scale, jnp.zeros(0), (), substeps)
+
+        def stretch(
+            x: Array, u: Array, y: Array, dt: Array
+        ) -> tuple[Array, Array, Array, Array, Array]:
+            def body(
+                carry: tuple[Belief, Array, Array], sample: tuple[Array, Array, Array]
+            ) -> tuple[tuple[Belief, Array, Array], tuple[Array, Array]]:
+                belief, before, total = carry
+                now, y, dt = sample
+                belief, more, *_, seen = lane.step(belief, noise, before, now, y, dt)
+                root = jnp.where(jnp.isfinite(seen.root), jnp.log(seen.root), 0.0)
+                return (belief, now, total + more), (seen.white, root)
+
+            begin = lane.begin(x, sd), u[0], jnp.zeros(())
+            (belief, _, total), (white, root) = jax.lax.scan(body, begin, (u, y, dt))
+            return total, belief.mean[xi], belief.P[xi, xi], white, root
+
+        total, mean, P, white, root = jax.vmap(stretch)(begin, u, y, dt)
+        return -jnp.sum(total), mean, P, white.ravel(), root.ravel()
+
+    return jax.vmap(of)(error, offset, W, levels, sd)
+
+
+def healthy_stretches(model: Model, runs: Sequence[Run]) -> list[StretchPiece]:
+    parts = []
+    for number, log in enumerate(runs):
+        run = in_effect(model.plant.signals, log)
+        outputs = [n for n in model.plant.signals.output_names if n in run.columns]
+        for part in segments(run, [*model.plant.signals.input_names, *outputs]):
+            if part.stop - part.start >= 100:
+                parts.append((number, run, part))
+    if not parts:
+        return []
+    total = sum(part.stop - part.start for *_, part in parts)
+    share = min(1.0, SAMPLES / total)
+    found = []
+    for at, (number, run, part) in enumerate(parts):
+        count = part.stop - part.start
+        pieces = max(1, int(np.ceil(share * count / LONGEST)))
+        length = max(min(int(share * count / pieces), LONGEST), 100)
+        for k in range(pieces):
+            first = part.start + k * (count // pieces)
+            piece = slice(first, min(first + length, part.stop))
+            start = start_from_samples(model, run, piece)
+            u, y = record_arrays(model, run, piece)
+            u, y, dt = pad_stretch(u, y, run.t[piece])
+            found.append(StretchPiece(number, at, start.x, u, y, dt))
+    return found

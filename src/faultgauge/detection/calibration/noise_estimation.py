@@ -1,0 +1,295 @@
+"""How far the plant is from its model, by innovation likelihood on healthy runs.
+
+Searched are the noise of outputs and states, the size s and the time constant tau of the
+discrepancy beside every state that is not exact kinematics, what a change of an input does besides,
+by how much inputs and outputs err on their own where that pays, and, between the searches, the
+spread of the constants from run to run. No discrepancy, and one that
+walks without end, are limits of it: s = 0, tau without bound.
+
+Where a log is sampled far faster than it moves, means over blocks of samples tell the same, and
+what noise of a few samples' memory adds up to.
+"""
+
+from collections.abc import Callable, Sequence, Set
+from dataclasses import dataclass
+from itertools import count, product
+
+import numpy as np
+from jaxtyping import Float
+
+from faultgauge.detection.bank.noise import DOUBT, LATE, STRAY, WANDER, Noise
+from faultgauge.detection.calibration.doubted_regions import with_doubted_regions
+from faultgauge.detection.calibration.innovation_likelihood import (
+    SAMPLES,
+    Likelihood,
+    Likelihoods,
+    StretchPiece,
+    healthy_stretches,
+)
+from faultgauge.detection.calibration.input_errors import with_errors_of_inputs
+from faultgauge.detection.calibration.noise_levels import (
+    Bounds,
+    Spans,
+    bounds_of,
+    first_guess,
+    levels_of,
+    logs_of,
+    names_of,
+    spans_of,
+)
+from faultgauge.detection.calibration.output_errors import with_errors_of_outputs
+from faultgauge.detection.calibration.run_spread import as_unsure_as_few_runs_tell, constants_retold
+from faultgauge.detection.calibration.scoring import scored
+from faultgauge.errors import InputError
+from faultgauge.observers import divided_difference as dd
+from faultgauge.plants.model import Model
+from faultgauge.telemetry import Run
+from faultgauge.telemetry.oversampling import block_means
+
+__all__ = ["estimate_doubts", "estimate_noise"]
+
+GRID = 4  # time constants to begin from
+SMALLER = (1.0, 10.0, 100.0)  # times: sizes of the discrepancy to begin from
+FACTORS = (1.0, 10.0, 100.0, 1000.0)  # of process noise, until the filter is not lost
+ROUNDS = (16, 12, 8)  # steps of each search; the constants are told anew between them
+# where searches begin, as a filter that is at times lost sees many maxima: times the process noise,
+# and the discrepancy
+STARTS = tuple(product((1.0, 10.0, 100.0), (1.0, 30.0)))
+FIRST = 2  # steps of each; then of the better half, and so on
+PART = 0.25  # of every stretch, which the first of these steps look at
+SEARCHES = 4  # of all ROUNDS: the plant's levels, then what each of BESIDE adds
+# errors of inputs come first, as what outputs share is none of their own
+BESIDE = (
+    with_errors_of_inputs,
+    with_errors_of_outputs,
+    with_errors_of_outputs,
+)
+SIZES = {pair[0]: pair for pair in (WANDER, LATE, STRAY)}  # with their times
+ENOUGH = 0.3  # of log-likelihood: a step that gains less is the last
+NONE = 1e-6  # times the usual: as good as no discrepancy
+
+
+def estimate_noise(
+    model: Model,
+    runs: Sequence[Run],
+    discrepancy: bool = True,
+    progress: Callable[[float], None] = lambda share: None,
+) -> Noise:
+    """The most likely levels on healthy `runs`; without a `discrepancy` all error is noise.
+    `progress` is told the share that is done, were all that may be needed.
+
+    Raises `InputError` where no stretch is long enough or the filter never follows the data.
+    """
+    told = _Healthy.of(model, runs)
+    steps = count(1)
+
+    def stepped() -> None:
+        progress(next(steps) / (2 * len(STARTS) * FIRST + SEARCHES * sum(ROUNDS)))
+
+    if discrepancy:
+        noise = _started(model, told.batch, told.guess, told.bounds(told.guess), stepped)
+        noise = _alternated(model, told.batch, noise, told.bounds(noise), stepped, {"sigma"})
+        for beside in BESIDE:
+            noise = _with(beside, model, told, noise, stepped) or noise
+        noise = _needed(model, told.batch, noise)
+    else:
+        without = {n: NONE * getattr(told.guess, n) for n in ("size", "share", "spread")}
+        held = {"size", "lasting", "share", "settling"}
+        bounds = told.bounds(told.guess)
+        guess = told.guess._replace(**without)
+        noise = _searched(model, told.batch, guess, bounds, held, sum(ROUNDS), stepped)
+    if not told.batch.run(model, [noise]).cost[0] / told.batch.count < -dd.LOST / 4:
+        raise InputError(
+            "the model does not follow the healthy logs at all, so its noise cannot be told; look "
+            "at `faultgauge evaluate`."
+        )
+    return told.of_samples(as_unsure_as_few_runs_tell(model, told.batch, noise))
+
+
+def estimate_doubts(
+    model: Model,
+    runs: Sequence[Run],
+    noise: Noise,
+    progress: Callable[[float], None] = lambda share: None,
+) -> Noise | None:
+    """The most likely levels on healthy `runs` where the model may err more in a part of the range
+    of an input, from `noise` on, which `estimate_noise` found; None where that gains
+    nothing. `progress` as there."""
+    told = _Healthy.of(model, runs)
+    steps = count(1)
+
+    def stepped() -> None:
+        progress(next(steps) / sum(ROUNDS))
+
+    noise = noise._replace(sigma=noise.sigma / told.averaged)
+    found = _with(with_doubted_regions, model, told, noise, stepped)
+    if found is None:
+        return None
+    return told.of_samples(as_unsure_as_few_runs_tell(model, told.batch, found))
+
+
+@dataclass(frozen=True)
+class _Healthy:
+    """What healthy runs tell of noise: their likelihood, a first guess, how far from it levels may
+    lie, and the root of how many samples each of an output's is the mean of."""
+
+    batch: Likelihood
+    guess: Noise
+    step: float
+    stretches: list[StretchPiece]
+    averaged: Float[np.ndarray, "outputs"]
+
+    @staticmethod
+    def of(model: Model, runs: Sequence[Run]) -> "_Healthy":
+        outputs = model.plant.signals.output_names
+        names = [n for n in outputs if n in runs[0].columns]
+        total = sum(len(run.t) for run in runs)
+        runs, averaged = block_means(runs, names, total / SAMPLES)
+        stretches = healthy_stretches(model, runs)
+        if not stretches:
+            raise InputError(
+                f"{runs[0].source}: no stretch of healthy data is long enough to tell the noise; "
+                "give at least 100 samples in a row."
+            )
+        guess = first_guess(model, runs, stretches)
+        batch = Likelihood.of(model, runs, guess, stretches)
+        means = np.sqrt([averaged.get(name, 1.0) for name in outputs])
+        return _Healthy(batch, guess, runs[0].step, stretches, means)
+
+    def bounds(self, noise: Noise) -> Bounds:
+        """Of the levels that `noise` has."""
+        own = {name: getattr(noise, name) for name in (*WANDER, *LATE, *STRAY, *DOUBT)}
+        return bounds_of(self.guess._replace(**own), self.step, self.stretches)
+
+    def of_samples(self, noise: Noise) -> Noise:
+        """`noise` of means as that of samples."""
+        return noise._replace(sigma=noise.sigma * self.averaged)
+
+
+def _with(
+    beside: Callable[[Model, Likelihood, Noise, Spans], Noise],
+    model: Model,
+    told: _Healthy,
+    noise: Noise,
+    stepped: Callable[[], None],
+) -> Noise | None:
+    """`noise` and what there is `beside` it, all told anew; None where that gains too little."""
+    more = beside(model, told.batch, noise, spans_of(told.step, told.stretches))
+    added = more.beside - noise.beside
+    if not added:
+        return None
+    bounds = told.bounds(more)
+    more = _alternated(model, told.batch, more, bounds, stepped)
+    enough = np.log(told.batch.count) * added
+    return more if _gain(model, told.batch, noise, more, bounds) > enough else None
+
+
+def _needed(model: Model, batch: Likelihood, noise: Noise) -> Noise:
+    """`noise` without errors of inputs and outputs that gain too little beside those which were
+    found after them."""
+    while there := [(name, j) for name in SIZES for j in np.flatnonzero(getattr(noise, name))]:
+        many = [noise]
+        for name, j in there:
+            size = getattr(noise, name).copy()
+            size[j] *= NONE
+            many.append(noise._replace(**{name: size}))
+        cost = batch.run(model, many).cost
+        least = int(np.argmin(cost[1:]))
+        if cost[1 + least] - cost[0] > np.log(batch.count):
+            break
+        name, j = there[least]
+        without = {n: np.where(np.arange(len(getattr(noise, n))) == j, 0.0, getattr(noise, n))
+                   for n in SIZES[name]}  # fmt: skip
+        noise = noise._replace(**without)
+    return noise
+
+
+def _alternated(
+    model: Model,
+    batch: Likelihood,
+    noise: Noise,
+    bounds: Bounds,
+    stepped: Callable[[], None],
+    held: Set[str] = frozenset(),
+) -> Noise:
+    """Searches of so many steps each, the first with some levels `held`, and the constants told
+    anew after each."""
+    for k, steps in enumerate(ROUNDS):
+        noise = _searched(model, batch, noise, bounds, set() if k else held, steps, stepped)
+        noise = constants_retold(model, batch, noise)
+    return noise
+
+
+def _costs(
+    model: Model, batch: Likelihood, many: Sequence[Noise], bounds: Bounds
+) -> Float[np.ndarray, "many"]:
+    """-ln of likelihood times prior."""
+    logs = np.stack([logs_of(each) for each in many])
+    return batch.run(model, many).cost + bounds.unlikely(logs)
+
+
+def _gain(model: Model, batch: Likelihood, noise: Noise, other: Noise, bounds: Bounds) -> float:
+    """By how much ln of likelihood times prior is larger with the `other`."""
+    before, after = (_costs(model, batch, [each], bounds)[0] for each in (noise, other))
+    return float(before - after)
+
+
+def _started(
+    model: Model,
+    batch: Likelihood,
+    noise: Noise,
+    bounds: Bounds,
+    stepped: Callable[[], None],
+) -> Noise:
+    """`noise` with process noise from which on the filter is not lost, and the likeliest of some
+    time constants and sizes, whatever the rate of the log is; after the first steps of some
+    searches from there the likeliest of these."""
+    least, most = (levels_of(logs, noise) for logs in (bounds.low, bounds.high))
+
+    def best(many: list[Noise]) -> Noise:
+        return many[int(np.argmin(_costs(model, batch, many, bounds)))]
+
+    def between(name: str, share: float) -> Float[np.ndarray, "some"]:
+        return getattr(least, name) ** (1 - share) * getattr(most, name) ** share
+
+    many = [noise._replace(process=factor * noise.process) for factor in FACTORS]
+    cost = batch.run(model, many).cost / batch.count
+    noise = many[int(np.argmax(cost < cost.min() + dd.FAR**2 / 2))]
+    shares = np.arange(1, GRID + 1) / (GRID + 1)
+    if len(noise.settling):
+        noise = best([noise, *(noise._replace(settling=between("settling", a)) for a in shares)])
+    both = [(between("lasting", a), noise.size / b) for a in shares for b in SMALLER]
+    noise = best([noise, *(noise._replace(lasting=a, size=b) for a, b in both)])
+    many = [noise._replace(process=a * noise.process, size=b * noise.size) for a, b in STARTS]
+    seen = batch.beginning(int(PART * batch.dt.shape[1]))
+    while len(many) > 1:
+        many = [_searched(model, seen, m, bounds, {"sigma"}, FIRST, stepped) for m in many]
+        order = np.argsort(_costs(model, batch, many, bounds))
+        many, seen = [many[k] for k in order[: len(many) // 2]], batch
+    return many[0]
+
+
+def _searched(
+    model: Model,
+    batch: Likelihood,
+    noise: Noise,
+    bounds: Bounds,
+    held: Set[str],
+    most: int,
+    stepped: Callable[[], None],
+) -> Noise:
+    """The likeliest levels but those `held`, by at most so many steps from `noise`; each is
+    `stepped`."""
+    start = logs_of(noise)
+    at = np.flatnonzero(np.isfinite(start) & ~np.isin(names_of(noise), list(held)))
+
+    def tell(some: Float[np.ndarray, "many free"]) -> Likelihoods:
+        logs = np.tile(start, (len(some), 1))
+        logs[:, at] = some
+        return batch.run(model, [levels_of(row, noise) for row in logs])
+
+    own = [each[at] for each in (start, bounds.low, bounds.high, bounds.center, bounds.pull)]
+    found, _ = scored(tell, *own, most=most, enough=ENOUGH, stepped=stepped)
+    logs = start.copy()
+    logs[at] = found
+    return levels_of(logs, noise)

@@ -1,0 +1,184 @@
+"""The levels of noise that are searched: their first guesses, and how far they may lie from them.
+
+What one log cannot tell is held by weak priors: constants differ by a percent or so from run to
+run, and a discrepancy is some percent of what its state does, and lasts a tenth of a log or so.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from scipy.special import comb
+
+from faultgauge.detection.bank.noise import (
+    Noise,
+    constants_of,
+    drifting_of,
+    rates_of,
+    usual_spread,
+    width_of,
+)
+from faultgauge.detection.calibration.innovation_likelihood import StretchPiece
+from faultgauge.detection.rows.judged import operating_points
+from faultgauge.plants.disturbed import dynamic_states, following_inputs
+from faultgauge.plants.model import Model
+from faultgauge.telemetry import Run
+
+__all__ = [
+    "Bounds",
+    "Spans",
+    "bounds_of",
+    "first_guess",
+    "levels_of",
+    "logs_of",
+    "names_of",
+    "spans_of",
+]
+
+# the constants' mean and spread are told in another way
+SEARCHED = (
+    *("sigma", "process", "drift", "size", "lasting", "share", "settling"),
+    *("wander", "wandering", "late", "lag", "stray", "straying", "doubt"),
+)
+ORDERS = 8  # of differences: beyond, next to nothing fades that has not
+REACH = np.log(1e4)  # a level is looked for within this factor of its first guess
+USUAL_SIZE = 0.03  # of a state's rate: the discrepancy
+USUAL_SHARE = 0.1  # of an input's effect: what a change of it is off by
+QUICK = 10.0  # samples in which that settles
+LONGEST = 100.0  # times the longest stretch: as good as a walk without end
+SETTLED = 0.25  # of it: within that, what an input's change does has settled
+SLOWER = 0.1  # of it: what lasts longer, parameters that drift follow
+UNSURE = 1.5  # standard deviation of the logarithms of these
+
+
+class Bounds(NamedTuple):
+    """Of the logarithms of all levels: the lowest and highest, where they are likely, and how far
+    from there (infinite: all are alike)."""
+
+    low: Float[np.ndarray, "levels"]
+    high: Float[np.ndarray, "levels"]
+    center: Float[np.ndarray, "levels"]
+    pull: Float[np.ndarray, "levels"]
+
+    def unlikely(self, logs: Float[np.ndarray, "*many levels"]) -> Float[np.ndarray, "*many"]:
+        """-ln of their prior."""
+        told = np.isfinite(self.pull)
+        off = (logs[..., told] - self.center[told]) / self.pull[told]
+        return 0.5 * np.sum(off**2, axis=-1)
+
+
+def logs_of(noise: Noise) -> Float[np.ndarray, "levels"]:
+    """The logarithms of all levels but the constants'; of what is not there minus infinity."""
+    with np.errstate(divide="ignore"):
+        return np.log(np.concatenate([getattr(noise, name) for name in SEARCHED]))
+
+
+def names_of(noise: Noise) -> list[str]:
+    """Which field each of `logs_of` belongs to."""
+    return [name for name in SEARCHED for _ in getattr(noise, name)]
+
+
+def levels_of(logs: Float[np.ndarray, "levels"], noise: Noise) -> Noise:
+    """The levels whose logarithms these are, and the constants of `noise`."""
+    sizes = np.cumsum([len(getattr(noise, name)) for name in SEARCHED])[:-1]
+    parts = np.split(np.exp(logs), sizes)
+    return noise._replace(**dict(zip(SEARCHED, parts, strict=True)))
+
+
+def first_guess(model: Model, runs: Sequence[Run], stretches: Sequence[StretchPiece]) -> Noise:
+    """First guesses: sigma by what is white in an output's own samples, a state as unsure as a
+    tenth of its own output's noise in one sample, or a thousandth of its range where it is
+    hidden."""
+    signals, step = model.plant.signals, runs[0].step
+    sigma = np.ones(len(signals.outputs))
+    for j, output in enumerate(signals.outputs):
+        own = [s.y[np.isfinite(s.y[:, j]), j] for s in stretches]
+        sigma[j] = output.sigma or _white(own) or sigma[j]
+    process = 1e-3 * np.ptp(operating_points(model).x, axis=0) + 1e-12
+    for j, output in enumerate(signals.outputs):
+        if output.measures is not None:
+            process[signals.state_names.index(output.measures)] = 0.1 * sigma[j]
+    process = process / np.sqrt(step)
+    values = {p.name: p for p in model.plant.spec.parameters}
+    length = float(np.mean([np.sum(s.dt) for s in stretches]))
+    drift = [
+        (0.1 * abs(values[n].value) or width_of(values[n].min, values[n].max) / 10) / length**0.5
+        for n in drifting_of(model)
+    ]
+    driven = list(dynamic_states(model.plant))
+    size = USUAL_SIZE * rates_of(model)[driven]
+    known = constants_of(model)
+    se = np.sqrt(np.diag(known.covariance))
+    spread = [
+        usual_spread(float(model.plant.parameters[n]), s)
+        for n, s in zip(known.names, se, strict=True)
+    ]
+    lasting = np.full(len(driven), max(length / 10, 20 * step))
+    following = len(following_inputs(model.plant))
+    share = np.full(following, USUAL_SHARE)
+    settling = np.full(following, QUICK * step)
+    nothing = np.zeros(len(signals.inputs))
+    return Noise(
+        sigma, process, np.array(drift, float), size, lasting, share, settling,
+        np.array(spread, float), np.zeros(len(spread)), np.zeros(len(spread)),
+        *[np.zeros(len(sigma))] * 4,
+        stray=nothing, straying=nothing,
+        doubt=nothing, above=nothing - np.inf, below=nothing + np.inf,
+    )  # fmt: skip
+
+
+def _white(parts: Sequence[Float[np.ndarray, "_"]]) -> float:
+    """Standard deviation of what is white in a signal, of which these are parts; 0 where they are
+    too short. White noise alone outlasts differences of all orders d,
+
+        sigma_d^2 = var(diff^d y) / binom(2d, d)
+
+    (P. Hall, J. W. Kay and D. M. Titterington, Biometrika 77 (1990)); motion fades the more, the
+    higher the order, so the least is taken, by medians, which a few jumps do not move."""
+    found = []
+    for order in range(2, ORDERS + 1):
+        differences = np.concatenate([np.diff(y, order) for y in parts])
+        if len(differences):
+            typical = 1.4826 * np.median(np.abs(differences))
+            found.append(max(typical, 1e-2 * np.std(differences)) / np.sqrt(comb(2 * order, order)))
+    return max(min(found), 1e-12) if found else 0.0
+
+
+class Spans(NamedTuple):
+    """Times [s]: the shortest that an error can last and be told from another, the longest in which
+    what an input's change does has settled, as good as a walk without end."""
+
+    shortest: float
+    settled: float
+    longest: float
+
+
+def spans_of(step: float, stretches: Sequence[StretchPiece]) -> Spans:
+    """Of `stretches` with `step` [s]."""
+    length = float(max(np.sum(s.dt) for s in stretches))
+    return Spans(2 * step, SETTLED * length, LONGEST * length)
+
+
+def bounds_of(guess: Noise, step: float, stretches: Sequence[StretchPiece]) -> Bounds:
+    """Within what the levels are looked for around `guess`, in logs that have `step` [s]."""
+    spans = spans_of(step, stretches)
+    sizes = {name: len(getattr(guess, name)) for name in SEARCHED}
+    center = logs_of(guess)
+    named = dict(zip(SEARCHED, np.split(center, np.cumsum([*sizes.values()])[:-1]), strict=True))
+    low, high = ({name: a + r for name, a in named.items()} for r in (-REACH, REACH))
+    most = dict.fromkeys(("lasting", "wandering", "straying"), spans.longest)
+    most |= {"settling": spans.settled, "lag": spans.settled}
+    if len(guess.drift):
+        most["lasting"] = max(SLOWER * spans.longest / LONGEST, 20 * step)
+    for name, time in most.items():
+        low[name] = np.full(sizes[name], np.log(spans.shortest))
+        high[name] = np.full(sizes[name], np.log(time))
+    for name in ("share", "late"):
+        high[name][:] = 0.0
+    low["doubt"][:] = 0.0
+    pull = {name: np.full(count, np.inf) for name, count in sizes.items()}
+    for name in ("sigma", "size", "share", "lasting"):
+        pull[name][:] = UNSURE
+    low, high, pull = (np.concatenate([each[n] for n in SEARCHED]) for each in (low, high, pull))
+    return Bounds(low, high, center, pull)

@@ -1,0 +1,170 @@
+"""How much constants differ from run to run, and by how much the fit is off their mean.
+
+What each stretch says of its own constants tells (the EM algorithm: Dempster, Laird and Rubin,
+J. R. Statist. Soc. B 39 (1977))
+
+    mean = (sum_r I - V_r)^-1 sum_r m_r,
+
+    C = (sum_r (m_r + V_r mean - mean)^2 + V_r + C_0) / (R + 1),
+
+with m_r and V_r what run r leaves of a prior N(0, I) around the last mean, so that a mean of which
+each run tells little is found at once and not a little at a time, and
+constants of one unit pooled, since few runs tell each one's spread badly. Where there is one run
+only, the fitted values are those of another; where there are more, they tell nothing: a fit that is
+biased (noise in what the equations read, disturbances that a simulation does not see) is off all
+runs alike, and would be taken for a spread between them. What of it lies between the stretches of
+one run, a gap makes anew: a vehicle that has landed flies on with another trim.
+"""
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.stats import norm
+from scipy.stats import t as student_t
+
+from faultgauge.detection.bank.noise import (
+    Noise,
+    constants_of,
+    directions_of,
+    drifting_of,
+    usual_spread,
+)
+from faultgauge.detection.calibration.innovation_likelihood import Likelihood
+from faultgauge.plants.model import Model
+
+__all__ = ["as_unsure_as_few_runs_tell", "constants_retold"]
+
+WITHIN = 0.975  # of constants: below the upper end of their 95 % range
+SHARES = (1.0, 0.5, 0.25, 0.1)  # of the way, as far as it can be borne
+STEPS = 6  # of EM, at most
+STILL = 0.02  # of the spread: a step that would move mean and spread by less is left out
+UNTOLD = 0.1  # of what a run would tell at most: what the mean is held by where none tells it
+ALIKE = 10.0  # times: constants of one unit that differ by more are of two kinds
+
+
+def constants_retold(model: Model, batch: Likelihood, noise: Noise) -> Noise:
+    """`noise` with the constants' mean and spread as every stretch's own say."""
+    known, skip = constants_of(model), len(drifting_of(model))
+    if not known.names:
+        return noise
+    alone = len(np.unique(batch.runs)) == 1
+    cost, mean, P, *_ = batch.run(model, [noise])
+    for _ in range(STEPS):
+        W = directions_of(model, known, noise.spread)[skip:, skip:]
+        xi, unsure = mean[0, :, skip:], P[0][:, skip:, skip:]
+        mean_off, off, V = _runs_own(W, noise.shift, xi, unsure, alone)
+        count = len(off)
+        values = [float(model.plant.parameters[n]) for n in known.names]
+        usual = np.array([usual_spread(value, 0.0) for value in values])
+        sums = np.sum((off - mean_off) ** 2, axis=0) + V.sum(axis=0)
+        squares = _pooled(model, known.names, sums)
+        spread = np.sqrt((squares + usual**2) / (count + 1) * (1 + 1 / count))
+        stretches = len(batch.runs)
+        within = _within(batch, off[:stretches], V[:stretches])
+        new = _pooled(model, known.names, within) / spread**2
+        renewed = np.clip(new, 0.0, 1.0)
+        many = [
+            noise._replace(
+                spread=noise.spread * (spread / noise.spread) ** share,
+                shift=noise.shift + share * (mean_off - noise.shift),
+                renewed=renewed,
+            )
+            for share in SHARES
+        ]
+        wider, moved = np.log(spread / noise.spread), (mean_off - noise.shift) / spread
+        if np.max(np.abs([wider, moved])) < STILL:
+            break
+        told = batch.run(model, many)
+        # what a prior may take; beyond, the filter is lost there
+        borne = np.flatnonzero(told.cost <= cost[0] + len(usual))
+        if not len(borne):
+            break
+        best = int(borne[0])
+        noise, cost = many[best], told.cost[best : best + 1]
+        mean, P = told.mean[best : best + 1], told.P[best : best + 1]
+    return noise
+
+
+def _runs_own(
+    W: Float[np.ndarray, "constants constants"],
+    shift: Float[np.ndarray, "constants"],
+    xi: Float[np.ndarray, "stretches constants"],
+    unsure: Float[np.ndarray, "stretches constants constants"],
+    alone: bool,
+) -> tuple[
+    Float[np.ndarray, "constants"],
+    Float[np.ndarray, "runs constants"],
+    Float[np.ndarray, "runs constants"],
+]:
+    """(by how much the constants' mean is off the fit, and every run's own; how unsure these are),
+    of what each leaves of a prior N(0, I) around the `shift`; of one run `alone` the fit is
+    another, of which all is known."""
+    if alone:
+        xi = np.concatenate([xi, -np.linalg.solve(W, shift)[None]])
+        unsure = np.concatenate([unsure, np.zeros((1, len(W), len(W)))])
+    one = np.eye(len(W))
+    moved = np.linalg.solve((one - unsure).sum(axis=0) + UNTOLD * one, xi.sum(axis=0))
+    own = shift + (xi + unsure @ moved) @ W.T
+    return shift + W @ moved, own, np.einsum("ij,rjk,ik->ri", W, unsure, W)
+
+
+def as_unsure_as_few_runs_tell(model: Model, batch: Likelihood, noise: Noise) -> Noise:
+    """`noise` with constants spread as wide as those of the next run may lie: a normal
+    distribution with the 95 % range of Student's t, since a spread that few runs told may be far
+    larger (A. Gelman et al., Bayesian Data Analysis, section 3.2)."""
+    runs = len(np.unique(batch.runs))
+    if not len(noise.spread):
+        return noise
+    wider = np.ones(len(noise.spread))
+    for alike in _alike(model, constants_of(model).names):
+        told = max(runs - 1, 1) * len(alike) + 1  # the prior: one more
+        wider[alike] = student_t.ppf(WITHIN, told) / norm.ppf(WITHIN)
+    many = [noise._replace(spread=noise.spread * wider**share) for share in SHARES]
+    cost = batch.run(model, [noise, *many]).cost
+    # a wider prior costs as much as it is wider at most; beyond, the filter is lost there
+    most = np.array(SHARES) * len(batch.runs) * np.log(wider).sum()
+    borne = np.flatnonzero(cost[1:] <= cost[0] + most + 1.0)
+    return many[int(borne[0])] if len(borne) else noise
+
+
+def _within(
+    batch: Likelihood,
+    own: Float[np.ndarray, "stretches constants"],
+    V: Float[np.ndarray, "stretches constants"],
+) -> Float[np.ndarray, "constants"]:
+    """Variance of the constants between the stretches of one run, beyond what is not known of them;
+    0 where no run has two."""
+    found = []
+    for run in np.unique(batch.runs):
+        parts = np.unique(batch.parts[batch.runs == run])
+        if len(parts) > 1:
+            means, unsure = (
+                np.stack([a[batch.parts == part].mean(axis=0) for part in parts]) for a in (own, V)
+            )
+            found.append(np.var(means, axis=0, ddof=1) - unsure.mean(axis=0))
+    return np.maximum(np.mean(found, axis=0), 0.0) if found else np.zeros(own.shape[1])
+
+
+def _pooled(
+    model: Model, names: Sequence[str], sums: Float[np.ndarray, "constants"]
+) -> Float[np.ndarray, "constants"]:
+    """`sums` as their mean over the constants of one unit and order of magnitude."""
+    found = np.array(sums, float)
+    for alike in _alike(model, names):
+        found[alike] = np.mean(found[alike])
+    return found
+
+
+def _alike(model: Model, names: Sequence[str]) -> list[Int[np.ndarray, "some"]]:
+    """Which constants are of one unit and order of magnitude."""
+    parameters = {p.name: p for p in model.plant.spec.parameters}
+    usual = np.array([usual_spread(float(model.plant.parameters[n]), 0.0) for n in names])
+    units = [parameters[n].unit or n for n in names]
+    found = []
+    for unit in set(units):
+        own = sorted((k for k, each in enumerate(units) if each == unit), key=lambda k: usual[k])
+        apart = [i for i, (a, b) in enumerate(pairwise(own), 1) if usual[b] > ALIKE * usual[a]]
+        found += np.split(np.array(own), apart)
+    return found

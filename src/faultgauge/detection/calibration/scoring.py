@@ -1,0 +1,105 @@
+"""The likeliest levels by Fisher's method of scoring, within bounds.
+
+What innovations e and their variances S tell of levels x,
+
+    M_ij = sum  de/dx_i de/dx_j / S  +  1/2  dlnS/dx_i dlnS/dx_j,
+
+needs first derivatives alone, which the slope needs anyway (N. K. Gupta and R. K. Mehra, IEEE TAC
+19 (1974)), so that some steps do where a search that learns the curvature from its own way takes a
+hundred. Steps are damped as Levenberg and Marquardt's; several dampings are tried at once.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from faultgauge.detection.calibration.innovation_likelihood import AT_ONCE, Likelihoods
+
+__all__ = ["scored"]
+
+DIFFERENCE = 3e-3  # of a logarithm, for the slopes: where a filter is at times lost, less is rough
+DAMPING = 0.1  # times the information itself: the first
+FACTORS = 10.0 ** np.arange(-1, AT_ONCE - 1)  # times the last damping: those that are tried
+WEAK = 1e-3  # information of what no sample tells, which so stays where it is
+STRIDE = 2.0  # of a logarithm: the longest step
+PULLS = 3  # sets of dampings that are tried before a step is the last
+
+
+def scored(
+    tell: Callable[[Float[np.ndarray, "many levels"]], Likelihoods],
+    start: Float[np.ndarray, "levels"],
+    low: Float[np.ndarray, "levels"],
+    high: Float[np.ndarray, "levels"],
+    center: Float[np.ndarray, "levels"],
+    pull: Float[np.ndarray, "levels"],
+    most: int,
+    enough: float,
+    stepped: Callable[[], None],
+) -> tuple[Float[np.ndarray, "levels"], float]:
+    """(logarithms of levels, their -ln likelihood) after at most `most` steps from `start`, or one
+    that gains less than `enough`.
+
+    `center` and `pull` are mean and standard deviation (infinite: none) of a prior.
+    """
+    steps = DIFFERENCE * np.eye(len(start))
+    weight = 1 / pull**2
+
+    def unlikely(x: Float[np.ndarray, "many levels"]) -> Float[np.ndarray, "many"]:
+        return np.sum(np.where(weight > 0, (x - center) ** 2 * weight / 2, 0.0), axis=-1)
+
+    x, damping, cost = np.clip(start, low, high), DAMPING, np.inf
+    for _ in range(most):
+        stepped()
+        told = tell(np.concatenate([x[None], x + steps]))
+        cost = float(told.cost[0] + unlikely(x[None])[0])
+        M = _information(told)
+        # a difference to one side is off by half of its length times the curvature
+        slope = (told.cost[1:] - told.cost[0]) / DIFFERENCE - DIFFERENCE / 2 * np.diagonal(M)
+        slope = slope + np.where(weight > 0, (x - center) * weight, 0.0)
+        M = M + np.diag(weight + WEAK)
+        free = ~(((x <= low) & (slope > 0)) | ((x >= high) & (slope < 0)))
+        best, gain = x, 0.0
+        for _ in range(PULLS):
+            tries = np.stack(
+                [
+                    np.clip(x + _step(M, slope, free, factor * damping), low, high)
+                    for factor in FACTORS
+                ]
+            )
+            costs = np.nan_to_num(tell(tries).cost + unlikely(tries), nan=np.inf)
+            k = int(np.argmin(costs))
+            damping *= float(FACTORS[k])
+            if costs[k] < cost:
+                best, gain = tries[k], cost - float(costs[k])
+                break
+            damping *= float(FACTORS[-1])
+        x, cost = best, cost - gain
+        if gain < enough:
+            break
+    return x, cost
+
+
+def _information(told: Likelihoods) -> Float[np.ndarray, "levels levels"]:
+    """M of the docstring above, from the first levels and those a `DIFFERENCE` beside them."""
+    e = told.white * np.exp(told.root)
+    J = (e[1:] - e[0]) * np.exp(-told.root[0]) / DIFFERENCE
+    L = 2 * (told.root[1:] - told.root[0]) / DIFFERENCE
+    M = J @ J.T + 0.5 * L @ L.T
+    return np.where(np.isfinite(M), M, 0.0)
+
+
+def _step(
+    M: Float[np.ndarray, "levels levels"],
+    slope: Float[np.ndarray, "levels"],
+    free: Bool[np.ndarray, "levels"],
+    damping: float,
+) -> Float[np.ndarray, "levels"]:
+    """Downhill, along the levels that are `free`; none where the slope is not finite."""
+    own = M[np.ix_(free, free)]
+    step = np.zeros(len(slope))
+    if not np.all(np.isfinite(slope[free])):
+        return step
+    damped = own + damping * np.diag(np.diagonal(own))
+    step[free] = -np.linalg.lstsq(damped, slope[free], rcond=None)[0]
+    return np.clip(step, -STRIDE, STRIDE)

@@ -1,0 +1,1 @@
+"""In hindsight: when the faults of a whole log began, windows of change, their evidence."""

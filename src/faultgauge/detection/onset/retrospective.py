@@ -1,0 +1,408 @@
+"""`estimate --smooth`: which fault, how big, since when, with the whole log in hand, and what one
+would have been told, when."""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any, TypeAlias
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.special import logsumexp
+
+from faultgauge.detection.answer.reliance import headed
+from faultgauge.detection.answer.shares import WHOLE
+from faultgauge.detection.bank.bank import CERTAIN, FaultBank
+from faultgauge.detection.decisions import Decision
+from faultgauge.detection.onset.change_points import total, windows_of
+from faultgauge.detection.onset.changes import ChangeHistory, Sized, changes_of
+from faultgauge.detection.onset.shocks import Shocks
+from faultgauge.detection.onset.window import Causes, Window
+from faultgauge.detection.posterior.events import UNKNOWN, pause, stretches
+from faultgauge.detection.posterior.inexact import acting
+from faultgauge.detection.posterior.over_onsets import onset_over, size_over
+from faultgauge.detection.posterior.probability import probability
+from faultgauge.detection.posterior.verdicts import FAULT
+from faultgauge.detection.words import (
+    PURE,
+    UNDECLARED,
+    amount,
+    likelihoods,
+    moment,
+    or_earlier,
+    since,
+    would_not_show,
+)
+from faultgauge.telemetry.clock import Clock
+
+__all__ = ["HEALTHY", "Retrospect", "SaidOnline", "as_dicts", "retrospect", "sentences"]
+
+HEALTHY = "healthy"
+PLAIN = 20.0  # odds from which on it goes without saying that there is a fault
+MOST_ODDS = 1e6  # nobody's priors are better than that
+
+Curve: TypeAlias = Float[np.ndarray, "samples"]
+# mean and the ends of its interval [s]
+Onset: TypeAlias = tuple[float, float, float] | tuple[None, None, None]
+
+
+@dataclass(frozen=True)
+class SaidOnline:
+    """What the bank said while the log ran: `alarm` [s], its first FAULT of the window; `start`
+    [s], when it named this cause, and the `size` with its interval that it gave then (None where
+    that was before this change of it)."""
+
+    alarm: float | None
+    start: float | None
+    size: float | None
+    lo: float | None
+    hi: float | None
+
+
+@dataclass(frozen=True)
+class Retrospect:
+    """A fault in a window of a run from its onset until `end`, or that there is none; all figures
+    given that `cause` is right but `p`.
+
+    Times in s, size in the fault's unit, intervals of 95 %; None where there is none: onset and
+    size of a healthy window, the size of an undeclared fault. An onset lies between two samples,
+    so its interval spans both. `least` is for each declared fault the size that would have been
+    named had it begun in the middle of what was judged of the window, which is a share `judged` of
+    its run; None where nothing would have shown it.
+    `density` is the posterior of the onset per sample of `t`, and `given` the size for each onset:
+    an onset at sample n acts from sample n - 1 on; `white` the innovations of the
+    healthy filter and `fit` the fault's part of them, in standard deviations; NaN where an output
+    was not sampled or not believed.
+    """
+
+    run: str
+    start: float
+    end: float
+    cause: str
+    p: float
+    onset: float | None
+    onset_lo: float | None
+    onset_hi: float | None
+    size: float | None
+    lo: float | None
+    hi: float | None
+    alternatives: tuple[tuple[str, float], ...]
+    least: dict[str, float | None]
+    judged: float
+    told: SaidOnline
+    t: Curve
+    density: Curve
+    given: Curve
+    white: Float[np.ndarray, "samples outputs"]
+    fit: Float[np.ndarray, "samples outputs"]
+    clock: Clock | None = None
+
+
+def retrospect(bank: FaultBank, decision: Decision) -> list[Retrospect]:
+    """What every window of a judged run holds, in order."""
+    found = []
+    for window in windows_of(bank, decision):
+        found += _answers(bank, decision, window, changes_of(bank, decision, window))
+    return found
+
+
+def _answers(
+    bank: FaultBank, decision: Decision, window: Window, changes: ChangeHistory
+) -> list[Retrospect]:
+    """The likeliest of: nothing; the declared changes; something undeclared, be it beside them."""
+    declared = len(bank.onset)
+    alien = total(changes.alone.weight[:, declared:])
+    beside = changes.weight + total(changes.more.weight[:, declared:])
+    single = len(changes.found) < 2  # then each single change is weighed
+    change = total(changes.alone.weight[:, :declared]) if single else changes.weight
+    logs = np.array([0.0, change, np.logaddexp(alien, beside)])
+    best = int(np.argmax(logs)) if changes.found else 2 * int(logs[2] > 0)
+    own = changes.weight if best == 1 else logs[best]
+    share = float(np.exp(own - total(logs)))
+    rivals = {HEALTHY: float(own - logs[0]), UNKNOWN: float(own - logs[2])}
+    if best == 1:
+        sure = [1.0 if single else _among(each, declared) for each in changes.found]
+        return _until(
+            [
+                _answer(bank, decision, window, each.causes, each, share * p, rivals)
+                for each, p in zip(changes.found, sure, strict=True)
+            ]
+        )
+    names = bank.model.plant.signals.fault_names
+    # what is beside a declared change is in `best`: one change alone is weighed against that, too
+    rivals |= {name: float(own - total(changes.alone.weight[:, k])) for k, name in enumerate(names)}
+    if not single:
+        rivals[_together(names, changes)] = float(own - changes.weight)
+    which = None if best == 0 else _begun(changes, declared, float(np.exp(beside - logs[2])))
+    return [_answer(bank, decision, window, changes.alone, which, share, rivals)]
+
+
+def _among(each: Sized, declared: int) -> float:
+    """How likely a change beside others is that one, and no other nor none."""
+    weights = each.causes.weight
+    logs = [*(total(column) for column in weights.T[:declared]), total(weights[:, declared:]), 0.0]
+    return float(np.exp(logs[each.change.fault] - total(np.array(logs))))
+
+
+def _begun(changes: ChangeHistory, declared: int, beside: float) -> Curve:
+    """When it began, if something undeclared is there: beside the declared changes, of which the
+    first may be earlier, or else alone."""
+    alone = _density(changes.alone.weight[:, declared:])
+    if not changes.found:
+        return alone
+    there = [_density(each.causes.weight[:, each.change.fault]) for each in changes.found]
+    both = _earliest([*there, _density(changes.more.weight[:, declared:])])
+    return beside * both + (1 - beside) * alone
+
+
+def _density(weight: Float[np.ndarray, "samples ..."]) -> Curve:
+    """The posterior of one onset per sample, of ln weights of onsets, or onsets and causes."""
+    by_onset = weight if weight.ndim == 1 else logsumexp(weight, axis=1)
+    return np.exp(by_onset - total(by_onset))
+
+
+def _earliest(densities: Sequence[Curve]) -> Curve:
+    """That of the first of several onsets."""
+    later = np.prod([np.cumsum(each[::-1])[::-1] for each in densities], axis=0)  # P(none before n)
+    return np.clip(later - np.append(later[1:], 0.0), 0.0, None)
+
+
+def _together(names: Sequence[str], changes: ChangeHistory) -> str:
+    """The faults that change, once each: "leak", "leak+gauge"."""
+    return "+".join(dict.fromkeys(names[each.change.fault] for each in changes.found))
+
+
+def _answer(
+    bank: FaultBank,
+    decision: Decision,
+    window: Window,
+    causes: Causes,
+    which: Sized | Curve | None,
+    share: float,
+    rivals: dict[str, float],
+) -> Retrospect:
+    """One change; `which` is it, or when what is undeclared began, or None: healthy."""
+    faults, count = bank.model.plant.signals.faults, len(window.t)
+    names = (*(fault.name for fault in faults), UNKNOWN, HEALTHY)
+    columns = [*causes.weight.T[: len(faults)], logsumexp(causes.weight[:, len(faults) :], axis=1)]
+    logs = np.array([*(total(column) for column in columns), 0.0])
+    density, given, size = np.zeros(count), np.zeros(count), (None,) * 3
+    fit = np.zeros((count, len(bank.model.plant.signals.outputs)))
+    k = len(faults) + 1 if which is None else len(faults)
+    if isinstance(which, Sized):
+        k, fit = which.change.fault, which.fit
+    if isinstance(which, np.ndarray):
+        density = which
+    if isinstance(which, Sized):
+        density = np.exp(columns[k] - logs[k])
+        given = causes.mean[:, k] + which.before
+        own = bank.gain * acting(faults)[k] * np.abs(given)
+        sd = np.hypot(causes.sd[:, k] * which.wider, own)
+        size = size_over(density, given, sd, faults[k].min, faults[k].max)
+    onset = onset_over(window.t, density)
+    if names[k] == UNKNOWN:
+        onset = _since_its_alarm(bank, decision, window, onset)
+    heard = np.isfinite(window.record.y[:count])
+    used = np.flatnonzero(heard.any(axis=1))
+    data = causes.seen[min(k, len(faults))]
+    return Retrospect(
+        run=decision.run.name,
+        start=float(window.t[0]),
+        end=float(window.t[-1]),
+        cause=names[k],
+        p=share,
+        onset=onset[0],
+        onset_lo=onset[1],
+        onset_hi=onset[2],
+        size=size[0],
+        lo=size[1],
+        hi=size[2],
+        alternatives=_alternatives(names, logs, which, k, rivals),
+        least=_least(bank, causes.seen[-1], used),
+        judged=len(used) / len(decision.run.t),
+        told=_told(bank, decision, window.part, names[k], onset, size[0]),
+        t=window.t,
+        density=density,
+        given=given,
+        white=np.where(
+            heard, np.asarray(data.white)[:count] + np.asarray(data.fit)[:count], np.nan
+        ),
+        fit=np.where(heard, fit, np.nan),
+        clock=decision.run.clock,
+    )
+
+
+def _since_its_alarm(bank: FaultBank, decision: Decision, window: Window, onset: Onset) -> Onset:
+    """The `onset` of what is undeclared or not constant, which dates the likeliest jump of it: one
+    that lies amid an alarm is as old as that, as `events` has it."""
+    t, (_, low, high) = window.t, onset
+    if low is None or high is None:
+        return onset
+    alarm = np.array(decision.status[window.part]) == FAULT
+    sampled = np.isfinite(decision.posterior.healthy[window.part])
+    for first, stop in stretches(alarm, sampled, pause(bank)):
+        begun = float(t[first])
+        if begun < low <= t[stop - 1]:
+            return begun, max(begun - bank.knowledge.memory, float(t[0])), high
+    return onset
+
+
+def _alternatives(
+    names: tuple[str, ...],
+    logs: Float[np.ndarray, "causes"],
+    which: Sized | Curve | None,
+    k: int,
+    rivals: dict[str, float],
+) -> tuple[tuple[str, float], ...]:
+    """(cause, odds of cause `k` against it), the likeliest first: by the `rivals` of the whole
+    answer; of one change beside known ones also against what else it may be."""
+    apart = {name: gap for name, gap in rivals.items() if name != names[k]}
+    if isinstance(which, Sized):
+        for m in range(len(names)):
+            if m != k:
+                gap = float(logs[k] - logs[m])
+                apart[names[m]] = min(apart.get(names[m], gap), gap)
+    odds = {name: min(float(np.exp(min(gap, 100.0))), MOST_ODDS) for name, gap in apart.items()}
+    return tuple(sorted(odds.items(), key=lambda item: item[1]))
+
+
+def _until(found: list[Retrospect]) -> list[Retrospect]:
+    """Each level until the next change of its fault; a change back to nothing only ends one."""
+    kept = []
+    for j, each in enumerate(found):
+        gone = each.lo is not None and each.hi is not None and each.lo <= 0 <= each.hi
+        if gone and any(other.cause == each.cause for other in found[:j]):
+            continue
+        later = [o.onset for o in found[j + 1 :] if o.cause == each.cause and o.onset is not None]
+        kept.append(replace(each, end=min([each.end, *later])))
+    return kept
+
+
+def _least(bank: FaultBank, found: Shocks, used: Int[np.ndarray, "_"]) -> dict[str, float | None]:
+    """The size of each fault that would have been named had it begun in the middle of the samples
+    that were `used`."""
+    faults = bank.model.plant.signals.faults
+    information = np.asarray(found.information)[used[len(used) // 2], : len(faults)]
+    needed = CERTAIN - np.log(bank.onset * bank.step)
+    needed = needed + np.log1p(information * bank.size**2) / 2
+    shown = information * bank.size**2 > 1
+    least = np.sqrt(2 * needed / np.maximum(information, 1e-300))
+    return {fault.name: float(least[k]) if shown[k] else None for k, fault in enumerate(faults)}
+
+
+def _told(
+    bank: FaultBank,
+    decision: Decision,
+    part: slice,
+    cause: str,
+    onset: Onset,
+    size: float | None,
+) -> SaidOnline:
+    """What was told of `cause`: of its events with the sign of `size` the one that is dated nearest
+    to the `onset`."""
+    t, found = decision.run.t, decision.posterior
+    alarms = np.flatnonzero(np.array(decision.status[part]) == FAULT)
+    alarm = float(t[part][alarms[0]]) if len(alarms) else None
+    first, last = t[part][0], t[part][-1]
+    named = [
+        e
+        for e in decision.events
+        if e.fault == cause
+        and first <= e.start <= last
+        and (size is None or e.size is None or e.size * size >= 0)
+    ]
+    if onset[0] is None or not named:
+        return SaidOnline(alarm, None, None, None, None)
+    middle, low, _ = onset
+    start = min(named, key=lambda e: abs(e.onset - middle)).start
+    if cause == UNKNOWN or start < low:
+        return SaidOnline(alarm, start, None, None, None)
+    k = bank.model.plant.signals.fault_names.index(cause)
+    n = int(np.searchsorted(t, start))
+    sizes = found.f[n, k] / found.p[n, k], found.lo[n, k], found.hi[n, k]
+    return SaidOnline(alarm, start, *(float(each) for each in sizes))
+
+
+def sentences(bank: FaultBank, found: Sequence[Retrospect]) -> list[str]:
+    """What the windows with a fault in them hold, in words; one for all where none has."""
+    faulty = [headed(bank.model, _sentence(bank, each)) for each in found if each.cause != HEALTHY]
+    if faulty or not found:
+        return faulty or ["In hindsight: too few samples to judge."]
+    shares = {name: sum(each.judged for each in found if each.run == name) for name in
+              dict.fromkeys(each.run for each in found)}  # fmt: skip
+    whole = [name for name, share in shares.items() if share >= WHOLE]
+    said = []
+    if whole:
+        where = f" in run {', run '.join(whole)}" if len(whole) < len(shares) else ""
+        small = _would_not_show(bank, [each for each in found if each.run in whole])
+        said.append(f"In hindsight: no fault{where}; {small}")
+    for name in (name for name in shares if name not in whole):
+        log = "log" if len(shares) == 1 else f"run {name}"
+        small = _would_not_show(bank, [each for each in found if each.run == name])
+        said.append(
+            f"In hindsight: no fault in the {100 * shares[name]:.0f} % of the {log} that could be "
+            f"judged; {small} there"
+        )
+    return [headed(bank.model, each) for each in said]
+
+
+def _would_not_show(bank: FaultBank, found: Sequence[Retrospect]) -> str:
+    least = dict[str, tuple[float | None, str]]()
+    for fault in bank.model.plant.signals.faults:
+        sizes = [each.least[fault.name] for each in found]
+        shown = [size for size in sizes if size is not None]
+        unit = "" if fault.unit in PURE else fault.unit
+        least[fault.name] = max(shown) if len(shown) == len(sizes) else None, unit
+    return would_not_show(least)
+
+
+def _sentence(bank: FaultBank, found: Retrospect) -> str:
+    """ "In hindsight: friction +0.100 N*m (+0.096 to +0.104) since 41 s +- 6 s (p 0.98, run 1);
+    leak is 200 times less likely; online you would have been told at 52 s, then as ..." """
+    units = {fault.name: fault.unit for fault in bank.model.plant.signals.faults}
+    assert found.onset is not None
+    assert found.onset_lo is not None
+    assert found.onset_hi is not None
+
+    began = since(found.clock, found.onset, found.onset_lo, found.onset_hi)
+    if found.onset_lo <= found.start:
+        began = or_earlier(found.clock, found.onset_hi, found.onset_hi - found.onset_lo)
+    if found.size is None or found.lo is None or found.hi is None:
+        what = f"{UNDECLARED} or not constant"
+    else:
+        what = f"{found.cause} {amount(found.size, found.lo, found.hi, units[found.cause])}"
+    said = [f"In hindsight: {what} {began} (p {probability(found.p)}, run {found.run})"]
+    labels = {HEALTHY: "no fault", UNKNOWN: UNDECLARED}
+    constant = "constant " if found.cause == UNKNOWN else ""
+    said += likelihoods(
+        (labels.get(cause, f"{constant}{cause.replace('+', ' and ')}"), odds)
+        for cause, odds in found.alternatives
+        if cause != HEALTHY or odds < PLAIN
+    )
+    told = found.told
+    step = float(np.median(np.diff(found.t)))
+
+    def at(t: float) -> str:
+        return moment(found.clock, t, step)
+
+    if told.start is None and told.alarm is not None:
+        said.append(f"online an alarm would have begun at {at(told.alarm)}")
+    elif told.start is None:
+        said.append("online you would not have been told")
+    elif told.start < found.onset_lo:
+        said.append(f"online you would have been told before, at {at(told.start)}")
+    else:
+        then = ""
+        if told.size is not None and told.lo is not None and told.hi is not None:
+            then = f", then as {amount(told.size, told.lo, told.hi, units[found.cause])}"
+        said.append(f"online you would have been told at {at(told.start)}{then}")
+    return "; ".join(said)
+
+
+def as_dicts(found: Sequence[Retrospect]) -> list[dict[str, Any]]:
+    """Without curves and clock, as plain JSON."""
+    left = ("t", "density", "given", "white", "fit", "clock")
+    return [
+        {name: value for name, value in asdict(each).items() if name not in left}
+        | {"alternatives": [{"cause": c, "odds": o} for c, o in each.alternatives]}
+        for each in found
+    ]

@@ -1,0 +1,383 @@
+"""The events of a run: the stretches in which a fault was named, and what is told of each.
+
+A fault that stays is one event, however its estimate is refined and whatever interrupts the log: a
+stretch belongs to the one before where the posterior holds that the fault began before that ended.
+It ends where the posterior lets it go, or no longer knows which sign it has. Where it gets the
+other sign another one begins, and the first ends where that one's onset lies; what is undeclared
+ends with the alarm that nothing else explains.
+An event begins and ends in rows that were judged.
+"""
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Literal, NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from faultgauge.detection.bank.bank import FaultBank
+from faultgauge.detection.bank.knowledge import longest_delay
+from faultgauge.detection.posterior.posterior import WIDE, Posterior
+from faultgauge.detection.posterior.verdicts import FAULT, HEALTHY, NAMED, STATUS, Reason, Verdict
+from faultgauge.detection.words import MOST
+from faultgauge.telemetry import Run
+
+__all__ = [
+    "POSSIBLE",
+    "UNKNOWN",
+    "Alarm",
+    "BankEvent",
+    "Judged",
+    "Unnamed",
+    "events",
+    "pause",
+    "stretches",
+    "telling",
+]
+
+UNKNOWN = "unknown"
+POSSIBLE = 0.05  # p of a fault beside another from which on it is told
+
+
+@dataclass(frozen=True)
+class BankEvent:
+    """A stretch in which a fault was named. Times in s; size in the fault's unit with its 95 %
+    interval, given that the fault is there (None for an undeclared one).
+
+    `start` is when it was told, `onset` when it began, which may have been before the log did:
+    `older`. Size, p and the rest stand at the last sample at which the fault was sure; of a
+    fault that is over, before its end may have begun to show.
+    `alternatives` are other sets of faults, with the odds of the best set against them; `beside`
+    other faults that may be there too, with their probabilities if this one is; `instead` every
+    other cause, with the odds of this fault against it, at most 1000: against it without this
+    fault where it is `beside`, else against it alone or with others. A `passive` fault raised no
+    alarm.
+    """
+
+    run: str
+    fault: str
+    start: float
+    end: float
+    size: float | None
+    lo: float | None
+    hi: float | None
+    p: float
+    onset: float
+    onset_lo: float
+    onset_hi: float
+    alternatives: tuple[tuple[str, float], ...]
+    instead: tuple[tuple[str, float], ...] = ()
+    beside: tuple[tuple[str, float], ...] = ()
+    passive: bool = False
+    older: Literal["no", "perhaps", "yes"] = "no"
+
+
+@dataclass(frozen=True)
+class Alarm:
+    """On a stream: a fault was named at `start` [s], as large as it is then, in its unit (None for
+    an undeclared one). How large it was in the end, and since when, its event tells. `fault` is
+    None where an alarm begins before anything can be named, for the `reason` that is given."""
+
+    run: str
+    fault: str | None
+    start: float
+    size: float | None
+    reason: str = ""
+
+
+@dataclass(frozen=True)
+class Unnamed:
+    """On a stream: an alarm from `start` to `end` [s] is over, and no fault was named."""
+
+    run: str
+    start: float
+    end: float
+    sentence: str
+
+
+class Judged(NamedTuple):
+    """Samples of a run, their inputs as they act, with what the bank says of them: `p` of all sets
+    and, last, of the unknown."""
+
+    run: Run
+    found: Posterior
+    verdict: Verdict
+    p: Float[np.ndarray, "samples sets"]
+
+
+class _Stretch(NamedTuple):
+    """Cause `k` from sample `begun`, `told`, until before `stop`."""
+
+    k: int
+    begun: int
+    told: int
+    stop: int
+
+
+def events(bank: FaultBank, judged: Judged, begun: float | None = None) -> list[BankEvent]:
+    """The stretches in which a fault was named, but for those that were another one's: which the
+    posterior, by the last sample, is sure were never there. The log `begun` [s], by
+    default at the first sample of `judged`."""
+    sampled = np.flatnonzero(np.isfinite(judged.found.healthy))
+    begun = float(judged.run.t[0]) if begun is None else begun
+    found = sorted(_stretches(bank, judged, begun), key=lambda each: (each.told, each.k))
+    if not found:
+        return []
+    ever = judged.found.ever[sampled[-1]]
+    told = [
+        _event(bank, judged, each, begun)
+        for each in found
+        if each.k == len(ever) or ever[each.k] > 1 - NAMED
+    ]
+    kept = [each for each in told if each.fault != UNKNOWN or not _renamed(each, told)]
+    return _lasting(bank, judged, kept)
+
+
+def _lasting(bank: FaultBank, judged: Judged, told: list[BankEvent]) -> list[BankEvent]:
+    """`told`, where what is undeclared is one event until the alarm that no declared fault explains
+    is over, however sure of it the rows in between are."""
+    t, verdict = judged.run.t, judged.verdict
+    open_ = verdict.status == STATUS.index(FAULT)
+    for each in told:
+        if each.fault != UNKNOWN:
+            open_ = open_ & ((t < each.start) | (t > each.end))
+    spans = [(t[a], t[b - 1]) for a, b in stretches(open_, _judged(verdict), pause(bank))]
+    kept, until = [], -np.inf
+    for each in told:
+        if each.fault == UNKNOWN:
+            if each.start <= until:
+                continue
+            until = float(max([each.end, *(b for a, b in spans if a <= each.end <= b)]))
+            each = replace(each, end=until)
+        kept.append(each)
+    return kept
+
+
+def _renamed(unknown: BankEvent, told: list[BankEvent]) -> bool:
+    """Whether what was undeclared for a while has turned out to be a fault that was told later."""
+    return any(
+        each.fault != UNKNOWN
+        and each.start >= unknown.start
+        and each.onset_lo <= unknown.end <= each.start + (each.start - unknown.start)
+        for each in told
+    )
+
+
+def telling(bank: FaultBank, verdict: Verdict) -> Bool[np.ndarray, "samples causes"]:
+    """Rows that may speak of a cause: those under alarm, and of a passive fault all judged ones."""
+    passive = np.append(bank.with_monitor("passive"), False)
+    alarm = verdict.status == STATUS.index(FAULT)
+    return alarm[:, None] | (_judged(verdict)[:, None] & passive)
+
+
+def _judged(verdict: Verdict) -> Bool[np.ndarray, "samples"]:
+    passive = verdict.reason % len(Reason) == Reason.PASSIVE
+    return passive | np.isin(verdict.status, [STATUS.index(each) for each in (HEALTHY, FAULT)])
+
+
+def _stretches(bank: FaultBank, judged: Judged, log: float) -> list[_Stretch]:
+    found, verdict = judged.found, judged.verdict
+    columns = np.concatenate([found.p, found.unknown[:, None]], axis=1)
+    release = bank.model.plant.signals.detection.release
+    there = (np.nan_to_num(columns) >= release) & telling(bank, verdict)
+    unsigned = np.ones((len(columns), 1))
+    signs = np.concatenate([np.sign(found.lo) * (found.lo * found.hi > 0), unsigned], axis=1)
+    everyone = []
+    for k in range(columns.shape[1]):
+        own = []
+        for side in (-1, 1):
+            here = there[:, k] & (signs[:, k] == side)
+            parts = []
+            for start, stop in stretches(here, _judged(verdict), pause(bank)):
+                named = np.flatnonzero((verdict.named[:, k] & here)[start:stop])
+                if len(named):
+                    parts.append(_Stretch(k, start, start + int(named[0]), stop))
+            own += _joined(bank, judged, parts, log)
+        own = [each for each in own if not any(_within(each, other) for other in own)]
+        everyone += _in_turn(bank, judged, there[:, k], own, log)
+    return everyone
+
+
+def _in_turn(
+    bank: FaultBank,
+    judged: Judged,
+    there: Bool[np.ndarray, "samples"],
+    own: list[_Stretch],
+    log: float,
+) -> list[_Stretch]:
+    """Stretches of one cause, which is `there`; one that has another sign ends the one before it
+    at its onset."""
+    own = sorted(own, key=lambda each: each.told)
+    for at, (before, after) in enumerate(pairwise(own)):
+        if after.k == judged.found.p.shape[1]:  # nobody dates what is undeclared
+            break
+        last = _settled(judged.found.p[:, after.k], after.told, after.stop - 1)
+        onset = _onset(bank, judged, after, last, log)[0]
+        rows = np.arange(before.told, before.stop)
+        until = rows[there[rows] & (judged.run.t[rows] <= onset)]
+        if len(until):
+            own[at] = before._replace(stop=int(until[-1]) + 1)
+    return own
+
+
+def _within(each: _Stretch, other: _Stretch) -> bool:
+    """Whether it is an excursion of one that the posterior has it stayed, to the other sign."""
+    return each is not other and other.begun <= each.begun and each.stop <= other.stop
+
+
+def _joined(bank: FaultBank, judged: Judged, own: list[_Stretch], log: float) -> list[_Stretch]:
+    """Stretches of one cause and sign; one that began before the last one ended is part of it."""
+    kept = own[:1]
+    for each in own[1:]:
+        before = kept[-1]
+        if each.k == judged.found.p.shape[1]:  # nobody dates what is undeclared
+            kept.append(each)
+            continue
+        last = _settled(judged.found.p[:, each.k], each.told, each.stop - 1)
+        if _onset(bank, judged, each, last, log)[0] <= judged.run.t[before.stop - 1]:
+            kept[-1] = before._replace(stop=each.stop)
+        else:
+            kept.append(each)
+    return kept
+
+
+def _event(bank: FaultBank, judged: Judged, each: _Stretch, log: float) -> BankEvent:
+    found, t, k = judged.found, judged.run.t, each.k
+    declared = k < found.p.shape[1]
+    p = found.p[:, k] if declared else found.unknown
+    last = _settled(p, each.told, each.stop - 1)
+    if declared:
+        last = _before_its_end(bank, judged, each, last)
+    size = float(found.f[last, k] / found.p[last, k]) if declared else None
+    onset, low, high = _onset(bank, judged, each, last, log)
+    held = log + bank.hold_off
+    return BankEvent(
+        judged.run.name,
+        bank.model.plant.signals.fault_names[k] if declared else UNKNOWN,
+        float(t[each.told]),
+        float(t[each.stop - 1]),
+        size,
+        float(min(found.lo[last, k], size)) if size is not None else None,
+        float(max(found.hi[last, k], size)) if size is not None else None,
+        float(p[last]),
+        onset,
+        low,
+        high,
+        _alternatives(bank, judged.p[last]),
+        *_others(bank, k, judged.p[last].astype(float)),
+        declared and bool(bank.with_monitor("passive")[k]),
+        "yes" if high <= held else "perhaps" if low <= log else "no",
+    )
+
+
+def _onset(
+    bank: FaultBank, judged: Judged, each: _Stretch, last: int, log: float
+) -> tuple[float, float, float]:
+    """(mean, lower, upper), at least a step wide and not after the fault was told; of an unknown
+    fault, from the bank's memory before it was likely until then.
+
+    Where the fault changed since, the posterior at `last` dates the change; then the best of the
+    dates before is the fault's. A fault that is dated into an alarm that had no name is perhaps
+    what raised it, smaller or still growing: then it is as old as that may be.
+    """
+    t, told = judged.run.t, float(judged.run.t[each.told])
+
+    def raised(at: int, until: float) -> tuple[float, float, float]:
+        return float(t[at]), max(float(t[at]) - bank.knowledge.memory, log), until
+
+    if each.k == judged.found.p.shape[1]:
+        return raised(each.begun, told)
+    ago, sd = judged.found.onset[:, each.k].T
+    if t[last] - ago[last] > told:
+        rows = np.arange(each.told, last + 1)
+        first = rows[t[rows] - ago[rows] <= told]
+        last = int(first[np.argmin(sd[first])]) if len(first) else last
+    mean = min(float(t[last] - ago[last]), told - bank.step / 2)
+    half = max(WIDE * float(sd[last]), bank.step / 2)
+    low, high = mean - half, min(mean + half, told)
+    alarm = _nameless(judged, each.told)
+    return raised(alarm, high) if t[alarm] < low else (mean, low, high)
+
+
+def _nameless(judged: Judged, told: int) -> int:
+    """The first row of the alarm without the name of a declared fault that lasts until `told`; that
+    row itself where there is none."""
+    alarm = judged.verdict.status == STATUS.index(FAULT)
+    open_ = alarm & ~judged.verdict.named[:, :-1].any(axis=1)
+    broken = np.flatnonzero(~open_[:told] & np.isfinite(judged.found.healthy[:told]))
+    first = int(broken[-1]) + 1 if len(broken) else 0
+    rows = np.flatnonzero(open_[first:told])
+    return first + int(rows[0]) if len(rows) else told
+
+
+def _settled(p: Float[np.ndarray, "samples"], told: int, last: int) -> int:
+    """The last sample from `told` to `last` at which the fault was sure."""
+    sure = np.flatnonzero(p[told : last + 1] >= NAMED)
+    return told + int(sure[-1]) if len(sure) else last
+
+
+def _before_its_end(bank: FaultBank, judged: Judged, each: _Stretch, last: int) -> int:
+    """`last`, or, where a fault is over by then, as long before as it may take to see that it is:
+    until then its end would be told as a smaller size."""
+    found, t, k = judged.found, judged.run.t, each.k
+    if not np.isfinite(found.healthy[each.stop :]).any():
+        return last
+    size = float(found.f[last, k] / found.p[last, k])
+    onset = float(bank.onset[k])
+    late = longest_delay(bank.knowledge, k, size, onset, bank.level)
+    rows = np.arange(each.told, last + 1)
+    sure = rows[(found.p[rows, k] >= NAMED) & (t[rows] <= t[each.stop - 1] - late)]
+    return int(sure[-1]) if len(sure) else each.told
+
+
+def _alternatives(bank: FaultBank, p: Float[np.ndarray, "sets"]) -> tuple[tuple[str, float], ...]:
+    names = bank.model.plant.signals.fault_names
+    labels = ["+".join(names[k] for k in each) or "healthy" for each in bank.sets] + [UNKNOWN]
+    total = dict(zip(labels, p.tolist(), strict=True))
+    (_, most), *others = sorted(total.items(), key=lambda item: -item[1])
+    return tuple((label, most / each) for label, each in others[:3] if each > most / MOST)
+
+
+def _others(
+    bank: FaultBank, k: int, p: Float[np.ndarray, "sets"]
+) -> tuple[tuple[tuple[str, float], ...], tuple[tuple[str, float], ...]]:
+    """(odds of cause `k` against every other one, p of those that may be beside it)."""
+    names = (*bank.model.plant.signals.fault_names, UNKNOWN)
+    holds = np.zeros((len(p), len(names)), bool)
+    for at, each in enumerate(bank.sets):
+        holds[at, list(each)] = True
+    holds[len(bank.sets) :, -1] = True
+    own = float(p @ holds[:, k])
+    instead, beside = [], []
+    for other in np.flatnonzero(np.arange(len(names)) != k):
+        if holds[:, other].any():
+            without = float(p @ (holds[:, other] & ~holds[:, k]))
+            too = float(p @ (holds[:, other] & holds[:, k]))
+            if too > POSSIBLE * own:
+                beside.append((names[other], too / own))
+            else:  # what is not told beside it must not seem ruled out
+                without += too
+            instead.append((names[other], min(own / max(without, 1e-300), MOST)))
+    return tuple(instead), tuple(beside)
+
+
+def pause(bank: FaultBank) -> int:
+    """Samples below `release` that do not end an event, at most."""
+    return int(np.ceil(bank.pause / bank.step))
+
+
+def stretches(
+    above: Bool[np.ndarray, "samples"], sampled: Bool[np.ndarray, "samples"], pause: int
+) -> list[tuple[int, int]]:
+    """(first sample, the one behind the last) wherever it is `above`; gaps, and pauses that are too
+    short to be one, are bridged."""
+    filled = above.copy()
+    for start, stop in _edges(~above):
+        if start > 0 and stop < len(above) and sampled[start:stop].sum() <= pause:
+            filled[start:stop] = True
+    return _edges(filled)
+
+
+def _edges(above: Bool[np.ndarray, "samples"]) -> list[tuple[int, int]]:
+    edges = np.flatnonzero(np.diff(above, prepend=False, append=False)).reshape(-1, 2)
+    return [(int(a), int(b)) for a, b in edges]

@@ -1,0 +1,105 @@
+"""What follows for the posterior from a model whose answer to what acts on the plant is off.
+
+A fault that acts on the plant is answered for with an error of a share of all it does, and within
+that of a share of its size: `shape` and `gain` (`fidelity`). So
+
+- no size f is surer than  gain |f|;
+- what a large fault does is in part taken for a second one beside it. With z_i = f_i / sd_i how
+  clearly each fault of a set shows, the second is made up with a standard deviation of
+
+      e_k = shape sqrt(sum_i!=k z_i^2)    (in units of its own sd)
+
+  where the error looks like it in all, and is there itself with  s_k = size_k / sd_k:
+
+      ln p(real) / p(made up) = ln c + (ln (1 + e^2) - ln (1 + s^2)) / 2
+                                + z^2 / 2 (1 / (1 + e^2) - 1 / (1 + s^2)) - ln (e^2 / (1 + e^2)),
+
+  c being how often one fault brings another. As much of the set as is made up belongs to the set
+  without that fault.
+"""
+
+from collections.abc import Sequence
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from faultgauge.detection.bank.bank import FaultBank
+from faultgauge.observers.branches import BranchInfo
+from faultgauge.plants.signals import Fault
+
+__all__ = ["Inexact", "acting"]
+
+TINY = 1e-300
+
+
+class Inexact(eqx.Module):
+    """`holds` 1 where a set (the unknown last) has a fault; `sources` of each fault the set with it
+    on top of each set, -1 where there is none; `acts` 1 for the faults that act on the plant and
+    not on a sensor alone; `size` the widest prior of each, `common` the share of onsets that bring
+    a second fault."""
+
+    holds: Float[np.ndarray, "sets faults"]
+    acts: Float[np.ndarray, "faults"]
+    size: Float[np.ndarray, "faults"]
+    common: Float[np.ndarray, ""]
+    shape: Float[np.ndarray, ""]
+    gain: Float[np.ndarray, ""]
+    sources: tuple[tuple[int, ...], ...] = eqx.field(static=True)
+
+    @staticmethod
+    def of(bank: FaultBank) -> "Inexact":
+        faults = bank.model.plant.signals.faults
+        sets = (*bank.sets, ())
+        holds = [[float(k in each) for k in range(len(faults))] for each in sets]
+        sources = tuple(
+            tuple(
+                -1 if k in each else row[k] for each, row in zip(sets, bank.modes.more, strict=True)
+            )
+            for k in range(len(faults))
+        )
+        return Inexact(
+            np.array(holds),
+            acting(faults),
+            np.asarray(bank.size, float),
+            np.asarray(bank.modes.prior.common),
+            np.asarray(bank.shape),
+            np.asarray(bank.gain),
+            sources,
+        )
+
+    def told(self, said: BranchInfo) -> BranchInfo:
+        """`said` by branches that take the model's answer for exact."""
+        made_up = self.holds * (1 - self._real(said))
+        p, f, variance, ever = said.p, said.f, said.sd**2, said.ever
+        for k in range(len(self.acts)):
+            source = np.array(self.sources[k])
+            moved = p * made_up[:, k]
+            comes = jnp.where(source >= 0, moved[source], 0.0)
+            p = p - moved + comes
+            w = jnp.where(comes > 0, comes / jnp.maximum(p, TINY), 0.0)[:, None]
+            apart = f[source] - f
+            f = f + w * apart
+            variance = (1 - w) * variance + w * variance[source] + w * (1 - w) * apart**2
+            ever = ever.at[k].add(-jnp.sum(moved))
+        sd = jnp.sqrt(variance + (self.gain * self.acts * f) ** 2)
+        return said._replace(p=p, f=f, sd=sd, ever=jnp.maximum(ever, 0.0))
+
+    def _real(self, said: BranchInfo) -> Float[Array, "sets faults"]:
+        """How likely each fault of a set is there, and not made up by the others."""
+        sd2 = jnp.maximum(said.sd**2, TINY)
+        z2 = jnp.where(self.holds > 0, said.f**2 / sd2, 0.0)
+        acting = z2 * self.acts
+        e2 = self.shape**2 * (jnp.sum(acting, axis=1, keepdims=True) - acting)
+        s2 = self.size**2 / sd2
+        odds = jnp.log(self.common) + (jnp.log1p(e2) - jnp.log1p(s2)) / 2
+        odds = odds + z2 / 2 * (1 / (1 + e2) - 1 / (1 + s2))
+        odds = odds - jnp.log(jnp.maximum(e2, TINY) / (1 + e2))
+        return jnp.where(e2 > TINY, jax.nn.sigmoid(odds), 1.0)
+
+
+def acting(faults: Sequence[Fault]) -> Float[np.ndarray, "faults"]:
+    """1 for those that act on the plant: what a sensor's own fault shows is known exactly."""
+    return np.array([float(f.enters not in ("output", "output_gain")) for f in faults])

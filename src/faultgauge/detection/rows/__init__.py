@@ -1,0 +1,1 @@
+"""What of a log is judged: dead times, flat lines, what of a row is believed, residuals."""
