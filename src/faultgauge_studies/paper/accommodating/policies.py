@@ -16,7 +16,7 @@ from faultgauge_studies.paper.accommodating.setting import (
     adrc,
     beneath,
     by_posterior,
-    calibrated_like,
+    calibrated,
     fly,
 )
 from faultgauge_studies.paper.bench import Bench, Traces
@@ -58,8 +58,9 @@ def measure(bench: Bench, model: Model) -> tuple[dict[str, Any], Traces]:
         }
         drawn["t"] = np.asarray(flown.t)
     true = replace(bench.learned.model, plant=bench.wheel)
-    physics = beneath(by_posterior(calibrated_like(model, true), "estimate_and_friction"))
-    over_physics = fly(bench, physics, CASE.fault)
+    physics = calibrated(true, bench.wheel, bench.seed)
+    policy = beneath(by_posterior(physics, "estimate_and_friction"))
+    over_physics = fly(bench, policy, CASE.fault)
     figures["estimate_and_friction_over_physics"] = _scores(over_physics)
     drawn["fault"] = truth(CASE.fault, drawn["t"])
     return {"accommodation": figures}, {"accommodation": drawn}
