@@ -108,7 +108,8 @@ class BankLevel(Part):
     """The bank's alarm `level` (log-odds), for noise `widened` by a factor, and from what: healthy
     blocks of `block_s` each, `judged_s` in all of `healthy_s`, with so many `alarms`, prove
     `mtbfa_s` between false alarms; `memory_s` is the bank's; `size` the prior of each fault;
-    `shape` and `gain` by which shares the model's answer is off, in all and in size."""
+    `shape` and `gain` by which shares the model's answer is off, in all and in size; `changes`, by
+    how much each input changes from row to row at most."""
 
     level: Number
     widened: Positive
@@ -125,6 +126,7 @@ class BankLevel(Part):
     suspects: list[Span]
     shape: Least = 0.0
     gain: Least = 0.0
+    changes: dict[str, Least] = {}
 
 
 class Interval(Part):

@@ -58,7 +58,8 @@ class FaultBank:
     fault and `onset` its rate [1/s]; `knowledge` how well a fault is known by when; `level` are the
     log-odds of a fault from which on there is an alarm; `hold_off` in s;
     `regions` are what its networks were trained on; `shape` and `gain` are by which shares the
-    model's answer to what acts on the plant is off, in all and in size.
+    model's answer to what acts on the plant is off, in all and in size; `changes` by how much each
+    input changes from row to row of healthy logs at most.
     """
 
     model: Model
@@ -76,6 +77,7 @@ class FaultBank:
     regions: tuple[Region, ...]
     shape: float
     gain: float
+    changes: Float[np.ndarray, "inputs"]
 
     @property
     def plant(self) -> Disturbed:
@@ -89,6 +91,15 @@ class FaultBank:
         undeclared: a quarter of the time in which a large one shows."""
         shows = np.append(self.knowledge.when, self.knowledge.memory)
         return np.maximum(shows / 4, self.step)
+
+    @property
+    def settled(self) -> float:
+        """How long [s] after the change of an input what it does besides is more than the share by
+        which sizes are off anyway."""
+        share, settling = self.noise.share, self.noise.settling
+        more = (self.gain > 0) & (share > self.gain)
+        late = settling[more] * np.log(share[more] / self.gain)
+        return float(late.max(initial=0.0))
 
     @property
     def pause(self) -> float:
@@ -165,6 +176,7 @@ def build_fault_bank(
         model, modes, sets, size[: len(signals.faults)], onset, noise, outputs, rows, step,
         knowledge, float(level), HOLD_OFF * step if wait is None else wait,
         regions_of(model, outputs), found.shape if found else 0.0, found.gain if found else 0.0,
+        np.array([found.changes.get(n, np.inf) if found else np.inf for n in signals.input_names]),
     )  # fmt: skip
 
 

@@ -19,7 +19,7 @@ from faultgauge.identification.fit import POOR
 from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run, cut
 
-__all__ = ["LONGEST", "gain_error", "shape_error"]
+__all__ = ["LONGEST", "gain_error", "largest_changes", "shape_error"]
 
 LONGEST = 20_000  # samples of a free run
 USUAL_GAIN = 0.05  # as good as one more output of one more run
@@ -45,6 +45,16 @@ def gain_error(model: Model, runs: Sequence[Run]) -> float:
         predictions = []
     gains = [g for each in predictions for g in _gains(each)]
     return float(np.sqrt((np.sum(np.square(gains)) + USUAL_GAIN**2) / (len(gains) + 1)))
+
+
+def largest_changes(model: Model, runs: Sequence[Run]) -> dict[str, float]:
+    """By how much each input changes from row to row of `runs` at most: what follows a larger
+    change no healthy log has shown."""
+    found = {}
+    for name in model.plant.signals.input_names:
+        told = [run.columns[name][np.isfinite(run.columns[name])] for run in runs]
+        found[name] = max(float(np.abs(np.diff(u)).max(initial=0.0)) for u in told)
+    return found
 
 
 def _gains(prediction: Prediction) -> list[float]:

@@ -28,7 +28,7 @@ from jaxtyping import Float, Int
 from scipy.optimize import brentq
 
 from faultgauge.detection.bank.bank import CERTAIN, FaultBank, build_fault_bank
-from faultgauge.detection.bank.fidelity import gain_error, shape_error
+from faultgauge.detection.bank.fidelity import gain_error, largest_changes, shape_error
 from faultgauge.detection.bank.noise import Noise
 from faultgauge.detection.bank.priors import AT_START, RARE
 from faultgauge.detection.calibration.blocks import (
@@ -136,6 +136,7 @@ def calibrate_bank(
         size=dict(zip(model.plant.signals.fault_names, bank.size.tolist(), strict=True)),
         shape=shape_error(model),
         gain=gain_error(model, runs),
+        changes=largest_changes(model, runs),
     )
     return BankCalibration(found, noise.widened(widened), blocks, suspects, warnings)
 

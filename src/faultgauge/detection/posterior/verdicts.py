@@ -6,7 +6,9 @@ have done so for `persistence`. It ends where the probability falls
 below `release`. A fault is named while there is an alarm, its own probability has been 0.98 for
 `persistence` and for a quarter of the time in which a large one shows at least, in all since it was
 below `release`, and its sign is known: while one fault follows another, a third may fit for a
-while. A passive fault is named without an alarm.
+while. A passive fault is named without an alarm. Where a loop answers a fault by a change of an
+input that no healthy log has, what the model lacks looks like a fault that acts on the plant until
+that has settled, and none of these is named meanwhile.
 
 Status and reason are numbers, which `words` looks up.
 """
@@ -22,6 +24,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from faultgauge.detection.bank.bank import FaultBank
 from faultgauge.detection.bank.envelope import bounds_of
+from faultgauge.detection.posterior.inexact import acting
 from faultgauge.detection.posterior.limit_checker import LimitChecker, LimitState
 from faultgauge.detection.posterior.posterior import Marginal
 from faultgauge.detection.rows.flat_line import standing_still
@@ -103,12 +106,15 @@ class Heard(NamedTuple):
 
 
 class RulesState(NamedTuple):
-    """`fresh`: when an output was sampled last [s]."""
+    """`fresh`: when an output was sampled last; `strange`: when an input last changed by more than
+    healthy logs have it [s]; `u`, the inputs of the last row."""
 
     alarm: LimitState
     names: LimitState
     signs: LimitState
     fresh: Float[Array, ""]
+    strange: Float[Array, ""]
+    u: Float[Array, "inputs"]
 
 
 def log_odds(calm: Any) -> Any:
@@ -119,7 +125,9 @@ def log_odds(calm: Any) -> Any:
 
 class Rules(eqx.Module):
     """Pure `init` and `step`. `stale` [s] after the last sample of an output; `watched` are inputs
-    that faults act on, whose limits are `low` and `high`."""
+    that faults act on, whose limits are `low` and `high`; `changes` of the inputs from row to row
+    are no larger in healthy logs, and what they do is known once they have `settled` [s], which
+    matters to the causes that are `acting` on the plant."""
 
     alarm: LimitChecker
     names: LimitChecker
@@ -129,6 +137,9 @@ class Rules(eqx.Module):
     stale: Float[np.ndarray, ""]
     low: Float[np.ndarray, "faults"]
     high: Float[np.ndarray, "faults"]
+    changes: Float[np.ndarray, "inputs"]
+    settled: Float[np.ndarray, ""]
+    acting: Bool[np.ndarray, "causes"]
     watched: tuple[int, ...] = eqx.field(static=True)
     monitors: tuple[str, ...] = eqx.field(static=True)
     gains: tuple[bool, ...] = eqx.field(static=True)
@@ -148,6 +159,9 @@ class Rules(eqx.Module):
             np.asarray(FRESH * bank.step * min(bank.rows)),
             low,
             high,
+            bank.changes * (1 + EDGE),
+            np.asarray(bank.settled),
+            np.append(acting(signals.faults) > 0, True),
             tuple(_watched(signals, fault) for fault in signals.faults),
             tuple(fault.monitor for fault in signals.faults),
             tuple(fault.enters == "gain" for fault in signals.faults),
@@ -156,7 +170,8 @@ class Rules(eqx.Module):
     def init(self) -> RulesState:
         causes = len(self.monitors) + 1
         two = self.names.init(causes), self.signs.init(causes)
-        return RulesState(self.alarm.init(), *two, jnp.asarray(jnp.nan))
+        never, none = jnp.asarray(jnp.nan), jnp.full(len(self.changes), jnp.nan)
+        return RulesState(self.alarm.init(), *two, never, never, none)
 
     def step(
         self, state: RulesState, t: Float[Array, ""], found: Marginal, heard: Heard
@@ -167,11 +182,15 @@ class Rules(eqx.Module):
         alarms, alarm = self.alarm.step(
             state.alarm, t, over, free & (1 - found.calm < self.release)
         )
-        names, signs, named = self._named(state, t, found, alarm, free, inside)
+        strange = jnp.any(jnp.abs(heard.u - state.u) > self.changes)
+        strange = jnp.where(strange, t, state.strange)
+        known = ~(self.acting & (t - strange < self.settled))
+        names, signs, named = self._named(state, t, found, alarm, free, inside, known)
         first = jnp.isnan(state.fresh)
         fresh = jnp.where(heard.output | first, t, state.fresh)
         status, reason = self._answer(found, heard, alarm, named, t - fresh)
-        after = RulesState(alarms, names, signs, fresh)
+        u = jnp.where(jnp.isfinite(heard.u), heard.u, state.u)
+        after = RulesState(alarms, names, signs, fresh, strange, u)
         return after, Verdict(status, reason, alarm, named)
 
     def _named(
@@ -182,11 +201,12 @@ class Rules(eqx.Module):
         alarm: Array,
         free: Array,
         inside: Array,
+        known: Bool[Array, "causes"],
     ) -> tuple[LimitState, LimitState, Bool[Array, "causes"]]:
         passive = np.array([*(each == "passive" for each in self.monitors), False])
         p = jnp.append(found.p, found.unknown)
         alone = inside & (log_odds(found.healthy) >= self.level)
-        over = free & jnp.where(passive, alone, alarm) & (p >= NAMED)
+        over = free & jnp.where(passive, alone, alarm) & known & (p >= NAMED)
         gone = free & ((p < self.release) | (~alarm & ~passive))
         names, likely = self.names.step(state.names, t, over, gone)
         signed = jnp.append(~((found.lo < 0) & (found.hi > 0)), True)
