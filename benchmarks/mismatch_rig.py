@@ -5,11 +5,12 @@
 
 Each case (`mismatch/`) has a truth that is simulated here, in plain Python, and a plant file that
 lacks something of it. The file is fitted to three healthy logs and calibrated on five others, once;
-then N logs with faults (by default 100) and M healthy ones (half as many) are judged. Seeds are 0
-to N - 1 for each kind of log. Sizes take turns: engineering ones, about a tenth to a fifth of the
+then N logs with faults (by default 100) and M healthy ones (half as many) are judged, and a third
+of N in which up to four declared faults follow each other (`mismatch/windows.py`). Seeds are 0 to
+N - 1 for each kind of log. Sizes take turns: engineering ones, about a tenth to a fifth of the
 range, and 4 and 8 times the smallest that the model itself says it would tell in such a log, as far
-as they make sense. `--without-discrepancy` calibrates without model error. Shares have Wilson's
-95 % intervals.
+as they make sense; faults in turn have engineering ones. `--without-discrepancy` calibrates without
+model error. Shares have Wilson's 95 % intervals.
 
   heaters         two coupled heaters: radiation, sensor lags, a room that wanders, 0.3 K steps
   servo           a position loop whose friction has memory
@@ -108,6 +109,13 @@ SHARES = {
     "size_covered": "size inside its interval, of named faults",
     "onset_covered": "onset inside its interval, of named faults",
 }
+WINDOWS = {
+    "exact": "named, and nothing else",
+    "named": "named",
+    "alarmed": "under alarm",
+    "sized": "size inside its interval, of those named",
+    "dated": "onset inside its interval, of those named",
+}
 QUICK = 6
 
 
@@ -135,7 +143,12 @@ def show(found: dict[str, Any]) -> None:
         f"  size error: median {amount(error['median'], '.1%')}, "
         f"p90 {amount(error['p90'], '.1%')}; half of the interval {amount(half, '.1%')}"
     )
-    print(f"  delay: median {amount(found['delay_s']['median'], '.3g')} s", flush=True)
+    print(f"  delay: median {amount(found['delay_s']['median'], '.3g')} s")
+    turns = found["windows"]
+    print(f"  of faults in turn, in {turns['logs']} logs:")
+    for key, text in WINDOWS.items():
+        print(f"    {text}: {share(turns[key])}")
+    print(f"    events of none of them: {turns['false']}", flush=True)
 
 
 def main() -> None:

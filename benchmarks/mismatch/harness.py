@@ -18,15 +18,19 @@ from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run
 from mismatch.case import Case, Injected
 from mismatch.scoring import Trial, figures, scored
+from mismatch.windows import Window, drawn_windows, scored_windows, window_figures
 
 __all__ = ["calibrated", "measure", "without_discrepancy"]
 
 CALIBRATIONS = 5  # logs
-FIT, CALIBRATE, HEALTHY, FAULTY = range(4)  # the first number of a log's seed; then 0 to N - 1
+FIT, CALIBRATE, HEALTHY, FAULTY, WINDOWS = range(
+    5
+)  # the first number of a log's seed; then 0 to N - 1
 EARLIEST, LATEST = 0.25, 0.6  # of the log: where onsets lie
 SHORTEST, LONGEST = 0.15, 0.25  # of the log: every third log's faults are over after so long
 RULES = ("engineering", "x4", "x8")
 BATCH = 10  # logs judged at a time
+IN_TURN = 3  # logs with one fault to each with several in turn
 
 Faults = tuple[str, ...]
 
@@ -83,11 +87,13 @@ def measure(
     rules, injected = [rule for rule, _ in sized], [each for _, each in sized]
     logs = [case.log(f"faulty {k}", _rng(FAULTY, k), each) for k, each in enumerate(injected)]
     trials, _ = _judge(case, model, logs, rules, injected, progress)
+    windows = _windows(case, model, max(faulty // IN_TURN, 1), progress)
     return {
         "case": case.name,
         "warnings": warnings,
         "smallest": smallest,
         **figures(quiet, trials),
+        "windows": windows,
         "trials": [asdict(each) for each in (*quiet, *trials)],
     }
 
@@ -155,6 +161,22 @@ def _judge(
             found.append(scored(decision, names, _by_right_name(case, each), rule))
         progress(f"{case.name}: {len(found)} of {len(runs)} {runs[0].name.split()[0]}")
     return found, bank
+
+
+def _windows(
+    case: Case, model: Model, count: int, progress: Callable[[str], None]
+) -> dict[str, Any]:
+    """Figures of `count` logs in which one fault follows another."""
+    found, false = list[Window](), 0
+    for k in range(count):
+        truth = case.truth(_rng(WINDOWS, k))
+        injected = drawn_windows(case, k, len(truth.noise), truth.step)
+        run = case.log(f"windows {k}", _rng(WINDOWS, k), injected)
+        (decision,), _ = decide_runs(model, [run])
+        some, others = scored_windows(case, decision, injected)
+        found, false = [*found, *some], false + others
+        progress(f"{case.name}: {k + 1} of {count} logs with several faults in turn")
+    return {**window_figures(found, false, count), "each": [asdict(each) for each in found]}
 
 
 def _by_right_name(case: Case, injected: Mapping[str, Injected]) -> dict[str, Injected]:

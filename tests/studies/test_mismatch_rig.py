@@ -296,6 +296,40 @@ def test_what_is_not_declared_is_rightly_told_as_unknown(load):
     assert figures["size_error"]["median"] is None
 
 
+def test_faults_in_turn_end_before_the_next_begins(load):
+    case = load("mismatch.servo").servo()
+    drawn = load("mismatch.windows").drawn_windows
+    for seed in range(5):
+        found = drawn(case, seed, 1500, 0.01)
+        assert sorted(found) == sorted(case.sizes)  # four of them
+        ends = [0.0, *(time for each in found.values() for time in (each.onset, each.end)), 15.0]
+        assert ends == sorted(ends)
+        assert ends[1] >= 0.12 * 15.0
+
+
+def test_a_window_is_exact_where_its_fault_alone_is_told_of_it(load):
+    case, injected = load("mismatch.servo").servo(), load("mismatch.case").Injected
+    acts = {"load": injected(1.0, 30.0, 50.0), "voltage_bias": injected(0.05, 70.0, 80.0)}
+
+    def scored(*events):
+        module = load("mismatch.windows")
+        windows, false = module.scored_windows(case, judged(list(events), STATUS, [0.1]), acts)
+        return windows, false
+
+    right = event("load", 40.0, 50.0, onset=(29.0, 31.0))
+    second = event("load", 75.0, 80.0, onset=(70.0, 71.0))  # that is what a bias of it looks like
+    (first, last), false = scored(right, second)
+    assert (first.exact, first.named, first.sized, first.dated, first.open) == (
+        *(True, True, True, True),
+        pytest.approx(1 / 3),  # of the rows at 30, 40 and 50 s the last is under alarm
+    )
+    assert (last.exact, last.injected.size, last.sized, false) == (True, 1.0, True, 0)
+    (first, last), false = scored(right, event("encoder_offset", 45.0, 48.0, onset=(44.0, 45.0)))
+    assert (first.exact, first.named, last.named, false) == (False, True, False, 0)
+    (first, last), false = scored(event("load", 60.0, 62.0, onset=(58.0, 60.0)))
+    assert (first.named, last.named, false) == (False, False, 1)
+
+
 def test_an_alarm_on_a_healthy_log_counts(load):
     module = load("mismatch.scoring")
     alarmed = module.scored(judged([], STATUS, [0.1]), ("a",), {}, "")

@@ -184,7 +184,7 @@ class Rules(eqx.Module):
         )
         strange = jnp.any(jnp.abs(heard.u - state.u) > self.changes)
         strange = jnp.where(strange, t, state.strange)
-        known = ~(self.acting & (t - strange < self.settled))
+        known = jnp.logical_not(self.acting & (t - strange < self.settled))
         names, signs, named = self._named(state, t, found, alarm, free, inside, known)
         first = jnp.isnan(state.fresh)
         fresh = jnp.where(heard.output | first, t, state.fresh)
