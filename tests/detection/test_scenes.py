@@ -8,7 +8,8 @@ import pytest
 
 from faultgauge.detection.answer.answer import answers, as_dicts, runs_as_dicts
 from faultgauge.detection.decisions import decide, table
-from scenes import NEVER, SCENES, T, between, tank_bank
+from faultgauge.detection.posterior.verdicts import NAMED
+from scenes import NEVER, SCENES, T, between, log, tank_bank
 from views import compare, compare_hindsight
 
 
@@ -60,6 +61,20 @@ def test_what_would_have_shown_of_the_judged_rows_is_named_there_and_not_where_n
     assert found == [["gauge"], []]
 
 
+def test_in_hindsight_a_fault_that_would_have_shown_is_named_and_one_of_a_third_is_not():
+    """Each from the middle of the log on. Hindsight sees the rows that online has judged, so what
+    either could have named is of one size; told from what is most like it, not only from none."""
+    said, _ = judged("healthy")
+    (seen,), _ = compare_hindsight(tank_bank(), said)
+    (online,) = runs_as_dicts(tank_bank(), [said], ("leak", "gauge", "weak")).values()
+    for fault, size in seen.least.items():
+        assert size == pytest.approx(online["faults"][fault]["smallest"], rel=0.02)
+        for share, named in ((1.5, True), (1 / 3, False)):
+            faulty = log(2, **{fault: between(300, NEVER, share * size)})
+            (found,), _ = compare_hindsight(tank_bank(), decide(tank_bank(), faulty))
+            assert (found.cause == fault and found.p >= NAMED) == named
+
+
 def test_a_fault_that_cannot_show_silences_no_other():
     """At u = 0 no gain shows, and a leak does."""
     said, (line,) = judged("a leak while the pump rests")
@@ -80,6 +95,7 @@ def test_what_may_be_there_too_is_not_ruled_out():
 
 def test_since_is_never_later_than_told_where_a_fault_changes_its_sign():
     said, lines = judged("a leak that changes its sign")
+    compare_hindsight(tank_bank(), said)
     first, second = said.events
     assert first.size < 0 < second.size
     assert first.onset_lo < 150 < first.onset_hi <= first.start

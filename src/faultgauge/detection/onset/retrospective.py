@@ -11,11 +11,11 @@ from scipy.special import logsumexp
 
 from faultgauge.detection.answer.reliance import headed
 from faultgauge.detection.answer.shares import WHOLE
-from faultgauge.detection.bank.bank import CERTAIN, FaultBank
+from faultgauge.detection.answer.smallest import smallest_along
+from faultgauge.detection.bank.bank import FaultBank
 from faultgauge.detection.decisions import Decision
 from faultgauge.detection.onset.change_points import total, windows_of
 from faultgauge.detection.onset.changes import ChangeHistory, Sized, changes_of
-from faultgauge.detection.onset.shocks import Shocks
 from faultgauge.detection.onset.window import Causes, Window
 from faultgauge.detection.posterior.events import UNKNOWN, pause, stretches
 from faultgauge.detection.posterior.inexact import acting
@@ -217,7 +217,7 @@ def _answer(
         lo=size[1],
         hi=size[2],
         alternatives=_alternatives(names, logs, which, k, rivals),
-        least=_least(bank, causes.seen[-1], used),
+        least=_least(bank, decision, window, used),
         judged=len(used) / len(decision.run.t),
         told=_told(bank, decision, window.part, names[k], onset, size[0]),
         t=window.t,
@@ -277,16 +277,15 @@ def _until(found: list[Retrospect]) -> list[Retrospect]:
     return kept
 
 
-def _least(bank: FaultBank, found: Shocks, used: Int[np.ndarray, "_"]) -> dict[str, float | None]:
-    """The size of each fault that would have been named had it begun in the middle of the samples
-    that were `used`."""
-    faults = bank.model.plant.signals.faults
-    information = np.asarray(found.information)[used[len(used) // 2], : len(faults)]
-    needed = CERTAIN - np.log(bank.onset * bank.step)
-    needed = needed + np.log1p(information * bank.size**2) / 2
-    shown = information * bank.size**2 > 1
-    least = np.sqrt(2 * needed / np.maximum(information, 1e-300))
-    return {fault.name: float(least[k]) if shown[k] else None for k, fault in enumerate(faults)}
+def _least(
+    bank: FaultBank, decision: Decision, window: Window, used: Int[np.ndarray, "_"]
+) -> dict[str, float | None]:
+    """The size of each fault that would have been named by the samples that were `used` had it
+    begun in the middle of them."""
+    rows = np.zeros(len(decision.run.t), bool)
+    rows[window.part.start + used] = True
+    faults = bank.model.plant.signals.fault_names
+    return dict(zip(faults, smallest_along(bank, decision.run, rows), strict=True))
 
 
 def _told(
