@@ -120,9 +120,9 @@ def _against_sheet(faults: Sequence[FaultResult]) -> list[str]:
         for fault in known
     )
     return [
-        "The size named in 90 %, over the one that `faultgauge detectability` foretells for 90 % of "
-        f"the onsets (the table's is for one onset, in the middle): {each}; within {NEAR:g} times: "
-        f"{near} of {len(sure)}."
+        "The size named in 90 %, over the one that `faultgauge detectability` foretells for 90 % "
+        f"of the onsets (the table's is for one onset, in the middle): {each}; within {NEAR:g} "
+        f"times: {near} of {len(sure)}."
     ]
 
 
