@@ -139,6 +139,10 @@ def compare_hindsight(bank, said):
     for each, line in zip(faulty, lines, strict=False):
         assert f"(p {probability(each.p)}, run {each.run})" in line
         assert ("as likely" in line) <= (each.p < 0.6)
+        for name, p in each.beside:
+            assert p > POSSIBLE
+            assert re.search(rf"; {name} (may be|is likely) there too \(p {probability(p)}\)", line)
+            assert not re.search(rf"\b{name} (is|or)\b(?! likely there)", line)
     (found,) = retrospective_section(bank, [said], seen).tables
     assert [row[-1] for row in found.rows] == [probability(each.p) for each in seen]
     return seen, lines

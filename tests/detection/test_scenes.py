@@ -93,6 +93,20 @@ def test_what_may_be_there_too_is_not_ruled_out():
     assert not any("gauge is" in line or "gauge or" in line for line in both)
 
 
+def test_in_hindsight_too_what_may_be_there_too_is_not_ruled_out():
+    """A bias of the gauge and, in the last 100 s, a leak too small for a name: it may be there, as
+    may what it looks like, and only one of them is."""
+    leak = between(500, NEVER, 0.003)
+    said = decide(tank_bank(), log(2, gauge=between(300, NEVER, 0.2), leak=leak))
+    (seen,), (line,) = compare_hindsight(tank_bank(), said)
+    (event,) = said.events
+    assert seen.cause == event.fault == "gauge"
+    for beside in (dict(seen.beside), dict(event.beside)):
+        assert set(beside) == {"leak", "weak"}
+        assert sum(beside.values()) < 1
+    assert re.search(r"; leak (may be|is likely) there too \(p 0\.", line)
+
+
 def test_since_is_never_later_than_told_where_a_fault_changes_its_sign():
     said, lines = judged("a leak that changes its sign")
     compare_hindsight(tank_bank(), said)

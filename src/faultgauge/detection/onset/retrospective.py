@@ -17,12 +17,13 @@ from faultgauge.detection.decisions import Decision
 from faultgauge.detection.onset.change_points import total, windows_of
 from faultgauge.detection.onset.changes import ChangeHistory, Sized, changes_of
 from faultgauge.detection.onset.window import Causes, Window
-from faultgauge.detection.posterior.events import UNKNOWN, pause, stretches
+from faultgauge.detection.posterior.events import POSSIBLE, UNKNOWN, pause, stretches
 from faultgauge.detection.posterior.inexact import acting
 from faultgauge.detection.posterior.over_onsets import onset_over, size_over
-from faultgauge.detection.posterior.probability import probability
+from faultgauge.detection.posterior.probability import probability, too
 from faultgauge.detection.posterior.verdicts import FAULT
 from faultgauge.detection.words import (
+    MOST,
     PURE,
     UNDECLARED,
     amount,
@@ -67,7 +68,8 @@ class Retrospect:
     size of a healthy window, the size of an undeclared fault. An onset lies between two samples,
     so its interval spans both. `least` is for each declared fault the size that would have been
     named had it begun in the middle of what was judged of the window, which is a share `judged` of
-    its run; None where nothing would have shown it.
+    its run; None where nothing would have shown it. `beside` are faults that may be there too, each
+    with its p if what is told of the window is there.
     `density` is the posterior of the onset per sample of `t`, and `given` the size for each onset:
     an onset at sample n acts from sample n - 1 on; `white` the innovations of the
     healthy filter and `fit` the fault's part of them, in standard deviations; NaN where an output
@@ -95,6 +97,7 @@ class Retrospect:
     white: Float[np.ndarray, "samples outputs"]
     fit: Float[np.ndarray, "samples outputs"]
     clock: Clock | None = None
+    beside: tuple[tuple[str, float], ...] = ()
 
 
 def retrospect(bank: FaultBank, decision: Decision) -> list[Retrospect]:
@@ -121,9 +124,13 @@ def _answers(
     rivals = {HEALTHY: float(own - logs[0]), UNKNOWN: float(own - logs[2])}
     if best == 1:
         sure = [1.0 if single else _among(each, declared) for each in changes.found]
+        beside = _beside(bank, changes)
         return _until(
             [
-                _answer(bank, decision, window, each.causes, each, share * p, rivals)
+                replace(
+                    _answer(bank, decision, window, each.causes, each, share * p, rivals),
+                    beside=beside,
+                )
                 for each, p in zip(changes.found, sure, strict=True)
             ]
         )
@@ -134,6 +141,25 @@ def _answers(
         rivals[_together(names, changes)] = float(own - changes.weight)
     which = None if best == 0 else _begun(changes, declared, float(np.exp(beside - logs[2])))
     return [_answer(bank, decision, window, changes.alone, which, share, rivals)]
+
+
+def _beside(bank: FaultBank, changes: ChangeHistory) -> tuple[tuple[str, float], ...]:
+    """Faults that may be there besides those that are known to change, each with its p: one of
+    them, something undeclared, or none of all is there."""
+    names = bank.model.plant.signals.fault_names
+    known = {each.change.fault for each in changes.found}
+    legal = [k for k in range(len(names)) if k not in known and _legal(bank, {*known, k})]
+    more = [total(changes.more.weight[:, k]) for k in legal]
+    every = total(np.array([0.0, *more, total(changes.more.weight[:, len(names) :])]))
+    p = np.exp(np.array(more) - every)
+    return tuple(
+        (names[k], float(each)) for k, each in zip(legal, p, strict=True) if each > POSSIBLE
+    )
+
+
+def _legal(bank: FaultBank, faults: set[int]) -> bool:
+    """Whether these may be present together."""
+    return tuple(sorted(faults)) in bank.sets
 
 
 def _among(each: Sized, declared: int) -> float:
@@ -371,12 +397,14 @@ def _sentence(bank: FaultBank, found: Retrospect) -> str:
         what = f"{found.cause} {amount(found.size, found.lo, found.hi, units[found.cause])}"
     said = [f"In hindsight: {what} {began} (p {probability(found.p)}, run {found.run})"]
     labels = {HEALTHY: "no fault", UNKNOWN: UNDECLARED}
-    constant = "constant " if found.cause == UNKNOWN else ""
+    constant, beside = "constant " if found.cause == UNKNOWN else "", dict(found.beside)
+    labels |= {name: f"{name} alone" for name in beside}
     said += likelihoods(
         (labels.get(cause, f"{constant}{cause.replace('+', ' and ')}"), odds)
         for cause, odds in found.alternatives
-        if cause != HEALTHY or odds < PLAIN
+        if (cause != HEALTHY or odds < PLAIN) and (odds < MOST or cause not in beside)
     )
+    said += [too(name, p) for name, p in found.beside]
     told = found.told
     step = float(np.median(np.diff(found.t)))
 
@@ -403,5 +431,6 @@ def as_dicts(found: Sequence[Retrospect]) -> list[dict[str, Any]]:
     return [
         {name: value for name, value in asdict(each).items() if name not in left}
         | {"alternatives": [{"cause": c, "odds": o} for c, o in each.alternatives]}
+        | {"beside": dict(each.beside)}
         for each in found
     ]
