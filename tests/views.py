@@ -132,12 +132,17 @@ def compare_hindsight(bank, said):
         assert 0 < each.p <= 1
         for _, odds in each.alternatives:
             assert each.p <= odds / (1 + odds) + 1e-6  # a rival of odds o has p / o
-        assert sum(each.judged for each in seen) <= 1 + 1e-9
+    windows = {each.start: each.judged for each in seen}  # of which several changes may be told
+    assert sum(windows.values()) <= 1 + 1e-9
     faulty = [each for each in seen if each.cause != "healthy"]
     assert len(lines) == max(len(faulty), 1)
     for each, line in zip(faulty, lines, strict=False):
         assert f"(p {probability(each.p)}, run {each.run})" in line
         assert ("as likely" in line) <= (each.p < 0.6)
+        for name, p in each.beside:
+            assert p > POSSIBLE
+            assert re.search(rf"; {name} (may be|is likely) there too \(p {probability(p)}\)", line)
+            assert not re.search(rf"\b{name} (is|or)\b(?! likely there)", line)
     (found,) = retrospective_section(bank, [said], seen).tables
     assert [row[-1] for row in found.rows] == [probability(each.p) for each in seen]
     return seen, lines

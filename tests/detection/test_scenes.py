@@ -8,7 +8,8 @@ import pytest
 
 from faultgauge.detection.answer.answer import answers, as_dicts, runs_as_dicts
 from faultgauge.detection.decisions import decide, table
-from scenes import NEVER, SCENES, T, between, tank_bank
+from faultgauge.detection.posterior.verdicts import NAMED
+from scenes import NEVER, SCENES, T, between, log, tank_bank
 from views import compare, compare_hindsight
 
 
@@ -60,6 +61,20 @@ def test_what_would_have_shown_of_the_judged_rows_is_named_there_and_not_where_n
     assert found == [["gauge"], []]
 
 
+def test_in_hindsight_a_fault_that_would_have_shown_is_named_and_one_of_a_third_is_not():
+    """Each from the middle of the log on. Hindsight sees the rows that online has judged, so what
+    either could have named is of one size; told from what is most like it, not only from none."""
+    said, _ = judged("healthy")
+    (seen,), _ = compare_hindsight(tank_bank(), said)
+    (online,) = runs_as_dicts(tank_bank(), [said], ("leak", "gauge", "weak")).values()
+    for fault, size in seen.least.items():
+        assert size == pytest.approx(online["faults"][fault]["smallest"], rel=0.02)
+        for share, named in ((1.5, True), (1 / 3, False)):
+            faulty = log(2, **{fault: between(300, NEVER, share * size)})
+            (found,), _ = compare_hindsight(tank_bank(), decide(tank_bank(), faulty))
+            assert (found.cause == fault and found.p >= NAMED) == named
+
+
 def test_a_fault_that_cannot_show_silences_no_other():
     """At u = 0 no gain shows, and a leak does."""
     said, (line,) = judged("a leak while the pump rests")
@@ -78,8 +93,23 @@ def test_what_may_be_there_too_is_not_ruled_out():
     assert not any("gauge is" in line or "gauge or" in line for line in both)
 
 
+def test_in_hindsight_too_what_may_be_there_too_is_not_ruled_out():
+    """A bias of the gauge and, in the last 100 s, a leak too small for a name: it may be there, as
+    may what it looks like, and only one of them is."""
+    leak = between(500, NEVER, 0.003)
+    said = decide(tank_bank(), log(2, gauge=between(300, NEVER, 0.2), leak=leak))
+    (seen,), (line,) = compare_hindsight(tank_bank(), said)
+    (event,) = said.events
+    assert seen.cause == event.fault == "gauge"
+    for beside in (dict(seen.beside), dict(event.beside)):
+        assert set(beside) == {"leak", "weak"}
+        assert sum(beside.values()) < 1
+    assert re.search(r"; leak (may be|is likely) there too \(p 0\.", line)
+
+
 def test_since_is_never_later_than_told_where_a_fault_changes_its_sign():
     said, lines = judged("a leak that changes its sign")
+    compare_hindsight(tank_bank(), said)
     first, second = said.events
     assert first.size < 0 < second.size
     assert first.onset_lo < 150 < first.onset_hi <= first.start

@@ -156,14 +156,14 @@ def test_the_smallest_size_by_hand(model):
 
 def test_the_smallest_size_is_of_the_judged_rows(model):
     """The first half of the log alone, and a fault that begins in the middle of that: what the
-    other half would show counts for nothing."""
+    other half would show counts for nothing, nor how long it is."""
     run = log(steps())
     bank = bank_of(model, run)
     half = np.arange(COUNT) < COUNT // 2
     found = smallest_along(bank, run, half)
     effect = moved(np.where(np.arange(COUNT) >= COUNT // 4 - 1, steps(), 0.0))
     J = np.sum((effect / SIGMA)[half] ** 2)
-    level, prior = max(bank.level, np.log(49)), np.log(3 / (bank.onset[1] * 99.9))
+    level, prior = max(bank.level, np.log(49)), np.log(3 / (bank.onset[1] * 49.9))
     occam = np.log1p((0.02 * bank.size[1]) ** 2 * J) / 2
     alone = (np.sqrt(2 * (level + prior + occam)) + 1.2816) / np.sqrt(J)
     assert alone <= found[1] < 3 * alone

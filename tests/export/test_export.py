@@ -2,14 +2,20 @@
 
 import hashlib
 import json
+import re
 import shutil
 import subprocess
+from collections import OrderedDict
 from pathlib import Path
 
+import jax.numpy as jnp
 import pytest
 
 from drawn_models import calibrated
 from faultgauge.cli.app import run
+from faultgauge.export.c_project import c_project
+from faultgauge.export.compile import ExportedStep
+from faultgauge.export.request import Request
 from faultgauge.export.targets import TARGETS
 from faultgauge.plants.model import save_model
 
@@ -93,6 +99,30 @@ def test_its_own_test_builds_runs_and_notices_a_changed_number(cc, shop, tmp_pat
     )
     changed = subprocess.run(["make", "-C", str(folder), "test"], capture_output=True, check=False)
     assert changed.returncode != 0
+
+
+def test_names_with_accents_are_names_of_c_without_them(cc, tmp_path):
+    """And what it writes agrees with Python by its own test; two names that become one stay two."""
+
+    def step(state, sample):
+        low, high = sample["Füllstand"], sample["Fullstand"]
+        return state + low, OrderedDict([("état", state + high), ("Ω", low - high)])
+
+    def examples(count, rng):
+        return {name: rng.standard_normal(count) for name in ("Füllstand", "Fullstand")}
+
+    sample = OrderedDict([("Füllstand", jnp.zeros(())), ("Fullstand", jnp.zeros(()))])
+    exported = ExportedStep(step, jnp.zeros(()), sample, {}, examples)
+    files = c_project(Request(exported, 1.0, "all", "Tank für Öl", "", "", False, False))
+    for name, content in files.items():
+        (tmp_path / name).write_bytes(content)
+    header = files["all.h"].decode()
+    for name in ("Fullstand", "Fullstand_", "etat"):
+        assert re.search(rf"\b{name};", header)
+    sources = [str(tmp_path / f"all{end}.c") for end in ("", "_tables", "_test")]
+    program = str(tmp_path / "test")
+    subprocess.run([cc, "-std=c99", *sources, "-o", program, "-lm"], check=True)
+    assert subprocess.run([program], check=False).returncode == 0
 
 
 @pytest.mark.parametrize(

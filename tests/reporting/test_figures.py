@@ -258,8 +258,8 @@ def test_estimate_says_what_it_shows():
     assert "2 events" in draw_estimate().caption
     uncalibrated = draw_estimate(limit=None, events=(), not_judged=None, truth=None)
     assert "Not calibrated" in uncalibrated.caption
-    assert not {"limit", "fault told", "not judged", "truth"} & set(words(uncalibrated))
-    assert {"limit", "fault told", "not judged", "truth"} <= set(words(draw_estimate()))
+    assert not {"limit", "event", "not judged", "truth"} & set(words(uncalibrated))
+    assert {"limit", "event", "not judged", "truth"} <= set(words(draw_estimate()))
 
 
 def test_nothing_but_nan_is_still_a_figure():

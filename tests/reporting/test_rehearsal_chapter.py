@@ -69,6 +69,9 @@ def test_the_table_says_what_the_trials_say(found):
 
 def test_the_report_draws_each_fault_with_its_unit(found):
     report = rehearsal_report(found)
+    assert report.summary_sentences[0].startswith(
+        f"Faults were put into one part of the healthy logs, {len(found.trials)} times; "
+    )
     page = render(report)
     figures = [figure for section in report.sections for figure in section.figures]
     assert [each.title for each in figures] == ["Foretold and found", "friction by its size"]

@@ -201,6 +201,17 @@ def test_skeleton_without_an_input_says_so():
     assert "inputs" not in plant
 
 
+def test_a_draft_asks_whether_what_stays_as_set_is_a_command():
+    """Beside a column that is called like an input nothing else is taken for one: a sensor that is
+    read seldom stays as read, too."""
+    fan = np.repeat([600.0, 1500.0, 900.0, 1200.0], 10)
+    heat = np.linspace(20, 90, 40) + np.random.default_rng(0).normal(size=40)
+    text = plant_skeleton(runs(duty=range(40), fan=fan, heat=heat), "oven")
+    asked = "# It stays as set between its changes: a command is an input, not a state.\n"
+    assert f"{asked}[states.fan]" in text
+    assert text.count(asked) == 1
+
+
 def test_skeleton_of_awkward_names():
     text = plant_skeleton(
         runs(**{"a b": [1, 2], "ω": [3, 4], "c d": [5, 6], "c.d": [7, 8]}), 'it\'s "x"\n'

@@ -55,9 +55,9 @@ def plain(text: str) -> str:
 
 
 def vectors(
-    step: ExportedStep, count: int = SAMPLES
-) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-    """(samples by name, what Python says of them)."""
+    printed: Printed, step: ExportedStep, count: int = SAMPLES
+) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """(samples, what Python says of them), by the names that they have in C."""
     assert step.examples is not None
     samples = step.examples(count, np.random.default_rng(SEED))
 
@@ -66,11 +66,16 @@ def vectors(
         return jax.lax.scan(step.step, state, given)[1]
 
     given = type(step.sample)((k, jax.numpy.asarray(samples[k])) for k in step.sample)
-    return samples, {k: np.asarray(v) for k, v in walk(step.state, given).items()}
+    return _by_name(printed.inputs, given), _by_name(printed.outputs, walk(step.state, given))
+
+
+def _by_name(members: Sequence[Member], tree: Any) -> dict[str, np.ndarray]:
+    leaves = jax.tree.leaves(tree)
+    return {each.name: np.asarray(leaf) for each, leaf in zip(members, leaves, strict=True)}
 
 
 def _test(printed: Printed, step: ExportedStep, banner: str) -> str:
-    samples, said = vectors(step)
+    samples, said = vectors(printed, step)
     exact = not printed.single and not printed.fast_tanh
     tolerance = EXACT if exact else ROUGH
     checks = []

@@ -1,6 +1,7 @@
 """A pure step `step(state, sample) -> (state, info)` as C99 text."""
 
 import re
+import unicodedata
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -220,8 +221,10 @@ def _key(entry: Any) -> str:
 
 
 def identifier(name: str) -> str:
-    """A name of C that looks like `name`."""
-    plain = name.encode("ascii", "replace").decode()
+    """A name of C that looks like `name`: letters without their accents."""
+    letters = unicodedata.normalize("NFKD", name)
+    bare = "".join(each for each in letters if not unicodedata.combining(each))
+    plain = bare.encode("ascii", "replace").decode()
     found = re.sub(r"[^A-Za-z0-9_]+", "_", plain).strip("_") or "value"
     if found[0].isdigit():
         found = f"n{found}"

@@ -41,8 +41,8 @@ def legend(sheet: Sheet) -> str:
         "Seen from, named from: the smallest size that would raise an alarm, or be told by its "
         "name, 9 times in 10, by the end of the log, had it begun in its middle; right of them "
         f"the same with false alarms 10 and 100 times as rare as the {number(sheet.rate)} per "
-        "hour that calibration allows. Levels off: from then on a constant fault is told no "
-        "better from the model's own slow error."
+        "hour that calibration allows. Levels off: from then on more of the log hardly "
+        "tells more of a constant fault, because of the model's own slow error."
     )
 
 

@@ -57,9 +57,9 @@ WORSE = 1.5  # times the free-run error without instruments: they determine too 
 CLEARLY = 0.9  # of a free run's error: less of a difference may be what was held out
 FOLLOWS = 0.5  # of the outputs' spread: a run that is further off speaks for no values
 NOT_SEEN = (
-    "{}: with the file's own values the free run on held-out data errs by {:.1f} %, with those "
-    "that equation error finds by {:.1f} %, so the file's are taken; give logs that excite more of "
-    "this"
+    "{}: with the file's own values the free run on held-out data errs by {:.1f} % in short runs, "
+    "with those that equation error finds by {:.1f} %, so the fit goes on from the file's; give "
+    "logs that move the plant more"
 )
 
 

@@ -87,7 +87,7 @@ class FitReport(NamedTuple):
         `error` is that of the fit's choice, a share."""
         said = f"{100 * error:.2f} % of each output's standard deviation"
         if self.anew is None or not self.anew.error < error:
-            return said
+            return said if self.refinement is None else f"{said} in runs through whole logs"
         return (
             f"{100 * self.anew.error:.2f} % of each output's standard deviation within "
             f"{self.anew.seconds:.4g} s, and by {100 * error:.2f} % in runs through whole logs (up "

@@ -120,8 +120,9 @@ def _against_sheet(faults: Sequence[FaultResult]) -> list[str]:
         for fault in known
     )
     return [
-        "Named in 90 % over the size that the detectability sheet foretells for 90 % of the "
-        f"onsets: {each}; within {NEAR:g} times: {near} of {len(sure)}."
+        "The size named in 90 %, over the one that `faultgauge detectability` foretells for 90 % "
+        f"of the onsets (the table's is for one onset, in the middle): {each}; within {NEAR:g} "
+        f"times: {near} of {len(sure)}."
     ]
 
 

@@ -80,7 +80,7 @@ def overview(
         canvas, rows = style.panels(heights, share_time=True)
         gone = []
         for axes, each in zip(rows, outputs, strict=False):
-            marks.shade(axes, t, spans, color=style.EVENT, label="fault told")
+            marks.shade(axes, t, spans, color=style.EVENT, label="event")
             marks.shade(axes, t, alarms, color=style.ALARM, label="alarm, no name")
             if not told:
                 marks.hatch(axes, t, hidden, label="not judged")
@@ -122,7 +122,7 @@ def _draw_told(
     each: ToldSpan,
     hidden: Bool[np.ndarray, "samples"],
 ) -> None:
-    marks.shade(axes, t, each.spans, color=style.EVENT, label="fault told")
+    marks.shade(axes, t, each.spans, color=style.EVENT, label="event")
     marks.hatch(axes, t, hidden, label="not judged")
     marks.band(axes, t, each.lo, each.hi, label="95 % band")
     axes.axhline(0.0, color=style.GREY, linewidth=0.8)

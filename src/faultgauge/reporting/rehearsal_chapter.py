@@ -26,7 +26,8 @@ FIGURES = (
 HOW = (
     "Declared faults were put into healthy logs, and the calibrated model judged them. What acted "
     "on the plant stays as it was: for a fault of an input the command that the model sees is "
-    "changed. How a control loop would have answered the fault is not in these logs."
+    "changed, and for one of a state that of an input by the model's own gain, whose error is then "
+    "not in the sizes. How a control loop would have answered the fault is not in these logs."
 )
 
 
@@ -53,7 +54,8 @@ def rehearsal_report(rehearsal: Rehearsal) -> Report:
 
 def _headline(rehearsal: Rehearsal) -> str:
     count, windows = len(rehearsal.trials), len(rehearsal.windows)
-    head = f"{count} faults were put into {windows} healthy log{'' if windows == 1 else 's'}"
+    parts = "one part" if windows == 1 else f"{windows} parts"
+    head = f"Faults were put into {parts} of the healthy logs, {count} times"
     if not rehearsal.exact.total:
         return f"{head}."
     return f"{head}; of the larger ones, named exactly: {said(rehearsal.exact)}."

@@ -42,7 +42,9 @@ def retrospective_section(
         )
     ]
     rows = [_row(bank, each) for each in found]
-    whole = min(sum(e.judged for e in found if e.run == run) for run in by_run) >= WHOLE
+    # several changes in a window share its rows
+    windows = {(each.run, each.start): each.judged for each in found}
+    whole = min(sum(j for (of, _), j in windows.items() if of == run) for run in by_run) >= WHOLE
     left = {"judged"} if whole else set[str]()
     left |= {"run"} if len(by_run) == 1 else set()
     kept = [k for k, name in enumerate(HEADER) if name not in left]

@@ -223,7 +223,7 @@ def fault_estimate(
     seen = ~hidden if not hidden.all() else hidden
     with style.drawing():
         canvas, (axes,) = style.panels((2.9,))
-        marks.shade(axes, t, events, color=style.EVENT, label="fault told")
+        marks.shade(axes, t, events, color=style.EVENT, label="event")
         marks.hatch(axes, t, hidden, label="not judged")
         marks.band(axes, t, lo, hi, label="95 % band")
         marks.line(axes, t, f, color=style.PREDICTED, linewidth=1.4, label="estimate")

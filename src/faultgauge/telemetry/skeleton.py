@@ -50,7 +50,7 @@ def plant_skeleton(runs: Sequence[Run], name: str, units: Mapping[str, str] | No
     parts = [_head(runs, name, roles)]
     unit = {column: _unit(text) for column, text in given.items()}
     arguments = ", ".join([*roles.states, *roles.inputs])
-    parts += [_state(state, arguments, unit.get(state, NO_UNIT)) for state in roles.states]
+    parts += [_state(runs, state, arguments, unit.get(state, NO_UNIT)) for state in roles.states]
     parts += [_input(runs, item, unit.get(item, NO_UNIT)) for item in roles.inputs]
     parts += [_output(state, unit.get(state, "")) for state in roles.states]
     parts += [f"[networks.{_key('NN_' + state)}]\nhidden = {HIDDEN}\n" for state in roles.states]
@@ -158,8 +158,11 @@ def _output(state: str, unit: str) -> str:
     return f'[outputs.{_key(state)}]\n{unit}value = "{state}"\n'
 
 
-def _state(state: str, arguments: str, unit: str) -> str:
+def _state(runs: Sequence[Run], state: str, arguments: str, unit: str) -> str:
+    # a sensor that is read seldom is held, too, so this is for its owner to say
+    held = "# It stays as set between its changes: a command is an input, not a state.\n"
     return (
+        f"{held if _is_held(runs, state) else ''}"
         f"[states.{_key(state)}]\n"
         f"{unit}"
         f'derivative = "NN_{state}({arguments})"           # d({state})/dt\n'

@@ -20,7 +20,7 @@ from faultgauge.detection.decisions import Decision
 from faultgauge.detection.decisions import as_dicts as events_as_dicts
 from faultgauge.detection.posterior.events import UNKNOWN, BankEvent, pause, stretches
 from faultgauge.detection.posterior.posterior import LIKELY
-from faultgauge.detection.posterior.probability import probability
+from faultgauge.detection.posterior.probability import probability, too
 from faultgauge.detection.posterior.uncalibrated import level_in, uncalibrated
 from faultgauge.detection.posterior.verdicts import FAULT, HEALTHY, NAMED, NOT_JUDGED
 from faultgauge.detection.words import (
@@ -267,11 +267,7 @@ def answer(bank: FaultBank, decision: Decision, event: BankEvent) -> Told:
         for cause, odds in event.instead
         if cause not in others and (odds < MOST or cause not in dict(event.beside))
     )
-    rest += [
-        f"{name} {'is likely' if p >= LIKELY else 'may be'} there too (p {probability(p)})"
-        for name, p in event.beside
-        if name not in others
-    ]
+    rest += [too(name, p) for name, p in event.beside if name not in others]
     rest += _least_shown(bank, decision, event)
     return Told(event.start, event.end, headed(bank.model, head), tuple(rest))
 

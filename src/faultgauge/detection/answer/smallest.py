@@ -106,7 +106,7 @@ def smallest_along(
     if len(rows) < 2:
         return [None] * len(bank.size)
     heard = effects._replace(G=np.where(at[:, None, None], effects.G, 0.0))
-    return _from(bank, heard, int(rows[len(rows) // 2]))
+    return _from(bank, heard, int(rows[len(rows) // 2]), len(rows))
 
 
 def _effects(bank: FaultBank, run: Run) -> Effects:
@@ -126,23 +126,25 @@ def smallest_from(bank: FaultBank, run: Run, shares: Sequence[float]) -> list[li
     rows = len(effects.t)
     if rows < 2:
         return [[None] * len(bank.size) for _ in shares]
-    return [_from(bank, effects, int(share * rows)) for share in shares]
+    return [_from(bank, effects, int(share * rows), rows) for share in shares]
 
 
-def _from(bank: FaultBank, effects: Effects, onset: int) -> list[float | None]:
-    """By the end of the log, of a fault that begins at row `onset`."""
+def _from(bank: FaultBank, effects: Effects, onset: int, judged: int) -> list[float | None]:
+    """By the end of the log, of which so many rows were `judged`, of a fault that begins at row
+    `onset`."""
     rows = len(effects.t)
     found = information(effects, onset, around(onset, rows), [rows - 1])
+    # a fault may begin in these rows alone
+    seconds = (judged - 1) * float(np.median(np.diff(effects.t)))
     return [
-        _smallest(bank, effects, found, k) if (k,) in bank.sets else None
+        _smallest(bank, found, k, seconds) if (k,) in bank.sets else None
         for k in range(len(bank.size))
     ]
 
 
-def _smallest(bank: FaultBank, effects: Effects, found: Information, k: int) -> float | None:
+def _smallest(bank: FaultBank, found: Information, k: int, seconds: float) -> float | None:
     left = [float(information_left(found, bank, k, j)[-1]) for j in rivals_of(bank, k)]
     sd, apart = deviations(float(found.own[-1, k]), left)
-    seconds = float(effects.t[-1] - effects.t[0])
     return possible(bank, k, least_size(bank, k, sd, apart, seconds))
 
 

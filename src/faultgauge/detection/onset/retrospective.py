@@ -11,18 +11,19 @@ from scipy.special import logsumexp
 
 from faultgauge.detection.answer.reliance import headed
 from faultgauge.detection.answer.shares import WHOLE
-from faultgauge.detection.bank.bank import CERTAIN, FaultBank
+from faultgauge.detection.answer.smallest import smallest_along
+from faultgauge.detection.bank.bank import FaultBank
 from faultgauge.detection.decisions import Decision
 from faultgauge.detection.onset.change_points import total, windows_of
 from faultgauge.detection.onset.changes import ChangeHistory, Sized, changes_of
-from faultgauge.detection.onset.shocks import Shocks
 from faultgauge.detection.onset.window import Causes, Window
-from faultgauge.detection.posterior.events import UNKNOWN, pause, stretches
+from faultgauge.detection.posterior.events import POSSIBLE, UNKNOWN, pause, stretches
 from faultgauge.detection.posterior.inexact import acting
 from faultgauge.detection.posterior.over_onsets import onset_over, size_over
-from faultgauge.detection.posterior.probability import probability
+from faultgauge.detection.posterior.probability import probability, too
 from faultgauge.detection.posterior.verdicts import FAULT
 from faultgauge.detection.words import (
+    MOST,
     PURE,
     UNDECLARED,
     amount,
@@ -67,7 +68,8 @@ class Retrospect:
     size of a healthy window, the size of an undeclared fault. An onset lies between two samples,
     so its interval spans both. `least` is for each declared fault the size that would have been
     named had it begun in the middle of what was judged of the window, which is a share `judged` of
-    its run; None where nothing would have shown it.
+    its run; None where nothing would have shown it. `beside` are faults that may be there too, each
+    with its p if what is told of the window is there.
     `density` is the posterior of the onset per sample of `t`, and `given` the size for each onset:
     an onset at sample n acts from sample n - 1 on; `white` the innovations of the
     healthy filter and `fit` the fault's part of them, in standard deviations; NaN where an output
@@ -95,6 +97,7 @@ class Retrospect:
     white: Float[np.ndarray, "samples outputs"]
     fit: Float[np.ndarray, "samples outputs"]
     clock: Clock | None = None
+    beside: tuple[tuple[str, float], ...] = ()
 
 
 def retrospect(bank: FaultBank, decision: Decision) -> list[Retrospect]:
@@ -121,9 +124,13 @@ def _answers(
     rivals = {HEALTHY: float(own - logs[0]), UNKNOWN: float(own - logs[2])}
     if best == 1:
         sure = [1.0 if single else _among(each, declared) for each in changes.found]
+        beside = _beside(bank, changes)
         return _until(
             [
-                _answer(bank, decision, window, each.causes, each, share * p, rivals)
+                replace(
+                    _answer(bank, decision, window, each.causes, each, share * p, rivals),
+                    beside=beside,
+                )
                 for each, p in zip(changes.found, sure, strict=True)
             ]
         )
@@ -134,6 +141,25 @@ def _answers(
         rivals[_together(names, changes)] = float(own - changes.weight)
     which = None if best == 0 else _begun(changes, declared, float(np.exp(beside - logs[2])))
     return [_answer(bank, decision, window, changes.alone, which, share, rivals)]
+
+
+def _beside(bank: FaultBank, changes: ChangeHistory) -> tuple[tuple[str, float], ...]:
+    """Faults that may be there besides those that are known to change, each with its p: one of
+    them, something undeclared, or none of all is there."""
+    names = bank.model.plant.signals.fault_names
+    known = {each.change.fault for each in changes.found}
+    legal = [k for k in range(len(names)) if k not in known and _legal(bank, {*known, k})]
+    more = [total(changes.more.weight[:, k]) for k in legal]
+    every = total(np.array([0.0, *more, total(changes.more.weight[:, len(names) :])]))
+    p = np.exp(np.array(more) - every)
+    return tuple(
+        (names[k], float(each)) for k, each in zip(legal, p, strict=True) if each > POSSIBLE
+    )
+
+
+def _legal(bank: FaultBank, faults: set[int]) -> bool:
+    """Whether these may be present together."""
+    return tuple(sorted(faults)) in bank.sets
 
 
 def _among(each: Sized, declared: int) -> float:
@@ -217,7 +243,7 @@ def _answer(
         lo=size[1],
         hi=size[2],
         alternatives=_alternatives(names, logs, which, k, rivals),
-        least=_least(bank, causes.seen[-1], used),
+        least=_least(bank, decision, window, used),
         judged=len(used) / len(decision.run.t),
         told=_told(bank, decision, window.part, names[k], onset, size[0]),
         t=window.t,
@@ -277,16 +303,15 @@ def _until(found: list[Retrospect]) -> list[Retrospect]:
     return kept
 
 
-def _least(bank: FaultBank, found: Shocks, used: Int[np.ndarray, "_"]) -> dict[str, float | None]:
-    """The size of each fault that would have been named had it begun in the middle of the samples
-    that were `used`."""
-    faults = bank.model.plant.signals.faults
-    information = np.asarray(found.information)[used[len(used) // 2], : len(faults)]
-    needed = CERTAIN - np.log(bank.onset * bank.step)
-    needed = needed + np.log1p(information * bank.size**2) / 2
-    shown = information * bank.size**2 > 1
-    least = np.sqrt(2 * needed / np.maximum(information, 1e-300))
-    return {fault.name: float(least[k]) if shown[k] else None for k, fault in enumerate(faults)}
+def _least(
+    bank: FaultBank, decision: Decision, window: Window, used: Int[np.ndarray, "_"]
+) -> dict[str, float | None]:
+    """The size of each fault that would have been named by the samples that were `used` had it
+    begun in the middle of them."""
+    rows = np.zeros(len(decision.run.t), bool)
+    rows[window.part.start + used] = True
+    faults = bank.model.plant.signals.fault_names
+    return dict(zip(faults, smallest_along(bank, decision.run, rows), strict=True))
 
 
 def _told(
@@ -372,12 +397,14 @@ def _sentence(bank: FaultBank, found: Retrospect) -> str:
         what = f"{found.cause} {amount(found.size, found.lo, found.hi, units[found.cause])}"
     said = [f"In hindsight: {what} {began} (p {probability(found.p)}, run {found.run})"]
     labels = {HEALTHY: "no fault", UNKNOWN: UNDECLARED}
-    constant = "constant " if found.cause == UNKNOWN else ""
+    constant, beside = "constant " if found.cause == UNKNOWN else "", dict(found.beside)
+    labels |= {name: f"{name} alone" for name in beside}
     said += likelihoods(
         (labels.get(cause, f"{constant}{cause.replace('+', ' and ')}"), odds)
         for cause, odds in found.alternatives
-        if cause != HEALTHY or odds < PLAIN
+        if (cause != HEALTHY or odds < PLAIN) and (odds < MOST or cause not in beside)
     )
+    said += [too(name, p) for name, p in found.beside]
     told = found.told
     step = float(np.median(np.diff(found.t)))
 
@@ -404,5 +431,6 @@ def as_dicts(found: Sequence[Retrospect]) -> list[dict[str, Any]]:
     return [
         {name: value for name, value in asdict(each).items() if name not in left}
         | {"alternatives": [{"cause": c, "odds": o} for c, o in each.alternatives]}
+        | {"beside": dict(each.beside)}
         for each in found
     ]

@@ -1,6 +1,8 @@
 """A probability in words: never certain."""
 
-__all__ = ["probability"]
+from faultgauge.detection.posterior.posterior import LIKELY
+
+__all__ = ["probability", "too"]
 
 SURE = 0.999
 
@@ -12,3 +14,8 @@ def probability(p: float) -> str:
     if p < 1 - SURE:
         return f"< {1 - SURE:.3g}"
     return f"{p:.3f}" if p > 0.99 else f"{p:.2g}"
+
+
+def too(name: str, p: float) -> str:
+    """ "leak may be there too (p 0.097)", of a fault beside another."""
+    return f"{name} {'is likely' if p >= LIKELY else 'may be'} there too (p {probability(p)})"
