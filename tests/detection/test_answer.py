@@ -144,19 +144,29 @@ def test_of_several_logs_the_least_telling_says_what_would_not_have_shown(bank, 
 
 
 def test_an_alarm_without_a_name_is_no_silence(bank, decision):
-    """From 100 s to 110 s, interrupted for a second, and once for a sample within an event."""
+    """From 100 s to 110 s, interrupted for a second, and once for a sample within an event. For
+    half of the time gauge has p 0.6, then 0.2; it is -0.3 if it is there, and a leak is 0.05."""
     status, reason = [*decision.status], [*decision.reason]
-    for k in (*range(200, 210), *range(212, 221), 700):
+    p, f = decision.posterior.p.copy(), decision.posterior.f.copy()
+    rows = [*range(200, 210), *range(212, 222), 700]
+    for n, k in enumerate(rows):
         status[k], reason[k] = "FAULT", "cause undecided: leak or gauge"
-    (first, second) = answers(bank, [replace(decision, status=status, reason=reason)])
-    assert first == "An alarm from 100 s to 110 s (run run1); cause undecided: leak or gauge"
+        p[k] = (0.4, 0.6) if n < 10 else (0.8, 0.2)
+        f[k] = p[k] * (0.05, -0.3)
+    posterior = decision.posterior._replace(p=p, f=f)
+    unsure = replace(decision, status=status, reason=reason, posterior=posterior)
+    (first, second) = answers(bank, [unsure])
+    assert first == (
+        "An alarm from 100 s to 110.5 s (run run1); cause undecided: leak of +0.05 m/s (p 0.6) or "
+        "gauge of -0.3 m (p 0.4)"
+    )
     assert second == answers(bank, [decision])[0]
-    nameless = answers(bank, [replace(decision, status=status, reason=reason, events=[])])
+    unnamed = replace(unsure, events=[])
+    nameless = answers(bank, [unnamed])
     assert nameless[0] == first
     assert not any("No fault" in line for line in nameless)
-    unnamed = replace(decision, status=status, reason=reason, events=[])
     found = runs_as_dicts(bank, [unnamed], ["leak", "gauge"])["run1"]["unnamed"]
-    assert found[0] == {"from": 100.0, "to": 110.0, "sentence": first}
+    assert found[0] == {"from": 100.0, "to": 110.5, "sentence": first}
 
 
 def test_a_log_that_ends_undecided_says_so_and_one_without_a_fault_is_named(bank, decision):

@@ -22,7 +22,7 @@ from faultgauge.detection.posterior.events import UNKNOWN, BankEvent, pause, str
 from faultgauge.detection.posterior.posterior import LIKELY
 from faultgauge.detection.posterior.probability import probability, too
 from faultgauge.detection.posterior.uncalibrated import level_in, uncalibrated
-from faultgauge.detection.posterior.verdicts import FAULT, HEALTHY, NAMED, NOT_JUDGED
+from faultgauge.detection.posterior.verdicts import EITHER, FAULT, HEALTHY, NAMED, NOT_JUDGED
 from faultgauge.detection.words import (
     MOST,
     OLDER,
@@ -187,12 +187,9 @@ def alarms(bank: FaultBank, decision: Decision, note: str = "") -> list[Told]:
     for start, stop in stretches(alarm, np.isfinite(decision.posterior.healthy), pause(bank)):
         for part in _beyond(bank, decision, start, stop):
             first, last = float(run.t[part.start]), float(run.t[part.stop - 1])
-            why = [reason for reason in decision.reason[part] if reason]
             when = f"from {_at(bank, decision, first)} to {_at(bank, decision, last)}"
-            cause = (
-                _usual(why) if why else f"{_named(bank, decision, part)}, named there, was given up"
-            )
-            text = headed(bank.model, f"An alarm {when} (run {run.name}{note}); {cause}")
+            why = _why_unnamed(bank, decision, part)
+            text = headed(bank.model, f"An alarm {when} (run {run.name}{note}); {why}")
             found.append(Told(first, last, text))
     return found
 
@@ -210,6 +207,28 @@ def _beyond(bank: FaultBank, decision: Decision, start: int, stop: int) -> list[
         for a, b in stretches(free, np.ones_like(free), 0)
         if t[start + b - 1] - t[start + a] > bank.knowledge.memory
     ]
+
+
+def _why_unnamed(bank: FaultBank, decision: Decision, part: slice) -> str:
+    """Why an alarm has no event; where two causes are left, what either of them would be."""
+    why = [reason for reason in decision.reason[part] if reason]
+    if not why:
+        return f"{_named(bank, decision, part)}, named there, was given up"
+    if not (usual := _usual(why)).startswith(EITHER):
+        return usual
+    rows = part.start + np.flatnonzero(np.array(decision.status[part]) == FAULT)
+    found, names = decision.posterior, bank.model.plant.signals.fault_names
+    p = {UNDECLARED: float(np.mean(found.unknown[rows]))}
+    p |= zip(names, np.nan_to_num(found.p[rows]).mean(axis=0).tolist(), strict=True)
+    there = np.maximum(found.p[rows].sum(axis=0), 1e-300)
+    size = dict(zip(names, found.f[rows].sum(axis=0) / there, strict=True))
+    first, second = sorted(p, key=lambda name: -p[name])[:2]
+
+    def told(name: str) -> str:
+        of = f" of {size[name]:+.3g} {_unit(bank, name)}".rstrip() if name in size else ""
+        return f"{name}{of} (p {probability(p[name])})"
+
+    return f"{EITHER}{told(first)} or {told(second)}"
 
 
 def _named(bank: FaultBank, decision: Decision, part: slice) -> str:

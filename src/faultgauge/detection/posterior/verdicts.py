@@ -32,6 +32,7 @@ from faultgauge.detection.words import PURE
 from faultgauge.plants.signals import Fault, Signals
 
 __all__ = [
+    "EITHER",
     "FAULT",
     "HEALTHY",
     "NAMED",
@@ -56,6 +57,7 @@ NAMED = 0.98  # p of a fault from which on it is named
 FRESH = 10.0  # samples without any output after which the answer is stale
 OUTSIDE = "outside of"  # what the plant file or training bounds
 PLACES = 4096  # more than there are of anything that a reason may be about
+EITHER = "cause undecided: "
 TOO_SOON = ": too soon after a start or a gap, or not in these data"
 EDGE = 1e-6  # of an input's limits: that near it stands at one
 
@@ -323,7 +325,7 @@ def _said(signals: Signals, regions: Sequence[str], code: int) -> str:
         case Reason.UNDECLARED:
             return "no declared fault explains it"
         case Reason.EITHER:
-            return f"cause undecided: {causes[first]} or {causes[second]}"
+            return f"{EITHER}{causes[first]} or {causes[second]}"
         case Reason.UNDECIDED:
             return "undecided whether there is a fault"
         case Reason.OUTSIDE:
