@@ -55,4 +55,4 @@ def where_needed(
         said, state = jax.lax.scan(one, (nothing, state), places)[0]
         return state, said
 
-    return jax.lax.platform_dependent(needed, state, given, c=in_turn, default=at_once)
+    return jax.lax.platform_dependent(needed, state, given, c=in_turn, cpu=in_turn, default=at_once)
