@@ -23,7 +23,9 @@ from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 
-os.environ["XLA_FLAGS"] = "--xla_cpu_multi_thread_eigen=false"  # before JAX is loaded
+from faultgauge.cli.options import COMPILER
+
+os.environ["XLA_FLAGS"] = COMPILER  # before JAX is loaded
 
 import equinox as eqx
 import jax

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from faultgauge.verbs.reading import Runs
 
 __all__ = [
+    "COMPILER",
     "Again",
     "Fleet",
     "Json",
@@ -146,12 +147,14 @@ def _cache() -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "faultgauge"
 
 
-COMPILER = (
-    "--xla_cpu_multi_thread_eigen=false",
-    # a loop without products of matrices and sorting is one kernel, however long it is, and sums
-    # are left to no library, which would break it up (`products.py`)
-    "--xla_backend_extra_options=xla_cpu_small_while_loop_byte_threshold=1000000000",
-    "--xla_cpu_experimental_ynn_fusion_type=-reduce",
+COMPILER = " ".join(
+    (
+        "--xla_cpu_multi_thread_eigen=false",
+        # a loop is one kernel, however long it is, where nothing in it is left to a library:
+        # no products of matrices (`products.py`), and by the last of these no sums
+        "--xla_backend_extra_options=xla_cpu_small_while_loop_byte_threshold=1000000000",
+        "--xla_cpu_experimental_ynn_fusion_type=-reduce",
+    )
 )
 
 
@@ -164,7 +167,7 @@ def prepare() -> None:
     gc.set_threshold(200_000)  # imports and tracing make many objects and few cycles: 8 % faster
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
-    os.environ.setdefault("XLA_FLAGS", " ".join(COMPILER))
+    os.environ.setdefault("XLA_FLAGS", COMPILER)
     os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")  # notes of the compiler, to its makers
     os.environ.setdefault("JAX_PLATFORMS", "cpu")
     os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(_cache() / "jax"))
