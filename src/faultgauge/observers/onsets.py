@@ -94,13 +94,14 @@ class Onsets(eqx.Module):
         own = jnp.stack([eta[:, self.filter.states + k, j] for j, k in enumerate(self.owner)], 1)
         middle = (look.up + look.down) / 2
         sided = self._sided(up, look.up - middle, look.down - middle) * own[:, None]
-        # onsets of one kind change places among themselves
-        own_row = lanes.row[:, :, :, None] == np.arange(K * A).reshape(K, 1, A)
+        # in each row of J stands an onset of the row's own kind, of which the last has just opened
+        stands = lanes.row[:, :, None] == np.arange(K * A).reshape(K, A, 1)
+        onset = jnp.sum(jnp.where(stands, np.arange(A), 0), axis=3)
 
         def placed(G: Array) -> Array:
-            return jnp.sum(jnp.where(own_row, G[:, :, :, None], 0.0), axis=2).reshape(B, -1)
+            return jnp.take_along_axis(G, onset, axis=2, mode="clip").reshape(B, -1)
 
-        shared, older = lanes.shared, ~own_row[:, :, -1].reshape(B, -1)
+        shared, older = lanes.shared, (onset < A - 1).reshape(B, -1)
         J = jnp.where(older[:, :, None] & older[:, None, :], lanes.J, 0.0)
         score, info, gain, least = lanes.score, lanes.info, lanes.gain, self._least()
         narrower, at_once = jnp.ones_like(gain), self._at_once()[:, None]
