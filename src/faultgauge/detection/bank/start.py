@@ -81,7 +81,7 @@ class Start(eqx.Module):
         renewed = slice(end - len(self.renewed), end)
         fade = jnp.exp(-gap / self.lasting)
         keep = fade.at[:states].set(0.0).at[renewed].set(jnp.sqrt(1 - self.renewed))
-        more = self.size**2 * (1 - fade**2)
+        more = (1 - fade**2) * self.size**2
         more = more.at[:states].set(self.sd**2).at[renewed].set(self.renewed)
         keep = jnp.concatenate([keep, jnp.ones(modes.kinds)])
         more = jnp.concatenate([more, jnp.zeros(modes.kinds)])
