@@ -5,9 +5,14 @@ python benchmarks/bank_speed.py [SAMPLES]
 Beside the sets of faults that are counted here run an agile mode per fault and three unknown ones.
 """
 
+import os
 import sys
 import time
 from dataclasses import replace
+
+from faultgauge.cli.options import compiler
+
+os.environ["XLA_FLAGS"] = compiler()  # before JAX is loaded
 
 from decision_studies.rig import rig, true_model, window
 from faultgauge.detection.bank.bank import build_fault_bank

@@ -23,7 +23,9 @@ from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 
-os.environ["XLA_FLAGS"] = "--xla_cpu_multi_thread_eigen=false"  # before JAX is loaded
+from faultgauge.cli.options import compiler
+
+os.environ["XLA_FLAGS"] = compiler()  # before JAX is loaded
 
 import equinox as eqx
 import jax

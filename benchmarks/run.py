@@ -23,11 +23,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from faultgauge.cli.options import compiler
+
 SINGLE_THREAD = {
     "OPENBLAS_NUM_THREADS": "1",
     "OMP_NUM_THREADS": "1",
     "MKL_NUM_THREADS": "1",
-    "XLA_FLAGS": "--xla_cpu_multi_thread_eigen=false",
+    "XLA_FLAGS": compiler(),
     "JAX_PLATFORMS": "cpu",
 }
 os.environ.update(SINGLE_THREAD)  # before NumPy and JAX are loaded; child processes inherit it

@@ -88,6 +88,30 @@ def equal(found, wanted):
         np.testing.assert_array_equal(one, other)
 
 
+def operations(jaxpr):
+    """All operations of a program, those of its branches and loops among them: the name and, of one
+    that puts values into an array, into how many places."""
+    for each in jaxpr.eqns:
+        name = each.primitive.name
+        yield name, np.prod(each.invars[1].aval.shape[:-1]) if "scatter" in name else 0
+        for inner in jax.tree.leaves(each.params, is_leaf=lambda a: hasattr(a, "eqns")):
+            if hasattr(inner, "eqns") or hasattr(inner, "jaxpr"):
+                yield from operations(getattr(inner, "jaxpr", inner))
+
+
+@pytest.mark.parametrize("rate", ["0.5*x", "NN(x)"])
+def test_a_step_holds_nothing_that_breaks_its_loop_up(rate):
+    """XLA makes one kernel of a loop without these, and hundreds of one with them."""
+    text = HEATER.replace("0.5*x", rate) + "[networks.NN]\nhidden = 3\n" * (rate == "NN(x)")
+    watch = Watch(model(text), ("u", "x", "z"), STEP)
+    step = jax.make_jaxpr(watch.step)(watch.init(), 0.0, np.zeros(1), np.zeros(2))
+    found = set(operations(step.jaxpr))
+    names = {name for name, _ in found}
+    assert {"cond", "scan", "reduce_sum"} <= names
+    assert not names & {"dot_general", "sort"}
+    assert max(places for _, places in found) == 1
+
+
 def test_the_log_has_what_is_to_be_gone_through(watch, walked):
     status, reason = watch.words(walked[1][1].verdict)
     assert {"HEALTHY", "FAULT", "NOT_JUDGED"} <= set(status)

@@ -31,6 +31,7 @@ from faultgauge.observers.branches import (
 from faultgauge.observers.divided_difference import Belief, FilterNoise, Flow, Look, Seen
 from faultgauge.observers.onsets import Onsets
 from faultgauge.observers.rows import where_needed
+from faultgauge.products import contract
 
 __all__ = ["Branching"]
 
@@ -135,10 +136,10 @@ class Branching(Onsets):
         fade = jnp.exp(-dt / self.recall)[:, None]
         sides = jnp.stack([flow.down, flow.up], axis=2)[:, :F]
         shown = jnp.stack([look.down, look.up], axis=2)[:, :F]
-        eta = jnp.einsum("ij,jfs->ifs", flow.A[:n, :n], fade * probe.eta[:n]) + sides
+        eta = contract("ij,jfs->ifs", flow.A[:n, :n], fade * probe.eta[:n]) + sides
         J = fade * probe.J
         for j in range(len(seen.white)):
-            g = jnp.einsum("n,nfs->fs", look.C[j, :n], eta) + shown[j]
+            g = contract("n,nfs->fs", look.C[j, :n], eta) + shown[j]
             J = J + (g / seen.root[j]) ** 2
             g = jnp.where(jnp.isfinite(seen.root[j]), g, 0.0)
             eta = eta - seen.gain[j, :n, None, None] * g
@@ -192,11 +193,12 @@ class Branching(Onsets):
         spread = every * jnp.sqrt(w * changes.V[b, k])
         when, blur = state.lanes.onset[b, kind], self._blur(state.t, state.lanes)[b, kind]
         between = self._slope(state, b, kind) * changes.f[b, k] * jnp.sqrt(w * blur)
-        P = state.belief.P[b] + apart @ apart.T + spread @ spread.T + between @ between.T
+        each = jnp.concatenate([apart, spread, between], axis=1)
+        P = state.belief.P[b] + contract("ia,ja->ij", each, each)
         P = P + jnp.diag(self._entry(state, b, kind, f) ** 2)
         mean, P = self._known_gone(mean, P, fault, gone)
-        onset = w @ when
-        wide = w @ ((when - onset) ** 2 + blur)
+        onset = contract("a,a->", w, when)
+        wide = contract("a,a->", w, (when - onset) ** 2 + blur)
         began = self._began(state, b, kind, jnp.stack([onset, wide]), f)
         since = state.since[b].at[fault].set(began)
         ever = state.ever[b].at[fault].set(1.0)
@@ -393,10 +395,15 @@ class Branching(Onsets):
             jnp.max(peaks[:, :, None] * to, axis=(0, 1)), jnp.max(alone[:, None] * own, axis=0)
         )
         parts = state.belief, log, state.which, state.since, state.ever
-        given = jax.tree.map(lambda a: a[at], parts), changes, state.lanes, TRIFLE * (to @ most)
+        given = (
+            jax.tree.map(lambda a: a[at], parts),
+            changes,
+            state.lanes,
+            TRIFLE * contract("bks,s->bk", to, most),
+        )
         _, each = where_needed(partial(self._summed, state.t), self._alive(state), (), given)
         # and what has not changed
-        heavy = (alone > TRIFLE * (own @ most))[:, None] * own
+        heavy = (alone > TRIFLE * contract("is,s->i", own, most))[:, None] * own
         f0 = state.belief.mean[:, None, n : n + F]
         v0 = jnp.diagonal(state.belief.P, axis1=1, axis2=2)[:, None, n : n + F]
         same = Sums(
@@ -409,7 +416,8 @@ class Branching(Onsets):
             state.ever[:, :d],
         )
         p, held, mean, square, x, past, ever = (
-            jnp.sum(a, axis=0) + jnp.tensordot(alone, b, 1) for a, b in zip(each, same, strict=True)
+            jnp.sum(a, axis=0) + jnp.sum(jax.vmap(jnp.multiply)(alone, b), axis=0)
+            for a, b in zip(each, same, strict=True)
         )
         Z = jnp.sum(p)
         p, x, ever = p / Z, x / Z, ever / Z
@@ -451,11 +459,11 @@ class Branching(Onsets):
         gone[range(F), K + np.arange(F)] = 1.0
         f, v = (jnp.where(gone[None, :, :, None] > 0, 0.0, a) for a in (f, v))
         heavy = jnp.where(w > least[:, :, None], w, 0.0)
-        p = jnp.einsum("bk,bks->bs", each, to)
-        held = jnp.einsum("bk,bks->bs", jnp.sum(heavy, axis=2), to)
-        mean = jnp.einsum("bfk,bks->bsf", jnp.sum(heavy[:, None] * f, axis=3), to)
-        square = jnp.einsum("bfk,bks->bsf", jnp.sum(heavy[:, None] * (f**2 + v), axis=3), to)
-        shift = jnp.einsum("bka,bnka->bn", w[:, :K] * changes.f[:, :K], lanes.eta[:, :n])
+        p = contract("bk,bks->bs", each, to)
+        held = contract("bk,bks->bs", jnp.sum(heavy, axis=2), to)
+        mean = contract("bfk,bks->bsf", jnp.sum(heavy[:, None] * f, axis=3), to)
+        square = contract("bfk,bks->bsf", jnp.sum(heavy[:, None] * (f**2 + v), axis=3), to)
+        shift = contract("bka,bnka->bn", w[:, :K] * changes.f[:, :K], lanes.eta[:, :n])
         x = jnp.sum(each, axis=1)[:, None] * belief.mean[:, :n] + shift
         # since when: a change of what is there already begins nothing
         holds = (np.array(self.less) >= 0).astype(float)[:, :d]
@@ -470,7 +478,7 @@ class Branching(Onsets):
         then = jnp.stack([jnp.ones_like(old), first, spread + first**2], axis=2)
         when, new = lanes.onset, w[:, :K]
         dates = jnp.stack([new, new * when, new * (when**2 + self._blur(t, lanes))], axis=3)
-        past = jnp.einsum("bkt,bkf->bft", jnp.sum(dates, axis=2), begins[:, :K])
+        past = contract("bkt,bkf->bft", jnp.sum(dates, axis=2), begins[:, :K])
         past = past + old[:, :, None] * then
         ever = jnp.sum(each[:, :, None] * jnp.maximum(ever[:, None, :d], own), axis=1)
         return (), Sums(p, held, mean, square, x, past, ever)

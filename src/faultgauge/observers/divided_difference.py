@@ -20,6 +20,7 @@ from jaxtyping import Array, Float
 
 from faultgauge.plants.disturbed import Disturbed
 from faultgauge.plants.plant import respond
+from faultgauge.products import contract
 from faultgauge.simulation.integrators import step_through
 from faultgauge.simulation.intersample import line
 
@@ -153,7 +154,7 @@ class DividedDifferenceFilter(eqx.Module):
         none = jnp.zeros(k)
         unseen = jnp.where(dt > MISSING * self.step_s, dt - self.step_s, 0.0)
         jump = self.plant.jumps(after, u_before, u, none, none, unseen)
-        mean = jnp.concatenate([after, A[n:] @ belief.mean])
+        mean = jnp.concatenate([after, contract("ij,j->i", A[n:], belief.mean)])
         rates = jnp.zeros(size - n - k)
         doubts = self.plant.doubts(u_before, u)
         process = doubts * noise.process
@@ -169,8 +170,8 @@ class DividedDifferenceFilter(eqx.Module):
         low = jnp.diagonal(A)[own:, None] * M[own:]
         if self.growing:
             off = np.eye(len(A))[own:, grows:] == 0
-            low = low + jnp.where(off, A[own:, grows:], 0.0) @ M[grows:]
-        return jnp.concatenate([A[:own] @ M, low])
+            low = low + contract("ij,jk->ik", jnp.where(off, A[own:, grows:], 0.0), M[grows:])
+        return jnp.concatenate([contract("ij,jk->ik", A[:own], M), low])
 
     def look(
         self, belief: Belief, u: Float[Array, "inputs"]
@@ -197,16 +198,20 @@ class DividedDifferenceFilter(eqx.Module):
         mean, P, total, said = belief.mean, belief.P, jnp.zeros(()), []
         for j in range(len(y)):
             there, H = jnp.isfinite(y[j]), look.C[j]
-            HP = H @ P
-            known = HP @ H
+            HP = contract("i,ij->j", H, P)
+            known = contract("i,i->", HP, H)
             S = known + noise.sigma[j] ** 2
-            e = jnp.where(there, y[j] - expected[j] - H @ (mean - belief.mean), 0.0)
+            moved = contract("i,i->", H, mean - belief.mean)
+            e = jnp.where(there, y[j] - expected[j] - moved, 0.0)
             usual, S = jnp.sqrt(S), S * raised(e**2 / S)
             R = S - known
             K = jnp.where(there, HP / S, 0.0)
             # (I - K H) P (I - K H)^T + R K K^T, a row and a column at a time
             P = P - jnp.outer(K, HP)
-            mean, P = mean + K * e, P - jnp.outer(P @ H, K) + R * jnp.outer(K, K)
+            mean, P = (
+                mean + K * e,
+                P - jnp.outer(contract("ij,j->i", P, H), K) + R * jnp.outer(K, K),
+            )
             root = jnp.sqrt(S)
             total += jnp.where(there, -0.5 * (e**2 / S + jnp.log(2 * jnp.pi * S)), 0.0)
             said.append((e / root, *(jnp.where(there, a, jnp.inf) for a in (root, usual)), K))

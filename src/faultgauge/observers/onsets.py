@@ -31,6 +31,7 @@ from faultgauge.observers.divided_difference import (
     raised,
 )
 from faultgauge.observers.rows import where_needed
+from faultgauge.products import contract
 
 __all__ = ["TICK", "Onsets"]
 
@@ -93,21 +94,22 @@ class Onsets(eqx.Module):
         own = jnp.stack([eta[:, self.filter.states + k, j] for j, k in enumerate(self.owner)], 1)
         middle = (look.up + look.down) / 2
         sided = self._sided(up, look.up - middle, look.down - middle) * own[:, None]
-        shared, rows = (a.reshape(B, -1) for a in (lanes.shared, lanes.row))
-        every = np.arange(B)[:, None]
+        # in each row of J stands an onset of the row's own kind, of which the last has just opened
+        stands = lanes.row[:, :, None] == np.arange(K * A).reshape(K, A, 1)
+        onset = jnp.sum(jnp.where(stands, np.arange(A), 0), axis=3)
 
         def placed(G: Array) -> Array:
-            return jnp.zeros_like(G).at[every, rows].set(G)
+            return jnp.take_along_axis(G, onset, axis=2, mode="clip").reshape(B, -1)
 
-        older = jnp.ones((B, K * A), bool).at[every, lanes.row[:, :, -1]].set(False)
+        shared, older = lanes.shared, (onset < A - 1).reshape(B, -1)
         J = jnp.where(older[:, :, None] & older[:, None, :], lanes.J, 0.0)
         score, info, gain, least = lanes.score, lanes.info, lanes.gain, self._least()
         narrower, at_once = jnp.ones_like(gain), self._at_once()[:, None]
         for j in range(seen.white.shape[1]):
             # the faults' own sides do not change while the outputs are taken in turn
-            g = jnp.einsum("bn,bnka->bka", look.C[:, j], eta) + sided[:, j]
-            G = (g / seen.root[:, j, None, None]).reshape(B, -1)
-            shared = shared + G * seen.white[:, j, None]
+            g = contract("bn,bnka->bka", look.C[:, j], eta) + sided[:, j]
+            G = g / seen.root[:, j, None, None]
+            shared = shared + G * seen.white[:, j, None, None]
             H = placed(G)
             J = J + H[:, :, None] * H[:, None, :]
             # what is far off without a change of a sensor need not be so with it, and then tells
@@ -126,7 +128,7 @@ class Onsets(eqx.Module):
             info = info + G**2 / times[:, 0]
             g = jnp.where(there[:, None, None], g, 0.0)
             eta = eta - seen.gain[:, j, :, None, None] * g[:, None]
-        gain, shared = gain + jnp.log(narrower) / 2, shared.reshape(B, K, A)
+        gain = gain + jnp.log(narrower) / 2
         return lanes._replace(eta=eta, score=score, info=info, gain=gain, shared=shared, J=J), ()
 
     def _at_once(self) -> Bool[np.ndarray, "kinds"]:

@@ -1,7 +1,7 @@
 """One function of many rows, of which some need no answer.
 
-What computes with vectors takes all rows at once and leaves out what nobody needs; C, which takes
-one after the other, does not even begin with those.
+What computes with many vectors takes all rows at once and leaves out what nobody needs; a processor
+and C, which take one after the other, do not even begin with those.
 """
 
 from collections.abc import Callable
@@ -23,6 +23,7 @@ def where_needed(
     """`of(state, given) -> (state, answer)` of every row that is `needed`; others keep their state
     and answer 0. All are pytrees of arrays along whose first axis the rows are, of which `of` takes
     any number, each row for itself."""
+    once = jax.jit(lambda state, given: of(state, given))  # traced once for shapes and answers
 
     def at_once(needed: Array, state: Any, given: Any) -> tuple[Any, Any]:
         new = of(state, given)
@@ -34,7 +35,8 @@ def where_needed(
         return jax.tree.map(chosen, new, old)
 
     def in_turn(needed: Array, state: Any, given: Any) -> tuple[Any, Any]:
-        shapes = jax.eval_shape(of, state, given)[1]
+        one_row = jax.tree.map(lambda a: a[:1], (state, given))
+        shapes = jax.eval_shape(once, *one_row)[1]
 
         def one(carry: tuple, k: Array) -> tuple[tuple, None]:
             def row(a: Array) -> Array:
@@ -45,14 +47,16 @@ def where_needed(
 
             def go(carry: tuple) -> tuple:
                 # answers first: they may still read the state that was
-                new = of(*(jax.tree.map(row, tree) for tree in (carry[1], given)))
+                new = once(*(jax.tree.map(row, tree) for tree in (carry[1], given)))
                 return jax.tree.map(put, carry, new[::-1])
 
             return jax.lax.cond(needed[k], go, lambda carry: carry, carry), None
 
-        nothing = jax.tree.map(lambda each: jnp.zeros(each.shape, each.dtype), shapes)
+        nothing = jax.tree.map(lambda a: jnp.zeros((len(needed), *a.shape[1:]), a.dtype), shapes)
         places = jnp.arange(len(needed), dtype=jnp.uint32)  # which are never negative
         said, state = jax.lax.scan(one, (nothing, state), places)[0]
         return state, said
 
-    return jax.lax.platform_dependent(needed, state, given, c=in_turn, default=at_once)
+    if jax.default_backend() == "cpu":
+        return in_turn(needed, state, given)
+    return jax.lax.platform_dependent(needed, state, given, c=in_turn, cpu=in_turn, default=at_once)

@@ -41,6 +41,7 @@ from faultgauge.plants.expression import derivatives_used, is_state, names_used
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant import Plant, ValueChange, applied, respond
 from faultgauge.plants.signals import Fault, Signals, State
+from faultgauge.products import contract
 
 __all__ = [
     "Disturbed",
@@ -204,8 +205,8 @@ class Disturbed(Plant):
     def besides(self, x: Float[Array, "states"]) -> Float[Array, "outputs"]:
         """b and l, and what `base` shows."""
         count, parts = len(self.signals.outputs), self.parts
-        more = _acts(count, self.wandering) @ x[parts.b]
-        more = more + _acts(count, self.lagging) @ x[parts.lag]
+        more = contract("ij,j->i", _acts(count, self.wandering), x[parts.b])
+        more = more + contract("ij,j->i", _acts(count, self.lagging), x[parts.lag])
         return self.base.besides(x[parts.x]) + more
 
     def jumps(
@@ -228,11 +229,12 @@ class Disturbed(Plant):
         dx, y = jax.vmap(lambda u, f: respond(self, x, u, f))(us, fs)
         reached = jax.vmap(lambda u, f: applied(self.signals, u, f))(us, fs)
         parts = self.parts
-        moved = _acts(len(u), self.following).T @ (reached[0] - reached[1])
-        shown = _acts(y.shape[1], self.lagging).T @ (y[0] - y[1])
-        rates = _acts(self.count, self.driven).T @ (dx[0] - dx[1])[parts.x]
-        jumps = jnp.zeros(len(x)).at[parts.e].set(jnp.abs(self.error.share * moved))
-        jumps = jumps.at[np.array(self.driven, int)].set(unseen * jnp.abs(rates) / np.sqrt(3))
+        moved = contract("ji,j->i", _acts(len(u), self.following), reached[0] - reached[1])
+        shown = contract("ji,j->i", _acts(y.shape[1], self.lagging), y[0] - y[1])
+        driven = np.isin(np.arange(self.count), self.driven)
+        rates = jnp.where(driven, (dx[0] - dx[1])[parts.x], 0.0)
+        jumps = jnp.zeros(len(x)).at[parts.x].set(unseen * jnp.abs(rates) / np.sqrt(3))
+        jumps = jumps.at[parts.e].set(jnp.abs(self.error.share * moved))
         return jumps.at[parts.lag].set(jnp.abs(self.error.late * shown))
 
     def doubts(
@@ -263,14 +265,14 @@ class Disturbed(Plant):
 
     def _told(self, x: Float[Array, "states"]) -> Plant:
         """`base` with the constants that xi makes of them."""
-        return self._with(self.offset + self.directions @ x[self.parts.xi])
+        return self._with(self.offset + contract("ij,j->i", self.directions, x[self.parts.xi]))
 
     def _slow(
         self, x: Float[Array, "states"], t: Float[Array, "times"]
     ) -> Float[Array, "times own"]:
         """What d adds to the rates of `base` `t` [s] after `x`."""
         slow = jnp.exp(-t[:, None] / self.error.tau) * x[self.parts.d]
-        return slow @ _acts(self.count, self.driven).T
+        return contract("tj,ij->ti", slow, _acts(self.count, self.driven))
 
     def _astray(
         self, x: Float[Array, "states"], of: Callable[[Plant], Float[Array, "some"]]
@@ -280,8 +282,8 @@ class Disturbed(Plant):
         both."""
         usual = self._with(self.offset)
         count = len(self.signals.inputs)
-        stray = _acts(count, self.straying) @ x[self.parts.a]
-        stray = stray + _acts(count, self.following) @ x[self.parts.e]
+        stray = contract("ij,j->i", _acts(count, self.straying), x[self.parts.a])
+        stray = stray + contract("ij,j->i", _acts(count, self.following), x[self.parts.e])
         if not self.straying and not self.following:
             return jnp.zeros_like(of(usual))
         return of(_Strayed(usual.signals, usual, stray)) - of(usual)

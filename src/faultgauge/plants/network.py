@@ -1,6 +1,7 @@
 """The small network that stands for one unknown nonlinearity."""
 
 import dataclasses
+from functools import partial
 
 import equinox as eqx
 import jax
@@ -9,6 +10,7 @@ from jaxtyping import Array, Float
 
 from faultgauge.plants.plant import ValueChange
 from faultgauge.plants.shape import FREE, Shape
+from faultgauge.products import contract
 
 __all__ = ["Network"]
 
@@ -66,17 +68,18 @@ class Network(eqx.Module):
         if shape.monotone:
             inner = inner**2
             outer = outer**2 if shape.monotone == "increasing" else -(outer**2)
+        into, out = partial(contract, "hi,i->h", inner), partial(contract, "h,h->", outer)
         if shape.odd:
-            z = inner @ self._scaled(p)
-            return outer @ (jnp.tanh(z + self.bias) + jnp.tanh(z - self.bias)) / 2
+            z = into(self._scaled(p))
+            return out(jnp.tanh(z + self.bias) + jnp.tanh(z - self.bias)) / 2
         if shape.zero_at_zero:
             # scaled together, or compilers may round the two differently
             scaled, zero = self._scaled(jnp.stack([p, jnp.zeros_like(p)]))
-            start, step = inner @ zero + self.bias, inner @ (scaled - zero)
+            start, step = into(zero) + self.bias, into(scaled - zero)
             # tanh(a + d) - tanh(a) as a product, which is exactly 0 at d = 0
             rest = 1 - jnp.tanh(start) * jnp.tanh(start + step)
-            return outer @ (jnp.tanh(step) * rest)
-        return outer @ jnp.tanh(inner @ self._scaled(p) + self.bias) + self.bias_out
+            return out(jnp.tanh(step) * rest)
+        return out(jnp.tanh(into(self._scaled(p)) + self.bias)) + self.bias_out
 
     def arrays(self) -> dict[str, Float[Array, "..."]]:
         """Weights and scalings by name."""

@@ -17,6 +17,7 @@ from jaxtyping import Array, Float, Int
 from faultgauge.detection.bank.coverage import Region
 from faultgauge.plants.model import Model
 from faultgauge.plants.signals import Signals
+from faultgauge.products import contract
 
 __all__ = ["Applied", "Bound", "Envelope", "bounds_of"]
 
@@ -75,10 +76,12 @@ class Applied(eqx.Module):
     ) -> tuple[Float[Array, "inputs"], Float[Array, "states"]]:
         """(the inputs as they act, what is added to the states' derivatives) with the posterior
         means of the faults `f` in every set, of probability `p`."""
-        size = jnp.clip(p @ f, self.low, self.high)
+        size = jnp.clip(contract("s,sf->f", p, f), self.low, self.high)
         kept = jnp.prod(1 - self.gain * size, axis=1)
-        acting = jnp.clip(kept * u + self.extra @ size, self.limits[0], self.limits[1])
-        return acting, jnp.asarray(self.driven @ size)
+        acting = jnp.clip(
+            kept * u + contract("ij,j->i", self.extra, size), self.limits[0], self.limits[1]
+        )
+        return acting, contract("ij,j->i", self.driven, size)
 
 
 class Envelope(eqx.Module):

@@ -26,16 +26,15 @@ ROOM = 10.0  # standard deviations of the sensor: at least that far off may a st
 
 class Start(eqx.Module):
     """States at `mean` +- `sd` behind a gap and as `extended` where a log begins; each `measured`
-    by an output (its place; -1: by none). Discrepancies, at the places `fading`, of stationary
-    `size` last `lasting` [s]; constants are `renewed` by as much of their variance."""
+    by an output (its place; -1: by none). Discrepancies of stationary `size` last `lasting` [s],
+    infinite of all else; constants are `renewed` by as much of their variance."""
 
     mean: Float[np.ndarray, "states"]
     sd: Float[np.ndarray, "states"]
     extended: Float[np.ndarray, "extended"]
-    size: Float[np.ndarray, "fading"]
-    lasting: Float[np.ndarray, "fading"]
+    size: Float[np.ndarray, "extended"]
+    lasting: Float[np.ndarray, "extended"]
     renewed: Float[np.ndarray, "constants"]
-    fading: tuple[int, ...] = eqx.field(static=True)
     measured: tuple[int, ...] = eqx.field(static=True)
 
     @staticmethod
@@ -55,10 +54,11 @@ class Start(eqx.Module):
         plant = bank.plant
         parts, error = plant.parts, plant.error
         fading = [k for part in (parts.d, parts.b, parts.a) for k in range(part.start, part.stop)]
-        lasting = np.concatenate([error.tau, error.wandering, error.straying])
+        lasting = np.full(len(extended), np.inf)
+        lasting[fading] = np.concatenate([error.tau, error.wandering, error.straying])
         return Start(
-            (x.max(axis=0) + x.min(axis=0)) / 2, sd, extended, extended[fading], lasting,
-            np.asarray(noise.renewed, float), tuple(fading), tuple(int(j) for j in measured),
+            (x.max(axis=0) + x.min(axis=0)) / 2, sd, extended, extended, lasting,
+            np.asarray(noise.renewed, float), tuple(int(j) for j in measured),
         )  # fmt: skip
 
     def init(self, modes: Branching) -> BranchState:
@@ -77,16 +77,14 @@ class Start(eqx.Module):
     ) -> BranchState:
         """Before the first row of a stretch, `gap` [s] after the last one, where `u` acts and `y`
         (NaN: not sampled) is measured."""
-        states, total = len(self.mean), state.belief.mean.shape[1]
-        fading = np.array(self.fading, int)
-        end = total - modes.kinds
+        states, end = len(self.mean), len(self.extended)
+        renewed = slice(end - len(self.renewed), end)
         fade = jnp.exp(-gap / self.lasting)
-        keep, more = jnp.ones(total), jnp.zeros(total)
-        keep = keep.at[:states].set(0.0).at[fading].set(fade)
-        keep = keep.at[end - len(self.renewed) : end].set(jnp.sqrt(1 - self.renewed))
-        more = more.at[:states].set(self.sd**2)
-        more = more.at[fading].set(self.size**2 * (1 - fade**2))
-        more = more.at[end - len(self.renewed) : end].set(self.renewed)
+        keep = fade.at[:states].set(0.0).at[renewed].set(jnp.sqrt(1 - self.renewed))
+        more = (1 - fade**2) * self.size**2
+        more = more.at[:states].set(self.sd**2).at[renewed].set(self.renewed)
+        keep = jnp.concatenate([keep, jnp.ones(modes.kinds)])
+        more = jnp.concatenate([more, jnp.zeros(modes.kinds)])
         shown = jnp.append(y, jnp.nan)[np.array(self.measured)]
         x = jnp.where(jnp.isfinite(shown), shown, self.mean)
         mean = (state.belief.mean * keep).at[:, :states].set(x)

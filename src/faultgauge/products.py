@@ -1,0 +1,30 @@
+"""Products of small matrices, as a compiler of loops takes them best.
+
+XLA leaves a product of matrices to a library, at some microseconds a call, and makes one kernel of
+a whole loop where there is none. Sums of products it puts into what is around them.
+"""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+__all__ = ["contract"]
+
+
+def contract(
+    form: str, left: Float[Array | np.ndarray, "..."], right: Float[Array | np.ndarray, "..."]
+) -> Float[Array, "..."]:
+    """The sums of products of two arrays that `form` names as in `einsum`: "ij,j->i" is A x."""
+    inputs, kept = form.split("->")
+    names = inputs.split(",")
+    order = kept + "".join(dict.fromkeys(k for k in inputs if k not in kept + ","))
+    length = dict(zip("".join(names), (*left.shape, *right.shape), strict=True))
+
+    def spread(a: Array | np.ndarray, its: str) -> Array:
+        turned = jax.lax.transpose(a, [its.index(k) for k in order if k in its])
+        at = [n for n, k in enumerate(order) if k in its]
+        return jax.lax.broadcast_in_dim(turned, [length[k] for k in order], at)
+
+    both = spread(left, names[0]) * spread(right, names[1])
+    return jnp.sum(both, axis=tuple(range(len(kept), len(order))))
