@@ -13,6 +13,7 @@ as they make sense; faults in turn have engineering ones. `--without-discrepancy
 model error. Shares have Wilson's 95 % intervals.
 
   heaters         two coupled heaters: radiation, sensor lags, a room that wanders, 0.3 K steps
+  biased          the same, of which biases alone are declared
   servo           a position loop whose friction has memory
   tanks2_2        two tanks whose constants differ by 2 % from run to run; coloured noise
   tanks2_5        the same, 5 %
@@ -56,7 +57,7 @@ from mismatch.dc_motor import dc_motor
 from mismatch.exchanger import exchanger
 from mismatch.furnace import furnace
 from mismatch.harness import measure, without_discrepancy
-from mismatch.heaters import equal, heaters
+from mismatch.heaters import biased, equal, heaters
 from mismatch.lag import lag
 from mismatch.meter import meter
 from mismatch.pump_loop import pump_loop
@@ -73,6 +74,7 @@ from mismatch.valve import valve
 
 CASES: dict[str, Callable[[], Case]] = {
     "heaters": heaters,
+    "biased": biased,
     "servo": servo,
     "tanks2_2": lambda: tanks("tanks2_2", 0.02),
     "tanks2_5": lambda: tanks("tanks2_5", 0.05),

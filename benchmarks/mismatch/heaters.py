@@ -14,7 +14,7 @@ import numpy as np
 from mismatch.case import Case, Sizes
 from mismatch.truth import Truth, Vector, coloured, levels, white
 
-__all__ = ["equal", "heaters"]
+__all__ = ["biased", "equal", "heaters"]
 
 FILE = """
 name = "two heaters"
@@ -62,6 +62,13 @@ KELVIN = 273.15
 
 def heaters() -> Case:
     return Case("heaters", FILE, partial(truth, exact=False), SIZES, pairs=True)
+
+
+def biased() -> Case:
+    """The same, of which a bias of every heater and sensor is declared, and no loss."""
+    file = "".join(line for line in FILE.splitlines(keepends=True) if '"gain"' not in line)
+    sizes = {name: each for name, each in SIZES.items() if name.endswith("bias")}
+    return Case("biased", file, partial(truth, exact=False), sizes, pairs=True)
 
 
 def equal() -> Case:

@@ -79,6 +79,8 @@ def test_figures_are_medians_of_what_was_found():
     assert (found.size_covered.count, found.size_covered.total) == (2, 3)
     assert found.instead == {"nothing": 1}
     assert len(large(trials)) == 3
+    unnamed = trial(judged(alarms=((11.0, 30.0),)), ("f", 1.0, 3.0))
+    assert figures([unnamed], 1.0).instead == {"an alarm without a name": 1}
 
 
 @pytest.mark.parametrize(

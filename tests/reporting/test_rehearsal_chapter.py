@@ -1,6 +1,7 @@
 """The report of a rehearsal: every number from its trials, every axis with its unit."""
 
 import xml.etree.ElementTree as ET
+from dataclasses import replace
 
 import pytest
 
@@ -50,6 +51,12 @@ def found():
     return rehearsal(
         [*trials, trial(6, 2.0, True, ("friction", "gain"))], {"gain": "a network fault"}
     )
+
+
+def test_logs_of_which_nothing_is_judged_tell_no_rate_of_false_alarms(found):
+    said = lines(replace(found, false_alarms=poisson(0, 0.0)))
+    assert not any("nan" in line or "inf " in line for line in said)
+    assert any(line.startswith("In untouched logs nothing could be judged") for line in said)
 
 
 def test_the_table_says_what_the_trials_say(found):

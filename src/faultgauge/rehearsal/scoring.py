@@ -126,5 +126,11 @@ def figures(trials: Sequence[Trial], size: float | None = None) -> Figures:
         error_median=float(np.median(errors)) if errors else None,
         error_p90=float(np.quantile(errors, 0.9)) if errors else None,
         delay_median=float(np.median(delays)) if delays else None,
-        instead=dict(Counter(" and ".join(e.told) or "nothing" for e in trials if not e.exact)),
+        instead=dict(Counter(_instead(e) for e in trials if not e.exact)),
     )
+
+
+def _instead(trial: Trial) -> str:
+    """What was told of a log."""
+    silent = "an alarm without a name" if trial.alarmed else "nothing"
+    return " and ".join(trial.told) or silent

@@ -78,7 +78,7 @@ def fault_row(fault: FaultResult) -> tuple[str, ...]:
 
 def remarks(rehearsal: Rehearsal) -> list[str]:
     """Sentences on names, pairs, false alarms, and what was not rehearsed."""
-    alarms, found = rehearsal.false_alarms, []
+    found = []
     if rehearsal.exact.total:
         found.append(
             "Named exactly, all faults of at least 4 times the foretold size: "
@@ -87,12 +87,7 @@ def remarks(rehearsal: Rehearsal) -> list[str]:
     found += _against_sheet(rehearsal.faults)
     for times in sorted({each.times for each in rehearsal.pairs}):
         found.append(_pairs([each for each in rehearsal.pairs if each.times == times], times))
-    found.append(
-        f"In untouched logs: {alarms.count} false alarm{'' if alarms.count == 1 else 's'} in "
-        f"{number(alarms.hours)} h, {number(alarms.value)} per hour (95 % interval "
-        f"{number(alarms.lo, 2)} to {number(alarms.hi, 2)}); calibration allows at most "
-        f"{number(rehearsal.calibrated_rate)} per hour."
-    )
+    found.append(_false_alarms(rehearsal))
     found.append(_before(rehearsal.trials))
     found += [f"Not rehearsed: {name}, {reason}." for name, reason in rehearsal.left_out.items()]
     for each in rehearsal.faults:
@@ -124,6 +119,18 @@ def _against_sheet(faults: Sequence[FaultResult]) -> list[str]:
         f"of the onsets (the table's is for one onset, in the middle): {each}; within {NEAR:g} "
         f"times: {near} of {len(sure)}."
     ]
+
+
+def _false_alarms(rehearsal: Rehearsal) -> str:
+    alarms = rehearsal.false_alarms
+    if not alarms.hours:
+        return "In untouched logs nothing could be judged, so they tell of no false alarms."
+    return (
+        f"In untouched logs: {alarms.count} false alarm{'' if alarms.count == 1 else 's'} in "
+        f"{number(alarms.hours)} h, {number(alarms.value)} per hour (95 % interval "
+        f"{number(alarms.lo, 2)} to {number(alarms.hi, 2)}); calibration allows at most "
+        f"{number(rehearsal.calibrated_rate)} per hour."
+    )
 
 
 def _before(trials: Sequence[Trial]) -> str:
