@@ -27,24 +27,25 @@ def bank():
     return replace(usual, noise=noise, gain=GAIN, changes=np.array([CHANGE]))
 
 
-def named(size, since=JUMP):
+def named(size, since=JUMP, held=()):
     """Which causes have a name at each row, where the posterior is sure of all from row `since` on
-    and the input changes by `size` at row JUMP."""
+    and the input changes by `size` at row JUMP; `held` are rows right behind a gap."""
     rules, n = Rules.of(bank()), len(bank().model.plant.signals.faults)
     t = STEP * jnp.arange(ROWS)
     u = jnp.where(jnp.arange(ROWS) < JUMP, 1.0, 1.0 + size)[:, None]
 
     def step(state, row):
-        t, u, sure = row
+        t, u, sure, held = row
         p, one = jnp.where(sure, 0.999, 0.0), jnp.ones(n)
         none = jnp.where(sure, 1e-9, 1.0)
         found = Marginal(p * one, one, 0.9 * one, 1.1 * one, none, p, none)
         yes, no = jnp.asarray(True), jnp.asarray(0)
-        heard = Heard(yes, jnp.asarray(False), no, jnp.ones((n, 2), bool), no, u, yes)
+        heard = Heard(yes, held, no, jnp.ones((n, 2), bool), no, u, yes)
         state, verdict = rules.step(state, t, found, heard)
         return state, verdict.named
 
-    return np.asarray(jax.lax.scan(step, rules.init(), (t, u, jnp.arange(ROWS) >= since))[1])
+    rows = t, u, jnp.arange(ROWS) >= since, jnp.isin(jnp.arange(ROWS), jnp.array(held, int))
+    return np.asarray(jax.lax.scan(step, rules.init(), rows)[1])
 
 
 def first(found):
@@ -69,6 +70,11 @@ def test_what_acts_on_the_plant_has_no_name_until_a_strange_change_has_settled()
     ends = JUMP * STEP + SETTLED
     assert np.all(strange[acts] >= ends + waits[acts] - STEP)
     assert np.all(strange[acts] <= ends + waits[acts] + 2 * STEP)
+
+
+def test_what_an_input_did_in_a_gap_is_no_strange_change():
+    held = range(JUMP, JUMP + 3)
+    assert first(named(2 * CHANGE, held=held)) == pytest.approx(first(named(0.0, held=held)))
 
 
 def test_a_name_that_is_there_before_the_change_stays():

@@ -58,13 +58,13 @@ def _follow(
     chunk: tuple[Float[Array | np.ndarray, "chunk ..."], ...],
     count: Int[Array | np.ndarray, ""],
 ) -> tuple[Any, Any]:
-    first = tuple(each[0] for each in chunk)
-    _, shapes = eqx.filter_eval_shape(lambda s, x: judge.step(s, *x), state, first)
+    once = eqx.filter_jit(lambda s, x: judge.step(s, *x))  # traced once for shapes and answers
+    _, shapes = eqx.filter_eval_shape(once, state, tuple(each[0] for each in chunk))
     blank = jax.tree.map(lambda a: jnp.zeros((CHUNK, *a.shape), a.dtype), shapes)
 
     def body(k: Array, carried: tuple[Any, Any]) -> tuple[Any, Any]:
         state, infos = carried
-        state, info = judge.step(state, *(each[k] for each in chunk))
+        state, info = once(state, tuple(each[k] for each in chunk))
         return state, jax.tree.map(lambda whole, one: whole.at[k].set(one), infos, info)
 
     return jax.lax.fori_loop(0, count, body, (state, blank))

@@ -184,7 +184,8 @@ class Rules(eqx.Module):
         alarms, alarm = self.alarm.step(
             state.alarm, t, over, free & (1 - found.calm < self.release)
         )
-        strange = jnp.any(jnp.abs(heard.u - state.u) > self.changes)
+        # behind a gap an input is elsewhere, and that is no change from row to row
+        strange = ~heard.held & jnp.any(jnp.abs(heard.u - state.u) > self.changes)
         strange = jnp.where(strange, t, state.strange)
         known = jnp.logical_not(self.acting & (t - strange < self.settled))
         names, signs, named = self._named(state, t, found, alarm, free, inside, known)
