@@ -104,10 +104,12 @@ def calibrated(each: RealSet, folder: Path | None) -> Model:
 
 def drawn(run: Run, sigma: dict[str, float], rng: np.random.Generator) -> Iterator[Glitch]:
     """20 glitches, in order."""
-    room = (len(run.t) - FIRST) // COUNT
+    sampled = np.any([np.isfinite(run.columns[n]) for n in sigma], axis=0)
+    rows = FIRST + np.flatnonzero(sampled[FIRST:])
+    room = len(rows) // COUNT
     sizes = list(KNOWN)
     for k in range(COUNT):
-        row = FIRST + k * room + int(rng.integers(max(room - APART, 1)))
+        row = int(rows[k * room + int(rng.integers(max(room - APART, 1)))])
         output = str(rng.choice([n for n in sigma if np.isfinite(run.columns[n][row])]))
         decade = rng.uniform(np.log10(sigma[output]), LARGEST)
         off = float(rng.choice([-1.0, 1.0]) * 10**decade)
