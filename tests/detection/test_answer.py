@@ -23,6 +23,7 @@ from faultgauge.detection.decisions import Watching, decide
 from faultgauge.detection.posterior.glitches import sentences
 from faultgauge.reporting.decision_chapter import decision_report
 from faultgauge.reporting.report import render
+from faultgauge.reporting.run_overview import run_overview
 from faultgauge.telemetry import Run, read_telemetry
 from faultgauge.telemetry.clock import Clock
 from faultgauge.telemetry.runs import cut
@@ -167,6 +168,9 @@ def test_an_alarm_without_a_name_is_no_silence(bank, decision):
     assert not any("No fault" in line for line in nameless)
     found = runs_as_dicts(bank, [unnamed], ["leak", "gauge"])["run1"]["unnamed"]
     assert found[0] == {"from": 100.0, "to": 110.5, "sentence": first}
+    drawn = run_overview(bank, unnamed).svg
+    assert "leak (m/s)" in drawn
+    assert "gauge (m)" in drawn
 
 
 def test_a_log_that_ends_undecided_says_so_and_one_without_a_fault_is_named(bank, decision):

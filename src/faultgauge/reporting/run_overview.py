@@ -27,9 +27,9 @@ def run_overview(
     likely: Mapping[str, Float[np.ndarray, "samples"]] | None = None,
     title: str = "",
 ) -> Figure:
-    """Outputs, and the faults that were told, in a `part` of the run; undeclared ones are shaded
-    only. `truth` (fault: size) where it is known, `likely` (cause: probability) in a panel of its
-    own; all are of the whole run."""
+    """Outputs, and the faults that were told or may be the cause of an alarm without a name, in a
+    `part` of the run; undeclared ones are shaded only. `truth` (fault: size) where it is known,
+    `likely` (cause: probability) in a panel of its own; all are of the whole run."""
     run, found, signals = decision.run, decision.posterior, bank.model.plant.signals
     t = run.t[part]
     outputs = _compared(bank, decision, part)
@@ -41,6 +41,7 @@ def run_overview(
         for fault in signals.faults
     }
     unnamed = [e for e in alarms(bank, decision) if e.start <= t[-1] and t[0] <= e.end]
+    left = {cause for each in unnamed for cause in each.causes}
     least = least_sizes(bank, decision)
     told = [
         ToldSpan(
@@ -54,7 +55,7 @@ def run_overview(
             truth[fault.name][part] if truth and fault.name in truth else None,
         )
         for k, fault in enumerate(signals.faults)
-        if spans[fault.name]
+        if spans[fault.name] or fault.name in left
     ]
     note = (
         f"Of {len(outputs)} outputs the {MOST_OUTPUTS} that are furthest off the model."

@@ -64,12 +64,13 @@ _SMALLEST: deque[tuple[FaultBank, Decision, list[float | None]]] = deque(maxlen=
 
 class Told(NamedTuple):
     """What is told of a run from `start` to `end` [s], as a sentence: what a first screen says,
-    and the rest."""
+    and the rest; the `causes` that are left of an alarm without a name."""
 
     start: float
     end: float
     head: str
     rest: tuple[str, ...] = ()
+    causes: tuple[str, ...] = ()
 
     @property
     def text(self) -> str:
@@ -188,9 +189,9 @@ def alarms(bank: FaultBank, decision: Decision, note: str = "") -> list[Told]:
         for part in _beyond(bank, decision, start, stop):
             first, last = float(run.t[part.start]), float(run.t[part.stop - 1])
             when = f"from {_at(bank, decision, first)} to {_at(bank, decision, last)}"
-            why = _why_unnamed(bank, decision, part)
+            why, causes = _why_unnamed(bank, decision, part)
             text = headed(bank.model, f"An alarm {when} (run {run.name}{note}); {why}")
-            found.append(Told(first, last, text))
+            found.append(Told(first, last, text, causes=causes))
     return found
 
 
@@ -209,13 +210,14 @@ def _beyond(bank: FaultBank, decision: Decision, start: int, stop: int) -> list[
     ]
 
 
-def _why_unnamed(bank: FaultBank, decision: Decision, part: slice) -> str:
-    """Why an alarm has no event; where two causes are left, what either of them would be."""
+def _why_unnamed(bank: FaultBank, decision: Decision, part: slice) -> tuple[str, tuple[str, ...]]:
+    """Why an alarm has no event; where two causes are left, what either of them would be, and
+    which they are."""
     why = [reason for reason in decision.reason[part] if reason]
     if not why:
-        return f"{_named(bank, decision, part)}, named there, was given up"
+        return f"{_named(bank, decision, part)}, named there, was given up", ()
     if not (usual := _usual(why)).startswith(EITHER):
-        return usual
+        return usual, ()
     rows = part.start + np.flatnonzero(np.array(decision.status[part]) == FAULT)
     found, names = decision.posterior, bank.model.plant.signals.fault_names
     p = {UNDECLARED: float(np.mean(found.unknown[rows]))}
@@ -228,7 +230,7 @@ def _why_unnamed(bank: FaultBank, decision: Decision, part: slice) -> str:
         of = f" of {size[name]:+.3g} {_unit(bank, name)}".rstrip() if name in size else ""
         return f"{name}{of} (p {probability(p[name])})"
 
-    return f"{EITHER}{told(first)} or {told(second)}"
+    return f"{EITHER}{told(first)} or {told(second)}", (first, second)
 
 
 def _named(bank: FaultBank, decision: Decision, part: slice) -> str:
