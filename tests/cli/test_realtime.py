@@ -381,6 +381,23 @@ def test_an_interrupt_that_a_finalizer_swallows_comes_once_more(sent):
     assert (done.stdout, done.stderr) == ("interrupted\n", "")
 
 
+def test_an_interrupt_that_compiled_code_prints_is_not_told_twice():
+    """`PyErr_Print` in the interpreter, as NumPy's `import_array` does; others are told."""
+    code = (
+        "import ctypes, signal as s\n"
+        "from faultgauge.cli.streaming import end_as_interrupts\n"
+        "s.signal(s.SIGTERM, s.SIG_DFL)\n"
+        "end_as_interrupts()\n"
+        "api = ctypes.PyDLL(None)\n"
+        "api.PyRun_SimpleString(b'import signal; signal.raise_signal(signal.SIGTERM)')\n"
+        "api.PyRun_SimpleString(b'1 / 0')"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert "KeyboardInterrupt" not in done.stderr
+    assert done.stderr.count("Traceback") == 1
+    assert done.stderr.endswith("ZeroDivisionError: division by zero\n")
+
+
 def interrupted_import(folder, more=""):
     """`inspect`, sent SIGTERM while numpy is loaded, which takes it for its own failure."""
     log = folder / "log.csv"

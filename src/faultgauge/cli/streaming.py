@@ -83,8 +83,10 @@ def end_as_interrupts() -> Callable[[], bool]:
     """What ends a program by default ends it as Ctrl-C does; not what it was begun to ignore, as
     under nohup. An interrupt that comes within a finalizer, which swallows it, comes once more.
 
-    What is returned tells whether any came: compiled modules make an error of their own of it."""
+    What is returned tells whether any came: compiled modules make an error of their own of it, and
+    some print it, as those that NumPy is loaded by do."""
     usual, came = sys.unraisablehook, list[signal.Signals]()
+    printed = sys.excepthook
 
     def interrupt(number: int, _: object) -> None:
         came.append(signal.Signals(number))
@@ -97,10 +99,14 @@ def end_as_interrupts() -> Callable[[], bool]:
         else:
             usual(found)
 
+    def told_by_compiled(kind: Any, *what: Any) -> None:
+        if not issubclass(kind, KeyboardInterrupt):
+            printed(kind, *what)
+
     for each in ENDS:
         if signal.getsignal(each) in (signal.SIG_DFL, signal.default_int_handler):
             signal.signal(each, interrupt)
-    sys.unraisablehook = swallowed
+    sys.unraisablehook, sys.excepthook = swallowed, told_by_compiled
     return lambda: bool(came)
 
 
