@@ -10,9 +10,9 @@ import sys
 import time
 from dataclasses import replace
 
-from faultgauge.cli.options import compiler
+from faultgauge.cli.options import COMPILER
 
-os.environ["XLA_FLAGS"] = compiler()  # before JAX is loaded
+os.environ["XLA_FLAGS"] = COMPILER  # before JAX is loaded
 
 from decision_studies.rig import rig, true_model, window
 from faultgauge.detection.bank.bank import build_fault_bank

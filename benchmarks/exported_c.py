@@ -23,9 +23,9 @@ from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 
-from faultgauge.cli.options import compiler
+from faultgauge.cli.options import COMPILER
 
-os.environ["XLA_FLAGS"] = compiler()  # before JAX is loaded
+os.environ["XLA_FLAGS"] = COMPILER  # before JAX is loaded
 
 import equinox as eqx
 import jax

@@ -23,13 +23,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from faultgauge.cli.options import compiler
+from faultgauge.cli.options import COMPILER
 
 SINGLE_THREAD = {
     "OPENBLAS_NUM_THREADS": "1",
     "OMP_NUM_THREADS": "1",
     "MKL_NUM_THREADS": "1",
-    "XLA_FLAGS": compiler(),
+    "XLA_FLAGS": COMPILER,
     "JAX_PLATFORMS": "cpu",
 }
 os.environ.update(SINGLE_THREAD)  # before NumPy and JAX are loaded; child processes inherit it

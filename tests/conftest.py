@@ -4,18 +4,14 @@ import gc
 import os
 import sys
 from collections.abc import Iterator
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import jaxtyping
 import pytest
 
-# Most tests run a program once: quick compiling beats quick code. The last of these is none of
-# later jaxlibs, which end at what they do not know.
-QUICK = "--xla_cpu_multi_thread_eigen=false --xla_backend_optimization_level=1"
-if version("jaxlib").startswith("0.10."):
-    QUICK = f"{QUICK} --xla_cpu_use_fusion_emitters=false"
+# Most tests run a program once: quick compiling beats quick code.
+QUICK = "--xla_cpu_multi_thread_eigen=false --xla_cpu_use_fusion_emitters=false"
 # By the time that they take: were one of these among the last, it would run on one core alone.
 LONGEST = (
     "cli/test_commands.py",
@@ -63,7 +59,7 @@ TOGETHER = {
 # As the commands have it: one thread each; a program is compiled once for all workers.
 for name, value in {
     "OPENBLAS_NUM_THREADS": "1",
-    "XLA_FLAGS": QUICK,
+    "XLA_FLAGS": f"{QUICK} --xla_backend_optimization_level=1",
     "JAX_DISABLE_MOST_OPTIMIZATIONS": "1",
     "JAX_PLATFORMS": "cpu",
     "JAX_TRACEBACK_IN_LOCATIONS_LIMIT": "0",  # of a program's operations, which nobody reads here

@@ -6,7 +6,6 @@ import os
 import sys
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from importlib.metadata import version
 from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -25,6 +24,7 @@ if TYPE_CHECKING:
     from faultgauge.verbs.reading import Runs
 
 __all__ = [
+    "COMPILER",
     "Again",
     "Fleet",
     "Json",
@@ -37,7 +37,6 @@ __all__ = [
     "Time",
     "TimeFormat",
     "Where",
-    "compiler",
     "narrate",
     "need_fleet",
     "plain",
@@ -148,20 +147,15 @@ def _cache() -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "faultgauge"
 
 
-ALONE = "--xla_cpu_multi_thread_eigen=false"
-# a loop is one kernel, however long it is, where nothing in it is left to a library: no products of
-# matrices (`products.py`), and by the last of these no sums
-ONE_KERNEL = (
-    "--xla_backend_extra_options=xla_cpu_small_while_loop_byte_threshold=1000000000",
-    "--xla_cpu_experimental_ynn_fusion_type=-reduce",
+COMPILER = " ".join(
+    (
+        "--xla_cpu_multi_thread_eigen=false",
+        # a loop is one kernel, however long it is, where nothing in it is left to a library:
+        # no products of matrices (`products.py`), and by the last of these no sums
+        "--xla_backend_extra_options=xla_cpu_small_while_loop_byte_threshold=1000000000",
+        "--xla_cpu_experimental_ynn_fusion_type=-reduce",
+    )
 )
-TRIED = ("0.10.", "0.12.")  # of jaxlib: one that does not know a setting ends the process
-
-
-def compiler() -> str:
-    """Settings of XLA for the jaxlib that is installed."""
-    known = version("jaxlib").startswith(TRIED)
-    return " ".join((ALONE, *ONE_KERNEL)) if known else ALONE
 
 
 def prepare() -> None:
@@ -173,7 +167,7 @@ def prepare() -> None:
     gc.set_threshold(200_000)  # imports and tracing make many objects and few cycles: 8 % faster
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
-    os.environ.setdefault("XLA_FLAGS", compiler())
+    os.environ.setdefault("XLA_FLAGS", COMPILER)
     os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")  # notes of the compiler, to its makers
     os.environ.setdefault("JAX_PLATFORMS", "cpu")
     os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(_cache() / "jax"))
