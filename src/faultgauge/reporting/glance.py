@@ -159,7 +159,7 @@ def _caption(
     if spans:
         parts.append("Shaded: from when a fault began to when it was last seen.")
     if told:
-        parts.append("Below: each fault that was told or may be the cause, with its 95 % band.")
+        parts.append("Below: each fault that was told, or may be an alarm's cause; 95 % band.")
     elif not spans and not alarms:
         parts.append("No fault was told.")
     if alarms:
