@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy.linalg import toeplitz
+from scipy.linalg import expm, toeplitz
 from scipy.optimize import minimize
 from scipy.stats import multivariate_normal
 
@@ -126,6 +126,29 @@ def strayed(seed):
     noise = SIGMA * rng.standard_normal((2, COUNT))
     columns = {"u": u, "x": x + noise[0], "q": 3 * (u + a) + noise[1]}
     return Run(f"{seed}", "lag.csv", STEP * np.arange(COUNT), columns)
+
+
+def test_a_lag_that_the_model_lacks_is_found_and_none_where_there_is_none():
+    """x' = v - a x and v' = (u - v) / 2 s, exactly (SciPy's matrix exponential): a lean of -1
+    within 2 s, each to a fifth: sigma is a hundredth of what a change of u makes of x in 2 s, and
+    there are ninety changes. What is left by chance is a tenth of a change at most."""
+    lag, dt = 2.0, STEP
+    step = expm(np.array([[-A, 1, 0], [0, -1 / lag, 1 / lag], [0, 0, 0]]) * dt)
+    runs, plain = [], [log(seed, size=1e-3) for seed in range(LOGS)]
+    for run in plain:
+        u, rng = run.columns["u"], np.random.default_rng(7)
+        x = np.zeros((COUNT, 2))
+        x[0, 1] = u[0]
+        for k in range(COUNT - 1):
+            x[k + 1] = (step @ np.append(x[k], u[k]))[:2]
+        y = x[:, 0] + 0.01 * rng.standard_normal(COUNT)
+        runs.append(Run(run.name, run.source, run.t, {"u": u, "x": y}))
+    found = estimate_noise(model(True), runs)
+    assert found.leans == (0,)
+    assert found.lean[0] == pytest.approx(-1, abs=0.2)
+    assert found.leaning[0] == pytest.approx(lag, rel=0.2)
+    assert found.share[0] < 0.1
+    assert estimate_noise(model(True), plain).leans == ()
 
 
 def test_an_input_that_strays_is_one_error_wherever_it_acts():

@@ -372,7 +372,8 @@ def test_evidence_for_a_fault_is_that_of_the_sizes_it_may_have(bank, limits, sco
     scores, known = np.zeros((length, count)), np.full((length, count), information)
     scores[:, 0] = score
     found = Shocks(
-        *(jnp.asarray(a) for a in (scores, known, np.zeros(length), 0.0, nothing, nothing))
+        *(jnp.asarray(a) for a in (scores, known, np.zeros(length), 0.0, nothing, nothing)),
+        jnp.zeros((length, 3, count)),
     )
     weight = causes_in(limited(bank, low, high), a_window(bank, length), found).weight[1:, 0]
 
@@ -417,7 +418,15 @@ def test_before_any_data_something_undeclared_is_a_hundred_times_rarer_than_a_fa
     ):
         np.testing.assert_allclose(undeclared / declared, 0.01, rtol=1e-9)
     faults, count = bank.modes.filter.faults, 4
-    nothing = (count, faults), (count, faults), count, (), (count, 1), (count, 1)
+    nothing = (
+        (count, faults),
+        (count, faults),
+        count,
+        (),
+        (count, 1),
+        (count, 1),
+        (count, 3, faults),
+    )
     found = Shocks(*(jnp.asarray(np.zeros(shape)) for shape in nothing))
     weight = causes_in(bank, a_window(bank, count), found).weight[1:]
     undeclared = np.logaddexp.reduce(weight[:, 2:], axis=1)

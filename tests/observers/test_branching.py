@@ -36,21 +36,30 @@ target = "x"
 A, STEP, COUNT = 0.5, 0.2, 200
 SIGMA, PROCESS, SIZE, TAU = 0.05, 1e-3, 0.05, 2.0  # noise, and the discrepancy
 WIDTHS, ONSET, FIRST = (0.6, 0.6), 1e-4, 1e-3
-START = np.array([0.1, SIZE, 0.0])  # standard deviations of x, d and e
+START = np.array([0.1, SIZE, 0.0, 0.0])  # standard deviations of x, d, e and v
 PUSH, BIAS = 0, 1
 HEALTHY, PUSHED, BIASED, BOTH = range(4)
 NEVER = 1e-300
 
 
 def bank(
-    faults=(PUSH,), sigma=SIGMA, recovery=NEVER, common=NEVER, text=LAG, limits=(-np.inf, np.inf)
+    faults=(PUSH,),
+    sigma=SIGMA,
+    recovery=NEVER,
+    common=NEVER,
+    text=LAG,
+    limits=(-np.inf, np.inf),
+    entry=(1.0, 0.0, 1.0, 0.0),
+    entering=(),
 ):
     """Only `faults` happen, within `limits`, go at the rate `recovery`, and have `common` causes;
-    nothing undeclared does."""
+    nothing undeclared does. An input's changes err and come late as `entry` says: within which time
+    and by what share each; faults that are `entering` enter as such."""
     base = GrayBoxPlant.untrained(parse_plant(text))
-    error = Error(*(jnp.array([each]) for each in (TAU, 1.0, 0.0)))
-    plant = Disturbed.of(base, (0,), (0,), error, (), jnp.zeros(0), jnp.zeros((0, 0)))
-    process = np.array([PROCESS, SIZE * np.sqrt(2 / TAU), 0.0])
+    settling, share, leaning, lean = (jnp.array([each]) for each in entry)
+    error = Error(jnp.array([TAU]), settling, share, leaning=leaning, lean=lean)
+    plant = Disturbed.of(base, (0,), (0,), error, (), jnp.zeros(0), jnp.zeros((0, 0)), leaning=(0,))
+    process = np.array([PROCESS, SIZE * np.sqrt(2 / TAU), 0.0, 0.0])
     noise = dd.FilterNoise(np.tile(process, (5, 1)), np.zeros((5, 2)), np.full((5, 1), sigma))
     may = np.isin(range(2), faults)
     prior = Prior(
@@ -65,12 +74,12 @@ def bank(
         changed=jnp.asarray(0.1),
     )
     return Branching(
-        filter=DividedDifferenceFilter(plant, jnp.ones(3), jnp.full(2, 0.1), (), 1),
+        filter=DividedDifferenceFilter(plant, jnp.ones(4), jnp.full(2, 0.1), (), 1),
         noise=jax.tree.map(jnp.asarray, noise),
         prior=prior,
-        alien=jnp.zeros((5, 5)),
-        own=jnp.array([1.0, 0.0, 0.0]),
-        usual=jnp.array([0.0, SIZE**2, 0.0, 0.0, 0.0]),
+        alien=jnp.zeros((6, 6)),
+        own=jnp.array([1.0, 0.0, 0.0, 0.0]),
+        usual=jnp.array([0.0, SIZE**2, 0.0, 0.0, 0.0, 0.0]),
         memory=jnp.asarray(20.0),
         recall=jnp.full(2, 20.0),
         more=((PUSHED, BIASED), (PUSHED, BOTH), (BOTH, BIASED), (BOTH, BOTH), (-1, -1)),
@@ -78,6 +87,7 @@ def bank(
         declared=2,
         branches=4,
         onsets=12,
+        entering=entering,
     )
 
 
@@ -101,7 +111,7 @@ def log(seed, push=(), bias=(), count=COUNT, dt=STEP, sigma=SIGMA, hold=20):
 
 def judged(each, samples):
     u = samples[0]
-    start = each.init(jnp.zeros(3), jnp.asarray(START), jnp.asarray(u[0]))
+    start = each.init(jnp.zeros(4), jnp.asarray(START), jnp.asarray(u[0]))
     return follow(each, start, samples)
 
 
@@ -154,6 +164,74 @@ def brute(samples, fault, sigma=SIGMA, limits=(-np.inf, np.inf)):
     mean = w @ m[:-1, 2]
     sd = np.sqrt(w @ (P[:-1, 2, 2] + (m[:-1, 2] - mean) ** 2))
     return float(logsumexp(ell)), mean, sd, float(w @ (begun[:-1] * dt))
+
+
+ENTRY = (0.6, 0.3, 0.4, -0.8)  # what an input's change does besides: s and a share, twice
+
+
+def brute_entering(samples, sigma):
+    """As `brute`, of a push that enters with the input u, [x, d, push, e, v] being the states: e
+    jumps by N(0, share^2) and v by `lean` times what u changes by, and where the push begins with
+    the size f by share h and lean f, h being as wide as f is before any data."""
+    settling, share, leaning, lean = ENTRY
+    u, y, steps = (each.ravel() for each in samples)
+    count, dt = len(y), steps[1]
+    F3, G, Q = linear(dt)
+    F, fade = np.eye(5), np.exp(-dt / np.array([settling, leaning]))
+    F[:3, :3] = F3
+    F[0, 3:] = G[0] * (1 - fade) * np.array([settling, leaning]) / dt
+    F[3, 3], F[4, 4] = fade
+    G, Q, C = np.append(G, [0.0, 0.0]), np.pad(Q, (0, 2)), np.eye(5)[0]
+    widths = np.array([*np.repeat(WIDTHS[PUSH] * np.array(SCALES), count), 0.0])
+    begun = np.array([*np.tile(np.arange(-1, count - 1), len(SCALES)), 0])
+    m, P = np.zeros((len(widths), 5)), np.zeros((len(widths), 5, 5))
+    P[:] = np.diag([START[0] ** 2, SIZE**2, 0.0, 0.0, 0.0])
+    P[begun == -1, 2, 2] = widths[begun == -1] ** 2
+    enters = np.diag([0, 0, 0, share**2, 0]) + np.outer([0, 0, 1, 0, lean], [0, 0, 1, 0, lean])
+    total = np.zeros(len(widths))
+    for k in range(count):
+        if k:
+            m, P = m @ F.T + G * u[k - 1], F @ P @ F.T + Q
+            m[:, 4] += lean * (u[k] - u[k - 1])
+            P[:, 3, 3] += (share * (u[k] - u[k - 1])) ** 2
+        S, e = P @ C @ C + sigma**2, y[k] - m @ C
+        total -= 0.5 * (e**2 / S + np.log(2 * np.pi * S))
+        K = P @ C / S[:, None]
+        m, P = m + K * e[:, None], P - S[:, None, None] * K[:, :, None] * K[:, None]
+        now = begun == k
+        P[now] += widths[now, None, None] ** 2 * enters
+    before = np.log(ONSET * np.maximum(steps[:-1], 1e-12))
+    prior = np.concatenate([[np.log(FIRST)], before]) - np.log(len(SCALES))
+    ell = np.tile(prior, len(SCALES)) + total[:-1] - total[-1]
+    w = np.exp(ell - logsumexp(ell))
+    mean = w @ m[:-1, 2]
+    sd = np.sqrt(w @ (P[:-1, 2, 2] + (m[:-1, 2] - mean) ** 2))
+    return float(logsumexp(ell)), mean, sd
+
+
+@pytest.mark.parametrize("size", [0.0, 0.15, 0.5])
+@pytest.mark.parametrize("later", [4, 10, 60])
+def test_a_fault_that_enters_with_an_input_is_late_and_errs_as_its_changes_do(size, later):
+    """Bayes over all onsets, as above, with the same limits: e^1 in odds, and half a standard
+    deviation in size, which is a third wider or narrower at most. What acts comes through a lag."""
+    u, y, steps = log(1, hold=40)
+    k, leaning = np.arange(COUNT), ENTRY[2]
+    acts = size * (k >= 100)
+    full, v, x = acts + u[:, 0], np.zeros(COUNT), np.zeros(COUNT)
+    fade = np.exp(-A * STEP)
+    for i in range(COUNT - 1):
+        mean = v[i] * (1 - np.exp(-STEP / leaning)) * leaning / STEP
+        x[i + 1] = fade * x[i] + (1 - fade) / A * (mean + acts[i])
+        v[i + 1] = v[i] * np.exp(-STEP / leaning) + ENTRY[3] * (full[i + 1] - full[i])
+    samples = tuple(each[: 100 + later] for each in (u, y + x[:, None], steps))
+    wanted, mean, sd = brute_entering(samples, SIGMA)
+    text = LAG.replace('enters = "state"\ntarget = "x"', 'enters = "input"\ntarget = "u"')
+    _, info = judged(bank((PUSH,), text=text, entry=ENTRY, entering=(PUSH,)), samples)
+    p = float(info.p[-1, PUSHED])
+    assert abs(odds(p) - wanted) < 1.0 if wanted < 15 else p > 1 - 1e-5
+    if expit(wanted) > 0.5:
+        assert abs(info.f[-1, PUSHED, PUSH] - mean) < 0.5 * sd
+        assert info.sd[-1, PUSHED, PUSH] == pytest.approx(sd, rel=0.33)
 
 
 def odds(p):
@@ -361,7 +439,7 @@ def test_what_a_step_explains_of_others_leaves_no_more_evidence_than_there_was()
     V, two steps that look alike left evidence without information, and so without end."""
     modes = bank(faults=(PUSH, BIAS))
     rng = np.random.default_rng(0)
-    state = modes.init(jnp.zeros(3), jnp.asarray(START), jnp.zeros(1))
+    state = modes.init(jnp.zeros(4), jnp.asarray(START), jnp.zeros(1))
     lanes = state.lanes
     K, onsets = lanes.score.shape[1:]
     for alike in (1.0, 1e-3, 1e-6):

@@ -1,5 +1,6 @@
 """A plant that is not its model: the discrepancy, what follows an input, and constants."""
 
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -89,6 +90,56 @@ def test_a_fault_that_enters_with_an_input_is_off_by_that_share_too(plant):
     u, none = jnp.array([0.5]), jnp.zeros(2)
     pushed = plant.jumps(jnp.asarray(X), u, u, none, jnp.array([0.8, 0.3]))
     np.testing.assert_allclose(pushed, [0, 0, 0, SHARE * 0.8, 0, 0], atol=1e-12)
+
+
+LEANING = (0.5, -0.9)  # s; of an input's change
+
+
+@pytest.fixture(scope="module")
+def late():
+    base = GrayBoxPlant.untrained(parse_plant(CART))
+    tau, settling, share, leaning, lean = (
+        jnp.array([each]) for each in (TAU, SETTLING, SHARE, *LEANING)
+    )
+    error = Error(tau, settling, share, leaning=leaning, lean=lean)
+    nothing = jnp.zeros(0), jnp.zeros((0, 0))
+    more = (Fault("undeclared q", "output", "q"),)
+    return Disturbed.of(base, (1,), (0,), error, (), *nothing, more, leaning=(0,))
+
+
+def test_an_input_that_comes_late_by_hand(late):
+    """u is by 0.4 short, and by 0.2 of e too much: 3 * (1.5 + 0.2 - 0.4) - 0.5 * 2 + 0.7."""
+    assert late.signals.state_names[-3:] == ("d(v)", "e(u)", "v(u)")
+    x = jnp.array([1.0, 2.0, 0.7, 0.2, -0.4])
+    dx = late.derivative(x, jnp.array([1.5]))
+    wanted = [2.0, 3 * 1.3 - 1.0 + 0.7, -0.7 / TAU, -0.2 / SETTLING, 0.4 / LEANING[0]]
+    np.testing.assert_allclose(dx, wanted, rtol=1e-12)
+    np.testing.assert_allclose(
+        late.lasting(jnp.asarray(0.3)), np.exp(-0.3 / np.array([TAU, SETTLING, LEANING[0]]))
+    )
+
+
+def test_a_change_comes_late_by_a_share_of_what_reaches_the_plant(plant, late):
+    """-0.9 of the change of u within its limits of +-2, with a push of 1."""
+    f = jnp.array([1.0, 0.3])
+    for before, now, change in ((0.2, 0.7, 0.5), (0.2, 1.7, 0.8), (1.2, 1.7, 0.0)):
+        jump = late.leans(jnp.array([before]), jnp.array([now]), f, f)
+        np.testing.assert_allclose(jump, [0, 0, 0, 0, -0.9 * change], atol=1e-12)
+    none = jnp.zeros(2)
+    jump = late.leans(jnp.array([1.5]), jnp.array([1.5]), none, f)
+    np.testing.assert_allclose(jump, [0, 0, 0, 0, -0.9 * 0.5], atol=1e-12)
+    assert not np.any(plant.leans(jnp.array([0.0]), jnp.array([1.0]), none, none))
+
+
+def test_by_what_a_unit_of_a_fault_comes_late_and_errs(late):
+    """Where u is at its upper limit, a push acts downwards alone; a sensor's fault not at all."""
+    by = jnp.array([0.4, 0.4])
+    for u in (0.0, 2.0, 3.0):
+        mean, sd = late.enters(jnp.array([u]), jnp.zeros(2), by)
+        acts = 0.0 if u == 3.0 else 1.0
+        wanted = np.zeros((2, 5, 2))
+        wanted[0, 4, 0], wanted[1, 3, 0] = -0.9 * acts, SHARE * acts
+        np.testing.assert_allclose([mean, sd], wanted, atol=1e-12)
 
 
 def test_errors_of_outputs_by_hand():

@@ -154,6 +154,8 @@ class DividedDifferenceFilter(eqx.Module):
         none = jnp.zeros(k)
         unseen = jnp.where(dt > MISSING * self.step_s, dt - self.step_s, 0.0)
         jump = self.plant.jumps(after, u_before, u, none, none, unseen)
+        f = belief.mean[n : n + k]
+        after = after + self.plant.leans(u_before, u, f, f)
         mean = jnp.concatenate([after, contract("ij,j->i", A[n:], belief.mean)])
         rates = jnp.zeros(size - n - k)
         doubts = self.plant.doubts(u_before, u)

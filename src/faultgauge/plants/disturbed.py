@@ -2,9 +2,11 @@
 
     x' = F(x, u; theta + offset + W xi) + F_ae + E d,    d' = -d / tau + w,    xi' = 0,
 
-    F_ae = F(x, u + a + e; theta + offset) - F(x, u; theta + offset),
+    F_ae = F(x, u + a + e + v; theta + offset) - F(x, u; theta + offset),
 
     a' = -a / straying + w,    e' = -e / settling,    and by N(0, (share du)^2) where u changes
+
+    v' = -v / leaning,    and by lean du where u changes
 
     y = h(x', x, u; ...) + h_ae + b + l,    b' = -b / wandering + w,
 
@@ -16,14 +18,15 @@ elsewhere: an input, as that is known to all hypotheses alike.
 d is a Gauss-Markov process beside every state that is not exact kinematics (Kennedy and O'Hagan, J.
 R. Statist. Soc. B 63 (2001), "Bayesian calibration of computer models": what the model lacks is a
 process of its own); with infinite tau it is a random walk. e is what an input's change does
-besides, wherever the input acts: a random share of the change, so that a lag or a delay that the
-model does not have is borne for as long as `settling`, and no loop that answers d by u makes d look
-like an effect of u. a is by what an input strays from what is commanded, where healthy logs show
-that it does: a supply that gives way, a pump's curve. b is what an output's own equation lacks,
-where they show that it lacks something: noise of a sensor that remembers, a gust in what an
-accelerometer feels; l is what an input's change does to an output besides: a flow that follows its
-command within seconds. xi are the
-directions in which the constants are uncertain, of unit variance.
+besides, wherever the input acts: a random share of the change, so that what the model does not have
+is borne for as long as `settling`, and no loop that answers d by u makes d look like an effect of
+u. v is by what an input comes late, where healthy logs show that it does: a lag of the first order
+that the model lacks is a `lean` of -1. a is by what an input strays from what is commanded, where
+healthy logs show that it does: a supply that gives way, a pump's curve. b is what an output's own
+equation lacks, where they show that it lacks something: noise of a sensor that remembers, a gust in
+what an accelerometer feels; l is what an input's change does to an output besides: a flow that
+follows its command within seconds. xi are the directions in which the constants are uncertain, of
+unit variance.
 """
 
 from collections.abc import Callable, Mapping
@@ -58,7 +61,8 @@ class Error(NamedTuple):
     [s] and its `share` of an input's change (a standard deviation); time constant
     `wandering` [s] of every b; of every l its time constant `lag` [s] and its share, `late`;
     time constant `straying` [s] of every a; what acts at random is `doubt` times as large where an
-    input lies between `above` and `below`."""
+    input lies between `above` and `below`; of every v its time constant `leaning` [s] and its
+    share, `lean`."""
 
     tau: Float[Array, "driven"]
     settling: Float[Array, "following"]
@@ -70,6 +74,8 @@ class Error(NamedTuple):
     doubt: Float[Array | np.ndarray, "doubted"] = np.zeros(0)
     above: Float[Array | np.ndarray, "doubted"] = np.zeros(0)
     below: Float[Array | np.ndarray, "doubted"] = np.zeros(0)
+    leaning: Float[Array | np.ndarray, "leaning"] = np.zeros(0)
+    lean: Float[Array | np.ndarray, "leaning"] = np.zeros(0)
 
 
 class Parts(NamedTuple):
@@ -81,15 +87,16 @@ class Parts(NamedTuple):
     b: slice
     lag: slice
     a: slice
+    v: slice
     xi: slice
 
 
 class Disturbed(Plant):
-    """`base` with the states [x, d, e, b, l, a, xi]; `driven` are the states that d acts on,
+    """`base` with the states [x, d, e, b, l, a, v, xi]; `driven` are the states that d acts on,
     `following` the inputs that e acts on, `wandering` the outputs that b acts on, `lagging` those
-    that l acts on, `straying` the inputs that a acts on, `doubted` the inputs for which the
-    model is to be doubted somewhere, `names` the parameters, of which `directions` (W) is a row
-    each."""
+    that l acts on, `straying` the inputs that a acts on, `leaning` those that v acts on, `doubted`
+    the inputs for which the model is to be doubted somewhere, `names` the parameters, of which
+    `directions` (W) is a row each."""
 
     signals: Signals = eqx.field(static=True)
     base: Plant
@@ -101,6 +108,7 @@ class Disturbed(Plant):
     wandering: tuple[int, ...] = eqx.field(static=True)
     lagging: tuple[int, ...] = eqx.field(static=True)
     straying: tuple[int, ...] = eqx.field(static=True)
+    leaning: tuple[int, ...] = eqx.field(static=True)
     doubted: tuple[int, ...] = eqx.field(static=True)
     names: tuple[str, ...] = eqx.field(static=True)
 
@@ -118,6 +126,7 @@ class Disturbed(Plant):
         lagging: tuple[int, ...] = (),
         straying: tuple[int, ...] = (),
         doubted: tuple[int, ...] = (),
+        leaning: tuple[int, ...] = (),
     ) -> "Disturbed":
         """`undeclared` faults stand behind those that `base` declares."""
         signals = base.signals
@@ -126,13 +135,14 @@ class Disturbed(Plant):
         more += [State(f"b({signals.output_names[j]})") for j in wandering]
         more += [State(f"l({signals.output_names[j]})") for j in lagging]
         more += [State(f"a({signals.input_names[j]})") for j in straying]
+        more += [State(f"v({signals.input_names[j]})") for j in leaning]
         more += [State(f"xi({k})") for k in range(directions.shape[1])]
         own = replace(
             signals,
             states=(*signals.states, *more),
             faults=(*signals.faults, *undeclared),
         )
-        acting = (driven, following, wandering, lagging, straying, doubted, names)
+        acting = (driven, following, wandering, lagging, straying, leaning, doubted, names)
         return Disturbed(own, base, error, offset, directions, *acting)
 
     @property
@@ -142,16 +152,18 @@ class Disturbed(Plant):
 
     @property
     def parts(self) -> Parts:
-        """Where x, d, e, b, l, a and xi stand among the states."""
-        acting = (self.driven, self.following, self.wandering, self.lagging, self.straying)
+        """Where x, d, e, b, l, a, v and xi stand among the states."""
+        beside = (self.wandering, self.lagging, self.straying, self.leaning)
+        acting = (self.driven, self.following, *beside)
         counts = [self.count, *map(len, acting), self.directions.shape[1]]
         return Parts(*(slice(*each) for each in pairwise([0, *np.cumsum(counts).tolist()])))
 
     @property
     def times(self) -> Float[Array, "others"]:
-        """How long [s] d, e, b, l, a and xi last."""
+        """How long [s] d, e, b, l, a, v and xi last."""
         error = self.error
-        lasting = (error.tau, error.settling, error.wandering, error.lag, error.straying)
+        beside = (error.wandering, error.lag, error.straying, error.leaning)
+        lasting = (error.tau, error.settling, *beside)
         return jnp.concatenate([*lasting, jnp.full(self.directions.shape[1], jnp.inf)])
 
     def derivative(
@@ -163,7 +175,7 @@ class Disturbed(Plant):
         return jnp.concatenate([dx, -x[self.count :] / self.times])
 
     def lasting(self, dt: Float[Array, ""]) -> Float[Array, "others"]:
-        """Which share of d, e, b, l, a and xi is left after `dt` [s]."""
+        """Which share of d, e, b, l, a, v and xi is left after `dt` [s]."""
         return jnp.exp(-dt / self.times)
 
     def forces(
@@ -174,11 +186,12 @@ class Disturbed(Plant):
         t: Float[Array, "times"],
     ) -> Float[Array, "times own"]:
         """What is added to the rates of `base` `t` [s] after `x`, the last of which ends the step:
-        by d, and by a and e what they do at `x` under `u` in the mean of the step."""
+        by d, and by a, e and v what they do at `x` under `u` in the mean of the step."""
         beside = x
         for part, lasting in (
             (self.parts.e, self.error.settling),
             (self.parts.a, self.error.straying),
+            (self.parts.v, self.error.leaning),
         ):
             spans = t[-1] / lasting
             mean = jnp.where(spans > 0, -jnp.expm1(-spans) / jnp.where(spans > 0, spans, 1.0), 1.0)
@@ -227,15 +240,42 @@ class Disturbed(Plant):
         acting = [f.enters not in ("output", "output_gain") for f in self.signals.faults]
         us, fs = jnp.stack([u, u_before]), jnp.stack([f, f_before]) * np.array(acting, float)
         dx, y = jax.vmap(lambda u, f: respond(self, x, u, f))(us, fs)
-        reached = jax.vmap(lambda u, f: applied(self.signals, u, f))(us, fs)
         parts = self.parts
-        moved = contract("ji,j->i", _acts(len(u), self.following), reached[0] - reached[1])
         shown = contract("ji,j->i", _acts(y.shape[1], self.lagging), y[0] - y[1])
         driven = np.isin(np.arange(self.count), self.driven)
         rates = jnp.where(driven, (dx[0] - dx[1])[parts.x], 0.0)
         jumps = jnp.zeros(len(x)).at[parts.x].set(unseen * jnp.abs(rates) / np.sqrt(3))
-        jumps = jumps.at[parts.e].set(jnp.abs(self.error.share * moved))
+        jumps = jumps + self._erring(self._moved(us, fs))
         return jumps.at[parts.lag].set(jnp.abs(self.error.late * shown))
+
+    def leans(
+        self,
+        u_before: Float[Array, "inputs"],
+        u: Float[Array, "inputs"],
+        f_before: Float[Array, "faults"],
+        f: Float[Array, "faults"],
+    ) -> Float[Array, "states"]:
+        """By how much v jumps where input or faults change."""
+        if not self.leaning:
+            return jnp.zeros(len(self.signals.states))
+        moved = self._moved(jnp.stack([u, u_before]), jnp.stack([f, f_before]))
+        return self._late(moved)
+
+    def enters(
+        self, u: Float[Array, "inputs"], f: Float[Array, "faults"], by: Float[Array, "faults"]
+    ) -> tuple[Float[Array, "states faults"], Float[Array, "states faults"]]:
+        """By how much the states jump (mean, standard deviation) for a unit of each fault, where it
+        changes from `f` by `by` to the side on which it does more."""
+        means, sds = [], []
+        for k, step in enumerate(by * np.eye(len(by))):
+            up, down = (
+                self._moved(jnp.stack([u, u]), jnp.stack([f + side, f])) / by[k]
+                for side in (step, -step)
+            )
+            unit = jnp.where(jnp.abs(up) >= jnp.abs(down), up, -down)
+            means.append(self._late(unit))
+            sds.append(self._erring(unit))
+        return jnp.stack(means, axis=1), jnp.stack(sds, axis=1)
 
     def doubts(
         self, u_before: Float[Array, "inputs"], u: Float[Array, "inputs"]
@@ -267,6 +307,23 @@ class Disturbed(Plant):
         """`base` with the constants that xi makes of them."""
         return self._with(self.offset + contract("ij,j->i", self.directions, x[self.parts.xi]))
 
+    def _moved(
+        self, us: Float[Array, "two inputs"], fs: Float[Array, "two faults"]
+    ) -> Float[Array, "inputs"]:
+        """What reaches the plant of the inputs, less what did before."""
+        reached = jax.vmap(lambda u, f: applied(self.signals, u, f))(us, fs)
+        return reached[0] - reached[1]
+
+    def _late(self, moved: Float[Array, "inputs"]) -> Float[Array, "states"]:
+        """By how much v jumps where the inputs have `moved`."""
+        jump = self.error.lean * contract("ji,j->i", _acts(len(moved), self.leaning), moved)
+        return jnp.zeros(len(self.signals.states)).at[self.parts.v].set(jump)
+
+    def _erring(self, moved: Float[Array, "inputs"]) -> Float[Array, "states"]:
+        """By how much e may jump where the inputs have `moved` (standard deviations)."""
+        jump = self.error.share * contract("ji,j->i", _acts(len(moved), self.following), moved)
+        return jnp.zeros(len(self.signals.states)).at[self.parts.e].set(jnp.abs(jump))
+
     def _slow(
         self, x: Float[Array, "states"], t: Float[Array, "times"]
     ) -> Float[Array, "times own"]:
@@ -277,14 +334,15 @@ class Disturbed(Plant):
     def _astray(
         self, x: Float[Array, "states"], of: Callable[[Plant], Float[Array, "some"]]
     ) -> Float[Array, "some"]:
-        """By how much more there is `of` a plant whose inputs stray by the a and e in `x`: of the
+        """By how much more there is `of` a plant whose inputs stray by a, e and v in `x`: of the
         usual one, as of an unknown input times an unknown constant a linear filter makes a bias of
         both."""
         usual = self._with(self.offset)
         count = len(self.signals.inputs)
         stray = contract("ij,j->i", _acts(count, self.straying), x[self.parts.a])
         stray = stray + contract("ij,j->i", _acts(count, self.following), x[self.parts.e])
-        if not self.straying and not self.following:
+        stray = stray + contract("ij,j->i", _acts(count, self.leaning), x[self.parts.v])
+        if not self.straying and not self.following and not self.leaning:
             return jnp.zeros_like(of(usual))
         return of(_Strayed(usual.signals, usual, stray)) - of(usual)
 

@@ -154,13 +154,18 @@ class NoiseLevels(Part):
     lag: dict[str, Positive] = {}
     stray: dict[str, Positive] = {}
     straying: dict[str, Positive] = {}
+    leaning: dict[str, Positive] = {}
+    lean: dict[str, Number] = {}
     doubt: dict[str, Positive] = {}
     above: dict[str, Number] = {}
     below: dict[str, Number] = {}
 
     @pydantic.model_validator(mode="after")
     def whole(self) -> "NoiseLevels":
-        pairs = (self.wander, self.wandering), (self.late, self.lag), (self.stray, self.straying)
+        pairs = (
+            *((self.wander, self.wandering), (self.late, self.lag)),
+            *((self.stray, self.straying), (self.lean, self.leaning)),
+        )
         if any(set(size) != set(time) for size, time in pairs):
             raise ValueError("a size without its time")
         if set(self.doubt) != {*self.above, *self.below}:

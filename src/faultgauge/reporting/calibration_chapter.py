@@ -180,6 +180,14 @@ def _besides(model: Model, noise: Noise) -> list[tuple[str, str, str]]:
         )
         for j in noise.strays
     ]
+    rows += [
+        (
+            f"share of a change of {signals.inputs[j].name} that is missing at first",
+            f"{-100 * noise.lean[j]:.2f} %",
+            f"comes within {quantity(float(noise.leaning[j]), 's')}",
+        )
+        for j in noise.leans
+    ]
     for k, place in enumerate(following_inputs(model.plant)):
         rows.append(
             (

@@ -96,7 +96,9 @@ class FaultBank:
     def settled(self) -> float:
         """How long [s] after the change of an input what it does besides is more than the share by
         which sizes are off anyway."""
-        share, settling = self.noise.share, self.noise.settling
+        leans = list(self.noise.leans)
+        share = np.concatenate([self.noise.share, np.abs(self.noise.lean[leans])])
+        settling = np.concatenate([self.noise.settling, self.noise.leaning[leans]])
         more = (self.gain > 0) & (share > self.gain)
         late = settling[more] * np.log(share[more] / self.gain)
         return float(late.max(initial=0.0))
@@ -170,6 +172,7 @@ def build_fault_bank(
         declared=len(signals.faults),
         branches=BRANCHES,
         onsets=ONSETS,
+        entering=_entering(plant),
     )
     wait, level = signals.detection.hold_off, found.level if found else CERTAIN
     return FaultBank(
@@ -203,6 +206,13 @@ def _changes(
     # an undeclared bias may go again
     back = (*[-1] * declared, *[0] * undeclared)
     return (*more, nowhere), (*less, back)
+
+
+def _entering(plant: Disturbed) -> tuple[int, ...]:
+    """The faults that enter with an input whose changes the model errs in."""
+    inputs = [plant.signals.input_names[j] for j in plant.following]
+    faults = enumerate(plant.signals.faults)
+    return tuple(k for k, f in faults if f.enters in ("input", "gain") and f.target in inputs)
 
 
 def _levels(model: Model, noise: Noise, faults: int, knowledge: Knowledge) -> dd.FilterNoise:

@@ -19,6 +19,7 @@ from faultgauge.plants.signals import Fault
 __all__ = [
     "DOUBT",
     "LATE",
+    "LEAN",
     "STRAY",
     "WANDER",
     "Constants",
@@ -43,6 +44,7 @@ WANDER = ("wander", "wandering")  # absent where no output does
 LATE = ("late", "lag")
 STRAY = ("stray", "straying")  # absent where no input does
 DOUBT = ("doubt", "above", "below")  # absent where the model is as good everywhere
+LEAN = ("lean", "leaning")  # absent where no input comes late
 NOWHERE = {"doubt": 0.0, "above": -np.inf, "below": np.inf}  # what of these is absent
 MOST_CONSTANTS = 6  # that are tracked: those that matter most
 USUAL_SPREAD = 0.01  # of a constant, from run to run
@@ -56,9 +58,10 @@ class Noise(NamedTuple):
     value, which an error of the model may have biased, and what share of their variance a gap
     within a run makes anew (`renewed`); `wander` of an output, which lasts for `wandering` [s], and
     the share of what an input's change does to it that comes `late`, within `lag` [s]; by what an
-    input strays (`stray`), which lasts for `straying` [s]; how many times as large all this is
-    (`doubt`) where an input lies between `above` and `below`; 0, or nothing at all,
-    where nothing of that kind is."""
+    input strays (`stray`), which lasts for `straying` [s]; by which share of its change an input is
+    off at first, in the mean (`lean`, -1 for a lag), and within which time (`leaning` [s]); how
+    many times as large all this is (`doubt`) where an input lies between `above` and `below`; 0, or
+    nothing at all, where nothing of that kind is."""
 
     sigma: Float[np.ndarray, "outputs"]
     process: Float[np.ndarray, "states"]
@@ -79,6 +82,8 @@ class Noise(NamedTuple):
     doubt: Float[np.ndarray, "inputs"] = np.zeros(0)
     above: Float[np.ndarray, "inputs"] = np.zeros(0)
     below: Float[np.ndarray, "inputs"] = np.zeros(0)
+    lean: Float[np.ndarray, "inputs"] = np.zeros(0)
+    leaning: Float[np.ndarray, "inputs"] = np.zeros(0)
 
     @property
     def wanders(self) -> tuple[int, ...]:
@@ -96,6 +101,11 @@ class Noise(NamedTuple):
         return tuple(np.flatnonzero(self.stray).tolist())
 
     @property
+    def leans(self) -> tuple[int, ...]:
+        """The inputs that come late."""
+        return tuple(np.flatnonzero(self.lean).tolist())
+
+    @property
     def doubts(self) -> tuple[int, ...]:
         """The inputs for which the model errs more somewhere."""
         return tuple(np.flatnonzero(self.doubt).tolist())
@@ -103,7 +113,7 @@ class Noise(NamedTuple):
     @property
     def beside(self) -> int:
         """How many inputs and outputs err on their own, and inputs somewhere more."""
-        return len(self.wanders + self.lags + self.strays + self.doubts)
+        return len(self.wanders + self.lags + self.strays + self.leans + self.doubts)
 
     def widened(self, factor: float) -> "Noise":
         """What acts within a run `factor` times as large, which changes no gain of a filter; how
@@ -142,6 +152,7 @@ def _beside(
     yield LATE, signals.output_names, noise.lags
     yield STRAY, signals.input_names, noise.strays
     yield DOUBT, signals.input_names, noise.doubts
+    yield LEAN, signals.input_names, noise.leans
 
 
 def drifting_of(model: Model) -> tuple[str, ...]:
@@ -153,7 +164,7 @@ def noise_of(model: Model) -> Noise:
     """What `calibrate` found. Raises `InputError` for a model without it."""
     found = model.calibration and model.calibration.noise
     block = found.as_dict() if found else None
-    optional = (*WANDER, *LATE, *STRAY, *DOUBT)
+    optional = (*WANDER, *LATE, *STRAY, *DOUBT, *LEAN)
     if block is None or {*block, *optional} != set(Noise._fields):
         raise InputError(
             "the model holds no noise levels, which the bank needs; run `faultgauge "
@@ -165,7 +176,7 @@ def noise_of(model: Model) -> Noise:
             for key, each in zip(Noise._fields, _names(model), strict=False)
         ]
         signals = model.plant.signals
-        named = [signals.output_names] * 4 + [signals.input_names] * 5
+        named = [signals.output_names] * 4 + [signals.input_names] * 7
         more = [
             [block.get(key, {}).get(name, NOWHERE.get(key, 0.0)) for name in names]
             for key, names in zip(optional, named, strict=True)
@@ -294,6 +305,7 @@ def disturbed(model: Model, noise: Noise, undeclared: tuple[Fault, ...] = ()) ->
         noise.lags,
         noise.strays,
         noise.doubts,
+        noise.leans,
     )
 
 
@@ -308,7 +320,9 @@ def error_of(noise: Noise) -> Error:
     own = (noise.lasting, noise.settling, noise.share)
     beside = (noise.wandering[wanders], noise.lag[lags], noise.late[lags], noise.straying[strays])
     doubts = list(noise.doubts)
-    parts = (*own, *beside, *(getattr(noise, name)[doubts] for name in DOUBT))
+    leans = list(noise.leans)
+    doubt = (getattr(noise, name)[doubts] for name in DOUBT)
+    parts = (*own, *beside, *doubt, noise.leaning[leans], noise.lean[leans])
     return Error(*(jnp.asarray(each) for each in parts))
 
 
@@ -325,6 +339,7 @@ def process_of(
             noise.wander[wanders] * np.sqrt(2 / noise.wandering[wanders]),
             np.zeros(len(noise.lags)),
             noise.stray[strays] * np.sqrt(2 / noise.straying[strays]),
+            np.zeros(len(noise.leans)),
             noise.drift / np.maximum(drifted, 1e-300),
             np.zeros(len(noise.spread)),
         ]
@@ -358,12 +373,14 @@ def start_spread(
 ) -> Float[np.ndarray, "extended"]:
     """Of the states of `Disturbed` when a log begins."""
     sd, drifted = spread_of_start(model, noise.sigma, columns)
-    width = np.ptp(operating_points(model).u, axis=0)[list(following_inputs(model.plant))]
-    follows = noise.share * width  # an input may have changed by all it can just before
+    width = np.ptp(operating_points(model).u, axis=0)
+    # an input may have changed by all it can just before
+    follows = noise.share * width[list(following_inputs(model.plant))]
+    leans = list(noise.leans)
     wanders, lags = list(noise.wanders), list(noise.lags)
     late = noise.late[lags] * ranges_of(model)[lags]
-    stray = noise.stray[list(noise.strays)]
-    rest = noise.wander[wanders], late, stray, np.ones(len(drifted) + len(noise.spread))
+    stray = noise.stray[list(noise.strays)], np.abs(noise.lean[leans]) * width[leans]
+    rest = noise.wander[wanders], late, *stray, np.ones(len(drifted) + len(noise.spread))
     return np.concatenate([sd, noise.size, follows, *rest])
 
 
@@ -371,10 +388,11 @@ def scale_of(model: Model, noise: Noise) -> Float[np.ndarray, "extended"]:
     """How large the states of `Disturbed` are."""
     x = np.std(operating_points(model).x, axis=0) + 1e-9
     rest = np.ones(len(drifting_of(model)) + len(noise.spread))
-    follows = np.std(operating_points(model).u, axis=0)[list(following_inputs(model.plant))] + 1e-9
+    u = np.std(operating_points(model).u, axis=0) + 1e-9
+    follows = u[list(following_inputs(model.plant))]
     own = noise.wander[list(noise.wanders)], ranges_of(model)[list(noise.lags)]
-    stray = noise.stray[list(noise.strays)]
-    return np.concatenate([x, noise.size, follows, *own, stray, rest])
+    stray = noise.stray[list(noise.strays)], u[list(noise.leans)]
+    return np.concatenate([x, noise.size, follows, *own, *stray, rest])
 
 
 def width_of(low: float, high: float) -> float:

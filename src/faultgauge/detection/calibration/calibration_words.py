@@ -58,6 +58,7 @@ def errors(model: Model) -> list[str]:
             f"{each.name} strays by {size} from what the log says, for about "
             f"{duration(float(noise.straying[j]))} at a time"
         )
+    lines += _late(model, noise)
     for j in noise.lags:
         lines.append(
             f"what an input's change does to {signals.outputs[j].name} is off by about "
@@ -81,6 +82,22 @@ def errors(model: Model) -> list[str]:
     slow = drifting_of(model)
     if slow:
         lines.append(f"tracked as it drifts: {', '.join(slow)}")
+    return lines
+
+
+def _late(model: Model, noise: Noise) -> list[str]:
+    """Inputs that come later than the model has it, or too strong at first."""
+    lines = []
+    for j in noise.leans:
+        name, time = model.plant.signals.inputs[j].name, duration(float(noise.leaning[j]))
+        share = f"{number(100 * abs(noise.lean[j]), 2)} % of a change of {name}"
+        if noise.lean[j] < 0:
+            lines.append(
+                f"{share} comes late, within about {time}: the plant has a lag that the file "
+                "lacks. The bank goes by it; in the plant file it would mend the fit, too"
+            )
+        else:
+            lines.append(f"{share} comes on top at first, for about {time}; the bank goes by it")
     return lines
 
 

@@ -152,6 +152,7 @@ class Likelihood:
             lagging=plant.lagging,
             straying=plant.straying,
             doubted=plant.doubted,
+            leaning=plant.leaning,
         )
         found = _costs(
             bare,

@@ -17,7 +17,7 @@ from itertools import count, product
 import numpy as np
 from jaxtyping import Float
 
-from faultgauge.detection.bank.noise import DOUBT, LATE, STRAY, WANDER, Noise
+from faultgauge.detection.bank.noise import DOUBT, LATE, LEAN, STRAY, WANDER, Noise
 from faultgauge.detection.calibration.doubted_regions import with_doubted_regions
 from faultgauge.detection.calibration.innovation_likelihood import (
     SAMPLES,
@@ -27,6 +27,7 @@ from faultgauge.detection.calibration.innovation_likelihood import (
     healthy_stretches,
 )
 from faultgauge.detection.calibration.input_errors import with_errors_of_inputs
+from faultgauge.detection.calibration.input_lags import with_lags_of_inputs
 from faultgauge.detection.calibration.noise_levels import (
     Bounds,
     Spans,
@@ -57,14 +58,16 @@ ROUNDS = (16, 12, 8)  # steps of each search; the constants are told anew betwee
 STARTS = tuple(product((1.0, 10.0, 100.0), (1.0, 30.0)))
 FIRST = 2  # steps of each; then of the better half, and so on
 PART = 0.25  # of every stretch, which the first of these steps look at
-SEARCHES = 4  # of all ROUNDS: the plant's levels, then what each of BESIDE adds
-# errors of inputs come first, as what outputs share is none of their own
+SEARCHES = 5  # of all ROUNDS: the plant's levels, then what each of BESIDE adds
+# lags come first, as they are no error; then errors of inputs, as what outputs share is none of
+# their own
 BESIDE = (
+    with_lags_of_inputs,
     with_errors_of_inputs,
     with_errors_of_outputs,
     with_errors_of_outputs,
 )
-SIZES = {pair[0]: pair for pair in (WANDER, LATE, STRAY)}  # with their times
+SIZES = {pair[0]: pair for pair in (WANDER, LATE, STRAY, LEAN)}  # with their times
 ENOUGH = 0.3  # of log-likelihood: a step that gains less is the last
 NONE = 1e-6  # times the usual: as good as no discrepancy
 
@@ -158,7 +161,7 @@ class _Healthy:
 
     def bounds(self, noise: Noise) -> Bounds:
         """Of the levels that `noise` has."""
-        own = {name: getattr(noise, name) for name in (*WANDER, *LATE, *STRAY, *DOUBT)}
+        own = {name: getattr(noise, name) for name in (*WANDER, *LATE, *STRAY, *DOUBT, *LEAN)}
         return bounds_of(self.guess._replace(**own), self.step, self.stretches)
 
     def of_samples(self, noise: Noise) -> Noise:

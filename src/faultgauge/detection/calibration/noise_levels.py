@@ -40,6 +40,7 @@ __all__ = [
 SEARCHED = (
     *("sigma", "process", "drift", "size", "lasting", "share", "settling"),
     *("wander", "wandering", "late", "lag", "stray", "straying", "doubt"),
+    *("leaning", "lean"),  # the last a number of either sign, and no logarithm
 )
 ORDERS = 8  # of differences: beyond, next to nothing fades that has not
 REACH = np.log(1e4)  # a level is looked for within this factor of its first guess
@@ -49,6 +50,7 @@ QUICK = 10.0  # samples in which that settles
 LONGEST = 100.0  # times the longest stretch: as good as a walk without end
 SETTLED = 0.25  # of it: within that, what an input's change does has settled
 SLOWER = 0.1  # of it: what lasts longer, parameters that drift follow
+FURTHEST = 2.0  # times an input's change: its lean
 UNSURE = 1.5  # standard deviation of the logarithms of these
 
 
@@ -69,9 +71,11 @@ class Bounds(NamedTuple):
 
 
 def logs_of(noise: Noise) -> Float[np.ndarray, "levels"]:
-    """The logarithms of all levels but the constants'; of what is not there minus infinity."""
+    """The logarithms of all levels but the constants'; of what is not there minus infinity, and a
+    lean as it is."""
     with np.errstate(divide="ignore"):
-        return np.log(np.concatenate([getattr(noise, name) for name in SEARCHED]))
+        logs = [np.log(getattr(noise, name)) for name in SEARCHED[:-1]]
+    return np.concatenate([*logs, np.where(noise.lean, noise.lean, -np.inf)])
 
 
 def names_of(noise: Noise) -> list[str]:
@@ -82,7 +86,8 @@ def names_of(noise: Noise) -> list[str]:
 def levels_of(logs: Float[np.ndarray, "levels"], noise: Noise) -> Noise:
     """The levels whose logarithms these are, and the constants of `noise`."""
     sizes = np.cumsum([len(getattr(noise, name)) for name in SEARCHED])[:-1]
-    parts = np.split(np.exp(logs), sizes)
+    *parts, lean = np.split(logs, sizes)
+    parts = [*map(np.exp, parts), np.where(np.isfinite(lean), lean, 0.0)]
     return noise._replace(**dict(zip(SEARCHED, parts, strict=True)))
 
 
@@ -125,6 +130,7 @@ def first_guess(model: Model, runs: Sequence[Run], stretches: Sequence[StretchPi
         *[np.zeros(len(sigma))] * 4,
         stray=nothing, straying=nothing,
         doubt=nothing, above=nothing - np.inf, below=nothing + np.inf,
+        lean=nothing, leaning=nothing,
     )  # fmt: skip
 
 
@@ -168,7 +174,7 @@ def bounds_of(guess: Noise, step: float, stretches: Sequence[StretchPiece]) -> B
     named = dict(zip(SEARCHED, np.split(center, np.cumsum([*sizes.values()])[:-1]), strict=True))
     low, high = ({name: a + r for name, a in named.items()} for r in (-REACH, REACH))
     most = dict.fromkeys(("lasting", "wandering", "straying"), spans.longest)
-    most |= {"settling": spans.settled, "lag": spans.settled}
+    most |= dict.fromkeys(("settling", "lag", "leaning"), spans.settled)
     if len(guess.drift):
         most["lasting"] = max(SLOWER * spans.longest / LONGEST, 20 * step)
     for name, time in most.items():
@@ -177,6 +183,7 @@ def bounds_of(guess: Noise, step: float, stretches: Sequence[StretchPiece]) -> B
     for name in ("share", "late"):
         high[name][:] = 0.0
     low["doubt"][:] = 0.0
+    low["lean"], high["lean"] = (np.full(sizes["lean"], a) for a in (-FURTHEST, FURTHEST))
     pull = {name: np.full(count, np.inf) for name, count in sizes.items()}
     for name in ("sigma", "size", "share", "lasting"):
         pull[name][:] = UNSURE

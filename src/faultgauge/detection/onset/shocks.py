@@ -43,7 +43,9 @@ class KnownStretch(NamedTuple):
 
 class Shocks(NamedTuple):
     """For an onset at each sample: `score` and `information` of each fault's size, and the
-    log-likelihood gained by an `unknown` shock of the states.
+    log-likelihood gained by an `unknown` shock of the states; `entry`, score and information of
+    what the model errs by where a fault enters with an input, and what information that shares
+    with the size.
 
     `base` is ln p(y) with the known faults alone; `fit` the guess's part of the innovations and
     `white` what it leaves of them, both in standard deviations.
@@ -55,16 +57,20 @@ class Shocks(NamedTuple):
     base: Float[Array, ""]
     white: Float[Array, "samples outputs"]
     fit: Float[Array, "samples outputs"]
+    entry: Float[Array, "samples three faults"]
 
 
 class _Effect(NamedTuple):
-    """One sample of the equations above, e and the guess's part of it, and ln p(y)."""
+    """One sample of the equations above, e and the guess's part of it, and ln p(y); by how much the
+    states jump for a unit of a fault that begins before it, mean and standard deviation."""
 
     e: Float[Array, "*samples outputs"]
     part: Float[Array, "*samples outputs"]
     G: Float[Array, "*samples outputs n"]
     T: Float[Array, "*samples n n"]
     likelihood: Float[Array, "*samples"]
+    lean: Float[Array, "*samples n faults"]
+    err: Float[Array, "*samples n faults"]
 
 
 @eqx.filter_jit
@@ -81,13 +87,19 @@ def shocks(
     up = jnp.sum(record.f + record.known, axis=0) >= 0
 
     def forwards(
-        carry: tuple[Belief, Array, Array], sample: KnownStretch
-    ) -> tuple[tuple[Belief, Array, Array], _Effect]:
-        before, u_before, d = carry
-        told = sample.f + sample.known
-        mean = jnp.concatenate([before.mean[:n], told, before.mean[n + F :]])
+        carry: tuple[Belief, Array, Array, Array, Array], sample: KnownStretch
+    ) -> tuple[tuple[Belief, Array, Array, Array, Array], _Effect]:
+        before, u_before, d, known, f = carry
+        told, others = sample.f + sample.known, sample.known + f
+        # a known fault enters as an input changes
+        leans = lane.plant.leans(u_before, u_before, known + f, told)
+        mean = jnp.concatenate([before.mean[:n] + leans, told, before.mean[n + F :]])
+        err = lane.plant.jumps(before.mean[:n], u_before, u_before, known + f, told) ** 2
+        P = before.P + jnp.diag(jnp.concatenate([err, jnp.zeros(len(mean) - n)]))
+        d = d + lane.plant.leans(u_before, u_before, others, told)
+        lean, err = lane.plant.enters(u_before, told, lane.probe)
         after, likelihood, flow, look, seen = lane.step(
-            Belief(mean, before.P), noise, u_before, sample.u, sample.y, sample.dt
+            Belief(mean, P), noise, u_before, sample.u, sample.y, sample.dt
         )
         B, D = jnp.where(up, flow.up, flow.down), jnp.where(up, look.up, look.down)
         M = jnp.concatenate([flow.A[:n, :n], B], axis=1)
@@ -103,21 +115,22 @@ def shocks(
         e = seen.white + part
         likelihood += (seen.white @ seen.white - e @ e) / 2
         T = jnp.concatenate([M, np.eye(n + F)[n:]])
-        return (after, sample.u, M @ guess), _Effect(e, part, G, T, likelihood)
+        carry = after, sample.u, M @ guess, sample.known, sample.f
+        return carry, _Effect(e, part, G, T, likelihood, lean, err)
 
-    start = belief, record.u[0], jnp.zeros(n)
+    start = belief, record.u[0], jnp.zeros(n), record.known[0], record.f[0]
     effects = jax.lax.scan(forwards, start, record)[1]
-    score, information, unknown = _backwards(effects, n, shock)
-    base = jnp.sum(effects.likelihood)
-    return Shocks(score, information, unknown, base, effects.e - effects.part, effects.part)
+    score, information, unknown, entry = _backwards(effects, n, shock)
+    base, white = jnp.sum(effects.likelihood), effects.e - effects.part
+    return Shocks(score, information, unknown, base, white, effects.part, entry)
 
 
 def _backwards(
     effects: _Effect, n: int, shock: Float[Array, "states"]
-) -> tuple[Array, Array, Array]:
+) -> tuple[Array, Array, Array, Array]:
     size = effects.T.shape[-1]
 
-    def body(carry: tuple[Array, Array], effect: _Effect) -> tuple[tuple[Array, Array], Array]:
+    def body(carry: tuple[Array, Array], effect: _Effect) -> tuple[tuple[Array, Array], tuple]:
         r, N = carry
         r = effect.G.T @ effect.e + effect.T.T @ r
         N = effect.G.T @ effect.G + effect.T.T @ N @ effect.T
@@ -125,9 +138,14 @@ def _backwards(
         L = jnp.linalg.cholesky(M)
         white = jax.scipy.linalg.solve_triangular(L, shock * r[:n], lower=True)
         gained = white @ white / 2 - jnp.sum(jnp.log(jnp.diagonal(L)))
-        return (r, N), jnp.concatenate([r[n:], jnp.diagonal(N)[n:], gained[None]])
+        # a unit of a fault that begins here, and of what the model errs by there
+        unit = jnp.concatenate([effect.lean, jnp.eye(size - n)])
+        err = jnp.concatenate([effect.err, jnp.zeros((size - n, size - n))])
+        own, beside = N @ unit, N @ err
+        told = unit.T @ r, jnp.sum(unit * own, axis=0)
+        entry = err.T @ r, jnp.sum(err * beside, axis=0), jnp.sum(err * own, axis=0)
+        return (r, N), (*told, gained, jnp.stack(entry))
 
     start = jnp.zeros(size), jnp.zeros((size, size))
-    rows = jax.lax.scan(body, start, effects, reverse=True)[1]
-    count = size - n
-    return rows[:, :count], rows[:, count : 2 * count], rows[:, -1]
+    score, information, unknown, entry = jax.lax.scan(body, start, effects, reverse=True)[1]
+    return score, information, unknown, entry
