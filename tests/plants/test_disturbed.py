@@ -1,6 +1,5 @@
 """A plant that is not its model: the discrepancy, what follows an input, and constants."""
 
-
 import jax.numpy as jnp
 import numpy as np
 import pytest

@@ -86,19 +86,14 @@ def errors(model: Model) -> list[str]:
 
 
 def _late(model: Model, noise: Noise) -> list[str]:
-    """Inputs that come later than the model has it, or too strong at first."""
-    lines = []
-    for j in noise.leans:
-        name, time = model.plant.signals.inputs[j].name, duration(float(noise.leaning[j]))
-        share = f"{number(100 * abs(noise.lean[j]), 2)} % of a change of {name}"
-        if noise.lean[j] < 0:
-            lines.append(
-                f"{share} comes late, within about {time}: the plant has a lag that the file "
-                "lacks. The bank goes by it; in the plant file it would mend the fit, too"
-            )
-        else:
-            lines.append(f"{share} comes on top at first, for about {time}; the bank goes by it")
-    return lines
+    """Inputs that come later than the model has it."""
+    names = model.plant.signals.input_names
+    return [
+        f"{number(-100 * noise.lean[j], 2)} % of a change of {names[j]} comes late, within about "
+        f"{duration(float(noise.leaning[j]))}: the plant has a lag that the file lacks. The bank "
+        "goes by it; in the plant file it would mend the fit, too"
+        for j in noise.leans
+    ]
 
 
 def _answers(model: Model) -> list[str]:

@@ -10,14 +10,13 @@ import numpy as np
 
 from faultgauge.detection.bank.noise import Noise
 from faultgauge.detection.calibration.innovation_likelihood import Likelihood
-from faultgauge.detection.calibration.noise_levels import Spans
+from faultgauge.detection.calibration.noise_levels import LAG, Spans
 from faultgauge.plants.disturbed import following_inputs
 from faultgauge.plants.model import Model
 
 __all__ = ["with_lags_of_inputs"]
 
 GRID = 6  # time constants that are tried
-LAG = -1.0  # of an input's change: a lag of the first order
 SURER = (1.0, 10.0)  # times less of a change that is off by chance, where an input comes late
 NONE = 1e-6  # of an input's change: as good as no lag
 

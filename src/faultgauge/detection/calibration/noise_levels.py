@@ -26,6 +26,7 @@ from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run
 
 __all__ = [
+    "LAG",
     "Bounds",
     "Spans",
     "bounds_of",
@@ -40,7 +41,7 @@ __all__ = [
 SEARCHED = (
     *("sigma", "process", "drift", "size", "lasting", "share", "settling"),
     *("wander", "wandering", "late", "lag", "stray", "straying", "doubt"),
-    *("leaning", "lean"),  # the last a number of either sign, and no logarithm
+    *("leaning", "lean"),  # the last a negative number, and no logarithm
 )
 ORDERS = 8  # of differences: beyond, next to nothing fades that has not
 REACH = np.log(1e4)  # a level is looked for within this factor of its first guess
@@ -50,7 +51,8 @@ QUICK = 10.0  # samples in which that settles
 LONGEST = 100.0  # times the longest stretch: as good as a walk without end
 SETTLED = 0.25  # of it: within that, what an input's change does has settled
 SLOWER = 0.1  # of it: what lasts longer, parameters that drift follow
-FURTHEST = 2.0  # times an input's change: its lean
+LAG = -1.0  # of an input's change: all of it comes late
+TRACE = 1e-9  # of it: next to nothing
 UNSURE = 1.5  # standard deviation of the logarithms of these
 
 
@@ -183,7 +185,7 @@ def bounds_of(guess: Noise, step: float, stretches: Sequence[StretchPiece]) -> B
     for name in ("share", "late"):
         high[name][:] = 0.0
     low["doubt"][:] = 0.0
-    low["lean"], high["lean"] = (np.full(sizes["lean"], a) for a in (-FURTHEST, FURTHEST))
+    low["lean"], high["lean"] = np.full(sizes["lean"], LAG), np.full(sizes["lean"], -TRACE)
     pull = {name: np.full(count, np.inf) for name, count in sizes.items()}
     for name in ("sigma", "size", "share", "lasting"):
         pull[name][:] = UNSURE

@@ -30,7 +30,7 @@ from faultgauge.observers.branches import SCALES
 from faultgauge.observers.divided_difference import Belief
 from faultgauge.telemetry import Run
 
-__all__ = ["Causes", "Window", "causes_in", "shocks_of", "window_of"]
+__all__ = ["Causes", "Window", "causes_in", "freed", "shocks_of", "window_of"]
 
 
 class Window(NamedTuple):
@@ -105,13 +105,13 @@ def causes_in(bank: FaultBank, window: Window, found: Shocks) -> Causes:
     size = np.asarray(bank.modes.prior.size)[: bank.modes.filter.faults]
     score, information = (np.asarray(a)[:count] for a in (found.score, found.information))
     entry = np.asarray(found.entry)[:count]
-    r, N, _ = _freed(score, information, entry, size)
+    r, N, _ = freed(score, information, entry, size)
     variance = 1 / (N + size**-2.0)
     mean, sd = (r * variance)[:, :declared], np.sqrt(variance)[:, :declared]
     each = []
     for scale in SCALES:
         s = scale * size
-        r, N, besides = _freed(score, information, entry, s)
+        r, N, besides = freed(score, information, entry, s)
         V = 1 / (N + s**-2.0)
         gain = (r**2 * V - np.log1p(N * s**2)) / 2 + besides
         for k, fault in enumerate(faults):
@@ -123,7 +123,7 @@ def causes_in(bank: FaultBank, window: Window, found: Shocks) -> Causes:
     return Causes(prior + gain, mean, sd, (found,))
 
 
-def _freed(
+def freed(
     score: Float[np.ndarray, "samples faults"],
     information: Float[np.ndarray, "samples faults"],
     entry: Float[np.ndarray, "samples three faults"],
