@@ -49,15 +49,13 @@ def bank(
     common=NEVER,
     text=LAG,
     limits=(-np.inf, np.inf),
-    entry=(1.0, 0.0, 1.0, 0.0),
-    entering=(),
+    late=(1.0, 0.0),
 ):
     """Only `faults` happen, within `limits`, go at the rate `recovery`, and have `common` causes;
-    nothing undeclared does. An input's changes err and come late as `entry` says: within which time
-    and by what share each; faults that are `entering` enter as such."""
+    nothing undeclared does. An input's changes come `late`, within which time and by what share."""
     base = GrayBoxPlant.untrained(parse_plant(text))
-    settling, share, leaning, lean = (jnp.array([each]) for each in entry)
-    error = Error(jnp.array([TAU]), settling, share, leaning=leaning, lean=lean)
+    tau, settling, share, leaning, lean = (jnp.array([each]) for each in (TAU, 1.0, 0.0, *late))
+    error = Error(tau, settling, share, leaning=leaning, lean=lean)
     plant = Disturbed.of(base, (0,), (0,), error, (), jnp.zeros(0), jnp.zeros((0, 0)), leaning=(0,))
     process = np.array([PROCESS, SIZE * np.sqrt(2 / TAU), 0.0, 0.0])
     noise = dd.FilterNoise(np.tile(process, (5, 1)), np.zeros((5, 2)), np.full((5, 1), sigma))
@@ -87,7 +85,6 @@ def bank(
         declared=2,
         branches=4,
         onsets=12,
-        entering=entering,
     )
 
 
@@ -166,34 +163,29 @@ def brute(samples, fault, sigma=SIGMA, limits=(-np.inf, np.inf)):
     return float(logsumexp(ell)), mean, sd, float(w @ (begun[:-1] * dt))
 
 
-ENTRY = (0.6, 0.3, 0.4, -0.8)  # what an input's change does besides: s and a share, twice
+LATE = (0.4, -0.8)  # s; of an input's change
 
 
-def brute_entering(samples, sigma):
-    """As `brute`, of a push that enters with the input u, [x, d, push, e, v] being the states: e
-    jumps by N(0, share^2) and v by `lean` times what u changes by, and where the push begins with
-    the size f by share h and lean f, h being as wide as f is before any data."""
-    settling, share, leaning, lean = ENTRY
+def brute_late(samples, sigma):
+    """As `brute`, of a push that enters with the input u, [x, d, push, v] being the states: v jumps
+    by `lean` times what u changes by, and by as much of the push where that begins."""
+    leaning, lean = LATE
     u, y, steps = (each.ravel() for each in samples)
     count, dt = len(y), steps[1]
-    F3, G, Q = linear(dt)
-    F, fade = np.eye(5), np.exp(-dt / np.array([settling, leaning]))
-    F[:3, :3] = F3
-    F[0, 3:] = G[0] * (1 - fade) * np.array([settling, leaning]) / dt
-    F[3, 3], F[4, 4] = fade
-    G, Q, C = np.append(G, [0.0, 0.0]), np.pad(Q, (0, 2)), np.eye(5)[0]
+    F, (F3, G, Q), fade = np.eye(4), linear(dt), np.exp(-dt / leaning)
+    F[:3, :3], F[0, 3], F[3, 3] = F3, G[0] * (1 - fade) * leaning / dt, fade
+    G, Q, C = np.append(G, 0.0), np.pad(Q, (0, 1)), np.eye(4)[0]
     widths = np.array([*np.repeat(WIDTHS[PUSH] * np.array(SCALES), count), 0.0])
     begun = np.array([*np.tile(np.arange(-1, count - 1), len(SCALES)), 0])
-    m, P = np.zeros((len(widths), 5)), np.zeros((len(widths), 5, 5))
-    P[:] = np.diag([START[0] ** 2, SIZE**2, 0.0, 0.0, 0.0])
+    m, P = np.zeros((len(widths), 4)), np.zeros((len(widths), 4, 4))
+    P[:] = np.diag([START[0] ** 2, SIZE**2, 0.0, 0.0])
     P[begun == -1, 2, 2] = widths[begun == -1] ** 2
-    enters = np.diag([0, 0, 0, share**2, 0]) + np.outer([0, 0, 1, 0, lean], [0, 0, 1, 0, lean])
+    enters = np.outer([0, 0, 1, lean], [0, 0, 1, lean])
     total = np.zeros(len(widths))
     for k in range(count):
         if k:
             m, P = m @ F.T + G * u[k - 1], F @ P @ F.T + Q
-            m[:, 4] += lean * (u[k] - u[k - 1])
-            P[:, 3, 3] += (share * (u[k] - u[k - 1])) ** 2
+            m[:, 3] += lean * (u[k] - u[k - 1])
         S, e = P @ C @ C + sigma**2, y[k] - m @ C
         total -= 0.5 * (e**2 / S + np.log(2 * np.pi * S))
         K = P @ C / S[:, None]
@@ -211,22 +203,22 @@ def brute_entering(samples, sigma):
 
 @pytest.mark.parametrize("size", [0.0, 0.15, 0.5])
 @pytest.mark.parametrize("later", [4, 10, 60])
-def test_a_fault_that_enters_with_an_input_is_late_and_errs_as_its_changes_do(size, later):
+def test_a_fault_that_enters_with_a_late_input_is_late(size, later):
     """Bayes over all onsets, as above, with the same limits: e^1 in odds, and half a standard
     deviation in size, which is a third wider or narrower at most. What acts comes through a lag."""
     u, y, steps = log(1, hold=40)
-    k, leaning = np.arange(COUNT), ENTRY[2]
+    k, (leaning, lean) = np.arange(COUNT), LATE
     acts = size * (k >= 100)
     full, v, x = acts + u[:, 0], np.zeros(COUNT), np.zeros(COUNT)
     fade = np.exp(-A * STEP)
     for i in range(COUNT - 1):
         mean = v[i] * (1 - np.exp(-STEP / leaning)) * leaning / STEP
         x[i + 1] = fade * x[i] + (1 - fade) / A * (mean + acts[i])
-        v[i + 1] = v[i] * np.exp(-STEP / leaning) + ENTRY[3] * (full[i + 1] - full[i])
+        v[i + 1] = v[i] * np.exp(-STEP / leaning) + lean * (full[i + 1] - full[i])
     samples = tuple(each[: 100 + later] for each in (u, y + x[:, None], steps))
-    wanted, mean, sd = brute_entering(samples, SIGMA)
+    wanted, mean, sd = brute_late(samples, SIGMA)
     text = LAG.replace('enters = "state"\ntarget = "x"', 'enters = "input"\ntarget = "u"')
-    _, info = judged(bank((PUSH,), text=text, entry=ENTRY, entering=(PUSH,)), samples)
+    _, info = judged(bank((PUSH,), text=text, late=LATE), samples)
     p = float(info.p[-1, PUSHED])
     assert abs(odds(p) - wanted) < 1.0 if wanted < 15 else p > 1 - 1e-5
     if expit(wanted) > 0.5:

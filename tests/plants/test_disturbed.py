@@ -130,15 +130,15 @@ def test_a_change_comes_late_by_a_share_of_what_reaches_the_plant(plant, late):
     assert not np.any(plant.leans(jnp.array([0.0]), jnp.array([1.0]), none, none))
 
 
-def test_by_what_a_unit_of_a_fault_comes_late_and_errs(late):
+def test_by_what_a_unit_of_a_fault_comes_late(plant, late):
     """Where u is at its upper limit, a push acts downwards alone; a sensor's fault not at all."""
-    by = jnp.array([0.4, 0.4])
+    by, none = jnp.array([0.4, 0.4]), jnp.zeros(2)
     for u in (0.0, 2.0, 3.0):
-        mean, sd = late.enters(jnp.array([u]), jnp.zeros(2), by)
-        acts = 0.0 if u == 3.0 else 1.0
-        wanted = np.zeros((2, 5, 2))
-        wanted[0, 4, 0], wanted[1, 3, 0] = -0.9 * acts, SHARE * acts
-        np.testing.assert_allclose([mean, sd], wanted, atol=1e-12)
+        wanted = np.zeros((5, 2))
+        wanted[4, 0] = 0.0 if u == 3.0 else -0.9
+        found = late.enters(jnp.array([u]), none, by)
+        np.testing.assert_allclose(found, wanted, atol=1e-12)
+    assert not np.any(plant.enters(jnp.array([0.0]), none, by))
 
 
 def test_errors_of_outputs_by_hand():

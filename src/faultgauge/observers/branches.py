@@ -13,7 +13,6 @@ __all__ = [
     "BranchInfo",
     "BranchState",
     "Changes",
-    "Entries",
     "Lanes",
     "Prior",
     "Probe",
@@ -41,22 +40,11 @@ class Prior(NamedTuple):
     changed: Float[Array, ""]
 
 
-class Entries(NamedTuple):
-    """What the model errs by where a fault enters with an input, as where the input itself changes:
-    its signature by a unit of the fault, its `info` and `score` as of a size, and what information
-    it has in common with the size, `cross`; of the kinds that enter so."""
-
-    eta: Float[Array, "branches n entering onsets"]
-    info: Float[Array, "branches entering onsets"]
-    score: Float[Array, "branches entering onsets"]
-    cross: Float[Array, "branches entering onsets"]
-
-
 class Lanes(NamedTuple):
     """Signatures of a unit change of each kind at some onsets, beside every branch: `score` and
     `info` of its size, `gain` in ln L by each of `SCALES`; `shared` scores and `J` are in the
     branch's own noise, and so tell what one change explains of another; `row` is where in `J` each
-    stands, for as long as it is kept; `entry` what the model errs by where it begins."""
+    stands, for as long as it is kept."""
 
     eta: Float[Array, "branches n kinds onsets"]
     score: Float[Array, "branches kinds onsets"]
@@ -67,7 +55,6 @@ class Lanes(NamedTuple):
     row: Int[Array, "branches kinds onsets"]
     mass: Float[Array, "branches kinds onsets"]
     onset: Float[Array, "branches kinds onsets"]
-    entry: Entries
 
 
 class Probe(NamedTuple):

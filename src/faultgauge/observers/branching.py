@@ -24,7 +24,6 @@ from faultgauge.observers.branches import (
     BranchInfo,
     BranchState,
     Changes,
-    Entries,
     Lanes,
     Probe,
     Sums,
@@ -76,10 +75,6 @@ class Branching(Onsets):
         eta[self.slots, range(K), -1] = 1.0
         never = jnp.full((K, A - 1), NEVER)
         mass = jnp.concatenate([never, self.prior.first[:, None]], axis=1)
-        some = (B, len(self.entering), A)
-        entry = Entries(
-            jnp.zeros((B, n, *some[1:])), jnp.zeros(some), jnp.zeros(some), jnp.zeros(some)
-        )
         lanes = Lanes(
             jnp.broadcast_to(eta, (B, n, K, A)),
             jnp.zeros((B, K, A)),
@@ -90,7 +85,6 @@ class Branching(Onsets):
             jnp.broadcast_to(np.arange(K * A).reshape(K, A), (B, K, A)),
             jnp.broadcast_to(mass, (B, K, A)),
             jnp.zeros((B, K, A)),
-            entry,
         )
         probe = Probe(jnp.zeros((n, self.declared, 2)), jnp.zeros((self.declared, 2)))
         since = jnp.zeros((self.filters, self.filter.faults, 2))
@@ -133,7 +127,7 @@ class Branching(Onsets):
         info = self._info(state, changes)
         state, ell = self._promoted(state, changes)
         opened = partial(self._opened, t, dt)
-        given = ell, self._entered(u, state.belief)
+        given = ell, self._begun(u, state.belief)
         lanes, _ = where_needed(opened, self._alive(state), state.lanes, given)
         return self._alien(state._replace(lanes=lanes)), info
 
@@ -191,17 +185,16 @@ class Branching(Onsets):
         ell = jnp.where(stays, NEVER, changes.ell[b, k])
         w = jnp.exp(ell - logsumexp(ell))
         a = jnp.argmax(ell)
+        eta = state.lanes.eta[b, :, kind, a]
         f, V = self._alone(state, changes, b, k, kind, a, gone)
-        every, entry, beside = self._entry(state, changes, b, k, kind, gone)
-        moved = every[:, a] * f + entry[:, a]
-        mean = state.belief.mean[b] + moved
+        mean = state.belief.mean[b] + eta * f
         # the other onsets, kept or not, make the belief as wide as they lie apart from this one
-        apart = (every * changes.f[b, k] + entry - moved[:, None]) * jnp.sqrt(w)
+        every = state.lanes.eta[b, :, kind]
+        apart = (every * changes.f[b, k] - (eta * f)[:, None]) * jnp.sqrt(w)
         spread = every * jnp.sqrt(w * changes.V[b, k])
-        beside = beside * jnp.sqrt(w)
         when, blur = state.lanes.onset[b, kind], self._blur(state.t, state.lanes)[b, kind]
         between = self._slope(state, b, kind) * changes.f[b, k] * jnp.sqrt(w * blur)
-        each = jnp.concatenate([apart, spread, between, beside], axis=1)
+        each = jnp.concatenate([apart, spread, between], axis=1)
         P = state.belief.P[b] + contract("ia,ja->ij", each, each)
         P = P + jnp.diag(self._late(state, b, kind, f) ** 2)
         mean, P = self._known_gone(mean, P, fault, gone)
@@ -258,31 +251,12 @@ class Branching(Onsets):
         apart = (1 - share) * share * (new[0] - old[0]) ** 2
         return jnp.stack([mean, within + apart])
 
-    def _entry(
-        self,
-        state: BranchState,
-        changes: Changes,
-        b: Int[Array, ""],
-        k: Int[Array, ""],
-        kind: Int[Array, ""],
-        gone: Bool[Array, ""],
-    ) -> tuple[Float[Array, "n onsets"], Float[Array, "n onsets"], Float[Array, "n onsets"]]:
-        """What a unit of a change does to z, what its entry does besides, and by how much that may
-        be off: h given f is (score - cross f) V +- sqrt(V), V = 1 / (info + 1 / s^2), with the
-        size itself for s; a fault that goes leaves with an error as large."""
-        entry, eta = state.lanes.entry, state.lanes.eta[b, :, kind]
-        zeta = self._of_all(entry.eta[b])[:, kind]
-        info, score, cross = (self._of_all(a[b])[kind] for a in entry[1:])
-        s2 = changes.f[b, k] ** 2 + changes.V[b, k]
-        V = jnp.where(gone, s2, 1 / (info + 1 / (s2 + 1e-300)))
-        score, cross = (jnp.where(gone, 0.0, a) for a in (score, cross))
-        return eta - zeta * cross * V, zeta * score * V, zeta * jnp.sqrt(V)
-
     def _late(
         self, state: BranchState, b: Int[Array, ""], kind: Int[Array, ""], f: Float[Array, ""]
     ) -> Float[Array, "n"]:
-        """How far off what an output shows late may be where a fault enters with an input
-        (standard deviations), as where the input changes."""
+        """How far off what an output shows late may be where a fault enters with an input (standard
+        deviations), as where the input changes. What follows an input is not: what it errs by in
+        healthy logs is mostly friction and the like, that no fault brings."""
         n, F = self.filter.states, self.filter.faults
         z, plant = state.belief.mean[b], self.filter.plant
         before = z[n : n + F]
@@ -302,10 +276,9 @@ class Branching(Onsets):
     ) -> tuple[Float[Array, ""], Float[Array, ""]]:
         """(size, variance) of one change with the widest prior, which is Gaussian: what a branch
         and the signatures beside it can both be told."""
-        lanes, least = state.lanes, self._least()[:1]
-        score, info = (each[b, 0, kind, a] for each in self._freed(lanes, least))
-        V = 1 / (info + least[0, kind, 0])
-        f = V * score
+        lanes = state.lanes
+        V = 1 / (lanes.info[b, kind, a] + 1 / self.prior.size[kind] ** 2)
+        f = V * lanes.score[b, kind, a]
         i, which = self.filter.states + kind, lanes.row[b, kind, a]
         left = lanes.eta[b, i, kind, a]
         J = lanes.J[b, which, which]
@@ -387,7 +360,6 @@ class Branching(Onsets):
             gain=cleared(lanes.gain),
             shared=cleared(lanes.shared),
             J=cleared(lanes.J),
-            entry=jax.tree.map(cleared, lanes.entry),
         )
         return state._replace(
             belief=Belief(

@@ -7,12 +7,10 @@ approach"; B. Friedland, IEEE TAC 14 (1969), "Treatment of bias in recursive fil
     eta' = A eta - K g,    g = C eta,    c += g e / R,    J += g^2 / R,    V = 1 / (J + 1 / s^2)
     ln L += ln N(e; g c V, R + g^2 V) - ln N(e; 0, S)
 
-for a change of size f ~ N(0, s^2) since then, of which f ~ N(c V, V) is left. S is the variance of
+for a change of size f ~ N(0, s^2) since then, of which f ~ N(c V, V) is left. What enters with an
+input that comes late does so, too. S is the variance of
 the innovation, raised where it is far off; R is raised only where e is far off from what the change
 makes of it, and as S where the first sample may have had a part of the change only.
-Where a fault enters with an input, the model errs as where the input changes: by h ~ N(0, s^2)
-times what it may err by for a unit of the fault, which has a signature of its own, and the
-innovations tell f and h together.
 A size's prior is as likely in every decade below its widest (`SCALES`). Nothing is mixed from step
 to step, so evidence adds up for as long as an onset is kept. Onsets are kept ever sparser the
 older they are, but the likely ones; one that goes leaves its prior to its neighbour.
@@ -24,15 +22,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from faultgauge.observers.branches import (
-    NEVER,
-    SCALES,
-    BranchState,
-    Changes,
-    Entries,
-    Lanes,
-    Prior,
-)
+from faultgauge.observers.branches import NEVER, SCALES, BranchState, Changes, Lanes, Prior
 from faultgauge.observers.divided_difference import (
     Belief,
     DividedDifferenceFilter,
@@ -56,9 +46,8 @@ class Onsets(eqx.Module):
     """The evidence of `onsets` of every kind of change, beside `branches` branches.
 
     A kind of change is a step of one of the faults, those that nobody declared included, or a
-    growth of one that has a rate; `entering` are the kinds that enter with an input.
-    `more[set][kind]` is the set that a change of that kind leads to, `less[set][fault]` the one
-    without the fault, -1 where there is none.
+    growth of one that has a rate. `more[set][kind]` is the set that a change of that kind leads to,
+    `less[set][fault]` the one without the fault, -1 where there is none.
     """
 
     filter: DividedDifferenceFilter
@@ -67,7 +56,6 @@ class Onsets(eqx.Module):
     less: tuple[tuple[int, ...], ...] = eqx.field(static=True)
     branches: int = eqx.field(static=True)
     onsets: int = eqx.field(static=True)
-    entering: tuple[int, ...] = eqx.field(static=True)
 
     @property
     def kinds(self) -> int:
@@ -105,9 +93,6 @@ class Onsets(eqx.Module):
         states = eta[:, : self.filter.states] + sided * own[:, None]
         eta = jnp.concatenate([states, eta[:, self.filter.states :]], axis=1)
         own = jnp.stack([eta[:, self.filter.states + k, j] for j, k in enumerate(self.owner)], 1)
-        entry = lanes.entry
-        zeta = jax.vmap(self.filter.through)(flow.A, entry.eta.reshape(B, n, -1))
-        zeta = zeta.reshape(entry.eta.shape)
         middle = (look.up + look.down) / 2
         sided = self._sided(up, look.up - middle, look.down - middle) * own[:, None]
         # in each row of J stands an onset of the row's own kind, of which the last has just opened
@@ -119,7 +104,7 @@ class Onsets(eqx.Module):
 
         shared, older = lanes.shared, (onset < A - 1).reshape(B, -1)
         J = jnp.where(older[:, :, None] & older[:, None, :], lanes.J, 0.0)
-        gain = lanes.gain
+        score, info, gain, least = lanes.score, lanes.info, lanes.gain, self._least()
         narrower, at_once = jnp.ones_like(gain), self._at_once()[:, None]
         for j in range(seen.white.shape[1]):
             # the faults' own sides do not change while the outputs are taken in turn
@@ -133,67 +118,19 @@ class Onsets(eqx.Module):
             there = jnp.isfinite(seen.root[:, j])
             wider = jnp.where(there, seen.root[:, j] / seen.usual[:, j], 1.0)[:, None, None]
             white, G = seen.white[:, j, None, None], g / seen.usual[:, j, None, None]
-            z = contract("bn,bnka->bka", look.C[:, j], zeta)
-            Z = z / seen.usual[:, j, None, None]
-            off, unsure = self._expected(lanes, entry, G, Z)
-            off = (white * wider)[:, None] - off
+            V = 1 / (info[:, None] + least)
+            off = (white * wider)[:, None] - (G * score)[:, None] * V
+            unsure = G[:, None] ** 2 * V
             least_times = jnp.where(at_once, 1.0, wider**2)[:, None]
             times = jnp.maximum(raised(off**2 / (1 + unsure)), least_times)
             gain = gain + (white[:, None] ** 2 - off**2 / (times + unsure)) / 2
             narrower = narrower * wider[:, None] ** 2 / (times + unsure)
-            said = white * wider / times[:, 0], 1 / times[:, 0]
-            lanes, entry = self._told(lanes, entry, G, Z, *said)
-            g, z = (jnp.where(there[:, None, None], a, 0.0) for a in (g, z))
+            score = score + G * white * wider / times[:, 0]
+            info = info + G**2 / times[:, 0]
+            g = jnp.where(there[:, None, None], g, 0.0)
             eta = eta - seen.gain[:, j, :, None, None] * g[:, None]
-            zeta = zeta - seen.gain[:, j, :, None, None] * z[:, None]
         gain = gain + jnp.log(narrower) / 2
-        entry = entry._replace(eta=zeta)
-        return lanes._replace(eta=eta, gain=gain, shared=shared, J=J, entry=entry), ()
-
-    def _of_all(
-        self, entering: Float[Array, "*other entering onsets"]
-    ) -> Float[Array, "*other kinds onsets"]:
-        """What there is of the kinds that enter with an input, and 0 of the others."""
-        none = jnp.zeros((*entering.shape[:-2], entering.shape[-1]))
-        place = {kind: k for k, kind in enumerate(self.entering)}
-        each = [entering[..., place[k], :] if k in place else none for k in range(self.kinds)]
-        return jnp.stack(each, axis=-2)
-
-    def _expected(
-        self, lanes: Lanes, entry: Entries, G: Array, Z: Array
-    ) -> tuple[
-        Float[Array, "branches scales kinds onsets"], Float[Array, "branches scales kinds onsets"]
-    ]:
-        """(what a change makes of an innovation whose signature is `G`, and `Z` of its entry, by
-        what is known of both; the variance of that)."""
-        least = self._least()
-        info, score, cross = (self._of_all(a)[:, None] for a in entry[1:])
-        Z, G = self._of_all(Z)[:, None], G[:, None]
-        own, beside = lanes.info[:, None] + least, info + least
-        det = own * beside - cross**2
-        f = (beside * lanes.score[:, None] - cross * score) / det
-        h = (own * score - cross * lanes.score[:, None]) / det
-        return G * f + Z * h, (G**2 * beside - 2 * G * Z * cross + Z**2 * own) / det
-
-    def _told(
-        self, lanes: Lanes, entry: Entries, G: Array, Z: Array, said: Array, weight: Array
-    ) -> tuple[Lanes, Entries]:
-        """With the score and the information that an innovation brings."""
-        few, at = np.array(self.entering, int), G[:, np.array(self.entering, int)]
-        return lanes._replace(
-            score=lanes.score + G * said, info=lanes.info + G**2 * weight
-        ), entry._replace(
-            score=entry.score + Z * said[:, few],
-            info=entry.info + Z**2 * weight[:, few],
-            cross=entry.cross + at * Z * weight[:, few],
-        )
-
-    def _freed(self, lanes: Lanes, least: Array) -> tuple[Array, Array]:
-        """(score, information) of a change's size where its entry is free but for a prior of the
-        information `least`."""
-        info, score, cross = (self._of_all(a)[:, None] for a in lanes.entry[1:])
-        tied = cross / (info + least)
-        return lanes.score[:, None] - tied * score, lanes.info[:, None] - tied * cross
+        return lanes._replace(eta=eta, score=score, info=info, gain=gain, shared=shared, J=J), ()
 
     def _at_once(self) -> Bool[np.ndarray, "kinds"]:
         """The kinds of change of which the first sample shows all."""
@@ -227,9 +164,8 @@ class Onsets(eqx.Module):
         more, less = jnp.array(self.more), jnp.array(self.less)
         present = there[:, self.owner, None]
         least = self._least()
-        score, info = self._freed(lanes, least)
-        V = 1 / (info + least)
-        f = score * V
+        V = 1 / (lanes.info[:, None] + least)
+        f = lanes.score[:, None] * V
         inside = self._inside(f, V, 1 / least)
         each = lanes.gain + jnp.where(present[:, None], 0.0, inside)
         _, gain, share = _shared(each, 1)
@@ -329,23 +265,17 @@ class Onsets(eqx.Module):
         info = jnp.maximum(jnp.diagonal(J)[rows], 0.0)
         least = self._least()
         gain = (shared**2 / (info + least) - jnp.log1p(info / least)) / 2
-        none = jax.tree.map(lambda a: jnp.zeros_like(a[b]), lanes.entry)
-        new = Lanes(eta, shared, info, gain, shared, J, rows, mass, lanes.onset[b], none)
+        new = Lanes(eta, shared, info, gain, shared, J, rows, mass, lanes.onset[b])
         return jax.tree.map(lambda every, one: every.at[place].set(one), lanes, new)
 
-    def _entered(
-        self, u: Float[Array, "inputs"], belief: Belief
-    ) -> tuple[Float[Array, "branches n kinds"], Float[Array, "branches n entering"]]:
-        """What a unit of each change does to z where it begins, beside every branch, and what the
-        model errs by there."""
+    def _begun(self, u: Float[Array, "inputs"], belief: Belief) -> Float[Array, "branches n kinds"]:
+        """What a unit of each change does to z where it begins, beside every branch."""
         n, F = self.filter.states, self.filter.faults
-        few, plant = np.array(self.entering, int), self.filter.plant
+        grows = jnp.zeros((n, self.kinds - F))
 
-        def one(mean: Array) -> tuple[Array, Array]:
-            leans, errs = plant.enters(u, mean[n : n + F], self.filter.probe)
-            grows = jnp.zeros((n, self.kinds - F))
-            start = jnp.concatenate([jnp.concatenate([leans, grows], axis=1), np.eye(self.kinds)])
-            return start, jnp.concatenate([errs[:, few], jnp.zeros((self.kinds, len(few)))])
+        def one(mean: Array) -> Array:
+            late = self.filter.plant.enters(u, mean[n : n + F], self.filter.probe)
+            return jnp.concatenate([jnp.concatenate([late, grows], axis=1), np.eye(self.kinds)])
 
         return jax.vmap(one)(belief.mean[: self.branches])
 
@@ -354,12 +284,12 @@ class Onsets(eqx.Module):
         t: Float[Array, ""],
         dt: Float[Array, ""],
         lanes: Lanes,
-        given: tuple[Array, tuple[Array, Array]],
+        given: tuple[Array, Array],
     ) -> tuple[Lanes, tuple[()]]:
         """An onset at this sample, behind the others, in the place of the one that is missed least:
         that whose neighbours lie closest for its age and explain what it explains, and is not
         likely."""
-        ell, (start, errs) = given
+        ell, begun = given
         B, K, A = ell.shape
         likely = ell - jnp.max(ell, axis=2, keepdims=True) > np.log(HEAVY)
         used, when = lanes.mass > NEVER / 2, lanes.onset
@@ -389,25 +319,17 @@ class Onsets(eqx.Module):
         right = jnp.concatenate([none, right[:, :, :-1]], axis=2)
         mass = jnp.logaddexp(lanes.mass, jnp.logaddexp(left, right))
 
-        few = np.array(self.entering, int)
-
-        def moved(a: Array, new: Array | np.ndarray | float, place: Array = place) -> Array:
+        def moved(a: Array, new: Array | np.ndarray | float) -> Array:
             """The onsets behind the one that went, one place down; `new` at the end."""
             end = jnp.broadcast_to(new, (*a.shape[:-1], 1))
             after = jnp.concatenate([a[..., 1:], end], axis=-1)
             before = index < place if a.ndim == 3 else index < place[:, None]
             return jnp.where(before, a, after)
 
-        entry = lanes.entry
-        entry = Entries(
-            moved(entry.eta, errs[..., None], place[:, few]),
-            *(moved(a, 0.0, place[:, few]) for a in entry[1:]),
-        )
-
         # what goes leaves its row of J to what comes, which begins it anew (`_signatures`)
         row = jnp.take_along_axis(lanes.row, place, axis=2)
         after = Lanes(
-            moved(lanes.eta, start[..., None]),
+            moved(lanes.eta, begun[..., None]),
             moved(lanes.score, 0.0),
             moved(lanes.info, 0.0),
             moved(lanes.gain, 0.0),
@@ -416,7 +338,6 @@ class Onsets(eqx.Module):
             moved(lanes.row, row),
             moved(mass, fresh),
             moved(when, t),
-            entry,
         )
         return after, ()
 

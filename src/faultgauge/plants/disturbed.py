@@ -245,7 +245,8 @@ class Disturbed(Plant):
         driven = np.isin(np.arange(self.count), self.driven)
         rates = jnp.where(driven, (dx[0] - dx[1])[parts.x], 0.0)
         jumps = jnp.zeros(len(x)).at[parts.x].set(unseen * jnp.abs(rates) / np.sqrt(3))
-        jumps = jumps + self._erring(self._moved(us, fs))
+        moved = contract("ji,j->i", _acts(len(u), self.following), self._moved(us, fs))
+        jumps = jumps.at[parts.e].set(jnp.abs(self.error.share * moved))
         return jumps.at[parts.lag].set(jnp.abs(self.error.late * shown))
 
     def leans(
@@ -263,19 +264,19 @@ class Disturbed(Plant):
 
     def enters(
         self, u: Float[Array, "inputs"], f: Float[Array, "faults"], by: Float[Array, "faults"]
-    ) -> tuple[Float[Array, "states faults"], Float[Array, "states faults"]]:
-        """By how much the states jump (mean, standard deviation) for a unit of each fault, where it
-        changes from `f` by `by` to the side on which it does more."""
-        means, sds = [], []
+    ) -> Float[Array, "states faults"]:
+        """By how much v jumps for a unit of each fault, where it changes from `f` by `by`, to the
+        side on which it does more."""
+        if not self.leaning:
+            return jnp.zeros((len(self.signals.states), len(f)))
+        units = []
         for k, step in enumerate(by * np.eye(len(by))):
             up, down = (
                 self._moved(jnp.stack([u, u]), jnp.stack([f + side, f])) / by[k]
                 for side in (step, -step)
             )
-            unit = jnp.where(jnp.abs(up) >= jnp.abs(down), up, -down)
-            means.append(self._late(unit))
-            sds.append(self._erring(unit))
-        return jnp.stack(means, axis=1), jnp.stack(sds, axis=1)
+            units.append(self._late(jnp.where(jnp.abs(up) >= jnp.abs(down), up, -down)))
+        return jnp.stack(units, axis=1)
 
     def doubts(
         self, u_before: Float[Array, "inputs"], u: Float[Array, "inputs"]
@@ -318,11 +319,6 @@ class Disturbed(Plant):
         """By how much v jumps where the inputs have `moved`."""
         jump = self.error.lean * contract("ji,j->i", _acts(len(moved), self.leaning), moved)
         return jnp.zeros(len(self.signals.states)).at[self.parts.v].set(jump)
-
-    def _erring(self, moved: Float[Array, "inputs"]) -> Float[Array, "states"]:
-        """By how much e may jump where the inputs have `moved` (standard deviations)."""
-        jump = self.error.share * contract("ji,j->i", _acts(len(moved), self.following), moved)
-        return jnp.zeros(len(self.signals.states)).at[self.parts.e].set(jnp.abs(jump))
 
     def _slow(
         self, x: Float[Array, "states"], t: Float[Array, "times"]

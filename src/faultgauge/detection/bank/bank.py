@@ -172,7 +172,6 @@ def build_fault_bank(
         declared=len(signals.faults),
         branches=BRANCHES,
         onsets=ONSETS,
-        entering=_entering(plant),
     )
     wait, level = signals.detection.hold_off, found.level if found else CERTAIN
     return FaultBank(
@@ -206,13 +205,6 @@ def _changes(
     # an undeclared bias may go again
     back = (*[-1] * declared, *[0] * undeclared)
     return (*more, nowhere), (*less, back)
-
-
-def _entering(plant: Disturbed) -> tuple[int, ...]:
-    """The faults that enter with an input whose changes the model errs in."""
-    inputs = [plant.signals.input_names[j] for j in plant.following]
-    faults = enumerate(plant.signals.faults)
-    return tuple(k for k, f in faults if f.enters in ("input", "gain") and f.target in inputs)
 
 
 def _levels(model: Model, noise: Noise, faults: int, knowledge: Knowledge) -> dd.FilterNoise:

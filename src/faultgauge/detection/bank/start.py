@@ -91,10 +91,7 @@ class Start(eqx.Module):
         P = state.belief.P * keep[:, None] * keep + jnp.diag(more)
         return state._replace(
             belief=Belief(mean, P),
-            lanes=state.lanes._replace(
-                eta=state.lanes.eta * keep[:, None, None],
-                entry=state.lanes.entry._replace(eta=state.lanes.entry.eta * keep[:, None, None]),
-            ),
+            lanes=state.lanes._replace(eta=state.lanes.eta * keep[:, None, None]),
             probe=state.probe._replace(J=state.probe.J * jnp.exp(-gap / modes.recall)[:, None]),
             u=u,
             t=state.t + gap,

@@ -43,9 +43,7 @@ class KnownStretch(NamedTuple):
 
 class Shocks(NamedTuple):
     """For an onset at each sample: `score` and `information` of each fault's size, and the
-    log-likelihood gained by an `unknown` shock of the states; `entry`, score and information of
-    what the model errs by where a fault enters with an input, and what information that shares
-    with the size.
+    log-likelihood gained by an `unknown` shock of the states.
 
     `base` is ln p(y) with the known faults alone; `fit` the guess's part of the innovations and
     `white` what it leaves of them, both in standard deviations.
@@ -57,20 +55,18 @@ class Shocks(NamedTuple):
     base: Float[Array, ""]
     white: Float[Array, "samples outputs"]
     fit: Float[Array, "samples outputs"]
-    entry: Float[Array, "samples three faults"]
 
 
 class _Effect(NamedTuple):
     """One sample of the equations above, e and the guess's part of it, and ln p(y); by how much the
-    states jump for a unit of a fault that begins before it, mean and standard deviation."""
+    states jump for a unit of a fault that begins before it."""
 
     e: Float[Array, "*samples outputs"]
     part: Float[Array, "*samples outputs"]
     G: Float[Array, "*samples outputs n"]
     T: Float[Array, "*samples n n"]
     likelihood: Float[Array, "*samples"]
-    lean: Float[Array, "*samples n faults"]
-    err: Float[Array, "*samples n faults"]
+    late: Float[Array, "*samples n faults"]
 
 
 @eqx.filter_jit
@@ -91,15 +87,13 @@ def shocks(
     ) -> tuple[tuple[Belief, Array, Array, Array, Array], _Effect]:
         before, u_before, d, known, f = carry
         told, others = sample.f + sample.known, sample.known + f
-        # a known fault enters as an input changes
-        leans = lane.plant.leans(u_before, u_before, known + f, told)
-        mean = jnp.concatenate([before.mean[:n] + leans, told, before.mean[n + F :]])
-        err = lane.plant.jumps(before.mean[:n], u_before, u_before, known + f, told) ** 2
-        P = before.P + jnp.diag(jnp.concatenate([err, jnp.zeros(len(mean) - n)]))
+        # a fault that is told comes late where its input does
+        late = lane.plant.leans(u_before, u_before, known + f, told)
+        mean = jnp.concatenate([before.mean[:n] + late, told, before.mean[n + F :]])
         d = d + lane.plant.leans(u_before, u_before, others, told)
-        lean, err = lane.plant.enters(u_before, told, lane.probe)
+        late = lane.plant.enters(u_before, told, lane.probe)
         after, likelihood, flow, look, seen = lane.step(
-            Belief(mean, P), noise, u_before, sample.u, sample.y, sample.dt
+            Belief(mean, before.P), noise, u_before, sample.u, sample.y, sample.dt
         )
         B, D = jnp.where(up, flow.up, flow.down), jnp.where(up, look.up, look.down)
         M = jnp.concatenate([flow.A[:n, :n], B], axis=1)
@@ -116,21 +110,21 @@ def shocks(
         likelihood += (seen.white @ seen.white - e @ e) / 2
         T = jnp.concatenate([M, np.eye(n + F)[n:]])
         carry = after, sample.u, M @ guess, sample.known, sample.f
-        return carry, _Effect(e, part, G, T, likelihood, lean, err)
+        return carry, _Effect(e, part, G, T, likelihood, late)
 
     start = belief, record.u[0], jnp.zeros(n), record.known[0], record.f[0]
     effects = jax.lax.scan(forwards, start, record)[1]
-    score, information, unknown, entry = _backwards(effects, n, shock)
-    base, white = jnp.sum(effects.likelihood), effects.e - effects.part
-    return Shocks(score, information, unknown, base, white, effects.part, entry)
+    score, information, unknown = _backwards(effects, n, shock)
+    base = jnp.sum(effects.likelihood)
+    return Shocks(score, information, unknown, base, effects.e - effects.part, effects.part)
 
 
 def _backwards(
     effects: _Effect, n: int, shock: Float[Array, "states"]
-) -> tuple[Array, Array, Array, Array]:
+) -> tuple[Array, Array, Array]:
     size = effects.T.shape[-1]
 
-    def body(carry: tuple[Array, Array], effect: _Effect) -> tuple[tuple[Array, Array], tuple]:
+    def body(carry: tuple[Array, Array], effect: _Effect) -> tuple[tuple[Array, Array], Array]:
         r, N = carry
         r = effect.G.T @ effect.e + effect.T.T @ r
         N = effect.G.T @ effect.G + effect.T.T @ N @ effect.T
@@ -138,14 +132,11 @@ def _backwards(
         L = jnp.linalg.cholesky(M)
         white = jax.scipy.linalg.solve_triangular(L, shock * r[:n], lower=True)
         gained = white @ white / 2 - jnp.sum(jnp.log(jnp.diagonal(L)))
-        # a unit of a fault that begins here, and of what the model errs by there
-        unit = jnp.concatenate([effect.lean, jnp.eye(size - n)])
-        err = jnp.concatenate([effect.err, jnp.zeros((size - n, size - n))])
-        own, beside = N @ unit, N @ err
-        told = unit.T @ r, jnp.sum(unit * own, axis=0)
-        entry = err.T @ r, jnp.sum(err * beside, axis=0), jnp.sum(err * own, axis=0)
-        return (r, N), (*told, gained, jnp.stack(entry))
+        unit = jnp.concatenate([effect.late, jnp.eye(size - n)])
+        informed = jnp.sum(unit * (N @ unit), axis=0)
+        return (r, N), jnp.concatenate([unit.T @ r, informed, gained[None]])
 
     start = jnp.zeros(size), jnp.zeros((size, size))
-    score, information, unknown, entry = jax.lax.scan(body, start, effects, reverse=True)[1]
-    return score, information, unknown, entry
+    rows = jax.lax.scan(body, start, effects, reverse=True)[1]
+    count = size - n
+    return rows[:, :count], rows[:, count : 2 * count], rows[:, -1]

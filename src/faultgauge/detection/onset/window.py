@@ -6,8 +6,6 @@ n, with score r and information N of its size f ~ N(0, S^2) from `shocks`,
     ln p(y | k, n) - ln p(y | healthy) = (r^2 V - ln(1 + N S^2)) / 2,   V = 1 / (N + 1/S^2),
     f | k, n, y ~ N(r V, V),
 
-r and N being less where the model may err as the fault enters (`freed`),
-
 times the mass of f within the fault's limits, posterior over prior; the prior of (k, n) is the
 cause's onset rate times the step.
 """
@@ -30,7 +28,7 @@ from faultgauge.observers.branches import SCALES
 from faultgauge.observers.divided_difference import Belief
 from faultgauge.telemetry import Run
 
-__all__ = ["Causes", "Window", "causes_in", "freed", "shocks_of", "window_of"]
+__all__ = ["Causes", "Window", "causes_in", "shocks_of", "window_of"]
 
 
 class Window(NamedTuple):
@@ -104,36 +102,20 @@ def causes_in(bank: FaultBank, window: Window, found: Shocks) -> Causes:
     prior[0] = np.log(AT_START)
     size = np.asarray(bank.modes.prior.size)[: bank.modes.filter.faults]
     score, information = (np.asarray(a)[:count] for a in (found.score, found.information))
-    entry = np.asarray(found.entry)[:count]
-    r, N, _ = freed(score, information, entry, size)
-    variance = 1 / (N + size**-2.0)
-    mean, sd = (r * variance)[:, :declared], np.sqrt(variance)[:, :declared]
+    variance = 1 / (information + size**-2.0)
+    mean, sd = (score * variance)[:, :declared], np.sqrt(variance)[:, :declared]
     each = []
     for scale in SCALES:
         s = scale * size
-        r, N, besides = freed(score, information, entry, s)
-        V = 1 / (N + s**-2.0)
-        gain = (r**2 * V - np.log1p(N * s**2)) / 2 + besides
+        V = 1 / (information + s**-2.0)
+        gain = (score**2 * V - np.log1p(information * s**2)) / 2
         for k, fault in enumerate(faults):
-            gain[:, k] += _mass(fault.min, fault.max, (r * V)[:, k], np.sqrt(V)[:, k])
+            gain[:, k] += _mass(fault.min, fault.max, (score * V)[:, k], np.sqrt(V)[:, k])
             gain[:, k] -= _mass(fault.min, fault.max, np.zeros(1), s[k : k + 1])
         each.append(gain)
     gain = np.logaddexp.reduce(each, axis=0) - np.log(len(SCALES))
     gain = np.concatenate([gain, np.asarray(found.unknown)[:count, None]], axis=1)
     return Causes(prior + gain, mean, sd, (found,))
-
-
-def freed(
-    score: Float[np.ndarray, "samples faults"],
-    information: Float[np.ndarray, "samples faults"],
-    entry: Float[np.ndarray, "samples three faults"],
-    s: Float[np.ndarray, "faults"],
-) -> tuple[Float[np.ndarray, "samples faults"], ...]:
-    """(score and information of a size, what ln p gains besides) where the model may err by
-    N(0, s^2) times what it errs by for a unit of the fault."""
-    own, free, cross = entry[:, 0], entry[:, 1] + s**-2.0, entry[:, 2]
-    besides = (own**2 / free - np.log1p(entry[:, 1] * s**2)) / 2
-    return score - cross / free * own, information - cross**2 / free, besides
 
 
 def _mass(
