@@ -451,15 +451,7 @@ def test_before_any_data_something_undeclared_is_a_hundred_times_rarer_than_a_fa
     ):
         np.testing.assert_allclose(undeclared / declared, 0.01, rtol=1e-9)
     faults, count = bank.modes.filter.faults, 4
-    nothing = (
-        (count, faults),
-        (count, faults),
-        count,
-        (),
-        (count, 1),
-        (count, 1),
-        (count, 3, faults),
-    )
+    nothing = (count, faults), (count, faults), count, (), (count, 1), (count, 1)
     found = Shocks(*(jnp.asarray(np.zeros(shape)) for shape in nothing))
     weight = causes_in(bank, a_window(bank, count), found).weight[1:]
     undeclared = np.logaddexp.reduce(weight[:, 2:], axis=1)
