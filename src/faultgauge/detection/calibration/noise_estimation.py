@@ -176,7 +176,8 @@ def _with(
     noise: Noise,
     stepped: Callable[[], None],
 ) -> Noise | None:
-    """`noise` and what there is `beside` it, all told anew; None where that gains too little."""
+    """`noise` and what there is `beside` it, all told anew; None where that gains too little, or
+    where the search has come to levels that need none of it."""
     more = beside(model, told.batch, noise, spans_of(told.step, told.stretches))
     added = more.beside - noise.beside
     if not added:
@@ -184,6 +185,8 @@ def _with(
     bounds = told.bounds(more)
     more = _alternated(model, told.batch, more, bounds, stepped)
     enough = np.log(told.batch.count) * added
+    if _needed(model, told.batch, more).beside <= noise.beside:
+        return None
     return more if _gain(model, told.batch, noise, more, bounds) > enough else None
 
 
