@@ -16,7 +16,7 @@ from jax.extend.core import ClosedJaxpr, Jaxpr, Literal
 import faultgauge.plants.plant  # noqa: F401  (it has JAX count in float64)
 from faultgauge.errors import InputError
 
-__all__ = ["OpBlock", "Operation", "Program", "Value", "trace"]
+__all__ = ["OpBlock", "Operation", "Program", "Value", "tidy", "trace"]
 
 CALLS = ("jaxpr", "call_jaxpr", "fun_jaxpr")
 CONTROL = ("cond", "scan", "while")
@@ -25,13 +25,15 @@ SAME = ("stop_gradient", "copy", "copy_p", "reduce_precision", "optimization_bar
 
 @dataclass(eq=False)
 class Value:
-    """An array of the program; `array` where it is known before the program runs."""
+    """An array of the program; `array` where it is known before the program runs, `span` the least
+    and the most of every element, of integers and truth values, where that is known (`ranges`)."""
 
     shape: tuple[int, ...]
     dtype: np.dtype
     array: np.ndarray | None = None
     known: bool = False
     source: "Operation | None" = field(default=None, repr=False)
+    span: "tuple[np.ndarray, np.ndarray] | None" = field(default=None, repr=False)
 
     @property
     def size(self) -> int:
@@ -262,6 +264,11 @@ def _same(block: OpBlock, alias: dict[int, Value], known: dict[Any, list[Value]]
         if equal is not None:
             alias[id(each.outputs[0])] = equal
             continue
+        if each.name == "cond" and each.inputs[0].array is not None:
+            taken = each.blocks[int(np.clip(each.inputs[0].array, 0, len(each.blocks) - 1))]
+            alias |= {id(o): v for o, v in zip(each.outputs, taken.outputs, strict=True)}
+            kept += taken.operations
+            continue
         if each.name == "cond":
             _passed_on(each, alias)
         if each.blocks:
@@ -312,6 +319,12 @@ def _nothing(each: Operation) -> Value | None:
         case "transpose":
             order = tuple(each.params["permutation"])
             return first if order == tuple(range(len(order))) else None
+        case "and" | "or" if out.dtype == np.bool_:
+            for v, other in (each.inputs, each.inputs[::-1]):
+                if v.shape == out.shape and _everywhere(other, each.name == "and"):
+                    return v
+        case "clamp" | "max" | "min" if out.dtype.kind in "iu":
+            return _within(each)
         case "add" | "mul":
             one = 0 if each.name == "add" else 1
             for v, other in (each.inputs, each.inputs[::-1]):
@@ -327,6 +340,22 @@ def _nothing(each: Operation) -> Value | None:
             if np.all(first.array == at) and each.inputs[1 + at].shape == out.shape:
                 return each.inputs[1 + at]
     return None
+
+
+def _within(each: Operation) -> Value | None:
+    """The one of integers that limits never change."""
+    place = 1 if each.name == "clamp" else 0
+    limits = [v for k, v in enumerate(each.inputs) if k != place]
+    value = each.inputs[place]
+    if value.span is None or any(v.array is None for v in limits):
+        return None
+    found = np.maximum(value.span[0], limits[0].array), value.span[1]
+    if each.name == "min":
+        found = value.span[0], np.minimum(value.span[1], limits[0].array)
+    if each.name == "clamp":
+        found = found[0], np.minimum(value.span[1], limits[1].array)
+    same = value.shape == each.outputs[0].shape and all(map(np.array_equal, found, value.span))
+    return value if same else None
 
 
 def _strided(each: Operation) -> bool:
@@ -372,7 +401,7 @@ def _outside(block: OpBlock, own: set[int], depth: int) -> list[Operation]:
 
 def _used(block: OpBlock, used: set[int]) -> None:
     """Drop operations of which no output is read; `used` are those read behind the block."""
-    used |= {id(v) for v in block.outputs}
+    used |= {id(v) for v in block.outputs if v.array is None}
     kept = []
     for each in reversed(block.operations):
         if not any(id(o) in used for o in each.outputs):
@@ -384,6 +413,6 @@ def _used(block: OpBlock, used: set[int]) -> None:
                 inner.outputs = [inner.outputs[k] for k in live]
         for inner in each.blocks:
             _used(inner, used)
-        used |= {id(v) for v in each.inputs}
+        used |= {id(v) for v in each.inputs if v.array is None}
         kept.append(each)
     block.operations = kept[::-1]
