@@ -144,14 +144,9 @@ def _decide(
         spared = cost[id(out)] * (total - once)
         if whole(each) or spared > (0.0 if out.shape == () else total + once):
             kept.add(id(out))
-        if each.name in SOUGHT and id(out) in called and out.size >= MANY:
-            kept.add(id(out))  # compilers make no vectors of what is looked up
+        _apart(each, kept, called, dear)
         if id(out) in kept:
             places = {(id(out),): once}
-        if each.name in FUNCTIONS or (id(out) in called and id(out) not in kept):
-            called |= {id(v) for v in each.inputs}
-        if _gathers(each):  # compilers make vectors of functions, but not within sums
-            kept |= {id(v) for v in each.inputs if id(v) in dear and v.size >= MANY}
         if reorders(each) or (each.name in SOUGHT and id(each.inputs[0]) in joined):
             kept.add(id(each.inputs[0]))
         turns = _turns(each)
@@ -164,6 +159,18 @@ def _decide(
                 elif each.name == "concatenate":
                     count = count * v.size / out.size
                 reads[id(v)][at] = max(count * turns, reads[id(v)].get(at, 0.0))
+
+
+def _apart(each: Operation, kept: set[int], called: set[int], dear: set[int]) -> None:
+    """Keep apart what compilers make vectors of and what not: functions from sums, and what is
+    looked up from functions, where `called` are what a loop reads that calls one."""
+    out = each.outputs[0]
+    if each.name in SOUGHT and id(out) in called and out.size >= MANY:
+        kept.add(id(out))
+    if each.name in FUNCTIONS or (id(out) in called and id(out) not in kept):
+        called |= {id(v) for v in each.inputs}
+    if _gathers(each):
+        kept |= {id(v) for v in each.inputs if id(v) in dear and v.size >= MANY}
 
 
 def reorders(each: Operation) -> bool:

@@ -33,7 +33,7 @@ class Value:
     array: np.ndarray | None = None
     known: bool = False
     source: "Operation | None" = field(default=None, repr=False)
-    span: "tuple[np.ndarray, np.ndarray] | None" = field(default=None, repr=False)
+    span: "tuple[Any, Any] | None" = field(default=None, repr=False)
 
     @property
     def size(self) -> int:
@@ -319,14 +319,10 @@ def _nothing(each: Operation) -> Value | None:
         case "transpose":
             order = tuple(each.params["permutation"])
             return first if order == tuple(range(len(order))) else None
-        case "and" | "or" if out.dtype == np.bool_:
-            for v, other in (each.inputs, each.inputs[::-1]):
-                if v.shape == out.shape and _everywhere(other, each.name == "and"):
-                    return v
         case "clamp" | "max" | "min" if out.dtype.kind in "iu":
             return _within(each)
-        case "add" | "mul":
-            one = 0 if each.name == "add" else 1
+        case "add" | "mul" | "and" | "or" if out.dtype == np.bool_ or each.name in ("add", "mul"):
+            one = 0 if each.name in ("add", "or") else 1
             for v, other in (each.inputs, each.inputs[::-1]):
                 if v.shape == out.shape and _everywhere(other, one):
                     return v
@@ -364,6 +360,7 @@ def _strided(each: Operation) -> bool:
 
 
 def _everywhere(value: Value, number: int) -> bool:
+    """Whether `value` is that number, or that truth."""
     return value.array is not None and bool(np.all(value.array == number))
 
 

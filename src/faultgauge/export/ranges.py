@@ -14,7 +14,8 @@ from faultgauge.export.program import OpBlock, Operation, Program, Value, tidy
 __all__ = ["narrowed", "span_of"]
 
 ROUNDS = 3  # turns of a loop, after which what still grows may be any number
-Span = tuple[np.ndarray, np.ndarray]  # the least and the most of every element
+Ends = np.ndarray | np.floating  # NumPy makes numbers of what has no axes
+Span = tuple[Ends, Ends]  # the least and the most of every element
 COMPARED: dict[str, Callable] = {"lt": np.less, "le": np.less_equal, "eq": np.equal}
 TURNED = {"gt": "lt", "ge": "le"}
 SAME_SHAPE = {"reshape", "squeeze", "expand_dims"}
@@ -57,10 +58,11 @@ def _block(block: OpBlock) -> None:
 def _told(out: Value, each: Operation) -> None:
     whole = span_of(Value(out.shape, out.dtype))
     low, high = _found(each, out) or whole
+    low, high = (np.broadcast_to(a, out.shape) for a in (low, high))
     inside = bool(np.all(low >= whole[0]) and np.all(high <= whole[1]))  # else it may wrap around
     out.span = (low, high) if inside else whole
     if inside and out.array is None and np.array_equal(low, high):
-        out.array, out.known = low.astype(out.dtype).reshape(out.shape), True
+        out.array, out.known = low.astype(out.dtype), True
 
 
 def _scan(each: Operation) -> None:
@@ -171,6 +173,8 @@ def _computed(name: str, spans: "list[Span]", each: Operation, out: Value) -> Sp
             return np.minimum(a, c), np.minimum(b, d)
         case "not":
             return 1 - b, 1 - a
+        case "abs":
+            return np.maximum(np.maximum(a, -b), 0.0), np.maximum(-a, b)
         case "sign":
             return np.sign(a), np.sign(b)
         case "clamp":
@@ -182,19 +186,24 @@ def _computed(name: str, spans: "list[Span]", each: Operation, out: Value) -> Sp
             return np.floor(a / d), np.floor(b / c)
         case "convert_element_type" if each.inputs[0].dtype.kind in "iub":
             one = out.dtype.kind == "b"
-            return (np.minimum(np.abs(a), 1.0), np.minimum(b, 1.0)) if one and np.all(a >= 0) else (
-                None if one else (a, b))
+            return (
+                (np.minimum(np.abs(a), 1.0), np.minimum(b, 1.0))
+                if one and np.all(a >= 0)
+                else (None if one else (a, b))
+            )
         case "reduce_sum":
             axes = tuple(int(k) for k in each.params["axes"])
             return a.sum(axis=axes), b.sum(axis=axes)
         case "select_n":
-            cases = [(np.broadcast_to(x, out.shape), np.broadcast_to(y, out.shape))
-                     for x, y in others]
+            cases = [
+                (np.broadcast_to(x, out.shape), np.broadcast_to(y, out.shape)) for x, y in others
+            ]
             low, high = (np.broadcast_to(x, out.shape) for x in (a, b))
             can = [(low <= k) & (k <= high) for k in range(len(cases))]
+            pairs = [*zip(can, cases, strict=True)]
             return (
-                np.min([np.where(ok, x, np.inf) for ok, (x, _) in zip(can, cases)], axis=0),
-                np.max([np.where(ok, y, -np.inf) for ok, (_, y) in zip(can, cases)], axis=0),
+                np.min([np.where(ok, x, np.inf) for ok, (x, _) in pairs], axis=0),
+                np.max([np.where(ok, y, -np.inf) for ok, (_, y) in pairs], axis=0),
             )
     return None
 

@@ -188,8 +188,9 @@ class Onsets(eqx.Module):
         c = lanes.shared[:, :F]
         left = jnp.stack([lanes.eta[:, self.filter.states + k, k] for k in range(F)], 1)
         V = 1 / (J + left**2 / v + 1e-300)
-        f = V * (c + left * m / v)
-        gain = (f * (c + left * m / v) - m**2 / v - jnp.log(jnp.maximum(J * v + left**2, 1e-300))) / 2
+        told = c + left * m / v
+        f = V * told
+        gain = (f * told - m**2 / v - jnp.log(jnp.maximum(J * v + left**2, 1e-300))) / 2
         rare = jnp.log(prior.recovery / prior.onset[:F])[:, None]
         legal = ((less[which] >= 0) & there)[:, :, None]
         gone = jnp.where(legal, lanes.mass[:, :F] + rare + gain, NEVER), f, V
