@@ -39,6 +39,8 @@ HEAVY = 0.2  # of the likeliest one's weight: an onset that is not given up
 LEAST = 1e-9  # of a size's probability within its limits
 SHARPEST = 10.0  # nats: an onset that explains more than those beside it is missed no more
 TICK = 1e-12  # s: the shortest step
+TIE = 1e-9  # by how much more an onset is missed than the one before, all else equal: times of even
+# steps make it equal often, and rounding, unlike from machine to machine, must not choose
 
 
 class Onsets(eqx.Module):
@@ -290,7 +292,7 @@ class Onsets(eqx.Module):
         )
         peak = jnp.exp(jnp.clip(gain - beside, 0.0, SHARPEST))
         cost = (younger - older) / age * peak + jnp.where(likely, 1e6, 0.0)
-        cost = jnp.where(used, cost, -1.0)
+        cost = jnp.where(used, cost * (1 + TIE * np.arange(A)), -1.0)
         place = jnp.argmin(cost, axis=2)[:, :, None]
         index = np.arange(A)
         gone = index == place
