@@ -341,17 +341,15 @@ def _nothing(each: Operation) -> Value | None:
 def _within(each: Operation) -> Value | None:
     """The one of integers that limits never change."""
     place = 1 if each.name == "clamp" else 0
-    limits = [v for k, v in enumerate(each.inputs) if k != place]
     value = each.inputs[place]
-    if value.span is None or any(v.array is None for v in limits):
+    limits = [v.array for k, v in enumerate(each.inputs) if k != place]
+    if value.span is None or value.shape != each.outputs[0].shape:
         return None
-    found = np.maximum(value.span[0], limits[0].array), value.span[1]
-    if each.name == "min":
-        found = value.span[0], np.minimum(value.span[1], limits[0].array)
-    if each.name == "clamp":
-        found = found[0], np.minimum(value.span[1], limits[1].array)
-    same = value.shape == each.outputs[0].shape and all(map(np.array_equal, found, value.span))
-    return value if same else None
+    low, high = value.span
+    least, most = (limits * 2)[:2]
+    above = each.name == "min" or (least is not None and bool(np.all(low >= least)))
+    below = each.name == "max" or (most is not None and bool(np.all(high <= most)))
+    return value if above and below else None
 
 
 def _strided(each: Operation) -> bool:

@@ -6,6 +6,8 @@ that it was tested. What comes from outside, a state that was restored too, may 
 """
 
 from collections.abc import Callable
+from itertools import count
+from typing import Any
 
 import numpy as np
 
@@ -14,8 +16,7 @@ from faultgauge.export.program import OpBlock, Operation, Program, Value, tidy
 __all__ = ["narrowed", "span_of"]
 
 ROUNDS = 3  # turns of a loop, after which what still grows may be any number
-Ends = np.ndarray | np.floating  # NumPy makes numbers of what has no axes
-Span = tuple[Ends, Ends]  # the least and the most of every element
+Span = tuple[Any, Any]  # the least and the most of every element, or of one without axes
 COMPARED: dict[str, Callable] = {"lt": np.less, "le": np.less_equal, "eq": np.equal}
 TURNED = {"gt": "lt", "ge": "le"}
 SAME_SHAPE = {"reshape", "squeeze", "expand_dims"}
@@ -67,22 +68,22 @@ def _told(out: Value, each: Operation) -> None:
 
 def _scan(each: Operation) -> None:
     body = each.blocks[0]
-    count = len(body.carries)
+    carries = len(body.carries)
     for carry, start in zip(body.carries, each.inputs, strict=True):
         carry.span = span_of(start)
-    for turn in range(ROUNDS + 1):
+    for turn in count():
         wider = False
         _forget(body)
         _block(body)
-        for carry, after in zip(body.carries, body.outputs[:count], strict=True):
+        for carry, after in zip(body.carries, body.outputs[:carries], strict=True):
             new = _union(carry, [carry, after])
             if carry.dtype.kind in "iub" and not all(map(np.array_equal, new, span_of(carry))):
-                carry.span, wider = new if turn < ROUNDS - 1 else None, True
+                carry.span, wider = new if turn < ROUNDS else None, True
         if not wider:
             break
     for out, carry in zip(each.outputs, body.carries, strict=False):
         out.span = span_of(carry)
-    for out, value in zip(each.outputs[count:], body.outputs[count:], strict=True):
+    for out, value in zip(each.outputs[carries:], body.outputs[carries:], strict=True):
         low, high = span_of(value)
         out.span = np.broadcast_to(low, out.shape), np.broadcast_to(high, out.shape)
 
