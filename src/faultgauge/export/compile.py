@@ -16,6 +16,7 @@ from faultgauge.export.memory import Node, place
 from faultgauge.export.places import ELEMENT, Place
 from faultgauge.export.printing import Printer
 from faultgauge.export.program import Program, trace
+from faultgauge.export.ranges import narrowed
 from faultgauge.export.tables import Tables
 from faultgauge.export.widths import wide_values
 
@@ -129,6 +130,7 @@ def print_step(
     """Print `given`; with `inline` exp, log and erf in double are not those of <math.h> but inline
     ones, of which compilers make vectors. Raises `InputError` where C cannot carry a part of it."""
     program = trace(given.step, given.state, given.sample)
+    narrowed(program)
     info_shape = jax.eval_shape(given.step, given.state, given.sample)[1]
     state = members(given.state, {}, {})
     inputs = members(given.sample, given.comments, given.units)

@@ -135,7 +135,14 @@ ELEMENTWISE: dict[str, Callable[[Sequence[str], Kind, str], str]] = {
 
 _MAX = """static inline {t} fg_{n}_{l}({t} a, {t} b)
 {{
-    return {test} ? a : b;
+    return (a {s} b) ? a : b;
+}}
+"""
+# one choice after the other: of two conditions in one, compilers make no vectors
+_MAX_REAL = """static inline {t} fg_{n}_{l}({t} a, {t} b)
+{{
+    const {t} m = (a {s} b) ? a : b;
+    return (a != a) ? a : m;
 }}
 """
 _EDGE = """/* `b` is a number, `a` may be none */
@@ -219,8 +226,8 @@ def _helpers() -> dict[str, Callable[[bool], str]]:
         if kind == "bool":
             continue
         for n, s in (("max", ">"), ("min", "<")):
-            test = f"((a {s} b) || (a != a))" if kind in FLOATS else f"(a {s} b)"
-            fixed(f"fg_{n}_{letter}", _MAX.format(t=kind, n=n, l=letter, test=test))
+            text = _MAX_REAL if kind in FLOATS else _MAX
+            fixed(f"fg_{n}_{letter}", text.format(t=kind, n=n, l=letter, s=s))
         for n, s in (("atleast", "<"), ("atmost", ">")):
             fixed(f"fg_{n}_{letter}", _EDGE.format(t=kind, n=n, l=letter, s=s))
         if kind not in FLOATS:

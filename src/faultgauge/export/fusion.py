@@ -9,7 +9,7 @@ from math import prod
 
 from faultgauge.export.program import OpBlock, Operation, Program
 
-__all__ = ["FUNCTIONS", "VIEWS", "kept_values", "whole"]
+__all__ = ["FUNCTIONS", "VIEWS", "kept_values", "ordered_values", "reorders", "whole"]
 
 VIEWS = {
     "broadcast_in_dim", "slice", "transpose", "squeeze", "expand_dims", "rev", "dynamic_slice",
@@ -50,6 +50,24 @@ def kept_values(program: Program) -> set[int]:
     reads: dict[int, dict[tuple[int, ...], float]] = defaultdict(dict)
     _decide(program.body, 1.0, cost, kept, reads, joined, dear)
     return kept
+
+
+def ordered_values(program: Program) -> set[int]:
+    """The ids of the values whose last axis must run fastest in memory: some reshape takes their
+    elements in that order, or they are written part by part."""
+    found: set[int] = set()
+    _ordered(program.body, found)
+    return found
+
+
+def _ordered(block: OpBlock, found: set[int]) -> None:
+    for each in block.operations:
+        if reorders(each):
+            found.add(id(each.inputs[0]))
+        if whole(each) and each.name not in ("concatenate", "stack"):
+            found |= {id(v) for v in each.outputs}
+        for inner in each.blocks:
+            _ordered(inner, found)
 
 
 def _costs(block: OpBlock, cost: dict[int, float], joined: set[int], dear: set[int]) -> None:
@@ -106,6 +124,7 @@ def _decide(
     dear: set[int],
 ) -> None:
     """From the end to the beginning, since what is kept depends on who reads it."""
+    called: set[int] = set()  # what a loop reads that calls a function
     for out in block.outputs:
         kept.add(id(out))
     for each in reversed(block.operations):
@@ -125,11 +144,10 @@ def _decide(
         spared = cost[id(out)] * (total - once)
         if whole(each) or spared > (0.0 if out.shape == () else total + once):
             kept.add(id(out))
+        _apart(each, kept, called, dear)
         if id(out) in kept:
             places = {(id(out),): once}
-        if _gathers(each):  # compilers make vectors of functions, but not within sums
-            kept |= {id(v) for v in each.inputs if id(v) in dear and v.size >= MANY}
-        if _reorders(each) or (each.name in SOUGHT and id(each.inputs[0]) in joined):
+        if reorders(each) or (each.name in SOUGHT and id(each.inputs[0]) in joined):
             kept.add(id(each.inputs[0]))
         turns = _turns(each)
         for k, v in enumerate(each.inputs):
@@ -143,7 +161,19 @@ def _decide(
                 reads[id(v)][at] = max(count * turns, reads[id(v)].get(at, 0.0))
 
 
-def _reorders(each: Operation) -> bool:
+def _apart(each: Operation, kept: set[int], called: set[int], dear: set[int]) -> None:
+    """Keep apart what compilers make vectors of and what not: functions from sums, and what is
+    looked up from functions, where `called` are what a loop reads that calls one."""
+    out = each.outputs[0]
+    if each.name in SOUGHT and id(out) in called and out.size >= MANY:
+        kept.add(id(out))
+    if each.name in FUNCTIONS or (id(out) in called and id(out) not in kept):
+        called |= {id(v) for v in each.inputs}
+    if _gathers(each):
+        kept |= {id(v) for v in each.inputs if id(v) in dear and v.size >= MANY}
+
+
+def reorders(each: Operation) -> bool:
     """Whether a reshape does more than add or drop axes of length 1."""
     if each.name != "reshape":
         return False

@@ -13,8 +13,9 @@ NEEDED = {
     "log1p": ("bits", "log"),
     "erfc": ("bits", "exp"),
     "erf": ("bits", "exp", "erfc"),
+    "logistic": ("bits", "exp"),
 }
-INLINE = {  # of `double`, by the name of the function in <math.h>
+INLINE = {  # of `double`, by the name of the operation
     "bits": """typedef union {
     double d;
     uint64_t u;
@@ -170,6 +171,11 @@ static inline double fg_erfc(double a)
     q = q * z + 1.0;
     y = 1.0 - fg_erfc(fabs(a));
     return fabs(a) < 0.84375 ? a + a * (p / q) : a < 0.0 ? -y : y;
+}
+""",
+    "logistic": """static inline double fg_logistic(double a)
+{
+    return 1.0 / (1.0 + fg_exp(-a));
 }
 """,
 }

@@ -17,7 +17,8 @@ __all__ = ["Array", "Branch", "CLoop", "Node", "Statement", "place"]
 @dataclass(eq=False)
 class Array:
     """`fixed` names the place of one that is not in the workspace, as a member of the state, which
-    may be a `scalar`; `offset` is its place in the workspace of its `kind`."""
+    may be a `scalar`; `offset` is its place in the workspace of its `kind`. With `longest_last` the
+    longest axis runs fastest, which loops are then made of, else the last one."""
 
     size: int
     kind: str
@@ -25,6 +26,7 @@ class Array:
     scalar: bool = False
     offset: int = 0
     shared: "Array | None" = None
+    longest_last: bool = False
 
     @property
     def home(self) -> "Array":

@@ -9,7 +9,7 @@ from itertools import pairwise
 from faultgauge.errors import InputError
 from faultgauge.export.constants import element_of
 from faultgauge.export.elementwise import ELEMENTWISE, FLOATS, HELPERS, Kind, kind_of
-from faultgauge.export.fusion import FUNCTIONS, kept_values, whole
+from faultgauge.export.fusion import FUNCTIONS, kept_values, ordered_values, whole
 from faultgauge.export.mathematics import INLINE, NEEDED
 from faultgauge.export.memory import Array, Node, Statement
 from faultgauge.export.nests import Nest, merged
@@ -79,7 +79,7 @@ class Printer:
         self.wide = wide  # ids of values
         self.suffix = "f" if single else ""
         self.fast_tanh, self.inline = fast_tanh, inline
-        self.kept = kept_values(program)
+        self.kept, self.in_order = kept_values(program), ordered_values(program)
         self.uses = Counter(_uses(program.body))
         self.arrays: list[Array] = []
         self.numbers: dict[Array, int] = {}  # their places in `arrays`
@@ -132,6 +132,7 @@ class Printer:
         elif id(each.outputs[0]) in self.kept:
             value = each.outputs[0]
             array = self.array(value)
+            array.longest_last = id(value) not in self.in_order
             if whole(each):
                 if each.name not in self.forms.whole:
                     raise refused(each)
@@ -179,11 +180,14 @@ class Printer:
         source = self.held.get(id(value))
 
         def one(index: Index) -> None:
-            self.to = linear(index, value.shape) + (head or Place())
+            self.to = self.placed(into, index, value.shape) + (head or Place())
             text = self.at(value, index)
             self.line(f"{self.cell(into, self.to)} = {bare(text)};")
 
-        statement = self.statement(lambda: self.loops(value, value.shape, one), {into}, part=part)
+        def write() -> None:
+            self.loops(value, value.shape, one, order=self.order(into, value.shape))
+
+        statement = self.statement(write, {into}, part=part)
         alone = source is not None and statement.reads | statement.there == {source}
         statement.copy = copy and alone and not part
 
@@ -205,30 +209,34 @@ class Printer:
         shape: Sequence[int],
         body: Callable[[Index], None],
         pragma: str = "",
+        order: Sequence[int] = (),
     ) -> None:
         """Nested loops over `shape` around what `body` prints at an index; `owner` is what they
-        run over, by which they are cut; the innermost one has the `pragma`."""
+        run over, by which they are cut; the innermost one has the `pragma`; the `order` is that of
+        the axes, from the outermost loop on."""
+        order = order or range(len(shape))
 
-        def inner(axis: int, index: Index) -> None:
-            if axis == len(shape):
-                body(index)
+        def inner(turn: int, index: dict[int, Place]) -> None:
+            if turn == len(shape):
+                body(tuple(index[k] for k in range(len(shape))))
                 return
+            axis = order[turn]
             over = (id(owner), axis)
             for first, end in pairwise([0, *sorted(self.cuts.get(over, ())), shape[axis]]):
                 if end - first == 1:
-                    inner(axis + 1, (*index, Place(first)))
+                    inner(turn + 1, {**index, axis: Place(first)})
                     continue
                 name = f"i{len(self.scopes) - 1}"
                 self.depth[name] = len(self.scopes)
                 self.spans[name] = Span(over, first, end - first)
                 self.scopes.append(OpenScope(turns=end - first))
-                inner(axis + 1, (*index, Place.variable(name) + first))
+                inner(turn + 1, {**index, axis: Place.variable(name) + first})
                 scope = self.scopes.pop()
                 if scope.body:
-                    own = pragma if axis == len(shape) - 1 else ""
+                    own = pragma if turn == len(shape) - 1 else ""
                     self.scopes[-1].body.append(Nest(name, end - first, scope.body, own))
 
-        inner(0, ())
+        inner(0, {})
 
     def line(self, text: str) -> None:
         self.scopes[-1].body.append(text)
@@ -242,7 +250,8 @@ class Printer:
         if value.array is not None:
             return element_of(value.array, self.kind(value), index, self.tables)
         if id(value) in self.held:
-            return self.load(self.held[id(value)], linear(index, value.shape))
+            array = self.held[id(value)]
+            return self.load(array, self.placed(array, index, value.shape))
         key = (id(value), index)
         for scope in self.scopes:
             if key in scope.names:
@@ -318,6 +327,19 @@ class Printer:
             times *= scope.turns
         sort = "divisions and roots" if name in ("div", "sqrt", "rsqrt", "rem") else "simple"
         self.operations["functions" if name in FUNCTIONS else sort] += times * self.turns
+
+    def order(self, array: Array, shape: Sequence[int]) -> Sequence[int]:
+        """The axes of an array of this `shape`, the one that runs fastest in memory last."""
+        axes = range(len(shape))
+        if not array.longest_last or not shape:
+            return axes
+        longest = max(axes, key=lambda k: (shape[k], k))
+        return [*(k for k in axes if k != longest), longest]
+
+    def placed(self, array: Array, index: Index, shape: Sequence[int]) -> Place:
+        """Where in `array`, of this `shape`, the element at `index` lies."""
+        order = self.order(array, shape)
+        return linear([index[k] for k in order], [shape[k] for k in order])
 
     def load(self, array: Array, at: Place) -> str:
         apart = None if self.to is None else at + self.to * -1

@@ -16,7 +16,7 @@ from jax.extend.core import ClosedJaxpr, Jaxpr, Literal
 import faultgauge.plants.plant  # noqa: F401  (it has JAX count in float64)
 from faultgauge.errors import InputError
 
-__all__ = ["OpBlock", "Operation", "Program", "Value", "trace"]
+__all__ = ["OpBlock", "Operation", "Program", "Value", "tidy", "trace"]
 
 CALLS = ("jaxpr", "call_jaxpr", "fun_jaxpr")
 CONTROL = ("cond", "scan", "while")
@@ -25,13 +25,15 @@ SAME = ("stop_gradient", "copy", "copy_p", "reduce_precision", "optimization_bar
 
 @dataclass(eq=False)
 class Value:
-    """An array of the program; `array` where it is known before the program runs."""
+    """An array of the program; `array` where it is known before the program runs, `span` the least
+    and the most of every element, of integers and truth values, where that is known (`ranges`)."""
 
     shape: tuple[int, ...]
     dtype: np.dtype
     array: np.ndarray | None = None
     known: bool = False
     source: "Operation | None" = field(default=None, repr=False)
+    span: "tuple[Any, Any] | None" = field(default=None, repr=False)
 
     @property
     def size(self) -> int:
@@ -262,6 +264,11 @@ def _same(block: OpBlock, alias: dict[int, Value], known: dict[Any, list[Value]]
         if equal is not None:
             alias[id(each.outputs[0])] = equal
             continue
+        if each.name == "cond" and each.inputs[0].array is not None:
+            taken = each.blocks[int(np.clip(each.inputs[0].array, 0, len(each.blocks) - 1))]
+            alias |= {id(o): v for o, v in zip(each.outputs, taken.outputs, strict=True)}
+            kept += taken.operations
+            continue
         if each.name == "cond":
             _passed_on(each, alias)
         if each.blocks:
@@ -312,8 +319,10 @@ def _nothing(each: Operation) -> Value | None:
         case "transpose":
             order = tuple(each.params["permutation"])
             return first if order == tuple(range(len(order))) else None
-        case "add" | "mul":
-            one = 0 if each.name == "add" else 1
+        case "clamp" | "max" | "min" if out.dtype.kind in "iu":
+            return _within(each)
+        case "add" | "mul" | "and" | "or" if out.dtype == np.bool_ or each.name in ("add", "mul"):
+            one = 0 if each.name in ("add", "or") else 1
             for v, other in (each.inputs, each.inputs[::-1]):
                 if v.shape == out.shape and _everywhere(other, one):
                     return v
@@ -329,12 +338,27 @@ def _nothing(each: Operation) -> Value | None:
     return None
 
 
+def _within(each: Operation) -> Value | None:
+    """The one of integers that limits never change."""
+    place = 1 if each.name == "clamp" else 0
+    value = each.inputs[place]
+    limits = [v.array for k, v in enumerate(each.inputs) if k != place]
+    if value.span is None or value.shape != each.outputs[0].shape:
+        return None
+    low, high = value.span
+    least, most = (limits * 2)[:2]
+    above = each.name == "min" or (least is not None and bool(np.all(low >= least)))
+    below = each.name == "max" or (most is not None and bool(np.all(high <= most)))
+    return value if above and below else None
+
+
 def _strided(each: Operation) -> bool:
     strides = each.params.get("strides")
     return strides is not None and any(s != 1 for s in strides)
 
 
 def _everywhere(value: Value, number: int) -> bool:
+    """Whether `value` is that number, or that truth."""
     return value.array is not None and bool(np.all(value.array == number))
 
 
@@ -372,7 +396,7 @@ def _outside(block: OpBlock, own: set[int], depth: int) -> list[Operation]:
 
 def _used(block: OpBlock, used: set[int]) -> None:
     """Drop operations of which no output is read; `used` are those read behind the block."""
-    used |= {id(v) for v in block.outputs}
+    used |= {id(v) for v in block.outputs if v.array is None}
     kept = []
     for each in reversed(block.operations):
         if not any(id(o) in used for o in each.outputs):
@@ -384,6 +408,6 @@ def _used(block: OpBlock, used: set[int]) -> None:
                 inner.outputs = [inner.outputs[k] for k in live]
         for inner in each.blocks:
             _used(inner, used)
-        used |= {id(v) for v in each.inputs}
+        used |= {id(v) for v in each.inputs if v.array is None}
         kept.append(each)
     block.operations = kept[::-1]

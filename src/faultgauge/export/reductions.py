@@ -20,6 +20,7 @@ REDUCED = {  # the start, and what an element does to it
     "reduce_or": (False, "{0} |= {1};"),
 }
 TOGETHER = {"reduce_sum": "+", "reduce_max": "fg_most", "reduce_min": "fg_least"}  # in OpenMP
+OPPOSITE = str.maketrans("<>", "><")
 
 
 def _reduced(printer: Printer, each: Operation, index: Index) -> str:
@@ -107,8 +108,8 @@ def _extreme(printer: Printer, each: Operation, index: Index) -> str:
         step = inner[0] + 1
         now = printer.named(printer.at(value, (*index[:axis], step, *index[axis:])), kind)
         test = f"{now} {sign} {best}"
-        if kind in FLOATS:
-            test = f"({test}) || (({now} != {now}) && ({best} == {best}))"
+        if kind in FLOATS:  # also what is no number, but after none
+            test = f"!({now} {sign.translate(OPPOSITE)}= {best}) && ({best} == {best})"
         printer.done("max")
         printer.line(f"if ({test}) {{")
         printer.line(f"    {best} = {now};")

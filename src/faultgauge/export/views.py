@@ -3,6 +3,7 @@
 from itertools import accumulate
 
 from faultgauge.export.elementwise import FLOATS
+from faultgauge.export.fusion import reorders
 from faultgauge.export.places import Place, linear
 from faultgauge.export.printing import Cut, Index, Printer
 from faultgauge.export.program import Operation
@@ -38,7 +39,7 @@ def _transpose(printer: Printer, each: Operation, index: Index) -> str:
 
 def _reshape(printer: Printer, each: Operation, index: Index) -> str:
     value = each.inputs[0]
-    if id(value) in printer.held:
+    if reorders(each):
         return printer.load(printer.held[id(value)], linear(index, each.outputs[0].shape))
     long = iter(p for p, n in zip(index, each.outputs[0].shape, strict=True) if n != 1)
     return printer.at(value, tuple(Place() if n == 1 else next(long) for n in value.shape))

@@ -9,6 +9,7 @@ from faultgauge.export.constants import counting, element_of
 from faultgauge.export.places import Place
 from faultgauge.export.printing import Index, Printer
 from faultgauge.export.program import Value
+from faultgauge.export.ranges import span_of
 
 __all__ = ["Axes", "place_of", "window"]
 
@@ -78,6 +79,8 @@ def place_of(printer: Printer, value: Value, index: Index, last: int) -> Place:
         text = f"(int32_t){element_of(array, printer.kind(value), index, printer.tables)}"
     elif (turn := _turn_of(value)) is not None:
         return turn
+    elif _between(value, 0, last):
+        text = f"(int32_t){printer.at(value, index)}"
     else:
         text = f"fg_at({printer.at(value, index)}, {last})"
         printer.helpers.add("fg_at")
@@ -106,8 +109,14 @@ def _turn_of(value: Value) -> Place | None:
 
 
 def _within(starts: Value, j: int, last: int) -> bool:
-    """Whether all places that are known lie inside."""
-    if starts.array is None:
+    """Whether all places are known to lie inside."""
+    if starts.array is None and starts.span is None:
         return False
-    places = starts.array[..., j]
-    return bool(np.all((places >= 0) & (places <= last)))
+    low, high = (each[..., j] for each in span_of(starts))
+    return bool(np.all(low >= 0) and np.all(high <= last))
+
+
+def _between(value: Value, least: int, most: int) -> bool:
+    return value.span is not None and bool(
+        np.all(value.span[0] >= least) and np.all(value.span[1] <= most)
+    )

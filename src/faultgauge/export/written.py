@@ -39,10 +39,12 @@ def _joined(printer: Printer, each: Operation, into: Array) -> None:
             else:
                 to = (*index[:axis], index[axis] + at, *index[axis + 1 :])
             text = printer.at(value, index)
-            printer.line(f"{printer.cell(into, linear(to, out.shape))} = {text};")
+            printer.line(f"{printer.cell(into, printer.placed(into, to, out.shape))} = {text};")
 
         def write(value=value, one=one) -> None:
-            printer.loops(value, value.shape, one)
+            order = [k for k in printer.order(into, out.shape) if not stacked or k != axis]
+            order = [k - (stacked and k > axis) for k in order]
+            printer.loops(value, value.shape, one, order=order)
 
         printer.statement(write, {into}, part=not first)
         first, at = False, at + (1 if stacked else value.shape[axis])

@@ -158,7 +158,7 @@ class Branching(Onsets):
         after = state.weight[:B, None] + changes.total
         worth = jnp.where((after > np.log(KEPT)) & (changes.total > PROMOTED), after, NEVER)
         best = jnp.argmax(worth)
-        b, k = best // K, best % K
+        b, k = (of(best, jnp.asarray(K, best.dtype)) for of in (jax.lax.div, jax.lax.rem))
         ell = changes.ell[:, : self.kinds]
 
         def go(state: BranchState) -> tuple[BranchState, Array]:

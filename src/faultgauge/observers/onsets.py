@@ -40,6 +40,8 @@ HEAVY = 0.2  # of the likeliest one's weight: an onset that is not given up
 LEAST = 1e-9  # of a size's probability within its limits
 SHARPEST = 10.0  # nats: an onset that explains more than those beside it is missed no more
 TICK = 1e-12  # s: the shortest step
+TIE = 1e-9  # by how much more an onset is missed than the one before, all else equal: times of even
+# steps make it equal often, and rounding, unlike from machine to machine, must not choose
 
 
 class Onsets(eqx.Module):
@@ -109,7 +111,7 @@ class Onsets(eqx.Module):
         for j in range(seen.white.shape[1]):
             # the faults' own sides do not change while the outputs are taken in turn
             g = contract("bn,bnka->bka", look.C[:, j], eta) + sided[:, j]
-            G = g / seen.root[:, j, None, None]
+            G = g * (1 / seen.root[:, j, None, None])
             shared = shared + G * seen.white[:, j, None, None]
             H = placed(G)
             J = J + H[:, :, None] * H[:, None, :]
@@ -117,16 +119,17 @@ class Onsets(eqx.Module):
             # its size; of another change that began since the last sample it tells a part
             there = jnp.isfinite(seen.root[:, j])
             wider = jnp.where(there, seen.root[:, j] / seen.usual[:, j], 1.0)[:, None, None]
-            white, G = seen.white[:, j, None, None], g / seen.usual[:, j, None, None]
+            white, G = seen.white[:, j, None, None], g * (1 / seen.usual[:, j, None, None])
             V = 1 / (info[:, None] + least)
             off = (white * wider)[:, None] - (G * score)[:, None] * V
             unsure = G[:, None] ** 2 * V
             least_times = jnp.where(at_once, 1.0, wider**2)[:, None]
             times = jnp.maximum(raised(off**2 / (1 + unsure)), least_times)
-            gain = gain + (white[:, None] ** 2 - off**2 / (times + unsure)) / 2
-            narrower = narrower * wider[:, None] ** 2 / (times + unsure)
-            score = score + G * white * wider / times[:, 0]
-            info = info + G**2 / times[:, 0]
+            certain, less = 1 / (times + unsure), 1 / times[:, 0]
+            gain = gain + (white[:, None] ** 2 - off**2 * certain) / 2
+            narrower = narrower * (wider[:, None] ** 2 * certain)
+            score = score + G * white * wider * less
+            info = info + G**2 * less
             g = jnp.where(there[:, None, None], g, 0.0)
             eta = eta - seen.gain[:, j, :, None, None] * g[:, None]
         gain = gain + jnp.log(narrower) / 2
@@ -188,8 +191,9 @@ class Onsets(eqx.Module):
         c = lanes.shared[:, :F]
         left = jnp.stack([lanes.eta[:, self.filter.states + k, k] for k in range(F)], 1)
         V = 1 / (J + left**2 / v + 1e-300)
-        f = V * (c + left * m / v)
-        gain = (f**2 / V - m**2 / v - jnp.log(jnp.maximum(J * v + left**2, 1e-300))) / 2
+        told = c + left * m / v
+        f = V * told
+        gain = (f * told - m**2 / v - jnp.log(jnp.maximum(J * v + left**2, 1e-300))) / 2
         rare = jnp.log(prior.recovery / prior.onset[:F])[:, None]
         legal = ((less[which] >= 0) & there)[:, :, None]
         gone = jnp.where(legal, lanes.mass[:, :F] + rare + gain, NEVER), f, V
@@ -305,7 +309,7 @@ class Onsets(eqx.Module):
         )
         peak = jnp.exp(jnp.clip(gain - beside, 0.0, SHARPEST))
         cost = (younger - older) / age * peak + jnp.where(likely, 1e6, 0.0)
-        cost = jnp.where(used, cost, -1.0)
+        cost = jnp.where(used, cost * (1 + TIE * np.arange(A)), -1.0)
         place = jnp.argmin(cost, axis=2)[:, :, None]
         index = np.arange(A)
         gone = index == place
@@ -348,4 +352,4 @@ def _shared(log: Array, axis: int) -> tuple[Array, Array, Array]:
     each = jnp.exp(log - top)
     total = jnp.sum(each, axis=axis, keepdims=True)
     most = jnp.squeeze(top, axis)
-    return most, jnp.log(jnp.squeeze(total, axis)) + most, each / total
+    return most, jnp.log(jnp.squeeze(total, axis)) + most, each * (1 / total)
