@@ -353,7 +353,7 @@ def _as_stated(plant: GrayBoxPlant, group: Group) -> GrayBoxPlant:
     """`plant` with the group's parameters as the file states them."""
     stated = {p.name: jnp.asarray(float(p.value)) for p in plant.spec.parameters}
     parameters = {n: (stated if n in group.parameters else plant.parameters)[n] for n in stated}
-    return GrayBoxPlant(plant.signals, plant.spec, plant.networks, parameters)
+    return replace(plant, parameters=parameters)
 
 
 def _ranked(solution: Solution) -> np.ndarray:
@@ -380,7 +380,7 @@ def _exchange(plant: GrayBoxPlant, other: GrayBoxPlant, group: Group) -> GrayBox
     parameters = {
         p: (other if p in group.parameters else plant).parameters[p] for p in plant.parameters
     }
-    return GrayBoxPlant(plant.signals, plant.spec, networks, parameters)
+    return replace(plant, networks=networks, parameters=parameters)
 
 
 def _join(parts: list[Samples]) -> Samples:

@@ -294,9 +294,7 @@ class Disturbed(Plant):
         if not self.names or not isinstance(plant, GrayBoxPlant):
             return plant
         changed = {n: plant.parameters[n] + shift[k] for k, n in enumerate(self.names)}
-        return GrayBoxPlant(
-            plant.signals, plant.spec, plant.networks, {**plant.parameters, **changed}
-        )
+        return plant.with_constants(changed)
 
 
 class _Strayed(Plant):

@@ -27,6 +27,7 @@ __all__ = [
     "Negative",
     "Node",
     "Number",
+    "Opaque",
     "Scope",
     "derivatives_used",
     "evaluate",
@@ -98,7 +99,14 @@ class Call:
     arguments: tuple["Node", ...]
 
 
-Node = Number | Name | Negative | Binary | Call
+@dataclass(frozen=True)
+class Opaque:
+    """Arithmetic that is written in Python: all that is known of it is what it reads."""
+
+    arguments: tuple["Node", ...]
+
+
+Node = Number | Name | Negative | Binary | Call | Opaque
 
 
 @dataclass(frozen=True)
@@ -280,7 +288,7 @@ def walk(node: Node) -> Iterator[Node]:
         case Binary():
             yield from walk(node.left)
             yield from walk(node.right)
-        case Call():
+        case Call() | Opaque():
             for argument in node.arguments:
                 yield from walk(argument)
 
@@ -306,7 +314,9 @@ def names_used(expression: Expression) -> frozenset[str]:
             case Binary():
                 yield from names(node.left)
                 yield from names(node.right)
-            case Call() if node.function != "d":
+            case Call(function="d"):
+                return
+            case Call() | Opaque():
                 for argument in node.arguments:
                     yield from names(argument)
 

@@ -126,14 +126,21 @@ def save_model(model: Model, path: str | Path) -> None:
 
 
 def encoded(model: Model) -> bytes:
-    """What a model file holds; the same model gives the same bytes."""
+    """What a model file holds; the same model gives the same bytes. Raises `InputError` for a plant
+    that is written in Python: a model file holds no code."""
+    spec = model.plant.spec
+    if not spec.text:
+        raise InputError(
+            f"plant {spec.name!r} is written in Python, and a model file holds no code; write it as "
+            "a plant file, or use the model where it was made."
+        )
     arrays = _all_tensors(model)
     record = model.record.as_dict()
     if model.calibration is not None:
         record["calibration"] = model.calibration.as_dict()
     content = {
         "format": FORMAT,
-        "plant": model.plant.spec.text,
+        "plant": spec.text,
         "record": record,
         "sha256": digest(arrays),
     }

@@ -62,7 +62,7 @@ def _set(plant: GrayBoxPlant, spec: PlantSpec) -> GrayBoxPlant:
         detection=given.detection,
     )
     changed = replace(plant.spec, text=spec.text, signals=signals, warnings=spec.warnings)
-    return GrayBoxPlant(signals, changed, plant.networks, plant.parameters)
+    return replace(plant, signals=signals, spec=changed)
 
 
 def _difference(own: PlantSpec, given: PlantSpec, source: str) -> str:

@@ -109,7 +109,7 @@ class Unknowns:
     ) -> tuple[Float[np.ndarray, "unknowns"], Float[np.ndarray, "unknowns"]]:
         """(lower, upper) of theta by the parameters' min and max."""
         free = np.full(self.weights(plant), np.inf)
-        specs = {p.name: p for p in plant.spec.parameters}
+        specs = {p.name: p for p in plant.constants}
         ends = []
         for key in ("min", "max"):
             values = np.array([getattr(specs[name], key) for name in self.parameters], float)
