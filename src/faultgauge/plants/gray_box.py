@@ -3,7 +3,7 @@
 import dataclasses
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -43,7 +43,10 @@ class GrayBoxPlant(Plant):
     def constants(self) -> tuple[Parameter, ...]:
         return self.spec.parameters
 
-    def with_constants(self, values: Mapping[str, Any]) -> Self:
+    def values(self) -> dict[str, Any]:
+        return self.parameters
+
+    def with_constants(self, values: Mapping[str, Any]) -> "GrayBoxPlant":
         return dataclasses.replace(self, parameters={**self.parameters, **values})
 
     def derivative(

@@ -131,8 +131,8 @@ def encoded(model: Model) -> bytes:
     spec = model.plant.spec
     if not spec.text:
         raise InputError(
-            f"plant {spec.name!r} is written in Python, and a model file holds no code; write it as "
-            "a plant file, or use the model where it was made."
+            f"plant {spec.name!r} is written in Python, and a model file holds no code; use the "
+            "model where it was made, or write the plant as a plant file."
         )
     arrays = _all_tensors(model)
     record = model.record.as_dict()

@@ -2,7 +2,7 @@
 
 import abc
 from collections.abc import Mapping
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -75,12 +75,17 @@ class Plant(eqx.Module):
         known = {each.name for each in self.constants}
         if changes.keys() - known:
             raise NotImplementedError(
-                f"{type(self).__name__} declares faults of {', '.join(changes)}, which are none of "
-                "its `constants`, and has no `altered`"
+                f"{type(self).__name__} declares faults of {', '.join(changes)} and has no "
+                "`altered`, nor `constants` of these names"
             )
-        return self.with_constants({n: c.of(getattr(self, n)) for n, c in changes.items()})
+        values = self.values()
+        return self.with_constants({n: c.of(values[n]) for n, c in changes.items()})
 
-    def with_constants(self, values: Mapping[str, Any]) -> Self:
+    def values(self) -> dict[str, Any]:
+        """The values of the `constants`, by name."""
+        return {p.name: jnp.asarray(getattr(self, p.name), float) for p in self.constants}
+
+    def with_constants(self, values: Mapping[str, Any]) -> "Plant":
         """The plant with some of its `constants` at other values."""
         if not values:
             return self

@@ -50,10 +50,25 @@ class WrittenPlant(GrayBoxPlant):
         x: Float[Array, "states"],
         u: Float[Array, "inputs"],
     ) -> Float[Array, "outputs"]:
-        return self._filled.output(dx, x, u)
+        own = self._filled.output(dx, x, u)
+        more = range(len(own), len(self.spec.values))  # sensors that are thought of
+        return jnp.concatenate(
+            [own, *(jnp.atleast_1d(each) for each in self._said(x, u, dx, more))]
+        )
+
+    def _said(
+        self,
+        x: Float[Array, "states"],
+        u: Float[Array, "inputs"],
+        dx: Float[Array, "states"],
+        outputs: Sequence[int],
+    ) -> list[Array]:
+        """Outputs that are no code."""
+        return super().equations(x, u, dx, (), outputs)
 
     def besides(self, x: Float[Array, "states"]) -> Float[Array, "outputs"]:
-        return self._filled.besides(x)
+        own = self._filled.besides(x)
+        return jnp.concatenate([own, jnp.zeros(len(self.spec.values) - len(own))])
 
     def equations(
         self,
@@ -203,8 +218,7 @@ def _expressions(
     for j, owner in enumerate(owners):
         own = [places[k] for k in np.flatnonzero(reads[j])]
         tree = Opaque((*own, *told))
-        same = [*np.flatnonzero(reads[j])]
-        if len(same) == 1 and np.array_equal(values[:, j], points[:, same[0]]) and not told:
+        if len(own) == 1 and np.array_equal(values[:, j], points[:, reads[j]][:, 0]) and not told:
             tree = own[0]  # the state itself: kinematics, or what measures it
         found.append(Expression(f"{owner}, in Python", tree))
     return tuple(found)
