@@ -71,21 +71,29 @@ OPERATORS: dict[type[ast.operator], str] = {
 
 @dataclass(frozen=True)
 class Number:
+    """A number as written."""
+
     value: float
 
 
 @dataclass(frozen=True)
 class Name:
+    """A state, an input or a parameter, by its value."""
+
     name: str
 
 
 @dataclass(frozen=True)
 class Negative:
+    """Minus its operand."""
+
     operand: "Node"
 
 
 @dataclass(frozen=True)
 class Binary:
+    """`left` and `right` under one of `OPERATORS`."""
+
     operator: str
     left: "Node"
     right: "Node"

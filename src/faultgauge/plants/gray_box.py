@@ -124,7 +124,7 @@ class GrayBoxPlant(Plant):
 
 
 def load_plant(source: str | Path) -> GrayBoxPlant:
-    """Read a plant file (or a preset by its name) as an untrained plant.
+    """Read the plant file `source` (or a preset by its name) as an untrained plant.
 
     Raises `InputError` naming the key and column of the first mistake.
     """

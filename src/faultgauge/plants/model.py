@@ -75,6 +75,7 @@ class Model:
         )
 
     def with_calibration(self, calibration: CalibrationRecord | None) -> "Model":
+        """The model with what calibration found; None: with none."""
         return replace(self, calibration=calibration)
 
     def with_resample(self, rate: float) -> "Model":
@@ -121,7 +122,7 @@ def canonical(content: dict[str, Any]) -> str:
 
 
 def save_model(model: Model, path: str | Path) -> None:
-    """Write `model`; an existing file is replaced whole or not at all."""
+    """Write `model` to the file `path`; an existing one is replaced whole or not at all."""
     write_atomically(path, encoded(model))
 
 
@@ -149,7 +150,7 @@ def encoded(model: Model) -> bytes:
 
 
 def load_model(path: str | Path) -> Model:
-    """Read a model file. Raises `InputError` that names the file and what is wrong with it."""
+    """Read the model file `path`. Raises `InputError` that names it and what is wrong with it."""
     try:
         data = read_within(path, MAX_BYTES, "which no model file does; check the path")
     except OSError as failure:

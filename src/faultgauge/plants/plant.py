@@ -28,6 +28,7 @@ class ValueChange(NamedTuple):
     shift: Float[Array, ""] | float = 0.0
 
     def of(self, value: Float[Array, "*any"]) -> Float[Array, "*any"]:
+        """What becomes of `value`."""
         return self.factor * value + self.shift
 
 
@@ -86,7 +87,7 @@ class Plant(eqx.Module):
         return {p.name: jnp.asarray(getattr(self, p.name), float) for p in self.constants}
 
     def with_constants(self, values: Mapping[str, Any]) -> "Plant":
-        """The plant with some of its `constants` at other values."""
+        """The plant with some of its `constants` at other `values`, by name."""
         if not values:
             return self
         return eqx.tree_at(lambda p: [getattr(p, n) for n in values], self, [*values.values()])

@@ -125,6 +125,7 @@ def _error(each: FittedConstant) -> str:
 
 
 def correlation_table(found: ConstantsInformation) -> tuple[Table, ...]:
+    """The pairs of constants that the logs tell apart least; none where no two are correlated."""
     names = [each.name for each in found.constants]
     pairs = [
         (float(found.correlation[i, j]), names[j], names[i])

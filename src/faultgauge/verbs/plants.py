@@ -43,7 +43,7 @@ def plant(source: Any) -> GrayBoxPlant:
 
 
 def load(path: str | Path) -> Model:
-    """Read a model file (`.fgm`), as `faultgauge fit` and `save_model` write it.
+    """Read the model file `path` (`.fgm`), as `faultgauge fit` and `save_model` write it.
 
     Raises `InputError` that names the file and what is wrong with it.
     """
