@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed-$(shell $(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info[:2])')
 
-.PHONY: demo test coverage studies fuzz kills check lint bench lock docs peers emulators clean
+.PHONY: demo test coverage studies fuzz kills check lint bench lock docs constants peers emulators clean
 
 demo: $(STAMP)
 	$(BIN)/faultgauge demo --out out
@@ -44,6 +44,10 @@ check: lint test studies
 
 docs: $(STAMP)
 	$(BIN)/python docs/generate_cli.py
+
+# Every number that was set by hand, by layer, and what it means.
+constants: $(STAMP)
+	$(BIN)/python docs/constants.py
 
 bench: $(STAMP)
 	$(BIN)/python benchmarks/run.py

@@ -3,6 +3,7 @@
 import ast
 import inspect
 import re
+import runpy
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,7 @@ import faultgauge as fg
 from faultgauge.verbs.result import Result
 
 ROOT = Path(fg.__file__).parent
+REGISTER = Path(__file__).parents[1] / "docs" / "constants.py"
 # what verbs give, whose members a notebook completes
 GIVEN = {
     each.__name__: each
@@ -77,6 +79,12 @@ def arguments():
             for each in inspect.signature(call).parameters:
                 if each != "self":
                     yield f"{name}.{own}" if own != name else name, each, whole
+
+
+def test_every_number_that_was_set_by_hand_says_what_it_means():
+    found = [*runpy.run_path(str(REGISTER))["hand_set"]()]
+    assert len(found) > 500
+    assert [each.where for each in found if not each.meaning] == []
 
 
 def test_every_argument_of_the_python_api_is_spoken_of():

@@ -67,7 +67,7 @@ def alike(one, other):
     for name, cells in one.items():
         if any(isinstance(cell, str) for cell in cells):
             assert list(cells) == list(other[name]), name
-        else:  # two programs of the same arithmetic may round otherwise, and a search goes on from it
+        else:  # two programs of one arithmetic may round otherwise, and searches go on from it
             found, wanted = (np.array(each, float) for each in (other[name], cells))
             np.testing.assert_allclose(found, wanted, rtol=1e-6, atol=1e-9, err_msg=name)
 

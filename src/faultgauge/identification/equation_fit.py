@@ -47,7 +47,7 @@ from faultgauge.telemetry.resampling import cover
 __all__ = ["EquationFit", "GroupReport", "Material", "fit_equations", "material", "max_step"]
 
 POINTS = 10_000  # training points kept; the paper advises 1,000 to 10,000
-VALIDATION_POINTS = 2000
+VALIDATION_POINTS = 2000  # kept to stop and select on
 # Of a derivative's spread, where mean F - F(mean) counts: the kernel is as wide as it is to leave
 # noise below the same share, and from there on its width costs more than it saves.
 MATERIAL = 0.01

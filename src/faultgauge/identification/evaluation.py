@@ -33,7 +33,7 @@ __all__ = [
     "varying_parameters",
 ]
 
-WARMUP = 50
+WARMUP = 50  # samples that find hidden initial states, if nobody says
 FEWEST_SCORED = 5  # samples after a warm-up
 PRIOR = 1e-3  # of a varying parameter, for what the first samples do not tell
 

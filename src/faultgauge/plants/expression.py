@@ -39,9 +39,9 @@ __all__ = [
     "walk",
 ]
 
-MAX_CHARACTERS = 2000
-MAX_NODES = 400
-MAX_DEPTH = 40
+MAX_CHARACTERS = 2000  # of one expression
+MAX_NODES = 400  # terms of one
+MAX_DEPTH = 40  # of its parentheses, well below Python's own limit
 
 # name -> (fewest arguments, most arguments)
 FUNCTIONS: dict[str, tuple[int, int]] = {

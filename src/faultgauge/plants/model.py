@@ -35,8 +35,8 @@ from faultgauge.plants.settle import settle
 __all__ = ["Model", "decoded", "encoded", "load_model", "save_model"]
 
 KEY = "faultgauge"
-FORMAT = 1
-MAX_BYTES = 100_000_000
+FORMAT = 1  # of model files
+MAX_BYTES = 100_000_000  # of a model file
 MEMBERS = "members/"
 
 

@@ -22,7 +22,7 @@ __all__ = [
     "StateTable",
 ]
 
-MAX_HIDDEN = 200
+MAX_HIDDEN = 200  # units of a network
 
 Text = str
 Seconds = Annotated[float, pydantic.Field(ge=0, allow_inf_nan=False)]

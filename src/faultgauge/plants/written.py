@@ -27,7 +27,7 @@ __all__ = ["WrittenPlant", "written"]
 
 POINTS = 16  # at which a plant is tried
 AROUND = 2.0  # in every direction from 0, or from a constant's value in units of it
-SEED = 0
+SEED = 0  # of the points: the same plant is seen alike
 
 
 class WrittenPlant(GrayBoxPlant):

@@ -17,7 +17,7 @@ from faultgauge.verbs.result import Columns, Result
 
 __all__ = ["Simulation", "simulate"]
 
-MOST_PANELS = 6
+MOST_PANELS = 6  # of a figure
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -27,7 +27,7 @@ from faultgauge.simulation.free_run import substeps_for
 
 __all__ = ["Knowledge", "knowledge_of", "longest_delay"]
 
-TIMES = 400
+TIMES = 400  # points of the grid
 SHARE = 0.25  # of the healthy logs: how far the times reach
 CLEAR = 8.0  # standard deviations by which a fault of its widest size shows
 EARLIER = (
