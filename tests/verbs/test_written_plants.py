@@ -19,8 +19,9 @@ seconds = 20
 step = 0.1
 [inputs.u]
 source = "multisine"
-amplitude = 1.0
-band = [0.05, 1.0]
+sigma = 1.0
+low = 0.05
+high = 1.0
 """
 SIGNALS = Signals(
     (State("x", "m"),),
