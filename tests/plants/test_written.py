@@ -97,3 +97,23 @@ def test_a_fault_that_enters_nothing_is_refused():
     )
     with pytest.raises(InputError, match="fault 'loss' enters 'v', which is none of u, w"):
         fg.plant(Pendulum(signals))
+
+
+class Oven(Plant):
+    """A temperature in K, whose square over 300 K is its own value at 300 K."""
+
+    signals: Signals = eqx.field(
+        static=True,
+        default=Signals((State("T", min=300.0),), (), (Output("power"), Output("sensor"))),
+    )
+
+    def derivative(self, x, u):
+        return -(x**2) / 300.0
+
+    def output(self, dx, x, u):
+        return jnp.stack([x[0] ** 2 / 300.0, x[0]])
+
+
+def test_what_is_a_state_by_chance_measures_none():
+    outputs = fg.plant(Oven()).signals.outputs
+    assert [each.measures for each in outputs] == [None, "T"]

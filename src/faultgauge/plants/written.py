@@ -192,16 +192,27 @@ def _points(
     signals: Signals, constants: Sequence[Parameter]
 ) -> Float[np.ndarray, "points channels"]:
     """Inside the limits that are declared, of states, inputs, constants and the states' rates."""
-    rng, columns = np.random.default_rng(SEED), []
-    for each in (*signals.states, *signals.inputs):
-        columns.append(np.clip(rng.uniform(-AROUND, AROUND, POINTS), each.min, each.max))
-        if np.isfinite(each.max - each.min):
-            columns[-1] = rng.uniform(each.min, each.max, POINTS)
+    rng = np.random.default_rng(SEED)
+    columns = [
+        rng.uniform(*_ends(*(each.trusted or (each.min, each.max))), POINTS)
+        for each in (*signals.states, *signals.inputs)
+    ]
     for each in constants:
         near = each.value + rng.uniform(-1, 1, POINTS) * (abs(each.value) or 1.0) / AROUND
         columns.append(np.clip(near, each.min, each.max))
     columns += [rng.uniform(-AROUND, AROUND, POINTS) for _ in signals.states]
     return np.stack(columns, axis=1)
+
+
+def _ends(low: float, high: float) -> tuple[float, float]:
+    """An interval inside [low, high]: all of it, next to its one end, or around 0."""
+    if np.isfinite(high - low):
+        return low, high
+    if np.isfinite(low):
+        return low, low + AROUND * max(1.0, abs(low))
+    if np.isfinite(high):
+        return high - AROUND * max(1.0, abs(high)), high
+    return -AROUND, AROUND
 
 
 def _expressions(
@@ -216,7 +227,7 @@ def _expressions(
     reads = np.stack([_differs(at, values, points, k) for k in range(points.shape[1])], axis=1)
     found = []
     for j, owner in enumerate(owners):
-        own = [places[k] for k in np.flatnonzero(reads[j])]
+        own = [places[k] for k in np.flatnonzero(reads[j]).tolist()]
         tree = Opaque((*own, *told))
         if len(own) == 1 and np.array_equal(values[:, j], points[:, reads[j]][:, 0]) and not told:
             tree = own[0]  # the state itself: kinematics, or what measures it
