@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed-$(shell $(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info[:2])')
 
-.PHONY: demo test coverage studies fuzz kills check lint bench lock docs peers emulators clean
+.PHONY: demo test coverage studies fuzz kills check lint bench claims lock docs constants peers emulators clean
 
 demo: $(STAMP)
 	$(BIN)/faultgauge demo --out out
@@ -45,8 +45,16 @@ check: lint test studies
 docs: $(STAMP)
 	$(BIN)/python docs/generate_cli.py
 
+# Every number that was set by hand, by layer, and what it means.
+constants: $(STAMP)
+	$(BIN)/python docs/constants.py
+
 bench: $(STAMP)
 	$(BIN)/python benchmarks/run.py
+
+# The rows of CLAIMS.md that cost little, run again and compared; `--match TEXT` runs any.
+claims: $(STAMP)
+	$(BIN)/python benchmarks/claims.py
 
 # jax-sysid pins jax<=0.4.31 and scipy<=1.14.1 and so lives apart; `faultgauge benchmark` finds it.
 peers:

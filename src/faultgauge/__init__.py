@@ -1,8 +1,8 @@
 """faultgauge: how big is the fault, in your units, while the loop is still closed?
 
 The verbs of the command line as functions: `read`, `plant`, `load`, and `fit`, `evaluate`,
-`calibrate`, `estimate`, `rehearse`, `simulate` and `check`, which give one object each. Importing
-the package loads nothing heavy.
+`calibrate`, `estimate`, `rehearse`, `detectability`, `simulate` and `check`, which give one object
+each. Importing the package loads nothing heavy.
 
     import faultgauge as fg
 
@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from faultgauge.detection.watch import Watch
-    from faultgauge.foresight import detectability
     from faultgauge.plants.gray_box import load_plant
     from faultgauge.plants.model import load_model, save_model
     from faultgauge.plants.plant import Plant
@@ -25,6 +24,7 @@ if TYPE_CHECKING:
     from faultgauge.verbs.calibrate import calibrate
     from faultgauge.verbs.campaign import campaign
     from faultgauge.verbs.check import check
+    from faultgauge.verbs.detectability import detectability
     from faultgauge.verbs.estimate import estimate
     from faultgauge.verbs.evaluate import evaluate
     from faultgauge.verbs.fit import fit
@@ -60,7 +60,7 @@ _HOMES = {
     "calibrate": "faultgauge.verbs.calibrate.calibrate",
     "campaign": "faultgauge.verbs.campaign.campaign",
     "check": "faultgauge.verbs.check.check",
-    "detectability": "faultgauge.foresight.detectability",
+    "detectability": "faultgauge.verbs.detectability.detectability",
     "estimate": "faultgauge.verbs.estimate.estimate",
     "evaluate": "faultgauge.verbs.evaluate.evaluate",
     "fit": "faultgauge.verbs.fit.fit",

@@ -180,7 +180,7 @@ def test_runs_of_a_higher_rate_are_brought_to_that_of_the_model(learned, tank):
 
 def test_the_package_lists_its_verbs_and_their_help_is_theirs():
     verbs = {"read", "plant", "load", "fit", "evaluate", "calibrate", "estimate", "check"}
-    verbs |= {"rehearse", "simulate", "campaign"}
+    verbs |= {"rehearse", "simulate", "campaign", "detectability"}
     assert verbs <= set(dir(fg))
     for name in verbs:
         text = re.sub(".\b", "", pydoc.render_doc(getattr(fg, name)))
@@ -191,7 +191,8 @@ def test_the_package_lists_its_verbs_and_their_help_is_theirs():
 def test_every_verb_that_reads_shows_how_and_refuses_what_is_misspelt():
     options = {field.name for field in fields(How)}
     assert options == set(Reading.__annotations__)
-    for verb in (fg.read, fg.fit, fg.evaluate, fg.calibrate, fg.estimate, fg.rehearse, fg.check):
+    reading = (fg.read, fg.fit, fg.evaluate, fg.calibrate, fg.estimate, fg.rehearse, fg.check)
+    for verb in (*reading, fg.detectability):
         assert options <= set(inspect.signature(verb).parameters)
         with pytest.raises(TypeError, match=rf"^{verb.__name__}\(\) got .* argument 'wher'$"):
             verb("a", "b", wher="x > 0")

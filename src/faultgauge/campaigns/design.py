@@ -11,7 +11,7 @@ from faultgauge.campaigns.schema import Kind, Plan
 __all__ = ["RunPlan", "healthy_seeds", "run_plans"]
 
 RUNS, HEALTHY, DRAWN, JUDGE = range(4)  # streams of numbers: what one takes moves no other
-LARGEST = 2**31
+LARGEST = 2**31  # below it: seeds of runs
 
 # kinds, sizes, onsets, noise
 Case: TypeAlias = tuple[tuple[Kind, ...], tuple[float, ...], tuple[float, ...], float]

@@ -127,6 +127,7 @@ def _foretold(case: Case, k: int) -> float | None:
 
 
 def times_of(size: float | None, foretold: float | None) -> float | None:
+    """How many times as large as `foretold` a fault's `size` is; None where either is unknown."""
     return abs(size) / foretold if size and foretold else None
 
 

@@ -32,7 +32,7 @@ __all__ = [
     "read_campaign",
 ]
 
-MOST_RUNS = 100_000
+MOST_RUNS = 100_000  # of a campaign; a longer one is a slip of the pen
 LABEL = "+"  # between the two of a pair
 MADE = TRUTH, _ = "truth", "fitted"  # models that are made for the campaign
 HEALTHY = "healthy"

@@ -34,7 +34,7 @@ from faultgauge.files import full_disk
 __all__ = ["app", "main"]
 
 ISSUES = "https://github.com/faultgauge/faultgauge/issues"
-INTERRUPTED = 130
+INTERRUPTED = 130  # exit code, as shells have it
 STOPPED = "interrupted; nothing was written half-way."
 
 app = typer.Typer(

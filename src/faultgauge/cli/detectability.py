@@ -24,22 +24,19 @@ def detectability(
     json: options.Json = False,
 ) -> None:
     """What could be seen of each fault in logs like these, told apart, and by what test input?"""
-    from faultgauge.foresight import detectability as foresee
     from faultgauge.plants.model import load_model
+    from faultgauge.verbs.detectability import detectability as foresee
 
     fitted = load_model(model)
     runs, warned = options.read_logs_for(fitted, logs, How(time, time_format, map, where, resample))
     with options.narrate("foreseeing") as progress:
-        sheet = foresee(fitted, runs, progress=progress)
+        found = foresee(fitted, runs, progress=progress)
     if report is not None:
-        from faultgauge.reporting.detectability_chapter import detectability_report
-        from faultgauge.reporting.report import write
-
-        write(detectability_report(sheet), report)
+        found.report(report)
     if json:
-        options.print_json({**sheet.as_dict(), "warnings": warned})
+        options.print_json({**found.as_dict(), "warnings": warned})
         return
-    for line in str(sheet).splitlines():
+    for line in found.lines:
         options.tell(line)
     if report is not None:
         options.say(f"wrote {report}")

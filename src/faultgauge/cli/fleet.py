@@ -12,6 +12,7 @@ __all__ = ["calibrate_units", "estimate_units", "fit_units"]
 def fit_units(
     plant: str, logs: list[Path], out: Path, report: Path | None, json: bool, **how: Any
 ) -> None:
+    """`fit --fleet`: `how` are the arguments of `fit_fleet`."""
     from faultgauge.fleet.fit import fit_fleet
 
     with options.narrate("fitting") as progress:
@@ -23,6 +24,7 @@ def fit_units(
 def calibrate_units(
     fleet: Path, logs: list[Path], report: Path | None, json: bool, **how: Any
 ) -> None:
+    """`calibrate --fleet`: `how` are the arguments of `calibrate_fleet`."""
     from faultgauge.fleet.calibrate import calibrate_fleet
 
     with options.narrate("calibrating") as progress:
@@ -42,6 +44,7 @@ def estimate_units(
     verbose: bool,
     **how: Any,
 ) -> None:
+    """`estimate --fleet`: `how` are the arguments of `estimate_fleet`."""
     if out is None:
         raise InputError("--out DIR is missing: the folder for a table per unit.")
     from faultgauge.fleet.estimate import estimate_fleet

@@ -221,6 +221,7 @@ def _noted(runs: "Runs") -> "Runs":
 
 
 def print_json(content: dict[str, Any]) -> None:
+    """The one JSON object of a command with `--json`, on stdout."""
     print(json.dumps(content, allow_nan=False))
 
 

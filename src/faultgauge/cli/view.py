@@ -14,7 +14,7 @@ __all__ = ["View"]
 
 PERIOD = 0.2  # s between two drawings: the eye needs no more, the stream should have the rest
 HISTORY = 30  # values of a trace
-EVENTS = 8
+EVENTS = 8  # lines of the latest events
 LIKELY = 0.5  # p from which on a fault is there rather than not
 BLOCKS = "▁▂▃▄▅▆▇█"
 

@@ -80,6 +80,16 @@ class Watch(eqx.Module):
         state = watch.init()
         state, row = watch.step(state, t, u, y)
         watch.words(row.verdict)
+
+    **Arguments**
+
+    - `model`: a calibrated model.
+    - `columns`: of the telemetry to come: inputs and outputs of the plant.
+    - `step`: a row comes so often [s].
+    - `bank`: that of the model, where it is there already.
+
+    Raises `InputError` where the model is not calibrated, declares no fault, or lacks all its
+    outputs. In the methods, `state` is the checkpoint before, none of which is changed.
     """
 
     intake: Intake
@@ -103,9 +113,6 @@ class Watch(eqx.Module):
         *,
         bank: FaultBank | None = None,
     ) -> None:
-        """For telemetry with these `columns`, a row every `step` [s]; `bank` is that of the model
-        where it is there already. Raises `InputError` where the model is not calibrated, declares
-        no fault, or lacks all its outputs."""
         if bank is None:
             t = step * np.arange(2)
             stub = Run("watch", "Watch", t, {name: np.zeros(2) for name in columns}, step)
@@ -217,7 +224,7 @@ class Watch(eqx.Module):
         return follow(self, state, (rows.t, u, y))
 
     def words(self, verdict: Verdict) -> tuple[list[str], list[str]]:
-        """(status, reason) of every row of a verdict, in words."""
+        """(status, reason) of every row of a `verdict`, in words."""
         names = [region.covered for region in self.envelope.regions]
         status, reason = (np.atleast_1d(each) for each in verdict[:2])
         return in_words(self.signals, names, status, reason)

@@ -10,7 +10,7 @@ from faultgauge.excitation.band import check_band
 
 __all__ = ["multisine"]
 
-ROUNDS = 100
+ROUNDS = 100  # of clipping, after which phases hardly move
 CLIP = 0.8  # of the peak
 
 

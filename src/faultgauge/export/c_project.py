@@ -17,7 +17,7 @@ from faultgauge.export.sources import header, step_source, table_source
 __all__ = ["c_project", "plain"]
 
 SAMPLES = 240  # that the test of the C files runs over
-SEED = 0
+SEED = 0  # of the inputs of the test and of the timing
 TIMED = 2000  # steps
 # Of a signal's largest value in the vectors: rounding adds up differently under other compilers
 # and libraries. With float or the fast tanh evidence that is on its way up or down is off by as

@@ -275,6 +275,7 @@ def _readme(request: Request, version: str) -> str:
 
 
 def binary_in_words() -> str:
+    """Which binary an FMU that is made here has, and why none."""
     if binary_here():
         return "a binary for Linux on x86-64"
     if compiler() is None:

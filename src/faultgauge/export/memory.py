@@ -63,6 +63,8 @@ class Branch:
 
 @dataclass(eq=False)
 class CLoop:
+    """A loop: its `head` in C, and what it repeats."""
+
     head: str
     body: "list[Node]"
 

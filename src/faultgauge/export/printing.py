@@ -373,6 +373,7 @@ class Printer:
 
 
 def refused(each: Operation) -> InputError:
+    """What is said of an operation that has no form in C."""
     shapes = ", ".join(str(list(v.shape)) for v in each.inputs)
     return InputError(
         f"the model's step uses {each.name!r} of arrays {shapes}, which the C printer has no form "

@@ -8,7 +8,7 @@ from faultgauge.export.elementwise import Kind, literal, truth
 
 __all__ = ["Tables"]
 
-WIDTH = 92
+WIDTH = 92  # characters of a line of C
 
 
 class Tables:

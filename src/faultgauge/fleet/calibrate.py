@@ -43,6 +43,7 @@ class CalibrateJob:
 
 
 def model_of_unit(unit: Unit) -> Model:
+    """The fitted model of `unit`. Raises `InputError` where its fit failed or never was."""
     if unit.model is None:
         raise InputError(
             "it has no model in this fleet; fit it with `faultgauge fit ... --fleet --out` of the "

@@ -14,6 +14,7 @@ VERSIONS = ("faultgauge", "jax", "numpy")  # another of these may give other bit
 
 
 def versions() -> dict[str, str]:
+    """Of the packages on which bits depend, as they are installed here."""
     return {name: metadata.version(name) for name in VERSIONS}
 
 

@@ -56,6 +56,7 @@ def unit_file(unit: str) -> str:
 
 
 def model_path(folder: Path, unit: str) -> Path:
+    """Where the model of `unit` stands in a fleet's `folder`."""
     return folder / unit_file(unit)
 
 

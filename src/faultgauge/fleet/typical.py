@@ -126,6 +126,7 @@ def fleet_of(typical: Model) -> FleetRecord:
 
 
 def laws_of(typical: Model) -> dict[str, Law]:
+    """How the units of a fleet differ, by parameter."""
     return {name: Law(**law.as_dict()) for name, law in fleet_of(typical).laws.items()}
 
 

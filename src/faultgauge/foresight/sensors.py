@@ -117,7 +117,7 @@ def _with_sensor(
         observation=replace(seen, outputs=seen.outputs and (*seen.outputs, name)),
     )
     spec = replace(model.plant.spec, signals=more, values=(*model.plant.spec.values, value))
-    plant = GrayBoxPlant(more, spec, model.plant.networks, model.plant.parameters)
+    plant = replace(model.plant, signals=more, spec=spec)
     columns = {**run.columns, name: np.interp(run.t, effects.t, read)}
     log = replace(run, columns=columns)
     noise = bank.noise._replace(sigma=np.append(bank.noise.sigma, sigma))

@@ -23,7 +23,7 @@ __all__ = [
 
 IMITATED = 0.99  # of what a parameter does to what is fitted, a network's weights can do too
 ALIKE = 0.99  # correlation at which two parameters cannot be told apart
-VAGUE = 0.1
+VAGUE = 0.1  # of a constant: a standard error worth a word
 BIASED = 0.02  # of a parameter: less of a bias is not worth a word
 CHANGES = 0.5  # of the squared error, to be worth a word
 APART = 3.0  # standard errors of a difference, which chance does not reach

@@ -109,15 +109,10 @@ def equation_errors(
     plant: GrayBoxPlant, group: Group, sample: Samples
 ) -> Float[Array, "equations"]:
     """F(x, u) - dx and h(dx, x, u) - y of the group's equations at one sample."""
-    values = plant.point(jnp.asarray(sample.x), jnp.asarray(sample.u))
-    rates = dict(zip(plant.signals.state_names, sample.dx, strict=True))
-
-    def value(expression: Expression) -> Array:
-        return evaluate(expression.tree, values, jnp, derivatives=rates, networks=plant.networks)
-
-    errors = [value(plant.spec.derivatives[i]) - sample.dx[i] for i in group.states]
-    errors += [value(plant.spec.values[j]) - sample.y[j] for j in group.outputs]
-    return jnp.stack(errors)
+    x, u, dx = (jnp.asarray(each) for each in (sample.x, sample.u, sample.dx))
+    found = plant.equations(x, u, dx, group.states, group.outputs)
+    seen = [*(sample.dx[i] for i in group.states), *(sample.y[j] for j in group.outputs)]
+    return jnp.stack([value - target for value, target in zip(found, seen, strict=True)])
 
 
 class EquationResidual(eqx.Module):

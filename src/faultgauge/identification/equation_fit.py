@@ -47,7 +47,7 @@ from faultgauge.telemetry.resampling import cover
 __all__ = ["EquationFit", "GroupReport", "Material", "fit_equations", "material", "max_step"]
 
 POINTS = 10_000  # training points kept; the paper advises 1,000 to 10,000
-VALIDATION_POINTS = 2000
+VALIDATION_POINTS = 2000  # kept to stop and select on
 # Of a derivative's spread, where mean F - F(mean) counts: the kernel is as wide as it is to leave
 # noise below the same share, and from there on its width costs more than it saves.
 MATERIAL = 0.01
@@ -353,7 +353,7 @@ def _as_stated(plant: GrayBoxPlant, group: Group) -> GrayBoxPlant:
     """`plant` with the group's parameters as the file states them."""
     stated = {p.name: jnp.asarray(float(p.value)) for p in plant.spec.parameters}
     parameters = {n: (stated if n in group.parameters else plant.parameters)[n] for n in stated}
-    return GrayBoxPlant(plant.signals, plant.spec, plant.networks, parameters)
+    return replace(plant, parameters=parameters)
 
 
 def _ranked(solution: Solution) -> np.ndarray:
@@ -380,7 +380,7 @@ def _exchange(plant: GrayBoxPlant, other: GrayBoxPlant, group: Group) -> GrayBox
     parameters = {
         p: (other if p in group.parameters else plant).parameters[p] for p in plant.parameters
     }
-    return GrayBoxPlant(plant.signals, plant.spec, networks, parameters)
+    return replace(plant, networks=networks, parameters=parameters)
 
 
 def _join(parts: list[Samples]) -> Samples:

@@ -11,9 +11,8 @@ import optimistix as optx
 from jaxtyping import Array, Bool, Float
 
 from faultgauge.errors import InputError
-from faultgauge.identification.refinement.unknowns import Unknowns, unknowns_of
+from faultgauge.identification.refinement.unknowns import Unknowns, unknown_constants
 from faultgauge.identification.samples import in_effect, spread, state_column
-from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant import Plant
 from faultgauge.simulation.free_run import blow_up, bucket, free_run, pad, simulate, substeps_for
 from faultgauge.telemetry import Run, as_sampled, segments
@@ -34,10 +33,9 @@ __all__ = [
     "varying_parameters",
 ]
 
-WARMUP = 50
+WARMUP = 50  # samples that find hidden initial states, if nobody says
 FEWEST_SCORED = 5  # samples after a warm-up
 PRIOR = 1e-3  # of a varying parameter, for what the first samples do not tell
-NOTHING = Unknowns((), (), (), (), ())
 
 
 class Prediction(NamedTuple):
@@ -105,22 +103,18 @@ def start_of_run(
         jnp.asarray(weight),
         substeps_for(float(np.median(np.diff(t))), max_step),
     )
-    if isinstance(plant, GrayBoxPlant):
-        plant = varying.assemble(plant, theta)
-    return plant, np.asarray(start)
+    return varying.assemble(plant, theta), np.asarray(start)
 
 
 def varying_parameters(plant: Plant) -> Unknowns:
     """Those with a value per run, around the values that `plant` has."""
-    if not isinstance(plant, GrayBoxPlant):
-        return NOTHING
-    found = unknowns_of(plant, networks=False)
+    found, values = unknown_constants(plant), plant.values()
     names = [found.parameters[k] for k in found.varying]
     return Unknowns(
         networks=(),
         parameters=tuple(names),
         positive=tuple(found.positive[k] for k in found.varying),
-        centers=tuple(float(plant.parameters[name]) for name in names),
+        centers=tuple(float(values[name]) for name in names),
         scales=tuple(found.scales[k] for k in found.varying),
     )
 
@@ -147,15 +141,11 @@ def _solve_start(
         return jnp.where(hidden, jnp.clip(x0 + change[:states], least, most), x0)
 
     def own_of(change: Array) -> Array:
-        if not isinstance(plant, GrayBoxPlant):
-            return change[states:]
         return jnp.clip(change[states:], *map(jnp.asarray, varying.bounds(plant)))
 
     def run(change: Array) -> Array:
         start = start_of(change)
-        if isinstance(plant, GrayBoxPlant):
-            return simulate(varying.assemble(plant, own_of(change)), start, u, dt, f, substeps).y
-        return simulate(plant, start, u, dt, f, substeps).y
+        return simulate(varying.assemble(plant, own_of(change)), start, u, dt, f, substeps).y
 
     def error(change: Array, args: None) -> Array:
         left = jnp.where(weight > 0, weight * (run(change) - y), 0.0).ravel()

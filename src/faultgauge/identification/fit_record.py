@@ -23,7 +23,7 @@ from faultgauge.telemetry.resampling import cover
 
 __all__ = ["Anew", "Equations", "FitReport", "Outcome", "fit_record", "outcome"]
 
-ENVELOPE_POINTS = 400
+ENVELOPE_POINTS = 400  # of training, kept in the model
 
 
 class Equations(NamedTuple):

@@ -7,8 +7,8 @@ from faultgauge.identification.samples import Stretch
 
 __all__ = ["LAST_SHARE", "split", "split_record"]
 
-LAST_SHARE = 0.15
-SPREAD_WINDOWS = 3
+LAST_SHARE = 0.15  # of every run, held out
+SPREAD_WINDOWS = 3  # held out before that
 SPREAD_SHARE = 0.02  # each
 LONG_SHARE = 0.05  # each, where a free run passes through: long enough to forget what was fitted
 

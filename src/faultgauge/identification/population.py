@@ -28,7 +28,7 @@ __all__ = ["FEWEST", "Law", "Population", "own_parameters", "population", "with_
 FEWEST = 4  # units that tell a spread, one of which may be unlike the others
 UNLIKE = 0.1  # of the units, as expected before
 WIDE = 10.0  # times as far from the mean as the others
-ROUNDS, SETTLED = 1000, 1e-9
+ROUNDS, SETTLED = 1000, 1e-9  # at most; of the spread: a move that ends them
 NORMAL = 1.4826  # standard deviation of Gaussian noise over the median of its size
 USUAL, USUAL_UNITS = 0.1, 2.0  # spread of machines of one make, and how many units that is worth
 

@@ -11,7 +11,7 @@ from faultgauge.plants.settle import settle
 
 __all__ = ["SIZES", "chosen_sizes", "smallest_sufficient", "with_hidden"]
 
-SIZES = (2, 5, 10, 20)
+SIZES = (2, 5, 10, 20)  # hidden units that are tried in turn
 CLEARLY = 0.97  # of the validation error with fewer units: less gain does not pay for more
 
 Found = TypeVar("Found")

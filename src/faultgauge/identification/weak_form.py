@@ -35,7 +35,7 @@ from faultgauge.identification.equation_error import (
 )
 from faultgauge.identification.levenberg_marquardt import Solution
 from faultgauge.identification.samples import Channels, Samples, Stretch
-from faultgauge.plants.expression import derivatives_used, evaluate, names_used
+from faultgauge.plants.expression import derivatives_used, names_used
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant_file import PlantSpec
 from faultgauge.plants.signals import Signals
@@ -71,9 +71,7 @@ class WeakErrors(eqx.Module):
         self, plant: GrayBoxPlant, group: Group, sample: WeakSamples
     ) -> Float[Array, "equations"]:
         def rates(x: Array, u: Array) -> Array:
-            values = plant.point(x, u)
-            trees = [plant.spec.derivatives[i].tree for i in self.states]
-            return jnp.stack([evaluate(t, values, jnp, networks=plant.networks) for t in trees])
+            return jnp.stack(plant.equations(x, u, None, self.states))
 
         means = sample.weights @ jax.vmap(rates)(jnp.asarray(sample.x), jnp.asarray(sample.u))
         places = np.array([group.states.index(i) for i in self.states])

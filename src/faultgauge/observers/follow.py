@@ -16,7 +16,7 @@ from jaxtyping import Array, Float, Int
 
 __all__ = ["CHUNK", "Stepping", "follow"]
 
-CHUNK = 256
+CHUNK = 256  # rows that one compiled walk takes
 
 S = TypeVar("S")
 

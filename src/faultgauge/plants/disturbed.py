@@ -345,12 +345,10 @@ class Disturbed(Plant):
     def _with(self, shift: Float[Array, "parameters"]) -> Plant:
         """`base` with its constants by `shift` off."""
         plant = self.base
-        if not self.names or not isinstance(plant, GrayBoxPlant):
+        if not self.names:
             return plant
-        changed = {n: plant.parameters[n] + shift[k] for k, n in enumerate(self.names)}
-        return GrayBoxPlant(
-            plant.signals, plant.spec, plant.networks, {**plant.parameters, **changed}
-        )
+        values = plant.values()
+        return plant.with_constants({n: values[n] + shift[k] for k, n in enumerate(self.names)})
 
 
 class _Strayed(Plant):

@@ -27,6 +27,7 @@ __all__ = [
     "Negative",
     "Node",
     "Number",
+    "Opaque",
     "Scope",
     "derivatives_used",
     "evaluate",
@@ -38,9 +39,9 @@ __all__ = [
     "walk",
 ]
 
-MAX_CHARACTERS = 2000
-MAX_NODES = 400
-MAX_DEPTH = 40
+MAX_CHARACTERS = 2000  # of one expression
+MAX_NODES = 400  # terms of one
+MAX_DEPTH = 40  # of its parentheses, well below Python's own limit
 
 # name -> (fewest arguments, most arguments)
 FUNCTIONS: dict[str, tuple[int, int]] = {
@@ -70,21 +71,29 @@ OPERATORS: dict[type[ast.operator], str] = {
 
 @dataclass(frozen=True)
 class Number:
+    """A number as written."""
+
     value: float
 
 
 @dataclass(frozen=True)
 class Name:
+    """A state, an input or a parameter, by its value."""
+
     name: str
 
 
 @dataclass(frozen=True)
 class Negative:
+    """Minus its operand."""
+
     operand: "Node"
 
 
 @dataclass(frozen=True)
 class Binary:
+    """`left` and `right` under one of `OPERATORS`."""
+
     operator: str
     left: "Node"
     right: "Node"
@@ -98,7 +107,14 @@ class Call:
     arguments: tuple["Node", ...]
 
 
-Node = Number | Name | Negative | Binary | Call
+@dataclass(frozen=True)
+class Opaque:
+    """Arithmetic that is written in Python: all that is known of it is what it reads."""
+
+    arguments: tuple["Node", ...]
+
+
+Node = Number | Name | Negative | Binary | Call | Opaque
 
 
 @dataclass(frozen=True)
@@ -280,7 +296,7 @@ def walk(node: Node) -> Iterator[Node]:
         case Binary():
             yield from walk(node.left)
             yield from walk(node.right)
-        case Call():
+        case Call() | Opaque():
             for argument in node.arguments:
                 yield from walk(argument)
 
@@ -306,7 +322,9 @@ def names_used(expression: Expression) -> frozenset[str]:
             case Binary():
                 yield from names(node.left)
                 yield from names(node.right)
-            case Call() if node.function != "d":
+            case Call(function="d"):
+                return
+            case Call() | Opaque():
                 for argument in node.arguments:
                     yield from names(argument)
 

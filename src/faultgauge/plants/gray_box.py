@@ -1,7 +1,7 @@
 """A plant file as a `Plant`: its integrators and physics as written, its networks as leaves."""
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ from jaxtyping import Array, Float
 from faultgauge.plants.expression import Call, evaluate, networks_used
 from faultgauge.plants.network import Network
 from faultgauge.plants.plant import Plant, ValueChange
-from faultgauge.plants.plant_file import PlantSpec, parse_plant, read_plant_text
+from faultgauge.plants.plant_file import Parameter, PlantSpec, parse_plant, read_plant_text
 from faultgauge.plants.signals import Signals
 
 __all__ = ["GrayBoxPlant", "load_plant"]
@@ -39,6 +39,16 @@ class GrayBoxPlant(Plant):
             parameters={p.name: jnp.asarray(p.value, float) for p in spec.parameters},
         )
 
+    @property
+    def constants(self) -> tuple[Parameter, ...]:
+        return self.spec.parameters
+
+    def values(self) -> dict[str, Any]:
+        return self.parameters
+
+    def with_constants(self, values: Mapping[str, Any]) -> "GrayBoxPlant":
+        return dataclasses.replace(self, parameters={**self.parameters, **values})
+
     def derivative(
         self, x: Float[Array, "states"], u: Float[Array, "inputs"]
     ) -> Float[Array, "states"]:
@@ -58,13 +68,26 @@ class GrayBoxPlant(Plant):
         x: Float[Array, "states"],
         u: Float[Array, "inputs"],
     ) -> Float[Array, "outputs"]:
-        values = self.point(x, u)
-        rates = dict(zip(self.signals.state_names, dx, strict=True))
-        outputs = [
-            evaluate(value.tree, values, jnp, derivatives=rates, networks=self.networks)
-            for value in self.spec.values
-        ]
+        outputs = self.equations(x, u, dx, (), range(len(self.spec.values)))
         return jnp.stack([jnp.asarray(output, float) for output in outputs])
+
+    def equations(
+        self,
+        x: Float[Array, "states"],
+        u: Float[Array, "inputs"],
+        dx: Float[Array, "states"] | None,
+        states: Sequence[int],
+        outputs: Sequence[int] = (),
+    ) -> list[Array]:
+        """F of those `states`, then h of those `outputs`, each by itself: a d(state) in it is what
+        `dx` says; without `dx` none may be read."""
+        values = self.point(x, u)
+        rates = None if dx is None else dict(zip(self.signals.state_names, dx, strict=True))
+        trees = [self.spec.derivatives[i].tree for i in states]
+        trees += [self.spec.values[j].tree for j in outputs]
+        return [
+            evaluate(tree, values, jnp, derivatives=rates, networks=self.networks) for tree in trees
+        ]
 
     def altered(self, changes: Mapping[str, ValueChange]) -> "GrayBoxPlant":
         """The plant with its parameters and networks changed, by their names."""
@@ -101,7 +124,7 @@ class GrayBoxPlant(Plant):
 
 
 def load_plant(source: str | Path) -> GrayBoxPlant:
-    """Read a plant file (or a preset by its name) as an untrained plant.
+    """Read the plant file `source` (or a preset by its name) as an untrained plant.
 
     Raises `InputError` naming the key and column of the first mistake.
     """

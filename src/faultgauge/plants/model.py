@@ -35,8 +35,8 @@ from faultgauge.plants.settle import settle
 __all__ = ["Model", "decoded", "encoded", "load_model", "save_model"]
 
 KEY = "faultgauge"
-FORMAT = 1
-MAX_BYTES = 100_000_000
+FORMAT = 1  # of model files
+MAX_BYTES = 100_000_000  # of a model file
 MEMBERS = "members/"
 
 
@@ -75,6 +75,7 @@ class Model:
         )
 
     def with_calibration(self, calibration: CalibrationRecord | None) -> "Model":
+        """The model with what calibration found; None: with none."""
         return replace(self, calibration=calibration)
 
     def with_resample(self, rate: float) -> "Model":
@@ -121,19 +122,26 @@ def canonical(content: dict[str, Any]) -> str:
 
 
 def save_model(model: Model, path: str | Path) -> None:
-    """Write `model`; an existing file is replaced whole or not at all."""
+    """Write `model` to the file `path`; an existing one is replaced whole or not at all."""
     write_atomically(path, encoded(model))
 
 
 def encoded(model: Model) -> bytes:
-    """What a model file holds; the same model gives the same bytes."""
+    """What a model file holds; the same model gives the same bytes. Raises `InputError` for a plant
+    that is written in Python: a model file holds no code."""
+    spec = model.plant.spec
+    if not spec.text:
+        raise InputError(
+            f"plant {spec.name!r} is written in Python, and a model file holds no code; use the "
+            "model where it was made, or write the plant as a plant file."
+        )
     arrays = _all_tensors(model)
     record = model.record.as_dict()
     if model.calibration is not None:
         record["calibration"] = model.calibration.as_dict()
     content = {
         "format": FORMAT,
-        "plant": model.plant.spec.text,
+        "plant": spec.text,
         "record": record,
         "sha256": digest(arrays),
     }
@@ -142,7 +150,7 @@ def encoded(model: Model) -> bytes:
 
 
 def load_model(path: str | Path) -> Model:
-    """Read a model file. Raises `InputError` that names the file and what is wrong with it."""
+    """Read the model file `path`. Raises `InputError` that names it and what is wrong with it."""
     try:
         data = read_within(path, MAX_BYTES, "which no model file does; check the path")
     except OSError as failure:

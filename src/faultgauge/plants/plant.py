@@ -2,7 +2,7 @@
 
 import abc
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from faultgauge.plants.plant_file import Parameter
 from faultgauge.plants.signals import INNER, Signals
 
 __all__ = ["Plant", "Stuck", "ValueChange", "applied", "clip_state", "respond"]
@@ -27,6 +28,7 @@ class ValueChange(NamedTuple):
     shift: Float[Array, ""] | float = 0.0
 
     def of(self, value: Float[Array, "*any"]) -> Float[Array, "*any"]:
+        """What becomes of `value`."""
         return self.factor * value + self.shift
 
 
@@ -40,6 +42,12 @@ class Plant(eqx.Module):
     """
 
     signals: eqx.AbstractVar[Signals]
+
+    @property
+    def constants(self) -> tuple[Parameter, ...]:
+        """What a fit may find, or a fault change: fields of the class by their names, none of them
+        unless it says so. A field's value counts in place of the one given here."""
+        return ()
 
     @abc.abstractmethod
     def derivative(
@@ -63,11 +71,26 @@ class Plant(eqx.Module):
     def altered(self, changes: Mapping[str, ValueChange]) -> "Plant":
         """The plant with its parameters and networks, by name, as `changes` make them.
 
-        Only a plant that declares faults which enter a parameter or a network needs one.
+        Only a plant that declares faults which enter something else than its `constants` needs one.
         """
-        raise NotImplementedError(
-            f"{type(self).__name__} declares faults of {', '.join(changes)} and has no `altered`"
-        )
+        known = {each.name for each in self.constants}
+        if changes.keys() - known:
+            raise NotImplementedError(
+                f"{type(self).__name__} declares faults of {', '.join(changes)} and has no "
+                "`altered`, nor `constants` of these names"
+            )
+        values = self.values()
+        return self.with_constants({n: c.of(values[n]) for n, c in changes.items()})
+
+    def values(self) -> dict[str, Any]:
+        """The values of the `constants`, by name."""
+        return {p.name: jnp.asarray(getattr(self, p.name), float) for p in self.constants}
+
+    def with_constants(self, values: Mapping[str, Any]) -> "Plant":
+        """The plant with some of its `constants` at other `values`, by name."""
+        if not values:
+            return self
+        return eqx.tree_at(lambda p: [getattr(p, n) for n in values], self, [*values.values()])
 
 
 class Stuck(NamedTuple):

@@ -46,8 +46,8 @@ __all__ = [
     "read_plant_text",
 ]
 
-DEFAULT_HIDDEN = 10
-MOST_NAMES = 2000
+DEFAULT_HIDDEN = 10  # units, until a fit has chosen
+MOST_NAMES = 2000  # in one table
 NAMED = ("states", "inputs", "parameters", "networks", "outputs", "faults")
 
 

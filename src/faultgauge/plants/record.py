@@ -27,8 +27,8 @@ __all__ = [
 ]
 
 LARGEST = 1e100  # of any number: its square is one too
-MOST_POINTS = 100_000
-MOST_MEMBERS = 100
+MOST_POINTS = 100_000  # of training in a model file
+MOST_MEMBERS = 100  # of an ensemble
 
 Number = Annotated[int | float, pydantic.Field(gt=-LARGEST, lt=LARGEST)]
 Positive = Annotated[int | float, pydantic.Field(gt=1 / LARGEST, lt=LARGEST)]

@@ -22,13 +22,15 @@ __all__ = [
     "StateTable",
 ]
 
-MAX_HIDDEN = 200
+MAX_HIDDEN = 200  # units of a network
 
 Text = str
 Seconds = Annotated[float, pydantic.Field(ge=0, allow_inf_nan=False)]
 
 
 class StateTable(SchemaTable):
+    """`[states.NAME]`."""
+
     derivative: Text
     unit: Text = ""
     min: Number | None = None
@@ -39,6 +41,8 @@ class StateTable(SchemaTable):
 
 
 class InputTable(SchemaTable):
+    """`[inputs.NAME]`."""
+
     unit: Text = ""
     min: Number | None = None
     max: Number | None = None
@@ -49,6 +53,8 @@ class InputTable(SchemaTable):
 
 
 class OutputTable(SchemaTable):
+    """`[outputs.NAME]`."""
+
     value: Text
     unit: Text = ""
     sigma: Positive | None = None
@@ -56,6 +62,8 @@ class OutputTable(SchemaTable):
 
 
 class ParameterTable(SchemaTable):
+    """`[parameters.NAME]`."""
+
     value: Number | None = None
     unit: Text = ""
     min: Number | None = None
@@ -65,6 +73,8 @@ class ParameterTable(SchemaTable):
 
 
 class NetworkTable(SchemaTable):
+    """`[networks.NAME]`."""
+
     hidden: Annotated[int, pydantic.Field(ge=1, le=MAX_HIDDEN)] | None = None
     odd: bool = False
     zero_at_zero: bool = False
@@ -76,6 +86,8 @@ class NetworkTable(SchemaTable):
 
 
 class FaultTable(SchemaTable):
+    """`[faults.NAME]`."""
+
     enters: Entry
     target: Text
     unit: Text = ""
@@ -88,11 +100,15 @@ class FaultTable(SchemaTable):
 
 
 class ObserverTable(SchemaTable):
+    """`[observer]`."""
+
     outputs: list[Text] | None = None
     bandwidth: Positive | None = None
 
 
 class DetectionTable(SchemaTable):
+    """`[detection]`."""
+
     max_simultaneous: Literal[1, 2] = 2
     persistence: Seconds = 0.0
     release: Annotated[float, pydantic.Field(gt=0, le=0.95)] = 0.5
@@ -101,6 +117,8 @@ class DetectionTable(SchemaTable):
 
 
 class FileTable(SchemaTable):
+    """A whole plant file."""
+
     name: Text
     states: dict[str, StateTable]
     inputs: dict[str, InputTable] = pydantic.Field(default_factory=dict)

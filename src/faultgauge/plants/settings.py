@@ -29,6 +29,11 @@ def with_settings(model: Model, source: str | Path) -> Model:
 
     Raises `InputError` that names the first key in which they differ otherwise.
     """
+    if not model.plant.spec.text:
+        raise InputError(
+            f"{source}: the model's plant, {model.plant.spec.name!r}, is written in Python; give "
+            "its class the other signals, and fit anew."
+        )
     spec = parse_plant(read_plant_text(source), str(source))
     difference = _difference(model.plant.spec, spec, str(source))
     if difference:
@@ -62,7 +67,7 @@ def _set(plant: GrayBoxPlant, spec: PlantSpec) -> GrayBoxPlant:
         detection=given.detection,
     )
     changed = replace(plant.spec, text=spec.text, signals=signals, warnings=spec.warnings)
-    return GrayBoxPlant(signals, changed, plant.networks, plant.parameters)
+    return replace(plant, signals=signals, spec=changed)
 
 
 def _difference(own: PlantSpec, given: PlantSpec, source: str) -> str:

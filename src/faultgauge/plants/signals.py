@@ -146,10 +146,12 @@ class Signals:
 
     @property
     def state_names(self) -> tuple[str, ...]:
+        """In the order of x."""
         return tuple(state.name for state in self.states)
 
     @property
     def input_names(self) -> tuple[str, ...]:
+        """In the order of u."""
         return tuple(each.name for each in self.inputs)
 
     @property
@@ -159,8 +161,10 @@ class Signals:
 
     @property
     def output_names(self) -> tuple[str, ...]:
+        """In the order of y."""
         return tuple(output.name for output in self.outputs)
 
     @property
     def fault_names(self) -> tuple[str, ...]:
+        """In the order of f."""
         return tuple(fault.name for fault in self.faults)

@@ -16,7 +16,7 @@ from faultgauge.plants.expression import unknown
 
 __all__ = ["Number", "Positive", "SchemaTable", "parse_toml", "read_text", "typed", "values_in"]
 
-MAX_BYTES = 1_000_000
+MAX_BYTES = 1_000_000  # of a plant file or scenario
 
 LEAST, LARGEST = 1e-50, 1e50  # of a number that is not 0: squares and ratios are numbers too
 MOST_DOTS = re.compile(r"""(?<![\w'"-])(?:[\w'"-]++[ \t]*+\.[ \t]*+){20}""")

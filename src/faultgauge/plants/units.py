@@ -17,7 +17,16 @@ from faultgauge.plants.dimensions import (
     power,
     product,
 )
-from faultgauge.plants.expression import Binary, Call, Expression, Name, Negative, Node, Number
+from faultgauge.plants.expression import (
+    Binary,
+    Call,
+    Expression,
+    Name,
+    Negative,
+    Node,
+    Number,
+    Opaque,
+)
 
 if TYPE_CHECKING:
     from faultgauge.plants.plant_file import PlantSpec
@@ -170,6 +179,8 @@ class _Walker:
                 return _times(self.quantity(node.left), self.quantity(node.right), sign)
             case Call():
                 return self.call(node)
+            case Opaque():
+                return UNKNOWN
 
     def alike(self, node: Node, terms: list[Node]) -> Quantity:
         found = [self.quantity(term) for term in terms]
@@ -257,4 +268,6 @@ def text(node: Node, outer: int = 0) -> str:
         case Call():
             arguments = ", ".join(text(argument) for argument in node.arguments)
             written, binding = f"{node.function}({arguments})", 5
+        case Opaque():
+            written, binding = f"({', '.join(text(each) for each in node.arguments)})", 5
     return f"({written})" if binding < outer else written

@@ -16,7 +16,7 @@ __all__ = ["MIDDLE", "Dose", "RehearsalPlan", "Subject", "doses_of", "plans", "w
 
 SHORTEST, WINDOW = 200, 2000  # samples of a window
 SIZES = np.geomspace(0.25, 16.0, 8)  # times the smallest size that the model foretells
-PAIRS = (4.0, 8.0)
+PAIRS = (4.0, 8.0)  # times the smallest size that would be named, of two at once
 MIDDLE = (0.2, 0.8)  # of a window: where faults begin
 
 

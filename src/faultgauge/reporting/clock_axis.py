@@ -8,8 +8,8 @@ from faultgauge.telemetry.clock import Clock
 
 __all__ = ["clock_label", "clock_ticks"]
 
-MOST_TICKS = 7
-DAY = 86400.0
+MOST_TICKS = 7  # whose labels stay apart
+DAY = 86400.0  # s
 DUST = 1e-6  # of a step, which rounding may put a time off
 STEPS = (
     *(f * 10.0**k for k in (-3, -2, -1) for f in (1.0, 2.0, 5.0)),

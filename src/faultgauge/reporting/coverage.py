@@ -5,8 +5,8 @@ from jaxtyping import Bool, Float
 
 __all__ = ["outside"]
 
-FEWEST_CELLS, MOST_CELLS = 8, 40
-POINTS_PER_CELL = 4.0
+FEWEST_CELLS, MOST_CELLS = 8, 40  # along one side
+POINTS_PER_CELL = 4.0  # of training, on the average
 
 
 def outside(

@@ -15,7 +15,7 @@ from faultgauge.reporting.svg import Figure
 
 __all__ = ["behind", "curve", "network_figures"]
 
-GRID = 200
+GRID = 200  # points of a curve
 
 
 def network_figures(model: Model, account: FitReport) -> tuple[Figure, ...]:

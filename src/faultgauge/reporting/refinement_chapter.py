@@ -14,8 +14,8 @@ from faultgauge.reporting.time_figures import curves
 __all__ = ["correlation_table", "parameter_table", "refinement_section"]
 
 MOST_CORRELATIONS = 20  # rows: the strongest pairs
-MOST_TRIED = 40
-MOST_RUNS = 8
+MOST_TRIED = 40  # rows of the table of candidates
+MOST_RUNS = 8  # whose own values are drawn
 PARAMETERS = (
     "A parameter at its bound has the file's value, not the data's; one that a network can imitate "
     "is not identifiable; from some thousand samples on it has all that it can explain, and the "
@@ -125,6 +125,7 @@ def _error(each: FittedConstant) -> str:
 
 
 def correlation_table(found: ConstantsInformation) -> tuple[Table, ...]:
+    """The pairs of constants that the logs tell apart least; none where no two are correlated."""
     names = [each.name for each in found.constants]
     pairs = [
         (float(found.correlation[i, j]), names[j], names[i])

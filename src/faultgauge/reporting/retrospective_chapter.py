@@ -20,7 +20,7 @@ from faultgauge.telemetry.clock import Clock
 
 __all__ = ["retrospective_section"]
 
-MOST_FIGURES = 6
+MOST_FIGURES = 6  # of a chapter
 HEADER = ("run", "window", "judged", "cause", "began", "told", "size", "p")
 NAMES = {HEALTHY: "no fault", UNKNOWN: f"{UNDECLARED} or not constant"}
 AROUND = 2.0  # widths of the onset's interval that are shown on either side of it

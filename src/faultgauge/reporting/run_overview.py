@@ -15,7 +15,7 @@ from faultgauge.reporting.svg import Figure
 
 __all__ = ["run_overview", "silent"]
 
-MOST_OUTPUTS, MOST_TOLD = 8, 8
+MOST_OUTPUTS, MOST_TOLD = 8, 8  # panels, and events beside them
 
 
 def run_overview(

@@ -49,8 +49,8 @@ EVENT = "#fcecca"
 ALARM = "#e3e6ea"
 BLANK = "#eceff2"
 STRANGE = "#b84a00"
-LONGEST_NAME = 44
-LEGEND_LETTERS = 88
+LONGEST_NAME = 44  # letters; beyond it is cut
+LEGEND_LETTERS = 88  # beside each other
 
 # Neighbours differ in lightness by more than a fifth of the scale, and no two share their dashes.
 SERIES: tuple[dict[str, Any], ...] = (

@@ -21,7 +21,7 @@ from faultgauge.reporting.validation_figures import (
 __all__ = ["noise_table", "validation_section", "verdicts"]
 
 MOST_OUTPUTS = 4  # with figures: three each
-LEVEL = 0.95
+LEVEL = 0.95  # of the band that is asked for
 LITTLE, MUCH = 0.05, 0.5  # of the error's variance
 FEW_INDEPENDENT = 40.0  # with fewer, even all inside would leave room for 91 %
 

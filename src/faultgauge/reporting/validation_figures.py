@@ -16,8 +16,8 @@ from faultgauge.reporting.thinning import thin
 
 __all__ = ["correlations", "error_band", "operating_points", "ranges"]
 
-MOST_RUNS = 20
-MOST_PANELS = 8
+MOST_RUNS = 20  # drawn
+MOST_PANELS = 8  # above each other
 FAMILY = {"color": style.LIMIT, "linestyle": (0, (9, 2, 2, 2)), "linewidth": 1.0}
 
 

@@ -72,9 +72,7 @@ class LoopState(NamedTuple):
 
 def with_faults(plant: GrayBoxPlant, faults: tuple[Fault, ...]) -> GrayBoxPlant:
     """`plant` with other faults than its file declares: those that a simulation injects."""
-    return GrayBoxPlant(
-        replace(plant.signals, faults=faults), plant.spec, plant.networks, plant.parameters
-    )
+    return replace(plant, signals=replace(plant.signals, faults=faults))
 
 
 class Loop(eqx.Module):

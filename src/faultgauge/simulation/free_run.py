@@ -26,7 +26,7 @@ __all__ = [
     "substeps_for",
 ]
 
-MAX_SUBSTEPS = 64
+MAX_SUBSTEPS = 64  # between two samples
 RATE_STEP = 0.5  # longest RK4 step times the fastest rate: error per step about 3e-4 of it
 WILD = 1e6  # times its start: a simulation that blows up
 

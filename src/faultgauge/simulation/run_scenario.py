@@ -35,7 +35,7 @@ __all__ = [
 ]
 
 SUBSTEPS = 20  # of a sample, at least: a fault that begins between samples is seen in time
-POINTS = 500
+POINTS = 500  # that stand for what a run leads through
 INPUTS, REFERENCES, NOISE = range(3)  # streams of random numbers: what one draws moves no other
 
 

@@ -147,18 +147,25 @@ class _File(SchemaTable):
     accommodation: dict[str, Any] | None = None
 
 
-def read_scenario(path: str | Path) -> Scenario:
-    """Read a scenario file. Raises `InputError` naming the key of the first mistake."""
+def read_scenario(path: str | Path, plant: GrayBoxPlant | None = None) -> Scenario:
+    """Read a scenario file; `plant` stands in place of the one that it names. Raises `InputError`
+    naming the key of the first mistake."""
     path = Path(path)
     text = read_text(path, "scenario file", "give the path of a scenario file")
-    return parse_scenario(text, str(path), path.parent)
+    return parse_scenario(text, str(path), path.parent, plant)
 
 
-def parse_scenario(text: str, source: str = "scenario", folder: Path = Path()) -> Scenario:
+def parse_scenario(
+    text: str,
+    source: str = "scenario",
+    folder: Path = Path(),
+    plant: GrayBoxPlant | None = None,
+) -> Scenario:
     """Check the text of a scenario file; relative paths in it start at `folder`."""
     tables = parse_toml(text, source)
     file = typed(_File, tables, source)
-    plant = trained_plant(file.plant, f"{source}: plant", folder)
+    if plant is None:
+        plant = trained_plant(file.plant, f"{source}: plant", folder)
     texts = [each for _, each in values_in(tables) if isinstance(each, str)]
     reads = tuple(folder / each for each in texts if os.path.isfile(folder / each))
     return replace(_Checker(file, plant, source, folder).scenario(), reads=reads)

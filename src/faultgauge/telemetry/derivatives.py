@@ -20,6 +20,7 @@ __all__ = ["WIDTHS", "Kernel", "choose_kernel", "noise_sd"]
 
 TARGET_SHARE = 0.01  # noise in a derivative, as a share of its own spread, that is small enough
 KEPT = 0.95  # of an input's spread is left by a kernel that still lets it excite
+# half widths of kernels that are tried [samples]
 WIDTHS = (1, 2, 4, 6, 10, 16, 24, 40, 64, 100, 160, 250, 400)
 
 Signal = Float[np.ndarray, "samples"]

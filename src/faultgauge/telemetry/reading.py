@@ -138,6 +138,7 @@ def _columns(
 
 
 def check_present(table: LogTable, names: Sequence[str]) -> None:
+    """Raises `InputError` where `table` lacks one of `names`, with what may have been meant."""
     missing = [name for name in names if find_column(table, name) is None]
     if not missing:
         return

@@ -23,7 +23,7 @@ __all__ = [
     "segments",
 ]
 
-GAP_STEPS = 3.0
+GAP_STEPS = 3.0  # usual steps without a row are a gap
 PACE_SAMPLES = 20  # samples that tell the step of a run to whoever cannot wait for its end
 ROUNDING = 1e-3  # of a step: Unix time in float64 is good to 2e-7 s, logs to six digits to less
 

@@ -20,7 +20,7 @@ __all__ = ["called_like_input", "plant_skeleton"]
 INPUT = re.compile(r"(?i)u(\d|_.*)?\d*|.*(cmd|command|volt|pwm|duty|throttle|valve|pump|input).*")
 OUTPUT = re.compile(r"(?i)y(\d|_.*)?\d*")
 SETPOINT = re.compile(r"(?i)(.*_)?((ref|reference|setpoint|sp|target|desired)(_.*)?|soll.*)")
-HIDDEN = 10
+HIDDEN = 10  # units of a network, for the user to change
 NO_UNIT = '# unit = "..."\n'
 
 

@@ -20,7 +20,7 @@ __all__ = [
     "text_error",
 ]
 
-MOST_COLUMNS = 10_000
+MOST_COLUMNS = 10_000  # of a log
 LARGEST = 1e100  # of a number: its square is one too
 
 

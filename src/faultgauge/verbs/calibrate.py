@@ -39,6 +39,7 @@ class Calibrated(Result):
 
     @property
     def model(self) -> Model:
+        """The calibrated model."""
         return self.found.model
 
     @property

@@ -38,18 +38,22 @@ class Check(Result):
 
     @property
     def model(self) -> Model:
+        """The model that judged, fitted and calibrated on the healthy logs."""
         return self.found.model
 
     @property
     def answer(self) -> Answer:
+        """The same as `estimate` gives it."""
         return Answer(self.found.model, self.found.decisions, self.found.bank, [], self.warnings)
 
     @property
     def events(self) -> list[BankEvent]:
+        """What happened in the suspect logs."""
         return [event for each in self.found.decisions for event in each.events]
 
     @property
     def rows(self) -> Columns:
+        """The decisions, a row per sample."""
         return decisions.table(self.found.decisions, self.model.plant.signals.fault_names)
 
     @property

@@ -19,6 +19,7 @@ from faultgauge.identification.log_checks import other_units
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
 from faultgauge.plants.plant_file import parse_plant
+from faultgauge.plants.signals import Fault
 from faultgauge.telemetry import Run, cut, plant_skeleton
 
 __all__ = ["Checkup", "black_box", "check", "parts", "with_some_fault"]
@@ -82,9 +83,16 @@ def black_box(runs: Sequence[Run], name: str) -> GrayBoxPlant:
 
 
 def with_some_fault(plant: GrayBoxPlant) -> GrayBoxPlant:
-    """`plant`; where its file declares no fault, one may enter each of its states."""
+    """`plant`; where it declares no fault, one may enter each of its states."""
     if plant.signals.faults:
         return plant
+    if not plant.spec.text:
+        drifts = tuple(
+            Fault(f"{s.name}_drift", "state", s.name, s.unit and f"{s.unit}/s")
+            for s in plant.signals.states
+        )
+        signals = replace(plant.signals, faults=drifts)
+        return replace(plant, signals=signals, spec=replace(plant.spec, signals=signals))
     faults = "".join(
         f"\n[faults.{json.dumps(f'{state.name}_drift', ensure_ascii=False)}]\n"
         f'enters = "state"\ntarget = "{state.name}"\n'

@@ -59,14 +59,17 @@ class Answer(Result):
 
     @cached_property
     def events(self) -> list[BankEvent]:
+        """What happened, by run and onset."""
         return [event for each in self.decisions for event in each.events]
 
     @cached_property
     def rows(self) -> Columns:
+        """The decisions, a row per sample: the table of the command."""
         return decisions.table(self.decisions, self.model.plant.signals.fault_names)
 
     @property
     def judged(self) -> dict[str, float]:
+        """The share of the rows of every run, by its name, that was judged."""
         return {each.run.name: shares_of(each).judged for each in self.decisions}
 
     @property
@@ -194,6 +197,7 @@ class Estimates(Result):
 
     @cached_property
     def rows(self) -> Columns:
+        """The estimates, a row per sample: the table of the command."""
         return estimation.table(self.estimated, self.model.plant.signals.fault_names)
 
     @property

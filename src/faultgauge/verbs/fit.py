@@ -41,18 +41,22 @@ class Fit(Result):
 
     @property
     def model(self) -> Model:
+        """The fitted model; with several seeds, that of the first."""
         return self.fits[0][0]
 
     @property
     def account(self) -> FitReport:
+        """How the fit came about."""
         return self.fits[0][1]
 
     @property
     def parameters(self) -> dict[str, float]:
+        """Every parameter's value, by name."""
         return {name: float(value) for name, value in self.model.plant.parameters.items()}
 
     @cached_property
     def unseen(self) -> Unseen | None:
+        """Free runs over held-out data; None where those are too short."""
         return on_unseen(self.model, self.account, self.runs, self.held, self.fits[1:])
 
     @property

@@ -7,8 +7,10 @@ from typing import Any
 from faultgauge.errors import InputError
 from faultgauge.plants.gray_box import GrayBoxPlant, load_plant
 from faultgauge.plants.model import Model, load_model
+from faultgauge.plants.plant import Plant
 from faultgauge.plants.plant_file import parse_plant
 from faultgauge.plants.toml_text import toml_text
+from faultgauge.plants.written import written
 
 __all__ = ["load", "model_of", "plant"]
 
@@ -19,12 +21,15 @@ def plant(source: Any) -> GrayBoxPlant:
     **Arguments**
 
     - `source`: the path of a plant file, the name of a preset (`"tank"`), the text of a plant file
-      (which has lines or an `=`), or a dict of its tables. A plant is given back as it is.
+      (which has lines or an `=`), a dict of its tables, or a subclass of `Plant` in Python. What
+      is read already is given back as it is.
 
     Raises `InputError` that names the key and the column of the first mistake.
     """
     if isinstance(source, GrayBoxPlant):
         return source
+    if isinstance(source, Plant):
+        return written(source)
     if isinstance(source, Mapping):
         return _parsed(toml_text(source), "the plant's dict")
     if isinstance(source, str) and ("\n" in source or "=" in source):
@@ -33,12 +38,12 @@ def plant(source: Any) -> GrayBoxPlant:
         return load_plant(source)
     raise InputError(
         f"a {type(source).__name__} is no plant; give a plant file, a preset, the text of a plant "
-        "file, or a dict of its tables."
+        "file, a dict of its tables, or an object of a class that is a `faultgauge.Plant`."
     )
 
 
 def load(path: str | Path) -> Model:
-    """Read a model file (`.fgm`), as `faultgauge fit` and `save_model` write it.
+    """Read the model file `path` (`.fgm`), as `faultgauge fit` and `save_model` write it.
 
     Raises `InputError` that names the file and what is wrong with it.
     """

@@ -7,14 +7,17 @@ from typing import Any
 
 from faultgauge.accommodation import simulate as simulation
 from faultgauge.errors import InputError
+from faultgauge.plants.gray_box import GrayBoxPlant
+from faultgauge.plants.model import Model
 from faultgauge.simulation.scenario import TRUTH, Scenario, read_scenario
 from faultgauge.telemetry import Run
 from faultgauge.telemetry.writing import as_table
+from faultgauge.verbs.plants import plant as as_plant
 from faultgauge.verbs.result import Columns, Result
 
 __all__ = ["Simulation", "simulate"]
 
-MOST_PANELS = 6
+MOST_PANELS = 6  # of a figure
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -60,12 +63,14 @@ class Simulation(Result):
         return [panels(run.t, stack[:MOST_PANELS], title=self.scenario.name)]
 
 
-def simulate(scenario: Any) -> Simulation:
+def simulate(scenario: Any, plant: Any = None) -> Simulation:
     """Simulate a plant in closed loop, healthy or with faults whose truth is known.
 
     **Arguments**
 
     - `scenario`: a scenario, or its file.
+    - `plant`: what to simulate in place of the plant that the file names: a fitted model, or a
+      plant without networks (`plant`).
 
     Returns a `Simulation`; its `.run` is a log for the other verbs. The same scenario gives the
     same run. Raises `InputError` for a scenario that makes no sense, or whose plant leaves all
@@ -73,5 +78,20 @@ def simulate(scenario: Any) -> Simulation:
     """
     if not isinstance(scenario, Scenario | str | Path):
         raise InputError(f"a {type(scenario).__name__} is no scenario; give a scenario file.")
-    planned = scenario if isinstance(scenario, Scenario) else read_scenario(scenario)
+    if plant is not None and isinstance(scenario, Scenario):
+        raise InputError("a scenario has its plant already; give a scenario file to name another.")
+    planned = scenario if isinstance(scenario, Scenario) else read_scenario(scenario, _known(plant))
     return Simulation(planned, simulation.simulate(planned))
+
+
+def _known(plant: Any) -> GrayBoxPlant | None:
+    """A plant with nothing left to learn; None for none."""
+    if plant is None or isinstance(plant, Model):
+        return plant and plant.plant
+    found = as_plant(plant)
+    if found.networks:
+        raise InputError(
+            f"plant {found.spec.name!r}: its networks ({', '.join(found.networks)}) are untrained, "
+            "so there is nothing to simulate; give the `.model` of `faultgauge.fit`."
+        )
+    return found

@@ -6,7 +6,7 @@ import pytest
 from scipy.signal import freqresp
 
 from faultgauge.identification.refinement.linear_starts import equivalents
-from faultgauge.identification.refinement.unknowns import unknowns_of
+from faultgauge.identification.refinement.unknowns import unknown_constants
 from faultgauge.plants.gray_box import load_plant
 
 CHAIN = """
@@ -46,7 +46,7 @@ def plant_file(tmp_path):
 
 
 def starts(plant):
-    unknowns = unknowns_of(plant, networks=False)
+    unknowns = unknown_constants(plant)
     states = len(plant.signals.states)
     found = equivalents(
         plant,

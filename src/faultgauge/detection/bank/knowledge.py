@@ -18,6 +18,7 @@ import numpy as np
 from jaxtyping import Float
 
 from faultgauge.detection.bank.noise import Noise, process_of, spread_of_start
+from faultgauge.detection.bank.priors import stated_size
 from faultgauge.detection.rows.judged import operating_points
 from faultgauge.observers.observer import OperatingPoints, linearise
 from faultgauge.plants.disturbed import Disturbed
@@ -26,7 +27,7 @@ from faultgauge.simulation.free_run import substeps_for
 
 __all__ = ["Knowledge", "knowledge_of", "longest_delay"]
 
-TIMES = 400
+TIMES = 400  # points of the grid
 SHARE = 0.25  # of the healthy logs: how far the times reach
 CLEAR = 8.0  # standard deviations by which a fault of its widest size shows
 EARLIER = (
@@ -101,7 +102,7 @@ def knowledge_of(
     declared = model.plant.signals.faults
     sd, size = sd[:, : len(declared)], size[: len(declared)].copy()
     for k, fault in enumerate(declared):
-        if fault.enters == "state" and not np.isfinite(max(abs(fault.min), abs(fault.max))):
+        if fault.enters == "state" and stated_size(fault) is None:
             size[k] = max(size[k], wide[k] if np.isfinite(wide[k]) else 0.0)
     shows = CLEAR * sd <= size
     when = np.array([t[np.argmax(each)] if each.any() else t[-1] for each in shows.T])

@@ -225,6 +225,8 @@ def constants_of(model: Model) -> Constants:
 
 
 def usual_spread(value: float, se: float) -> float:
+    """By how much a constant of `value` and standard error `se` may differ from run to run where
+    no log tells."""
     return max(USUAL_SPREAD * abs(value), se, 1e-9)
 
 
@@ -396,4 +398,5 @@ def scale_of(model: Model, noise: Noise) -> Float[np.ndarray, "extended"]:
 
 
 def width_of(low: float, high: float) -> float:
+    """The width of a range; 1 where it is open."""
     return high - low if np.isfinite(high - low) else 1.0

@@ -33,6 +33,7 @@ __all__ = [
     "prior_of_faults",
     "ranges",
     "sizes_of",
+    "stated_size",
     "undeclared_faults",
 ]
 
@@ -140,10 +141,15 @@ def sizes_of(model: Model, plant: GrayBoxPlant) -> Float[np.ndarray, "faults"]:
     """Widest standard deviation of each fault of `plant`."""
     size = ranges(model, plant) / 4
     for k, fault in enumerate(plant.signals.faults):
-        widest = max(abs(fault.min), abs(fault.max))
-        if np.isfinite(widest):
-            size[k] = widest / 2
+        said = stated_size(fault)
+        size[k] = size[k] if said is None else said
     return size
+
+
+def stated_size(fault: Fault) -> float | None:
+    """The widest standard deviation of `fault` by its own limits, if it has any."""
+    widest = max(abs(fault.min), abs(fault.max))
+    return widest / 2 if np.isfinite(widest) else None
 
 
 def undeclared_faults(model: Model, columns: tuple[str, ...]) -> tuple[Fault, ...]:

@@ -20,8 +20,8 @@ __all__ = [
     "supported",
 ]
 
-FEWEST_BLOCKS = 3
-CONFIDENCE = 0.95
+FEWEST_BLOCKS = 3  # healthy blocks that prove anything
+CONFIDENCE = 0.95  # of what a number of alarms proves
 
 
 @dataclass(frozen=True)

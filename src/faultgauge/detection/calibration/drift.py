@@ -39,7 +39,7 @@ from faultgauge.telemetry import Run
 __all__ = ["Drift", "Trend", "as_dicts", "drifts", "sentences", "trend"]
 
 BLOCK_TIMES = 10.0  # correlation times per block
-FEWEST_BLOCKS = 8
+FEWEST_BLOCKS = 8  # in which a drift may be told from chance
 CHANCE = 1e-3  # of a drift where there is none, over all channels of a run
 STANDING = 2.0  # healthy RMS: a mean that far off zero
 FAR = 3.0  # times by how much healthy runs differ: a constant that ends that far off

@@ -222,6 +222,7 @@ def _costs(
 
 
 def healthy_stretches(model: Model, runs: Sequence[Run]) -> list[StretchPiece]:
+    """The stretches of healthy `runs` that are long enough, each a piece of its own."""
     parts = []
     for number, log in enumerate(runs):
         run = in_effect(model.plant.signals, log)

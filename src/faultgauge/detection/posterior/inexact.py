@@ -32,7 +32,7 @@ from faultgauge.plants.signals import Fault
 
 __all__ = ["Inexact", "acting"]
 
-TINY = 1e-300
+TINY = 1e-300  # no division by 0
 
 
 class Inexact(eqx.Module):

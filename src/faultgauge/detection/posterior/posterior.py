@@ -19,7 +19,7 @@ from faultgauge.observers.branches import BranchInfo
 __all__ = ["LIKELY", "TAIL", "WIDE", "Marginal", "Mixture", "Posterior", "mixture_quantiles"]
 
 LIKELY = 0.5  # p of a fault from which on it is there rather than not
-TAIL = 0.025
+TAIL = 0.025  # on either side of a 95 % interval
 WIDE = 1.959964  # standard deviations on either side of a 95 % interval
 TURNS = 60  # of Newton's method at most: the worst of 20,000 mixtures drawn at random took 45
 NARROW = 2.0**-37  # of where a quantile may lie: it is found

@@ -4,7 +4,7 @@ from faultgauge.detection.posterior.posterior import LIKELY
 
 __all__ = ["probability", "too"]
 
-SURE = 0.999
+SURE = 0.999  # nobody's p is told closer to 1
 
 
 def probability(p: float) -> str:

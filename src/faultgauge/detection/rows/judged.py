@@ -111,6 +111,7 @@ def bandwidth_of(model: Model, step: float) -> float:
 
 
 def check_observer(name: str) -> None:
+    """Raises `InputError` for a `name` that is no observer."""
     if name not in OBSERVERS:
         raise InputError(f"unknown observer {name!r}; legal: {', '.join(OBSERVERS)}, bank.")
 

@@ -49,10 +49,12 @@ class Candidate:
 
 
 def sigma_of(fitted: Fitted) -> float:
+    """What residuals count in a fit that goes on from `fitted`: their own size, within limits."""
     return float(np.clip(np.sqrt(fitted.mse), LEAST_SIGMA, FIRST_SIGMA))
 
 
 def sample_count(pieces: Sequence[Piece]) -> int:
+    """Samples in all `pieces`."""
     return sum(piece.stop - piece.start for piece in pieces)
 
 
@@ -84,6 +86,7 @@ def few_starts(what: str, lost: int, count: int) -> list[str]:
 
 
 def validated(data: Data, candidate: Candidate) -> Candidate:
+    """`candidate` with its error on what no fit has seen; infinite where the fit is of no use."""
     plant, unknowns, fitted = candidate.plant, candidate.unknowns, candidate.fitted
     if not fitted.usable:
         return replace(candidate, validation=np.inf)

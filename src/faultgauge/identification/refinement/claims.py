@@ -38,7 +38,7 @@ from faultgauge.plants.shape import Shape
 __all__ = ["Claims", "claims_of", "imitating"]
 
 FEATURES = 25  # of every network, at random
-POINTS = 500
+POINTS = 500  # of training, spread, at which networks are compared
 IMITATED = 0.99  # cos^2
 AT_BOUND = 1e-3  # prior standard deviations
 DISTINCT = 1e-9  # of the largest eigenvalue: parameters that the data do not tell apart

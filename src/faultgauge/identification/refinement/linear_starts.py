@@ -22,7 +22,7 @@ from faultgauge.plants.plant import respond
 
 __all__ = ["equivalents"]
 
-FREQUENCIES = 60
+FREQUENCIES = 60  # of the spectra that are compared
 DECADES = 1.0  # below the slowest and above the fastest pole
 TRIES = 6  # starts per assignment: zeros move between blocks, too
 MOST = 24  # assignments

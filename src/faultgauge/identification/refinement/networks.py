@@ -26,7 +26,7 @@ from faultgauge.identification.refinement.short_windows import around, over_shor
 from faultgauge.identification.refinement.silent import scaled, silent, visited
 from faultgauge.identification.refinement.simulation_error import Fitted
 from faultgauge.identification.refinement.stepping import fine_enough
-from faultgauge.identification.refinement.unknowns import Unknowns, unknowns_of
+from faultgauge.identification.refinement.unknowns import Unknowns, unknown_constants, unknowns_of
 from faultgauge.identification.sizes import chosen_sizes, smallest_sufficient, with_hidden
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.shape import FREE
@@ -144,7 +144,7 @@ def _together(
     them are no place to start."""
     progress("networks and physics together, over short windows")
     fresh, short = data.afresh(), data.short()
-    unknowns, physics = unknowns_of(plant), unknowns_of(plant, networks=False)
+    unknowns, physics = unknowns_of(plant), unknown_constants(plant)
     first = physics.vector(plant)
     at_file = fresh.fit(plant, physics, first[None], pieces=short, sigma=FIRST_SIGMA, trials=0)[0]
     try:

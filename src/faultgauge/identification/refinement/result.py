@@ -1,7 +1,7 @@
 """From logs to a refined plant, and the account of how it came about."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import jax
@@ -183,7 +183,9 @@ def _settled(candidate: Candidate, found: Search) -> GrayBoxPlant:
         candidate.plant.spec, found.holds, chosen_sizes(candidate.plant.spec, candidate.plant)
     )
     networks, parameters = jax.tree.map(jnp.asarray, (fitted.networks, fitted.parameters))
-    return GrayBoxPlant(spec.signals, spec, networks, parameters)
+    return replace(
+        fitted, signals=spec.signals, spec=spec, networks=networks, parameters=parameters
+    )
 
 
 def _training(plant: GrayBoxPlant, best: Candidate, data: Data) -> Samples:

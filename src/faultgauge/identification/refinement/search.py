@@ -43,7 +43,7 @@ from faultgauge.identification.refinement.simulation_error import (
 )
 from faultgauge.identification.refinement.stepping import fine_enough
 from faultgauge.identification.refinement.uncertainty import residual_time
-from faultgauge.identification.refinement.unknowns import unknowns_of
+from faultgauge.identification.refinement.unknowns import unknown_constants, unknowns_of
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.signals import Hold, Signals
 from faultgauge.simulation.free_run import RATE_STEP, blow_up, fastest_rate, substeps_for
@@ -57,8 +57,8 @@ SAME = 0.01  # of both their errors, fitted and unseen: the same of two fits
 PLACES, GOOD = 4, 4.0  # minima of the physics that go on, and their squared error at most
 FIRST_TRIALS, LAST_TRIALS = 16, 60  # of the physics, where networks follow and where none do
 COARSE = 2.0  # times a simulation's step: a search is done before the last digits matter
-HOLD_STARTS = 3
-DRIFT_ROUNDS = 4
+HOLD_STARTS = 3  # candidates that try every hold
+DRIFT_ROUNDS = 4  # of walk and evidence in turn
 SHORT = 5_000  # samples: below, what is held out would be missed
 MORE_TRIALS, ALL_TRIALS = 40, 16  # of what stands already, and of the best over all samples
 WIDER = 1000.0  # times the spread of hidden starts: 0 +- 1 says nothing of a temperature in K
@@ -265,7 +265,7 @@ def _substeps(plant: GrayBoxPlant, records: Sequence[Record]) -> int:
 
 def _as_it_is(data: Data, plant: GrayBoxPlant, origin: str = WARM) -> Candidate:
     """A plant, its windows' starts fitted."""
-    unknowns = unknowns_of(plant, networks=origin == WARM)
+    unknowns = unknowns_of(plant) if origin == WARM else unknown_constants(plant)
     fitted = data.fit_starts(plant, unknowns, unknowns.vector(plant))
     data.remember(data.pieces, fitted.x)
     return validated(data, Candidate(plant, unknowns, fitted, np.inf, origin))
@@ -281,7 +281,7 @@ def _physics(
     notes: list[str],
 ) -> list[Candidate]:
     """The parameters alone: short windows from several starts, then whole runs."""
-    unknowns, networks = unknowns_of(plant, networks=False), unknowns_of(plant).networks
+    unknowns, networks = unknown_constants(plant), unknowns_of(plant).networks
     if not unknowns.parameters:  # what is known already is where the networks start from
         return [] if warm else [_as_it_is(data, plant, "physics")]
     first = unknowns.vector(plant)

@@ -21,7 +21,7 @@ from faultgauge.plants.plant import respond
 
 __all__ = ["scaled", "silent", "visited"]
 
-SCALE_POINTS = 500
+SCALE_POINTS = 500  # of training, spread, that set scalings
 WHISPER = 0.3  # of a start's output weights where squares of them count: at 0 they have no slope
 
 

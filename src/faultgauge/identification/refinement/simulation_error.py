@@ -48,7 +48,7 @@ __all__ = [
 # Damping of the first step. A long window's start weighs so much more than all else that more of it
 # would hold the parameters where they are.
 TAU = 1e-9
-MOST_TRIALS = 300
+MOST_TRIALS = 300  # of Levenberg-Marquardt
 # A share of a hundredth of what networks should leave alone weighs as much as all errors.
 CLAIM = 100.0
 FULL = 8  # windows, side by side, that keep a core busy: more starts at once would gain nothing

@@ -10,7 +10,8 @@ those of a fleet's unit are what the fleet says (`population`).
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -18,9 +19,11 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from faultgauge.plants.gray_box import GrayBoxPlant
+from faultgauge.plants.plant import Plant
 from faultgauge.plants.plant_file import Parameter
 
-__all__ = ["WEIGHTS", "Unknowns", "prior_width", "unknowns_of"]
+__all__ = ["WEIGHTS", "Unknowns", "prior_width", "unknown_constants", "unknowns_of"]
+
 
 WEIGHTS = ("weights_out", "weights_in", "bias", "bias_out")
 FACTOR = math.log(10.0)  # one prior standard deviation of a positive constant
@@ -56,11 +59,11 @@ class Unknowns:
             logarithm = np.log(np.maximum(values, 1e-300) / centers)
         return np.where(positive, logarithm, values - centers) / scales
 
-    def assemble(self, plant: GrayBoxPlant, theta: Float[Array, "unknowns"]) -> GrayBoxPlant:
+    def assemble(self, plant: Any, theta: Float[Array, "unknowns"]) -> Any:
         """`plant` with the unknowns from `theta`."""
         return self.put(plant, self.natural(plant, theta))
 
-    def natural(self, plant: GrayBoxPlant, theta: Float[Array, "unknowns"]) -> list[Array]:
+    def natural(self, plant: Any, theta: Float[Array, "unknowns"]) -> list[Array]:
         """The arrays and constants of the plant that `theta` stands for, in its order."""
         arrays, start = [], 0
         for name in self.networks:
@@ -77,17 +80,17 @@ class Unknowns:
         change, center = self.scales[k] * jnp.asarray(theta), self.centers[k]
         return center * jnp.exp(change) if self.positive[k] else center + change
 
-    def put(self, plant: GrayBoxPlant, natural: Sequence[Array]) -> GrayBoxPlant:
+    def put(self, plant: Any, natural: Sequence[Array]) -> Any:
         """`plant` with those arrays and constants."""
-        networks, parameters = dict(plant.networks), dict(plant.parameters)
         left = list(natural)
         for name in self.networks:
             fields, left = left[: len(WEIGHTS)], left[len(WEIGHTS) :]
-            networks[name] = eqx.tree_at(
-                lambda net: [getattr(net, field) for field in WEIGHTS], networks[name], fields
+            plant = eqx.tree_at(
+                lambda p, n=name: [getattr(p.networks[n], field) for field in WEIGHTS],
+                plant,
+                fields,
             )
-        parameters.update(zip(self.parameters, left, strict=True))
-        return eqx.tree_at(lambda p: (p.networks, p.parameters), plant, (networks, parameters))
+        return plant.with_constants(dict(zip(self.parameters, left, strict=True)))
 
     def slopes(
         self, plant: GrayBoxPlant, theta: Float[Array, "unknowns"]
@@ -100,16 +103,16 @@ class Unknowns:
             [jnp.ones(first), jnp.where(jnp.array(self.positive, bool), grown, scales)]
         )
 
-    def weights(self, plant: GrayBoxPlant) -> int:
+    def weights(self, plant: Any) -> int:
         """How many of the unknowns are weights of networks; they come first."""
         return sum(getattr(plant.networks[n], f).size for n in self.networks for f in WEIGHTS)
 
     def bounds(
-        self, plant: GrayBoxPlant
+        self, plant: Plant
     ) -> tuple[Float[np.ndarray, "unknowns"], Float[np.ndarray, "unknowns"]]:
         """(lower, upper) of theta by the parameters' min and max."""
         free = np.full(self.weights(plant), np.inf)
-        specs = {p.name: p for p in plant.spec.parameters}
+        specs = {p.name: p for p in plant.constants}
         ends = []
         for key in ("min", "max"):
             values = np.array([getattr(specs[name], key) for name in self.parameters], float)
@@ -119,12 +122,18 @@ class Unknowns:
         return np.concatenate([-free, ends[0]]), np.concatenate([free, ends[1]])
 
 
-def unknowns_of(plant: GrayBoxPlant, *, networks: bool = True) -> Unknowns:
-    """All that is unknown in `plant`, or its parameters alone."""
-    free = [p for p in plant.spec.parameters if not p.fixed]
+def unknowns_of(plant: GrayBoxPlant) -> Unknowns:
+    """All that is unknown in `plant`."""
+    networks = tuple(n.name for n in plant.spec.networks if not n.known)
+    return replace(unknown_constants(plant), networks=networks)
+
+
+def unknown_constants(plant: Plant) -> Unknowns:
+    """Of what is unknown in `plant`, the constants alone."""
+    free = [p for p in plant.constants if not p.fixed]
     centers = [float(p.value) for p in free]
     return Unknowns(
-        networks=tuple(n.name for n in plant.spec.networks if not n.known) if networks else (),
+        networks=(),
         parameters=tuple(p.name for p in free),
         positive=tuple(p.positive for p in free),
         centers=tuple(centers),

@@ -9,10 +9,10 @@ from scipy.stats import binomtest
 
 __all__ = ["Band", "free_run_band", "given_band"]
 
-LEVEL = 0.95
+LEVEL = 0.95  # of samples that a band should hold
 FEWEST_STRETCHES = 3  # for a band that depends on time
 PER_BIN = 40.0  # independent samples: leaving one of three stretches out still leaves 19 / 0.95
-MOST_BINS = 12
+MOST_BINS = 12  # of the time since a start
 
 Parts = Sequence[Float[np.ndarray, "_"]]
 

@@ -8,7 +8,7 @@ from scipy.stats import chi2
 
 __all__ = ["Profile", "profile", "quantile_bins"]
 
-MOST_BINS = 10
+MOST_BINS = 10  # of one quantity
 PER_BIN = 10  # samples
 
 

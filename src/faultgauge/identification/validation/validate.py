@@ -27,7 +27,7 @@ from faultgauge.plants.signals import Output, Signals
 __all__ = ["OutputValidation", "Validation", "errors_of", "tested", "validate"]
 
 SAME_STEP = 0.01  # stretches sampled this much alike, relative, share their lags
-FEWEST_SAMPLES = 20
+FEWEST_SAMPLES = 20  # that are worth a statistic
 
 Parts = Sequence[Float[np.ndarray, "_"]]
 

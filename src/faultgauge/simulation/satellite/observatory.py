@@ -56,7 +56,7 @@ PIECE = 4000  # control periods
 INERTIA = (3000.0, 2800.0, 2500.0)  # kg*m^2, roll, pitch, yaw
 MOMENTA = (20.0, 40.0, -20.0)  # N*m*s
 SLEW = (3.0, 64.0, -2.0)  # deg, roll, pitch, yaw
-HOLD = (0.0, 0.0, 0.0)
+HOLD = (0.0, 0.0, 0.0)  # deg: nothing to turn
 KNOWN_TO = (0.2, -0.3, 0.2)  # deg: the first attitude estimate is off by this
 CONSTANT, ORBITAL = (2e-3, 1e-3, -4e-3), (1e-3, 4e-3, 2e-3)  # N*m
 

@@ -28,10 +28,12 @@ def product(p: Quaternion, q: Quaternion) -> Quaternion:
 
 
 def conjugate(q: Quaternion) -> Quaternion:
+    """The rotation back: q* of a unit quaternion."""
     return q * jnp.array([1.0, -1.0, -1.0, -1.0])
 
 
 def normalised(q: Quaternion) -> Quaternion:
+    """The unit quaternion along `q`."""
     return q / jnp.linalg.norm(q)
 
 

@@ -17,7 +17,7 @@ from faultgauge.telemetry.table import LogTable
 
 __all__ = ["Topics"]
 
-NANO = 1_000_000_000
+NANO = 1_000_000_000  # ns in a second
 ONE_CLOCK = 10 * NANO  # ns between a header's stamp and the log time, if both tell the same time
 ADVICE = (
     "record or convert them as JSON or as ROS 2 messages (CDR) with their definitions, which "
