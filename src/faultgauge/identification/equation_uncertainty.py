@@ -202,8 +202,7 @@ def _columns(plant: GrayBoxPlant, how: Channels) -> dict[str, dict[str, list[int
             found.setdefault(column, {}).setdefault(field, []).append(k)
     for k, each in enumerate(plant.signals.outputs):
         if each.name in how.outputs:
-            column = each.name if each.measures is None else each.measures
-            found.setdefault(column, {}).setdefault("y", []).append(k)
+            found.setdefault(each.name, {}).setdefault("y", []).append(k)
     return found | {each.name: {"u": [k]} for k, each in enumerate(plant.signals.inputs)}
 
 
