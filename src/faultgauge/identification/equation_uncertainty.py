@@ -66,7 +66,7 @@ COSINES = 24  # a standard error is known to 1 / sqrt(2 * 24) = 14 %; more would
 
 
 MOST_ALONG = 50_000  # samples that are looked at in the order of the log
-SHIFTED = 0.5  # of a kernel's half, to either side: less would be rounding
+SHIFTED = 4  # samples to either side, at least, or half a kernel: closer ones share their noise
 
 
 class _Linearised(NamedTuple):
@@ -158,7 +158,7 @@ def _along(
     share = MOST_ALONG // len(given.stretches)
     stretches = [s.samples.take(np.arange(min(len(s.t), share))) for s in given.stretches]
     columns = _columns(plant, how)
-    shift = max(int(SHIFTED * given.stretches[0].reach), 1)
+    shift = max(SHIFTED, given.stretches[0].reach)
     theta = jnp.asarray(unknowns.vector(plant))
 
     def errors(moved: Sequence[Samples]) -> tuple[np.ndarray, np.ndarray]:
