@@ -258,9 +258,7 @@ def _constant(
     bound = _bound(spec, float(value))
     chance = None if bound or np.isnan(sd) else float(slope * sd)
     error = None if chance is None else float(np.hypot(chance, slope * off))
-    return FittedConstant(
-        name, spec.unit, float(value), error, bound, imitated, by_chance=chance
-    )
+    return FittedConstant(name, spec.unit, float(value), error, bound, imitated, by_chance=chance)
 
 
 def _bound(spec: Parameter, value: float) -> str | None:

@@ -141,7 +141,9 @@ def _model_error(
     inputs = {each.name for each in plant.signals.inputs}
     return off, tuple(
         LateColumn(name, abs(float(late)), float(error), name in inputs)
-        for name, late, error, sure in zip(names, found.seconds, found.errors, found.sure, strict=True)
+        for name, late, error, sure in zip(
+            names, found.seconds, found.errors, found.sure, strict=True
+        )
         if sure and (late < 0) == (name in inputs)  # what comes too early is no lag
     )
 
@@ -180,8 +182,10 @@ def _along(
 
     r, J = errors(stretches)
     slopes = [
-        (errors([_shifted(s, where, shift) for s in stretches])[0]
-        - errors([_shifted(s, where, -shift) for s in stretches])[0])
+        (
+            errors([_shifted(s, where, shift) for s in stretches])[0]
+            - errors([_shifted(s, where, -shift) for s in stretches])[0]
+        )
         for where in columns.values()
     ]
     step = given.stretches[0].step

@@ -108,9 +108,7 @@ def delays(parts: Sequence[Along]) -> Delays:
     return Delays(seconds, errors, sure, (found[:count] + own) * np.any(sure))
 
 
-def _median(
-    values: Float[np.ndarray, "columns"], weights: Float[np.ndarray, "columns"]
-) -> int:
+def _median(values: Float[np.ndarray, "columns"], weights: Float[np.ndarray, "columns"]) -> int:
     """Which of `values` is their weighted median."""
     order = np.argsort(values)
     passed = np.cumsum(weights[order])
