@@ -82,7 +82,7 @@ def test_decimals_are_known_from_the_first_number_that_has_any():
     """Whole numbers before it are the same in each dialect; text with commas is text."""
     told = []
     text = "t;u;mode\n0;1;a,b\n1;2;3,\n2;2,5;c\n3;3,5;d\n"
-    t, columns = read(text, names=["u"], note=told.append)
+    _, columns = read(text, names=["u"], note=told.append)
     assert columns["u"].tolist() == [1.0, 2.0, 2.5, 3.5]
     assert told == [
         "standard input: cells are separated by semicolons, numbers have decimal commas."

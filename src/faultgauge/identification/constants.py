@@ -83,7 +83,7 @@ class LateColumn:
 
     def __str__(self) -> str:
         who = f"the plant follows {self.name!r}" if self.is_input else f"{self.name!r} comes"
-        return f"{who} {self.seconds:.2g} +- {self.error:.1g} s later"
+        return f"{who} about {self.seconds:.2g} s later"
 
 
 @dataclass(frozen=True)
@@ -161,8 +161,9 @@ class ConstantsInformation:
         found = []
         if self.late:
             found.append(
-                f"{', '.join(map(str, self.late))} than the plant file has it: it lacks a lag or a "
-                "delay, which moves the constants; add it as a state, or give delay in [inputs.NAME]"
+                f"{', '.join(map(str, self.late))} than the plant file has it: it lacks a lag or "
+                "a delay, which moves the constants; add it as a state, or give delay in "
+                "[inputs.NAME]"
             )
         names = [each.name for each in self.constants if each.contradicted]
         if names:

@@ -28,15 +28,13 @@ at their own places along the same log.
 Two-stage least squares has slopes G_k at the projected samples in the place of the first J_k:
 z_k = (sum_k G_k' J_k + s^2 P)^-1 G_k' r_k.
 
-Beside that stands how far the constants are off where the plant is not its model (`model_error`),
-of equations without networks that were fitted by least squares.
+Beside that stands how far the constants are off where the plant is not its model (`model_error`).
 """
 
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -44,7 +42,6 @@ from jaxtyping import Array, Bool, Float, Int
 
 from faultgauge.identification.constants import (
     ConstantsInformation,
-    LateColumn,
     at_bound,
     constants,
     imitated,
@@ -52,7 +49,7 @@ from faultgauge.identification.constants import (
 )
 from faultgauge.identification.equation_error import Group, equation_errors, target_scales
 from faultgauge.identification.equation_fit import GroupReport, Material
-from faultgauge.identification.model_error import Along, band_scatter, delays
+from faultgauge.identification.equation_model_error import off_by_model, residuals_at
 from faultgauge.identification.noise_bias import noise_left, shift_by_noise
 from faultgauge.identification.refinement.unknowns import Unknowns, unknowns_of
 from faultgauge.identification.samples import Channels, Samples
@@ -63,10 +60,6 @@ from faultgauge.plants.gray_box import GrayBoxPlant
 __all__ = ["equation_information", "scatter"]
 
 COSINES = 24  # a standard error is known to 1 / sqrt(2 * 24) = 14 %; more would be less slow
-
-
-MOST_ALONG = 50_000  # samples that are looked at in the order of the log
-SHIFTED = 4  # samples to either side, at least, or half a kernel: closer ones share their noise
 
 
 class _Linearised(NamedTuple):
@@ -106,7 +99,7 @@ def equation_information(
     covariance[np.ix_(free[first:], free[first:])] = own
     unknown = np.diag(hessian)[first:] == 0  # no equation that was fitted holds it
     covariance[unknown] = covariance[:, unknown] = np.nan
-    off, late = _model_error(plant, unknowns, how, reports, given, free)
+    off, late = off_by_model(plant, unknowns, how, reports, given, free)
     rows, correlation = constants(
         plant, unknowns, theta, covariance, imitated(plant, unknowns, hessian), off
     )
@@ -119,104 +112,6 @@ def equation_information(
     rows = shifted(rows, plant, unknowns.assemble(plant, jnp.asarray(theta + shift)))
     time = float(np.max(times, initial=0.0))
     return ConstantsInformation(rows, correlation, (), time, late=late)
-
-
-def _model_error(
-    plant: GrayBoxPlant,
-    unknowns: Unknowns,
-    how: Channels,
-    reports: Sequence[GroupReport],
-    given: Material,
-    free: Bool[np.ndarray, "unknowns"],
-) -> tuple[Float[np.ndarray, "parameters"], tuple[LateColumn, ...]]:
-    """(how far the parameters are off where the plant is not its model, columns that come late).
-    Networks make up for what is missing, and instruments for what comes late: there is nothing to
-    find beside these."""
-    plain = [report for report in reports if not (report.freed or report.group.networks)]
-    if unknowns.networks or not plain:
-        return np.zeros(len(unknowns.parameters)), ()
-    names, parts = _along(plant, unknowns, how, plain, given, free)
-    found = delays(parts)
-    off = np.hypot(band_scatter(parts), found.moved)
-    inputs = {each.name for each in plant.signals.inputs}
-    return off, tuple(
-        LateColumn(name, abs(float(late)), float(error), name in inputs)
-        for name, late, error, sure in zip(
-            names, found.seconds, found.errors, found.sure, strict=True
-        )
-        if sure and (late < 0) == (name in inputs)  # what comes too early is no lag
-    )
-
-
-def _along(
-    plant: GrayBoxPlant,
-    unknowns: Unknowns,
-    how: Channels,
-    reports: Sequence[GroupReport],
-    given: Material,
-    free: Bool[np.ndarray, "unknowns"],
-) -> tuple[list[str], list[Along]]:
-    """(columns, what every stretch says in the order of the log)."""
-    share = MOST_ALONG // len(given.stretches)
-    stretches = [s.samples.take(np.arange(min(len(s.t), share))) for s in given.stretches]
-    columns = _columns(plant, how)
-    shift = max(SHIFTED, given.stretches[0].reach)
-    theta = jnp.asarray(unknowns.vector(plant))
-
-    def errors(moved: Sequence[Samples]) -> tuple[np.ndarray, np.ndarray]:
-        samples = Samples(*(jnp.concatenate(arrays) for arrays in zip(*moved, strict=True)))
-        found = [
-            _residuals(
-                theta,
-                samples,
-                plant,
-                unknowns,
-                report.group,
-                equation_errors,
-                jnp.asarray(target_scales(report.group, given.training)),
-            )
-            for report in reports
-        ]
-        r, J = (np.concatenate(each, axis=1) for each in zip(*found, strict=True))
-        return r, J
-
-    r, J = errors(stretches)
-    slopes = [
-        (
-            errors([_shifted(s, where, shift) for s in stretches])[0]
-            - errors([_shifted(s, where, -shift) for s in stretches])[0]
-        )
-        for where in columns.values()
-    ]
-    step = given.stretches[0].step
-    C = np.stack(slopes, axis=-1) / (2 * shift * step)
-    ends = np.cumsum([len(s.x) for s in stretches])[:-1]
-    cut = slice(shift, -shift)
-    return list(columns), [
-        Along(a[cut], b[cut] * free, c[cut], s.step)
-        for a, b, c, s in zip(*(np.split(each, ends) for each in (r, J, C)), given.stretches)
-    ]
-
-
-def _columns(plant: GrayBoxPlant, how: Channels) -> dict[str, dict[str, list[int]]]:
-    """Where in `Samples` each column of the log stands."""
-    found: dict[str, dict[str, list[int]]] = {}
-    for k, (column, _) in enumerate(how.sources):
-        for field in ("x", "dx"):
-            found.setdefault(column, {}).setdefault(field, []).append(k)
-    for k, each in enumerate(plant.signals.outputs):
-        if each.name in how.outputs:
-            found.setdefault(each.name, {}).setdefault("y", []).append(k)
-    return found | {each.name: {"u": [k]} for k, each in enumerate(plant.signals.inputs)}
-
-
-def _shifted(samples: Samples, where: dict[str, list[int]], shift: int) -> Samples:
-    """`samples` in which one column is read so many samples later."""
-    fields = samples._asdict()
-    for name, columns in where.items():
-        fields[name] = fields[name].copy()
-        fields[name][:, columns] = np.roll(fields[name][:, columns], -shift, axis=0)
-    return Samples(**fields)
 
 
 def _normal(
@@ -233,7 +128,7 @@ def _normal(
     for report in reports:
         scales = jnp.asarray(target_scales(report.group, given.training))
         points = jax.tree.map(jnp.asarray, samples)
-        r, J = _residuals(
+        r, J = residuals_at(
             jnp.asarray(theta), points, plant, unknowns, report.group, equation_errors, scales
         )
         J = np.asarray(J)[..., free]
@@ -269,30 +164,8 @@ def _linearised(
 
     def at(samples: Any) -> tuple[np.ndarray, np.ndarray]:
         samples = jax.tree.map(jnp.asarray, samples)
-        r, J = _residuals(theta, samples, plant, unknowns, group, errors, scales)
+        r, J = residuals_at(theta, samples, plant, unknowns, group, errors, scales)
         return np.asarray(r), np.asarray(J)
 
     r, J = at(samples)
     return _Linearised(r, J, J if exogenous is None else at(exogenous)[1], places)
-
-
-@eqx.filter_jit
-def _residuals(
-    theta: Float[Array, "unknowns"],
-    samples: Any,
-    plant: GrayBoxPlant,
-    unknowns: Unknowns,
-    group: Group,
-    errors: Callable[[GrayBoxPlant, Group, Any], Array],
-    scales: Float[Array, "equations"],
-) -> tuple[Float[Array, "samples equations"], Float[Array, "samples equations unknowns"]]:
-    """(`errors` of the group at every sample, each over its scale; their Jacobian), 0 where either
-    is not finite: LAPACK may not end on what is infinite."""
-
-    def error(theta: Array, sample: Any) -> tuple[Array, Array]:
-        r = errors(unknowns.assemble(plant, theta), group, sample) / scales
-        return r, r
-
-    J, r = jax.vmap(jax.jacrev(error, has_aux=True), (None, 0))(theta, samples)
-    tells = jnp.isfinite(r) & jnp.all(jnp.isfinite(J), axis=-1)
-    return jnp.where(tells, r, 0.0), jnp.where(tells[..., None], J, 0.0)

@@ -1,7 +1,8 @@
 """What a plant that is not its model does to the constants of the fit.
 
-A standard error knows chance alone: how far constants scatter from log to log. What the file lacks
-(a lag, a loss, noise in what an equation reads) moves them in every log alike. It shows in two ways.
+A standard error knows chance alone: how far constants scatter from log to log. What the file
+lacks (a lag, a loss, noise in what an equation reads) moves them in every log alike. It shows in
+two ways.
 
 Slow and fast motion ask for other constants (band spectrum regression: R. F. Engle, International
 Economic Review 15, 1974). With the cosine transforms r_k, J_k of residuals and their Jacobian along
@@ -27,9 +28,10 @@ from jaxtyping import Float
 from scipy.fft import dct
 from scipy.stats import chi2, norm
 
-__all__ = ["Along", "Delays", "band_scatter", "delays"]
+__all__ = ["MOST_ALONG", "Along", "Delays", "band_scatter", "delays"]
 
 BANDS = 8
+MOST_ALONG = 50_000  # samples of the logs that are looked at
 FEWEST = 24  # frequencies of a band: their sum of squares is known to 30 %
 CHANCE = 1e-3  # that bands or delays of a plant that is its model seem to contradict it
 DEGENERATE = 1e-6  # of the information: a combination with less is not shown

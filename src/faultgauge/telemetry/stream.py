@@ -1,7 +1,7 @@
 """Telemetry that arrives line by line: CSV or NDJSON in, checked samples out.
 
-Every row goes through the same functions as a file: its dialect, `--map`, `--time`, and the refusals
-of text, Inf and a time that does not increase.
+Every row goes through the same functions as a file: its dialect, `--map`, `--time`, and the
+refusals of text, Inf and a time that does not increase.
 """
 
 import csv

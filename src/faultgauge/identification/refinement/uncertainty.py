@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from faultgauge.identification.constants import ConstantsInformation, constants, imitated
-from faultgauge.identification.model_error import Along, band_scatter
+from faultgauge.identification.model_error import MOST_ALONG, Along, band_scatter
 from faultgauge.identification.normal_equations import bordered_equations
 from faultgauge.identification.refinement.claims import Claims
 from faultgauge.identification.refinement.constancy import drops, steps
@@ -41,7 +41,6 @@ __all__ = ["ConstantsInformation", "Curvature", "curvature", "information", "res
 WATCHED = (
     2000  # values of all parameters in all parts: the information on them is as large, squared
 )
-MOST_ALONG = 50_000  # samples that are looked at for slow and fast motion
 UNSEEN = 1e-10  # of the information on a state that stands alone
 
 
