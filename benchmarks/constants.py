@@ -65,6 +65,7 @@ def offs(name: str, seed: int) -> list[tuple[float, float, float]]:
     ]
     account = fit(case.plant, logs)[1]
     known = account.refinement.information if account.refinement else account.information
+    assert known is not None
     print(f"{name}, seed {seed}{' (refined)' if account.refinement else ''}:")
     for each in known.constants:
         true = TRUE[name].get(each.name)

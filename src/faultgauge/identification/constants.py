@@ -35,11 +35,9 @@ NEAR = 1e-3  # of the range: a parameter this near to a bound is at it
 @dataclass(frozen=True)
 class FittedConstant:
     """A fitted parameter: value, standard error and unit; `bound` names the bound it is at,
-    `imitated_by` the network that can do what it does; `bias` is how far noise in what the
-    equations read has shifted it, where that is more than its standard error tells.
-
-    The standard error holds what chance does to it from log to log, `by_chance`, and how far the
-    model's errors move it."""
+    `imitated_by` the network that can do what it does. The standard error holds what chance does to
+    it from log to log, `by_chance`, and how far the model's errors move it; `bias` is how far noise
+    in what the equations read has shifted it, where that is more than chance does."""
 
     name: str
     unit: str
@@ -279,9 +277,9 @@ def shifted(
 
     def bias(each: FittedConstant) -> float | None:
         moved = float(after.parameters[each.name] - before.parameters[each.name])
-        if each.standard_error is None or not np.isfinite(moved):
+        if each.by_chance is None or not np.isfinite(moved):
             return None
-        notable = max(each.standard_error, BIASED * abs(each.value))
+        notable = max(each.by_chance, BIASED * abs(each.value))
         return moved if abs(moved) > notable else None
 
     return tuple(replace(each, bias=bias(each)) for each in found)

@@ -68,7 +68,8 @@ def _along(
     scales = [jnp.asarray(target_scales(each.group, given.training)) for each in reports]
 
     def errors(moved: Sequence[Samples]) -> tuple[np.ndarray, np.ndarray]:
-        samples = Samples(*(jnp.concatenate(arrays) for arrays in zip(*moved, strict=True)))
+        samples = Samples(*(np.concatenate(arrays) for arrays in zip(*moved, strict=True)))
+        samples = jax.tree.map(jnp.asarray, samples)
         found = [
             residuals_at(theta, samples, plant, unknowns, each.group, equation_errors, scale)
             for each, scale in zip(reports, scales, strict=True)
@@ -85,8 +86,8 @@ def _along(
     step = given.stretches[0].step
     C = np.stack(slopes, axis=-1) / (2 * shift * step)
     ends, inner = np.cumsum([len(s.x) for s in stretches])[:-1], slice(shift, -shift)
-    parts = (np.split(each, ends) for each in (r, J * free, C))
-    return [Along(*(each[inner] for each in part), step) for part in zip(*parts, strict=True)]
+    parts = zip(*(np.split(each, ends) for each in (r, J * free, C)), strict=True)
+    return [Along(r[inner], J[inner], C[inner], step) for r, J, C in parts]
 
 
 def _columns(plant: GrayBoxPlant, how: Channels) -> dict[str, dict[str, list[int]]]:

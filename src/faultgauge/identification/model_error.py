@@ -63,7 +63,7 @@ def band_scatter(parts: Sequence[Along]) -> Float[np.ndarray, "unknowns"]:
     count = len(rest)
     left = [each.r - each.J @ (_inverse(hessian) @ rest) for each in parts]
     r, J = (
-        np.concatenate([dct(each, axis=0, norm="ortho") for each in every])
+        np.concatenate([_spectrum(each) for each in every])
         for every in (left, [each.J for each in parts])
     )
     pitch = [np.arange(len(each.r)) / (len(each.r) * each.step) for each in parts]
@@ -92,7 +92,7 @@ def delays(parts: Sequence[Along]) -> Delays:
     found = -inverse @ pull
     scatter = np.zeros_like(hessian)
     for r, J in both:
-        left, J = (dct(each, axis=0, norm="ortho") for each in (r + J @ found, J))
+        left, J = _spectrum(r + J @ found), _spectrum(J)
         g = np.einsum("kei,ke->ki", J, left) @ inverse
         scatter += g.T @ g
     late, scatter = found[count:], scatter[count:, count:]
@@ -108,6 +108,11 @@ def delays(parts: Sequence[Along]) -> Delays:
     sure = np.abs(seconds) > errors * norm.ppf(1 - CHANCE / 2 / len(late))
     own = _inverse(hessian[:count, :count]) @ pull[:count]  # of least squares that knows no delay
     return Delays(seconds, errors, sure, (found[:count] + own) * np.any(sure))
+
+
+def _spectrum(signals: Float[np.ndarray, "samples ..."]) -> Float[np.ndarray, "samples ..."]:
+    """Their orthonormal cosine transforms, the slowest first."""
+    return np.asarray(dct(signals, axis=0, norm="ortho"))
 
 
 def _median(values: Float[np.ndarray, "columns"], weights: Float[np.ndarray, "columns"]) -> int:
