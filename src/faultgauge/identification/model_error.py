@@ -10,8 +10,9 @@ the log, H = sum J_k' J_k, the constants of band b alone are off those of all by
 
     delta_b = -H_b^-1 sum_b g_k,   g_k = J_k' r_k,   var_b = H_b^-1 (sum_b g_k g_k') H_b^-1
 
-B bands of equal information contradict each other where sum_b delta_b^2 / var_b is beyond chance
-(Cochran's Q, Biometrics 10, 1954). Then the scatter is what the constants are off by:
+B bands of equal information contradict each other where Cochran's Q (Biometrics 10, 1954), the sum
+of (delta_b - mean)^2 / var_b about their mean by 1 / var_b, is beyond chance. Then their scatter
+about the fit is what the constants are off by:
 
     off^2 = sum_b w_b delta_b^2,   w_b as the information of the band
 
@@ -70,17 +71,25 @@ def band_scatter(parts: Sequence[Along]) -> Float[np.ndarray, "unknowns"]:
     order = np.argsort(np.concatenate(pitch), kind="stable")
     r, J = r[order], J[order]
     told = np.cumsum(np.einsum("kei,kej,ij->k", J, J, _inverse(hessian)))
-    delta, Q, w = np.zeros((0, count)), np.zeros(count), np.zeros((0, count))
-    for band in _bands(told):
-        inverse = _inverse(_normal([(r[band], J[band])])[0])
-        g = np.einsum("kei,ke->ki", J[band], r[band]) @ inverse
-        found = -g.sum(axis=0)
-        Q += found**2 / np.maximum(np.sum(g**2, axis=0), 1e-300)
-        delta = np.vstack([delta, found])
-        w = np.vstack([w, 1 / np.maximum(np.diag(inverse), 1e-300)])
+    delta, variance, weight = (
+        np.array(each) for each in zip(*(_alone(r[b], J[b]) for b in _bands(told)), strict=True)
+    )
+    mean = np.sum(delta / variance, axis=0) / np.sum(1 / variance, axis=0)
+    Q = np.sum((delta - mean) ** 2 / variance, axis=0)
     if len(delta) < 2 or Q.max(initial=0.0) < chi2.ppf(1 - CHANCE / count, len(delta) - 1):
         return np.zeros(count)
-    return np.sqrt(np.sum(w * delta**2, axis=0) / w.sum(axis=0))
+    return np.sqrt(np.sum(weight * delta**2, axis=0) / weight.sum(axis=0))
+
+
+def _alone(
+    r: Float[np.ndarray, "frequencies equations"],
+    J: Float[np.ndarray, "frequencies equations unknowns"],
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(delta of a band, its variance, its information), unknown by unknown."""
+    inverse = _inverse(_normal([(r, J)])[0])
+    g = np.einsum("kei,ke->ki", J, r) @ inverse
+    known = np.maximum(np.diag(inverse), 1e-300)
+    return -g.sum(axis=0), np.maximum(np.sum(g**2, axis=0), 1e-300), 1 / known
 
 
 def delays(parts: Sequence[Along]) -> Delays:
