@@ -41,6 +41,7 @@ __all__ = ["ConstantsInformation", "Curvature", "curvature", "information", "res
 WATCHED = (
     2000  # values of all parameters in all parts: the information on them is as large, squared
 )
+ALONE = 1e-6  # of what a parameter does: less beside a window's own unknowns is rounding
 UNSEEN = 1e-10  # of the information on a state that stands alone
 
 
@@ -144,8 +145,9 @@ def _model_error(
         r, J = _one(residual, jnp.asarray(np.concatenate([fitted.theta, z])), window)
         r, J = np.asarray(r)[: samples * outputs], np.asarray(J)[: samples * outputs]
         shared, own = np.split(J, [fitted.theta.size], axis=1)
-        shared = shared - own @ np.linalg.lstsq(own, shared, rcond=None)[0]
-        r, J = r.reshape(samples, outputs), shared.reshape(samples, outputs, -1)
+        rest = shared - own @ np.linalg.lstsq(own, shared, rcond=None)[0]
+        told = np.linalg.norm(rest, axis=0) > ALONE * np.linalg.norm(shared, axis=0)
+        r, J = r.reshape(samples, outputs), (rest * told).reshape(samples, outputs, -1)
         parts.append(Along(r, J, J[..., :0], float(np.median(windows.dt[k]))))
     return band_scatter(parts)
 
