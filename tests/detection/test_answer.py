@@ -238,7 +238,9 @@ def test_no_fault_is_said_of_the_judged_share_alone(bank):
     ]
     assert found["faults"]["leak"]["judged_share"] <= 0.34
     assert found["faults"]["leak"]["smallest"] == least_told(bank, blind, 0)
-    seen = blind.posterior.seen & np.array([False, True, True])[: blind.posterior.seen.shape[1], None]
+    seen = (
+        blind.posterior.seen & np.array([False, True, True])[: blind.posterior.seen.shape[1], None]
+    )
     unseen = replace(blind, posterior=blind.posterior._replace(seen=seen))
     (found,) = runs_as_dicts(bank, [unseen], ["leak", "gauge"]).values()
     assert found["faults"]["leak"] == {"judged_share": 0.0, "smallest": None}

@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import lfilter
 
 import faultgauge as fg
-from faultgauge.identification.model_error import Along, band_scatter, delays
+from faultgauge.identification.model_error import InOrder, band_scatter, delays
 from faultgauge.telemetry import Run
 
 FILE = """
@@ -48,7 +48,7 @@ def log(seed, lag=0.0, noise=0.01):
 def along(r, *J, C=()):
     """A stretch at 1 Hz."""
     C = np.stack(C, axis=-1)[:, None] if C else np.zeros((len(r), 1, 0))
-    return Along(r[:, None], np.stack(J, axis=-1)[:, None], C, 1.0)
+    return InOrder(r[:, None], np.stack(J, axis=-1)[:, None], C, 1.0)
 
 
 def constants(found):

@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Float
 from faultgauge.identification.constants import LateColumn
 from faultgauge.identification.equation_error import Group, equation_errors, target_scales
 from faultgauge.identification.equation_fit import GroupReport, Material
-from faultgauge.identification.model_error import MOST_ALONG, Along, band_scatter, delays
+from faultgauge.identification.model_error import MOST_ALONG, InOrder, band_scatter, delays
 from faultgauge.identification.refinement.unknowns import Unknowns
 from faultgauge.identification.samples import Channels, Samples
 from faultgauge.plants.gray_box import GrayBoxPlant
@@ -58,7 +58,7 @@ def _along(
     reports: Sequence[GroupReport],
     given: Material,
     free: Bool[np.ndarray, "unknowns"],
-) -> list[Along]:
+) -> list[InOrder]:
     """What every stretch says, in the order of the log."""
     share = MOST_ALONG // len(given.stretches)
     stretches = [s.samples.take(np.arange(min(len(s.t), share))) for s in given.stretches]
@@ -87,7 +87,7 @@ def _along(
     C = np.stack(slopes, axis=-1) / (2 * shift * step)
     ends, inner = np.cumsum([len(s.x) for s in stretches])[:-1], slice(shift, -shift)
     parts = zip(*(np.split(each, ends) for each in (r, J * free, C)), strict=True)
-    return [Along(r[inner], J[inner], C[inner], step) for r, J, C in parts]
+    return [InOrder(r[inner], J[inner], C[inner], step) for r, J, C in parts]
 
 
 def _columns(plant: GrayBoxPlant, how: Channels) -> dict[str, dict[str, list[int]]]:

@@ -29,7 +29,7 @@ from jaxtyping import Float
 from scipy.fft import dct
 from scipy.stats import chi2, norm
 
-__all__ = ["MOST_ALONG", "Along", "Delays", "band_scatter", "delays"]
+__all__ = ["MOST_ALONG", "InOrder", "Delays", "band_scatter", "delays"]
 
 BANDS = 8
 MOST_ALONG = 50_000  # samples of the logs that are looked at
@@ -38,7 +38,7 @@ CHANCE = 1e-3  # that bands or delays of a plant that is its model seem to contr
 DEGENERATE = 1e-6  # of the information: a combination with less is not shown
 
 
-class Along(NamedTuple):
+class InOrder(NamedTuple):
     """Residuals of a stretch in the order of the log, `step` seconds apart, their Jacobian, and
     their slopes to shifts of the columns, 1/s."""
 
@@ -58,7 +58,7 @@ class Delays(NamedTuple):
     moved: Float[np.ndarray, "unknowns"]
 
 
-def band_scatter(parts: Sequence[Along]) -> Float[np.ndarray, "unknowns"]:
+def band_scatter(parts: Sequence[InOrder]) -> Float[np.ndarray, "unknowns"]:
     """`off` above, 0 where bands agree within chance."""
     hessian, rest = _normal([(each.r, each.J) for each in parts])
     count = len(rest)
@@ -92,7 +92,7 @@ def _alone(
     return -g.sum(axis=0), np.maximum(np.sum(g**2, axis=0), 1e-300), 1 / known
 
 
-def delays(parts: Sequence[Along]) -> Delays:
+def delays(parts: Sequence[InOrder]) -> Delays:
     """Which columns come late, beyond chance."""
     both = [(each.r, np.concatenate([each.J, each.C], axis=-1)) for each in parts]
     hessian, pull = _normal(both)

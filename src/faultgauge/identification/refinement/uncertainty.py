@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from faultgauge.identification.constants import ConstantsInformation, constants, imitated
-from faultgauge.identification.model_error import MOST_ALONG, Along, band_scatter
+from faultgauge.identification.model_error import MOST_ALONG, InOrder, band_scatter
 from faultgauge.identification.normal_equations import bordered_equations
 from faultgauge.identification.refinement.claims import Claims
 from faultgauge.identification.refinement.constancy import drops, steps
@@ -148,7 +148,7 @@ def _model_error(
         rest = shared - own @ np.linalg.lstsq(own, shared, rcond=None)[0]
         told = np.linalg.norm(rest, axis=0) > ALONE * np.linalg.norm(shared, axis=0)
         r, J = r.reshape(samples, outputs), (rest * told).reshape(samples, outputs, -1)
-        parts.append(Along(r, J, J[..., :0], float(np.median(windows.dt[k]))))
+        parts.append(InOrder(r, J, J[..., :0], float(np.median(windows.dt[k]))))
     return band_scatter(parts)
 
 
