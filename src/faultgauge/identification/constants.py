@@ -118,7 +118,7 @@ class ConstantsInformation:
                 found.append(
                     f"parameter {each.name!r} is off by about {each.bias:+.2g} {each.unit}".rstrip()
                     + f" ({100 * abs(each.bias / each.value):.0f} %) because of noise in what "
-                    "its equation reads, which its standard error does not hold; use "
+                    "its equation reads, further than chance moves it; use "
                     "`faultgauge fit --refine`"
                 )
             if each.imitated_by:
