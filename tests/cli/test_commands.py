@@ -17,6 +17,7 @@ import pytest
 
 from faultgauge.cli.app import app, run
 from faultgauge.cli.evidence import evidence_files
+from faultgauge.detection.words import duration
 from faultgauge.errors import InputError
 from faultgauge.plants.model import Model, load_model, save_model
 from faultgauge.verbs import checkup
@@ -406,8 +407,8 @@ def test_calibrate_says_what_the_healthy_log_proves_of_the_bank(call, workshop, 
     said = call("calibrate", workshop.model, workshop.healthy, "--out", out, "--report", report)
     known = load_model(out).calibration
     bank = known.bank
-    assert f"proves only that false alarms come at most once in {bank.mtbfa_s:.4g} s" in said.out
-    assert f"the model's own error in d(x): {known.noise.size['x']:.2g} m/s" in said.out
+    assert f"false alarms come at most once in {duration(bank.mtbfa_s)}, with 95 %" in said.out
+    assert f"the model is off by about {known.noise.size['x']:.2g} m/s in d(x), for" in said.out
     text = report.read_text()
     assert "How well a fault is known by when" in text
     assert "Healthy blocks against the alarm level" in text

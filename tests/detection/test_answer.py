@@ -140,7 +140,8 @@ def test_of_several_logs_the_least_telling_says_what_would_not_have_shown(bank, 
     )
     (line,) = answers(bank, [quiet, other])
     assert line == (
-        "No fault; leak below 0.05 m/s would not have shown, nor would gauge of any size"
+        "No fault; leak below 0.05 m/s would not have shown, nor would gauge of any "
+        "size to be expected"
     )
 
 
@@ -237,6 +238,14 @@ def test_no_fault_is_said_of_the_judged_share_alone(bank):
     ]
     assert found["faults"]["leak"]["judged_share"] <= 0.34
     assert found["faults"]["leak"]["smallest"] == least_told(bank, blind, 0)
+    seen = (
+        blind.posterior.seen & np.array([False, True, True])[: blind.posterior.seen.shape[1], None]
+    )
+    unseen = replace(blind, posterior=blind.posterior._replace(seen=seen))
+    (found,) = runs_as_dicts(bank, [unseen], ["leak", "gauge"]).values()
+    assert found["faults"]["leak"] == {"judged_share": 0.0, "smallest": None}
+    assert found["faults"]["gauge"]["smallest"] is not None
+    assert "leak of any size to be expected" in answers(bank, [unseen])[0]
     nothing = replace(quiet, status=["NOT_JUDGED"] * COUNT, reason=["not sampled"] * COUNT)
     (line,) = answers(bank, [nothing])
     assert line == "Nothing could be judged: from 0 s to 599.5 s (not sampled)"

@@ -61,9 +61,12 @@ def test_causes_of_the_same_odds_are_said_together():
 def test_what_would_not_have_shown():
     some = {"leak": (0.0123, "m/s"), "gauge": (None, "m"), "weak": (150.0, "")}
     assert would_not_show(some) == (
-        "leak below 0.012 m/s and weak below 150 would not have shown, nor would gauge of any size"
+        "leak below 0.012 m/s and weak below 150 would not have shown, nor would gauge of any "
+        "size to be expected"
     )
-    assert would_not_show({"leak": (None, "m/s")}) == "leak of any size would not have shown"
+    assert would_not_show({"leak": (None, "m/s")}) == (
+        "leak of any size to be expected would not have shown"
+    )
 
 
 def test_times_are_as_fine_as_rows_are_apart():

@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 
+from faultgauge.detection.words import duration
 from faultgauge.errors import InputError
 from faultgauge.foresight import detectability
 from faultgauge.foresight.sheet import levels_off
@@ -49,7 +50,7 @@ def test_what_a_still_log_hides_a_test_input_would_tell(sheet):
     assert help.sensors == ()  # whatever is measured, they enter at the same place
     said = str(sheet)
     assert f"would be told from {help.other}" in said
-    assert f" on u for {help.test.seconds:.3g} s" in said
+    assert f" on u for {duration(help.test.seconds)}" in said
 
 
 def test_the_sheet_as_json_and_as_a_page(sheet):

@@ -50,6 +50,53 @@ def test_every_bit_is_that_of_the_file(tmp_path):
         np.testing.assert_array_equal(columns[name], values)
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        "t;u;x\n0;-0,25;3\n1,5;1e-3;\n2;7;4\n",
+        "t;u;x\n0;-0.25;3\n1.5;1e-3;\n2;7;4\n",
+        "t\tu\tx\n0\t-,25\t3\n1,5\t1E-3\t\n2\t7\t4\n",
+        "t|u|x\n0|-0.25|3\n1.5|1e-3|\n2|7|4\n",
+        't;u;x\n"0";"-0,25";3\n"1,5";0,001;\n2;7;4\n',
+        "sep=;\nt;u;x\ns;V;m\n0;-0,25;3\n1,5;1e-3;\n2;7;4\n",
+        "t;u [°C];x\n0;-0,25;3\n1,5;1e-3;\n2;7;4\n",
+        "t;T;u;x\ns;°C;V;m\n0;1;-0,25;3\n1,5;1;1e-3;\n2;1;7;4\n",
+    ],
+)
+def test_a_dialect_is_that_of_the_file(tmp_path, text):
+    """Read and said as the file is, in Windows' encoding, too."""
+    path, told = tmp_path / "log.csv", []
+    path.write_bytes(text.encode("cp1252"))
+    (run,) = read_telemetry(path, names=["u", "x"])
+    lines = text.encode("cp1252").splitlines(keepends=True)
+    come = [line.decode(errors="surrogateescape") for line in lines]
+    pieces = read_stream([come], names=["u", "x"], note=told.append)
+    samples = [sample for piece in pieces for sample in piece]
+    np.testing.assert_array_equal([s.t for s in samples], run.t)
+    for name in ("u", "x"):
+        np.testing.assert_array_equal([s.values[name] for s in samples], run.columns[name])
+    assert sorted(told) == sorted(each.replace(str(path), "standard input") for each in run.notes)
+
+
+def test_decimals_are_known_from_the_first_number_that_has_any():
+    """Whole numbers before it are the same in each dialect; text with commas is text."""
+    told = []
+    text = "t;u;mode\n0;1;a,b\n1;2;3,\n2;2,5;c\n3;3,5;d\n"
+    _, columns = read(text, names=["u"], note=told.append)
+    assert columns["u"].tolist() == [1.0, 2.0, 2.5, 3.5]
+    assert told == [
+        "standard input: cells are separated by semicolons, numbers have decimal commas."
+    ]
+
+
+def test_text_that_is_not_utf_8_is_refused_by_row():
+    left_out = []
+    text = "t,u,note\n0,1,a\n1,2,\udcb0\n2,3,b\n"
+    t, _ = read(text, names=["u"], skip=left_out.append)
+    assert t.tolist() == [0, 2]
+    assert "row 3: the text is not UTF-8" in str(left_out[0])
+
+
 def test_ndjson_is_the_same_telemetry():
     text = HEAD + "\n\n".join(rows(30)) + "\n"
     names = ["t", "wheel rpm", "u", "note"]
@@ -93,7 +140,8 @@ def test_a_time_since_1970_goes_on_as_one():
         ("t,u\n0,1\n,2\n", "row 3, column 't': the time is empty"),
         ("t,u\n0,1\n0,2\n", "row 3: time is the same again"),
         ("t,u\n0,1\n1,1\n2,1\n1.5,2\n", "row 5: time runs backwards"),
-        ("t;u\n0;1\n", "separated by semicolons"),
+        ("t;u\n0;0,5\n1;1.5\n", "row 3, column 'u': '1.5' has a point where"),
+        ("t;u\n0;0,5\n1;1.234,5\n", "row 3, column 'u': '1.234,5' has a point where"),
         ("0,1\n1,2\n", "numbers where column names belong"),
         ("time,u\n0,1\n", "no time column 't'"),
         ("t,v\n0,1\n", "has no column 'u'"),
@@ -119,7 +167,7 @@ def test_what_is_left_out_is_handed_over_and_the_first_row_may_be_it():
 
 
 @pytest.mark.parametrize(
-    "text", ["time,u\n0,1\n", "t,v\n0,1\n", "t;u\n0;1\n", "t,u,run\n0,1,a\n1,2,b\n"]
+    "text", ["time,u\n0,1\n", "t,v\n0,1\n", "t;v\n0;1\n", "t,u,run\n0,1,a\n1,2,b\n"]
 )
 def test_what_is_wrong_with_all_rows_is_refused_all_the_same(text):
     with pytest.raises(InputError):

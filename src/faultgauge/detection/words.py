@@ -96,8 +96,8 @@ def would_not_show(least: Mapping[str, tuple[float | None, str]]) -> str:
              least.items() if size is not None]  # fmt: skip
     blind = [name for name, (size, _) in least.items() if size is None]
     if not small:
-        return f"{listed(blind)} of any size would not have shown"
-    beside = f", nor would {listed(blind, 'or')} of any size" if blind else ""
+        return f"{listed(blind)} of any size to be expected would not have shown"
+    beside = f", nor would {listed(blind, 'or')} of any size to be expected" if blind else ""
     return f"{listed(small)} would not have shown{beside}"
 
 

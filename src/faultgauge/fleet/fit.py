@@ -76,7 +76,7 @@ class FitJob:
                 model = Model(model.plant, model.record.but(choices=typical.record.choices))
         constants = {each.name: each for each in _constants(found)}
         own = {
-            p.name: (found.parameters[p.name], constants[p.name].standard_error)
+            p.name: (found.parameters[p.name], constants[p.name].by_chance)
             for p in own_parameters(plant.spec.parameters)
             if p.name in constants
         }

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from faultgauge.detection.words import number
+from faultgauge.detection.words import duration, number
 from faultgauge.foresight.result import FaultSheet, Help, RunSheet, Sheet
 
 __all__ = ["HEADER", "amount", "fault_row", "legend", "lines", "remarks"]
@@ -26,7 +26,7 @@ def lines(sheet: Sheet) -> list[str]:
     for run in sheet.runs:
         rows = [HEADER, *(fault_row(each) for each in run.faults)]
         widths = [max(len(row[k]) for row in rows) for k in range(len(HEADER))]
-        said.append(f"{run.name}: {run.rows} rows, {number(run.seconds, 4)} s")
+        said.append(f"{run.name}: {run.rows} rows, {duration(run.seconds)}")
         said += [
             "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
             for row in rows
@@ -54,7 +54,7 @@ def fault_row(fault: FaultSheet) -> tuple[str, ...]:
         amount(fault.seen_from, fault.unit),
         *(amount(each, fault.unit) for each in rates),
         fault.like or "-",
-        "not in this log" if fault.levels_off is None else f"{number(fault.levels_off)} s",
+        "not in this log" if fault.levels_off is None else duration(fault.levels_off),
     )
 
 
@@ -107,7 +107,7 @@ def _helped(each: Help) -> Iterator[str]:
     if test is not None:
         yield (
             f"{what} by a {test.kind} of {test.amplitude:+.3g} {test.unit}".rstrip()
-            + f" on {test.input} for {number(test.seconds)} s from "
+            + f" on {test.input} for {duration(test.seconds)} from "
             f"{amount(test.base, test.unit)} on; simulated, from "
             f"{amount(test.told.obtained, each.unit)} on."
         )

@@ -14,6 +14,7 @@ from faultgauge.plants.plant_file import Parameter
 __all__ = [
     "ConstantsInformation",
     "FittedConstant",
+    "LateColumn",
     "at_bound",
     "constants",
     "contradictions",
@@ -24,6 +25,7 @@ __all__ = [
 IMITATED = 0.99  # of what a parameter does to what is fitted, a network's weights can do too
 ALIKE = 0.99  # correlation at which two parameters cannot be told apart
 VAGUE = 0.1  # of a constant: a standard error worth a word
+CONTRADICTED = 1.5  # times what chance does: less of a model's error is not worth a word
 BIASED = 0.02  # of a parameter: less of a bias is not worth a word
 CHANGES = 0.5  # of the squared error, to be worth a word
 APART = 3.0  # standard errors of a difference, which chance does not reach
@@ -33,8 +35,9 @@ NEAR = 1e-3  # of the range: a parameter this near to a bound is at it
 @dataclass(frozen=True)
 class FittedConstant:
     """A fitted parameter: value, standard error and unit; `bound` names the bound it is at,
-    `imitated_by` the network that can do what it does; `bias` is how far noise in what the
-    equations read has shifted it, where that is more than its standard error tells."""
+    `imitated_by` the network that can do what it does. The standard error holds what chance does to
+    it from log to log, `by_chance`, and how far the model's errors move it; `bias` is how far noise
+    in what the equations read has shifted it, where that is more than chance does."""
 
     name: str
     unit: str
@@ -43,6 +46,14 @@ class FittedConstant:
     bound: str | None
     imitated_by: str | None
     bias: float | None = None
+    by_chance: float | None = None
+
+    @property
+    def contradicted(self) -> bool:
+        """Whether the model's errors move it further than chance does."""
+        if self.standard_error is None or self.by_chance is None:
+            return False
+        return self.standard_error > CONTRADICTED * self.by_chance
 
     @property
     def vague(self) -> bool:
@@ -59,6 +70,21 @@ class FittedConstant:
 
 
 @dataclass(frozen=True)
+class LateColumn:
+    """A column that comes later than the file has it, or an input that acts later: seconds and
+    their standard error."""
+
+    name: str
+    seconds: float
+    error: float
+    is_input: bool
+
+    def __str__(self) -> str:
+        who = f"the plant follows {self.name!r}" if self.is_input else f"{self.name!r} comes"
+        return f"{who} about {self.seconds:.2g} s later"
+
+
+@dataclass(frozen=True)
 class ConstantsInformation:
     """Constants, their correlations (NaN: not known), and combinations of states that no output
     shows; whether networks were kept from what they could imitate; by which share the squared error
@@ -70,6 +96,7 @@ class ConstantsInformation:
     residual_time: float
     kept_apart: bool = False
     changing: dict[str, float] = field(default_factory=dict)
+    late: tuple[LateColumn, ...] = ()
 
     def warnings(self) -> list[str]:
         """What somebody who reads the numbers should know, a sentence each."""
@@ -91,7 +118,7 @@ class ConstantsInformation:
                 found.append(
                     f"parameter {each.name!r} is off by about {each.bias:+.2g} {each.unit}".rstrip()
                     + f" ({100 * abs(each.bias / each.value):.0f} %) because of noise in what "
-                    "its equation reads, which its standard error does not hold; use "
+                    "its equation reads, further than chance moves it; use "
                     "`faultgauge fit --refine`"
                 )
             if each.imitated_by:
@@ -112,6 +139,7 @@ class ConstantsInformation:
                         f"parameters {b.name!r} and {a.name!r} cannot be told apart by these "
                         f"logs (correlation {self.correlation[i, j]:+.3f}); fix one of them"
                     )
+        found += self._of_model_error()
         best = max(self.changing, key=self.changing.__getitem__, default="")
         if best and self.changing[best] > CHANGES:
             found.append(
@@ -127,11 +155,30 @@ class ConstantsInformation:
             )
         return found
 
+    def _of_model_error(self) -> list[str]:
+        found = []
+        if self.late:
+            found.append(
+                f"{', '.join(map(str, self.late))} than the plant file has it: it lacks a lag or "
+                "a delay, which moves the constants; add it as a state, or give delay in "
+                "[inputs.NAME]"
+            )
+        names = [each.name for each in self.constants if each.contradicted]
+        if names:
+            found.append(
+                f"slow and fast motion ask for other values of {', '.join(names)} than both "
+                "together, so the plant does something that the file lacks: the constants are "
+                "this model's, and their standard errors hold by how much the values differ"
+            )
+        return found
+
     def for_bank(self) -> dict[str, Any]:
-        """How uncertain the constants are, for whoever uses the model."""
+        """How uncertain the constants are, for whoever uses the model: by chance, as `calibrate`
+        finds the model's errors itself, and in all."""
         return {
             "names": [each.name for each in self.constants],
-            "errors": [each.standard_error for each in self.constants],
+            "errors": [each.by_chance for each in self.constants],
+            "standard_errors": [each.standard_error for each in self.constants],
             "correlation": self.to_dict()["correlation"],
         }
 
@@ -144,6 +191,7 @@ class ConstantsInformation:
                 for row in np.round(self.correlation, 6).tolist()
             ],
             "unseen": list(self.unseen),
+            "late": [vars(each) for each in self.late],
             "changing": self.changing,
             "residual_time_samples": self.residual_time,
         }
@@ -176,16 +224,17 @@ def constants(
     theta: Float[np.ndarray, "unknowns"],
     covariance: Float[np.ndarray, "parameters parameters"],
     imitated_by: Sequence[str | None],
+    off: Float[np.ndarray, "parameters"],
 ) -> tuple[tuple[FittedConstant, ...], Float[np.ndarray, "parameters parameters"]]:
     """(the parameters at `theta`, their correlations), with the covariance of their theta (NaN:
-    not known)."""
+    not known), and how far the model's errors move it."""
     sd = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     with np.errstate(invalid="ignore", divide="ignore"):
         correlations = np.where(np.outer(sd, sd) == 0, 0.0, covariance / np.outer(sd, sd))
     np.fill_diagonal(correlations, 1.0)
     own = theta[unknowns.weights(plant) :]
     found = tuple(
-        _constant(plant, unknowns, own, k, float(sd[k]), imitated_by[k])
+        _constant(plant, unknowns, own, k, float(sd[k]), float(off[k]), imitated_by[k])
         for k in range(len(unknowns.parameters))
     )
     return found, correlations
@@ -197,6 +246,7 @@ def _constant(
     theta: Float[np.ndarray, "parameters"],
     k: int,
     sd: float,
+    off: float,
     imitated: str | None,
 ) -> FittedConstant:
     name = unknowns.parameters[k]
@@ -205,8 +255,9 @@ def _constant(
     value = center * np.exp(scale * theta[k]) if unknowns.positive[k] else center + scale * theta[k]
     slope = abs(value) * scale if unknowns.positive[k] else scale
     bound = _bound(spec, float(value))
-    error = None if bound or np.isnan(sd) else float(slope * sd)
-    return FittedConstant(name, spec.unit, float(value), error, bound, imitated)
+    chance = None if bound or np.isnan(sd) else float(slope * sd)
+    error = None if chance is None else float(np.hypot(chance, slope * off))
+    return FittedConstant(name, spec.unit, float(value), error, bound, imitated, by_chance=chance)
 
 
 def _bound(spec: Parameter, value: float) -> str | None:
@@ -226,9 +277,9 @@ def shifted(
 
     def bias(each: FittedConstant) -> float | None:
         moved = float(after.parameters[each.name] - before.parameters[each.name])
-        if each.standard_error is None or not np.isfinite(moved):
+        if each.by_chance is None or not np.isfinite(moved):
             return None
-        notable = max(each.standard_error, BIASED * abs(each.value))
+        notable = max(each.by_chance, BIASED * abs(each.value))
         return moved if abs(moved) > notable else None
 
     return tuple(replace(each, bias=bias(each)) for each in found)

@@ -27,13 +27,14 @@ at their own places along the same log.
 
 Two-stage least squares has slopes G_k at the projected samples in the place of the first J_k:
 z_k = (sum_k G_k' J_k + s^2 P)^-1 G_k' r_k.
+
+Beside that stands how far the constants are off where the plant is not its model (`model_error`).
 """
 
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -48,6 +49,7 @@ from faultgauge.identification.constants import (
 )
 from faultgauge.identification.equation_error import Group, equation_errors, target_scales
 from faultgauge.identification.equation_fit import GroupReport, Material
+from faultgauge.identification.equation_model_error import off_by_model, residuals_at
 from faultgauge.identification.noise_bias import noise_left, shift_by_noise
 from faultgauge.identification.refinement.unknowns import Unknowns, unknowns_of
 from faultgauge.identification.samples import Channels, Samples
@@ -97,8 +99,9 @@ def equation_information(
     covariance[np.ix_(free[first:], free[first:])] = own
     unknown = np.diag(hessian)[first:] == 0  # no equation that was fitted holds it
     covariance[unknown] = covariance[:, unknown] = np.nan
+    off, late = off_by_model(plant, unknowns, how, reports, given, free)
     rows, correlation = constants(
-        plant, unknowns, theta, covariance, imitated(plant, unknowns, hessian)
+        plant, unknowns, theta, covariance, imitated(plant, unknowns, hessian), off
     )
     shift = np.zeros(len(theta))
     left = noise_left(how, plant.signals.state_names, given)
@@ -107,7 +110,8 @@ def equation_information(
         normal = partial(_normal, plant, unknowns, theta, biased, free, given)
         shift[free] = shift_by_noise(normal, given.training, left, s2)
     rows = shifted(rows, plant, unknowns.assemble(plant, jnp.asarray(theta + shift)))
-    return ConstantsInformation(rows, correlation, (), float(np.max(times, initial=0.0)))
+    time = float(np.max(times, initial=0.0))
+    return ConstantsInformation(rows, correlation, (), time, late=late)
 
 
 def _normal(
@@ -124,7 +128,7 @@ def _normal(
     for report in reports:
         scales = jnp.asarray(target_scales(report.group, given.training))
         points = jax.tree.map(jnp.asarray, samples)
-        r, J = _residuals(
+        r, J = residuals_at(
             jnp.asarray(theta), points, plant, unknowns, report.group, equation_errors, scales
         )
         J = np.asarray(J)[..., free]
@@ -160,30 +164,8 @@ def _linearised(
 
     def at(samples: Any) -> tuple[np.ndarray, np.ndarray]:
         samples = jax.tree.map(jnp.asarray, samples)
-        r, J = _residuals(theta, samples, plant, unknowns, group, errors, scales)
+        r, J = residuals_at(theta, samples, plant, unknowns, group, errors, scales)
         return np.asarray(r), np.asarray(J)
 
     r, J = at(samples)
     return _Linearised(r, J, J if exogenous is None else at(exogenous)[1], places)
-
-
-@eqx.filter_jit
-def _residuals(
-    theta: Float[Array, "unknowns"],
-    samples: Any,
-    plant: GrayBoxPlant,
-    unknowns: Unknowns,
-    group: Group,
-    errors: Callable[[GrayBoxPlant, Group, Any], Array],
-    scales: Float[Array, "equations"],
-) -> tuple[Float[Array, "samples equations"], Float[Array, "samples equations unknowns"]]:
-    """(`errors` of the group at every sample, each over its scale; their Jacobian), 0 where either
-    is not finite: LAPACK may not end on what is infinite."""
-
-    def error(theta: Array, sample: Any) -> tuple[Array, Array]:
-        r = errors(unknowns.assemble(plant, theta), group, sample) / scales
-        return r, r
-
-    J, r = jax.vmap(jax.jacrev(error, has_aux=True), (None, 0))(theta, samples)
-    tells = jnp.isfinite(r) & jnp.all(jnp.isfinite(J), axis=-1)
-    return jnp.where(tells, r, 0.0), jnp.where(tells[..., None], J, 0.0)

@@ -51,10 +51,12 @@ class Part(pydantic.BaseModel):
 
 
 class ConstantsRecord(Part):
-    """Uncertain constants: names, standard errors, correlations; None where not known."""
+    """Uncertain constants: names, standard errors by chance, correlations; None where not known;
+    and standard errors that hold the model's errors, too."""
 
     names: list[str]
     errors: list[Least | None]
+    standard_errors: list[Least | None] | None = None
     correlation: list[list[Annotated[float, pydantic.Field(ge=-1.001, le=1.001)] | None]]
 
     @pydantic.model_validator(mode="after")

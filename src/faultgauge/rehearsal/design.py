@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from faultgauge.detection.words import moment
 from faultgauge.errors import InputError
 from faultgauge.plants.signals import Fault
 from faultgauge.rehearsal.ways import Way
@@ -59,7 +60,7 @@ def windows_of(runs: Sequence[Run]) -> tuple[list[Run], list[str]]:
         length = count // pieces
         for k in range(pieces):
             piece = cut(run, slice(k * length, (k + 1) * length))
-            name = run.name if pieces == 1 else f"{run.name} from {piece.t[0]:g} s"
+            name = run.name if pieces == 1 else f"{run.name} from {_begun(piece)}"
             found.append(replace(piece, name=name))
     if not found:
         raise InputError(
@@ -67,6 +68,11 @@ def windows_of(runs: Sequence[Run]) -> tuple[list[Run], list[str]]:
             f"logs of {SHORTEST} samples at least, better of {WINDOW}."
         )
     return found, short
+
+
+def _begun(piece: Run) -> str:
+    """When it begins, to the second figure of how long it lasts."""
+    return moment(piece.clock, float(piece.t[0]), float(piece.t[-1] - piece.t[0]))
 
 
 def doses_of(fault: Fault, smallest: float | None, size: float | None) -> tuple[Dose, ...]:

@@ -2,12 +2,13 @@
 
 from collections.abc import Sequence
 
-from faultgauge.detection.words import number
+from faultgauge.detection.words import duration, number
 from faultgauge.rehearsal.result import NEAR, FaultResult, PairResult, Rehearsal, Trial
 from faultgauge.rehearsal.shares import Share
 
 __all__ = [
     "HEADER",
+    "after",
     "amount",
     "fault_row",
     "legend",
@@ -72,7 +73,7 @@ def fault_row(fault: FaultResult) -> tuple[str, ...]:
         percent(large.error_median),
         _count(large.size_covered),
         _count(large.onset_covered),
-        amount(large.delay_median, "s"),
+        after(large.delay_median),
     )
 
 
@@ -174,6 +175,11 @@ def said(share: Share) -> str:
 def amount(value: float | None, unit: str) -> str:
     """ "0.00117 m/s"; "-" for nothing."""
     return "-" if value is None else f"{number(value)} {unit}".rstrip()
+
+
+def after(delay: float | None) -> str:
+    """ "2.5 h", of a delay [s]; "-" for nothing."""
+    return "-" if delay is None else duration(delay)
 
 
 def percent(value: float | None) -> str:

@@ -11,7 +11,7 @@ from faultgauge.detection.bank.noise import Noise, constants_of, drifting_of
 from faultgauge.detection.calibration.blocks import Block
 from faultgauge.detection.calibration.calibration_words import doubted
 from faultgauge.detection.posterior.uncalibrated import level_in
-from faultgauge.detection.words import number
+from faultgauge.detection.words import duration, number
 from faultgauge.plants.disturbed import dynamic_states, following_inputs
 from faultgauge.plants.model import Model
 from faultgauge.plants.signals import Fault
@@ -33,9 +33,9 @@ def proof(model: Model) -> str:
     alarms = {0: "no alarm", 1: "1 alarm"}.get(bank.alarms, f"{bank.alarms} alarms")
     return (
         f"{alarms[0].upper()}{alarms[1:]} in {bank.blocks} healthy blocks "
-        f"({number(bank.judged_s, 4)} s) proves that false alarms come at most once in "
-        f"{number(bank.mtbfa_s, 4)} s (95 % confidence); an alarm begins at odds of "
-        f"{number(np.exp(min(bank.level, 100.0)))} to 1."
+        f"({duration(bank.judged_s)} in all) proves that false alarms come at most once in "
+        f"{duration(bank.mtbfa_s)}, with 95 % confidence; an alarm begins where a fault is "
+        f"{number(np.exp(min(bank.level, 100.0)))} times as likely as none."
     )
 
 
@@ -126,8 +126,8 @@ def _hidden(bank: FaultBank) -> tuple[str, ...]:
         flat = float(bank.knowledge.t[np.argmax(sd <= FLAT * last)])
         told.append(
             f"{fault.name} is known to {quantity(last, fault.unit)} (one standard deviation) "
-            f"after {number(float(bank.knowledge.t[-1]))} s, and within {100 * (FLAT - 1):.0f} % "
-            f"of that after {number(flat)} s."
+            f"after {duration(float(bank.knowledge.t[-1]))}, and within {100 * (FLAT - 1):.0f} % "
+            f"of that after {duration(flat)}."
         )
     return tuple(told)
 

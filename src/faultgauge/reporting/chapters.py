@@ -14,7 +14,7 @@ from faultgauge.detection.calibration.calibration import Calibration
 from faultgauge.detection.calibration.calibration_words import errors
 from faultgauge.detection.rows.judged import Bank
 from faultgauge.detection.rows.residual import Reference
-from faultgauge.detection.words import number
+from faultgauge.detection.words import duration
 from faultgauge.identification.evaluation import Prediction, at_samples, divergence
 from faultgauge.identification.fit import FitReport
 from faultgauge.identification.unseen import Unseen
@@ -239,7 +239,7 @@ def calibration_report(found: Calibration, runs: Sequence[Run]) -> Report:
         (name, quantity(each.interval, units.get(name, "1")))
         for name, each in (known.channels or {}).items()
     )
-    summary = (f"From {number(known.judged_s or 0.0, 4)} s of healthy logs.", *warnings)
+    summary = (f"From {duration(known.judged_s or 0.0)} of healthy logs.", *warnings)
     table = Table(("fault", "95 % of healthy estimates within"), rows)
     section = Section("Healthy estimates", (), (table,))
     return Report(f"Calibration: {found.model.plant.spec.name}", summary, (section,))

@@ -4,7 +4,16 @@ from collections.abc import Sequence
 
 from faultgauge.rehearsal.result import FaultResult, Figures, Rehearsal, Trial
 from faultgauge.rehearsal.shares import Share
-from faultgauge.rehearsal.words import HEADER, amount, fault_row, legend, percent, remarks, said
+from faultgauge.rehearsal.words import (
+    HEADER,
+    after,
+    amount,
+    fault_row,
+    legend,
+    percent,
+    remarks,
+    said,
+)
 from faultgauge.reporting.rehearsal_figures import against_sheet, by_size
 from faultgauge.reporting.report import Report, Section, Table
 
@@ -95,7 +104,7 @@ def _cells(row: Figures) -> tuple[str, ...]:
         percent(row.error_p90),
         _plain(row.size_covered),
         _plain(row.onset_covered),
-        amount(row.delay_median, "s"),
+        after(row.delay_median),
     )
 
 

@@ -1,7 +1,7 @@
 """Telemetry that arrives line by line: CSV or NDJSON in, checked samples out.
 
-Every row goes through the same functions as a file: `--map`, `--time`, and the refusals of text,
-Inf and a time that does not increase.
+Every row goes through the same functions as a file: its dialect, `--map`, `--time`, and the
+refusals of text, Inf and a time that does not increase.
 """
 
 import csv
@@ -20,8 +20,8 @@ from faultgauge.telemetry.clock import Clock
 from faultgauge.telemetry.headers import split_headers, unit_row
 from faultgauge.telemetry.logs import RUN, Before, recalled
 from faultgauge.telemetry.mapping import apply_maps, find_column, parse_maps
-from faultgauge.telemetry.readers.csv import header
-from faultgauge.telemetry.readers.dialect import SEPARATORS, separator_of
+from faultgauge.telemetry.readers.csv import HEAD, WINDOWS, header
+from faultgauge.telemetry.readers.dialect import Decimals, named_separator, separator_of
 from faultgauge.telemetry.reading import check_present, finite_or_empty, unit_change
 from faultgauge.telemetry.runs import GAP_STEPS, ROUNDING
 from faultgauge.telemetry.summer_time import ClockChange, Evenly, change_note
@@ -89,6 +89,8 @@ def read_stream(
             for line, row in zip(several, rows, strict=False):
                 try:
                     cells = columns.cells(row, line)
+                    for text in columns.told():
+                        note(text)
                     if cells is not None:
                         reader.prepare(row, cells)
                         samples += reader.samples(row, cells)
@@ -110,6 +112,10 @@ class _Columns:
         self.written: dict[str, str] = {}
         self.ndjson = False
         self.begun = False
+        self.decimals = Decimals(",")
+        self.named: str | None = None  # the separator that a first line names
+        self.notes: list[str] = []
+        self.said = False
 
     def cells(self, row: int, line: str) -> dict[str, Any] | None:
         """{column: cell} of a line that holds a row."""
@@ -121,19 +127,23 @@ class _Columns:
                 f"{SOURCE}, row {row}: the stream ends within {text[-40:]!r}, with no newline, so "
                 "the row may be cut short; end every row with a newline."
             )
-        _check_text(row, text)
+        text = self._decoded(row, text)
+        if not self.names and row == 1:
+            self.named = named_separator(text)
+            if self.named:
+                return None
         if not self.names:
             self.ndjson = text.lstrip().startswith("{")
             if not self.ndjson:
-                _check_separator(text)
-                self._take(header(Path(SOURCE), [text])[0])
+                self.decimals = Decimals(self.named or separator_of(text))
+                self._take(header(Path(SOURCE), [text], self.decimals.separator)[0])
                 return None
         first, self.begun = not self.begun, True
         if not self.ndjson:
-            cells = _split(row, text, len(self.names))
+            cells = _split(row, text, len(self.names), self.decimals.separator)
             units = unit_row(cells) if first else None
             if units is None:
-                return dict(zip(self.names, cells, strict=True))
+                return self._plain(row, dict(zip(self.names, cells, strict=True)))
             self.units |= {n: unit for n, unit in zip(self.names, units, strict=True) if unit}
             return None
         found = _object(row, text)
@@ -141,27 +151,42 @@ class _Columns:
             self._take(list(found))
         return {name: found.get(self.written.get(name, name), "") for name in self.names}
 
+    def told(self) -> list[str]:
+        """Sentences about how lines are read that were not given yet."""
+        notes, self.notes = self.notes, []
+        return notes
+
+    def _plain(self, row: int, cells: dict[str, str]) -> dict[str, str]:
+        """`cells` with decimal points; which decimals there are is said once."""
+        try:
+            found = self.decimals.plain(SOURCE, row, cells)
+        except InputError as wrong:
+            raise _RowError(str(wrong)) from None
+        dialect = self.decimals.dialect
+        if dialect is not None and not self.said:
+            self.said = True
+            self.notes += dialect.note(SOURCE)
+        return found
+
+    def _decoded(self, row: int, text: str) -> str:
+        """`text`, in which a header may be from Windows."""
+        try:
+            text.encode()
+        except UnicodeEncodeError:  # what is no UTF-8 was kept as surrogates
+            if row > HEAD or self.begun or "\0" in text:
+                raise _RowError(
+                    f"{SOURCE}, row {row}: the text is not UTF-8; send UTF-8."
+                ) from None
+            sentence = f"{SOURCE}: {WINDOWS}."
+            self.notes += [] if sentence in self.notes else [sentence]
+            return text.encode(errors="surrogateescape").decode("cp1252", errors="replace")
+        return text
+
     def _take(self, headers: list[str]) -> None:
         self.names, self.units, self.written = split_headers(headers)
 
     def table(self, cells: dict[str, np.ndarray], rows: Sequence[int]) -> LogTable:
         return LogTable(SOURCE, cells, np.array(rows), self.units, written=self.written)
-
-
-def _check_separator(line: str) -> None:
-    separator = separator_of(line)
-    if separator != ",":
-        raise InputError(
-            f"{SOURCE}, row 1: the cells of {line[:60]!r} are separated by "
-            f"{SEPARATORS[separator]}; send commas between cells and points in decimal numbers."
-        )
-
-
-def _check_text(row: int, text: str) -> None:
-    try:
-        text.encode()
-    except UnicodeEncodeError:  # what is no UTF-8 was kept as surrogates
-        raise _RowError(f"{SOURCE}, row {row}: the text is not UTF-8; send UTF-8.") from None
 
 
 def _object(row: int, line: str) -> dict[str, Any]:
@@ -176,9 +201,9 @@ def _object(row: int, line: str) -> dict[str, Any]:
     return {name: "" if cell is None else cell for name, cell in found.items()}
 
 
-def _split(row: int, line: str, count: int) -> list[str]:
+def _split(row: int, line: str, count: int, separator: str) -> list[str]:
     try:
-        (cells,) = csv.reader([line], strict=True)
+        (cells,) = csv.reader([line], delimiter=separator, strict=True)
     except csv.Error as failure:
         raise _RowError(f"{SOURCE}, row {row}: {failure}; check the quotes there.") from None
     if len(cells) != count:

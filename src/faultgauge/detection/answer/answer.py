@@ -415,11 +415,13 @@ def _beside(decision: Decision, event: BankEvent) -> list[BankEvent]:
 
 def least_told(bank: FaultBank, decision: Decision, fault: int) -> float | None:
     """The size [the fault's unit] that would have been named by the judged rows of a run had the
-    fault begun in the middle of them; None where none would."""
+    fault begun in the middle of them; None where none would, or it would show in no row."""
     for one, other, sizes in _SMALLEST:
         if one is bank and other is decision:
             return sizes[fault]
-    sizes = smallest_along(bank, decision.run, np.isin(decision.status, [HEALTHY, FAULT]))
+    found = smallest_along(bank, decision.run, np.isin(decision.status, [HEALTHY, FAULT]))
+    shown = shares_of(decision).faults
+    sizes = [size if share else None for size, share in zip(found, shown, strict=True)]
     _SMALLEST.append((bank, decision, sizes))
     return sizes[fault]
 

@@ -41,8 +41,8 @@ def errors(model: Model) -> list[str]:
         unit = f" {each.unit}/s" if each.unit else " per second"
         for_long = duration(float(noise.lasting[k]))
         lines.append(
-            f"the model's own error in d({each.name}): {number(noise.size[k], 2)}{unit}, lasting "
-            f"about {for_long}"
+            f"the model is off by about {number(noise.size[k], 2)}{unit} in d({each.name}), for "
+            f"about {for_long} at a time"
         )
     for j in noise.wanders:
         each = signals.outputs[j]
@@ -103,9 +103,9 @@ def _answers(model: Model) -> list[str]:
         return []
     size, shape = (number(100 * each, 2) for each in (level.gain, level.shape))
     return [
-        f"the model's answer to what acts on the plant is off by {size} % in size (so may a "
-        f"fault's size be) and by {shape} % in all (a small second fault beside a large one may be "
-        "that error, and is then not told)"
+        f"the model answers what acts on the plant {size} % too much or too little, and the size "
+        f"of a fault may be off by as much; in all its answer is off by {shape} %, and of two "
+        "faults the smaller one is not told where that error explains it"
     ]
 
 
@@ -151,9 +151,10 @@ def _level(model: Model) -> str:
     alarms = bank.alarms
     told = f"{alarms} alarm{'' if alarms == 1 else 's'}" if alarms else "no alarm"
     return (
-        f"alarm at odds of {number(np.exp(min(bank.level, 100.0)))} to 1; {told} in "
-        f"{bank.blocks} healthy blocks ({number(bank.judged_s, 4)} s) proves only that "
-        f"false alarms come at most once in {number(bank.mtbfa_s, 4)} s (95 % confidence)"
+        f"an alarm begins where a fault is {number(np.exp(min(bank.level, 100.0)))} times as "
+        f"likely as none; {told} in {bank.blocks} healthy blocks ({duration(bank.judged_s)} in "
+        f"all) proves no more than that false alarms come at most once in "
+        f"{duration(bank.mtbfa_s)}, with 95 % confidence"
     )
 
 

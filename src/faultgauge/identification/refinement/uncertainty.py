@@ -6,7 +6,8 @@ With J the sensitivities of the weighted outputs over all windows, starts includ
 
 C what networks leave to the physics (see `claims`), s^2 the mean square residual. Residuals of a
 simulation are not white: tau, their integrated autocorrelation time, is the number of samples that
-count as one.
+count as one. Beside that stands how far the parameters are off where the plant is not its model
+(`model_error`).
 """
 
 from dataclasses import replace
@@ -19,6 +20,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from faultgauge.identification.constants import ConstantsInformation, constants, imitated
+from faultgauge.identification.model_error import MOST_ALONG, InOrder, band_scatter
 from faultgauge.identification.normal_equations import bordered_equations
 from faultgauge.identification.refinement.claims import Claims
 from faultgauge.identification.refinement.constancy import drops, steps
@@ -39,6 +41,7 @@ __all__ = ["ConstantsInformation", "Curvature", "curvature", "information", "res
 WATCHED = (
     2000  # values of all parameters in all parts: the information on them is as large, squared
 )
+ALONE = 1e-6  # of what a parameter does: less beside a window's own unknowns is rounding
 UNSEEN = 1e-10  # of the information on a state that stands alone
 
 
@@ -102,6 +105,7 @@ def information(
     is too much to look at (`WATCHED`). `weight` is that of the parameters' prior."""
     size, weights, count = fitted.theta.size, unknowns.weights(plant), len(unknowns.parameters)
     watched = count * parts
+    off = _model_error(plant, unknowns, fitted, windows, substeps)
     if unknowns.slow or watched * len(fitted.z) > WATCHED:
         watched = 0
     if watched:
@@ -113,7 +117,9 @@ def information(
     hessian, s2 = found.hessian[np.ix_(inner, inner)], max(fitted.mse, 1e-300)
     inverse = np.linalg.pinv(found.precision[np.ix_(inner, inner)], hermitian=True)
     covariance = s2 * found.residual_time * inverse[weights:size, weights:size]
-    told = constants(plant, unknowns, fitted.theta, covariance, imitated(plant, unknowns, hessian))
+    told = constants(
+        plant, unknowns, fitted.theta, covariance, imitated(plant, unknowns, hessian), off
+    )
     unseen = _unseen(plant, hessian, size, windows)
     changing: dict[str, float] = {}
     if watched:
@@ -122,6 +128,33 @@ def information(
         shares = dropped / max(found.squares, 1e-300)
         changing = dict(zip(unknowns.parameters, shares.tolist(), strict=True))
     return ConstantsInformation(*told, unseen, found.residual_time, claims is not None, changing)
+
+
+def _model_error(
+    plant: GrayBoxPlant, unknowns: Unknowns, fitted: Fitted, windows: WindowBatch, substeps: int
+) -> Float[np.ndarray, "parameters"]:
+    """How far slow and fast motion of the windows ask for other parameters, beyond what their
+    starts explain. Networks make up for what is missing: there is nothing to find beside them."""
+    samples, outputs = windows.y.shape[1:]
+    if unknowns.networks or len(fitted.z) * samples > MOST_ALONG:
+        return np.zeros(len(unknowns.parameters))
+    residual = SimulationResidual(plant, jnp.asarray(0.0), unknowns, substeps)
+    parts = []
+    for k, z in enumerate(fitted.z):
+        window = jax.tree.map(lambda each, k=k: jnp.asarray(each[k]), windows)
+        r, J = _one(residual, jnp.asarray(np.concatenate([fitted.theta, z])), window)
+        r, J = np.asarray(r)[: samples * outputs], np.asarray(J)[: samples * outputs]
+        shared, own = np.split(J, [fitted.theta.size], axis=1)
+        rest = shared - own @ np.linalg.lstsq(own, shared, rcond=None)[0]
+        told = np.linalg.norm(rest, axis=0) > ALONE * np.linalg.norm(shared, axis=0)
+        r, J = r.reshape(samples, outputs), (rest * told).reshape(samples, outputs, -1)
+        parts.append(InOrder(r, J, J[..., :0], float(np.median(windows.dt[k]))))
+    return band_scatter(parts)
+
+
+@eqx.filter_jit
+def _one(residual: SimulationResidual, own: Array, window: WindowBatch) -> tuple[Array, Array]:
+    return residual.linearised(own, window)
 
 
 def _with_steps(

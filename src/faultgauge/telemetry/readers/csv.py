@@ -2,7 +2,6 @@
 
 import csv
 import gzip
-import re
 import zlib
 from collections import Counter
 from pathlib import Path
@@ -13,16 +12,16 @@ from jaxtyping import Float
 from faultgauge.errors import InputError
 from faultgauge.files import read_within, take
 from faultgauge.telemetry.headers import unit_row, with_units
-from faultgauge.telemetry.readers.dialect import Dialect, find_dialect
+from faultgauge.telemetry.readers.dialect import Dialect, find_dialect, named_separator
 from faultgauge.telemetry.table import LogTable, check_width, float_cells
 
-__all__ = ["header", "read_csv"]
+__all__ = ["HEAD", "WINDOWS", "header", "read_csv"]
 
 MOST_TEXT = 1_000_000_000  # bytes; a table of them takes five times as much memory
 ADVICE = "more than is read; give it in parts, with fewer columns, or as Parquet"
 HEAD = 2  # lines of names and units, in which a degree sign may be from Windows
+WINDOWS = "the header is not UTF-8 and is read as Windows-1252"
 UTF_16 = (b"\xff\xfe", b"\xfe\xff")
-NAMED = re.compile(r'"?sep=(.)"?')  # a first line that Excel writes and heeds
 
 
 def read_csv(path: Path) -> LogTable:
@@ -39,9 +38,8 @@ def read_csv(path: Path) -> LogTable:
         lines.pop()
     if not lines:
         raise InputError(f"{path} is empty; a log needs a header row and at least two samples.")
-    named = NAMED.fullmatch(lines[0])
-    above = 1 if named else 0
-    separator = named[1] if named else None
+    separator = named_separator(lines[0])
+    above = 1 if separator else 0
     dialect = find_dialect("".join(lines[above : above + 1]), lines[above + 1 :], separator)
     names, taken = header(path, lines[above:], dialect.separator, above)
     above += taken
@@ -98,7 +96,7 @@ def _text(path: Path) -> tuple[str, tuple[str, ...]]:
                 f"{path}, row {row}: the text is not UTF-8; save it as UTF-8."
             ) from None
         text = data.decode("cp1252", errors="replace")
-        readings = (f"{path}: the header is not UTF-8 and is read as Windows-1252.",)
+        readings = (f"{path}: {WINDOWS}.",)
     text = text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
     return text, readings
 

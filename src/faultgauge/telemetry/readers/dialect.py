@@ -12,12 +12,19 @@ from jaxtyping import Shaped
 from faultgauge.errors import InputError
 from faultgauge.telemetry.table import float_cells
 
-__all__ = ["SEPARATORS", "Dialect", "find_dialect", "separator_of"]
+__all__ = ["SEPARATORS", "Decimals", "Dialect", "find_dialect", "named_separator", "separator_of"]
 
 SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars"}
+NAMED = re.compile(r'"?sep=(.)"?')  # a first line that Excel writes and heeds
 NUMBER = r"\s*[+-]?\d*,\d+(?:[eE][+-]?\d+)?\s*"  # with a decimal comma
 COMMA = re.compile(NUMBER)
 POINT = re.compile(r"\s*[+-]?[\d.,]*\.[\d.,]*(?:[eE][+-]?\d+)?\s*")
+
+
+def named_separator(line: str) -> str | None:
+    """What a first `line` says that separates cells; None where it is no such line."""
+    found = NAMED.fullmatch(line)
+    return found and found[1]
 
 
 def separator_of(line: str) -> str:
@@ -33,7 +40,7 @@ class Dialect:
     separator: str = ","
     comma: bool = False
 
-    def note(self, path: Path) -> tuple[str, ...]:
+    def note(self, path: Path | str) -> tuple[str, ...]:
         """A sentence where it is not the plain one."""
         if self.separator == ",":
             return ()
@@ -54,7 +61,41 @@ class Dialect:
         return numbers if numbers is not None else np.array(cells, dtype=object)
 
 
-def _with_points(path: Path, name: str, cells: Sequence[str], rows: Sequence[int]) -> list[str]:
+class Decimals:
+    """How the columns of a table that comes row by row write their decimals: as their first number
+    that has any does."""
+
+    def __init__(self, separator: str) -> None:
+        self.separator = separator
+        self.first: dict[str, tuple[str, int]] = {}  # by column: that number, and its row
+
+    @property
+    def dialect(self) -> Dialect | None:
+        """None where no number with decimals has come."""
+        if self.separator == ",":
+            return Dialect()
+        comma = any(COMMA.fullmatch(cell) for cell, _ in self.first.values())
+        return Dialect(self.separator, comma) if self.first else None
+
+    def plain(self, source: str, row: int, cells: dict[str, str]) -> dict[str, str]:
+        """`cells` with decimal points. Raises `InputError` where a number has a point in a column
+        of decimal commas."""
+        if self.separator == ",":
+            return cells
+        found, first = {}, dict(self.first)
+        for name, cell in cells.items():
+            if COMMA.fullmatch(cell) or POINT.fullmatch(cell):
+                first.setdefault(name, (cell, row))
+                before, at = first[name]
+                cell = _with_points(source, name, [before, cell], [at, row])[-1]
+            found[name] = cell
+        self.first = first
+        return found
+
+
+def _with_points(
+    path: Path | str, name: str, cells: Sequence[str], rows: Sequence[int]
+) -> list[str]:
     commas = [COMMA.fullmatch(cell) is not None for cell in cells]
     odd = next((k for k, cell in enumerate(cells) if POINT.fullmatch(cell)), None)
     if any(commas) and odd is not None:

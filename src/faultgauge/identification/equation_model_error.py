@@ -1,0 +1,133 @@
+"""How far the constants of an equation error are off where the plant is not its model."""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from faultgauge.identification.constants import LateColumn
+from faultgauge.identification.equation_error import Group, equation_errors, target_scales
+from faultgauge.identification.equation_fit import GroupReport, Material
+from faultgauge.identification.model_error import MOST_ALONG, InOrder, band_scatter, delays
+from faultgauge.identification.refinement.unknowns import Unknowns
+from faultgauge.identification.samples import Channels, Samples
+from faultgauge.plants.gray_box import GrayBoxPlant
+
+__all__ = ["off_by_model", "residuals_at"]
+
+SHIFTED = 4  # samples to either side, or half a kernel if that is more: closer ones share noise
+
+
+def off_by_model(
+    plant: GrayBoxPlant,
+    unknowns: Unknowns,
+    how: Channels,
+    reports: Sequence[GroupReport],
+    given: Material,
+    free: Bool[np.ndarray, "unknowns"],
+) -> tuple[Float[np.ndarray, "parameters"], tuple[LateColumn, ...]]:
+    """(how far the parameters are off, columns that come late), of those that are `free`.
+
+    Networks make up for what a file lacks, and instruments for what comes late, so nothing is
+    looked for beside these.
+    """
+    plain = [each for each in reports if not (each.freed or each.group.networks)]
+    if unknowns.networks or not plain:
+        return np.zeros(len(unknowns.parameters)), ()
+    columns = _columns(plant, how)
+    parts = _along(plant, unknowns, list(columns.values()), plain, given, free)
+    found = delays(parts)
+    inputs = plant.signals.input_names
+    late = tuple(
+        LateColumn(name, abs(float(found.seconds[k])), float(found.errors[k]), name in inputs)
+        for k, name in enumerate(columns)
+        # a plant follows an input later where its column comes too early
+        if found.sure[k] and (found.seconds[k] < 0) == (name in inputs)
+    )
+    return np.hypot(band_scatter(parts), found.moved), late
+
+
+def _along(
+    plant: GrayBoxPlant,
+    unknowns: Unknowns,
+    columns: Sequence[dict[str, list[int]]],
+    reports: Sequence[GroupReport],
+    given: Material,
+    free: Bool[np.ndarray, "unknowns"],
+) -> list[InOrder]:
+    """What every stretch says, in the order of the log."""
+    share = MOST_ALONG // len(given.stretches)
+    stretches = [s.samples.take(np.arange(min(len(s.t), share))) for s in given.stretches]
+    shift = max(SHIFTED, given.stretches[0].reach)
+    stretches = [samples for samples in stretches if len(samples.x) > 2 * shift]
+    theta = jnp.asarray(unknowns.vector(plant))
+    scales = [jnp.asarray(target_scales(each.group, given.training)) for each in reports]
+
+    def errors(moved: Sequence[Samples]) -> tuple[np.ndarray, np.ndarray]:
+        samples = Samples(*(np.concatenate(arrays) for arrays in zip(*moved, strict=True)))
+        samples = jax.tree.map(jnp.asarray, samples)
+        found = [
+            residuals_at(theta, samples, plant, unknowns, each.group, equation_errors, scale)
+            for each, scale in zip(reports, scales, strict=True)
+        ]
+        r, J = (np.concatenate(each, axis=1) for each in zip(*found, strict=True))
+        return r, J
+
+    r, J = errors(stretches)
+    slopes = [
+        errors([_shifted(s, where, shift) for s in stretches])[0]
+        - errors([_shifted(s, where, -shift) for s in stretches])[0]
+        for where in columns
+    ]
+    step = given.stretches[0].step
+    C = np.stack(slopes, axis=-1) / (2 * shift * step)
+    ends, inner = np.cumsum([len(s.x) for s in stretches])[:-1], slice(shift, -shift)
+    parts = zip(*(np.split(each, ends) for each in (r, J * free, C)), strict=True)
+    return [InOrder(r[inner], J[inner], C[inner], step) for r, J, C in parts]
+
+
+def _columns(plant: GrayBoxPlant, how: Channels) -> dict[str, dict[str, list[int]]]:
+    """Where in `Samples` each column of the log stands."""
+    found: dict[str, dict[str, list[int]]] = {}
+    for k, (column, _) in enumerate(how.sources):
+        for field in ("x", "dx"):
+            found.setdefault(column, {}).setdefault(field, []).append(k)
+    for k, name in enumerate(plant.signals.output_names):
+        if name in how.outputs:
+            found.setdefault(name, {}).setdefault("y", []).append(k)
+    return found | {name: {"u": [k]} for k, name in enumerate(plant.signals.input_names)}
+
+
+def _shifted(samples: Samples, where: dict[str, list[int]], shift: int) -> Samples:
+    """`samples` in which one column is read so many samples later."""
+    fields = samples._asdict()
+    for name, columns in where.items():
+        fields[name] = fields[name].copy()
+        fields[name][:, columns] = np.roll(fields[name][:, columns], -shift, axis=0)
+    return Samples(**fields)
+
+
+@eqx.filter_jit
+def residuals_at(
+    theta: Float[Array, "unknowns"],
+    samples: Any,
+    plant: GrayBoxPlant,
+    unknowns: Unknowns,
+    group: Group,
+    errors: Callable[[GrayBoxPlant, Group, Any], Array],
+    scales: Float[Array, "equations"],
+) -> tuple[Float[Array, "samples equations"], Float[Array, "samples equations unknowns"]]:
+    """(`errors` of the group at every sample, each over its scale; their Jacobian), 0 where either
+    is not finite: LAPACK may not end on what is infinite."""
+
+    def error(theta: Array, sample: Any) -> tuple[Array, Array]:
+        r = errors(unknowns.assemble(plant, theta), group, sample) / scales
+        return r, r
+
+    J, r = jax.vmap(jax.jacrev(error, has_aux=True), (None, 0))(theta, samples)
+    tells = jnp.isfinite(r) & jnp.all(jnp.isfinite(J), axis=-1)
+    return jnp.where(tells, r, 0.0), jnp.where(tells[..., None], J, 0.0)
