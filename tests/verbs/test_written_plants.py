@@ -80,6 +80,7 @@ def test_it_is_fitted_calibrated_and_judged_alike(pairs):
     assert pairs[0][1].parameters == pytest.approx(pairs[0][0].parameters, rel=1e-9)
 
 
+@pytest.mark.study
 def test_it_is_evaluated_rehearsed_and_foreseen_alike(pairs, tank):
     (file, own), healthy = (each.model for each in pairs[1]), tank.log(2)
     for verb in (fg.evaluate, fg.rehearse, fg.detectability):

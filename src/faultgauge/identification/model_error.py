@@ -31,7 +31,7 @@ from scipy.stats import chi2, norm
 
 __all__ = ["MOST_ALONG", "InOrder", "Delays", "band_scatter", "delays"]
 
-BANDS = 8
+BANDS = 8  # of frequencies, of equal information each
 MOST_ALONG = 50_000  # samples of the logs that are looked at
 FEWEST = 24  # frequencies of a band: their sum of squares is known to 30 %
 CHANCE = 1e-3  # that bands or delays of a plant that is its model seem to contradict it

@@ -332,12 +332,10 @@ class Onsets(eqx.Module):
 
         # what goes leaves its row of J to what comes, which begins it anew (`_signatures`)
         row = jnp.take_along_axis(lanes.row, place, axis=2)
+        told = (lanes.score, lanes.info, lanes.gain, lanes.shared)
         after = Lanes(
             moved(lanes.eta, begun[..., None]),
-            moved(lanes.score, 0.0),
-            moved(lanes.info, 0.0),
-            moved(lanes.gain, 0.0),
-            moved(lanes.shared, 0.0),
+            *(moved(each, 0.0) for each in told),
             lanes.J,
             moved(lanes.row, row),
             moved(mass, fresh),
