@@ -33,10 +33,13 @@ def off_by_model(
     """(how far the parameters are off, columns that come late), of those that are `free`.
 
     Networks make up for what a file lacks, and instruments for what comes late, so nothing is
-    looked for beside these.
+    looked for beside these; nor beside the weak form, whose errors share noise with all others, nor
+    at the file's own values, which this error has not found.
     """
-    plain = [each for each in reports if not (each.freed or each.group.networks)]
-    if unknowns.networks or not plain:
+    found_here = [not (e.freed or e.stated or e.group.networks) for e in reports]
+    plain = [each for each, here in zip(reports, found_here, strict=True) if here]
+    weak = any(each.form == "weak" for each in reports)
+    if unknowns.networks or weak or not plain:
         return np.zeros(len(unknowns.parameters)), ()
     columns = _columns(plant, how)
     parts = _along(plant, unknowns, list(columns.values()), plain, given, free)

@@ -148,7 +148,9 @@ def _model_error(
         rest = shared - own @ np.linalg.lstsq(own, shared, rcond=None)[0]
         told = np.linalg.norm(rest, axis=0) > ALONE * np.linalg.norm(shared, axis=0)
         r, J = r.reshape(samples, outputs), (rest * told).reshape(samples, outputs, -1)
-        parts.append(InOrder(r, J, J[..., :0], float(np.median(windows.dt[k]))))
+        steps = np.asarray(windows.dt[k])
+        if np.any(steps > 0):  # behind the end of a short log there are none
+            parts.append(InOrder(r, J, J[..., :0], float(np.median(steps[steps > 0]))))
     return band_scatter(parts)
 
 
