@@ -90,8 +90,8 @@ def _late(model: Model, noise: Noise) -> list[str]:
     names = model.plant.signals.input_names
     return [
         f"{number(-100 * noise.lean[j], 2)} % of a change of {names[j]} comes late, within about "
-        f"{duration(float(noise.leaning[j]))}: the plant has a lag that the file lacks. The bank "
-        "goes by it; in the plant file it would mend the fit, too"
+        f"{duration(float(noise.leaning[j]))}: the plant, or a sensor, has a lag that the file "
+        "lacks. The bank goes by it; in the plant file it would mend the fit, too"
         for j in noise.leans
     ]
 
