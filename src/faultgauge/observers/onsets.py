@@ -333,15 +333,10 @@ class Onsets(eqx.Module):
         # what goes leaves its row of J to what comes, which begins it anew (`_signatures`)
         row = jnp.take_along_axis(lanes.row, place, axis=2)
         told = (lanes.score, lanes.info, lanes.gain, lanes.shared)
-        after = Lanes(
-            moved(lanes.eta, begun[..., None]),
-            *(moved(each, 0.0) for each in told),
-            lanes.J,
-            moved(lanes.row, row),
-            moved(mass, fresh),
-            moved(when, t),
-        )
-        return after, ()
+        score, info, gain, shared = (moved(each, 0.0) for each in told)
+        eta, row = moved(lanes.eta, begun[..., None]), moved(lanes.row, row)
+        mass, when = moved(mass, fresh), moved(when, t)
+        return Lanes(eta, score, info, gain, shared, lanes.J, row, mass, when), ()
 
 
 def _shared(log: Array, axis: int) -> tuple[Array, Array, Array]:
