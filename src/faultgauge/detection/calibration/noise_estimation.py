@@ -43,6 +43,7 @@ from faultgauge.detection.calibration.run_spread import as_unsure_as_few_runs_te
 from faultgauge.detection.calibration.scoring import scored
 from faultgauge.errors import InputError
 from faultgauge.observers import divided_difference as dd
+from faultgauge.plants.disturbed import following_inputs
 from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run
 from faultgauge.telemetry.oversampling import block_means
@@ -186,6 +187,10 @@ def _with(
     more = _alternated(model, told.batch, more, bounds, stepped)
     enough = np.log(told.batch.count) * added
     if _needed(model, told.batch, more).beside <= noise.beside:
+        return None
+    # a lag that leaves as much of a change to chance as there was explains something else
+    late = np.isin(following_inputs(model.plant), more.leans)
+    if more.leans != noise.leans and np.any(more.share[late] > noise.share[late]):
         return None
     return more if _gain(model, told.batch, noise, more, bounds) > enough else None
 
