@@ -260,7 +260,7 @@ class Disturbed(Plant):
         if not self.leaning:
             return jnp.zeros(len(self.signals.states))
         moved = self._moved(jnp.stack([u, u_before]), jnp.stack([f, f_before]))
-        return self._late(moved)
+        return self._leant(moved)
 
     def enters(
         self, u: Float[Array, "inputs"], f: Float[Array, "faults"], by: Float[Array, "faults"]
@@ -275,7 +275,7 @@ class Disturbed(Plant):
                 self._moved(jnp.stack([u, u]), jnp.stack([f + side, f])) / by[k]
                 for side in (step, -step)
             )
-            units.append(self._late(jnp.where(jnp.abs(up) >= jnp.abs(down), up, -down)))
+            units.append(self._leant(jnp.where(jnp.abs(up) >= jnp.abs(down), up, -down)))
         return jnp.stack(units, axis=1)
 
     def doubts(
@@ -315,7 +315,7 @@ class Disturbed(Plant):
         reached = jax.vmap(lambda u, f: applied(self.signals, u, f))(us, fs)
         return reached[0] - reached[1]
 
-    def _late(self, moved: Float[Array, "inputs"]) -> Float[Array, "states"]:
+    def _leant(self, moved: Float[Array, "inputs"]) -> Float[Array, "states"]:
         """By how much v jumps where the inputs have `moved`."""
         jump = self.error.lean * contract("ji,j->i", _acts(len(moved), self.leaning), moved)
         return jnp.zeros(len(self.signals.states)).at[self.parts.v].set(jump)

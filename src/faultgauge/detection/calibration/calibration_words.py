@@ -58,7 +58,7 @@ def errors(model: Model) -> list[str]:
             f"{each.name} strays by {size} from what the log says, for about "
             f"{duration(float(noise.straying[j]))} at a time"
         )
-    lines += _late(model, noise)
+    lines += _leaning(model, noise)
     for j in noise.lags:
         lines.append(
             f"what an input's change does to {signals.outputs[j].name} is off by about "
@@ -85,7 +85,7 @@ def errors(model: Model) -> list[str]:
     return lines
 
 
-def _late(model: Model, noise: Noise) -> list[str]:
+def _leaning(model: Model, noise: Noise) -> list[str]:
     """Inputs that come later than the model has it."""
     names = model.plant.signals.input_names
     return [
