@@ -60,7 +60,8 @@ class FilterNoise(NamedTuple):
 
 class Flow(NamedTuple):
     """One step linearised: z' = A z; `up` and `down` are what a unit of each fault does to the
-    states upwards and downwards, which a limit makes different."""
+    states upwards and downwards, which a limit makes different; towards 0 it is the mean of all
+    the way there, as a fault that goes does so at once."""
 
     A: Float[Array, "*many n n"]
     up: Float[Array, "*many states faults"]
@@ -140,12 +141,13 @@ class DividedDifferenceFilter(eqx.Module):
 
         # what stands behind the plant's own states follows nobody
         lasting = self.plant.lasting(dt)
-        after, F, up, down = self._differences(flow, belief)
+        after, F, middle, up, down = self._differences(flow, belief)
         after = jnp.concatenate([after, lasting * belief.mean[own:n]])
         F = jnp.concatenate([F, np.eye(n)[own:] * jnp.append(jnp.ones(own), lasting)])
-        up, down = (jnp.concatenate([a, jnp.zeros((n - own, k))]) for a in (up, down))
+        rest = jnp.zeros((n - own, k))
+        middle, up, down = (jnp.concatenate([a, rest]) for a in (middle, up, down))
         size = len(belief.mean)
-        A = jnp.concatenate([F, (up + down) / 2, jnp.zeros((n, size - n - k))], axis=1)
+        A = jnp.concatenate([F, middle, jnp.zeros((n, size - n - k))], axis=1)
         grows = np.zeros((size - n, size))
         grows[list(self.growing), range(n + k, size)] = 1.0
         A = jnp.concatenate([A, np.eye(size)[n:] + dt * grows])
@@ -184,9 +186,9 @@ class DividedDifferenceFilter(eqx.Module):
         def look(x: Array, f: Array) -> Array:
             return respond(self.plant, x, u, f)[1]
 
-        y, H, up, down = self._differences(look, belief)
+        y, H, middle, up, down = self._differences(look, belief)
         rates = jnp.zeros((len(y), len(belief.mean) - n - k))
-        return y, Look(jnp.concatenate([H, (up + down) / 2, rates], axis=1), up, down)
+        return y, Look(jnp.concatenate([H, middle, rates], axis=1), up, down)
 
     def update(
         self,
@@ -261,9 +263,10 @@ class DividedDifferenceFilter(eqx.Module):
         Float[Array, "m states"],
         Float[Array, "m faults"],
         Float[Array, "m faults"],
+        Float[Array, "m faults"],
     ]:
-        """(`of` in the middle, its slopes over the states, and over the faults upwards and
-        downwards); all points run at once."""
+        """(`of` in the middle, its slopes over the states, and over the faults within what is not
+        known of them, upwards and downwards); all points run at once."""
         n, k = self.states, self.faults
         sd = jnp.sqrt(jnp.maximum(jnp.diagonal(belief.P)[: n + k], 0.0))
         s = jnp.where(
@@ -273,9 +276,17 @@ class DividedDifferenceFilter(eqx.Module):
         )
         one = np.eye(n + k)
         sides = np.concatenate([0 * one[:, :1], one, -one], axis=1)
-        points = belief.mean[: n + k, None] + sides * s[:, None]
+        mean, f = belief.mean[: n + k, None], belief.mean[n : n + k]
+        points = jnp.concatenate([mean + sides * s[:, None], mean * (1 - one[:, n:])], axis=1)
         images = jax.vmap(of, in_axes=1)(points[:n], points[n:])
-        at, over, under = images[0], images[1 : 1 + n + k], images[1 + n + k :]
+        at, over, under, without = jnp.split(images, np.cumsum([1, n + k, n + k]))
+        at = at[0]
         each = 1 / s[:, None]  # divisions are slow
         up, down = (over - at) * each, (at - under) * each
-        return at, (up[:n] + down[:n]).T / 2, up[n:].T, down[n:].T
+        middle = (up + down) / 2
+        # a fault that goes does all that its size does, which differs where a limit cuts it off
+        far = (jnp.abs(f) > s[n:])[:, None]
+        back = (at - without) * (1 / jnp.where(far, f[:, None], 1.0))
+        up = jnp.where(far & (f < 0)[:, None], back, up[n:])
+        down = jnp.where(far & (f > 0)[:, None], back, down[n:])
+        return at, middle[:n].T, middle[n:].T, up.T, down.T

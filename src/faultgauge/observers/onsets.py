@@ -38,6 +38,7 @@ __all__ = ["TICK", "Onsets"]
 
 HEAVY = 0.2  # of the likeliest one's weight: an onset that is not given up
 LEAST = 1e-9  # of a size's probability within its limits
+CLEAR = 2.0  # standard deviations of a size, beyond which its sign is known
 SHARPEST = 10.0  # nats: an onset that explains more than those beside it is missed no more
 TICK = 1e-12  # s: the shortest step
 TIE = 1e-9  # by how much more an onset is missed than the one before, all else equal: times of even
@@ -79,23 +80,37 @@ class Onsets(eqx.Module):
         """Of the side that each change is on, by its fault."""
         return jnp.where(up, above[:, :, self.owner, None], below[:, :, self.owner, None])
 
+    def _upwards(
+        self, lanes: Lanes, flow: Flow, look: Look, seen: Seen
+    ) -> Bool[Array, "branches kinds onsets"]:
+        """Whether each change is an upward one: as its score says, and until that is clear, where
+        it does more, as on a side that a limit cuts off there would never be a score."""
+
+        def does(states: Array, outputs: Array) -> Array:
+            scaled = states / self.filter.scale[:, None], outputs / seen.usual[:, :, None]
+            return sum(jnp.sum(each**2, axis=1) for each in scaled)[:, self.owner, None]
+
+        more = does(flow.up, look.up) >= does(flow.down, look.down)
+        clear = lanes.score**2 > CLEAR**2 * lanes.info
+        return jnp.where(clear, lanes.score >= 0, more)
+
     def _signatures(self, lanes: Lanes, step: tuple[Flow, Look, Seen]) -> tuple[Lanes, tuple[()]]:
         """What every unit change has done by now."""
         B, n = lanes.eta.shape[:2]
         K, A = self.kinds, self.onsets
         flow, look, seen = step
-        up = (lanes.score >= 0)[:, None]
+        up = self._upwards(lanes, flow, look, seen)[:, None]
         own = jnp.stack(
             [lanes.eta[:, self.filter.states + k, j] for j, k in enumerate(self.owner)], 1
         )
         eta = jax.vmap(self.filter.through)(flow.A, lanes.eta.reshape(B, n, K * A))
         eta = eta.reshape(B, n, K, A)
-        middle = (flow.up + flow.down) / 2
+        F, states = self.filter.faults, self.filter.states
+        middle = flow.A[:, :states, states : states + F]
         sided = self._sided(up, flow.up - middle, flow.down - middle)
-        states = eta[:, : self.filter.states] + sided * own[:, None]
-        eta = jnp.concatenate([states, eta[:, self.filter.states :]], axis=1)
+        eta = jnp.concatenate([eta[:, :states] + sided * own[:, None], eta[:, states:]], axis=1)
         own = jnp.stack([eta[:, self.filter.states + k, j] for j, k in enumerate(self.owner)], 1)
-        middle = (look.up + look.down) / 2
+        middle = look.C[:, :, states : states + F]
         sided = self._sided(up, look.up - middle, look.down - middle) * own[:, None]
         # in each row of J stands an onset of the row's own kind, of which the last has just opened
         stands = lanes.row[:, :, None] == np.arange(K * A).reshape(K, A, 1)
