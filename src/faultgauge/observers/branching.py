@@ -261,7 +261,7 @@ class Branching(Onsets):
         z, plant = state.belief.mean[b], self.filter.plant
         before = z[n : n + F]
         after = before.at[jnp.asarray(self.owner)[kind]].add(jnp.where(kind < F, f, 0.0))
-        jump = plant.jumps(z[:n], state.u, state.u, before, after).at[plant.parts.e].set(0.0)
+        jump = plant.jumps(z[:n], state.u, state.u, before, after)
         return jnp.concatenate([jump, jnp.zeros(len(z) - n)])
 
     def _alone(

@@ -118,7 +118,7 @@ class DividedDifferenceFilter(eqx.Module):
     def begin(self, x: Float[Array, "states"], sd: Float[Array, "states"]) -> Belief:
         """The states at `x` +- `sd`, and no fault."""
         more = self.faults + len(self.growing)
-        mean = jnp.concatenate([x, jnp.zeros(more)])
+        mean = jnp.concatenate([x + self.plant.lately, jnp.zeros(more)])
         return Belief(mean, jnp.diag(jnp.concatenate([sd, jnp.zeros(more)]) ** 2))
 
     def predict(

@@ -4,23 +4,24 @@
 
     F_ae = F(x, u + a + e + v; theta + offset) - F(x, u; theta + offset),
 
-    a' = -a / straying + w,    e' = -e / settling,    and by N(0, (share du)^2) where u changes
+    a' = -a / straying + w,    v' = -v / leaning,    and by lean du where u changes
 
-    v' = -v / leaning,    and by lean du where u changes
+    e = share r h,    r' = -r / settling + w,    h' = -h / settling,    and by du where u changes
 
     y = h(x', x, u; ...) + h_ae + b + l,    b' = -b / wandering + w,
 
     l' = -l / lag,    and by N(0, (late (h(x', x, u) - h(x', x, u before)))^2) where u changes
 
-and w, e and l are `doubt` times as large while an input is where the model errs more than
+and w and l are `doubt` times as large while an input is where the model errs more than
 elsewhere: an input, as that is known to all hypotheses alike.
 
 d is a Gauss-Markov process beside every state that is not exact kinematics (Kennedy and O'Hagan, J.
 R. Statist. Soc. B 63 (2001), "Bayesian calibration of computer models": what the model lacks is a
 process of its own); with infinite tau it is a random walk. e is what an input's change does
-besides, wherever the input acts: a random share of the change, so that what the model does not have
-is borne for as long as `settling`, and no loop that answers d by u makes d look like an effect of
-u. v is by what an input comes late, where healthy logs show that it does: a lag of the first order
+besides, wherever the input acts: a random share r of h, by which the input is off where it was
+lately, so that what the model does not have is borne for as long as `settling`, and no loop that
+answers d by u makes d look like an effect of u; an input that trembles, as a loop passes on the noise
+of its sensor, comes to nothing, however often it is sampled. r has unit variance. v is by what an input comes late, where healthy logs show that it does: a lag of the first order
 that the model lacks is a `lean` of -1. a is by what an input strays from what is commanded, where
 healthy logs show that it does: a supply that gives way, a pump's curve. b is what an output's own
 equation lacks, where they show that it lacks something: noise of a sensor that remembers, a gust in
@@ -62,7 +63,7 @@ class Error(NamedTuple):
     `wandering` [s] of every b; of every l its time constant `lag` [s] and its share, `late`;
     time constant `straying` [s] of every a; what acts at random is `doubt` times as large where an
     input lies between `above` and `below`; of every v its time constant `leaning` [s] and its
-    share, `lean`."""
+    share, `lean`; by how much an input may have changed just `before` a log (none: not at all)."""
 
     tau: Float[Array, "driven"]
     settling: Float[Array, "following"]
@@ -76,23 +77,25 @@ class Error(NamedTuple):
     below: Float[Array | np.ndarray, "doubted"] = np.zeros(0)
     leaning: Float[Array | np.ndarray, "leaning"] = np.zeros(0)
     lean: Float[Array | np.ndarray, "leaning"] = np.zeros(0)
+    before: Float[Array | np.ndarray, "some"] = np.zeros(0)
 
 
 class Parts(NamedTuple):
-    """Where x, d, e, b, l, a and xi stand among the states."""
+    """Where x, d, r, b, l, a, v, h and xi stand among the states."""
 
     x: slice
     d: slice
-    e: slice
+    r: slice
     b: slice
     lag: slice
     a: slice
     v: slice
+    h: slice
     xi: slice
 
 
 class Disturbed(Plant):
-    """`base` with the states [x, d, e, b, l, a, v, xi]; `driven` are the states that d acts on,
+    """`base` with the states [x, d, r, b, l, a, v, h, xi]; `driven` are the states that d acts on,
     `following` the inputs that e acts on, `wandering` the outputs that b acts on, `lagging` those
     that l acts on, `straying` the inputs that a acts on, `leaning` those that v acts on, `doubted`
     the inputs for which the model is to be doubted somewhere, `names` the parameters, of which
@@ -131,11 +134,12 @@ class Disturbed(Plant):
         """`undeclared` faults stand behind those that `base` declares."""
         signals = base.signals
         more = [State(f"d({signals.state_names[i]})") for i in driven]
-        more += [State(f"e({signals.input_names[i]})") for i in following]
+        more += [State(f"r({signals.input_names[i]})") for i in following]
         more += [State(f"b({signals.output_names[j]})") for j in wandering]
         more += [State(f"l({signals.output_names[j]})") for j in lagging]
         more += [State(f"a({signals.input_names[j]})") for j in straying]
         more += [State(f"v({signals.input_names[j]})") for j in leaning]
+        more += [State(f"h({signals.input_names[i]})") for i in following]
         more += [State(f"xi({k})") for k in range(directions.shape[1])]
         own = replace(
             signals,
@@ -152,19 +156,25 @@ class Disturbed(Plant):
 
     @property
     def parts(self) -> Parts:
-        """Where x, d, e, b, l, a, v and xi stand among the states."""
-        beside = (self.wandering, self.lagging, self.straying, self.leaning)
+        """Where x, d, r, b, l, a, v, h and xi stand among the states."""
+        beside = (self.wandering, self.lagging, self.straying, self.leaning, self.following)
         acting = (self.driven, self.following, *beside)
         counts = [self.count, *map(len, acting), self.directions.shape[1]]
         return Parts(*(slice(*each) for each in pairwise([0, *np.cumsum(counts).tolist()])))
 
     @property
     def times(self) -> Float[Array, "others"]:
-        """How long [s] d, e, b, l, a, v and xi last."""
+        """How long [s] d, r, b, l, a, v, h and xi last."""
         error = self.error
-        beside = (error.wandering, error.lag, error.straying, error.leaning)
+        beside = (error.wandering, error.lag, error.straying, error.leaning, error.settling)
         lasting = (error.tau, error.settling, *beside)
         return jnp.concatenate([*lasting, jnp.full(self.directions.shape[1], jnp.inf)])
+
+    @property
+    def lately(self) -> Float[Array, "states"]:
+        """What the states are besides where a log begins: an input may just have changed."""
+        none = jnp.zeros(len(self.signals.states))
+        return none.at[self.parts.h].set(self.error.before) if len(self.error.before) else none
 
     def derivative(
         self, x: Float[Array, "states"], u: Float[Array, "inputs"]
@@ -175,7 +185,7 @@ class Disturbed(Plant):
         return jnp.concatenate([dx, -x[self.count :] / self.times])
 
     def lasting(self, dt: Float[Array, ""]) -> Float[Array, "others"]:
-        """Which share of d, e, b, l, a, v and xi is left after `dt` [s]."""
+        """Which share of d, r, b, l, a, v, h and xi is left after `dt` [s]."""
         return jnp.exp(-dt / self.times)
 
     def forces(
@@ -189,7 +199,7 @@ class Disturbed(Plant):
         by d, and by a, e and v what they do at `x` under `u` in the mean of the step."""
         beside = x
         for part, lasting in (
-            (self.parts.e, self.error.settling),
+            (self.parts.h, self.error.settling / 2),  # r fades as h does
             (self.parts.a, self.error.straying),
             (self.parts.v, self.error.leaning),
         ):
@@ -245,8 +255,6 @@ class Disturbed(Plant):
         driven = np.isin(np.arange(self.count), self.driven)
         rates = jnp.where(driven, (dx[0] - dx[1])[parts.x], 0.0)
         jumps = jnp.zeros(len(x)).at[parts.x].set(unseen * jnp.abs(rates) / np.sqrt(3))
-        moved = contract("ji,j->i", _acts(len(u), self.following), self._moved(us, fs))
-        jumps = jumps.at[parts.e].set(jnp.abs(self.error.share * moved))
         return jumps.at[parts.lag].set(jnp.abs(self.error.late * shown))
 
     def leans(
@@ -256,11 +264,16 @@ class Disturbed(Plant):
         f_before: Float[Array, "faults"],
         f: Float[Array, "faults"],
     ) -> Float[Array, "states"]:
-        """By how much v jumps where input or faults change."""
-        if not self.leaning:
-            return jnp.zeros(len(self.signals.states))
-        moved = self._moved(jnp.stack([u, u_before]), jnp.stack([f, f_before]))
-        return self._leant(moved)
+        """By how much v jumps where input or faults change, and h where the input does."""
+        jump = jnp.zeros(len(self.signals.states))
+        us = jnp.stack([u, u_before])
+        if self.following:
+            moved = self._moved(us, jnp.stack([f, f]))
+            moved = contract("ji,j->i", _acts(len(u), self.following), moved)
+            jump = jump.at[self.parts.h].set(moved)
+        if self.leaning:
+            jump = jump + self._leant(self._moved(us, jnp.stack([f, f_before])))
+        return jump
 
     def enters(
         self, u: Float[Array, "inputs"], f: Float[Array, "faults"], by: Float[Array, "faults"]
@@ -336,7 +349,8 @@ class Disturbed(Plant):
         usual = self._with(self.offset)
         count = len(self.signals.inputs)
         stray = contract("ij,j->i", _acts(count, self.straying), x[self.parts.a])
-        stray = stray + contract("ij,j->i", _acts(count, self.following), x[self.parts.e])
+        e = self.error.share * x[self.parts.r] * x[self.parts.h]
+        stray = stray + contract("ij,j->i", _acts(count, self.following), e)
         stray = stray + contract("ij,j->i", _acts(count, self.leaning), x[self.parts.v])
         if not self.straying and not self.following and not self.leaning:
             return jnp.zeros_like(of(usual))

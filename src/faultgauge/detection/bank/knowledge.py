@@ -91,7 +91,7 @@ def knowledge_of(
     start = np.ones(len(q))
     start[:states] = q[:states] * np.sqrt(dt)
     start[states : states + len(noise.size)] = noise.size
-    start[parts.e], start[parts.lag] = 0.0, 0.0
+    start[parts.lag] = 0.0
     start[parts.b] = noise.wander[list(noise.wanders)]
     start[parts.a] = noise.stray[list(noise.strays)]
     sd = _deviations(A, B, C, D, Q, R, np.diag(start**2))

@@ -298,7 +298,7 @@ def disturbed(model: Model, noise: Noise, undeclared: tuple[Fault, ...] = ()) ->
         model.plant,
         dynamic_states(model.plant),
         following_inputs(model.plant),
-        error_of(noise),
+        error_of(model, noise),
         (*drifting_of(model), *known.names),
         jnp.asarray(offset_of(model, noise)),
         jnp.asarray(directions_of(model, known, noise.spread)),
@@ -316,7 +316,7 @@ def offset_of(model: Model, noise: Noise) -> Float[np.ndarray, "parameters"]:
     return np.concatenate([np.zeros(len(drifting_of(model))), noise.shift])
 
 
-def error_of(noise: Noise) -> Error:
+def error_of(model: Model, noise: Noise) -> Error:
     """What of `noise` the plant itself has."""
     wanders, lags, strays = list(noise.wanders), list(noise.lags), list(noise.strays)
     own = (noise.lasting, noise.settling, noise.share)
@@ -324,7 +324,9 @@ def error_of(noise: Noise) -> Error:
     doubts = list(noise.doubts)
     leans = list(noise.leans)
     doubt = (getattr(noise, name)[doubts] for name in DOUBT)
-    parts = (*own, *beside, *doubt, noise.leaning[leans], noise.lean[leans])
+    # an input may have changed by all it can just before a log
+    before = np.ptp(operating_points(model).u, axis=0)[list(following_inputs(model.plant))]
+    parts = (*own, *beside, *doubt, noise.leaning[leans], noise.lean[leans], before)
     return Error(*(jnp.asarray(each) for each in parts))
 
 
@@ -337,11 +339,12 @@ def process_of(
         [
             noise.process,
             noise.size * np.sqrt(2 / noise.lasting),
-            np.zeros(len(noise.share)),
+            np.sqrt(2 / noise.settling),
             noise.wander[wanders] * np.sqrt(2 / noise.wandering[wanders]),
             np.zeros(len(noise.lags)),
             noise.stray[strays] * np.sqrt(2 / noise.straying[strays]),
             np.zeros(len(noise.leans)),
+            np.zeros(len(noise.share)),
             noise.drift / np.maximum(drifted, 1e-300),
             np.zeros(len(noise.spread)),
         ]
@@ -376,14 +379,13 @@ def start_spread(
     """Of the states of `Disturbed` when a log begins."""
     sd, drifted = spread_of_start(model, noise.sigma, columns)
     width = np.ptp(operating_points(model).u, axis=0)
-    # an input may have changed by all it can just before
-    follows = noise.share * width[list(following_inputs(model.plant))]
-    leans = list(noise.leans)
+    follows, leans = np.ones(len(noise.share)), list(noise.leans)
     wanders, lags = list(noise.wanders), list(noise.lags)
     late = noise.late[lags] * ranges_of(model)[lags]
     stray = noise.stray[list(noise.strays)], np.abs(noise.lean[leans]) * width[leans]
-    rest = noise.wander[wanders], late, *stray, np.ones(len(drifted) + len(noise.spread))
-    return np.concatenate([sd, noise.size, follows, *rest])
+    rest = noise.wander[wanders], late, *stray, 0 * follows
+    directions = np.ones(len(drifted) + len(noise.spread))
+    return np.concatenate([sd, noise.size, follows, *rest, directions])
 
 
 def scale_of(model: Model, noise: Noise) -> Float[np.ndarray, "extended"]:
@@ -394,7 +396,7 @@ def scale_of(model: Model, noise: Noise) -> Float[np.ndarray, "extended"]:
     follows = u[list(following_inputs(model.plant))]
     own = noise.wander[list(noise.wanders)], ranges_of(model)[list(noise.lags)]
     stray = noise.stray[list(noise.strays)], u[list(noise.leans)]
-    return np.concatenate([x, noise.size, follows, *own, *stray, rest])
+    return np.concatenate([x, noise.size, np.ones(len(follows)), *own, *stray, follows, rest])
 
 
 def width_of(low: float, high: float) -> float:

@@ -130,7 +130,7 @@ class Likelihood:
         plant = disturbed(model, many[0])
         W = jnp.asarray(np.stack([directions_of(model, known, each.spread) for each in many]))
         offset = jnp.asarray(np.stack([offset_of(model, each) for each in many]))
-        errors = [error_of(each) for each in many]
+        errors = [error_of(model, each) for each in many]
         error = jax.tree.map(lambda *parts: jnp.stack(parts), *errors)
         levels = dd.FilterNoise(
             jnp.asarray(np.stack([process_of(each, drifted) for each in many])),
