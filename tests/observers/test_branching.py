@@ -36,7 +36,7 @@ target = "x"
 A, STEP, COUNT = 0.5, 0.2, 200
 SIGMA, PROCESS, SIZE, TAU = 0.05, 1e-3, 0.05, 2.0  # noise, and the discrepancy
 WIDTHS, ONSET, FIRST = (0.6, 0.6), 1e-4, 1e-3
-START = np.array([0.1, SIZE, 0.0, 0.0])  # standard deviations of x, d, e and v
+START = np.array([0.1, SIZE, 0.0, 0.0, 0.0])  # standard deviations of x, d, r, v and h
 PUSH, BIAS = 0, 1
 HEALTHY, PUSHED, BIASED, BOTH = range(4)
 NEVER = 1e-300
@@ -57,7 +57,7 @@ def bank(
     tau, settling, share, leaning, lean = (jnp.array([each]) for each in (TAU, 1.0, 0.0, *late))
     error = Error(tau, settling, share, leaning=leaning, lean=lean)
     plant = Disturbed.of(base, (0,), (0,), error, (), jnp.zeros(0), jnp.zeros((0, 0)), leaning=(0,))
-    process = np.array([PROCESS, SIZE * np.sqrt(2 / TAU), 0.0, 0.0])
+    process = np.array([PROCESS, SIZE * np.sqrt(2 / TAU), 0.0, 0.0, 0.0])
     noise = dd.FilterNoise(np.tile(process, (5, 1)), np.zeros((5, 2)), np.full((5, 1), sigma))
     may = np.isin(range(2), faults)
     prior = Prior(
@@ -72,12 +72,12 @@ def bank(
         changed=jnp.asarray(0.1),
     )
     return Branching(
-        filter=DividedDifferenceFilter(plant, jnp.ones(4), jnp.full(2, 0.1), (), 1),
+        filter=DividedDifferenceFilter(plant, jnp.ones(5), jnp.full(2, 0.1), (), 1),
         noise=jax.tree.map(jnp.asarray, noise),
         prior=prior,
-        alien=jnp.zeros((6, 6)),
-        own=jnp.array([1.0, 0.0, 0.0, 0.0]),
-        usual=jnp.array([0.0, SIZE**2, 0.0, 0.0, 0.0, 0.0]),
+        alien=jnp.zeros((7, 7)),
+        own=jnp.array([1.0, 0.0, 0.0, 0.0, 0.0]),
+        usual=jnp.array([0.0, SIZE**2, 0.0, 0.0, 0.0, 0.0, 0.0]),
         memory=jnp.asarray(20.0),
         recall=jnp.full(2, 20.0),
         more=((PUSHED, BIASED), (PUSHED, BOTH), (BOTH, BIASED), (BOTH, BOTH), (-1, -1)),
@@ -108,7 +108,7 @@ def log(seed, push=(), bias=(), count=COUNT, dt=STEP, sigma=SIGMA, hold=20):
 
 def judged(each, samples):
     u = samples[0]
-    start = each.init(jnp.zeros(4), jnp.asarray(START), jnp.asarray(u[0]))
+    start = each.init(jnp.zeros(5), jnp.asarray(START), jnp.asarray(u[0]))
     return follow(each, start, samples)
 
 
@@ -473,7 +473,7 @@ def test_what_a_step_explains_of_others_leaves_no_more_evidence_than_there_was()
     V, two steps that look alike left evidence without information, and so without end."""
     modes = bank(faults=(PUSH, BIAS))
     rng = np.random.default_rng(0)
-    state = modes.init(jnp.zeros(4), jnp.asarray(START), jnp.zeros(1))
+    state = modes.init(jnp.zeros(5), jnp.asarray(START), jnp.zeros(1))
     lanes = state.lanes
     K, onsets = lanes.score.shape[1:]
     for alike in (1.0, 1e-3, 1e-6):

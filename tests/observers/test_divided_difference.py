@@ -38,18 +38,18 @@ enters = "output"
 target = "x"
 """
 A, TAU, SETTLING, SHARE, STEP = 0.5, 8.0, 1.5, 0.2, 0.4
-SIGMA, PROCESS = (0.1, 0.3), (0.05, 0.04, 0.0)
+SIGMA, PROCESS = (0.1, 0.3), (0.05, 0.04, 0.6, 0.0)
 COUNT = 40
 NOISE = FilterNoise(jnp.array(PROCESS), jnp.array([0.02, 0.0]), jnp.array(SIGMA))
-START = jnp.array([0.5, 0.0, 0.0, 0.0, 0.0, 0.0])  # x, d, e, push, bias, the push's growth
-SPREAD = np.array([0.4, 0.1, 0.2, 0.5, 0.0, 0.01])
+START = jnp.array([0.5, 0, 0, 0.7, 0, 0, 0])  # x, d, r, h, push, bias, the push's growth
+SPREAD = np.array([0.4, 0.1, 1.0, 0.0, 0.5, 0.0, 0.01])
 
 
 def lane(text=LAG, limits=""):
     base = GrayBoxPlant.untrained(parse_plant(text.format(limits=limits)))
     error = Error(*(jnp.array([each]) for each in (TAU, SETTLING, SHARE)))
     plant = Disturbed.of(base, (0,), (0,), error, (), jnp.zeros(0), jnp.zeros((0, 0)))
-    return DividedDifferenceFilter(plant, jnp.ones(3), jnp.full(2, 0.1), (0,), 1)
+    return DividedDifferenceFilter(plant, jnp.ones(4), jnp.full(2, 0.1), (0,), 1)
 
 
 @eqx.filter_jit
@@ -70,13 +70,16 @@ def run(each, u, y):
 
 def textbook(u, y):
     """The Kalman filter of z' = F z + G u, both outputs at once; x by one Runge-Kutta step, along
-    which d fades as an exponential does, and e acts with its mean; the second output sees e."""
+    which d fades as an exponential does, and e = SHARE r h acts with its mean, where h is known;
+    the second output sees e."""
 
-    in_the_mean = (1 - np.exp(-STEP / SETTLING)) * SETTLING / STEP
+    in_the_mean = (1 - np.exp(-2 * STEP / SETTLING)) * SETTLING / 2 / STEP
+    faded = np.exp(-STEP / SETTLING)
 
-    def moved(z, u):
+    def moved(z, u, h):
         def rate(x, t):
-            return z[1] * np.exp(-t / TAU) + z[2] * in_the_mean + z[3] + u - A * x
+            e = SHARE * h * z[2]
+            return z[1] * np.exp(-t / TAU) + e * in_the_mean + z[4] + u - A * x
 
         first = rate(z[0], 0.0)
         second = rate(z[0] + STEP / 2 * first, STEP / 2)
@@ -84,20 +87,19 @@ def textbook(u, y):
         last = rate(z[0] + STEP * third, STEP)
         after = np.array(z)
         after[0] += STEP / 6 * (first + 2 * second + 2 * third + last)
-        after[1:3] *= np.exp(-STEP / TAU), np.exp(-STEP / SETTLING)
-        after[3] += STEP * z[5]  # a growth adds to its fault between steps, and acts from then on
+        after[1:4] *= np.exp(-STEP / TAU), faded, faded
+        after[4] += STEP * z[6]  # a growth adds to its fault between steps, and acts from then on
         return after
 
-    F = np.stack([moved(unit, 0.0) for unit in np.eye(6)], axis=1)
-    G = moved(np.zeros(6), 1.0)
-    H = np.array([[1, 0, 0, 0, 1, 0], [2, 0, 1, 1, 0, 0]], float)
+    G = moved(np.zeros(7), 1.0, 0.0)
     q = np.array([*PROCESS, 0.02, 0.0, 0.0])
     mean, P, found = np.array(START), np.diag(SPREAD**2), []
     for k in range(len(u)):
         if k:
+            F = np.stack([moved(unit, 0.0, mean[3]) for unit in np.eye(7)], axis=1)
             mean, P = F @ mean + G * u[k - 1], F @ P @ F.T + np.diag(q**2 * STEP)
-            change = u[k] - u[k - 1]
-            P[2, 2] += (SHARE * change) ** 2
+            mean[3] += u[k] - u[k - 1]
+        H = np.array([[1, 0, 0, 0, 0, 1, 0], [2, 0, SHARE * mean[3], 0, 1, 0, 0]])
         seen = np.isfinite(y[k])
         C, R = H[seen], np.diag(np.array(SIGMA)[seen] ** 2)
         e = y[k][seen] - C @ mean - np.array([0.0, u[k]])[seen]
@@ -159,7 +161,7 @@ def test_a_glitch_moves_little_and_what_stays_is_believed(signals):
 def test_an_input_at_its_limit_takes_a_push_one_way_only():
     """u = 1 of at most 1: nothing upwards, RK4's (1 - exp(-A h)) / A = 0.36 downwards."""
     one = lane(limits="min = -1\nmax = 1")
-    belief = Belief(START, jnp.diag(SPREAD**2 * np.array([1, 1, 1, 0, 0, 0])))
+    belief = Belief(START, jnp.diag(SPREAD**2 * np.array([1, 1, 1, 0, 0, 0, 0])))
     at, nothing = jnp.array([1.0]), jnp.full(2, jnp.nan)
     flow = stepped(one, belief, at, at, nothing, jnp.asarray(STEP))[2]
     assert float(flow.up[0, 0]) == 0.0
@@ -181,7 +183,7 @@ def test_a_filter_that_blows_up_stays_and_says_so():
     assert float(said) == LOST
     np.testing.assert_array_equal(after.mean, belief.mean)
     np.testing.assert_array_equal(after.P, belief.P)
-    np.testing.assert_array_equal(flow.A, np.eye(6))
+    np.testing.assert_array_equal(flow.A, np.eye(7))
     assert not np.asarray(look.C).any()
     assert np.isinf(np.asarray(seen.root)).all()
 
@@ -203,9 +205,9 @@ def test_a_plant_behind_a_lag_is_one_whose_input_comes_late():
     tau, settling, share, leaning = (jnp.array([a]) for a in (TAU, SETTLING, 1e-9, lag))
     error = Error(tau, settling, share, leaning=leaning, lean=jnp.array([-1.0]))
     plant = Disturbed.of(base, (0,), (0,), error, (), jnp.zeros(0), jnp.zeros((0, 0)), leaning=(0,))
-    each = DividedDifferenceFilter(plant, jnp.ones(4), jnp.full(2, 0.1), (), 1)
-    belief = each.begin(jnp.zeros(4), jnp.array([1e-9, 1e-9, 1e-9, 1e-9]))
-    noise = FilterNoise(jnp.full(4, 1e-9), jnp.zeros(2), jnp.ones(1))
+    each = DividedDifferenceFilter(plant, jnp.ones(5), jnp.full(2, 0.1), (), 1)
+    belief = each.begin(jnp.zeros(5), jnp.full(5, 1e-9))
+    noise = FilterNoise(jnp.full(5, 1e-9), jnp.zeros(2), jnp.ones(1))
     far = 0.0
     for k in range(1, count):
         inputs = jnp.asarray(u[k - 1 : k]), jnp.asarray(u[k : k + 1])

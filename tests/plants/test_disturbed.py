@@ -1,5 +1,6 @@
 """A plant that is not its model: the discrepancy, what follows an input, and constants."""
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -32,7 +33,7 @@ target = "u"
 """
 TAU, SETTLING, SHARE = 4.0, 0.8, 0.6
 OFFSET, W = np.array([0.2, -0.1]), np.array([[0.3, 0.0], [0.05, 0.02]])
-X = np.array([1.0, 2.0, 0.7, -0.4, 1.0, -2.0])  # q, v, d, e, xi
+X = np.array([1.0, 2.0, 0.7, -0.8, 5 / 6, 1.0, -2.0])  # q, v, d, r, h, xi: e = -0.4
 U = np.array([1.5])
 
 
@@ -48,7 +49,7 @@ def plant():
 
 def test_only_what_is_not_kinematics_may_err(plant):
     assert dynamic_states(plant.base) == (1,)
-    assert plant.signals.state_names == ("q", "v", "d(v)", "e(u)", "xi(0)", "xi(1)")
+    assert plant.signals.state_names == ("q", "v", "d(v)", "r(u)", "h(u)", "xi(0)", "xi(1)")
     assert plant.signals.fault_names == ("push", "undeclared q")
     exact = CART.replace('"k*u - c*v"', '"k*u - c*v"\nexact = true')
     assert dynamic_states(GrayBoxPlant.untrained(parse_plant(exact))) == ()
@@ -58,7 +59,7 @@ def test_derivative_and_output_by_hand(plant):
     """k = 3 + 0.2 + 0.3 = 3.5; c = 0.5 - 0.1 + 0.05 - 0.04 = 0.41; u is by 0.4
     short, which acts as on the usual plant, whose k is 3.2."""
     dx = np.asarray(plant.derivative(jnp.asarray(X), jnp.asarray(U)))
-    wanted = [2.0, 3.5 * 1.5 - 3.2 * 0.4 - 0.41 * 2.0 + 0.7, -0.7 / TAU, 0.4 / SETTLING, 0.0, 0.0]
+    wanted = [2.0, 3.5 * 1.5 - 3.2 * 0.4 - 0.41 * 2.0 + 0.7, -0.7 / TAU, 0.8 / SETTLING, -5 / 6 / SETTLING, 0, 0]
     np.testing.assert_allclose(dx, wanted, rtol=1e-12)
     y = plant.output(jnp.asarray(dx), jnp.asarray(X), jnp.asarray(U))
     np.testing.assert_allclose(y, [1.0, wanted[1]], rtol=1e-12)
@@ -68,27 +69,34 @@ def test_derivative_and_output_by_hand(plant):
     ("before", "now", "push", "change"),
     [(0.5, 1.5, 0.0, 1.0), (1.5, 1.5, 0.0, 0.0), (0.5, 3.0, 0.0, 1.5), (0.5, 1.5, 1.0, 0.5)],
 )
-def test_a_change_of_an_input_is_off_by_a_share_of_it(plant, before, now, push, change):
-    """Of the change of u as it acts, inside its limits, with the fault."""
+def test_where_an_input_was_lately_follows_its_changes(plant, before, now, push, change):
+    """Of u as it acts, inside its limits, with the fault; a fault that begins changes nothing."""
     f = jnp.array([push, 0.0])
-    args = (jnp.array([before]), jnp.array([now]), f, f)
-    jump = np.asarray(plant.jumps(jnp.asarray(X), *args))
-    np.testing.assert_allclose(jump, [0, 0, 0, SHARE * change, 0, 0], atol=1e-12)
+    jump = plant.leans(jnp.array([before]), jnp.array([now]), 0 * f, f)
+    np.testing.assert_allclose(jump, [0, 0, 0, 0, change, 0, 0], atol=1e-12)
+
+
+def test_what_an_inputs_change_does_besides_fades_twice_as_fast(plant):
+    """r and h fade as exp(-t / SETTLING): in the mean of 0.8 s, e = -0.4 is (1 - e^-2) / 2 times
+    that; d fades by itself."""
+    t = np.array([0.0, SETTLING])
+    forces = plant.forces(jnp.asarray(X), jnp.asarray(U), jnp.zeros(2), jnp.asarray(t))
+    wanted = 0.7 * np.exp(-t / TAU) - 3.2 * 0.4 * (1 - np.exp(-2)) / 2
+    np.testing.assert_allclose(forces[:, 1], wanted, rtol=1e-12)
+
+
+def test_an_input_may_have_changed_before_a_log(plant):
+    assert not np.any(plant.lately)
+    moved = eqx.tree_at(lambda p: p.error, plant, plant.error._replace(before=jnp.array([2.5])))
+    np.testing.assert_array_equal(moved.lately, [0, 0, 0, 0, 2.5, 0, 0])
 
 
 def test_an_input_that_changed_unseen_did_so_at_any_time(plant):
     """k = 3.5 times a change of 1 for anything between 0 and 0.6 s: 2.1 / sqrt(3) m/s."""
     u, none = jnp.array([0.5]), jnp.zeros(2)
     sd = plant.jumps(jnp.asarray(X), u, u + 1, none, none, 0.6)
-    wanted = [0, 2.1 / np.sqrt(3), 0, SHARE, 0, 0]
+    wanted = [0, 2.1 / np.sqrt(3), 0, 0, 0, 0, 0]
     np.testing.assert_allclose(sd, wanted, atol=1e-12)
-
-
-def test_a_fault_that_enters_with_an_input_is_off_by_that_share_too(plant):
-    """A push of 0.8; a sensor's fault moves nothing."""
-    u, none = jnp.array([0.5]), jnp.zeros(2)
-    pushed = plant.jumps(jnp.asarray(X), u, u, none, jnp.array([0.8, 0.3]))
-    np.testing.assert_allclose(pushed, [0, 0, 0, SHARE * 0.8, 0, 0], atol=1e-12)
 
 
 LEANING = (0.5, -0.9)  # s; of an input's change
@@ -107,14 +115,16 @@ def late():
 
 
 def test_an_input_that_comes_late_by_hand(late):
-    """u is by 0.4 short, and by 0.2 of e too much: 3 * (1.5 + 0.2 - 0.4) - 0.5 * 2 + 0.7."""
-    assert late.signals.state_names[-3:] == ("d(v)", "e(u)", "v(u)")
-    x = jnp.array([1.0, 2.0, 0.7, 0.2, -0.4])
+    """u is by 0.4 short, and by 0.2 of e = 0.6 * 0.5 * 2 / 3 too much:
+    3 * (1.5 + 0.2 - 0.4) - 0.5 * 2 + 0.7."""
+    assert late.signals.state_names[-4:] == ("d(v)", "r(u)", "v(u)", "h(u)")
+    x = jnp.array([1.0, 2.0, 0.7, 0.5, -0.4, 2 / 3])
     dx = late.derivative(x, jnp.array([1.5]))
-    wanted = [2.0, 3 * 1.3 - 1.0 + 0.7, -0.7 / TAU, -0.2 / SETTLING, 0.4 / LEANING[0]]
+    wanted = [2.0, 3 * 1.3 - 1.0 + 0.7, -0.7 / TAU]
+    wanted += [-0.5 / SETTLING, 0.4 / LEANING[0], -2 / 3 / SETTLING]
     np.testing.assert_allclose(dx, wanted, rtol=1e-12)
     np.testing.assert_allclose(
-        late.lasting(jnp.asarray(0.3)), np.exp(-0.3 / np.array([TAU, SETTLING, LEANING[0]]))
+        late.lasting(jnp.asarray(0.3)), np.exp(-0.3 / np.array([TAU, SETTLING, LEANING[0], SETTLING]))
     )
 
 
@@ -123,18 +133,18 @@ def test_a_change_comes_late_by_a_share_of_what_reaches_the_plant(plant, late):
     f = jnp.array([1.0, 0.3])
     for before, now, change in ((0.2, 0.7, 0.5), (0.2, 1.7, 0.8), (1.2, 1.7, 0.0)):
         jump = late.leans(jnp.array([before]), jnp.array([now]), f, f)
-        np.testing.assert_allclose(jump, [0, 0, 0, 0, -0.9 * change], atol=1e-12)
+        np.testing.assert_allclose(jump, [0, 0, 0, 0, -0.9 * change, change], atol=1e-12)
     none = jnp.zeros(2)
     jump = late.leans(jnp.array([1.5]), jnp.array([1.5]), none, f)
-    np.testing.assert_allclose(jump, [0, 0, 0, 0, -0.9 * 0.5], atol=1e-12)
-    assert not np.any(plant.leans(jnp.array([0.0]), jnp.array([1.0]), none, none))
+    np.testing.assert_allclose(jump, [0, 0, 0, 0, -0.9 * 0.5, 0], atol=1e-12)
+    assert not np.any(plant.leans(jnp.array([1.0]), jnp.array([1.0]), none, none))
 
 
 def test_by_what_a_unit_of_a_fault_comes_late(plant, late):
     """Where u is at its upper limit, a push acts downwards alone; a sensor's fault not at all."""
     by, none = jnp.array([0.4, 0.4]), jnp.zeros(2)
     for u in (0.0, 2.0, 3.0):
-        wanted = np.zeros((5, 2))
+        wanted = np.zeros((6, 2))
         wanted[4, 0] = 0.0 if u == 3.0 else -0.9
         found = late.enters(jnp.array([u]), none, by)
         np.testing.assert_allclose(found, wanted, atol=1e-12)
