@@ -279,8 +279,8 @@ class DividedDifferenceFilter(eqx.Module):
         mean, f = belief.mean[: n + k, None], belief.mean[n : n + k]
         points = jnp.concatenate([mean + sides * s[:, None], mean * (1 - one[:, n:])], axis=1)
         images = jax.vmap(of, in_axes=1)(points[:n], points[n:])
-        at, over, under, without = jnp.split(images, np.cumsum([1, n + k, n + k]))
-        at = at[0]
+        at, over, under = images[0], images[1 : 1 + n + k], images[1 + n + k : 1 + 2 * (n + k)]
+        without = images[1 + 2 * (n + k) :]
         each = 1 / s[:, None]  # divisions are slow
         up, down = (over - at) * each, (at - under) * each
         middle = (up + down) / 2

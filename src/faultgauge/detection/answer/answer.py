@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from faultgauge.detection.answer.reliance import headed
-from faultgauge.detection.answer.shares import WHOLE, Silent, shares_of
+from faultgauge.detection.answer.shares import WHOLE, Shares, Silent, shares_of
 from faultgauge.detection.answer.smallest import smallest_along
 from faultgauge.detection.bank.bank import FaultBank
 from faultgauge.detection.decisions import Decision
@@ -22,7 +22,14 @@ from faultgauge.detection.posterior.events import UNKNOWN, BankEvent, pause, str
 from faultgauge.detection.posterior.posterior import LIKELY
 from faultgauge.detection.posterior.probability import probability, too
 from faultgauge.detection.posterior.uncalibrated import level_in, uncalibrated
-from faultgauge.detection.posterior.verdicts import EITHER, FAULT, HEALTHY, NAMED, NOT_JUDGED
+from faultgauge.detection.posterior.verdicts import (
+    EITHER,
+    FAULT,
+    HEALTHY,
+    NAMED,
+    NEARLY,
+    NOT_JUDGED,
+)
 from faultgauge.detection.words import (
     MOST,
     OLDER,
@@ -58,6 +65,7 @@ CHANGED = 0.1  # of an event: for longer its size was another one
 SPOKEN = 3  # silent stretches that a sentence names, or reasons of more of them
 LITTLE = 0.005  # of a log: what would be said as 0 %
 LINES = 4  # of a first screen
+SELDOM = 0.5  # of the rows: of a fault that shows in fewer, that is said
 # what was asked last: every sentence asks anew
 _SMALLEST: deque[tuple[FaultBank, Decision, list[float | None]]] = deque(maxlen=32)
 
@@ -111,7 +119,9 @@ def _silence(bank: FaultBank, decisions: Sequence[Decision]) -> list[str]:
     alone = len(decisions) == 1
     if whole:
         where = "" if len(whole) == len(decisions) else f" in {_runs(whole)}"
-        said.append(headed(bank.model, f"No fault{where}; {_would_not_show(bank, whole)}"))
+        seldom = _seldom(bank, [shares[one.run.name] for one in whole])
+        text = f"No fault{where}; {_would_not_show(bank, whole)}{seldom}"
+        said.append(headed(bank.model, text))
     for one in silent:
         judged, _, gaps = shares[one.run.name]
         log = "log" if alone else f"run {one.run.name}"
@@ -128,6 +138,14 @@ def _silence(bank: FaultBank, decisions: Sequence[Decision]) -> list[str]:
         )
         said.append(headed(bank.model, text))
     return said
+
+
+def _seldom(bank: FaultBank, found: Sequence[Shares]) -> str:
+    """Which faults show in few rows only."""
+    shares = np.mean([each.faults for each in found], axis=0).tolist()
+    names = zip(bank.model.plant.signals.fault_names, shares, strict=True)
+    rare = [f"{name} in {100 * share:.0f} %" for name, share in names if 0 < share < SELDOM]
+    return f"; of the rows that could be judged, {listed(rare)} alone could show" if rare else ""
 
 
 def _why(bank: FaultBank, one: Decision, gaps: Sequence[Silent]) -> str:
@@ -215,8 +233,12 @@ def _why_unnamed(bank: FaultBank, decision: Decision, part: slice) -> tuple[str,
     which they are."""
     why = [reason for reason in decision.reason[part] if reason]
     if not why:
-        return f"{_named(bank, decision, part)}, named there, was given up", ()
-    if not (usual := _usual(why)).startswith(EITHER):
+        name, begun = _named(bank, decision, part), float(decision.run.t[part.start])
+        before = [e.end for e in decision.events if e.fault == name and e.end < begun]
+        if before and begun - max(before) <= bank.pause:
+            return f"whether {name}, told before, was over is not clear in it", ()
+        return f"{name}, named there, was given up", ()
+    if not (usual := _usual(why)).startswith((EITHER, NEARLY)):
         return usual, ()
     rows = part.start + np.flatnonzero(np.array(decision.status[part]) == FAULT)
     found, names = decision.posterior, bank.model.plant.signals.fault_names
@@ -230,6 +252,8 @@ def _why_unnamed(bank: FaultBank, decision: Decision, part: slice) -> tuple[str,
         of = f" of {size[name]:+.3g} {_unit(bank, name)}".rstrip() if name in size else ""
         return f"{name}{of} (p {probability(p[name])})"
 
+    if usual.startswith(NEARLY):
+        return f"{NEARLY}{told(first)}", (first,)
     return f"{EITHER}{told(first)} or {told(second)}", (first, second)
 
 
@@ -274,7 +298,8 @@ def _usual(reasons: Sequence[str]) -> str:
 def answer(bank: FaultBank, decision: Decision, event: BankEvent) -> Told:
     """One event."""
     run = decision.run
-    head, times = finding(event, _unit(bank, event.fault), bank.step, run.clock)
+    unit, over = _unit(bank, event.fault), bool(event.end < run.t[-1])
+    head, times = finding(event, unit, bank.step, run.clock, over)
     rest = [times + _whether_over(bank, decision, event)]
     rest += [*_before_its_name(bank, decision, event), *_course(bank, decision, event)]
     rest += [
@@ -294,10 +319,10 @@ def answer(bank: FaultBank, decision: Decision, event: BankEvent) -> Told:
 
 
 def finding(
-    event: BankEvent, unit: str, step: float, clock: Clock | None = None
+    event: BankEvent, unit: str, step: float, clock: Clock | None = None, over: bool = False
 ) -> tuple[str, str]:
-    """(what, how big, since when and how sure; when it was told and seen last), of rows that are
-    `step` [s] apart."""
+    """(what, how big, since when, until when if it is `over`, and how sure; when it was told and
+    seen last), of rows that are `step` [s] apart."""
     half = (event.onset_hi - event.onset_lo) / 2
     began = since(clock, event.onset, event.onset_lo, event.onset_hi)
     if event.older == "yes":
@@ -309,8 +334,9 @@ def finding(
         what = f"{event.fault} {amount(event.size, event.lo, event.hi, unit)}"
     how = "passive, " if event.passive else ""
     told, last = (moment(clock, t, step) for t in (event.start, event.end))
+    until = f" until {last}" if over else ""
     return (
-        f"{what} {began} ({how}p {probability(event.p)}, run {event.run})",
+        f"{what} {began}{until} ({how}p {probability(event.p)}, run {event.run})",
         f"told at {told}, seen until {last}",
     )
 

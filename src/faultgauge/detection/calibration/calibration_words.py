@@ -72,7 +72,7 @@ def errors(model: Model) -> list[str]:
     values = model.plant.parameters
     spread = [
         f"{name} {number(s, 2)} ({number(100 * s / abs(float(values[name])), 2)} %)"
-        if float(values[name])
+        if s < abs(float(values[name]))
         else f"{name} {number(s, 2)}"
         for name, s in known.items()
     ]
@@ -159,4 +159,5 @@ def _level(model: Model) -> str:
 
 
 def _units(model: Model) -> dict[str, str]:
-    return {fault.name: fault.unit for fault in model.plant.signals.faults}
+    faults = model.plant.signals.faults
+    return {fault.name: "" if fault.unit in PURE else fault.unit for fault in faults}

@@ -57,6 +57,7 @@ def constants_retold(model: Model, batch: Likelihood, noise: Noise) -> Noise:
         mean_off, off, V = _runs_own(W, noise.shift, xi, unsure, alone)
         count = len(off)
         values = [float(model.plant.parameters[n]) for n in known.names]
+        mean_off = np.clip(mean_off, *(limits - values for limits in _limits(model, known.names)))
         usual = np.array([usual_spread(value, 0.0) for value in values])
         sums = np.sum((off - mean_off) ** 2, axis=0) + V.sum(axis=0)
         squares = _pooled(model, known.names, sums)
@@ -127,6 +128,12 @@ def as_unsure_as_few_runs_tell(model: Model, batch: Likelihood, noise: Noise) ->
     most = np.array(SHARES) * len(batch.runs) * np.log(wider).sum()
     borne = np.flatnonzero(cost[1:] <= cost[0] + most + 1.0)
     return many[int(borne[0])] if len(borne) else noise
+
+
+def _limits(model: Model, names: Sequence[str]) -> Float[np.ndarray, "two constants"]:
+    """The least and the most that constants may be by the plant file."""
+    of = {p.name: (p.min, p.max) for p in model.plant.spec.parameters}
+    return np.array([of[name] for name in names], float).T
 
 
 def _within(

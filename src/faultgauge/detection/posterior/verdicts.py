@@ -36,6 +36,7 @@ __all__ = [
     "FAULT",
     "HEALTHY",
     "NAMED",
+    "NEARLY",
     "NOT_JUDGED",
     "OUTSIDE",
     "PLACES",
@@ -58,6 +59,7 @@ FRESH = 10.0  # samples without any output after which the answer is stale
 OUTSIDE = "outside of"  # what the plant file or training bounds
 PLACES = 4096  # more than there are of anything that a reason may be about
 EITHER = "cause undecided: "
+NEARLY = "not certain for long enough to be named: "
 TOO_SOON = ": too soon after a start or a gap, or not in these data"
 EDGE = 1e-6  # of an input's limits: that near it stands at one
 
@@ -81,6 +83,18 @@ class Reason(IntEnum):
     NOT_EXCITED = 12
     NOT_YET = 13
     NONE_SHOWS = 14
+    NEARLY = 15  # a fault
+
+
+PLAIN = {
+    Reason.NONE: "",
+    Reason.NOT_SAMPLED: "not sampled",
+    Reason.STALE: "no output was sampled for a while",
+    Reason.HELD: "too soon after a start or a gap",
+    Reason.UNDECLARED: "no declared fault explains it",
+    Reason.UNDECIDED: "undecided whether there is a fault",
+    Reason.NONE_SHOWS: f"no declared fault would show{TOO_SOON}",
+}
 
 
 class Verdict(NamedTuple):
@@ -127,7 +141,8 @@ def log_odds(calm: Any) -> Any:
 
 class Rules(eqx.Module):
     """Pure `init` and `step`. `stale` [s] after the last sample of an output; `watched` are inputs
-    that faults act on, whose limits are `low` and `high`; `changes` of the inputs from row to row
+    that faults act on, whose limits are `low` and `high`, and which some change upwards or
+    downwards only; `changes` of the inputs from row to row
     are no larger in healthy logs, and what they do is known once they have `settled` [s], which
     matters to the causes that are `acting` on the plant."""
 
@@ -142,6 +157,8 @@ class Rules(eqx.Module):
     changes: Float[np.ndarray, "inputs"]
     settled: Float[np.ndarray, ""]
     acting: Bool[np.ndarray, "causes"]
+    only_up: Bool[np.ndarray, "faults"]
+    only_down: Bool[np.ndarray, "faults"]
     watched: tuple[int, ...] = eqx.field(static=True)
     monitors: tuple[str, ...] = eqx.field(static=True)
     gains: tuple[bool, ...] = eqx.field(static=True)
@@ -164,6 +181,8 @@ class Rules(eqx.Module):
             bank.changes * (1 + EDGE),
             np.asarray(bank.settled),
             np.append(acting(signals.faults) > 0, True),
+            np.array([fault.min >= 0 for fault in signals.faults]),
+            np.array([fault.max <= 0 for fault in signals.faults]),
             tuple(_watched(signals, fault) for fault in signals.faults),
             tuple(fault.monitor for fault in signals.faults),
             tuple(fault.enters == "gain" for fault in signals.faults),
@@ -250,9 +269,11 @@ class Rules(eqx.Module):
         shares = jnp.append(found.unknown, jnp.nan_to_num(found.p))
         first = jnp.argmax(shares)
         second = jnp.argmax(jnp.where(jnp.arange(len(shares)) == first, -1.0, shares))
-        told = jnp.where(
-            jnp.any(named[:-1]), _reason(Reason.NONE), _reason(Reason.EITHER, first, second)
-        )
+        # what no other cause comes near lacks no rival, but time
+        alone = (first > 0) & (shares[second] < 1 - NAMED)
+        nearly = _reason(Reason.NEARLY, first - 1)
+        either = jnp.where(alone, nearly, _reason(Reason.EITHER, first, second))
+        told = jnp.where(jnp.any(named[:-1]), _reason(Reason.NONE), either)
         return jnp.where(found.unknown >= QUIET, _reason(Reason.UNDECLARED), told)
 
     def _small(self, found: Marginal) -> Int[Array, ""]:
@@ -266,7 +287,8 @@ class Rules(eqx.Module):
         """Why a fault would not show."""
         fault = jnp.argmax(hidden)
         u = jnp.append(heard.u, jnp.nan)[np.array(self.watched)]
-        edge = ((u <= self.low) | (u >= self.high))[fault]
+        # a limit hides what pushes beyond it, and nothing that pulls away from it
+        edge = (((u <= self.low) & self.only_down) | ((u >= self.high) & self.only_up))[fault]
         told = jnp.where(
             jnp.array(self.gains)[fault],
             _reason(Reason.NOT_EXCITED, fault),
@@ -312,23 +334,15 @@ def _said(signals: Signals, regions: Sequence[str], code: int) -> str:
     places, why = divmod(code, len(Reason))
     second, first = divmod(places, PLACES)
     causes: Sequence[str] = ("something undeclared", *signals.fault_names)
-    match Reason(why):
-        case Reason.NONE:
-            return ""
-        case Reason.NOT_SAMPLED:
-            return "not sampled"
+    if (reason := Reason(why)) in PLAIN:
+        return PLAIN[reason]
+    match reason:
         case Reason.STANDING:
             return standing_still(signals.output_names[first])
-        case Reason.STALE:
-            return "no output was sampled for a while"
-        case Reason.HELD:
-            return "too soon after a start or a gap"
-        case Reason.UNDECLARED:
-            return "no declared fault explains it"
         case Reason.EITHER:
             return f"{EITHER}{causes[first]} or {causes[second]}"
-        case Reason.UNDECIDED:
-            return "undecided whether there is a fault"
+        case Reason.NEARLY:
+            return f"{NEARLY}{signals.fault_names[first]}"
         case Reason.OUTSIDE:
             if first < len(regions):
                 return f"{OUTSIDE} what training covered of {regions[first]}"
@@ -341,8 +355,6 @@ def _said(signals: Signals, regions: Sequence[str], code: int) -> str:
         case Reason.SMALL:
             name = signals.fault_names[first]
             return f"{name} is possible, but not certain enough for an alarm"
-        case Reason.NONE_SHOWS:
-            return f"no declared fault would show{TOO_SOON}"
         case Reason.AT_LIMIT | Reason.NOT_EXCITED | Reason.NOT_YET as unseen:
             return _unseen(signals.faults[first], unseen)
 
