@@ -59,7 +59,15 @@ def test_derivative_and_output_by_hand(plant):
     """k = 3 + 0.2 + 0.3 = 3.5; c = 0.5 - 0.1 + 0.05 - 0.04 = 0.41; u is by 0.4
     short, which acts as on the usual plant, whose k is 3.2."""
     dx = np.asarray(plant.derivative(jnp.asarray(X), jnp.asarray(U)))
-    wanted = [2.0, 3.5 * 1.5 - 3.2 * 0.4 - 0.41 * 2.0 + 0.7, -0.7 / TAU, 0.8 / SETTLING, -5 / 6 / SETTLING, 0, 0]
+    wanted = [
+        2.0,
+        3.5 * 1.5 - 3.2 * 0.4 - 0.41 * 2.0 + 0.7,
+        -0.7 / TAU,
+        0.8 / SETTLING,
+        -5 / 6 / SETTLING,
+        0,
+        0,
+    ]
     np.testing.assert_allclose(dx, wanted, rtol=1e-12)
     y = plant.output(jnp.asarray(dx), jnp.asarray(X), jnp.asarray(U))
     np.testing.assert_allclose(y, [1.0, wanted[1]], rtol=1e-12)
@@ -124,7 +132,8 @@ def test_an_input_that_comes_late_by_hand(late):
     wanted += [-0.5 / SETTLING, 0.4 / LEANING[0], -2 / 3 / SETTLING]
     np.testing.assert_allclose(dx, wanted, rtol=1e-12)
     np.testing.assert_allclose(
-        late.lasting(jnp.asarray(0.3)), np.exp(-0.3 / np.array([TAU, SETTLING, LEANING[0], SETTLING]))
+        late.lasting(jnp.asarray(0.3)),
+        np.exp(-0.3 / np.array([TAU, SETTLING, LEANING[0], SETTLING])),
     )
 
 

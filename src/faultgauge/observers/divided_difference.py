@@ -10,6 +10,7 @@ off: a glitch moves nothing, and what stays off speaks for whatever explains it.
 """
 
 from collections.abc import Callable
+from itertools import pairwise
 from typing import NamedTuple
 
 import equinox as eqx
@@ -274,19 +275,25 @@ class DividedDifferenceFilter(eqx.Module):
             jnp.maximum(sd, LEAST * jnp.concatenate([self.scale, self.probe])),
             jnp.concatenate([LEAST * self.scale, self.probe]),
         )
-        one = np.eye(n + k)
-        sides = np.concatenate([0 * one[:, :1], one, -one], axis=1)
+        # where inputs were lately is known whatever comes
+        known = self.plant.parts.h
+        free = np.delete(np.arange(n + k), known)
+        one, m = np.eye(n + k), len(free)
+        sides = np.concatenate([0 * one[:, :1], one[:, free], -one[:, free]], axis=1)
         mean, f = belief.mean[: n + k, None], belief.mean[n : n + k]
         points = jnp.concatenate([mean + sides * s[:, None], mean * (1 - one[:, n:])], axis=1)
         images = jax.vmap(of, in_axes=1)(points[:n], points[n:])
-        at, over, under = images[0], images[1 : 1 + n + k], images[1 + n + k : 1 + 2 * (n + k)]
-        without = images[1 + 2 * (n + k) :]
-        each = 1 / s[:, None]  # divisions are slow
+        at, over, under, without = (
+            images[a:b] for a, b in pairwise([0, 1, 1 + m, 1 + 2 * m, len(images)])
+        )
+        at, each = at[0], 1 / s[free][:, None]  # divisions are slow
         up, down = (over - at) * each, (at - under) * each
-        middle = (up + down) / 2
+        middle, up, down = (up + down) / 2, up[m - k :], down[m - k :]
         # a fault that goes does all that its size does, which differs where a limit cuts it off
         far = (jnp.abs(f) > s[n:])[:, None]
         back = (at - without) * (1 / jnp.where(far, f[:, None], 1.0))
-        up = jnp.where(far & (f < 0)[:, None], back, up[n:])
-        down = jnp.where(far & (f > 0)[:, None], back, down[n:])
-        return at, middle[:n].T, middle[n:].T, up.T, down.T
+        up = jnp.where(far & (f < 0)[:, None], back, up)
+        down = jnp.where(far & (f > 0)[:, None], back, down)
+        none = jnp.zeros((known.stop - known.start, len(at)))
+        states = jnp.concatenate([middle[: known.start], none, middle[known.start : m - k]])
+        return at, states.T, middle[m - k :].T, up.T, down.T

@@ -69,6 +69,7 @@ BESIDE = (
     with_errors_of_outputs,
 )
 SIZES = {pair[0]: pair for pair in (WANDER, LATE, STRAY, LEAN)}  # with their times
+TOLD = 1.05  # times the shortest time: the end of a search
 ENOUGH = 0.3  # of log-likelihood: a step that gains less is the last
 NONE = 1e-6  # times the usual: as good as no discrepancy
 
@@ -179,7 +180,8 @@ def _with(
 ) -> Noise | None:
     """`noise` and what there is `beside` it, all told anew; None where that gains too little, or
     where the search has come to levels that need none of it."""
-    more = beside(model, told.batch, noise, spans_of(told.step, told.stretches))
+    spans = spans_of(told.step, told.stretches)
+    more = beside(model, told.batch, noise, spans)
     added = more.beside - noise.beside
     if not added:
         return None
@@ -188,9 +190,11 @@ def _with(
     enough = np.log(told.batch.count) * added
     if _needed(model, told.batch, more).beside <= noise.beside:
         return None
-    # a lag that leaves as much of a change to chance as there was explains something else
-    late = np.isin(following_inputs(model.plant), more.leans)
-    if more.leans != noise.leans and np.any(more.share[late] > noise.share[late]):
+    # a lag that leaves as much of a change to chance as there was explains something else, and one
+    # that would be shorter than can be told is none
+    late, times = np.isin(following_inputs(model.plant), more.leans), more.leaning[[*more.leans]]
+    none = np.any(more.share[late] > noise.share[late]) or np.any(times < TOLD * spans.shortest)
+    if more.leans != noise.leans and none:
         return None
     return more if _gain(model, told.batch, noise, more, bounds) > enough else None
 
