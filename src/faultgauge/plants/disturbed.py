@@ -18,16 +18,16 @@ elsewhere: an input, as that is known to all hypotheses alike.
 d is a Gauss-Markov process beside every state that is not exact kinematics (Kennedy and O'Hagan, J.
 R. Statist. Soc. B 63 (2001), "Bayesian calibration of computer models": what the model lacks is a
 process of its own); with infinite tau it is a random walk. e is what an input's change does
-besides, wherever the input acts: a random share r of h, by which the input is off where it was
-lately, so that what the model does not have is borne for as long as `settling`, and no loop that
-answers d by u makes d look like an effect of u; an input that trembles, as a loop passes on the noise
-of its sensor, comes to nothing, however often it is sampled. r has unit variance. v is by what an input comes late, where healthy logs show that it does: a lag of the first order
-that the model lacks is a `lean` of -1. a is by what an input strays from what is commanded, where
-healthy logs show that it does: a supply that gives way, a pump's curve. b is what an output's own
-equation lacks, where they show that it lacks something: noise of a sensor that remembers, a gust in
-what an accelerometer feels; l is what an input's change does to an output besides: a flow that
-follows its command within seconds. xi are the directions in which the constants are uncertain, of
-unit variance.
+besides, wherever the input acts: a random share r, of unit variance, of h, by which the input is
+off where it was lately. So what the model does not have is borne for as long as `settling`, and no
+loop that answers d by u makes d look like an effect of u; an input that trembles, as a loop passes
+on the noise of its sensor, comes to nothing, however often it is sampled. v is by what an input
+comes late, where healthy logs show that it does: a lag of the first order that the model lacks is a
+`lean` of -1. a is by what an input strays from what is commanded, where healthy logs show that it
+does: a supply that gives way, a pump's curve. b is what an output's own equation lacks, where they
+show that it lacks something: noise of a sensor that remembers, a gust in what an accelerometer
+feels; l is what an input's change does to an output besides: a flow that follows its command within
+seconds. xi are the directions in which the constants are uncertain, of unit variance.
 """
 
 from collections.abc import Callable, Mapping
