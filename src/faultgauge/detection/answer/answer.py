@@ -144,8 +144,8 @@ def _seldom(bank: FaultBank, found: Sequence[Shares]) -> str:
     """Which faults show in few rows only."""
     shares = np.mean([each.faults for each in found], axis=0).tolist()
     names = zip(bank.model.plant.signals.fault_names, shares, strict=True)
-    rare = [f"{name} in {100 * share:.0f} %" for name, share in names if 0 < share < SELDOM]
-    return f"; of the rows that could be judged, {listed(rare)} alone could show" if rare else ""
+    rare = [f"{name} ({100 * share:.0f} %)" for name, share in names if 0 < share < SELDOM]
+    return f"; few rows could have shown {listed(rare)}" if rare else ""
 
 
 def _why(bank: FaultBank, one: Decision, gaps: Sequence[Silent]) -> str:

@@ -1,16 +1,12 @@
 """Which inputs come later than the model has it, by what the innovation likelihood gains.
 
 A lag that the file lacks is no error that changes by chance: size and time constant are two levels
-more, and must gain what Schwarz's criterion asks of two (G. Schwarz, Ann. Stat. 6 (1978)). It is
-looked for where innovations go with what the input has changed by lately, beyond chance (the
-cross-correlation test of T. Bohlin, "Practical Grey-box Process Identification" (2006)).
+more, and must gain what Schwarz's criterion asks of two (G. Schwarz, Ann. Stat. 6 (1978)).
 """
 
-from collections.abc import Sequence
 from itertools import product
 
 import numpy as np
-from scipy.signal import lfilter
 
 from faultgauge.detection.bank.noise import Noise
 from faultgauge.detection.calibration.innovation_likelihood import Likelihood
@@ -23,7 +19,6 @@ __all__ = ["with_lags_of_inputs"]
 GRID = 6  # time constants that are tried
 SURER = (1.0, 10.0)  # times less of a change that is off by chance, where an input comes late
 NONE = 1e-6  # of an input's change: as good as no lag
-CHANCE = 3.0  # standard deviations: what is not beyond is not looked at, which saves time alone
 
 
 def with_lags_of_inputs(model: Model, batch: Likelihood, noise: Noise, spans: Spans) -> Noise:
@@ -31,10 +26,7 @@ def with_lags_of_inputs(model: Model, batch: Likelihood, noise: Noise, spans: Sp
     its changes are off."""
     shares = np.arange(1, GRID + 1) / (GRID + 1)
     times = [spans.shortest, *(spans.shortest ** (1 - shares) * spans.settled**shares)]
-    after = list(following_inputs(model.plant))
-    following = [j for j in after if _correlation(model, batch, noise, j, times) > CHANCE]
-    if not following:
-        return noise
+    following = list(following_inputs(model.plant))
     inputs = np.arange(len(model.plant.signals.inputs))
     there = np.isin(inputs, following)
     none = noise._replace(
@@ -42,7 +34,7 @@ def with_lags_of_inputs(model: Model, batch: Likelihood, noise: Noise, spans: Sp
     )
     many, tried = [none], []
     for j, at, surer in product(following, range(GRID + 2), SURER):
-        one, k = inputs == j, after.index(j)
+        one, k = inputs == j, following.index(j)
         # a lag is what most of a change that settles may be
         time = (float(noise.settling[k]), *times)[at]
         share = noise.share.copy()
@@ -53,28 +45,8 @@ def with_lags_of_inputs(model: Model, batch: Likelihood, noise: Noise, spans: Sp
     cost = batch.run(model, many).cost
     lean, leaning, share = 0.0 * inputs, 0.0 * inputs, noise.share.copy()
     for j in following:
-        own, k = [n for n, each in enumerate(tried, 1) if each == j], after.index(j)
+        own, k = [n for n, each in enumerate(tried, 1) if each == j], following.index(j)
         best = min(own, key=lambda n: cost[n])
         if cost[0] - cost[best] > np.log(batch.count):
             lean[j], leaning[j], share[k] = LAG, many[best].leaning[j], many[best].share[k]
     return noise._replace(lean=lean, leaning=leaning, share=share)
-
-
-def _correlation(
-    model: Model, batch: Likelihood, noise: Noise, j: int, times: Sequence[float]
-) -> float:
-    """How far innovations go with what input `j` changed by within each of `times` before, in
-    standard deviations of chance; the furthest of all outputs and times."""
-    white = batch.run(model, [noise]).white[0].reshape(batch.y.shape)
-    du = np.diff(np.asarray(batch.u)[:, :, j], axis=1)
-    step, furthest = float(np.median(np.asarray(batch.dt)[:, 1:])), 0.0
-    for time in times:
-        fade = np.exp(-step / time)
-        lately = np.zeros(batch.u.shape[:2])
-        faded = np.asarray(lfilter([fade], [1.0, -fade], du, axis=1))
-        lately[:, 2:] = faded[:, :-1]
-        there = np.where(white != 0, lately[:, :, None] ** 2, 0.0)
-        found = np.sum(white * lately[:, :, None], axis=(0, 1))
-        size = np.sqrt(np.sum(there, axis=(0, 1)))
-        furthest = max(furthest, float(np.max(np.abs(found) / np.maximum(size, 1e-300))))
-    return furthest

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from itertools import count, product
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from faultgauge.detection.bank.noise import DOUBT, LATE, LEAN, STRAY, WANDER, Noise
 from faultgauge.detection.calibration.doubted_regions import with_doubted_regions
@@ -182,21 +182,30 @@ def _with(
     where the search has come to levels that need none of it."""
     spans = spans_of(told.step, told.stretches)
     more = beside(model, told.batch, noise, spans)
-    added = more.beside - noise.beside
-    if not added:
+    while added := more.beside - noise.beside:
+        bounds = told.bounds(more)
+        found = _alternated(model, told.batch, more, bounds, stepped)
+        false = _false_lags(model, noise, found, spans)
+        if not np.any(false):
+            break
+        more = more._replace(**{name: np.where(false, 0.0, getattr(more, name)) for name in LEAN})
+    else:
         return None
-    bounds = told.bounds(more)
-    more = _alternated(model, told.batch, more, bounds, stepped)
     enough = np.log(told.batch.count) * added
-    if _needed(model, told.batch, more).beside <= noise.beside:
+    if _needed(model, told.batch, found).beside <= noise.beside:
         return None
-    # a lag that leaves as much of a change to chance as there was explains something else, and one
-    # that would be shorter than can be told is none
-    late, times = np.isin(following_inputs(model.plant), more.leans), more.leaning[[*more.leans]]
-    none = np.any(more.share[late] > noise.share[late]) or np.any(times < TOLD * spans.shortest)
-    if more.leans != noise.leans and none:
-        return None
-    return more if _gain(model, told.batch, noise, more, bounds) > enough else None
+    return found if _gain(model, told.batch, noise, found, bounds) > enough else None
+
+
+def _false_lags(
+    model: Model, before: Noise, found: Noise, spans: Spans
+) -> Bool[np.ndarray, "inputs"]:
+    """The inputs whose lag, which was not there `before`, leaves as much of a change to chance as
+    there was, and so explains something else, or would be shorter than can be told."""
+    less = np.zeros(len(found.lean), bool)
+    less[list(following_inputs(model.plant))] = found.share <= before.share
+    new = (found.lean != 0) & (before.lean == 0)
+    return new & (~less | (found.leaning < TOLD * spans.shortest))
 
 
 def _needed(model: Model, batch: Likelihood, noise: Noise) -> Noise:
