@@ -69,6 +69,7 @@ BESIDE = (
     with_errors_of_outputs,
 )
 SIZES = {pair[0]: pair for pair in (WANDER, LATE, STRAY, LEAN)}  # with their times
+LESS = 0.95  # of the share that a change is off by: a lag that leaves more is none
 TOLD = 1.05  # times the shortest time: the end of a search
 ENOUGH = 0.3  # of log-likelihood: a step that gains less is the last
 NONE = 1e-6  # times the usual: as good as no discrepancy
@@ -203,7 +204,7 @@ def _false_lags(
     """The inputs whose lag, which was not there `before`, leaves as much of a change to chance as
     there was, and so explains something else, or would be shorter than can be told."""
     less = np.zeros(len(found.lean), bool)
-    less[list(following_inputs(model.plant))] = found.share <= before.share
+    less[list(following_inputs(model.plant))] = found.share < LESS * before.share
     new = (found.lean != 0) & (before.lean == 0)
     return new & (~less | (found.leaning < TOLD * spans.shortest))
 
