@@ -87,8 +87,9 @@ class Onsets(eqx.Module):
         it does more, as on a side that a limit cuts off there would never be a score."""
 
         def does(states: Array, outputs: Array) -> Array:
-            scaled = states / self.filter.scale[:, None], outputs / seen.usual[:, :, None]
-            return sum(jnp.sum(each**2, axis=1) for each in scaled)[:, self.owner, None]
+            states, outputs = states / self.filter.scale[:, None], outputs / seen.usual[:, :, None]
+            squares = jnp.sum(states**2, axis=1) + jnp.sum(outputs**2, axis=1)
+            return squares[:, self.owner, None]
 
         more = does(flow.up, look.up) >= does(flow.down, look.down)
         clear = lanes.score**2 > CLEAR**2 * lanes.info

@@ -334,9 +334,7 @@ def _said(signals: Signals, regions: Sequence[str], code: int) -> str:
     places, why = divmod(code, len(Reason))
     second, first = divmod(places, PLACES)
     causes: Sequence[str] = ("something undeclared", *signals.fault_names)
-    if (reason := Reason(why)) in PLAIN:
-        return PLAIN[reason]
-    match reason:
+    match Reason(why):
         case Reason.STANDING:
             return standing_still(signals.output_names[first])
         case Reason.EITHER:
@@ -357,6 +355,8 @@ def _said(signals: Signals, regions: Sequence[str], code: int) -> str:
             return f"{name} is possible, but not certain enough for an alarm"
         case Reason.AT_LIMIT | Reason.NOT_EXCITED | Reason.NOT_YET as unseen:
             return _unseen(signals.faults[first], unseen)
+        case plain:
+            return PLAIN[plain]
 
 
 def _unseen(fault: Fault, why: Reason) -> str:
