@@ -7,14 +7,14 @@ that calibrates: a better free run need not give a better observer.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from faultgauge.detection.answer.estimation import estimate
 from faultgauge.detection.calibration.calibration import calibrate
-from faultgauge.detection.decisions import decide_runs
+from faultgauge.detection.decisions import Decision, decide_runs
 from faultgauge.identification.fit import fit
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
@@ -51,13 +51,14 @@ class Found:
 
     `figures`: RMSE [V] and its share of 5 V from 60 ms after each edge, settling times [s] to 5 %,
     coverage; of the bank also half periods and how many are wrong, alarms on the healthy stretch,
-    and how the onsets of the pulses were told.
+    and how the onsets of the pulses were told, and what it decided of the `pulses`.
     """
 
     f: Float[np.ndarray, "samples"]
     lo: Float[np.ndarray, "samples"]
     hi: Float[np.ndarray, "samples"]
     figures: dict[str, float]
+    pulses: Decision | None = None
 
 
 def bodies() -> Mapping[str, GrayBoxPlant]:
@@ -122,7 +123,7 @@ def by_bank(body: Body, logs: DriveLogs) -> Found:
     found.figures["onsets_told"] = float(len(dated))
     found.figures["onsets_inside"] = float(sum(each.inside for each in dated))
     found.figures["onset_width_median_s"] = float(np.median([each.width for each in dated]))
-    return found
+    return replace(found, pulses=pulses)
 
 
 def scored(

@@ -21,6 +21,7 @@ def test_a_learned_network_runs_in_the_bank():
     """
     logs = simulated_logs(12.0)
     found = by_bank(trained(BODY, bodies()[BODY], logs, 0), logs)
+    assert found.pulses is not None
     status = np.array(found.pulses.status)
     settled = merit.settled(logs.faulty.t, merit.edges_of(logs.pulse), 0.06)
     assert set(status[settled & (logs.pulse > 0)]) <= {"FAULT", "NOT_JUDGED"}
