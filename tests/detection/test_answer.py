@@ -4,6 +4,7 @@ import csv
 from dataclasses import replace
 from datetime import datetime, timedelta
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -21,6 +22,8 @@ from faultgauge.detection.bank.bank import build_fault_bank
 from faultgauge.detection.bank.noise import Noise
 from faultgauge.detection.decisions import Watching, decide
 from faultgauge.detection.posterior.glitches import sentences
+from faultgauge.detection.posterior.posterior import Marginal
+from faultgauge.detection.posterior.verdicts import FAULT, STATUS, Rules, words
 from faultgauge.reporting.decision_chapter import decision_report
 from faultgauge.reporting.report import render
 from faultgauge.reporting.run_overview import run_overview
@@ -92,6 +95,34 @@ def built(text):
 @pytest.fixture(scope="module")
 def decision(bank):
     return decide(bank, log(1, LEAK))
+
+
+def test_what_is_over_is_told_as_over(bank, decision):
+    """A leak of 300 to 400 s, and one that is there as the log ends."""
+    t = STEP * np.arange(COUNT)
+    over = decide(bank, log(1, LEAK, (t >= ONSET) & (t < 400)))
+    (event,) = over.events
+    (line,) = answers(bank, [over])
+    assert f" until {event.end:g} s (p > 0.999, run run1); told at" in line
+    assert event.end == pytest.approx(400, abs=10)
+    (line,) = answers(bank, [decision])
+    assert "until" not in line.split("; ")[0]
+
+
+@pytest.mark.parametrize(
+    ("p", "said"),
+    [
+        ((0.96, 0.01), "not certain for long enough to be named: leak"),
+        ((0.01, 0.96), "not certain for long enough to be named: gauge"),
+        ((0.6, 0.4), "cause undecided: leak or gauge"),
+    ],
+)
+def test_what_no_cause_rivals_is_not_undecided(bank, p, said):
+    one = np.zeros(2)
+    found = Marginal(np.array(p), one, one, one, *map(np.asarray, (0.0, 1e-9, 0.0)))
+    reason = np.asarray(Rules.of(bank)._cause(found, jnp.zeros(3, bool)))
+    status = np.array([STATUS.index(FAULT)])
+    assert words(bank.model.plant.signals, (), status, reason[None])[1] == [said]
 
 
 def test_the_sentence_says_what_since_when_and_what_it_is_not(bank, decision):

@@ -222,6 +222,25 @@ def test_a_fit_that_is_off_all_runs_alike_is_no_difference_between_them():
     assert found.spread[0] < 2 * 1.4 * 0.01 * 0.3
 
 
+def test_constants_stay_within_the_limits_of_the_plant_file():
+    """As above, where the file has a of 0.25 at least."""
+    points = np.random.default_rng(0).uniform([-3, -1], [3, 1], (60, 2))
+    text = LAG.replace("FIXED", "false").replace("0.2,", "0.3, min = 0.25,")
+    found = estimate_noise(as_stated(text, points), [log(seed) for seed in range(4)])
+    assert 0.3 + found.shift[0] == pytest.approx(0.25, abs=1e-9)  # rounding
+
+
+@pytest.mark.parametrize(
+    ("share", "steps", "false"), [(0.3, 4.0, False), (0.49, 4.0, True), (0.3, 2.0, True)]
+)
+def test_a_lag_leaves_less_to_chance_and_lasts_longer_than_two_samples(share, steps, false):
+    one = np.ones(1)
+    before = noise_estimation._Healthy.of(model(True), [log(0)]).guess._replace(share=0.5 * one)
+    found = before._replace(lean=-one, leaning=steps * STEP * one, share=share * one)
+    spans = noise_estimation.Spans(2 * STEP, 30.0, 12000.0)
+    assert noise_estimation._false_lags(model(True), before, found, spans) == [false]
+
+
 MOTOR = """
 name = "motor"
 [states]
