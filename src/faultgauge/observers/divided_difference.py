@@ -116,6 +116,12 @@ class DividedDifferenceFilter(eqx.Module):
     def faults(self) -> int:
         return len(self.plant.signals.faults)
 
+    @property
+    def _trailing(self) -> slice:
+        """Where what trails stands behind the plant's own states."""
+        g, own = self.plant.parts.g, self.plant.count
+        return slice(g.start - own, g.stop - own)
+
     def begin(self, x: Float[Array, "states"], sd: Float[Array, "states"]) -> Belief:
         """The states at `x` +- `sd`, and no fault."""
         more = self.faults + len(self.growing)
@@ -138,15 +144,18 @@ class DividedDifferenceFilter(eqx.Module):
 
         def flow(x: Array, f: Array) -> Array:
             plant, forces = self.plant.own_at(x), self.plant.forces(x, middle, f, times)
-            return step_through(plant, x[:own], stages, f, dt, self.substeps, forces=forces)
+            end = step_through(plant, x[:own], stages, f, dt, self.substeps, forces=forces)
+            return jnp.concatenate([end, self.plant.trails(plant, x[:own], end, middle, dt)])
 
-        # what stands behind the plant's own states follows nobody
-        lasting = self.plant.lasting(dt)
-        after, F, middle, up, down = self._differences(flow, belief)
-        after = jnp.concatenate([after, lasting * belief.mean[own:n]])
-        F = jnp.concatenate([F, np.eye(n)[own:] * jnp.append(jnp.ones(own), lasting)])
-        rest = jnp.zeros((n - own, k))
-        middle, up, down = (jnp.concatenate([a, rest]) for a in (middle, up, down))
+        def placed(rows: Array) -> Array:
+            rest = jnp.zeros((n - own, *rows.shape[1:]))
+            return jnp.concatenate([rows[:own], rest.at[self._trailing].set(rows[own:])])
+
+        # what stands behind the plant's own states fades; but for what trails it follows nobody
+        lasting = jnp.concatenate([jnp.zeros(own), self.plant.lasting(dt)])
+        after, F, middle, up, down = map(placed, self._differences(flow, belief))
+        after = after + lasting * belief.mean[:n]
+        F = F + np.eye(n) * lasting
         size = len(belief.mean)
         A = jnp.concatenate([F, middle, jnp.zeros((n, size - n - k))], axis=1)
         grows = np.zeros((size - n, size))
@@ -169,10 +178,12 @@ class DividedDifferenceFilter(eqx.Module):
         return Belief(mean, P), Flow(A, up, down)
 
     def through(self, A: Float[Array, "n n"], M: Float[Array, "n m"]) -> Float[Array, "n m"]:
-        """A @ M for the A of a `Flow`: below the plant's own states it is a diagonal, but for rates
-        of growth."""
+        """A @ M for the A of a `Flow`: below the plant's own states it is a diagonal, but for what
+        trails and rates of growth."""
         own, grows = self.plant.count, self.states + self.faults
         low = jnp.diagonal(A)[own:, None] * M[own:]
+        if self.plant.trailing:
+            low = low.at[self._trailing].set(contract("ij,jk->ik", A[self.plant.parts.g], M))
         if self.growing:
             off = np.eye(len(A))[own:, grows:] == 0
             low = low + contract("ij,jk->ik", jnp.where(off, A[own:, grows:], 0.0), M[grows:])

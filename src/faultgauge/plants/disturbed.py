@@ -8,9 +8,11 @@
 
     e = share r h,    r' = -r / settling + w,    h' = -h / settling,    and by du where u changes
 
-    y = h(x', x, u; ...) + h_ae + b + l,    b' = -b / wandering + w,
+    y = h(x', x, u; ...) + h_ae + b + l + g,    b' = -b / wandering + w,
 
     l' = -l / lag,    and by N(0, (late (h(x', x, u) - h(x', x, u before)))^2) where u changes
+
+    g' = -g / trail - dh/dt
 
 and w and l are `doubt` times as large while an input is where the model errs more than
 elsewhere: an input, as that is known to all hypotheses alike.
@@ -27,7 +29,8 @@ comes late, where healthy logs show that it does: a lag of the first order that 
 does: a supply that gives way, a pump's curve. b is what an output's own equation lacks, where they
 show that it lacks something: noise of a sensor that remembers, a gust in what an accelerometer
 feels; l is what an input's change does to an output besides: a flow that follows its command within
-seconds. xi are the directions in which the constants are uncertain, of unit variance.
+seconds. g is by what a sensor trails what it measures, where healthy logs show that it does: a lag
+of the first order behind the plant, h + g = s with s' = (h - s) / trail. xi are the directions in which the constants are uncertain, of unit variance.
 """
 
 from collections.abc import Callable, Mapping
@@ -63,7 +66,8 @@ class Error(NamedTuple):
     `wandering` [s] of every b; of every l its time constant `lag` [s] and its share, `late`;
     time constant `straying` [s] of every a; what acts at random is `doubt` times as large where an
     input lies between `above` and `below`; of every v its time constant `leaning` [s] and its
-    share, `lean`; by how much an input may have changed just `before` a log (none: not at all)."""
+    share, `lean`; time constant `trail` [s] of every g; by how much an input may have changed just
+    `before` a log (none: not at all)."""
 
     tau: Float[Array, "driven"]
     settling: Float[Array, "following"]
@@ -77,11 +81,12 @@ class Error(NamedTuple):
     below: Float[Array | np.ndarray, "doubted"] = np.zeros(0)
     leaning: Float[Array | np.ndarray, "leaning"] = np.zeros(0)
     lean: Float[Array | np.ndarray, "leaning"] = np.zeros(0)
+    trail: Float[Array | np.ndarray, "trailing"] = np.zeros(0)
     before: Float[Array | np.ndarray, "some"] = np.zeros(0)
 
 
 class Parts(NamedTuple):
-    """Where x, d, r, b, l, a, v, h and xi stand among the states."""
+    """Where x, d, r, b, l, a, v, g, h and xi stand among the states."""
 
     x: slice
     d: slice
@@ -90,16 +95,18 @@ class Parts(NamedTuple):
     lag: slice
     a: slice
     v: slice
+    g: slice
     h: slice
     xi: slice
 
 
 class Disturbed(Plant):
-    """`base` with the states [x, d, r, b, l, a, v, h, xi]; `driven` are the states that d acts on,
-    `following` the inputs that e acts on, `wandering` the outputs that b acts on, `lagging` those
-    that l acts on, `straying` the inputs that a acts on, `leaning` those that v acts on, `doubted`
-    the inputs for which the model is to be doubted somewhere, `names` the parameters, of which
-    `directions` (W) is a row each."""
+    """`base` with the states [x, d, r, b, l, a, v, g, h, xi]; `driven` are the states that d acts
+    on, `following` the inputs that e acts on, `wandering` the outputs that b acts on, `lagging`
+    those that l acts on, `straying` the inputs that a acts on, `leaning` those that v acts on,
+    `trailing` the outputs that g acts on, which read states alone, `doubted` the inputs for which
+    the model is to be doubted somewhere, `names` the parameters, of which `directions` (W) is a row
+    each."""
 
     signals: Signals = eqx.field(static=True)
     base: Plant
@@ -112,6 +119,7 @@ class Disturbed(Plant):
     lagging: tuple[int, ...] = eqx.field(static=True)
     straying: tuple[int, ...] = eqx.field(static=True)
     leaning: tuple[int, ...] = eqx.field(static=True)
+    trailing: tuple[int, ...] = eqx.field(static=True)
     doubted: tuple[int, ...] = eqx.field(static=True)
     names: tuple[str, ...] = eqx.field(static=True)
 
@@ -130,6 +138,7 @@ class Disturbed(Plant):
         straying: tuple[int, ...] = (),
         doubted: tuple[int, ...] = (),
         leaning: tuple[int, ...] = (),
+        trailing: tuple[int, ...] = (),
     ) -> "Disturbed":
         """`undeclared` faults stand behind those that `base` declares."""
         signals = base.signals
@@ -139,6 +148,7 @@ class Disturbed(Plant):
         more += [State(f"l({signals.output_names[j]})") for j in lagging]
         more += [State(f"a({signals.input_names[j]})") for j in straying]
         more += [State(f"v({signals.input_names[j]})") for j in leaning]
+        more += [State(f"g({signals.output_names[j]})") for j in trailing]
         more += [State(f"h({signals.input_names[i]})") for i in following]
         more += [State(f"xi({k})") for k in range(directions.shape[1])]
         own = replace(
@@ -146,7 +156,8 @@ class Disturbed(Plant):
             states=(*signals.states, *more),
             faults=(*signals.faults, *undeclared),
         )
-        acting = (driven, following, wandering, lagging, straying, leaning, doubted, names)
+        beside = (wandering, lagging, straying, leaning, trailing)
+        acting = (driven, following, *beside, doubted, names)
         return Disturbed(own, base, error, offset, directions, *acting)
 
     @property
@@ -156,18 +167,18 @@ class Disturbed(Plant):
 
     @property
     def parts(self) -> Parts:
-        """Where x, d, r, b, l, a, v, h and xi stand among the states."""
-        beside = (self.wandering, self.lagging, self.straying, self.leaning, self.following)
-        acting = (self.driven, self.following, *beside)
+        """Where x, d, r, b, l, a, v, g, h and xi stand among the states."""
+        beside = (self.wandering, self.lagging, self.straying, self.leaning, self.trailing)
+        acting = (self.driven, self.following, *beside, self.following)
         counts = [self.count, *map(len, acting), self.directions.shape[1]]
         return Parts(*(slice(*each) for each in pairwise([0, *np.cumsum(counts).tolist()])))
 
     @property
     def times(self) -> Float[Array, "others"]:
-        """How long [s] d, r, b, l, a, v, h and xi last."""
+        """How long [s] d, r, b, l, a, v, g, h and xi last."""
         error = self.error
-        beside = (error.wandering, error.lag, error.straying, error.leaning, error.settling)
-        lasting = (error.tau, error.settling, *beside)
+        beside = (error.wandering, error.lag, error.straying, error.leaning, error.trail)
+        lasting = (error.tau, error.settling, *beside, error.settling)
         return jnp.concatenate([*lasting, jnp.full(self.directions.shape[1], jnp.inf)])
 
     @property
@@ -182,11 +193,36 @@ class Disturbed(Plant):
         own = x[self.parts.x]
         dx = self._told(x).derivative(own, u) + self._slow(x, jnp.zeros(1))[0]
         dx = dx + self._astray(x, lambda plant: plant.derivative(own, u))
-        return jnp.concatenate([dx, -x[self.count :] / self.times])
+        rest = -x[self.count :] / self.times
+        if self.trailing:
+            _, moves = jax.jvp(lambda own: self._shown(self._told(x), own, u), (own,), (dx,))
+            g = self.parts.g
+            rest = rest.at[g.start - self.count : g.stop - self.count].add(-moves)
+        return jnp.concatenate([dx, rest])
 
     def lasting(self, dt: Float[Array, ""]) -> Float[Array, "others"]:
-        """Which share of d, r, b, l, a, v, h and xi is left after `dt` [s]."""
+        """Which share of d, r, b, l, a, v, g, h and xi is left after `dt` [s]."""
         return jnp.exp(-dt / self.times)
+
+    def trails(
+        self,
+        plant: Plant,
+        x: Float[Array, "own"],
+        after: Float[Array, "own"],
+        u: Float[Array, "inputs"],
+        dt: Float[Array, ""],
+    ) -> Float[Array, "trailing"]:
+        """By how much g moves besides fading while `plant`, that of `own_at`, goes evenly from `x`
+        to `after` in `dt` [s]."""
+        moved = self._shown(plant, after, u) - self._shown(plant, x, u)
+        return -moved * _mean_left(dt / self.error.trail)
+
+    def _shown(
+        self, plant: Plant, x: Float[Array, "own"], u: Float[Array, "inputs"]
+    ) -> Float[Array, "trailing"]:
+        """What `plant` shows in the outputs that trail, which read states alone."""
+        y = plant.output(jnp.zeros_like(x), x, u)
+        return contract("ji,j->i", _acts(len(y), self.trailing), y)
 
     def forces(
         self,
@@ -203,9 +239,7 @@ class Disturbed(Plant):
             (self.parts.a, self.error.straying),
             (self.parts.v, self.error.leaning),
         ):
-            spans = t[-1] / lasting
-            mean = jnp.where(spans > 0, -jnp.expm1(-spans) / jnp.where(spans > 0, spans, 1.0), 1.0)
-            beside = beside.at[part].multiply(mean)
+            beside = beside.at[part].multiply(_mean_left(t[-1] / lasting))
 
         def rates(plant: Plant) -> Float[Array, "own"]:
             return respond(_Own(self._own, plant), x[self.parts.x], u, f)[0]
@@ -226,10 +260,11 @@ class Disturbed(Plant):
         return shown(self._told(x)) + self._astray(x, shown)
 
     def besides(self, x: Float[Array, "states"]) -> Float[Array, "outputs"]:
-        """b and l, and what `base` shows."""
+        """b, l and g, and what `base` shows besides."""
         count, parts = len(self.signals.outputs), self.parts
         more = contract("ij,j->i", _acts(count, self.wandering), x[parts.b])
         more = more + contract("ij,j->i", _acts(count, self.lagging), x[parts.lag])
+        more = more + contract("ij,j->i", _acts(count, self.trailing), x[parts.g])
         return self.base.besides(x[parts.x]) + more
 
     def jumps(
@@ -410,6 +445,11 @@ class _Own(Plant):
 
     def altered(self, changes: Mapping[str, ValueChange]) -> "_Own":
         return replace(self, base=self.base.altered(changes))
+
+
+def _mean_left(spans: Float[Array, "some"]) -> Float[Array, "some"]:
+    """What is left, in the mean of a step, of what fades within `spans` of it."""
+    return jnp.where(spans > 0, -jnp.expm1(-spans) / jnp.where(spans > 0, spans, 1.0), 1.0)
 
 
 def _acts(count: int, on: tuple[int, ...]) -> Float[np.ndarray, "count some"]:

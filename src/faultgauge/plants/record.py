@@ -158,6 +158,7 @@ class NoiseLevels(Part):
     straying: dict[str, Positive] = {}
     leaning: dict[str, Positive] = {}
     lean: dict[str, Number] = {}
+    trail: dict[str, Positive] = {}
     doubt: dict[str, Positive] = {}
     above: dict[str, Number] = {}
     below: dict[str, Number] = {}

@@ -188,6 +188,14 @@ def _besides(model: Model, noise: Noise) -> list[tuple[str, str, str]]:
         )
         for j in noise.leans
     ]
+    rows += [
+        (
+            f"{signals.outputs[j].name} follows what it measures",
+            "",
+            f"within {quantity(float(noise.trail[j]), 's')}",
+        )
+        for j in noise.trails
+    ]
     for k, place in enumerate(following_inputs(model.plant)):
         rows.append(
             (

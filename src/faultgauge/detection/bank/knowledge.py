@@ -30,6 +30,7 @@ __all__ = ["Knowledge", "knowledge_of", "longest_delay"]
 TIMES = 400  # points of the grid
 SHARE = 0.25  # of the healthy logs: how far the times reach
 CLEAR = 8.0  # standard deviations by which a fault of its widest size shows
+NEARLY = 1.25  # times what a standard deviation comes to in the end: it falls no further
 EARLIER = (
     3.0  # times what shows in the end: the widest of what is given no size, which shows sooner
 )
@@ -91,7 +92,7 @@ def knowledge_of(
     start = np.ones(len(q))
     start[:states] = q[:states] * np.sqrt(dt)
     start[states : states + len(noise.size)] = noise.size
-    start[parts.lag] = 0.0
+    start[parts.lag] = start[parts.g] = 0.0
     start[parts.b] = noise.wander[list(noise.wanders)]
     start[parts.a] = noise.stray[list(noise.strays)]
     sd = _deviations(A, B, C, D, Q, R, np.diag(start**2))
@@ -104,9 +105,9 @@ def knowledge_of(
     for k, fault in enumerate(declared):
         if fault.enters == "state" and stated_size(fault) is None:
             size[k] = max(size[k], wide[k] if np.isfinite(wide[k]) else 0.0)
-    shows = CLEAR * sd <= size
-    when = np.array([t[np.argmax(each)] if each.any() else t[-1] for each in shows.T])
-    when = np.clip(when, FEWEST * step, t[-1])
+    # or as clearly as it ever does
+    shows = sd <= np.maximum(size / CLEAR, NEARLY * sd[-1])
+    when = np.clip(t[np.argmax(shows, axis=0)], FEWEST * step, t[-1])
     return Knowledge(t, sd, size, when, float(np.median(when)), drive)
 
 

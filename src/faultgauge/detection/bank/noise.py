@@ -21,6 +21,7 @@ __all__ = [
     "LATE",
     "LEAN",
     "STRAY",
+    "TRAIL",
     "WANDER",
     "Constants",
     "Noise",
@@ -45,6 +46,7 @@ LATE = ("late", "lag")
 STRAY = ("stray", "straying")  # absent where no input does
 DOUBT = ("doubt", "above", "below")  # absent where the model is as good everywhere
 LEAN = ("lean", "leaning")  # absent where no input comes late
+TRAIL = ("trail",)  # absent where no output does
 NOWHERE = {"doubt": 0.0, "above": -np.inf, "below": np.inf}  # what of these is absent
 MOST_CONSTANTS = 6  # that are tracked: those that matter most
 USUAL_SPREAD = 0.01  # of a constant, from run to run
@@ -59,7 +61,8 @@ class Noise(NamedTuple):
     within a run makes anew (`renewed`); `wander` of an output, which lasts for `wandering` [s], and
     the share of what an input's change does to it that comes `late`, within `lag` [s]; by what an
     input strays (`stray`), which lasts for `straying` [s]; by which share of its change an input is
-    off at first, in the mean (`lean`, -1 for a lag), and within which time (`leaning` [s]); how
+    off at first, in the mean (`lean`, -1 for a lag), and within which time (`leaning` [s]); within
+    which time an output follows what it measures, a lag of its sensor (`trail` [s]); how
     many times as large all this is (`doubt`) where an input lies between `above` and `below`; 0, or
     nothing at all, where nothing of that kind is."""
 
@@ -84,6 +87,7 @@ class Noise(NamedTuple):
     below: Float[np.ndarray, "inputs"] = np.zeros(0)
     lean: Float[np.ndarray, "inputs"] = np.zeros(0)
     leaning: Float[np.ndarray, "inputs"] = np.zeros(0)
+    trail: Float[np.ndarray, "outputs"] = np.zeros(0)
 
     @property
     def wanders(self) -> tuple[int, ...]:
@@ -106,6 +110,11 @@ class Noise(NamedTuple):
         return tuple(np.flatnonzero(self.lean).tolist())
 
     @property
+    def trails(self) -> tuple[int, ...]:
+        """The outputs that trail what they measure."""
+        return tuple(np.flatnonzero(self.trail).tolist())
+
+    @property
     def doubts(self) -> tuple[int, ...]:
         """The inputs for which the model errs more somewhere."""
         return tuple(np.flatnonzero(self.doubt).tolist())
@@ -113,7 +122,8 @@ class Noise(NamedTuple):
     @property
     def beside(self) -> int:
         """How many inputs and outputs err on their own, and inputs somewhere more."""
-        return len(self.wanders + self.lags + self.strays + self.leans + self.doubts)
+        inputs = self.strays + self.leans + self.doubts
+        return len(self.wanders + self.lags + self.trails + inputs)
 
     def widened(self, factor: float) -> "Noise":
         """What acts within a run `factor` times as large, which changes no gain of a filter; how
@@ -153,6 +163,7 @@ def _beside(
     yield STRAY, signals.input_names, noise.strays
     yield DOUBT, signals.input_names, noise.doubts
     yield LEAN, signals.input_names, noise.leans
+    yield TRAIL, signals.output_names, noise.trails
 
 
 def drifting_of(model: Model) -> tuple[str, ...]:
@@ -164,7 +175,7 @@ def noise_of(model: Model) -> Noise:
     """What `calibrate` found. Raises `InputError` for a model without it."""
     found = model.calibration and model.calibration.noise
     block = found.as_dict() if found else None
-    optional = (*WANDER, *LATE, *STRAY, *DOUBT, *LEAN)
+    optional = (*WANDER, *LATE, *STRAY, *DOUBT, *LEAN, *TRAIL)
     if block is None or {*block, *optional} != set(Noise._fields):
         raise InputError(
             "the model holds no noise levels, which the bank needs; run `faultgauge "
@@ -176,7 +187,7 @@ def noise_of(model: Model) -> Noise:
             for key, each in zip(Noise._fields, _names(model), strict=False)
         ]
         signals = model.plant.signals
-        named = [signals.output_names] * 4 + [signals.input_names] * 7
+        named = [signals.output_names] * 4 + [signals.input_names] * 7 + [signals.output_names]
         more = [
             [block.get(key, {}).get(name, NOWHERE.get(key, 0.0)) for name in names]
             for key, names in zip(optional, named, strict=True)
@@ -248,6 +259,20 @@ def ranges_of(model: Model) -> Float[np.ndarray, "outputs"]:
     return np.ptp(outputs[np.isfinite(outputs).all(axis=1)], axis=0) + 1e-12
 
 
+@once
+def output_rates_of(model: Model) -> Float[np.ndarray, "outputs"]:
+    """Standard deviation of the outputs' derivatives over the training envelope, their inputs and
+    what they read of derivatives held."""
+    points = operating_points(model)
+
+    def moves(x: Array, u: Array) -> Array:
+        dx, _ = respond(model.plant, x, u)
+        return jax.jvp(lambda x: model.plant.output(dx, x, u), (x,), (dx,))[1]
+
+    found = np.asarray(jax.vmap(moves)(jnp.asarray(points.x), jnp.asarray(points.u)))
+    return np.std(found[np.isfinite(found).all(axis=1)], axis=0) + 1e-12
+
+
 def _rates(model: Model) -> Float[np.ndarray, "points states"]:
     points = operating_points(model)
     rates = jax.vmap(lambda x, u: respond(model.plant, x, u)[0])(
@@ -308,6 +333,7 @@ def disturbed(model: Model, noise: Noise, undeclared: tuple[Fault, ...] = ()) ->
         noise.strays,
         noise.doubts,
         noise.leans,
+        noise.trails,
     )
 
 
@@ -322,11 +348,12 @@ def error_of(model: Model, noise: Noise) -> Error:
     own = (noise.lasting, noise.settling, noise.share)
     beside = (noise.wandering[wanders], noise.lag[lags], noise.late[lags], noise.straying[strays])
     doubts = list(noise.doubts)
-    leans = list(noise.leans)
+    leans, trails = list(noise.leans), list(noise.trails)
     doubt = (getattr(noise, name)[doubts] for name in DOUBT)
     # an input may have changed by all it can just before a log
     before = np.ptp(operating_points(model).u, axis=0)[list(following_inputs(model.plant))]
-    parts = (*own, *beside, *doubt, noise.leaning[leans], noise.lean[leans], before)
+    late = noise.leaning[leans], noise.lean[leans], noise.trail[trails]
+    parts = (*own, *beside, *doubt, *late, before)
     return Error(*(jnp.asarray(each) for each in parts))
 
 
@@ -343,7 +370,7 @@ def process_of(
             noise.wander[wanders] * np.sqrt(2 / noise.wandering[wanders]),
             np.zeros(len(noise.lags)),
             noise.stray[strays] * np.sqrt(2 / noise.straying[strays]),
-            np.zeros(len(noise.leans)),
+            np.zeros(len(noise.leans + noise.trails)),
             np.zeros(len(noise.share)),
             noise.drift / np.maximum(drifted, 1e-300),
             np.zeros(len(noise.spread)),
@@ -383,7 +410,15 @@ def start_spread(
     wanders, lags = list(noise.wanders), list(noise.lags)
     late = noise.late[lags] * ranges_of(model)[lags]
     stray = noise.stray[list(noise.strays)], np.abs(noise.lean[leans]) * width[leans]
-    rest = noise.wander[wanders], late, *stray, 0 * follows
+    trails = list(noise.trails)
+    trail = noise.trail[trails] * output_rates_of(model)[trails]
+    # of a state only what its sensor trailed says how it begins
+    for j, behind in zip(trails, trail, strict=True):
+        measures = model.plant.signals.outputs[j].measures
+        if measures is not None:
+            k = model.plant.signals.state_names.index(measures)
+            sd[k] = np.hypot(sd[k], behind)
+    rest = noise.wander[wanders], late, *stray, trail, 0 * follows
     directions = np.ones(len(drifted) + len(noise.spread))
     return np.concatenate([sd, noise.size, follows, *rest, directions])
 
@@ -396,6 +431,8 @@ def scale_of(model: Model, noise: Noise) -> Float[np.ndarray, "extended"]:
     follows = u[list(following_inputs(model.plant))]
     own = noise.wander[list(noise.wanders)], ranges_of(model)[list(noise.lags)]
     stray = noise.stray[list(noise.strays)], u[list(noise.leans)]
+    trails = list(noise.trails)
+    stray = *stray, noise.trail[trails] * output_rates_of(model)[trails]
     return np.concatenate([x, noise.size, np.ones(len(follows)), *own, *stray, follows, rest])
 
 

@@ -86,13 +86,18 @@ def errors(model: Model) -> list[str]:
 
 
 def _leaning(model: Model, noise: Noise) -> list[str]:
-    """Inputs that come later than the model has it."""
-    names = model.plant.signals.input_names
+    """Inputs and outputs that come later than the model has it."""
+    signals = model.plant.signals
     return [
-        f"{number(-100 * noise.lean[j], 2)} % of a change of {names[j]} comes late, within about "
+        f"{number(-100 * noise.lean[j], 2)} % of a change of {signals.input_names[j]} comes late, within about "
         f"{duration(float(noise.leaning[j]))}: the plant, or a sensor, has a lag that the file "
         "lacks. The bank goes by it; in the plant file it would mend the fit, too"
         for j in noise.leans
+    ] + [
+        f"{signals.output_names[j]} follows what it measures within about "
+        f"{duration(float(noise.trail[j]))}: its sensor, or the plant, has a lag that the file "
+        "lacks. The bank goes by it; in the plant file it would mend the fit, too"
+        for j in noise.trails
     ]
 
 

@@ -153,6 +153,7 @@ class Likelihood:
             straying=plant.straying,
             doubted=plant.doubted,
             leaning=plant.leaning,
+            trailing=plant.trailing,
         )
         found = _costs(
             bare,

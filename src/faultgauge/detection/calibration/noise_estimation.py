@@ -15,9 +15,9 @@ from dataclasses import dataclass
 from itertools import count, product
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
-from faultgauge.detection.bank.noise import DOUBT, LATE, LEAN, STRAY, WANDER, Noise
+from faultgauge.detection.bank.noise import DOUBT, LATE, LEAN, STRAY, TRAIL, WANDER, Noise
 from faultgauge.detection.calibration.doubted_regions import with_doubted_regions
 from faultgauge.detection.calibration.innovation_likelihood import (
     SAMPLES,
@@ -27,7 +27,7 @@ from faultgauge.detection.calibration.innovation_likelihood import (
     healthy_stretches,
 )
 from faultgauge.detection.calibration.input_errors import with_errors_of_inputs
-from faultgauge.detection.calibration.input_lags import with_lags_of_inputs
+from faultgauge.detection.calibration.lags import false_lags, with_lags, without_lags
 from faultgauge.detection.calibration.noise_levels import (
     Bounds,
     Spans,
@@ -43,7 +43,6 @@ from faultgauge.detection.calibration.run_spread import as_unsure_as_few_runs_te
 from faultgauge.detection.calibration.scoring import scored
 from faultgauge.errors import InputError
 from faultgauge.observers import divided_difference as dd
-from faultgauge.plants.disturbed import following_inputs
 from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run
 from faultgauge.telemetry.oversampling import block_means
@@ -63,14 +62,12 @@ SEARCHES = 5  # of all ROUNDS: the plant's levels, then what each of BESIDE adds
 # lags come first, as they are no error; then errors of inputs, as what outputs share is none of
 # their own
 BESIDE = (
-    with_lags_of_inputs,
+    with_lags,
     with_errors_of_inputs,
     with_errors_of_outputs,
     with_errors_of_outputs,
 )
-SIZES = {pair[0]: pair for pair in (WANDER, LATE, STRAY, LEAN)}  # with their times
-LESS = 0.95  # of the share that a change is off by: a lag that leaves more is none
-TOLD = 1.05  # times the shortest time: the end of a search
+SIZES = {pair[0]: pair for pair in (WANDER, LATE, STRAY, LEAN, TRAIL)}  # with their times
 ENOUGH = 0.3  # of log-likelihood: a step that gains less is the last
 NONE = 1e-6  # times the usual: as good as no discrepancy
 
@@ -164,7 +161,8 @@ class _Healthy:
 
     def bounds(self, noise: Noise) -> Bounds:
         """Of the levels that `noise` has."""
-        own = {name: getattr(noise, name) for name in (*WANDER, *LATE, *STRAY, *DOUBT, *LEAN)}
+        beside = (*WANDER, *LATE, *STRAY, *DOUBT, *LEAN, *TRAIL)
+        own = {name: getattr(noise, name) for name in beside}
         return bounds_of(self.guess._replace(**own), self.step, self.stretches)
 
     def of_samples(self, noise: Noise) -> Noise:
@@ -186,27 +184,16 @@ def _with(
     while added := more.beside - noise.beside:
         bounds = told.bounds(more)
         found = _alternated(model, told.batch, more, bounds, stepped)
-        false = _false_lags(model, noise, found, spans)
-        if not np.any(false):
+        false = false_lags(model, noise, found, spans)
+        if not any(map(np.any, false)):
             break
-        more = more._replace(**{name: np.where(false, 0.0, getattr(more, name)) for name in LEAN})
+        more = without_lags(more, false)
     else:
         return None
     enough = np.log(told.batch.count) * added
     if _needed(model, told.batch, found).beside <= noise.beside:
         return None
     return found if _gain(model, told.batch, noise, found, bounds) > enough else None
-
-
-def _false_lags(
-    model: Model, before: Noise, found: Noise, spans: Spans
-) -> Bool[np.ndarray, "inputs"]:
-    """The inputs whose lag, which was not there `before`, leaves as much of a change to chance as
-    there was, and so explains something else, or would be shorter than can be told."""
-    less = np.zeros(len(found.lean), bool)
-    less[list(following_inputs(model.plant))] = found.share < LESS * before.share
-    new = (found.lean != 0) & (before.lean == 0)
-    return new & (~less | (found.leaning < TOLD * spans.shortest))
 
 
 def _needed(model: Model, batch: Likelihood, noise: Noise) -> Noise:

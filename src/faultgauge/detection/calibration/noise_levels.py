@@ -40,7 +40,7 @@ __all__ = [
 # the constants' mean and spread are told in another way
 SEARCHED = (
     *("sigma", "process", "drift", "size", "lasting", "share", "settling"),
-    *("wander", "wandering", "late", "lag", "stray", "straying", "doubt"),
+    *("wander", "wandering", "late", "lag", "stray", "straying", "doubt", "trail"),
     *("leaning", "lean"),  # the last a negative number, and no logarithm
 )
 ORDERS = 8  # of differences: beyond, next to nothing fades that has not
@@ -132,7 +132,7 @@ def first_guess(model: Model, runs: Sequence[Run], stretches: Sequence[StretchPi
         *[np.zeros(len(sigma))] * 4,
         stray=nothing, straying=nothing,
         doubt=nothing, above=nothing - np.inf, below=nothing + np.inf,
-        lean=nothing, leaning=nothing,
+        lean=nothing, leaning=nothing, trail=np.zeros(len(sigma)),
     )  # fmt: skip
 
 
@@ -176,7 +176,7 @@ def bounds_of(guess: Noise, step: float, stretches: Sequence[StretchPiece]) -> B
     named = dict(zip(SEARCHED, np.split(center, np.cumsum([*sizes.values()])[:-1]), strict=True))
     low, high = ({name: a + r for name, a in named.items()} for r in (-REACH, REACH))
     most = dict.fromkeys(("lasting", "wandering", "straying"), spans.longest)
-    most |= dict.fromkeys(("settling", "lag", "leaning"), spans.settled)
+    most |= dict.fromkeys(("settling", "lag", "leaning", "trail"), spans.settled)
     if len(guess.drift):
         most["lasting"] = max(SLOWER * spans.longest / LONGEST, 20 * step)
     for name, time in most.items():
