@@ -34,7 +34,7 @@ def model(fixed):
     return as_stated(text, points)
 
 
-def log(seed, a=A, size=SIZE, count=COUNT):
+def log(seed, a=A, size=SIZE, count=COUNT, sigma=SIGMA):
     """x' = u + d - a x + w, d a Gauss-Markov process: exact under the hold of u and d."""
     rng = np.random.default_rng(seed)
     u = np.repeat(rng.uniform(-1, 1, count // 20), 20)
@@ -44,7 +44,7 @@ def log(seed, a=A, size=SIZE, count=COUNT):
         x[k + 1] = fade * x[k] + (1 - fade) / a * (u[k] + d)
         x[k + 1] += PROCESS * np.sqrt(STEP) * rng.standard_normal()
         d = slow * d + size * np.sqrt(1 - slow**2) * rng.standard_normal()
-    y = x + SIGMA * rng.standard_normal(count)
+    y = x + sigma * rng.standard_normal(count)
     return Run(f"{seed}", "lag.csv", STEP * np.arange(count), {"u": u, "x": y})
 
 
@@ -151,6 +151,28 @@ def test_a_lag_that_the_model_lacks_is_found_and_none_where_there_is_none():
     assert estimate_noise(model(True), plain).leans == ()
 
 
+def trailed(seed, lag=3.0):
+    """`log` by a sensor behind it: s' = (x - s) / lag, exactly where x goes evenly from sample to
+    sample, with noise of its own."""
+    run, rng = log(seed, sigma=0.0), np.random.default_rng(200 + seed)
+    x, fade = run.columns["x"], np.exp(-STEP / lag)
+    s = x.copy()
+    for k in range(COUNT - 1):
+        slope = (x[k + 1] - x[k]) / STEP
+        s[k + 1] = x[k + 1] - lag * slope + fade * (s[k] - x[k] + lag * slope)
+    y = s + SIGMA * rng.standard_normal(COUNT)
+    return Run(f"{seed}", "lag.csv", run.t, {**run.columns, "x": y})
+
+
+def test_a_sensor_that_trails_is_found_and_no_input_is_late():
+    """A lag behind the plant slows its noise and its discrepancy, too, one before it does not: it
+    is told as what it is, to a fifth from 88 steps in noise of a tenth of x's range."""
+    lag = 3.0
+    found = estimate_noise(model(True), [trailed(seed, lag) for seed in range(LOGS)])
+    assert (found.trails, found.leans) == ((0,), ())
+    assert found.trail[0] == pytest.approx(lag, rel=0.2)
+
+
 def test_an_input_that_strays_is_one_error_wherever_it_acts():
     """The scatter is that of someone who sees a itself, as above; three of those. Neither the
     state nor the output errs on its own."""
@@ -238,7 +260,11 @@ def test_a_lag_leaves_less_to_chance_and_lasts_longer_than_two_samples(share, st
     before = noise_estimation._Healthy.of(model(True), [log(0)]).guess._replace(share=0.5 * one)
     found = before._replace(lean=-one, leaning=steps * STEP * one, share=share * one)
     spans = noise_estimation.Spans(2 * STEP, 30.0, 12000.0)
-    assert noise_estimation._false_lags(model(True), before, found, spans) == [false]
+    lean, trail = noise_estimation._false_lags(model(True), before, found, spans)
+    assert (lean, trail) == ([false], [False])
+    trailing = before._replace(trail=steps * STEP * one)
+    _, trail = noise_estimation._false_lags(model(True), before, trailing, spans)
+    assert trail == [steps == 2.0]
 
 
 MOTOR = """

@@ -188,6 +188,36 @@ def test_a_filter_that_blows_up_stays_and_says_so():
     assert np.isinf(np.asarray(seen.root)).all()
 
 
+def test_a_sensor_behind_a_plant_trails_it():
+    """x' = u - A x, s' = (x - s) / LAG, exactly (SciPy's matrix exponential), in steps of 0.02 s
+    and a model without s: with a trail of LAG what the filter, that believes no sample, expects of
+    the sensor is s, but for what an even way of x within a step makes of it (without, it is off by
+    0.4)."""
+    lag, dt, count = 0.5, 0.02, 400
+    u = np.repeat(np.random.default_rng(2).uniform(-1, 1, 8), count // 8)
+    step = expm(np.array([[-A, 0, 1], [1 / lag, -1 / lag, 0], [0, 0, 0]]) * dt)
+    x = np.zeros((count, 2))
+    for k in range(count - 1):
+        x[k + 1] = (step @ np.append(x[k], u[k]))[:2]
+    text = LAG.split("[outputs.sum]")[0] + "[faults" + LAG.split("[faults", 1)[1]
+    base = GrayBoxPlant.untrained(parse_plant(text.format(limits="")))
+    tau, settling, share, trail = (jnp.array([a]) for a in (TAU, SETTLING, 1e-9, lag))
+    error = Error(tau, settling, share, trail=trail)
+    nothing = jnp.zeros(0), jnp.zeros((0, 0))
+    plant = Disturbed.of(base, (0,), (0,), error, (), *nothing, trailing=(0,))
+    assert plant.signals.state_names[3] == "g(x)"
+    each = DividedDifferenceFilter(plant, jnp.ones(5), jnp.full(2, 0.1), (), 1)
+    belief = each.begin(jnp.zeros(5), jnp.full(5, 1e-9))
+    noise = FilterNoise(jnp.full(5, 1e-9), jnp.zeros(2), jnp.ones(1))
+    far = 0.0
+    for k in range(1, count):
+        inputs = jnp.asarray(u[k - 1 : k]), jnp.asarray(u[k : k + 1])
+        y = jnp.full(1, np.nan)
+        belief, *_ = eqx.filter_jit(each.step)(belief, noise, *inputs, y, jnp.asarray(dt))
+        far = max(far, abs(float(each.look(belief, inputs[1])[0][0]) - x[k, 1]))
+    assert far < 1e-4
+
+
 def test_a_plant_behind_a_lag_is_one_whose_input_comes_late():
     """x' = v - A x, v' = (u - v) / LAG, exactly (SciPy's matrix exponential), in steps of 0.02 s
     and a model without v: by a lean of -1 the filter, that believes no sample, is where the plant

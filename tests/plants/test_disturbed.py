@@ -181,6 +181,25 @@ def test_errors_of_outputs_by_hand():
     np.testing.assert_allclose(left, [np.exp(-3 / 5), np.exp(-3 / 2), 1.0], rtol=1e-12)
 
 
+def test_a_sensor_that_trails_by_hand():
+    """q = 1 moves by v = 2 a second, and what its sensor shows is 0.5 below: that fades within 4 s,
+    and grows by what q moves. From q = 1 to 1.6 in 2 s it is moved by -0.6, of which the mean of
+    exp(-t / 4 s) is left. The plant itself is as it was."""
+    base = GrayBoxPlant.untrained(parse_plant(CART))
+    none = np.zeros(0)
+    error = Error(none, none, none, trail=np.array([4.0]))
+    nothing = jnp.zeros(0), jnp.zeros((0, 0))
+    plant = Disturbed.of(base, (), (), error, (), *nothing, trailing=(0,))
+    assert plant.signals.state_names == ("q", "v", "g(q)")
+    x, u, f = jnp.array([1.0, 2.0, -0.5]), jnp.array([1.5]), jnp.array([0.1])
+    dx, y = respond(plant, x, u, f)
+    own, shown = respond(base, x[:2], u, f)
+    np.testing.assert_allclose(dx, [*own, 0.5 / 4 - 2.0], rtol=1e-12)
+    np.testing.assert_allclose(y, [shown[0] - 0.5, shown[1]], rtol=1e-12)
+    moved = plant.trails(base, x[:2], jnp.array([1.6, 2.0]), u, jnp.asarray(2.0))
+    np.testing.assert_allclose(moved, [-0.6 * 4 / 2 * (1 - np.exp(-2 / 4))], rtol=1e-12)
+
+
 def test_an_input_that_strays_does_so_wherever_it_acts():
     """u = 1.5 - 0.3 moves v by 3.2 * 1.2 - 1 and shows in a; half of what is left of -0.3 after
     4 ln 2 s acts in the mean over that time: the mean of exp(-t / 4) is 0.5 / ln 2."""

@@ -30,7 +30,8 @@ does: a supply that gives way, a pump's curve. b is what an output's own equatio
 show that it lacks something: noise of a sensor that remembers, a gust in what an accelerometer
 feels; l is what an input's change does to an output besides: a flow that follows its command within
 seconds. g is by what a sensor trails what it measures, where healthy logs show that it does: a lag
-of the first order behind the plant, h + g = s with s' = (h - s) / trail. xi are the directions in which the constants are uncertain, of unit variance.
+of the first order behind the plant, h + g = s with s' = (h - s) / trail. xi are the directions in
+which the constants are uncertain, of unit variance.
 """
 
 from collections.abc import Callable, Mapping

@@ -89,9 +89,9 @@ def _leaning(model: Model, noise: Noise) -> list[str]:
     """Inputs and outputs that come later than the model has it."""
     signals = model.plant.signals
     return [
-        f"{number(-100 * noise.lean[j], 2)} % of a change of {signals.input_names[j]} comes late, within about "
-        f"{duration(float(noise.leaning[j]))}: the plant, or a sensor, has a lag that the file "
-        "lacks. The bank goes by it; in the plant file it would mend the fit, too"
+        f"{number(-100 * noise.lean[j], 2)} % of a change of {signals.input_names[j]} comes late, "
+        f"within about {duration(float(noise.leaning[j]))}: the plant, or a sensor, has a lag that "
+        "the file lacks. The bank goes by it; in the plant file it would mend the fit, too"
         for j in noise.leans
     ] + [
         f"{signals.output_names[j]} follows what it measures within about "

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from itertools import count, product
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from faultgauge.detection.bank.noise import DOUBT, LATE, LEAN, STRAY, TRAIL, WANDER, Noise
 from faultgauge.detection.calibration.doubted_regions import with_doubted_regions
@@ -27,7 +27,7 @@ from faultgauge.detection.calibration.innovation_likelihood import (
     healthy_stretches,
 )
 from faultgauge.detection.calibration.input_errors import with_errors_of_inputs
-from faultgauge.detection.calibration.lags import false_lags, with_lags, without_lags
+from faultgauge.detection.calibration.input_lags import with_lags_of_inputs
 from faultgauge.detection.calibration.noise_levels import (
     Bounds,
     Spans,
@@ -41,8 +41,10 @@ from faultgauge.detection.calibration.noise_levels import (
 from faultgauge.detection.calibration.output_errors import with_errors_of_outputs
 from faultgauge.detection.calibration.run_spread import as_unsure_as_few_runs_tell, constants_retold
 from faultgauge.detection.calibration.scoring import scored
+from faultgauge.detection.calibration.sensor_lags import with_lags_of_sensors
 from faultgauge.errors import InputError
 from faultgauge.observers import divided_difference as dd
+from faultgauge.plants.disturbed import following_inputs
 from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run
 from faultgauge.telemetry.oversampling import block_means
@@ -58,16 +60,18 @@ ROUNDS = (16, 12, 8)  # steps of each search; the constants are told anew betwee
 STARTS = tuple(product((1.0, 10.0, 100.0), (1.0, 30.0)))
 FIRST = 2  # steps of each; then of the better half, and so on
 PART = 0.25  # of every stretch, which the first of these steps look at
-SEARCHES = 5  # of all ROUNDS: the plant's levels, then what each of BESIDE adds
-# lags come first, as they are no error; then errors of inputs, as what outputs share is none of
-# their own
+SEARCHES = 7  # of all ROUNDS: the plant's levels, three for LAGS, then what each of BESIDE adds
+# these come first, as they are no error; what one of them explains the other does in part
+LAGS = (with_lags_of_inputs, with_lags_of_sensors)
+# errors of inputs come first, as what outputs share is none of their own
 BESIDE = (
-    with_lags,
     with_errors_of_inputs,
     with_errors_of_outputs,
     with_errors_of_outputs,
 )
 SIZES = {pair[0]: pair for pair in (WANDER, LATE, STRAY, LEAN, TRAIL)}  # with their times
+LESS = 0.95  # of the share that a change is off by: a lag that leaves more is none
+TOLD = 1.05  # times the shortest time: the end of a search
 ENOUGH = 0.3  # of log-likelihood: a step that gains less is the last
 NONE = 1e-6  # times the usual: as good as no discrepancy
 
@@ -92,6 +96,7 @@ def estimate_noise(
     if discrepancy:
         noise = _started(model, told.batch, told.guess, told.bounds(told.guess), stepped)
         noise = _alternated(model, told.batch, noise, told.bounds(noise), stepped, {"sigma"})
+        noise = _with_lags(model, told, noise, stepped)
         for beside in BESIDE:
             noise = _with(beside, model, told, noise, stepped) or noise
         noise = _needed(model, told.batch, noise)
@@ -170,6 +175,19 @@ class _Healthy:
         return noise._replace(sigma=noise.sigma * self.averaged)
 
 
+def _with_lags(model: Model, told: "_Healthy", noise: Noise, stepped: Callable[[], None]) -> Noise:
+    """`noise` with the likelier of `LAGS`, each with all told anew, and beside it with the other
+    one, where they gain enough."""
+    found = [(_with(beside, model, told, noise, stepped), beside) for beside in LAGS]
+    there = [(each, beside) for each, beside in found if each is not None]
+    if not there:
+        return noise
+    costs = [_costs(model, told.batch, [each], told.bounds(each))[0] for each, _ in there]
+    first, taken = there[int(np.argmin(costs))]
+    (other,) = (beside for beside in LAGS if beside is not taken)
+    return _with(other, model, told, first, stepped) or first
+
+
 def _with(
     beside: Callable[[Model, Likelihood, Noise, Spans], Noise],
     model: Model,
@@ -184,16 +202,33 @@ def _with(
     while added := more.beside - noise.beside:
         bounds = told.bounds(more)
         found = _alternated(model, told.batch, more, bounds, stepped)
-        false = false_lags(model, noise, found, spans)
-        if not any(map(np.any, false)):
+        lean, trail = _false_lags(model, noise, found, spans)
+        if not lean.any() and not trail.any():
             break
-        more = without_lags(more, false)
+        more = more._replace(
+            lean=np.where(lean, 0.0, more.lean),
+            leaning=np.where(lean, 0.0, more.leaning),
+            trail=np.where(trail, 0.0, more.trail),
+        )
     else:
         return None
     enough = np.log(told.batch.count) * added
     if _needed(model, told.batch, found).beside <= noise.beside:
         return None
     return found if _gain(model, told.batch, noise, found, bounds) > enough else None
+
+
+def _false_lags(
+    model: Model, before: Noise, found: Noise, spans: Spans
+) -> tuple[Bool[np.ndarray, "inputs"], Bool[np.ndarray, "outputs"]]:
+    """The inputs whose lag, which was not there `before`, leaves as much of a change to chance as
+    there was, and so explains something else, or would be shorter than can be told; and the outputs
+    that would trail by less than that."""
+    less = np.zeros(len(found.lean), bool)
+    less[list(following_inputs(model.plant))] = found.share < LESS * before.share
+    short, new = TOLD * spans.shortest, (found.lean != 0) & (before.lean == 0)
+    lean = new & (~less | (found.leaning < short))
+    return lean, (found.trail > 0) & (before.trail == 0) & (found.trail < short)
 
 
 def _needed(model: Model, batch: Likelihood, noise: Noise) -> Noise:
