@@ -12,7 +12,9 @@
 
     l' = -l / lag,    and by N(0, (late (h(x', x, u) - h(x', x, u before)))^2) where u changes
 
-    g' = -g / trail - dh/dt
+    g' = -g / trail - dh/dt,
+
+F and h read    u + 4 bend (high - low) s (1 - s),    s = (u - low) / (high - low)  in 0 ... 1,
 
 and w and l are `doubt` times as large while an input is where the model errs more than
 elsewhere: an input, as that is known to all hypotheses alike.
@@ -30,7 +32,9 @@ does: a supply that gives way, a pump's curve. b is what an output's own equatio
 show that it lacks something: noise of a sensor that remembers, a gust in what an accelerometer
 feels; l is what an input's change does to an output besides: a flow that follows its command within
 seconds. g is by what a sensor trails what it measures, where healthy logs show that it does: a lag
-of the first order behind the plant, h + g = s with s' = (h - s) / trail. xi are the directions in
+of the first order behind the plant, h + g = s with s' = (h - s) / trail. `bend` is by
+how much of its range an input's curve is off a straight line in the middle, where healthy logs show
+that it is: a valve's, a pump's. xi are the directions in
 which the constants are uncertain, of unit variance.
 """
 
@@ -67,8 +71,9 @@ class Error(NamedTuple):
     `wandering` [s] of every b; of every l its time constant `lag` [s] and its share, `late`;
     time constant `straying` [s] of every a; what acts at random is `doubt` times as large where an
     input lies between `above` and `below`; of every v its time constant `leaning` [s] and its
-    share, `lean`; time constant `trail` [s] of every g; by how much an input may have changed just
-    `before` a log (none: not at all)."""
+    share, `lean`; time constant `trail` [s] of every g; the `bend` of an input's curve between
+    `low` and `high`; by how much an input may have changed just `before` a log (none: not at
+    all)."""
 
     tau: Float[Array, "driven"]
     settling: Float[Array, "following"]
@@ -83,6 +88,9 @@ class Error(NamedTuple):
     leaning: Float[Array | np.ndarray, "leaning"] = np.zeros(0)
     lean: Float[Array | np.ndarray, "leaning"] = np.zeros(0)
     trail: Float[Array | np.ndarray, "trailing"] = np.zeros(0)
+    bend: Float[Array | np.ndarray, "bending"] = np.zeros(0)
+    low: Float[Array | np.ndarray, "bending"] = np.zeros(0)
+    high: Float[Array | np.ndarray, "bending"] = np.zeros(0)
     before: Float[Array | np.ndarray, "some"] = np.zeros(0)
 
 
@@ -105,9 +113,9 @@ class Disturbed(Plant):
     """`base` with the states [x, d, r, b, l, a, v, g, h, xi]; `driven` are the states that d acts
     on, `following` the inputs that e acts on, `wandering` the outputs that b acts on, `lagging`
     those that l acts on, `straying` the inputs that a acts on, `leaning` those that v acts on,
-    `trailing` the outputs that g acts on, which read states alone, `doubted` the inputs for which
-    the model is to be doubted somewhere, `names` the parameters, of which `directions` (W) is a row
-    each."""
+    `trailing` the outputs that g acts on, which read states alone, `bending` the inputs whose curve
+    is bent, `doubted` those for which the model is to be doubted somewhere, `names` the parameters,
+    of which `directions` (W) is a row each."""
 
     signals: Signals = eqx.field(static=True)
     base: Plant
@@ -121,6 +129,7 @@ class Disturbed(Plant):
     straying: tuple[int, ...] = eqx.field(static=True)
     leaning: tuple[int, ...] = eqx.field(static=True)
     trailing: tuple[int, ...] = eqx.field(static=True)
+    bending: tuple[int, ...] = eqx.field(static=True)
     doubted: tuple[int, ...] = eqx.field(static=True)
     names: tuple[str, ...] = eqx.field(static=True)
 
@@ -140,6 +149,7 @@ class Disturbed(Plant):
         doubted: tuple[int, ...] = (),
         leaning: tuple[int, ...] = (),
         trailing: tuple[int, ...] = (),
+        bending: tuple[int, ...] = (),
     ) -> "Disturbed":
         """`undeclared` faults stand behind those that `base` declares."""
         signals = base.signals
@@ -158,7 +168,7 @@ class Disturbed(Plant):
             faults=(*signals.faults, *undeclared),
         )
         beside = (wandering, lagging, straying, leaning, trailing)
-        acting = (driven, following, *beside, doubted, names)
+        acting = (driven, following, *beside, bending, doubted, names)
         return Disturbed(own, base, error, offset, directions, *acting)
 
     @property
@@ -393,12 +403,13 @@ class Disturbed(Plant):
         return of(_Strayed(usual.signals, usual, stray)) - of(usual)
 
     def _with(self, shift: Float[Array, "parameters"]) -> Plant:
-        """`base` with its constants by `shift` off."""
+        """`base` with its constants by `shift` off, and with the curves of its inputs."""
         plant = self.base
-        if not self.names:
-            return plant
-        values = plant.values()
-        return plant.with_constants({n: values[n] + shift[k] for k, n in enumerate(self.names)})
+        if self.names:
+            values = plant.values()
+            off = {n: values[n] + shift[k] for k, n in enumerate(self.names)}
+            plant = plant.with_constants(off)
+        return _Bent(plant.signals, plant, self.error, self.bending) if self.bending else plant
 
 
 class _Strayed(Plant):
@@ -422,6 +433,39 @@ class _Strayed(Plant):
         return self.base.output(dx, x, u + self.stray)
 
     def altered(self, changes: Mapping[str, ValueChange]) -> "_Strayed":
+        return replace(self, base=self.base.altered(changes))
+
+
+class _Bent(Plant):
+    """`base` whose inputs act along a bent curve."""
+
+    signals: Signals = eqx.field(static=True)
+    base: Plant
+    error: Error
+    bending: tuple[int, ...] = eqx.field(static=True)
+
+    def _bent(self, u: Float[Array, "inputs"]) -> Float[Array, "inputs"]:
+        """u + 4 bend (high - low) s (1 - s)."""
+        at = np.array(self.bending)
+        low, width = self.error.low, self.error.high - self.error.low
+        s = jnp.clip((u[at] - low) / width, 0.0, 1.0)
+        acts = _acts(len(u), self.bending)
+        return u + contract("ij,j->i", acts, 4 * self.error.bend * width * s * (1 - s))
+
+    def derivative(
+        self, x: Float[Array, "states"], u: Float[Array, "inputs"]
+    ) -> Float[Array, "states"]:
+        return self.base.derivative(x, self._bent(u))
+
+    def output(
+        self,
+        dx: Float[Array, "states"],
+        x: Float[Array, "states"],
+        u: Float[Array, "inputs"],
+    ) -> Float[Array, "outputs"]:
+        return self.base.output(dx, x, self._bent(u))
+
+    def altered(self, changes: Mapping[str, ValueChange]) -> "_Bent":
         return replace(self, base=self.base.altered(changes))
 
 

@@ -159,6 +159,7 @@ class NoiseLevels(Part):
     leaning: dict[str, Positive] = {}
     lean: dict[str, Number] = {}
     trail: dict[str, Positive] = {}
+    bend: dict[str, Number] = {}
     doubt: dict[str, Positive] = {}
     above: dict[str, Number] = {}
     below: dict[str, Number] = {}

@@ -196,6 +196,14 @@ def _besides(model: Model, noise: Noise) -> list[tuple[str, str, str]]:
         )
         for j in noise.trails
     ]
+    rows += [
+        (
+            f"curve of {signals.inputs[j].name}",
+            "",
+            f"{100 * noise.bend[j]:+.2f} % of its range off a straight line in the middle",
+        )
+        for j in noise.bends
+    ]
     for k, place in enumerate(following_inputs(model.plant)):
         rows.append(
             (

@@ -17,6 +17,7 @@ from faultgauge.plants.plant import respond
 from faultgauge.plants.signals import Fault
 
 __all__ = [
+    "BEND",
     "DOUBT",
     "LATE",
     "LEAN",
@@ -47,6 +48,7 @@ STRAY = ("stray", "straying")  # absent where no input does
 DOUBT = ("doubt", "above", "below")  # absent where the model is as good everywhere
 LEAN = ("lean", "leaning")  # absent where no input comes late
 TRAIL = ("trail",)  # absent where no output does
+BEND = ("bend",)  # absent where no input's curve is bent
 NOWHERE = {"doubt": 0.0, "above": -np.inf, "below": np.inf}  # what of these is absent
 MOST_CONSTANTS = 6  # that are tracked: those that matter most
 USUAL_SPREAD = 0.01  # of a constant, from run to run
@@ -62,7 +64,8 @@ class Noise(NamedTuple):
     the share of what an input's change does to it that comes `late`, within `lag` [s]; by what an
     input strays (`stray`), which lasts for `straying` [s]; by which share of its change an input is
     off at first, in the mean (`lean`, -1 for a lag), and within which time (`leaning` [s]); within
-    which time an output follows what it measures, a lag of its sensor (`trail` [s]); how
+    which time an output follows what it measures, a lag of its sensor (`trail` [s]); by how much of
+    its range the curve of an input is off a straight line in the middle (`bend`); how
     many times as large all this is (`doubt`) where an input lies between `above` and `below`; 0, or
     nothing at all, where nothing of that kind is."""
 
@@ -88,6 +91,7 @@ class Noise(NamedTuple):
     lean: Float[np.ndarray, "inputs"] = np.zeros(0)
     leaning: Float[np.ndarray, "inputs"] = np.zeros(0)
     trail: Float[np.ndarray, "outputs"] = np.zeros(0)
+    bend: Float[np.ndarray, "inputs"] = np.zeros(0)
 
     @property
     def wanders(self) -> tuple[int, ...]:
@@ -115,6 +119,11 @@ class Noise(NamedTuple):
         return tuple(np.flatnonzero(self.trail).tolist())
 
     @property
+    def bends(self) -> tuple[int, ...]:
+        """The inputs whose curve is bent."""
+        return tuple(np.flatnonzero(self.bend).tolist())
+
+    @property
     def doubts(self) -> tuple[int, ...]:
         """The inputs for which the model errs more somewhere."""
         return tuple(np.flatnonzero(self.doubt).tolist())
@@ -122,7 +131,7 @@ class Noise(NamedTuple):
     @property
     def beside(self) -> int:
         """How many inputs and outputs err on their own, and inputs somewhere more."""
-        inputs = self.strays + self.leans + self.doubts
+        inputs = self.strays + self.leans + self.bends + self.doubts
         return len(self.wanders + self.lags + self.trails + inputs)
 
     def widened(self, factor: float) -> "Noise":
@@ -164,6 +173,7 @@ def _beside(
     yield DOUBT, signals.input_names, noise.doubts
     yield LEAN, signals.input_names, noise.leans
     yield TRAIL, signals.output_names, noise.trails
+    yield BEND, signals.input_names, noise.bends
 
 
 def drifting_of(model: Model) -> tuple[str, ...]:
@@ -175,7 +185,7 @@ def noise_of(model: Model) -> Noise:
     """What `calibrate` found. Raises `InputError` for a model without it."""
     found = model.calibration and model.calibration.noise
     block = found.as_dict() if found else None
-    optional = (*WANDER, *LATE, *STRAY, *DOUBT, *LEAN, *TRAIL)
+    optional = (*WANDER, *LATE, *STRAY, *DOUBT, *LEAN, *TRAIL, *BEND)
     if block is None or {*block, *optional} != set(Noise._fields):
         raise InputError(
             "the model holds no noise levels, which the bank needs; run `faultgauge "
@@ -187,7 +197,8 @@ def noise_of(model: Model) -> Noise:
             for key, each in zip(Noise._fields, _names(model), strict=False)
         ]
         signals = model.plant.signals
-        named = [signals.output_names] * 4 + [signals.input_names] * 7 + [signals.output_names]
+        inputs, outputs = signals.input_names, signals.output_names
+        named = [outputs] * 4 + [inputs] * 7 + [outputs, inputs]
         more = [
             [block.get(key, {}).get(name, NOWHERE.get(key, 0.0)) for name in names]
             for key, names in zip(optional, named, strict=True)
@@ -334,6 +345,7 @@ def disturbed(model: Model, noise: Noise, undeclared: tuple[Fault, ...] = ()) ->
         noise.doubts,
         noise.leans,
         noise.trails,
+        noise.bends,
     )
 
 
@@ -348,12 +360,14 @@ def error_of(model: Model, noise: Noise) -> Error:
     own = (noise.lasting, noise.settling, noise.share)
     beside = (noise.wandering[wanders], noise.lag[lags], noise.late[lags], noise.straying[strays])
     doubts = list(noise.doubts)
-    leans, trails = list(noise.leans), list(noise.trails)
+    leans, trails, bends = list(noise.leans), list(noise.trails), list(noise.bends)
     doubt = (getattr(noise, name)[doubts] for name in DOUBT)
     # an input may have changed by all it can just before a log
-    before = np.ptp(operating_points(model).u, axis=0)[list(following_inputs(model.plant))]
+    u = operating_points(model).u
+    before = np.ptp(u, axis=0)[list(following_inputs(model.plant))]
     late = noise.leaning[leans], noise.lean[leans], noise.trail[trails]
-    parts = (*own, *beside, *doubt, *late, before)
+    bend = noise.bend[bends], u.min(axis=0)[bends], u.max(axis=0)[bends]
+    parts = (*own, *beside, *doubt, *late, *bend, before)
     return Error(*(jnp.asarray(each) for each in parts))
 
 

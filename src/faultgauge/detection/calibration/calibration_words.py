@@ -86,19 +86,29 @@ def errors(model: Model) -> list[str]:
 
 
 def _leaning(model: Model, noise: Noise) -> list[str]:
-    """Inputs and outputs that come later than the model has it."""
+    """Inputs and outputs that come later than the model has it, and curves that it has straight."""
     signals = model.plant.signals
-    return [
-        f"{number(-100 * noise.lean[j], 2)} % of a change of {signals.input_names[j]} comes late, "
+    mends = "The bank goes by it; in the plant file it would mend the fit, too"
+    lines = [
+        f"{number(-100 * noise.lean[j], 2)} % of a change of {signals.inputs[j].name} comes late, "
         f"within about {duration(float(noise.leaning[j]))}: the plant, or a sensor, has a lag that "
-        "the file lacks. The bank goes by it; in the plant file it would mend the fit, too"
+        f"the file lacks. {mends}"
         for j in noise.leans
-    ] + [
-        f"{signals.output_names[j]} follows what it measures within about "
+    ]
+    lines += [
+        f"{signals.outputs[j].name} follows what it measures within about "
         f"{duration(float(noise.trail[j]))}: its sensor, or the plant, has a lag that the file "
-        "lacks. The bank goes by it; in the plant file it would mend the fit, too"
+        f"lacks. {mends}"
         for j in noise.trails
     ]
+    for j in noise.bends:
+        side = "above" if noise.bend[j] > 0 else "below"
+        lines.append(
+            f"{signals.inputs[j].name} acts along a curve that the file lacks: in the middle of "
+            f"its range {number(100 * abs(noise.bend[j]), 2)} % of that {side} a straight line. "
+            f"{mends}"
+        )
+    return lines
 
 
 def _answers(model: Model) -> list[str]:

@@ -154,6 +154,7 @@ class Likelihood:
             doubted=plant.doubted,
             leaning=plant.leaning,
             trailing=plant.trailing,
+            bending=plant.bending,
         )
         found = _costs(
             bare,

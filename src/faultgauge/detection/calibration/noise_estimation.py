@@ -17,7 +17,16 @@ from itertools import count, product
 import numpy as np
 from jaxtyping import Bool, Float
 
-from faultgauge.detection.bank.noise import DOUBT, LATE, LEAN, STRAY, TRAIL, WANDER, Noise
+from faultgauge.detection.bank.noise import (
+    BEND,
+    DOUBT,
+    LATE,
+    LEAN,
+    STRAY,
+    TRAIL,
+    WANDER,
+    Noise,
+)
 from faultgauge.detection.calibration.doubted_regions import with_doubted_regions
 from faultgauge.detection.calibration.innovation_likelihood import (
     SAMPLES,
@@ -26,6 +35,7 @@ from faultgauge.detection.calibration.innovation_likelihood import (
     StretchPiece,
     healthy_stretches,
 )
+from faultgauge.detection.calibration.input_curves import with_curves_of_inputs
 from faultgauge.detection.calibration.input_errors import with_errors_of_inputs
 from faultgauge.detection.calibration.input_lags import with_lags_of_inputs
 from faultgauge.detection.calibration.noise_levels import (
@@ -60,16 +70,17 @@ ROUNDS = (16, 12, 8)  # steps of each search; the constants are told anew betwee
 STARTS = tuple(product((1.0, 10.0, 100.0), (1.0, 30.0)))
 FIRST = 2  # steps of each; then of the better half, and so on
 PART = 0.25  # of every stretch, which the first of these steps look at
-SEARCHES = 7  # of all ROUNDS: the plant's levels, three for LAGS, then what each of BESIDE adds
+SEARCHES = 8  # of all ROUNDS: the plant's levels, three for LAGS, then what each of BESIDE adds
 # these come first, as they are no error; what one of them explains the other does in part
 LAGS = (with_lags_of_inputs, with_lags_of_sensors)
-# errors of inputs come first, as what outputs share is none of their own
+# curves are no errors either; then errors of inputs, as what outputs share is none of their own
 BESIDE = (
+    with_curves_of_inputs,
     with_errors_of_inputs,
     with_errors_of_outputs,
     with_errors_of_outputs,
 )
-SIZES = {pair[0]: pair for pair in (WANDER, LATE, STRAY, LEAN, TRAIL)}  # with their times
+SIZES = {pair[0]: pair for pair in (WANDER, LATE, STRAY, LEAN, TRAIL, BEND)}  # with their times
 LESS = 0.95  # of the share that a change is off by: a lag that leaves more is none
 TOLD = 1.05  # times the shortest time: the end of a search
 ENOUGH = 0.3  # of log-likelihood: a step that gains less is the last
@@ -166,7 +177,7 @@ class _Healthy:
 
     def bounds(self, noise: Noise) -> Bounds:
         """Of the levels that `noise` has."""
-        beside = (*WANDER, *LATE, *STRAY, *DOUBT, *LEAN, *TRAIL)
+        beside = (*WANDER, *LATE, *STRAY, *DOUBT, *LEAN, *TRAIL, *BEND)
         own = {name: getattr(noise, name) for name in beside}
         return bounds_of(self.guess._replace(**own), self.step, self.stretches)
 

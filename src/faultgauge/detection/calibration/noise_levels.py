@@ -41,8 +41,9 @@ __all__ = [
 SEARCHED = (
     *("sigma", "process", "drift", "size", "lasting", "share", "settling"),
     *("wander", "wandering", "late", "lag", "stray", "straying", "doubt", "trail"),
-    *("leaning", "lean"),  # the last a negative number, and no logarithm
+    *("leaning", "lean", "bend"),
 )
+SIGNED = ("lean", "bend")  # of these: numbers of either sign, and no logarithms
 ORDERS = 8  # of differences: beyond, next to nothing fades that has not
 REACH = np.log(1e4)  # a level is looked for within this factor of its first guess
 USUAL_SIZE = 0.03  # of a state's rate: the discrepancy
@@ -53,6 +54,7 @@ SETTLED = 0.25  # of it: within that, what an input's change does has settled
 SLOWER = 0.1  # of it: what lasts longer, parameters that drift follow
 LAG = -1.0  # of an input's change: all of it comes late
 TRACE = 1e-9  # of it: next to nothing
+BENT = 0.24  # of an input's range: beyond a quarter its curve would fall at an end
 UNSURE = 1.5  # standard deviation of the logarithms of these
 
 
@@ -73,11 +75,12 @@ class Bounds(NamedTuple):
 
 
 def logs_of(noise: Noise) -> Float[np.ndarray, "levels"]:
-    """The logarithms of all levels but the constants'; of what is not there minus infinity, and a
-    lean as it is."""
+    """The logarithms of all levels but the constants'; of what is not there minus infinity, and
+    what may have either sign as it is."""
+    levels = [(name, getattr(noise, name)) for name in SEARCHED]
     with np.errstate(divide="ignore"):
-        logs = [np.log(getattr(noise, name)) for name in SEARCHED[:-1]]
-    return np.concatenate([*logs, np.where(noise.lean, noise.lean, -np.inf)])
+        logs = [np.where(a, a, -np.inf) if name in SIGNED else np.log(a) for name, a in levels]
+    return np.concatenate(logs)
 
 
 def names_of(noise: Noise) -> list[str]:
@@ -88,9 +91,10 @@ def names_of(noise: Noise) -> list[str]:
 def levels_of(logs: Float[np.ndarray, "levels"], noise: Noise) -> Noise:
     """The levels whose logarithms these are, and the constants of `noise`."""
     sizes = np.cumsum([len(getattr(noise, name)) for name in SEARCHED])[:-1]
-    *parts, lean = np.split(logs, sizes)
-    parts = [*map(np.exp, parts), np.where(np.isfinite(lean), lean, 0.0)]
-    return noise._replace(**dict(zip(SEARCHED, parts, strict=True)))
+    parts = zip(SEARCHED, np.split(logs, sizes), strict=True)
+    return noise._replace(
+        **{n: np.where(np.isfinite(a), a, 0.0) if n in SIGNED else np.exp(a) for n, a in parts}
+    )
 
 
 def first_guess(model: Model, runs: Sequence[Run], stretches: Sequence[StretchPiece]) -> Noise:
@@ -132,7 +136,7 @@ def first_guess(model: Model, runs: Sequence[Run], stretches: Sequence[StretchPi
         *[np.zeros(len(sigma))] * 4,
         stray=nothing, straying=nothing,
         doubt=nothing, above=nothing - np.inf, below=nothing + np.inf,
-        lean=nothing, leaning=nothing, trail=np.zeros(len(sigma)),
+        lean=nothing, leaning=nothing, trail=np.zeros(len(sigma)), bend=nothing,
     )  # fmt: skip
 
 
@@ -186,6 +190,7 @@ def bounds_of(guess: Noise, step: float, stretches: Sequence[StretchPiece]) -> B
         high[name][:] = 0.0
     low["doubt"][:] = 0.0
     low["lean"], high["lean"] = np.full(sizes["lean"], LAG), np.full(sizes["lean"], -TRACE)
+    low["bend"], high["bend"] = np.full(sizes["bend"], -BENT), np.full(sizes["bend"], BENT)
     pull = {name: np.full(count, np.inf) for name, count in sizes.items()}
     for name in ("sigma", "size", "share", "lasting"):
         pull[name][:] = UNSURE
