@@ -173,6 +173,27 @@ def test_a_sensor_that_trails_is_found_and_no_input_is_late():
     assert found.trail[0] == pytest.approx(lag, rel=0.2)
 
 
+def curved(seed, bend):
+    """`log` of an input that acts as u + 4 bend (1 - u^2) / 2 does."""
+    run = log(seed)
+    u = run.columns["u"]
+    # of a linear plant the answer to what is added is added: exact under its hold
+    more, fade = np.zeros(COUNT), np.exp(-A * STEP)
+    for k in range(COUNT - 1):
+        more[k + 1] = fade * more[k] + (1 - fade) / A * 2 * bend * (1 - u[k] ** 2)
+    return Run(run.name, run.source, run.t, {"u": u, "x": run.columns["x"] + more})
+
+
+def test_a_curve_that_the_file_has_straight_is_found_and_none_where_it_is():
+    """u is uniform in -1 ... 1, held for 20 samples, 96 times; u^2 scatters by 0.3, so that the
+    discrepancy, 0.2 for 6 s in each 10 s, leaves a bend with a standard deviation of some
+    0.2 / (2 * 0.3 * sqrt(96)) = 0.034; three of those. Without a bend none is made up."""
+    found = estimate_noise(model(True), [curved(seed, 0.2) for seed in range(LOGS)])
+    assert found.bends == (0,)
+    assert found.bend[0] == pytest.approx(0.2, abs=3 * 0.034)
+    assert estimate_noise(model(True), [log(seed) for seed in range(LOGS)]).bends == ()
+
+
 def test_an_input_that_strays_is_one_error_wherever_it_acts():
     """The scatter is that of someone who sees a itself, as above; three of those. Neither the
     state nor the output errs on its own."""

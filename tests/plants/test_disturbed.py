@@ -200,6 +200,26 @@ def test_a_sensor_that_trails_by_hand():
     np.testing.assert_allclose(moved, [-0.6 * 4 / 2 * (1 - np.exp(-2 / 4))], rtol=1e-12)
 
 
+def test_a_bent_curve_by_hand():
+    """Between -1 and 4 the input is 0.1 * 5 more in the middle, at 1.5, and at 2.75, three quarters
+    of the way, 3/4 of that; at the ends and beyond it is what it was. A push of 1 goes along the
+    curve, which a fault does not change."""
+    base = GrayBoxPlant.untrained(parse_plant(CART.replace("min = -2\nmax = 2\n", "")))
+    none = np.zeros(0)
+    ends = {"low": np.array([-1.0]), "high": np.array([4.0])}
+    error = Error(none, none, none, bend=np.array([0.1]), **ends)
+    nothing = jnp.zeros(0), jnp.zeros((0, 0))
+    plant = Disturbed.of(base, (), (), error, (), *nothing, bending=(0,))
+    x, none = jnp.array([1.0, 2.0]), jnp.zeros(1)
+    for u, acts in ((1.5, 2.0), (2.75, 2.75 + 0.375), (-1.0, -1.0), (4.0, 4.0), (6.0, 6.0)):
+        bent = respond(plant, x, jnp.array([u]), none)
+        straight = respond(base, x, jnp.array([acts]), none)
+        for one, other in zip(bent, straight, strict=True):
+            np.testing.assert_allclose(one, other, rtol=1e-12)
+    pushed = respond(plant, x, jnp.array([1.75]), jnp.array([1.0]))[0]
+    np.testing.assert_allclose(pushed, respond(base, x, jnp.array([3.125]), none)[0], rtol=1e-12)
+
+
 def test_an_input_that_strays_does_so_wherever_it_acts():
     """u = 1.5 - 0.3 moves v by 3.2 * 1.2 - 1 and shows in a; half of what is left of -0.3 after
     4 ln 2 s acts in the mean over that time: the mean of exp(-t / 4) is 0.5 / ln 2."""

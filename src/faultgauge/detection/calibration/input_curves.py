@@ -2,8 +2,8 @@
 gains.
 
 A valve, a pump, a heater at a voltage: what such an input does is off by where it stands, which no
-error that comes and goes in time says. A parabola through the ends of its range is one level more, and
-must gain what Schwarz's criterion asks of a lag (G. Schwarz, Ann. Stat. 6 (1978)).
+error that comes and goes in time says. A parabola through the ends of its range is one level more,
+and must gain what Schwarz's criterion asks of a lag (G. Schwarz, Ann. Stat. 6 (1978)).
 """
 
 from itertools import product
