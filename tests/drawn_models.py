@@ -9,7 +9,7 @@ import numpy as np
 
 from calibrations import for_bank
 from faultgauge.detection.bank.noise import Noise, constants_of, drifting_of
-from faultgauge.plants.disturbed import dynamic_states, following_inputs
+from faultgauge.plants.disturbed import answering_outputs, dynamic_states, following_inputs
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
 from faultgauge.plants.plant_file import parse_plant, read_plant_text
@@ -38,8 +38,9 @@ def drawn(plant, seed):
     return eqx.tree_at(lambda p: p.networks, plant, networks)
 
 
-def calibrated(source, seed=0, step=STEP):
-    """A model of the plant file, text or preset `source`, as `calibrate` would leave it."""
+def calibrated(source, seed=0, step=STEP, late=False):
+    """A model of the plant file, text or preset `source`, as `calibrate` would leave it; with
+    `late` its first input and its sensors have lags, and that input is bent."""
     text = source if "\n" in source else read_plant_text(source)
     plant = drawn(GrayBoxPlant.untrained(parse_plant(text)), seed)
     signals, rng = plant.signals, np.random.default_rng(seed)
@@ -73,6 +74,11 @@ def calibrated(source, seed=0, step=STEP):
     last = np.arange(len(signals.inputs)) == len(signals.inputs) - 1
     edge = np.where(last, np.quantile(u[:, -1], 0.75), -np.inf)
     noise = noise._replace(doubt=3.0 * last, above=edge, below=np.full(len(last), np.inf))
+    first = np.arange(len(signals.inputs)) == 0
+    slow = np.isin(np.arange(len(signals.outputs)), answering_outputs(plant))
+    if late:
+        noise = noise._replace(lean=-1.0 * first, leaning=2.0 * step * first, bend=0.05 * first)
+        noise = noise._replace(trail=np.where(slow, 0.0, 3.0 * step))
     return for_bank(model, noise, size=dict.fromkeys(signals.fault_names, 1.0))
 
 

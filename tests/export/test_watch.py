@@ -70,6 +70,14 @@ def test_a_fault_in_the_examples_is_found_and_named(cc, wheel, printed):
     assert said["p_friction"][-1] > 0.9
 
 
+def test_a_plant_that_comes_late_along_a_curve_says_what_python_says(cc):
+    model = calibrated("tank", late=True)
+    step = step_of(bank_of(model))
+    samples = log_of(model, 1000, missing=0.05)
+    with Native(print_step(step, "late")) as native:
+        agree(native.run(samples), walked(step, samples))
+
+
 @pytest.mark.study
 @pytest.mark.parametrize("source", ["tank", "positioning_drive", "hr12", "four_tanks"])
 def test_other_plants_say_what_python_says(cc, source):
