@@ -102,3 +102,14 @@ def test_what_acts_on_a_plant_may_be_so_large_that_it_shows():
         'target = "x"\n[faults.bias]', 'target = "x"\nmax = 0.002\nmin = 0\n[faults.bias]'
     )
     assert bank(points=still, text=limits).size[0] == 0.001
+
+
+def test_what_never_shows_clearly_shows_once_it_is_known_nearly_as_well_as_ever():
+    """A drive known to q / sqrt(t) is 8 times that, 0.08, after 400 steps of 1 s. One of 0.05 at
+    most never is; it is known to 1.25 times what it comes to after 400 s / 1.25^2."""
+    limits = TEXT.replace(
+        'target = "x"\n[faults.bias]', 'target = "x"\nmax = 0.1\nmin = -0.1\n[faults.bias]'
+    )
+    found = bank(text=limits)
+    assert found.size[0] == 0.05
+    assert found.knowledge.when[0] == pytest.approx(400.0 / 1.25**2, rel=0.02)

@@ -10,6 +10,7 @@ from faultgauge.detection.words import PURE, duration, number
 from faultgauge.plants.disturbed import dynamic_states
 from faultgauge.plants.model import Model
 from faultgauge.plants.record import Interval
+from faultgauge.plants.signals import State
 
 __all__ = ["doubted", "errors", "summary"]
 
@@ -35,15 +36,10 @@ def _intervals(channels: Mapping[str, Interval], units: Mapping[str, str]) -> li
 def errors(model: Model) -> list[str]:
     """How far the plant is from its model, and for how long."""
     signals, noise = model.plant.signals, noise_of(model)
-    lines = []
+    lines, seen = [], level_in(model).healthy_s
     for k, state in enumerate(dynamic_states(model.plant)):
-        each = signals.states[state]
-        unit = f" {each.unit}/s" if each.unit else " per second"
-        for_long = duration(float(noise.lasting[k]))
-        lines.append(
-            f"the model is off by about {number(noise.size[k], 2)}{unit} in d({each.name}), for "
-            f"about {for_long} at a time"
-        )
+        size, lasts = float(noise.size[k]), float(noise.lasting[k])
+        lines.append(_discrepancy(signals.states[state], size, lasts, seen))
     for j in noise.wanders:
         each = signals.outputs[j]
         size = f"{number(noise.wander[j], 2)} {each.unit}".rstrip()
@@ -83,6 +79,21 @@ def errors(model: Model) -> list[str]:
     if slow:
         lines.append(f"tracked as it drifts: {', '.join(slow)}")
     return lines
+
+
+def _discrepancy(state: State, size: float, lasts: float, seen: float) -> str:
+    """Of a state's derivative, by logs of `seen` [s] in all."""
+    unit = f" {state.unit}/s" if state.unit else " per second"
+    if lasts <= seen:
+        return (
+            f"the model is off by about {number(size, 2)}{unit} in d({state.name}), for about "
+            f"{duration(lasts)} at a time"
+        )
+    moves = number(size * np.sqrt(2 * seen / lasts), 2)
+    return (
+        f"what the model is off by in d({state.name}) comes back nowhere in these logs: it moves "
+        f"by about {moves}{unit} in {duration(seen)}"
+    )
 
 
 def _leaning(model: Model, noise: Noise) -> list[str]:
