@@ -26,6 +26,7 @@ model error. Shares have Wilson's 95 % intervals.
   ahu             an air handling unit: a curved valve, walls, and people who come and go
   valve           a control valve in a flow loop: a stem that sticks, pressures that wander
   cylinder        a hydraulic position loop: Stribeck's friction, the valve's root and lag
+  heated_tank     level and temperature in two loops: a bent valve, a wall, lags
   bench_heaters   a board with two heaters and ten bits: sensors that lag, draughts, a weak supply
   dc_motor        a speed loop: cogging, Stribeck's friction, a winding that warms, filters
   reaction_wheel  half an hour of a momentum loop: oil that warms, a cage, pulses that are counted
@@ -57,6 +58,7 @@ from mismatch.dc_motor import dc_motor
 from mismatch.exchanger import exchanger
 from mismatch.furnace import furnace
 from mismatch.harness import measure, without_discrepancy
+from mismatch.heated_tank import heated_tank
 from mismatch.heaters import biased, equal, heaters
 from mismatch.lag import lag
 from mismatch.meter import meter
@@ -88,6 +90,7 @@ CASES: dict[str, Callable[[], Case]] = {
     "valve": valve,
     "cylinder": cylinder,
     "bench_heaters": bench_heaters,
+    "heated_tank": heated_tank,
     "dc_motor": dc_motor,
     "reaction_wheel": reaction_wheel,
     "pump_loop": pump_loop,
