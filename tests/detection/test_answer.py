@@ -10,14 +10,9 @@ import pytest
 
 from calibrations import for_bank
 from faultgauge.cli.evidence import write_evidence
-from faultgauge.detection.answer.answer import (
-    answers,
-    as_dicts,
-    first_screen,
-    least_told,
-    runs_as_dicts,
-)
+from faultgauge.detection.answer.answer import answers, as_dicts, first_screen, runs_as_dicts
 from faultgauge.detection.answer.evidence import evidence, same
+from faultgauge.detection.answer.least import least_told
 from faultgauge.detection.bank.bank import build_fault_bank
 from faultgauge.detection.bank.noise import Noise
 from faultgauge.detection.decisions import Watching, decide
@@ -167,7 +162,7 @@ def test_of_several_logs_the_least_telling_says_what_would_not_have_shown(bank, 
     other = replace(quiet, run=replace(quiet.run, name="other"))
     least = {quiet.run.name: (0.02, 0.3), "other": (0.05, None)}
     monkeypatch.setattr(
-        "faultgauge.detection.answer.answer.least_told", lambda _, one, k: least[one.run.name][k]
+        "faultgauge.detection.answer.least.least_told", lambda _, one, k: least[one.run.name][k]
     )
     (line,) = answers(bank, [quiet, other])
     assert line == (

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from calibrations import for_bank, for_observer
-from faultgauge.detection.answer.answer import alarms
 from faultgauge.detection.answer.estimation import Estimated, estimate
 from faultgauge.detection.answer.estimation import table as plain_table
+from faultgauge.detection.answer.unnamed import alarms
 from faultgauge.detection.bank.noise import Noise
 from faultgauge.detection.decisions import Decision, decide_runs, table
 from faultgauge.detection.posterior.events import Alarm, BankEvent, Unnamed

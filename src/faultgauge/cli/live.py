@@ -133,7 +133,7 @@ class _Speaker:
 
     def event(self, said: "Said") -> None:
         from faultgauge.detection import decisions
-        from faultgauge.detection.answer.answer import finding
+        from faultgauge.detection.answer.event_sentence import finding
         from faultgauge.detection.answer.reliance import doubt, headed
         from faultgauge.detection.posterior.events import Alarm, BankEvent, Unnamed
         from faultgauge.detection.words import UNDECLARED, moment

@@ -14,9 +14,9 @@ import jax
 import numpy as np
 from jaxtyping import Bool
 
-from faultgauge.detection.answer.answer import alarms
 from faultgauge.detection.answer.estimation import Estimated, Observing
 from faultgauge.detection.answer.misfit import FEWEST, Alarmed, Misfit, quiet
+from faultgauge.detection.answer.unnamed import alarms
 from faultgauge.detection.bank.bank import FaultBank, build_fault_bank, evaluated_faults
 from faultgauge.detection.bank.noise import noise_of
 from faultgauge.detection.decisions import Decision, Watching, unjudged

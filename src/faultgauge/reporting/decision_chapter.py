@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from faultgauge.detection.answer.answer import answers, other_cause, told
+from faultgauge.detection.answer.answer import answers, told
+from faultgauge.detection.answer.event_sentence import other_cause
 from faultgauge.detection.answer.evidence import Evidence
 from faultgauge.detection.bank.bank import FaultBank
 from faultgauge.detection.decisions import Decision

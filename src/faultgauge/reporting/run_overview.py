@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 from jaxtyping import Bool, Float
 
-from faultgauge.detection.answer.answer import alarms
+from faultgauge.detection.answer.unnamed import alarms
 from faultgauge.detection.bank.bank import FaultBank
 from faultgauge.detection.decisions import Decision
 from faultgauge.detection.posterior.verdicts import NOT_JUDGED, STALE

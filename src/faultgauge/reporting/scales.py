@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from faultgauge.detection.answer.answer import least_told
+from faultgauge.detection.answer.least import least_told
 from faultgauge.detection.bank.bank import FaultBank
 from faultgauge.detection.bank.noise import noise_of
 from faultgauge.detection.decisions import Decision

@@ -1,0 +1,91 @@
+"""What it means that nothing is told of a run: no fault, what could not be judged, and why."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from faultgauge.detection.answer.least import would_not_show_in
+from faultgauge.detection.answer.reliance import headed
+from faultgauge.detection.answer.shares import WHOLE, Shares, Silent, shares_of
+from faultgauge.detection.answer.telling import row_time
+from faultgauge.detection.bank.bank import FaultBank
+from faultgauge.detection.decisions import Decision
+from faultgauge.detection.posterior.uncalibrated import level_in, uncalibrated
+from faultgauge.detection.words import listed, number
+
+__all__ = ["silence"]
+
+SPOKEN = 3  # silent stretches that a sentence names, or reasons of more of them
+LITTLE = 0.005  # of a log: what would be said as 0 %
+SELDOM = 0.5  # of the rows: of a fault that shows in fewer, that is said
+
+
+def silence(bank: FaultBank, silent: Sequence[Decision], runs: int) -> list[str]:
+    """What it means that nothing is told of the `silent` ones of so many `runs`."""
+    shares = {one.run.name: shares_of(one) for one in silent}
+    whole = [one for one in silent if shares[one.run.name].judged >= WHOLE]
+    said = []
+    alone = runs == 1
+    if whole:
+        where = "" if len(whole) == runs else f" in {_runs(whole)}"
+        seldom = _seldom(bank, [shares[one.run.name] for one in whole])
+        text = f"No fault{where}; {would_not_show_in(bank, whole)}{seldom}"
+        said.append(headed(bank.model, text))
+    for one in silent:
+        judged, _, gaps = shares[one.run.name]
+        log = "log" if alone else f"run {one.run.name}"
+        if judged >= WHOLE:
+            continue
+        why = _why(bank, one, gaps)
+        if judged == 0:
+            of = "" if alone else f" of {log}"
+            said.append(f"Nothing{of} could be judged: {why}{_wide(bank)}")
+            continue
+        text = (
+            f"No fault in the {100 * judged:.0f} % of the {log} that could be judged; not judged "
+            f"{why}; {would_not_show_in(bank, [one])} there"
+        )
+        said.append(headed(bank.model, text))
+    return said
+
+
+def _seldom(bank: FaultBank, found: Sequence[Shares]) -> str:
+    """Which faults show in few rows only."""
+    shares = np.mean([each.faults for each in found], axis=0).tolist()
+    names = zip(bank.model.plant.signals.fault_names, shares, strict=True)
+    rare = [f"{name} ({100 * share:.0f} %)" for name, share in names if 0 < share < SELDOM]
+    return f"; few rows could have shown {listed(rare)}" if rare else ""
+
+
+def _why(bank: FaultBank, one: Decision, gaps: Sequence[Silent]) -> str:
+    """When and why not, of few stretches; of many which share for what reason."""
+    if len(gaps) <= SPOKEN:
+        return listed([_part(bank, one, each) for each in gaps])
+    shares = dict[str, float]()
+    for each in gaps:
+        reason = each.reason.partition("; ")[0]  # without what the columns were there
+        shares[reason] = shares.get(reason, 0.0) + each.share
+    largest = sorted(shares.items(), key=lambda each: -each[1])[:SPOKEN]
+    parts = [f"{100 * share:.0f} % ({reason})" for reason, share in largest if share >= LITTLE]
+    rest = sum(shares.values()) - sum(share for _, share in largest)
+    return listed([*parts, "the rest for other reasons"] if rest >= LITTLE else parts)
+
+
+def _wide(bank: FaultBank) -> str:
+    """Why a calibration may leave nothing that shows."""
+    if uncalibrated(bank.model) or level_in(bank.model).widened <= 1:
+        return ""
+    times = number(level_in(bank.model).widened, 2)
+    return (
+        "; by the healthy logs the model errs more than its noise covers, and a fault must be "
+        f"{times} times as large to be told"
+    )
+
+
+def _part(bank: FaultBank, one: Decision, part: Silent) -> str:
+    first, last = (row_time(bank, one, t) for t in (part.start, part.end))
+    return f"from {first} to {last} ({part.reason})"
+
+
+def _runs(decisions: Sequence[Decision]) -> str:
+    return ", ".join(f"run {one.run.name}" for one in decisions)

@@ -1,0 +1,34 @@
+"""What is told of a stretch of a log, and the words that all sentences share."""
+
+from typing import NamedTuple
+
+from faultgauge.detection.bank.bank import FaultBank
+from faultgauge.detection.decisions import Decision
+from faultgauge.detection.words import PURE, moment
+
+__all__ = ["Told", "row_time", "unit_of"]
+
+
+class Told(NamedTuple):
+    """What is told of a run from `start` to `end` [s], as a sentence: what a first screen says,
+    and the rest; the `causes` that are left of an alarm without a name."""
+
+    start: float
+    end: float
+    head: str
+    rest: tuple[str, ...] = ()
+    causes: tuple[str, ...] = ()
+
+    @property
+    def text(self) -> str:
+        return "; ".join((self.head, *self.rest))
+
+
+def row_time(bank: FaultBank, one: Decision, t: float) -> str:
+    """A row's time, as fine as rows are apart."""
+    return moment(one.run.clock, t, bank.step)
+
+
+def unit_of(bank: FaultBank, fault: str) -> str:
+    units = {each.name: each.unit for each in bank.model.plant.signals.faults}
+    return "" if units.get(fault, "") in PURE else units.get(fault, "")
