@@ -73,14 +73,15 @@ PART = 0.25  # of every stretch, which the first of these steps look at
 SEARCHES = 8  # of all ROUNDS: the plant's levels, three for LAGS, then what each of BESIDE adds
 # these come first, as they are no error; what one of them explains the other does in part
 LAGS = (with_lags_of_inputs, with_lags_of_sensors)
-# curves are no errors either; then errors of inputs, as what outputs share is none of their own
+CURVES = (with_curves_of_inputs,)  # are no errors either
+# errors of inputs come first, as what outputs share is none of their own
 BESIDE = (
-    with_curves_of_inputs,
     with_errors_of_inputs,
     with_errors_of_outputs,
     with_errors_of_outputs,
 )
 SIZES = {pair[0]: pair for pair in (WANDER, LATE, STRAY, LEAN, TRAIL, BEND)}  # with their times
+AGREE = 1.25  # times: what the plant does lets the constants of runs lie no farther apart
 LESS = 0.95  # of the share that a change is off by: a lag that leaves more is none
 TOLD = 1.05  # times the shortest time: the end of a search
 ENOUGH = 0.3  # of log-likelihood: a step that gains less is the last
@@ -108,7 +109,7 @@ def estimate_noise(
         noise = _started(model, told.batch, told.guess, told.bounds(told.guess), stepped)
         noise = _alternated(model, told.batch, noise, told.bounds(noise), stepped, {"sigma"})
         noise = _with_lags(model, told, noise, stepped)
-        for beside in BESIDE:
+        for beside in (*CURVES, *BESIDE):
             noise = _with(beside, model, told, noise, stepped) or noise
         noise = _needed(model, told.batch, noise)
     else:
@@ -206,8 +207,9 @@ def _with(
     noise: Noise,
     stepped: Callable[[], None],
 ) -> Noise | None:
-    """`noise` and what there is `beside` it, all told anew; None where that gains too little, or
-    where the search has come to levels that need none of it."""
+    """`noise` and what there is `beside` it, all told anew; None where that gains too little, where
+    the search has come to levels that need none of it, or where what the plant does leaves
+    constants that differ more."""
     spans = spans_of(told.step, told.stretches)
     more = beside(model, told.batch, noise, spans)
     while added := more.beside - noise.beside:
@@ -225,6 +227,9 @@ def _with(
         return None
     enough = np.log(told.batch.count) * added
     if _needed(model, told.batch, found).beside <= noise.beside:
+        return None
+    wider = np.exp(np.mean(np.log(found.spread / noise.spread))) if len(noise.spread) else 1.0
+    if beside in (*LAGS, *CURVES) and wider > AGREE:
         return None
     return found if _gain(model, told.batch, noise, found, bounds) > enough else None
 
