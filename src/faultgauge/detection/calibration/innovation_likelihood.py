@@ -117,6 +117,18 @@ class Likelihood:
         u, y, dt = (each[:, :samples] for each in (self.u, self.y, self.dt))
         return replace(self, u=u, y=y, dt=dt, count=int(jnp.isfinite(y).sum()))
 
+    def some(self, samples: int) -> "Likelihood":
+        """Of some stretches, whole and evenly spread, about so many samples; two runs at least."""
+        own = np.asarray((self.dt > 0).sum(axis=1))
+        many = int(np.ceil(len(own) * min(1.0, samples / max(int(own.sum()), 1))))
+        at = np.unique(np.linspace(0, len(own) - 1, max(many, 2)).round().astype(int))
+        if len(at) >= len(own) or len({*self.runs[at]}) < min(2, len({*self.runs})):
+            return self
+        x, u, y, dt = (each[at] for each in (self.x, self.u, self.y, self.dt))
+        told = int(jnp.isfinite(y).sum())
+        runs, parts = self.runs[at], self.parts[at]
+        return replace(self, x=x, u=u, y=y, dt=dt, runs=runs, parts=parts, count=told)
+
     def run(self, model: Model, many: Sequence[Noise]) -> Likelihoods:
         """What the stretches say under each of `many` levels, a few at a time on every core."""
         padded = [*many, *[many[-1]] * (-len(many) % AT_ONCE)]

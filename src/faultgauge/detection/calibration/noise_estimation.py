@@ -11,7 +11,7 @@ what noise of a few samples' memory adds up to.
 """
 
 from collections.abc import Callable, Sequence, Set
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import count, product
 
 import numpy as np
@@ -70,7 +70,10 @@ ROUNDS = (16, 12, 8)  # steps of each search; the constants are told anew betwee
 STARTS = tuple(product((1.0, 10.0, 100.0), (1.0, 30.0)))
 FIRST = 2  # steps of each; then of the better half, and so on
 PART = 0.25  # of every stretch, which the first of these steps look at
-SEARCHES = 8  # of all ROUNDS: the plant's levels, three for LAGS, then what each of BESIDE adds
+# of all ROUNDS: the plant's levels, three for LAGS, one each for CURVES and all data, then each of
+# BESIDE
+SEARCHES = 9
+SEEN = 6144  # samples that tell lags and curves
 # these come first, as they are no error; what one of them explains the other does in part
 LAGS = (with_lags_of_inputs, with_lags_of_sensors)
 CURVES = (with_curves_of_inputs,)  # are no errors either
@@ -108,8 +111,8 @@ def estimate_noise(
     if discrepancy:
         noise = _started(model, told.batch, told.guess, told.bounds(told.guess), stepped)
         noise = _alternated(model, told.batch, noise, told.bounds(noise), stepped, {"sigma"})
-        noise = _with_lags(model, told, noise, stepped)
-        for beside in (*CURVES, *BESIDE):
+        noise = _with_structure(model, told, noise, stepped)
+        for beside in BESIDE:
             noise = _with(beside, model, told, noise, stepped) or noise
         noise = _needed(model, told.batch, noise)
     else:
@@ -187,6 +190,30 @@ class _Healthy:
         return noise._replace(sigma=noise.sigma * self.averaged)
 
 
+def _with_structure(
+    model: Model, told: "_Healthy", noise: Noise, stepped: Callable[[], None]
+) -> Noise:
+    """`noise` with the lags and curves that the plant has and the file lacks: found by some of the
+    stretches, and told anew by all."""
+    some = replace(told, batch=told.batch.some(SEEN))
+    found = _with_lags(model, some, noise, stepped)
+    for beside in CURVES:
+        found = _with(beside, model, some, found, stepped) or found
+    added = found.beside - noise.beside
+    if not added or some.batch is told.batch:
+        return found
+    bounds = told.bounds(found)
+    found = _alternated(model, told.batch, found, bounds, stepped)
+    gain = _gain(model, told.batch, noise, found, bounds)
+    agree = _apart(noise, found) <= AGREE
+    return found if agree and gain > np.log(told.batch.count) * added else noise
+
+
+def _apart(before: Noise, found: Noise) -> float:
+    """How many times as far apart the constants of runs are."""
+    return float(np.exp(np.mean(np.log(found.spread / before.spread)))) if len(found.spread) else 1
+
+
 def _with_lags(model: Model, told: "_Healthy", noise: Noise, stepped: Callable[[], None]) -> Noise:
     """`noise` with the likelier of `LAGS`, each with all told anew, and beside it with the other
     one, where they gain enough."""
@@ -228,8 +255,7 @@ def _with(
     enough = np.log(told.batch.count) * added
     if _needed(model, told.batch, found).beside <= noise.beside:
         return None
-    wider = np.exp(np.mean(np.log(found.spread / noise.spread))) if len(noise.spread) else 1.0
-    if beside in (*LAGS, *CURVES) and wider > AGREE:
+    if beside in (*LAGS, *CURVES) and _apart(noise, found) > AGREE:
         return None
     return found if _gain(model, told.batch, noise, found, bounds) > enough else None
 
