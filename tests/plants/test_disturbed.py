@@ -202,8 +202,8 @@ def test_a_sensor_that_trails_by_hand():
 
 def test_a_bent_curve_by_hand():
     """Between -1 and 4 the input is 0.1 * 5 more in the middle, at 1.5, and at 2.75, three quarters
-    of the way, 3/4 of that; at the ends and beyond it is what it was. A push of 1 goes along the
-    curve, which a fault does not change."""
+    of the way, 3/4 of that; at the ends it is what it was, and beyond it goes on at their slopes,
+    1 + 4 * 0.1 and 1 - 4 * 0.1. A push of 1 goes along the curve, which a fault does not change."""
     base = GrayBoxPlant.untrained(parse_plant(CART.replace("min = -2\nmax = 2\n", "")))
     none = np.zeros(0)
     ends = {"low": np.array([-1.0]), "high": np.array([4.0])}
@@ -211,7 +211,14 @@ def test_a_bent_curve_by_hand():
     nothing = jnp.zeros(0), jnp.zeros((0, 0))
     plant = Disturbed.of(base, (), (), error, (), *nothing, bending=(0,))
     x, none = jnp.array([1.0, 2.0]), jnp.zeros(1)
-    for u, acts in ((1.5, 2.0), (2.75, 2.75 + 0.375), (-1.0, -1.0), (4.0, 4.0), (6.0, 6.0)):
+    for u, acts in (
+        (1.5, 2.0),
+        (2.75, 2.75 + 0.375),
+        (-1.0, -1.0),
+        (4.0, 4.0),
+        (6.0, 5.2),
+        (-2.0, -2.4),
+    ):
         bent = respond(plant, x, jnp.array([u]), none)
         straight = respond(base, x, jnp.array([acts]), none)
         for one, other in zip(bent, straight, strict=True):

@@ -14,7 +14,7 @@
 
     g' = -g / trail - dh/dt,
 
-F and h read    u + 4 bend (high - low) s (1 - s),    s = (u - low) / (high - low)  in 0 ... 1,
+F and h read    u + 4 bend (high - low) s (1 - s),    s = (u - low) / (high - low),
 
 and w and l are `doubt` times as large while an input is where the model errs more than
 elsewhere: an input, as that is known to all hypotheses alike.
@@ -445,12 +445,14 @@ class _Bent(Plant):
     bending: tuple[int, ...] = eqx.field(static=True)
 
     def _bent(self, u: Float[Array, "inputs"]) -> Float[Array, "inputs"]:
-        """u + 4 bend (high - low) s (1 - s)."""
+        """u + 4 bend (high - low) s (1 - s), from the ends on along a straight line."""
         at = np.array(self.bending)
         low, width = self.error.low, self.error.high - self.error.low
-        s = jnp.clip((u[at] - low) / width, 0.0, 1.0)
+        s = (u[at] - low) / width
+        within = jnp.clip(s, 0.0, 1.0)
+        more = within * (1 - within) + (s - within) * (1 - 2 * within)
         acts = _acts(len(u), self.bending)
-        return u + contract("ij,j->i", acts, 4 * self.error.bend * width * s * (1 - s))
+        return u + contract("ij,j->i", acts, 4 * self.error.bend * width * more)
 
     def derivative(
         self, x: Float[Array, "states"], u: Float[Array, "inputs"]

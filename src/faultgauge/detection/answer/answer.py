@@ -7,7 +7,7 @@ from typing import Any
 from faultgauge.detection.answer.event_sentence import given_up, told_event
 from faultgauge.detection.answer.least import least_told
 from faultgauge.detection.answer.shares import shares_of
-from faultgauge.detection.answer.silence import silence
+from faultgauge.detection.answer.silence import hidden, silence
 from faultgauge.detection.answer.telling import Told
 from faultgauge.detection.answer.unnamed import unnamed
 from faultgauge.detection.bank.bank import FaultBank
@@ -17,20 +17,18 @@ from faultgauge.detection.posterior.events import UNKNOWN, BankEvent
 
 __all__ = ["answers", "as_dicts", "first_screen", "runs_as_dicts", "told"]
 
-LINES = 4  # of a first screen
+LINES = 8  # of a first screen
 
 
 def answers(bank: FaultBank, decisions: Sequence[Decision]) -> list[str]:
     """A sentence for every event, every alarm without one and every log that ends undecided; one
     for the runs in which there is none of these."""
-    found = [each.text for each in told(bank, decisions)]
-    return [*found, *silence(bank, _silent(bank, decisions), len(decisions))]
+    return [*(each.text for each in told(bank, decisions)), *_untold(bank, decisions)]
 
 
 def first_screen(bank: FaultBank, decisions: Sequence[Decision]) -> list[str]:
     """The same in a few lines: what, how big, since when, how sure; of one finding all."""
-    found = told(bank, decisions)
-    silent = silence(bank, _silent(bank, decisions), len(decisions))
+    found, silent = told(bank, decisions), _untold(bank, decisions)
     if len(found) <= 1:
         return [line for each in found for line in (each.head, "; ".join(each.rest)) if line] + [
             *silent
@@ -46,9 +44,13 @@ def told(bank: FaultBank, decisions: Sequence[Decision]) -> list[Told]:
     return [each for one in decisions for each in _told(bank, one)]
 
 
-def _silent(bank: FaultBank, decisions: Sequence[Decision]) -> list[Decision]:
-    """The runs of which nothing is told."""
-    return [one for one in decisions if not _told(bank, one)]
+def _untold(bank: FaultBank, decisions: Sequence[Decision]) -> list[str]:
+    """What runs do not say of faults, and what it means that nothing is told of others."""
+    speaks = [bool(_told(bank, one)) for one in decisions]
+    speaking = [one for one, does in zip(decisions, speaks, strict=True) if does]
+    silent = [one for one, does in zip(decisions, speaks, strict=True) if not does]
+    count = len(decisions)
+    return [*hidden(bank, speaking, count), *silence(bank, silent, count)]
 
 
 def _told(bank: FaultBank, decision: Decision) -> list[Told]:

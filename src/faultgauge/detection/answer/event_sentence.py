@@ -92,7 +92,9 @@ def _least_shown(bank: FaultBank, decision: Decision, event: BankEvent) -> list[
     shows only as the input moves."""
     judged, names = shares_of(decision).judged, bank.model.plant.signals.fault_names
     share = f"{100 * judged:.0f} % of the log"
-    if event.fault == UNKNOWN or least_told(bank, decision, names.index(event.fault)) is None:
+    least = None if event.fault == UNKNOWN else least_told(bank, decision, names.index(event.fault))
+    # one that was told is no smaller than what shows, whatever is foretold
+    if least is None or event.size is None or abs(event.size) < least:
         return [f"{share} could be judged"] if judged < WHOLE else []
     small = would_not_show_in(bank, [decision], (event.fault,))
     return [f"{small} in the {share} that could be judged" if judged < WHOLE else small]

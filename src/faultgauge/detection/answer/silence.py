@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from faultgauge.detection.answer.least import would_not_show_in
+from faultgauge.detection.answer.least import least_told, would_not_show_in
 from faultgauge.detection.answer.reliance import headed
 from faultgauge.detection.answer.shares import WHOLE, Shares, Silent, shares_of
 from faultgauge.detection.answer.telling import row_time
@@ -13,7 +13,7 @@ from faultgauge.detection.decisions import Decision
 from faultgauge.detection.posterior.uncalibrated import level_in, uncalibrated
 from faultgauge.detection.words import listed, number
 
-__all__ = ["silence"]
+__all__ = ["hidden", "silence"]
 
 SPOKEN = 3  # silent stretches that a sentence names, or reasons of more of them
 LITTLE = 0.005  # of a log: what would be said as 0 %
@@ -47,6 +47,21 @@ def silence(bank: FaultBank, silent: Sequence[Decision], runs: int) -> list[str]
         )
         said.append(headed(bank.model, text))
     return said
+
+
+def hidden(bank: FaultBank, speaking: Sequence[Decision], runs: int) -> list[str]:
+    """Of the `speaking` ones of so many `runs`, which faults would not have shown in any: what is
+    told there says nothing of them."""
+    if not speaking:
+        return []
+    told = {each.fault for one in speaking for each in one.events}
+    names = [
+        name
+        for k, name in enumerate(bank.model.plant.signals.fault_names)
+        if name not in told and all(least_told(bank, one, k) is None for one in speaking)
+    ]
+    where = "this log" if runs == 1 else _runs(speaking)
+    return [f"{would_not_show_in(bank, speaking, names)} in {where}"] if names else []
 
 
 def _seldom(bank: FaultBank, found: Sequence[Shares]) -> str:

@@ -211,6 +211,8 @@ def _in_turn(
     for at, (before, after) in enumerate(pairwise(own)):
         if after.k == judged.found.p.shape[1]:  # nobody dates what is undeclared
             break
+        if np.sum(~there[before.stop : after.begun]) > pause(bank):  # it went in between
+            continue
         last = _settled(judged.found.p[:, after.k], after.told, after.stop - 1)
         onset = _onset(bank, judged, after, last, log)[0]
         rows = np.arange(before.told, before.stop)
