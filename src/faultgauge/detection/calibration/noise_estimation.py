@@ -39,6 +39,7 @@ from faultgauge.detection.calibration.input_curves import with_curves_of_inputs
 from faultgauge.detection.calibration.input_errors import with_errors_of_inputs
 from faultgauge.detection.calibration.input_lags import with_lags_of_inputs
 from faultgauge.detection.calibration.noise_levels import (
+    LEAST,
     Bounds,
     Spans,
     bounds_of,
@@ -211,7 +212,9 @@ def _with_structure(
 
 def _apart(before: Noise, found: Noise) -> float:
     """How many times as far apart the constants of runs are."""
-    return float(np.exp(np.mean(np.log(found.spread / before.spread)))) if len(found.spread) else 1
+    return (
+        float(np.exp(np.mean(np.log(found.spread / before.spread)))) if len(found.spread) else 1.0
+    )
 
 
 def _with_lags(model: Model, told: "_Healthy", noise: Noise, stepped: Callable[[], None]) -> Noise:
@@ -270,7 +273,7 @@ def _false_lags(
     less[list(following_inputs(model.plant))] = found.share < LESS * before.share
     short, new = TOLD * spans.shortest, (found.lean != 0) & (before.lean == 0)
     lean = new & (~less | (found.leaning < short))
-    return lean, (found.trail > 0) & (before.trail == 0) & (found.trail < short)
+    return lean, (found.trail > 0) & (before.trail == 0) & (found.trail < LEAST * short)
 
 
 def _needed(model: Model, batch: Likelihood, noise: Noise) -> Noise:

@@ -27,6 +27,7 @@ from faultgauge.telemetry import Run
 
 __all__ = [
     "LAG",
+    "LEAST",
     "Bounds",
     "Spans",
     "bounds_of",
@@ -52,6 +53,8 @@ QUICK = 10.0  # samples in which that settles
 LONGEST = 100.0  # times the longest stretch: as good as a walk without end
 SETTLED = 0.25  # of it: within that, what an input's change does has settled
 SLOWER = 0.1  # of it: what lasts longer, parameters that drift follow
+EQUAL = 1e-9  # of the largest: values that are nearer are one, but for rounding
+LEAST = 0.25  # times the shortest time: a sensor's lag, which shows beside other outputs
 LAG = -1.0  # of an input's change: all of it comes late
 TRACE = 1e-9  # of it: next to nothing
 BENT = 0.24  # of an input's range: beyond a quarter its curve would fall at an end
@@ -105,7 +108,7 @@ def first_guess(model: Model, runs: Sequence[Run], stretches: Sequence[StretchPi
     sigma = np.ones(len(signals.outputs))
     for j, output in enumerate(signals.outputs):
         own = [s.y[np.isfinite(s.y[:, j]), j] for s in stretches]
-        sigma[j] = output.sigma or _white(own) or sigma[j]
+        sigma[j] = output.sigma or max(_white(own), _rounding(own)) or sigma[j]
     process = 1e-3 * np.ptp(operating_points(model).x, axis=0) + 1e-12
     for j, output in enumerate(signals.outputs):
         if output.measures is not None:
@@ -138,6 +141,16 @@ def first_guess(model: Model, runs: Sequence[Run], stretches: Sequence[StretchPi
         doubt=nothing, above=nothing - np.inf, below=nothing + np.inf,
         lean=nothing, leaning=nothing, trail=np.zeros(len(sigma)), bend=nothing,
     )  # fmt: skip
+
+
+def _rounding(parts: Sequence[Float[np.ndarray, "_"]]) -> float:
+    """Standard deviation of what a sensor's steps leave out, step / sqrt(12) (W. R. Bennett, Bell
+    Syst. Tech. J. 27 (1948)), of a signal of which these are parts: no sample tells more. 0 where
+    it never moves."""
+    values = np.unique(np.concatenate(parts)) if len(parts) else np.zeros(0)
+    steps = np.diff(values)
+    steps = steps[steps > EQUAL * np.abs(values).max(initial=0.0)]
+    return float(steps.min() / np.sqrt(12)) if len(steps) else 0.0
 
 
 def _white(parts: Sequence[Float[np.ndarray, "_"]]) -> float:
@@ -188,6 +201,12 @@ def bounds_of(guess: Noise, step: float, stretches: Sequence[StretchPiece]) -> B
         high[name] = np.full(sizes[name], np.log(time))
     for name in ("share", "late"):
         high[name][:] = 0.0
+    # no noise is less than what the steps of a sensor leave out, unless the file says so
+    for j, sigma in enumerate(guess.sigma):
+        least = min(_rounding([s.y[np.isfinite(s.y[:, j]), j] for s in stretches]), float(sigma))
+        if least > 0:
+            low["sigma"][j] = max(low["sigma"][j], np.log(least))
+    low["trail"] += np.log(LEAST)
     low["doubt"][:] = 0.0
     low["lean"], high["lean"] = np.full(sizes["lean"], LAG), np.full(sizes["lean"], -TRACE)
     low["bend"], high["bend"] = np.full(sizes["bend"], -BENT), np.full(sizes["bend"], BENT)

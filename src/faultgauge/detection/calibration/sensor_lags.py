@@ -12,7 +12,7 @@ import numpy as np
 
 from faultgauge.detection.bank.noise import Noise
 from faultgauge.detection.calibration.innovation_likelihood import Likelihood
-from faultgauge.detection.calibration.noise_levels import Spans
+from faultgauge.detection.calibration.noise_levels import LEAST, Spans
 from faultgauge.plants.disturbed import answering_outputs
 from faultgauge.plants.model import Model
 
@@ -20,6 +20,7 @@ __all__ = ["with_lags_of_sensors"]
 
 GRID = 6  # time constants that are tried
 SURER = (1.0, 10.0)  # times less of a change that is off by chance, where a sensor trails
+SHORT = np.array([LEAST, 0.5, 1.0])  # times the shortest time of what comes and goes by chance
 NONE = 1e-6  # of the shortest time: as good as no lag
 
 
@@ -30,7 +31,7 @@ def with_lags_of_sensors(model: Model, batch: Likelihood, noise: Noise, spans: S
     outputs = np.arange(len(measured))
     there = measured & ~np.isin(outputs, answering_outputs(model.plant))
     shares = np.arange(1, GRID + 1) / (GRID + 1)
-    times = [spans.shortest, *(spans.shortest ** (1 - shares) * spans.settled**shares)]
+    times = [*SHORT * spans.shortest, *(spans.shortest ** (1 - shares) * spans.settled**shares)]
     none = noise._replace(trail=np.where(there, NONE * spans.shortest, 0.0))
     many, tried = [none], []
     for j, time, surer in product(np.flatnonzero(there).tolist(), times, SURER):
