@@ -28,6 +28,7 @@ model error. Shares have Wilson's 95 % intervals.
   cylinder        a hydraulic position loop: Stribeck's friction, the valve's root and lag
   heated_tank     level and temperature in two loops: a bent valve, a wall, lags
   bench_heaters   a board with two heaters and ten bits: sensors that lag, draughts, a weak supply
+  fan_drive       a fan in a speed loop: its speed in coarse steps, filters, a winding that warms
   dc_motor        a speed loop: cogging, Stribeck's friction, a winding that warms, filters
   reaction_wheel  half an hour of a momentum loop: oil that warms, a cage, pulses that are counted
   pump_loop       a pump that fills a vessel: check valve, cut-off, suction that wanders
@@ -56,6 +57,7 @@ from mismatch.conveyor import conveyor
 from mismatch.cylinder import cylinder
 from mismatch.dc_motor import dc_motor
 from mismatch.exchanger import exchanger
+from mismatch.fan_drive import fan_drive
 from mismatch.furnace import furnace
 from mismatch.harness import measure, without_discrepancy
 from mismatch.heated_tank import heated_tank
@@ -91,6 +93,7 @@ CASES: dict[str, Callable[[], Case]] = {
     "cylinder": cylinder,
     "bench_heaters": bench_heaters,
     "heated_tank": heated_tank,
+    "fan_drive": fan_drive,
     "dc_motor": dc_motor,
     "reaction_wheel": reaction_wheel,
     "pump_loop": pump_loop,
