@@ -3,7 +3,7 @@
     dv = (u - v) / lag,    L di = v - R (1 + a th) i - k w,    dth = (heat R i^2 - th) / warms
     J dw = k i - sgn(w) (Fc + Fs exp(-(w/ws)^2)) - b w - fan w |w|,    dsw = (w - sw) / filter
 
-and the same for the current's filter. The file has the amplifier's lag, friction that is viscous and
+and so for the current's filter. The file has the amplifier's lag, friction that is viscous and
 Coulomb's, and a current without inductance: no fan, no warming winding, no filters, no steps.
 Who wrote it had read the README alone; it was then a case to develop on.
 """
