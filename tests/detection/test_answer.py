@@ -104,6 +104,23 @@ def test_what_is_over_is_told_as_over(bank, decision):
     assert "until" not in line.split("; ")[0]
 
 
+def test_beside_what_is_told_stands_what_would_not_have_shown(bank, decision, monkeypatch):
+    """Of a fault that no size of shows here nothing is said by another one's event; of one run of
+    two that speak, where the other would show it, neither."""
+    least = {"run1": (0.001, None), "other": (0.001, 0.3)}
+
+    def told(_, one, k):
+        return least[one.run.name][k]
+
+    for where in ("least", "silence", "event_sentence"):
+        monkeypatch.setattr(f"faultgauge.detection.answer.{where}.least_told", told)
+    *_, last = answers(bank, [decision])
+    assert last == "gauge of any size to be expected would not have shown in this log"
+    assert first_screen(bank, [decision])[-1] == last
+    other = replace(decision, run=replace(decision.run, name="other"))
+    assert not any("gauge of any size" in line for line in answers(bank, [decision, other]))
+
+
 @pytest.mark.parametrize(
     ("p", "said"),
     [

@@ -190,6 +190,24 @@ def test_a_fault_that_changes_after_its_sign_was_open_for_a_while_is_one_event()
     compare(bank, said)
 
 
+def test_a_fault_that_went_did_not_change_its_sign_before():
+    """A leak from 10 to 30 s, none until 50 s, and then one of the other sign, which the posterior
+    dates to 25 s: the first one was there until its last row, whatever that date."""
+    bank = tank_bank()
+    none, leak = (np.where(np.arange(SETS) == k, 1 - 1e-6, 1e-6 / (SETS - 1)) for k in (0, 1))
+    known = (1e-3, 10.0, 0.3, "", True)
+    parts = [
+        (20, none, 0.0, *known),
+        (40, leak, 0.3, *known),
+        (40, none, 0.0, *known),
+        (60, leak, -0.2, 1e-3, 25.0, 0.3, "", True),
+    ]
+    said = posterior(bank, run_of(False), parts, [1.0] * 3, False)
+    first, second = said.events
+    assert (first.end, first.size) == (T[59], pytest.approx(0.3))
+    assert second.size == pytest.approx(-0.2)
+
+
 def test_what_is_undeclared_lasts_as_long_as_the_alarm_that_nothing_else_explains():
     """Sure from 10 s to 15 s, and again from 35 s to 40 s; in between and from there on some fault
     is there, and nobody knows which. No alarm is told beside it."""

@@ -64,6 +64,7 @@ NEVER = (
 )
 LEAST = 1e-2  # of what is allowed: less is alike
 MOST_NAMED = 3  # stretches that look faulty
+MUCH = 0.25  # of the healthy logs: nobody gave so much that was not healthy
 LOWEST = -30.0  # log-odds: what lies below is alike
 MARGIN = 3.0  # mean excesses: -ln(0.05)
 
@@ -119,7 +120,9 @@ def calibrate_bank(
     peaks = np.sort([b.peak for b in blocks])[::-1]
     allowed, mtbfa = allowed_peaks(judged, mtbfa, len(peaks))
     level = level_of(peaks, allowed)
-    warnings = _believed_less(widened, most_of_all, {run.name: run.clock for run in runs})
+    share = sum(each.end - each.start for each in suspects) / judged
+    clocks = {run.name: run.clock for run in runs}
+    warnings = _believed_less(widened, most_of_all, share, clocks)
     found = BankLevel(
         level=level,
         widened=widened,
@@ -156,9 +159,10 @@ def _walked(
 
 
 def _believed_less(
-    widened: float, asked: Sequence[Block], clocks: Mapping[str, Clock | None]
+    widened: float, asked: Sequence[Block], share: float, clocks: Mapping[str, Clock | None]
 ) -> list[str]:
-    """That all is as wide as it is, and where the healthy logs `asked` for it most."""
+    """That all is as wide as it is, where the healthy logs `asked` for it most, and what to do: in
+    a large `share` of them the fault is the model's."""
     if widened == 1.0:
         return []
     where = "; ".join(
@@ -166,11 +170,15 @@ def _believed_less(
         f"({b.cause}, {_odds(b.peak)})"
         for b in sorted(asked, key=lambda each: -each.peak)[:MOST_NAMED]
     )
+    advice = (
+        "that is much of the logs, so rather the plant file lacks something that the plant does"
+        if share > MUCH
+        else "if some of that was not healthy, leave it out with --where"
+    )
     return [
         "the model errs in ways that its noise does not cover, and healthy logs would look faulty, "
         f"most of all {where}: all intervals are made {widened:.2g} times as wide, and a fault "
-        f"must be {widened:.2g} times as large to be told; if some of that was not healthy, leave "
-        "it out with --where"
+        f"must be {widened:.2g} times as large to be told; {advice}"
     ]
 
 
