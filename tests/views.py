@@ -178,9 +178,9 @@ def check_undecided(rows, names, of_run):
 
 
 def check_screen(shown, lines):
-    """A first screen is at most four lines, each the beginning or the rest of what is said in
+    """A first screen is at most eight lines, each the beginning or the rest of what is said in
     full, or how much more there is."""
-    assert 0 < len(shown) <= 4
+    assert 0 < len(shown) <= 8
     more = [line for line in shown if re.fullmatch(r"and \d+ more \(--verbose\)", line)]
     whole = [line for line in shown if line not in more]
     assert all(any(line in each for each in lines) for line in whole)

@@ -326,11 +326,11 @@ def test_the_first_screen_says_one_finding_whole_and_many_by_their_heads(bank, d
     (event,) = decision.events
     whole = answers(bank, [decision])[0]
     assert "; ".join(first_screen(bank, [decision])) == whole
-    many = replace(decision, events=[replace(event, start=event.start + k) for k in range(7)])
+    many = replace(decision, events=[replace(event, start=event.start + k) for k in range(12)])
     lines = first_screen(bank, [many])
-    assert len(lines) == 4
-    assert lines[:3] == [whole.partition("; ")[0]] * 3
-    assert lines[3] == "and 4 more (--verbose)"
+    assert len(lines) == 8
+    assert lines[:7] == [whole.partition("; ")[0]] * 7
+    assert lines[7] == f"and {len(answers(bank, [many])) - 7} more (--verbose)"
 
 
 def test_a_report_leads_with_what_lasts(bank, decision):

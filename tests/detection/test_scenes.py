@@ -77,7 +77,8 @@ def test_in_hindsight_a_fault_that_would_have_shown_is_named_and_one_of_a_third_
 
 def test_a_fault_that_cannot_show_silences_no_other():
     """At u = 0 no gain shows, and a leak does."""
-    said, (line,) = judged("a leak while the pump rests")
+    said, (line, hidden) = judged("a leak while the pump rests")
+    assert hidden == "weak of any size to be expected would not have shown in this log"
     assert line.startswith("leak +0.099")
     assert "told at 413 s" in line
     before = slice(700, 799)  # the last 50 s before it, at rest

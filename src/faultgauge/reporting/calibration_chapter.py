@@ -169,18 +169,10 @@ def _levels(model: Model, noise: Noise) -> Table:
     return Table(header, tuple(rows), "What calibration found.")
 
 
-def _besides(model: Model, noise: Noise) -> list[tuple[str, str, str]]:
-    """What inputs and outputs err by on their own."""
+def _lacking(model: Model, noise: Noise) -> list[tuple[str, str, str]]:
+    """Lags and curves that the file lacks."""
     signals = model.plant.signals
     rows = [
-        (
-            f"{signals.inputs[j].name} strays from what the log says by",
-            quantity(float(noise.stray[j]), signals.inputs[j].unit),
-            f"lasts {quantity(float(noise.straying[j]), 's')}",
-        )
-        for j in noise.strays
-    ]
-    rows += [
         (
             f"share of a change of {signals.inputs[j].name} that is missing at first",
             f"{-100 * noise.lean[j]:.2f} %",
@@ -204,6 +196,21 @@ def _besides(model: Model, noise: Noise) -> list[tuple[str, str, str]]:
         )
         for j in noise.bends
     ]
+    return rows
+
+
+def _besides(model: Model, noise: Noise) -> list[tuple[str, str, str]]:
+    """What inputs and outputs err by on their own."""
+    signals = model.plant.signals
+    rows = [
+        (
+            f"{signals.inputs[j].name} strays from what the log says by",
+            quantity(float(noise.stray[j]), signals.inputs[j].unit),
+            f"lasts {quantity(float(noise.straying[j]), 's')}",
+        )
+        for j in noise.strays
+    ]
+    rows += _lacking(model, noise)
     for k, place in enumerate(following_inputs(model.plant)):
         rows.append(
             (

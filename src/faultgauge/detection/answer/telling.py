@@ -30,5 +30,6 @@ def row_time(bank: FaultBank, one: Decision, t: float) -> str:
 
 
 def unit_of(bank: FaultBank, fault: str) -> str:
+    """The unit of a declared fault; nothing of a pure number and of what is undeclared."""
     units = {each.name: each.unit for each in bank.model.plant.signals.faults}
     return "" if units.get(fault, "") in PURE else units.get(fault, "")

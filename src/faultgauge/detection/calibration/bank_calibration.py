@@ -111,7 +111,7 @@ def calibrate_bank(
     bank, scores = tried(1.0, range(len(taken)))
     blocks = _blocks(bank, scores, taken[0].source)
     suspects = merged([b for b in blocks if b.peak >= CERTAIN])
-    most_of_all = suspects or [max(blocks, key=lambda each: each.peak)]
+    asked = suspects or [max(blocks, key=lambda each: each.peak)]
     expected = bank.onset.sum() * healthy + AT_START * len(bank.onset) * len(runs)
     most = min(float(np.log(expected / BY_CHANCE)), 0.0)
     widened, bank, scores = _believed(bank, scores, most, tried)
@@ -120,9 +120,7 @@ def calibrate_bank(
     peaks = np.sort([b.peak for b in blocks])[::-1]
     allowed, mtbfa = allowed_peaks(judged, mtbfa, len(peaks))
     level = level_of(peaks, allowed)
-    share = sum(each.end - each.start for each in suspects) / judged
-    clocks = {run.name: run.clock for run in runs}
-    warnings = _believed_less(widened, most_of_all, share, clocks)
+    warnings = _believed_less(widened, asked, judged, {run.name: run.clock for run in runs})
     found = BankLevel(
         level=level,
         widened=widened,
@@ -159,10 +157,10 @@ def _walked(
 
 
 def _believed_less(
-    widened: float, asked: Sequence[Block], share: float, clocks: Mapping[str, Clock | None]
+    widened: float, asked: Sequence[Block], judged: float, clocks: Mapping[str, Clock | None]
 ) -> list[str]:
-    """That all is as wide as it is, where the healthy logs `asked` for it most, and what to do: in
-    a large `share` of them the fault is the model's."""
+    """That all is as wide as it is, where the healthy logs, of which so much was `judged` [s],
+    `asked` for it most, and what to do: where they do for long, the fault is the model's."""
     if widened == 1.0:
         return []
     where = "; ".join(
@@ -172,7 +170,7 @@ def _believed_less(
     )
     advice = (
         "that is much of the logs, so rather the plant file lacks something that the plant does"
-        if share > MUCH
+        if sum(each.end - each.start for each in asked) > MUCH * judged
         else "if some of that was not healthy, leave it out with --where"
     )
     return [
