@@ -111,5 +111,5 @@ def truth(rng: np.random.Generator) -> Truth:
         noise=white(rng, SAMPLES, NOISE),
         quantum=QUANTUM,
         step=STEP,
-        substeps=8,
+        substeps=16,
     )

@@ -152,7 +152,7 @@ def posterior(bank, run, parts, ever, latch):
     return Decision(run, whole, {}, status, reason, events(bank, judged), run)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=200, deadline=None)
 @given(
     parts=st.one_of(
         *[st.lists(stretches(), min_size=1, max_size=7)] * 3,

@@ -53,13 +53,13 @@ def truths(load):
         "valve": (load("mismatch.valve").valve().truth(rng), 1e-3),
         "cylinder": (load("mismatch.cylinder").cylinder().truth(rng), 2e-4),
         "bench_heaters": (load("mismatch.bench_heaters").bench_heaters().truth(rng), 1e-6),
-        "heated_tank": (load("mismatch.heated_tank").heated_tank().truth(rng), 1e-5),
-        "fan_drive": (load("mismatch.fan_drive").fan_drive().truth(rng), 1e-4),
         "dc_motor": (load("mismatch.dc_motor").dc_motor().truth(rng), 1e-4),
         "reaction_wheel": (load("mismatch.reaction_wheel").reaction_wheel().truth(rng), 1e-3),
         "pump_loop": (load("mismatch.pump_loop").pump_loop().truth(rng), 1e-3),
         "furnace": (load("mismatch.furnace").furnace().truth(rng), 1e-4),
         "two_mass": (load("mismatch.two_mass").two_mass().truth(rng), 1e-5),
+        "heated_tank": (load("mismatch.heated_tank").heated_tank().truth(rng), 1e-5),
+        "fan_drive": (load("mismatch.fan_drive").fan_drive().truth(rng), 1e-4),
     }
 
 

@@ -61,7 +61,9 @@ def hidden(bank: FaultBank, speaking: Sequence[Decision], runs: int) -> list[str
         if name not in told and all(least_told(bank, one, k) is None for one in speaking)
     ]
     where = "this log" if runs == 1 else _runs(speaking)
-    return [f"{would_not_show_in(bank, speaking, names)} in {where}"] if names else []
+    if not names:
+        return []
+    return [headed(bank.model, f"{would_not_show_in(bank, speaking, names)} in {where}")]
 
 
 def _seldom(bank: FaultBank, found: Sequence[Shares]) -> str:

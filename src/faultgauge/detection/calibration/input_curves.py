@@ -13,6 +13,7 @@ import numpy as np
 from faultgauge.detection.bank.noise import Noise
 from faultgauge.detection.calibration.innovation_likelihood import Likelihood
 from faultgauge.detection.calibration.noise_levels import Spans
+from faultgauge.detection.calibration.traces import with_traces
 from faultgauge.plants.disturbed import following_inputs
 from faultgauge.plants.model import Model
 
@@ -20,14 +21,13 @@ __all__ = ["with_curves_of_inputs"]
 
 TRIED = (-0.1, -0.03, -0.01, 0.01, 0.03, 0.1)  # of an input's range
 CALMER = (1.0, 3.0, 10.0)  # times less discrepancy, where it is the curve of an input
-NONE = 1e-9  # of its range: as good as straight
 
 
 def with_curves_of_inputs(model: Model, batch: Likelihood, noise: Noise, spans: Spans) -> Noise:
     """`noise` with every input bent that gains by it while all else stays but the discrepancy."""
     following = list(following_inputs(model.plant))
     inputs = np.arange(len(model.plant.signals.inputs))
-    none = noise._replace(bend=np.where(np.isin(inputs, following), NONE, 0.0))
+    none = with_traces(model, batch, noise, spans)
     many, tried = [none], []
     for j, bend, calmer in product(following, TRIED, CALMER):
         bends = np.where(inputs == j, bend, none.bend)

@@ -11,6 +11,7 @@ import numpy as np
 from faultgauge.detection.bank.noise import Noise
 from faultgauge.detection.calibration.innovation_likelihood import Likelihood
 from faultgauge.detection.calibration.noise_levels import LAG, Spans
+from faultgauge.detection.calibration.traces import with_traces
 from faultgauge.plants.disturbed import following_inputs
 from faultgauge.plants.model import Model
 
@@ -18,7 +19,6 @@ __all__ = ["with_lags_of_inputs"]
 
 GRID = 6  # time constants that are tried
 SURER = (1.0, 10.0)  # times less of a change that is off by chance, where an input comes late
-NONE = 1e-6  # of an input's change: as good as no lag
 
 
 def with_lags_of_inputs(model: Model, batch: Likelihood, noise: Noise, spans: Spans) -> Noise:
@@ -28,10 +28,7 @@ def with_lags_of_inputs(model: Model, batch: Likelihood, noise: Noise, spans: Sp
     times = [spans.shortest, *(spans.shortest ** (1 - shares) * spans.settled**shares)]
     following = list(following_inputs(model.plant))
     inputs = np.arange(len(model.plant.signals.inputs))
-    there = np.isin(inputs, following)
-    none = noise._replace(
-        lean=np.where(there, NONE * LAG, 0.0), leaning=np.where(there, spans.shortest, 0.0)
-    )
+    none = with_traces(model, batch, noise, spans)
     many, tried = [none], []
     for j, at, surer in product(following, range(GRID + 2), SURER):
         one, k = inputs == j, following.index(j)

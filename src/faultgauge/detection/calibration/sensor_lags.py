@@ -7,13 +7,12 @@ constant, which must gain what Schwarz's criterion asks of a lag there (G. Schwa
 
 from itertools import product
 
-import jax.numpy as jnp
 import numpy as np
 
 from faultgauge.detection.bank.noise import Noise
 from faultgauge.detection.calibration.innovation_likelihood import Likelihood
 from faultgauge.detection.calibration.noise_levels import LEAST, Spans
-from faultgauge.plants.disturbed import answering_outputs
+from faultgauge.detection.calibration.traces import trailing_outputs, with_traces
 from faultgauge.plants.model import Model
 
 __all__ = ["with_lags_of_sensors"]
@@ -21,18 +20,16 @@ __all__ = ["with_lags_of_sensors"]
 GRID = 6  # time constants that are tried
 SURER = (1.0, 10.0)  # times less of a change that is off by chance, where a sensor trails
 SHORT = np.array([LEAST, 0.5, 1.0])  # times the shortest time of what comes and goes by chance
-NONE = 1e-6  # of the shortest time: as good as no lag
 
 
 def with_lags_of_sensors(model: Model, batch: Likelihood, noise: Noise, spans: Spans) -> Noise:
     """`noise` with every output that reads states alone behind a lag, where it gains by that while
     all else stays but the share by which changes are off."""
-    measured = np.array([bool(jnp.isfinite(y).any()) for y in jnp.moveaxis(batch.y, 2, 0)])
-    outputs = np.arange(len(measured))
-    there = measured & ~np.isin(outputs, answering_outputs(model.plant))
+    there = trailing_outputs(model, batch)
+    outputs = np.arange(len(there))
     shares = np.arange(1, GRID + 1) / (GRID + 1)
     times = [*SHORT * spans.shortest, *(spans.shortest ** (1 - shares) * spans.settled**shares)]
-    none = noise._replace(trail=np.where(there, NONE * spans.shortest, 0.0))
+    none = with_traces(model, batch, noise, spans)
     many, tried = [none], []
     for j, time, surer in product(np.flatnonzero(there).tolist(), times, SURER):
         trail = np.where(outputs == j, time, none.trail)
