@@ -52,6 +52,7 @@ from jaxtyping import Array, Float
 from faultgauge.plants.expression import derivatives_used, is_state, names_used
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant import Plant, ValueChange, applied, respond
+from faultgauge.plants.reached import Bent, Reached, Strayed
 from faultgauge.plants.signals import Fault, Signals, State
 from faultgauge.products import contract
 
@@ -253,7 +254,7 @@ class Disturbed(Plant):
             beside = beside.at[part].multiply(_mean_left(t[-1] / lasting))
 
         def rates(plant: Plant) -> Float[Array, "own"]:
-            return respond(_Own(self._own, plant), x[self.parts.x], u, f)[0]
+            return respond(Reached(self._own, plant), x[self.parts.x], u, f)[0]
 
         return self._slow(x, t) + self._astray(beside, rates)
 
@@ -356,7 +357,7 @@ class Disturbed(Plant):
 
     def own_at(self, x: Float[Array, "states"]) -> Plant:
         """`base` with the constants that xi makes of them, and with all faults."""
-        return _Own(self._own, self._told(x))
+        return Reached(self._own, self._told(x))
 
     @property
     def _own(self) -> Signals:
@@ -400,7 +401,7 @@ class Disturbed(Plant):
         stray = stray + contract("ij,j->i", _acts(count, self.leaning), x[self.parts.v])
         if not self.straying and not self.following and not self.leaning:
             return jnp.zeros_like(of(usual))
-        return of(_Strayed(usual.signals, usual, stray)) - of(usual)
+        return of(Strayed(usual.signals, usual, stray)) - of(usual)
 
     def _with(self, shift: Float[Array, "parameters"]) -> Plant:
         """`base` with its constants by `shift` off, and with the curves of its inputs."""
@@ -409,89 +410,10 @@ class Disturbed(Plant):
             values = plant.values()
             off = {n: values[n] + shift[k] for k, n in enumerate(self.names)}
             plant = plant.with_constants(off)
-        return _Bent(plant.signals, plant, self.error, self.bending) if self.bending else plant
-
-
-class _Strayed(Plant):
-    """`base` under inputs that are by `stray` off."""
-
-    signals: Signals = eqx.field(static=True)
-    base: Plant
-    stray: Float[Array | np.ndarray, "inputs"]
-
-    def derivative(
-        self, x: Float[Array, "states"], u: Float[Array, "inputs"]
-    ) -> Float[Array, "states"]:
-        return self.base.derivative(x, u + self.stray)
-
-    def output(
-        self,
-        dx: Float[Array, "states"],
-        x: Float[Array, "states"],
-        u: Float[Array, "inputs"],
-    ) -> Float[Array, "outputs"]:
-        return self.base.output(dx, x, u + self.stray)
-
-    def altered(self, changes: Mapping[str, ValueChange]) -> "_Strayed":
-        return replace(self, base=self.base.altered(changes))
-
-
-class _Bent(Plant):
-    """`base` whose inputs act along a bent curve."""
-
-    signals: Signals = eqx.field(static=True)
-    base: Plant
-    error: Error
-    bending: tuple[int, ...] = eqx.field(static=True)
-
-    def _bent(self, u: Float[Array, "inputs"]) -> Float[Array, "inputs"]:
-        """u + 4 bend (high - low) s (1 - s), from the ends on along a straight line."""
-        at = np.array(self.bending)
-        low, width = self.error.low, self.error.high - self.error.low
-        s = (u[at] - low) / width
-        within = jnp.clip(s, 0.0, 1.0)
-        more = within * (1 - within) + (s - within) * (1 - 2 * within)
-        acts = _acts(len(u), self.bending)
-        return u + contract("ij,j->i", acts, 4 * self.error.bend * width * more)
-
-    def derivative(
-        self, x: Float[Array, "states"], u: Float[Array, "inputs"]
-    ) -> Float[Array, "states"]:
-        return self.base.derivative(x, self._bent(u))
-
-    def output(
-        self,
-        dx: Float[Array, "states"],
-        x: Float[Array, "states"],
-        u: Float[Array, "inputs"],
-    ) -> Float[Array, "outputs"]:
-        return self.base.output(dx, x, self._bent(u))
-
-    def altered(self, changes: Mapping[str, ValueChange]) -> "_Bent":
-        return replace(self, base=self.base.altered(changes))
-
-
-class _Own(Plant):
-    """`base` with other faults than it declares."""
-
-    signals: Signals = eqx.field(static=True)
-    base: Plant
-
-    def derivative(
-        self, x: Float[Array, "states"], u: Float[Array, "inputs"]
-    ) -> Float[Array, "states"]:
-        return self.base.derivative(x, u)
-
-    def output(
-        self,
-        dx: Float[Array, "states"],
-        x: Float[Array, "states"],
-        u: Float[Array, "inputs"],
-    ) -> Float[Array, "outputs"]:
-        return self.base.output(dx, x, u)
-
-    def altered(self, changes: Mapping[str, ValueChange]) -> "_Own":
-        return replace(self, base=self.base.altered(changes))
+        if not self.bending:
+            return plant
+        curve = self.error.bend, self.error.low, self.error.high
+        return Bent(plant.signals, plant, *curve, self.bending)
 
 
 def _mean_left(spans: Float[Array, "some"]) -> Float[Array, "some"]:

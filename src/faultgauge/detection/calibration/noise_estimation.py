@@ -268,7 +268,7 @@ def _false_lags(
 ) -> tuple[Bool[np.ndarray, "inputs"], Bool[np.ndarray, "outputs"]]:
     """The inputs whose lag, which was not there `before`, leaves as much of a change to chance as
     there was, and so explains something else, or would be shorter than can be told; and the outputs
-    that would trail by less than that."""
+    that would trail by less than a quarter of that."""
     less = np.zeros(len(found.lean), bool)
     less[list(following_inputs(model.plant))] = found.share < LESS * before.share
     short, new = TOLD * spans.shortest, (found.lean != 0) & (before.lean == 0)

@@ -1,0 +1,69 @@
+"""A plant with other faults than it declares, or under other inputs than are commanded."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from faultgauge.plants.plant import Plant, ValueChange
+from faultgauge.plants.signals import Signals
+
+__all__ = ["Bent", "Reached", "Strayed"]
+
+
+class Reached(Plant):
+    """`base` with the faults of `signals`."""
+
+    signals: Signals = eqx.field(static=True)
+    base: Plant
+
+    def reaching(self, u: Float[Array, "inputs"]) -> Float[Array, "inputs"]:
+        """What reaches `base` of the inputs: all."""
+        return u
+
+    def derivative(
+        self, x: Float[Array, "states"], u: Float[Array, "inputs"]
+    ) -> Float[Array, "states"]:
+        return self.base.derivative(x, self.reaching(u))
+
+    def output(
+        self,
+        dx: Float[Array, "states"],
+        x: Float[Array, "states"],
+        u: Float[Array, "inputs"],
+    ) -> Float[Array, "outputs"]:
+        return self.base.output(dx, x, self.reaching(u))
+
+    def altered(self, changes: Mapping[str, ValueChange]) -> "Reached":
+        """`base` altered."""
+        return replace(self, base=self.base.altered(changes))
+
+
+class Strayed(Reached):
+    """`base` under inputs that are by `stray` off."""
+
+    stray: Float[Array | np.ndarray, "inputs"]
+
+    def reaching(self, u: Float[Array, "inputs"]) -> Float[Array, "inputs"]:
+        return u + self.stray
+
+
+class Bent(Reached):
+    """`base` whose inputs `bending` act along a curve, by the share `bend` of their range from
+    `low` to `high` off a straight line in the middle."""
+
+    bend: Float[Array | np.ndarray, "bending"]
+    low: Float[Array | np.ndarray, "bending"]
+    high: Float[Array | np.ndarray, "bending"]
+    bending: tuple[int, ...] = eqx.field(static=True)
+
+    def reaching(self, u: Float[Array, "inputs"]) -> Float[Array, "inputs"]:
+        """u + 4 bend (high - low) s (1 - s), from the ends on along a straight line."""
+        at, width = np.array(self.bending), self.high - self.low
+        s = (u[at] - self.low) / width
+        within = jnp.clip(s, 0.0, 1.0)
+        more = within * (1 - within) + (s - within) * (1 - 2 * within)
+        return u.at[at].add(4 * self.bend * width * more)
