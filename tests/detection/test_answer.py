@@ -332,6 +332,12 @@ def test_the_first_screen_says_one_finding_whole_and_many_by_their_heads(bank, d
     assert len(lines) == 8
     assert lines[:7] == [whole.partition("; ")[0]] * 7
     assert lines[7] == f"and {len(answers(bank, [many])) - 7} more (--verbose)"
+    # that nothing is wrong with another log is no less an answer
+    both = [many, decide(bank, log(10))]
+    *_, more, last = lines = first_screen(bank, both)
+    assert len(lines) == 8
+    assert more == f"and {len(answers(bank, both)) - 7} more (--verbose)"
+    assert last.startswith("No fault in run run10; ")
 
 
 def test_a_report_leads_with_what_lasts(bank, decision):

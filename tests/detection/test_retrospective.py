@@ -349,6 +349,20 @@ def test_a_fault_that_is_not_constant_is_not_given_one_size(bank):
     assert "Onset of something undeclared" in render(decision_report(bank, [decision], seen))
 
 
+def test_another_cause_that_was_told_online_is_said(bank, biased):
+    decision, _ = biased
+    (event,) = decision.events
+    (seen,) = retrospect(bank, replace(decision, events=[replace(event, fault="weak")]))
+    assert (seen.cause, seen.told.start, seen.told.other) == ("pump", None, ("weak", event.start))
+    (sentence,) = sentences(bank, [seen])
+    assert f"; online you would have been told weak at {event.start:.6g} s" in sentence
+
+
+def test_what_is_no_more_than_likely_is_said_to_be_so(bank, biased):
+    (sentence,) = sentences(bank, [replace(biased[1][0], p=0.6)])
+    assert sentence.startswith("In hindsight undecided; the likeliest is pump +")
+
+
 def test_samples_outside_the_training_envelope_say_nothing(bank):
     decision = decide(bank, log(6))
     decision.run.columns["x"][300:310] += 5.0  # as if the model were wrong there

@@ -27,15 +27,20 @@ def answers(bank: FaultBank, decisions: Sequence[Decision]) -> list[str]:
 
 
 def first_screen(bank: FaultBank, decisions: Sequence[Decision]) -> list[str]:
-    """The same in a few lines: what, how big, since when, how sure; of one finding all."""
+    """The same in a few lines: what, how big, since when, how sure; of one finding all. However
+    many there are, what the other logs say stands beneath them."""
     found, silent = told(bank, decisions), _untold(bank, decisions)
     if len(found) <= 1:
         return [line for each in found for line in (each.head, "; ".join(each.rest)) if line] + [
             *silent
         ]
-    lines = [*(each.head for each in found), *silent]
-    more = len(lines) - LINES
-    return lines if more <= 0 else [*lines[: LINES - 1], f"and {more + 1} more (--verbose)"]
+    heads = [each.head for each in found]
+    if len(heads) + len(silent) <= LINES:
+        return [*heads, *silent]
+    last = silent[: LINES // 2]
+    first = heads[: LINES - 1 - len(last)]
+    more = len(heads) - len(first) + len(silent) - len(last)
+    return [*first, f"and {more} more (--verbose)", *last]
 
 
 def told(bank: FaultBank, decisions: Sequence[Decision]) -> list[Told]:

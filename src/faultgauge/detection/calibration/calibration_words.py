@@ -4,7 +4,13 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from faultgauge.detection.bank.noise import Noise, constants_of, drifting_of, noise_of
+from faultgauge.detection.bank.noise import (
+    USUAL_SPREAD,
+    Noise,
+    constants_of,
+    drifting_of,
+    noise_of,
+)
 from faultgauge.detection.posterior.uncalibrated import level_in
 from faultgauge.detection.words import PURE, duration, number
 from faultgauge.plants.disturbed import dynamic_states
@@ -14,7 +20,7 @@ from faultgauge.plants.signals import State
 
 __all__ = ["doubted", "errors", "summary"]
 
-FAR = 3.0  # standard deviations of fit and spread
+FAR = 3.0  # times by how much healthy runs differ
 
 
 def summary(model: Model) -> list[str]:
@@ -136,9 +142,10 @@ def _answers(model: Model) -> list[str]:
 
 
 def _elsewhere(model: Model, noise: Noise) -> list[str]:
-    """Constants that healthy logs have elsewhere than the fit, beyond what either may be off."""
+    """Constants that healthy logs have elsewhere than the fit, beyond how they differ."""
     known, units = constants_of(model), {p.name: p.unit for p in model.plant.spec.parameters}
-    far = FAR * np.hypot(np.sqrt(np.diag(known.covariance)), noise.spread)
+    values = [abs(float(model.plant.parameters[name])) for name in known.names]
+    far = np.maximum(FAR * noise.spread, USUAL_SPREAD * np.array(values))
     found = []
     for name, shift in zip(
         known.names, np.where(np.abs(noise.shift) > far, noise.shift, 0.0), strict=True
@@ -153,15 +160,16 @@ def _elsewhere(model: Model, noise: Noise) -> list[str]:
 def doubted(model: Model, noise: Noise) -> list[tuple[str, float]]:
     """Where the model errs more than elsewhere, and how many times as much: ("u is below 0.8 V",
     4.0)."""
-    inputs, found = model.plant.signals.inputs, []
+    signals, found = model.plant.signals, []
+    places = (*signals.inputs, *signals.states)
     for k in noise.doubts:
         low, high = float(noise.above[k]), float(noise.below[k])
         if np.isfinite(low) and np.isfinite(high):
             within = f"between {number(low)} and {number(high)}"
         else:
             within = f"below {number(high)}" if np.isfinite(high) else f"above {number(low)}"
-        unit = "" if inputs[k].unit in PURE else inputs[k].unit
-        found.append((f"{inputs[k].name} is {within} {unit}".rstrip(), float(noise.doubt[k])))
+        unit = "" if places[k].unit in PURE else places[k].unit
+        found.append((f"{places[k].name} is {within} {unit}".rstrip(), float(noise.doubt[k])))
     return found
 
 

@@ -21,7 +21,7 @@ from faultgauge.detection.posterior.events import POSSIBLE, UNKNOWN, pause, stre
 from faultgauge.detection.posterior.inexact import acting
 from faultgauge.detection.posterior.over_onsets import onset_over, size_over
 from faultgauge.detection.posterior.probability import probability, too
-from faultgauge.detection.posterior.verdicts import FAULT
+from faultgauge.detection.posterior.verdicts import FAULT, NAMED
 from faultgauge.detection.words import (
     MOST,
     PURE,
@@ -50,13 +50,15 @@ Onset: TypeAlias = tuple[float, float, float] | tuple[None, None, None]
 class SaidOnline:
     """What the bank said while the log ran: `alarm` [s], its first FAULT of the window; `start`
     [s], when it named this cause, and the `size` with its interval that it gave then (None where
-    that was before this change of it)."""
+    that was before this change of it); `other` and when [s], what it named where it never named
+    this."""
 
     alarm: float | None
     start: float | None
     size: float | None
     lo: float | None
     hi: float | None
+    other: tuple[str, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -328,16 +330,17 @@ def _told(
     alarms = np.flatnonzero(np.array(decision.status[part]) == FAULT)
     alarm = float(t[part][alarms[0]]) if len(alarms) else None
     first, last = t[part][0], t[part][-1]
+    inside = [e for e in decision.events if first <= e.start <= last]
     named = [
         e
-        for e in decision.events
-        if e.fault == cause
-        and first <= e.start <= last
-        and (size is None or e.size is None or e.size * size >= 0)
+        for e in inside
+        if e.fault == cause and (size is None or e.size is None or e.size * size >= 0)
     ]
-    if onset[0] is None or not named:
-        return SaidOnline(alarm, None, None, None, None)
     middle, low, _ = onset
+    if middle is None or not named:
+        at = sorted(inside, key=lambda e: abs(e.onset - (middle or 0.0)))
+        other = next(((e.fault, e.start) for e in at if e.fault != cause), None)
+        return SaidOnline(alarm, None, None, None, None, other)
     start = min(named, key=lambda e: abs(e.onset - middle)).start
     if cause == UNKNOWN or start < low:
         return SaidOnline(alarm, start, None, None, None)
@@ -395,7 +398,8 @@ def _sentence(bank: FaultBank, found: Retrospect) -> str:
         what = f"{UNDECLARED} or not constant"
     else:
         what = f"{found.cause} {amount(found.size, found.lo, found.hi, units[found.cause])}"
-    said = [f"In hindsight: {what} {began} (p {probability(found.p)}, run {found.run})"]
+    head = "In hindsight:" if found.p >= NAMED else "In hindsight undecided; the likeliest is"
+    said = [f"{head} {what} {began} (p {probability(found.p)}, run {found.run})"]
     labels = {HEALTHY: "no fault", UNKNOWN: UNDECLARED}
     constant, beside = "constant " if found.cause == UNKNOWN else "", dict(found.beside)
     labels |= {name: f"{name} alone" for name in beside}
@@ -411,7 +415,10 @@ def _sentence(bank: FaultBank, found: Retrospect) -> str:
     def at(t: float) -> str:
         return moment(found.clock, t, step)
 
-    if told.start is None and told.alarm is not None:
+    if told.start is None and told.other is not None:
+        cause, when = told.other
+        said.append(f"online you would have been told {labels.get(cause, cause)} at {at(when)}")
+    elif told.start is None and told.alarm is not None:
         said.append(f"online an alarm would have begun at {at(told.alarm)}")
     elif told.start is None:
         said.append("online you would not have been told")
