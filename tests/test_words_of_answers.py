@@ -32,6 +32,12 @@ def said(path: Path) -> Iterator[str]:
             yield node.value
 
 
+def test_ten_words_are_used_for_what_was_found():
+    page = Path(__file__).parents[1] / "docs" / "words.md"
+    table = page.read_text().partition("| word |")[2].partition("\n\n")[0]
+    assert len(re.findall(r"^\| (?!-)", table, re.MULTILINE)) == 10
+
+
 @pytest.mark.parametrize(
     "folder", ["cli", "verbs", "detection", "reporting", "foresight", "rehearsal"]
 )

@@ -178,10 +178,10 @@ def check_undecided(rows, names, of_run):
 
 
 def check_screen(shown, lines):
-    """A first screen is at most eight lines, each the beginning or the rest of what is said in
-    full, or how much more there is."""
-    assert 0 < len(shown) <= 8
-    more = [line for line in shown if re.fullmatch(r"and \d+ more \(--verbose\)", line)]
+    """A first screen is at most five lines, each the beginning or the rest of what is said in
+    full, or how much more there is, and what."""
+    assert 0 < len(shown) <= 5
+    more = [line for line in shown if re.fullmatch(r"and \d+ more \(--verbose\)(: .+)?", line)]
     whole = [line for line in shown if line not in more]
     assert all(any(line in each for each in lines) for line in whole)
     if more:

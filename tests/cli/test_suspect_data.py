@@ -35,6 +35,7 @@ def test_the_model_of_another_plant_is_suspected(call, workshop, tmp_path):
     assert json.loads(sound.out)["warnings"] == []  # the leak begins in the middle
 
 
+@pytest.mark.study
 def test_faults_that_no_data_tell_apart_are_named(call, workshop, tmp_path):
     """A leak into the tank and a push of its pump, which is declared after the fit, are the same to
     the level."""

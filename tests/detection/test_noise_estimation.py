@@ -87,6 +87,7 @@ def metered(seed):
     return Run(f"{seed}", "lag.csv", run.t, columns)
 
 
+@pytest.mark.study
 def test_what_an_outputs_own_equation_lacks_is_found():
     """What q wanders by is as the exact likelihood of q - 3 u has it (SciPy), but for what the
     filter looks for besides: some percent. A step of u that comes wholly late is as large as the
@@ -211,6 +212,7 @@ def test_a_curve_that_the_file_has_straight_is_found_and_none_where_it_is():
     assert estimate_noise(model(True), [log(seed) for seed in range(LOGS)]).bends == ()
 
 
+@pytest.mark.study
 def test_an_input_that_strays_is_one_error_wherever_it_acts():
     """The scatter is that of someone who sees a itself, as above; three of those. Neither the
     state nor the output errs on its own."""
@@ -260,6 +262,7 @@ def test_where_the_model_errs_more_is_found_and_by_how_much():
     assert abs(np.log(found.process[0] / PROCESS)) < 3 * scatter
 
 
+@pytest.mark.study
 def test_constants_spread_between_runs_as_much_as_they_were_drawn():
     """Twelve constants scatter about their own spread by 1 / sqrt(22), a fifth; what is found is
     that of the twelve themselves to half of it, and their mean to as much of the spread."""
@@ -270,6 +273,7 @@ def test_constants_spread_between_runs_as_much_as_they_were_drawn():
     assert A + found.shift[0] == pytest.approx(np.mean(own), abs=0.1 * spread)
 
 
+@pytest.mark.study
 def test_a_fit_that_is_off_all_runs_alike_is_no_difference_between_them():
     """The fit has a = 0.3, all runs 0.2. Whoever takes d for what a lacks is off by d / x, 0.2 / 2,
     in each of the 80 spans of TAU that there are: by 0.1 / sqrt(80) = 0.011, three times that. No

@@ -116,6 +116,7 @@ def test_it_is_simulated(tmp_path, pairs):
     alike(fg.simulate(file, pairs[1][0].model).columns(), fitted.columns())
 
 
+@pytest.mark.study
 def test_it_is_checked_with_faults_of_nobody(tank):
     bare = Tank(Signals(SIGNALS.states, SIGNALS.inputs, SIGNALS.outputs))
     found = fg.check(tank.log(1, count=1200), tank.log(3, tank.leak), bare)

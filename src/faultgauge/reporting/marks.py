@@ -135,11 +135,13 @@ def look_at_estimate(
     seen: Bool[np.ndarray, "samples"],
     *more: Float[np.ndarray, "_"],
 ) -> None:
-    """The same of an estimate where it is `seen`, and of as much of its band as is usual: where it
-    is as wide as the prior it would leave nothing of the estimate."""
+    """The same of an estimate where it is `seen`, of as much of its band as is usual, and of all of
+    it where it leaves 0 out: where it is as wide as the prior it would leave nothing of the
+    estimate."""
     width = (hi - lo)[seen]
     usual = np.nanmedian(width) / 2 if np.isfinite(width).any() else 0.0
-    look_at(axes, f[seen] - usual, f[seen] + usual, *more)
+    told = seen & ((lo > 0) | (hi < 0))
+    look_at(axes, f[seen] - usual, f[seen] + usual, lo[told], hi[told], *more)
 
 
 def show_at_least(axes: Axes, low: float, high: float) -> None:

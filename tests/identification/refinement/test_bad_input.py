@@ -83,6 +83,7 @@ def test_a_run_too_short_for_a_window():
     assert re.search(r"'heat1' has 20 samples in a row, too few .* needs 25", text)
 
 
+@pytest.mark.study
 def test_a_run_shorter_than_the_warm_up():
     """It is fitted, or selects; a free run from a hidden start has nothing left to score."""
     sentence = (

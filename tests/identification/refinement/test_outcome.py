@@ -104,6 +104,7 @@ IN_CONSTANT = ROOT.replace("ROOT", "sqrt(max(b - 1, 0) / (b - 1))")  # 1 for b >
 IN_NETWORK = ROOT.replace("ROOT", "sqrt(NN(T) - 1)") + "[networks.NN]\nhidden = 2\n"
 
 
+@pytest.mark.study
 @pytest.mark.parametrize(("text", "who"), [(IN_CONSTANT, "physics"), (IN_NETWORK, "networks")])
 def test_starts_without_a_finite_error_beside_a_warm_start_that_wins(text, who):
     """The file's b = 1 gives 0 / 0, a silent network the root of -1; the warm start's b = 2 and

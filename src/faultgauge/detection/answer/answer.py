@@ -14,10 +14,11 @@ from faultgauge.detection.bank.bank import FaultBank
 from faultgauge.detection.decisions import Decision
 from faultgauge.detection.decisions import as_dicts as events_as_dicts
 from faultgauge.detection.posterior.events import UNKNOWN, BankEvent
+from faultgauge.detection.words import listed
 
 __all__ = ["answers", "as_dicts", "first_screen", "runs_as_dicts", "told"]
 
-LINES = 8  # of a first screen
+LINES = 5  # of a first screen
 
 
 def answers(bank: FaultBank, decisions: Sequence[Decision]) -> list[str]:
@@ -27,8 +28,8 @@ def answers(bank: FaultBank, decisions: Sequence[Decision]) -> list[str]:
 
 
 def first_screen(bank: FaultBank, decisions: Sequence[Decision]) -> list[str]:
-    """The same in a few lines: what, how big, since when, how sure; of one finding all. However
-    many there are, what the other logs say stands beneath them."""
+    """The same in a few lines: what, how big, since when, how sure; of one finding all. Of many
+    the others are listed by name, and what the other logs say stands beneath."""
     found, silent = told(bank, decisions), _untold(bank, decisions)
     if len(found) <= 1:
         return [line for each in found for line in (each.head, "; ".join(each.rest)) if line] + [
@@ -40,7 +41,21 @@ def first_screen(bank: FaultBank, decisions: Sequence[Decision]) -> list[str]:
     last = silent[: LINES // 2]
     first = heads[: LINES - 1 - len(last)]
     more = len(heads) - len(first) + len(silent) - len(last)
-    return [*first, f"and {more} more (--verbose)", *last]
+    names = _listed(bank, decisions, len(first))
+    return [*first, f"and {more} more (--verbose){names}", *last]
+
+
+def _listed(bank: FaultBank, decisions: Sequence[Decision], said: int) -> str:
+    """What is found behind the first `said`, by name: ": leak; run b: gauge and an alarm"."""
+    all_told = [(one.run.name, each.brief) for one in decisions for each in _told(bank, one)]
+    runs = dict[str, dict[str, None]]()
+    for run, brief in all_told[said:]:
+        runs.setdefault(run, {})[brief] = None
+    parts = [
+        listed(list(names)) if len(decisions) == 1 else f"run {run}: {listed(list(names))}"
+        for run, names in runs.items()
+    ]
+    return f": {'; '.join(parts)}" if parts else ""
 
 
 def told(bank: FaultBank, decisions: Sequence[Decision]) -> list[Told]:

@@ -5,7 +5,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from faultgauge.detection.answer.shares import shares_of
 from faultgauge.detection.answer.smallest import smallest_along
 from faultgauge.detection.answer.telling import unit_of
 from faultgauge.detection.bank.bank import FaultBank
@@ -21,13 +20,11 @@ _SMALLEST: deque[tuple[FaultBank, Decision, list[float | None]]] = deque(maxlen=
 
 def least_told(bank: FaultBank, decision: Decision, fault: int) -> float | None:
     """The size [the fault's unit] that would have been named by the judged rows of a run had the
-    fault begun in the middle of them; None where none would, or it would show in no row."""
+    fault begun in the middle of them; None where none would."""
     for one, other, sizes in _SMALLEST:
         if one is bank and other is decision:
             return sizes[fault]
-    found = smallest_along(bank, decision.run, np.isin(decision.status, [HEALTHY, FAULT]))
-    shown = shares_of(decision).faults
-    sizes = [size if share else None for size, share in zip(found, shown, strict=True)]
+    sizes = smallest_along(bank, decision.run, np.isin(decision.status, [HEALTHY, FAULT]))
     _SMALLEST.append((bank, decision, sizes))
     return sizes[fault]
 

@@ -10,6 +10,8 @@ from faultgauge.detection.answer.shares import WHOLE, Shares, Silent, shares_of
 from faultgauge.detection.answer.telling import row_time
 from faultgauge.detection.bank.bank import FaultBank
 from faultgauge.detection.decisions import Decision
+from faultgauge.detection.posterior.events import POSSIBLE
+from faultgauge.detection.posterior.probability import probability
 from faultgauge.detection.posterior.uncalibrated import level_in, uncalibrated
 from faultgauge.detection.words import listed, number
 
@@ -29,7 +31,8 @@ def silence(bank: FaultBank, silent: Sequence[Decision], runs: int) -> list[str]
     if whole:
         where = "" if len(whole) == runs else f" in {_runs(whole)}"
         seldom = _seldom(bank, [shares[one.run.name] for one in whole])
-        text = f"No fault{where}; {would_not_show_in(bank, whole)}{seldom}"
+        small = would_not_show_in(bank, whole)
+        text = f"No fault{where}; {small}{seldom}{_at_the_end(bank, whole)}"
         said.append(headed(bank.model, text))
     for one in silent:
         judged, _, gaps = shares[one.run.name]
@@ -43,10 +46,26 @@ def silence(bank: FaultBank, silent: Sequence[Decision], runs: int) -> list[str]
             continue
         text = (
             f"No fault in the {100 * judged:.0f} % of the {log} that could be judged; not judged "
-            f"{why}; {would_not_show_in(bank, [one])} there"
+            f"{why}; {would_not_show_in(bank, [one])} there{_at_the_end(bank, [one])}"
         )
         said.append(headed(bank.model, text))
     return said
+
+
+def _at_the_end(bank: FaultBank, silent: Sequence[Decision]) -> str:
+    """What may be there where a log ends, as likely as what is told beside another fault."""
+    said = []
+    for one in silent:
+        sampled = np.flatnonzero(np.isfinite(one.posterior.healthy))
+        if not len(sampled):
+            continue
+        p = np.nan_to_num(one.posterior.p[sampled[-1]]).tolist()
+        names = zip(bank.model.plant.signals.fault_names, p, strict=True)
+        there = [f"{name} (p {probability(each)})" for name, each in names if each > POSSIBLE]
+        where = "the log" if len(silent) == 1 else f"run {one.run.name}"
+        if there:
+            said.append(f"; at the end of {where} there may be {listed(there)}")
+    return "".join(said)
 
 
 def hidden(bank: FaultBank, speaking: Sequence[Decision], runs: int) -> list[str]:

@@ -11,13 +11,14 @@ __all__ = ["Told", "row_time", "unit_of"]
 
 class Told(NamedTuple):
     """What is told of a run from `start` to `end` [s], as a sentence: what a first screen says,
-    and the rest; the `causes` that are left of an alarm without a name."""
+    and the rest; the `causes` that are left of an alarm without a name; `brief`, what it is."""
 
     start: float
     end: float
     head: str
     rest: tuple[str, ...] = ()
     causes: tuple[str, ...] = ()
+    brief: str = ""
 
     @property
     def text(self) -> str:

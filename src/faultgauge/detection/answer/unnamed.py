@@ -36,7 +36,7 @@ def alarms(bank: FaultBank, decision: Decision, note: str = "") -> list[Told]:
             when = f"from {row_time(bank, decision, first)} to {row_time(bank, decision, last)}"
             why, causes = _why_unnamed(bank, decision, part)
             text = headed(bank.model, f"An alarm {when} (run {run.name}{note}); {why}")
-            found.append(Told(first, last, text, causes=causes))
+            found.append(Told(first, last, text, causes=causes, brief="an alarm"))
     return found
 
 
@@ -115,7 +115,8 @@ def _undecided(bank: FaultBank, decision: Decision, note: str) -> list[Told]:
         f"is {cause}{size} (p {probability(float(shares[cause]))}); that nothing is wrong has p "
         f"{probability(float(found.healthy[sampled[-1]]))}"
     )
-    return [Told(float(run.t[first]), float(run.t[sampled[-1]]), headed(bank.model, text))]
+    last = float(run.t[sampled[-1]])
+    return [Told(float(run.t[first]), last, headed(bank.model, text), brief="undecided")]
 
 
 def _usual(reasons: Sequence[str]) -> str:

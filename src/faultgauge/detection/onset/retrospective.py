@@ -352,7 +352,12 @@ def _told(
 
 def sentences(bank: FaultBank, found: Sequence[Retrospect]) -> list[str]:
     """What the windows with a fault in them hold, in words; one for all where none has."""
-    faulty = [headed(bank.model, _sentence(bank, each)) for each in found if each.cause != HEALTHY]
+    after = [*found[1:], None]
+    faulty = [
+        headed(bank.model, _sentence(bank, each, _over(each, then)))
+        for each, then in zip(found, after, strict=True)
+        if each.cause != HEALTHY
+    ]
     if faulty or not found:
         return faulty or ["In hindsight: too few samples to judge."]
     shares = {name: sum(each.judged for each in found if each.run == name) for name in
@@ -383,9 +388,15 @@ def _would_not_show(bank: FaultBank, found: Sequence[Retrospect]) -> str:
     return would_not_show(least)
 
 
-def _sentence(bank: FaultBank, found: Retrospect) -> str:
-    """ "In hindsight: friction +0.100 N*m (+0.096 to +0.104) since 41 s +- 6 s (p 0.98, run 1);
-    leak is 200 times less likely; online you would have been told at 52 s, then as ..." """
+def _over(found: Retrospect, then: Retrospect | None) -> float | None:
+    """When [s] a window begins in which its fault is over; None where none follows."""
+    over = then is not None and then.run == found.run and then.cause == HEALTHY
+    return then.start if then is not None and over else None
+
+
+def _sentence(bank: FaultBank, found: Retrospect, over: float | None = None) -> str:
+    """ "In hindsight: friction +0.100 N*m (+0.096 to +0.104) since 41 s +- 6 s until 80 s (p 0.98,
+    run 1); leak is 200 times less likely; online you would have been told at 52 s, then as ..." """
     units = {fault.name: fault.unit for fault in bank.model.plant.signals.faults}
     assert found.onset is not None
     assert found.onset_lo is not None
@@ -398,6 +409,8 @@ def _sentence(bank: FaultBank, found: Retrospect) -> str:
         what = f"{UNDECLARED} or not constant"
     else:
         what = f"{found.cause} {amount(found.size, found.lo, found.hi, units[found.cause])}"
+    if over is not None:
+        began += f" until {moment(found.clock, over, float(np.median(np.diff(found.t))))}"
     head = "In hindsight:" if found.p >= NAMED else "In hindsight undecided; the likeliest is"
     said = [f"{head} {what} {began} (p {probability(found.p)}, run {found.run})"]
     labels = {HEALTHY: "no fault", UNKNOWN: UNDECLARED}
