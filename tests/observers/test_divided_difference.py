@@ -163,8 +163,9 @@ def test_a_glitch_moves_little_and_what_stays_is_believed(signals):
 @pytest.mark.parametrize("far", [FAR - 2, FAR, FAR + 0.7, FAR + 3])
 def test_a_sample_about_where_noise_ends_is_half_believed(far):
     """What is left of the belief is the mixture of the one with the sample and the one without, as
-    moments of it by hand have it; well below `FAR` and well above (where the raised noise leaves
-    25 / e^2 of the gain) it is the one with it."""
+    moments of it by hand have it, the more the less of the innovation is the sensor's; well below
+    `FAR` and well above (where the raised noise leaves 25 / e^2 of the gain) it is the one with
+    it."""
     one = replace(lane(), doubting=True)
     before = Belief(START, jnp.diag(SPREAD**2) + 0.01)
     u = jnp.zeros(1)
@@ -176,7 +177,7 @@ def test_a_sample_about_where_noise_ends_is_half_believed(far):
     K = P @ C / (S * max(1.0, (far / FAR) ** 2))
     with_it = P - np.outer(K, C @ P)  # the best gain for the noise as it was raised
     glitch = 1 / (1 + np.exp((FAR**2 - far**2) / 2))
-    w = {FAR: 0.5, FAR + 0.7: 2 * glitch * (1 - glitch)}.get(far, 0.0)
+    w = C @ P @ C / S * {FAR: 0.5, FAR + 0.7: 2 * glitch * (1 - glitch)}.get(far, 0.0)
     move = K * far * np.sqrt(S)
     mixed = (1 - w) * with_it + w * P + w * (1 - w) * np.outer(move, move)
     # rounding of sums of some dozen terms

@@ -93,11 +93,12 @@ class Seen(NamedTuple):
     gain: Float[Array, "*many outputs n"]
 
 
-def doubted(squares: Float[Array, "*any"]) -> Float[Array, "*any"]:
+def doubted(squares: Float[Array, "*any"], share: Float[Array, "*any"]) -> Float[Array, "*any"]:
     """The probability that samples are glitches that were taken for states that moved, by the
-    squares of their innovations over the variance: a half at `FAR`, none far from it."""
+    squares of their innovations over the variance and the share of that which is the states': at
+    most a half, at `FAR`, and none far from it."""
     beyond = jax.lax.logistic((squares - FAR**2) / 2)
-    w = 2 * beyond * (1 - beyond)
+    w = 2 * share * beyond * (1 - beyond)
     return jnp.where(w > RARE, w, 0.0)
 
 
@@ -236,7 +237,9 @@ class DividedDifferenceFilter(eqx.Module):
             moved = contract("i,i->", H, mean - belief.mean)
             e = jnp.where(there, y[j] - expected[j] - moved, 0.0)
             usual, S = jnp.sqrt(S), S * raised(e**2 / S)
-            R, w = S - known, doubted(e**2 / usual**2) if self.doubting else 0.0
+            R, w = S - known, 0.0
+            if self.doubting:
+                w = doubted(e**2 / usual**2, known / usual**2)
             K = jnp.where(there, HP * (1 / S), 0.0)
             # (I - K H) P (I - K H)^T + R K K^T, a row and a column at a time
             after = P - jnp.outer(K, HP)
