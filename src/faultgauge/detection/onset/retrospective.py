@@ -336,18 +336,19 @@ def _told(
         for e in inside
         if e.fault == cause and (size is None or e.size is None or e.size * size >= 0)
     ]
-    middle, low, _ = onset
-    if middle is None or not named:
-        at = sorted(inside, key=lambda e: abs(e.onset - (middle or 0.0)))
+    if onset[0] is None or not named:
+        began = onset[0] or 0.0
+        at = sorted(inside, key=lambda e: abs(e.onset - began))
         other = next(((e.fault, e.start) for e in at if e.fault != cause), None)
         return SaidOnline(alarm, None, None, None, None, other)
+    middle, low, _ = onset
     start = min(named, key=lambda e: abs(e.onset - middle)).start
     if cause == UNKNOWN or start < low:
         return SaidOnline(alarm, start, None, None, None)
     k = bank.model.plant.signals.fault_names.index(cause)
     n = int(np.searchsorted(t, start))
-    sizes = found.f[n, k] / found.p[n, k], found.lo[n, k], found.hi[n, k]
-    return SaidOnline(alarm, start, *(float(each) for each in sizes))
+    size = float(found.f[n, k] / found.p[n, k])
+    return SaidOnline(alarm, start, size, float(found.lo[n, k]), float(found.hi[n, k]))
 
 
 def sentences(bank: FaultBank, found: Sequence[Retrospect]) -> list[str]:
