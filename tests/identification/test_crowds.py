@@ -64,6 +64,7 @@ def fitted(truth, seed):
     return model, report, group, scores
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize(("truth", "crowded"), [(near, True), (far, False)])
 def test_units_stand_where_validation_says(truth, crowded, seed):

@@ -136,6 +136,7 @@ def chosen(text, log, held, seed):
     return model, model.record.choices.hidden
 
 
+@pytest.mark.study
 @pytest.mark.parametrize(
     ("truth", "noise", "scale", "size"), [(two, 0.002, 1.9, 2), (many, 0.0005, 1.5, 10)]
 )

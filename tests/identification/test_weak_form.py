@@ -204,6 +204,7 @@ def test_the_constants_of_a_spring_under_a_wide_kernel():
     assert np.mean(filtered) > 0.01
 
 
+@pytest.mark.study
 def test_standard_errors_are_the_scatter():
     """Of k and c in the weak form, and of g in the filtered form beside them, which reads the noise
     of the same sensor."""

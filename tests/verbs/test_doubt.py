@@ -42,6 +42,7 @@ def log(seed, moves, stray, leak=0.0):
     return Run(f"run{seed}", f"run{seed}.csv", t, {"u": u, "x": x})
 
 
+@pytest.mark.study
 @pytest.mark.parametrize(("moves", "stray", "doubted"), [(0.3, 0.1, False), (0.02, 0.1, True)])
 def test_a_fit_of_no_use_by_its_free_run_heads_the_answer_or_is_no_reason_to_doubt_it(
     moves, stray, doubted

@@ -23,6 +23,7 @@ __all__ = [
     "LEAN",
     "STRAY",
     "TRAIL",
+    "USUAL_SPREAD",
     "WANDER",
     "Constants",
     "Noise",
