@@ -7,7 +7,6 @@ from datetime import datetime, timedelta
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.signal import lfilter
 
 from calibrations import for_bank
 from faultgauge.cli.evidence import write_evidence
@@ -494,24 +493,6 @@ def test_single_samples_that_are_a_little_off_raise_nothing(bank, seed):
     for k in rows + 5:
         assert np.all(said.posterior.lo[k] <= 0)
         assert np.all(said.posterior.hi[k] >= 0)
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_single_samples_that_a_state_might_have_moved_to_raise_nothing(seed):
-    """A level that wanders from sample to sample by five times the gauge's noise: a sample that is
-    off by what the level hardly ever moves is one or the other, until the next."""
-    moved = 5 * SIGMA
-    noise = NOISE._replace(process=np.array([moved / np.sqrt(STEP)]))
-    wandering = build_fault_bank(built(TANK).model, [log(0)], noise)
-    rows = 40 + 56 * np.arange(20)
-    for side in (-1, 1):
-        run = log(30 + seed)
-        moves = moved * np.random.default_rng(seed).standard_normal(COUNT)
-        run.columns["x"] += lfilter([1.0], [1.0, -np.exp(-0.2 * STEP)], moves)
-        run.columns["x"][rows] += side * moved * np.linspace(3, 9, len(rows))
-        said = decide(wandering, run)
-        assert not said.events
-        assert "FAULT" not in said.status
 
 
 def test_a_glitch_tells_no_more_than_a_sample_that_is_missing(bank):

@@ -1,8 +1,6 @@
 """The divided-difference filter against a textbook Kalman filter, and what it does with samples
 that no model expects."""
 
-from dataclasses import replace
-
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
@@ -158,31 +156,6 @@ def test_a_glitch_moves_little_and_what_stays_is_believed(signals):
     lasting[20:, 0] += 3.0  # thirty standard deviations, on one of the two outputs, for good
     stayed = run(lane(), u, lasting)
     assert sum(p[1] - s[1] for p, s in zip(plain, stayed, strict=True)) > 50.0
-
-
-@pytest.mark.parametrize("far", [FAR - 2, FAR, FAR + 0.7, FAR + 3])
-def test_a_sample_about_where_noise_ends_is_half_believed(far):
-    """What is left of the belief is the mixture of the one with the sample and the one without, as
-    moments of it by hand have it, the more the less of the innovation is the sensor's; well below
-    `FAR` and well above (where the raised noise leaves 25 / e^2 of the gain) it is the one with
-    it."""
-    one = replace(lane(), doubting=True)
-    before = Belief(START, jnp.diag(SPREAD**2) + 0.01)
-    u = jnp.zeros(1)
-    expected, look = one.look(before, u)
-    C, P = np.asarray(look.C[0]), np.asarray(before.P)
-    S = C @ P @ C + SIGMA[0] ** 2
-    y = jnp.array([float(expected[0]) + far * np.sqrt(S), jnp.nan])
-    after, *_ = one.update(before, NOISE, expected, look, y)
-    K = P @ C / (S * max(1.0, (far / FAR) ** 2))
-    with_it = P - np.outer(K, C @ P)  # the best gain for the noise as it was raised
-    glitch = 1 / (1 + np.exp((FAR**2 - far**2) / 2))
-    w = C @ P @ C / S * {FAR: 0.5, FAR + 0.7: 2 * glitch * (1 - glitch)}.get(far, 0.0)
-    move = K * far * np.sqrt(S)
-    mixed = (1 - w) * with_it + w * P + w * (1 - w) * np.outer(move, move)
-    # rounding of sums of some dozen terms
-    np.testing.assert_allclose(after.mean, np.asarray(START) + (1 - w) * move, rtol=1e-12)
-    np.testing.assert_allclose(after.P, mixed, rtol=1e-9, atol=1e-12)
 
 
 def test_an_input_at_its_limit_takes_a_push_one_way_only():

@@ -6,11 +6,7 @@ with s_i the standard deviation of z_i, so that a sign, a dead zone or a limit c
 lies within what is not known (Norgaard, Poulsen and Ravn, Automatica 36 (2000), "New developments
 in state estimation for nonlinear systems"). Outputs are taken one after another, in Joseph's form.
 A sample far outside of what is expected has its noise raised until it is `FAR` standard deviations
-off: a glitch moves nothing, and what stays off speaks for whatever explains it. About there a
-sample is a glitch with probability w, and until the next one tells, the belief is the mixture of
-both, with its spread (probabilistic data association: Bar-Shalom and Tse, Automatica 11 (1975)):
-
-    z + (1 - w) K e,    (1 - w) P_after + w P_before + w (1 - w) K e^2 K^T
+off: a glitch moves nothing, and what stays off speaks for whatever explains it.
 """
 
 from collections.abc import Callable
@@ -41,7 +37,6 @@ __all__ = [
 ]
 
 FAR = 5.0  # standard deviations of an innovation beyond which it is no noise
-RARE = 0.01  # of a glitch: below it a sample is none
 MISSING = 1.5  # steps from row to row
 LEAST = 1e-7  # of a state's scale: the shortest difference
 HUGE = 1e60  # above any number in any unit: its square must not overflow
@@ -93,15 +88,6 @@ class Seen(NamedTuple):
     gain: Float[Array, "*many outputs n"]
 
 
-def doubted(squares: Float[Array, "*any"], share: Float[Array, "*any"]) -> Float[Array, "*any"]:
-    """The probability that samples are glitches that were taken for states that moved, by the
-    squares of their innovations over the variance and the share of that which is the states': at
-    most a half, at `FAR`, and none far from it."""
-    beyond = jax.lax.logistic((squares - FAR**2) / 2)
-    w = 2 * share * beyond * (1 - beyond)
-    return jnp.where(w > RARE, w, 0.0)
-
-
 def raised(squares: Float[Array, "*any"]) -> Float[Array, "*any"]:
     """How many times as large the variance of innovations is taken, by their squares over it."""
     return jnp.maximum(1.0, squares * FAR**-2)
@@ -113,8 +99,6 @@ class DividedDifferenceFilter(eqx.Module):
     `growing` are the faults that have a growth rate in z, `scale` the sizes of the states and
     `probe` those of the faults, by which those that are known exactly are varied; rows are
     `step_s` [s] apart, and where one is missing, nobody knows when within it an input changed.
-    `doubting` is whether a sample may be a glitch: where the likelihoods of models are compared,
-    none may win by calling what it lacks one.
     """
 
     plant: Disturbed
@@ -123,7 +107,6 @@ class DividedDifferenceFilter(eqx.Module):
     growing: tuple[int, ...] = eqx.field(static=True)
     substeps: int = eqx.field(static=True)
     step_s: Float[Array | np.ndarray, ""] = eqx.field(default_factory=lambda: np.asarray(np.inf))
-    doubting: bool = eqx.field(static=True, default=False)
 
     @property
     def states(self) -> int:
@@ -237,16 +220,14 @@ class DividedDifferenceFilter(eqx.Module):
             moved = contract("i,i->", H, mean - belief.mean)
             e = jnp.where(there, y[j] - expected[j] - moved, 0.0)
             usual, S = jnp.sqrt(S), S * raised(e**2 / S)
-            R, w = S - known, 0.0
-            if self.doubting:
-                w = doubted(e**2 / usual**2, known / usual**2)
+            R = S - known
             K = jnp.where(there, HP * (1 / S), 0.0)
             # (I - K H) P (I - K H)^T + R K K^T, a row and a column at a time
-            after = P - jnp.outer(K, HP)
-            after = after - jnp.outer(contract("ij,j->i", after, H), K) + R * jnp.outer(K, K)
-            P = (1 - w) * after + w * P + w * (1 - w) * e**2 * jnp.outer(K, K)
-            K = (1 - w) * K
-            mean = mean + K * e
+            P = P - jnp.outer(K, HP)
+            mean, P = (
+                mean + K * e,
+                P - jnp.outer(contract("ij,j->i", P, H), K) + R * jnp.outer(K, K),
+            )
             root = jnp.sqrt(S)
             total += jnp.where(there, -0.5 * (e**2 / S + jnp.log(2 * jnp.pi * S)), 0.0)
             said.append((e / root, *(jnp.where(there, a, jnp.inf) for a in (root, usual)), K))

@@ -159,7 +159,6 @@ def build_fault_bank(
             growing,
             substeps_for(step, model.max_step),
             np.asarray(step),
-            doubting=True,
         ),
         noise=_levels(model, noise, len(size), knowledge),
         prior=prior_of_faults(model, size, onset, growing),
