@@ -341,6 +341,17 @@ def test_the_first_screen_says_one_finding_whole_and_many_by_their_heads(bank, d
     assert last.startswith("No fault in run run10; ")
 
 
+def test_what_may_be_there_where_a_log_ends_is_said(bank):
+    """A leak of p 0.4 in the last row, and nothing of a gauge of 0.01."""
+    quiet = decide(bank, log(10))
+    p = quiet.posterior.p.copy()
+    p[-1] = 0.4, 0.01
+    (line,) = answers(bank, [replace(quiet, posterior=quiet.posterior._replace(p=p))])
+    assert line.startswith("No fault; ")
+    assert line.endswith("; at the end of the log there may be leak (p 0.4)")
+    assert "at the end" not in answers(bank, [quiet])[0]
+
+
 def test_a_report_leads_with_what_lasts(bank, decision):
     (event,) = decision.events
     brief = replace(event, start=10.0, end=20.0, onset=10.0, onset_lo=9.0, onset_hi=11.0)

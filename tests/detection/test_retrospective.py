@@ -358,6 +358,14 @@ def test_another_cause_that_was_told_online_is_said(bank, biased):
     assert f"; online you would have been told weak at {event.start:.6g} s" in sentence
 
 
+def test_a_fault_is_over_where_a_later_part_of_its_log_is_healthy(bank, biased):
+    (seen,) = biased[1]
+    healthy = replace(seen, cause="healthy", start=900.0, onset=None, onset_lo=None, onset_hi=None)
+    assert " until 900 s (p " in sentences(bank, [seen, healthy])[0]
+    for other in (replace(healthy, run="another"), replace(seen, start=900.0)):
+        assert " until " not in sentences(bank, [seen, other])[0]
+
+
 def test_what_is_no_more_than_likely_is_said_to_be_so(bank, biased):
     (sentence,) = sentences(bank, [replace(biased[1][0], p=0.6)])
     assert sentence.startswith("In hindsight undecided; the likeliest is pump +")

@@ -391,8 +391,9 @@ def _would_not_show(bank: FaultBank, found: Sequence[Retrospect]) -> str:
 
 def _over(found: Retrospect, then: Retrospect | None) -> float | None:
     """When [s] a window begins in which its fault is over; None where none follows."""
-    over = then is not None and then.run == found.run and then.cause == HEALTHY
-    return then.start if then is not None and over else None
+    if then is None or then.run != found.run or then.cause != HEALTHY:
+        return None
+    return then.start
 
 
 def _sentence(bank: FaultBank, found: Retrospect, over: float | None = None) -> str:
