@@ -156,7 +156,11 @@ class Branching(Onsets):
         each onset is beside every branch."""
         B, K = self.branches, changes.total.shape[1]
         after = state.weight[:B, None] + changes.total
-        worth = jnp.where((after > np.log(KEPT)) & (changes.total > PROMOTED), after, NEVER)
+        ready = (after > np.log(KEPT)) & (changes.total > PROMOTED)
+        # a change within a set takes the place of its branch, which others may still leave
+        within = self._leads(state.which[:B])[1] == state.which[:B, None]
+        ready = ready & ~(within & jnp.any(ready & ~within, axis=1, keepdims=True))
+        worth = jnp.where(ready, after, NEVER)
         best = jnp.argmax(worth)
         b, k = (of(best, jnp.asarray(K, best.dtype)) for of in (jax.lax.div, jax.lax.rem))
         ell = changes.ell[:, : self.kinds]

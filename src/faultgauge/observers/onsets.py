@@ -329,11 +329,16 @@ class Onsets(eqx.Module):
         place = jnp.argmin(cost, axis=2)[:, :, None]
         index = np.arange(A)
         gone = index == place
-        # its prior goes to the nearer neighbour
+        # its prior goes to the nearer neighbour, but for what that explains and it does not: no
+        # change becomes likelier by what goes
         lost = jnp.where(gone & used, lanes.mass, NEVER)
         to_older = when - older <= younger - when
-        left = jnp.concatenate([jnp.where(to_older, lost, NEVER)[:, :, 1:], none], axis=2)
-        right = jnp.where(to_older, NEVER, lost)
+        more = jnp.where(gain[:, :, 1:] + gain[:, :, :-1] > NEVER / 2, jnp.diff(gain, axis=2), 0.0)
+        lost_left = lost[:, :, 1:] - jnp.maximum(-more, 0.0)
+        left = jnp.where(to_older[:, :, 1:], lost_left, NEVER)
+        left = jnp.concatenate([left, none], axis=2)
+        lost_right = lost - jnp.concatenate([jnp.maximum(more, 0.0), 0 * none], axis=2)
+        right = jnp.where(to_older, NEVER, lost_right)
         fresh = jnp.log(self.prior.onset * jnp.maximum(dt, TICK))[:, None]
         fresh = jnp.logaddexp(fresh, right[:, :, -1:])
         right = jnp.concatenate([none, right[:, :, :-1]], axis=2)
