@@ -37,7 +37,7 @@ __all__ = [
     "undeclared_faults",
 ]
 
-RARE = 1e-3  # faults in as much time as the healthy logs have
+RARE = 1e-2  # faults in as much time as the healthy logs have
 ALIEN = 0.01  # of the largest onset rate: how often something undeclared happens
 RECOVERY = 10.0  # times the onset rate; times AT_START, well below what hinders a name
 CHANGED = 0.01  # times that: how often a fault changes its size, a tenth as often as faults begin
