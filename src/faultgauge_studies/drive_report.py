@@ -56,7 +56,7 @@ def _shown(value: float, unit: str, form: str) -> str:
 
 def told(drive: Drive) -> str:
     """The first answer, and how many there are."""
-    first, _ = leading(drive.bank, [drive.decision])
+    first, *_ = leading(drive.bank, [drive.decision])
     more = len(drive.decision.events) - 1
     return f"{first}, and {more} more events" if more > 0 else first
 

@@ -11,7 +11,7 @@ import pytest
 from calibrations import for_bank
 from faultgauge.cli.evidence import write_evidence
 from faultgauge.detection.answer.answer import answers, as_dicts, first_screen, runs_as_dicts
-from faultgauge.detection.answer.evidence import evidence, same
+from faultgauge.detection.answer.evidence import Evidence, evidence, same
 from faultgauge.detection.answer.least import least_told
 from faultgauge.detection.bank.bank import build_fault_bank
 from faultgauge.detection.bank.noise import Noise
@@ -440,6 +440,28 @@ def test_of_several_runs_the_one_with_a_fault_is_open(bank, decision):
     report = decision_report(bank, [*healthy, decision])
     runs = [(each.title, each.folded) for each in report.sections if each.title.startswith("Run ")]
     assert runs == [("Run run1", False), ("Run run2", True), ("Run run3", True)]
+
+
+def test_the_open_figure_is_of_the_run_that_the_first_sentence_speaks_of(bank, decision):
+    """A short event in the run before, and silence of a run of which little was judged."""
+    (event,) = decision.events
+    brief = replace(event, run="early", start=310.0, end=320.0)
+    early = replace(decision, run=replace(decision.run, name="early"), events=[brief])
+    windows = [Evidence(e, one, slice(0, 900), e) for one, e in ((early, brief), (decision, event))]
+    report = decision_report(bank, [early, decision], (), windows)
+    assert "run run1)" in report.summary_sentences[0]
+    runs = [(each.title, each.folded) for each in report.sections if each.title.startswith("Run ")]
+    assert runs == [("Run run1", False), ("Run early", True)]
+    (evidence_,) = (each for each in report.sections if each.title == "Evidence")
+    assert [each.partition(":")[0] for each in evidence_.paragraphs] == [
+        "leak, run run1",
+        "leak, run early",
+    ]
+    quiet = decide(bank, log(10))
+    silent = replace(quiet, run=replace(quiet.run, name="silent"), status=["NOT_JUDGED"] * COUNT)
+    report = decision_report(bank, [silent, quiet])
+    assert report.summary_sentences[0] == "No fault in run run10"
+    assert report.sections[0].title == "Run run10"
 
 
 def test_a_report_of_a_healthy_run_has_the_outputs_alone(bank):
