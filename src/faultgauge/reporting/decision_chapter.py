@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from faultgauge.detection.answer.answer import answers, told
-from faultgauge.detection.answer.event_sentence import other_cause
+from faultgauge.detection.answer.event_sentence import onset_of, other_cause
 from faultgauge.detection.answer.evidence import Evidence
 from faultgauge.detection.answer.shares import WHOLE, shares_of
 from faultgauge.detection.bank.bank import FaultBank
@@ -15,7 +15,7 @@ from faultgauge.detection.decisions import Decision
 from faultgauge.detection.onset.retrospective import Retrospect
 from faultgauge.detection.posterior.events import UNKNOWN, BankEvent
 from faultgauge.detection.posterior.probability import probability
-from faultgauge.detection.words import MOST, OLDER, UNDECLARED, amount, moment, number, onset_cell
+from faultgauge.detection.words import MOST, OLDER, UNDECLARED, amount, moment, number
 from faultgauge.plants.model import Model
 from faultgauge.reporting.evidence_chapter import evidence_section
 from faultgauge.reporting.report import Report, Section, Table
@@ -154,7 +154,7 @@ def _row(bank: FaultBank, clock: Clock | None, event: BankEvent) -> tuple[str, .
     size = ""
     if event.size is not None and event.lo is not None and event.hi is not None:
         size = amount(event.size, event.lo, event.hi, units[event.fault])
-    began = onset_cell(clock, event.onset, event.onset_lo, event.onset_hi)
+    began = onset_of(event, bank.step, clock).cell()
     return (
         event.run,
         _said(event.fault),

@@ -7,10 +7,10 @@ import numpy as np
 from faultgauge.detection.answer.shares import WHOLE
 from faultgauge.detection.bank.bank import FaultBank
 from faultgauge.detection.decisions import Decision
-from faultgauge.detection.onset.retrospective import HEALTHY, Retrospect, sentences
+from faultgauge.detection.onset.retrospective import HEALTHY, Retrospect, onset_of, sentences
 from faultgauge.detection.posterior.events import UNKNOWN
 from faultgauge.detection.posterior.probability import probability
-from faultgauge.detection.words import UNDECLARED, amount, moment, onset_cell, or_earlier
+from faultgauge.detection.words import UNDECLARED, amount, moment
 from faultgauge.observers.divided_difference import FAR
 from faultgauge.reporting.marks import NOISES
 from faultgauge.reporting.report import Section, Table
@@ -65,11 +65,9 @@ def retrospective_section(
 def _row(bank: FaultBank, found: Retrospect) -> tuple[str, ...]:
     """What the sentence of a window says, as cells."""
     clock, told, began, size = found.clock, found.told.start, "", ""
-    if found.onset is not None and found.onset_lo is not None and found.onset_hi is not None:
-        began = onset_cell(clock, found.onset, found.onset_lo, found.onset_hi)
-        if found.onset_lo <= found.start:  # as the sentence has it
-            width = found.onset_hi - found.onset_lo
-            began = or_earlier(clock, found.onset_hi, width).removeprefix("since ")
+    onset = onset_of(found)
+    if onset is not None:  # as the sentence has it
+        began = onset.or_earlier() if onset.low <= found.start else onset.cell()
     if found.size is not None and found.lo is not None and found.hi is not None:
         units = {each.name: each.unit for each in bank.model.plant.signals.faults}
         size = amount(found.size, found.lo, found.hi, units[found.cause])
