@@ -141,7 +141,7 @@ def test_the_sentence_says_what_since_when_and_what_it_is_not(bank, decision):
     (line,) = answers(bank, [decision])
     assert line.startswith("leak -0.")
     assert "m/s (-0." in line
-    assert ") since 299.52 s +- 0.83 s (p > 0.999, run run1); told at 309 s, " in line
+    assert ") since 299.53 s +- 0.83 s (p > 0.999, run run1); told at 309 s, " in line
     assert "; gauge is more than 1000 times less likely;" in line
     assert "; leak below " in line
     assert line.endswith("m/s would not have shown")

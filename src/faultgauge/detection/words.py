@@ -57,10 +57,11 @@ def between(low: float, high: float, unit: str) -> str:
 
 def _style(low: float, high: float) -> str:
     """How what lies from `low` to `high` is written."""
-    digits, largest = decimals(high - low), max(abs(low), abs(high))
+    largest = max(abs(low), abs(high))
     if 0 < largest < SMALL:
-        return f"+.{max(digits + int(np.floor(np.log10(largest))), 0)}e"
-    return f"+.{digits}f"
+        power = np.floor(np.log10(largest))
+        return f"+.{decimals((high - low) / 10.0**power)}e"
+    return f"+.{decimals(high - low)}f"
 
 
 def number(value: float, figures: int = 3) -> str:
