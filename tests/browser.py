@@ -10,10 +10,10 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from matplotlib.image import imread
+from matplotlib.image import imread, imsave
 
 WIDTHS, HEIGHT = (1100, 600), 800  # pixels: a laptop's window and half of one
-TALL = 6000  # pixels: more than a page of the tests has
+TALL = 16_000  # pixels: more than a page of the tests has, less than Chromium draws at once
 NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
 MEASURE = """
 <script>
@@ -104,6 +104,16 @@ def picture(page: str, width: int, folder: Path) -> np.ndarray:
     done = _chromium(folder, "--hide-scrollbars", size, f"--screenshot={found}", harness.as_uri())
     assert found.exists(), done.stderr[-2000:]
     return imread(found)[:, :, :3]
+
+
+def save_pictures(pages: dict[str, str], target: Path, folder: Path) -> None:
+    """Of every page by its name a picture in `target` for each of `WIDTHS`, cut where it ends."""
+    target.mkdir(parents=True, exist_ok=True)
+    for name, page in pages.items():
+        for width in WIDTHS:
+            shot = picture(page, width, folder)
+            last = int(np.flatnonzero((shot != shot[-1, -1]).any(axis=(1, 2)))[-1])
+            imsave(target / f"{name.replace(' ', '_')}_{width}.png", shot[: last + 20])
 
 
 def _chromium(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
