@@ -9,11 +9,12 @@ import pytest
 
 import faultgauge as fg
 from browser import HEIGHT, WIDTHS, check, layouts, picture, save_pictures
+from calibrations import for_bank
 from faultgauge.detection.decisions import decide
 from faultgauge.reporting import Report, Section, Table, render
 from faultgauge.reporting.time_figures import Panel, fault_estimate, panels
 from faultgauge.verbs.estimate import Answer
-from scenes import SCENES, tank_bank
+from scenes import NOISE, SCENES, tank_bank
 from tanks import PLANT, log
 
 SEVERAL = ("healthy", "a leak that ends", "a leak that grows", "a sensor that falls silent")
@@ -22,6 +23,7 @@ SEVERAL = ("healthy", "a leak that ends", "a leak that grows", "a sensor that fa
 def answer_page(*decided):
     """What `estimate --smooth` reports."""
     bank = tank_bank()
+    bank = replace(bank, model=for_bank(bank.model, NOISE, level=bank.level))
     return render(Answer(bank.model, list(decided), bank, [], [], smooth=True).page())
 
 
