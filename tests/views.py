@@ -143,7 +143,10 @@ def compare_hindsight(bank, said):
             assert p > POSSIBLE
             assert re.search(rf"; {name} (may be|is likely) there too \(p {probability(p)}\)", line)
             assert not re.search(rf"\b{name} (is|or)\b(?! likely there)", line)
-    (found,) = retrospective_section(bank, [said], seen).tables
+    section = retrospective_section(bank, [said], seen)
+    (found,) = section.tables
+    assert all(any(column) for column in zip(*found.rows, strict=True)), "an empty column"
+    assert all(each.caption for each in section.figures)
     assert [row[-1] for row in found.rows] == [probability(each.p) for each in seen]
     return seen, lines
 

@@ -454,8 +454,8 @@ def test_the_open_figure_is_of_the_run_that_the_first_sentence_speaks_of(bank, d
     assert runs == [("Run run1", False), ("Run early", True)]
     (evidence_,) = (each for each in report.sections if each.title == "Evidence")
     assert [each.partition(":")[0] for each in evidence_.paragraphs] == [
-        "leak, run run1",
-        "leak, run early",
+        f"leak told at {event.start:.12g} s, run run1",
+        "leak told at 310 s, run early",
     ]
     quiet = decide(bank, log(10))
     silent = replace(quiet, run=replace(quiet.run, name="silent"), status=["NOT_JUDGED"] * COUNT)

@@ -57,7 +57,7 @@ def decision_report(
         shown = sorted(windows, key=lambda each: each.decision is not whose)
         sections.append(evidence_section(bank, shown))
     if hindsight:
-        sections.append(retrospective_section(bank, decisions, hindsight))
+        sections.append(retrospective_section(bank, ordered, hindsight))
     figures = [figure for each in ordered for figure in decision_figures(bank, each, truth or {})]
     all_of_it = tuple(figures[:MOST_FIGURES])
     sections.append(Section("Every fault, told or not", figures=all_of_it, folded=True))

@@ -138,6 +138,7 @@ def fit_history(
             _cost(panel, costs[chosen], color=style.PREDICTED, linewidth=1.9, label="selected")
             panel.set_yscale("log")
             style.plain_powers(panel.yaxis)
+            panel.xaxis.get_major_locator().set_params(integer=True)
             panel.set_xlabel("trial (number)")
             panel.set_ylabel(style.upright_label(f"{name} cost", cost_unit))
         best = int(np.nanargmin(validation[chosen]))

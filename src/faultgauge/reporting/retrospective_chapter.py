@@ -15,7 +15,7 @@ from faultgauge.observers.divided_difference import FAR
 from faultgauge.reporting.marks import NOISES
 from faultgauge.reporting.report import Section, Table
 from faultgauge.reporting.svg import Figure
-from faultgauge.reporting.time_figures import Panel, curves, panels
+from faultgauge.reporting.time_figures import Panel, panels
 from faultgauge.telemetry.clock import Clock
 
 __all__ = ["retrospective_section"]
@@ -29,12 +29,14 @@ AROUND = 2.0  # widths of the onset's interval that are shown on either side of 
 def retrospective_section(
     bank: FaultBank, decisions: Sequence[Decision], found: Sequence[Retrospect]
 ) -> Section:
-    """Sentences, a table of all windows, and the figures of those with a fault. Which share of its
-    run each window judges is told where some of a run was not judged."""
+    """Sentences, a table of all windows, and the figures of those with a fault, in the order of
+    `decisions`. Which share of its run each window judges is told where some of a run was not
+    judged."""
     by_run = {each.run.name: each for each in decisions}
+    order = {name: k for k, name in enumerate(by_run)}
     figures = [
         picture
-        for each in found
+        for each in sorted(found, key=lambda each: order[each.run])
         if each.cause != HEALTHY
         for picture in (
             _fault(bank, by_run[each.run], each),
@@ -47,6 +49,7 @@ def retrospective_section(
     whole = min(sum(j for (of, _), j in windows.items() if of == run) for run in by_run) >= WHOLE
     left = {"judged"} if whole else set[str]()
     left |= {"run"} if len(by_run) == 1 else set()
+    left |= {name for k, name in enumerate(HEADER) if not any(row[k] for row in rows)}
     kept = [k for k, name in enumerate(HEADER) if name not in left]
     table = Table(
         tuple(HEADER[k] for k in kept),
@@ -126,11 +129,10 @@ def _onset(found: Retrospect, clock: Clock | None) -> Figure:
     assert found.onset_hi is not None
     room = AROUND * (found.onset_hi - found.onset_lo)
     near = (found.t >= found.onset_lo - room) & (found.t <= found.onset_hi + room)
-    return curves(
+    return panels(
         found.t[near],
-        {"posterior": found.density[near]},
+        [Panel("probability per sample", "", {"posterior": found.density[near]})],
         title=f"Onset of {NAMES.get(found.cause, found.cause)}, run {found.run}",
-        name="probability per sample",
-        unit="",
+        caption="How likely each sample is the first with the fault, as the whole log tells.",
         clock=clock,
     )
