@@ -9,6 +9,7 @@ from faultgauge.detection.bank.bank import FaultBank
 from faultgauge.detection.decisions import Decision
 from faultgauge.detection.onset.retrospective import HEALTHY, Retrospect, onset_of, sentences
 from faultgauge.detection.posterior.events import UNKNOWN
+from faultgauge.detection.posterior.over_onsets import onset_over
 from faultgauge.detection.posterior.probability import probability
 from faultgauge.detection.words import UNDECLARED, amount, moment
 from faultgauge.observers.divided_difference import FAR
@@ -40,7 +41,7 @@ def retrospective_section(
         if each.cause != HEALTHY
         for picture in (
             _fault(bank, by_run[each.run], each),
-            _onset(each, by_run[each.run].run.clock),
+            *_onset(each, by_run[each.run].run.clock),
         )
     ]
     rows = [_row(bank, each) for each in found]
@@ -123,16 +124,21 @@ def _fault(bank: FaultBank, decision: Decision, found: Retrospect) -> Figure:
     )
 
 
-def _onset(found: Retrospect, clock: Clock | None) -> Figure:
-    """The posterior of the onset, near it."""
+def _onset(found: Retrospect, clock: Clock | None) -> tuple[Figure, ...]:
+    """The posterior of the onset, near it; none of what is older than the window, nor where it is
+    not what is told: what is undeclared may be as old as its alarm."""
     assert found.onset_lo is not None
     assert found.onset_hi is not None
+    told = (found.onset, found.onset_lo, found.onset_hi)
+    if found.onset_lo <= found.start or onset_over(found.t, found.density) != told:
+        return ()
     room = AROUND * (found.onset_hi - found.onset_lo)
     near = (found.t >= found.onset_lo - room) & (found.t <= found.onset_hi + room)
-    return panels(
+    picture = panels(
         found.t[near],
         [Panel("probability per sample", "", {"posterior": found.density[near]})],
         title=f"Onset of {NAMES.get(found.cause, found.cause)}, run {found.run}",
         caption="How likely each sample is the first with the fault, as the whole log tells.",
         clock=clock,
     )
+    return (picture,)
