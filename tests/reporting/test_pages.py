@@ -70,6 +70,7 @@ def test_nothing_of_the_demonstration_is_clipped_or_covered(request, long_jobs, 
     subprocess.run(command, env=long_jobs, check=True, capture_output=True)
     text = laid_out({"demo": (tmp_path / "report.html").read_text()}, request, tmp_path)
     assert "free-run position RMSE, pulse given" in text["demo"]
+    assert "The paper's Fig 14: estimates, mode 1, sustained." in text["demo"]
     assert "Here the pulse is part of the inputs, so that what is off is" in text["demo"]
 
 
