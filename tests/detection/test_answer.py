@@ -424,6 +424,7 @@ def test_the_report_opens_with_the_answer_and_shows_the_evidence(bank, decision)
     assert [len(each.figures) for each in (glance, shown)] == [1, 1]
     assert "leak" in glance.figures[0].svg
     assert "gauge" not in glance.figures[0].svg, "what was not told is left out"
+    assert "gauge" in shown.figures[0].svg, "no cause looks like another one elsewhere"
     assert [each.title for each in rest.figures] == [
         "Probabilities and residuals, run1",
         "Estimated fault: leak",

@@ -10,6 +10,7 @@ import pytest
 from faultgauge.detection.words import (
     UNDECLARED,
     Began,
+    about,
     amount,
     between,
     duration,
@@ -105,6 +106,13 @@ def test_an_onset_is_rounded_to_the_nearest_and_never_behind_what_was_told():
     # what it shows as it is put back, and not 03:00
     back = Clock(datetime(2026, 10, 25, 2, 59, 58), ((2.0, -3600.0),))
     assert Began(back, 1.6, -3.4, 6.6).since() == "since 02:00:00 (winter time) +- 5 s"
+
+
+def test_a_time_between_rows_is_said_alike_by_the_one_that_ends_there_and_the_one_that_begins():
+    t = 300.2499
+    assert about(None, t, 0.5) == "300.25 s"
+    assert Began(None, t, 300.0, 300.5).since() == "since 300.25 s +- 0.25 s"
+    assert moment(None, t, 0.5) == "300.24 s"
 
 
 def test_a_rounded_onset_is_the_nearest_of_all_that_could_be_said_by_then():

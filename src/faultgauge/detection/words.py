@@ -13,6 +13,7 @@ __all__ = [
     "OLDER",
     "PURE",
     "UNDECLARED",
+    "about",
     "amount",
     "between",
     "duration",
@@ -137,15 +138,15 @@ def _unit(clock: Clock | None, resolution: float) -> float:
     return 60.0 if resolution >= COARSE else 1.0 if resolution >= 1 else 1e-3
 
 
-def _nearest(clock: Clock | None, t: float, resolution: float, told: float) -> float:
-    """What is shown that is nearest to `t` [s], of what is not later than `told` [s]."""
+def about(clock: Clock | None, t: float, resolution: float, told: float = np.inf) -> str:
+    """The same, but rounded to the nearest time that is not later than `told` [s]."""
     unit = _unit(clock, resolution)
     beyond, figures = t % unit, FINEST
     if clock is not None:
         at = clock.at(t)
         beyond, figures = (at.second + at.microsecond / 1e6) % unit, CLOCKED
     after = round(t - beyond + unit, figures)
-    return after if 2 * beyond >= unit and after <= told else t
+    return moment(clock, after if 2 * beyond >= unit and after <= told else t, resolution)
 
 
 def duration(seconds: float) -> str:
@@ -195,8 +196,7 @@ class Began(NamedTuple):
         return at, first, last
 
     def _shown(self, t: float) -> str:
-        resolution = max((self.high - self.low) / 2, self.step)
-        return moment(self.clock, _nearest(self.clock, t, resolution, self.told), resolution)
+        return about(self.clock, t, max((self.high - self.low) / 2, self.step), self.told)
 
 
 def decimals(width: float) -> int:

@@ -6,7 +6,7 @@ import numpy as np
 
 from faultgauge.detection.answer.evidence import MOST_SHOWN, Evidence
 from faultgauge.detection.bank.bank import FaultBank
-from faultgauge.detection.posterior.events import POSSIBLE, UNKNOWN
+from faultgauge.detection.posterior.events import UNKNOWN
 from faultgauge.detection.words import UNDECLARED, moment
 from faultgauge.reporting.report import Section
 from faultgauge.reporting.run_overview import run_overview
@@ -45,7 +45,8 @@ def _which(bank: FaultBank, found: Evidence) -> str:
 
 
 def _figure(bank: FaultBank, found: Evidence) -> Figure:
-    """What was measured, the estimates, and how likely each cause is that was ever possible."""
+    """What was measured, the estimates, and how likely each cause is, in the order, and so with the
+    looks, that they have elsewhere; of many those that were the likeliest."""
     decision, fault = found.decision, found.event.fault
     posterior, names = decision.posterior, bank.model.plant.signals.fault_names
     likely = {"no fault": posterior.healthy, UNDECLARED: posterior.unknown}
@@ -53,6 +54,6 @@ def _figure(bank: FaultBank, found: Evidence) -> Figure:
     if fault in names:
         largest[names.index(fault)] = np.inf
     shown = sorted(np.argsort(-largest)[: MOST_CAUSES - len(likely)].tolist())
-    likely |= {names[k]: posterior.p[:, k] for k in shown if largest[k] > POSSIBLE}
+    likely |= {names[k]: posterior.p[:, k] for k in shown}
     title = f"Evidence of {_which(bank, found)}"
     return run_overview(bank, decision, part=found.part, likely=likely, title=title)

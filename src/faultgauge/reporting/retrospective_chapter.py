@@ -11,7 +11,7 @@ from faultgauge.detection.onset.retrospective import HEALTHY, Retrospect, onset_
 from faultgauge.detection.posterior.events import UNKNOWN
 from faultgauge.detection.posterior.over_onsets import onset_over
 from faultgauge.detection.posterior.probability import probability
-from faultgauge.detection.words import UNDECLARED, amount, moment
+from faultgauge.detection.words import UNDECLARED, about, amount, moment
 from faultgauge.observers.divided_difference import FAR
 from faultgauge.reporting.marks import NOISES
 from faultgauge.reporting.report import Section, Table
@@ -75,7 +75,8 @@ def _row(bank: FaultBank, found: Retrospect) -> tuple[str, ...]:
     if found.size is not None and found.lo is not None and found.hi is not None:
         units = {each.name: each.unit for each in bank.model.plant.signals.faults}
         size = amount(found.size, found.lo, found.hi, units[found.cause])
-    first, last = (moment(clock, t, bank.step) for t in (found.start, found.end))
+    # one ends where the next change begins, which lies between rows
+    first, last = moment(clock, found.start, bank.step), about(clock, found.end, bank.step)
     return (
         found.run,
         f"{first} to {last}",
