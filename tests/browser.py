@@ -5,15 +5,16 @@ import re
 import shutil
 import subprocess
 from html import escape, unescape
+from itertools import count
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import pytest
-from matplotlib.image import imread
+from matplotlib.image import imread, imsave
 
 WIDTHS, HEIGHT = (1100, 600), 800  # pixels: a laptop's window and half of one
-TALL = 6000  # pixels: more than a page of the tests has
+TALL = 6000  # pixels: a picture that can be looked at, and less than Chromium draws at once
 NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
 MEASURE = """
 <script>
@@ -96,14 +97,32 @@ def layouts(pages: list[str], folder: Path) -> list[list[Layout]]:
     return [each[k : k + len(WIDTHS)] for k in range(0, len(each), len(WIDTHS))]
 
 
-def picture(page: str, width: int, folder: Path) -> np.ndarray:
-    """(height, width, colour) of the whole page, all unfolded, in a window `width` wide."""
+def picture(page: str, width: int, folder: Path, above: int = 0) -> np.ndarray:
+    """(height, width, colour) of a page, all unfolded, in a window `width` wide, from `above`
+    pixels below its beginning on: as much as Chromium draws at once."""
     harness, found = folder / "picture.html", folder / "picture.png"
-    harness.write_text(re.sub(r"<details(?! open)", "<details open", page))
+    unfolded = re.sub(r"<details(?! open)", "<details open", page)
+    harness.write_text(f"{unfolded}<style>body {{ margin-top: -{above}px }}</style>")
     size = f"--window-size={width},{TALL}"
     done = _chromium(folder, "--hide-scrollbars", size, f"--screenshot={found}", harness.as_uri())
     assert found.exists(), done.stderr[-2000:]
     return imread(found)[:, :, :3]
+
+
+def save_pictures(pages: dict[str, str], target: Path, folder: Path) -> None:
+    """Of every page by its name a picture in `target` for each of `WIDTHS`, or several that go
+    below each other."""
+    target.mkdir(parents=True, exist_ok=True)
+    for name, page in pages.items():
+        for width in WIDTHS:
+            for part in count():
+                shot = picture(page, width, folder, part * TALL)
+                ink = np.flatnonzero((shot < 1).any(axis=(1, 2)))
+                if len(ink):
+                    file = f"{name.replace(' ', '_')}_{width}_{part + 1}.png"
+                    imsave(target / file, shot[: ink[-1] + 20])
+                if not len(ink) or ink[-1] < TALL - HEIGHT:
+                    break
 
 
 def _chromium(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:

@@ -82,6 +82,11 @@ jax.config.update("jax_enable_x64", True)
 MAPS = Path("/proc/self/maps")
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    text = "a folder for a picture of every report that tests/reporting/test_pages.py lays out"
+    parser.addoption("--pictures", metavar="DIR", type=Path, help=text)
+
+
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
     from xdist.scheduler import LoadFileScheduling

@@ -143,9 +143,21 @@ def compare_hindsight(bank, said):
             assert p > POSSIBLE
             assert re.search(rf"; {name} (may be|is likely) there too \(p {probability(p)}\)", line)
             assert not re.search(rf"\b{name} (is|or)\b(?! likely there)", line)
-    (found,) = retrospective_section(bank, [said], seen).tables
+    section = retrospective_section(bank, [said], seen)
+    (found,) = section.tables
+    assert all(any(column) for column in zip(*found.rows, strict=True)), "an empty column"
+    assert all(each.caption for each in section.figures)
+    if len(section.figures) < 6:  # of more, some are left out
+        drawn = [each.title for each in section.figures if each.title.startswith("Onset of")]
+        assert len(drawn) == sum(_dated(each) for each in faulty)
     assert [row[-1] for row in found.rows] == [probability(each.p) for each in seen]
     return seen, lines
+
+
+def _dated(found):
+    """Whether its onset is that of its posterior, which lies behind the beginning."""
+    step = np.median(np.diff(found.t))
+    return found.onset_lo > found.start and abs(found.density @ found.t - found.onset) <= step
 
 
 def check_undecided(rows, names, of_run):

@@ -24,12 +24,17 @@ from faultgauge_studies.drive import FAULT, PULSE, Drive, DriveLogs
 
 __all__ = ["drive_report", "friction_figure", "rows", "told"]
 
+GIVEN = (
+    "Here the pulse is part of the inputs, so that what is off is the model's own error; the "
+    "healthy model beside the measured position, elsewhere, does not know of it."
+)
+
 
 def rows(drives: Mapping[str, Drive]) -> tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]:
     """The short table: what was asked, and each body's answer."""
     first = next(iter(drives.values())).figures
     labels = {
-        "free_run_rmse_mm": ("free-run position RMSE", "mm", ".2f"),
+        "free_run_rmse_mm": ("free-run position RMSE, pulse given", "mm", ".2f"),
         "pulse_rmse_v": ("pulse estimate, RMSE after settling", "V", ".3f"),
         "pulse_rmse_share": (f"... as a share of {PULSE:g} V", "%", ".2f"),
         "settling_median_s": ("settling to 5 %, median", "s", ".3f"),
@@ -56,7 +61,7 @@ def _shown(value: float, unit: str, form: str) -> str:
 
 def told(drive: Drive) -> str:
     """The first answer, and how many there are."""
-    first, _ = leading(drive.bank, [drive.decision])
+    first, *_ = leading(drive.bank, [drive.decision])
     more = len(drive.decision.events) - 1
     return f"{first}, and {more} more events" if more > 0 else first
 
@@ -102,9 +107,10 @@ def _chapters(logs: DriveLogs, drive: Drive, name: str) -> list[Section]:
     windows = [evidence(drive.bank, drive.decision, e) for e in drive.decision.events[:1]]
     decided = decision_report(drive.bank, [drive.decision], (), windows, truth)
     alone = estimate_section(drive.observers.model, [drive.alone], drive.observers, "free", truth)
+    free = evaluation_section(drive.whole, drive.scores, drive.predictions)
     believed = (
         calibration_section(drive.bank, drive.calibration.blocks),
-        evaluation_section(drive.whole, drive.scores, drive.predictions),
+        replace(free, paragraphs=(*free.paragraphs, GIVEN)),
         fit_sections(drive.whole, drive.account)[0],
         replace(alone, title="An ESO alone"),
     )

@@ -11,7 +11,7 @@ import pytest
 from calibrations import for_bank
 from faultgauge.cli.evidence import write_evidence
 from faultgauge.detection.answer.answer import answers, as_dicts, first_screen, runs_as_dicts
-from faultgauge.detection.answer.evidence import evidence, same
+from faultgauge.detection.answer.evidence import Evidence, evidence, same
 from faultgauge.detection.answer.least import least_told
 from faultgauge.detection.bank.bank import build_fault_bank
 from faultgauge.detection.bank.noise import Noise
@@ -141,7 +141,7 @@ def test_the_sentence_says_what_since_when_and_what_it_is_not(bank, decision):
     (line,) = answers(bank, [decision])
     assert line.startswith("leak -0.")
     assert "m/s (-0." in line
-    assert ") since 299.52 s +- 0.83 s (p > 0.999, run run1); told at 309 s, " in line
+    assert ") since 299.53 s +- 0.83 s (p > 0.999, run run1); told at 309 s, " in line
     assert "; gauge is more than 1000 times less likely;" in line
     assert "; leak below " in line
     assert line.endswith("m/s would not have shown")
@@ -424,6 +424,7 @@ def test_the_report_opens_with_the_answer_and_shows_the_evidence(bank, decision)
     assert [len(each.figures) for each in (glance, shown)] == [1, 1]
     assert "leak" in glance.figures[0].svg
     assert "gauge" not in glance.figures[0].svg, "what was not told is left out"
+    assert "gauge" in shown.figures[0].svg, "no cause looks like another one elsewhere"
     assert [each.title for each in rest.figures] == [
         "Probabilities and residuals, run1",
         "Estimated fault: leak",
@@ -440,6 +441,28 @@ def test_of_several_runs_the_one_with_a_fault_is_open(bank, decision):
     report = decision_report(bank, [*healthy, decision])
     runs = [(each.title, each.folded) for each in report.sections if each.title.startswith("Run ")]
     assert runs == [("Run run1", False), ("Run run2", True), ("Run run3", True)]
+
+
+def test_the_open_figure_is_of_the_run_that_the_first_sentence_speaks_of(bank, decision):
+    """A short event in the run before, and silence of a run of which little was judged."""
+    (event,) = decision.events
+    brief = replace(event, run="early", start=310.0, end=320.0)
+    early = replace(decision, run=replace(decision.run, name="early"), events=[brief])
+    windows = [Evidence(e, one, slice(0, 900), e) for one, e in ((early, brief), (decision, event))]
+    report = decision_report(bank, [early, decision], (), windows)
+    assert "run run1)" in report.summary_sentences[0]
+    runs = [(each.title, each.folded) for each in report.sections if each.title.startswith("Run ")]
+    assert runs == [("Run run1", False), ("Run early", True)]
+    (evidence_,) = (each for each in report.sections if each.title == "Evidence")
+    assert [each.partition(":")[0] for each in evidence_.paragraphs] == [
+        f"leak told at {event.start:.12g} s, run run1",
+        "leak told at 310 s, run early",
+    ]
+    quiet = decide(bank, log(10))
+    silent = replace(quiet, run=replace(quiet.run, name="silent"), status=["NOT_JUDGED"] * COUNT)
+    report = decision_report(bank, [silent, quiet])
+    assert report.summary_sentences[0] == "No fault in run run10"
+    assert report.sections[0].title == "Run run10"
 
 
 def test_a_report_of_a_healthy_run_has_the_outputs_alone(bank):

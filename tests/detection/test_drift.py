@@ -5,13 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.stats import linregress
+from scipy.stats import chi2, linregress
 
 from faultgauge.detection.bank.bank import build_fault_bank
 from faultgauge.detection.bank.noise import Noise
 from faultgauge.detection.calibration.calibration import calibrate
-from faultgauge.detection.calibration.drift import as_dicts, drifts, sentences, trend
-from faultgauge.detection.decisions import Decision, decide_runs
+from faultgauge.detection.calibration.drift import Drift, as_dicts, drifts, sentences, trend
+from faultgauge.detection.decisions import Decision, decide, decide_runs
 from faultgauge.detection.posterior.events import BankEvent
 from faultgauge.detection.posterior.posterior import Posterior
 from faultgauge.telemetry import Run
@@ -126,28 +126,75 @@ def test_a_drifting_parameter_is_told_from_a_fault():
     assert "apart from any fault" in sentences(told)[0]
 
 
-def test_a_constant_that_took_something_up_is_told_where_no_fault_is():
-    """A drag that ends 3.2 times as far off as healthy runs differ (1 %), behind it a row under
-    alarm, which does not count."""
+def dragged(run):
+    """The bank of a lag whose drag differs from run to run by 0.002/s."""
     text = (
         LAG.replace("u - 0.2*x", "u - drag*x") + "[parameters]\ndrag = {value = 0.2, unit = '1/s'}"
     )
     points = np.random.default_rng(0).uniform([2, 0], [8, 2], (60, 2))
     levels = ([SIGMA], [1e-3], [], [1e-4], [100.0], [1e-3], [5.0], [0.002], [0.0])
+    return build_fault_bank(as_stated(text, points), [run], Noise(*map(np.array, levels)))
+
+
+def test_a_constant_is_known_as_well_as_is_said():
+    """Of 24 runs with drags of their own the errors, in standard deviations that are said, have a
+    sum of squares between the 0.1 % and the 99.9 % quantile of chi-squared."""
+    bank, rng = dragged(run_of(0, count=200)), np.random.default_rng(1)
+    errors = []
+    for seed in range(24):
+        drag = 0.2 + 0.002 * rng.standard_normal()
+        run = run_of(seed, count=200)
+        fade, x = np.exp(-drag * STEP), run.columns["u"][0] / drag
+        for k, u in enumerate(run.columns["u"]):
+            run.columns["x"][k] = x + SIGMA * rng.standard_normal()
+            x = fade * x + (1 - fade) * u / drag
+        said = decide(bank, run, None)
+        (off,) = bank.plant.directions @ said.posterior.x[-1, bank.plant.parts.xi]
+        assert 0 < said.loose[0] < 0.002
+        errors.append((off + 0.2 - drag) / said.loose[0])
+    low, high = chi2.ppf([0.001, 0.999], 24)
+    assert low < np.sum(np.square(errors)) < high
+
+
+def test_what_moves_and_what_stands_off_is_said_with_its_interval():
+    moved = Drift("a", "warm", "K/s", "plant", False, 0.08, 0.0751, 0.0849, 600.0, 1e-5, None)
+    stands = Drift("a", "warm", "", "ambiguous", True, 0.5, 0.4, 0.6, 600.0, 1e-5, None)
+    first, second = sentences([moved, stands])
+    assert first.startswith("run a: warm moved by +0.080 K/s (+0.075 to +0.085) over 600 s of ")
+    assert second.startswith("run a: warm stands at +0.50 (+0.40 to +0.60) over 600 s of ")
+
+
+def test_the_mean_of_a_trend_has_students_interval():
+    """Blocks of ten correlation times, as SciPy has it for their mean."""
+    run = run_of(0)
+    x = 3.0 + red(2)
+    found = trend(run, x, np.ones(COUNT, bool), {})
+    assert found.mean - found.mean_half < 3.0 < found.mean + found.mean_half
+    # 5 samples of memory; a sum of COUNT such values has the spread of as many times 1 / (1 - fade)
+    sd = 1 / (1 - np.exp(-1 / 5.0)) / np.sqrt(COUNT)
+    assert found.mean_half == pytest.approx(1.96 * sd, rel=0.4)  # some 60 blocks: 3 sd of their sd
+
+
+def test_a_constant_that_took_something_up_is_told_where_no_fault_is():
+    """A drag that ends 3.2 times as far off as healthy runs differ (1 %), behind it a row under
+    alarm, which does not count."""
     run = run_of(0, count=40)
-    own = as_stated(text, points)
-    bank = build_fault_bank(own, [run], Noise(*map(np.array, levels)))
+    bank = dragged(run)
     x = np.zeros((40, bank.plant.parts[-1].stop))
     x[:-1, -1] = 3.2
     empty = dict.fromkeys(Posterior._fields, np.zeros(40))
     found = Posterior(**empty | {"x": x})
-    said = Decision(run, found, {}, ["HEALTHY"] * 39 + ["FAULT"], [""] * 40, [], run)
+    status, loose = ["HEALTHY"] * 39 + ["FAULT"], np.array([0.0005])
+    said = Decision(run, found, {}, status, [""] * 40, [], run, loose=loose)
     (drag,) = drifts(bank, [said])
     assert (drag.channel, drag.cause) == ("drag", "constant")
     assert drag.change == pytest.approx(3.2 * 0.002, rel=1e-6)
     assert drag.p == pytest.approx(math.erfc(3.2 / math.sqrt(2)))  # both tails
     (line,) = sentences([drag])
-    assert line.startswith("run r0: drag ends +0.0064 1/s off its usual value, further than")
+    assert (drag.lo, drag.hi) == pytest.approx((0.00542, 0.00738), abs=1e-5)  # 1.96 sd
+    assert line.startswith(
+        "run r0: drag ends +0.0064 1/s (+0.0054 to +0.0074) off its usual value, further than"
+    )
     event = BankEvent("r0", "leak", 1.0, 2.0, 1.0, 0.9, 1.1, 1.0, 0.5, 0.4, 0.6, ())
     assert drifts(bank, [replace(said, events=[event])]) == []
 

@@ -1,11 +1,16 @@
 """Sizes and odds as they are said."""
 
+import re
 from datetime import datetime
+from fractions import Fraction
 
+import numpy as np
 import pytest
 
 from faultgauge.detection.words import (
     UNDECLARED,
+    Began,
+    about,
     amount,
     between,
     duration,
@@ -13,8 +18,6 @@ from faultgauge.detection.words import (
     likelihoods,
     moment,
     number,
-    onset_cell,
-    since,
     would_not_show,
 )
 from faultgauge.telemetry.clock import Clock
@@ -27,6 +30,7 @@ from faultgauge.telemetry.clock import Clock
         (-0.0288, -0.0576, 0.0, "-0.029 N*m (-0.058 to +0.000)"),
         (300.0, 280.0, 320.0, "+300 N*m (+280 to +320)"),
         (0.0020006, 0.0019937, 0.0020075, "+0.002001 N*m (+0.001994 to +0.002008)"),
+        (3.25e-14, 3.1e-14, 3.4e-14, "+3.25e-14 N*m (+3.10e-14 to +3.40e-14)"),
         (3e-8, 2e-8, 4e-8, "+3.0e-08 N*m (+2.0e-08 to +4.0e-08)"),
     ],
 )
@@ -73,18 +77,59 @@ def test_times_are_as_fine_as_rows_are_apart():
     assert moment(None, 332.48991, 0.01) == "332.489 s"  # never later than it was
     assert moment(None, 0.2179931, 0.000999) == moment(None, 0.2179931, 0.001) == "0.2179 s"
     assert moment(None, 1_234_567.5, 0.5) == "1234567.5 s"
-    assert since(None, 400.0, 270.0, 530.0) == "since 400 s +- 130 s"
+    assert Began(None, 400.0, 270.0, 530.0).since() == "since 400 s +- 130 s"
     noon = Clock(datetime(2026, 5, 1, 12))
-    assert since(noon, 400.0, 377.0, 423.0) == "since 12:06:40 +- 23 s"
-    assert since(noon, 4000.0, 3688.0, 4312.0) == "since 13:06:40 +- 5.2 min"
-    assert since(noon, 7300.0, 1900.0, 12700.0) == "since 14:01 +- 1.5 h"
+    assert Began(noon, 400.0, 377.0, 423.0).since() == "since 12:06:40 +- 23 s"
+    assert Began(noon, 4000.0, 3688.0, 4312.0).since() == "since 13:06:40 +- 5.2 min"
+    assert Began(noon, 7300.0, 1900.0, 12700.0).since() == "since 14:02 +- 1.5 h"
     day = 86400.0
-    assert onset_cell(noon, day, day - 60, day + 60) == (
+    assert Began(noon, day, day - 60, day + 60).cell() == (
         "2026-05-02 12:00:00 (11:59:00 to 12:01:00)"
     )
-    assert since(noon, day / 2 + 5, day / 2 - 90, day / 2 + 20) == (
+    assert Began(noon, day / 2 + 5, day / 2 - 90, day / 2 + 20).since() == (
         "since 2026-05-02 00:00:05, between 23:58:30 and 2026-05-02 00:00:20"
     )
+
+
+def test_an_onset_is_rounded_to_the_nearest_and_never_behind_what_was_told():
+    assert Began(None, 19.99, 4.6, 34.9).since() == "since 20 s +- 15 s"
+    assert Began(None, 19.99, 4.6, 34.9, told=19.995).since() == "since 19 s +- 15 s"
+    assert Began(None, 19.0, 3.0, 19.99).or_earlier() == "20 s or earlier"
+    assert Began(None, 9.0, 9.0, 10.4).cell() == "9 s (9 s to 10.4 s)"
+    noon = Clock(datetime(2026, 5, 1, 12, 0, 40))
+    late = Began(noon, 40.7, 10.7, 70.7, told=100.0)
+    assert late.since() == "since 12:01:21 +- 30 s"
+    assert late._replace(told=40.8).since() == "since 12:01:20 +- 30 s"
+    hours = Began(noon, 55.0, -5000.0, 5110.0)
+    assert hours.since() == "since 12:02 +- 1.4 h"
+    assert hours._replace(told=60.0).since() == "since 12:01 +- 1.4 h"
+    # what it shows as it is put back, and not 03:00
+    back = Clock(datetime(2026, 10, 25, 2, 59, 58), ((2.0, -3600.0),))
+    assert Began(back, 1.6, -3.4, 6.6).since() == "since 02:00:00 (winter time) +- 5 s"
+
+
+def test_a_time_between_rows_is_said_alike_by_the_one_that_ends_there_and_the_one_that_begins():
+    t = 300.2499
+    assert about(None, t, 0.5) == "300.25 s"
+    assert Began(None, t, 300.0, 300.5).since() == "since 300.25 s +- 0.25 s"
+    assert moment(None, t, 0.5) == "300.24 s"
+
+
+def test_a_rounded_onset_is_the_nearest_of_all_that_could_be_said_by_then():
+    """Against a search over the times of the last figure, in exact fractions."""
+    rng = np.random.default_rng(0)
+    for _ in range(300):
+        low, t, high, told = np.sort(rng.uniform(0.0, 100.0, 4)).tolist()
+        at, first, last = (
+            Fraction(each.removesuffix(" s"))
+            for each in re.findall(r"[\d.]+ s", Began(None, t, low, high, told, 0.5).cell())
+        )
+        half = max((high - low) / 2, 0.5)
+        # two figures of half, where 9.8 is 10
+        unit = Fraction(10) ** -(0 if half > 9.772 else 1 if half > 0.9772 else 2)
+        sayable = [k * unit for k in range(int(Fraction(told) / unit) + 1)]
+        assert at == min(sayable, key=lambda each: abs(each - Fraction(t)))
+        assert first <= at <= last <= told
 
 
 @pytest.mark.parametrize(

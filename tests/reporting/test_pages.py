@@ -1,31 +1,77 @@
 """Reports as a browser lays them out, in a laptop's window and in half of one."""
 
+import subprocess
+import sys
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from browser import HEIGHT, WIDTHS, check, layouts, picture
+import faultgauge as fg
+from browser import HEIGHT, WIDTHS, check, layouts, picture, save_pictures
+from calibrations import for_bank
 from faultgauge.detection.decisions import decide
 from faultgauge.reporting import Report, Section, Table, render
 from faultgauge.reporting.time_figures import Panel, fault_estimate, panels
 from faultgauge.verbs.estimate import Answer
-from scenes import SCENES, tank_bank
+from scenes import NOISE, SCENES, tank_bank
+from tanks import PLANT, log
+
+SEVERAL = ("healthy", "a leak that ends", "a leak that grows")
 
 
-@pytest.mark.study
-def test_nothing_of_a_scene_is_clipped_or_covered(tmp_path):
+def answer_page(*decided):
+    """What `estimate --smooth` reports."""
     bank = tank_bank()
-    decided = {name: decide(bank, log()) for name, log in SCENES.items()}
-    pages = {
-        name: render(Answer(bank.model, [said], bank, [], [], smooth=True).page())
-        for name, said in decided.items()
-    }
-    found = layouts(list(pages.values()), tmp_path)
+    bank = replace(bank, model=for_bank(bank.model, NOISE, level=bank.level))
+    return render(Answer(bank.model, list(decided), bank, [], [], smooth=True).page())
+
+
+def laid_out(pages, request, folder):
+    """The text of every page, which nothing clips or covers; with pictures where `--pictures` says
+    where they go."""
+    found = layouts(list(pages.values()), folder)
+    if target := request.config.getoption("--pictures"):
+        save_pictures(pages, target, folder)
     for name, both in zip(pages, found, strict=True):
         for layout, width in zip(both, WIDTHS, strict=True):
             assert layout.width == width, name
             check(layout)
-    assert "No fault" in found[0][0].text
-    assert len(pages) == 13
+    return {name: both[0].text for name, both in zip(pages, found, strict=True)}
+
+
+@pytest.mark.study
+def test_nothing_of_a_scene_is_clipped_or_covered(request, tmp_path):
+    bank = tank_bank()
+    decided = {name: decide(bank, log()) for name, log in SCENES.items()}
+    pages = {name: answer_page(said) for name, said in decided.items()}
+    runs = [replace(decided[name], run=replace(decided[name].run, name=name)) for name in SEVERAL]
+    events = [[replace(e, run=each.run.name) for e in each.events] for each in runs]
+    several = [replace(each, events=told) for each, told in zip(runs, events, strict=True)]
+    text = laid_out(pages | {"several logs": answer_page(*several)}, request, tmp_path)
+    assert "No fault" in text["healthy"]
+    assert "run a leak that grows" in text["several logs"].partition("Contents")[0]
+    assert len(text) == 14
+
+
+@pytest.mark.study
+def test_nothing_of_a_fit_and_a_calibration_is_clipped_or_covered(request, tmp_path):
+    fitted = fg.fit(PLANT, log(1))
+    calibrated = fg.calibrate(fitted.model, log(2))
+    pages = {"fit": render(fitted.page()), "calibrate": render(calibrated.page())}
+    text = laid_out(pages, request, tmp_path)
+    assert "free run" in text["fit"]
+    assert "What calibration found" in text["calibrate"]
+
+
+@pytest.mark.study
+def test_nothing_of_the_demonstration_is_clipped_or_covered(request, long_jobs, tmp_path):
+    command = [sys.executable, "-m", "faultgauge", "demo", "--out", tmp_path]
+    subprocess.run(command, env=long_jobs, check=True, capture_output=True)
+    text = laid_out({"demo": (tmp_path / "report.html").read_text()}, request, tmp_path)
+    assert "free-run position RMSE, pulse given" in text["demo"]
+    assert "The paper's Fig 14: estimates, mode 1, sustained." in text["demo"]
+    assert "Here the pulse is part of the inputs, so that what is off is" in text["demo"]
 
 
 @pytest.fixture(scope="module")

@@ -191,6 +191,9 @@ def test_numbers_stand_at_the_right():
     text = render(Report("x", ("y.",), (), table, {}))
     assert text.count('class="number"') == 1 + 3  # the heading and three cells of one column
     assert '<td class="number">–</td>' in text
+    assert text.count("<td>mean</td>") == 1
+    seldom = Table(("name", "size"), (("1", ""), ("2", ""), ("3", "+0.1 m (+0.0 to +0.2)")))
+    assert 'class="number"' not in render(Report("x", ("y.",), (), seldom, {}))
     most = Table(("name", "settling"), (("1", "0.1 s"), ("2", "never"), ("3", "0.2 s")))
     assert '<td class="number">never</td>' in render(Report("x", ("y.",), (), most, {}))
 

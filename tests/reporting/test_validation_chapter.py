@@ -67,6 +67,17 @@ def test_a_model_without_fault_is_praised_for_what_was_shown():
     assert "does not follow input u" in text
     assert "would go unseen" in text
     assert "no place stands out" in text
+    assert "% of the output's spread in these data)" in text
+
+
+def test_a_place_that_is_one_value_is_said_as_one():
+    """An error of 0.3 wherever an input of two values has the upper one."""
+    rng, runs = np.random.default_rng(0), []
+    for k in range(RUNS):
+        noise, h = rng.standard_normal((2, COUNT))
+        u = rng.choice([-1.0, 1.0], COUNT)
+        runs.append(prediction(0.1 * noise + np.where(u > 0, 0.3, 0.0), u, h, run=f"run {k}"))
+    assert "RMS, where u is 1\u00a0N·m; " in said(runs)
 
 
 @pytest.mark.parametrize(

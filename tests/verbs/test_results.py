@@ -14,7 +14,11 @@ from matplotlib.figure import Figure
 import faultgauge as fg
 from faultgauge.cli.app import run as command
 from faultgauge.errors import InputError
+from faultgauge.reporting.model_chapter import with_model
+from faultgauge.reporting.report import Report
 from faultgauge.verbs.how import How, Reading
+from models import as_stated
+from tanks import PLANT
 
 
 def saved(path, columns):
@@ -115,6 +119,47 @@ def test_an_answer_tells_the_fault(judged, tank):
         judged.evidence(replace(event, p=0.5))
     with pytest.raises(InputError, match="smooth rests on the bank"):
         fg.estimate(judged.model, tank.log(3), observer="eso", smooth=True)
+
+
+def test_a_report_of_an_answer_tells_of_the_model_behind_it(judged, learned, calibrated, tank):
+    """Folded, and as the reports of the fit and of the calibration have it."""
+    model, proven = judged.page().sections[-2:]
+    assert (model.title, model.folded, proven.folded) == ("The model", True, True)
+    (training,) = (each for each in learned.page().sections if each.title == "Training")
+    parameters, correlations, runs = model.tables
+    assert [each[0] for each in parameters.rows] == ["a", "b"]
+    (fitted,) = (each for each in training.tables if each.header[:2] == ("parameter", "value"))
+    assert parameters.rows == fitted.rows
+    assert correlations in training.tables
+    (error,) = re.findall(r"[0-9.]+ %", learned.lines[-1])
+    assert f"its free run is off by {error} of each output's" in model.paragraphs[0]
+    (first,), (second,) = fg.read(tank.log(1)), fg.read(tank.log(2))
+    assert runs.rows == (
+        ("fitted to", first.content_hash[:12]),
+        ("calibrated on", second.content_hash[:12]),
+    )
+    told = calibrated.page()
+    assert proven.paragraphs[0] == told.summary_sentences[0]
+    assert proven.tables == told.sections[0].tables
+
+
+def test_a_report_says_of_a_model_that_nobody_fitted_it_and_counts_runs_that_it_leaves_out(learned):
+    plain = as_stated(PLANT, np.zeros((2, 2)))
+    (stated,) = with_model(Report("a", ("b",), ()), plain).sections
+    assert stated.paragraphs == ("Nobody fitted it: its values are those of the plant file.",)
+    assert stated.tables == ()
+    data = learned.model.record.data.model_copy(update={"fit": [f"{k:064x}" for k in range(15)]})
+    many = replace(learned.model, record=learned.model.record.but(data=data))
+    rows = with_model(Report("a", ("b",), ()), many).sections[0].tables[-1].rows
+    assert len(rows) == 13
+    assert rows[-1] == ("fitted to", "3 more")
+
+
+def test_a_report_of_an_observer_tells_of_its_calibration(learned, tank):
+    own = fg.calibrate(learned.model, tank.log(2), observer="eso")
+    page = fg.estimate(own.model, tank.log(3), observer="eso").page()
+    assert [each.title for each in page.sections[1:]] == ["The model", "Healthy estimates"]
+    assert page.sections[-1].tables == own.page().sections[0].tables
 
 
 def test_the_commands_say_the_same(said, learned, calibrated, judged, tmp_path, tank):

@@ -47,7 +47,8 @@ Walk: TypeAlias = Callable[[Watch, WatchState, Run], tuple[WatchState, Row]]
 class Decision:
     """One run judged by the bank; `used` is what of it was believed: inputs as they act, outputs
     but for those that stand still. Each of the `glitches` may be of the rows before: it is known
-    once the next sample is there."""
+    once the next sample is there. `loose` is the standard deviation of every constant that the
+    bank tracks where the run ends."""
 
     run: Run
     posterior: Posterior
@@ -57,6 +58,7 @@ class Decision:
     events: list[BankEvent]
     used: Run
     glitches: Sequence[Glitch] = ()
+    loose: Float[np.ndarray, "constants"] | None = None
 
 
 def decide_runs(
@@ -119,14 +121,14 @@ def decide(
     inputs = {name: decision.used.columns[name] for name in signals.input_names}
     acting = replace(run, columns=run.columns | inputs)
     r = {} if reference is None else residuals_of(bank.model, acting, reference)
-    return replace(decision, residuals=r, events=events(bank, judged))
+    return replace(decision, residuals=r, events=events(bank, judged), loose=watching.loose())
 
 
 class Watching:
     """The watch along one run or stream."""
 
     def __init__(self, bank: FaultBank, run: Run, walk: Walk = Watch.along) -> None:
-        self.model, self.walk = bank.model, walk
+        self.model, self.plant, self.walk = bank.model, bank.plant, walk
         self.watch = Watch(bank.model, tuple(run.columns), run.step, bank=bank)
         self.state = self.watch.init(averaged=run.resampled is not None)
         self.glitches = Glitches(bank)
@@ -139,6 +141,13 @@ class Watching:
         found = Judged(used, row.posterior, row.verdict, row.sets.astype(np.float32))
         odd = self.glitches.push(used, row.posterior)
         return found, Decision(rows, row.posterior, {}, status, reason, [], used, odd)
+
+    def loose(self) -> Float[np.ndarray, "constants"]:
+        """Standard deviation of every constant, in the likeliest branch."""
+        state, xi = self.state.bank, self.plant.parts.xi
+        lead = int(np.argmax(state.weight[: self.watch.modes.branches]))
+        W = np.asarray(self.plant.directions)
+        return np.sqrt(np.diag(W @ np.asarray(state.belief.P[lead])[xi, xi] @ W.T))
 
 
 def table(decisions: Sequence[Decision], faults: Sequence[str]) -> dict[str, list[Any]]:

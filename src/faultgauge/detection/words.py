@@ -1,16 +1,19 @@
 """Sizes, times and odds as they are said."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from faultgauge.telemetry.clock import Clock
 
 __all__ = [
+    "Began",
     "MOST",
     "OLDER",
     "PURE",
     "UNDECLARED",
+    "about",
     "amount",
     "between",
     "duration",
@@ -19,9 +22,6 @@ __all__ = [
     "listed",
     "moment",
     "number",
-    "onset_cell",
-    "or_earlier",
-    "since",
     "times_more",
     "would_not_show",
 ]
@@ -35,6 +35,8 @@ ROUNDING = 1e-6  # of the last decimal
 JITTER = 0.01  # decades: rows that are 0.00099 s apart are not told finer than those of 0.001 s
 CENTRED = 0.1  # of half an interval: a value that near its middle is in it
 SPANS = ((100.0, 1.0, "s"), (3600.0, 60.0, "min"), (48 * 3600.0, 3600.0, "h"))  # below: in, as
+FINEST = 12  # decimals of s, that are ever said
+CLOCKED = 6  # decimals of s, that a clock has
 COARSE = 600.0  # s, from which on a clock is read to the minute
 OLDER = "already there when the log begins"
 UNDECLARED = "something undeclared"
@@ -56,10 +58,11 @@ def between(low: float, high: float, unit: str) -> str:
 
 def _style(low: float, high: float) -> str:
     """How what lies from `low` to `high` is written."""
-    digits, largest = decimals(high - low), max(abs(low), abs(high))
+    largest = max(abs(low), abs(high))
     if 0 < largest < SMALL:
-        return f"+.{max(digits + int(np.floor(np.log10(largest))), 0)}e"
-    return f"+.{digits}f"
+        power = np.floor(np.log10(largest))
+        return f"+.{decimals((high - low) / 10.0**power)}e"
+    return f"+.{decimals(high - low)}f"
 
 
 def number(value: float, figures: int = 3) -> str:
@@ -117,7 +120,7 @@ def moment(clock: Clock | None, t: float, resolution: float = 0.0) -> str:
     rounded down, as clocks do, so that nothing is said to be later than it was. With the date where
     that is another day, and with a word where the clock shows that time for the second time."""
     if clock is None:
-        unit = 10.0 ** -decimals(resolution)
+        unit = _unit(clock, resolution)
         return f"{np.floor(t / unit + ROUNDING) * unit:.12g} s"
     at = clock.at(t)
     date = "" if at.date() == clock.begun.date() else f"{at.date().isoformat()} "
@@ -128,6 +131,24 @@ def moment(clock: Clock | None, t: float, resolution: float = 0.0) -> str:
     return date + at.time().isoformat("seconds" if whole else "milliseconds") + again
 
 
+def _unit(clock: Clock | None, resolution: float) -> float:
+    """The unit [s] of the last figure of a time that is told as fine as `resolution` [s] is."""
+    if clock is None:
+        return 10.0 ** -decimals(resolution)
+    return 60.0 if resolution >= COARSE else 1.0 if resolution >= 1 else 1e-3
+
+
+def about(clock: Clock | None, t: float, resolution: float, told: float = np.inf) -> str:
+    """The same, but rounded to the nearest time that is not later than `told` [s]."""
+    unit = _unit(clock, resolution)
+    beyond, figures = t % unit, FINEST
+    if clock is not None:
+        at = clock.at(t)
+        beyond, figures = (at.second + at.microsecond / 1e6) % unit, CLOCKED
+    after = round(t - beyond + unit, figures)
+    return moment(clock, after if 2 * beyond >= unit and after <= told else t, resolution)
+
+
 def duration(seconds: float) -> str:
     """ "23 s", "5.2 min", "1.5 h", "4.1 days"."""
     for below, unit, name in SPANS:
@@ -136,39 +157,50 @@ def duration(seconds: float) -> str:
     return f"{number(seconds / 86400.0, 2)} days"
 
 
-def since(clock: Clock | None, onset: float, low: float, high: float) -> str:
-    """ "since 299.5 s +- 1.1 s", "since 08:41 +- 1.5 h" by a clock, or "since 299.5 s, between
-    298.1 s and 300 s" where that is not the middle of its interval."""
-    half = (high - low) / 2
-    at, first, last = _three(clock, onset, low, high)
-    if abs((low + high) / 2 - onset) <= CENTRED * half:
-        width = f"{number(half, 2)} s" if clock is None else duration(half)
-        return f"since {at} +- {width}"
-    return f"since {at}, between {first} and {last}"
+class Began(NamedTuple):
+    """When a fault began, from `low` to `high` [s], told at `told` [s] or not yet, in rows that are
+    `step` [s] apart. Its times are rounded to the nearest that is not later than told."""
 
+    clock: Clock | None
+    t: float
+    low: float
+    high: float
+    told: float = np.inf
+    step: float = 0.0
 
-def onset_cell(clock: Clock | None, onset: float, low: float, high: float) -> str:
-    """ "299.5 s (298.1 s to 300 s)", in a table."""
-    at, first, last = _three(clock, onset, low, high)
-    return f"{at} ({first} to {last})"
+    def since(self) -> str:
+        """ "since 299.5 s +- 1.1 s", "since 08:41 +- 1.5 h" by a clock, or "since 299.5 s, between
+        298.1 s and 300 s" where that is not the middle of its interval."""
+        half = (self.high - self.low) / 2
+        at, first, last = self._three()
+        if abs((self.low + self.high) / 2 - self.t) <= CENTRED * half:
+            width = f"{number(half, 2)} s" if self.clock is None else duration(half)
+            return f"since {at} +- {width}"
+        return f"since {at}, between {first} and {last}"
 
+    def cell(self) -> str:
+        """ "299.5 s (298.1 s to 300 s)", in a table."""
+        at, first, last = self._three()
+        return f"{at} ({first} to {last})"
 
-def _three(clock: Clock | None, onset: float, low: float, high: float) -> tuple[str, str, str]:
-    """A time and its interval's ends; where all are of one day, with one date."""
-    at, first, last = (moment(clock, t, (high - low) / 2) for t in (onset, low, high))
-    day = f"{clock.at(onset).date().isoformat()} " if clock else ""
-    if day and all(each.startswith(day) for each in (at, first, last)):
-        return at, first.removeprefix(day), last.removeprefix(day)
-    return at, first, last
+    def or_earlier(self) -> str:
+        """ "299.5 s or earlier", of what began by `high`."""
+        return f"{self._shown(self.high)} or earlier"
 
+    def _three(self) -> tuple[str, str, str]:
+        """The time and its interval's ends; where all are of one day, with one date."""
+        at, first, last = (self._shown(t) for t in (self.t, self.low, self.high))
+        day = f"{self.clock.at(self.t).date().isoformat()} " if self.clock else ""
+        if day and all(each.startswith(day) for each in (at, first, last)):
+            return at, first.removeprefix(day), last.removeprefix(day)
+        return at, first, last
 
-def or_earlier(clock: Clock | None, latest: float, resolution: float) -> str:
-    """ "since 299.5 s or earlier", of what began by `latest` [s]."""
-    return f"since {moment(clock, latest, resolution)} or earlier"
+    def _shown(self, t: float) -> str:
+        return about(self.clock, t, max((self.high - self.low) / 2, self.step), self.told)
 
 
 def decimals(width: float) -> int:
     """Decimals that show two figures of `width`."""
     if not width > 0:
         return 6
-    return min(max(0, int(np.ceil(-np.log10(width) - JITTER)) + 1), 12)
+    return min(max(0, int(np.ceil(-np.log10(width) - JITTER)) + 1), FINEST)

@@ -1,6 +1,6 @@
 """What the bank was calibrated with: its alarm level, and what noise and model error hide."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -14,13 +14,20 @@ from faultgauge.detection.posterior.uncalibrated import level_in
 from faultgauge.detection.words import duration, number
 from faultgauge.plants.disturbed import dynamic_states, following_inputs
 from faultgauge.plants.model import Model
+from faultgauge.plants.record import Interval
 from faultgauge.plants.signals import Fault
 from faultgauge.reporting import style
 from faultgauge.reporting.report import Section, Table
 from faultgauge.reporting.style import quantity
 from faultgauge.reporting.svg import Figure, figure
 
-__all__ = ["calibration_section", "knowledge_figure", "peaks_figure", "proof"]
+__all__ = [
+    "calibration_section",
+    "intervals_section",
+    "knowledge_figure",
+    "peaks_figure",
+    "proof",
+]
 
 MOST_PANELS = 12  # a report is read, not scrolled
 LOWEST = -30.0  # natural log-odds: what lies below is drawn there
@@ -48,6 +55,16 @@ def calibration_section(bank: FaultBank, blocks: Sequence[Block] = ()) -> Sectio
         (_levels(bank.model, bank.noise),),
         (*figures, knowledge_figure(bank.knowledge, bank.model.plant.signals.faults)),
     )
+
+
+def intervals_section(model: Model, channels: Mapping[str, Interval]) -> Section:
+    """Of an observer alone: within what its healthy estimates lie."""
+    units = {fault.name: fault.unit for fault in model.plant.signals.faults}
+    rows = tuple(
+        (name, quantity(each.interval, units.get(name, "1"))) for name, each in channels.items()
+    )
+    table = Table(("fault", "95 % of healthy estimates within"), rows)
+    return Section("Healthy estimates", (), (table,))
 
 
 def peaks_figure(blocks: Sequence[Block], level: float) -> Figure:

@@ -19,7 +19,7 @@ from faultgauge.identification.evaluation import Prediction, at_samples, diverge
 from faultgauge.identification.fit import FitReport
 from faultgauge.identification.unseen import Unseen
 from faultgauge.plants.model import Model
-from faultgauge.reporting.calibration_chapter import calibration_section
+from faultgauge.reporting.calibration_chapter import calibration_section, intervals_section
 from faultgauge.reporting.model_figures import envelope, fit_history
 from faultgauge.reporting.network_curves import network_figures
 from faultgauge.reporting.refinement_chapter import (
@@ -234,14 +234,8 @@ def calibration_report(found: Calibration, runs: Sequence[Run]) -> Report:
         head = (*section.paragraphs[:1], *said, *warnings)
         section = replace(section, paragraphs=section.paragraphs[1:])
         return Report(f"Calibration: {found.model.plant.spec.name}", head, (section,))
-    units = {fault.name: fault.unit for fault in found.model.plant.signals.faults}
-    rows = tuple(
-        (name, quantity(each.interval, units.get(name, "1")))
-        for name, each in (known.channels or {}).items()
-    )
     summary = (f"From {duration(known.judged_s or 0.0)} of healthy logs.", *warnings)
-    table = Table(("fault", "95 % of healthy estimates within"), rows)
-    section = Section("Healthy estimates", (), (table,))
+    section = intervals_section(found.model, known.channels or {})
     return Report(f"Calibration: {found.model.plant.spec.name}", summary, (section,))
 
 

@@ -7,14 +7,15 @@ import numpy as np
 from jaxtyping import Float
 
 from faultgauge.detection.answer.answer import answers, told
-from faultgauge.detection.answer.event_sentence import other_cause
+from faultgauge.detection.answer.event_sentence import onset_of, other_cause
 from faultgauge.detection.answer.evidence import Evidence
+from faultgauge.detection.answer.shares import WHOLE, shares_of
 from faultgauge.detection.bank.bank import FaultBank
 from faultgauge.detection.decisions import Decision
 from faultgauge.detection.onset.retrospective import Retrospect
 from faultgauge.detection.posterior.events import UNKNOWN, BankEvent
 from faultgauge.detection.posterior.probability import probability
-from faultgauge.detection.words import MOST, OLDER, UNDECLARED, amount, moment, number, onset_cell
+from faultgauge.detection.words import MOST, OLDER, UNDECLARED, amount, moment, number
 from faultgauge.plants.model import Model
 from faultgauge.reporting.evidence_chapter import evidence_section
 from faultgauge.reporting.report import Report, Section, Table
@@ -46,15 +47,18 @@ def decision_report(
     truth: Mapping[str, Float[np.ndarray, "samples"]] | None = None,
 ) -> Report:
     """Events as sentences, a figure of every run and a table; then the evidence `windows` of the
-    events and `hindsight`, what the whole logs tell; every fault's estimate is folded. `truth`
-    (fault: size) where it is known."""
-    first, more = leading(bank, decisions)
-    sections = [*_overviews(bank, decisions, truth or {}), *_events(bank, decisions)]
+    events and `hindsight`, what the whole logs tell; every fault's estimate is folded. The run of
+    the first sentence comes first, then those with a fault. `truth` (fault: size) where it is
+    known."""
+    first, more, whose = leading(bank, decisions)
+    ordered = sorted(decisions, key=lambda each: (each is not whose, not each.events))
+    sections = [*_overviews(bank, ordered, truth or {}), *_events(bank, decisions)]
     if windows:
-        sections.append(evidence_section(bank, windows))
+        shown = sorted(windows, key=lambda each: each.decision is not whose)
+        sections.append(evidence_section(bank, shown))
     if hindsight:
-        sections.append(retrospective_section(bank, decisions, hindsight))
-    figures = [figure for each in decisions for figure in decision_figures(bank, each, truth or {})]
+        sections.append(retrospective_section(bank, ordered, hindsight))
+    figures = [figure for each in ordered for figure in decision_figures(bank, each, truth or {})]
     all_of_it = tuple(figures[:MOST_FIGURES])
     sections.append(Section("Every fault, told or not", figures=all_of_it, folded=True))
     title = f"Faults: {bank.model.plant.spec.name}"
@@ -66,13 +70,12 @@ def _overviews(
     decisions: Sequence[Decision],
     truth: Mapping[str, Float[np.ndarray, "samples"]],
 ) -> list[Section]:
-    """A figure of each run, those with a fault first; the first is open."""
-    ordered = sorted(decisions, key=lambda each: not each.events)
-    left = len(ordered) - MOST_FIGURES
+    """A figure of each run; the first is open."""
+    left = len(decisions) - MOST_FIGURES
     note = (f"{left} more runs are not drawn.",) if left > 0 else ()
     found = [
         Section(f"Run {each.run.name}", (), (), (run_overview(bank, each, truth),), folded=k > 0)
-        for k, each in enumerate(ordered[:MOST_FIGURES])
+        for k, each in enumerate(decisions[:MOST_FIGURES])
     ]
     return [*found[:-1], replace(found[-1], paragraphs=note)]
 
@@ -92,21 +95,25 @@ def _events(bank: FaultBank, decisions: Sequence[Decision]) -> list[Section]:
     return [Section("Faults", (), (table,), folded=len(rows) > MOST_ROWS)]
 
 
-def leading(bank: FaultBank, decisions: Sequence[Decision]) -> tuple[str, list[str]]:
-    """(what to say first: fault, size, onset and p; the sentences behind it). First is the first
-    event that lasts at least half as long as the longest one, else an alarm, else what it means
-    that there is none; behind it all that is said of it, and in the order of time the others."""
-    found, everything = told(bank, decisions), answers(bank, decisions)
+def leading(bank: FaultBank, decisions: Sequence[Decision]) -> tuple[str, list[str], Decision]:
+    """(what to say first: fault, size, onset and p; the sentences behind it; the run that it is
+    of). First is the first event that lasts at least half as long as the longest one, else an
+    alarm, else what it means that there is none, of runs of which all was judged if there are such;
+    behind it all that is said of it, and in the order of time the others."""
+    found = [(one, each) for one in decisions for each in told(bank, [one])]
+    everything = answers(bank, decisions)
     if found:
-        events = [each for each in found if each.rest] or found
-        longest = max(each.end - each.start for each in events)
-        first = next(each for each in events if each.end - each.start >= longest / 2)
+        events = [(one, each) for one, each in found if each.rest] or found
+        longest = max(each.end - each.start for _, each in events)
+        whose, first = next(e for e in events if e[1].end - e[1].start >= longest / 2)
         head, rest = first.head, "; ".join(first.rest)
-        others = [each.head for each in found if each is not first] + everything[len(found) :]
+        others = [each.head for _, each in found if each is not first] + everything[len(found) :]
     else:
+        judged = (one for one in decisions if shares_of(one).judged >= WHOLE)
+        whose = next(judged, decisions[0])
         head, _, rest = everything[0].partition("; ")
         others = everything[1:]
-    return head, [_sentence(each) for each in (rest, *others) if each]
+    return head, [_sentence(each) for each in (rest, *others) if each], whose
 
 
 def _sentence(text: str) -> str:
@@ -147,7 +154,7 @@ def _row(bank: FaultBank, clock: Clock | None, event: BankEvent) -> tuple[str, .
     size = ""
     if event.size is not None and event.lo is not None and event.hi is not None:
         size = amount(event.size, event.lo, event.hi, units[event.fault])
-    began = onset_cell(clock, event.onset, event.onset_lo, event.onset_hi)
+    began = onset_of(event, bank.step, clock).cell()
     return (
         event.run,
         _said(event.fault),

@@ -6,7 +6,7 @@ import numpy as np
 
 from faultgauge.detection.answer.evidence import MOST_SHOWN, Evidence
 from faultgauge.detection.bank.bank import FaultBank
-from faultgauge.detection.posterior.events import POSSIBLE, UNKNOWN
+from faultgauge.detection.posterior.events import UNKNOWN
 from faultgauge.detection.words import UNDECLARED, moment
 from faultgauge.reporting.report import Section
 from faultgauge.reporting.run_overview import run_overview
@@ -31,24 +31,29 @@ def evidence_section(bank: FaultBank, windows: Sequence[Evidence]) -> Section:
 def _words(bank: FaultBank, found: Evidence) -> str:
     run = found.decision.run
     first, last = (moment(run.clock, float(found.run.t[k]), bank.step) for k in (0, -1))
-    name = UNDECLARED if found.event.fault == UNKNOWN else found.event.fault
     verb = "gives" if found.replayed is not None else "does not give"
     return (
-        f"{name}, run {run.name}: {first} to {last}; judged alone, this part "
-        f"{verb} the same answer."
+        f"{_which(bank, found)}: {first} to {last}; judged alone, this part {verb} the same answer."
     )
 
 
+def _which(bank: FaultBank, found: Evidence) -> str:
+    """Which event it is: of one fault there may be many."""
+    run, event = found.decision.run, found.event
+    name = UNDECLARED if event.fault == UNKNOWN else event.fault
+    return f"{name} told at {moment(run.clock, event.start, bank.step)}, run {run.name}"
+
+
 def _figure(bank: FaultBank, found: Evidence) -> Figure:
-    """What was measured, the estimates, and how likely each cause is that was ever possible."""
+    """What was measured, the estimates, and how likely each cause is, in the order, and so with the
+    looks, that they have elsewhere; of many those that were the likeliest."""
     decision, fault = found.decision, found.event.fault
     posterior, names = decision.posterior, bank.model.plant.signals.fault_names
-    likely = {"no fault": posterior.healthy}
-    if fault in names:
-        likely[fault] = posterior.p[:, names.index(fault)]
-    likely[UNDECLARED] = posterior.unknown
+    likely = {"no fault": posterior.healthy, UNDECLARED: posterior.unknown}
     largest = np.max(np.nan_to_num(posterior.p[found.part]), axis=0)
-    others = [k for k in np.argsort(-largest) if names[k] != fault and largest[k] > POSSIBLE]
-    likely |= {names[k]: posterior.p[:, k] for k in others[: MOST_CAUSES - len(likely)]}
-    title = f"Evidence of {UNDECLARED if fault == UNKNOWN else fault}, run {decision.run.name}"
+    if fault in names:
+        largest[names.index(fault)] = np.inf
+    shown = sorted(np.argsort(-largest)[: MOST_CAUSES - len(likely)].tolist())
+    likely |= {names[k]: posterior.p[:, k] for k in shown}
+    title = f"Evidence of {_which(bank, found)}"
     return run_overview(bank, decision, part=found.part, likely=likely, title=title)

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
+from matplotlib.ticker import MaxNLocator
 
 from faultgauge.reporting import marks, style
 from faultgauge.reporting.coverage import outside
@@ -138,6 +139,7 @@ def fit_history(
             _cost(panel, costs[chosen], color=style.PREDICTED, linewidth=1.9, label="selected")
             panel.set_yscale("log")
             style.plain_powers(panel.yaxis)
+            panel.xaxis.set_major_locator(MaxNLocator("auto", integer=True))
             panel.set_xlabel("trial (number)")
             panel.set_ylabel(style.upright_label(f"{name} cost", cost_unit))
         best = int(np.nanargmin(validation[chosen]))

@@ -79,7 +79,9 @@ def parameter_table(
         for each in found.constants
     )
     header = ("parameter", "value", "standard error", "at its bound", "imitated by")
-    return (Table(header, rows, caption),)
+    kept = [k for k in range(len(header)) if any(row[k] for row in rows)]
+    cells = tuple(tuple(row[k] for k in kept) for row in rows)
+    return (Table(tuple(header[k] for k in kept), cells, caption),)
 
 
 def _per_run(found: Refinement) -> tuple[Table, ...]:

@@ -157,10 +157,12 @@ def _prose(text: str) -> Markup:
 
 
 def _numeric_columns(table: Table) -> frozenset[int]:
-    """The columns after the first in which most cells are numbers, with or without a unit."""
+    """The columns after the first in which most cells that are filled are numbers, with or without
+    a unit."""
+    columns = [[row[k].strip() for row in table.rows] for k in range(len(table.header))]
+    filled = [[cell for cell in cells if cell] for cells in columns]
     return frozenset(
-        column
-        for column in range(1, len(table.header))
-        if 2 * sum(1 for row in table.rows if NUMBER.fullmatch(row[column].strip()))
-        > len(table.rows)
+        k
+        for k, cells in enumerate(filled)
+        if k > 0 and 2 * sum(1 for cell in cells if NUMBER.fullmatch(cell)) > len(cells)
     )

@@ -7,15 +7,16 @@ import numpy as np
 from faultgauge.detection.answer.shares import WHOLE
 from faultgauge.detection.bank.bank import FaultBank
 from faultgauge.detection.decisions import Decision
-from faultgauge.detection.onset.retrospective import HEALTHY, Retrospect, sentences
+from faultgauge.detection.onset.retrospective import HEALTHY, Retrospect, onset_of, sentences
 from faultgauge.detection.posterior.events import UNKNOWN
+from faultgauge.detection.posterior.over_onsets import onset_over
 from faultgauge.detection.posterior.probability import probability
-from faultgauge.detection.words import UNDECLARED, amount, moment, onset_cell, or_earlier
+from faultgauge.detection.words import UNDECLARED, about, amount, moment
 from faultgauge.observers.divided_difference import FAR
 from faultgauge.reporting.marks import NOISES
 from faultgauge.reporting.report import Section, Table
 from faultgauge.reporting.svg import Figure
-from faultgauge.reporting.time_figures import Panel, curves, panels
+from faultgauge.reporting.time_figures import Panel, panels
 from faultgauge.telemetry.clock import Clock
 
 __all__ = ["retrospective_section"]
@@ -29,16 +30,18 @@ AROUND = 2.0  # widths of the onset's interval that are shown on either side of 
 def retrospective_section(
     bank: FaultBank, decisions: Sequence[Decision], found: Sequence[Retrospect]
 ) -> Section:
-    """Sentences, a table of all windows, and the figures of those with a fault. Which share of its
-    run each window judges is told where some of a run was not judged."""
+    """Sentences, a table of all windows, and the figures of those with a fault, in the order of
+    `decisions`. Which share of its run each window judges is told where some of a run was not
+    judged."""
     by_run = {each.run.name: each for each in decisions}
+    order = {name: k for k, name in enumerate(by_run)}
     figures = [
         picture
-        for each in found
+        for each in sorted(found, key=lambda each: order[each.run])
         if each.cause != HEALTHY
         for picture in (
             _fault(bank, by_run[each.run], each),
-            _onset(each, by_run[each.run].run.clock),
+            *_onset(each, by_run[each.run].run.clock),
         )
     ]
     rows = [_row(bank, each) for each in found]
@@ -47,6 +50,7 @@ def retrospective_section(
     whole = min(sum(j for (of, _), j in windows.items() if of == run) for run in by_run) >= WHOLE
     left = {"judged"} if whole else set[str]()
     left |= {"run"} if len(by_run) == 1 else set()
+    left |= {name for k, name in enumerate(HEADER) if not any(row[k] for row in rows)}
     kept = [k for k, name in enumerate(HEADER) if name not in left]
     table = Table(
         tuple(HEADER[k] for k in kept),
@@ -65,15 +69,14 @@ def retrospective_section(
 def _row(bank: FaultBank, found: Retrospect) -> tuple[str, ...]:
     """What the sentence of a window says, as cells."""
     clock, told, began, size = found.clock, found.told.start, "", ""
-    if found.onset is not None and found.onset_lo is not None and found.onset_hi is not None:
-        began = onset_cell(clock, found.onset, found.onset_lo, found.onset_hi)
-        if found.onset_lo <= found.start:  # as the sentence has it
-            width = found.onset_hi - found.onset_lo
-            began = or_earlier(clock, found.onset_hi, width).removeprefix("since ")
+    onset = onset_of(found)
+    if onset is not None:  # as the sentence has it
+        began = onset.or_earlier() if onset.low <= found.start else onset.cell()
     if found.size is not None and found.lo is not None and found.hi is not None:
         units = {each.name: each.unit for each in bank.model.plant.signals.faults}
         size = amount(found.size, found.lo, found.hi, units[found.cause])
-    first, last = (moment(clock, t, bank.step) for t in (found.start, found.end))
+    # one ends where the next change begins, which lies between rows
+    first, last = moment(clock, found.start, bank.step), about(clock, found.end, bank.step)
     return (
         found.run,
         f"{first} to {last}",
@@ -122,17 +125,21 @@ def _fault(bank: FaultBank, decision: Decision, found: Retrospect) -> Figure:
     )
 
 
-def _onset(found: Retrospect, clock: Clock | None) -> Figure:
-    """The posterior of the onset, near it."""
+def _onset(found: Retrospect, clock: Clock | None) -> tuple[Figure, ...]:
+    """The posterior of the onset, near it; none of what is older than the window, nor where it is
+    not what is told: what is undeclared may be as old as its alarm."""
     assert found.onset_lo is not None
     assert found.onset_hi is not None
+    told = (found.onset, found.onset_lo, found.onset_hi)
+    if found.onset_lo <= found.start or onset_over(found.t, found.density) != told:
+        return ()
     room = AROUND * (found.onset_hi - found.onset_lo)
     near = (found.t >= found.onset_lo - room) & (found.t <= found.onset_hi + room)
-    return curves(
+    picture = panels(
         found.t[near],
-        {"posterior": found.density[near]},
+        [Panel("probability per sample", "", {"posterior": found.density[near]})],
         title=f"Onset of {NAMES.get(found.cause, found.cause)}, run {found.run}",
-        name="probability per sample",
-        unit="",
+        caption="How likely each sample is the first with the fault, as the whole log tells.",
         clock=clock,
     )
+    return (picture,)

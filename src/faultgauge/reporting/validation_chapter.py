@@ -86,7 +86,11 @@ def _size(output: OutputValidation) -> str:
     assert output.bias_95 is not None
     assert output.rmse is not None
     assert output.independent is not None
-    share = "" if output.nrmse is None else f" ({100 * output.nrmse:.2f} % of the output's spread)"
+    share = (
+        ""
+        if output.nrmse is None
+        else f" ({100 * output.nrmse:.2f} % of the output's spread in these data)"
+    )
     lasting = abs(output.bias) > output.bias_95
     return (
         f"e is {quantity(output.rmse, output.unit)} RMS{share}; its {output.samples} samples are "
@@ -156,10 +160,11 @@ def _inputs(output: OutputValidation) -> list[str]:
 def _place(profile: Profile, output: OutputValidation) -> str:
     k = int(profile.rms.argmax())
     unit = profile.unit or "1"
+    low, high = (quantity(float(ends[k]), unit) for ends in (profile.low, profile.high))
+    where = low if low == high else f"{low} to {high}"
     text = (
         f"error is largest, {quantity(float(profile.rms[k]), output.unit)} RMS, where "
-        f"{profile.name} is {quantity(float(profile.low[k]), unit)} to "
-        f"{quantity(float(profile.high[k]), unit)}; {_percent(profile.explained)} of its variance "
+        f"{profile.name} is {where}; {_percent(profile.explained)} of its variance "
         f"goes with {profile.name}, chance allows {_percent(profile.by_chance)}"
     )
     if profile.by_chance > MUCH:

@@ -141,16 +141,20 @@ class Answer(Result):
         return self.rows
 
     def page(self) -> Any:
-        """With the evidence of the first events, and of those that it was asked for of."""
+        """With the evidence of the first events, and of those that it was asked for of; what the
+        model and its calibration are is folded behind them."""
         from faultgauge.reporting.decision_chapter import decision_report, unjudged_report
+        from faultgauge.reporting.model_chapter import with_model
         from faultgauge.reporting.report import with_sentences
 
         if self.bank is None:
-            return unjudged_report(self.model, self.decisions, self._answers[0])
+            page = unjudged_report(self.model, self.decisions, self._answers[0])
+            return with_model(page, self.model)
         seen = self.hindsight() if self.smooth else []
         asked = {*range(MOST_SHOWN), *self._windows}
         windows = [self.evidence(event) for k, event in enumerate(self.events) if k in asked]
         page = decision_report(self.bank, self.decisions, seen, windows)
+        page = with_model(page, self.model, self.bank)
         return with_sentences(page, drift.sentences(self.drifting))
 
     def figures(self) -> Any:
@@ -221,8 +225,10 @@ class Estimates(Result):
 
     def page(self) -> Any:
         from faultgauge.reporting.chapters import estimate_report
+        from faultgauge.reporting.model_chapter import with_model
 
-        return estimate_report(self.model, self.estimated, self.bank, self.reference)
+        page = estimate_report(self.model, self.estimated, self.bank, self.reference)
+        return with_model(page, self.model)
 
     def figures(self) -> Any:
         return self.page().sections[0].figures

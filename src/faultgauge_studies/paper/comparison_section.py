@@ -152,7 +152,7 @@ def _residuals(results: Results, traces: Traces) -> Section:
         "much: the momentum at the start, or measured at all times.",
     )
     return Section(
-        "Residuals of all models (Fig 13)",
+        "Residuals of all models (the paper's Fig 13)",
         (
             "A residual is right when it is the one that the true wheel's equations would give. "
             "Below: how many times worse than the GBNNM's each model's residual is.",
@@ -198,7 +198,7 @@ def _figures(traces: Traces) -> tuple[Figure, ...]:
         kind = "tuned" if suffix else "raw"
         return Panel(f"{kind} residual", "N*m", {**curves, "desired": x[f"desired_{knows}"]})
 
-    title = "Fig 13: residuals of all models, mode 1 sustained"
+    title = "The paper's Fig 13: residuals of all models, mode 1 sustained"
     found = [
         panels(
             x["t"],

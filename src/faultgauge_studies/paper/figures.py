@@ -158,7 +158,7 @@ def command(traces: Traces, key: str, window: tuple[float, float]) -> Figure:
             Panel("command u", "N*m", {"u": x["u"]}),
             Panel("model output", "N*m", {"GBNNM": x["yhat_gbnnm"]}),
         ],
-        title=f"Fig 10: command and model output, {CASES[key].title}",
+        title=f"The paper's Fig 10: command and model output, {CASES[key].title}",
         caption="Both stay bounded and without jumps while the wheel's output is stuck.",
     )
 

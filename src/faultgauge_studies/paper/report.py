@@ -118,7 +118,7 @@ def _healthy(results: dict[str, Any], traces: Traces) -> tuple[Section, ...]:
 def _residuals(results: dict[str, Any], traces: Traces) -> tuple[Section, ...]:
     return (
         Section(
-            "Mode 2 (Figs 9, 10 and 12)",
+            "Mode 2 (the paper's Figs 9, 10 and 12)",
             (
                 "The torque output is stuck at d2 and the loop is broken. The residual shows the "
                 "size at the onset and then grows with the loop's own action. "
@@ -126,13 +126,17 @@ def _residuals(results: dict[str, Any], traces: Traces) -> tuple[Section, ...]:
             ),
             (tables.jump_table(results),),
             (
-                figures.residual_stack(traces, "mode2_sustained", "Fig 9", (400.0, 700.0)),
+                figures.residual_stack(
+                    traces, "mode2_sustained", "The paper's Fig 9", (400.0, 700.0)
+                ),
                 figures.command(traces, "mode2_sustained", (400.0, 700.0)),
-                figures.residual_stack(traces, "mode2_intermittent", "Fig 12", (400.0, 700.0)),
+                figures.residual_stack(
+                    traces, "mode2_intermittent", "The paper's Fig 12", (400.0, 700.0)
+                ),
             ),
         ),
         Section(
-            "Mode 1 (Fig 11)",
+            "Mode 1 (the paper's Fig 11)",
             (
                 "The free-running reference keeps a momentum that the wheel no longer has, so the "
                 "residual decays while the fault lasts and does not return to zero after it. "
@@ -140,7 +144,9 @@ def _residuals(results: dict[str, Any], traces: Traces) -> tuple[Section, ...]:
             ),
             (),
             (
-                figures.residual_stack(traces, "mode1_intermittent", "Fig 11", (400.0, 1000.0)),
+                figures.residual_stack(
+                    traces, "mode1_intermittent", "The paper's Fig 11", (400.0, 1000.0)
+                ),
                 figures.references(traces, "mode1_intermittent"),
             ),
         ),
@@ -149,7 +155,7 @@ def _residuals(results: dict[str, Any], traces: Traces) -> tuple[Section, ...]:
 
 def _estimates(results: dict[str, Any], traces: Traces) -> Section:
     return Section(
-        "Fault estimates (Figs 14 and 15)",
+        "Fault estimates (the paper's Figs 14 and 15)",
         (
             "ESO is the observer over the true wheel, IESONN the same observer over the "
             "learned one; both read the command and the momentum. Without noise in its "
@@ -159,8 +165,8 @@ def _estimates(results: dict[str, Any], traces: Traces) -> Section:
         ),
         (tables.estimate_table(results), tables.noise_table(results)),
         (
-            figures.estimates(traces, "mode1_sustained", "Fig 14"),
-            figures.estimates(traces, "mode1_intermittent", "Fig 15"),
+            figures.estimates(traces, "mode1_sustained", "The paper's Fig 14"),
+            figures.estimates(traces, "mode1_intermittent", "The paper's Fig 15"),
             figures.estimate_errors(traces, "mode1_intermittent"),
             figures.noisy(traces, "mode1_intermittent"),
         ),

@@ -20,16 +20,15 @@ from faultgauge.detection.words import (
     MOST,
     OLDER,
     UNDECLARED,
+    Began,
     amount,
     between,
     likelihoods,
     moment,
-    or_earlier,
-    since,
 )
 from faultgauge.telemetry.clock import Clock
 
-__all__ = ["told_event", "finding", "given_up", "other_cause"]
+__all__ = ["finding", "given_up", "onset_of", "other_cause", "told_event"]
 
 CHANGED = 0.1  # of an event: for longer its size was another one
 
@@ -63,12 +62,12 @@ def finding(
 ) -> tuple[str, str]:
     """(what, how big, since when, until when if it is `over`, and how sure; when it was told and
     seen last), of rows that are `step` [s] apart."""
-    half = (event.onset_hi - event.onset_lo) / 2
-    began = since(clock, event.onset, event.onset_lo, event.onset_hi)
+    onset = onset_of(event, step, clock)
+    began = onset.since()
     if event.older == "yes":
         began = OLDER
     elif event.older == "perhaps":
-        began = f"{or_earlier(clock, event.onset_hi, half)}, perhaps {OLDER}"
+        began = f"since {onset.or_earlier()}, perhaps {OLDER}"
     what = UNDECLARED
     if event.size is not None and event.lo is not None and event.hi is not None:
         what = f"{event.fault} {amount(event.size, event.lo, event.hi, unit)}"
@@ -79,6 +78,11 @@ def finding(
         f"{what} {began}{until} ({how}p {probability(event.p)}, run {event.run})",
         f"told at {told}, seen until {last}",
     )
+
+
+def onset_of(event: BankEvent, step: float, clock: Clock | None) -> Began:
+    """When `event` began, of rows that are `step` [s] apart."""
+    return Began(clock, event.onset, event.onset_lo, event.onset_hi, event.start, step)
 
 
 def other_cause(event: BankEvent, cause: str) -> str:

@@ -32,7 +32,8 @@ from faultgauge.detection.bank.bank import FaultBank
 from faultgauge.detection.bank.noise import drifting_of
 from faultgauge.detection.calibration.blocks import correlation_time
 from faultgauge.detection.decisions import Decision
-from faultgauge.detection.words import number
+from faultgauge.detection.posterior.posterior import WIDE
+from faultgauge.detection.words import amount, number
 from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run
 
@@ -50,8 +51,8 @@ Samples = Float[np.ndarray, "samples"]
 @dataclass(frozen=True)
 class Trend:
     """A change over a stretch of `seconds`, with its 95 % interval and the probability `p` that
-    chance alone gives as much; `mean` with the probability `p_mean`. `follows` is the measured
-    quantity beside which no change over time is left."""
+    chance alone gives as much; `mean`, known to `mean_half`, with the probability `p_mean`.
+    `follows` is the measured quantity beside which no change over time is left."""
 
     change: float
     lo: float
@@ -59,6 +60,7 @@ class Trend:
     seconds: float
     p: float
     mean: float
+    mean_half: float
     p_mean: float
     follows: str | None
 
@@ -69,8 +71,8 @@ class Drift:
     `model` where a measured quantity explains it, `ambiguous` where it may be a slow fault,
     `constant` where a constant is further off than healthy runs differ.
 
-    `change` with its interval over `seconds` of healthy samples; of a mean that stands off zero,
-    the mean.
+    `change` with its 95 % interval over `seconds` of healthy samples; of a mean that stands off
+    zero, the mean, and of a constant how far it is off.
     """
 
     run: str
@@ -123,7 +125,9 @@ def trend(
     change = slope * seconds
     mean, off = float(level.mean()), float(level.std(ddof=1) / np.sqrt(count))
     p_mean = float(2 * student.sf(abs(mean) / max(off, 1e-300), count - 1))
-    return Trend(change, change - half, change + half, seconds, p, mean, p_mean, follows)
+    mean_half = float(student.ppf(0.975, count - 1)) * off
+    ends = (change - half, change + half)
+    return Trend(change, *ends, seconds, p, mean, mean_half, p_mean, follows)
 
 
 def _slope(
@@ -180,9 +184,14 @@ def _drift(run: str, name: str, unit: str, seen: Trend, scale: float, chance: fl
         change = (seen.change, seen.lo, seen.hi)
         return [Drift(run, name, unit, cause, False, *change, seen.seconds, seen.p, seen.follows)]
     if seen.p_mean < chance and abs(seen.mean) > STANDING * scale:
-        m = seen.mean
-        return [Drift(run, name, unit, "ambiguous", True, m, m, m, seen.seconds, seen.p_mean, None)]
+        mean = _around(seen.mean, seen.mean_half)
+        return [Drift(run, name, unit, "ambiguous", True, *mean, seen.seconds, seen.p_mean, None)]
     return []
+
+
+def _around(middle: float, half: float) -> tuple[float, float, float]:
+    """(`middle`, the ends of its interval)."""
+    return middle, middle - half, middle + half
 
 
 def _parameters(
@@ -209,7 +218,7 @@ def _constants(
     bank: FaultBank, decision: Decision, healthy: Bool[np.ndarray, "samples"]
 ) -> list[Drift]:
     """Constants that a run without an event ends further off with than healthy runs differ."""
-    if decision.events or not healthy.any():
+    if decision.events or not healthy.any() or decision.loose is None:
         return []
     plant, run = bank.plant, decision.run
     units = {p.name: p.unit for p in bank.model.plant.spec.parameters}
@@ -217,10 +226,11 @@ def _constants(
     off = W @ decision.posterior.x[np.flatnonzero(healthy)[-1], plant.parts.xi]
     far = off / np.linalg.norm(W, axis=1)
     seconds = float(healthy.sum() * run.step)
+    columns = (off.tolist(), far.tolist(), (WIDE * decision.loose).tolist())
     return [
-        Drift(run.name, name, units[name], "constant", True, m, m, m, seconds,
+        Drift(run.name, name, units[name], "constant", True, *_around(m, half), seconds,
               float(2 * norm.sf(abs(times))), None)
-        for name, m, times in zip(plant.names, off.tolist(), far.tolist(), strict=True)
+        for name, m, times, half in zip(plant.names, *columns, strict=True)
         if abs(times) > FAR
     ]  # fmt: skip
 
@@ -232,19 +242,16 @@ def sentences(found: Sequence[Drift]) -> list[str]:
 
 def _sentence(found: Drift) -> str:
     where = f"run {found.run}: {found.channel}"
-    width = (found.hi - found.lo) / 2
+    moved = amount(found.change, found.lo, found.hi, found.unit)
     if found.cause == "constant":
-        moved = f"{found.change:+.3g} {found.unit}".rstrip()
         return (
             f"{where} ends {moved} off its usual value, further than healthy runs differ "
             f"(p {found.p:.1g}): it may have taken up what the plant file does not declare; if the "
             "plant is sound, calibrate with this log, too."
         )
-    if found.standing:
-        moved = f"stands at {found.change:+.3g} {found.unit}".rstrip()
-    else:
-        moved = f"moved by {found.change:+.3g} +- {width:.2g} {found.unit}".rstrip()
-    said = f"{where} {moved} over {number(found.seconds, 4)} s of healthy samples (p {found.p:.1g})"
+    did = "stands at" if found.standing else "moved by"
+    over = f"over {number(found.seconds, 4)} s of healthy samples (p {found.p:.1g})"
+    said = f"{where} {did} {moved} {over}"
     match found.cause:
         case "plant":
             why = "the plant drifts, apart from any fault; fit again on recent healthy logs"

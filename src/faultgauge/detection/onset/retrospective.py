@@ -26,16 +26,23 @@ from faultgauge.detection.words import (
     MOST,
     PURE,
     UNDECLARED,
+    Began,
     amount,
     likelihoods,
     moment,
-    or_earlier,
-    since,
     would_not_show,
 )
 from faultgauge.telemetry.clock import Clock
 
-__all__ = ["HEALTHY", "Retrospect", "SaidOnline", "as_dicts", "retrospect", "sentences"]
+__all__ = [
+    "HEALTHY",
+    "Retrospect",
+    "SaidOnline",
+    "as_dicts",
+    "onset_of",
+    "retrospect",
+    "sentences",
+]
 
 HEALTHY = "healthy"
 PLAIN = 20.0  # odds from which on it goes without saying that there is a fault
@@ -396,17 +403,24 @@ def _over(found: Retrospect, then: Retrospect | None) -> float | None:
     return then.start
 
 
+def onset_of(found: Retrospect) -> Began | None:
+    """When the fault began, where there is one."""
+    if found.onset is None or found.onset_lo is None or found.onset_hi is None:
+        return None
+    told = np.inf if found.told.start is None else found.told.start
+    step = float(np.median(np.diff(found.t)))
+    return Began(found.clock, found.onset, found.onset_lo, found.onset_hi, told, step)
+
+
 def _sentence(bank: FaultBank, found: Retrospect, over: float | None = None) -> str:
     """ "In hindsight: friction +0.100 N*m (+0.096 to +0.104) since 41 s +- 6 s until 80 s (p 0.98,
     run 1); leak is 200 times less likely; online you would have been told at 52 s, then as ..." """
     units = {fault.name: fault.unit for fault in bank.model.plant.signals.faults}
-    assert found.onset is not None
-    assert found.onset_lo is not None
-    assert found.onset_hi is not None
-
-    began = since(found.clock, found.onset, found.onset_lo, found.onset_hi)
-    if found.onset_lo <= found.start:
-        began = or_earlier(found.clock, found.onset_hi, found.onset_hi - found.onset_lo)
+    onset = onset_of(found)
+    assert onset is not None
+    began = onset.since()
+    if onset.low <= found.start:
+        began = f"since {onset.or_earlier()}"
     if found.size is None or found.lo is None or found.hi is None:
         what = f"{UNDECLARED} or not constant"
     else:
@@ -437,7 +451,7 @@ def _sentence(bank: FaultBank, found: Retrospect, over: float | None = None) -> 
         said.append(f"online an alarm would have begun at {at(told.alarm)}")
     elif told.start is None:
         said.append("online you would not have been told")
-    elif told.start < found.onset_lo:
+    elif told.start < onset.low:
         said.append(f"online you would have been told before, at {at(told.start)}")
     else:
         then = ""
