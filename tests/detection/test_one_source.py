@@ -192,7 +192,7 @@ def test_a_fault_that_changes_after_its_sign_was_open_for_a_while_is_one_event()
 
 def test_a_fault_that_went_did_not_change_its_sign_before():
     """A leak from 10 to 30 s, none until 50 s, and then one of the other sign, which the posterior
-    dates to 25 s: the first one was there until its last row, whatever that date."""
+    dates to 25 s: the first one was there until its last row, and the other began after it."""
     bank = tank_bank()
     none, leak = (np.where(np.arange(SETS) == k, 1 - 1e-6, 1e-6 / (SETS - 1)) for k in (0, 1))
     known = (1e-3, 10.0, 0.3, "", True)
@@ -207,6 +207,8 @@ def test_a_fault_that_went_did_not_change_its_sign_before():
     assert first.end == T[59]
     assert first.size > 0
     assert second.size == pytest.approx(-0.2 / 0.3 * first.size)
+    assert second.onset_lo >= first.end
+    compare(bank, said)
 
 
 def test_what_is_undeclared_lasts_as_long_as_the_alarm_that_nothing_else_explains():

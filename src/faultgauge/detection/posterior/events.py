@@ -130,7 +130,23 @@ def events(bank: FaultBank, judged: Judged, begun: float | None = None) -> list[
         if each.k == len(ever) or ever[each.k] > 1 - NAMED
     ]
     kept = [each for each in told if each.fault != UNKNOWN or not _renamed(each, told)]
-    return _lasting(bank, judged, kept)
+    return _lasting(bank, judged, _after_each_other(kept))
+
+
+def _after_each_other(told: list[BankEvent]) -> list[BankEvent]:
+    """`told`, where a fault that had gone, and came again with the other sign, began after that,
+    whatever date the posterior gives what lasts."""
+    kept: list[BankEvent] = []
+    for each in told:
+        within = [o.end for o in kept if o.fault == each.fault != UNKNOWN
+                  and o.start <= each.onset < o.end]  # fmt: skip
+        if within:
+            gone = max(within)
+            dates = (max(a, gone) for a in (each.onset, each.onset_lo, each.onset_hi))
+            names = ("onset", "onset_lo", "onset_hi")
+            each = replace(each, **dict(zip(names, dates, strict=True)), older="no")
+        kept.append(each)
+    return kept
 
 
 def _lasting(bank: FaultBank, judged: Judged, told: list[BankEvent]) -> list[BankEvent]:
