@@ -7,7 +7,7 @@
   has no limits, may at least change so far that a rate or an output moves by such a range.
   Decades below are as likely (`branches.SCALES`), so it matters little.
 - a growth is as fast as `rate` says.
-- `onset`: `prior_per_hour`, or once in a thousand records as long as the healthy ones.
+- `onset`: `prior_per_hour`, or once in a hundred records as long as the healthy ones.
 - an output that has no bias of its own may be off undeclared, as far as its range.
 """
 
