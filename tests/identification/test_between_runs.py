@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import faultgauge as fg
-from faultgauge.detection.rows.residual import residuals
+from faultgauge.detection.rows.residual import Residuals, residuals
 from faultgauge.identification.between_runs import between_runs
 from faultgauge.identification.evaluation import evaluate, start_of_run
 from faultgauge.identification.fit import fit
@@ -17,7 +17,7 @@ from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model, load_model, save_model
 from faultgauge.plants.plant_file import parse_plant
 from faultgauge.plants.record import BetweenRuns
-from faultgauge.telemetry import Run
+from faultgauge.telemetry import Run, cut
 from models import record_of
 
 RAMP = """
@@ -144,6 +144,16 @@ def test_all_free_runs_have_one_rule(tmp_path):
     ensemble = load_model(path).with_members([model.plant])
     both = fg.evaluate(ensemble, run).scores
     assert both["ensemble"]["T"]["rmse"] == pytest.approx(both["outputs"]["T"]["rmse"], rel=1e-9)
+
+
+def test_a_stream_waits_for_as_many_samples_as_a_file_does():
+    run, model = cut(cold_start(), slice(0, 120)), heater(BETWEEN)
+    whole = residuals(model, run, "free")["T"]
+    assert np.isnan(whole[:49]).all()
+    assert np.isfinite(whole[49:]).all()
+    stream = Residuals(model, run, "free")
+    parts = [stream.push(cut(run, slice(k, k + 6)))["T"] for k in range(0, 120, 6)]
+    np.testing.assert_array_equal(np.concatenate(parts), whole)
 
 
 def test_an_older_model_goes_on_as_it_did():
