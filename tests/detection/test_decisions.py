@@ -1,6 +1,8 @@
 """The bank over a log: probabilities, intervals, silence and events of a tank whose truth is
 known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -13,6 +15,7 @@ from faultgauge.detection.posterior.events import Judged, _onset, _Stretch
 from faultgauge.detection.posterior.uncalibrated import prior_of
 from faultgauge.detection.posterior.verdicts import Verdict
 from faultgauge.errors import InputError
+from faultgauge.reporting.run_overview import run_overview
 from faultgauge.telemetry import Run
 from models import as_stated
 
@@ -160,6 +163,15 @@ def test_a_healthy_tank_with_a_slow_nuisance_stays_healthy(bank):
     )
     assert "FAULT" not in decision.status
     assert decision.events == []
+
+
+def test_an_overview_says_what_drifts_beside_a_model_that_holds_it(bank):
+    """1e-3 per root second over 399.5 s: 0.02."""
+    decision = decide(bank, log(0))
+    said = "The healthy model holds warm at one value; in a log as long as this one it drifts by"
+    assert f"{said} about 0.02." in run_overview(bank, decision).caption.replace("\u00a0", " ")
+    still = replace(bank, noise=bank.noise._replace(drift=np.zeros(1)))
+    assert "holds warm" not in run_overview(still, decision).caption
 
 
 def test_the_table_and_the_events_are_those_of_the_contract():

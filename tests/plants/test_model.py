@@ -321,6 +321,18 @@ def test_wrong_tensors(saved, change):
     assert "damaged" in refusal(saved)
 
 
+@pytest.mark.parametrize(
+    ("apart", "off"), [({}, {}), ({"k": 1.0}, {"h": 1.0}), ({}, {"h": -1.0}), ({}, {"x": 1.0})]
+)
+def test_what_differs_between_runs_is_of_what_varies_and_of_all_outputs(saved, apart, off):
+    """Nothing varies in the wheel, whose one output is h."""
+    between = {"apart": {}, "off": {"h": 1.0}, "lasting": 1.0}
+    forged(saved, record={**RECORD, "between": between})
+    load_model(saved)
+    forged(saved, record={**RECORD, "between": {**between, "apart": apart, "off": off}})
+    assert "its description is damaged" in refusal(saved)
+
+
 def test_record_without_what_a_model_needs(saved):
     forged(saved, record=[])
     assert "damaged" in refusal(saved)

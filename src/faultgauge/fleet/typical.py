@@ -58,7 +58,8 @@ def typical_unit(
     center = {name: jnp.asarray(value) for name, value in start.items()}
     found = eqx.tree_at(lambda p: p.parameters, model.plant, model.plant.parameters | center)
     fleet = FleetRecord(start=start, laws={}, units=[], warnings=warnings)
-    record = model.record.but(fleet=fleet)
+    # between its runs were units, whose laws say how far they lie apart
+    record = model.record.but(fleet=fleet, between=None)
     typical = Model(found, record).with_reading(how.said)
     return replace(typical, plant=base_of(plant, typical))
 

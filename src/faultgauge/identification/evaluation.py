@@ -1,6 +1,7 @@
 """Scoring a model by pure simulation: the log's inputs in, its outputs compared."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -11,9 +12,11 @@ import optimistix as optx
 from jaxtyping import Array, Bool, Float
 
 from faultgauge.errors import InputError
+from faultgauge.identification.between_runs import SUREST
 from faultgauge.identification.refinement.unknowns import Unknowns, unknown_constants
 from faultgauge.identification.samples import in_effect, spread, state_column
 from faultgauge.plants.plant import Plant
+from faultgauge.plants.record import BetweenRuns
 from faultgauge.simulation.free_run import blow_up, bucket, free_run, pad, simulate, substeps_for
 from faultgauge.telemetry import Run, as_sampled, segments
 from faultgauge.telemetry.clock import Clock
@@ -35,7 +38,6 @@ __all__ = [
 
 WARMUP = 50  # samples that find hidden initial states, if nobody says
 FEWEST_SCORED = 5  # samples after a warm-up
-PRIOR = 1e-3  # of a varying parameter, for what the first samples do not tell
 
 
 class Prediction(NamedTuple):
@@ -72,13 +74,19 @@ def start_of_run(
     y: Float[np.ndarray, "samples outputs"],
     known: dict[str, float],
     max_step: float,
+    between: BetweenRuns | None = None,
 ) -> tuple[Plant, Float[np.ndarray, "states"]]:
     """(plant, initial state) of a run from its first samples.
 
     States in `known` are taken as measured; the hidden ones, and the run's own values of
     parameters that vary, minimise the free run's squared output error over the samples given
     (Levenberg-Marquardt through the simulation), both within their min and max. Where all are
-    known nothing is solved.
+    known nothing is solved. With what is known `between` runs, values per run minimise
+
+        sum_outputs n mean((y - yhat)^2) / off^2 + sum_parameters (p - p_common)^2 / apart^2
+
+    where what the plant lacks lasts, so that only n = T / lasting samples of an output in a time T
+    are independent: no fewer than one, and no more than there are.
     """
     signals = plant.signals
     x0 = np.array([known.get(state.name, state.initial) for state in signals.states])
@@ -90,7 +98,15 @@ def start_of_run(
     length = bucket(count)
     dt = np.zeros(length)
     dt[: count - 1] = np.diff(t)
-    weight = np.isfinite(y) / spread(y)
+    sampled = np.isfinite(y)
+    weight, prior = sampled / spread(y), SUREST
+    if varying.parameters and between is not None:
+        prior = 1.0
+        varying = replace(varying, scales=tuple(between.apart[p] for p in varying.parameters))
+        off = np.array([between.off[name] for name in signals.output_names])
+        samples = np.maximum(np.sum(sampled, axis=0), 1)
+        independent = np.clip((t[-1] - t[0]) / between.lasting, 1, samples)
+        weight = sampled / off * np.sqrt(independent / samples)
     weight = np.concatenate([weight, np.zeros((length - count, y.shape[1]))])
     start, theta = _solve_start(
         plant,
@@ -101,6 +117,7 @@ def start_of_run(
         jnp.asarray(dt),
         jnp.asarray(pad(np.nan_to_num(y), length)),
         jnp.asarray(weight),
+        jnp.asarray(prior),
         substeps_for(float(np.median(np.diff(t))), max_step),
     )
     return varying.assemble(plant, theta), np.asarray(start)
@@ -129,6 +146,7 @@ def _solve_start(
     dt: Float[Array, "samples"],
     y: Float[Array, "samples outputs"],
     weight: Float[Array, "samples outputs"],
+    prior: Float[Array, ""],
     substeps: int,
 ) -> tuple[Float[Array, "states"], Float[Array, "parameters"]]:
     f = jnp.zeros((len(dt), len(plant.signals.faults)))
@@ -149,7 +167,7 @@ def _solve_start(
 
     def error(change: Array, args: None) -> Array:
         left = jnp.where(weight > 0, weight * (run(change) - y), 0.0).ravel()
-        return jnp.concatenate([left, PRIOR * change[states:]])
+        return jnp.concatenate([left, prior * change[states:]])
 
     solver = optx.LevenbergMarquardt(rtol=1e-8, atol=1e-8)
     solution = optx.least_squares(
@@ -165,16 +183,22 @@ def _solve_start(
 
 
 def predict(
-    plant: Plant, runs: Sequence[Run], max_step: float, warmup: int = WARMUP
+    plant: Plant,
+    runs: Sequence[Run],
+    max_step: float,
+    warmup: int = WARMUP,
+    between: BetweenRuns | None = None,
 ) -> list[Prediction]:
     """Free runs over every stretch of `runs` without a gap in time or inputs.
 
     A stretch starts from the first sample that has all measured states and an output; outputs that
     are empty later are gone through, not scored. Where states are hidden or parameters vary,
-    `warmup` samples find them, and stretches that leave too little to score are left out.
+    `warmup` samples find them, with what is known `between` runs, and stretches that leave too
+    little to score are left out.
     Raises `InputError` where no stretch is left.
     """
-    return [_predict_part(plant, part, max_step) for part in _parts(plant, runs, warmup)[0]]
+    parts = _parts(plant, runs, warmup)[0]
+    return [_predict_part(plant, part, max_step, between) for part in parts]
 
 
 def finds_start(plant: Plant, runs: Sequence[Run]) -> bool:
@@ -267,7 +291,9 @@ def _parts_of(plant: Plant, log: Run, warmup: int) -> tuple[list[_Part], list[in
     return found, lost
 
 
-def _predict_part(plant: Plant, each: _Part, max_step: float) -> Prediction:
+def _predict_part(
+    plant: Plant, each: _Part, max_step: float, between: BetweenRuns | None
+) -> Prediction:
     signals, (run, part, known, warmup) = plant.signals, each
     t = run.t[part]
     count = len(t)
@@ -283,7 +309,8 @@ def _predict_part(plant: Plant, each: _Part, max_step: float) -> Prediction:
     first = max(warmup, 2)
     x0 = np.array([known.get(s.name, s.initial) for s in signals.states])
     if warmup:
-        plant, x0 = start_of_run(plant, t[:first], u[:first], y[:first], known, max_step)
+        start = t[:first], u[:first], y[:first]
+        plant, x0 = start_of_run(plant, *start, known, max_step, between)
     length = bucket(count)
     dt = np.zeros(length)
     dt[: count - 1] = np.diff(t)
@@ -330,13 +357,17 @@ def scores(
 
 
 def evaluate(
-    plant: Plant, runs: Sequence[Run], max_step: float, warmup: int = WARMUP
+    plant: Plant,
+    runs: Sequence[Run],
+    max_step: float,
+    warmup: int = WARMUP,
+    between: BetweenRuns | None = None,
 ) -> tuple[dict[str, Any], list[Prediction]]:
     """`{"outputs": {NAME: {r2, rmse, nrmse}}, "runs": [...], "warnings": [...]}` and the free runs
     behind it. `samples` of a run are those scored in any output; `warnings` name what is left out.
     """
     parts, warnings = _parts(plant, runs, warmup)
-    predictions = [_predict_part(plant, part, max_step) for part in parts]
+    predictions = [_predict_part(plant, part, max_step, between) for part in parts]
     names = plant.signals.output_names
 
     def table(parts: Sequence[Prediction]) -> dict[str, dict[str, float | None]]:
@@ -366,14 +397,18 @@ def evaluate(
 
 
 def evaluate_ensemble(
-    plants: Sequence[Plant], runs: Sequence[Run], max_step: float, warmup: int = WARMUP
+    plants: Sequence[Plant],
+    runs: Sequence[Run],
+    max_step: float,
+    warmup: int = WARMUP,
+    between: BetweenRuns | None = None,
 ) -> dict[str, dict[str, float | None]]:
     """`{OUTPUT: {r2, rmse, nrmse, spread}}` of the mean of the plants' free runs.
 
     `spread` (unit of the output) is the plants' standard deviation, root mean square over the
     samples. Like the scores it is None where a plant diverges.
     """
-    free_runs = [predict(plant, runs, max_step, warmup) for plant in plants]
+    free_runs = [predict(plant, runs, max_step, warmup, between) for plant in plants]
     parts = [_scored([p.measured for p in free_runs[0]], free_runs[0])]
     parts += [_scored([p.predicted for p in each], each) for each in free_runs]
     measured, predicted = parts[0], np.stack(parts[1:])

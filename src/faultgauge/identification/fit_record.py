@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
+from faultgauge.identification.between_runs import between_runs
 from faultgauge.identification.constants import ConstantsInformation
 from faultgauge.identification.equation_fit import EquationFit, GroupReport, Material, max_step
 from faultgauge.identification.equation_uncertainty import equation_information
@@ -144,6 +145,10 @@ def fit_record(
     }
     if refinement is not None:
         record["metrics"]["refinement"] = refinement.metrics()
+        if refinement.per_run:
+            lasting = refinement.information.residual_time * result.sample_time
+            known_by = result.plant, result.training, result.error, lasting
+            record["between"] = between_runs(*known_by, refinement.per_run)
     if stage is not None and stage.given.explained:
         record["instruments"] = stage.given.explained
     if told is not None:

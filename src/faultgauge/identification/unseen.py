@@ -51,10 +51,14 @@ def on_unseen(
         return None
     plant, training = _judged(model, account)
     try:
-        scores, predictions = evaluate(plant, runs, model.max_step)
+        between = model.record.between
+        scores, predictions = evaluate(plant, runs, model.max_step, between=between)
     except InputError:  # nothing to score beside the warm-up
         return None
-    beside = [predict(_judged(*other)[0], runs, other[0].max_step) for other in others]
+    beside = [
+        predict(_judged(*other)[0], runs, other[0].max_step, between=other[0].record.between)
+        for other in others
+    ]
     checked = validate(plant, predictions, training, beside)
     return Unseen(scores, predictions, checked)
 
@@ -64,7 +68,8 @@ def run_anew(model: Model, account: FitReport, logs: Sequence[Run]) -> Anew | No
     to run through, or one diverges."""
     plant, _ = _judged(model, account)
     try:
-        found, parts = evaluate(plant, held_out(model, account, logs), model.max_step)
+        tails, between = held_out(model, account, logs), model.record.between
+        found, parts = evaluate(plant, tails, model.max_step, between=between)
     except InputError:  # nothing to score beside the warm-up
         return None
     scored = found["outputs"].values()

@@ -192,7 +192,7 @@ def decoded(data: bytes, path: str | Path) -> Model:
         own = {name: array for name, array in arrays.items() if not name.startswith(MEMBERS)}
         rest = {name: array for name, array in arrays.items() if name.startswith(MEMBERS)}
         members = _members(left_open, record.choices.hold, record.members, rest)
-        check_record(record, calibration, spec.signals)
+        check_record(record, calibration, spec)
         return Model(filled(GrayBoxPlant.untrained(spec), own), record, members, calibration)
     except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError):
         raise InputError(f"{path}: its description is damaged{advice}.") from None

@@ -9,10 +9,11 @@ from typing import Annotated, Any, TypeVar
 
 import pydantic
 
-from faultgauge.plants.signals import Signals
+from faultgauge.plants.plant_file import PlantSpec
 
 __all__ = [
     "BankLevel",
+    "BetweenRuns",
     "CalibrationRecord",
     "FitRecord",
     "FleetRecord",
@@ -104,6 +105,16 @@ class DataRecord(Part):
 
     fit: list[str]
     validate_: list[str] = pydantic.Field(alias="validate")
+
+
+class BetweenRuns(Part):
+    """How far `apart` runs lie in each parameter that varies (one standard deviation, of the
+    logarithm where the parameter is positive), how far `off` a free run is expected to be in each
+    output (r.m.s., its unit), and for how long [s] such an error is `lasting`."""
+
+    apart: dict[str, Positive]
+    off: dict[str, Positive]
+    lasting: Positive
 
 
 class BankLevel(Part):
@@ -248,7 +259,8 @@ class FitRecord(Part):
     `log_step` [s] before that; how many `members` the ensemble has beside the best; the `columns`
     that were read, `reading` what was said of them; `data`, the hashes of the runs; `envelope`, the
     training range by name, and `envelope_points` in it, states then inputs; `noise` and
-    `derivatives` by column; how sure the `constants` are; `fleet` and `unit` of units of a fleet.
+    `derivatives` by column; how sure the `constants` are; what differs `between` runs, where any
+    parameter varies; `fleet` and `unit` of units of a fleet.
     """
 
     max_step: Positive
@@ -267,6 +279,7 @@ class FitRecord(Part):
     metrics: Metrics
     noise: dict[str, dict[str, Any]] = {}
     reading: ReadingRecord = ReadingRecord()
+    between: BetweenRuns | None = None
     fleet: FleetRecord | None = None
     unit: UnitRecord | None = None
 
@@ -297,15 +310,19 @@ def _parsed(kind: type[Kind], told: object, within: str = "") -> Kind:
         raise ValueError(f"{within}{place}") from None
 
 
-def check_record(
-    record: FitRecord, calibration: CalibrationRecord | None, signals: Signals
-) -> None:
+def check_record(record: FitRecord, calibration: CalibrationRecord | None, spec: PlantSpec) -> None:
     """Raises `ValueError` that names the key of what does not fit the plant."""
+    signals = spec.signals
     names = [*signals.state_names, *signals.input_names]
     if len(record.columns.states) != len(signals.state_names):
         raise ValueError("columns.states")
     if any(len(point) != len(names) for point in record.envelope_points):
         raise ValueError("envelope_points")
+    if record.between is not None:
+        if {*record.between.apart} != {p.name for p in spec.parameters if p.vary}:
+            raise ValueError("between.apart")
+        if {*record.between.off} != {*signals.output_names}:
+            raise ValueError("between.off")
     _known("envelope", record.envelope, [*names, *signals.output_names])
     if calibration is None:
         return

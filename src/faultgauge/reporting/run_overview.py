@@ -7,11 +7,14 @@ from jaxtyping import Bool, Float
 
 from faultgauge.detection.answer.unnamed import alarms
 from faultgauge.detection.bank.bank import FaultBank
+from faultgauge.detection.bank.noise import drifting_of
 from faultgauge.detection.decisions import Decision
 from faultgauge.detection.posterior.verdicts import NOT_JUDGED, STALE
 from faultgauge.reporting.glance import Compared, ToldSpan, overview
 from faultgauge.reporting.scales import least_sizes, noise_scales
+from faultgauge.reporting.style import quantity
 from faultgauge.reporting.svg import Figure
+from faultgauge.telemetry import Run
 
 __all__ = ["run_overview", "silent"]
 
@@ -57,11 +60,10 @@ def run_overview(
         for k, fault in enumerate(signals.faults)
         if spans[fault.name] or fault.name in left
     ]
-    note = (
-        f"Of {len(outputs)} outputs the {MOST_OUTPUTS} that are furthest off the model."
-        if len(outputs) > MOST_OUTPUTS
-        else ""
-    )
+    notes = _held(bank, run)
+    if len(outputs) > MOST_OUTPUTS:
+        chosen = f"Of {len(outputs)} outputs the {MOST_OUTPUTS} that are furthest off the model."
+        notes = [chosen, *notes]
     return overview(
         t,
         [each for each in outputs if each.name in furthest],
@@ -72,7 +74,7 @@ def run_overview(
         not_judged=silent(decision)[part],
         likely={cause: p[part] for cause, p in (likely or {}).items()},
         clock=run.clock,
-        note=note,
+        note=" ".join(notes),
         title=title,
     )
 
@@ -90,6 +92,18 @@ def _compared(bank: FaultBank, decision: Decision, part: slice) -> list[Compared
         )
         for each in bank.model.plant.signals.outputs
         if each.name in decision.residuals
+    ]
+
+
+def _held(bank: FaultBank, run: Run) -> list[str]:
+    """A sentence for every parameter that drifts while the healthy model has one value of it."""
+    units = {each.name: each.unit for each in bank.model.plant.spec.parameters}
+    usual = bank.noise.drift * np.sqrt(run.t[-1] - run.t[0])
+    return [
+        f"The healthy model holds {name} at one value; in a log as long as this one it drifts by "
+        f"about {quantity(float(far), units[name], 2)}."
+        for name, far in zip(drifting_of(bank.model), usual, strict=True)
+        if far > 0
     ]
 
 

@@ -17,7 +17,9 @@ def checkup_report(checkup: Checkup) -> Report:
     """The answer and its evidence; why to believe them is folded."""
     model = checkup.model
     decided = _decided(checkup)
-    found, predictions = evaluate(model.plant, checkup.held_out, model.max_step)
+    found, predictions = evaluate(
+        model.plant, checkup.held_out, model.max_step, between=model.record.between
+    )
     warnings = (*checkup.account.warnings, *checkup.calibration.warnings)
     believed = [evaluation_section(model, found, predictions)]
     if checkup.bank:

@@ -104,9 +104,10 @@ def evaluate(
     known = model_of(model)
     runs = runs_for_model(known, sources, How(**reading))
     odd = unlike_warnings(known, runs)
-    found, predictions = evaluation.evaluate(known.plant, runs, known.max_step, warmup)
+    how = known.max_step, warmup, known.record.between
+    found, predictions = evaluation.evaluate(known.plant, runs, *how)
     if known.members:
         plants = [known.plant, *known.members]
-        found["ensemble"] = evaluation.evaluate_ensemble(plants, runs, known.max_step, warmup)
+        found["ensemble"] = evaluation.evaluate_ensemble(plants, runs, *how)
     found["warnings"] = [*odd, *found["warnings"]]
     return Evaluation(known, found, predictions, found["warnings"])

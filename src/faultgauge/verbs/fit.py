@@ -100,7 +100,8 @@ class Fit(Result):
         from faultgauge.reporting.chapters import evaluation_section
 
         model = self.model
-        found = self.unseen or evaluate(model.plant, self.runs, model.max_step)
+        between = model.record.between
+        found = self.unseen or evaluate(model.plant, self.runs, model.max_step, between=between)
         return evaluation_section(model, found[0], found[1]).figures
 
     def _error(self, parameter: Any) -> float | None:

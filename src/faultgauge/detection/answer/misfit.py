@@ -39,15 +39,16 @@ def not_followed(model: Model, runs: Sequence[Run]) -> list[str]:
     Free runs begin anew at every piece that is as long as what a fit holds out of a run: through
     all of a log the model of a plant that integrates is carried off by errors of no account.
     """
-    usual = model.record.metrics.validation_free_run_nrmse
+    between, usual = model.record.between, model.record.metrics.validation_free_run_nrmse
     if usual is None:
         return []
     found = []
     for run in [cut(run, slice(0, LONGEST)) for run in runs]:
         try:
-            scores = evaluate(model.plant, _pieces(run), model.max_step)[0]["runs"]
+            scored, _ = evaluate(model.plant, _pieces(run), model.max_step, between=between)
         except InputError:  # nowhere two samples in a row: nothing to follow
             continue
+        scores = scored["runs"]
         for name in model.plant.signals.output_names:
             parts = [each["outputs"][name]["rmse"] for each in scores if name in each["outputs"]]
             spread = float(np.nanstd(run.columns[name])) if parts else 0.0

@@ -40,7 +40,8 @@ def gain_error(model: Model, runs: Sequence[Run]) -> float:
     integrates, is carried off by what is no answer."""
     logs = [replace(cut(run, slice(0, LONGEST)), name=str(k)) for k, run in enumerate(runs)]
     try:
-        predictions = predict(model.plant, logs, model.max_step)
+        between = model.record.between
+        predictions = predict(model.plant, logs, model.max_step, between=between)
     except InputError:  # nowhere two samples in a row: nothing to follow
         predictions = []
     gains = [g for each in predictions for g in _gains(each)]

@@ -236,9 +236,8 @@ def start_from_samples(model: Model, run: Run, part: slice) -> StretchStart:
             known[state] = float(padded[order] * np.prod(np.arange(1, order + 1)))
     u, y = record_arrays(model, run, part)
     first = slice(0, WARMUP)
-    plant, x = start_of_run(
-        model.plant, run.t[part][first], u[first], y[first], known, model.max_step
-    )
+    samples = run.t[part][first], u[first], y[first]
+    plant, x = start_of_run(model.plant, *samples, known, model.max_step, model.record.between)
     solved = plant is not model.plant or len(known) < len(signals.states)
     return StretchStart(plant, x, min(WARMUP, len(y)) if solved else 0)
 
