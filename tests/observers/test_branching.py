@@ -265,6 +265,44 @@ def test_one_fault_is_bayes_over_all_onsets(fault, size, since):
         )  # older than the log: within a step of its start
 
 
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(("sigma", "size"), [(0.005, 0.03), (0.01, 0.05), (0.002, 0.01)])
+def test_no_evidence_comes_from_onsets_that_are_given_up(sigma, size, seed):
+    """A sensor's small step, of which the plant soon leaves nothing to tell: whatever is learned
+    later, the odds are those over all onsets. Beyond a tenth of a nat they are never larger; 12 kept
+    onsets of up to 400 miss up to a nat."""
+    for count in (100, 200, 400):
+        samples = log(seed, bias=[(size, 50, count)], count=count, sigma=sigma)
+        info = judged(bank((BIAS,), sigma=sigma), samples)[1]
+        assert -1.0 < odds(info.p[-1, BIASED]) - brute(samples, BIAS, sigma)[0] < 0.1
+
+
+def test_a_change_that_takes_the_place_of_its_branch_waits_for_those_that_leave_it():
+    """Beside a push its end is likelier than nothing by e, its change by e^3: the branch without
+    it comes first, or it would have to be found anew beside a push of another size."""
+    each = bank((PUSH,), recovery=1e-3)
+    before, _ = judged(each, log(0, push=[(0.5, 50, COUNT)]))
+    lead = int(jnp.argmax(before.weight[: each.branches]))
+    assert before.which[lead] == PUSHED
+    found = each._changes(before)
+    end = each.kinds + PUSH
+    ell = jnp.full_like(found.ell, -1e30)
+    for kind, log_odds in ((PUSH, 3.0), (end, 1.0)):
+        ell = ell.at[lead, kind, -1].set(log_odds)
+    told = found._replace(ell=ell, top=jnp.max(ell, axis=2), total=jnp.max(ell, axis=2))
+    after, _ = each._promoted(before, told)
+    healthy = int(
+        jnp.argmax(
+            jnp.where(
+                after.which[: each.branches] == HEALTHY, after.weight[: each.branches], -jnp.inf
+            )
+        )
+    )
+    assert after.weight[healthy] == pytest.approx(float(before.weight[lead]) + 1.0)
+    assert after.which[lead] == PUSHED
+    np.testing.assert_array_equal(after.belief.mean[lead], before.belief.mean[lead])
+
+
 @pytest.mark.parametrize(("size", "limits"), [(-0.1, (0.0, np.inf)), (0.12, (-0.03, 0.03))])
 def test_sizes_that_a_fault_cannot_have_say_nothing_for_it(size, limits):
     """Odds of Bayes with the prior cut off at the limits, as close as without: e^1."""
