@@ -38,7 +38,7 @@ __all__ = ["Branching"]
 KEPT = 1e-9  # of all probability: a branch below may go
 PROMOTED = 0.0  # log-odds of a change against none, within its branch
 HOPELESS = 745.0  # nats behind the likeliest branch: a probability that is no number
-TRIFLE = 5e-3  # of the likeliest onset: one that moves no 95 % interval
+TRIFLE = 5e-3  # of the likeliest onset, or change: one that moves no 95 % interval
 
 
 class Branching(Onsets):
@@ -156,10 +156,13 @@ class Branching(Onsets):
         each onset is beside every branch."""
         B, K = self.branches, changes.total.shape[1]
         after = state.weight[:B, None] + changes.total
-        ready = (after > np.log(KEPT)) & (changes.total > PROMOTED)
-        # a change within a set takes the place of its branch, which others may still leave
+        # a change within a set takes the place of its branch, once all that might be there instead
+        # is a trifle
         within = self._leads(state.which[:B])[1] == state.which[:B, None]
-        ready = ready & ~(within & jnp.any(ready & ~within, axis=1, keepdims=True))
+        instead = jnp.max(jnp.where(within, PROMOTED, changes.total), axis=1, keepdims=True)
+        instead = jnp.maximum(instead, PROMOTED) - np.log(TRIFLE)
+        ready = changes.total > jnp.where(within, instead, PROMOTED)
+        ready = ready & (after > np.log(KEPT))
         worth = jnp.where(ready, after, NEVER)
         best = jnp.argmax(worth)
         b, k = (of(best, jnp.asarray(K, best.dtype)) for of in (jax.lax.div, jax.lax.rem))
