@@ -2,7 +2,8 @@
 
 A branch is a nonlinear filter with the faults of one set in its state. Beside it runs the evidence
 of one more change of every fault (`onsets`). A change that becomes likelier than none is promoted
-to a branch of its own, which inherits all other signatures less what the promoted one explains of
+to a branch of its own (of a fault that is there, in place of its branch, when nothing else is left
+of that), which inherits all other signatures less what the promoted one explains of
 them (the Schur complement of J).
 
 Beside the branches run unknown ones: filters whose discrepancy is far beyond the learned one, from

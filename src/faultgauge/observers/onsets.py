@@ -13,7 +13,8 @@ the innovation, raised where it is far off; R is raised only where e is far off 
 makes of it, and as S where the first sample may have had a part of the change only.
 A size's prior is as likely in every decade below its widest (`SCALES`). Nothing is mixed from step
 to step, so evidence adds up for as long as an onset is kept. Onsets are kept ever sparser the
-older they are, but the likely ones; one that goes leaves its prior to its neighbour.
+older they are, but the likely ones; one that goes leaves its prior to its neighbour, less what that
+explains and it does not.
 """
 
 import equinox as eqx
