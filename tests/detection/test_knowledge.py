@@ -71,8 +71,8 @@ def test_a_loss_of_gain_is_known_from_how_far_its_input_moves_about_nothing():
 
 def test_keys_of_the_plant_file_and_what_stands_in_for_them():
     found = bank()
-    # nothing given: a fault in a hundred records as long as the healthy ones
-    assert found.onset == pytest.approx([1e-2 / LENGTH, 3.6 / 3600])
+    # nothing given: a fault in a thousand records as long as the healthy ones
+    assert found.onset == pytest.approx([1e-3 / LENGTH, 3.6 / 3600])
     assert found.size[1] == 0.25  # half of max
     points = np.asarray(found.model.record.envelope_points)
     assert found.size[0] == pytest.approx(np.ptp(points[:, 1]) / 4)  # the range of d(x)

@@ -66,8 +66,7 @@ def test_every_view_of_a_doubtful_model_begins_with_it():
     found = estimate(tank(2 * MOVED), replace(suspect), smooth=True)
     plain = found.as_dict()
     assert plain["doubt"] == f"l{HEAD[1:-2]}"
-    told = [*found.lines[:1], *plain["answer"]]
-    told += [each for each in found.sentences if "the model's error in" not in each]  # of drift
+    told = [*found.lines[:1], *found.sentences, *plain["answer"]]
     told += [each["sentence"] for each in plain["events"]]
     told += [each["sentence"] for run in plain["runs"].values() for each in run["unnamed"]]
     told += sentences(found.bank, found.hindsight())

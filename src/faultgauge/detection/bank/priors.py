@@ -7,7 +7,7 @@
   has no limits, may at least change so far that a rate or an output moves by such a range.
   Decades below are as likely (`branches.SCALES`), so it matters little.
 - a growth is as fast as `rate` says.
-- `onset`: `prior_per_hour`, or once in a hundred records as long as the healthy ones.
+- `onset`: `prior_per_hour`, or once in a thousand records as long as the healthy ones.
 - an output that has no bias of its own may be off undeclared, as far as its range.
 """
 
@@ -37,7 +37,7 @@ __all__ = [
     "undeclared_faults",
 ]
 
-RARE = 1e-2  # faults in as much time as the healthy logs have
+RARE = 1e-3  # faults in as much time as the healthy logs have
 ALIEN = 0.01  # of the largest onset rate: how often something undeclared happens
 RECOVERY = 10.0  # times the onset rate; times AT_START, well below what hinders a name
 CHANGED = 0.01  # times that: how often a fault changes its size, a tenth as often as faults begin
