@@ -269,7 +269,7 @@ def test_one_fault_is_bayes_over_all_onsets(fault, size, since):
 @pytest.mark.parametrize(("sigma", "size"), [(0.005, 0.03), (0.01, 0.05), (0.002, 0.01)])
 def test_no_evidence_comes_from_onsets_that_are_given_up(sigma, size, seed):
     """A sensor's small step, of which the plant soon leaves nothing to tell: whatever is learned
-    later, the odds are those over all onsets. Beyond a tenth of a nat they are never larger; 12 kept
+    later, the odds are those over all onsets, and never more than a tenth of a nat larger; 12 kept
     onsets of up to 400 miss up to a nat."""
     for count in (100, 200, 400):
         samples = log(seed, bias=[(size, 50, count)], count=count, sigma=sigma)
