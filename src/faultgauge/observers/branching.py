@@ -161,8 +161,7 @@ class Branching(Onsets):
         # is a trifle
         within = self._leads(state.which[:B])[1] == state.which[:B, None]
         instead = jnp.max(jnp.where(within, PROMOTED, changes.total), axis=1, keepdims=True)
-        instead = jnp.maximum(instead, PROMOTED) - np.log(TRIFLE)
-        ready = changes.total > jnp.where(within, instead, PROMOTED)
+        ready = changes.total > jnp.where(within, instead - np.log(TRIFLE), PROMOTED)
         ready = ready & (after > np.log(KEPT))
         worth = jnp.where(ready, after, NEVER)
         best = jnp.argmax(worth)
