@@ -1,6 +1,8 @@
 """A plant that is not its model: F is followed by a discrepancy, and constants are uncertain.
 
-    x' = F(x, u; theta + offset + W xi) + F_ae + E d,    d' = -d / tau + w,    xi' = 0,
+    x' = F(x, u; theta + offset + W xi) + F_ae + E d + G q,    d' = -d / tau + w,    xi' = 0,
+
+    q' = -q / gripping + w,    G = 1 / (1 + (x / slip)^2) of the states that stick,
 
     F_ae = F(x, u + a + e + v; theta + offset) - F(x, u; theta + offset),
 
@@ -34,7 +36,11 @@ feels; l is what an input's change does to an output besides: a flow that follow
 seconds. g is by what a sensor trails what it measures, where healthy logs show that it does: a lag
 of the first order behind the plant, h + g = s with s' = (h - s) / trail. `bend` is by
 how much of its range an input's curve is off a straight line in the middle, where healthy logs show
-that it is: a valve's, a pump's. xi are the directions in
+that it is: a valve's, a pump's. q is what holds a state where it comes to rest, and lets go as it
+moves, where healthy logs show that something does: friction that sticks, of which a smooth curve
+through zero has nothing, is any force up to that which breaks loose, and one of one size everywhere
+would have to be as large as that (C. Canudas de Wit et al., IEEE TAC 40 (1995), on what a bristle
+model has there). xi are the directions in
 which the constants are uncertain, of unit variance.
 """
 
@@ -52,7 +58,7 @@ from jaxtyping import Array, Float
 from faultgauge.plants.expression import derivatives_used, is_state, names_used
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant import Plant, ValueChange, applied, respond
-from faultgauge.plants.reached import Bent, Reached, Strayed
+from faultgauge.plants.reached import Bent, Held, Reached, Strayed
 from faultgauge.plants.signals import Fault, Signals, State
 from faultgauge.products import contract
 
@@ -73,8 +79,9 @@ class Error(NamedTuple):
     time constant `straying` [s] of every a; what acts at random is `doubt` times as large where an
     input lies between `above` and `below`; of every v its time constant `leaning` [s] and its
     share, `lean`; time constant `trail` [s] of every g; the `bend` of an input's curve between
-    `low` and `high`; by how much an input may have changed just `before` a log (none: not at
-    all)."""
+    `low` and `high`; time constant `gripping` [s] of every q and within which of its state it acts
+    (`slip`, where half is left); by how much an input may have changed just `before` a log (none:
+    not at all)."""
 
     tau: Float[Array, "driven"]
     settling: Float[Array, "following"]
@@ -92,11 +99,13 @@ class Error(NamedTuple):
     bend: Float[Array | np.ndarray, "bending"] = np.zeros(0)
     low: Float[Array | np.ndarray, "bending"] = np.zeros(0)
     high: Float[Array | np.ndarray, "bending"] = np.zeros(0)
+    gripping: Float[Array | np.ndarray, "sticking"] = np.zeros(0)
+    slip: Float[Array | np.ndarray, "sticking"] = np.zeros(0)
     before: Float[Array | np.ndarray, "some"] = np.zeros(0)
 
 
 class Parts(NamedTuple):
-    """Where x, d, r, b, l, a, v, g, h and xi stand among the states."""
+    """Where x, d, r, b, l, a, v, g, q, h and xi stand among the states."""
 
     x: slice
     d: slice
@@ -106,16 +115,17 @@ class Parts(NamedTuple):
     a: slice
     v: slice
     g: slice
+    q: slice
     h: slice
     xi: slice
 
 
 class Disturbed(Plant):
-    """`base` with the states [x, d, r, b, l, a, v, g, h, xi]; `driven` are the states that d acts
+    """`base` with the states [x, d, r, b, l, a, v, g, q, h, xi]; `driven` are the states that d acts
     on, `following` the inputs that e acts on, `wandering` the outputs that b acts on, `lagging`
     those that l acts on, `straying` the inputs that a acts on, `leaning` those that v acts on,
     `trailing` the outputs that g acts on, which read states alone, `bending` the inputs whose curve
-    is bent, `doubted` those for which the model is to be doubted somewhere, `names` the parameters,
+    is bent, `sticking` the states that q acts on, `doubted` those for which the model is to be doubted somewhere, `names` the parameters,
     of which `directions` (W) is a row each."""
 
     signals: Signals = eqx.field(static=True)
@@ -131,6 +141,7 @@ class Disturbed(Plant):
     leaning: tuple[int, ...] = eqx.field(static=True)
     trailing: tuple[int, ...] = eqx.field(static=True)
     bending: tuple[int, ...] = eqx.field(static=True)
+    sticking: tuple[int, ...] = eqx.field(static=True)
     doubted: tuple[int, ...] = eqx.field(static=True)
     names: tuple[str, ...] = eqx.field(static=True)
 
@@ -151,6 +162,7 @@ class Disturbed(Plant):
         leaning: tuple[int, ...] = (),
         trailing: tuple[int, ...] = (),
         bending: tuple[int, ...] = (),
+        sticking: tuple[int, ...] = (),
     ) -> "Disturbed":
         """`undeclared` faults stand behind those that `base` declares."""
         signals = base.signals
@@ -161,6 +173,7 @@ class Disturbed(Plant):
         more += [State(f"a({signals.input_names[j]})") for j in straying]
         more += [State(f"v({signals.input_names[j]})") for j in leaning]
         more += [State(f"g({signals.output_names[j]})") for j in trailing]
+        more += [State(f"q({signals.state_names[i]})") for i in sticking]
         more += [State(f"h({signals.input_names[i]})") for i in following]
         more += [State(f"xi({k})") for k in range(directions.shape[1])]
         own = replace(
@@ -169,7 +182,7 @@ class Disturbed(Plant):
             faults=(*signals.faults, *undeclared),
         )
         beside = (wandering, lagging, straying, leaning, trailing)
-        acting = (driven, following, *beside, bending, doubted, names)
+        acting = (driven, following, *beside, bending, sticking, doubted, names)
         return Disturbed(own, base, error, offset, directions, *acting)
 
     @property
@@ -179,18 +192,18 @@ class Disturbed(Plant):
 
     @property
     def parts(self) -> Parts:
-        """Where x, d, r, b, l, a, v, g, h and xi stand among the states."""
+        """Where x, d, r, b, l, a, v, g, q, h and xi stand among the states."""
         beside = (self.wandering, self.lagging, self.straying, self.leaning, self.trailing)
-        acting = (self.driven, self.following, *beside, self.following)
+        acting = (self.driven, self.following, *beside, self.sticking, self.following)
         counts = [self.count, *map(len, acting), self.directions.shape[1]]
         return Parts(*(slice(*each) for each in pairwise([0, *np.cumsum(counts).tolist()])))
 
     @property
     def times(self) -> Float[Array, "others"]:
-        """How long [s] d, r, b, l, a, v, g, h and xi last."""
+        """How long [s] d, r, b, l, a, v, g, q, h and xi last."""
         error = self.error
         beside = (error.wandering, error.lag, error.straying, error.leaning, error.trail)
-        lasting = (error.tau, error.settling, *beside, error.settling)
+        lasting = (error.tau, error.settling, *beside, error.gripping, error.settling)
         return jnp.concatenate([*lasting, jnp.full(self.directions.shape[1], jnp.inf)])
 
     @property
@@ -213,7 +226,7 @@ class Disturbed(Plant):
         return jnp.concatenate([dx, rest])
 
     def lasting(self, dt: Float[Array, ""]) -> Float[Array, "others"]:
-        """Which share of d, r, b, l, a, v, g, h and xi is left after `dt` [s]."""
+        """Which share of d, r, b, l, a, v, g, q, h and xi is left after `dt` [s]."""
         return jnp.exp(-dt / self.times)
 
     def trails(
@@ -356,7 +369,7 @@ class Disturbed(Plant):
         return replace(self, base=self.base.altered(changes))
 
     def own_at(self, x: Float[Array, "states"]) -> Plant:
-        """`base` with the constants that xi makes of them, and with all faults."""
+        """`base` with the constants that xi makes of them, held by q, and with all faults."""
         return Reached(self._own, self._told(x))
 
     @property
@@ -365,8 +378,11 @@ class Disturbed(Plant):
         return replace(self.signals, states=self.base.signals.states)
 
     def _told(self, x: Float[Array, "states"]) -> Plant:
-        """`base` with the constants that xi makes of them."""
-        return self._with(self.offset + contract("ij,j->i", self.directions, x[self.parts.xi]))
+        """`base` with the constants that xi makes of them, held by q."""
+        plant = self._with(self.offset + contract("ij,j->i", self.directions, x[self.parts.xi]))
+        if not self.sticking:
+            return plant
+        return Held(plant.signals, plant, x[self.parts.q], self.error.slip, self.sticking)
 
     def _moved(
         self, us: Float[Array, "two inputs"], fs: Float[Array, "two faults"]

@@ -1,4 +1,5 @@
-"""A plant with other faults than it declares, or under other inputs than are commanded."""
+"""A plant with other faults than it declares, under other inputs than are commanded, or held at
+rest."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -11,7 +12,7 @@ from jaxtyping import Array, Float
 from faultgauge.plants.plant import Plant, ValueChange
 from faultgauge.plants.signals import Signals
 
-__all__ = ["Bent", "Reached", "Strayed"]
+__all__ = ["Bent", "Held", "Reached", "Strayed"]
 
 
 class Reached(Plant):
@@ -49,6 +50,23 @@ class Strayed(Reached):
 
     def reaching(self, u: Float[Array, "inputs"]) -> Float[Array, "inputs"]:
         return u + self.stray
+
+
+class Held(Reached):
+    """`base` whose states `sticking` are held by `force` [unit of the state per s] at zero, and by
+    half of it where they are `slip`."""
+
+    force: Float[Array, "sticking"]
+    slip: Float[Array | np.ndarray, "sticking"]
+    sticking: tuple[int, ...] = eqx.field(static=True)
+
+    def derivative(
+        self, x: Float[Array, "states"], u: Float[Array, "inputs"]
+    ) -> Float[Array, "states"]:
+        """F + q / (1 + (x / slip)^2)."""
+        at = np.array(self.sticking)
+        held = self.force / (1.0 + (x[at] / self.slip) ** 2)
+        return self.base.derivative(x, u).at[at].add(held)
 
 
 class Bent(Reached):

@@ -171,6 +171,9 @@ class NoiseLevels(Part):
     lean: dict[str, Number] = {}
     trail: dict[str, Positive] = {}
     bend: dict[str, Number] = {}
+    grip: dict[str, Positive] = {}
+    gripping: dict[str, Positive] = {}
+    slip: dict[str, Positive] = {}
     doubt: dict[str, Positive] = {}
     above: dict[str, Number] = {}
     below: dict[str, Number] = {}
@@ -180,6 +183,7 @@ class NoiseLevels(Part):
         pairs = (
             *((self.wander, self.wandering), (self.late, self.lag)),
             *((self.stray, self.straying), (self.lean, self.leaning)),
+            *((self.grip, self.gripping), (self.grip, self.slip)),
         )
         if any(set(size) != set(time) for size, time in pairs):
             raise ValueError("a size without its time")

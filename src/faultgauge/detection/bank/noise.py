@@ -19,6 +19,7 @@ from faultgauge.plants.signals import Fault
 __all__ = [
     "BEND",
     "DOUBT",
+    "GRIP",
     "LATE",
     "LEAN",
     "STRAY",
@@ -50,6 +51,7 @@ DOUBT = ("doubt", "above", "below")  # absent where the model is as good everywh
 LEAN = ("lean", "leaning")  # absent where no input comes late
 TRAIL = ("trail",)  # absent where no output does
 BEND = ("bend",)  # absent where no input's curve is bent
+GRIP = ("grip", "gripping", "slip")  # absent where no state sticks
 NOWHERE = {"doubt": 0.0, "above": -np.inf, "below": np.inf}  # what of these is absent
 MOST_CONSTANTS = 6  # that are tracked: those that matter most
 USUAL_SPREAD = 0.01  # of a constant, from run to run
@@ -66,7 +68,9 @@ class Noise(NamedTuple):
     input strays (`stray`), which lasts for `straying` [s]; by which share of its change an input is
     off at first, in the mean (`lean`, -1 for a lag), and within which time (`leaning` [s]); within
     which time an output follows what it measures, a lag of its sensor (`trail` [s]); by how much of
-    its range the curve of an input is off a straight line in the middle (`bend`); how
+    its range the curve of an input is off a straight line in the middle (`bend`); what holds a
+    state at rest (`grip`, its unit per s), for how long (`gripping` [s]), until it moves by `slip`,
+    where half of that is left; how
     many times as large all this is (`doubt`) where an input lies between `above` and `below`; 0, or
     nothing at all, where nothing of that kind is."""
 
@@ -93,6 +97,9 @@ class Noise(NamedTuple):
     leaning: Float[np.ndarray, "inputs"] = np.zeros(0)
     trail: Float[np.ndarray, "outputs"] = np.zeros(0)
     bend: Float[np.ndarray, "inputs"] = np.zeros(0)
+    grip: Float[np.ndarray, "states"] = np.zeros(0)
+    gripping: Float[np.ndarray, "states"] = np.zeros(0)
+    slip: Float[np.ndarray, "states"] = np.zeros(0)
 
     @property
     def wanders(self) -> tuple[int, ...]:
@@ -125,20 +132,25 @@ class Noise(NamedTuple):
         return tuple(np.flatnonzero(self.bend).tolist())
 
     @property
+    def grips(self) -> tuple[int, ...]:
+        """The states that stick."""
+        return tuple(np.flatnonzero(self.grip).tolist())
+
+    @property
     def doubts(self) -> tuple[int, ...]:
         """The inputs for which the model errs more somewhere."""
         return tuple(np.flatnonzero(self.doubt).tolist())
 
     @property
     def beside(self) -> int:
-        """How many inputs and outputs err on their own, and inputs somewhere more."""
+        """How many inputs, outputs and states err on their own, and inputs somewhere more."""
         inputs = self.strays + self.leans + self.bends + self.doubts
-        return len(self.wanders + self.lags + self.trails + inputs)
+        return len(self.wanders + self.lags + self.trails + self.grips + inputs)
 
     def widened(self, factor: float) -> "Noise":
         """What acts within a run `factor` times as large, which changes no gain of a filter; how
         constants differ between runs is no error of it."""
-        own = ("sigma", "process", "drift", "size", "share", "wander", "late", "stray")
+        own = ("sigma", "process", "drift", "size", "share", "wander", "late", "stray", "grip")
         return self._replace(**{name: factor * getattr(self, name) for name in own})
 
     def as_dict(self, model: Model) -> dict[str, dict[str, float]]:
@@ -175,6 +187,7 @@ def _beside(
     yield LEAN, signals.input_names, noise.leans
     yield TRAIL, signals.output_names, noise.trails
     yield BEND, signals.input_names, noise.bends
+    yield GRIP, signals.state_names, noise.grips
 
 
 def drifting_of(model: Model) -> tuple[str, ...]:
@@ -186,7 +199,7 @@ def noise_of(model: Model) -> Noise:
     """What `calibrate` found. Raises `InputError` for a model without it."""
     found = model.calibration and model.calibration.noise
     block = found.as_dict() if found else None
-    optional = (*WANDER, *LATE, *STRAY, *DOUBT, *LEAN, *TRAIL, *BEND)
+    optional = (*WANDER, *LATE, *STRAY, *DOUBT, *LEAN, *TRAIL, *BEND, *GRIP)
     if block is None or {*block, *optional} != set(Noise._fields):
         raise InputError(
             "the model holds no noise levels, which the bank needs; run `faultgauge "
@@ -199,7 +212,7 @@ def noise_of(model: Model) -> Noise:
         ]
         signals = model.plant.signals
         inputs, outputs = signals.input_names, signals.output_names
-        named = [outputs] * 4 + [inputs] * 7 + [outputs, inputs]
+        named = [outputs] * 4 + [inputs] * 7 + [outputs, inputs] + [signals.state_names] * 3
         more = [
             [block.get(key, {}).get(name, NOWHERE.get(key, 0.0)) for name in names]
             for key, names in zip(optional, named, strict=True)
@@ -347,6 +360,7 @@ def disturbed(model: Model, noise: Noise, undeclared: tuple[Fault, ...] = ()) ->
         noise.leans,
         noise.trails,
         noise.bends,
+        noise.grips,
     )
 
 
@@ -368,7 +382,9 @@ def error_of(model: Model, noise: Noise) -> Error:
     before = np.ptp(u, axis=0)[list(following_inputs(model.plant))]
     late = noise.leaning[leans], noise.lean[leans], noise.trail[trails]
     bend = noise.bend[bends], u.min(axis=0)[bends], u.max(axis=0)[bends]
-    parts = (*own, *beside, *doubt, *late, *bend, before)
+    grips = list(noise.grips)
+    grip = noise.gripping[grips], noise.slip[grips]
+    parts = (*own, *beside, *doubt, *late, *bend, *grip, before)
     return Error(*(jnp.asarray(each) for each in parts))
 
 
@@ -376,7 +392,7 @@ def process_of(
     noise: Noise, drifted: Float[np.ndarray, "drifting"]
 ) -> Float[np.ndarray, "extended"]:
     """Per sqrt(s), of the states of `Disturbed`."""
-    wanders, strays = list(noise.wanders), list(noise.strays)
+    wanders, strays, grips = list(noise.wanders), list(noise.strays), list(noise.grips)
     return np.concatenate(
         [
             noise.process,
@@ -386,6 +402,7 @@ def process_of(
             np.zeros(len(noise.lags)),
             noise.stray[strays] * np.sqrt(2 / noise.straying[strays]),
             np.zeros(len(noise.leans + noise.trails)),
+            noise.grip[grips] * np.sqrt(2 / noise.gripping[grips]),
             np.zeros(len(noise.share)),
             noise.drift / np.maximum(drifted, 1e-300),
             np.zeros(len(noise.spread)),
@@ -433,7 +450,7 @@ def start_spread(
         if measures is not None:
             k = model.plant.signals.state_names.index(measures)
             sd[k] = np.hypot(sd[k], behind)
-    rest = noise.wander[wanders], late, *stray, trail, 0 * follows
+    rest = noise.wander[wanders], late, *stray, trail, noise.grip[list(noise.grips)], 0 * follows
     directions = np.ones(len(drifted) + len(noise.spread))
     return np.concatenate([sd, noise.size, follows, *rest, directions])
 
@@ -448,6 +465,7 @@ def scale_of(model: Model, noise: Noise) -> Float[np.ndarray, "extended"]:
     stray = noise.stray[list(noise.strays)], u[list(noise.leans)]
     trails = list(noise.trails)
     stray = *stray, noise.trail[trails] * output_rates_of(model)[trails]
+    stray = *stray, noise.grip[list(noise.grips)]
     return np.concatenate([x, noise.size, np.ones(len(follows)), *own, *stray, follows, rest])
 
 

@@ -167,6 +167,7 @@ class Likelihood:
             leaning=plant.leaning,
             trailing=plant.trailing,
             bending=plant.bending,
+            sticking=plant.sticking,
         )
         found = _costs(
             bare,

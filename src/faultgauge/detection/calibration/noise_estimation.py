@@ -20,6 +20,7 @@ from jaxtyping import Bool, Float
 from faultgauge.detection.bank.noise import (
     BEND,
     DOUBT,
+    GRIP,
     LATE,
     LEAN,
     STRAY,
@@ -28,6 +29,7 @@ from faultgauge.detection.bank.noise import (
     Noise,
 )
 from faultgauge.detection.calibration.doubted_regions import with_doubted_regions
+from faultgauge.detection.calibration.grips import with_grips
 from faultgauge.detection.calibration.innovation_likelihood import (
     SAMPLES,
     Likelihood,
@@ -84,7 +86,7 @@ BESIDE = (
     with_errors_of_outputs,
     with_errors_of_outputs,
 )
-SIZES = {pair[0]: pair for pair in (WANDER, LATE, STRAY, LEAN, TRAIL, BEND)}  # with their times
+SIZES = {pair[0]: pair for pair in (WANDER, LATE, STRAY, LEAN, TRAIL, BEND, GRIP)}  # with their times
 AGREE = 1.25  # times: what the plant does lets the constants of runs lie no farther apart
 LESS = 0.95  # of the share that a change is off by: a lag that leaves more is none
 TOLD = 1.05  # times the shortest time: the end of a search
@@ -112,6 +114,7 @@ def estimate_noise(
     if discrepancy:
         noise = _started(model, told.batch, told.guess, told.bounds(told.guess), stepped)
         noise = _alternated(model, told.batch, noise, told.bounds(noise), stepped, {"sigma"})
+        noise = _with(with_grips, model, told, noise, stepped) or noise
         noise = _with_structure(model, told, noise, stepped)
         for beside in BESIDE:
             noise = _with(beside, model, told, noise, stepped) or noise
@@ -182,7 +185,7 @@ class _Healthy:
 
     def bounds(self, noise: Noise) -> Bounds:
         """Of the levels that `noise` has."""
-        beside = (*WANDER, *LATE, *STRAY, *DOUBT, *LEAN, *TRAIL, *BEND)
+        beside = (*WANDER, *LATE, *STRAY, *DOUBT, *LEAN, *TRAIL, *BEND, *GRIP)
         own = {name: getattr(noise, name) for name in beside}
         return bounds_of(self.guess._replace(**own), self.step, self.stretches)
 

@@ -12,6 +12,7 @@ from jaxtyping import Float
 from scipy.special import comb
 
 from faultgauge.detection.bank.noise import (
+    GRIP,
     Noise,
     constants_of,
     drifting_of,
@@ -42,7 +43,7 @@ __all__ = [
 SEARCHED = (
     *("sigma", "process", "drift", "size", "lasting", "share", "settling"),
     *("wander", "wandering", "late", "lag", "stray", "straying", "doubt", "trail"),
-    *("leaning", "lean", "bend"),
+    *("leaning", "lean", "bend", "grip", "gripping", "slip"),
 )
 SIGNED = ("lean", "bend")  # of these: numbers of either sign, and no logarithms
 ORDERS = 8  # of differences: beyond, next to nothing fades that has not
@@ -57,6 +58,7 @@ EQUAL = 1e-9  # of the largest: values that are nearer are one, but for rounding
 LEAST = 0.25  # times the shortest time: a sensor's lag, which shows beside other outputs
 LAG = -1.0  # of an input's change: all of it comes late
 TRACE = 1e-9  # of it: next to nothing
+WIDER = 4.0  # times the first guess of what a grip lets go in: beyond, it is none
 BENT = 0.24  # of an input's range: beyond a quarter its curve would fall at an end
 UNSURE = 1.5  # standard deviation of the logarithms of these
 
@@ -140,6 +142,7 @@ def first_guess(model: Model, runs: Sequence[Run], stretches: Sequence[StretchPi
         stray=nothing, straying=nothing,
         doubt=nothing, above=nothing - np.inf, below=nothing + np.inf,
         lean=nothing, leaning=nothing, trail=np.zeros(len(sigma)), bend=nothing,
+        **dict.fromkeys(GRIP, np.zeros(len(process))),
     )  # fmt: skip
 
 
@@ -193,7 +196,7 @@ def bounds_of(guess: Noise, step: float, stretches: Sequence[StretchPiece]) -> B
     named = dict(zip(SEARCHED, np.split(center, np.cumsum([*sizes.values()])[:-1]), strict=True))
     low, high = ({name: a + r for name, a in named.items()} for r in (-REACH, REACH))
     most = dict.fromkeys(("lasting", "wandering", "straying"), spans.longest)
-    most |= dict.fromkeys(("settling", "lag", "leaning", "trail"), spans.settled)
+    most |= dict.fromkeys(("settling", "lag", "leaning", "trail", "gripping"), spans.settled)
     if len(guess.drift):
         most["lasting"] = max(SLOWER * spans.longest / LONGEST, 20 * step)
     for name, time in most.items():
@@ -208,6 +211,7 @@ def bounds_of(guess: Noise, step: float, stretches: Sequence[StretchPiece]) -> B
             low["sigma"][j] = max(low["sigma"][j], np.log(least))
     low["trail"] += np.log(LEAST)
     low["doubt"][:] = 0.0
+    high["slip"] = named["slip"] + np.log(WIDER)
     low["lean"], high["lean"] = np.full(sizes["lean"], LAG), np.full(sizes["lean"], -TRACE)
     low["bend"], high["bend"] = np.full(sizes["bend"], -BENT), np.full(sizes["bend"], BENT)
     pull = {name: np.full(count, np.inf) for name, count in sizes.items()}
