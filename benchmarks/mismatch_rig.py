@@ -38,6 +38,7 @@ model error. Shares have Wilson's 95 % intervals.
   air             compressed air in two vessels: gas that warms, choked nozzles, a bent valve
   reactor         a cooled tank: Arrhenius, a wall, fouling, a valve of equal percentage
   conveyor        a belt on a drum: creep and slip, a load that strays, a splice, lags
+  gimbal          an axis whose bearing sticks and breaks loose; a cable, teeth, a lag
   equal           the heaters without anything that the file lacks
 """
 
@@ -59,6 +60,7 @@ from mismatch.dc_motor import dc_motor
 from mismatch.exchanger import exchanger
 from mismatch.fan_drive import fan_drive
 from mismatch.furnace import furnace
+from mismatch.gimbal import gimbal
 from mismatch.harness import measure, without_discrepancy
 from mismatch.heated_tank import heated_tank
 from mismatch.heaters import biased, equal, heaters
@@ -103,6 +105,7 @@ CASES: dict[str, Callable[[], Case]] = {
     "air": air,
     "reactor": reactor,
     "conveyor": conveyor,
+    "gimbal": gimbal,
     "equal": equal,
 }
 SHARES = {

@@ -247,6 +247,26 @@ def test_an_input_that_strays_does_so_wherever_it_acts():
     np.testing.assert_allclose(own, [2.0, 3.2 * 1.5 - 1.0], rtol=1e-12)
 
 
+def test_a_state_that_sticks_is_held_near_rest_and_not_in_motion():
+    """v' = 3.2 * 1.5 - 0.4 v + q / (1 + (v / 0.5)^2): all of q = -6 at rest, half at 0.5, a 17th at
+    2; q itself fades within 4 s, wherever v is."""
+    base = GrayBoxPlant.untrained(parse_plant(CART))
+    none, time, slip = np.zeros(0), np.array([4.0]), np.array([0.5])
+    error = Error(none, none, none, gripping=time, slip=slip)
+    offset, nothing = jnp.array([0.2, -0.1]), jnp.zeros((2, 0))
+    plant = Disturbed.of(base, (), (), error, ("k", "c"), offset, nothing, sticking=(1,))
+    assert plant.signals.state_names == ("q", "v", "q(v)")
+    for v, left in ((0.0, 1.0), (0.5, 0.5), (-0.5, 0.5), (2.0, 1 / 17)):
+        x, u = jnp.array([1.0, v, -6.0]), jnp.array([1.5])
+        rate = 3.2 * 1.5 - 0.4 * v - 6.0 * left
+        dx, y = respond(plant, x, u, jnp.zeros(1))
+        np.testing.assert_allclose(dx, [v, rate, 1.5], rtol=1e-12)
+        np.testing.assert_allclose(y, [1.0, rate], rtol=1e-12)
+        own = plant.own_at(x).derivative(x[:2], u)
+        np.testing.assert_allclose(own, [v, rate], rtol=1e-12)
+    np.testing.assert_allclose(plant.lasting(jnp.asarray(2.0)), [np.exp(-0.5)], rtol=1e-12)
+
+
 def test_what_acts_at_random_is_larger_where_the_model_is_doubted():
     """u between 1 and 2, 3 times, at one end of a step at least; nothing acts on xi."""
     base = GrayBoxPlant.untrained(parse_plant(CART))

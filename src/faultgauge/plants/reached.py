@@ -11,6 +11,7 @@ from jaxtyping import Array, Float
 
 from faultgauge.plants.plant import Plant, ValueChange
 from faultgauge.plants.signals import Signals
+from faultgauge.products import contract
 
 __all__ = ["Bent", "Held", "Reached", "Strayed"]
 
@@ -64,9 +65,10 @@ class Held(Reached):
         self, x: Float[Array, "states"], u: Float[Array, "inputs"]
     ) -> Float[Array, "states"]:
         """F + q / (1 + (x / slip)^2)."""
-        at = np.array(self.sticking)
-        held = self.force / (1.0 + (x[at] / self.slip) ** 2)
-        return self.base.derivative(x, u).at[at].add(held)
+        acts = np.eye(len(x))[:, list(self.sticking)]
+        moving = contract("ij,i->j", acts, x) / self.slip
+        held = contract("ij,j->i", acts, self.force / (1.0 + moving * moving))
+        return self.base.derivative(x, u) + held
 
 
 class Bent(Reached):

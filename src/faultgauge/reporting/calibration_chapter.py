@@ -227,6 +227,14 @@ def _besides(model: Model, noise: Noise) -> list[tuple[str, str, str]]:
         )
         for j in noise.strays
     ]
+    rows += [
+        (
+            f"{state.name} sticks within {quantity(float(noise.slip[k]), state.unit)} of rest by",
+            quantity(float(noise.grip[k]), f"{state.unit}/s" if state.unit else "1/s"),
+            f"lasts {quantity(float(noise.gripping[k]), 's')}",
+        )
+        for k, state in ((k, signals.states[k]) for k in noise.grips)
+    ]
     rows += _lacking(model, noise)
     for k, place in enumerate(following_inputs(model.plant)):
         rows.append(

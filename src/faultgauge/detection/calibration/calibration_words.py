@@ -60,6 +60,7 @@ def errors(model: Model) -> list[str]:
             f"{each.name} strays by {size} from what the log says, for about "
             f"{duration(float(noise.straying[j]))} at a time"
         )
+    lines += _sticking(model, noise)
     lines += _leaning(model, noise)
     for j in noise.lags:
         lines.append(
@@ -100,6 +101,21 @@ def _discrepancy(state: State, size: float, lasts: float, seen: float) -> str:
         f"what the model is off by in d({state.name}) comes back nowhere in these logs: it moves "
         f"by about {moves}{unit} in {duration(seen)}"
     )
+
+
+def _sticking(model: Model, noise: Noise) -> list[str]:
+    """States that something holds at rest."""
+    lines = []
+    for k in noise.grips:
+        state = model.plant.signals.states[k]
+        unit, rate = (f" {state.unit}", f" {state.unit}/s") if state.unit else ("", " per second")
+        lines.append(
+            f"{state.name} sticks: near rest something that the file lacks holds it by about "
+            f"{number(noise.grip[k], 2)}{rate}, for about {duration(float(noise.gripping[k]))} at "
+            f"a time, and lets go from {number(noise.slip[k], 2)}{unit} on. What is smaller shows "
+            "only while it moves"
+        )
+    return lines
 
 
 def _leaning(model: Model, noise: Noise) -> list[str]:

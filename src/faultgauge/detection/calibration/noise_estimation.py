@@ -57,7 +57,7 @@ from faultgauge.detection.calibration.scoring import scored
 from faultgauge.detection.calibration.sensor_lags import with_lags_of_sensors
 from faultgauge.errors import InputError
 from faultgauge.observers import divided_difference as dd
-from faultgauge.plants.disturbed import following_inputs
+from faultgauge.plants.disturbed import dynamic_states, following_inputs
 from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run
 from faultgauge.telemetry.oversampling import block_means
@@ -86,8 +86,11 @@ BESIDE = (
     with_errors_of_outputs,
     with_errors_of_outputs,
 )
-SIZES = {pair[0]: pair for pair in (WANDER, LATE, STRAY, LEAN, TRAIL, BEND, GRIP)}  # with their times
+SIZES = {
+    pair[0]: pair for pair in (WANDER, LATE, STRAY, LEAN, TRAIL, BEND, GRIP)
+}  # with their times
 AGREE = 1.25  # times: what the plant does lets the constants of runs lie no farther apart
+HOLDS = 0.1  # of the power of what a model errs by: a grip that leaves more is none
 LESS = 0.95  # of the share that a change is off by: a lag that leaves more is none
 TOLD = 1.05  # times the shortest time: the end of a search
 ENOUGH = 0.3  # of log-likelihood: a step that gains less is the last
@@ -249,12 +252,14 @@ def _with(
         bounds = told.bounds(more)
         found = _alternated(model, told.batch, more, bounds, stepped)
         lean, trail = _false_lags(model, noise, found, spans)
-        if not lean.any() and not trail.any():
+        grip = _false_grips(model, noise, found)
+        if not lean.any() and not trail.any() and not grip.any():
             break
         more = more._replace(
             lean=np.where(lean, 0.0, more.lean),
             leaning=np.where(lean, 0.0, more.leaning),
             trail=np.where(trail, 0.0, more.trail),
+            **{name: np.where(grip, 0.0, getattr(more, name)) for name in GRIP},
         )
     else:
         return None
@@ -277,6 +282,19 @@ def _false_lags(
     short, new = TOLD * spans.shortest, (found.lean != 0) & (before.lean == 0)
     lean = new & (~less | (found.leaning < short))
     return lean, (found.trail > 0) & (before.trail == 0) & (found.trail < LEAST * short)
+
+
+def _false_grips(model: Model, before: Noise, found: Noise) -> Bool[np.ndarray, "states"]:
+    """The states whose grip, which was not there `before`, leaves more than a tenth of the power by
+    which the model errs slowly, 2 s^2 tau + sigma^2: what errs in motion as well is no grip."""
+
+    def power(noise: Noise) -> Float[np.ndarray, "states"]:
+        slow = noise.process**2
+        slow[list(dynamic_states(model.plant))] += 2 * noise.size**2 * noise.lasting
+        return slow
+
+    new = (found.grip != 0) & (before.grip == 0)
+    return new & (power(found) > HOLDS * power(before))
 
 
 def _needed(model: Model, batch: Likelihood, noise: Noise) -> Noise:
