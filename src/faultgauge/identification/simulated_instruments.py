@@ -119,10 +119,11 @@ def freed_by_simulation(
             x = _simulated(plant, group, stretches, rate)
             if not all(np.all(np.isfinite(each[:, list(group.states)])) for each in x):
                 break
-            along = tuple(_samples(spec.signals, own, stretches, each) for each in (None, x))
-            samples, exogenous = (each.take(places) for each in along)
+            measured = _samples(spec.signals, own, stretches, None)
+            explained = _samples(spec.signals, own, stretches, x)
+            samples, exogenous = measured.take(places), explained.take(places)
             plant = _refitted(plant, group, samples, exogenous)
-            found = Freed(plant, samples, exogenous, along)
+            found = Freed(plant, samples, exogenous, (measured, explained))
         if found is not None:
             yield found
 
