@@ -10,8 +10,15 @@ import pytest
 
 from calibrations import for_bank
 from faultgauge.cli.evidence import write_evidence
-from faultgauge.detection.answer.answer import answers, as_dicts, first_screen, runs_as_dicts
-from faultgauge.detection.answer.evidence import Evidence, evidence, same
+from faultgauge.detection.answer.answer import (
+    answers,
+    as_dicts,
+    first_screen,
+    runs_as_dicts,
+    shown_first,
+)
+from faultgauge.detection.answer.event_sentence import finding
+from faultgauge.detection.answer.evidence import MOST_SHOWN, Evidence, evidence, same
 from faultgauge.detection.answer.least import least_told
 from faultgauge.detection.bank.bank import build_fault_bank
 from faultgauge.detection.bank.noise import Noise
@@ -463,6 +470,19 @@ def test_the_open_figure_is_of_the_run_that_the_first_sentence_speaks_of(bank, d
     report = decision_report(bank, [silent, quiet])
     assert report.summary_sentences[0] == "No fault in run run10"
     assert report.sections[0].title == "Run run10"
+
+
+def test_evidence_is_shown_of_what_the_first_sentence_speaks_of(bank, decision):
+    """A fault behind eight short events; of these the seventh was asked for."""
+    (event,) = decision.events
+    short = [replace(event, start=10.0 * k, end=10.0 * k + 5.0) for k in range(8)]
+    many = replace(decision, events=[*short, event])
+    shown = [each for _, each in shown_first(bank, [many], [short[6]])]
+    assert shown == [event, short[6], *short[: MOST_SHOWN - 2]]
+    said = decision_report(bank, [many]).summary_sentences[0]
+    assert finding(event, "m/s", bank.step)[0] == said
+    assert [each for _, each in shown_first(bank, [decision])] == [event]
+    assert shown_first(bank, [decide(bank, log(2))]) == []
 
 
 def test_a_report_of_a_healthy_run_has_the_outputs_alone(bank):
