@@ -10,8 +10,15 @@ import pytest
 
 from calibrations import for_bank
 from faultgauge.cli.evidence import write_evidence
-from faultgauge.detection.answer.answer import answers, as_dicts, first_screen, runs_as_dicts
-from faultgauge.detection.answer.evidence import Evidence, evidence, same
+from faultgauge.detection.answer.answer import (
+    answers,
+    as_dicts,
+    first_screen,
+    runs_as_dicts,
+    shown_first,
+)
+from faultgauge.detection.answer.event_sentence import finding
+from faultgauge.detection.answer.evidence import MOST_SHOWN, Evidence, evidence, same
 from faultgauge.detection.answer.least import least_told
 from faultgauge.detection.bank.bank import build_fault_bank
 from faultgauge.detection.bank.noise import Noise
@@ -465,6 +472,19 @@ def test_the_open_figure_is_of_the_run_that_the_first_sentence_speaks_of(bank, d
     assert report.sections[0].title == "Run run10"
 
 
+def test_evidence_is_shown_of_what_the_first_sentence_speaks_of(bank, decision):
+    """A fault behind eight short events; of these the seventh was asked for."""
+    (event,) = decision.events
+    short = [replace(event, start=10.0 * k, end=10.0 * k + 5.0) for k in range(8)]
+    many = replace(decision, events=[*short, event])
+    shown = [each for _, each in shown_first(bank, [many], [short[6]])]
+    assert shown == [event, short[6], *short[: MOST_SHOWN - 2]]
+    said = decision_report(bank, [many]).summary_sentences[0]
+    assert finding(event, "m/s", bank.step)[0] == said
+    assert [each for _, each in shown_first(bank, [decision])] == [event]
+    assert shown_first(bank, [decide(bank, log(2))]) == []
+
+
 def test_a_report_of_a_healthy_run_has_the_outputs_alone(bank):
     report = decision_report(bank, [decide(bank, log(2))])
     assert [each.title for each in report.sections] == ["Run run2", "Every fault, told or not"]
@@ -478,7 +498,7 @@ def test_a_report_of_a_log_with_a_clock_is_in_its_time(bank, decision):
     assert table.header[1:4] == ("began", "told", "seen until")
     # 300 s after 08:41:10, found to within seconds; told at 309.5 s; the log ends at 599.5 s
     assert table.rows[0][1].startswith("08:46:")
-    assert table.rows[0][2] == "08:46:19.500"
+    assert table.rows[0][2] == "08:46:19.5"
     assert table.rows[0][3].startswith("08:51:0")
     assert "time (s)" not in render(report)
     assert "08:44:00" in report.sections[0].figures[0].svg

@@ -91,6 +91,23 @@ def test_times_are_as_fine_as_rows_are_apart():
     )
 
 
+def test_a_clock_within_a_second_is_as_fine_as_seconds_are():
+    morning = Clock(datetime(2026, 5, 1, 8, 40))
+    t = 359.947  # 08:45:59.947
+    onset = Began(morning, t, t - 0.7, t + 0.7)
+    assert onset.since() == "since 08:45:59.95 +- 0.7 s"
+    assert onset.cell() == "08:45:59.95 (08:45:59.25 to 08:46:00.65)"
+    assert onset._replace(told=359.948).since() == "since 08:45:59.94 +- 0.7 s"
+    assert onset._replace(low=t - 0.002, high=t + 0.05).since() == (
+        "since 08:45:59.947, between 08:45:59.945 and 08:45:59.997"
+    )
+    assert moment(morning, t, 0.1) == "08:45:59.94"  # never later than it was
+    assert moment(morning, 359.9, 0.1) == "08:45:59.9"
+    assert moment(morning, t) == "08:45:59.947"
+    assert moment(morning, 360.0, 0.1) == "08:46:00"
+    assert about(morning, 359.996, 0.5) == "08:46:00"
+
+
 def test_an_onset_is_rounded_to_the_nearest_and_never_behind_what_was_told():
     assert Began(None, 19.99, 4.6, 34.9).since() == "since 20 s +- 15 s"
     assert Began(None, 19.99, 4.6, 34.9, told=19.995).since() == "since 19 s +- 15 s"

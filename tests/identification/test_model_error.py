@@ -1,13 +1,18 @@
 """What a plant that is not its model does to constants, and to their standard errors."""
 
+import html
 import json
+import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
 import faultgauge as fg
+from faultgauge.identification.constants import ConstantsInformation, FittedConstant
 from faultgauge.identification.model_error import InOrder, band_scatter, delays
+from faultgauge.reporting.report import render
 from faultgauge.telemetry import Run
 
 FILE = """
@@ -56,6 +61,30 @@ def constants(found):
     return {each.name: each for each in known.information.constants}
 
 
+def assert_said(found, words):
+    """One sentence of the terminal and JSON, with `words`; and beside each number, in the report
+    as well, what slow and fast motion ask for."""
+    (said,) = [text for text in found.warnings if text.startswith("slow and fast motion")]
+    assert said == (
+        f"slow and fast motion ask for other values of {words} than both together, so the plant "
+        "does something that the file lacks, or noise in what the equations read moves them: the "
+        "constants are this model's, and their standard errors hold by how much the values "
+        "differ; compare with `faultgauge fit --refine`, and add what the file lacks"
+    )
+    told = found.as_dict()
+    assert said in told["warnings"]
+    rows = {row["name"]: row for row in told["equation_error"]["parameters"]}
+    page = html.unescape(re.sub(r"<[^>]+>|\s+", " ", render(found.page())))
+    shown = [each for each in constants(found).values() if each.slow is not None]
+    assert shown
+    for each in shown:
+        beside = f"slow and fast motion ask for {each.slow:.3g} against {each.fast:.3g} {each.unit}"
+        assert rows[each.name]["shift"] == beside
+        assert (rows[each.name]["slow"], rows[each.name]["fast"]) == (each.slow, each.fast)
+        assert any(line.startswith(f"{each.name} = ") and beside in line for line in found.lines)
+        assert beside in page
+
+
 def test_the_scatter_of_slow_and_fast_motion():
     """One constant, for which slow motion, a share p of the information, asks for +1 and fast
     motion for -1: least squares has 2 p - 1, from which they are off by 2 - 2 p and 2 p."""
@@ -79,9 +108,12 @@ def test_the_scatter_of_slow_and_fast_motion():
     wanted = slow - fast  # the constant times (slow + fast) is to follow that
     parts = [along(-wanted[k], (slow + fast)[k]) for k in (slice(0, 2500), slice(2500, 4000))]
     p = np.sum(slow**2) / np.sum(slow**2 + fast**2)
-    np.testing.assert_allclose(
-        band_scatter(parts), [2 * np.sqrt(p * (1 - p))], rtol=0.08
-    )  # of eight bands one holds both
+    found = band_scatter(parts)
+    # of eight bands one holds both
+    np.testing.assert_allclose(found.off, [2 * np.sqrt(p * (1 - p))], rtol=0.08)
+    # the faster half of the information is fast motion's, which asks for -1; p of the slower half's
+    # 1/2 is slow motion's: (p - (1/2 - p)) / (1/2) = 4 p - 1; both about 2 p - 1
+    np.testing.assert_allclose([found.slow, found.fast], [[2 * p], [-2 * p]], rtol=0.08)
 
 
 @pytest.mark.parametrize("kind", ["white", "a derivative", "lasting"])
@@ -96,7 +128,7 @@ def test_chance_is_no_scatter(kind):
             "lasting": lfilter([1], [1, -0.9], white)[1:],
         }
         J = lfilter([1], [1, -0.98], rng.standard_normal(2000)), rng.standard_normal(2000)
-        told += bool(np.any(band_scatter([along(r[kind], *J)])))
+        told += bool(np.any(band_scatter([along(r[kind], *J)]).off))
     assert told <= 2  # of 200, where one in a thousand is expected
 
 
@@ -131,7 +163,8 @@ def test_a_lag_that_the_file_lacks():
     assert late.seconds == pytest.approx(LAG, rel=0.2)
     (said,) = [text for text in found.warnings if "lacks a lag" in text]
     assert said.startswith(f"'x' comes about {late.seconds:.2g} s later than the plant file has it")
-    assert any("slow and fast motion ask for other values of a, b" in t for t in found.warnings)
+    a = constants(found)["a"]
+    assert_said(found, f"a ({a.slow:.3g} against {a.fast:.3g} 1/s), b")
     told = json.loads(json.dumps(found.as_dict(), allow_nan=False))["equation_error"]
     errors = [each.standard_error for each in constants(found).values()]
     assert [row["standard_error"] for row in told["parameters"]] == errors
@@ -154,6 +187,56 @@ def test_an_input_that_acts_later():
     assert any(text.startswith("the plant follows 'u' about") for text in found.warnings)
 
 
+AXIS = """
+name = "axis"
+[states.w]
+unit = "rad/s"
+derivative = "k*u - b*w - c*tanh(w/0.1)"
+[inputs.u]
+unit = "V"
+hold = "zero"
+[outputs.w]
+unit = "rad/s"
+value = "w"
+[parameters]
+k = { value = 7, unit = "rad/s**2/V", min = 0.1 }
+b = { value = 5, unit = "1/s", min = 0 }
+c = { value = 8, unit = "rad/s**2", min = 0 }
+"""
+GAIN, DRIVE, SUBSTEPS = 8.0, 0.05, 10  # rad/s^2/V; s, of the drive
+
+
+def axis(lag):
+    """A drive's `lag` [s] before an axis with friction, by Euler's steps of 1 ms; 0: none."""
+    rng, w, drive, seen = np.random.default_rng(0), 0.0, 0.0, []
+    u, h = np.repeat(rng.uniform(-6, 6, 100), 40), 0.01 / SUBSTEPS
+    for volts in u:
+        seen.append(w)
+        for _ in range(SUBSTEPS):
+            drive = drive + h * (volts - drive) / lag if lag else volts
+            w += h * (GAIN * drive - 6 * w - 10 * np.tanh(w / 0.1))
+    noisy = np.array(seen) + 0.02 * rng.standard_normal(len(u))
+    return Run("axis", "axis.csv", 0.01 * np.arange(len(u)), {"u": u, "w": noisy})
+
+
+def test_simulated_instruments_have_them_too():
+    """The file lacks the drive's lag, and the gain comes out far too low, by chance alone tight."""
+    found = fg.fit(AXIS, axis(DRIVE), restarts=1)
+    (group,) = found.account.groups
+    assert group.form == "instrumental"
+    k = constants(found)["k"]
+    assert k.value < GAIN - 10 * k.by_chance
+    assert k.value > GAIN - 3 * k.standard_error
+    b = constants(found)["b"]
+    assert_said(
+        found,
+        f"k ({k.slow:.3g} against {k.fast:.3g} rad/s**2/V), b ({b.slow:.3g} against {b.fast:.3g} "
+        "1/s), c",
+    )
+    without = fg.fit(AXIS, axis(0.0), restarts=1)
+    assert not any("slow and fast" in each for each in without.warnings)
+
+
 def test_a_refinement_has_them_too():
     found = constants(fg.fit(FILE, log(0, LAG), restarts=1, refine=True))
     for name, true in (("a", A), ("b", B)):
@@ -167,6 +250,23 @@ def test_noise_in_what_the_equations_read():
     found = constants(fg.fit(FILE, [log(k, noise=0.6) for k in range(4)], restarts=1))
     for name, true in (("a", A), ("b", B)):
         assert abs(found[name].value - true) < 3 * found[name].standard_error
+
+
+def spoken(*named, refined=False):
+    known = ConstantsInformation(named, np.eye(len(named)), (), 1.0, refined=refined)
+    return [each for each in known.warnings() if each.startswith("slow and fast")]
+
+
+def test_what_is_worth_a_word():
+    """Errors of the model beyond half more than chance and 2 % of the value; a refinement knows no
+    noise in what equations read, and is not told to refine."""
+    off = FittedConstant("k", "V", 5.0, 0.4, None, None, by_chance=0.1, slow=4.0, fast=6.0)
+    assert spoken(replace(off, by_chance=0.3)) == []
+    assert spoken(replace(off, standard_error=0.09, by_chance=0.01)) == []
+    (said,) = spoken(off, replace(off, name="c", slow=None, fast=None), refined=True)
+    assert said.startswith("slow and fast motion ask for other values of k (4 against 6 V), c than")
+    assert "lacks: the constants" in said
+    assert said.endswith("by how much the values differ; add what the file lacks")
 
 
 def test_a_plant_that_is_its_model_keeps_its_standard_errors():

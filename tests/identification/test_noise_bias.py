@@ -72,7 +72,7 @@ def test_a_bias_beyond_chance_is_said_beside_the_number():
     assert line.endswith(f" H ({said})")
     rows = {row["name"]: row for row in found.as_dict()["equation_error"]["parameters"]}
     assert (rows["L"]["bias"], rows["L"]["shift"]) == (told.bias, said)
-    assert rows["K"]["shift"] is None
+    assert rows["K"]["bias"] is None
     assert said in html.unescape(re.sub(r"<[^>]+>|\s+", " ", render(found.page())))
 
 

@@ -224,7 +224,7 @@ def test_standard_errors_are_the_scatter():
         known.append(equation_information(fitted, how, reports, given))
     values, errors = (
         np.array([[getattr(c, key) for c in each.constants] for each in known])
-        for key in ("value", "standard_error")
+        for key in ("value", "by_chance")
     )
     ratio = np.mean(errors**2, axis=0) / values.var(axis=0, ddof=1)
     # The scatter of 60 logs is a chi-square of 59, one in a thousand on either side of it: 0.6 to
@@ -239,6 +239,30 @@ def test_standard_errors_are_the_scatter():
     off = 3.5 / np.sqrt(LOGS - 3)
     np.testing.assert_allclose(np.arctanh(told), np.arctanh(true), rtol=0, atol=off)
     assert np.arctanh(true[1]) > off  # k and g: groups apart would have none
+
+
+@pytest.mark.parametrize("late", [0, 6])
+def test_what_the_file_lacks_is_looked_for_in_the_weak_form(late):
+    """An input that acts six samples later than the file has it makes c too small by a multiple of
+    what chance does, and slow motion less so than fast motion."""
+    body, log = plant(SPRING, parameters="kc"), spring(0)
+    log.columns["u"][:] = np.roll(log.columns["u"], -late)
+    group, states, given = prepared(body, log)
+    (fitted,), one = fit_weak(
+        body, group, states, *given.weak[:2], [np.random.default_rng(0)], "lm"
+    )
+    report = GroupReport(group, one, np.zeros(1), 0, "weak")
+    known = equation_information(fitted, channels(body.spec, [log]), [report], given)
+    c = known.constants[1]
+    assert abs(c.value - C) < 2 * c.standard_error
+    assert c.contradicted == bool(late)
+    if late:
+        assert c.value < C - 2 * c.by_chance
+        assert c.fast < c.value < c.slow < C
+    else:
+        assert [each.standard_error for each in known.constants] == [
+            each.by_chance for each in known.constants
+        ]
 
 
 def test_the_form_is_chosen_by_free_run():

@@ -37,6 +37,7 @@ CENTRED = 0.1  # of half an interval: a value that near its middle is in it
 SPANS = ((100.0, 1.0, "s"), (3600.0, 60.0, "min"), (48 * 3600.0, 3600.0, "h"))  # below: in, as
 FINEST = 12  # decimals of s, that are ever said
 CLOCKED = 6  # decimals of s, that a clock has
+READ = 3  # decimals of s, that a clock is read to where nothing says how fine a time is known
 COARSE = 600.0  # s, from which on a clock is read to the minute
 OLDER = "already there when the log begins"
 UNDECLARED = "something undeclared"
@@ -127,15 +128,20 @@ def moment(clock: Clock | None, t: float, resolution: float = 0.0) -> str:
     again = AGAIN if clock.shown_twice(t) else ""
     if resolution >= COARSE:
         return date + at.time().isoformat("minutes") + again
-    whole = resolution >= 1 or not at.microsecond
-    return date + at.time().isoformat("seconds" if whole else "milliseconds") + again
+    part = f"{at.microsecond:06d}"[: _clock_decimals(resolution)].rstrip("0")
+    return date + at.time().isoformat("seconds") + (f".{part}" if part else "") + again
 
 
 def _unit(clock: Clock | None, resolution: float) -> float:
     """The unit [s] of the last figure of a time that is told as fine as `resolution` [s] is."""
     if clock is None:
         return 10.0 ** -decimals(resolution)
-    return 60.0 if resolution >= COARSE else 1.0 if resolution >= 1 else 1e-3
+    return 60.0 if resolution >= COARSE else 10.0 ** -_clock_decimals(resolution)
+
+
+def _clock_decimals(resolution: float) -> int:
+    """Decimals of the seconds of a clock that is read as finely as `resolution` [s] is."""
+    return 0 if resolution >= 1 else min(decimals(resolution), READ)
 
 
 def about(clock: Clock | None, t: float, resolution: float, told: float = np.inf) -> str:

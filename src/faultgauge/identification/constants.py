@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float
 
+from faultgauge.identification.model_error import BandScatter
 from faultgauge.identification.refinement.unknowns import WEIGHTS, Unknowns
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant_file import Parameter
@@ -26,7 +27,7 @@ IMITATED = 0.99  # of what a parameter does to what is fitted, a network's weigh
 ALIKE = 0.99  # correlation at which two parameters cannot be told apart
 VAGUE = 0.1  # of a constant: a standard error worth a word
 CONTRADICTED = 1.5  # times what chance does: less of a model's error is not worth a word
-BIASED = 0.02  # of a parameter: less of a bias is not worth a word
+BIASED = 0.02  # of a parameter: less of a bias, or of a model's error, is not worth a word
 CHANGES = 0.5  # of the squared error, to be worth a word
 APART = 3.0  # standard errors of a difference, which chance does not reach
 NEAR = 1e-3  # of the range: a parameter this near to a bound is at it
@@ -37,7 +38,8 @@ class FittedConstant:
     """A fitted parameter: value, standard error and unit; `bound` names the bound it is at,
     `imitated_by` the network that can do what it does. The standard error holds what chance does to
     it from log to log, `by_chance`, and how far the model's errors move it; `bias` is how far noise
-    in what the equations read has shifted it, where that is more than chance does."""
+    in what the equations read has shifted it, where that is more than chance does; `slow` and
+    `fast` are what slow and fast motion ask for, where they contradict each other."""
 
     name: str
     unit: str
@@ -47,13 +49,16 @@ class FittedConstant:
     imitated_by: str | None
     bias: float | None = None
     by_chance: float | None = None
+    slow: float | None = None
+    fast: float | None = None
 
     @property
     def contradicted(self) -> bool:
-        """Whether the model's errors move it further than chance does."""
+        """Whether the model's errors move it further than chance does, and by a notable share."""
         if self.standard_error is None or self.by_chance is None:
             return False
-        return self.standard_error > CONTRADICTED * self.by_chance
+        notable = max(CONTRADICTED * self.by_chance, BIASED * abs(self.value))
+        return self.standard_error > notable
 
     @property
     def vague(self) -> bool:
@@ -61,12 +66,19 @@ class FittedConstant:
         return self.standard_error is not None and self.standard_error > VAGUE * abs(self.value)
 
     @property
-    def shift(self) -> str | None:
-        """What is to be known of a biased value beside it, and what to do."""
-        if self.bias is None:
+    def asked(self) -> str | None:
+        """What slow and fast motion ask for, where they contradict each other."""
+        if self.slow is None:
             return None
-        off = f"{self.bias:+.2g} {self.unit}".rstrip()
-        return f"off by about {off} because of noise: use --refine"
+        return f"{self.slow:.3g} against {self.fast:.3g} {self.unit}".rstrip()
+
+    @property
+    def shift(self) -> str | None:
+        """What is to be known of a biased or contradicted value beside it, and what to do."""
+        if self.bias is not None:
+            off = f"{self.bias:+.2g} {self.unit}".rstrip()
+            return f"off by about {off} because of noise: use --refine"
+        return None if self.asked is None else f"slow and fast motion ask for {self.asked}"
 
 
 @dataclass(frozen=True)
@@ -87,14 +99,16 @@ class LateColumn:
 @dataclass(frozen=True)
 class ConstantsInformation:
     """Constants, their correlations (NaN: not known), and combinations of states that no output
-    shows; whether networks were kept from what they could imitate; by which share the squared error
-    would fall if a parameter changed along the logs (see `constancy`)."""
+    shows; whether networks were kept from what they could imitate; whether by simulation error; by
+    which share the squared error would fall if a parameter changed along the logs (see
+    `constancy`)."""
 
     constants: tuple[FittedConstant, ...]
     correlation: Float[np.ndarray, "constants constants"]
     unseen: tuple[str, ...]
     residual_time: float
     kept_apart: bool = False
+    refined: bool = False
     changing: dict[str, float] = field(default_factory=dict)
     late: tuple[LateColumn, ...] = ()
 
@@ -163,12 +177,16 @@ class ConstantsInformation:
                 "a delay, which moves the constants; add it as a state, or give delay in "
                 "[inputs.NAME]"
             )
-        names = [each.name for each in self.constants if each.contradicted]
-        if names:
+        told = [each for each in self.constants if each.contradicted]
+        if told:
+            named = [f"{e.name} ({e.asked})" if e.asked else e.name for e in told]
+            noise = "" if self.refined else ", or noise in what the equations read moves them"
+            compare = "" if self.refined else "compare with `faultgauge fit --refine`, and "
             found.append(
-                f"slow and fast motion ask for other values of {', '.join(names)} than both "
-                "together, so the plant does something that the file lacks: the constants are "
-                "this model's, and their standard errors hold by how much the values differ"
+                f"slow and fast motion ask for other values of {', '.join(named)} than both "
+                f"together, so the plant does something that the file lacks{noise}: the constants "
+                "are this model's, and their standard errors hold by how much the values differ; "
+                f"{compare}add what the file lacks"
             )
         return found
 
@@ -224,17 +242,17 @@ def constants(
     theta: Float[np.ndarray, "unknowns"],
     covariance: Float[np.ndarray, "parameters parameters"],
     imitated_by: Sequence[str | None],
-    off: Float[np.ndarray, "parameters"],
+    off: BandScatter,
 ) -> tuple[tuple[FittedConstant, ...], Float[np.ndarray, "parameters parameters"]]:
     """(the parameters at `theta`, their correlations), with the covariance of their theta (NaN:
-    not known), and how far the model's errors move it."""
+    not known), and how far the model's errors move it, `off`."""
     sd = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     with np.errstate(invalid="ignore", divide="ignore"):
         correlations = np.where(np.outer(sd, sd) == 0, 0.0, covariance / np.outer(sd, sd))
     np.fill_diagonal(correlations, 1.0)
     own = theta[unknowns.weights(plant) :]
     found = tuple(
-        _constant(plant, unknowns, own, k, float(sd[k]), float(off[k]), imitated_by[k])
+        _constant(plant, unknowns, own, k, float(sd[k]), off, imitated_by[k])
         for k in range(len(unknowns.parameters))
     )
     return found, correlations
@@ -246,7 +264,7 @@ def _constant(
     theta: Float[np.ndarray, "parameters"],
     k: int,
     sd: float,
-    off: float,
+    off: BandScatter,
     imitated: str | None,
 ) -> FittedConstant:
     name = unknowns.parameters[k]
@@ -256,8 +274,12 @@ def _constant(
     slope = abs(value) * scale if unknowns.positive[k] else scale
     bound = _bound(spec, float(value))
     chance = None if bound or np.isnan(sd) else float(slope * sd)
-    error = None if chance is None else float(np.hypot(chance, slope * off))
-    return FittedConstant(name, spec.unit, float(value), error, bound, imitated, by_chance=chance)
+    error = None if chance is None else float(np.hypot(chance, slope * off.off[k]))
+    found = FittedConstant(name, spec.unit, float(value), error, bound, imitated, by_chance=chance)
+    if not found.contradicted or off.slow[k] == off.fast[k]:
+        return found
+    asked = np.clip(value + slope * np.array([off.slow[k], off.fast[k]]), spec.min, spec.max)
+    return replace(found, slow=float(asked[0]), fast=float(asked[1]))
 
 
 def _bound(spec: Parameter, value: float) -> str | None:

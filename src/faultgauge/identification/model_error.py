@@ -16,6 +16,9 @@ about the fit is what the constants are off by:
 
     off^2 = sum_b w_b delta_b^2,   w_b as the information of the band
 
+What slow and fast motion ask for are delta_b of the slower and of the faster half of all bands,
+where these two alone contradict each other, too.
+
 And a signal that comes later than the file has it leaves what shifting its column takes away: with
 C the slopes of r to a shift of every column, [J C] fits constants and delays together. That no
 column is late is one delay in common, which a plant does not show: the weighted median is 0.
@@ -29,7 +32,7 @@ from jaxtyping import Float
 from scipy.fft import dct
 from scipy.stats import chi2, norm
 
-__all__ = ["MOST_ALONG", "InOrder", "Delays", "band_scatter", "delays"]
+__all__ = ["MOST_ALONG", "BandScatter", "Delays", "InOrder", "agreed", "band_scatter", "delays"]
 
 BANDS = 8  # of frequencies, of equal information each
 MOST_ALONG = 50_000  # samples of the logs that are looked at
@@ -48,6 +51,20 @@ class InOrder(NamedTuple):
     step: float
 
 
+class BandScatter(NamedTuple):
+    """By how much bands scatter about the unknowns of all motion, 0 where they agree within chance;
+    and by how much slow and fast motion alone are off these, 0 where these two agree."""
+
+    off: Float[np.ndarray, "unknowns"]
+    slow: Float[np.ndarray, "unknowns"]
+    fast: Float[np.ndarray, "unknowns"]
+
+
+def agreed(count: int) -> BandScatter:
+    """Of `count` unknowns on which nothing disagrees."""
+    return BandScatter(*np.zeros((3, count)))
+
+
 class Delays(NamedTuple):
     """By how much each column is late [s], the standard error of that, whether it is beyond
     chance, and how far the unknowns move when columns may be late; 0 where none is."""
@@ -58,8 +75,8 @@ class Delays(NamedTuple):
     moved: Float[np.ndarray, "unknowns"]
 
 
-def band_scatter(parts: Sequence[InOrder]) -> Float[np.ndarray, "unknowns"]:
-    """`off` above, 0 where bands agree within chance."""
+def band_scatter(parts: Sequence[InOrder]) -> BandScatter:
+    """The above, 0 where bands agree within chance."""
     hessian, rest = _normal([(each.r, each.J) for each in parts])
     count = len(rest)
     left = [each.r - each.J @ (_inverse(hessian) @ rest) for each in parts]
@@ -77,8 +94,12 @@ def band_scatter(parts: Sequence[InOrder]) -> Float[np.ndarray, "unknowns"]:
     mean = np.sum(delta / variance, axis=0) / np.sum(1 / variance, axis=0)
     Q = np.sum((delta - mean) ** 2 / variance, axis=0)
     if len(delta) < 2 or Q.max(initial=0.0) < chi2.ppf(1 - CHANCE / count, len(delta) - 1):
-        return np.zeros(count)
-    return np.sqrt(np.sum(weight * delta**2, axis=0) / weight.sum(axis=0))
+        return agreed(count)
+    off = np.sqrt(np.sum(weight * delta**2, axis=0) / weight.sum(axis=0))
+    middle = _bands(told)[len(delta) // 2].start
+    slow, fast = (_alone(r[half], J[half]) for half in (slice(middle), slice(middle, None)))
+    far = (slow[0] - fast[0]) ** 2 > (slow[1] + fast[1]) * chi2.ppf(1 - CHANCE / count, 1)
+    return BandScatter(off, slow[0] * far, fast[0] * far)
 
 
 def _alone(

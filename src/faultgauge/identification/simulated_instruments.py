@@ -55,11 +55,12 @@ LOOKED_AT = 500  # samples, for the equations' rates
 
 class Freed(NamedTuple):
     """A plant whose group was fitted with simulated instruments: the samples, and what of them the
-    model simulates from the inputs."""
+    model simulates from the inputs; `along`: both at all samples of the stretches."""
 
     plant: GrayBoxPlant
     training: Samples
     exogenous: Samples
+    along: tuple[Samples, Samples]
 
 
 class Own(Plant):
@@ -118,10 +119,11 @@ def freed_by_simulation(
             x = _simulated(plant, group, stretches, rate)
             if not all(np.all(np.isfinite(each[:, list(group.states)])) for each in x):
                 break
-            samples = _samples(spec.signals, own, stretches, None).take(places)
-            exogenous = _samples(spec.signals, own, stretches, x).take(places)
+            measured = _samples(spec.signals, own, stretches, None)
+            explained = _samples(spec.signals, own, stretches, x)
+            samples, exogenous = measured.take(places), explained.take(places)
             plant = _refitted(plant, group, samples, exogenous)
-            found = Freed(plant, samples, exogenous)
+            found = Freed(plant, samples, exogenous, (measured, explained))
         if found is not None:
             yield found
 

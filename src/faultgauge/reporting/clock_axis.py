@@ -34,7 +34,9 @@ def clock_ticks(clock: Clock, start: float, end: float) -> tuple[list[float], li
         # from midnight, as adding up fractions of a second rounds; `put` is whole hours
         at = midnight + timedelta(seconds=k * step + clock.moved(place))
         day = at.date().isoformat()
-        time = at.time().isoformat("seconds" if step >= 1.0 else "milliseconds")
+        time = at.time().isoformat("seconds")
+        if step < 1.0:
+            time += f".{at.microsecond:06d}"[: 1 + int(np.ceil(-np.log10(step)))]
         if step >= DAY:
             labels.append(day)
         else:

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from faultgauge.detection.answer.answer import answers, told
+from faultgauge.detection.answer.answer import answers, headline, told
 from faultgauge.detection.answer.event_sentence import onset_of, other_cause
 from faultgauge.detection.answer.evidence import Evidence
 from faultgauge.detection.answer.shares import WHOLE, shares_of
@@ -97,17 +97,14 @@ def _events(bank: FaultBank, decisions: Sequence[Decision]) -> list[Section]:
 
 def leading(bank: FaultBank, decisions: Sequence[Decision]) -> tuple[str, list[str], Decision]:
     """(what to say first: fault, size, onset and p; the sentences behind it; the run that it is
-    of). First is the first event that lasts at least half as long as the longest one, else an
-    alarm, else what it means that there is none, of runs of which all was judged if there are such;
-    behind it all that is said of it, and in the order of time the others."""
-    found = [(one, each) for one in decisions for each in told(bank, [one])]
-    everything = answers(bank, decisions)
-    if found:
-        events = [(one, each) for one, each in found if each.rest] or found
-        longest = max(each.end - each.start for _, each in events)
-        whose, first = next(e for e in events if e[1].end - e[1].start >= longest / 2)
-        head, rest = first.head, "; ".join(first.rest)
-        others = [each.head for _, each in found if each is not first] + everything[len(found) :]
+    of). First is the `headline`, else what it means that there is none, of runs of which all was
+    judged if there are such; behind it all that is said of it, and in the order of time the
+    others."""
+    everything, said = answers(bank, decisions), headline(bank, decisions)
+    if said:
+        whose, first = said
+        head, rest, found = first.head, "; ".join(first.rest), told(bank, decisions)
+        others = [each.head for each in found if each != first] + everything[len(found) :]
     else:
         judged = (one for one in decisions if shares_of(one).judged >= WHOLE)
         whose = next(judged, decisions[0])

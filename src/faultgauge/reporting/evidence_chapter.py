@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from faultgauge.detection.answer.evidence import MOST_SHOWN, Evidence
+from faultgauge.detection.answer.evidence import Evidence
 from faultgauge.detection.bank.bank import FaultBank
 from faultgauge.detection.posterior.events import UNKNOWN
 from faultgauge.detection.words import UNDECLARED, moment
@@ -21,9 +21,9 @@ def evidence_section(bank: FaultBank, windows: Sequence[Evidence]) -> Section:
     """What each window is, and its figure."""
     return Section(
         "Evidence",
-        tuple(_words(bank, each) for each in windows[:MOST_SHOWN]),
+        tuple(_words(bank, each) for each in windows),
         (),
-        tuple(_figure(bank, each) for each in windows[:MOST_SHOWN]),
+        tuple(_figure(bank, each) for each in windows),
         shown=1,
     )
 

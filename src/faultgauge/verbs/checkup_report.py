@@ -2,7 +2,8 @@
 
 from dataclasses import replace
 
-from faultgauge.detection.answer.evidence import MOST_SHOWN, evidence
+from faultgauge.detection.answer.answer import shown_first
+from faultgauge.detection.answer.evidence import evidence
 from faultgauge.identification.evaluation import evaluate
 from faultgauge.reporting.calibration_chapter import calibration_section, proof
 from faultgauge.reporting.chapters import evaluation_section, fit_sections
@@ -44,6 +45,6 @@ def _decided(checkup: Checkup) -> Report:
     bank = checkup.bank
     if bank is None:
         return unjudged_report(checkup.model, checkup.decisions, checkup.sentences[0])
-    told = [(each, event) for each in checkup.decisions for event in each.events]
-    windows = [evidence(bank, each, event) for each, event in told[:MOST_SHOWN]]
+    shown = shown_first(bank, checkup.decisions)
+    windows = [evidence(bank, each, event) for each, event in shown]
     return decision_report(bank, checkup.decisions, (), windows)

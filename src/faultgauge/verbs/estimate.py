@@ -8,7 +8,7 @@ from typing import Any, Unpack
 from faultgauge.detection import decisions
 from faultgauge.detection.answer import answer, estimation, misfit, reliance
 from faultgauge.detection.answer.estimation import Estimated
-from faultgauge.detection.answer.evidence import MOST_SHOWN, Evidence
+from faultgauge.detection.answer.evidence import Evidence
 from faultgauge.detection.answer.evidence import evidence as evidence_of
 from faultgauge.detection.answer.shares import shares_of
 from faultgauge.detection.bank.bank import FaultBank
@@ -141,8 +141,8 @@ class Answer(Result):
         return self.rows
 
     def page(self) -> Any:
-        """With the evidence of the first events, and of those that it was asked for of; what the
-        model and its calibration are is folded behind them."""
+        """With the evidence of the headline's event, of those that it was asked for of, and of the
+        first; what the model and its calibration are is folded behind them."""
         from faultgauge.reporting.decision_chapter import decision_report, unjudged_report
         from faultgauge.reporting.model_chapter import with_model
         from faultgauge.reporting.report import with_sentences
@@ -151,8 +151,10 @@ class Answer(Result):
             page = unjudged_report(self.model, self.decisions, self._answers[0])
             return with_model(page, self.model)
         seen = self.hindsight() if self.smooth else []
-        asked = {*range(MOST_SHOWN), *self._windows}
-        windows = [self.evidence(event) for k, event in enumerate(self.events) if k in asked]
+        asked = [self.events[k] for k in self._windows]
+        windows = [
+            self.evidence(e) for _, e in answer.shown_first(self.bank, self.decisions, asked)
+        ]
         page = decision_report(self.bank, self.decisions, seen, windows)
         page = with_model(page, self.model, self.bank)
         return with_sentences(page, drift.sentences(self.drifting))

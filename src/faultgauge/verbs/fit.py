@@ -113,8 +113,9 @@ class Fit(Result):
         return None if parameter.fixed or parameter.vary else errors.get(parameter.name)
 
     def _shift(self, parameter: Any) -> str | None:
-        """How far noise has shifted it, where that is worth a word, and what to do."""
-        known = None if self.account.refinement else self.account.information
+        """What noise or the model's errors do to it, where that is worth a word."""
+        refinement = self.account.refinement
+        known = refinement.information if refinement else self.account.information
         return {c.name: c.shift for c in known.constants}.get(parameter.name) if known else None
 
     def _values(self) -> list[str]:

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from faultgauge.detection.answer.event_sentence import given_up, told_event
+from faultgauge.detection.answer.evidence import MOST_SHOWN
 from faultgauge.detection.answer.least import least_told
 from faultgauge.detection.answer.shares import shares_of
 from faultgauge.detection.answer.silence import hidden, silence
@@ -16,7 +17,15 @@ from faultgauge.detection.decisions import as_dicts as events_as_dicts
 from faultgauge.detection.posterior.events import UNKNOWN, BankEvent
 from faultgauge.detection.words import listed
 
-__all__ = ["answers", "as_dicts", "first_screen", "runs_as_dicts", "told"]
+__all__ = [
+    "answers",
+    "as_dicts",
+    "first_screen",
+    "headline",
+    "runs_as_dicts",
+    "shown_first",
+    "told",
+]
 
 LINES = 5  # of a first screen
 
@@ -64,6 +73,25 @@ def told(bank: FaultBank, decisions: Sequence[Decision]) -> list[Told]:
     return [each for one in decisions for each in _told(bank, one)]
 
 
+def headline(bank: FaultBank, decisions: Sequence[Decision]) -> tuple[Decision, Told] | None:
+    """What a report says first, and of which run: the first event that lasts at least half as long
+    as the longest one, else an alarm; None where nothing is told."""
+    found = [(one, each) for one in decisions for each in _told(bank, one)]
+    events = [(one, each) for one, each in found if each.event] or found
+    longest = max((each.end - each.start for _, each in events), default=0.0)
+    return next(((o, e) for o, e in events if e.end - e.start >= longest / 2), None)
+
+
+def shown_first(
+    bank: FaultBank, decisions: Sequence[Decision], asked: Sequence[BankEvent] = ()
+) -> list[tuple[Decision, BankEvent]]:
+    """The events whose evidence a report shows: the headline's, those `asked` for, the first."""
+    said = headline(bank, decisions)
+    every = [(one, event) for one in decisions for event in one.events]
+    first = said[1].event if said else None
+    return sorted(every, key=lambda each: (each[1] is not first, each[1] not in asked))[:MOST_SHOWN]
+
+
 def _untold(bank: FaultBank, decisions: Sequence[Decision]) -> list[str]:
     """What runs do not say of faults, and what it means that nothing is told of others."""
     speaks = [bool(_told(bank, one)) for one in decisions]
@@ -75,7 +103,7 @@ def _untold(bank: FaultBank, decisions: Sequence[Decision]) -> list[str]:
 
 def _told(bank: FaultBank, decision: Decision) -> list[Told]:
     found = [told_event(bank, decision, each) for each in decision.events]
-    return sorted([*found, *unnamed(bank, decision)])
+    return sorted([*found, *unnamed(bank, decision)], key=lambda each: each[:3])
 
 
 def as_dicts(bank: FaultBank, decisions: Sequence[Decision]) -> list[dict[str, Any]]:

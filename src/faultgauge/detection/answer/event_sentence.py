@@ -54,7 +54,8 @@ def told_event(bank: FaultBank, decision: Decision, event: BankEvent) -> Told:
     rest += [too(name, p) for name, p in event.beside if name not in others]
     rest += _least_shown(bank, decision, event)
     brief = UNDECLARED if event.fault == UNKNOWN else event.fault
-    return Told(event.start, event.end, headed(bank.model, head), tuple(rest), brief=brief)
+    head = headed(bank.model, head)
+    return Told(event.start, event.end, head, tuple(rest), brief=brief, event=event)
 
 
 def finding(

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 from faultgauge.detection.bank.bank import FaultBank
 from faultgauge.detection.decisions import Decision
+from faultgauge.detection.posterior.events import BankEvent
 from faultgauge.detection.words import PURE, moment
 
 __all__ = ["Told", "row_time", "unit_of"]
@@ -11,7 +12,8 @@ __all__ = ["Told", "row_time", "unit_of"]
 
 class Told(NamedTuple):
     """What is told of a run from `start` to `end` [s], as a sentence: what a first screen says,
-    and the rest; the `causes` that are left of an alarm without a name; `brief`, what it is."""
+    and the rest; the `causes` that are left of an alarm without a name; `brief`, what it is; the
+    `event` that it tells of, if any."""
 
     start: float
     end: float
@@ -19,6 +21,7 @@ class Told(NamedTuple):
     rest: tuple[str, ...] = ()
     causes: tuple[str, ...] = ()
     brief: str = ""
+    event: BankEvent | None = None
 
     @property
     def text(self) -> str:

@@ -20,7 +20,13 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from faultgauge.identification.constants import ConstantsInformation, constants, imitated
-from faultgauge.identification.model_error import MOST_ALONG, InOrder, band_scatter
+from faultgauge.identification.model_error import (
+    MOST_ALONG,
+    BandScatter,
+    InOrder,
+    agreed,
+    band_scatter,
+)
 from faultgauge.identification.normal_equations import bordered_equations
 from faultgauge.identification.refinement.claims import Claims
 from faultgauge.identification.refinement.constancy import drops, steps
@@ -127,17 +133,18 @@ def information(
         dropped = drops(found.hessian, inverse, found.gradient, inner, columns)
         shares = dropped / max(found.squares, 1e-300)
         changing = dict(zip(unknowns.parameters, shares.tolist(), strict=True))
-    return ConstantsInformation(*told, unseen, found.residual_time, claims is not None, changing)
+    known = *told, unseen, found.residual_time
+    return ConstantsInformation(*known, claims is not None, refined=True, changing=changing)
 
 
 def _model_error(
     plant: GrayBoxPlant, unknowns: Unknowns, fitted: Fitted, windows: WindowBatch, substeps: int
-) -> Float[np.ndarray, "parameters"]:
+) -> BandScatter:
     """How far slow and fast motion of the windows ask for other parameters, beyond what their
     starts explain. Networks make up for what is missing: there is nothing to find beside them."""
     samples, outputs = windows.y.shape[1:]
     if unknowns.networks or len(fitted.z) * samples > MOST_ALONG:
-        return np.zeros(len(unknowns.parameters))
+        return agreed(len(unknowns.parameters))
     residual = SimulationResidual(plant, jnp.asarray(0.0), unknowns, substeps)
     parts = []
     for k, z in enumerate(fitted.z):
