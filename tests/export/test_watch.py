@@ -134,8 +134,8 @@ def test_single_precision_says_the_same_once_the_evidence_is_clear(cc, wheel):
 
 @pytest.mark.study
 def test_a_clock_that_has_run_for_years_still_tells_milliseconds(cc, wheel):
-    """float32 would count steps of 0.1 s as 0 from a month on. After 1e8 s the clock's own last bit is
-    1.5e-8 s, which single precision makes into other roundings: a thousandth of x_h's range."""
+    """float32 would count steps of 0.1 s as 0 from a month on. After 1e8 s the clock's own last bit
+    is 1.5e-8 s, which makes other roundings in single precision: a thousandth of x_h's range."""
     samples = wheel[1].examples(300, np.random.default_rng(4))
     late = {**samples, "t": samples["t"] + 1e8}
     with Native(print_step(wheel[1], "wheel", single=True)) as native:

@@ -121,12 +121,13 @@ class Parts(NamedTuple):
 
 
 class Disturbed(Plant):
-    """`base` with the states [x, d, r, b, l, a, v, g, q, h, xi]; `driven` are the states that d acts
-    on, `following` the inputs that e acts on, `wandering` the outputs that b acts on, `lagging`
-    those that l acts on, `straying` the inputs that a acts on, `leaning` those that v acts on,
-    `trailing` the outputs that g acts on, which read states alone, `bending` the inputs whose curve
-    is bent, `sticking` the states that q acts on, `doubted` those for which the model is to be doubted somewhere, `names` the parameters,
-    of which `directions` (W) is a row each."""
+    """`base` with the states [x, d, r, b, l, a, v, g, q, h, xi]; `driven` are the states that d
+    acts on, `following` the inputs that e acts on, `wandering` the outputs that b acts on,
+    `lagging` those that l acts on, `straying` the inputs that a acts on, `leaning` those that v
+    acts on, `trailing` the outputs that g acts on, which read states alone, `bending` the inputs
+    whose curve is bent, `sticking` the states that q acts on, `doubted` the inputs for which the
+    model is to be doubted somewhere, `names` the parameters, of which `directions` (W) is a row
+    each."""
 
     signals: Signals = eqx.field(static=True)
     base: Plant
