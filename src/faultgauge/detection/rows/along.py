@@ -12,8 +12,8 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
-from faultgauge.detection.rows.judged import StretchStart, samples_to_start, start_from_samples
-from faultgauge.detection.rows.prepared import Prepared, in_a_row
+from faultgauge.detection.rows.judged import samples_to_start, start_from_samples
+from faultgauge.detection.rows.prepared import Prepared, StretchStart, in_a_row
 from faultgauge.observers.follow import follow
 from faultgauge.plants.model import Model
 from faultgauge.telemetry.runs import gaps

@@ -2,26 +2,23 @@
 
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from faultgauge.detection.remember import once
-from faultgauge.detection.rows.prepared import Prepared
+from faultgauge.detection.rows.prepared import Prepared, StretchStart
 from faultgauge.errors import InputError
 from faultgauge.identification.evaluation import WARMUP, start_of_run, varying_parameters
 from faultgauge.observers import OBSERVERS, Design
 from faultgauge.observers.beside import Beside, States
 from faultgauge.observers.observer import OperatingPoints
 from faultgauge.plants.model import Model
-from faultgauge.plants.plant import Plant
 from faultgauge.simulation.free_run import bucket, pad, substeps_for
 from faultgauge.telemetry import Run, segments
 
 __all__ = [
     "Bank",
-    "StretchStart",
     "bandwidth_of",
     "build_bank",
     "check_observer",
@@ -175,17 +172,6 @@ def stretches(run: Run, names: Sequence[str], opening: Sequence[str]) -> Iterato
             yield slice(each.start + int(found[0]), each.stop)
 
 
-class StretchStart(NamedTuple):
-    """Where a stretch starts; `plant` has the run's own values of parameters that vary.
-
-    `samples` are those that hidden states and such values were found from; 0 where there is none.
-    """
-
-    plant: Plant
-    x: Float[np.ndarray, "states"]
-    samples: int
-
-
 def samples_to_start(model: Model, columns: Collection[str]) -> int:
     """How many samples of a stretch `start_from_samples` looks at."""
     sources = model.record.columns.states
@@ -196,7 +182,16 @@ def samples_to_start(model: Model, columns: Collection[str]) -> int:
 
 def start_from_samples(model: Model, stretch: Prepared) -> StretchStart:
     """State at a stretch's first sample: as measured, derivatives of measured ones as slopes of
-    the first 20, and the rest by the least error of a free run through the first 50."""
+    the first 20, and the rest by the least error of a free run through the first 50. Found once
+    for all that starts there."""
+    key = float(stretch.run.t[0]), min(len(stretch.u), WARMUP)
+    known = stretch.starts.get(key)
+    if known is None or known.model is not model:
+        known = stretch.starts[key] = _start(model, stretch)
+    return known
+
+
+def _start(model: Model, stretch: Prepared) -> StretchStart:
     signals, run = model.plant.signals, stretch.run
     t = run.t[:START_SAMPLES] - run.t[0]
     known = {}
@@ -218,7 +213,7 @@ def start_from_samples(model: Model, stretch: Prepared) -> StretchStart:
     samples = run.t[first], stretch.u[first], stretch.y[first]
     plant, x = start_of_run(model.plant, *samples, known, model.max_step, model.record.between)
     solved = plant is not model.plant or len(known) < len(signals.states)
-    return StretchStart(plant, x, min(WARMUP, len(run.t)) if solved else 0)
+    return StretchStart(model, plant, x, min(WARMUP, len(run.t)) if solved else 0)
 
 
 def steps_to(t: Float[np.ndarray, "samples"]) -> Float[np.ndarray, "samples"]:

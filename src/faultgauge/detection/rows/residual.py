@@ -10,7 +10,6 @@ from jaxtyping import Float
 
 from faultgauge.detection.rows.along import Along, placed
 from faultgauge.detection.rows.judged import (
-    StretchStart,
     bandwidth_of,
     measured_outputs,
     operating_points,
@@ -20,7 +19,7 @@ from faultgauge.detection.rows.judged import (
     steps_to,
     stretches,
 )
-from faultgauge.detection.rows.prepared import Prepared, as_it_acts
+from faultgauge.detection.rows.prepared import Prepared, StretchStart, as_it_acts
 from faultgauge.errors import InputError
 from faultgauge.identification.samples import state_column
 from faultgauge.observers import Observer
