@@ -9,8 +9,8 @@ import faultgauge as fg
 from faultgauge.detection.rows.prepared import prepared
 from faultgauge.detection.stream import Stream
 from faultgauge.errors import InputError
-from faultgauge.plants.plant_file import Parameter
 from faultgauge.plants.signals import Fault, Input, Output, Signals, State
+from faultgauge.plants.spec import Parameter
 from faultgauge.telemetry.stream import Sample
 
 SCENARIO = """

@@ -13,8 +13,8 @@ from faultgauge.identification.constants import LateColumn
 from faultgauge.identification.equation_error import Group, equation_errors, target_scales
 from faultgauge.identification.equation_fit import GroupReport, Material
 from faultgauge.identification.model_error import MOST_ALONG, InOrder, band_scatter, delays
-from faultgauge.identification.refinement.unknowns import Unknowns
 from faultgauge.identification.samples import Channels, Samples
+from faultgauge.identification.unknowns import Unknowns
 from faultgauge.plants.gray_box import GrayBoxPlant
 
 __all__ = ["off_by_model", "residuals_at"]

@@ -9,7 +9,7 @@ from typing import Annotated, Any, TypeVar
 
 import pydantic
 
-from faultgauge.plants.plant_file import PlantSpec
+from faultgauge.plants.spec import PlantSpec
 
 __all__ = [
     "BankLevel",
