@@ -11,6 +11,7 @@ import time
 from dataclasses import replace
 
 from faultgauge.cli.options import COMPILER
+from faultgauge.detection.rows.prepared import prepared
 
 os.environ["XLA_FLAGS"] = COMPILER  # before JAX is loaded
 
@@ -38,9 +39,10 @@ for faults in (base.signals.faults[:3], (*base.signals.faults, *MORE)):
     plant = GrayBoxPlant(signals, base.spec, base.networks, base.parameters)
     bank = build_fault_bank(true_model(plant, runs), runs, noise)
     watch = Watch(bank.model, tuple(long.columns), long.step, bank=bank)
-    watch.along(watch.init(), runs[0])  # compiles
+    watch.along(watch.init(), prepared(watch.signals, runs[0]))  # compiles
+    rows = prepared(watch.signals, long)
     wall, cpu = time.perf_counter(), time.process_time()
-    watch.along(watch.init(), long)
+    watch.along(watch.init(), rows)
     wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
     sets = len(set(bank.sets))
     print(

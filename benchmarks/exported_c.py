@@ -24,6 +24,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from faultgauge.cli.options import COMPILER
+from faultgauge.detection.rows.prepared import prepared
 
 os.environ["XLA_FLAGS"] = COMPILER  # before JAX is loaded
 
@@ -69,11 +70,11 @@ def timed(work: Callable[[], object]) -> float:
 
 
 def python() -> None:
-    watch.along(watch.init(), log)
+    watch.along(watch.init(), prepared(watch.signals, log))
 
 
 def python_faulted() -> None:
-    watch.along(watch.init(), faulted)
+    watch.along(watch.init(), prepared(watch.signals, faulted))
 
 
 def measure(title: str, work: Callable[[], object], other: str, beside: Callable[[], object]):

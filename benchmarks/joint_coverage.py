@@ -27,7 +27,8 @@ from faultgauge.detection.bank.coverage import MARGIN, regions_of
 from faultgauge.detection.bank.noise import noise_of
 from faultgauge.detection.calibration.calibration import calibrate
 from faultgauge.detection.decisions import decide
-from faultgauge.detection.rows.judged import operating_points, record_arrays
+from faultgauge.detection.rows.judged import operating_points
+from faultgauge.detection.rows.prepared import prepared
 from faultgauge.identification.fit import fit
 from faultgauge.plants.gray_box import GrayBoxPlant, load_plant
 from faultgauge.plants.model import Model
@@ -128,8 +129,7 @@ def inside(points: np.ndarray, values: np.ndarray) -> np.ndarray:
 def cost(model: Model, run: Run) -> list[float]:
     """Shares of the samples of `run` that the box holds and a region does not."""
     signals, points = model.plant.signals, operating_points(model)
-    part = slice(0, len(run.t))
-    columns = [run.columns[column][part] for column, _ in model.record.columns.states]
+    columns = [run.columns[column] for column, _ in model.record.columns.states]
     slopes = [order for _, order in model.record.columns.states]
     x = np.stack(
         [
@@ -138,7 +138,7 @@ def cost(model: Model, run: Run) -> list[float]:
         ],
         axis=1,
     )
-    u = record_arrays(model, run, part)[0]
+    u = prepared(signals, run).u
     box = inside(points.x, x) & inside(points.u, u)
     given = [jnp.asarray(each) for each in (x, u, np.zeros_like(x))]
     return [

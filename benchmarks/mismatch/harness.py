@@ -12,6 +12,7 @@ from faultgauge.detection.answer.smallest import smallest_along
 from faultgauge.detection.bank.bank import FaultBank
 from faultgauge.detection.calibration.calibration import calibrate
 from faultgauge.detection.decisions import decide_runs
+from faultgauge.detection.rows.prepared import as_it_acts
 from faultgauge.errors import InputError
 from faultgauge.identification.fit import fit
 from faultgauge.plants.model import Model
@@ -53,7 +54,7 @@ def without_discrepancy() -> dict[str, Any]:
 
 def predicted_smallest(bank: FaultBank, run: Run, fault: int) -> float | None:
     """The smallest size the model itself says it would tell; THE ONE PLACE that asks."""
-    return smallest_along(bank, run)[fault]
+    return smallest_along(bank, as_it_acts(bank.model.plant.signals, run))[fault]
 
 
 def calibrated(

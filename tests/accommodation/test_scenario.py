@@ -6,6 +6,7 @@ import pytest
 from calibrations import for_bank
 from faultgauge.accommodation.simulate import simulate
 from faultgauge.detection.bank.noise import Noise
+from faultgauge.detection.rows.prepared import prepared
 from faultgauge.detection.watch import Watch
 from faultgauge.errors import InputError
 from faultgauge.plants.gray_box import load_plant
@@ -126,7 +127,7 @@ def test_what_is_acted_upon_is_what_the_log_says(folder, accommodated):
     Row by row the loop is another program, so that figures differ by rounding; of a row in which
     the command has just moved, its rules see the new one and the loop's saw the old."""
     watch = Watch(load_model(folder / "tank.fgm"), ("u", "level"), STEP)
-    row = watch.along(watch.init(), accommodated)[1]
+    row = watch.along(watch.init(), prepared(watch.signals, accommodated))[1]
     acted = accommodated.columns["acted_leak"] == 1.0
     assert np.mean(row.verdict.named[:, 0] == acted) > 0.999
     judged = row.verdict.named[:, 0] & acted

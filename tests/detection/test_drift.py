@@ -14,6 +14,7 @@ from faultgauge.detection.calibration.drift import Drift, as_dicts, drifts, sent
 from faultgauge.detection.decisions import Decision, decide, decide_runs
 from faultgauge.detection.posterior.events import BankEvent
 from faultgauge.detection.posterior.posterior import Posterior
+from faultgauge.detection.rows.prepared import prepared
 from faultgauge.telemetry import Run
 from lags import PLANT, STEP, driven
 from models import as_stated
@@ -185,7 +186,8 @@ def test_a_constant_that_took_something_up_is_told_where_no_fault_is():
     empty = dict.fromkeys(Posterior._fields, np.zeros(40))
     found = Posterior(**empty | {"x": x})
     status, loose = ["HEALTHY"] * 39 + ["FAULT"], np.array([0.0005])
-    said = Decision(run, found, {}, status, [""] * 40, [], run, loose=loose)
+    rows = prepared(bank.model.plant.signals, run)
+    said = Decision(run, found, {}, status, [""] * 40, [], rows, rows, loose=loose)
     (drag,) = drifts(bank, [said])
     assert (drag.channel, drag.cause) == ("drag", "constant")
     assert drag.change == pytest.approx(3.2 * 0.002, rel=1e-6)

@@ -10,6 +10,7 @@ from scipy.signal import cont2discrete
 from faultgauge.detection.answer.estimation import ALONE, estimate
 from faultgauge.detection.calibration.calibration import calibrate
 from faultgauge.detection.rows.judged import start_from_samples
+from faultgauge.detection.rows.prepared import prepared
 from faultgauge.detection.rows.residual import residuals
 from faultgauge.errors import InputError
 from faultgauge.plants.gray_box import GrayBoxPlant
@@ -71,8 +72,12 @@ def log(seed, leak=0.0, c=0.8, noise=NOISE, early=0):
     return Run(f"run{seed}", "a.csv", DT * np.arange(COUNT), {"u": u, "level": level})
 
 
+def rows(model, run):
+    return prepared(model.plant.signals, run)
+
+
 def test_hidden_state_starts_from_the_first_samples():
-    start = start_from_samples(model(), log(0, noise=0.0), slice(0, COUNT))
+    start = start_from_samples(model(), rows(model(), log(0, noise=0.0)))
     assert start.samples == 50
     # RK4's error, (0.8 DT)^5 / 120 = 3e-8 per step, over 50 steps, seen through 5 s
     np.testing.assert_allclose(start.x, START, rtol=0, atol=1e-5)
@@ -108,7 +113,7 @@ def test_what_the_observer_cannot_reach_is_refused():
 
 def test_a_varying_parameter_is_the_runs_own():
     varying = model(PLANT.replace("fixed = true", 'vary = "run"'))
-    start = start_from_samples(varying, log(0, c=0.6, noise=0.0), slice(0, COUNT))
+    start = start_from_samples(varying, rows(varying, log(0, c=0.6, noise=0.0)))
     # the prior, a thousandth of an output's spread, pulls towards 0.8
     assert float(start.plant.parameters["c"]) == pytest.approx(0.6, rel=1e-3)
     assert float(varying.plant.parameters["c"]) == 0.8

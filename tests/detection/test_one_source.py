@@ -17,6 +17,7 @@ from faultgauge.detection.decisions import Decision
 from faultgauge.detection.posterior.events import Judged, events
 from faultgauge.detection.posterior.posterior import Mixture, Posterior
 from faultgauge.detection.posterior.verdicts import Heard, Rules, words
+from faultgauge.detection.rows.prepared import prepared
 from faultgauge.observers.branches import BranchInfo
 from faultgauge.telemetry import Run
 from faultgauge.telemetry.clock import Clock
@@ -149,7 +150,8 @@ def posterior(bank, run, parts, ever, latch):
     )
     judged = Judged(run, whole, verdict, np.asarray(said.p).astype(np.float32))
     status, reason = words(bank.model.plant.signals, (), verdict.status, verdict.reason)
-    return Decision(run, whole, {}, status, reason, events(bank, judged), run)
+    rows = prepared(bank.model.plant.signals, run)
+    return Decision(run, whole, {}, status, reason, events(bank, judged), rows, rows)
 
 
 @settings(max_examples=200, deadline=None)

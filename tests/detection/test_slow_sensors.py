@@ -12,6 +12,7 @@ from faultgauge.detection.calibration.calibration import calibrate
 from faultgauge.detection.decisions import Decision, decide_runs
 from faultgauge.detection.onset.retrospective import retrospect
 from faultgauge.detection.rows.intake import Intake, slow_outputs, with_taken
+from faultgauge.detection.rows.prepared import prepared
 from faultgauge.detection.rows.residual import residuals
 from faultgauge.detection.stream import Stream
 from faultgauge.errors import InputError
@@ -210,9 +211,10 @@ def test_a_slow_sensor_that_is_stuck_stands_still_by_its_own_samples():
     run.columns["z"][500:] = 1.25
     known = for_observer(model(), {"x": 1, "z": 1})
     intake = Intake.of(known, STEP, slow_outputs(known, [run]), sized=False)
-    _, taken = intake.along(known, intake.init(STEP), run)
+    rows = prepared(known.plant.signals, run)
+    _, taken = intake.along(intake.init(STEP), rows)
     assert np.flatnonzero(taken.standing == 2).tolist() == list(range(520, COUNT))
-    used = with_taken(known, run, taken, outputs=True)
+    used = with_taken(known, rows, taken, outputs=True).run
     assert np.isnan(used.columns["z"][520:2991]).all()
     assert np.isfinite(used.columns["z"][:520]).all()
 

@@ -10,6 +10,7 @@ import pytest
 from drawn_models import calibrated, log_of
 from faultgauge.cli.app import run
 from faultgauge.detection.decisions import decide
+from faultgauge.detection.rows.prepared import prepared
 from faultgauge.detection.watch import Watch
 from faultgauge.export import engine as module
 from faultgauge.export import native
@@ -18,7 +19,6 @@ from faultgauge.export.entry import bank_of
 from faultgauge.export.kept import hash_of
 from faultgauge.plants.model import save_model
 from faultgauge.telemetry import Run
-from faultgauge.telemetry.runs import cut
 
 pytestmark = pytest.mark.study
 
@@ -56,8 +56,8 @@ def compared(model, engine):
             one, other = (np.where(there[..., None], a, 0.0) for a in (one, other))
         close(one, other, name)
     assert (found.status, found.reason) == (wanted.status, wanted.reason)
-    for name, values in wanted.used.columns.items():
-        np.testing.assert_array_equal(found.used.columns[name], values)
+    for name, values in wanted.used.run.columns.items():
+        np.testing.assert_array_equal(found.used.run.columns[name], values)
     assert len(found.events) == len(wanted.events)
     for one, other in zip(found.events, wanted.events, strict=True):
         assert (one.fault, one.start, one.end) == (other.fault, other.start, other.end)
@@ -99,17 +99,18 @@ def test_a_log_in_parts_is_the_log_to_the_bit(tank, engine):
     """The state that goes on is Python's own, so either engine may take the next rows."""
     bank, log = bank_of(tank), flight(tank)
     watch = Watch(tank, tuple(log.columns), bank.step, bank=bank)
-    end, whole = engine(watch, watch.init(), log)
+    rows = prepared(watch.signals, log)
+    end, whole = engine(watch, watch.init(), rows)
     state, parts = watch.init(), []
     for part in (slice(0, 1), slice(1, 700), slice(700, COUNT)):
-        state, rows = engine(watch, state, cut(log, part))
-        parts.append(rows)
+        state, row = engine(watch, state, rows.cut(part))
+        parts.append(row)
     joined = jax.tree.map(lambda *a: np.concatenate(a), *parts)
     for one, other in zip(jax.tree.leaves((state, joined)), jax.tree.leaves((end, whole)),
                           strict=True):  # fmt: skip
         np.testing.assert_array_equal(one, other)
-    middle, _ = engine(watch, watch.init(), cut(log, slice(0, 700)))
-    _, rest = watch.along(middle, cut(log, slice(700, COUNT)))
+    middle, _ = engine(watch, watch.init(), rows.cut(slice(0, 700)))
+    _, rest = watch.along(middle, rows.cut(slice(700, COUNT)))
     close(rest.posterior.p, whole.posterior.p[700:])
 
 

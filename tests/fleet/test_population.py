@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from faultgauge.identification.population import Law, population
-from faultgauge.plants.plant_file import Parameter
+from faultgauge.plants.spec import Parameter
 
 GAIN, OFFSET = Parameter("gain", 1.0, min=0.0), Parameter("offset", 0.0)
 

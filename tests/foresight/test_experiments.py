@@ -8,6 +8,7 @@ import pytest
 from faultgauge.detection.bank.bank import build_fault_bank
 from faultgauge.detection.bank.noise import noise_of
 from faultgauge.detection.posterior.unit_faults import effects_of
+from faultgauge.detection.rows.prepared import as_it_acts
 from faultgauge.foresight.experiments import KINDS, InputTrials, propose
 from faultgauge.foresight.problems import Problem
 
@@ -18,7 +19,7 @@ STEP, SIGMA, SLOW, BASE = 0.1, 0.05, 0.5, 2.0
 def bench(modelled, log):
     run = log(np.full(600, BASE))
     bank = build_fault_bank(modelled(), [run], noise_of(modelled()))
-    found = InputTrials(bank, run, effects_of(bank, run))
+    found = InputTrials(bank, run, effects_of(bank, as_it_acts(bank.model.plant.signals, run)))
     found.rows = 200  # a shorter multisine promises too much: KNOWN_GAPS.md, Proposed test inputs
     return found
 

@@ -13,6 +13,7 @@ from faultgauge.detection.answer.smallest import apart_size, around
 from faultgauge.detection.bank.bank import build_fault_bank
 from faultgauge.detection.bank.noise import noise_of
 from faultgauge.detection.posterior.unit_faults import effects_of, information
+from faultgauge.detection.rows.prepared import as_it_acts
 from faultgauge.foresight.problems import Problem, size_told
 from faultgauge.foresight.sensors import sensors_for
 from faultgauge.foresight.structure import structure_of
@@ -78,7 +79,7 @@ def bank():
 
 def test_a_sensor_in_between_tells_two_leaks_apart(bank):
     bank, run = bank
-    effects = effects_of(bank, run)
+    effects = effects_of(bank, as_it_acts(bank.model.plant.signals, run))
     signals = bank.model.plant.signals
     structure = structure_of(bank.model.plant.spec, bank.outputs, signals.faults)
     assert not structure.isolable("second", "first")

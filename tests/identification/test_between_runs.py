@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import faultgauge as fg
+from faultgauge.detection.rows.prepared import as_it_acts
 from faultgauge.detection.rows.residual import Residuals, residuals
 from faultgauge.identification.between_runs import between_runs
 from faultgauge.identification.evaluation import evaluate, start_of_run
@@ -152,7 +153,8 @@ def test_a_stream_waits_for_as_many_samples_as_a_file_does():
     assert np.isnan(whole[:49]).all()
     assert np.isfinite(whole[49:]).all()
     stream = Residuals(model, run, "free")
-    parts = [stream.push(cut(run, slice(k, k + 6)))["T"] for k in range(0, 120, 6)]
+    rows = as_it_acts(model.plant.signals, run)
+    parts = [stream.push(rows.cut(slice(k, k + 6)))["T"] for k in range(0, 120, 6)]
     np.testing.assert_array_equal(np.concatenate(parts), whole)
 
 

@@ -8,7 +8,7 @@ from scipy.signal import lfilter
 
 from faultgauge.identification import equation_fit
 from faultgauge.identification.constants import FittedConstant, at_bound, contradictions
-from faultgauge.identification.refinement.unknowns import unknowns_of
+from faultgauge.identification.unknowns import unknowns_of
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant_file import parse_plant
 from faultgauge.telemetry import Run

@@ -10,8 +10,8 @@ import faultgauge as fg
 from faultgauge.errors import InputError
 from faultgauge.plants.expression import derivatives_used, names_used
 from faultgauge.plants.plant import Plant, respond
-from faultgauge.plants.plant_file import Parameter
 from faultgauge.plants.signals import Fault, Input, Output, Signals, State
+from faultgauge.plants.spec import Parameter
 
 
 class Pendulum(Plant):

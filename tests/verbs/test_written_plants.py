@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 import faultgauge as fg
+from faultgauge.detection.rows.prepared import prepared
 from faultgauge.detection.stream import Stream
 from faultgauge.errors import InputError
-from faultgauge.plants.plant_file import Parameter
 from faultgauge.plants.signals import Fault, Input, Output, Signals, State
+from faultgauge.plants.spec import Parameter
 from faultgauge.telemetry.stream import Sample
 
 SCENARIO = """
@@ -129,7 +130,7 @@ def test_it_is_watched_and_streamed(model, pairs, tank):
     log = tank.log(3, tank.leak)
     watch = fg.Watch(model, ("u", "x"), tank.step)
     run = fg.read(log, model)[0]
-    _, rows = watch.along(watch.init(), run)
+    _, rows = watch.along(watch.init(), prepared(watch.signals, run))
     assert np.asarray(rows.verdict.named)[-50:, 0].all()
     stream = Stream(model)
     samples = [

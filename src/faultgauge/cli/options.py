@@ -19,7 +19,7 @@ from faultgauge.progress import Step
 if TYPE_CHECKING:
     from faultgauge.detection.decisions import Walk
     from faultgauge.plants.model import Model
-    from faultgauge.plants.plant_file import PlantSpec
+    from faultgauge.plants.spec import PlantSpec
     from faultgauge.verbs.how import How
     from faultgauge.verbs.reading import Runs
 

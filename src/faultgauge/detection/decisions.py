@@ -16,15 +16,15 @@ from faultgauge.detection.posterior.posterior import Posterior
 from faultgauge.detection.posterior.uncalibrated import prior_of, uncalibrated
 from faultgauge.detection.posterior.verdicts import NOT_JUDGED
 from faultgauge.detection.rows.intake import with_taken
+from faultgauge.detection.rows.prepared import Prepared, as_it_acts, prepared
 from faultgauge.detection.rows.residual import Reference, residuals_of
 from faultgauge.detection.watch import Row, Watch, WatchState
-from faultgauge.identification.samples import in_effect
 from faultgauge.plants.model import Model
 from faultgauge.progress import Step
 from faultgauge.telemetry import Run
 from faultgauge.telemetry.clock import Clock
 from faultgauge.telemetry.dead_time import check_delays
-from faultgauge.telemetry.runs import cut, paced
+from faultgauge.telemetry.runs import paced
 from faultgauge.telemetry.writing import stamp, stamps
 
 __all__ = [
@@ -40,15 +40,15 @@ __all__ = [
 
 PART = 10_000  # rows after which it is said how far a walk is
 # what takes a watch along the next rows: (its state after them, what is said of them)
-Walk: TypeAlias = Callable[[Watch, WatchState, Run], tuple[WatchState, Row]]
+Walk: TypeAlias = Callable[[Watch, WatchState, Prepared], tuple[WatchState, Row]]
 
 
 @dataclass(frozen=True)
 class Decision:
-    """One run judged by the bank; `used` is what of it was believed: inputs as they act, outputs
-    but for those that stand still. Each of the `glitches` may be of the rows before: it is known
-    once the next sample is there. `loose` is the standard deviation of every constant that the
-    bank tracks where the run ends."""
+    """One run judged by the bank, made ready: `acting` has its inputs as they act, and `used` is
+    what of that was believed, outputs but for those that stand still. Each of the `glitches` may
+    be of the rows before: it is known once the next sample is there. `loose` is the standard
+    deviation of every constant that the bank tracks where the run ends."""
 
     run: Run
     posterior: Posterior
@@ -56,7 +56,8 @@ class Decision:
     status: list[str]
     reason: list[str]
     events: list[BankEvent]
-    used: Run
+    acting: Prepared
+    used: Prepared
     glitches: Sequence[Glitch] = ()
     loose: Float[np.ndarray, "constants"] | None = None
 
@@ -74,9 +75,9 @@ def decide_runs(
     runs = [paced(run) for run in runs]
     if uncalibrated(model):
         evaluated_faults(model.plant.signals)
-        used = [in_effect(model.plant.signals, run) for run in runs]
-        r = [residuals_of(model, each, reference) for each in used]
-        return [unjudged(model, *each) for each in zip(runs, used, r, strict=True)], None
+        acting = [as_it_acts(model.plant.signals, run) for run in runs]
+        r = [residuals_of(model, each, reference) for each in acting]
+        return [unjudged(model, *each) for each in zip(runs, acting, r, strict=True)], None
     bank = build_fault_bank(model, runs, noise_of(model))
     if progress is not None:
         walk = _in_parts(walk, progress, sum(len(run.t) for run in runs))
@@ -87,27 +88,27 @@ def _in_parts(walk: Walk, progress: Callable[[str], None], total: int) -> Walk:
     """`walk`, which says how far it is; the parts that rows come in change no bit of it."""
     done = 0
 
-    def along(watch: Watch, state: WatchState, rows: Run) -> tuple[WatchState, Row]:
+    def along(watch: Watch, state: WatchState, rows: Prepared) -> tuple[WatchState, Row]:
         nonlocal done
         found = []
-        for first in range(0, len(rows.t), PART):
-            progress(Step(f"judging run {rows.name}", done / total))
-            part = cut(rows, slice(first, first + PART))
+        for first in range(0, len(rows.u), PART):
+            progress(Step(f"judging run {rows.run.name}", done / total))
+            part = rows.cut(slice(first, first + PART))
             state, row = walk(watch, state, part)
             found.append(row)
-            done += len(part.t)
+            done += len(part.u)
         return state, jax.tree.map(lambda *each: np.concatenate(each), *found)
 
     return along
 
 
 def unjudged(
-    model: Model, run: Run, used: Run, r: dict[str, Float[np.ndarray, "samples"]]
+    model: Model, run: Run, acting: Prepared, r: dict[str, Float[np.ndarray, "samples"]]
 ) -> Decision:
     """`run` where nothing was calibrated for the bank: its residuals `r` alone."""
     count = len(run.t)
     why = [uncalibrated(model)] * count
-    return Decision(run, prior_of(model, run), r, [NOT_JUDGED] * count, why, [], used)
+    return Decision(run, prior_of(model, run), r, [NOT_JUDGED] * count, why, [], acting, acting)
 
 
 def decide(
@@ -118,9 +119,7 @@ def decide(
     check_delays(run, {each.name: each.delay for each in signals.inputs})
     watching = Watching(bank, run, walk)
     judged, decision = watching.push(run)
-    inputs = {name: decision.used.columns[name] for name in signals.input_names}
-    acting = replace(run, columns=run.columns | inputs)
-    r = {} if reference is None else residuals_of(bank.model, acting, reference)
+    r = {} if reference is None else residuals_of(bank.model, decision.acting, reference)
     return replace(decision, residuals=r, events=events(bank, judged), loose=watching.loose())
 
 
@@ -135,12 +134,15 @@ class Watching:
 
     def push(self, rows: Run) -> tuple[Judged, Decision]:
         """The next `rows`, however many; residuals and events are left open."""
-        self.state, row = self.walk(self.watch, self.state, rows)
+        given = prepared(self.watch.signals, rows)
+        self.state, row = self.walk(self.watch, self.state, given)
         status, reason = self.watch.words(row.verdict)
-        used = with_taken(self.model, rows, row.taken, outputs=True)
-        found = Judged(used, row.posterior, row.verdict, row.sets.astype(np.float32))
-        odd = self.glitches.push(used, row.posterior)
-        return found, Decision(rows, row.posterior, {}, status, reason, [], used, odd)
+        acting, used = (
+            with_taken(self.model, given, row.taken, outputs=still) for still in (False, True)
+        )
+        found = Judged(used.run, row.posterior, row.verdict, row.sets.astype(np.float32))
+        odd = self.glitches.push(used.run, row.posterior)
+        return found, Decision(rows, row.posterior, {}, status, reason, [], acting, used, odd)
 
     def loose(self) -> Float[np.ndarray, "constants"]:
         """Standard deviation of every constant, in the likeliest branch."""

@@ -34,6 +34,7 @@ from faultgauge.detection.posterior.uncalibrated import uncalibrated
 from faultgauge.detection.posterior.verdicts import FAULT, STATUS, words
 from faultgauge.detection.rows.intake import Intake, slow_outputs, with_taken
 from faultgauge.detection.rows.judged import build_bank, check_observer
+from faultgauge.detection.rows.prepared import prepared
 from faultgauge.detection.rows.residual import Reference, Residuals, curved_inputs
 from faultgauge.errors import InputError
 from faultgauge.plants.model import Model
@@ -205,8 +206,9 @@ class _Unjudged:
         self.residuals = Residuals(self.model, run, stream.reference)
 
     def push(self, rows: Run) -> Iterator[Said]:
-        self.state, taken = self.intake.along(self.model, self.state, rows)
-        acting = with_taken(self.model, rows, taken, outputs=False)
+        given = prepared(self.model.plant.signals, rows)
+        self.state, taken = self.intake.along(self.state, given)
+        acting = with_taken(self.model, given, taken, outputs=False)
         yield unjudged(self.model, rows, acting, self.residuals.push(acting))
 
 
@@ -217,13 +219,10 @@ class _Decided:
         bank = build_fault_bank(stream.model, [run], noise_of(stream.model))
         self.watching, self.ongoing = Watching(bank, run), _Ongoing(bank)
         self.residuals = Residuals(stream.model, run, stream.reference)
-        self.inputs = stream.model.plant.signals.input_names
 
     def push(self, rows: Run) -> Iterator[Said]:
         judged, decision = self.watching.push(rows)
-        inputs = {name: decision.used.columns[name] for name in self.inputs}
-        r = self.residuals.push(replace(rows, columns=rows.columns | inputs))
-        yield replace(decision, residuals=r)
+        yield replace(decision, residuals=self.residuals.push(decision.acting))
         yield from self.ongoing.push(judged)
 
 
@@ -297,7 +296,8 @@ class _Ongoing:
             found = events(self.bank, kept, self.begun)
             yield from found
             said = self._words(kept, slice(None))
-            decision = Decision(kept.run, kept.found, {}, *said, found, kept.run)
+            given = prepared(self.bank.model.plant.signals, kept.run)
+            decision = Decision(kept.run, kept.found, {}, *said, found, given, given)
             for each in alarms(self.bank, decision):
                 yield Unnamed(kept.run.name, each.start, each.end, each.text)
         self.kept, self.told = [], set()

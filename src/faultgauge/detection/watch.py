@@ -31,7 +31,8 @@ from faultgauge.detection.posterior.verdicts import (
 )
 from faultgauge.detection.posterior.verdicts import words as in_words
 from faultgauge.detection.rows.intake import Intake, IntakeState, Taken
-from faultgauge.detection.rows.judged import arrays_of, samples_to_start
+from faultgauge.detection.rows.judged import samples_to_start
+from faultgauge.detection.rows.prepared import Prepared
 from faultgauge.identification.evaluation import WARMUP
 from faultgauge.observers.branches import BranchInfo, BranchState
 from faultgauge.observers.branching import Branching
@@ -217,11 +218,10 @@ class Watch(eqx.Module):
         x = said.x[: len(self.signals.states)]
         return jnp.where(running, self.envelope.outside(x, u, said.p, said.f), 1)
 
-    def along(self, state: WatchState, rows: Run) -> tuple[WatchState, Row]:
+    def along(self, state: WatchState, rows: Prepared) -> tuple[WatchState, Row]:
         """The next `rows` of telemetry, however many; what they come in does not change a bit of
         what is said of them. NumPy arrays."""
-        u, y = arrays_of(self.signals, rows, slice(0, len(rows.t)))
-        return follow(self, state, (rows.t, u, y))
+        return follow(self, state, (rows.run.t, rows.u, rows.y))
 
     def words(self, verdict: Verdict) -> tuple[list[str], list[str]]:
         """(status, reason) of every row of a `verdict`, in words."""

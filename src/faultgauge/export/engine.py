@@ -13,12 +13,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from faultgauge.detection.rows.judged import arrays_of
+from faultgauge.detection.rows.prepared import Prepared
 from faultgauge.detection.watch import Row, Watch, WatchState
 from faultgauge.export.compile import ExportedStep, print_step
 from faultgauge.export.kept import hash_of, kept
 from faultgauge.export.native import Native, needed_compiler
-from faultgauge.telemetry import Run
 
 __all__ = ["Engine"]
 
@@ -40,10 +39,10 @@ class Engine:
         self.cache = cache
         self._known: list[tuple[Watch, _Compiled]] = []
 
-    def __call__(self, watch: Watch, state: WatchState, rows: Run) -> tuple[WatchState, Row]:
+    def __call__(self, watch: Watch, state: WatchState, rows: Prepared) -> tuple[WatchState, Row]:
         """(the state after `rows`, what is said of them); NumPy arrays."""
-        u, y = arrays_of(watch.signals, rows, slice(0, len(rows.t)))
-        return self._compiled(watch).run(watch, state, {"t": rows.t, "u": u, "y": y})
+        samples = {"t": rows.run.t, "u": rows.u, "y": rows.y}
+        return self._compiled(watch).run(watch, state, samples)
 
     def _compiled(self, watch: Watch) -> "_Compiled":
         """One for all watches that are alike but for their numbers."""

@@ -11,7 +11,7 @@ from faultgauge.fleet.folder import unit_of
 from faultgauge.fleet.typical import laws_of
 from faultgauge.identification.population import own_parameters
 from faultgauge.plants.model import Model
-from faultgauge.plants.plant_file import PlantSpec
+from faultgauge.plants.spec import PlantSpec
 from faultgauge.telemetry.writing import write_table
 from faultgauge.verbs.result import Columns, Result
 

@@ -17,6 +17,7 @@ from faultgauge.detection.answer.smallest import apart_size, information_left, s
 from faultgauge.detection.bank.bank import FaultBank
 from faultgauge.detection.posterior.unit_faults import Effects, effects_along, information
 from faultgauge.detection.rows.judged import operating_points
+from faultgauge.detection.rows.prepared import Prepared, prepared
 from faultgauge.excitation.multisine import multisine
 from faultgauge.foresight.problems import Problem
 from faultgauge.simulation.free_run import free_run, substeps_for
@@ -111,7 +112,7 @@ class InputTrials:
 
     def simulated(
         self, u: Float[np.ndarray, "rows inputs"], f: Float[np.ndarray, "faults"]
-    ) -> tuple[Run, Float[np.ndarray, "stood states"]]:
+    ) -> tuple[Prepared, Float[np.ndarray, "stood states"]]:
         """(the log of a test with constant faults, its states), without noise."""
         bank, signals = self.bank, self.bank.model.plant.signals
         stood = np.concatenate([self.u[None], u])  # from the log's last row on
@@ -123,7 +124,7 @@ class InputTrials:
         y = np.asarray(found.y)[1:]
         columns |= {n: y[:, signals.output_names.index(n)] for n in bank.outputs}
         t = self.before.t[-1] + bank.step * np.arange(1, len(stood))
-        return Run("test", "test", t, columns), np.asarray(found.x)
+        return prepared(signals, Run("test", "test", t, columns)), np.asarray(found.x)
 
     def told(self, u: Float[np.ndarray, "rows inputs"], problem: Problem) -> Tested:
         """What a test tells of a fault that is there throughout, and was not before."""

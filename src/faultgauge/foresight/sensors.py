@@ -17,6 +17,7 @@ from faultgauge.detection.answer.smallest import around
 from faultgauge.detection.bank.bank import FaultBank, build_fault_bank
 from faultgauge.detection.posterior.unit_faults import Effects, Information, effects_of, information
 from faultgauge.detection.rows.judged import operating_points
+from faultgauge.detection.rows.prepared import as_it_acts
 from faultgauge.foresight.problems import Problem, size_told
 from faultgauge.foresight.structure import Structure, rate_of, value_of
 from faultgauge.plants.expression import Expression
@@ -122,7 +123,7 @@ def _with_sensor(
     log = replace(run, columns=columns)
     noise = bank.noise._replace(sigma=np.append(bank.noise.sigma, sigma))
     wider = build_fault_bank(replace(model, plant=plant), [log], noise)
-    found = effects_of(wider, log)
+    found = effects_of(wider, as_it_acts(more, log))
     rows = len(found.t)
     return information(found, rows // 2, around(rows // 2, rows), [rows - 1]), sigma
 

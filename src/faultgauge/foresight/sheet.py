@@ -20,6 +20,7 @@ from faultgauge.detection.bank.bank import FaultBank, build_fault_bank, evaluate
 from faultgauge.detection.bank.noise import noise_of
 from faultgauge.detection.posterior.uncalibrated import level_in, uncalibrated
 from faultgauge.detection.posterior.unit_faults import Effects, Information, effects_of, information
+from faultgauge.detection.rows.prepared import as_it_acts
 from faultgauge.errors import InputError
 from faultgauge.foresight.experiments import InputTrials, propose
 from faultgauge.foresight.problems import problems_of
@@ -78,7 +79,8 @@ def detectability(
 
 
 def _along(bank: FaultBank, run: Run, progress: Callable[[str, float], None]) -> RunSheet:
-    signals, effects = bank.model.plant.signals, effects_of(bank, run)
+    signals = bank.model.plant.signals
+    effects = effects_of(bank, as_it_acts(signals, run))
     rows, kept = len(effects.t), [k for k in range(len(bank.size)) if (k,) in bank.sets]
     if rows < FEWEST:
         raise InputError(

@@ -24,8 +24,8 @@ from faultgauge.plants.expression import (
     names_used,
     networks_used,
 )
-from faultgauge.plants.plant_file import PlantSpec
 from faultgauge.plants.signals import Fault
+from faultgauge.plants.spec import PlantSpec
 
 __all__ = ["Structure", "overdetermined", "rate_of", "structure_of", "value_of"]
 

@@ -6,11 +6,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from faultgauge.identification.refinement.unknowns import prior_width
 from faultgauge.identification.samples import Samples, spread
+from faultgauge.identification.unknowns import prior_width
 from faultgauge.plants.plant import Plant
-from faultgauge.plants.plant_file import Parameter
 from faultgauge.plants.record import BetweenRuns
+from faultgauge.plants.spec import Parameter
 
 __all__ = ["SUREST", "between_runs"]
 

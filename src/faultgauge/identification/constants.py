@@ -8,9 +8,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from faultgauge.identification.model_error import BandScatter
-from faultgauge.identification.refinement.unknowns import WEIGHTS, Unknowns
+from faultgauge.identification.unknowns import WEIGHTS, Unknowns
 from faultgauge.plants.gray_box import GrayBoxPlant
-from faultgauge.plants.plant_file import Parameter
+from faultgauge.plants.spec import Parameter
 
 __all__ = [
     "ConstantsInformation",

@@ -24,7 +24,7 @@ from faultgauge.identification.starts import Box, scattered, spread_over
 from faultgauge.plants.expression import Expression, Node, evaluate, names_used, networks_used
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.network import Network
-from faultgauge.plants.plant_file import PlantSpec
+from faultgauge.plants.spec import PlantSpec
 
 __all__ = [
     "EquationResidual",

@@ -38,7 +38,7 @@ from faultgauge.identification.weak_form import (
     weak_states,
 )
 from faultgauge.plants.gray_box import GrayBoxPlant
-from faultgauge.plants.plant_file import PlantSpec
+from faultgauge.plants.spec import PlantSpec
 from faultgauge.progress import Step
 from faultgauge.simulation.free_run import RATE_STEP, fastest_rate
 from faultgauge.telemetry import Run

@@ -26,9 +26,9 @@ from faultgauge.identification.model_error import (
     band_scatter,
     delays,
 )
-from faultgauge.identification.refinement.unknowns import Unknowns
 from faultgauge.identification.samples import Channels, Samples
 from faultgauge.identification.simulated_instruments import Freed
+from faultgauge.identification.unknowns import Unknowns
 from faultgauge.identification.weak_form import WeakErrors, weak_samples, weak_states
 from faultgauge.plants.gray_box import GrayBoxPlant
 

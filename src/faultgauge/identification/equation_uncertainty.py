@@ -51,9 +51,9 @@ from faultgauge.identification.equation_error import Group, equation_errors, tar
 from faultgauge.identification.equation_fit import GroupReport, Material
 from faultgauge.identification.equation_model_error import off_by_model, residuals_at
 from faultgauge.identification.noise_bias import noise_left, shift_by_noise
-from faultgauge.identification.refinement.unknowns import Unknowns, unknowns_of
 from faultgauge.identification.samples import Channels, Samples
 from faultgauge.identification.simulated_instruments import Freed
+from faultgauge.identification.unknowns import Unknowns, unknowns_of
 from faultgauge.identification.weak_form import WeakErrors, weak_states
 from faultgauge.plants.gray_box import GrayBoxPlant
 

@@ -13,8 +13,8 @@ from jaxtyping import Array, Bool, Float
 
 from faultgauge.errors import InputError
 from faultgauge.identification.between_runs import SUREST
-from faultgauge.identification.refinement.unknowns import Unknowns, unknown_constants
 from faultgauge.identification.samples import in_effect, spread, state_column
+from faultgauge.identification.unknowns import Unknowns, unknown_constants
 from faultgauge.plants.plant import Plant
 from faultgauge.plants.record import BetweenRuns
 from faultgauge.simulation.free_run import blow_up, bucket, free_run, pad, simulate, substeps_for

@@ -31,8 +31,8 @@ from faultgauge.identification.sizes import chosen_sizes, smallest_sufficient, w
 from faultgauge.identification.unseen import run_anew
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
-from faultgauge.plants.plant_file import PlantSpec
 from faultgauge.plants.signals import Signals
+from faultgauge.plants.spec import PlantSpec
 from faultgauge.telemetry import Run, rate_of
 
 __all__ = ["POOR", "FitReport", "fit"]

@@ -17,8 +17,8 @@ from faultgauge.identification.refinement.result import Refinement
 from faultgauge.identification.samples import Channels, Samples
 from faultgauge.identification.sizes import chosen_sizes
 from faultgauge.plants.gray_box import GrayBoxPlant
-from faultgauge.plants.plant_file import PlantSpec
 from faultgauge.plants.record import FitRecord
+from faultgauge.plants.spec import PlantSpec
 from faultgauge.telemetry import Run, rate_of
 from faultgauge.telemetry.resampling import cover
 

@@ -18,10 +18,10 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
-from faultgauge.identification.refinement.unknowns import prior_width
+from faultgauge.identification.unknowns import prior_width
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.network import Network
-from faultgauge.plants.plant_file import Parameter
+from faultgauge.plants.spec import Parameter
 
 __all__ = ["FEWEST", "Law", "Population", "own_parameters", "population", "with_population"]
 

@@ -9,8 +9,8 @@ from jaxtyping import Float
 
 from faultgauge.errors import InputError
 from faultgauge.plants.expression import Name, derivatives_used, names_used
-from faultgauge.plants.plant_file import PlantSpec
 from faultgauge.plants.signals import Signals
+from faultgauge.plants.spec import PlantSpec
 from faultgauge.telemetry import Run, as_sampled, segments
 from faultgauge.telemetry.dead_time import delayed
 from faultgauge.telemetry.derivatives import Kernel, choose_kernel, noise_sd

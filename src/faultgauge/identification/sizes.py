@@ -6,8 +6,8 @@ from typing import TypeVar
 import equinox as eqx
 
 from faultgauge.plants.gray_box import GrayBoxPlant
-from faultgauge.plants.plant_file import PlantSpec
 from faultgauge.plants.settle import settle
+from faultgauge.plants.spec import PlantSpec
 
 __all__ = ["SIZES", "chosen_sizes", "smallest_sufficient", "with_hidden"]
 

@@ -37,8 +37,8 @@ from faultgauge.identification.levenberg_marquardt import Solution
 from faultgauge.identification.samples import Channels, Samples, Stretch
 from faultgauge.plants.expression import derivatives_used, names_used
 from faultgauge.plants.gray_box import GrayBoxPlant
-from faultgauge.plants.plant_file import PlantSpec
 from faultgauge.plants.signals import Signals
+from faultgauge.plants.spec import PlantSpec
 from faultgauge.telemetry.derivatives import Kernel
 
 __all__ = ["WeakErrors", "WeakSamples", "fit_weak", "gap", "weak_samples", "weak_states"]

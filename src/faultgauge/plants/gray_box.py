@@ -12,8 +12,9 @@ from jaxtyping import Array, Float
 from faultgauge.plants.expression import Call, evaluate, networks_used
 from faultgauge.plants.network import Network
 from faultgauge.plants.plant import Plant, ValueChange
-from faultgauge.plants.plant_file import Parameter, PlantSpec, parse_plant, read_plant_text
+from faultgauge.plants.plant_file import parse_plant, read_plant_text
 from faultgauge.plants.signals import Signals
+from faultgauge.plants.spec import Parameter, PlantSpec
 
 __all__ = ["GrayBoxPlant", "load_plant"]
 

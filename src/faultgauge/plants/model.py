@@ -21,7 +21,7 @@ from faultgauge.errors import InputError
 from faultgauge.files import read_within, write_atomically
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.network import Network
-from faultgauge.plants.plant_file import PlantSpec, parse_plant
+from faultgauge.plants.plant_file import parse_plant
 from faultgauge.plants.record import (
     CalibrationRecord,
     FitRecord,
@@ -31,6 +31,7 @@ from faultgauge.plants.record import (
     fit_in,
 )
 from faultgauge.plants.settle import settle
+from faultgauge.plants.spec import PlantSpec
 
 __all__ = ["Model", "decoded", "encoded", "load_model", "save_model"]
 

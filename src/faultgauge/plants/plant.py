@@ -10,8 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from faultgauge.plants.plant_file import Parameter
 from faultgauge.plants.signals import INNER, Signals
+from faultgauge.plants.spec import Parameter
 
 __all__ = ["Plant", "Stuck", "ValueChange", "applied", "clip_state", "respond"]
 

@@ -9,7 +9,7 @@ from typing import Annotated, Any, TypeVar
 
 import pydantic
 
-from faultgauge.plants.plant_file import PlantSpec
+from faultgauge.plants.spec import PlantSpec
 
 __all__ = [
     "BankLevel",
@@ -30,6 +30,7 @@ __all__ = [
 LARGEST = 1e100  # of any number: its square is one too
 MOST_POINTS = 100_000  # of training in a model file
 MOST_MEMBERS = 100  # of an ensemble
+OLDER = "the calibration is of an older version; run `faultgauge calibrate` on healthy logs again."
 
 Number = Annotated[int | float, pydantic.Field(gt=-LARGEST, lt=LARGEST)]
 Positive = Annotated[int | float, pydantic.Field(gt=1 / LARGEST, lt=LARGEST)]
@@ -300,7 +301,15 @@ def fit_in(told: object) -> FitRecord:
 
 def calibration_in(told: object) -> CalibrationRecord | None:
     """The same of its calibration, if there is one."""
-    return None if told is None else _parsed(CalibrationRecord, told, "calibration.")
+    return None if told is None else _parsed(CalibrationRecord, _of_today(told), "calibration.")
+
+
+def _of_today(told: object) -> object:
+    """A calibration `told` by a version whose bank had no discrepancy is one of observers alone."""
+    if isinstance(told, dict) and isinstance(told.get("bank"), dict) and "error" in told["bank"]:
+        known = {key: value for key, value in told.items() if key not in ("bank", "noise")}
+        return known | {"no_bank": OLDER}
+    return told
 
 
 Kind = TypeVar("Kind", bound=Part)

@@ -12,8 +12,9 @@ from typing import Any
 from faultgauge.errors import InputError
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
-from faultgauge.plants.plant_file import PlantSpec, parse_plant, read_plant_text
+from faultgauge.plants.plant_file import parse_plant, read_plant_text
 from faultgauge.plants.schema import FileTable
+from faultgauge.plants.spec import PlantSpec
 from faultgauge.plants.toml_file import parse_toml, typed
 
 __all__ = ["with_settings"]

@@ -4,9 +4,9 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import cast, get_args
 
-from faultgauge.plants.plant_file import PlantSpec
 from faultgauge.plants.schema import MAX_HIDDEN
 from faultgauge.plants.signals import Hold
+from faultgauge.plants.spec import PlantSpec
 
 __all__ = ["settle"]
 

@@ -6,7 +6,6 @@ import reprlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from fractions import Fraction
-from typing import TYPE_CHECKING
 
 from faultgauge.plants.dimensions import (
     DIMENSIONLESS,
@@ -27,9 +26,7 @@ from faultgauge.plants.expression import (
     Number,
     Opaque,
 )
-
-if TYPE_CHECKING:
-    from faultgauge.plants.plant_file import PlantSpec
+from faultgauge.plants.spec import PlantSpec
 
 __all__ = ["check", "text"]
 
@@ -56,7 +53,7 @@ Units = dict[tuple[str, str], Quantity]  # by table and name
 UNKNOWN, NUMBER = _Open.UNKNOWN, _Open.NUMBER
 
 
-def check(spec: "PlantSpec") -> list[str]:
+def check(spec: PlantSpec) -> list[str]:
     """Warnings about the units of `spec`; an absent or unreadable unit is compatible with all.
 
     Each derivative must have its state's unit per second, each output and each fault the unit of
@@ -75,7 +72,7 @@ def check(spec: "PlantSpec") -> list[str]:
     return warnings + list(_faults(spec, unit))
 
 
-def _units(spec: "PlantSpec") -> tuple[Units, list[str]]:
+def _units(spec: PlantSpec) -> tuple[Units, list[str]]:
     """The unit of every entry of the file, and a warning for each that cannot be read."""
     signals = spec.signals
     tables = {
@@ -102,7 +99,7 @@ def _units(spec: "PlantSpec") -> tuple[Units, list[str]]:
     return unit, warnings
 
 
-def _faults(spec: "PlantSpec", unit: Units) -> Iterator[str]:
+def _faults(spec: PlantSpec, unit: Units) -> Iterator[str]:
     signals = spec.signals
     entries = (*signals.states, *signals.inputs, *signals.outputs, *spec.parameters)
     labels = {each.name: each.unit.strip() for each in entries}

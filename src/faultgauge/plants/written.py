@@ -20,8 +20,9 @@ from faultgauge.errors import InputError
 from faultgauge.plants.expression import Call, Expression, Name, Opaque
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant import Plant, ValueChange
-from faultgauge.plants.plant_file import Parameter, PlantSpec, is_reserved
+from faultgauge.plants.plant_file import is_reserved
 from faultgauge.plants.signals import INNER, Signals
+from faultgauge.plants.spec import Parameter, PlantSpec
 
 __all__ = ["WrittenPlant", "written"]
 

@@ -8,7 +8,7 @@ from typing import Any, Literal, Unpack
 from faultgauge.errors import InputError
 from faultgauge.identification.samples import column_names, jumping
 from faultgauge.plants.model import Model
-from faultgauge.plants.plant_file import PlantSpec
+from faultgauge.plants.spec import PlantSpec
 from faultgauge.telemetry import Run, read_telemetry
 from faultgauge.telemetry.logs import Before, Source
 from faultgauge.telemetry.other_clock import other_clock

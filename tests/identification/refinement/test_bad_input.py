@@ -11,7 +11,7 @@ from faultgauge.errors import InputError
 from faultgauge.identification.fit import fit
 from faultgauge.identification.refinement.simulation_error import Fitted, WindowBatch
 from faultgauge.identification.refinement.uncertainty import information
-from faultgauge.identification.refinement.unknowns import unknowns_of
+from faultgauge.identification.unknowns import unknowns_of
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant_file import parse_plant
 from faultgauge.telemetry import Run

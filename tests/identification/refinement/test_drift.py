@@ -6,8 +6,8 @@ import pytest
 from faultgauge.identification.refinement.data import prepare
 from faultgauge.identification.refinement.drift import SlowWalk
 from faultgauge.identification.refinement.records import records_of
-from faultgauge.identification.refinement.unknowns import unknowns_of
 from faultgauge.identification.samples import channels
+from faultgauge.identification.unknowns import unknowns_of
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant_file import parse_plant
 from faultgauge.telemetry import Run

@@ -6,7 +6,7 @@ import pytest
 from scipy.signal import freqresp
 
 from faultgauge.identification.refinement.linear_starts import equivalents
-from faultgauge.identification.refinement.unknowns import unknown_constants
+from faultgauge.identification.unknowns import unknown_constants
 from faultgauge.plants.gray_box import load_plant
 
 CHAIN = """

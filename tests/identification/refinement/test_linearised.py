@@ -9,7 +9,7 @@ from scipy.optimize import least_squares
 
 from faultgauge.identification.refinement.drift import SlowWalk
 from faultgauge.identification.refinement.simulation_error import SimulationResidual, WindowBatch
-from faultgauge.identification.refinement.unknowns import WEIGHTS, unknowns_of
+from faultgauge.identification.unknowns import WEIGHTS, unknowns_of
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant_file import parse_plant
 

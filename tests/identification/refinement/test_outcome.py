@@ -12,8 +12,8 @@ from faultgauge.identification.refinement import search, short_windows
 from faultgauge.identification.refinement.data import prepare, unseen_errors, validation_error
 from faultgauge.identification.refinement.records import records_of
 from faultgauge.identification.refinement.result import refine_on_logs
-from faultgauge.identification.refinement.unknowns import unknowns_of
 from faultgauge.identification.samples import channels
+from faultgauge.identification.unknowns import unknowns_of
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import save_model
 from faultgauge.plants.plant_file import parse_plant

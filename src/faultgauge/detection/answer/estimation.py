@@ -15,6 +15,7 @@ from faultgauge.detection.rows.along import Along, placed
 from faultgauge.detection.rows.flat_line import standing_still
 from faultgauge.detection.rows.intake import Intake, slow_outputs, with_taken
 from faultgauge.detection.rows.judged import Bank, build_bank
+from faultgauge.detection.rows.prepared import prepared
 from faultgauge.detection.rows.residual import Reference, Residuals
 from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run
@@ -76,8 +77,9 @@ class Observing:
     def push(self, rows: Run) -> Estimated:
         """What is estimated at the next `rows`, however many."""
         model, signals = self.bank.model, self.bank.model.plant.signals
-        self.state, taken = self.intake.along(model, self.state, rows)
-        said = self.observers.push(with_taken(model, rows, taken, outputs=True))
+        given = prepared(signals, rows)
+        self.state, taken = self.intake.along(self.state, given)
+        said = self.observers.push(with_taken(model, given, taken, outputs=True))
         infos = said.joined()
         nothing = np.full(len(rows.t), np.nan)
         f = dict.fromkeys(signals.fault_names, nothing)
@@ -94,7 +96,7 @@ class Observing:
             else "settling after a start or a gap"
             for still, answered, ready in zip(taken.standing, said.answered, settled, strict=True)
         ]
-        r = self.residuals.push(with_taken(model, rows, taken, outputs=False))
+        r = self.residuals.push(with_taken(model, given, taken, outputs=False))
         return Estimated(rows, r, f, intervals_in(model), settled, reason)
 
 

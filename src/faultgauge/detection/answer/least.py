@@ -24,7 +24,7 @@ def least_told(bank: FaultBank, decision: Decision, fault: int) -> float | None:
     for one, other, sizes in _SMALLEST:
         if one is bank and other is decision:
             return sizes[fault]
-    sizes = smallest_along(bank, decision.run, np.isin(decision.status, [HEALTHY, FAULT]))
+    sizes = smallest_along(bank, decision.acting, np.isin(decision.status, [HEALTHY, FAULT]))
     _SMALLEST.append((bank, decision, sizes))
     return sizes[fault]
 

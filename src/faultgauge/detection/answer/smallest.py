@@ -15,6 +15,7 @@ from jaxtyping import Bool, Float
 from faultgauge.detection.bank.bank import FaultBank
 from faultgauge.detection.posterior.unit_faults import Effects, Information, effects_of, information
 from faultgauge.detection.posterior.verdicts import NAMED
+from faultgauge.detection.rows.prepared import Prepared, as_it_acts
 from faultgauge.observers.branches import SCALES
 from faultgauge.telemetry import Run
 
@@ -33,7 +34,7 @@ __all__ = [
 
 NINE_IN_TEN = 1.2816  # standard deviations
 NEARBY = 12  # onsets of another fault on either side
-_LAST: deque[tuple[FaultBank, Run, Effects]] = deque(maxlen=2)  # what was walked last
+_LAST: deque[tuple[FaultBank, Prepared, Effects]] = deque(maxlen=2)  # what was walked last
 
 
 def seen_size(bank: FaultBank, fault: int, sd: float, seconds: float, rarer: float = 1.0) -> float:
@@ -93,15 +94,16 @@ def around(reference: int, rows: int) -> list[int]:
 
 
 def smallest_along(
-    bank: FaultBank, run: Run, judged: Bool[np.ndarray, "rows"] | None = None
+    bank: FaultBank, acting: Prepared, judged: Bool[np.ndarray, "rows"] | None = None
 ) -> list[float | None]:
-    """For each declared fault the size [its unit] that would have been named by the rows of `run`
-    that were `judged` (by default all) had it begun in the middle of them; None where none would.
+    """For each declared fault the size [its unit] that would have been named by the rows of a run,
+    whose inputs are those that act, that were `judged` (by default all) had it begun in the middle
+    of them; None where none would.
     """
-    effects = _effects(bank, run)
+    effects = _effects(bank, acting)
     at = np.ones(len(effects.t), bool)
     if judged is not None:
-        at = judged[np.searchsorted(run.t, effects.t)]
+        at = judged[np.searchsorted(acting.run.t, effects.t)]
     rows = np.flatnonzero(at)
     if len(rows) < 2:
         return [None] * len(bank.size)
@@ -109,20 +111,20 @@ def smallest_along(
     return _from(bank, heard, int(rows[len(rows) // 2]), len(rows))
 
 
-def _effects(bank: FaultBank, run: Run) -> Effects:
+def _effects(bank: FaultBank, acting: Prepared) -> Effects:
     """`effects_of`, which the same run is asked for again where it was judged anew."""
     for one, other, effects in _LAST:
-        if one is bank and other is run:
+        if one is bank and other is acting:
             return effects
-    effects = effects_of(bank, run)
-    _LAST.append((bank, run, effects))
+    effects = effects_of(bank, acting)
+    _LAST.append((bank, acting, effects))
     return effects
 
 
 def smallest_from(bank: FaultBank, run: Run, shares: Sequence[float]) -> list[list[float | None]]:
     """For each of some `shares` of `run` what would have been named had it begun there, by all rows
     and with one walk of the filter."""
-    effects = effects_of(bank, run)
+    effects = effects_of(bank, as_it_acts(bank.model.plant.signals, run))
     rows = len(effects.t)
     if rows < 2:
         return [[None] * len(bank.size) for _ in shares]

@@ -39,6 +39,7 @@ from faultgauge.detection.calibration.blocks import (
     merged,
 )
 from faultgauge.detection.posterior.verdicts import log_odds
+from faultgauge.detection.rows.prepared import prepared
 from faultgauge.detection.watch import Watch
 from faultgauge.detection.words import MOST, UNDECLARED, moment, number
 from faultgauge.errors import InputError
@@ -302,7 +303,8 @@ class _Scored(NamedTuple):
 def _scores(bank: FaultBank, run: Run) -> list[_Scored]:
     """Every stretch of `run` behind its hold-off."""
     watch = Watch(bank.model, tuple(run.columns), run.step, bank=bank)
-    found = watch.along(watch.init(averaged=run.resampled is not None), run)[1].posterior
+    rows = prepared(watch.signals, run)
+    found = watch.along(watch.init(averaged=run.resampled is not None), rows)[1].posterior
     odds = np.maximum(np.asarray(log_odds(found.calm)), LOWEST)
     active = np.nan_to_num(found.p) * bank.with_monitor("active")
     likeliest = np.argmax(np.column_stack([active, np.nan_to_num(found.unknown)]), axis=1)

@@ -28,9 +28,9 @@ from faultgauge.detection.bank.noise import (
     spread_of_start,
     start_spread,
 )
-from faultgauge.detection.rows.judged import pad_stretch, record_arrays, start_from_samples
+from faultgauge.detection.rows.judged import pad_stretch, start_from_samples
+from faultgauge.detection.rows.prepared import as_it_acts
 from faultgauge.identification.refinement.cores import side_by_side
-from faultgauge.identification.samples import in_effect
 from faultgauge.observers import divided_difference as dd
 from faultgauge.observers.divided_difference import Belief, DividedDifferenceFilter
 from faultgauge.plants.disturbed import Disturbed, Error
@@ -240,25 +240,25 @@ def healthy_stretches(model: Model, runs: Sequence[Run]) -> list[StretchPiece]:
     """The stretches of healthy `runs` that are long enough, each a piece of its own."""
     parts = []
     for number, log in enumerate(runs):
-        run = in_effect(model.plant.signals, log)
-        outputs = [n for n in model.plant.signals.output_names if n in run.columns]
-        for part in segments(run, [*model.plant.signals.input_names, *outputs]):
+        acting = as_it_acts(model.plant.signals, log)
+        outputs = [n for n in model.plant.signals.output_names if n in log.columns]
+        for part in segments(acting.run, [*model.plant.signals.input_names, *outputs]):
             if part.stop - part.start >= 100:
-                parts.append((number, run, part))
+                parts.append((number, acting, part))
     if not parts:
         return []
     total = sum(part.stop - part.start for *_, part in parts)
     share = min(1.0, SAMPLES / total)
     found = []
-    for at, (number, run, part) in enumerate(parts):
+    for at, (number, acting, part) in enumerate(parts):
         count = part.stop - part.start
         pieces = max(1, int(np.ceil(share * count / LONGEST)))
         length = max(min(int(share * count / pieces), LONGEST), 100)
         for k in range(pieces):
             first = part.start + k * (count // pieces)
             piece = slice(first, min(first + length, part.stop))
-            start = start_from_samples(model, run, piece)
-            u, y = record_arrays(model, run, piece)
-            u, y, dt = pad_stretch(u, y, run.t[piece])
+            stretch = acting.cut(piece)
+            start = start_from_samples(model, stretch)
+            u, y, dt = pad_stretch(stretch.u, stretch.y, stretch.run.t)
             found.append(StretchPiece(number, at, start.x, u, y, dt))
     return found

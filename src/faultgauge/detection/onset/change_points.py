@@ -14,6 +14,7 @@ from faultgauge.detection.decisions import Decision
 from faultgauge.detection.onset.window import Causes, Window, causes_in, shocks_of, window_of
 from faultgauge.detection.posterior.verdicts import FAULT, NAMED
 from faultgauge.detection.rows.judged import start_from_samples
+from faultgauge.detection.rows.prepared import Prepared
 from faultgauge.telemetry import Run, segments
 
 __all__ = ["causes_of", "total", "windows_of"]
@@ -29,10 +30,9 @@ def total(weight: Float[np.ndarray, "..."]) -> float:
 
 def windows_of(bank: FaultBank, decision: Decision) -> Iterator[Window]:
     """The windows of a judged run that have samples to judge, in order."""
-    run = decision.used
     believed = _believed(bank, decision)
-    for part in _windows(bank, decision, run):
-        window = _window(bank, run, part, believed)
+    for part in _windows(bank, decision, decision.used.run):
+        window = _window(bank, decision.used, part, believed)
         if window is not None:
             yield window
 
@@ -97,16 +97,15 @@ def _healthy_after(decision: Decision, stop: int, end: int) -> bool:
 
 def _window(
     bank: FaultBank,
-    run: Run,
+    used: Prepared,
     part: slice,
     believed: Bool[np.ndarray, "samples"],
 ) -> Window | None:
-    complete = np.all([np.isfinite(run.columns[n][part]) for n in bank.outputs], axis=0)
+    complete = np.all([np.isfinite(used.run.columns[n][part]) for n in bank.outputs], axis=0)
     usable = np.flatnonzero(complete & believed[part])
     if len(usable) < FEWEST:
         return None
     part = slice(part.start + int(usable[0]), part.stop)
-    model = bank.model
-    start = start_from_samples(model, run, part)
+    start = start_from_samples(bank.model, used.cut(part))
     more = np.zeros(len(bank.plant.signals.states) - len(start.x))
-    return window_of(bank, run, part, believed, np.append(start.x, more))
+    return window_of(bank, used, part, believed, np.append(start.x, more))

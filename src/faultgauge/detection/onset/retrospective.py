@@ -320,7 +320,7 @@ def _least(
     rows = np.zeros(len(decision.run.t), bool)
     rows[window.part.start + used] = True
     faults = bank.model.plant.signals.fault_names
-    return dict(zip(faults, smallest_along(bank, decision.run, rows), strict=True))
+    return dict(zip(faults, smallest_along(bank, decision.acting, rows), strict=True))
 
 
 def _told(

@@ -23,10 +23,10 @@ from faultgauge.detection.bank.bank import FaultBank, unknown_shock
 from faultgauge.detection.bank.noise import start_spread
 from faultgauge.detection.bank.priors import ALIEN, AT_START
 from faultgauge.detection.onset.shocks import KnownStretch, Shocks, shocks
-from faultgauge.detection.rows.judged import pad_stretch, record_arrays
+from faultgauge.detection.rows.judged import pad_stretch
+from faultgauge.detection.rows.prepared import Prepared
 from faultgauge.observers.branches import SCALES
 from faultgauge.observers.divided_difference import Belief
-from faultgauge.telemetry import Run
 
 __all__ = ["Causes", "Window", "causes_in", "shocks_of", "window_of"]
 
@@ -53,27 +53,27 @@ class Causes(NamedTuple):
 
 def window_of(
     bank: FaultBank,
-    run: Run,
+    rows: Prepared,
     part: slice,
     believed: Bool[np.ndarray, "samples"],
     mean: Float[np.ndarray, "extended"],
     least: int = 0,
 ) -> Window:
-    """The samples `part` of `run`, of which those are used that are `believed`; they start at
+    """The samples `part` of `rows`, of which those are used that are `believed`; they start at
     about `mean` [states, discrepancy, directions]. Padded to the bucket of `least` samples or
     more."""
     model = bank.model
-    u, y = record_arrays(model, run, part)
+    t, y = rows.run.t[part], rows.y[part].copy()
     y[:, [n not in bank.outputs for n in model.plant.signals.output_names]] = np.nan
     y[~believed[part]] = np.nan
-    u, y, dt = pad_stretch(u, y, run.t[part], least)
+    u, y, dt = pad_stretch(rows.u[part], y, t, least)
     # The first sample has found the start: it is not to be believed twice, least of all where
     # a sensor's bias may have been there already.
     sd = start_spread(model, bank.noise, ())
     lane = bank.modes.filter
     faults = np.zeros((len(dt), lane.faults))
     record = KnownStretch(*(jnp.asarray(a) for a in (u, y, dt, faults, faults)))
-    return Window(lane.begin(jnp.asarray(mean), jnp.asarray(sd)), record, run.t[part], part)
+    return Window(lane.begin(jnp.asarray(mean), jnp.asarray(sd)), record, t, part)
 
 
 def shocks_of(

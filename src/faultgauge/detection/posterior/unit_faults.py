@@ -24,15 +24,13 @@ from jaxtyping import Array, Float, Int
 from faultgauge.detection.bank.bank import FaultBank
 from faultgauge.detection.bank.noise import start_spread
 from faultgauge.detection.rows.judged import (
-    record_arrays,
     start_from_samples,
     steps_to,
     stretches,
 )
-from faultgauge.identification.samples import in_effect
+from faultgauge.detection.rows.prepared import Prepared
 from faultgauge.observers.divided_difference import Belief, DividedDifferenceFilter, FilterNoise
 from faultgauge.observers.follow import follow
-from faultgauge.telemetry import Run, cut
 
 __all__ = ["Effects", "Information", "effects_along", "effects_of", "information"]
 
@@ -86,18 +84,16 @@ class _Healthy(eqx.Module):
         return (after, u), (M, jnp.stack(rows), seen.white, after.mean[:n])
 
 
-def effects_of(bank: FaultBank, log: Run) -> Effects:
-    """The filter along `log`, or around its middle; no rows where nothing can be judged."""
-    run = in_effect(bank.model.plant.signals, log)
-    if len(run.t) > MOST:
-        first = (len(run.t) - MOST) // 2
-        run = cut(run, slice(first, first + MOST))
-    return effects_along(bank, run)
+def effects_of(bank: FaultBank, acting: Prepared) -> Effects:
+    """The filter along a run whose inputs are those that act, or around its middle; no rows where
+    nothing can be judged."""
+    first = max(len(acting.u) - MOST, 0) // 2
+    return effects_along(bank, acting.cut(slice(first, first + MOST)))
 
 
-def effects_along(bank: FaultBank, run: Run, before: Effects | None = None) -> Effects:
-    """The filter along a run whose inputs are those that act; where it goes on from what was
-    `before`, its rows have no gaps."""
+def effects_along(bank: FaultBank, acting: Prepared, before: Effects | None = None) -> Effects:
+    """The filter along such a run; where it goes on from what was `before`, its rows have no
+    gaps."""
     signals, lane = bank.model.plant.signals, bank.modes.filter
     low, high = (np.array([getattr(f, k) for f in signals.faults]) for k in ("min", "max"))
     side = np.where(low >= 0, 1.0, np.where(high <= 0, -1.0, 0.0))
@@ -109,15 +105,14 @@ def effects_along(bank: FaultBank, run: Run, before: Effects | None = None) -> E
     belief = lane.begin(jnp.zeros(n), jnp.asarray(sd)) if before is None else before.end
     last = None if before is None else float(before.t[-1])
     parts = [_no_rows(n, len(signals.outputs), len(signals.faults))]
-    for part in stretches(run, signals.input_names or bank.outputs, bank.outputs):
-        t = run.t[part]
-        u, y = record_arrays(bank.model, run, part)
-        y[:, unused] = np.nan
+    for part in stretches(acting.run, signals.input_names or bank.outputs, bank.outputs):
+        stretch = acting.cut(part)
+        t, u, y = stretch.run.t, stretch.u, np.where(unused, np.nan, stretch.y)
         dt, keep = steps_to(t), np.ones(n)
         if before is not None and last is not None:
             dt[0] = t[0] - last
         else:
-            x = start_from_samples(bank.model, run, part).x
+            x = start_from_samples(bank.model, stretch).x
             if last is not None:
                 belief, keep = _after_gap(bank, belief, sd, float(t[0] - last))
             belief = belief._replace(mean=belief.mean.at[:states].set(x))

@@ -12,11 +12,11 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
-from faultgauge.detection.rows.judged import StretchStart, samples_to_start, start_from_samples
+from faultgauge.detection.rows.judged import samples_to_start, start_from_samples
+from faultgauge.detection.rows.prepared import Prepared, StretchStart, in_a_row
 from faultgauge.observers.follow import follow
 from faultgauge.plants.model import Model
-from faultgauge.telemetry import Run
-from faultgauge.telemetry.runs import cut, gaps, joined
+from faultgauge.telemetry.runs import gaps
 
 __all__ = ["Along", "Track", "placed"]
 
@@ -42,7 +42,7 @@ class Track(Protocol):
         """(object with a pure `step`, its first state) of a stretch."""
         ...
 
-    def samples(self, run: Run, part: slice) -> tuple[Float[np.ndarray, "samples ..."], ...]:
+    def samples(self, rows: Prepared) -> tuple[Float[np.ndarray, "samples ..."], ...]:
         """The arguments of `step` after the state; dt [s] is the third."""
         ...
 
@@ -66,24 +66,25 @@ class Along:
 
     def __init__(self, track: Track) -> None:
         self.track = track
-        self.last: Run | None = None  # the row before, where the next may follow on it
-        self.waiting: Run | None = None  # of a stretch that has not begun
+        self.last: Prepared | None = None  # the row before, where the next may follow on it
+        self.waiting: Prepared | None = None  # of a stretch that has not begun
         self.judge: Any = None
         self.state: Any = None
         self.begun = 0.0
 
-    def push(self, rows: Run) -> Said:
+    def push(self, rows: Prepared) -> Said:
         """What is said of `rows`."""
-        said = Said(len(rows.t))
-        usable = np.ones(len(rows.t), bool)
+        run = rows.run
+        said = Said(len(run.t))
+        usable = np.ones(len(run.t), bool)
         for name in self.track.names:
-            usable &= np.isfinite(rows.columns[name])
-        apart = np.append(False, gaps(rows.t, rows.step)) if len(rows.t) > 1 else np.zeros(1, bool)
+            usable &= np.isfinite(run.columns[name])
+        apart = np.append(False, gaps(run.t, run.step)) if len(run.t) > 1 else np.zeros(1, bool)
         if self.last is not None:
-            apart[0] = gaps(np.append(self.last.t, rows.t[0]), rows.step)[0]
+            apart[0] = gaps(np.append(self.last.run.t, run.t[0]), run.step)[0]
         linked = usable & np.append(self.last is not None, usable[:-1]) & ~apart
         first = np.flatnonzero(usable & ~linked)
-        edges = np.unique(np.concatenate([[0], first, np.flatnonzero(~usable), [len(rows.t)]]))
+        edges = np.unique(np.concatenate([[0], first, np.flatnonzero(~usable), [len(run.t)]]))
         for a, b in pairwise(edges.tolist()):
             if not linked[a]:
                 self.last, self.waiting, self.judge = None, None, None
@@ -91,53 +92,51 @@ class Along:
                 self._stretch(rows, slice(a, b), said)
         return said
 
-    def _stretch(self, rows: Run, part: slice, said: Said) -> None:
+    def _stretch(self, rows: Prepared, part: slice, said: Said) -> None:
         """The rows `part`, which follow on each other and on the last."""
         if self.judge is None and self.waiting is None:
-            part = slice(part.start + self._opens(cut(rows, part)), part.stop)
-        piece = cut(rows, part)
-        if len(piece.t) and self.judge is None:
+            part = slice(part.start + self._opens(rows.cut(part)), part.stop)
+        piece = rows.cut(part)
+        if len(piece.u) and self.judge is None:
             piece, part = self._begin(piece, part)
-        if len(piece.t) and self.judge is not None:
+        if len(piece.u) and self.judge is not None:
             self._answer(piece, part, said)
-        self.last = cut(rows, slice(part.stop - 1, part.stop))
+        self.last = rows.cut(slice(part.stop - 1, part.stop))
 
-    def _opens(self, piece: Run) -> int:
+    def _opens(self, piece: Prepared) -> int:
         """How many rows come before the first that has all it must; where slow sensors are never
         sampled together, before all are under way."""
-        complete = np.all([np.isfinite(piece.own(n)) for n in self.track.opening], axis=0)
-        alive = np.all([np.isfinite(piece.columns[n]) for n in self.track.opening], axis=0)
+        complete = np.all([np.isfinite(piece.run.own(n)) for n in self.track.opening], axis=0)
+        alive = np.all([np.isfinite(piece.run.columns[n]) for n in self.track.opening], axis=0)
         there = complete if complete.any() else alive
-        return int(np.argmax(there)) if there.any() else len(piece.t)
+        return int(np.argmax(there)) if there.any() else len(piece.u)
 
-    def _begin(self, piece: Run, part: slice) -> tuple[Run, slice]:
+    def _begin(self, piece: Prepared, part: slice) -> tuple[Prepared, slice]:
         """(the rows that are answered, their places): none while the start is not known."""
-        before = 0 if self.waiting is None else len(self.waiting.t)
-        whole = piece if self.waiting is None else joined([self.waiting, piece])
-        needed = samples_to_start(self.track.model, whole.columns)
-        if len(whole.t) < needed:
+        before = 0 if self.waiting is None else len(self.waiting.u)
+        whole = piece if self.waiting is None else in_a_row([self.waiting, piece])
+        needed = samples_to_start(self.track.model, whole.run.columns)
+        if len(whole.u) < needed:
             self.waiting = whole
-            return cut(piece, slice(0, 0)), part
-        start = start_from_samples(self.track.model, whole, slice(0, len(whole.t)))
-        given = self.track.samples(whole, slice(0, needed))
+            return piece.cut(slice(0, 0)), part
+        start = start_from_samples(self.track.model, whole)
+        given = self.track.samples(whole.cut(slice(0, needed)))
         self.judge, self.state = self.track.begin(start, given[0][0])
         known = needed - 1  # of the last of them it is not asked how the stretch starts
         if known:
             self.state, _ = follow(self.judge, self.state, [each[:known] for each in given])
-        self.begun, self.waiting = float(whole.t[0]), None
-        self.last = cut(whole, slice(known - 1, known)) if known else None
-        return cut(piece, slice(known - before, None)), slice(
-            part.start + known - before, part.stop
-        )
+        self.begun, self.waiting = float(whole.run.t[0]), None
+        self.last = whole.cut(slice(known - 1, known)) if known else None
+        first = known - before
+        return piece.cut(slice(first, None)), slice(part.start + first, part.stop)
 
-    def _answer(self, piece: Run, part: slice, said: Said) -> None:
+    def _answer(self, piece: Prepared, part: slice, said: Said) -> None:
         first = 0 if self.last is None else 1
-        run = piece if self.last is None else joined([self.last, piece])
-        given = self.track.samples(run, slice(0, len(run.t)))
+        given = self.track.samples(piece if self.last is None else in_a_row([self.last, piece]))
         self.state, infos = follow(self.judge, self.state, [each[first:] for each in given])
         said.infos.append(infos)
         said.answered[part] = True
-        said.since[part] = piece.t - self.begun
+        said.since[part] = piece.run.t - self.begun
 
 
 def placed(said: Said, values: Float[np.ndarray, "answered"]) -> Float[np.ndarray, "rows"]:

@@ -15,7 +15,8 @@ from jaxtyping import Array, Bool, Float, Int
 
 from faultgauge.detection.rows.delay_line import DelayLine, DelayState
 from faultgauge.detection.rows.flat_line import FlatLine, FlatState
-from faultgauge.detection.rows.judged import arrays_of, operating_points, rows_between
+from faultgauge.detection.rows.judged import operating_points, rows_between
+from faultgauge.detection.rows.prepared import Prepared
 from faultgauge.observers.follow import follow
 from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run
@@ -78,10 +79,9 @@ class Intake(eqx.Module):
         flat, (y, standing) = self.flat.step(state.flat, y)
         return state._replace(delayed=delayed, flat=flat), Taken(u, y, standing)
 
-    def along(self, model: Model, state: IntakeState, rows: Run) -> tuple[IntakeState, Taken]:
+    def along(self, state: IntakeState, rows: Prepared) -> tuple[IntakeState, Taken]:
         """The next `rows`, however many; NumPy arrays."""
-        u, y = arrays_of(model.plant.signals, rows, slice(0, len(rows.t)))
-        return follow(self, state, (rows.t, u, y))
+        return follow(self, state, (rows.run.t, rows.u, rows.y))
 
 
 def _commands(model: Model) -> tuple[Float[np.ndarray, "inputs"], Float[np.ndarray, "inputs"]]:
@@ -102,16 +102,16 @@ def slow_outputs(model: Model, runs: Sequence[Run]) -> tuple[str, ...]:
     return tuple(name for name in found if rows_between(runs, name) > 1)
 
 
-def with_taken(model: Model, rows: Run, taken: Taken, *, outputs: bool) -> Run:
+def with_taken(model: Model, rows: Prepared, taken: Taken, *, outputs: bool) -> Prepared:
     """`rows` with their inputs as they act and, where `outputs`, without what is no
     measurement."""
-    signals, columns = model.plant.signals, dict(rows.columns)
+    signals, columns = model.plant.signals, dict(rows.run.columns)
     for k, name in enumerate(signals.input_names):
         columns[name] = taken.u[:, k]
     for k, name in enumerate(signals.output_names):
         if outputs and name in columns:
-            gone = np.isnan(taken.y[:, k]) & np.isfinite(rows.own(name))
+            there = np.isfinite(rows.y[:, k])
             # what was filled in is as good as the sample before it
-            still = (taken.standing == k + 1) & ~np.isfinite(rows.own(name))
-            columns[name] = np.where(gone | still, np.nan, columns[name])
-    return replace(rows, columns=columns)
+            still = (taken.standing == k + 1) & ~there
+            columns[name] = np.where(np.isnan(taken.y[:, k]) & there | still, np.nan, columns[name])
+    return Prepared(replace(rows.run, columns=columns), taken.u, taken.y if outputs else rows.y)

@@ -2,34 +2,29 @@
 
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from faultgauge.detection.remember import once
+from faultgauge.detection.rows.prepared import Prepared, StretchStart
 from faultgauge.errors import InputError
 from faultgauge.identification.evaluation import WARMUP, start_of_run, varying_parameters
 from faultgauge.observers import OBSERVERS, Design
 from faultgauge.observers.beside import Beside, States
 from faultgauge.observers.observer import OperatingPoints
 from faultgauge.plants.model import Model
-from faultgauge.plants.plant import Plant
-from faultgauge.plants.signals import Signals
 from faultgauge.simulation.free_run import bucket, pad, substeps_for
 from faultgauge.telemetry import Run, segments
 
 __all__ = [
     "Bank",
-    "StretchStart",
-    "arrays_of",
     "bandwidth_of",
     "build_bank",
     "check_observer",
     "measured_outputs",
     "operating_points",
     "pad_stretch",
-    "record_arrays",
     "rows_between",
     "samples_to_start",
     "start_from_samples",
@@ -68,9 +63,9 @@ class Bank:
         judge = Beside.of(self.designs).on(start.plant)
         return judge, judge.init(start.x, u)
 
-    def samples(self, run: Run, part: slice) -> tuple[Float[np.ndarray, "samples ..."], ...]:
+    def samples(self, rows: Prepared) -> tuple[Float[np.ndarray, "samples ..."], ...]:
         """What the observers' step is given: u, y, dt."""
-        return *record_arrays(self.model, run, part), steps_to(run.t[part])
+        return rows.u, rows.y, steps_to(rows.run.t)
 
     def has_settled(self, since: Float[np.ndarray, "*samples"]) -> Bool[np.ndarray, "*samples"]:
         """Whether the hold-off is over `since` [s] the start of a stretch."""
@@ -177,35 +172,6 @@ def stretches(run: Run, names: Sequence[str], opening: Sequence[str]) -> Iterato
             yield slice(each.start + int(found[0]), each.stop)
 
 
-def record_arrays(
-    model: Model, run: Run, part: slice
-) -> tuple[Float[np.ndarray, "samples inputs"], Float[np.ndarray, "samples outputs"]]:
-    """(u, y) of a stretch of the model's plant, see `arrays_of`."""
-    return arrays_of(model.plant.signals, run, part)
-
-
-def arrays_of(
-    signals: Signals, run: Run, part: slice
-) -> tuple[Float[np.ndarray, "samples inputs"], Float[np.ndarray, "samples outputs"]]:
-    """(u, y) of a stretch; y is NaN between the samples of a slow sensor, and without a column."""
-    count = part.stop - part.start
-    nothing = np.full(count, np.nan)
-    u = [run.columns[name][part] for name in signals.input_names]
-    y = [run.own(n)[part] if n in run.columns else nothing for n in signals.output_names]
-    return np.stack(u, axis=1) if u else np.zeros((count, 0)), np.stack(y, axis=1)
-
-
-class StretchStart(NamedTuple):
-    """Where a stretch starts; `plant` has the run's own values of parameters that vary.
-
-    `samples` are those that hidden states and such values were found from; 0 where there is none.
-    """
-
-    plant: Plant
-    x: Float[np.ndarray, "states"]
-    samples: int
-
-
 def samples_to_start(model: Model, columns: Collection[str]) -> int:
     """How many samples of a stretch `start_from_samples` looks at."""
     sources = model.record.columns.states
@@ -214,11 +180,20 @@ def samples_to_start(model: Model, columns: Collection[str]) -> int:
     return START_SAMPLES if any(order for _, order in sources) else 1
 
 
-def start_from_samples(model: Model, run: Run, part: slice) -> StretchStart:
+def start_from_samples(model: Model, stretch: Prepared) -> StretchStart:
     """State at a stretch's first sample: as measured, derivatives of measured ones as slopes of
-    the first 20, and the rest by the least error of a free run through the first 50."""
-    signals = model.plant.signals
-    t = run.t[part][:START_SAMPLES] - run.t[part][0]
+    the first 20, and the rest by the least error of a free run through the first 50. Found once
+    for all that starts there."""
+    key = float(stretch.run.t[0]), min(len(stretch.u), WARMUP)
+    known = stretch.starts.get(key)
+    if known is None or known.model is not model:
+        known = stretch.starts[key] = _start(model, stretch)
+    return known
+
+
+def _start(model: Model, stretch: Prepared) -> StretchStart:
+    signals, run = model.plant.signals, stretch.run
+    t = run.t[:START_SAMPLES] - run.t[0]
     known = {}
     for state, (column, order) in zip(
         signals.state_names, model.record.columns.states, strict=True
@@ -226,20 +201,19 @@ def start_from_samples(model: Model, run: Run, part: slice) -> StretchStart:
         if column not in run.columns:
             continue
         if order == 0:
-            known[state] = float(run.columns[column][part][0])
+            known[state] = float(run.columns[column][0])
         else:
-            values = run.own(column)[part][:START_SAMPLES]
+            values = run.own(column)[:START_SAMPLES]
             at = np.isfinite(values)
             degree = min(order + 1, max(int(at.sum()) - 1, 0))
             slopes = np.polynomial.polynomial.polyfit(t[at], values[at], degree)
             padded = np.append(slopes, np.zeros(order))
             known[state] = float(padded[order] * np.prod(np.arange(1, order + 1)))
-    u, y = record_arrays(model, run, part)
     first = slice(0, WARMUP)
-    samples = run.t[part][first], u[first], y[first]
+    samples = run.t[first], stretch.u[first], stretch.y[first]
     plant, x = start_of_run(model.plant, *samples, known, model.max_step, model.record.between)
     solved = plant is not model.plant or len(known) < len(signals.states)
-    return StretchStart(plant, x, min(WARMUP, len(y)) if solved else 0)
+    return StretchStart(model, plant, x, min(WARMUP, len(run.t)) if solved else 0)
 
 
 def steps_to(t: Float[np.ndarray, "samples"]) -> Float[np.ndarray, "samples"]:

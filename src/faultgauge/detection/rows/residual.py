@@ -10,19 +10,18 @@ from jaxtyping import Float
 
 from faultgauge.detection.rows.along import Along, placed
 from faultgauge.detection.rows.judged import (
-    StretchStart,
     bandwidth_of,
     measured_outputs,
     operating_points,
-    record_arrays,
     rows_between,
     samples_to_start,
     start_from_samples,
     steps_to,
     stretches,
 )
+from faultgauge.detection.rows.prepared import Prepared, StretchStart, as_it_acts
 from faultgauge.errors import InputError
-from faultgauge.identification.samples import in_effect, state_column
+from faultgauge.identification.samples import state_column
 from faultgauge.observers import Observer
 from faultgauge.observers.luenberger import design_luenberger
 from faultgauge.observers.measured_states import MeasuredStates
@@ -55,16 +54,16 @@ def residuals(
     from the sample before. `observer`: a state observer without a fault follows the outputs. There
     is none at the samples that a hidden first state was found from.
     """
-    return residuals_of(model, in_effect(model.plant.signals, log), reference)
+    return residuals_of(model, as_it_acts(model.plant.signals, log), reference)
 
 
 def residuals_of(
-    model: Model, run: Run, reference: Reference
+    model: Model, acting: Prepared, reference: Reference
 ) -> dict[str, Float[np.ndarray, "samples"]]:
-    """The same of a `run` whose inputs are given as they act."""
+    """The same of a run whose inputs are given as they act."""
     if reference == "free" and curved_inputs(model):
-        return _free(model, run)
-    return Residuals(model, run, reference).push(run)
+        return _free(model, acting)
+    return Residuals(model, acting.run, reference).push(acting)
 
 
 class Residuals:
@@ -75,14 +74,14 @@ class Residuals:
         self.healthy = HealthyReference.of(model, run, reference)
         self.along = Along(self.healthy)
 
-    def push(self, rows: Run) -> dict[str, Float[np.ndarray, "samples"]]:
+    def push(self, rows: Prepared) -> dict[str, Float[np.ndarray, "samples"]]:
         """r of the next `rows`, however many."""
         names, said = self.healthy.model.plant.signals.output_names, self.along.push(rows)
         infos = said.joined()
         if infos is None:
-            return {name: np.full(len(rows.t), np.nan) for name in self.healthy.outputs}
+            return {name: np.full(len(rows.u), np.nan) for name in self.healthy.outputs}
         return {
-            name: rows.own(name) - placed(said, infos.y[:, names.index(name)])
+            name: rows.run.own(name) - placed(said, infos.y[:, names.index(name)])
             for name in self.healthy.outputs
         }
 
@@ -143,12 +142,12 @@ class HealthyReference:
         judge = eqx.tree_at(lambda each: each.plant, self.judge, start.plant)
         return judge, judge.init(jnp.asarray(start.x), jnp.asarray(u))
 
-    def samples(self, run: Run, part: slice) -> tuple[Float[np.ndarray, "samples ..."], ...]:
+    def samples(self, rows: Prepared) -> tuple[Float[np.ndarray, "samples ..."], ...]:
         """What the judge's step is given: u, y, dt and, where it is fed with them, the states."""
-        given = (*record_arrays(self.model, run, part), steps_to(run.t[part]))
+        given = (rows.u, rows.y, steps_to(rows.run.t))
         if not self.states:
             return given
-        return *given, np.stack([run.own(name)[part] for name in self.states], axis=1)
+        return *given, np.stack([rows.run.own(name) for name in self.states], axis=1)
 
 
 def _state_columns(model: Model, run: Run) -> tuple[str, ...]:
@@ -163,22 +162,22 @@ def _state_columns(model: Model, run: Run) -> tuple[str, ...]:
     return tuple(c for c in columns if c is not None)
 
 
-def _free(model: Model, run: Run) -> dict[str, Float[np.ndarray, "samples"]]:
+def _free(model: Model, acting: Prepared) -> dict[str, Float[np.ndarray, "samples"]]:
     """Free runs with the true course of band-limited inputs, whole stretches at once."""
-    signals = model.plant.signals
+    signals, run = model.plant.signals, acting.run
     healthy = HealthyReference.of(model, run, "free")
     found = {name: np.full(len(run.t), np.nan) for name in healthy.outputs}
     substeps = substeps_for(run.step, model.max_step)
     for part in stretches(run, healthy.names, healthy.opening):
-        start = start_from_samples(model, run, part)
-        u, y = record_arrays(model, run, part)
+        stretch = acting.cut(part)
+        start = start_from_samples(model, stretch)
         t, count = run.t[part], part.stop - part.start
         length = bucket(count)
         dt = np.zeros(length)
         dt[: count - 1] = np.diff(t)
         f = jnp.zeros((length, len(signals.faults)))
-        x, padded, steps = (jnp.asarray(each) for each in (start.x, pad(u, length), dt))
-        r = y - np.asarray(free_run(start.plant, x, padded, steps, f, substeps).y)[:count]
+        x, padded, steps = (jnp.asarray(each) for each in (start.x, pad(stretch.u, length), dt))
+        r = stretch.y - np.asarray(free_run(start.plant, x, padded, steps, f, substeps).y)[:count]
         r[: samples_to_start(model, run.columns) - 1] = np.nan
         for name in healthy.outputs:
             found[name][part] = r[:, signals.output_names.index(name)]

@@ -15,7 +15,7 @@ from faultgauge.identification.refinement.data import (
 )
 from faultgauge.identification.refinement.records import Piece
 from faultgauge.identification.refinement.simulation_error import Fitted, Ridge
-from faultgauge.identification.refinement.unknowns import Unknowns
+from faultgauge.identification.unknowns import Unknowns
 from faultgauge.plants.gray_box import GrayBoxPlant
 
 __all__ = [

@@ -28,8 +28,8 @@ from jaxtyping import Array, Float
 
 from faultgauge.identification.normal_equations import bordered_equations
 from faultgauge.identification.refinement.simulation_error import SimulationResidual, WindowBatch
-from faultgauge.identification.refinement.unknowns import Unknowns, unknowns_of
 from faultgauge.identification.starts import nguyen_widrow
+from faultgauge.identification.unknowns import Unknowns, unknowns_of
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.network import Network
 from faultgauge.plants.plant import respond

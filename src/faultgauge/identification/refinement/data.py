@@ -24,7 +24,7 @@ from faultgauge.identification.refinement.simulation_error import (
     fit_windows,
     simulated,
 )
-from faultgauge.identification.refinement.unknowns import Unknowns
+from faultgauge.identification.unknowns import Unknowns
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.signals import Signals
 

@@ -21,7 +21,7 @@ from jaxtyping import Float
 from faultgauge.identification.refinement.candidate import Candidate, fitted_again, validated
 from faultgauge.identification.refinement.data import Data
 from faultgauge.identification.refinement.uncertainty import curvature
-from faultgauge.identification.refinement.unknowns import WEIGHTS
+from faultgauge.identification.unknowns import WEIGHTS
 
 __all__ = ["by_evidence", "drift_by_evidence", "updated"]
 

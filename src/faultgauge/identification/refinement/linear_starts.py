@@ -16,7 +16,7 @@ from jaxtyping import Array, Float
 from scipy.optimize import least_squares
 from scipy.sparse.csgraph import connected_components
 
-from faultgauge.identification.refinement.unknowns import Unknowns
+from faultgauge.identification.unknowns import Unknowns
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant import respond
 

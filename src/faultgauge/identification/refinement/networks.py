@@ -26,8 +26,8 @@ from faultgauge.identification.refinement.short_windows import around, over_shor
 from faultgauge.identification.refinement.silent import scaled, silent, visited
 from faultgauge.identification.refinement.simulation_error import Fitted
 from faultgauge.identification.refinement.stepping import fine_enough
-from faultgauge.identification.refinement.unknowns import Unknowns, unknown_constants, unknowns_of
 from faultgauge.identification.sizes import chosen_sizes, smallest_sufficient, with_hidden
+from faultgauge.identification.unknowns import Unknowns, unknown_constants, unknowns_of
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.shape import FREE
 

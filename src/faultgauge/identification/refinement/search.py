@@ -43,7 +43,7 @@ from faultgauge.identification.refinement.simulation_error import (
 )
 from faultgauge.identification.refinement.stepping import fine_enough
 from faultgauge.identification.refinement.uncertainty import residual_time
-from faultgauge.identification.refinement.unknowns import unknown_constants, unknowns_of
+from faultgauge.identification.unknowns import unknown_constants, unknowns_of
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.signals import Hold, Signals
 from faultgauge.simulation.free_run import RATE_STEP, blow_up, fastest_rate, substeps_for

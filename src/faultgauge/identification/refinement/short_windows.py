@@ -9,7 +9,7 @@ from jaxtyping import Float
 from faultgauge.identification.refinement.data import FIRST_SIGMA, Data
 from faultgauge.identification.refinement.records import Piece
 from faultgauge.identification.refinement.simulation_error import Fitted
-from faultgauge.identification.refinement.unknowns import Unknowns
+from faultgauge.identification.unknowns import Unknowns
 from faultgauge.plants.gray_box import GrayBoxPlant
 
 __all__ = ["around", "over_short_windows"]

@@ -13,9 +13,9 @@ from faultgauge.identification.equation_error import crowds, groups, scale_netwo
 from faultgauge.identification.refinement.candidate import Candidate
 from faultgauge.identification.refinement.data import Data
 from faultgauge.identification.refinement.records import Piece
-from faultgauge.identification.refinement.unknowns import WEIGHTS
 from faultgauge.identification.samples import Samples
 from faultgauge.identification.starts import Box, spread_over
+from faultgauge.identification.unknowns import WEIGHTS
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant import respond
 

@@ -25,7 +25,7 @@ from faultgauge.identification.levenberg_marquardt import (
     levenberg_marquardt,
 )
 from faultgauge.identification.refinement.cores import side_by_side
-from faultgauge.identification.refinement.unknowns import Unknowns
+from faultgauge.identification.unknowns import Unknowns
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant import respond
 from faultgauge.simulation.integrators import sensitive_step, step_through

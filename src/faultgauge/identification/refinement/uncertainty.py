@@ -38,7 +38,7 @@ from faultgauge.identification.refinement.simulation_error import (
     beside_of,
     simulated,
 )
-from faultgauge.identification.refinement.unknowns import Unknowns
+from faultgauge.identification.unknowns import Unknowns
 from faultgauge.identification.validation.correlation import correlation, integrated_time
 from faultgauge.plants.gray_box import GrayBoxPlant
 

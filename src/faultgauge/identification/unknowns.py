@@ -20,7 +20,7 @@ from jaxtyping import Array, Float
 
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant import Plant
-from faultgauge.plants.plant_file import Parameter
+from faultgauge.plants.spec import Parameter
 
 __all__ = ["WEIGHTS", "Unknowns", "prior_width", "unknown_constants", "unknowns_of"]
 
