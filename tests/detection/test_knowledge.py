@@ -33,10 +33,12 @@ STEP, SIGMA, PROCESS, LENGTH = 0.5, 0.1, 0.2, 2000.0
 MOVING = np.random.default_rng(0).uniform(-1, 1, (40, 2))
 
 
-def bank(size=1e-9, lasting=100.0, sigma=SIGMA, process=PROCESS, text=TEXT, points=MOVING):
+def bank(
+    size=1e-9, lasting=100.0, sigma=SIGMA, process=PROCESS, text=TEXT, points=MOVING, settling=5.0
+):
     model = as_stated(text, points)
     small = [1e-9]
-    levels = [sigma], [process], [], [size], [lasting], small, [5.0], [], []
+    levels = [sigma], [process], [], [size], [lasting], small, [settling], [], []
     t = np.arange(0.0, 100.0, STEP)
     run = Run("r", "r.csv", t, {"u": 0 * t, "x": 0 * t})
     return build_fault_bank(model, [run], Noise(*(np.array(each) for each in levels)), LENGTH)
@@ -58,6 +60,12 @@ def test_a_drive_beside_a_discrepancy_is_known_to_its_mean():
     for t in (200.0, 450.0):
         # the mean of a process that begins in its steady state: tau / t of relative correction
         assert known.at(0, t) == pytest.approx(size * np.sqrt(2 * tau / t), rel=2 * tau / t + 0.02)
+
+
+def test_what_settles_within_less_than_a_step_leaves_it_as_it_is():
+    """Steps of 1 s are ten times as long as that, far beyond what one Runge-Kutta step bears."""
+    known = bank(settling=0.1).knowledge
+    assert known.at(0, 400.0) == pytest.approx(PROCESS / np.sqrt(400.0), rel=0.02)
 
 
 def test_a_loss_of_gain_is_known_from_how_far_its_input_moves_about_nothing():
