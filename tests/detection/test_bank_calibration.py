@@ -9,11 +9,13 @@ from calibrations import for_observer
 from faultgauge.detection.bank.bank import CERTAIN, build_fault_bank
 from faultgauge.detection.calibration.bank_calibration import (
     _believed,
+    _believed_less,
     _Scored,
     calibrate_bank,
     calibrated,
     level_of,
 )
+from faultgauge.detection.calibration.blocks import Block
 from faultgauge.detection.decisions import decide, decide_runs
 from faultgauge.detection.posterior.uncalibrated import unjudged_sentence
 from faultgauge.errors import InputError
@@ -76,6 +78,14 @@ def test_evidence_is_believed_as_far_as_healthy_logs_show_no_fault():
         np.testing.assert_allclose(getattr(wrong.noise, name), factor * getattr(NOISE, name))
     for name in ("lasting", "settling", "shift", "spread"):
         np.testing.assert_array_equal(getattr(wrong.noise, name), getattr(NOISE, name))
+
+
+def test_what_is_as_wide_to_two_digits_is_not_said_to_be_wider():
+    asked = [Block("day", 0.0, 9.0, 3.0, "leak")]
+    assert _believed_less(1.04, asked, 100.0, {"day": None}) == []
+    (said,) = _believed_less(1.06, asked, 100.0, {"day": None})
+    assert "run day from 0 s to 9 s (leak," in said
+    assert "all intervals are made 1.1 times as wide, and a fault must be 1.1 times" in said
 
 
 def test_evidence_falls_with_the_square_of_how_far_it_is_believed():

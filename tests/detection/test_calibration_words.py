@@ -39,3 +39,23 @@ def test_constants_that_the_bank_moves_are_said_wherever_they_leave_what_runs_di
     lines = summary(for_bank(model, noise, size={"push": 1.0}))
     (line,) = (each for each in lines if each.startswith("the healthy logs say"))
     assert line == "the healthy logs say a = 0.81 1/s (fit: 0.5), and the bank goes by them"
+
+
+def test_a_state_that_sticks_is_said_with_how_much_how_long_and_until_where():
+    points = np.random.default_rng(0).uniform(-1, 1, (60, 2))
+    one = np.ones(1)
+    noise = Noise(
+        one, one, np.zeros(0), one, one, one, one, np.full(2, 0.1), np.zeros(2), np.zeros(2),
+        grip=8.04 * one, gripping=1.2 * one, slip=0.135 * one,
+    )  # fmt: skip
+    for text, of, rest in (
+        (LAG, "8 m/s", "0.14 m"),
+        (LAG.replace('unit = "m"', ""), "8 per second", "0.14"),
+    ):
+        lines = summary(for_bank(as_stated(text, points), noise, size={"push": 1.0}))
+        (line,) = (each for each in lines if "sticks" in each)
+        assert line == (
+            f"x sticks: near rest something that the file lacks holds it by about {of}, for "
+            f"about 1.2 s at a time, and lets go from {rest} on. What is smaller shows only while "
+            "it moves"
+        )

@@ -162,7 +162,8 @@ def _believed_less(
 ) -> list[str]:
     """That all is as wide as it is, where the healthy logs, of which so much was `judged` [s],
     `asked` for it most, and what to do: where they do for long, the fault is the model's."""
-    if widened == 1.0:
+    times = f"{widened:.2g}"
+    if float(times) == 1.0:
         return []
     where = "; ".join(
         f"run {b.run} from {_at(b, b.start, clocks)} to {_at(b, b.end, clocks)} "
@@ -176,8 +177,8 @@ def _believed_less(
     )
     return [
         "the model errs in ways that its noise does not cover, and healthy logs would look faulty, "
-        f"most of all {where}: all intervals are made {widened:.2g} times as wide, and a fault "
-        f"must be {widened:.2g} times as large to be told; {advice}"
+        f"most of all {where}: all intervals are made {times} times as wide, and a fault must be "
+        f"{times} times as large to be told; {advice}"
     ]
 
 
