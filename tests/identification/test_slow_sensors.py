@@ -134,8 +134,8 @@ def test_an_input_between_its_samples_is_what_acts(tmp_path):
 def test_equation_error_alone_says_so(tmp_path):
     runs = log(tmp_path, LAG_RATES, "x", 0)
     _, report = fit(plant(LAG), runs, restarts=3, refine=False)
-    (text,) = [text for text in report.warnings if "--refine" in text]
-    assert "'x'" in text
+    (text,) = [text for text in report.warnings if "'x'" in text]
+    assert "--refine" in text
 
 
 def test_scores_are_of_the_samples(tmp_path):
