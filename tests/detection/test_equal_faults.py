@@ -86,3 +86,30 @@ def test_three_faults_of_which_any_two_look_like_the_others():
 
 def test_a_disabled_fault_is_not_compared():
     assert equal_faults(model(["pump", "leak"], more='monitor = "disabled"\n'), [RUN]) == []
+
+
+def test_a_plant_too_stiff_for_steps_of_runge_kutta_has_faults_of_its_own():
+    """Where a step grows, all that acts on it looks like what grows; the plant itself settles."""
+    text = """
+name = "drive"
+[states.v]
+derivative = "u - 500*v"
+[states.x]
+derivative = "v"
+[inputs.u]
+[outputs.x]
+value = "x"
+[faults.load]
+enters = "input"
+target = "u"
+[faults.loss]
+enters = "gain"
+target = "u"
+"""
+    points = np.random.default_rng(0).uniform(-1, 1, (30, 3))
+    record = record_of(max_step=0.1, envelope_points=points.tolist())
+    stiff = Model(GrayBoxPlant.untrained(parse_plant(text)), record)
+    assert equal_faults(stiff, [RUN]) == []
+    # v settles at 1/500 within a sample, so x goes up by dt / 500 less what that took: 1 / 500^2
+    h = signatures(stiff, [RUN]).reshape(30, 100, 1, 2)
+    np.testing.assert_allclose(h[0, 99, 0, 0], (9.9 - 1 / 500) / 500, rtol=1e-9)

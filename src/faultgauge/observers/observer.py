@@ -1,12 +1,14 @@
 """What every observer is: a pure `init` and `step`, arrays in, arrays out."""
 
 import abc
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy.linalg
 from jaxtyping import Array, Float
 
 from faultgauge.plants.plant import Plant, respond
@@ -153,33 +155,55 @@ class Linearisation(NamedTuple):
     F_f: Float[np.ndarray, "points states faults"]
 
 
-def linearise(plant: Plant, points: OperatingPoints, dt: float, substeps: int) -> Linearisation:
-    """Jacobians of the step Phi and of the outputs with respect to state and faults."""
-    arrays = _jacobians(
-        plant, jnp.asarray(points.x), jnp.asarray(points.u), jnp.asarray(dt), substeps
-    )
-    finite = np.all([np.isfinite(a).reshape(len(points.x), -1).all(1) for a in arrays], axis=0)
-    return Linearisation(*(np.asarray(a)[finite] for a in arrays))
+def linearise(
+    plant: Plant, points: OperatingPoints, dt: float, substeps: int | None
+) -> Linearisation:
+    """Jacobians of the step Phi in `substeps`, and of the outputs, with respect to state and
+    faults; without `substeps` those of the exact step, which is stable wherever the plant is:
+    exp([F_x F_f; 0 0] dt)."""
+    x, u = jnp.asarray(points.x), jnp.asarray(points.u)
+    C, D, F_x, F_f = map(np.asarray, _jacobians(plant, x, u))
+    if substeps is None:
+        n = F_x.shape[1]
+        rates = np.concatenate([F_x, F_f], axis=2)
+        rates = np.nan_to_num(np.pad(rates, ((0, 0), (0, F_f.shape[2]), (0, 0))))
+        step = scipy.linalg.expm(rates * dt)
+        A, B = step[:, :n, :n], step[:, :n, n:]
+    else:
+        A, B = map(np.asarray, _step_jacobians(plant, x, u, jnp.asarray(dt), substeps))
+    found = A, B, C, D, F_x, F_f
+    finite = np.all([np.isfinite(a).reshape(len(points.x), -1).all(1) for a in found], axis=0)
+    return Linearisation(*(a[finite] for a in found))
 
 
 @eqx.filter_jit
-def _jacobians(plant: Plant, x: Array, u: Array, dt: Array, substeps: int) -> tuple[Array, ...]:
-    zero = jnp.zeros(len(plant.signals.faults))
+def _jacobians(plant: Plant, x: Array, u: Array) -> tuple[Array, ...]:
+    """Of outputs and rates."""
 
     def one(x: Array, u: Array) -> tuple[Array, ...]:
-        def phi(x: Array, f: Array) -> Array:
-            return integrate(plant, x, u, u, f, dt, substeps)
-
-        def h(x: Array, f: Array) -> Array:
+        def shown(x: Array, f: Array) -> Array:
             return _outputs(plant, x, u, f)
 
         def rate(x: Array, f: Array) -> Array:
             return respond(plant, x, u, f)[0]
 
-        return tuple(
-            jacobian
-            for function in (phi, h, rate)
-            for jacobian in jax.jacfwd(function, (0, 1))(x, zero)
-        )
+        return (*_by_both(plant, shown, x), *_by_both(plant, rate, x))
 
     return jax.vmap(one)(x, u)
+
+
+@eqx.filter_jit
+def _step_jacobians(
+    plant: Plant, x: Array, u: Array, dt: Array, substeps: int
+) -> tuple[Array, Array]:
+    def one(x: Array, u: Array) -> tuple[Array, Array]:
+        return _by_both(plant, lambda x, f: integrate(plant, x, u, u, f, dt, substeps), x)
+
+    return jax.vmap(one)(x, u)
+
+
+def _by_both(
+    plant: Plant, function: Callable[[Array, Array], Array], x: Array
+) -> tuple[Array, Array]:
+    """By the state and by the faults, where there is none."""
+    return jax.jacfwd(function, (0, 1))(x, jnp.zeros(len(plant.signals.faults)))

@@ -23,7 +23,6 @@ from faultgauge.detection.rows.judged import operating_points
 from faultgauge.observers.observer import OperatingPoints, linearise
 from faultgauge.plants.disturbed import Disturbed
 from faultgauge.plants.model import Model
-from faultgauge.simulation.free_run import substeps_for
 
 __all__ = ["Knowledge", "knowledge_of", "longest_delay"]
 
@@ -77,9 +76,7 @@ def knowledge_of(
     points = operating_points(model)
     more = len(plant.signals.states) - points.x.shape[1]
     x = np.concatenate([points.x, np.zeros((len(points.x), more))], axis=1)
-    # what stands behind the plant's own states may fade within less than these do
-    quickest = min(model.max_step, float(np.min(plant.times, initial=np.inf)))
-    linear = linearise(plant, OperatingPoints(x, points.u), dt, substeps_for(dt, quickest))
+    linear = linearise(plant, OperatingPoints(x, points.u), dt, None)
     measured = [plant.signals.output_names.index(name) for name in outputs]
     A, C = np.median(linear.A, axis=0), np.median(linear.C, axis=0)[measured]
     B, D = np.split(_typical(np.concatenate([linear.B, linear.D[:, measured]], axis=1)), [len(A)])
