@@ -8,7 +8,6 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-import optimistix as optx
 from jaxtyping import Array, Bool, Float
 
 from faultgauge.errors import InputError
@@ -22,6 +21,7 @@ from faultgauge.telemetry import Run, as_sampled, segments
 from faultgauge.telemetry.clock import Clock
 
 __all__ = [
+    "POOR",
     "WARMUP",
     "Prediction",
     "at_samples",
@@ -37,6 +37,7 @@ __all__ = [
 ]
 
 WARMUP = 50  # samples that find hidden initial states, if nobody says
+POOR = 0.5  # of the outputs' spread: a quarter of the variance is not explained
 FEWEST_SCORED = 5  # samples after a warm-up
 
 
@@ -168,6 +169,8 @@ def _solve_start(
     def error(change: Array, args: None) -> Array:
         left = jnp.where(weight > 0, weight * (run(change) - y), 0.0).ravel()
         return jnp.concatenate([left, prior * change[states:]])
+
+    import optimistix as optx  # a third of a second to load, which few commands need
 
     solver = optx.LevenbergMarquardt(rtol=1e-8, atol=1e-8)
     solution = optx.least_squares(

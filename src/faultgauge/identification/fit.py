@@ -14,7 +14,7 @@ from faultgauge.identification.equation_fit import (
     fit_equations,
     material,
 )
-from faultgauge.identification.evaluation import divergence, predict, too_short
+from faultgauge.identification.evaluation import POOR, divergence, predict, too_short
 from faultgauge.identification.fit_record import (
     Equations,
     FitReport,
@@ -35,9 +35,8 @@ from faultgauge.plants.signals import Signals
 from faultgauge.plants.spec import PlantSpec
 from faultgauge.telemetry import Run, rate_of
 
-__all__ = ["POOR", "FitReport", "fit"]
+__all__ = ["FitReport", "fit"]
 
-POOR = 0.5  # of the outputs' spread: a quarter of the variance is not explained
 LOOK_FOR = (
     "look for outliers (--robust), a stuck sensor or wrong units, give better parameter values, "
     "more restarts or more excitation, make inputs of outputs that the plant does not set itself, "

@@ -6,7 +6,6 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
-from scipy.signal import place_poles
 
 from faultgauge.errors import InputError
 from faultgauge.observers.gains import spectral_radius
@@ -60,6 +59,8 @@ def design_luenberger(
         )
     poles = np.exp(-bandwidth * dt * (1 + SPREAD * np.arange(n)))
     gain = np.zeros((n, len(signals.outputs)))
+    from scipy.signal import place_poles  # half a second to load, which few commands need
+
     placed: Any = place_poles(A.T, (C @ A).T, poles)  # a Bunch, which SciPy does not type
     gain[:, used] = placed.gain_matrix.T
     error = (np.eye(n) - gain @ linear.C) @ linear.A

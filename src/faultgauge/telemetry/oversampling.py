@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
-from scipy.signal import welch
 
 from faultgauge.telemetry.resampling import on_grid
 from faultgauge.telemetry.runs import Run, segments
@@ -103,6 +102,8 @@ def _fastest(run: Run, names: Iterable[str]) -> float | None:
 
 def _moves_below(x: Float[np.ndarray, "samples"], rate: float) -> float:
     """The frequency [Hz] of one signal; 0 for one that stands still."""
+    from scipy.signal import welch  # half a second to load, which few commands need
+
     length = max(SHORTEST, len(x) // PARTS)
     frequency, power = welch(x, rate, nperseg=length, detrend="linear")
     floor = float(np.median(power[len(power) // 2 :]))

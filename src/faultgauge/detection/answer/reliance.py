@@ -23,7 +23,7 @@ from faultgauge.detection.posterior.uncalibrated import level_in, uncalibrated
 from faultgauge.detection.remember import once
 from faultgauge.detection.rows.judged import operating_points
 from faultgauge.detection.words import number
-from faultgauge.identification.fit import POOR
+from faultgauge.identification.evaluation import POOR
 from faultgauge.plants.disturbed import dynamic_states
 from faultgauge.plants.model import Model
 
@@ -72,5 +72,5 @@ def headed(model: Model, sentence: str) -> str:
 @once
 def _moved(model: Model) -> Float[np.ndarray, "states"]:
     points = operating_points(model)
-    moved = jax.vmap(model.plant.derivative)(jnp.asarray(points.x), jnp.asarray(points.u))
+    moved = jax.jit(jax.vmap(model.plant.derivative))(*map(jnp.asarray, points))
     return np.nan_to_num(np.std(np.asarray(moved), axis=0))

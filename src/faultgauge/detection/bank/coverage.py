@@ -18,7 +18,6 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
-from scipy.spatial import KDTree
 
 from faultgauge.detection.rows.judged import operating_points
 from faultgauge.observers.follow import follow
@@ -126,6 +125,8 @@ def _region(
 def _left_open(points: Float[np.ndarray, "points calls arguments"]) -> float:
     """The distance within which the rest of the log has a point, for nearly all of every
     stretch."""
+    from scipy.spatial import KDTree  # a third of a second to load, and only networks need it
+
     parts = np.array_split(points, STRETCHES)
     nearest = []
     for k, part in enumerate(parts):

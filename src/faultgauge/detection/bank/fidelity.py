@@ -14,8 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from faultgauge.errors import InputError
-from faultgauge.identification.evaluation import Prediction, predict
-from faultgauge.identification.fit import POOR
+from faultgauge.identification.evaluation import POOR, Prediction, predict
 from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run, cut
 

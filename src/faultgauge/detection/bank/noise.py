@@ -241,13 +241,13 @@ def constants_of(model: Model) -> Constants:
     free = [p.name for p in model.plant.spec.parameters if not p.fixed and p.name not in slow]
     if not free:
         return Constants((), np.zeros((0, 0)))
-    values = model.plant.parameters
     error = dict(zip(known.names, known.errors, strict=True))
     se = np.array([float(error.get(name) or 0.0) for name in free])
-    usual = np.array([usual_spread(float(values[n]), s) for n, s in zip(free, se, strict=True)])
-    order = np.argsort(-_effects(model, tuple(free)) * np.hypot(se, usual), kind="stable")
-    changed = {fault.target for fault in model.plant.signals.faults if fault.enters == "parameter"}
-    kept = sorted({*order[:MOST_CONSTANTS].tolist(), *np.flatnonzero(np.isin(free, [*changed]))})
+    told = model.calibration and model.calibration.noise
+    if told:
+        kept = [k for k, name in enumerate(free) if name in told.spread]
+    else:
+        kept = _most_moving(model, free, se)
     place = {name: k for k, name in enumerate(known.names)}
     correlation = np.eye(len(kept))
     for a, i in enumerate(kept):
@@ -277,10 +277,8 @@ def rates_of(model: Model) -> Float[np.ndarray, "states"]:
 def ranges_of(model: Model) -> Float[np.ndarray, "outputs"]:
     """Of the outputs over the training envelope."""
     points = operating_points(model)
-    found = jax.vmap(lambda x, u: respond(model.plant, x, u)[1])(
-        jnp.asarray(points.x), jnp.asarray(points.u)
-    )
-    outputs = np.asarray(found)
+    shown = jax.jit(jax.vmap(lambda x, u: respond(model.plant, x, u)[1]))
+    outputs = np.asarray(shown(*map(jnp.asarray, points)))
     return np.ptp(outputs[np.isfinite(outputs).all(axis=1)], axis=0) + 1e-12
 
 
@@ -294,17 +292,25 @@ def output_rates_of(model: Model) -> Float[np.ndarray, "outputs"]:
         dx, _ = respond(model.plant, x, u)
         return jax.jvp(lambda x: model.plant.output(dx, x, u), (x,), (dx,))[1]
 
-    found = np.asarray(jax.vmap(moves)(jnp.asarray(points.x), jnp.asarray(points.u)))
+    found = np.asarray(jax.jit(jax.vmap(moves))(*map(jnp.asarray, points)))
     return np.std(found[np.isfinite(found).all(axis=1)], axis=0) + 1e-12
 
 
 def _rates(model: Model) -> Float[np.ndarray, "points states"]:
     points = operating_points(model)
-    rates = jax.vmap(lambda x, u: respond(model.plant, x, u)[0])(
-        jnp.asarray(points.x), jnp.asarray(points.u)
-    )
-    found = np.asarray(rates)
+    rates = jax.jit(jax.vmap(lambda x, u: respond(model.plant, x, u)[0]))
+    found = np.asarray(rates(*map(jnp.asarray, points)))
     return found[np.isfinite(found).all(axis=1)]
+
+
+def _most_moving(
+    model: Model, free: Sequence[str], se: Float[np.ndarray, "constants"]
+) -> list[int]:
+    values = model.plant.parameters
+    usual = np.array([usual_spread(float(values[n]), s) for n, s in zip(free, se, strict=True)])
+    order = np.argsort(-_effects(model, tuple(free)) * np.hypot(se, usual), kind="stable")
+    changed = {fault.target for fault in model.plant.signals.faults if fault.enters == "parameter"}
+    return sorted({*order[:MOST_CONSTANTS].tolist(), *np.flatnonzero(np.isin(free, [*changed]))})
 
 
 def _effects(model: Model, names: tuple[str, ...]) -> Float[np.ndarray, "constants"]:
@@ -320,10 +326,12 @@ def _effects(model: Model, names: tuple[str, ...]) -> Float[np.ndarray, "constan
         dx, y = respond(plant, jnp.concatenate([x, xi]), u)
         return jnp.concatenate([dx[:count], y])
 
-    slopes, usual = (
-        np.asarray(jax.vmap(f, (None, 0, 0))(jnp.zeros(len(names)), *map(jnp.asarray, points)))
-        for f in (jax.jacfwd(both), both)
-    )
+    @jax.jit  # a program of one piece costs a tenth of one for each operation
+    def along(x: Array, u: Array) -> tuple[Array, Array]:
+        none = jnp.zeros(len(names))
+        return tuple(jax.vmap(f, (None, 0, 0))(none, x, u) for f in (jax.jacfwd(both), both))
+
+    slopes, usual = map(np.asarray, along(*map(jnp.asarray, points)))
     usual = np.nanstd(np.where(np.isfinite(usual), usual, np.nan), axis=0) + 1e-12
     slopes = np.where(np.isfinite(slopes), slopes, 0.0) / usual[:, None]
     return np.sqrt(np.mean(np.sum(slopes**2, axis=1), axis=0))

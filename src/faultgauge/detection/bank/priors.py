@@ -49,9 +49,10 @@ def ranges(model: Model, plant: GrayBoxPlant) -> Float[np.ndarray, "faults"]:
     """Range over the training envelope of what each fault enters, in the fault's unit."""
     points, signals = operating_points(model), plant.signals
     x, u = jnp.asarray(points.x), jnp.asarray(points.u)
-    rates, outputs = jax.vmap(lambda x, u: respond(plant, x, u))(x, u)
-    at_rest = jax.vmap(lambda u: respond(plant, jnp.median(x, axis=0), u))(u)
-    held = jax.vmap(lambda x: respond(plant, x, jnp.median(u, axis=0)))(x)
+    along = jax.jit(jax.vmap(lambda x, u: respond(plant, x, u)))
+    rates, outputs = along(x, u)
+    at_rest = along(jnp.broadcast_to(jnp.median(x, axis=0), x.shape), u)
+    held = along(x, jnp.broadcast_to(jnp.median(u, axis=0), u.shape))
     moved, shown = (
         np.max([_range(each) for each in some], axis=0)
         for some in zip((rates, outputs), at_rest, held, strict=True)
@@ -110,7 +111,7 @@ def _reach(
         return jnp.concatenate(respond(plant, x, u, f))
 
     none = jnp.zeros(len(plant.signals.faults))
-    slopes = np.asarray(jax.vmap(jax.jacfwd(channels), (None, 0, 0))(none, x, u))
+    slopes = np.asarray(jax.jit(jax.vmap(jax.jacfwd(channels), (None, 0, 0)))(none, x, u))
     slopes = np.where(np.isfinite(slopes), slopes, 0.0)
     typical = np.sqrt(np.mean(slopes**2, axis=0))
     widths = np.divide(
@@ -133,7 +134,7 @@ def _network_values(
     x: Float[np.ndarray, "points states"],
     u: Float[np.ndarray, "points inputs"],
 ) -> Float[np.ndarray, "values"]:
-    at = jax.vmap(lambda x, u: plant.network_values(name, x, u))
+    at = jax.jit(jax.vmap(lambda x, u: plant.network_values(name, x, u)))
     return np.asarray(at(jnp.asarray(x), jnp.asarray(u))).ravel()
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from faultgauge.detection.words import number
 from faultgauge.errors import InputError
@@ -69,7 +69,7 @@ def supported(judged: float, alarms: int) -> float:
 
     With k alarms in T the rate is below chi2(0.95, 2k + 2) / (2T).
     """
-    return float(2 * judged / chi2.ppf(CONFIDENCE, 2 * alarms + 2))
+    return float(2 * judged / chdtri(2 * alarms + 2, 1 - CONFIDENCE))
 
 
 def allowed_peaks(judged: float, mtbfa: float | None, blocks: int) -> tuple[int, float]:

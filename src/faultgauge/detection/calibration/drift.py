@@ -25,8 +25,7 @@ from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.stats import norm
-from scipy.stats import t as student
+from scipy.special import ndtr, stdtr, stdtrit
 
 from faultgauge.detection.bank.bank import FaultBank
 from faultgauge.detection.bank.noise import drifting_of
@@ -121,11 +120,11 @@ def trend(
     follows = None
     if p < chance and others and _slope(when, level, list(others.values()))[2] >= chance:
         follows = max(others, key=lambda name: abs(np.corrcoef(others[name], level)[0, 1]))
-    half = float(student.ppf(0.975, count - 2)) * sd * seconds
+    half = float(stdtrit(count - 2, 0.975)) * sd * seconds
     change = slope * seconds
     mean, off = float(level.mean()), float(level.std(ddof=1) / np.sqrt(count))
-    p_mean = float(2 * student.sf(abs(mean) / max(off, 1e-300), count - 1))
-    mean_half = float(student.ppf(0.975, count - 1)) * off
+    p_mean = float(2 * stdtr(count - 1, -abs(mean) / max(off, 1e-300)))
+    mean_half = float(stdtrit(count - 1, 0.975)) * off
     ends = (change - half, change + half)
     return Trend(change, *ends, seconds, p, mean, mean_half, p_mean, follows)
 
@@ -146,7 +145,7 @@ def _slope(
     noise = float(np.sum((level - A @ solution) ** 2)) / free
     spread = np.linalg.pinv(A.T @ A)[1, 1]
     slope, sd = float(solution[1] / scale[1]), float(np.sqrt(noise * spread) / scale[1])
-    return slope, sd, float(2 * student.sf(abs(slope) / max(sd, 1e-300), free))
+    return slope, sd, float(2 * stdtr(free, -abs(slope) / max(sd, 1e-300)))
 
 
 def drifts(bank: FaultBank, decisions: Sequence[Decision]) -> list[Drift]:
@@ -229,7 +228,7 @@ def _constants(
     columns = (off.tolist(), far.tolist(), (WIDE * decision.loose).tolist())
     return [
         Drift(run.name, name, units[name], "constant", True, *_around(m, half), seconds,
-              float(2 * norm.sf(abs(times))), None)
+              float(2 * ndtr(-abs(times))), None)
         for name, m, times, half in zip(plant.names, *columns, strict=True)
         if abs(times) > FAR
     ]  # fmt: skip
