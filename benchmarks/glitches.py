@@ -7,10 +7,10 @@ in three parts, with the faults of its own plant file; `--rows` takes at most so
 `--models` keeps what was fitted for the next time. Into the first hour of each run that neither fit
 nor calibration has seen, or as much as there is, go 20 glitches in one output each: -9999, 0, 1e9
 and values off by one standard deviation of the noise up to 1e12, log-uniform, of either sign. The
-log without them is judged beside it. An alarm or event counts as the glitches' where the log
-without them has none within ten samples. Where there is any, the log that lacks these samples is
-judged as well: nobody knows what they would have said, so what it tells, too, is the record's own.
-Of the intervals count, five samples later, those that held 0 without. Set FAULTGAUGE_DATA to the
+log without them is judged beside it. An alarm or event counts as the glitches' where it begins and
+the log without them has none, of the same fault, within ten samples. Where there is any, the log
+that lacks these samples is judged as well: nobody knows what they would have said, so what it
+tells, too, is the record's own. Of the intervals count, five samples later, those that held 0 without. Set FAULTGAUGE_DATA to the
 folder that holds the records.
 """
 
@@ -58,6 +58,9 @@ class Told(NamedTuple):
 
     t: float
     text: str
+
+
+Stretches = list[tuple[str | None, float, float]]  # of one cause, from and to [s]
 
 
 class Found(NamedTuple):
@@ -131,15 +134,23 @@ def told(said: Decision) -> tuple[list[Told], list[Told]]:
 
 
 def beside(said: Decision, other: Decision) -> tuple[list[Told], list[Told]]:
-    """The alarms and the events of `said` that have none like them near them in `other`."""
-    alarm = np.array(other.status) == FAULT
-    there = other.run.t[alarm].tolist(), [each.start for each in other.events]
+    """The alarms and the events of `said` that begin where `other` has none: no row of an alarm,
+    no event of the same fault."""
     near = NEAR * said.run.step
-    alarms, events = (
-        [each for each in found if all(abs(each.t - t) > near for t in times)]
-        for found, times in zip(told(said), there, strict=True)
-    )
-    return alarms, events
+    t = other.run.t[np.array(other.status) == FAULT]
+    alarms = [(None, each, each) for each in t.tolist()]
+    events = [(each.fault, each.start, each.end) for each in other.events]
+
+    def lacking(found: list[Told], causes: list[str | None], there: Stretches) -> list[Told]:
+        return [
+            each
+            for each, cause in zip(found, causes, strict=True)
+            if not any(c == cause and a - near <= each.t <= b + near for c, a, b in there)
+        ]
+
+    some, more = told(said)
+    named: list[str | None] = [each.fault for each in said.events]
+    return lacking(some, [None] * len(some), alarms), lacking(more, named, events)
 
 
 def compared(bank: FaultBank, healthy: Decision, run: Run, seed: int) -> Found:
