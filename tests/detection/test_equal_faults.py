@@ -67,7 +67,7 @@ def test_signatures_are_the_step_answers_of_the_linear_plant():
     ],
 )
 def test_which_faults_are_the_same(names, most, said):
-    found = equal_faults(model(names, most), [RUN])
+    found = equal_faults(model(names, most), [RUN]).warnings
     assert len(found) == len(said)
     assert all(part in sentence for part, sentence in zip(said, found, strict=True))
 
@@ -80,12 +80,12 @@ def test_three_faults_of_which_any_two_look_like_the_others():
     plant = GrayBoxPlant.untrained(parse_plant(both))
     record = record_of(max_step=0.1, envelope_points=np.ones((3, 4)).tolist())
     columns = dict.fromkeys("uvxz", np.zeros(50))
-    (sentence,) = equal_faults(Model(plant, record), [Run("h", "h.csv", RUN.t, columns)])
+    (sentence,) = equal_faults(Model(plant, record), [Run("h", "h.csv", RUN.t, columns)]).warnings
     assert "'leak', 'drip' and 'vent' any two together look like any other two" in sentence
 
 
 def test_a_disabled_fault_is_not_compared():
-    assert equal_faults(model(["pump", "leak"], more='monitor = "disabled"\n'), [RUN]) == []
+    assert equal_faults(model(["pump", "leak"], more='monitor = "disabled"\n'), [RUN]) == ([], [])
 
 
 def test_a_plant_too_stiff_for_steps_of_runge_kutta_has_faults_of_its_own():
@@ -109,7 +109,7 @@ target = "u"
     points = np.random.default_rng(0).uniform(-1, 1, (30, 3))
     record = record_of(max_step=0.1, envelope_points=points.tolist())
     stiff = Model(GrayBoxPlant.untrained(parse_plant(text)), record)
-    assert equal_faults(stiff, [RUN]) == []
+    assert equal_faults(stiff, [RUN]) == ([], [])
     # v settles at 1/500 within a sample, so x goes up by dt / 500 less what that took: 1 / 500^2
     h = signatures(stiff, [RUN]).reshape(30, 100, 1, 2)
     np.testing.assert_allclose(h[0, 99, 0, 0], (9.9 - 1 / 500) / 500, rtol=1e-9)

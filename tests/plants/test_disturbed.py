@@ -286,3 +286,23 @@ def test_inputs_are_shared_by_what_reads_them():
     assert shared_inputs(GrayBoxPlant.untrained(parse_plant(CART))) == (0,)
     alone = CART.replace('[outputs.a]\nvalue = "d(v)"\n', "")
     assert shared_inputs(GrayBoxPlant.untrained(parse_plant(alone))) == ()
+
+
+def test_a_positive_constant_that_is_hardly_known_stays_positive():
+    """v' = k u - c v with k = 3.5 and c = 0.5, each known to 1.5: 3 standard deviations down, k is
+    3.5^2 / (3.5 + 4.5), and c is what it would be."""
+    base = GrayBoxPlant.untrained(parse_plant(CART))
+    error = Error(*[np.zeros(0)] * 3)
+    offset, unsure = jnp.array([0.5, 0.0]), 1.5 * jnp.eye(2)
+    plant = Disturbed.of(base, (), (), error, ("k", "c"), offset, unsure, positive=(0,))
+
+    def told(k, c):
+        return [
+            float(respond(plant, jnp.array([0.0, v, k, c]), jnp.array([u]))[0][1])
+            for v, u in ((0.0, 1.0), (-1.0, 0.0))
+        ]
+
+    assert told(-3.0, -3.0) == pytest.approx([3.5**2 / 8, 0.5 - 4.5])
+    assert told(2.0, 1.0) == pytest.approx([3.5 + 3, 0.5 + 1.5])
+    # what is well known it does not change: to the second order of xi
+    assert told(-1e-4, 0.0)[0] == pytest.approx(3.5 - 1.5e-4, abs=2e-8)

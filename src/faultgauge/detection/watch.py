@@ -19,6 +19,7 @@ from faultgauge.detection.bank.bank import FaultBank, build_fault_bank
 from faultgauge.detection.bank.envelope import Envelope
 from faultgauge.detection.bank.noise import noise_of
 from faultgauge.detection.bank.start import Start
+from faultgauge.detection.posterior.alike import Alike
 from faultgauge.detection.posterior.inexact import Inexact
 from faultgauge.detection.posterior.posterior import Mixture, Posterior
 from faultgauge.detection.posterior.verdicts import (
@@ -97,6 +98,7 @@ class Watch(eqx.Module):
     modes: Branching
     start: Start
     inexact: Inexact
+    alike: Alike
     mixture: Mixture
     envelope: Envelope
     rules: Rules
@@ -122,7 +124,9 @@ class Watch(eqx.Module):
         slow = [n for n, rows in zip(bank.outputs, bank.rows, strict=True) if rows > 1]
         self.intake = Intake.of(model, step, slow)
         self.modes, self.start = bank.modes, Start.of(bank)
-        self.inexact, self.mixture, self.rules = Inexact.of(bank), Mixture.of(bank), Rules.of(bank)
+        self.inexact = Inexact.of(bank)
+        self.alike = Alike.of(signals.faults, bank.sets, bank.alike)
+        self.mixture, self.rules = Mixture.of(bank), Rules.of(bank)
         self.envelope = Envelope.of(model, bank.regions)
         self.used = np.array([n in bank.outputs for n in signals.output_names], bool)
         self.hold_off, self.step_s = np.asarray(bank.hold_off), np.asarray(step)
@@ -178,7 +182,7 @@ class Watch(eqx.Module):
             return bank, self._nothing()
 
         bank, said = jax.lax.cond(running, go, stay, state.bank)
-        said = self.inexact.told(said)
+        said = self.alike.told(self.inexact.told(said))
         begun, rows = jnp.where(begins, t, state.begun), jnp.where(begins, 0, state.rows)
         held = running & ((t - begun < self.hold_off) | (rows < self.settling))
         heard = Heard(

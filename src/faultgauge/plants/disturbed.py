@@ -41,7 +41,8 @@ moves, where healthy logs show that something does: friction that sticks, of whi
 through zero has nothing, is any force up to that which breaks loose, and one of one size everywhere
 would have to be as large as that (C. Canudas de Wit et al., IEEE TAC 40 (1995), on what a bristle
 model has there). xi are the directions in
-which the constants are uncertain, of unit variance.
+which the constants are uncertain, of unit variance; a positive one that is hardly known at all, for
+which a normal distribution would have negative stiffness as well, goes down by s to c^2 / (c + s).
 """
 
 from collections.abc import Callable, Mapping
@@ -127,7 +128,7 @@ class Disturbed(Plant):
     acts on, `trailing` the outputs that g acts on, which read states alone, `bending` the inputs
     whose curve is bent, `sticking` the states that q acts on, `doubted` the inputs for which the
     model is to be doubted somewhere, `names` the parameters, of which `directions` (W) is a row
-    each."""
+    each, `positive` the places of those that are, and are too uncertain for xi to respect that."""
 
     signals: Signals = eqx.field(static=True)
     base: Plant
@@ -143,6 +144,7 @@ class Disturbed(Plant):
     trailing: tuple[int, ...] = eqx.field(static=True)
     bending: tuple[int, ...] = eqx.field(static=True)
     sticking: tuple[int, ...] = eqx.field(static=True)
+    positive: tuple[int, ...] = eqx.field(static=True)
     doubted: tuple[int, ...] = eqx.field(static=True)
     names: tuple[str, ...] = eqx.field(static=True)
 
@@ -164,6 +166,7 @@ class Disturbed(Plant):
         trailing: tuple[int, ...] = (),
         bending: tuple[int, ...] = (),
         sticking: tuple[int, ...] = (),
+        positive: tuple[int, ...] = (),
     ) -> "Disturbed":
         """`undeclared` faults stand behind those that `base` declares."""
         signals = base.signals
@@ -183,7 +186,7 @@ class Disturbed(Plant):
             faults=(*signals.faults, *undeclared),
         )
         beside = (wandering, lagging, straying, leaning, trailing)
-        acting = (driven, following, *beside, bending, sticking, doubted, names)
+        acting = (driven, following, *beside, bending, sticking, positive, doubted, names)
         return Disturbed(own, base, error, offset, directions, *acting)
 
     @property
@@ -380,7 +383,7 @@ class Disturbed(Plant):
 
     def _told(self, x: Float[Array, "states"]) -> Plant:
         """`base` with the constants that xi makes of them, held by q."""
-        plant = self._with(self.offset + contract("ij,j->i", self.directions, x[self.parts.xi]))
+        plant = self._with(contract("ij,j->i", self.directions, x[self.parts.xi]))
         if not self.sticking:
             return plant
         return Held(plant.signals, plant, x[self.parts.q], self.error.slip, self.sticking)
@@ -410,7 +413,7 @@ class Disturbed(Plant):
         """By how much more there is `of` a plant whose inputs stray by a, e and v in `x`: of the
         usual one, as of an unknown input times an unknown constant a linear filter makes a bias of
         both."""
-        usual = self._with(self.offset)
+        usual = self._with(jnp.zeros_like(self.offset))
         count = len(self.signals.inputs)
         stray = contract("ij,j->i", _acts(count, self.straying), x[self.parts.a])
         e = self.error.share * x[self.parts.r] * x[self.parts.h]
@@ -421,16 +424,27 @@ class Disturbed(Plant):
         return of(Strayed(usual.signals, usual, stray)) - of(usual)
 
     def _with(self, shift: Float[Array, "parameters"]) -> Plant:
-        """`base` with its constants by `shift` off, and with the curves of its inputs."""
+        """`base` with its constants by `offset` and `shift` off, and with the curves of its
+        inputs."""
         plant = self.base
         if self.names:
             values = plant.values()
-            off = {n: values[n] + shift[k] for k, n in enumerate(self.names)}
+            off = {}
+            for k, name in enumerate(self.names):
+                value = values[name] + self.offset[k]
+                there = k in self.positive
+                off[name] = _positive(value, shift[k]) if there else value + shift[k]
             plant = plant.with_constants(off)
         if not self.bending:
             return plant
         curve = self.error.bend, self.error.low, self.error.high
         return Bent(plant.signals, plant, *curve, self.bending)
+
+
+def _positive(value: Float[Array, ""], by: Float[Array, ""]) -> Float[Array, ""]:
+    """`value` changed `by` so much, and above 0 however far down."""
+    down = value**2 / (value - jnp.minimum(by, 0.0))
+    return jnp.where(by < 0, down, value + by)
 
 
 def _mean_left(spans: Float[Array, "some"]) -> Float[Array, "some"]:

@@ -123,7 +123,8 @@ class BankLevel(Part):
     blocks of `block_s` each, `judged_s` in all of `healthy_s`, with so many `alarms`, prove
     `mtbfa_s` between false alarms; `memory_s` is the bank's; `size` the prior of each fault;
     `shape` and `gain` by which shares the model's answer is off, in all and in size; `changes`, by
-    how much each input changes from row to row at most."""
+    how much each input changes from row to row at most; which two faults are `alike`, no data
+    telling them apart, and how many units of the second do what one of the first does."""
 
     level: Number
     widened: Positive
@@ -141,6 +142,7 @@ class BankLevel(Part):
     shape: Least = 0.0
     gain: Least = 0.0
     changes: dict[str, Least] = {}
+    alike: Annotated[list[tuple[str, str, Number]], pydantic.Field(max_length=10_000)] = []
 
 
 class Interval(Part):
@@ -342,6 +344,10 @@ def check_record(record: FitRecord, calibration: CalibrationRecord | None, spec:
     faults = signals.fault_names
     if calibration.bank is not None:
         _known("calibration.bank.size", calibration.bank.size, faults)
+        for one, other, by in calibration.bank.alike:
+            _known("calibration.bank.alike", (one, other), faults)
+            if one == other or by == 0:
+                raise ValueError("calibration.bank.alike")
     _known("calibration.channels", calibration.channels or {}, faults)
 
 

@@ -59,7 +59,8 @@ class FaultBank:
     log-odds of a fault from which on there is an alarm; `hold_off` in s;
     `regions` are what its networks were trained on; `shape` and `gain` are by which shares the
     model's answer to what acts on the plant is off, in all and in size; `changes` by how much each
-    input changes from row to row of healthy logs at most.
+    input changes from row to row of healthy logs at most; `alike` are two faults that no data tell
+    apart, and how many units of the second do what one of the first does.
     """
 
     model: Model
@@ -78,6 +79,7 @@ class FaultBank:
     shape: float
     gain: float
     changes: Float[np.ndarray, "inputs"]
+    alike: tuple[tuple[int, int, float], ...] = ()
 
     @property
     def plant(self) -> Disturbed:
@@ -107,6 +109,15 @@ class FaultBank:
     def pause(self) -> float:
         """How long [s] a pause may be that ends no event."""
         return max(self.knowledge.memory / 4, self.step)
+
+    def like(self, fault: int) -> set[int]:
+        """The declared faults that no data tell apart from `fault`."""
+        found, known = {fault}, {fault}
+        while found:
+            pairs = [{*each[:2]} for each in self.alike]
+            found = {k for pair in pairs if pair & known for k in pair} - known
+            known |= found
+        return known - {fault}
 
     def with_monitor(self, which: str) -> Bool[np.ndarray, "faults"]:
         """The declared faults that are `which`: active, passive or disabled."""
@@ -179,7 +190,15 @@ def build_fault_bank(
         knowledge, float(level), HOLD_OFF * step if wait is None else wait,
         regions_of(model, outputs), found.shape if found else 0.0, found.gain if found else 0.0,
         np.array([found.changes.get(n, np.inf) if found else np.inf for n in signals.input_names]),
+        _alike(found.alike, signals.fault_names, evaluated) if found else (),
     )  # fmt: skip
+
+
+def _alike(
+    told: Sequence[tuple[str, str, float]], names: Sequence[str], evaluated: Sequence[int]
+) -> tuple[tuple[int, int, float], ...]:
+    places = ((names.index(one), names.index(other), float(by)) for one, other, by in told)
+    return tuple(each for each in places if each[0] in evaluated and each[1] in evaluated)
 
 
 def _changes(

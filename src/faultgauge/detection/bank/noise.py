@@ -1,6 +1,7 @@
 """How far the plant is from its model: what calibration finds, and the plant that it makes."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import jax
@@ -37,6 +38,7 @@ __all__ = [
     "offset_of",
     "process_of",
     "rates_of",
+    "retold",
     "scale_of",
     "spread_of_start",
     "start_spread",
@@ -53,6 +55,7 @@ TRAIL = ("trail",)  # absent where no output does
 BEND = ("bend",)  # absent where no input's curve is bent
 GRIP = ("grip", "gripping", "slip")  # absent where no state sticks
 NOWHERE = {"doubt": 0.0, "above": -np.inf, "below": np.inf}  # what of these is absent
+LOW = 2.0  # standard deviations below what a constant is: it may well lie there
 MOST_CONSTANTS = 6  # that are tracked: those that matter most
 USUAL_SPREAD = 0.01  # of a constant, from run to run
 
@@ -225,10 +228,12 @@ def noise_of(model: Model) -> Noise:
 
 
 class Constants(NamedTuple):
-    """The constants that are uncertain, with the covariance that the fit gives them."""
+    """The constants that are uncertain, with the covariance that the fit gives them; which of them
+    are `positive` and so uncertain that a normal distribution would not know it."""
 
     names: tuple[str, ...]
     covariance: Float[np.ndarray, "constants constants"]
+    positive: tuple[int, ...]
 
 
 @once
@@ -240,9 +245,9 @@ def constants_of(model: Model) -> Constants:
     slow = drifting_of(model)
     free = [p.name for p in model.plant.spec.parameters if not p.fixed and p.name not in slow]
     if not free:
-        return Constants((), np.zeros((0, 0)))
+        return Constants((), np.zeros((0, 0)), ())
     error = dict(zip(known.names, known.errors, strict=True))
-    se = np.array([float(error.get(name) or 0.0) for name in free])
+    se = np.array([_spread_in_a_run(model, name, error.get(name) or 0.0) for name in free])
     told = model.calibration and model.calibration.noise
     if told:
         kept = [k for k, name in enumerate(free) if name in told.spread]
@@ -257,7 +262,24 @@ def constants_of(model: Model) -> Constants:
                 correlation[a, b] = found or 0.0
     covariance = correlation * np.outer(se[kept], se[kept])
     w, v = np.linalg.eigh(covariance)
-    return Constants(tuple(free[k] for k in kept), (v * np.maximum(w, 0.0)) @ v.T)
+    spec, values = {p.name: p for p in model.plant.spec.parameters}, model.plant.parameters
+    positive = tuple(
+        place
+        for place, k in enumerate(kept)
+        if spec[free[k]].positive and LOW * se[k] >= float(values[free[k]])
+    )
+    names = tuple(free[k] for k in kept)
+    return Constants(names, (v * np.maximum(w, 0.0)) @ v.T, positive)
+
+
+def _spread_in_a_run(model: Model, name: str, error: float) -> float:
+    """How far a run's own value lies from the model's: the standard `error`, or, of a parameter
+    that each run has its own of, how far runs lie apart."""
+    parameter = next(p for p in model.plant.spec.parameters if p.name == name)
+    if parameter.vary is None or model.record.between is None:
+        return float(error)
+    apart = model.record.between.apart[name]
+    return apart * float(model.plant.parameters[name]) if parameter.positive else apart
 
 
 def usual_spread(value: float, se: float) -> float:
@@ -349,6 +371,13 @@ def directions_of(
     return W
 
 
+def retold(model: Model, noise: Noise) -> Model:
+    """`model` with its constants as healthy logs have them."""
+    values, names = model.plant.values(), constants_of(model).names
+    mean = {n: values[n] + shift for n, shift in zip(names, noise.shift, strict=True)}
+    return replace(model, plant=model.plant.with_constants(mean))
+
+
 def disturbed(model: Model, noise: Noise, undeclared: tuple[Fault, ...] = ()) -> Disturbed:
     """The plant with the discrepancy and the uncertain constants that `noise` says."""
     known = constants_of(model)
@@ -369,6 +398,7 @@ def disturbed(model: Model, noise: Noise, undeclared: tuple[Fault, ...] = ()) ->
         noise.trails,
         noise.bends,
         noise.grips,
+        tuple(len(drifting_of(model)) + k for k in known.positive),
     )
 
 

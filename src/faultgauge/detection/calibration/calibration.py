@@ -9,7 +9,7 @@ import numpy as np
 from faultgauge.detection.answer.estimation import Observing
 from faultgauge.detection.answer.misfit import not_followed
 from faultgauge.detection.bank.bank import evaluated_faults
-from faultgauge.detection.bank.noise import Noise
+from faultgauge.detection.bank.noise import Noise, retold
 from faultgauge.detection.calibration.bank_calibration import (
     calibrate_bank,
     calibrated,
@@ -109,8 +109,6 @@ def _by_bank(
     warnings: list[str],
     progress: Callable[[str], None],
 ) -> Calibration:
-    warnings += equal_faults(model, runs)
-
     done = np.cumsum([0.0, *SHARES])
 
     def step(number: int, text: str) -> Callable[[float], None]:
@@ -128,8 +126,10 @@ def _by_bank(
             other = calibrate_bank(model, runs, doubted, mtbfa, level)
             if np.log(other.level.widened) < LEFT * np.log(found.level.widened):
                 noise, found = doubted, other
-    warnings += lasting_warnings(model, runs, noise)
-    told = calibrated(model, found, **known)
+    equal = equal_faults(retold(model, noise), runs)
+    warnings += [*equal.warnings, *lasting_warnings(model, runs, noise)]
+    level = found.level.model_copy(update={"alike": equal.pairs})
+    told = calibrated(model, found._replace(level=level), **known)
     return Calibration(told, found.blocks, found.suspects, [*warnings, *found.warnings])
 
 

@@ -8,6 +8,7 @@ Nikiforov, "Detection of Abrupt Changes", 1993, 7.2: isolation needs independent
 
 from collections.abc import Sequence
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -17,14 +18,22 @@ from faultgauge.observers.observer import linearise
 from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run
 
-__all__ = ["equal_faults", "signatures"]
+__all__ = ["EqualFaults", "equal_faults", "signatures"]
 
 LENGTH = 100  # samples after an onset
 ALIKE = 1e-6  # least singular value over the largest, of signatures scaled to 1
 
 
-def equal_faults(model: Model, runs: Sequence[Run]) -> list[str]:
-    """A sentence for every two, and every three, faults that are the same to the outputs."""
+class EqualFaults(NamedTuple):
+    """`pairs` (one, other, how many units of the other do what one of the first does), and a
+    sentence for every pair, and every three."""
+
+    pairs: list[tuple[str, str, float]]
+    warnings: list[str]
+
+
+def equal_faults(model: Model, runs: Sequence[Run]) -> EqualFaults:
+    """Which two, and which three, faults are the same to the outputs."""
     h = signatures(model, runs)
     faults = model.plant.signals.faults
     seen = [
@@ -32,13 +41,15 @@ def equal_faults(model: Model, runs: Sequence[Run]) -> list[str]:
         for k, fault in enumerate(faults)
         if fault.monitor != "disabled" and np.isfinite(h[:, k]).all() and np.any(h[:, k])
     ]
-    unit = h[:, seen] / np.linalg.norm(h[:, seen], axis=0)
+    size = np.linalg.norm(h, axis=0)
+    unit = h[:, seen] / size[seen]
     gram = np.eye(len(faults))
     gram[np.ix_(seen, seen)] = unit.T @ unit
-    names, found = model.plant.signals.fault_names, []
+    names, found = model.plant.signals.fault_names, EqualFaults([], [])
     same = {pair for pair in combinations(seen, 2) if _dependent(gram, pair)}
     for j, k in sorted(same):
-        found.append(
+        found.pairs.append((names[j], names[k], float(np.sign(gram[j, k]) * size[j] / size[k])))
+        found.warnings.append(
             f"faults {names[j]!r} and {names[k]!r} act on the measured outputs in the same way, so "
             "no data can tell them apart and the bank leaves the cause undecided; keep one of the "
             'two, or give the other monitor = "disabled"'
@@ -48,7 +59,7 @@ def equal_faults(model: Model, runs: Sequence[Run]) -> list[str]:
             alike = any(pair in same for pair in combinations(three, 2))
             if not alike and _dependent(gram, three):
                 a, b, c = (repr(names[k]) for k in three)
-                found.append(
+                found.warnings.append(
                     f"of the faults {a}, {b} and {c} any two together look like any other two, and "
                     "like the third: their cause may stay undecided; set [detection] "
                     "max_simultaneous = 1, or measure more"

@@ -168,6 +168,7 @@ class Likelihood:
             trailing=plant.trailing,
             bending=plant.bending,
             sticking=plant.sticking,
+            positive=plant.positive,
         )
         found = _costs(
             bare,

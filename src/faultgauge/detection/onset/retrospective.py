@@ -238,20 +238,21 @@ def _answer(
         onset = _since_its_alarm(bank, decision, window, onset)
     heard = np.isfinite(window.record.y[:count])
     used = np.flatnonzero(heard.any(axis=1))
+    alike = bank.like(k) if isinstance(which, Sized) else set[int]()
     data = causes.seen[min(k, len(faults))]
     return Retrospect(
         run=decision.run.name,
         start=float(window.t[0]),
         end=float(window.t[-1]),
         cause=names[k],
-        p=share,
+        p=share / (1 + len(alike)),
         onset=onset[0],
         onset_lo=onset[1],
         onset_hi=onset[2],
         size=size[0],
         lo=size[1],
         hi=size[2],
-        alternatives=_alternatives(names, logs, which, k, rivals),
+        alternatives=_alternatives(names, logs, which, k, rivals, alike),
         least=_least(bank, decision, window, used),
         judged=len(used) / len(decision.run.t),
         told=_told(bank, decision, window.part, names[k], onset, size[0]),
@@ -287,14 +288,16 @@ def _alternatives(
     which: Sized | Curve | None,
     k: int,
     rivals: dict[str, float],
+    alike: set[int],
 ) -> tuple[tuple[str, float], ...]:
     """(cause, odds of cause `k` against it), the likeliest first: by the `rivals` of the whole
-    answer; of one change beside known ones also against what else it may be."""
+    answer; of one change beside known ones also against what else it may be, even with what is
+    `alike`."""
     apart = {name: gap for name, gap in rivals.items() if name != names[k]}
     if isinstance(which, Sized):
         for m in range(len(names)):
             if m != k:
-                gap = float(logs[k] - logs[m])
+                gap = 0.0 if m in alike else float(logs[k] - logs[m])
                 apart[names[m]] = min(apart.get(names[m], gap), gap)
     odds = {name: min(float(np.exp(min(gap, 100.0))), MOST_ODDS) for name, gap in apart.items()}
     return tuple(sorted(odds.items(), key=lambda item: item[1]))
