@@ -1,0 +1,52 @@
+"""How uncertain the constants are that the bank tracks, by hand."""
+
+import numpy as np
+import pytest
+
+from faultgauge.detection.bank.noise import constants_of
+from faultgauge.plants.gray_box import GrayBoxPlant
+from faultgauge.plants.model import Model
+from faultgauge.plants.plant_file import parse_plant
+from models import record_of
+
+HOIST = """
+name = "load on a rope"
+[states.s]
+derivative = "v"
+[states.v]
+derivative = "(F - k*s - c*v)/m"
+[inputs.F]
+[outputs.s]
+value = "s"
+[parameters.k]
+value = 500
+min = 0
+[parameters.c]
+value = 3
+min = 0
+[parameters.m]
+value = 20
+min = 1
+vary = "run"
+"""
+
+
+def test_of_a_constant_of_each_run_as_far_as_runs_lie_apart_and_of_one_hardly_known():
+    """Each load's mass differs by 30 %, whatever the standard error of what has no value of its
+    own; a stiffness of 500 +- 400 is positive, a damping of 3 +- 1 is that without further ado."""
+    plant = GrayBoxPlant.untrained(parse_plant(HOIST))
+    points = np.random.default_rng(0).uniform(-1, 1, (20, 3))
+    record = record_of(
+        envelope_points=points.tolist(),
+        constants={
+            "names": ["k", "c", "m"],
+            "errors": [400.0, 1.0, 9e5],
+            "correlation": [[1.0, 0.5, 0.0], [0.5, 1.0, 0.0], [0.0, 0.0, 1.0]],
+        },
+        between={"apart": {"m": 0.3}, "off": {"s": 0.1}, "lasting": 2.0},
+    )
+    found = constants_of(Model(plant, record))
+    assert found.names == ("k", "c", "m")
+    wanted = [[400**2, 200, 0], [200, 1, 0], [0, 0, 36]]
+    assert found.covariance == pytest.approx(np.array(wanted, float), abs=1e-9)
+    assert found.positive == (0,)
