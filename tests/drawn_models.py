@@ -40,8 +40,8 @@ def drawn(plant, seed):
 
 def calibrated(source, seed=0, step=STEP, late=False):
     """A model of the plant file, text or preset `source`, as `calibrate` would leave it; with
-    `late` its first input and its sensors have lags, that input is bent, and its last dynamic
-    state sticks."""
+    `late` its first input and its sensors have lags, that input is bent, its last dynamic state
+    sticks, and its first two faults are told alike."""
     text = source if "\n" in source else read_plant_text(source)
     plant = drawn(GrayBoxPlant.untrained(parse_plant(text)), seed)
     signals, rng = plant.signals, np.random.default_rng(seed)
@@ -82,7 +82,10 @@ def calibrated(source, seed=0, step=STEP, late=False):
         noise = noise._replace(trail=np.where(slow, 0.0, 3.0 * step))
         stuck = np.isin(np.arange(len(signals.states)), dynamic_states(plant)[-1:])
         noise = noise._replace(grip=0.05 * stuck, gripping=3.0 * step * stuck, slip=0.1 * stuck)
-    return for_bank(model, noise, size=dict.fromkeys(signals.fault_names, 1.0))
+    size = dict.fromkeys(signals.fault_names, 1.0)
+    two = signals.fault_names[:2]
+    alike = [(*two, -2.0)] if late and len(two) == 2 else []
+    return for_bank(model, noise, size=size, alike=alike)
 
 
 def draws(rng, low, high, middle):

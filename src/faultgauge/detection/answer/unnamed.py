@@ -18,6 +18,8 @@ from faultgauge.detection.words import UNDECLARED
 
 __all__ = ["alarms", "unnamed"]
 
+DIGITS = 6  # of p: of causes that are as likely as each other the first comes first
+
 
 def unnamed(bank: FaultBank, decision: Decision) -> list[Told]:
     """Alarms without an event, and what the log ends undecided about."""
@@ -73,7 +75,7 @@ def _why_unnamed(bank: FaultBank, decision: Decision, part: slice) -> tuple[str,
     p |= zip(names, np.nan_to_num(found.p[rows]).mean(axis=0).tolist(), strict=True)
     there = np.maximum(found.p[rows].sum(axis=0), 1e-300)
     size = dict(zip(names, found.f[rows].sum(axis=0) / there, strict=True))
-    first, second = sorted(p, key=lambda name: -p[name])[:2]
+    first, second = sorted(p, key=lambda name: -round(p[name], DIGITS))[:2]
 
     def told(name: str) -> str:
         of = f" of {size[name]:+.3g} {unit_of(bank, name)}".rstrip() if name in size else ""

@@ -61,6 +61,7 @@ PLACES = 4096  # more than there are of anything that a reason may be about
 EITHER = "cause undecided: "
 NEARLY = "not certain for long enough to be named: "
 TOO_SOON = ": too soon after a start or a gap, or not in these data"
+TIE = 1e-9  # of p: of causes that are as likely as each other the first comes first
 EDGE = 1e-6  # of an input's limits: that near it stands at one
 
 
@@ -267,6 +268,7 @@ class Rules(eqx.Module):
 
     def _cause(self, found: Marginal, named: Array) -> Int[Array, ""]:
         shares = jnp.append(found.unknown, jnp.nan_to_num(found.p))
+        shares = shares - TIE * np.arange(len(self.monitors) + 1)
         first = jnp.argmax(shares)
         second = jnp.argmax(jnp.where(jnp.arange(len(shares)) == first, -1.0, shares))
         # what no other cause comes near lacks no rival, but time
