@@ -12,6 +12,8 @@ import pytest
 
 # Most tests run a program once: quick compiling beats quick code.
 QUICK = "--xla_cpu_multi_thread_eigen=false --xla_cpu_use_fusion_emitters=false"
+# All of a program as one module of LLVM: tests keep both cores busy without dividing it.
+WHOLE = "--xla_cpu_parallel_codegen_split_count=1"
 # By the time that they take: were one of these among the last, it would run on one core alone.
 LONGEST = (
     "cli/test_commands.py",
@@ -59,7 +61,7 @@ TOGETHER = {
 # As the commands have it: one thread each; a program is compiled once for all workers.
 for name, value in {
     "OPENBLAS_NUM_THREADS": "1",
-    "XLA_FLAGS": f"{QUICK} --xla_backend_optimization_level=1",
+    "XLA_FLAGS": f"{QUICK} {WHOLE} --xla_backend_optimization_level=1",
     "JAX_DISABLE_MOST_OPTIMIZATIONS": "1",
     "JAX_PLATFORMS": "cpu",
     "JAX_TRACEBACK_IN_LOCATIONS_LIMIT": "0",  # of a program's operations, which nobody reads here
@@ -76,8 +78,11 @@ OURS = ("faultgauge", "faultgauge_studies")
 jaxtyping.install_import_hook(OURS, "type_checks.checked").__enter__()
 
 import jax  # noqa: E402  (after the hook, so that nothing of ours is imported before it)
+from jax._src.lax.lax import stage_p  # noqa: E402
 
 jax.config.update("jax_enable_x64", True)
+# `jnp.asarray` of an array of NumPy would compile a program that does nothing for every shape.
+stage_p.def_impl(lambda x: x if isinstance(x, jax.Array) else jax.device_put(x))
 
 MAPS = Path("/proc/self/maps")
 

@@ -11,6 +11,7 @@ import safetensors.numpy
 import faultgauge.files
 import faultgauge.identification.fit
 from faultgauge.cli.app import ISSUES
+from faultgauge.detection.calibration import calibration
 from faultgauge.verbs.check import guessed
 from faultgauge.verbs.how import How
 from faultgauge.verbs.reading import runs_for_plant
@@ -314,6 +315,26 @@ OPTIONS = {  # arguments (files by name), and what must be named
 }  # fmt: skip
 
 
+@pytest.fixture(scope="module")
+def found():
+    """The noise of the workshop's healthy log, once it was looked for."""
+    return []
+
+
+@pytest.fixture
+def noise_once(monkeypatch, found):
+    """For calibrations of one model by one log, of which not the noise is asked for."""
+    look = calibration.estimate_noise
+
+    def once(*arguments):
+        if not found:
+            found.append(look(*arguments))
+        return found[0]
+
+    monkeypatch.setattr(calibration, "estimate_noise", once)
+
+
+@pytest.mark.usefixtures("noise_once")
 @pytest.mark.parametrize("case", OPTIONS)
 def test_wrong_options(refuse, workshop, tmp_path, monkeypatch, case):
     monkeypatch.chdir(tmp_path)
@@ -366,6 +387,7 @@ def test_debug_shows_where_wrong_input_was_found(call, workshop, tmp_path):
     assert "Traceback" in said.err
 
 
+@pytest.mark.usefixtures("noise_once")
 @pytest.mark.parametrize("step", ["fsync", "replace"])
 @pytest.mark.parametrize(
     ("error", "code"), [(OSError(28, "No space left on device"), 2), (KeyboardInterrupt(), 130)]

@@ -15,6 +15,7 @@ __all__ = [
     "FEWEST_BLOCKS",
     "Block",
     "allowed_peaks",
+    "check_mtbfa",
     "correlation_time",
     "merged",
     "supported",
@@ -72,13 +73,18 @@ def supported(judged: float, alarms: int) -> float:
     return float(2 * judged / chdtri(2 * alarms + 2, 1 - CONFIDENCE))
 
 
+def check_mtbfa(mtbfa: float) -> None:
+    """Raises `InputError` where `mtbfa` [s] is no time."""
+    if not 0 < mtbfa < np.inf:
+        raise InputError(f"--mtbfa {mtbfa:g}: give a positive time in seconds.")
+
+
 def allowed_peaks(judged: float, mtbfa: float | None, blocks: int) -> tuple[int, float]:
     """(healthy block peaks that may lie above the limit, mean time between false alarms)."""
     longest = supported(judged, 0)
     if mtbfa is None:
         return 0, longest
-    if not 0 < mtbfa < np.inf:
-        raise InputError(f"--mtbfa {mtbfa:g}: give a positive time in seconds.")
+    check_mtbfa(mtbfa)
     if mtbfa > longest:
         raise InputError(
             f"--mtbfa {mtbfa:g}: {number(judged, 4)} s of healthy data without an alarm support "

@@ -15,7 +15,7 @@ from faultgauge.detection.calibration.bank_calibration import (
     calibrated,
     without_calibration,
 )
-from faultgauge.detection.calibration.blocks import CONFIDENCE, Block
+from faultgauge.detection.calibration.blocks import CONFIDENCE, Block, check_mtbfa
 from faultgauge.detection.calibration.equal_faults import equal_faults
 from faultgauge.detection.calibration.noise_estimation import estimate_doubts, estimate_noise
 from faultgauge.detection.rows.flat_line import longest_repeats
@@ -76,6 +76,8 @@ def calibrate(
                 f"--mtbfa is about alarms, and observer {observer!r} alone raises none; leave one "
                 "of the two out."
             )
+    if mtbfa is not None:
+        check_mtbfa(mtbfa)  # before the minutes that a calibration may take
     warnings, model = [], without_calibration(model)
     rates = {run.resampled for run in runs if run.resampled is not None}
     if model.resample is None and rates:

@@ -8,7 +8,7 @@ counts (Schweppe, IEEE TAC 11 (1965); Mehra, IEEE TAC 15 (1970)).
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import equinox as eqx
 import jax
@@ -44,6 +44,9 @@ __all__ = ["AT_ONCE", "SAMPLES", "Likelihood", "Likelihoods", "StretchPiece", "h
 SAMPLES = 16384  # that tell the levels
 LONGEST = 4096  # of one stretch
 AT_ONCE = 4  # levels: one compiled program for any number of them
+
+Own: TypeAlias = tuple[Error, Array, Array, dd.FilterNoise]  # of one of the levels
+Carry: TypeAlias = tuple[Belief, Array, Array]
 
 
 @dataclass(frozen=True)
@@ -204,37 +207,38 @@ def _costs(
 ) -> tuple[Array, Array, Array, Array, Array]:
     """The fields of `Likelihoods`."""
     more = jnp.zeros((len(x), len(scale) - x.shape[1]))
-    begin = jnp.concatenate([x, more], axis=1)
-
+    x = jnp.concatenate([x, more], axis=1)
+    own = error, offset, W, levels
     xi = plant.parts.xi
 
-    def of(
-        error: Error, offset: Array, W: Array, noise: dd.FilterNoise, sd: Array
-    ) -> tuple[Array, Array, Array, Array, Array]:
-        parts = error, offset, W
-        own = eqx.tree_at(lambda p: (p.error, p.offset, p.directions), plant, parts)
-        lane = DividedDifferenceFilter(own, scale, jnp.zeros(0), (), substeps)
+    def lane_of(own: Own) -> DividedDifferenceFilter:
+        held = eqx.tree_at(lambda p: (p.error, p.offset, p.directions), plant, own[:3])
+        return DividedDifferenceFilter(held, scale, jnp.zeros(0), (), substeps)
 
-        def stretch(
-            x: Array, u: Array, y: Array, dt: Array
-        ) -> tuple[Array, Array, Array, Array, Array]:
-            def body(
-                carry: tuple[Belief, Array, Array], sample: tuple[Array, Array, Array]
-            ) -> tuple[tuple[Belief, Array, Array], tuple[Array, Array]]:
-                belief, before, total = carry
-                now, y, dt = sample
-                belief, more, *_, seen = lane.step(belief, noise, before, now, y, dt)
-                root = jnp.where(jnp.isfinite(seen.root), jnp.log(seen.root), 0.0)
-                return (belief, now, total + more), (seen.white, root)
+    def started(own: Own, sd: Array, x: Array) -> tuple[Belief, Array]:
+        return lane_of(own).begin(x, sd), jnp.zeros(())
 
-            begin = lane.begin(x, sd), u[0], jnp.zeros(())
-            (belief, _, total), (white, root) = jax.lax.scan(body, begin, (u, y, dt))
-            return total, belief.mean[xi], belief.P[xi, xi], white, root
+    def stepped(
+        own: Own, belief: Belief, total: Array, before: Array, now: Array, y: Array, dt: Array
+    ) -> tuple[Belief, Array, Array, Array]:
+        belief, more, *_, seen = lane_of(own).step(belief, own[3], before, now, y, dt)
+        root = jnp.where(jnp.isfinite(seen.root), jnp.log(seen.root), 0.0)
+        return belief, total + more, seen.white, root
 
-        total, mean, P, white, root = jax.vmap(stretch)(begin, u, y, dt)
-        return -jnp.sum(total), mean, P, white.ravel(), root.ravel()
+    # levels and stretches side by side within a step: a loop within them is traced many times
+    start = jax.vmap(jax.vmap(started, (None, None, 0)), (0, 0, None))(own, sd, x)
+    across = jax.vmap(stepped, (None, *[0] * 6))
+    step = jax.vmap(across, (*[0] * 3, *[None] * 4))
 
-    return jax.vmap(of)(error, offset, W, levels, sd)
+    def body(carry: Carry, sample: tuple[Array, Array, Array]) -> tuple[Carry, list[Array]]:
+        belief, total, before = carry
+        belief, total, *said = step(own, belief, total, before, *sample)
+        return (belief, total, sample[0]), said
+
+    samples = tuple(jnp.moveaxis(each, 1, 0) for each in (u, y, dt))
+    (belief, total, _), said = jax.lax.scan(body, (*start, samples[0][0]), samples)
+    white, root = (jnp.moveaxis(each, 0, 2).reshape(len(offset), -1) for each in said)
+    return -jnp.sum(total, axis=1), belief.mean[..., xi], belief.P[..., xi, xi], white, root
 
 
 def healthy_stretches(model: Model, runs: Sequence[Run]) -> list[StretchPiece]:
