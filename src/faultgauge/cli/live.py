@@ -174,10 +174,9 @@ class _Speaker:
             options.say(text)
 
     def _unit(self, fault: str) -> str:
-        from faultgauge.detection.words import PURE
+        from faultgauge.plants.signals import spoken
 
-        unit = self.units.get(fault, "")
-        return "" if unit in PURE else unit
+        return spoken(self.units.get(fault, ""))
 
     def odd(self, found: Sequence["Glitch"]) -> None:
         """A warning of the first sample that nothing explains; all are counted."""

@@ -5,13 +5,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from faultgauge.plants.signals import spoken
 from faultgauge.telemetry.clock import Clock
 
 __all__ = [
     "Began",
     "MOST",
     "OLDER",
-    "PURE",
     "UNDECLARED",
     "about",
     "amount",
@@ -28,7 +28,6 @@ __all__ = [
 
 MOST = 1000.0  # odds beyond which what is told rests on the model more than on them
 POSSIBLE = 20.0  # odds up to which something undeclared is spoken of: nobody can list it all
-PURE = ("1", "-")  # units that nobody says
 LARGE = 1e6  # from which on a number is said in powers of ten
 SMALL = 1e-4  # below which a number is said in powers of ten
 ROUNDING = 1e-6  # of the last decimal
@@ -47,14 +46,13 @@ AGAIN = " (winter time)"  # where the clock shows a time for the second time
 def amount(size: float, low: float, high: float, unit: str) -> str:
     """ "+0.100 N*m (+0.096 to +0.104)", as fine as the interval is."""
     style = _style(low, high)
-    unit = "" if unit in PURE else unit
-    return f"{size:{style}} {unit}".rstrip() + f" ({low:{style}} to {high:{style}})"
+    return f"{size:{style}} {spoken(unit)}".rstrip() + f" ({low:{style}} to {high:{style}})"
 
 
 def between(low: float, high: float, unit: str) -> str:
     """ "between +0.10 and +0.30 N*m", as fine as they are apart."""
     style = _style(low, high)
-    return f"between {low:{style}} and {high:{style}} {'' if unit in PURE else unit}".rstrip()
+    return f"between {low:{style}} and {high:{style}} {spoken(unit)}".rstrip()
 
 
 def _style(low: float, high: float) -> str:

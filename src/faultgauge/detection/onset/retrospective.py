@@ -24,7 +24,6 @@ from faultgauge.detection.posterior.probability import probability, too
 from faultgauge.detection.posterior.verdicts import FAULT, NAMED
 from faultgauge.detection.words import (
     MOST,
-    PURE,
     UNDECLARED,
     Began,
     amount,
@@ -32,6 +31,7 @@ from faultgauge.detection.words import (
     moment,
     would_not_show,
 )
+from faultgauge.plants.signals import spoken
 from faultgauge.telemetry.clock import Clock
 
 __all__ = [
@@ -391,8 +391,8 @@ def _would_not_show(bank: FaultBank, found: Sequence[Retrospect]) -> str:
     for fault in bank.model.plant.signals.faults:
         sizes = [each.least[fault.name] for each in found]
         shown = [size for size in sizes if size is not None]
-        unit = "" if fault.unit in PURE else fault.unit
-        least[fault.name] = max(shown) if len(shown) == len(sizes) else None, unit
+        size = max(shown) if len(shown) == len(sizes) else None
+        least[fault.name] = size, spoken(fault.unit)
     return would_not_show(least)
 
 

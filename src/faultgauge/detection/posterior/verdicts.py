@@ -28,8 +28,7 @@ from faultgauge.detection.posterior.inexact import acting
 from faultgauge.detection.posterior.limit_checker import LimitChecker, LimitState
 from faultgauge.detection.posterior.posterior import Marginal
 from faultgauge.detection.rows.flat_line import standing_still
-from faultgauge.detection.words import PURE
-from faultgauge.plants.signals import Fault, Signals
+from faultgauge.plants.signals import Fault, Signals, spoken
 
 __all__ = [
     "EITHER",
@@ -345,8 +344,7 @@ def _said(signals: Signals, regions: Sequence[str], code: int) -> str:
             if first < len(regions):
                 return f"{OUTSIDE} what training covered of {regions[first]}"
             left = bounds_of(signals)[first - len(regions)]
-            unit = "" if left.unit in PURE else left.unit
-            reach = f"{left.low:g} to {left.high:g} {unit}".rstrip()
+            reach = f"{left.low:g} to {left.high:g} {spoken(left.unit)}".rstrip()
             return f"{left.name} is {OUTSIDE} its trusted range, {reach}"
         case Reason.PASSIVE:
             return f"{signals.fault_names[first]}, which is passive"
