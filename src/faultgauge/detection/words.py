@@ -73,9 +73,9 @@ def number(value: float, figures: int = 3) -> str:
 def less_likely(causes: Sequence[str], odds: float) -> str:
     """ "leak is 200 times less likely"."""
     if odds < 1.05:
-        return f"{' or '.join(causes)} is as likely"
+        return f"{listed(causes, 'or')} is as likely"
     times = f"more than {MOST:.0f}" if odds >= MOST else number(odds, 2)
-    return f"{' or '.join(causes)} is {times} times less likely"
+    return f"{listed(causes, 'or')} is {times} times less likely"
 
 
 def likelihoods(instead: Iterable[tuple[str, float]]) -> list[str]:
@@ -173,14 +173,14 @@ class Began(NamedTuple):
     step: float = 0.0
 
     def since(self) -> str:
-        """ "since 299.5 s +- 1.1 s", "since 08:41 +- 1.5 h" by a clock, or "since 299.5 s, between
-        298.1 s and 300 s" where that is not the middle of its interval."""
+        """ "since 299.5 s +- 1.1 s", "since 08:41 +- 1.5 h" by a clock, or "since 299.5 s (298.1 s
+        to 300 s)" where that is not the middle of its interval."""
         half = (self.high - self.low) / 2
         at, first, last = self._three()
         if abs((self.low + self.high) / 2 - self.t) <= CENTRED * half:
             width = f"{number(half, 2)} s" if self.clock is None else duration(half)
             return f"since {at} +- {width}"
-        return f"since {at}, between {first} and {last}"
+        return f"since {at} ({first} to {last})"
 
     def cell(self) -> str:
         """ "299.5 s (298.1 s to 300 s)", in a table."""

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, Unpack
 
 from faultgauge.detection.answer.alarmed import refuse_alarms
+from faultgauge.detection.words import number
 from faultgauge.identification import fit as identification
 from faultgauge.identification.evaluation import evaluate
 from faultgauge.identification.fit import FitReport
@@ -125,7 +126,7 @@ class Fit(Result):
         for p in self.model.plant.spec.parameters:
             if not p.fixed:
                 error, unit = self._error(p), spoken(p.unit)
-                width = "" if error is None else f" +- {error:.2g}"
+                width = "" if error is None else f" +- {number(error, 2)}"
                 line = f"{p.name} = {self.parameters[p.name]:.6g}{width} {unit}".rstrip()
                 shift = self._shift(p)
                 lines.append(line if shift is None else f"{line} ({shift})")

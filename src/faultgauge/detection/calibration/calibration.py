@@ -20,6 +20,7 @@ from faultgauge.detection.calibration.equal_faults import equal_faults
 from faultgauge.detection.calibration.noise_estimation import estimate_doubts, estimate_noise
 from faultgauge.detection.rows.flat_line import longest_repeats
 from faultgauge.detection.rows.judged import build_bank, check_observer
+from faultgauge.detection.words import duration
 from faultgauge.errors import InputError
 from faultgauge.identification.command_checks import command_warnings
 from faultgauge.identification.log_checks import other_units
@@ -175,8 +176,8 @@ def lasting_warnings(model: Model, runs: Sequence[Run], noise: Noise) -> list[st
     if slow:
         found.append(
             f"the model's own error in {', '.join(slow)} lasts longer than the longest healthy log "
-            f"({longest:.3g} s), so these logs cannot tell how long, nor a fault that began before "
-            "a log from that error; give longer healthy logs if you have them"
+            f"({duration(longest)}): these logs cannot tell how long, and a fault that began "
+            "before a log looks like it; give longer healthy logs if you have them"
         )
     if len(runs) == 1 and len(noise.spread):
         found.append(

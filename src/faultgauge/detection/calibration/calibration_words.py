@@ -73,10 +73,10 @@ def errors(model: Model) -> list[str]:
     ]
     known = dict(zip(constants_of(model).names, noise.spread.tolist(), strict=True))
     values = model.plant.parameters
+    units = {p.name: spoken(p.unit) for p in model.plant.spec.parameters}
     spread = [
-        f"{name} {number(s, 2)} ({number(100 * s / abs(float(values[name])), 2)} %)"
-        if s < abs(float(values[name]))
-        else f"{name} {number(s, 2)}"
+        f"{name} {number(s, 2)} {units[name]}".rstrip()
+        + f" ({number(100 * s / abs(float(values[name])), 2)} %)" * (s < abs(float(values[name])))
         for name, s in known.items()
     ]
     if spread:
@@ -98,8 +98,8 @@ def _discrepancy(state: State, size: float, lasts: float, seen: float) -> str:
         )
     moves = number(size * np.sqrt(2 * seen / lasts), 2)
     return (
-        f"what the model is off by in d({state.name}) comes back nowhere in these logs: it moves "
-        f"by about {moves}{unit} in {duration(seen)}"
+        f"the model's error in d({state.name}) stays for longer than these logs last: it moves by "
+        f"about {moves}{unit} in {duration(seen)}"
     )
 
 

@@ -27,7 +27,7 @@ from faultgauge.detection.bank.envelope import bounds_of
 from faultgauge.detection.posterior.inexact import acting
 from faultgauge.detection.posterior.limit_checker import LimitChecker, LimitState
 from faultgauge.detection.posterior.posterior import Marginal
-from faultgauge.detection.rows.flat_line import standing_still
+from faultgauge.detection.rows.flat_line import is_standing, standing_still
 from faultgauge.plants.signals import Fault, Signals, spoken
 
 __all__ = [
@@ -47,6 +47,7 @@ __all__ = [
     "Rules",
     "RulesState",
     "Verdict",
+    "is_unheard",
     "log_odds",
     "words",
 ]
@@ -327,6 +328,11 @@ def words(
     """(status, reason) of every sample in words; `regions` are what networks were trained on."""
     said = {code: _said(signals, regions, code) for code in np.unique(reason).tolist()}
     return [STATUS[k] for k in status.tolist()], [said[code] for code in reason.tolist()]
+
+
+def is_unheard(reason: str) -> bool:
+    """Whether a row's `reason` is that nothing of it was measured."""
+    return reason in (PLAIN[Reason.NOT_SAMPLED], PLAIN[Reason.STALE]) or is_standing(reason)
 
 
 def _said(signals: Signals, regions: Sequence[str], code: int) -> str:
