@@ -8,6 +8,7 @@ import numpy as np
 
 from faultgauge.detection.answer.estimation import Observing
 from faultgauge.detection.answer.misfit import not_followed
+from faultgauge.detection.answer.swapped import swapped
 from faultgauge.detection.bank.bank import evaluated_faults
 from faultgauge.detection.bank.noise import Noise
 from faultgauge.detection.calibration.bank_calibration import (
@@ -91,6 +92,7 @@ def calibrate(
     warnings += other_units(runs)
     warnings += command_warnings(model.plant, runs)
     warnings += not_followed(model, runs)
+    warnings += swapped(model, runs)
     known = {
         "data": sorted(run.content_hash for run in runs),
         "repeats": longest_repeats(model, runs),

@@ -239,8 +239,7 @@ def _answer(
         sd = np.hypot(causes.sd[:, k] * which.wider, own)
         size = size_over(density, given, sd, faults[k].min, faults[k].max)
     onset = onset_over(window.t, density)
-    if names[k] == UNKNOWN:
-        onset = _since_its_alarm(bank, decision, window, onset)
+    onset = _since_its_alarm(bank, decision, window, onset) if names[k] == UNKNOWN else onset
     heard = np.isfinite(window.record.y[:count])
     used = np.flatnonzero(readable(decision)[window.part])
     least = _least(bank, decision, window, used)
