@@ -64,6 +64,9 @@ value = "a"
 [outputs.cool]
 unit = "degC"
 value = "b"
+[faults.draught]
+enters = "state"
+target = "a"
 """
 BOTH = {"warm": "cool", "cool": "warm"}
 

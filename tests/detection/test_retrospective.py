@@ -381,6 +381,16 @@ def test_what_is_no_more_than_likely_is_said_to_be_so(bank, biased):
     assert sentence.startswith("In hindsight undecided; the likeliest is pump +")
 
 
+def test_what_is_undecided_says_between_what(bank, biased):
+    """At p 0.97 a rival of odds 32 is what leaves it open; beside p 0.999 nobody asks."""
+    decision, (seen,) = biased
+    rivals = (("unknown", 32.0), ("healthy", 45.0))
+    for p, said in ((0.97, True), (0.999, False)):
+        (line,) = sentences(bank, [decision], [replace(seen, p=p, alternatives=rivals)])
+        assert ("; something undeclared is only 32 times less likely" in line) == said
+        assert ("; no fault is 45 times less likely" in line) == said
+
+
 def test_samples_outside_the_training_envelope_say_nothing(bank):
     decision = decide(bank, log(6))
     decision.run.columns["x"][300:310] += 5.0  # as if the model were wrong there

@@ -78,13 +78,13 @@ def less_likely(causes: Sequence[str], odds: float) -> str:
     return f"{listed(causes, 'or')} is {times} times less likely"
 
 
-def likelihoods(instead: Iterable[tuple[str, float]]) -> list[str]:
+def likelihoods(instead: Iterable[tuple[str, float]], up_to: float = POSSIBLE) -> list[str]:
     """The sentences of `less_likely` for causes with their odds, those of the same odds together,
-    the likeliest first; something undeclared where it is likely enough to be spoken of."""
+    the likeliest first; something undeclared where its odds are below `up_to`."""
     causes, said = dict[float, list[str]](), list[str]()
     for cause, odds in sorted(instead, key=lambda each: each[1]):
         if cause == UNDECLARED:
-            if odds < POSSIBLE:
+            if odds < up_to:
                 said.append(f"{UNDECLARED} is only {odds:.2g} times less likely")
         else:
             causes.setdefault(min(odds, MOST), []).append(cause)

@@ -474,10 +474,15 @@ def _sentence(bank: FaultBank, found: Retrospect, over: float | None = None) -> 
     labels = {HEALTHY: "no fault", UNKNOWN: UNDECLARED}
     constant, beside = CONSTANT if found.cause == UNKNOWN else "", dict(found.beside)
     labels |= {name: f"{name} alone" for name in beside}
+    # whoever is undecided says between what: no name falls while a rival is that likely
+    most = PLAIN if found.p >= NAMED else 1 / (1 - NAMED)
     rivals = likelihoods(
-        (labels.get(cause, f"{constant}{cause.replace('+', ' and ')}"), odds)
-        for cause, odds in found.alternatives
-        if (cause != HEALTHY or odds < PLAIN) and (odds < MOST or cause not in beside)
+        (
+            (labels.get(cause, f"{constant}{cause.replace('+', ' and ')}"), odds)
+            for cause, odds in found.alternatives
+            if (cause != HEALTHY or odds < most) and (odds < MOST or cause not in beside)
+        ),
+        most,
     )
     # of causes that are as likely the word is said once
     said += [
