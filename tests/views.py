@@ -11,7 +11,7 @@ import pytest
 from faultgauge.detection.answer.answer import answers, as_dicts, first_screen, runs_as_dicts, told
 from faultgauge.detection.answer.shares import WHOLE
 from faultgauge.detection.decisions import table
-from faultgauge.detection.onset.retrospective import retrospect, sentences
+from faultgauge.detection.onset.retrospective import retrospect, sentences, shares_in_hindsight
 from faultgauge.detection.posterior.events import POSSIBLE, UNKNOWN
 from faultgauge.detection.posterior.posterior import LIKELY
 from faultgauge.detection.posterior.probability import probability
@@ -127,7 +127,7 @@ def check_named(bank, said, told_of, unnamed):
 def compare_hindsight(bank, said):
     """What is told in hindsight: odds and p of one posterior, and sentence and table of it."""
     seen = retrospect(bank, said)
-    lines = sentences(bank, seen)
+    lines = sentences(bank, [said], seen)
     for each in seen:
         assert 0 < each.p <= 1
         for _, odds in each.alternatives:
@@ -135,7 +135,8 @@ def compare_hindsight(bank, said):
     windows = {each.start: each.judged for each in seen}  # of which several changes may be told
     assert sum(windows.values()) <= 1 + 1e-9
     faulty = [each for each in seen if each.cause != "healthy"]
-    assert len(lines) == max(len(faulty), 1)
+    whole = check_hindsight_shares(said, seen, lines[len(faulty) :], bool(faulty))
+    assert len(lines) == len(faulty) + (not faulty or not whole)
     for each, line in zip(faulty, lines, strict=False):
         assert f"(p {probability(each.p)}, run {each.run})" in line
         assert ("as likely" in line) <= (each.p < 0.6)
@@ -150,8 +151,38 @@ def compare_hindsight(bank, said):
     if len(section.figures) < 6:  # of more, some are left out
         drawn = [each.title for each in section.figures if each.title.startswith("Onset of")]
         assert len(drawn) == sum(_dated(each) for each in faulty)
-    assert [row[-1] for row in found.rows] == [probability(each.p) for each in seen]
+    at = found.header.index("p")
+    assert [row[at] for row in found.rows] == [
+        probability(each.p) if each.judged > 0 else "" for each in seen
+    ]
     return seen, lines
+
+
+def check_hindsight_shares(said, seen, rest, faulty):
+    """Whether all counts as judged in hindsight: nothing does that has no sample or lies outside;
+    a stretch that does not has its reason; `rest` are the sentences behind those of faults."""
+    shares = shares_in_hindsight(said, seen)
+    silent = np.zeros(len(said.run.t), bool)
+    for each in shares.silent:
+        assert each.reason
+        silent |= (each.start <= said.run.t) & (said.run.t <= each.end)
+    assert shares.judged == pytest.approx(1 - np.mean(silent))
+    nothing = [why == "not sampled" or status == "STALE"
+               for why, status in zip(said.reason, said.status, strict=True)]  # fmt: skip
+    outside = ~said.posterior.inside & (np.array(said.status) != "FAULT")
+    assert silent[nothing].all()
+    assert silent[outside].all()
+    if shares.judged < WHOLE:
+        share = f"{100 * shares.judged:.0f} % of the log"
+        (line,) = rest
+        if shares.judged == 0:
+            assert line.startswith("In hindsight: nothing could be judged: ")
+        elif faulty:
+            assert line.startswith(f"In hindsight {share} could be judged; not judged ")
+        else:
+            start = f"In hindsight: no fault in the {share} that could be judged; not judged "
+            assert line.startswith(start)
+    return shares.judged >= WHOLE
 
 
 def _dated(found):
@@ -175,7 +206,7 @@ def check_undecided(rows, names, of_run):
     if told:
         p = {UNDECLARED if n == UNKNOWN else n: rows[f"p_{n}"][last] for n in (*names, UNKNOWN)}
         found = re.search(
-            r"fault is ([^,]+?)(?:, (\S+)(?: \S+)? if it is there)? \(p ([^)]+)\); "
+            r"cause is ([^,]+?)(?:, (\S+)(?: \S+)? if it is there)? \(p ([^)]+)\); "
             r"that nothing is wrong has p (.+)$",
             told[0]["sentence"],
         )

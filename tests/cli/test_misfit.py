@@ -84,12 +84,13 @@ def test_a_stream_of_a_doubtful_model_says_so_with_every_alarm(
     lines = [json.loads(line) for line in events.read_text().splitlines()]
     whole = json.loads(call("estimate", path, workshop.suspect, "--json").out)
     assert whole["doubt"].startswith(
-        "little to rely on, as in healthy logs the model's free run is "
+        "little to rely on, as the model does not follow its own healthy logs: its free run is "
     )
     assert lines
     assert {line["doubt"] for line in lines} == {whole["doubt"]}
     heads = [line for line in said.err.splitlines() if "Little to rely on" in line]
     assert len(heads) == len(lines)
+    assert f"warning: {whole['doubt']}." in said.err  # once, before all alarms
 
 
 BOTH = {"almost all": (1, 4, True), "too few": (0, 79, False), "too late": (6, 94, False),

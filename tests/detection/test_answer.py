@@ -234,7 +234,7 @@ def test_a_log_that_ends_undecided_says_so_and_one_without_a_fault_is_named(bank
     open_ = replace(quiet, posterior=seen, status=status)
     (line,) = answers(bank, [open_])
     assert line == (
-        "Undecided from 575 s to the end of the log (run run2): the likeliest fault is leak, "
+        "Undecided from 575 s to the end of the log (run run2); the likeliest cause is leak, "
         "+0.02 m/s if it is there (p 0.8); that nothing is wrong has p 0.2"
     )
     told, silent = answers(bank, [decision, quiet])

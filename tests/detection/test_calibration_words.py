@@ -51,6 +51,7 @@ def test_a_state_that_sticks_is_said_with_how_much_how_long_and_until_where():
     for text, of, rest in (
         (LAG, "8 m/s", "0.14 m"),
         (LAG.replace('unit = "m"', ""), "8 per second", "0.14"),
+        (LAG.replace('unit = "m"', 'unit = "1"'), "8 per second", "0.14"),
     ):
         lines = summary(for_bank(as_stated(text, points), noise, size={"push": 1.0}))
         (line,) = (each for each in lines if "sticks" in each)
@@ -59,3 +60,19 @@ def test_a_state_that_sticks_is_said_with_how_much_how_long_and_until_where():
             f"about 1.2 s at a time, and lets go from {rest} on. What is smaller shows only while "
             "it moves"
         )
+
+
+def test_no_unit_is_said_of_a_plain_number():
+    """ "1" and "-" are how files write that there is none."""
+    points = np.random.default_rng(0).uniform(-1, 1, (60, 2))
+    one = np.ones(1)
+    noise = Noise(
+        one, one, np.zeros(0), one, one, one, one, np.full(2, 0.1), np.array([0.31, 0]),
+        np.zeros(2), wander=0.5 * one, wandering=one, stray=0.25 * one, straying=one,
+    )  # fmt: skip
+    text = LAG.replace('unit = "m"', 'unit = "-"').replace('unit = "1/s"', 'unit = "1"')
+    text = text.replace("[inputs.u]", '[inputs.u]\nunit = "1"')
+    said = "\n".join(summary(for_bank(as_stated(text, points), noise, size={"push": 1.0})))
+    for part in ("off by about 1 per second in d(x)", "x wanders by 0.5 beside", "a = 0.81 (fit"):
+        assert part in said
+    assert "u strays by 0.25 from what the log says" in said

@@ -1,9 +1,15 @@
 """Healthy logs that a model does not follow, and those that it only drifts along."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy.linalg import expm
 
 from faultgauge.detection.answer.misfit import not_followed
+from faultgauge.detection.answer.swapped import swapped, swapped_in
+from faultgauge.detection.decisions import unjudged
+from faultgauge.detection.rows.prepared import prepared
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
 from faultgauge.plants.plant_file import parse_plant
@@ -40,3 +46,84 @@ def test_a_plant_that_integrates_is_judged_over_what_a_fit_holds_out(off, told):
     run = Run("a", "a.csv", t, {"u": held, "x": x})
     assert bool(not_followed(model, [run])) == told
     assert np.abs(u).max() == 1.0
+
+
+TWO = """
+name = "two rooms"
+[states.a]
+unit = "degC"
+derivative = "(u - a)/20"
+[states.b]
+unit = "degC"
+derivative = "(a - b)/60"
+[inputs.u]
+unit = "degC"
+[outputs.warm]
+unit = "degC"
+value = "a"
+[outputs.cool]
+unit = "degC"
+value = "b"
+[faults.draught]
+enters = "state"
+target = "a"
+"""
+BOTH = {"warm": "cool", "cool": "warm"}
+
+
+def rooms(bias=0.0, seed=0):
+    """Two rooms behind each other, exact under the hold, their thermometers in one range."""
+    rng, count = np.random.default_rng(seed), 2000
+    u = np.repeat(rng.uniform(10, 30, count // 100), 100)
+    a, b = np.full(count, u[0]), np.full(count, u[0])
+    A = expm(np.array([[-1 / 20, 0.0, 1 / 20], [1 / 60, -1 / 60, 0.0], [0.0, 0.0, 0.0]]))
+    for k in range(count - 1):
+        a[k + 1], b[k + 1], _ = A @ (a[k], b[k], u[k])
+    noise = 0.05 * rng.standard_normal((2, count))
+    columns = {"u": u, "warm": a + noise[0] + bias, "cool": b + noise[1]}
+    return Run("a", "a.csv", np.arange(float(count)), columns)
+
+
+def exchanged(run, names):
+    return replace(run, columns=run.columns | {a: run.columns[b] for a, b in names.items()})
+
+
+@pytest.fixture(scope="module")
+def two():
+    return Model(
+        GrayBoxPlant.untrained(parse_plant(TWO)),
+        record_of(metrics={"validation_free_run_nrmse": 0.02}),
+    )
+
+
+def test_exchanged_columns_of_one_range_are_told_and_what_to_do(two):
+    (said,) = swapped(two, [exchanged(rooms(), BOTH)])
+    assert said.startswith("run a: the columns warm and cool look swapped: with the two exchanged ")
+    assert said.endswith("exchange them with --map warm=cool --map cool=warm")
+    # an input may be one of them
+    (said,) = swapped(two, [exchanged(rooms(), {"warm": "u", "u": "warm"})])
+    assert "the columns warm and u look swapped" in said
+
+
+@pytest.mark.parametrize("bias", [0.0, 2.0, 20.0])
+def test_a_log_as_it_is_is_not_taken_for_exchanged(two, bias):
+    """Nor one with a fault of any size in one of the two."""
+    assert swapped(two, [rooms(bias)]) == []
+
+
+def test_columns_of_other_units_are_not_exchanged(two):
+    """Two rooms of which one is measured in K: its numbers are no other's."""
+    text = TWO.replace('[outputs.cool]\nunit = "degC"', '[outputs.cool]\nunit = "K"')
+    other = Model(GrayBoxPlant.untrained(parse_plant(text)), two.record)
+    assert swapped(other, [exchanged(rooms(), BOTH)]) == []
+
+
+def test_of_judged_logs_those_that_look_healthy_are_not_asked(two):
+    run = exchanged(rooms(), BOTH)
+    rows = len(run.t)
+    for healthy, told in ((0.4, 1), (0.6, 0)):
+        count = round(healthy * rows)
+        status = ["HEALTHY"] * count + ["FAULT"] * (rows - count)
+        one = unjudged(two, run, prepared(two.plant.signals, run), {})
+        one = replace(one, status=status)
+        assert len(swapped_in(two, [one])) == told

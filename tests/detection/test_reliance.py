@@ -15,9 +15,10 @@ from faultgauge.verbs.estimate import estimate
 from models import as_stated
 from scenes import NOISE, SCENES, TANK
 
-HEAD = (
-    "Little to rely on, as in healthy logs the model's free run is 80 % off and its error 2 times "
-    "what it explains of d(x): "
+HEAD = "Little to rely on: "
+WHY = (
+    "little to rely on, as the model does not follow its own healthy logs: its free run is 80 % "
+    "off, and its error is 2 times what it explains of d(x)"
 )
 MOVED = 0.5  # m/s: of u - 0.2 x over the envelope below
 
@@ -51,6 +52,8 @@ def test_a_model_that_explains_more_than_it_errs_by_has_no_head():
     assert doubt(tank(0.9 * MOVED)) is None
     assert headed(tank(0.9 * MOVED), "leak") == "leak"
     assert headed(tank(2 * MOVED), "leak") == f"{HEAD}leak"
+    # a sentence goes on with a small letter
+    assert headed(tank(2 * MOVED), "No fault") == f"{HEAD}no fault"
 
 
 def test_a_model_whose_free_run_followed_is_not_doubted():
@@ -65,12 +68,15 @@ def test_every_view_of_a_doubtful_model_begins_with_it():
     suspect.columns["x"] = suspect.columns["x"] + 40.0 * (suspect.t >= 300)
     found = estimate(tank(2 * MOVED), replace(suspect), smooth=True)
     plain = found.as_dict()
-    assert plain["doubt"] == f"l{HEAD[1:-2]}"
+    # why, once in each view
+    assert plain["doubt"] == WHY
+    assert found.warnings.count(WHY) == 1
     told = [*found.lines[:1], *found.sentences, *plain["answer"]]
     told += [each["sentence"] for each in plain["events"]]
     told += [each["sentence"] for run in plain["runs"].values() for each in run["unnamed"]]
-    told += sentences(found.bank, found.hindsight())
+    told += sentences(found.bank, found.decisions, found.hindsight())
     assert plain["events"]
     assert all(each.startswith(HEAD) for each in told)
     assert found.page().summary_sentences[0].startswith(HEAD)
-    assert "Little to rely on" in render(found.page())
+    assert found.page().summary_sentences.count(f"L{WHY[1:]}.") == 1
+    assert "does not follow its own healthy logs" in render(found.page())

@@ -12,7 +12,12 @@ from scipy.stats import multivariate_normal, norm
 from faultgauge.detection.bank.bank import build_fault_bank
 from faultgauge.detection.bank.noise import Noise
 from faultgauge.detection.decisions import decide
-from faultgauge.detection.onset.retrospective import as_dicts, retrospect, sentences
+from faultgauge.detection.onset.retrospective import (
+    as_dicts,
+    retrospect,
+    sentences,
+    shares_in_hindsight,
+)
 from faultgauge.detection.onset.shocks import KnownStretch, Shocks, shocks
 from faultgauge.detection.onset.window import Window, causes_in
 from faultgauge.observers import divided_difference as dd
@@ -282,11 +287,12 @@ def test_a_pump_that_is_off_is_told_from_a_weak_one_sized_and_dated(biased):
 
 
 def test_a_healthy_log_holds_no_fault_and_says_what_would_not_have_shown(bank):
-    seen = retrospect(bank, decide(bank, log(2)))
+    decision = decide(bank, log(2))
+    seen = retrospect(bank, decision)
     assert [each.cause for each in seen] == ["healthy"]
     assert seen[0].onset is None
     assert seen[0].size is None
-    assert "no fault; pump below 0.0" in sentences(bank, seen)[0]
+    assert "no fault; pump below 0.0" in sentences(bank, [decision], seen)[0]
 
 
 @pytest.mark.parametrize("share", [0.3, 0.5, 0.7, 1.0])
@@ -302,9 +308,10 @@ def test_odds_and_p_add_up_however_weak_the_evidence(bank, share):
 
 
 def test_what_a_limit_cuts_off_would_not_have_shown(bank):
-    (seen,) = retrospect(bank, decide(bank, log(3, u=0.0)))
+    decision = decide(bank, log(3, u=0.0))
+    (seen,) = retrospect(bank, decision)
     assert seen.least["weak"] is None  # a gain takes nothing away from 0
-    assert "nor would weak of any size to be expected" in sentences(bank, [seen])[0]
+    assert "nor would weak of any size to be expected" in sentences(bank, [decision], [seen])[0]
 
 
 def test_a_fault_from_before_a_gap_is_there_from_the_first_sample_after_it(bank):
@@ -345,7 +352,7 @@ def test_a_fault_that_is_not_constant_is_not_given_one_size(bank):
     assert seen[0].cause != "healthy"
     assert all(each.cause != "weak" for each in seen)
     assert seen[0].cause == "unknown"
-    assert "something undeclared or not constant" in sentences(bank, seen)[0]
+    assert "something undeclared or not constant" in sentences(bank, [decision], seen)[0]
     # the posterior dates its likeliest jump, and what is told is as old as the alarm
     page = render(decision_report(bank, [decision], seen))
     assert "In hindsight: something undeclared or not constant" in page
@@ -357,21 +364,31 @@ def test_another_cause_that_was_told_online_is_said(bank, biased):
     (event,) = decision.events
     (seen,) = retrospect(bank, replace(decision, events=[replace(event, fault="weak")]))
     assert (seen.cause, seen.told.start, seen.told.other) == ("pump", None, ("weak", event.start))
-    (sentence,) = sentences(bank, [seen])
+    (sentence,) = sentences(bank, [decision], [seen])
     assert f"; online you would have been told weak at {event.start:.6g} s" in sentence
 
 
 def test_a_fault_is_over_where_a_later_part_of_its_log_is_healthy(bank, biased):
     (seen,) = biased[1]
     healthy = replace(seen, cause="healthy", start=900.0, onset=None, onset_lo=None, onset_hi=None)
-    assert " until 900 s (p " in sentences(bank, [seen, healthy])[0]
+    assert " until 900 s (p " in sentences(bank, [biased[0]], [seen, healthy])[0]
     for other in (replace(healthy, run="another"), replace(seen, start=900.0)):
-        assert " until " not in sentences(bank, [seen, other])[0]
+        assert " until " not in sentences(bank, [biased[0]], [seen, other])[0]
 
 
 def test_what_is_no_more_than_likely_is_said_to_be_so(bank, biased):
-    (sentence,) = sentences(bank, [replace(biased[1][0], p=0.6)])
+    (sentence,) = sentences(bank, [biased[0]], [replace(biased[1][0], p=0.6)])
     assert sentence.startswith("In hindsight undecided; the likeliest is pump +")
+
+
+def test_what_is_undecided_says_between_what(bank, biased):
+    """At p 0.97 a rival of odds 32 is what leaves it open; beside p 0.999 nobody asks."""
+    decision, (seen,) = biased
+    rivals = (("unknown", 32.0), ("healthy", 45.0))
+    for p, said in ((0.97, True), (0.999, False)):
+        (line,) = sentences(bank, [decision], [replace(seen, p=p, alternatives=rivals)])
+        assert ("; something undeclared is only 32 times less likely" in line) == said
+        assert ("; no fault is 45 times less likely" in line) == said
 
 
 def test_samples_outside_the_training_envelope_say_nothing(bank):
@@ -382,9 +399,79 @@ def test_samples_outside_the_training_envelope_say_nothing(bank):
     assert seen.cause == "healthy"
 
 
+def said_of(bank, run):
+    """A run in hindsight: its sentences, and what was judged of it."""
+    decision = decide(bank, run)
+    seen = retrospect(bank, decision)
+    return sentences(bank, [decision], seen), shares_in_hindsight(decision, seen), decision
+
+
+def test_hindsight_says_of_which_share_it_speaks(bank):
+    """A quarter of the log without samples: 200 of 800 rows."""
+    run = log(2)
+    run.columns["u"][300:500] = np.nan
+    (line,), shares, _ = said_of(bank, run)
+    assert shares.judged == pytest.approx(0.75)
+    assert [(each.start, each.end, each.reason) for each in shares.silent] == [
+        (150.0, 249.5, "not sampled")
+    ]
+    assert line.startswith(
+        "In hindsight: no fault in the 75 % of the log that could be judged; not judged from 150 s "
+        "to 249.5 s (not sampled); pump below 0.0"
+    )
+    assert " there" in line
+    faulty = log(4, pump=0.15, start=100)
+    faulty.columns["u"][300:500] = np.nan
+    (first, *_, last), shares, _ = said_of(bank, faulty)
+    assert shares.judged == pytest.approx(0.75)
+    assert first.startswith("In hindsight: pump +")
+    assert last == (
+        "In hindsight 75 % of the log could be judged; not judged from 150 s to 249.5 s (not "
+        "sampled)"
+    )
+
+
+def test_of_several_runs_hindsight_speaks_of_each(bank):
+    """One with a fault, one without, and one that has no samples."""
+    runs = [log(1, pump=0.1), log(2), log(3)]
+    runs[2].columns["x"][15:] = np.nan
+    decisions = [decide(bank, run) for run in runs]
+    seen = [each for one in decisions for each in retrospect(bank, one)]
+    first, second, third = sentences(bank, decisions, seen)
+    assert first.startswith("In hindsight: pump +")
+    assert second.startswith("In hindsight: no fault in run run2; pump below 0.0")
+    assert third.startswith("In hindsight: nothing of run run3 could be judged: ")
+
+
+def test_where_nothing_would_show_hindsight_judged_nothing(bank):
+    """A sensor that is a thousand times as noisy as the one that the healthy window had: no size
+    of a fault would show, so that none showed says nothing."""
+    decision = decide(bank, log(2))
+    (seen,) = retrospect(bank, decision)
+    blind = replace(seen, least=dict.fromkeys(seen.least), judged=0.0)
+    (line,) = sentences(bank, [decision], [blind])
+    assert line == (
+        "In hindsight: nothing could be judged: from 0 s to 399.5 s (no declared fault of any size "
+        "to be expected would show)"
+    )
+    (plain,) = as_dicts([blind])
+    assert (plain["cause"], plain["p"], plain["judged"]) == (None, None, 0.0)
+
+
+def test_what_a_window_without_a_fault_leaves_possible_is_said(bank):
+    """A rival of odds 3 beside p 0.6 has p 0.2; one of p 0.01 goes without saying."""
+    decision = decide(bank, log(2))
+    (seen,) = retrospect(bank, decision)
+    likely = replace(seen, p=0.6, alternatives=(("weak", 3.0), ("pump", 60.0)))
+    (line,) = sentences(bank, [decision], [likely])
+    assert line.endswith("; there may be weak (p 0.2)")
+    (line,) = sentences(bank, [decision], [replace(likely, p=0.99, alternatives=(("weak", 90.0),))])
+    assert "there may be" not in line
+
+
 def test_sentence_json_and_report_say_the_same(bank, biased):
     decision, seen = biased
-    (sentence,) = sentences(bank, seen)
+    (sentence,) = sentences(bank, [decision], seen)
     assert sentence.startswith(f"In hindsight: pump +{seen[0].size:.4f} l/s (+{seen[0].lo:.4f} to ")
     assert ") since " in sentence
     assert "; weak is " in sentence

@@ -87,7 +87,7 @@ def test_times_are_as_fine_as_rows_are_apart():
         "2026-05-02 12:00:00 (11:59:00 to 12:01:00)"
     )
     assert Began(noon, day / 2 + 5, day / 2 - 90, day / 2 + 20).since() == (
-        "since 2026-05-02 00:00:05, between 23:58:30 and 2026-05-02 00:00:20"
+        "since 2026-05-02 00:00:05 (23:58:30 to 2026-05-02 00:00:20)"
     )
 
 
@@ -99,7 +99,7 @@ def test_a_clock_within_a_second_is_as_fine_as_seconds_are():
     assert onset.cell() == "08:45:59.95 (08:45:59.25 to 08:46:00.65)"
     assert onset._replace(told=359.948).since() == "since 08:45:59.94 +- 0.7 s"
     assert onset._replace(low=t - 0.002, high=t + 0.05).since() == (
-        "since 08:45:59.947, between 08:45:59.945 and 08:45:59.997"
+        "since 08:45:59.947 (08:45:59.945 to 08:45:59.997)"
     )
     assert moment(morning, t, 0.1) == "08:45:59.94"  # never later than it was
     assert moment(morning, 359.9, 0.1) == "08:45:59.9"

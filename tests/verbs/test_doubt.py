@@ -54,7 +54,7 @@ def test_a_fit_of_no_use_by_its_free_run_heads_the_answer_or_is_no_reason_to_dou
     assert found.model.record.metrics.free_run_error > 0.5
     plain, page = found.as_dict(), render(found.page())
     said = " ".join(found.warnings)
-    heads = [each.startswith("Little to rely on, as ") for each in found.sentences]
+    heads = [each.startswith("Little to rely on: ") for each in found.sentences]
     assert all(heads) if doubted else not any(heads)
     assert (plain["doubt"] is not None) == doubted
     assert [each["sentence"].startswith("Little to") for each in plain["events"]] == [
@@ -62,4 +62,4 @@ def test_a_fit_of_no_use_by_its_free_run_heads_the_answer_or_is_no_reason_to_dou
     ]
     assert ("do not use this model" in said or "little to rely on" in said) == doubted
     assert ("faults are judged beside the sensors" in said) == (not doubted)
-    assert ("Little to rely on, as" in page) == doubted
+    assert ("Little to rely on: " in page) == doubted

@@ -40,6 +40,7 @@ def answer(
     if view and not sys.stderr.isatty():
         raise InputError("--view draws on standard error, which is no terminal here; leave it out.")
     from faultgauge.detection.answer import estimation
+    from faultgauge.detection.answer.reliance import doubt
     from faultgauge.detection.posterior.uncalibrated import uncalibrated, unjudged_sentence
     from faultgauge.detection.stream import Stream
     from faultgauge.identification.samples import column_names
@@ -74,6 +75,8 @@ def answer(
             options.say(unjudged_sentence(fitted))
         elif observer != "bank":
             options.say(estimation.sentence(fitted))
+        elif (reason := doubt(fitted)) is not None:
+            options.warn([reason])
         for several in samples:
             speaker.say(stream.push(*several))
         speaker.say(stream.finish())
@@ -174,10 +177,9 @@ class _Speaker:
             options.say(text)
 
     def _unit(self, fault: str) -> str:
-        from faultgauge.detection.words import PURE
+        from faultgauge.plants.signals import spoken
 
-        unit = self.units.get(fault, "")
-        return "" if unit in PURE else unit
+        return spoken(self.units.get(fault, ""))
 
     def odd(self, found: Sequence["Glitch"]) -> None:
         """A warning of the first sample that nothing explains; all are counted."""

@@ -5,13 +5,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from faultgauge.plants.signals import spoken
 from faultgauge.telemetry.clock import Clock
 
 __all__ = [
     "Began",
     "MOST",
     "OLDER",
-    "PURE",
     "UNDECLARED",
     "about",
     "amount",
@@ -28,7 +28,6 @@ __all__ = [
 
 MOST = 1000.0  # odds beyond which what is told rests on the model more than on them
 POSSIBLE = 20.0  # odds up to which something undeclared is spoken of: nobody can list it all
-PURE = ("1", "-")  # units that nobody says
 LARGE = 1e6  # from which on a number is said in powers of ten
 SMALL = 1e-4  # below which a number is said in powers of ten
 ROUNDING = 1e-6  # of the last decimal
@@ -47,14 +46,13 @@ AGAIN = " (winter time)"  # where the clock shows a time for the second time
 def amount(size: float, low: float, high: float, unit: str) -> str:
     """ "+0.100 N*m (+0.096 to +0.104)", as fine as the interval is."""
     style = _style(low, high)
-    unit = "" if unit in PURE else unit
-    return f"{size:{style}} {unit}".rstrip() + f" ({low:{style}} to {high:{style}})"
+    return f"{size:{style}} {spoken(unit)}".rstrip() + f" ({low:{style}} to {high:{style}})"
 
 
 def between(low: float, high: float, unit: str) -> str:
     """ "between +0.10 and +0.30 N*m", as fine as they are apart."""
     style = _style(low, high)
-    return f"between {low:{style}} and {high:{style}} {'' if unit in PURE else unit}".rstrip()
+    return f"between {low:{style}} and {high:{style}} {spoken(unit)}".rstrip()
 
 
 def _style(low: float, high: float) -> str:
@@ -75,18 +73,18 @@ def number(value: float, figures: int = 3) -> str:
 def less_likely(causes: Sequence[str], odds: float) -> str:
     """ "leak is 200 times less likely"."""
     if odds < 1.05:
-        return f"{' or '.join(causes)} is as likely"
+        return f"{listed(causes, 'or')} is as likely"
     times = f"more than {MOST:.0f}" if odds >= MOST else number(odds, 2)
-    return f"{' or '.join(causes)} is {times} times less likely"
+    return f"{listed(causes, 'or')} is {times} times less likely"
 
 
-def likelihoods(instead: Iterable[tuple[str, float]]) -> list[str]:
+def likelihoods(instead: Iterable[tuple[str, float]], up_to: float = POSSIBLE) -> list[str]:
     """The sentences of `less_likely` for causes with their odds, those of the same odds together,
-    the likeliest first; something undeclared where it is likely enough to be spoken of."""
+    the likeliest first; something undeclared where its odds are below `up_to`."""
     causes, said = dict[float, list[str]](), list[str]()
     for cause, odds in sorted(instead, key=lambda each: each[1]):
         if cause == UNDECLARED:
-            if odds < POSSIBLE:
+            if odds < up_to:
                 said.append(f"{UNDECLARED} is only {odds:.2g} times less likely")
         else:
             causes.setdefault(min(odds, MOST), []).append(cause)
@@ -175,14 +173,14 @@ class Began(NamedTuple):
     step: float = 0.0
 
     def since(self) -> str:
-        """ "since 299.5 s +- 1.1 s", "since 08:41 +- 1.5 h" by a clock, or "since 299.5 s, between
-        298.1 s and 300 s" where that is not the middle of its interval."""
+        """ "since 299.5 s +- 1.1 s", "since 08:41 +- 1.5 h" by a clock, or "since 299.5 s (298.1 s
+        to 300 s)" where that is not the middle of its interval."""
         half = (self.high - self.low) / 2
         at, first, last = self._three()
         if abs((self.low + self.high) / 2 - self.t) <= CENTRED * half:
             width = f"{number(half, 2)} s" if self.clock is None else duration(half)
             return f"since {at} +- {width}"
-        return f"since {at}, between {first} and {last}"
+        return f"since {at} ({first} to {last})"
 
     def cell(self) -> str:
         """ "299.5 s (298.1 s to 300 s)", in a table."""

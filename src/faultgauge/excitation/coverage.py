@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from faultgauge.errors import InputError
+from faultgauge.plants.signals import spoken
 
 __all__ = ["Coverage", "coverage", "sentence"]
 
@@ -78,7 +79,7 @@ def sentence(found: Coverage, names: Sequence[str], units: Sequence[str]) -> str
         limit = (
             "" if np.isnan(at_limit[k]) else f", {_percent(at_limit[k])} of the samples at a limit"
         )
-        reached = f"{name} from {low:.3g} to {high:.3g} {unit}".rstrip()
+        reached = f"{name} from {low:.3g} to {high:.3g} {spoken(unit)}".rstrip()
         axes.append(f"{reached} ({_percent(found.share[k])} of the wanted range{limit})")
     what = "cells of the wanted range" if len(axes) == 1 else "cells of the wanted box"
     return (

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 from faultgauge.detection.words import duration, number
 from faultgauge.foresight.result import FaultSheet, Help, RunSheet, Sheet
+from faultgauge.plants.signals import spoken
 
 __all__ = ["HEADER", "amount", "fault_row", "legend", "lines", "remarks"]
 
@@ -16,7 +17,6 @@ HEADER = (
     "most like",
     "levels off after",
 )
-PURE = ("", "1")
 MANY = 4  # triples that are spoken of
 
 
@@ -106,7 +106,7 @@ def _helped(each: Help) -> Iterator[str]:
     test = each.test
     if test is not None:
         yield (
-            f"{what} by a {test.kind} of {test.amplitude:+.3g} {test.unit}".rstrip()
+            f"{what} by a {test.kind} of {test.amplitude:+.3g} {spoken(test.unit)}".rstrip()
             + f" on {test.input} for {duration(test.seconds)} from "
             f"{amount(test.base, test.unit)} on; simulated, from "
             f"{amount(test.told.obtained, each.unit)} on."
@@ -121,4 +121,4 @@ def _helped(each: Help) -> Iterator[str]:
 
 def amount(size: float | None, unit: str) -> str:
     """ "0.0012 N*m"; "-" where there is none."""
-    return "-" if size is None else f"{number(size)} {'' if unit in PURE else unit}".rstrip()
+    return "-" if size is None else f"{number(size)} {spoken(unit)}".rstrip()

@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float
 from faultgauge.identification.model_error import BandScatter
 from faultgauge.identification.unknowns import WEIGHTS, Unknowns
 from faultgauge.plants.gray_box import GrayBoxPlant
+from faultgauge.plants.signals import spoken
 from faultgauge.plants.spec import Parameter
 
 __all__ = [
@@ -70,14 +71,18 @@ class FittedConstant:
         """What slow and fast motion ask for, where they contradict each other."""
         if self.slow is None:
             return None
-        return f"{self.slow:.3g} against {self.fast:.3g} {self.unit}".rstrip()
+        return f"{self.slow:.3g} against {self.fast:.3g} {spoken(self.unit)}".rstrip()
+
+    @property
+    def off(self) -> str:
+        """By how much its value is biased."""
+        return f"{self.bias:+.2g} {spoken(self.unit)}".rstrip()
 
     @property
     def shift(self) -> str | None:
         """What is to be known of a biased or contradicted value beside it, and what to do."""
         if self.bias is not None:
-            off = f"{self.bias:+.2g} {self.unit}".rstrip()
-            return f"off by about {off} because of noise: use --refine"
+            return f"off by about {self.off} because of noise: use --refine"
         return None if self.asked is None else f"slow and fast motion ask for {self.asked}"
 
 
@@ -130,8 +135,8 @@ class ConstantsInformation:
                 )
             if each.bias is not None:
                 found.append(
-                    f"parameter {each.name!r} is off by about {each.bias:+.2g} {each.unit}".rstrip()
-                    + f" ({100 * abs(each.bias / each.value):.0f} %) because of noise in what "
+                    f"parameter {each.name!r} is off by about {each.off} "
+                    f"({100 * abs(each.bias / each.value):.0f} %) because of noise in what "
                     "its equation reads, further than chance moves it; use "
                     "`faultgauge fit --refine`"
                 )

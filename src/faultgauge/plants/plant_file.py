@@ -45,11 +45,18 @@ __all__ = [
 DEFAULT_HIDDEN = 10  # units, until a fit has chosen
 MOST_NAMES = 2000  # in one table
 NAMED = ("states", "inputs", "parameters", "networks", "outputs", "faults")
+# names that mean something else, in expressions and in logs
+TAKEN = {"d": "a derivative, d(STATE)", "t": "a log's time", "run": "the run of a log's row"}
 
 
 def is_reserved(name: str) -> bool:
     """Whether `name` means something else in expressions or logs."""
-    return name in FUNCTIONS or name in ("d", "t", "run")
+    return name in FUNCTIONS or name in TAKEN
+
+
+def _meaning(name: str) -> str:
+    """What a reserved `name` stands for."""
+    return TAKEN.get(name, f"the function {name}()")
 
 
 def presets() -> dict[str, str]:
@@ -180,7 +187,8 @@ class _Checker:
                 if not name.isidentifier() or keyword.iskeyword(name) or not normal:
                     raise self.fail(table, f"{name!r} is not a name; use letters, digits and _")
                 if is_reserved(name):
-                    raise self.fail(table, f"{name!r} is reserved; choose another name")
+                    stands = f"{name!r} stands for {_meaning(name)}; choose another name"
+                    raise self.fail(table, stands)
                 if name.removeprefix("d_") != name and name.removeprefix("d_") in file.states:
                     raise self.fail(table, f"{name!r} stands for a derivative in a log; rename it")
                 if table == "faults" or (table == "outputs" and name in file.states):

@@ -17,6 +17,7 @@ __all__ = [
     "Output",
     "Signals",
     "State",
+    "spoken",
 ]
 
 Hold = Literal["zero", "linear", "band-limited"]
@@ -24,6 +25,12 @@ Monitor = Literal["active", "passive", "disabled"]
 Entry = Literal["state", "input", "output", "gain", "output_gain", "parameter", "network"]
 LOSSES: tuple[Entry, ...] = ("gain", "output_gain")  # 1 - f multiplies
 INNER: tuple[Entry, ...] = ("parameter", "network")  # which no log shows
+PURE = ("1", "-")  # units of plain numbers
+
+
+def spoken(unit: str) -> str:
+    """`unit` as it is said behind a number: nothing of a plain one."""
+    return "" if unit.strip() in PURE else unit.strip()
 
 
 @dataclass(frozen=True)

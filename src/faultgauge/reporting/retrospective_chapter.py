@@ -59,7 +59,7 @@ def retrospective_section(
     )
     return Section(
         "In hindsight",
-        tuple(f"{each}." for each in sentences(bank, found)),
+        tuple(f"{each}." for each in sentences(bank, decisions, found)),
         (table,),
         tuple(figures[:MOST_FIGURES]),
         shown=1,
@@ -81,11 +81,11 @@ def _row(bank: FaultBank, found: Retrospect) -> tuple[str, ...]:
         found.run,
         f"{first} to {last}",
         f"{100 * found.judged:.0f} %",
-        NAMES.get(found.cause, found.cause),
+        NAMES.get(found.cause, found.cause) if found.judged > 0 else "not judged",
         began,
         "" if told is None else moment(clock, told, bank.step),
         size,
-        probability(found.p),
+        probability(found.p) if found.judged > 0 else "",
     )
 
 

@@ -18,6 +18,7 @@ from matplotlib.figure import Figure as Canvas
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from faultgauge.detection.words import number
+from faultgauge.plants.signals import spoken
 
 __all__ = [
     "BINS",
@@ -151,7 +152,7 @@ def short(name: str) -> str:
 
 def axis_label(name: str, unit: str) -> str:
     """Return "name (unit)", or the name alone where no unit was declared."""
-    return f"{short(name)} ({short(pretty_unit(unit))})" if unit.strip() else short(name)
+    return f"{short(name)} ({short(pretty_unit(unit))})" if spoken(unit) else short(name)
 
 
 def upright_label(name: str, unit: str, width: int = 24) -> str:
@@ -168,7 +169,7 @@ def upright_label(name: str, unit: str, width: int = 24) -> str:
 
 def quantity(value: float, unit: str, figures: int = 3) -> str:
     """Return a value to so many figures with its unit, which no line break parts from it."""
-    return f"{number(value, figures)}\u00a0{'' if unit == '1' else pretty_unit(unit)}".rstrip()
+    return f"{number(value, figures)}\u00a0{pretty_unit(spoken(unit))}".rstrip()
 
 
 def time_axis(t: Float[np.ndarray, "samples"]) -> tuple[float, str]:

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from faultgauge.plants.model import Model
+from faultgauge.plants.signals import spoken
 from faultgauge.telemetry.runs import Run
 
 __all__ = ["other_range"]
@@ -46,7 +47,7 @@ class _Signal(NamedTuple):
 
     def __str__(self) -> str:
         low, high = self.values.min(), self.values.max()
-        span = f"{self.name} is {low:.4g} to {high:.4g} {self.unit}".rstrip()
+        span = f"{self.name} is {low:.4g} to {high:.4g} {spoken(self.unit)}".rstrip()
         return f"{span}, {self.usual[0]:.4g} to {self.usual[1]:.4g} where the model was fitted"
 
 

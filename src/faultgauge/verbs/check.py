@@ -6,6 +6,7 @@ from typing import Any, Unpack
 
 from faultgauge.detection import decisions
 from faultgauge.detection.answer import answer, misfit, reliance
+from faultgauge.detection.answer.swapped import swapped_in
 from faultgauge.detection.posterior.events import BankEvent
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
@@ -117,7 +118,8 @@ def check(
     found = replace(found, model=found.model.with_reading(good.how.said))
     throughout = misfit.alarmed_throughout(found.decisions)
     unlike = other_range(found.model, doubtful)
-    odd = [*throughout, *glitched(found.decisions)]
+    exchanged = [] if found.bank is None else swapped_in(found.model, found.decisions)
+    odd = [*throughout, *exchanged, *glitched(found.decisions)]
     warnings = [*unlike, *found.account.warnings, *found.calibration.warnings, *odd]
     return Check(found, warnings)
 

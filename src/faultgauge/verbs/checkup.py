@@ -124,7 +124,9 @@ def check(
     calibration = calibrate(model, held_out, progress=progress)
     decisions, bank = decide_runs(calibration.model, suspect, progress=progress)
     account = _as_used(account, calibration.model)
-    account = account._replace(warnings=[*account.warnings, *unlike])
+    reason = doubt(calibration.model)
+    doubts = [*unlike, *([reason] if reason else [])]
+    account = account._replace(warnings=[*account.warnings, *doubts])
     return Checkup(calibration.model, account, calibration, decisions, bank, held_out)
 
 

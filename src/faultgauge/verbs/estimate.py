@@ -11,6 +11,7 @@ from faultgauge.detection.answer.estimation import Estimated
 from faultgauge.detection.answer.evidence import Evidence
 from faultgauge.detection.answer.evidence import evidence as evidence_of
 from faultgauge.detection.answer.shares import shares_of
+from faultgauge.detection.answer.swapped import swapped_in
 from faultgauge.detection.bank.bank import FaultBank
 from faultgauge.detection.calibration import drift
 from faultgauge.detection.calibration.drift import Drift
@@ -94,7 +95,7 @@ class Answer(Result):
         """Hindsight, where it was asked for, and drifts."""
         seen = []
         if self.bank is not None and self.smooth:
-            seen = retrospective.sentences(self.bank, self.hindsight())
+            seen = retrospective.sentences(self.bank, self.decisions, self.hindsight())
         return [*seen, *drift.sentences(self.drifting)]
 
     def hindsight(self) -> list[Retrospect]:
@@ -131,10 +132,15 @@ class Answer(Result):
         if self.smooth:
             found["retrospective"] = retrospective.as_dicts(self.hindsight())
         names = self.model.plant.signals.fault_names
+        runs = answer.runs_as_dicts(self.bank, self.decisions, names)
+        if self.smooth and self.bank is not None:
+            for one in self.decisions:
+                whole = retrospective.shares_in_hindsight(one, self.hindsight())
+                runs[one.run.name]["hindsight"] = whole.as_dict({})
         return found | {
             "drift": drift.as_dicts(self.drifting),
             "warnings": list(self.warnings),
-            "runs": answer.runs_as_dicts(self.bank, self.decisions, names),
+            "runs": runs,
         }
 
     def columns(self) -> Columns:
@@ -157,7 +163,9 @@ class Answer(Result):
         ]
         page = decision_report(self.bank, self.decisions, seen, windows)
         page = with_model(page, self.model, self.bank)
-        return with_sentences(page, drift.sentences(self.drifting))
+        reason = reliance.doubt(self.model)
+        why = [f"{reason[0].upper()}{reason[1:]}."] if reason else []
+        return with_sentences(page, [*why, *drift.sentences(self.drifting)])
 
     def figures(self) -> Any:
         """The estimate of the fault that was told for the longest time, where one was; else what
@@ -280,7 +288,10 @@ def estimate(
     decided, bank = decisions.decide_runs(known, runs, reference, walk, progress)
     progress("looking for slow changes")
     warnings += misfit.alarmed_throughout(decided)
+    warnings += [] if bank is None else swapped_in(known, decided)
     warnings += glitched(decided)
+    reason = None if bank is None else reliance.doubt(known)
+    warnings += [reason] if reason else []
     drifting = [] if bank is None else drift.drifts(bank, decided)
     found = Answer(known, decided, bank, drifting, warnings, smooth)
     if smooth:

@@ -7,11 +7,13 @@ from pathlib import Path
 from typing import Any, Unpack
 
 from faultgauge.detection.answer.alarmed import refuse_alarms
+from faultgauge.detection.words import number
 from faultgauge.identification import fit as identification
 from faultgauge.identification.evaluation import evaluate
 from faultgauge.identification.fit import FitReport
 from faultgauge.identification.unseen import Unseen, on_unseen
 from faultgauge.plants.model import Model
+from faultgauge.plants.signals import spoken
 from faultgauge.telemetry import check_same_units
 from faultgauge.verbs.how import How, Reading, reads
 from faultgauge.verbs.plants import plant as as_plant
@@ -123,14 +125,14 @@ class Fit(Result):
         refinement, lines = self.account.refinement, []
         for p in self.model.plant.spec.parameters:
             if not p.fixed:
-                error = self._error(p)
-                width = "" if error is None else f" +- {error:.2g}"
-                line = f"{p.name} = {self.parameters[p.name]:.6g}{width} {p.unit}".rstrip()
+                error, unit = self._error(p), spoken(p.unit)
+                width = "" if error is None else f" +- {number(error, 2)}"
+                line = f"{p.name} = {self.parameters[p.name]:.6g}{width} {unit}".rstrip()
                 shift = self._shift(p)
                 lines.append(line if shift is None else f"{line} ({shift})")
                 own = refinement.per_run.get(p.name, {}) if refinement else {}
                 for run, each in own.items():
-                    said = f"  run {run}: {each:.6g} {p.unit}".rstrip()
+                    said = f"  run {run}: {each:.6g} {unit}".rstrip()
                     limit = "min" if each < p.min else "max" if each > p.max else ""
                     if limit:
                         end = f"{limit} = {getattr(p, limit):g}"

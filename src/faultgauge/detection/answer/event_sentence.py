@@ -68,7 +68,7 @@ def finding(
     if event.older == "yes":
         began = OLDER
     elif event.older == "perhaps":
-        began = f"since {onset.or_earlier()}, perhaps {OLDER}"
+        began = f"since {onset.or_earlier()}, perhaps {OLDER}" + "," * over
     what = UNDECLARED
     if event.size is not None and event.lo is not None and event.hi is not None:
         what = f"{event.fault} {amount(event.size, event.lo, event.hi, unit)}"
@@ -158,7 +158,7 @@ def _before_its_name(bank: FaultBank, decision: Decision, event: BankEvent) -> l
     if event.start - decision.run.t[first] <= bank.knowledge.memory:
         return []
     begun = row_time(bank, decision, decision.run.t[first])
-    return [f"an alarm without a name came before, at {begun}"]
+    return [f"the alarm began at {begun}, before it had a name"]
 
 
 def _course(bank: FaultBank, decision: Decision, event: BankEvent) -> list[str]:

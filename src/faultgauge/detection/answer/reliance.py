@@ -29,6 +29,7 @@ from faultgauge.plants.model import Model
 
 __all__ = ["doubt", "errs_by", "headed"]
 
+HEAD = "Little to rely on: "
 LASTING = 1e4  # memories, from which on an error does not change within one
 
 
@@ -58,15 +59,20 @@ def doubt(model: Model) -> str | None:
     if not worst or shares[worst] < 1:
         return None
     return (
-        f"little to rely on, as in healthy logs the model's free run is {100 * off:.0f} % off and "
-        f"its error {number(shares[worst], 2)} times what it explains of d({worst})"
+        "little to rely on, as the model does not follow its own healthy logs: its free run is "
+        f"{100 * off:.0f} % off, and its error is {number(shares[worst], 2)} times what it "
+        f"explains of d({worst})"
     )
 
 
 def headed(model: Model, sentence: str) -> str:
-    """`sentence`, behind what is to be doubted of all that `model` says."""
-    reason = doubt(model)
-    return sentence if reason is None else f"{reason[0].upper()}{reason[1:]}: {sentence}"
+    """`sentence`, behind a word of doubt where that is due to all that `model` says; why, is said
+    once beside its answers."""
+    if doubt(model) is None:
+        return sentence
+    first = sentence.partition(" ")[0]
+    named = first in model.plant.signals.fault_names  # which stays as it is written
+    return f"{HEAD}{sentence if named else sentence[0].lower() + sentence[1:]}"
 
 
 @once

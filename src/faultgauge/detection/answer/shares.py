@@ -11,7 +11,7 @@ from faultgauge.detection.posterior.verdicts import FAULT, HEALTHY, OUTSIDE
 from faultgauge.detection.words import listed, number
 from faultgauge.telemetry import Run
 
-__all__ = ["WHOLE", "Shares", "Silent", "shares_of"]
+__all__ = ["WHOLE", "Shares", "Silent", "shares_of", "with_values"]
 
 WHOLE = 0.95  # share of a log from which on all of it counts as judged: a start is always held off
 
@@ -37,16 +37,18 @@ class Shares(NamedTuple):
     def as_dict(self, smallest: dict[str, float | None]) -> dict[str, Any]:
         """As plain JSON, beside the `smallest` size of each fault that would have been told."""
         faults = zip(smallest.items(), self.faults, strict=True)
-        return {
+        said: dict[str, Any] = {
             "judged_share": self.judged,
             "silent": [
                 {"from": each.start, "to": each.end, "share": each.share, "reason": each.reason}
                 for each in self.silent
             ],
-            "faults": {
-                name: {"judged_share": share, "smallest": size} for (name, size), share in faults
-            },
         }
+        if self.faults:
+            said["faults"] = {
+                name: {"judged_share": share, "smallest": size} for (name, size), share in faults
+            }
+        return said
 
 
 def shares_of(decision: Decision) -> Shares:
@@ -61,19 +63,20 @@ def shares_of(decision: Decision) -> Shares:
     for reason, part in groupby(range(len(t)), key=lambda k: reasons[k]):
         if reason is not None:
             at = list(part)
-            why = reason + _values(decision.run, reason, at)
+            why = with_values(decision.run, reason, at)
             silent.append(Silent(float(t[at[0]]), float(t[at[-1]]), len(at) / len(t), why))
     return Shares(float(judged.mean()), tuple(shown.mean(axis=0).tolist()), tuple(silent))
 
 
-def _values(run: Run, reason: str, rows: list[int]) -> str:
-    """What the columns were in `rows` that are outside of something, as `reason` says."""
+def with_values(run: Run, reason: str, rows: list[int]) -> str:
+    """`reason`; where it says that columns are outside of something in `rows`, with what they were
+    there."""
     if OUTSIDE not in reason:
-        return ""
+        return reason
     said = []
     for name, column in run.columns.items():
         values = column[rows][np.isfinite(column[rows])]
         if len(values) and re.search(rf"(?<!\w){re.escape(name)}(?!\w)", reason):
             low, high = number(values.min()), number(values.max())
             said.append(f"{name} was {low}" + f" to {high}" * (low != high))
-    return f"; {listed(said)}" if said else ""
+    return f"{reason}; {listed(said)}" if said else reason

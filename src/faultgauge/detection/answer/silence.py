@@ -15,7 +15,7 @@ from faultgauge.detection.posterior.probability import probability
 from faultgauge.detection.posterior.uncalibrated import level_in, uncalibrated
 from faultgauge.detection.words import listed, number
 
-__all__ = ["hidden", "silence"]
+__all__ = ["hidden", "runs_said", "silence", "why_silent"]
 
 SPOKEN = 3  # silent stretches that a sentence names, or reasons of more of them
 LITTLE = 0.005  # of a log: what would be said as 0 %
@@ -39,7 +39,7 @@ def silence(bank: FaultBank, silent: Sequence[Decision], runs: int) -> list[str]
         log = "log" if alone else f"run {one.run.name}"
         if judged >= WHOLE:
             continue
-        why = _why(bank, one, gaps)
+        why = why_silent(bank, one, gaps)
         if judged == 0:
             of = "" if alone else f" of {log}"
             said.append(f"Nothing{of} could be judged: {why}{_wide(bank)}")
@@ -93,7 +93,7 @@ def _seldom(bank: FaultBank, found: Sequence[Shares]) -> str:
     return f"; few rows could have shown {listed(rare)}" if rare else ""
 
 
-def _why(bank: FaultBank, one: Decision, gaps: Sequence[Silent]) -> str:
+def why_silent(bank: FaultBank, one: Decision, gaps: Sequence[Silent]) -> str:
     """When and why not, of few stretches; of many which share for what reason."""
     if len(gaps) <= SPOKEN:
         return listed([_part(bank, one, each) for each in gaps])
@@ -123,5 +123,10 @@ def _part(bank: FaultBank, one: Decision, part: Silent) -> str:
     return f"from {first} to {last} ({part.reason})"
 
 
+def runs_said(names: Sequence[str]) -> str:
+    """ "run a", "runs a, b and c"."""
+    return f"run{'s' * (len(names) > 1)} {listed(names)}"
+
+
 def _runs(decisions: Sequence[Decision]) -> str:
-    return ", ".join(f"run {one.run.name}" for one in decisions)
+    return runs_said([one.run.name for one in decisions])

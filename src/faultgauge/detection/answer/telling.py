@@ -5,7 +5,8 @@ from typing import NamedTuple
 from faultgauge.detection.bank.bank import FaultBank
 from faultgauge.detection.decisions import Decision
 from faultgauge.detection.posterior.events import BankEvent
-from faultgauge.detection.words import PURE, moment
+from faultgauge.detection.words import moment
+from faultgauge.plants.signals import spoken
 
 __all__ = ["Told", "row_time", "unit_of"]
 
@@ -36,4 +37,4 @@ def row_time(bank: FaultBank, one: Decision, t: float) -> str:
 def unit_of(bank: FaultBank, fault: str) -> str:
     """The unit of a declared fault; nothing of a pure number and of what is undeclared."""
     units = {each.name: each.unit for each in bank.model.plant.signals.faults}
-    return "" if units.get(fault, "") in PURE else units.get(fault, "")
+    return spoken(units.get(fault, ""))

@@ -65,7 +65,7 @@ def _why_unnamed(bank: FaultBank, decision: Decision, part: slice) -> tuple[str,
         name, begun = _named(bank, decision, part), float(decision.run.t[part.start])
         before = [e.end for e in decision.events if e.fault == name and e.end < begun]
         if before and begun - max(before) <= bank.pause:
-            return f"whether {name}, told before, was over is not clear in it", ()
+            return f"it is not clear whether {name}, told before, was over", ()
         return f"{name}, named there, was given up", ()
     if not (usual := _usual(why)).startswith((EITHER, NEARLY)):
         return usual, ()
@@ -113,7 +113,7 @@ def _undecided(bank: FaultBank, decision: Decision, note: str) -> list[Told]:
         size = f", {there:+.3g} {unit_of(bank, cause)}".rstrip() + " if it is there"
     begun = row_time(bank, decision, float(run.t[first]))
     text = (
-        f"Undecided from {begun} to the end of the log (run {run.name}{note}): the likeliest fault "
+        f"Undecided from {begun} to the end of the log (run {run.name}{note}); the likeliest cause "
         f"is {cause}{size} (p {probability(float(shares[cause]))}); that nothing is wrong has p "
         f"{probability(float(found.healthy[sampled[-1]]))}"
     )

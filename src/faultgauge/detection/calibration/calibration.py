@@ -8,6 +8,7 @@ import numpy as np
 
 from faultgauge.detection.answer.estimation import Observing
 from faultgauge.detection.answer.misfit import not_followed
+from faultgauge.detection.answer.swapped import swapped
 from faultgauge.detection.bank.bank import evaluated_faults
 from faultgauge.detection.bank.noise import Noise, retold
 from faultgauge.detection.calibration.bank_calibration import (
@@ -20,6 +21,7 @@ from faultgauge.detection.calibration.equal_faults import equal_faults
 from faultgauge.detection.calibration.noise_estimation import estimate_doubts, estimate_noise
 from faultgauge.detection.rows.flat_line import longest_repeats
 from faultgauge.detection.rows.judged import build_bank, check_observer
+from faultgauge.detection.words import duration
 from faultgauge.errors import InputError
 from faultgauge.identification.command_checks import command_warnings
 from faultgauge.identification.log_checks import other_units
@@ -92,6 +94,7 @@ def calibrate(
     warnings += other_units(runs)
     warnings += command_warnings(model.plant, runs)
     warnings += not_followed(model, runs)
+    warnings += swapped(model, runs)
     known = {
         "data": sorted(run.content_hash for run in runs),
         "repeats": longest_repeats(model, runs),
@@ -177,8 +180,8 @@ def lasting_warnings(model: Model, runs: Sequence[Run], noise: Noise) -> list[st
     if slow:
         found.append(
             f"the model's own error in {', '.join(slow)} lasts longer than the longest healthy log "
-            f"({longest:.3g} s), so these logs cannot tell how long, nor a fault that began before "
-            "a log from that error; give longer healthy logs if you have them"
+            f"({duration(longest)}): these logs cannot tell how long, and a fault that began "
+            "before a log looks like it; give longer healthy logs if you have them"
         )
     if len(runs) == 1 and len(noise.spread):
         found.append(

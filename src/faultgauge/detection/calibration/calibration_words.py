@@ -12,11 +12,11 @@ from faultgauge.detection.bank.noise import (
     noise_of,
 )
 from faultgauge.detection.posterior.uncalibrated import level_in
-from faultgauge.detection.words import PURE, duration, number
+from faultgauge.detection.words import duration, number
 from faultgauge.plants.disturbed import dynamic_states
 from faultgauge.plants.model import Model
 from faultgauge.plants.record import Interval
-from faultgauge.plants.signals import State
+from faultgauge.plants.signals import State, spoken
 
 __all__ = ["doubted", "errors", "summary"]
 
@@ -48,14 +48,14 @@ def errors(model: Model) -> list[str]:
         lines.append(_discrepancy(signals.states[state], size, lasts, seen))
     for j in noise.wanders:
         each = signals.outputs[j]
-        size = f"{number(noise.wander[j], 2)} {each.unit}".rstrip()
+        size = f"{number(noise.wander[j], 2)} {spoken(each.unit)}".rstrip()
         lines.append(
             f"{each.name} wanders by {size} beside what the model says, for about "
             f"{duration(float(noise.wandering[j]))} at a time"
         )
     for j in noise.strays:
         each = signals.inputs[j]
-        size = f"{number(noise.stray[j], 2)} {each.unit}".rstrip()
+        size = f"{number(noise.stray[j], 2)} {spoken(each.unit)}".rstrip()
         lines.append(
             f"{each.name} strays by {size} from what the log says, for about "
             f"{duration(float(noise.straying[j]))} at a time"
@@ -73,10 +73,10 @@ def errors(model: Model) -> list[str]:
     ]
     known = dict(zip(constants_of(model).names, noise.spread.tolist(), strict=True))
     values = model.plant.parameters
+    units = {p.name: spoken(p.unit) for p in model.plant.spec.parameters}
     spread = [
-        f"{name} {number(s, 2)} ({number(100 * s / abs(float(values[name])), 2)} %)"
-        if s < abs(float(values[name]))
-        else f"{name} {number(s, 2)}"
+        f"{name} {number(s, 2)} {units[name]}".rstrip()
+        + f" ({number(100 * s / abs(float(values[name])), 2)} %)" * (s < abs(float(values[name])))
         for name, s in known.items()
     ]
     if spread:
@@ -90,7 +90,7 @@ def errors(model: Model) -> list[str]:
 
 def _discrepancy(state: State, size: float, lasts: float, seen: float) -> str:
     """Of a state's derivative, by logs of `seen` [s] in all."""
-    unit = f" {state.unit}/s" if state.unit else " per second"
+    unit = _per_second(state)
     if lasts <= seen:
         return (
             f"the model is off by about {number(size, 2)}{unit} in d({state.name}), for about "
@@ -98,8 +98,8 @@ def _discrepancy(state: State, size: float, lasts: float, seen: float) -> str:
         )
     moves = number(size * np.sqrt(2 * seen / lasts), 2)
     return (
-        f"what the model is off by in d({state.name}) comes back nowhere in these logs: it moves "
-        f"by about {moves}{unit} in {duration(seen)}"
+        f"the model's error in d({state.name}) stays for longer than these logs last: it moves by "
+        f"about {moves}{unit} in {duration(seen)}"
     )
 
 
@@ -108,12 +108,12 @@ def _sticking(model: Model, noise: Noise) -> list[str]:
     lines = []
     for k in noise.grips:
         state = model.plant.signals.states[k]
-        unit, rate = (f" {state.unit}", f" {state.unit}/s") if state.unit else ("", " per second")
+        held = f"{number(noise.grip[k], 2)}{_per_second(state)}"
+        speed = f"{number(noise.slip[k], 2)} {spoken(state.unit)}".rstrip()
         lines.append(
             f"{state.name} sticks: near rest something that the file lacks holds it by about "
-            f"{number(noise.grip[k], 2)}{rate}, for about {duration(float(noise.gripping[k]))} at "
-            f"a time, and lets go from {number(noise.slip[k], 2)}{unit} on. What is smaller shows "
-            "only while it moves"
+            f"{held}, for about {duration(float(noise.gripping[k]))} at a time, and lets go from "
+            f"{speed} on. What is smaller shows only while it moves"
         )
     return lines
 
@@ -159,7 +159,10 @@ def _answers(model: Model) -> list[str]:
 
 def _elsewhere(model: Model, noise: Noise) -> list[str]:
     """Constants that healthy logs have elsewhere than the fit, beyond how they differ."""
-    known, units = constants_of(model), {p.name: p.unit for p in model.plant.spec.parameters}
+    known, units = (
+        constants_of(model),
+        {p.name: spoken(p.unit) for p in model.plant.spec.parameters},
+    )
     values = [abs(float(model.plant.parameters[name])) for name in known.names]
     far = np.maximum(FAR * noise.spread, USUAL_SPREAD * np.array(values))
     found = []
@@ -183,8 +186,8 @@ def doubted(model: Model, noise: Noise) -> list[tuple[str, float]]:
             within = f"between {number(low)} and {number(high)}"
         else:
             within = f"below {number(high)}" if np.isfinite(high) else f"above {number(low)}"
-        unit = "" if inputs[k].unit in PURE else inputs[k].unit
-        found.append((f"{inputs[k].name} is {within} {unit}".rstrip(), float(noise.doubt[k])))
+        where = f"{inputs[k].name} is {within} {spoken(inputs[k].unit)}".rstrip()
+        found.append((where, float(noise.doubt[k])))
     return found
 
 
@@ -209,4 +212,10 @@ def _level(model: Model) -> str:
 
 def _units(model: Model) -> dict[str, str]:
     faults = model.plant.signals.faults
-    return {fault.name: "" if fault.unit in PURE else fault.unit for fault in faults}
+    return {fault.name: spoken(fault.unit) for fault in faults}
+
+
+def _per_second(state: State) -> str:
+    """The unit of its derivative, behind a number."""
+    unit = spoken(state.unit)
+    return f" {unit}/s" if unit else " per second"

@@ -10,12 +10,14 @@ from jaxtyping import Float, Int
 from scipy.special import logsumexp
 
 from faultgauge.detection.answer.reliance import headed
-from faultgauge.detection.answer.shares import WHOLE
+from faultgauge.detection.answer.shares import WHOLE, Shares
+from faultgauge.detection.answer.silence import runs_said, why_silent
 from faultgauge.detection.answer.smallest import smallest_along
 from faultgauge.detection.bank.bank import FaultBank
 from faultgauge.detection.decisions import Decision
 from faultgauge.detection.onset.change_points import total, windows_of
 from faultgauge.detection.onset.changes import ChangeHistory, Sized, changes_of
+from faultgauge.detection.onset.hindsight_shares import hindsight_shares, readable
 from faultgauge.detection.onset.window import Causes, Window
 from faultgauge.detection.posterior.events import POSSIBLE, UNKNOWN, pause, stretches
 from faultgauge.detection.posterior.inexact import acting
@@ -24,14 +26,15 @@ from faultgauge.detection.posterior.probability import probability, too
 from faultgauge.detection.posterior.verdicts import FAULT, NAMED
 from faultgauge.detection.words import (
     MOST,
-    PURE,
     UNDECLARED,
     Began,
     amount,
     likelihoods,
+    listed,
     moment,
     would_not_show,
 )
+from faultgauge.plants.signals import spoken
 from faultgauge.telemetry.clock import Clock
 
 __all__ = [
@@ -42,9 +45,11 @@ __all__ = [
     "onset_of",
     "retrospect",
     "sentences",
+    "shares_in_hindsight",
 ]
 
 HEALTHY = "healthy"
+CONSTANT = "constant "  # of what a fault that is not is weighed against
 PLAIN = 20.0  # odds from which on it goes without saying that there is a fault
 MOST_ODDS = 1e6  # nobody's priors are better than that
 
@@ -234,11 +239,13 @@ def _answer(
         sd = np.hypot(causes.sd[:, k] * which.wider, own)
         size = size_over(density, given, sd, faults[k].min, faults[k].max)
     onset = onset_over(window.t, density)
-    if names[k] == UNKNOWN:
-        onset = _since_its_alarm(bank, decision, window, onset)
+    onset = _since_its_alarm(bank, decision, window, onset) if names[k] == UNKNOWN else onset
     heard = np.isfinite(window.record.y[:count])
-    used = np.flatnonzero(heard.any(axis=1))
     alike = bank.like(k) if isinstance(which, Sized) else set[int]()
+    used = np.flatnonzero(readable(decision)[window.part])
+    least = _least(bank, decision, window, used)
+    # where no size of anything would show, that nothing showed says nothing
+    shows = names[k] != HEALTHY or any(size is not None for size in least.values())
     data = causes.seen[min(k, len(faults))]
     return Retrospect(
         run=decision.run.name,
@@ -253,8 +260,8 @@ def _answer(
         lo=size[1],
         hi=size[2],
         alternatives=_alternatives(names, logs, which, k, rivals, alike),
-        least=_least(bank, decision, window, used),
-        judged=len(used) / len(decision.run.t),
+        least=least,
+        judged=len(used) / len(decision.run.t) if shows else 0.0,
         told=_told(bank, decision, window.part, names[k], onset, size[0]),
         t=window.t,
         density=density,
@@ -361,32 +368,66 @@ def _told(
     return SaidOnline(alarm, start, size, float(found.lo[n, k]), float(found.hi[n, k]))
 
 
-def sentences(bank: FaultBank, found: Sequence[Retrospect]) -> list[str]:
-    """What the windows with a fault in them hold, in words; one for all where none has."""
+def shares_in_hindsight(decision: Decision, found: Sequence[Retrospect]) -> Shares:
+    """How much of a run hindsight judged, by what was `found` in its windows."""
+    run = decision.run.name
+    return hindsight_shares(
+        decision,
+        [(float(e.t[0]), float(e.t[-1]), e.judged > 0) for e in found if e.run == run],
+    )
+
+
+def sentences(
+    bank: FaultBank, decisions: Sequence[Decision], found: Sequence[Retrospect]
+) -> list[str]:
+    """What the windows with a fault in them hold, in words; then the runs without one, and of
+    which share each run is told."""
     after = [*found[1:], None]
     faulty = [
-        headed(bank.model, _sentence(bank, each, _over(each, then)))
+        _sentence(bank, each, _over(each, then))
         for each, then in zip(found, after, strict=True)
         if each.cause != HEALTHY
     ]
-    if faulty or not found:
-        return faulty or ["In hindsight: too few samples to judge."]
-    shares = {name: sum(each.judged for each in found if each.run == name) for name in
-              dict.fromkeys(each.run for each in found)}  # fmt: skip
-    whole = [name for name, share in shares.items() if share >= WHOLE]
-    said = []
-    if whole:
-        where = f" in run {', run '.join(whole)}" if len(whole) < len(shares) else ""
-        small = _would_not_show(bank, [each for each in found if each.run in whole])
-        said.append(f"In hindsight: no fault{where}; {small}")
-    for name in (name for name in shares if name not in whole):
-        log = "log" if len(shares) == 1 else f"run {name}"
-        small = _would_not_show(bank, [each for each in found if each.run == name])
-        said.append(
-            f"In hindsight: no fault in the {100 * shares[name]:.0f} % of the {log} that could be "
-            f"judged; {small} there"
-        )
-    return [headed(bank.model, each) for each in said]
+    speaking = {each.run for each in found if each.cause != HEALTHY}
+    shares = {one.run.name: shares_in_hindsight(one, found) for one in decisions}
+    calm = [name for name, each in shares.items() if each.judged >= WHOLE and name not in speaking]
+    said, alone = [], len(decisions) == 1
+    if calm:
+        where = f" in {runs_said(calm)}" if len(calm) < len(shares) else ""
+        said.append(f"In hindsight: no fault{where}; {_calm(bank, found, calm)}")
+    for one in decisions:
+        name, (judged, _, gaps) = one.run.name, shares[one.run.name]
+        if judged >= WHOLE:
+            continue
+        log, why = "log" if alone else f"run {name}", why_silent(bank, one, gaps)
+        share = f"{100 * judged:.0f} % of the {log}"
+        if judged == 0:
+            of = "" if alone else f" of {log}"
+            said.append(f"In hindsight: nothing{of} could be judged: {why}")
+        elif name in speaking:
+            said.append(f"In hindsight {share} could be judged; not judged {why}")
+        else:
+            said.append(
+                f"In hindsight: no fault in the {share} that could be judged; not judged {why}; "
+                f"{_calm(bank, found, [name])} there"
+            )
+    return [headed(bank.model, each) for each in [*faulty, *said]]
+
+
+def _calm(bank: FaultBank, found: Sequence[Retrospect], runs: Sequence[str]) -> str:
+    """What the windows of `runs` without a fault would not have shown, and what they leave
+    possible."""
+    seen = [each for each in found if each.run in runs and each.judged > 0]
+    possible = dict[str, float]()
+    for each in seen:
+        for cause, odds in each.alternatives:
+            possible[cause] = max(possible.get(cause, 0.0), each.p / odds)
+    there = [
+        f"{UNDECLARED if cause == UNKNOWN else cause.replace('+', ' and ')} (p {probability(p)})"
+        for cause, p in sorted(possible.items(), key=lambda item: -item[1])
+        if p > POSSIBLE
+    ]
+    return _would_not_show(bank, seen) + (f"; there may be {listed(there, 'or')}" if there else "")
 
 
 def _would_not_show(bank: FaultBank, found: Sequence[Retrospect]) -> str:
@@ -394,14 +435,15 @@ def _would_not_show(bank: FaultBank, found: Sequence[Retrospect]) -> str:
     for fault in bank.model.plant.signals.faults:
         sizes = [each.least[fault.name] for each in found]
         shown = [size for size in sizes if size is not None]
-        unit = "" if fault.unit in PURE else fault.unit
-        least[fault.name] = max(shown) if len(shown) == len(sizes) else None, unit
+        size = max(shown) if len(shown) == len(sizes) else None
+        least[fault.name] = size, spoken(fault.unit)
     return would_not_show(least)
 
 
 def _over(found: Retrospect, then: Retrospect | None) -> float | None:
     """When [s] a window begins in which its fault is over; None where none follows."""
-    if then is None or then.run != found.run or then.cause != HEALTHY:
+    calm = then is not None and then.cause == HEALTHY and then.judged > 0
+    if then is None or then.run != found.run or not calm:
         return None
     return then.start
 
@@ -433,13 +475,25 @@ def _sentence(bank: FaultBank, found: Retrospect, over: float | None = None) -> 
     head = "In hindsight:" if found.p >= NAMED else "In hindsight undecided; the likeliest is"
     said = [f"{head} {what} {began} (p {probability(found.p)}, run {found.run})"]
     labels = {HEALTHY: "no fault", UNKNOWN: UNDECLARED}
-    constant, beside = "constant " if found.cause == UNKNOWN else "", dict(found.beside)
+    constant, beside = CONSTANT if found.cause == UNKNOWN else "", dict(found.beside)
     labels |= {name: f"{name} alone" for name in beside}
-    said += likelihoods(
-        (labels.get(cause, f"{constant}{cause.replace('+', ' and ')}"), odds)
-        for cause, odds in found.alternatives
-        if (cause != HEALTHY or odds < PLAIN) and (odds < MOST or cause not in beside)
+    # whoever is undecided says between what: no name falls while a rival is that likely
+    most = PLAIN if found.p >= NAMED else 1 / (1 - NAMED)
+    rivals = likelihoods(
+        (
+            (labels.get(cause, f"{constant}{cause.replace('+', ' and ')}"), odds)
+            for cause, odds in found.alternatives
+            if (cause != HEALTHY or odds < most) and (odds < MOST or cause not in beside)
+        ),
+        most,
     )
+    # of causes that are as likely the word is said once
+    said += [
+        each.replace(f", {CONSTANT}", ", ").replace(f"or {CONSTANT}", "or ")
+        if each.startswith(CONSTANT)
+        else each
+        for each in rivals
+    ]
     said += [too(name, p) for name, p in found.beside]
     told = found.told
     step = float(np.median(np.diff(found.t)))
@@ -465,11 +519,13 @@ def _sentence(bank: FaultBank, found: Retrospect, over: float | None = None) -> 
 
 
 def as_dicts(found: Sequence[Retrospect]) -> list[dict[str, Any]]:
-    """Without curves and clock, as plain JSON."""
+    """Without curves and clock, as plain JSON; of a window in which nothing could be judged there
+    is no cause."""
     left = ("t", "density", "given", "white", "fit", "clock")
     return [
         {name: value for name, value in asdict(each).items() if name not in left}
         | {"alternatives": [{"cause": c, "odds": o} for c, o in each.alternatives]}
         | {"beside": dict(each.beside)}
+        | ({} if each.judged > 0 else {"cause": None, "p": None, "alternatives": []})
         for each in found
     ]

@@ -27,9 +27,8 @@ from faultgauge.detection.bank.envelope import bounds_of
 from faultgauge.detection.posterior.inexact import acting
 from faultgauge.detection.posterior.limit_checker import LimitChecker, LimitState
 from faultgauge.detection.posterior.posterior import Marginal
-from faultgauge.detection.rows.flat_line import standing_still
-from faultgauge.detection.words import PURE
-from faultgauge.plants.signals import Fault, Signals
+from faultgauge.detection.rows.flat_line import is_standing, standing_still
+from faultgauge.plants.signals import Fault, Signals, spoken
 
 __all__ = [
     "EITHER",
@@ -48,6 +47,7 @@ __all__ = [
     "Rules",
     "RulesState",
     "Verdict",
+    "is_unheard",
     "log_odds",
     "words",
 ]
@@ -332,6 +332,11 @@ def words(
     return [STATUS[k] for k in status.tolist()], [said[code] for code in reason.tolist()]
 
 
+def is_unheard(reason: str) -> bool:
+    """Whether a row's `reason` is that nothing of it was measured."""
+    return reason in (PLAIN[Reason.NOT_SAMPLED], PLAIN[Reason.STALE]) or is_standing(reason)
+
+
 def _said(signals: Signals, regions: Sequence[str], code: int) -> str:
     places, why = divmod(code, len(Reason))
     second, first = divmod(places, PLACES)
@@ -347,8 +352,7 @@ def _said(signals: Signals, regions: Sequence[str], code: int) -> str:
             if first < len(regions):
                 return f"{OUTSIDE} what training covered of {regions[first]}"
             left = bounds_of(signals)[first - len(regions)]
-            unit = "" if left.unit in PURE else left.unit
-            reach = f"{left.low:g} to {left.high:g} {unit}".rstrip()
+            reach = f"{left.low:g} to {left.high:g} {spoken(left.unit)}".rstrip()
             return f"{left.name} is {OUTSIDE} its trusted range, {reach}"
         case Reason.PASSIVE:
             return f"{signals.fault_names[first]}, which is passive"

@@ -19,14 +19,20 @@ from jaxtyping import Array, Float, Int
 from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run
 
-__all__ = ["FlatLine", "FlatState", "longest_repeats", "standing_still"]
+__all__ = ["FlatLine", "FlatState", "is_standing", "longest_repeats", "standing_still"]
 
+STANDS = " stands on one value: stuck or saturated"  # behind the name of an output
 ROOM = 2  # times the longest repeat of healthy logs
 
 
 def standing_still(name: str) -> str:
     """The reason of a sample at which output `name` is no measurement."""
-    return f"{name} stands on one value: stuck or saturated"
+    return f"{name}{STANDS}"
+
+
+def is_standing(reason: str) -> bool:
+    """Whether that is the `reason`."""
+    return reason.endswith(STANDS)
 
 
 def longest_repeats(model: Model, runs: Sequence[Run]) -> dict[str, int]:
