@@ -10,8 +10,8 @@ and values off by one standard deviation of the noise up to 1e12, log-uniform, o
 log without them is judged beside it. An alarm or event counts as the glitches' where it begins and
 the log without them has none, of the same fault, within ten samples. Where there is any, the log
 that lacks these samples is judged as well: nobody knows what they would have said, so what it
-tells, too, is the record's own. Of the intervals count, five samples later, those that held 0 without. Set FAULTGAUGE_DATA to the
-folder that holds the records.
+tells, too, is the record's own. Of the intervals count, five samples later, those that held 0
+without. Set FAULTGAUGE_DATA to the folder that holds the records.
 """
 
 import argparse
