@@ -15,6 +15,7 @@ from faultgauge.plants.model import Model
 from faultgauge.plants.plant_file import parse_plant
 from faultgauge.telemetry import Run
 from models import record_of
+from scenes import log, tank_bank
 
 INTEGRATOR = """
 name = "position"
@@ -64,9 +65,6 @@ value = "a"
 [outputs.cool]
 unit = "degC"
 value = "b"
-[faults.draught]
-enters = "state"
-target = "a"
 """
 BOTH = {"warm": "cool", "cool": "warm"}
 
@@ -120,10 +118,10 @@ def test_columns_of_other_units_are_not_exchanged(two):
 
 def test_of_judged_logs_those_that_look_healthy_are_not_asked(two):
     run = exchanged(rooms(), BOTH)
-    rows = len(run.t)
+    rows, model, other = len(run.t), tank_bank().model, log(2)
+    judged = unjudged(model, other, prepared(model.plant.signals, other), {})
     for healthy, told in ((0.4, 1), (0.6, 0)):
         count = round(healthy * rows)
         status = ["HEALTHY"] * count + ["FAULT"] * (rows - count)
-        one = unjudged(two, run, prepared(two.plant.signals, run), {})
-        one = replace(one, status=status)
+        one = replace(judged, run=run, status=status)
         assert len(swapped_in(two, [one])) == told
