@@ -235,7 +235,7 @@ def _costs(
         belief, total, *said = step(own, belief, total, before, *sample)
         return (belief, total, sample[0]), said
 
-    samples = tuple(jnp.moveaxis(each, 1, 0) for each in (u, y, dt))
+    samples = jnp.moveaxis(u, 1, 0), jnp.moveaxis(y, 1, 0), jnp.moveaxis(dt, 1, 0)
     (belief, total, _), said = jax.lax.scan(body, (*start, samples[0][0]), samples)
     white, root = (jnp.moveaxis(each, 0, 2).reshape(len(offset), -1) for each in said)
     return -jnp.sum(total, axis=1), belief.mean[..., xi], belief.P[..., xi, xi], white, root
