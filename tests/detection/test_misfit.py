@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
+from faultgauge.detection.answer import swapped as columns
 from faultgauge.detection.answer.misfit import not_followed
 from faultgauge.detection.answer.swapped import swapped, swapped_in
 from faultgauge.detection.decisions import unjudged
@@ -96,8 +97,8 @@ def two():
 
 def test_exchanged_columns_of_one_range_are_told_and_what_to_do(two):
     (said,) = swapped(two, [exchanged(rooms(), BOTH)])
-    assert said.startswith("run a: the columns warm and cool look swapped: with the two exchanged ")
-    assert said.endswith("exchange them with --map warm=cool --map cool=warm")
+    assert said.startswith("run a: the columns warm and cool look swapped: as they are, the ")
+    assert said.endswith(" %; if they are, give --map warm=cool --map cool=warm")
     # an input may be one of them
     (said,) = swapped(two, [exchanged(rooms(), {"warm": "u", "u": "warm"})])
     assert "the columns warm and u look swapped" in said
@@ -107,6 +108,13 @@ def test_exchanged_columns_of_one_range_are_told_and_what_to_do(two):
 def test_a_log_as_it_is_is_not_taken_for_exchanged(two, bias):
     """Nor one with a fault of any size in one of the two."""
     assert swapped(two, [rooms(bias)]) == []
+
+
+def test_a_free_run_that_blows_up_is_said_in_words(two, monkeypatch):
+    first = iter([np.inf])
+    monkeypatch.setattr(columns, "_off", lambda model, run: next(first, 0.02))
+    (said,) = swapped(two, [rooms()])
+    assert "the healthy model's free run runs away, with the two exchanged 2 %;" in said
 
 
 def test_columns_of_other_units_are_not_exchanged(two):

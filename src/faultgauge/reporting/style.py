@@ -152,7 +152,7 @@ def short(name: str) -> str:
 
 def axis_label(name: str, unit: str) -> str:
     """Return "name (unit)", or the name alone where no unit was declared."""
-    return f"{short(name)} ({short(pretty_unit(unit))})" if spoken(unit) else short(name)
+    return f"{short(name)} ({short(pretty_unit(unit))})" if unit.strip() else short(name)
 
 
 def upright_label(name: str, unit: str, width: int = 24) -> str:

@@ -41,11 +41,11 @@ def swapped(model: Model, runs: Sequence[Run]) -> list[str]:
         errors = {pair: _off(model, _exchanged(run, *pair)) for pair in pairs}
         best = min(errors, key=lambda pair: errors[pair])
         if errors[best] <= AS_USUAL * usual and CLEARLY * errors[best] < as_it_is:
+            off = f"is {100 * as_it_is:.0f} % off" if np.isfinite(as_it_is) else "runs away"
             found.append(
-                f"run {run.name}: the columns {' and '.join(best)} look swapped: with the two "
-                f"exchanged the healthy model's free run is {100 * errors[best]:.0f} % off, and "
-                f"{100 * as_it_is:.0f} % as they are; if they are, exchange them with --map "
-                f"{best[0]}={best[1]} --map {best[1]}={best[0]}"
+                f"run {run.name}: the columns {' and '.join(best)} look swapped: as they are, the "
+                f"healthy model's free run {off}, with the two exchanged {100 * errors[best]:.0f} "
+                f"%; if they are, give --map {best[0]}={best[1]} --map {best[1]}={best[0]}"
             )
     return found
 

@@ -409,25 +409,38 @@ def sentences(
         else:
             said.append(
                 f"In hindsight: no fault in the {share} that could be judged; not judged {why}; "
-                f"{_calm(bank, found, [name])} there"
+                f"there, {_calm(bank, found, [name])}"
             )
     return [headed(bank.model, each) for each in [*faulty, *said]]
 
 
 def _calm(bank: FaultBank, found: Sequence[Retrospect], runs: Sequence[str]) -> str:
-    """What the windows of `runs` without a fault would not have shown, and what they leave
-    possible."""
+    """What the windows of `runs` without a fault would not have shown, what they leave possible,
+    and what was told in them online."""
     seen = [each for each in found if each.run in runs and each.judged > 0]
-    possible = dict[str, float]()
+    possible, told = dict[str, tuple[float, str]](), []
     for each in seen:
+        of = f", run {each.run}" if len(runs) > 1 else ""
         for cause, odds in each.alternatives:
-            possible[cause] = max(possible.get(cause, 0.0), each.p / odds)
+            possible[cause] = max(possible.get(cause, (0.0, "")), (each.p / odds, of))
+        if each.told.other is not None:
+            cause, when = each.told.other
+            at = moment(each.clock, when, float(np.median(np.diff(each.t))))
+            told.append(f"{_name(cause)} at {at}{of}")
     there = [
-        f"{UNDECLARED if cause == UNKNOWN else cause.replace('+', ' and ')} (p {probability(p)})"
-        for cause, p in sorted(possible.items(), key=lambda item: -item[1])
+        f"{_name(cause)} (p {probability(p)}{of})"
+        for cause, (p, of) in sorted(possible.items(), key=lambda item: -item[1][0])
         if p > POSSIBLE
     ]
-    return _would_not_show(bank, seen) + (f"; there may be {listed(there, 'or')}" if there else "")
+    said = [_would_not_show(bank, seen)]
+    said += [f"there may be {listed(there, 'or')}"] if there else []
+    said += [f"online you would have been told {listed(told)}"] if told else []
+    return "; ".join(said)
+
+
+def _name(cause: str) -> str:
+    """A cause, or several together, in words."""
+    return UNDECLARED if cause == UNKNOWN else cause.replace("+", " and ")
 
 
 def _would_not_show(bank: FaultBank, found: Sequence[Retrospect]) -> str:
