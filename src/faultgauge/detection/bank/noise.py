@@ -332,7 +332,8 @@ def _most_moving(
     usual = np.array([usual_spread(float(values[n]), s) for n, s in zip(free, se, strict=True)])
     order = np.argsort(-_effects(model, tuple(free)) * np.hypot(se, usual), kind="stable")
     changed = {fault.target for fault in model.plant.signals.faults if fault.enters == "parameter"}
-    return sorted({*order[:MOST_CONSTANTS].tolist(), *np.flatnonzero(np.isin(free, [*changed]))})
+    changing = np.flatnonzero(np.isin(free, [*changed])).tolist()
+    return sorted({*order[:MOST_CONSTANTS].tolist(), *changing})
 
 
 def _effects(model: Model, names: tuple[str, ...]) -> Float[np.ndarray, "constants"]:
@@ -350,8 +351,8 @@ def _effects(model: Model, names: tuple[str, ...]) -> Float[np.ndarray, "constan
 
     @jax.jit  # a program of one piece costs a tenth of one for each operation
     def along(x: Array, u: Array) -> tuple[Array, Array]:
-        none = jnp.zeros(len(names))
-        return tuple(jax.vmap(f, (None, 0, 0))(none, x, u) for f in (jax.jacfwd(both), both))
+        none, over = jnp.zeros(len(names)), (None, 0, 0)
+        return jax.vmap(jax.jacfwd(both), over)(none, x, u), jax.vmap(both, over)(none, x, u)
 
     slopes, usual = map(np.asarray, along(*map(jnp.asarray, points)))
     usual = np.nanstd(np.where(np.isfinite(usual), usual, np.nan), axis=0) + 1e-12

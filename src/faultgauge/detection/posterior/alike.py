@@ -79,13 +79,15 @@ class Alike(eqx.Module):
         among = jnp.sum(jnp.where(there, legal[sets], False), axis=1)
         share = jnp.where(among > 0, legal * total / jnp.maximum(among, 1), said.p)
         there_now = contract("s,sk->k", share, holds)
-        same = np.equal.outer(self.first, self.first)
+        same = jnp.asarray(np.equal.outer(self.first, self.first), float)
         return said._replace(
             p=share,
             f=mean,
             sd=spread,
             # as likely as any of them ever was; at least what is there now
-            ever=jnp.maximum(contract("ij,j->i", same / same.sum(axis=1), said.ever), there_now),
+            ever=jnp.maximum(
+                contract("ij,j->i", same / jnp.sum(same, axis=1), said.ever), there_now
+            ),
             onset=_onset(same * contract("s,sk->k", said.p, holds), said.onset),
         )
 
