@@ -417,8 +417,9 @@ def test_hindsight_says_of_which_share_it_speaks(bank):
     ]
     assert line.startswith(
         "In hindsight: no fault in the 75 % of the log that could be judged; not judged from 150 s "
-        "to 249.5 s (not sampled); there, pump below 0.0"
+        "to 249.5 s (not sampled); pump below 0.0"
     )
+    assert line.endswith(" would not have shown there")
     faulty = log(4, pump=0.15, start=100)
     faulty.columns["u"][300:500] = np.nan
     (first, *_, last), shares, _ = said_of(bank, faulty)

@@ -409,14 +409,16 @@ def sentences(
         else:
             said.append(
                 f"In hindsight: no fault in the {share} that could be judged; not judged {why}; "
-                f"there, {_calm(bank, found, [name])}"
+                f"{_calm(bank, found, [name], ' there')}"
             )
     return [headed(bank.model, each) for each in [*faulty, *said]]
 
 
-def _calm(bank: FaultBank, found: Sequence[Retrospect], runs: Sequence[str]) -> str:
-    """What the windows of `runs` without a fault would not have shown, what they leave possible,
-    and what was told in them online."""
+def _calm(
+    bank: FaultBank, found: Sequence[Retrospect], runs: Sequence[str], where: str = ""
+) -> str:
+    """What the windows of `runs` without a fault would not have shown, `where` not all of them was
+    judged, what they leave possible, and what was told in them online."""
     seen = [each for each in found if each.run in runs and each.judged > 0]
     possible, told = dict[str, tuple[float, str]](), []
     for each in seen:
@@ -432,7 +434,7 @@ def _calm(bank: FaultBank, found: Sequence[Retrospect], runs: Sequence[str]) -> 
         for cause, (p, of) in sorted(possible.items(), key=lambda item: -item[1][0])
         if p > POSSIBLE
     ]
-    said = [_would_not_show(bank, seen)]
+    said = [f"{_would_not_show(bank, seen)}{where}"]
     said += [f"there may be {listed(there, 'or')}"] if there else []
     said += [f"online you would have been told {listed(told)}"] if told else []
     return "; ".join(said)
