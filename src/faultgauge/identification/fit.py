@@ -33,9 +33,12 @@ from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
 from faultgauge.plants.signals import Signals
 from faultgauge.plants.spec import PlantSpec
+from faultgauge.progress import within
 from faultgauge.telemetry import Run, rate_of
 
 __all__ = ["FitReport", "fit"]
+
+EQUATIONS = 0.2  # of the work, where a refinement follows
 
 LOOK_FOR = (
     "look for outliers (--robust), a stuck sensor or wrong units, give better parameter values, "
@@ -91,12 +94,14 @@ def fit(
     stage = refinement = None
     if not by_simulation:
         how = replace(how, references=reference_columns(spec.signals, logs))
-        stage = _by_equations(plant, acting, unseen, how, seed, restarts, algorithm, progress)
+        told = within(progress, 0.0, EQUATIONS if refine else 1.0)
+        stage = _by_equations(plant, acting, unseen, how, seed, restarts, algorithm, told)
         warnings += stage.warnings
         refine = refine or (goes_on and any(each.stated for each in stage.found.reports))
     if refine:
         begun = (stage.sized, stage.starts) if stage else (plant, [])
-        refinement = refine_on_logs(*begun, acting, unseen, how, seed, restarts, robust, progress)
+        told = within(progress, EQUATIONS if stage else 0.0, 1.0)
+        refinement = refine_on_logs(*begun, acting, unseen, how, seed, restarts, robust, told)
         warnings += [*refinement.warnings, *_contradicted(stage, how, refinement)]
     result = _finite(outcome(stage, refinement), validate or logs)
     known = stage.information(how) if stage and not refinement else None

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from faultgauge.progress import Step
 from faultgauge.reporting.report import installed_versions
 from faultgauge_studies.paper.claims.registry import ONCE
 from faultgauge_studies.paper.experiment import Outcome, experiment
@@ -42,7 +43,7 @@ def reproduce(
     """
     one = partial(experiment, quick=quick)
     workers = min(os.cpu_count() or 1, len(seeds))
-    progress(f"seeds done: 0 of {len(seeds)}")
+    progress(Step(f"seeds done: 0 of {len(seeds)}", 0.0))
     # spawned, not forked: JAX has threads by now
     context = multiprocessing.get_context("spawn")
     outcomes: dict[int, Outcome] = {}
@@ -52,7 +53,8 @@ def reproduce(
             once = [claim.measure() for claim in (() if quick else ONCE)]
             for done in as_completed(waiting):
                 outcomes[waiting[done]] = done.result()
-                progress(f"seeds done: {len(outcomes)} of {len(seeds)}")
+                done_so_far = f"seeds done: {len(outcomes)} of {len(seeds)}"
+                progress(Step(done_so_far, len(outcomes) / len(seeds)))
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             for worker in multiprocessing.active_children():

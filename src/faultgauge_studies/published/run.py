@@ -10,11 +10,14 @@ import numpy as np
 from faultgauge.identification.evaluation import Prediction, predict
 from faultgauge.identification.fit import fit
 from faultgauge.plants.model import Model
+from faultgauge.progress import Step, within
 from faultgauge_studies.published.benchmark import Benchmark, Records, plant_of, records
 from faultgauge_studies.published.peers import jax_sysid
 from faultgauge_studies.published.spread import spread
 
 __all__ = ["Found", "Trial", "as_dict", "error_of", "mean_of", "measure"]
+
+FITTED = 0.95  # of the work of a seed
 
 
 @dataclass(frozen=True)
@@ -56,7 +59,12 @@ def measure(
     trials = []
     for seed in seeds:
         begin = f"{chosen.title}, seed {seed}"
-        trials.append(_trial(chosen, held, seed, lambda text, at=begin: progress(f"{at}: {text}")))
+
+        def told(text: str, begin: str = begin) -> None:
+            progress(Step(f"{begin}: {text}", text.share if isinstance(text, Step) else 0.0))
+
+        first, last = len(trials) / len(seeds), (len(trials) + 1) / len(seeds)
+        trials.append(_trial(chosen, held, seed, within(told, first, last)))
     return Found(chosen, held, trials, {"jax_sysid": jax_sysid(chosen, held, seeds, progress)})
 
 
@@ -64,12 +72,17 @@ def _trial(chosen: Benchmark, held: Records, seed: int, progress: Callable[[str]
     plant = plant_of(chosen)
     begun = time.perf_counter()
     model, account = fit(
-        plant, held.train, seed=seed, refine=True, ensemble=True, progress=progress
+        plant,
+        held.train,
+        seed=seed,
+        refine=True,
+        ensemble=True,
+        progress=within(progress, 0.0, FITTED),
     )
     fit_s = time.perf_counter() - begun
     rmse, alone, predictions = {}, {}, {}
     for split in held.splits:
-        progress(f"simulating {split.name}")
+        progress(Step(f"simulating {split.name}", FITTED))
         members = [
             predict(member, [split.test], model.max_step, split.window)
             for member in (model.plant, *model.members)

@@ -21,11 +21,33 @@ from faultgauge.identification.sizes import chosen_sizes
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.settle import settle
 from faultgauge.plants.signals import Signals
+from faultgauge.progress import in_phases
 from faultgauge.telemetry import Run
 
 __all__ = ["Members", "Refinement", "refine_on_logs"]
 
 
+LEARNED = ("networks", "warm start")  # how phases begin that plants without networks do not have
+# of a refinement, and how long each takes, about (seconds of EMPS' training record)
+PHASES = {
+    "simulating the warm start": 2,
+    "fitting the physics over short windows": 10,
+    "fitting the physics over long windows": 30,
+    "choosing the inputs' hold": 5,
+    "drifting parameters": 5,
+    "fitting the physics with": 5,
+    "networks: how many hidden units": 10,
+    "networks and physics together": 10,
+    "networks: which start to take": 10,
+    "networks": 40,
+    "warm start, refined": 10,
+    "networks: prior weights by evidence": 15,
+    "fitting the best with": 10,
+    "fitting the best to all samples": 10,
+    "weighing the fleet": 3,
+    "fitting the best to what was held out": 10,
+    "standard errors": 10,
+}
 PARTS = 4  # of a run, from one to the next of which a constant might change
 
 
@@ -86,6 +108,9 @@ def refine_on_logs(
 ) -> Refinement:
     """Refine `plant` from the `warm` starts on `logs`; hold out parts of them unless there are
     runs to `validate` on."""
+    networks = bool(plant.spec.networks)
+    phases = {n: length for n, length in PHASES.items() if networks or not n.startswith(LEARNED)}
+    progress = in_phases(progress, phases)
     records = records_of(plant.signals, logs, how)
     held = records_of(plant.signals, validate, how) if validate else []
     whole = [np.ones(len(record.t), bool) for record in records]
