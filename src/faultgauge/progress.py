@@ -17,9 +17,7 @@ class Step(str):
         return step
 
 
-def in_phases(
-    progress: Callable[[str], None], phases: Mapping[str, int]
-) -> Callable[[str], None]:
+def in_phases(progress: Callable[[str], None], phases: Mapping[str, int]) -> Callable[[str], None]:
     """`progress`, told the share of the work that is done where a phase begins.
 
     `phases` are how their texts begin, in order, and how long each takes, about, in any unit. A

@@ -80,16 +80,14 @@ def fit(
     """
     _check_refined(refine, robust, ensemble)
     plant = _as_resampled(plant, [*logs, *validate])
-    spec = plant.spec
-    warnings = list(spec.warnings)
+    spec, warnings = plant.spec, list(plant.spec.warnings)
     logs = _not_validated(logs, validate, warnings)
-    runs = [*logs, *validate]
-    how = _seen(spec, runs)
+    how = _seen(spec, runs := [*logs, *validate])
     warnings += [*log_warnings(spec.signals, runs), *too_short(plant, runs)]
     by_simulation = _by_simulation(spec, how, refine)
     goes_on = refine is None and not spec.signals.instruments  # where equation error sees nothing
-    asked = bool(by_simulation or ensemble or robust)
-    refine = _refined(spec, slow_columns(how, logs), refine, asked, warnings)
+    asked, slow = bool(by_simulation or ensemble or robust), slow_columns(how, logs)
+    refine = _refined(spec, slow, refine, asked, warnings)
     acting, unseen = ([in_effect(spec.signals, run) for run in runs] for runs in (logs, validate))
     stage = refinement = None
     if not by_simulation:
@@ -104,8 +102,8 @@ def fit(
         refinement = refine_on_logs(*begun, acting, unseen, how, seed, restarts, robust, told)
         warnings += [*refinement.warnings, *_contradicted(stage, how, refinement)]
     result = _finite(outcome(stage, refinement), validate or logs)
-    known = stage.information(how) if stage and not refinement else None
-    warnings += known.warnings() if known else []
+    if known := stage.information(how) if stage and not refinement else None:
+        warnings += known.warnings()
     if stage and result.error < 1:  # a model of no use says nothing about the input
         warnings += response_warnings(result.plant, stage.given.stretches, stage.given.noise)
     floor = noise_floor(spec.signals, acting)

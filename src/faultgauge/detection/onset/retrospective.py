@@ -266,9 +266,7 @@ def _answer(
         t=window.t,
         density=density,
         given=given,
-        white=np.where(
-            heard, np.asarray(data.white)[:count] + np.asarray(data.fit)[:count], np.nan
-        ),
+        white=np.where(heard, (np.asarray(data.white) + np.asarray(data.fit))[:count], np.nan),
         fit=np.where(heard, fit, np.nan),
         clock=decision.run.clock,
     )

@@ -95,6 +95,14 @@ class Refinement:
         }
 
 
+def _phases(plant: GrayBoxPlant) -> dict[str, int]:
+    return {
+        name: length
+        for name, length in PHASES.items()
+        if plant.spec.networks or not name.startswith(LEARNED)
+    }
+
+
 def refine_on_logs(
     plant: GrayBoxPlant,
     warm: Sequence[GrayBoxPlant],
@@ -108,9 +116,7 @@ def refine_on_logs(
 ) -> Refinement:
     """Refine `plant` from the `warm` starts on `logs`; hold out parts of them unless there are
     runs to `validate` on."""
-    networks = bool(plant.spec.networks)
-    phases = {n: length for n, length in PHASES.items() if networks or not n.startswith(LEARNED)}
-    progress = in_phases(progress, phases)
+    progress = in_phases(progress, _phases(plant))
     records = records_of(plant.signals, logs, how)
     held = records_of(plant.signals, validate, how) if validate else []
     whole = [np.ones(len(record.t), bool) for record in records]
@@ -135,12 +141,8 @@ def refine_on_logs(
     progress("standard errors")
     known = _information(best, data)
     per_run, courses = along_runs(best, data)
-    warnings = [
-        *_unmoved(plant.signals, records),
-        *found.notes,
-        *known.warnings(),
-        *_unfinished(best, bool(warm) and not found.won),
-    ]
+    unfinished = _unfinished(best, bool(warm) and not found.won)
+    warnings = [*_unmoved(plant.signals, records), *found.notes, *known.warnings(), *unfinished]
     return Refinement(
         plant=shipped.plants[0],
         members=shipped.plants,
