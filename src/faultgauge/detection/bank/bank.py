@@ -184,12 +184,13 @@ def build_fault_bank(
         branches=BRANCHES,
         onsets=ONSETS,
     )
+    changes = found.changes if found else {}
     wait, level = signals.detection.hold_off, found.level if found else CERTAIN
     return FaultBank(
         model, modes, sets, size[: len(signals.faults)], onset, noise, outputs, rows, step,
         knowledge, float(level), HOLD_OFF * step if wait is None else wait,
         regions_of(model, outputs), found.shape if found else 0.0, found.gain if found else 0.0,
-        np.array([found.changes.get(n, np.inf) if found else np.inf for n in signals.input_names]),
+        np.array([float(changes.get(name, np.inf)) for name in signals.input_names]),
         _alike(found.alike, signals.fault_names, evaluated) if found else (),
     )  # fmt: skip
 
