@@ -640,3 +640,14 @@ def test_a_sensor_that_only_flickers_is_answered_in_numbers(bank):
         assert np.isfinite(
             [event.start, event.end, event.onset, event.onset_lo, event.onset_hi]
         ).all()
+
+
+def test_of_what_is_as_good_as_gone_no_size_is_told(bank, decision):
+    status, reason = [*decision.status], [*decision.reason]
+    p, f = decision.posterior.p.copy(), decision.posterior.f.copy()
+    for k in range(200, 222):
+        status[k], reason[k] = "FAULT", "cause undecided: leak or gauge"
+        p[k], f[k] = (0.7, 0.3), (1e-9, -0.09)
+    posterior = decision.posterior._replace(p=p, f=f)
+    unsure = replace(decision, status=status, reason=reason, posterior=posterior, events=[])
+    assert "cause undecided: leak (p 0.7) or gauge of -0.3 m (p 0.3)" in answers(bank, [unsure])[0]

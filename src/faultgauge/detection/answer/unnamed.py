@@ -18,6 +18,7 @@ from faultgauge.detection.words import UNDECLARED
 
 __all__ = ["alarms", "unnamed"]
 
+NOTHING = 1e-4  # of a fault's widest size: no size is told of what is as good as gone
 DIGITS = 6  # of p: of causes that are as likely as each other the first comes first
 
 
@@ -77,8 +78,11 @@ def _why_unnamed(bank: FaultBank, decision: Decision, part: slice) -> tuple[str,
     size = dict(zip(names, found.f[rows].sum(axis=0) / there, strict=True))
     first, second = sorted(p, key=lambda name: -round(p[name], DIGITS))[:2]
 
+    least = dict(zip(names, NOTHING * bank.size, strict=True))
+
     def told(name: str) -> str:
-        of = f" of {size[name]:+.3g} {unit_of(bank, name)}".rstrip() if name in size else ""
+        there = name in size and abs(size[name]) > least[name]
+        of = f" of {size[name]:+.3g} {unit_of(bank, name)}".rstrip() if there else ""
         return f"{name}{of} (p {probability(p[name])})"
 
     if usual.startswith(NEARLY):
