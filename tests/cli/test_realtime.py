@@ -381,6 +381,28 @@ def test_an_interrupt_that_a_finalizer_swallows_comes_once_more(sent):
     assert (done.stdout, done.stderr) == ("interrupted\n", "")
 
 
+def test_an_interrupt_while_a_compiled_module_starts_waits_for_that():
+    """Exceptions within abort some of them. What starts it is held while the signal comes."""
+    code = (
+        "import _imp, signal as s, time\n"
+        "from faultgauge.cli.streaming import end_as_interrupts\n"
+        "s.signal(s.SIGTERM, s.SIG_DFL)\n"
+        "end_as_interrupts()\n"
+        "start, said = _imp.create_dynamic, []\n"
+        "def starting(*given):\n"
+        "    if not said: s.raise_signal(s.SIGTERM)\n"
+        "    said.append(given[0].name)\n"
+        "    return start(*given)\n"
+        "_imp.create_dynamic = starting\n"
+        "import numpy.linalg\n"
+        "try:\n"
+        "    for _ in range(1000): time.sleep(0.05)\n"
+        "except KeyboardInterrupt: print('loaded', len(said) > 0)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.stdout, done.stderr) == ("loaded True\n", "")
+
+
 def test_an_interrupt_that_compiled_code_prints_is_not_told_twice():
     """`PyErr_Print` in the interpreter, as NumPy's `import_array` does; others are told."""
     code = (

@@ -10,6 +10,8 @@ import sys
 import threading
 from _thread import interrupt_main
 from collections.abc import Callable, Iterator, Mapping
+from importlib.machinery import ExtensionFileLoader
+from types import FrameType
 from typing import Any
 
 from faultgauge.cli import options
@@ -30,7 +32,9 @@ __all__ = [
 # Ctrl-C, kill, and the terminal that closes; not every system has the last.
 ENDS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
 LONGEST = 1_000_000  # bytes of a line
-AGAIN = 0.05  # s until an interrupt that was swallowed is raised anew
+AGAIN = 0.05  # s until an interrupt that was swallowed, or had to wait, is raised anew
+# what Python loads compiled modules by
+COMPILED = (ExtensionFileLoader.create_module.__code__, ExtensionFileLoader.exec_module.__code__)
 PIECE = 1 << 16  # bytes of standard input that are taken at once: what a pipe holds
 GONE = {errno.EPIPE, errno.EIO}  # nobody reads the pipe; the terminal was closed
 
@@ -81,21 +85,27 @@ def let_go() -> None:
 
 def end_as_interrupts() -> Callable[[], bool]:
     """What ends a program by default ends it as Ctrl-C does; not what it was begun to ignore, as
-    under nohup. An interrupt that comes within a finalizer, which swallows it, comes once more.
+    under nohup. An interrupt that comes within a finalizer, which swallows it, comes once more, and
+    one that comes while a compiled module starts, some of which abort the program, waits for that.
 
     What is returned tells whether any came: compiled modules make an error of their own of it, and
     some print it, as those that NumPy is loaded by do."""
     usual, came = sys.unraisablehook, list[signal.Signals]()
     printed = sys.excepthook
 
-    def interrupt(number: int, _: object) -> None:
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        if _starts_compiled(frame):
+            again(signal.Signals(number))
+            return
         came.append(signal.Signals(number))
         raise KeyboardInterrupt
 
+    def again(sent: signal.Signals) -> None:
+        threading.Timer(AGAIN, interrupt_main, (sent,)).start()
+
     def swallowed(found: Any) -> None:
         if issubclass(found.exc_type, KeyboardInterrupt):
-            last = came[-1] if came else signal.SIGINT
-            threading.Timer(AGAIN, interrupt_main, (last,)).start()
+            again(came[-1] if came else signal.SIGINT)
         else:
             usual(found)
 
@@ -108,6 +118,15 @@ def end_as_interrupts() -> Callable[[], bool]:
             signal.signal(each, interrupt)
     sys.unraisablehook, sys.excepthook = swallowed, told_by_compiled
     return lambda: bool(came)
+
+
+def _starts_compiled(frame: FrameType | None) -> bool:
+    """Whether what runs is called by a compiled module that is being loaded."""
+    while frame is not None:
+        if frame.f_code in COMPILED:
+            return True
+        frame = frame.f_back
+    return False
 
 
 def end_in_peace() -> None:
