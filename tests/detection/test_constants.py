@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from calibrations import for_bank
 from faultgauge.detection.bank.noise import constants_of
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
@@ -45,8 +46,12 @@ def test_of_a_constant_of_each_run_as_far_as_runs_lie_apart_and_of_one_hardly_kn
         },
         between={"apart": {"m": 0.3}, "off": {"s": 0.1}, "lasting": 2.0},
     )
-    found = constants_of(Model(plant, record))
+    found = constants_of(model := Model(plant, record))
     assert found.names == ("k", "c", "m")
     wanted = [[400**2, 200, 0], [200, 1, 0], [0, 0, 36]]
     assert found.covariance == pytest.approx(np.array(wanted, float), abs=1e-9)
     assert found.positive == (0,)
+    # a calibration tells of what it tracks, whatever was asked before; without one, as ever
+    noise = {"sigma": {"s": 0.1}, "spread": {"k": 1.0, "m": 1.0}}
+    assert constants_of(for_bank(model, noise)).names == ("k", "m")
+    assert constants_of(model).names == ("k", "c", "m")

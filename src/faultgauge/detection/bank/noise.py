@@ -236,23 +236,19 @@ class Constants(NamedTuple):
     positive: tuple[int, ...]
 
 
-@once
 def constants_of(model: Model) -> Constants:
-    """Those that move the states' rates and outputs most, by their standard errors and the usual
-    spread, and those that a fault changes: how much of that there is in healthy plants, nothing
-    else can tell."""
-    known = model.record.constants
-    slow = drifting_of(model)
-    free = [p.name for p in model.plant.spec.parameters if not p.fixed and p.name not in slow]
+    """Those that a calibration tells of; before one, those that move the states' rates and outputs
+    most, by their standard errors and the usual spread, and those that a fault changes: how much of
+    that there is in healthy plants, nothing else can tell."""
+    known, free = model.record.constants, _free(model)
     if not free:
         return Constants((), np.zeros((0, 0)), ())
-    error = dict(zip(known.names, known.errors, strict=True))
-    se = np.array([_spread_in_a_run(model, name, error.get(name) or 0.0) for name in free])
+    se = _errors(model)
     told = model.calibration and model.calibration.noise
     if told:
         kept = [k for k, name in enumerate(free) if name in told.spread]
     else:
-        kept = _most_moving(model, free, se)
+        kept = _most_moving(model)
     place = {name: k for k, name in enumerate(known.names)}
     correlation = np.eye(len(kept))
     for a, i in enumerate(kept):
@@ -270,6 +266,17 @@ def constants_of(model: Model) -> Constants:
     )
     names = tuple(free[k] for k in kept)
     return Constants(names, (v * np.maximum(w, 0.0)) @ v.T, positive)
+
+
+def _free(model: Model) -> list[str]:
+    slow = drifting_of(model)
+    return [p.name for p in model.plant.spec.parameters if not p.fixed and p.name not in slow]
+
+
+def _errors(model: Model) -> Float[np.ndarray, "free"]:
+    known = model.record.constants
+    error = dict(zip(known.names, known.errors, strict=True))
+    return np.array([_spread_in_a_run(model, n, error.get(n) or 0.0) for n in _free(model)])
 
 
 def _spread_in_a_run(model: Model, name: str, error: float) -> float:
@@ -325,10 +332,10 @@ def _rates(model: Model) -> Float[np.ndarray, "points states"]:
     return found[np.isfinite(found).all(axis=1)]
 
 
-def _most_moving(
-    model: Model, free: Sequence[str], se: Float[np.ndarray, "constants"]
-) -> list[int]:
-    values = model.plant.parameters
+@once
+def _most_moving(model: Model) -> list[int]:
+    """The places of these among the free ones, whatever a calibration says."""
+    values, free, se = model.plant.parameters, _free(model), _errors(model)
     usual = np.array([usual_spread(float(values[n]), s) for n, s in zip(free, se, strict=True)])
     order = np.argsort(-_effects(model, tuple(free)) * np.hypot(se, usual), kind="stable")
     changed = {fault.target for fault in model.plant.signals.faults if fault.enters == "parameter"}
