@@ -147,9 +147,9 @@ class Watching:
     def loose(self) -> Float[np.ndarray, "constants"]:
         """Standard deviation of every constant, in the likeliest branch."""
         state, xi = self.state.bank, self.plant.parts.xi
-        lead = int(np.argmax(state.weight[: self.watch.modes.branches]))
+        lead = int(np.argmax(np.asarray(state.weight)[: self.watch.modes.branches]))
         W = np.asarray(self.plant.directions)
-        return np.sqrt(np.diag(W @ np.asarray(state.belief.P[lead])[xi, xi] @ W.T))
+        return np.sqrt(np.diag(W @ np.asarray(state.belief.P)[lead, xi, xi] @ W.T))
 
 
 def table(decisions: Sequence[Decision], faults: Sequence[str]) -> dict[str, list[Any]]:

@@ -42,6 +42,7 @@ from faultgauge.plants.disturbed import Disturbed
 from faultgauge.plants.model import Model
 from faultgauge.plants.plant import Plant
 from faultgauge.plants.signals import Signals
+from faultgauge.programs import program
 from faultgauge.telemetry import Run
 from faultgauge.telemetry.runs import GAP_STEPS, ROUNDING
 
@@ -143,16 +144,7 @@ class Watch(eqx.Module):
     def init(self, *, averaged: bool = False) -> WatchState:
         """Before the first row; `averaged`: inputs are means over the rows' intervals, as in a log
         that was brought to a lower rate."""
-        nothing = jnp.asarray(jnp.nan)
-        return WatchState(
-            self.intake.init(self.step_s, averaged),
-            self.start.init(self.modes),
-            self.rules.init(),
-            jnp.asarray(False),
-            nothing,
-            jnp.asarray(0),
-            nothing,
-        )
+        return _first(self, averaged)
 
     def step(
         self,
@@ -232,3 +224,18 @@ class Watch(eqx.Module):
         names = [region.covered for region in self.envelope.regions]
         status, reason = (np.atleast_1d(each) for each in verdict[:2])
         return in_words(self.signals, names, status, reason)
+
+
+@program
+def _first(watch: Watch, averaged: bool) -> WatchState:
+    """The state before the first row."""
+    nothing = jnp.asarray(jnp.nan)
+    return WatchState(
+        watch.intake.init(watch.step_s, averaged),
+        watch.start.init(watch.modes),
+        watch.rules.init(),
+        jnp.asarray(False),
+        nothing,
+        jnp.asarray(0),
+        nothing,
+    )

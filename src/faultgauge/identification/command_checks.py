@@ -14,7 +14,6 @@ so that v acts and u does not. Chosen on every other block of the log, tested on
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -27,6 +26,7 @@ from faultgauge.identification.samples import Stretch, channels, collect, in_eff
 from faultgauge.plants.expression import Expression, Node, evaluate, names_used, networks_used
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.signals import Input
+from faultgauge.programs import program
 from faultgauge.telemetry import Run
 
 __all__ = ["command_warnings", "response_warnings"]
@@ -92,7 +92,7 @@ def response_warnings(
     return found
 
 
-@eqx.filter_jit
+@program
 def _responses(
     plant: GrayBoxPlant, x: Float[Array, "samples states"], u: Float[Array, "samples inputs"]
 ) -> tuple[Float[Array, "samples states"], Float[Array, "samples states inputs"]]:
@@ -103,7 +103,7 @@ def _responses(
     )
 
 
-@eqx.filter_jit
+@program
 def _inside(
     plant: GrayBoxPlant,
     name: str,

@@ -9,7 +9,6 @@ reads other noise at every shift.
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -31,6 +30,7 @@ from faultgauge.identification.simulated_instruments import Freed
 from faultgauge.identification.unknowns import Unknowns
 from faultgauge.identification.weak_form import WeakErrors, weak_samples, weak_states
 from faultgauge.plants.gray_box import GrayBoxPlant
+from faultgauge.programs import program
 
 __all__ = ["off_by_model", "residuals_at"]
 
@@ -171,7 +171,7 @@ def _shifted(samples: Samples, where: dict[str, list[int]], shift: int) -> Sampl
     return Samples(**fields)
 
 
-@eqx.filter_jit
+@program
 def residuals_at(
     theta: Float[Array, "unknowns"],
     samples: Any,

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -16,6 +15,7 @@ from faultgauge.identification.samples import in_effect, spread, state_column
 from faultgauge.identification.unknowns import Unknowns, unknown_constants
 from faultgauge.plants.plant import Plant
 from faultgauge.plants.record import BetweenRuns
+from faultgauge.programs import program
 from faultgauge.simulation.free_run import blow_up, bucket, free_run, pad, simulate, substeps_for
 from faultgauge.telemetry import Run, as_sampled, segments
 from faultgauge.telemetry.clock import Clock
@@ -112,13 +112,13 @@ def start_of_run(
     start, theta = _solve_start(
         plant,
         varying,
-        jnp.asarray(x0),
-        jnp.asarray(hidden),
-        jnp.asarray(pad(u, length)),
-        jnp.asarray(dt),
-        jnp.asarray(pad(np.nan_to_num(y), length)),
-        jnp.asarray(weight),
-        jnp.asarray(prior),
+        jax.device_put(x0),
+        jax.device_put(hidden),
+        jax.device_put(pad(u, length)),
+        jax.device_put(dt),
+        jax.device_put(pad(np.nan_to_num(y), length)),
+        jax.device_put(weight),
+        jax.device_put(prior),
         substeps_for(float(np.median(np.diff(t))), max_step),
     )
     return varying.assemble(plant, theta), np.asarray(start)
@@ -137,7 +137,7 @@ def varying_parameters(plant: Plant) -> Unknowns:
     )
 
 
-@eqx.filter_jit
+@program
 def _solve_start(
     plant: Plant,
     varying: Unknowns,

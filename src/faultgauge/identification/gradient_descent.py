@@ -12,7 +12,6 @@ a program of its own in one compiled loop.
 
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -25,6 +24,7 @@ from faultgauge.identification.levenberg_marquardt import (
     Residual,
     Solution,
 )
+from faultgauge.programs import program
 
 __all__ = ["DescentOptions", "gradient_descent"]
 
@@ -147,7 +147,7 @@ class _Descent(NamedTuple):
         )
 
 
-@eqx.filter_jit
+@program
 def gradient_descent(
     residual: Residual,
     starts: Float[Array, "starts parameters"],

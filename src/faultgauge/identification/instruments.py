@@ -28,6 +28,7 @@ from faultgauge.errors import InputError
 from faultgauge.identification.levenberg_marquardt import Options, levenberg_marquardt
 from faultgauge.identification.samples import Samples, Stretch
 from faultgauge.plants.signals import Signals
+from faultgauge.programs import program
 from faultgauge.telemetry import Run
 
 __all__ = ["project", "reference_columns", "refit"]
@@ -190,7 +191,7 @@ def refit(
     return theta
 
 
-@eqx.filter_jit
+@program
 def _basis(
     residual: Callable[[Array, Any], Array], theta: Array, samples: Samples, exogenous: Samples
 ) -> Float[Array, "equations unknowns"]:

@@ -18,7 +18,6 @@ and J. P. Sethna, "Improvements to the Levenberg-Marquardt algorithm", arXiv:120
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
@@ -32,6 +31,7 @@ from faultgauge.identification.normal_equations import (
     own,
     shared,
 )
+from faultgauge.programs import program
 
 __all__ = [
     "CONVERGED",
@@ -258,7 +258,7 @@ class _Problem(NamedTuple):
         )
 
 
-@eqx.filter_jit
+@program
 def levenberg_marquardt(
     residual: Residual,
     starts: Float[Array, "starts parameters"],

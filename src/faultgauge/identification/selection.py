@@ -10,6 +10,7 @@ from jaxtyping import Array, Float
 
 from faultgauge.identification.samples import Stretch
 from faultgauge.plants.gray_box import GrayBoxPlant
+from faultgauge.programs import program
 from faultgauge.simulation.free_run import bucket, pad, simulate, substeps_for
 
 __all__ = ["Windows", "free_run_errors", "windows_from"]
@@ -79,7 +80,7 @@ def _on_parabola(stretch: Stretch, k: int) -> Float[np.ndarray, "states"]:
     return np.where(np.isnan(found), smoothed, found)
 
 
-@eqx.filter_jit
+@program
 def _errors(
     leaves: tuple, plant: GrayBoxPlant, windows: Windows, substeps: int
 ) -> Float[Array, "candidates"]:

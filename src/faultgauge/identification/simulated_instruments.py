@@ -36,6 +36,7 @@ from faultgauge.identification.weak_form import weak_states
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant import Plant
 from faultgauge.plants.signals import Input, Signals
+from faultgauge.programs import program
 from faultgauge.simulation.free_run import (
     RATE_STEP,
     bucket,
@@ -213,7 +214,7 @@ def _simulated(
     return whole
 
 
-@eqx.filter_jit
+@program
 def _free_runs(
     own: Own,
     x0: Float[Array, "stretches states"],

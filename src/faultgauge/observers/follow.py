@@ -14,6 +14,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from faultgauge.programs import program
+
 __all__ = ["CHUNK", "Stepping", "follow"]
 
 CHUNK = 256  # rows that one compiled walk takes
@@ -51,7 +53,7 @@ def follow(
     return state, jax.tree.map(lambda *pieces: np.concatenate(pieces), *said)
 
 
-@eqx.filter_jit
+@program
 def _follow(
     judge: Any,
     state: Any,

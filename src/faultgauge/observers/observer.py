@@ -12,6 +12,7 @@ import scipy.linalg
 from jaxtyping import Array, Float
 
 from faultgauge.plants.plant import Plant, respond
+from faultgauge.programs import program
 from faultgauge.simulation.integrators import step as integrate
 
 __all__ = [
@@ -128,7 +129,7 @@ def _outputs(plant: Plant, x: Array, u: Array, f: Array) -> Float[Array, "output
     return respond(plant, x, u, f)[1]
 
 
-@eqx.filter_jit
+@program
 def observe(
     observer: Observer,
     x0: Float[Array, "states"],
@@ -161,7 +162,7 @@ def linearise(
     """Jacobians of the step Phi in `substeps`, and of the outputs, with respect to state and
     faults; without `substeps` those of the exact step, which is stable wherever the plant is:
     exp([F_x F_f; 0 0] dt)."""
-    x, u = jnp.asarray(points.x), jnp.asarray(points.u)
+    x, u = map(jax.device_put, points)
     C, D, F_x, F_f = map(np.asarray, _jacobians(plant, x, u))
     if substeps is None:
         n = F_x.shape[1]
@@ -170,13 +171,13 @@ def linearise(
         step = scipy.linalg.expm(rates * dt)
         A, B = step[:, :n, :n], step[:, :n, n:]
     else:
-        A, B = map(np.asarray, _step_jacobians(plant, x, u, jnp.asarray(dt), substeps))
+        A, B = map(np.asarray, _step_jacobians(plant, x, u, jax.device_put(dt), substeps))
     found = A, B, C, D, F_x, F_f
     finite = np.all([np.isfinite(a).reshape(len(points.x), -1).all(1) for a in found], axis=0)
     return Linearisation(*(a[finite] for a in found))
 
 
-@eqx.filter_jit
+@program
 def _jacobians(plant: Plant, x: Array, u: Array) -> tuple[Array, ...]:
     """Of outputs and rates."""
 
@@ -192,7 +193,7 @@ def _jacobians(plant: Plant, x: Array, u: Array) -> tuple[Array, ...]:
     return jax.vmap(one)(x, u)
 
 
-@eqx.filter_jit
+@program
 def _step_jacobians(
     plant: Plant, x: Array, u: Array, dt: Array, substeps: int
 ) -> tuple[Array, Array]:

@@ -6,7 +6,9 @@ from pathlib import Path
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from faultgauge.plants.expression import Call, evaluate, networks_used
@@ -37,7 +39,7 @@ class GrayBoxPlant(Plant):
             signals=spec.signals,
             spec=spec,
             networks={n.name: Network.zeros(n.hidden, n.arity, n.shape) for n in spec.networks},
-            parameters={p.name: jnp.asarray(p.value, float) for p in spec.parameters},
+            parameters={p.name: jax.device_put(np.float64(p.value)) for p in spec.parameters},
         )
 
     @property

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import equinox as eqx
-import jax.numpy as jnp
+import jax
 import numpy as np
 import safetensors
 import safetensors.numpy
@@ -226,10 +226,10 @@ def filled(plant: GrayBoxPlant, arrays: dict[str, np.ndarray]) -> GrayBoxPlant:
             raise ValueError(name)
     networks = {
         name: Network(
-            **{key: jnp.asarray(arrays[f"networks/{name}/{key}"]) for key in network.arrays()},
+            **{key: jax.device_put(arrays[f"networks/{name}/{key}"]) for key in network.arrays()},
             shape=network.shape,
         )
         for name, network in plant.networks.items()
     }
-    parameters = {name: jnp.asarray(arrays[f"parameters/{name}"]) for name in plant.parameters}
+    parameters = {name: jax.device_put(arrays[f"parameters/{name}"]) for name in plant.parameters}
     return eqx.tree_at(lambda p: (p.networks, p.parameters), plant, (networks, parameters))

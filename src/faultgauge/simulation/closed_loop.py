@@ -11,6 +11,7 @@ from jaxtyping import Array, Bool, Float
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant import Plant, Stuck, respond
 from faultgauge.plants.signals import Fault, Signals
+from faultgauge.programs import program
 from faultgauge.simulation.delay_line import Taps, acting, taps
 from faultgauge.simulation.integrators import step
 from faultgauge.simulation.policy import Policy
@@ -158,7 +159,7 @@ def closed_loop(
     return governed_loop(plant, controller, None, x0, conditions, dt)[0]
 
 
-@eqx.filter_jit
+@program
 def governed_loop(
     plant: Plant,
     controller: Controller,

@@ -3,13 +3,13 @@
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from faultgauge.plants.plant import Plant, respond
+from faultgauge.programs import program
 from faultgauge.simulation.integrators import step_through
 from faultgauge.simulation.intersample import intersample
 
@@ -39,7 +39,7 @@ class Trajectory(NamedTuple):
     y: Float[Array, "samples outputs"]
 
 
-@eqx.filter_jit
+@program
 def free_run(
     plant: Plant,
     x0: Float[Array, "states"],
@@ -116,12 +116,12 @@ def pad(x: Float[np.ndarray, "samples *rest"], length: int) -> Float[np.ndarray,
     return np.concatenate([x, np.repeat(x[-1:], length - len(x), axis=0)])
 
 
-@eqx.filter_jit
+@program
 def _rates(plant: Plant, x: Array, u: Array) -> Float[Array, "samples states states"]:
     return jax.vmap(jax.jacfwd(plant.derivative), (0, 0))(x, u)
 
 
-@eqx.filter_jit
+@program
 def _faulty_rates(
     plant: Plant, x: Array, u: Array, f: Array
 ) -> Float[Array, "samples states states"]:

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import jax.numpy as jnp
+import jax
 import numpy as np
 from jaxtyping import Bool, Float
 
@@ -165,19 +165,19 @@ def build_fault_bank(
     modes = Branching(
         filter=DividedDifferenceFilter(
             plant,
-            jnp.asarray(scale_of(model, noise)),
-            jnp.asarray(TRIED * size),
+            jax.device_put(scale_of(model, noise)),
+            jax.device_put(TRIED * size),
             growing,
             substeps_for(step, model.max_step),
             np.asarray(step),
         ),
         noise=_levels(model, noise, len(size), knowledge),
         prior=prior_of_faults(model, size, onset, growing),
-        alien=jnp.asarray(_alien(model, noise, len(size) + len(growing), knowledge)),
-        own=jnp.asarray(_own(model, noise)),
-        usual=jnp.asarray(_usual(model, noise, len(size) + len(growing))),
-        memory=jnp.asarray(knowledge.memory),
-        recall=jnp.asarray(knowledge.when),
+        alien=jax.device_put(_alien(model, noise, len(size) + len(growing), knowledge)),
+        own=jax.device_put(_own(model, noise)),
+        usual=jax.device_put(_usual(model, noise, len(size) + len(growing))),
+        memory=jax.device_put(knowledge.memory),
+        recall=jax.device_put(knowledge.when),
         more=more,
         less=less,
         declared=len(signals.faults),
@@ -236,9 +236,9 @@ def _levels(model: Model, noise: Noise, faults: int, knowledge: Knowledge) -> dd
     far = process_of(noise._replace(size=_far(model, noise, knowledge), lasting=quick), drifted)
     count = BRANCHES + UNKNOWN
     return dd.FilterNoise(
-        jnp.asarray(np.stack([*[usual] * BRANCHES, *[far] * UNKNOWN])),
-        jnp.zeros((count, faults)),
-        jnp.asarray(np.tile(noise.sigma, (count, 1))),
+        jax.device_put(np.stack([*[usual] * BRANCHES, *[far] * UNKNOWN])),
+        jax.device_put(np.zeros((count, faults))),
+        jax.device_put(np.tile(noise.sigma, (count, 1))),
     )
 
 

@@ -22,8 +22,9 @@ from faultgauge.detection.rows.judged import operating_points
 from faultgauge.observers.branches import Prior
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
-from faultgauge.plants.plant import respond
+from faultgauge.plants.plant import Plant, respond
 from faultgauge.plants.signals import LOSSES, Fault
+from faultgauge.programs import program
 
 __all__ = [
     "ALIEN",
@@ -48,11 +49,11 @@ AT_START = 1e-3  # probability that a given fault is there when a log begins
 def ranges(model: Model, plant: GrayBoxPlant) -> Float[np.ndarray, "faults"]:
     """Range over the training envelope of what each fault enters, in the fault's unit."""
     points, signals = operating_points(model), plant.signals
-    x, u = jnp.asarray(points.x), jnp.asarray(points.u)
-    along = jax.jit(jax.vmap(lambda x, u: respond(plant, x, u)))
-    rates, outputs = along(x, u)
-    at_rest = along(jnp.broadcast_to(jnp.median(x, axis=0), x.shape), u)
-    held = along(x, jnp.broadcast_to(jnp.median(u, axis=0), u.shape))
+    x, u = map(jax.device_put, points)
+    still = (np.broadcast_to(np.median(each, axis=0), each.shape) for each in points)
+    still_x, still_u = map(jax.device_put, still)
+    rates, outputs = _along(plant, x, u)
+    at_rest, held = _along(plant, still_x, u), _along(plant, x, still_u)
     moved, shown = (
         np.max([_range(each) for each in some], axis=0)
         for some in zip((rates, outputs), at_rest, held, strict=True)
@@ -106,12 +107,7 @@ def _reach(
     moves: Float[np.ndarray, "channels"],
 ) -> Float[np.ndarray, "faults"]:
     """How large a fault makes one of the rates and outputs differ by as much as it `moves`."""
-
-    def channels(f: Array, x: Array, u: Array) -> Array:
-        return jnp.concatenate(respond(plant, x, u, f))
-
-    none = jnp.zeros(len(plant.signals.faults))
-    slopes = np.asarray(jax.jit(jax.vmap(jax.jacfwd(channels), (None, 0, 0)))(none, x, u))
+    slopes = np.asarray(_slopes(plant, x, u))
     slopes = np.where(np.isfinite(slopes), slopes, 0.0)
     typical = np.sqrt(np.mean(slopes**2, axis=0))
     widths = np.divide(
@@ -119,6 +115,23 @@ def _reach(
     )
     widths = np.where(widths > 0, widths, np.inf).min(axis=0)
     return np.where(np.isfinite(widths), widths, 0.0)
+
+
+@program
+def _along(plant: Plant, x: Array, u: Array) -> tuple[Array, Array]:
+    """Rates and outputs at some points."""
+    return jax.vmap(lambda x, u: respond(plant, x, u))(x, u)
+
+
+@program
+def _slopes(plant: Plant, x: Array, u: Array) -> Float[Array, "points channels faults"]:
+    """By how much a unit of each fault moves rates and outputs."""
+
+    def channels(f: Array, x: Array, u: Array) -> Array:
+        return jnp.concatenate(respond(plant, x, u, f))
+
+    none = jnp.zeros(len(plant.signals.faults))
+    return jax.vmap(jax.jacfwd(channels), (None, 0, 0))(none, x, u)
 
 
 def _parameter_range(plant: GrayBoxPlant, name: str) -> float:
@@ -191,13 +204,13 @@ def prior_of_faults(
     shown = np.array([f.monitor != "disabled" for f in faults] + [True] * more)
     never = np.where(np.concatenate([shown, shown[grow]]), 1.0, 1e-300)
     return Prior(
-        size=jnp.asarray(np.concatenate([size, slopes])),
-        low=jnp.asarray(np.concatenate([low, -wide])),
-        high=jnp.asarray(np.concatenate([high, wide])),
-        onset=jnp.asarray(np.concatenate([rate, rate[grow]]) * never),
-        recovery=jnp.asarray(RECOVERY * rate),
-        common=jnp.asarray(COMMON),
-        unknown=jnp.asarray(ALIEN * largest),
-        first=jnp.asarray(at_start),
-        changed=jnp.asarray(RECOVERY * CHANGED),
+        size=jax.device_put(np.concatenate([size, slopes])),
+        low=jax.device_put(np.concatenate([low, -wide])),
+        high=jax.device_put(np.concatenate([high, wide])),
+        onset=jax.device_put(np.concatenate([rate, rate[grow]]) * never),
+        recovery=jax.device_put(RECOVERY * rate),
+        common=jax.device_put(COMMON),
+        unknown=jax.device_put(ALIEN * largest),
+        first=jax.device_put(at_start),
+        changed=jax.device_put(RECOVERY * CHANGED),
     )

@@ -35,6 +35,7 @@ from faultgauge.observers import divided_difference as dd
 from faultgauge.observers.divided_difference import Belief, DividedDifferenceFilter
 from faultgauge.plants.disturbed import Disturbed, Error
 from faultgauge.plants.model import Model
+from faultgauge.programs import program
 from faultgauge.simulation.closed_loop import with_faults
 from faultgauge.simulation.free_run import substeps_for
 from faultgauge.telemetry import Run, segments
@@ -190,7 +191,7 @@ class Likelihood:
         return Likelihoods(*(np.asarray(each) for each in found))
 
 
-@eqx.filter_jit
+@program
 def _costs(
     plant: Disturbed,
     error: Error,

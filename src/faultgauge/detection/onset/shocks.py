@@ -19,13 +19,13 @@ added back. A fault is varied by its own size, to the side of the guess, so that
 
 from typing import NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from faultgauge.observers.divided_difference import Belief, DividedDifferenceFilter, FilterNoise
+from faultgauge.programs import program
 
 __all__ = ["KnownStretch", "Shocks", "shocks"]
 
@@ -69,7 +69,7 @@ class _Effect(NamedTuple):
     late: Float[Array, "*samples n faults"]
 
 
-@eqx.filter_jit
+@program
 def shocks(
     lane: DividedDifferenceFilter,
     noise: FilterNoise,

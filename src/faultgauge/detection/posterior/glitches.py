@@ -11,9 +11,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
-import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
@@ -23,6 +21,7 @@ from faultgauge.detection.words import moment
 from faultgauge.observers.divided_difference import FAR
 from faultgauge.plants.disturbed import Disturbed
 from faultgauge.plants.plant import respond
+from faultgauge.programs import program
 from faultgauge.simulation.free_run import bucket
 from faultgauge.telemetry import Run
 from faultgauge.telemetry.clock import Clock
@@ -101,11 +100,11 @@ class Glitches:
     ) -> Float[np.ndarray, "some"]:
         """How far samples are off what is believed after them."""
         padded = np.pad(at, (0, bucket(len(at)) - len(at)), mode="edge")
-        predicted = _outputs(self.bank.plant, *(jnp.asarray(a[padded]) for a in each[3:]))
+        predicted = _outputs(self.bank.plant, *(jax.device_put(a[padded]) for a in each[3:]))
         return np.abs(each.y[at] - np.asarray(predicted)[: len(at), j])
 
 
-@eqx.filter_jit
+@program
 def _outputs(
     plant: Disturbed,
     x: Float[Array, "some extended"],

@@ -31,6 +31,7 @@ from faultgauge.detection.rows.judged import (
 from faultgauge.detection.rows.prepared import Prepared
 from faultgauge.observers.divided_difference import Belief, DividedDifferenceFilter, FilterNoise
 from faultgauge.observers.follow import follow
+from faultgauge.programs import program
 
 __all__ = ["Effects", "Information", "effects_along", "effects_of", "information"]
 
@@ -97,12 +98,12 @@ def effects_along(bank: FaultBank, acting: Prepared, before: Effects | None = No
     signals, lane = bank.model.plant.signals, bank.modes.filter
     low, high = (np.array([getattr(f, k) for f in signals.faults]) for k in ("min", "max"))
     side = np.where(low >= 0, 1.0, np.where(high <= 0, -1.0, 0.0))
-    judge = _Healthy(lane, jax.tree.map(lambda a: a[0], bank.modes.noise), side)
+    judge = _Healthy(lane, jax.tree.map(lambda a: np.asarray(a)[0], bank.modes.noise), side)
     unused = [n not in bank.outputs for n in signals.output_names]
     # the first sample has found the start: it is not to be believed twice
     sd = start_spread(bank.model, bank.noise, ())
     n, states = lane.states, len(signals.states)
-    belief = lane.begin(jnp.zeros(n), jnp.asarray(sd)) if before is None else before.end
+    belief = _first(lane, *map(jax.device_put, (np.zeros(n), sd))) if before is None else before.end
     last = None if before is None else float(before.t[-1])
     parts = [_no_rows(n, len(signals.outputs), len(signals.faults))]
     for part in stretches(acting.run, signals.input_names or bank.outputs, bank.outputs):
@@ -115,14 +116,21 @@ def effects_along(bank: FaultBank, acting: Prepared, before: Effects | None = No
             x = start_from_samples(bank.model, stretch).x
             if last is not None:
                 belief, keep = _after_gap(bank, belief, sd, float(t[0] - last))
-            belief = belief._replace(mean=belief.mean.at[:states].set(x))
-        (belief, _), said = follow(judge, (belief, jnp.asarray(u[0])), (u, y, dt))
+            mean = np.concatenate([x, np.asarray(belief.mean)[states:]])
+            belief = belief._replace(mean=jax.device_put(mean))
+        (belief, _), said = follow(judge, (belief, jax.device_put(u[0])), (u, y, dt))
         for each in said[:2]:
             each[0, :, :n] *= keep
         parts.append((t, *said))
         last = float(t[-1])
     t, M, G, white, x = (np.concatenate(each) for each in zip(*parts, strict=True))
     return Effects(t, M, G, white, x, belief)
+
+
+@program
+def _first(lane: DividedDifferenceFilter, mean: Array, sd: Array) -> Belief:
+    """What is known where a log begins."""
+    return lane.begin(mean, sd)
 
 
 def _no_rows(n: int, outputs: int, faults: int) -> tuple[np.ndarray, ...]:
@@ -150,7 +158,7 @@ def _after_gap(
     whole = np.append(keep, np.ones(faults))
     more = np.append((1 - keep**2) * fresh, np.zeros(faults))
     P = np.asarray(belief.P) * np.outer(whole, whole) + np.diag(more)
-    return Belief(belief.mean * whole, jnp.asarray(P)), keep
+    return Belief(*map(jax.device_put, (np.asarray(belief.mean) * whole, P))), keep
 
 
 class _Unfolding(eqx.Module):
@@ -179,11 +187,9 @@ def information(
     n = effects.x.shape[1]
     F, A = effects.M.shape[2] - n, 1 + len(onsets)
     first = min([reference, *onsets])
-    judge = _Unfolding(jnp.asarray(np.array([reference, *onsets]) - first))
-    zero = jnp.zeros
-    state: tuple[Array, ...] = (
-        jnp.asarray(0), zero((n, F, A)), zero(F), zero((F, A)), zero((F, F, A)),
-    )  # fmt: skip
+    judge = _Unfolding(jax.device_put(np.array([reference, *onsets]) - first))
+    shapes = (n, F, A), (F,), (F, A), (F, F, A)
+    state = tuple(map(jax.device_put, (np.asarray(0), *map(np.zeros, shapes))))
     rows, left = list[tuple[np.ndarray, ...]](), [np.zeros((first, effects.G.shape[1], F))]
     for end in ends:
         if end + 1 > first:

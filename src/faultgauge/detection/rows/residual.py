@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
@@ -175,9 +176,9 @@ def _free(model: Model, acting: Prepared) -> dict[str, Float[np.ndarray, "sample
         length = bucket(count)
         dt = np.zeros(length)
         dt[: count - 1] = np.diff(t)
-        f = jnp.zeros((length, len(signals.faults)))
-        x, padded, steps = (jnp.asarray(each) for each in (start.x, pad(stretch.u, length), dt))
-        r = stretch.y - np.asarray(free_run(start.plant, x, padded, steps, f, substeps).y)[:count]
+        f = np.zeros((length, len(signals.faults)))
+        x, u, dt, f = map(jax.device_put, (start.x, pad(stretch.u, length), dt, f))
+        r = stretch.y - np.asarray(free_run(start.plant, x, u, dt, f, substeps).y)[:count]
         r[: samples_to_start(model, run.columns) - 1] = np.nan
         for name in healthy.outputs:
             found[name][part] = r[:, signals.output_names.index(name)]

@@ -34,6 +34,7 @@ from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.network import Network
 from faultgauge.plants.plant import respond
 from faultgauge.plants.shape import Shape
+from faultgauge.programs import program
 
 __all__ = ["Claims", "claims_of", "imitating"]
 
@@ -144,7 +145,7 @@ def _information(
     return whole[:n, :n] - border @ np.linalg.pinv(whole[n:, n:], hermitian=True) @ border.T
 
 
-@eqx.filter_jit
+@program
 def _hessian(residual: SimulationResidual, theta: Array, windows: WindowBatch, local: int) -> Array:
     return bordered_equations(residual.linearised, theta, windows, local)[1]
 

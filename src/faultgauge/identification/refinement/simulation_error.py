@@ -28,6 +28,7 @@ from faultgauge.identification.refinement.cores import side_by_side
 from faultgauge.identification.unknowns import Unknowns
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant import respond
+from faultgauge.programs import program
 from faultgauge.simulation.integrators import sensitive_step, step_through
 
 __all__ = [
@@ -425,7 +426,7 @@ def mean_square(
         return float(np.sum(weighed**2)) / max(len(weighed), 1)
 
 
-@eqx.filter_jit
+@program
 def _simulated(
     residual: SimulationResidual, theta: Array, z: Array, windows: WindowBatch
 ) -> tuple[Array, Array]:

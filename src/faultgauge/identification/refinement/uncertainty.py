@@ -41,6 +41,7 @@ from faultgauge.identification.refinement.simulation_error import (
 from faultgauge.identification.unknowns import Unknowns
 from faultgauge.identification.validation.correlation import correlation, integrated_time
 from faultgauge.plants.gray_box import GrayBoxPlant
+from faultgauge.programs import program
 
 __all__ = ["ConstantsInformation", "Curvature", "curvature", "information", "residual_time"]
 
@@ -161,7 +162,7 @@ def _model_error(
     return band_scatter(parts)
 
 
-@eqx.filter_jit
+@program
 def _one(residual: SimulationResidual, own: Array, window: WindowBatch) -> tuple[Array, Array]:
     return residual.linearised(own, window)
 
@@ -181,7 +182,7 @@ def _with_steps(
     )
 
 
-@eqx.filter_jit
+@program
 def _normal_equations(
     residual: SimulationResidual, theta: Array, windows: WindowBatch, local: int
 ) -> tuple[Array, Array, Array]:

@@ -14,6 +14,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from faultgauge.plants.plant import Plant, Stuck, respond
+from faultgauge.programs import program
 from faultgauge.simulation.policy import Policy
 from faultgauge.simulation.satellite import rotations
 from faultgauge.simulation.satellite.controller import AttitudeController
@@ -252,7 +253,7 @@ def _rates(satellite: Satellite, t: Array, x: _Motion, u: Array, f: Array, stuck
     return _Motion(rotations.product(x.q, spin) / 2, omega, dh, x.omega)
 
 
-@eqx.filter_jit
+@program
 def fly(
     satellite: Satellite, begin: SatelliteState, during: Now
 ) -> tuple[SatelliteState, Telemetry]:
