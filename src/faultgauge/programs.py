@@ -4,7 +4,8 @@ JAX's own cache keeps what its compiler made; to ask for it, a process must trac
 lower it anew, which takes longer than all else that a command does. A program kept here is found by
 what it hangs on, before anything is traced: the function, what of its arguments is no array, the
 arrays' shapes and types, the code of this package and of those that trace it, and the machine's
-kind. It is kept beside what JAX keeps, where JAX is told to (`JAX_COMPILATION_CACHE_DIR`).
+kind. The folder is that of `FAULTGAUGE_PROGRAMS`, which the commands set; without it nothing is
+kept.
 """
 
 import hashlib
@@ -12,7 +13,7 @@ import io
 import os
 import pickle
 import platform
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import suppress
 from functools import cache, update_wrapper
 from pathlib import Path
@@ -37,6 +38,7 @@ THEIRS = ("jax", "jaxlib", "equinox", "optimistix", "lineax", "numpy")  # by ver
 PLAIN = ("builtins", "collections", "functools", "operator", "types", "typing", "pathlib")
 CALLS_PYTHON = "python_cpu_callback"  # in the text of a program that means nothing elsewhere
 CALLS_LAPACK = "lapack_"
+PLACES = ("jax_compilation_cache", "jax_persistent_cache")  # settings that change no program
 
 
 def program(function: Callable[P, R]) -> Callable[P, R]:
@@ -56,8 +58,8 @@ class _Program(Generic[P, R]):
         update_wrapper(self, function)
 
     def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R:
-        folder = jax.config.values["jax_compilation_cache_dir"]
-        if folder is None or jax.default_backend() != "cpu":
+        folder = os.environ.get("FAULTGAUGE_PROGRAMS")
+        if not folder or jax.default_backend() != "cpu":
             return self.compiled(*args, **kwargs)
         leaves, tree = jax.tree.flatten((args, kwargs))
         arrays = [leaf for leaf in leaves if _is_array(leaf)]
@@ -223,25 +225,25 @@ def _load_lapack() -> None:
     jax.lax.linalg.cholesky(jnp.asarray(np.eye(1)), symmetrize_input=False)
 
 
-@cache
 def _code() -> tuple[Any, ...]:
-    """What the same arguments may be compiled otherwise by: files of this package, versions."""
-    from importlib.metadata import version
-
+    """What the same arguments may be compiled otherwise by."""
     return (
-        bool(jax.config.values["jax_enable_x64"]),
+        sorted((k, repr(v)) for k, v in jax.config.values.items() if not k.startswith(PLACES)),
         os.environ.get("XLA_FLAGS", ""),
-        tuple(version(name) for name in THEIRS),
-        tuple(_files()),
+        _files(),
     )
 
 
-def _files() -> Iterator[tuple[str, int, int]]:
-    home = Path(__file__).parents[1]
+@cache
+def _files() -> tuple[Any, ...]:
+    from importlib.metadata import version
+
+    home, found = Path(__file__).parents[1], list[tuple[str, int, int]]()
     for package in OURS:
         for file in sorted((home / package).rglob("*.py")):
             about = file.stat()
-            yield str(file.relative_to(home)), about.st_size, about.st_mtime_ns
+            found.append((str(file.relative_to(home)), about.st_size, about.st_mtime_ns))
+    return *(version(name) for name in THEIRS), *found
 
 
 @cache

@@ -9,8 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import scipy.io
-from scipy.io.matlab import MatlabOpaque, matfile_version, varmats_from_mat
 
 from faultgauge.errors import InputError
 from faultgauge.telemetry.readers.arrays import array_table
@@ -62,6 +60,8 @@ def read_mat(path: Path) -> LogTable:
 
 def _check_size(path: Path, h5py: Any) -> None:
     """Refuse a file that unpacks to too much; v4 is not packed."""
+    from scipy.io.matlab import matfile_version  # every command loads the readers
+
     room = Room(path)
 
     def visit(_: str | bytes, item: Any) -> None:
@@ -91,8 +91,10 @@ def _packed(path: Path) -> Iterator[bytes]:
 
 def _object_names(path: Path) -> list[str]:
     """The names of the objects in a file of v5, where SciPy does not tell them."""
+    from scipy.io.matlab import MatlabOpaque, loadmat, varmats_from_mat
+
     with path.open("rb") as file:
-        parts = [scipy.io.loadmat(part).get(NAMELESS) for _, part in varmats_from_mat(file)]
+        parts = [loadmat(part).get(NAMELESS) for _, part in varmats_from_mat(file)]
     return [as_text(part["s0"][0]) for part in parts if isinstance(part, MatlabOpaque)]
 
 
