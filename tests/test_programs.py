@@ -36,6 +36,10 @@ def applied(own: Own, x: Any) -> Array:
     return own.of(x)
 
 
+def labelled(x: Any, label: tuple[str, str]) -> dict[str, Any]:
+    return {"x": 2 * x, "label": label}
+
+
 def factor(a: Any) -> Array:
     return jnp.linalg.cholesky(a)
 
@@ -147,4 +151,11 @@ def test_lapack_is_there_for_what_is_loaded_in_another_process(kept: Path) -> No
     for more in ([], ["load"]):
         found = subprocess.run([*call, *more], capture_output=True, text=True)
         assert "1.41421356" in found.stdout, found.stderr  # sqrt(3 - 1)
+    assert len(files(kept)) == 1
+
+
+def test_what_is_equal_is_one_program(kept: Path) -> None:
+    words = ["".join(["a", "b"]) for _ in range(3)]  # three objects
+    program(labelled)(np.ones(2), (words[0], words[0]))
+    program(labelled)(np.ones(2), (words[1], words[2]))
     assert len(files(kept)) == 1

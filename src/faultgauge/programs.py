@@ -65,7 +65,7 @@ class _Program(Generic[P, R]):
         arrays = [leaf for leaf in leaves if _is_array(leaf)]
         if any(isinstance(each, Tracer) for each in arrays):
             return self.compiled(*args, **kwargs)
-        known = tuple(_Shape.of(x) if _is_array(x) else (type(x), x) for x in leaves)
+        known = tuple(_known(x) if _is_array(x) else (type(x), x) for x in leaves)
         if (key := (tree, known)) not in self.ready:
             self.ready[key] = self._program(Path(folder), tree, leaves)
         run = self.ready[key]
@@ -75,7 +75,7 @@ class _Program(Generic[P, R]):
         self, folder: Path, tree: Any, leaves: list[Any]
     ) -> Callable[[list[Any]], Any] | None:
         """The program for such arguments, loaded or made and kept; None where it cannot be."""
-        outline = [_Shape.of(leaf) if _is_array(leaf) else leaf for leaf in leaves]
+        outline = [(*_known(x), x.dtype.str) if _is_array(x) else x for x in leaves]
         name = self.function.__module__, self.function.__qualname__
         said = _told((name, _code(), _machine(), jax.tree.unflatten(tree, outline)))
         if said is None:
@@ -115,18 +115,6 @@ class _Program(Generic[P, R]):
         return _Kept(binary, said[-1], CALLS_LAPACK in text)
 
 
-class _Shape(NamedTuple):
-    """What a program knows of an array."""
-
-    shape: tuple[int, ...]
-    dtype: str
-    weak: bool
-
-    @classmethod
-    def of(cls, array: Any) -> "_Shape":
-        return cls(array.shape, str(array.dtype), bool(getattr(array, "weak_type", False)))
-
-
 class _Place(NamedTuple):
     """Where in an answer the array `number` stands."""
 
@@ -154,8 +142,10 @@ class _Telling(pickle.Pickler):
 def _told(said: Any) -> bytes | None:
     """`said` as bytes; None where that is not possible, or would not tell all."""
     content = io.BytesIO()
+    telling = _Telling(content)
+    telling.fast = True  # what is equal is told alike, be it one object or two
     try:
-        _Telling(content).dump(said)
+        telling.dump(said)
     except (pickle.PicklingError, TypeError, AttributeError, ValueError, RecursionError):
         return None  # what objects raise that are not to be pickled
     return content.getvalue()
@@ -197,6 +187,11 @@ def _ready(kept: _Kept | None, arrays: int) -> Callable[[list[Any]], Any] | None
 
 def _is_array(leaf: Any) -> bool:
     return isinstance(leaf, jax.Array | np.ndarray | np.generic)
+
+
+def _known(array: Any) -> tuple[Any, ...]:
+    """What a program knows of an array."""
+    return array.shape, array.dtype.num, getattr(array, "weak_type", False)
 
 
 def _is_place(leaf: Any) -> bool:

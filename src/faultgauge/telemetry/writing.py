@@ -6,6 +6,7 @@ import io
 import math
 from collections.abc import Callable, Iterable
 from pathlib import Path
+from types import NoneType
 from typing import Any
 
 from faultgauge.errors import InputError
@@ -33,13 +34,25 @@ def _csv(columns: dict[str, list[Any]]) -> bytes:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)
-    for row in zip(*columns.values(), strict=True):
-        writer.writerow(_csv_cells(row))
+    writer.writerows(zip(*map(_csv_column, columns.values()), strict=True))
     return text.getvalue().encode()
 
 
-def _csv_cells(row: Iterable[Any]) -> list[Any]:
-    return [f"{cell:.10g}" if isinstance(cell, float) else _harmless(cell) for cell in row]
+def _csv_column(cells: list[Any]) -> list[Any]:
+    """The cells as they are written: numbers in one go, a text that comes again once."""
+    kinds = set(map(type, cells))
+    if kinds <= {str, NoneType}:
+        told = {cell: _harmless(cell) for cell in set(cells)}
+        return [told[cell] for cell in cells]
+    if kinds <= {float, NoneType}:
+        numbers = tuple(cell for cell in cells if cell is not None)
+        texts = iter(("%.10g\n" * len(numbers) % numbers).splitlines())
+        return [None if cell is None else next(texts) for cell in cells]
+    return _csv_cells(cells)
+
+
+def _csv_cells(cells: Iterable[Any]) -> list[Any]:
+    return [f"{cell:.10g}" if isinstance(cell, float) else _harmless(cell) for cell in cells]
 
 
 def _harmless(cell: Any) -> Any:

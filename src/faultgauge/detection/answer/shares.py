@@ -1,7 +1,7 @@
 """How much of a run was judged: in all, fault by fault, and where not and why."""
 
 import re
-from itertools import groupby
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -59,16 +59,16 @@ def shares_of(decision: Decision) -> Shares:
     shown = (found.seen.any(axis=2) | told) & judged[:, None]
     silent = []
     # a reason stands on healthy rows too, where one fault would not show
-    reasons = [None if fine else why for fine, why in zip(judged, decision.reason, strict=True)]
-    for reason, part in groupby(range(len(t)), key=lambda k: reasons[k]):
-        if reason is not None:
-            at = list(part)
-            why = with_values(decision.run, reason, at)
-            silent.append(Silent(float(t[at[0]]), float(t[at[-1]]), len(at) / len(t), why))
+    reasons = np.where(judged, np.array(None), np.array(decision.reason, object))
+    edges = np.flatnonzero(reasons[1:] != reasons[:-1]) + 1
+    for a, b in pairwise([0, *edges.tolist(), len(t)]):
+        if reasons[a] is not None:
+            why = with_values(decision.run, reasons[a], slice(a, b))
+            silent.append(Silent(float(t[a]), float(t[b - 1]), (b - a) / len(t), why))
     return Shares(float(judged.mean()), tuple(shown.mean(axis=0).tolist()), tuple(silent))
 
 
-def with_values(run: Run, reason: str, rows: list[int]) -> str:
+def with_values(run: Run, reason: str, rows: slice | list[int]) -> str:
     """`reason`; where it says that columns are outside of something in `rows`, with what they were
     there."""
     if OUTSIDE not in reason:
