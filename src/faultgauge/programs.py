@@ -28,6 +28,7 @@ from jax.experimental import serialize_executable
 
 from faultgauge.errors import InputError
 from faultgauge.files import write_atomically
+from faultgauge.phases import phase
 
 __all__ = ["program"]
 
@@ -69,7 +70,8 @@ class _Program(Generic[P, R]):
         if (key := (tree, known)) not in self.ready:
             self.ready[key] = self._program(Path(folder), tree, leaves)
         run = self.ready[key]
-        return self.compiled(*args, **kwargs) if run is None else run(arrays)
+        with phase("running programs"):
+            return self.compiled(*args, **kwargs) if run is None else run(arrays)
 
     def _program(
         self, folder: Path, tree: Any, leaves: list[Any]
@@ -82,7 +84,8 @@ class _Program(Generic[P, R]):
             return None
         file = folder / f"{hashlib.sha256(said).hexdigest()}.program"
         arrays = sum(map(_is_array, leaves))
-        run = _ready(_read(file), arrays)
+        with phase("loading programs"):
+            run = _ready(_read(file), arrays)
         if run is None:
             kept = self._made(tree, leaves)
             run = _ready(kept, arrays)
@@ -104,7 +107,8 @@ class _Program(Generic[P, R]):
             said.append(form.unflatten(next(places) if _is_array(x) else x for x in out))
             return found
 
-        lowered = jax.jit(kept).lower([leaf for leaf in leaves if _is_array(leaf)])
+        with phase("tracing programs"):
+            lowered = jax.jit(kept).lower([leaf for leaf in leaves if _is_array(leaf)])
         text = lowered.as_text()
         if CALLS_PYTHON in text or _told(said[-1]) is None:
             return None
@@ -157,7 +161,8 @@ def _compiled(lowered: jax.stages.Lowered) -> jax.stages.Compiled:
     usual = jax.config.values[name]
     jax.config.update(name, float("inf"))
     try:
-        return lowered.compile()
+        with phase("compiling programs"):
+            return lowered.compile()
     finally:
         jax.config.update(name, usual)
 

@@ -30,6 +30,7 @@ from faultgauge.cli.streaming import end_as_interrupts, end_in_peace, let_go
 from faultgauge.cli.writing import guarded
 from faultgauge.errors import InputError
 from faultgauge.files import full_disk
+from faultgauge.phases import profiled
 
 __all__ = ["app", "main"]
 
@@ -80,6 +81,7 @@ def root(
         None, "--version", callback=_version, is_eager=True, help="Print the version and stop."
     ),
     debug: bool = typer.Option(False, "--debug", help="Show the traceback of an error."),
+    profile: bool = typer.Option(False, "--profile", help="Say where the processor's time went."),
 ) -> None:
     options.prepare()
 
@@ -98,6 +100,9 @@ def main() -> None:
 def run(arguments: list[str], interrupted: Callable[[], bool] = lambda: False) -> int:
     """Exit code of one call; every error is one sentence on stderr, of which an interrupt is the
     cause once one came."""
+    if "--profile" in arguments:  # legal anywhere on the line
+        with profiled(options.say):
+            return run([a for a in arguments if a != "--profile"], interrupted)
     debug = "--debug" in arguments
     if debug:  # legal anywhere on the line
         arguments = ["--debug", *(a for a in arguments if a != "--debug")]

@@ -14,6 +14,7 @@ import typer
 
 from faultgauge.cli.writing import READS, Writes
 from faultgauge.errors import InputError
+from faultgauge.phases import phase
 from faultgauge.progress import Step
 
 if TYPE_CHECKING:
@@ -195,7 +196,8 @@ def read_logs(
     too."""
     from faultgauge.verbs.reading import runs_for_plant
 
-    return _noted(runs_for_plant(spec, list(paths), how, fitting=fitting))
+    with phase("reading logs"):
+        return _noted(runs_for_plant(spec, list(paths), how, fitting=fitting))
 
 
 def read_logs_for(model: "Model", paths: Sequence[Path], how: "How") -> tuple["Runs", list[str]]:
@@ -203,7 +205,8 @@ def read_logs_for(model: "Model", paths: Sequence[Path], how: "How") -> tuple["R
     fit, which are said at once."""
     from faultgauge.verbs.reading import runs_for_model, unlike_warnings
 
-    runs = _noted(runs_for_model(model, list(paths), how))
+    with phase("reading logs"):
+        runs = _noted(runs_for_model(model, list(paths), how))
     odd = unlike_warnings(model, runs)
     warn(odd)
     return runs, odd

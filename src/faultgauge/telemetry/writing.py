@@ -11,6 +11,7 @@ from typing import Any
 
 from faultgauge.errors import InputError
 from faultgauge.files import write_atomically
+from faultgauge.phases import phase
 from faultgauge.telemetry.clock import Clock
 from faultgauge.telemetry.runs import Run
 from faultgauge.telemetry.table import float_cells
@@ -133,7 +134,8 @@ def check_writable(path: Path) -> None:
 def write_table(columns: dict[str, list[Any]], path: Path) -> None:
     """Write `columns` to `path`; None becomes an empty cell. Whole or not at all."""
     check_writable(path)
-    write_atomically(path, table_bytes(columns, path))
+    with phase("writing tables"):
+        write_atomically(path, table_bytes(columns, path))
 
 
 def table_bytes(columns: dict[str, list[Any]], path: Path) -> bytes:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from faultgauge.errors import InputError
+from faultgauge.phases import phase
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas
@@ -79,9 +80,10 @@ class Result(abc.ABC):
         at all."""
         from faultgauge.reporting.report import write
 
-        page = self.page()
-        for path in paths:
-            write(page, path)
+        with phase("drawing reports"):
+            page = self.page()
+            for path in paths:
+                write(page, path)
 
     def __str__(self) -> str:
         return "\n".join(self.lines)
