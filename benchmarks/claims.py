@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 ROOT = Path(__file__).parents[1]
 CHEAP = (
-    "pytest tests/identification/test_simulated_instruments.py",
+    "pytest tests/identification/equation/test_simulated_instruments.py",
     "pytest tests/export/test_watch.py",
     "python benchmarks/instrument.py --seeds 20",
 )

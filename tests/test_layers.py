@@ -46,13 +46,9 @@ INSIDE = {  # folders and files of a layer, likewise
         *("bank", "rows", "remember", "words"),
     ),
     "identification": (
-        *("fit", "unseen", "fit_record"),
-        *("equation_uncertainty", "equation_model_error", "noise_bias", "equation_fit"),
-        *("simulated_instruments", "refinement", "weak_form", "equation_error"),
-        *("algorithms", "gradient_descent", "validation"),
-        *("command_checks", "log_checks", "evaluation", "instruments", "population", "selection"),
-        *("levenberg_marquardt", "between_runs", "holdout", "constants", "unknowns", "samples"),
-        *("model_error", "noise_floor", "normal_equations", "sizes", "starts"),
+        *("fit", "unseen", "fit_record", "simulation_error", "equation", "validation"),
+        *("command_checks", "log_checks", "noise_floor", "population", "between_runs"),
+        *("constants", "model_error", "holdout", "optimise", "sizes", "unknowns", "samples"),
     ),
     "telemetry": (
         *("stream", "inspection", "reading", "logs", "readers", "skeleton", "where"),

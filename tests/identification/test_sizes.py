@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from faultgauge.identification.fit import fit
-from faultgauge.identification.refinement import networks
+from faultgauge.identification.simulation_error import networks
 from faultgauge.identification.sizes import smallest_sufficient, with_hidden
 from faultgauge.plants.gray_box import GrayBoxPlant, load_plant
 from faultgauge.plants.model import load_model, save_model

@@ -6,15 +6,14 @@ from dataclasses import replace
 import numpy as np
 
 from faultgauge.errors import InputError
-from faultgauge.identification.algorithms import AlgorithmName
 from faultgauge.identification.command_checks import response_warnings
 from faultgauge.identification.constants import contradictions
-from faultgauge.identification.equation_fit import (
+from faultgauge.identification.equation.fit import (
     EquationFit,
     fit_equations,
     material,
 )
-from faultgauge.identification.evaluation import POOR, divergence, predict, too_short
+from faultgauge.identification.equation.instruments import reference_columns
 from faultgauge.identification.fit_record import (
     Equations,
     FitReport,
@@ -22,13 +21,14 @@ from faultgauge.identification.fit_record import (
     fit_record,
     outcome,
 )
-from faultgauge.identification.instruments import reference_columns
 from faultgauge.identification.log_checks import log_warnings
 from faultgauge.identification.noise_floor import noise_floor
-from faultgauge.identification.refinement.result import Refinement, refine_on_logs
+from faultgauge.identification.optimise.algorithms import AlgorithmName
 from faultgauge.identification.samples import Channels, channels, in_effect, slow_columns
+from faultgauge.identification.simulation_error.result import Refinement, refine_on_logs
 from faultgauge.identification.sizes import chosen_sizes, smallest_sufficient, with_hidden
 from faultgauge.identification.unseen import run_anew
+from faultgauge.identification.validation.evaluation import POOR, divergence, predict, too_short
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
 from faultgauge.plants.signals import Signals

@@ -15,9 +15,9 @@ from faultgauge.detection.calibration.calibration_words import errors
 from faultgauge.detection.rows.judged import Bank
 from faultgauge.detection.rows.residual import Reference
 from faultgauge.detection.words import duration
-from faultgauge.identification.evaluation import Prediction, at_samples, divergence
 from faultgauge.identification.fit import FitReport
 from faultgauge.identification.unseen import Unseen
+from faultgauge.identification.validation.evaluation import Prediction, at_samples, divergence
 from faultgauge.plants.model import Model
 from faultgauge.reporting.calibration_chapter import calibration_section, intervals_section
 from faultgauge.reporting.model_figures import envelope, fit_history

@@ -11,8 +11,8 @@ import numpy as np
 
 from faultgauge.detection.bank.fidelity import LONGEST
 from faultgauge.errors import InputError
-from faultgauge.identification.evaluation import WARMUP, evaluate
 from faultgauge.identification.holdout import LAST_SHARE
+from faultgauge.identification.validation.evaluation import WARMUP, evaluate
 from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run, cut
 

@@ -23,7 +23,7 @@ from faultgauge.detection.posterior.uncalibrated import level_in, uncalibrated
 from faultgauge.detection.remember import once
 from faultgauge.detection.rows.judged import operating_points
 from faultgauge.detection.words import number
-from faultgauge.identification.evaluation import POOR
+from faultgauge.identification.validation.evaluation import POOR
 from faultgauge.plants.disturbed import dynamic_states
 from faultgauge.plants.model import Model
 

@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from faultgauge.errors import InputError
-from faultgauge.identification.evaluation import POOR, Prediction, predict
+from faultgauge.identification.validation.evaluation import POOR, Prediction, predict
 from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run, cut
 

@@ -43,7 +43,7 @@ from faultgauge.detection.rows.prepared import prepared
 from faultgauge.detection.watch import Watch
 from faultgauge.detection.words import MOST, UNDECLARED, moment, number
 from faultgauge.errors import InputError
-from faultgauge.identification.refinement.cores import side_by_side
+from faultgauge.identification.optimise.cores import side_by_side
 from faultgauge.plants.model import Model
 from faultgauge.plants.record import BankLevel, CalibrationRecord, NoiseLevels
 from faultgauge.telemetry import Run, cut

@@ -30,7 +30,7 @@ from faultgauge.detection.bank.noise import (
 )
 from faultgauge.detection.rows.judged import pad_stretch, start_from_samples
 from faultgauge.detection.rows.prepared import as_it_acts
-from faultgauge.identification.refinement.cores import side_by_side
+from faultgauge.identification.optimise.cores import side_by_side
 from faultgauge.observers import divided_difference as dd
 from faultgauge.observers.divided_difference import Belief, DividedDifferenceFilter
 from faultgauge.plants.disturbed import Disturbed, Error
