@@ -30,7 +30,7 @@ LONGEST = (
     "detection/test_envelope.py",
     "detection/test_coverage.py",
     "detection/test_decisions.py",
-    "detection/test_answer.py",
+    "reporting/words/test_answer.py",
     "detection/test_retrospective.py",
     "observers/test_branching.py",
     "identification/test_sizes.py",

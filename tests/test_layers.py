@@ -39,7 +39,7 @@ INSIDE = {  # folders and files of a layer, likewise
         *("validation_chapter", "glance", "network_curves", "report"),
         *("campaign_figures", "detectability_figures", "model_figures", "rehearsal_figures"),
         *("relations", "time_figures", "validation_figures", "marks"),
-        *("clock_axis", "coverage", "scales", "style", "svg", "thinning"),
+        *("clock_axis", "coverage", "scales", "style", "svg", "thinning", "words"),
     ),
     "detection": (
         *("stream", "calibration", "onset", "answer", "decisions", "watch", "posterior"),

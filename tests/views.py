@@ -8,17 +8,18 @@ from datetime import datetime
 import numpy as np
 import pytest
 
-from faultgauge.detection.answer.answer import answers, as_dicts, first_screen, runs_as_dicts, told
 from faultgauge.detection.answer.shares import WHOLE
 from faultgauge.detection.decisions import table
-from faultgauge.detection.onset.retrospective import retrospect, sentences, shares_in_hindsight
+from faultgauge.detection.onset.retrospective import retrospect, shares_in_hindsight
 from faultgauge.detection.posterior.events import POSSIBLE, UNKNOWN
 from faultgauge.detection.posterior.posterior import LIKELY
-from faultgauge.detection.posterior.probability import probability
 from faultgauge.detection.posterior.verdicts import NAMED
 from faultgauge.detection.words import MOST, OLDER, UNDECLARED, number
 from faultgauge.reporting.decision_chapter import HEADER, _events
 from faultgauge.reporting.retrospective_chapter import retrospective_section
+from faultgauge.reporting.words.answer import answers, as_dicts, first_screen, runs_as_dicts, told
+from faultgauge.reporting.words.hindsight import sentences
+from faultgauge.reporting.words.probability import probability
 
 NOTHING = re.compile(r"\b(nan|inf|none)\b", re.IGNORECASE)
 

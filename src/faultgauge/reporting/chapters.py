@@ -11,7 +11,6 @@ from faultgauge.detection.answer.estimation import Estimated, sentence
 from faultgauge.detection.bank.bank import build_fault_bank
 from faultgauge.detection.bank.noise import noise_of
 from faultgauge.detection.calibration.calibration import Calibration
-from faultgauge.detection.calibration.calibration_words import errors
 from faultgauge.detection.rows.judged import Bank
 from faultgauge.detection.rows.residual import Reference
 from faultgauge.detection.words import duration
@@ -33,6 +32,7 @@ from faultgauge.reporting.style import quantity
 from faultgauge.reporting.svg import Figure
 from faultgauge.reporting.time_figures import fault_estimate, free_run, residual
 from faultgauge.reporting.validation_chapter import noise_table, validation_section
+from faultgauge.reporting.words.calibration import errors
 from faultgauge.telemetry import Run
 
 __all__ = [

@@ -7,16 +7,17 @@ import numpy as np
 from faultgauge.detection.answer.shares import WHOLE
 from faultgauge.detection.bank.bank import FaultBank
 from faultgauge.detection.decisions import Decision
-from faultgauge.detection.onset.retrospective import HEALTHY, Retrospect, onset_of, sentences
+from faultgauge.detection.onset.retrospective import HEALTHY, Retrospect
 from faultgauge.detection.posterior.events import UNKNOWN
 from faultgauge.detection.posterior.over_onsets import onset_over
-from faultgauge.detection.posterior.probability import probability
 from faultgauge.detection.words import UNDECLARED, about, amount, moment
 from faultgauge.observers.divided_difference import FAR
 from faultgauge.reporting.marks import NOISES
 from faultgauge.reporting.report import Section, Table
 from faultgauge.reporting.svg import Figure
 from faultgauge.reporting.time_figures import Panel, panels
+from faultgauge.reporting.words.hindsight import onset_of, sentences
+from faultgauge.reporting.words.probability import probability
 from faultgauge.telemetry.clock import Clock
 
 __all__ = ["retrospective_section"]

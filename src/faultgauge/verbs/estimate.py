@@ -6,7 +6,7 @@ from functools import cached_property
 from typing import Any, Unpack
 
 from faultgauge.detection import decisions
-from faultgauge.detection.answer import answer, estimation, misfit, reliance
+from faultgauge.detection.answer import estimation, misfit
 from faultgauge.detection.answer.estimation import Estimated
 from faultgauge.detection.answer.evidence import Evidence
 from faultgauge.detection.answer.evidence import evidence as evidence_of
@@ -26,6 +26,7 @@ from faultgauge.detection.rows.residual import Reference
 from faultgauge.detection.watch import Watch
 from faultgauge.errors import InputError
 from faultgauge.plants.model import Model
+from faultgauge.reporting.words import answer, hindsight, reliance
 from faultgauge.verbs.how import How, Reading, reads
 from faultgauge.verbs.plants import model_of
 from faultgauge.verbs.reading import runs_for_model, unlike_warnings
@@ -95,7 +96,7 @@ class Answer(Result):
         """Hindsight, where it was asked for, and drifts."""
         seen = []
         if self.bank is not None and self.smooth:
-            seen = retrospective.sentences(self.bank, self.decisions, self.hindsight())
+            seen = hindsight.sentences(self.bank, self.decisions, self.hindsight())
         return [*seen, *drift.sentences(self.drifting)]
 
     def hindsight(self) -> list[Retrospect]:

@@ -8,15 +8,15 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from faultgauge.detection.bank.coverage import Region, regions_of
-from faultgauge.detection.bank.knowledge import Knowledge, knowledge_of
-from faultgauge.detection.bank.noise import (
-    Noise,
+from faultgauge.detection.bank.extended import (
     disturbed,
     process_of,
     rates_of,
     scale_of,
     spread_of_start,
 )
+from faultgauge.detection.bank.knowledge import Knowledge, knowledge_of
+from faultgauge.detection.bank.noise import Noise
 from faultgauge.detection.bank.priors import (
     onsets_of,
     prior_of_faults,

@@ -17,7 +17,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from faultgauge.detection.bank.noise import Noise, process_of, spread_of_start
+from faultgauge.detection.bank.extended import process_of, spread_of_start
+from faultgauge.detection.bank.noise import Noise
 from faultgauge.detection.bank.priors import stated_size
 from faultgauge.detection.rows.judged import operating_points
 from faultgauge.observers.observer import OperatingPoints, linearise

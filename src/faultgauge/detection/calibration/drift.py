@@ -28,7 +28,7 @@ from jaxtyping import Bool, Float
 from scipy.special import ndtr, stdtr, stdtrit
 
 from faultgauge.detection.bank.bank import FaultBank
-from faultgauge.detection.bank.noise import drifting_of
+from faultgauge.detection.bank.uncertain_constants import drifting_of
 from faultgauge.detection.calibration.blocks import correlation_time
 from faultgauge.detection.decisions import Decision
 from faultgauge.detection.posterior.posterior import WIDE

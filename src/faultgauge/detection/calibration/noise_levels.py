@@ -11,15 +11,9 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import comb
 
-from faultgauge.detection.bank.noise import (
-    GRIP,
-    Noise,
-    constants_of,
-    drifting_of,
-    rates_of,
-    usual_spread,
-    width_of,
-)
+from faultgauge.detection.bank.extended import rates_of, width_of
+from faultgauge.detection.bank.noise import GRIP, Noise
+from faultgauge.detection.bank.uncertain_constants import constants_of, drifting_of, usual_spread
 from faultgauge.detection.calibration.innovation_likelihood import StretchPiece
 from faultgauge.detection.rows.judged import operating_points
 from faultgauge.plants.disturbed import dynamic_states, following_inputs

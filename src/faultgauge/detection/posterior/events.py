@@ -28,6 +28,7 @@ __all__ = [
     "Alarm",
     "BankEvent",
     "Judged",
+    "Cause",
     "Unnamed",
     "events",
     "pause",
@@ -85,14 +86,28 @@ class Alarm:
     reason: str = ""
 
 
+class Cause(NamedTuple):
+    """What an alarm may be due to, how likely, and how large it would be [the fault's unit]; None
+    where it has no size."""
+
+    name: str
+    p: float
+    size: float | None
+
+
 @dataclass(frozen=True)
 class Unnamed:
-    """On a stream: an alarm from `start` to `end` [s] is over, and no fault was named."""
+    """An alarm from `start` to `end` [s] of which no event tells. `reason` is why it has no name,
+    and `causes` those that it is left between; where `named` was named there and is no event, it
+    was given up, or may be what was told before (`again`)."""
 
     run: str
     start: float
     end: float
-    sentence: str
+    reason: str = ""
+    causes: tuple[Cause, ...] = ()
+    named: str = ""
+    again: bool = False
 
 
 class Judged(NamedTuple):

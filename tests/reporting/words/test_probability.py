@@ -2,7 +2,7 @@
 
 import pytest
 
-from faultgauge.detection.posterior.probability import probability
+from faultgauge.reporting.words.probability import probability
 
 
 @pytest.mark.parametrize(

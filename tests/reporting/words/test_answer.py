@@ -10,14 +10,6 @@ import pytest
 
 from calibrations import for_bank
 from faultgauge.cli.evidence import write_evidence
-from faultgauge.detection.answer.answer import (
-    answers,
-    as_dicts,
-    first_screen,
-    runs_as_dicts,
-    shown_first,
-)
-from faultgauge.detection.answer.event_sentence import finding
 from faultgauge.detection.answer.evidence import MOST_SHOWN, Evidence, evidence, same
 from faultgauge.detection.answer.least import least_told
 from faultgauge.detection.bank.bank import build_fault_bank
@@ -29,6 +21,14 @@ from faultgauge.detection.posterior.verdicts import FAULT, STATUS, Rules, words
 from faultgauge.reporting.decision_chapter import decision_report
 from faultgauge.reporting.report import render
 from faultgauge.reporting.run_overview import run_overview
+from faultgauge.reporting.words.answer import (
+    answers,
+    as_dicts,
+    first_screen,
+    runs_as_dicts,
+    shown_first,
+)
+from faultgauge.reporting.words.event_sentence import finding
 from faultgauge.telemetry import Run, read_telemetry
 from faultgauge.telemetry.clock import Clock
 from faultgauge.telemetry.runs import cut
@@ -119,8 +119,8 @@ def test_beside_what_is_told_stands_what_would_not_have_shown(bank, decision, mo
     def told(_, one, k):
         return least[one.run.name][k]
 
-    for where in ("least", "silence", "event_sentence"):
-        monkeypatch.setattr(f"faultgauge.detection.answer.{where}.least_told", told)
+    for where in ("telling", "silence", "event_sentence"):
+        monkeypatch.setattr(f"faultgauge.reporting.words.{where}.least_told", told)
     *_, last = answers(bank, [decision])
     assert last == "gauge of any size to be expected would not have shown in this log"
     assert first_screen(bank, [decision])[-1] == last
@@ -186,7 +186,7 @@ def test_of_several_logs_the_least_telling_says_what_would_not_have_shown(bank, 
     other = replace(quiet, run=replace(quiet.run, name="other"))
     least = {quiet.run.name: (0.02, 0.3), "other": (0.05, None)}
     monkeypatch.setattr(
-        "faultgauge.detection.answer.least.least_told", lambda _, one, k: least[one.run.name][k]
+        "faultgauge.reporting.words.telling.least_told", lambda _, one, k: least[one.run.name][k]
     )
     (line,) = answers(bank, [quiet, other])
     assert line == (

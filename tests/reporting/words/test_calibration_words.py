@@ -3,8 +3,9 @@
 import numpy as np
 
 from calibrations import for_bank
-from faultgauge.detection.bank.noise import Noise, constants_of
-from faultgauge.detection.calibration.calibration_words import summary
+from faultgauge.detection.bank.noise import Noise
+from faultgauge.detection.bank.uncertain_constants import constants_of
+from faultgauge.reporting.words.calibration import summary
 from models import as_stated
 
 LAG = """

@@ -4,16 +4,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from faultgauge.detection.answer.least import least_told, would_not_show_in
-from faultgauge.detection.answer.reliance import headed
+from faultgauge.detection.answer.least import least_told
 from faultgauge.detection.answer.shares import WHOLE, Shares, Silent, shares_of
-from faultgauge.detection.answer.telling import row_time
 from faultgauge.detection.bank.bank import FaultBank
 from faultgauge.detection.decisions import Decision
 from faultgauge.detection.posterior.events import POSSIBLE
-from faultgauge.detection.posterior.probability import probability
 from faultgauge.detection.posterior.uncalibrated import level_in, uncalibrated
 from faultgauge.detection.words import listed, number
+from faultgauge.reporting.words.probability import probability
+from faultgauge.reporting.words.reliance import headed
+from faultgauge.reporting.words.telling import row_time, would_not_show_in
 
 __all__ = ["hidden", "runs_said", "silence", "why_silent"]
 

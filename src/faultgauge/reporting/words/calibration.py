@@ -4,13 +4,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from faultgauge.detection.bank.noise import (
-    USUAL_SPREAD,
-    Noise,
-    constants_of,
-    drifting_of,
-    noise_of,
-)
+from faultgauge.detection.bank.noise import Noise, noise_of
+from faultgauge.detection.bank.uncertain_constants import USUAL_SPREAD, constants_of, drifting_of
 from faultgauge.detection.posterior.uncalibrated import level_in
 from faultgauge.detection.words import duration, number
 from faultgauge.plants.disturbed import dynamic_states

@@ -4,18 +4,18 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
-from faultgauge.detection.answer.event_sentence import given_up, told_event
 from faultgauge.detection.answer.evidence import MOST_SHOWN
 from faultgauge.detection.answer.least import least_told
 from faultgauge.detection.answer.shares import shares_of
-from faultgauge.detection.answer.silence import hidden, silence
-from faultgauge.detection.answer.telling import Told
-from faultgauge.detection.answer.unnamed import unnamed
 from faultgauge.detection.bank.bank import FaultBank
 from faultgauge.detection.decisions import Decision
 from faultgauge.detection.decisions import as_dicts as events_as_dicts
 from faultgauge.detection.posterior.events import UNKNOWN, BankEvent
 from faultgauge.detection.words import listed
+from faultgauge.reporting.words.event_sentence import given_up, told_event
+from faultgauge.reporting.words.silence import hidden, silence
+from faultgauge.reporting.words.telling import Told
+from faultgauge.reporting.words.unnamed import unnamed
 
 __all__ = [
     "answers",

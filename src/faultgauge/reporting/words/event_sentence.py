@@ -7,14 +7,11 @@ have shown
 
 import numpy as np
 
-from faultgauge.detection.answer.least import least_told, would_not_show_in
-from faultgauge.detection.answer.reliance import headed
+from faultgauge.detection.answer.least import least_told
 from faultgauge.detection.answer.shares import WHOLE, shares_of
-from faultgauge.detection.answer.telling import Told, row_time, unit_of
 from faultgauge.detection.bank.bank import FaultBank
 from faultgauge.detection.decisions import Decision
 from faultgauge.detection.posterior.events import UNKNOWN, BankEvent, pause, stretches
-from faultgauge.detection.posterior.probability import probability, too
 from faultgauge.detection.posterior.verdicts import FAULT, HEALTHY, NAMED
 from faultgauge.detection.words import (
     MOST,
@@ -26,6 +23,9 @@ from faultgauge.detection.words import (
     likelihoods,
     moment,
 )
+from faultgauge.reporting.words.probability import probability, too
+from faultgauge.reporting.words.reliance import headed
+from faultgauge.reporting.words.telling import Told, row_time, unit_of, would_not_show_in
 from faultgauge.telemetry.clock import Clock
 
 __all__ = ["finding", "given_up", "onset_of", "other_cause", "told_event"]
@@ -36,7 +36,7 @@ CHANGED = 0.1  # of an event: for longer its size was another one
 def told_event(bank: FaultBank, decision: Decision, event: BankEvent) -> Told:
     """One event."""
     run = decision.run
-    unit, over = unit_of(bank, event.fault), bool(event.end < run.t[-1])
+    unit, over = unit_of(bank.model, event.fault), bool(event.end < run.t[-1])
     head, times = finding(event, unit, bank.step, run.clock, over)
     rest = [times + _whether_over(bank, decision, event)]
     rest += [*_before_its_name(bank, decision, event), *_course(bank, decision, event)]
@@ -175,7 +175,7 @@ def _course(bank: FaultBank, decision: Decision, event: BankEvent) -> list[str]:
     if np.sum(other) <= CHANGED * len(sizes):
         return []
     low, high = np.quantile(sizes, [0.05, 0.95])
-    return [f"after it was told {between(low, high, unit_of(bank, event.fault))}"]
+    return [f"after it was told {between(low, high, unit_of(bank.model, event.fault))}"]
 
 
 def _beside(decision: Decision, event: BankEvent) -> list[BankEvent]:
