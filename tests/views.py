@@ -14,7 +14,7 @@ from faultgauge.detection.onset.retrospective import retrospect, shares_in_hinds
 from faultgauge.detection.posterior.events import POSSIBLE, UNKNOWN
 from faultgauge.detection.posterior.posterior import LIKELY
 from faultgauge.detection.posterior.verdicts import NAMED
-from faultgauge.detection.words import MOST, OLDER, UNDECLARED, number
+from faultgauge.detection.words import OLDER, TOLD_ODDS, UNDECLARED, number
 from faultgauge.reporting.decision_chapter import HEADER, _events
 from faultgauge.reporting.retrospective_chapter import retrospective_section
 from faultgauge.reporting.words.answer import answers, as_dicts, first_screen, runs_as_dicts, told
@@ -256,12 +256,12 @@ def check_event(bank, said, event, plain, rows):
     marginal = {name: rows[f"p_{name}"][k] for name in names}  # alone and with others
     beside = dict(event.beside)
     for name, odds in event.instead:
-        assert 0 < odds <= MOST
+        assert 0 < odds <= TOLD_ODDS
         # 1e-6: the sets are kept in single precision
         assert marginal[name] <= event.p / odds + event.p * beside.get(name, 0.0) + 1e-6
         if f"{name} is more than" in sentence:
             assert name not in beside
-            assert marginal[name] <= event.p / MOST + 1e-6
+            assert marginal[name] <= event.p / TOLD_ODDS + 1e-6
     assert all(each > POSSIBLE for each in beside.values())
 
 

@@ -12,7 +12,7 @@ from faultgauge.detection.bank.bank import FaultBank
 from faultgauge.detection.decisions import Decision
 from faultgauge.detection.onset.retrospective import Retrospect
 from faultgauge.detection.posterior.events import UNKNOWN, BankEvent
-from faultgauge.detection.words import MOST, OLDER, UNDECLARED, amount, moment, number
+from faultgauge.detection.words import OLDER, TOLD_ODDS, UNDECLARED, amount, moment, number
 from faultgauge.plants.model import Model
 from faultgauge.reporting.evidence_chapter import evidence_section
 from faultgauge.reporting.report import Report, Section, Table
@@ -163,7 +163,7 @@ def _row(bank: FaultBank, clock: Clock | None, event: BankEvent) -> tuple[str, .
         "; ".join(
             f"{other_cause(event, name)} 1:{number(odds, 2)}"
             for name, odds in event.instead
-            if odds < MOST
+            if odds < TOLD_ODDS
         ),
         "; ".join(f"{name} p {probability(p)}" for name, p in event.beside),
     )

@@ -22,7 +22,7 @@ from faultgauge.detection.bank.noise import noise_of
 from faultgauge.detection.posterior.uncalibrated import level_in, uncalibrated
 from faultgauge.detection.remember import once
 from faultgauge.detection.rows.judged import operating_points
-from faultgauge.identification.validation.evaluation import POOR
+from faultgauge.identification.validation.evaluation import POOR_FREE_RUN
 from faultgauge.plants.disturbed import dynamic_states
 from faultgauge.plants.model import Model
 
@@ -50,7 +50,7 @@ def worst_error(model: Model) -> tuple[str, float] | None:
     """The state whose derivative a calibrated `model` gets most wrong, and how many times what it
     explains of it that is; None where its free run followed the data that it was not fitted to, or
     it explains more than it errs by."""
-    if uncalibrated(model) or not model.record.metrics.free_run_error >= POOR:
+    if uncalibrated(model) or not model.record.metrics.free_run_error >= POOR_FREE_RUN:
         return None
     shares = errs_by(model)
     worst = max(shares, key=lambda name: shares[name], default="")

@@ -24,7 +24,7 @@ from faultgauge.detection.posterior.verdicts import FAULT
 from faultgauge.telemetry.clock import Clock
 
 __all__ = [
-    "HEALTHY",
+    "NO_FAULT",
     "Retrospect",
     "SaidOnline",
     "as_dicts",
@@ -32,7 +32,7 @@ __all__ = [
     "shares_in_hindsight",
 ]
 
-HEALTHY = "healthy"
+NO_FAULT = "healthy"
 MOST_ODDS = 1e6  # nobody's priors are better than that
 
 Curve: TypeAlias = Float[np.ndarray, "samples"]
@@ -117,7 +117,7 @@ def _answers(
     best = int(np.argmax(logs)) if changes.found else 2 * int(logs[2] > 0)
     own = changes.weight if best == 1 else logs[best]
     share = float(np.exp(own - total(logs)))
-    rivals = {HEALTHY: float(own - logs[0]), UNKNOWN: float(own - logs[2])}
+    rivals = {NO_FAULT: float(own - logs[0]), UNKNOWN: float(own - logs[2])}
     if best == 1:
         sure = [1.0 if single else _among(each, declared) for each in changes.found]
         beside = _beside(bank, changes)
@@ -204,7 +204,7 @@ def _answer(
 ) -> Retrospect:
     """One change; `which` is it, or when what is undeclared began, or None: healthy."""
     faults, count = bank.model.plant.signals.faults, len(window.t)
-    names = (*(fault.name for fault in faults), UNKNOWN, HEALTHY)
+    names = (*(fault.name for fault in faults), UNKNOWN, NO_FAULT)
     columns = [*causes.weight.T[: len(faults)], logsumexp(causes.weight[:, len(faults) :], axis=1)]
     logs = np.array([*(total(column) for column in columns), 0.0])
     density, given, size = np.zeros(count), np.zeros(count), (None,) * 3
@@ -227,7 +227,7 @@ def _answer(
     used = np.flatnonzero(readable(decision)[window.part])
     least = _least(bank, decision, window, used)
     # where no size of anything would show, that nothing showed says nothing
-    shows = names[k] != HEALTHY or any(size is not None for size in least.values())
+    shows = names[k] != NO_FAULT or any(size is not None for size in least.values())
     data = causes.seen[min(k, len(faults))]
     return Retrospect(
         run=decision.run.name,

@@ -19,7 +19,7 @@ from faultgauge.detection.bank.bank import FaultBank
 from faultgauge.detection.bank.knowledge import longest_delay
 from faultgauge.detection.posterior.posterior import WIDE, Posterior
 from faultgauge.detection.posterior.verdicts import FAULT, HEALTHY, NAMED, STATUS, Reason, Verdict
-from faultgauge.detection.words import MOST
+from faultgauge.detection.words import TOLD_ODDS
 from faultgauge.telemetry import Run
 
 __all__ = [
@@ -368,7 +368,7 @@ def _alternatives(bank: FaultBank, p: Float[np.ndarray, "sets"]) -> tuple[tuple[
     labels = ["+".join(names[k] for k in each) or "healthy" for each in bank.sets] + [UNKNOWN]
     total = dict(zip(labels, p.tolist(), strict=True))
     (_, most), *others = sorted(total.items(), key=lambda item: -item[1])
-    return tuple((label, most / each) for label, each in others[:3] if each > most / MOST)
+    return tuple((label, most / each) for label, each in others[:3] if each > most / TOLD_ODDS)
 
 
 def _others(
@@ -390,7 +390,7 @@ def _others(
                 beside.append((names[other], too / own))
             else:  # what is not told beside it must not seem ruled out
                 without += too
-            instead.append((names[other], min(own / max(without, 1e-300), MOST)))
+            instead.append((names[other], min(own / max(without, 1e-300), TOLD_ODDS)))
     return tuple(instead), tuple(beside)
 
 

@@ -21,6 +21,7 @@ from faultgauge.identification.optimise.gradient_descent import DescentOptions
 from faultgauge.identification.optimise.levenberg_marquardt import FAILED, Options, Solution
 from faultgauge.identification.optimise.starts import Box, scattered, spread_over
 from faultgauge.identification.samples import Samples
+from faultgauge.identification.unknowns import WEIGHTS
 from faultgauge.plants.expression import Expression, Node, evaluate, names_used, networks_used
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.network import Network
@@ -46,7 +47,6 @@ ROUNDING = 1e-12  # of a range: less of it is none
 # Quantiles between which nearly all samples lie, and the part of the range that this must be less
 # than to be a crowd: it is 0.4 of the range of 10,000 Gaussian samples, 0.27 of Laplace's.
 USUAL, CROWDED = (0.05, 0.95), 0.2
-WEIGHTS = ("weights_out", "weights_in", "bias", "bias_out")
 
 
 @dataclass(frozen=True)

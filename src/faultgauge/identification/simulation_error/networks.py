@@ -48,7 +48,7 @@ PATIENCE, BETTER = 2, 0.99  # of the validation error: less gain does not pay an
 TELLING = 5_000  # samples
 FEATURE_SEED = 0  # of the functions that networks are taken to be able to imitate
 CROWDED = "units where arguments crowd"  # every other start, where a few samples lie far off
-POOR = 0.5  # of the outputs' spread: physics that tells little without its networks
+POOR_ALONE = 0.5  # of the outputs' spread: physics that tells little without its networks
 MARGINS = (1.2, 2.0)  # of the arguments' range under the physics alone: networks will move it
 
 
@@ -70,7 +70,7 @@ def with_networks(
         sizes = _sizes(data, bases[0], sigma, seed)
         bases = [replace(base, plant=with_hidden(base.plant, sizes)) for base in bases]
     found: list[Candidate] = []
-    if bases[0].validation > POOR:
+    if bases[0].validation > POOR_ALONE:
         found += _together(data, bases[0].plant, seed, restarts, progress, notes)
     few = sample_count(data.pieces) <= SCREEN
     equivalent = _equivalent(data, bases[0], np.random.default_rng([seed, 13]))

@@ -29,6 +29,7 @@ from faultgauge.identification.unknowns import Unknowns
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant import respond
 from faultgauge.simulation.integrators import sensitive_step, step_through
+from faultgauge.telemetry.statistics import MAD_TO_STD
 
 __all__ = [
     "Fitted",
@@ -53,7 +54,6 @@ MOST_TRIALS = 300  # of Levenberg-Marquardt
 CLAIM = 100.0
 FULL = 8  # windows, side by side, that keep a core busy: more starts at once would gain nothing
 HUBER = 1.345  # standard deviations: 95 % as efficient as least squares under Gaussian noise
-NORMAL = 1.4826  # standard deviation of Gaussian noise over the median of its size
 
 
 Ridge = float | Float[np.ndarray, "weights"]  # of the networks' prior, for all weights or for each
@@ -420,7 +420,7 @@ def mean_square(
     """Mean square of the weighted errors; `robust`: as their median has it under Gaussian noise."""
     weighed = np.abs(errors[windows.weight > 0])
     if robust:
-        return float((NORMAL * np.median(weighed)) ** 2)
+        return float((MAD_TO_STD * np.median(weighed)) ** 2)
     with np.errstate(over="ignore"):
         return float(np.sum(weighed**2)) / max(len(weighed), 1)
 

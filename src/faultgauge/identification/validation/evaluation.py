@@ -21,7 +21,7 @@ from faultgauge.telemetry import Run, as_sampled, segments
 from faultgauge.telemetry.clock import Clock
 
 __all__ = [
-    "POOR",
+    "POOR_FREE_RUN",
     "WARMUP",
     "Prediction",
     "at_samples",
@@ -37,7 +37,7 @@ __all__ = [
 ]
 
 WARMUP = 50  # samples that find hidden initial states, if nobody says
-POOR = 0.5  # of the outputs' spread: a quarter of the variance is not explained
+POOR_FREE_RUN = 0.5  # of the outputs' spread: a quarter of the variance is not explained
 FEWEST_SCORED = 5  # samples after a warm-up
 
 

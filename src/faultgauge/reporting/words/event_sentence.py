@@ -14,8 +14,8 @@ from faultgauge.detection.decisions import Decision
 from faultgauge.detection.posterior.events import UNKNOWN, BankEvent, pause, stretches
 from faultgauge.detection.posterior.verdicts import FAULT, HEALTHY, NAMED
 from faultgauge.detection.words import (
-    MOST,
     OLDER,
+    TOLD_ODDS,
     UNDECLARED,
     Began,
     amount,
@@ -49,7 +49,7 @@ def told_event(bank: FaultBank, decision: Decision, event: BankEvent) -> Told:
     rest += likelihoods(
         (other_cause(event, cause), odds)
         for cause, odds in event.instead
-        if cause not in others and (odds < MOST or cause not in dict(event.beside))
+        if cause not in others and (odds < TOLD_ODDS or cause not in dict(event.beside))
     )
     rest += [too(name, p) for name, p in event.beside if name not in others]
     rest += _least_shown(bank, decision, event)

@@ -8,11 +8,11 @@ import numpy as np
 from faultgauge.detection.answer.shares import WHOLE
 from faultgauge.detection.bank.bank import FaultBank
 from faultgauge.detection.decisions import Decision
-from faultgauge.detection.onset.retrospective import HEALTHY, Retrospect, shares_in_hindsight
+from faultgauge.detection.onset.retrospective import NO_FAULT, Retrospect, shares_in_hindsight
 from faultgauge.detection.posterior.events import POSSIBLE, UNKNOWN
 from faultgauge.detection.posterior.verdicts import NAMED
 from faultgauge.detection.words import (
-    MOST,
+    TOLD_ODDS,
     UNDECLARED,
     Began,
     amount,
@@ -41,9 +41,9 @@ def sentences(
     faulty = [
         _sentence(bank, each, _over(each, then))
         for each, then in zip(found, after, strict=True)
-        if each.cause != HEALTHY
+        if each.cause != NO_FAULT
     ]
-    speaking = {each.run for each in found if each.cause != HEALTHY}
+    speaking = {each.run for each in found if each.cause != NO_FAULT}
     shares = {one.run.name: shares_in_hindsight(one, found) for one in decisions}
     calm = [name for name, each in shares.items() if each.judged >= WHOLE and name not in speaking]
     said, alone = [], len(decisions) == 1
@@ -112,7 +112,7 @@ def _would_not_show(bank: FaultBank, found: Sequence[Retrospect]) -> str:
 
 def _over(found: Retrospect, then: Retrospect | None) -> float | None:
     """When [s] a window begins in which its fault is over; None where none follows."""
-    calm = then is not None and then.cause == HEALTHY and then.judged > 0
+    calm = then is not None and then.cause == NO_FAULT and then.judged > 0
     if then is None or then.run != found.run or not calm:
         return None
     return then.start
@@ -144,7 +144,7 @@ def _sentence(bank: FaultBank, found: Retrospect, over: float | None = None) -> 
         began += f" until {moment(found.clock, over, float(np.median(np.diff(found.t))))}"
     head = "In hindsight:" if found.p >= NAMED else "In hindsight undecided; the likeliest is"
     said = [f"{head} {what} {began} (p {probability(found.p)}, run {found.run})"]
-    labels = {HEALTHY: "no fault", UNKNOWN: UNDECLARED}
+    labels = {NO_FAULT: "no fault", UNKNOWN: UNDECLARED}
     constant, beside = CONSTANT if found.cause == UNKNOWN else "", dict(found.beside)
     labels |= {name: f"{name} alone" for name in beside}
     # whoever is undecided says between what: no name falls while a rival is that likely
@@ -153,7 +153,7 @@ def _sentence(bank: FaultBank, found: Retrospect, over: float | None = None) -> 
         (
             (labels.get(cause, f"{constant}{cause.replace('+', ' and ')}"), odds)
             for cause, odds in found.alternatives
-            if (cause != HEALTHY or odds < most) and (odds < MOST or cause not in beside)
+            if (cause != NO_FAULT or odds < most) and (odds < TOLD_ODDS or cause not in beside)
         ),
         most,
     )
