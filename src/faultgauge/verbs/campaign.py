@@ -44,9 +44,6 @@ class Campaigned(Result):
 
         return campaign_report(self.found)
 
-    def figures(self) -> Any:
-        return [each for section in self.page().sections for each in section.figures]
-
     def written(self) -> "Campaigned":
         """The same, its files in the folder."""
         rows, results, page = (self.folder / name for name in FILES)
