@@ -11,7 +11,7 @@ from faultgauge.plants.model import load_model, save_model
 from faultgauge.plants.plant_file import parse_plant
 from faultgauge.telemetry import Run
 
-from .refinement.conftest import over_stairs
+from .simulation_error.conftest import over_stairs
 
 pytestmark = pytest.mark.usefixtures("quick_code")
 
