@@ -39,12 +39,12 @@ def answer(
     that are no telemetry are left out; `strict`, they end it."""
     if view and not sys.stderr.isatty():
         raise InputError("--view draws on standard error, which is no terminal here; leave it out.")
-    from faultgauge.detection.answer import estimation
-    from faultgauge.detection.posterior.uncalibrated import uncalibrated, unjudged_sentence
+    from faultgauge.detection.posterior.uncalibrated import uncalibrated
     from faultgauge.detection.stream import Stream
     from faultgauge.identification.samples import column_names
     from faultgauge.plants.model import load_model
     from faultgauge.reporting.words.reliance import doubt
+    from faultgauge.reporting.words.unjudged import observer_sentence, unjudged_sentence
     from faultgauge.telemetry.stream import read_stream
     from faultgauge.verbs.reading import said_before
 
@@ -74,7 +74,7 @@ def answer(
         if observer == "bank" and uncalibrated(fitted):
             options.say(unjudged_sentence(fitted))
         elif observer != "bank":
-            options.say(estimation.sentence(fitted))
+            options.say(observer_sentence(fitted))
         elif (reason := doubt(fitted)) is not None:
             options.warn([reason])
         for several in samples:
@@ -184,7 +184,7 @@ class _Speaker:
 
     def odd(self, found: Sequence["Glitch"]) -> None:
         """A warning of the first sample that nothing explains; all are counted."""
-        from faultgauge.detection.posterior.glitches import sentences
+        from faultgauge.reporting.words.glitches import sentences
         from faultgauge.telemetry.stream import SOURCE
 
         if not self.glitches:

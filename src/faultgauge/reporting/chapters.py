@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from faultgauge.detection.answer.estimation import Estimated, sentence
+from faultgauge.detection.answer.estimation import Estimated
 from faultgauge.detection.bank.bank import build_fault_bank
 from faultgauge.detection.bank.noise import noise_of
 from faultgauge.detection.calibration.calibration import Calibration
@@ -33,6 +33,7 @@ from faultgauge.reporting.svg import Figure
 from faultgauge.reporting.time_figures import fault_estimate, free_run, residual
 from faultgauge.reporting.validation_chapter import noise_table, validation_section
 from faultgauge.reporting.words.calibration import errors
+from faultgauge.reporting.words.unjudged import observer_sentence
 from faultgauge.telemetry import Run
 
 __all__ = [
@@ -244,7 +245,9 @@ def estimate_report(
 ) -> Report:
     """The report of `estimate --observer`: estimates with their intervals, residuals."""
     section = estimate_section(model, estimated, bank, reference)
-    return Report(f"Fault estimates: {model.plant.spec.name}", (sentence(model),), (section,))
+    return Report(
+        f"Fault estimates: {model.plant.spec.name}", (observer_sentence(model),), (section,)
+    )
 
 
 def estimate_section(

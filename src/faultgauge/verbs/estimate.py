@@ -13,20 +13,18 @@ from faultgauge.detection.answer.evidence import evidence as evidence_of
 from faultgauge.detection.answer.shares import shares_of
 from faultgauge.detection.answer.swapped import swapped_in
 from faultgauge.detection.bank.bank import FaultBank
-from faultgauge.detection.calibration import drift
-from faultgauge.detection.calibration.drift import Drift
+from faultgauge.detection.calibration.drift import Drift, drifts
 from faultgauge.detection.decisions import Decision, Walk
 from faultgauge.detection.onset import retrospective
 from faultgauge.detection.onset.retrospective import Retrospect
-from faultgauge.detection.posterior import glitches
 from faultgauge.detection.posterior.events import UNKNOWN, BankEvent
-from faultgauge.detection.posterior.uncalibrated import unjudged_sentence
 from faultgauge.detection.rows.judged import Bank
 from faultgauge.detection.rows.residual import Reference
 from faultgauge.detection.watch import Watch
 from faultgauge.errors import InputError
 from faultgauge.plants.model import Model
-from faultgauge.reporting.words import answer, hindsight, reliance
+from faultgauge.reporting.words import answer, drift, glitches, hindsight, reliance
+from faultgauge.reporting.words.unjudged import observer_sentence, unjudged_sentence
 from faultgauge.verbs.how import How, Reading, reads
 from faultgauge.verbs.plants import model_of
 from faultgauge.verbs.reading import runs_for_model, unlike_warnings
@@ -226,7 +224,7 @@ class Estimates(Result):
 
     @property
     def lines(self) -> list[str]:
-        return [estimation.sentence(self.model)]
+        return [observer_sentence(self.model)]
 
     def as_dict(self) -> dict[str, Any]:
         return {"answer": self.lines, "events": [], "drift": [], "warnings": list(self.odd)}
@@ -293,7 +291,7 @@ def estimate(
     warnings += glitched(decided)
     reason = None if bank is None else reliance.doubt(known)
     warnings += [reason] if reason else []
-    drifting = [] if bank is None else drift.drifts(bank, decided)
+    drifting = [] if bank is None else drifts(bank, decided)
     found = Answer(known, decided, bank, drifting, warnings, smooth)
     if smooth:
         progress("weighing what the whole log tells")

@@ -15,7 +15,6 @@ from faultgauge.detection.answer.least import least_told
 from faultgauge.detection.bank.bank import build_fault_bank
 from faultgauge.detection.bank.noise import Noise
 from faultgauge.detection.decisions import Watching, decide
-from faultgauge.detection.posterior.glitches import sentences
 from faultgauge.detection.posterior.posterior import Marginal
 from faultgauge.detection.posterior.verdicts import FAULT, STATUS, Rules, words
 from faultgauge.reporting.decision_chapter import decision_report
@@ -29,6 +28,7 @@ from faultgauge.reporting.words.answer import (
     shown_first,
 )
 from faultgauge.reporting.words.event_sentence import finding
+from faultgauge.reporting.words.glitches import sentences
 from faultgauge.telemetry import Run, read_telemetry
 from faultgauge.telemetry.clock import Clock
 from faultgauge.telemetry.runs import cut
