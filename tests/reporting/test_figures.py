@@ -182,7 +182,7 @@ def test_has_title_and_needs_no_other_file(draw: Callable[..., Figure]):
 
 def test_bytes_do_not_depend_on_the_process_and_jax_stays_unloaded():
     script = (
-        "import sys, hashlib, numpy as np, faultgauge.reporting as r;"
+        "import sys, hashlib, numpy as np, faultgauge.reporting.time_figures as r;"
         "t = np.arange(50.0);"
         "d = r.fault_estimate(t, t, t - 1, t + 1, limit=3.0, name='f', unit='N',"
         "    not_judged=t < 9);"
