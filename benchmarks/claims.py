@@ -18,9 +18,10 @@ from typing import NamedTuple
 
 ROOT = Path(__file__).parents[1]
 CHEAP = (
-    "pytest tests/identification/test_simulated_instruments.py",
+    "pytest tests/identification/equation/test_simulated_instruments.py",
     "pytest tests/export/test_watch.py",
     "python benchmarks/instrument.py --seeds 20",
+    "python benchmarks/constants.py --case equal",
 )
 NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 

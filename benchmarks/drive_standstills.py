@@ -28,8 +28,8 @@ import numpy as np
 from jaxtyping import Array, Float
 from scipy.signal import argrelmin, filtfilt, firwin, savgol_filter
 
-from faultgauge.identification.evaluation import predict
 from faultgauge.identification.fit import fit
+from faultgauge.identification.validation.evaluation import predict
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant_file import parse_plant
 from faultgauge.simulation.free_run import free_run, substeps_for

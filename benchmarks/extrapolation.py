@@ -13,9 +13,9 @@ import argparse
 import numpy as np
 
 import left_out
-from faultgauge.identification.evaluation import predict
 from faultgauge.identification.fit import fit
-from faultgauge.identification.refinement import networks
+from faultgauge.identification.simulation_error import networks
+from faultgauge.identification.validation.evaluation import predict
 from faultgauge.telemetry import Run, cut
 from faultgauge_studies.published.benchmark import benchmark, plant_of, records
 from faultgauge_studies.published.run import error_of, mean_of

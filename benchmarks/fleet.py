@@ -30,7 +30,7 @@ import numpy as np  # noqa: E402
 from jaxtyping import Float  # noqa: E402
 
 from faultgauge.fleet.fit import fit_fleet  # noqa: E402
-from faultgauge.identification.evaluation import predict  # noqa: E402
+from faultgauge.identification.validation.evaluation import predict  # noqa: E402
 from faultgauge.plants.model import Model, load_model  # noqa: E402
 from faultgauge.telemetry import Run  # noqa: E402
 from faultgauge.verbs.fit import fit  # noqa: E402

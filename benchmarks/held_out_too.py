@@ -12,7 +12,7 @@ import argparse
 import numpy as np
 
 import left_out
-from faultgauge.identification.refinement import search
+from faultgauge.identification.simulation_error import search
 from faultgauge.plants.gray_box import load_plant
 from faultgauge_studies.published.benchmark import benchmark, plant_of, records
 

@@ -69,7 +69,8 @@ def log(states: int, rows: int, seed: int, fault: float) -> dict[str, np.ndarray
         told[k] = x
         x = (step @ np.concatenate([x, [u[k], fault * (k >= rows // 2)]]))[:states]
     told += random.normal(0, NOISE, told.shape)
-    return {"t": STEP * np.arange(rows), "u": u} | {f"y{k}": told[:, k] for k in range(0, states, 2)}
+    measured = {f"y{k}": told[:, k] for k in range(0, states, 2)}
+    return {"t": STEP * np.arange(rows), "u": u, **measured}
 
 
 def written(folder: Path, name: str, columns: dict[str, np.ndarray]) -> str:

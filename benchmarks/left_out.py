@@ -14,8 +14,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from faultgauge.identification.evaluation import predict
 from faultgauge.identification.fit import fit
+from faultgauge.identification.validation.evaluation import predict
 from faultgauge.plants.gray_box import GrayBoxPlant, load_plant
 from faultgauge.telemetry import Run, cut
 from faultgauge_studies.published.benchmark import Benchmark, benchmark, plant_of, records

@@ -17,13 +17,13 @@ import optimistix as optx
 from scipy.optimize import least_squares
 
 from compiled import compiled, pointer
-from faultgauge.identification.equation_error import (
+from faultgauge.identification.equation.groups import (
     EquationResidual,
     groups,
     scale_networks,
     start_vector,
 )
-from faultgauge.identification.levenberg_marquardt import Options, levenberg_marquardt
+from faultgauge.identification.optimise.levenberg_marquardt import Options, levenberg_marquardt
 from faultgauge.identification.samples import Samples
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant_file import parse_plant

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from compiled import compiled, pointer
-from faultgauge.identification.levenberg_marquardt import Options, levenberg_marquardt
+from faultgauge.identification.optimise.levenberg_marquardt import Options, levenberg_marquardt
 from interleave import Times, interleaved
 from lm_trial import data, jacobian, prepared, values
 

@@ -8,7 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from calibrations import for_bank
-from faultgauge.detection.bank.noise import Noise, constants_of, drifting_of
+from faultgauge.detection.bank.noise import Noise
+from faultgauge.detection.bank.uncertain_constants import constants_of, drifting_of
 from faultgauge.plants.disturbed import answering_outputs, dynamic_states, following_inputs
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model

@@ -8,17 +8,18 @@ from datetime import datetime
 import numpy as np
 import pytest
 
-from faultgauge.detection.answer.answer import answers, as_dicts, first_screen, runs_as_dicts, told
 from faultgauge.detection.answer.shares import WHOLE
 from faultgauge.detection.decisions import table
-from faultgauge.detection.onset.retrospective import retrospect, sentences, shares_in_hindsight
+from faultgauge.detection.onset.retrospective import retrospect, shares_in_hindsight
 from faultgauge.detection.posterior.events import POSSIBLE, UNKNOWN
 from faultgauge.detection.posterior.posterior import LIKELY
-from faultgauge.detection.posterior.probability import probability
 from faultgauge.detection.posterior.verdicts import NAMED
-from faultgauge.detection.words import MOST, OLDER, UNDECLARED, number
+from faultgauge.detection.words import OLDER, TOLD_ODDS, UNDECLARED, number
 from faultgauge.reporting.decision_chapter import HEADER, _events
 from faultgauge.reporting.retrospective_chapter import retrospective_section
+from faultgauge.reporting.words.answer import answers, as_dicts, first_screen, runs_as_dicts, told
+from faultgauge.reporting.words.hindsight import sentences
+from faultgauge.reporting.words.probability import probability
 
 NOTHING = re.compile(r"\b(nan|inf|none)\b", re.IGNORECASE)
 
@@ -255,12 +256,12 @@ def check_event(bank, said, event, plain, rows):
     marginal = {name: rows[f"p_{name}"][k] for name in names}  # alone and with others
     beside = dict(event.beside)
     for name, odds in event.instead:
-        assert 0 < odds <= MOST
+        assert 0 < odds <= TOLD_ODDS
         # 1e-6: the sets are kept in single precision
         assert marginal[name] <= event.p / odds + event.p * beside.get(name, 0.0) + 1e-6
         if f"{name} is more than" in sentence:
             assert name not in beside
-            assert marginal[name] <= event.p / MOST + 1e-6
+            assert marginal[name] <= event.p / TOLD_ODDS + 1e-6
     assert all(each > POSSIBLE for each in beside.values())
 
 

@@ -21,13 +21,13 @@ from faultgauge.detection.answer.estimation import Estimated, estimate
 from faultgauge.detection.bank.bank import FaultBank
 from faultgauge.detection.calibration.calibration import Calibration, calibrate
 from faultgauge.detection.decisions import Decision, decide_runs
-from faultgauge.detection.posterior.uncalibrated import unjudged_sentence
 from faultgauge.detection.rows.judged import Bank
 from faultgauge.errors import InputError
-from faultgauge.identification.evaluation import Prediction, evaluate
 from faultgauge.identification.fit import FitReport, fit
+from faultgauge.identification.validation.evaluation import Prediction, evaluate
 from faultgauge.plants.gray_box import load_plant
 from faultgauge.plants.model import Model
+from faultgauge.reporting.words.unjudged import unjudged_sentence
 from faultgauge.telemetry import Run, read_telemetry
 from faultgauge.verbs.checkup import parts
 from faultgauge_studies import merit

@@ -9,7 +9,7 @@ from faultgauge.cli.options import narrate
 from faultgauge.detection import decisions
 from faultgauge.detection.watch import Watch
 from faultgauge.identification.fit import EQUATIONS, fit
-from faultgauge.identification.refinement.result import PHASES
+from faultgauge.identification.simulation_error.result import PHASES
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant_file import parse_plant
 from faultgauge.progress import Step, in_phases, within

@@ -17,8 +17,8 @@ from faultgauge.detection.calibration.bank_calibration import (
 )
 from faultgauge.detection.calibration.blocks import Block
 from faultgauge.detection.decisions import decide, decide_runs
-from faultgauge.detection.posterior.uncalibrated import unjudged_sentence
 from faultgauge.errors import InputError
+from faultgauge.reporting.words.unjudged import unjudged_sentence
 from lags import COUNT, LAG, NOISE, STEP, log, model
 
 

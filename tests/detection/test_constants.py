@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from calibrations import for_bank
-from faultgauge.detection.bank.noise import constants_of
+from faultgauge.detection.bank.uncertain_constants import constants_of
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
 from faultgauge.plants.plant_file import parse_plant

@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from faultgauge.detection.answer.answer import answers
 from faultgauge.detection.bank.bank import build_fault_bank
 from faultgauge.detection.bank.noise import Noise
 from faultgauge.detection.calibration.bank_calibration import calibrate_bank, calibrated
@@ -16,6 +15,7 @@ from faultgauge.detection.posterior.uncalibrated import prior_of
 from faultgauge.detection.posterior.verdicts import Verdict
 from faultgauge.errors import InputError
 from faultgauge.reporting.run_overview import run_overview
+from faultgauge.reporting.words.answer import answers
 from faultgauge.telemetry import Run
 from models import as_stated
 

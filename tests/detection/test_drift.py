@@ -10,11 +10,12 @@ from scipy.stats import chi2, linregress
 from faultgauge.detection.bank.bank import build_fault_bank
 from faultgauge.detection.bank.noise import Noise
 from faultgauge.detection.calibration.calibration import calibrate
-from faultgauge.detection.calibration.drift import Drift, as_dicts, drifts, sentences, trend
+from faultgauge.detection.calibration.drift import Drift, drifts, trend
 from faultgauge.detection.decisions import Decision, decide, decide_runs
 from faultgauge.detection.posterior.events import BankEvent
 from faultgauge.detection.posterior.posterior import Posterior
 from faultgauge.detection.rows.prepared import prepared
+from faultgauge.reporting.words.drift import as_dicts, sentences
 from faultgauge.telemetry import Run
 from lags import PLANT, STEP, driven
 from models import as_stated

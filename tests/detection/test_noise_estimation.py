@@ -6,7 +6,7 @@ from scipy.linalg import expm, toeplitz
 from scipy.optimize import minimize
 from scipy.stats import multivariate_normal
 
-from faultgauge.detection.bank.noise import constants_of
+from faultgauge.detection.bank.uncertain_constants import constants_of
 from faultgauge.detection.calibration import noise_estimation
 from faultgauge.detection.calibration.noise_estimation import estimate_doubts, estimate_noise
 from faultgauge.telemetry import Run

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from calibrations import LEVEL, for_bank
-from faultgauge.detection.answer.reliance import doubt, errs_by, headed
-from faultgauge.detection.onset.retrospective import sentences
+from faultgauge.detection.answer.reliance import errs_by
 from faultgauge.plants.model import Model
 from faultgauge.plants.record import Metrics
 from faultgauge.reporting.report import render
+from faultgauge.reporting.words.hindsight import sentences
+from faultgauge.reporting.words.reliance import doubt, headed
 from faultgauge.verbs.estimate import estimate
 from models import as_stated
 from scenes import NOISE, SCENES, TANK

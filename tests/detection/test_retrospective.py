@@ -15,7 +15,6 @@ from faultgauge.detection.decisions import decide
 from faultgauge.detection.onset.retrospective import (
     as_dicts,
     retrospect,
-    sentences,
     shares_in_hindsight,
 )
 from faultgauge.detection.onset.shocks import KnownStretch, Shocks, shocks
@@ -27,6 +26,7 @@ from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant_file import parse_plant
 from faultgauge.reporting.decision_chapter import decision_report
 from faultgauge.reporting.report import render
+from faultgauge.reporting.words.hindsight import sentences
 from faultgauge.telemetry import Run
 from models import as_stated
 

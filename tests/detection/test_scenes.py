@@ -6,9 +6,9 @@ import re
 import numpy as np
 import pytest
 
-from faultgauge.detection.answer.answer import answers, as_dicts, runs_as_dicts
 from faultgauge.detection.decisions import decide, table
 from faultgauge.detection.posterior.verdicts import NAMED
+from faultgauge.reporting.words.answer import answers, as_dicts, runs_as_dicts
 from scenes import NEVER, SCENES, T, between, log, tank_bank
 from views import compare, compare_hindsight
 

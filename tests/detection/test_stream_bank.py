@@ -7,7 +7,7 @@ import pytest
 from calibrations import for_bank, for_observer
 from faultgauge.detection.answer.estimation import Estimated, estimate
 from faultgauge.detection.answer.estimation import table as plain_table
-from faultgauge.detection.answer.unnamed import alarms
+from faultgauge.detection.answer.unnamed import unnamed_alarms
 from faultgauge.detection.bank.noise import Noise
 from faultgauge.detection.decisions import Decision, decide_runs, table
 from faultgauge.detection.posterior.events import Alarm, BankEvent, Unnamed
@@ -122,9 +122,9 @@ def test_every_bit_of_a_holed_log_is_that_of_the_file(calibrated):
     assert named == {(e.fault, e.start) for e in events}
     begins = [k for k in range(COUNT) if judged.status[k] == "FAULT" != judged.status[k - 1]]
     assert {a.start for a in told if a.fault is None} <= {run.t[k] for k in begins}
-    unnamed = [(e.start, e.end, e.sentence) for e in said if isinstance(e, Unnamed)]
+    unnamed = [each for each in said if isinstance(each, Unnamed)]
     assert len(unnamed) == 1
-    assert unnamed == [(a.start, a.end, a.text) for a in alarms(bank, judged)]
+    assert unnamed == unnamed_alarms(bank, judged)
     for at_once in (17, COUNT):
         again = streamed(Stream(calibrated, observer="bank"), run, at_once)
         assert table([e for e in again if isinstance(e, Decision)], names) == table(rows, names)

@@ -9,7 +9,8 @@ import pytest
 
 from faultgauge.detection.answer.smallest import around, information_left, smallest_along
 from faultgauge.detection.bank.bank import build_fault_bank
-from faultgauge.detection.bank.noise import Noise, start_spread
+from faultgauge.detection.bank.extended import start_spread
+from faultgauge.detection.bank.noise import Noise
 from faultgauge.detection.posterior.unit_faults import effects_of, information
 from faultgauge.detection.rows.prepared import prepared
 from faultgauge.telemetry import Run

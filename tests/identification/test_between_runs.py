@@ -10,10 +10,10 @@ import faultgauge as fg
 from faultgauge.detection.rows.prepared import as_it_acts
 from faultgauge.detection.rows.residual import Residuals, residuals
 from faultgauge.identification.between_runs import between_runs
-from faultgauge.identification.evaluation import evaluate, start_of_run
 from faultgauge.identification.fit import fit
 from faultgauge.identification.samples import Samples
 from faultgauge.identification.unseen import on_unseen, run_anew
+from faultgauge.identification.validation.evaluation import evaluate, start_of_run
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model, load_model, save_model
 from faultgauge.plants.plant_file import parse_plant

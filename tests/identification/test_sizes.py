@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from faultgauge.identification.fit import fit
-from faultgauge.identification.refinement import networks
+from faultgauge.identification.simulation_error import networks
 from faultgauge.identification.sizes import smallest_sufficient, with_hidden
 from faultgauge.plants.gray_box import GrayBoxPlant, load_plant
 from faultgauge.plants.model import load_model, save_model
 from faultgauge.plants.plant_file import parse_plant
 from faultgauge.telemetry import Run
 
-from .refinement.conftest import over_stairs
+from .simulation_error.conftest import over_stairs
 
 pytestmark = pytest.mark.usefixtures("quick_code")
 

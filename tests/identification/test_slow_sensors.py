@@ -6,11 +6,11 @@ import pytest
 from scipy.linalg import expm
 from scipy.stats import chi2
 
-from faultgauge.identification.evaluation import evaluate
 from faultgauge.identification.fit import fit
-from faultgauge.identification.refinement.records import records_of
 from faultgauge.identification.samples import channels, slow_columns
+from faultgauge.identification.simulation_error.records import records_of
 from faultgauge.identification.unseen import on_unseen
+from faultgauge.identification.validation.evaluation import evaluate
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant_file import parse_plant
 from faultgauge.telemetry import read_telemetry

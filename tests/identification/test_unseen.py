@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from faultgauge.identification.evaluation import evaluate
 from faultgauge.identification.fit import fit
 from faultgauge.identification.unseen import held_out, on_unseen
+from faultgauge.identification.validation.evaluation import evaluate
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant_file import parse_plant
 from faultgauge.telemetry import Run, cut

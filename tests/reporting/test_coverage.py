@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from faultgauge.reporting import outside
+from faultgauge.reporting.coverage import outside
 
 
 def ring(points: int) -> np.ndarray:

@@ -13,28 +13,20 @@ import matplotlib
 import numpy as np
 import pytest
 
-from faultgauge.reporting import (
-    Compared,
-    Figure,
-    Panel,
-    ToldSpan,
-    bars,
-    curves,
-    envelope,
-    fault_estimate,
-    fit_history,
-    free_run,
-    glance,
-    learned_curve,
-    model_figures,
-    overview,
-    panels,
-    relation,
-    relations,
-    residual,
-    time_figures,
-)
+from faultgauge.reporting import glance, model_figures, relations, time_figures
 from faultgauge.reporting.clock_axis import clock_ticks
+from faultgauge.reporting.glance import Compared, ToldSpan, overview
+from faultgauge.reporting.model_figures import bars, envelope, fit_history, learned_curve
+from faultgauge.reporting.relations import relation
+from faultgauge.reporting.svg import Figure
+from faultgauge.reporting.time_figures import (
+    Panel,
+    curves,
+    fault_estimate,
+    free_run,
+    panels,
+    residual,
+)
 from faultgauge.telemetry.clock import Clock
 
 RNG = np.random.default_rng(0)
@@ -190,7 +182,7 @@ def test_has_title_and_needs_no_other_file(draw: Callable[..., Figure]):
 
 def test_bytes_do_not_depend_on_the_process_and_jax_stays_unloaded():
     script = (
-        "import sys, hashlib, numpy as np, faultgauge.reporting as r;"
+        "import sys, hashlib, numpy as np, faultgauge.reporting.time_figures as r;"
         "t = np.arange(50.0);"
         "d = r.fault_estimate(t, t, t - 1, t + 1, limit=3.0, name='f', unit='N',"
         "    not_judged=t < 9);"

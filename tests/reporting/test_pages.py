@@ -11,7 +11,7 @@ import faultgauge as fg
 from browser import HEIGHT, WIDTHS, check, layouts, picture, save_pictures
 from calibrations import for_bank
 from faultgauge.detection.decisions import decide
-from faultgauge.reporting import Report, Section, Table, render
+from faultgauge.reporting.report import Report, Section, Table, render
 from faultgauge.reporting.time_figures import Panel, fault_estimate, panels
 from faultgauge.verbs.estimate import Answer
 from scenes import NOISE, SCENES, tank_bank

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 
 from faultgauge.identification.constants import ConstantsInformation, FittedConstant
-from faultgauge.identification.refinement.courses import Course
-from faultgauge.identification.refinement.result import Members, Refinement
 from faultgauge.identification.samples import Samples
+from faultgauge.identification.simulation_error.courses import Course
+from faultgauge.identification.simulation_error.result import Members, Refinement
 from faultgauge.plants.gray_box import load_plant
 from faultgauge.reporting.refinement_chapter import refinement_section
 from faultgauge.reporting.report import Report, render

@@ -10,17 +10,9 @@ import numpy as np
 import pytest
 
 from faultgauge.errors import InputError
-from faultgauge.reporting import (
-    Figure,
-    Report,
-    Section,
-    Table,
-    fault_estimate,
-    installed_versions,
-    render,
-    residual,
-    write,
-)
+from faultgauge.reporting.report import Report, Section, Table, installed_versions, render, write
+from faultgauge.reporting.svg import Figure
+from faultgauge.reporting.time_figures import fault_estimate, residual
 
 EVIL = "<script>alert('x')</script> & \"co\""
 VOID = {"meta", "link", "img", "br", "hr", "input", "base", "source", "embed"}

@@ -6,13 +6,15 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
 
-from faultgauge.reporting import axis_label, pretty_unit, quantity
 from faultgauge.reporting.style import (
     BAND,
     MEASURED,
     PREDICTED,
     SERIES,
     STRANGE,
+    axis_label,
+    pretty_unit,
+    quantity,
     short,
     time_axis,
     upright_label,

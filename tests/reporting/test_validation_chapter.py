@@ -5,9 +5,9 @@ import xml.etree.ElementTree as ET
 import numpy as np
 import pytest
 
-from faultgauge.identification.evaluation import Prediction
 from faultgauge.identification.samples import Samples
 from faultgauge.identification.validation import validate
+from faultgauge.identification.validation.evaluation import Prediction
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant_file import parse_plant
 from faultgauge.reporting.report import Report, render

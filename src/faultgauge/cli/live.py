@@ -39,12 +39,12 @@ def answer(
     that are no telemetry are left out; `strict`, they end it."""
     if view and not sys.stderr.isatty():
         raise InputError("--view draws on standard error, which is no terminal here; leave it out.")
-    from faultgauge.detection.answer import estimation
-    from faultgauge.detection.answer.reliance import doubt
-    from faultgauge.detection.posterior.uncalibrated import uncalibrated, unjudged_sentence
+    from faultgauge.detection.posterior.uncalibrated import uncalibrated
     from faultgauge.detection.stream import Stream
     from faultgauge.identification.samples import column_names
     from faultgauge.plants.model import load_model
+    from faultgauge.reporting.words.reliance import doubt
+    from faultgauge.reporting.words.unjudged import observer_sentence, unjudged_sentence
     from faultgauge.telemetry.stream import read_stream
     from faultgauge.verbs.reading import said_before
 
@@ -74,7 +74,7 @@ def answer(
         if observer == "bank" and uncalibrated(fitted):
             options.say(unjudged_sentence(fitted))
         elif observer != "bank":
-            options.say(estimation.sentence(fitted))
+            options.say(observer_sentence(fitted))
         elif (reason := doubt(fitted)) is not None:
             options.warn([reason])
         for several in samples:
@@ -136,18 +136,20 @@ class _Speaker:
 
     def event(self, said: "Said") -> None:
         from faultgauge.detection import decisions
-        from faultgauge.detection.answer.event_sentence import finding
-        from faultgauge.detection.answer.reliance import doubt, headed
         from faultgauge.detection.posterior.events import Alarm, BankEvent, Unnamed
         from faultgauge.detection.words import UNDECLARED, moment
+        from faultgauge.reporting.words.event_sentence import finding
+        from faultgauge.reporting.words.reliance import doubt, headed
+        from faultgauge.reporting.words.unnamed import alarm_sentence
         from faultgauge.telemetry.writing import stamp
 
         assert isinstance(said, Alarm | BankEvent | Unnamed)
-        clock = self.stream.clock
+        clock, step = self.stream.clock, self.stream.pace or 0.0
         start = {"start_clock": stamp(clock, said.start)}
         if isinstance(said, Unnamed):
-            line = {"said": "unnamed", **asdict(said), **start}
-            line["end_clock"] = stamp(clock, said.end)
+            sentence = alarm_sentence(self.model, said, step, clock)
+            line = {"said": "unnamed", "run": said.run, "start": said.start, "end": said.end}
+            line |= {"sentence": sentence, **start, "end_clock": stamp(clock, said.end)}
         elif isinstance(said, Alarm):
             line = {"said": "alarm", **asdict(said), **start}
         else:
@@ -156,10 +158,9 @@ class _Speaker:
             reason = doubt(self.model)
             line |= {} if reason is None else {"doubt": reason}
             print(json.dumps(line, allow_nan=False), file=self.lines)
-        step = self.stream.pace or 0.0
         at = moment(clock, said.start, step)
         if isinstance(said, Unnamed):
-            text = f"over: {said.sentence}"
+            text = f"over: {alarm_sentence(self.model, said, step, clock)}"
         elif isinstance(said, BankEvent):
             text = f"event: {'; '.join(finding(said, self._unit(said.fault), step, clock))}"
         elif said.fault is None:
@@ -183,7 +184,7 @@ class _Speaker:
 
     def odd(self, found: Sequence["Glitch"]) -> None:
         """A warning of the first sample that nothing explains; all are counted."""
-        from faultgauge.detection.posterior.glitches import sentences
+        from faultgauge.reporting.words.glitches import sentences
         from faultgauge.telemetry.stream import SOURCE
 
         if not self.glitches:

@@ -84,7 +84,7 @@ class View:
 
     def _judged(self, name: str) -> tuple[str, bool]:
         """The probability of a fault, and whether it is likely to be there."""
-        from faultgauge.detection.posterior.probability import probability
+        from faultgauge.reporting.words.probability import probability
 
         p = self.newest.get(f"p_{name.removeprefix('f_')}") if name.startswith("f_") else None
         return ("", False) if p is None else (probability(p), p >= LIKELY)

@@ -15,8 +15,8 @@ import numpy as np
 from jaxtyping import Bool
 
 from faultgauge.detection.answer.estimation import Estimated, Observing
-from faultgauge.detection.answer.misfit import FEWEST, Alarmed, Misfit, quiet
-from faultgauge.detection.answer.unnamed import alarms
+from faultgauge.detection.answer.misfit import FEWEST_JUDGED, Alarmed, Misfit, quiet
+from faultgauge.detection.answer.unnamed import unnamed_alarms
 from faultgauge.detection.bank.bank import FaultBank, build_fault_bank, evaluated_faults
 from faultgauge.detection.bank.noise import noise_of
 from faultgauge.detection.decisions import Decision, Watching, unjudged
@@ -146,7 +146,9 @@ class Stream:
         """Samples of a block of the calibration."""
         assert self.pace is not None
         found = self.model.calibration and self.model.calibration.bank
-        return max(int(np.ceil(found.block_s / self.pace)), FEWEST) if found else FEWEST
+        return (
+            max(int(np.ceil(found.block_s / self.pace)), FEWEST_JUDGED) if found else FEWEST_JUDGED
+        )
 
     def _rows(self, samples: Sequence[Sample]) -> Run:
         names = samples[0].values
@@ -298,8 +300,7 @@ class _Ongoing:
             said = self._words(kept, slice(None))
             given = prepared(self.bank.model.plant.signals, kept.run)
             decision = Decision(kept.run, kept.found, {}, *said, found, given, given)
-            for each in alarms(self.bank, decision):
-                yield Unnamed(kept.run.name, each.start, each.end, each.text)
+            yield from unnamed_alarms(self.bank, decision)
         self.kept, self.told = [], set()
 
     def _words(self, rows: Judged, part: slice) -> tuple[list[str], list[str]]:

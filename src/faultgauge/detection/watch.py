@@ -34,7 +34,7 @@ from faultgauge.detection.posterior.verdicts import words as in_words
 from faultgauge.detection.rows.intake import Intake, IntakeState, Taken
 from faultgauge.detection.rows.judged import samples_to_start
 from faultgauge.detection.rows.prepared import Prepared
-from faultgauge.identification.evaluation import WARMUP
+from faultgauge.identification.validation.evaluation import WARMUP
 from faultgauge.observers.branches import BranchInfo, BranchState
 from faultgauge.observers.branching import Branching
 from faultgauge.observers.follow import follow

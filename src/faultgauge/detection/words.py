@@ -10,7 +10,7 @@ from faultgauge.telemetry.clock import Clock
 
 __all__ = [
     "Began",
-    "MOST",
+    "TOLD_ODDS",
     "OLDER",
     "UNDECLARED",
     "about",
@@ -26,8 +26,8 @@ __all__ = [
     "would_not_show",
 ]
 
-MOST = 1000.0  # odds beyond which what is told rests on the model more than on them
-POSSIBLE = 20.0  # odds up to which something undeclared is spoken of: nobody can list it all
+TOLD_ODDS = 1000.0  # odds beyond which what is told rests on the model more than on them
+POSSIBLE_ODDS = 20.0  # odds up to which something undeclared is spoken of: nobody can list it all
 LARGE = 1e6  # from which on a number is said in powers of ten
 SMALL = 1e-4  # below which a number is said in powers of ten
 ROUNDING = 1e-6  # of the last decimal
@@ -74,11 +74,11 @@ def less_likely(causes: Sequence[str], odds: float) -> str:
     """ "leak is 200 times less likely"."""
     if odds < 1.05:
         return f"{listed(causes, 'or')} is as likely"
-    times = f"more than {MOST:.0f}" if odds >= MOST else number(odds, 2)
+    times = f"more than {TOLD_ODDS:.0f}" if odds >= TOLD_ODDS else number(odds, 2)
     return f"{listed(causes, 'or')} is {times} times less likely"
 
 
-def likelihoods(instead: Iterable[tuple[str, float]], up_to: float = POSSIBLE) -> list[str]:
+def likelihoods(instead: Iterable[tuple[str, float]], up_to: float = POSSIBLE_ODDS) -> list[str]:
     """The sentences of `less_likely` for causes with their odds, those of the same odds together,
     the likeliest first; something undeclared where its odds are below `up_to`."""
     causes, said = dict[float, list[str]](), list[str]()
@@ -87,7 +87,7 @@ def likelihoods(instead: Iterable[tuple[str, float]], up_to: float = POSSIBLE) -
             if odds < up_to:
                 said.append(f"{UNDECLARED} is only {odds:.2g} times less likely")
         else:
-            causes.setdefault(min(odds, MOST), []).append(cause)
+            causes.setdefault(min(odds, TOLD_ODDS), []).append(cause)
     return [*said, *(less_likely(each, odds) for odds, each in causes.items())]
 
 

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Unpack
 
-from faultgauge.detection.calibration.calibration_words import summary
 from faultgauge.errors import InputError
 from faultgauge.fleet.crew import Done, crew
 from faultgauge.fleet.folder import (
@@ -20,6 +19,7 @@ from faultgauge.fleet.result import FleetResult, failures
 from faultgauge.fleet.units import Unit, units_in
 from faultgauge.plants.model import Model, decoded, encoded, load_model
 from faultgauge.plants.record import CalibrationRecord
+from faultgauge.reporting.words.calibration import summary
 from faultgauge.verbs.calibrate import calibrate
 from faultgauge.verbs.how import How, Reading, reads
 from faultgauge.verbs.reading import runs_for_model

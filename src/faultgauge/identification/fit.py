@@ -6,15 +6,14 @@ from dataclasses import replace
 import numpy as np
 
 from faultgauge.errors import InputError
-from faultgauge.identification.algorithms import AlgorithmName
 from faultgauge.identification.command_checks import response_warnings
 from faultgauge.identification.constants import contradictions
-from faultgauge.identification.equation_fit import (
+from faultgauge.identification.equation.fit import (
     EquationFit,
     fit_equations,
     material,
 )
-from faultgauge.identification.evaluation import POOR, divergence, predict, too_short
+from faultgauge.identification.equation.instruments import reference_columns
 from faultgauge.identification.fit_record import (
     Equations,
     FitReport,
@@ -22,13 +21,19 @@ from faultgauge.identification.fit_record import (
     fit_record,
     outcome,
 )
-from faultgauge.identification.instruments import reference_columns
 from faultgauge.identification.log_checks import log_warnings
 from faultgauge.identification.noise_floor import noise_floor
-from faultgauge.identification.refinement.result import Refinement, refine_on_logs
+from faultgauge.identification.optimise.algorithms import AlgorithmName
 from faultgauge.identification.samples import Channels, channels, in_effect, slow_columns
+from faultgauge.identification.simulation_error.result import Refinement, refine_on_logs
 from faultgauge.identification.sizes import chosen_sizes, smallest_sufficient, with_hidden
 from faultgauge.identification.unseen import run_anew
+from faultgauge.identification.validation.evaluation import (
+    POOR_FREE_RUN,
+    divergence,
+    predict,
+    too_short,
+)
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
 from faultgauge.plants.signals import Signals
@@ -193,7 +198,7 @@ def _with_its_use(
 ) -> FitReport:
     """`account`, which warns where the model is of no use; where a refined one is far off in runs
     through whole `logs`, it runs anew over what was held out of them."""
-    if logs and account.refinement is not None and result.error >= POOR:
+    if logs and account.refinement is not None and result.error >= POOR_FREE_RUN:
         account = account._replace(anew=run_anew(model, account, logs))
     no_use = _of_no_use(result, account)
     account.warnings.extend(no_use)
@@ -204,7 +209,7 @@ def _of_no_use(result: Outcome, account: FitReport) -> list[str]:
     """A warning where the free run is far off, wherever it begins: what integrates drifts in a long
     one, and may yet be right."""
     error = min(result.error, account.anew.error if account.anew else np.inf)
-    if error < POOR:
+    if error < POOR_FREE_RUN:
         return []
     if error < 1:
         return [

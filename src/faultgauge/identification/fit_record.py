@@ -10,11 +10,11 @@ import numpy as np
 
 from faultgauge.identification.between_runs import between_runs
 from faultgauge.identification.constants import ConstantsInformation
-from faultgauge.identification.equation_fit import EquationFit, GroupReport, Material, max_step
-from faultgauge.identification.equation_uncertainty import equation_information
-from faultgauge.identification.levenberg_marquardt import CONVERGED
-from faultgauge.identification.refinement.result import Refinement
+from faultgauge.identification.equation.fit import EquationFit, GroupReport, Material, max_step
+from faultgauge.identification.equation.uncertainty import equation_information
+from faultgauge.identification.optimise.levenberg_marquardt import CONVERGED
 from faultgauge.identification.samples import Channels, Samples
+from faultgauge.identification.simulation_error.result import Refinement
 from faultgauge.identification.sizes import chosen_sizes
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.record import FitRecord

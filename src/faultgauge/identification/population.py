@@ -22,6 +22,7 @@ from faultgauge.identification.unknowns import prior_width
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.network import Network
 from faultgauge.plants.spec import Parameter
+from faultgauge.telemetry.statistics import MAD_TO_STD
 
 __all__ = ["FEWEST", "Law", "Population", "own_parameters", "population", "with_population"]
 
@@ -29,7 +30,6 @@ FEWEST = 4  # units that tell a spread, one of which may be unlike the others
 UNLIKE = 0.1  # of the units, as expected before
 WIDE = 10.0  # times as far from the mean as the others
 ROUNDS, SETTLED = 1000, 1e-9  # at most; of the spread: a move that ends them
-NORMAL = 1.4826  # standard deviation of Gaussian noise over the median of its size
 USUAL, USUAL_UNITS = 0.1, 2.0  # spread of machines of one make, and how many units that is worth
 
 
@@ -109,7 +109,7 @@ def _mixture(
     """(m, s, the probability that a unit is unlike the others)."""
     cells = np.where(known, z, np.nan)
     mean = np.nanmedian(cells, axis=0) if z.size else np.zeros(z.shape[1])
-    spread = NORMAL * np.nanmedian(np.abs(cells - mean), axis=0) if z.size else mean
+    spread = MAD_TO_STD * np.nanmedian(np.abs(cells - mean), axis=0) if z.size else mean
     usual = np.where(log, USUAL, np.maximum(USUAL * np.abs(mean), 1e-12))
     spread, unlike = np.sqrt((spread**2 + usual**2) / 2), np.zeros(len(z))
     for _ in range(ROUNDS):

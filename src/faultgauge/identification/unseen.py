@@ -6,17 +6,17 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from faultgauge.errors import InputError
-from faultgauge.identification.evaluation import (
+from faultgauge.identification.fit_record import Anew, FitReport
+from faultgauge.identification.holdout import LAST_SHARE
+from faultgauge.identification.samples import Samples, channels, in_effect
+from faultgauge.identification.validation import Validation, validate
+from faultgauge.identification.validation.evaluation import (
     WARMUP,
     Prediction,
     evaluate,
     finds_start,
     predict,
 )
-from faultgauge.identification.fit_record import Anew, FitReport
-from faultgauge.identification.holdout import LAST_SHARE
-from faultgauge.identification.samples import Samples, channels, in_effect
-from faultgauge.identification.validation import Validation, validate
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run, cut, segments

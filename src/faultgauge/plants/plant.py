@@ -12,8 +12,9 @@ from jaxtyping import Array, Float
 
 from faultgauge.plants.signals import INNER, Signals
 from faultgauge.plants.spec import Parameter
+from faultgauge.programs import program
 
-__all__ = ["Plant", "Stuck", "ValueChange", "applied", "clip_state", "respond"]
+__all__ = ["Plant", "Stuck", "ValueChange", "applied", "clip_state", "respond", "responses"]
 
 # Every JAX module of faultgauge imports this one. float32 surprises: identification needs 1e-8.
 jax.config.update("jax_enable_x64", True)
@@ -142,6 +143,14 @@ def respond(
     y = _scaled(plant.output(dx, x, u), lost["output_gain"])
     y = y + _placed(added["output"], len(signals.outputs)) + plant.besides(x)
     return dx, y if stuck is None else _overwritten(y, stuck.y)
+
+
+@program
+def responses(
+    plant: Plant, x: Float[Array, "points states"], u: Float[Array, "points inputs"]
+) -> tuple[Float[Array, "points states"], Float[Array, "points outputs"]]:
+    """(dx, y) of the healthy plant at some points."""
+    return jax.vmap(lambda x, u: respond(plant, x, u))(x, u)
 
 
 def applied(

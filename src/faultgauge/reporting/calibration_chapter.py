@@ -7,9 +7,9 @@ from matplotlib.axes import Axes
 
 from faultgauge.detection.bank.bank import FaultBank
 from faultgauge.detection.bank.knowledge import Knowledge
-from faultgauge.detection.bank.noise import Noise, constants_of, drifting_of
+from faultgauge.detection.bank.noise import Noise
+from faultgauge.detection.bank.uncertain_constants import constants_of, drifting_of
 from faultgauge.detection.calibration.blocks import Block
-from faultgauge.detection.calibration.calibration_words import doubted
 from faultgauge.detection.posterior.uncalibrated import level_in
 from faultgauge.detection.words import duration, number
 from faultgauge.plants.disturbed import dynamic_states, following_inputs
@@ -20,6 +20,7 @@ from faultgauge.reporting import style
 from faultgauge.reporting.report import Section, Table
 from faultgauge.reporting.style import quantity
 from faultgauge.reporting.svg import Figure, figure
+from faultgauge.reporting.words.calibration import doubted
 
 __all__ = [
     "calibration_section",

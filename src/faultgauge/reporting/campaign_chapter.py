@@ -1,7 +1,6 @@
 """The report of `campaign`: what is found of faults whose truth is known, and how honestly."""
 
 from faultgauge.campaigns.result import Campaign, KindResult
-from faultgauge.campaigns.words import interval, remarks
 from faultgauge.detection.words import number
 from faultgauge.rehearsal.shares import Rate, Share
 from faultgauge.rehearsal.words import HEADER, amount, fault_row, legend, said
@@ -14,6 +13,7 @@ from faultgauge.reporting.campaign_figures import (
 )
 from faultgauge.reporting.rehearsal_chapter import size_section
 from faultgauge.reporting.report import Report, Section, Table
+from faultgauge.reporting.words.campaign import interval, remarks
 
 __all__ = ["campaign_report"]
 

@@ -7,17 +7,16 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from faultgauge.detection.answer.estimation import Estimated, sentence
+from faultgauge.detection.answer.estimation import Estimated
 from faultgauge.detection.bank.bank import build_fault_bank
 from faultgauge.detection.bank.noise import noise_of
 from faultgauge.detection.calibration.calibration import Calibration
-from faultgauge.detection.calibration.calibration_words import errors
 from faultgauge.detection.rows.judged import Bank
 from faultgauge.detection.rows.residual import Reference
 from faultgauge.detection.words import duration
-from faultgauge.identification.evaluation import Prediction, at_samples, divergence
 from faultgauge.identification.fit import FitReport
 from faultgauge.identification.unseen import Unseen
+from faultgauge.identification.validation.evaluation import Prediction, at_samples, divergence
 from faultgauge.plants.model import Model
 from faultgauge.reporting.calibration_chapter import calibration_section, intervals_section
 from faultgauge.reporting.model_figures import envelope, fit_history
@@ -33,6 +32,8 @@ from faultgauge.reporting.style import quantity
 from faultgauge.reporting.svg import Figure
 from faultgauge.reporting.time_figures import fault_estimate, free_run, residual
 from faultgauge.reporting.validation_chapter import noise_table, validation_section
+from faultgauge.reporting.words.calibration import errors
+from faultgauge.reporting.words.unjudged import observer_sentence
 from faultgauge.telemetry import Run
 
 __all__ = [
@@ -244,7 +245,9 @@ def estimate_report(
 ) -> Report:
     """The report of `estimate --observer`: estimates with their intervals, residuals."""
     section = estimate_section(model, estimated, bank, reference)
-    return Report(f"Fault estimates: {model.plant.spec.name}", (sentence(model),), (section,))
+    return Report(
+        f"Fault estimates: {model.plant.spec.name}", (observer_sentence(model),), (section,)
+    )
 
 
 def estimate_section(

@@ -6,16 +6,13 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from faultgauge.detection.answer.answer import answers, headline, told
-from faultgauge.detection.answer.event_sentence import onset_of, other_cause
 from faultgauge.detection.answer.evidence import Evidence
 from faultgauge.detection.answer.shares import WHOLE, shares_of
 from faultgauge.detection.bank.bank import FaultBank
 from faultgauge.detection.decisions import Decision
 from faultgauge.detection.onset.retrospective import Retrospect
 from faultgauge.detection.posterior.events import UNKNOWN, BankEvent
-from faultgauge.detection.posterior.probability import probability
-from faultgauge.detection.words import MOST, OLDER, UNDECLARED, amount, moment, number
+from faultgauge.detection.words import OLDER, TOLD_ODDS, UNDECLARED, amount, moment, number
 from faultgauge.plants.model import Model
 from faultgauge.reporting.evidence_chapter import evidence_section
 from faultgauge.reporting.report import Report, Section, Table
@@ -24,6 +21,9 @@ from faultgauge.reporting.run_overview import run_overview, silent
 from faultgauge.reporting.scales import least_sizes, noise_scales
 from faultgauge.reporting.svg import Figure
 from faultgauge.reporting.time_figures import Panel, around, fault_estimate, panels
+from faultgauge.reporting.words.answer import answers, headline, told
+from faultgauge.reporting.words.event_sentence import onset_of, other_cause
+from faultgauge.reporting.words.probability import probability
 from faultgauge.telemetry.clock import Clock
 
 __all__ = [
@@ -163,7 +163,7 @@ def _row(bank: FaultBank, clock: Clock | None, event: BankEvent) -> tuple[str, .
         "; ".join(
             f"{other_cause(event, name)} 1:{number(odds, 2)}"
             for name, odds in event.instead
-            if odds < MOST
+            if odds < TOLD_ODDS
         ),
         "; ".join(f"{name} p {probability(p)}" for name, p in event.beside),
     )

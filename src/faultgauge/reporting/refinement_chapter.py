@@ -5,7 +5,7 @@ from collections.abc import Collection
 import numpy as np
 
 from faultgauge.identification.constants import ConstantsInformation, FittedConstant
-from faultgauge.identification.refinement.result import Refinement
+from faultgauge.identification.simulation_error.result import Refinement
 from faultgauge.reporting.report import Section, Table
 from faultgauge.reporting.style import quantity
 from faultgauge.reporting.svg import Figure

@@ -7,23 +7,24 @@ import numpy as np
 from faultgauge.detection.answer.shares import WHOLE
 from faultgauge.detection.bank.bank import FaultBank
 from faultgauge.detection.decisions import Decision
-from faultgauge.detection.onset.retrospective import HEALTHY, Retrospect, onset_of, sentences
+from faultgauge.detection.onset.retrospective import NO_FAULT, Retrospect
 from faultgauge.detection.posterior.events import UNKNOWN
 from faultgauge.detection.posterior.over_onsets import onset_over
-from faultgauge.detection.posterior.probability import probability
 from faultgauge.detection.words import UNDECLARED, about, amount, moment
 from faultgauge.observers.divided_difference import FAR
 from faultgauge.reporting.marks import NOISES
 from faultgauge.reporting.report import Section, Table
 from faultgauge.reporting.svg import Figure
 from faultgauge.reporting.time_figures import Panel, panels
+from faultgauge.reporting.words.hindsight import onset_of, sentences
+from faultgauge.reporting.words.probability import probability
 from faultgauge.telemetry.clock import Clock
 
 __all__ = ["retrospective_section"]
 
 MOST_FIGURES = 6  # of a chapter
 HEADER = ("run", "window", "judged", "cause", "began", "told", "size", "p")
-NAMES = {HEALTHY: "no fault", UNKNOWN: f"{UNDECLARED} or not constant"}
+NAMES = {NO_FAULT: "no fault", UNKNOWN: f"{UNDECLARED} or not constant"}
 AROUND = 2.0  # widths of the onset's interval that are shown on either side of it
 
 
@@ -38,7 +39,7 @@ def retrospective_section(
     figures = [
         picture
         for each in sorted(found, key=lambda each: order[each.run])
-        if each.cause != HEALTHY
+        if each.cause != NO_FAULT
         for picture in (
             _fault(bank, by_run[each.run], each),
             *_onset(each, by_run[each.run].run.clock),

@@ -5,15 +5,15 @@ from collections.abc import Mapping
 import numpy as np
 from jaxtyping import Bool, Float
 
-from faultgauge.detection.answer.unnamed import alarms
 from faultgauge.detection.bank.bank import FaultBank
-from faultgauge.detection.bank.noise import drifting_of
+from faultgauge.detection.bank.uncertain_constants import drifting_of
 from faultgauge.detection.decisions import Decision
 from faultgauge.detection.posterior.verdicts import NOT_JUDGED, STALE
 from faultgauge.reporting.glance import Compared, ToldSpan, overview
 from faultgauge.reporting.scales import least_sizes, noise_scales
 from faultgauge.reporting.style import quantity
 from faultgauge.reporting.svg import Figure
+from faultgauge.reporting.words.unnamed import alarms
 from faultgauge.telemetry import Run
 
 __all__ = ["run_overview", "silent"]

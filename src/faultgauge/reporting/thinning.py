@@ -7,9 +7,9 @@ __all__ = ["stretches", "thin", "thin_band"]
 
 # A line is broken where the time between samples exceeds this many usual steps. Below it, a slow
 # or jittery channel would fall apart; above it, a real gap would be bridged.
-GAP_STEPS = 10.0
+HOLE_STEPS = 10.0
 # A diverged free run still has to be drawn; beyond this matplotlib's own arithmetic overflows.
-LARGEST = 1e100
+DRAWABLE = 1e100
 
 
 def thin(
@@ -17,7 +17,7 @@ def thin(
 ) -> tuple[Float[np.ndarray, "kept"], Float[np.ndarray, "kept"]]:
     """Keep the smallest and the largest sample of each of `bins` equal time bins.
 
-    NaN means "no sample here". A gap (more than `GAP_STEPS` median steps without a sample) becomes
+    NaN means "no sample here". A gap (more than `HOLE_STEPS` median steps without a sample) becomes
     one NaN, so that the drawn line breaks there; a sample between two gaps is doubled, so that a
     round line cap shows it as a dot.
 
@@ -29,7 +29,7 @@ def thin(
     Returns:
         Time and curve, at most about ``2 * bins`` points and the NaN of the gaps.
     """
-    drawable = np.isfinite(t) & (np.abs(y) < LARGEST)
+    drawable = np.isfinite(t) & (np.abs(y) < DRAWABLE)
     t, y = t[drawable], y[drawable]
     if t.size == 0:
         return t, y
@@ -51,7 +51,7 @@ def thin_band(
     bins: int,
 ) -> tuple[Float[np.ndarray, "kept"], Float[np.ndarray, "kept"], Float[np.ndarray, "kept"]]:
     """Keep the lowest `lo` and the highest `hi` of each of `bins` equal time bins; see `thin`."""
-    drawable = np.isfinite(t) & (np.abs(lo) < LARGEST) & (np.abs(hi) < LARGEST)
+    drawable = np.isfinite(t) & (np.abs(lo) < DRAWABLE) & (np.abs(hi) < DRAWABLE)
     t, lo, hi = t[drawable], lo[drawable], hi[drawable]
     if t.size == 0:
         return t, lo, hi
@@ -90,7 +90,7 @@ def _groups(
 ) -> tuple[Int[np.ndarray, "samples"], Int[np.ndarray, "samples"]]:
     """The unbroken segment and the time bin within it that each sample belongs to."""
     steps = np.diff(t)
-    broken = steps > GAP_STEPS * np.median(steps) if steps.size else steps > 0.0
+    broken = steps > HOLE_STEPS * np.median(steps) if steps.size else steps > 0.0
     segment = np.concatenate([[0], np.cumsum(broken)])
     if t.size <= 2 * bins:
         return segment, np.arange(t.size)

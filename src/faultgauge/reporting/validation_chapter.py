@@ -2,8 +2,8 @@
 
 from collections.abc import Sequence
 
-from faultgauge.identification.evaluation import Prediction
 from faultgauge.identification.validation import OutputValidation, Validation, errors_of, tested
+from faultgauge.identification.validation.evaluation import Prediction
 from faultgauge.identification.validation.operating import Profile
 from faultgauge.identification.validation.ranges import Range
 from faultgauge.plants.gray_box import GrayBoxPlant

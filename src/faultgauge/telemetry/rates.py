@@ -15,14 +15,14 @@ from jaxtyping import Bool, Float
 
 from faultgauge.telemetry.runs import GAP_STEPS, ROUNDING, nearest
 
-__all__ = ["DROPOUT", "FEWEST", "REGULAR", "SLOWER", "Aligned", "align"]
+__all__ = ["DROPOUT", "FEWEST_OF_A_RATE", "REGULAR", "SLOWER", "Aligned", "align"]
 
 SLOWER = 1.5  # times the shortest median interval: a rate of its own
 DROPOUT = (
     1.75  # of its intervals without a sample: one of full rate has missed one (2, less jitter)
 )
 REGULAR = 0.8  # of the intervals of a slower column lie within half of their median, at least
-FEWEST = 4  # samples of a column that show a rate
+FEWEST_OF_A_RATE = 4  # samples of a column that show a rate
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +54,7 @@ def align(
     intervals = {
         name: float(np.median(np.diff(t[cells])))
         for name, cells in sampled.items()
-        if not cells.all() and cells.sum() >= FEWEST
+        if not cells.all() and cells.sum() >= FEWEST_OF_A_RATE
     }
     kept = np.ones(len(t), dtype=bool)
     holes = np.zeros(len(t), dtype=bool) if holes is None else holes

@@ -9,9 +9,9 @@ from jaxtyping import Float
 from faultgauge.telemetry.runs import gaps
 from faultgauge.telemetry.table import LARGEST
 
-__all__ = ["Statistics", "statistics"]
+__all__ = ["MAD_TO_STD", "Statistics", "statistics"]
 
-MAD_TO_STD = 1.4826  # of a normal distribution
+MAD_TO_STD = 1.4826  # standard deviation of Gaussian noise over the median of its size
 HELD_SHARE = 0.5  # of the steps on which a held signal does not move, at least
 HELD_JUMP = 3.0  # resolutions that it jumps otherwise: a slow sensor moves by one
 HELD_RANGE = 0.1  # of the range, for signals of a few levels, such as a switch

@@ -25,7 +25,7 @@ from faultgauge.plants.expression import (
     unknown,
 )
 from faultgauge.telemetry.mapping import alias, find_column
-from faultgauge.telemetry.rates import DROPOUT, FEWEST, REGULAR, SLOWER
+from faultgauge.telemetry.rates import DROPOUT, FEWEST_OF_A_RATE, REGULAR, SLOWER
 from faultgauge.telemetry.runs import GAP_STEPS, ROUNDING
 from faultgauge.telemetry.table import LogTable, is_text
 
@@ -253,7 +253,7 @@ def _reach(
     the next: samples without a rate, and `discrete` ones that never repeat, as on a clock some do.
     """
     own = ~np.isnan(cells)
-    if own.sum() < FEWEST:
+    if own.sum() < FEWEST_OF_A_RATE:
         return np.inf, np.inf
     steps = np.diff(t[own])
     interval = float(np.median(steps))

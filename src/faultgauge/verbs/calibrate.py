@@ -6,14 +6,14 @@ from typing import Any, Unpack
 
 import numpy as np
 
-from faultgauge.detection.answer.reliance import doubt
 from faultgauge.detection.bank.bank import build_fault_bank
 from faultgauge.detection.bank.noise import noise_of
 from faultgauge.detection.calibration import calibration
-from faultgauge.detection.calibration.calibration_words import summary
 from faultgauge.plants.model import Model
 from faultgauge.plants.record import CalibrationRecord
 from faultgauge.plants.settings import with_settings
+from faultgauge.reporting.words.calibration import summary
+from faultgauge.reporting.words.reliance import doubt
 from faultgauge.verbs.how import How, Reading, reads
 from faultgauge.verbs.plants import model_of
 from faultgauge.verbs.reading import Runs, runs_for_model, unlike_warnings

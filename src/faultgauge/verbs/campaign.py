@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from faultgauge.campaigns import Campaign, Plan, carry_out, read_campaign
-from faultgauge.campaigns.words import lines
 from faultgauge.detection.decisions import Walk
 from faultgauge.detection.watch import Watch
 from faultgauge.files import write_atomically
+from faultgauge.reporting.words.campaign import lines
 from faultgauge.telemetry.writing import table_bytes, write_table
 from faultgauge.verbs.result import Columns, Result
 
@@ -43,9 +43,6 @@ class Campaigned(Result):
         from faultgauge.reporting.campaign_chapter import campaign_report
 
         return campaign_report(self.found)
-
-    def figures(self) -> Any:
-        return [each for section in self.page().sections for each in section.figures]
 
     def written(self) -> "Campaigned":
         """The same, its files in the folder."""

@@ -5,11 +5,12 @@ from dataclasses import dataclass, replace
 from typing import Any, Unpack
 
 from faultgauge.detection import decisions
-from faultgauge.detection.answer import answer, misfit, reliance
+from faultgauge.detection.answer import misfit
 from faultgauge.detection.answer.swapped import swapped_in
 from faultgauge.detection.posterior.events import BankEvent
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
+from faultgauge.reporting.words import answer, reliance
 from faultgauge.telemetry import check_same_units
 from faultgauge.telemetry.other_range import other_range
 from faultgauge.verbs import checkup

@@ -7,12 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from faultgauge.detection.answer.answer import answers, first_screen
-from faultgauge.detection.answer.reliance import doubt, errs_by
+from faultgauge.detection.answer.reliance import errs_by
 from faultgauge.detection.bank.bank import FaultBank, evaluated_faults
 from faultgauge.detection.calibration.calibration import Calibration, calibrate
 from faultgauge.detection.decisions import Decision, decide_runs
-from faultgauge.detection.posterior.uncalibrated import uncalibrated, unjudged_sentence
+from faultgauge.detection.posterior.uncalibrated import uncalibrated
 from faultgauge.errors import InputError
 from faultgauge.identification.fit import FitReport, fit
 from faultgauge.identification.log_checks import other_units
@@ -20,6 +19,9 @@ from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
 from faultgauge.plants.plant_file import parse_plant
 from faultgauge.plants.signals import Fault
+from faultgauge.reporting.words.answer import answers, first_screen
+from faultgauge.reporting.words.reliance import doubt
+from faultgauge.reporting.words.unjudged import unjudged_sentence
 from faultgauge.telemetry import Run, cut, plant_skeleton
 
 __all__ = ["Checkup", "black_box", "check", "parts", "with_some_fault"]

@@ -2,13 +2,13 @@
 
 from dataclasses import replace
 
-from faultgauge.detection.answer.answer import shown_first
 from faultgauge.detection.answer.evidence import evidence
-from faultgauge.identification.evaluation import evaluate
+from faultgauge.identification.validation.evaluation import evaluate
 from faultgauge.reporting.calibration_chapter import calibration_section, proof
 from faultgauge.reporting.chapters import evaluation_section, fit_sections
 from faultgauge.reporting.decision_chapter import decision_report, unjudged_report
 from faultgauge.reporting.report import Report
+from faultgauge.reporting.words.answer import shown_first
 from faultgauge.verbs.checkup import Checkup
 
 __all__ = ["checkup_report"]

@@ -49,9 +49,6 @@ class Detectable(Result):
 
         return detectability_report(self.sheet)
 
-    def figures(self) -> Any:
-        return [each for section in self.page().sections for each in section.figures]
-
 
 @reads
 def detectability(

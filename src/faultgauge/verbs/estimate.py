@@ -6,26 +6,25 @@ from functools import cached_property
 from typing import Any, Unpack
 
 from faultgauge.detection import decisions
-from faultgauge.detection.answer import answer, estimation, misfit, reliance
+from faultgauge.detection.answer import estimation, misfit
 from faultgauge.detection.answer.estimation import Estimated
 from faultgauge.detection.answer.evidence import Evidence
 from faultgauge.detection.answer.evidence import evidence as evidence_of
 from faultgauge.detection.answer.shares import shares_of
 from faultgauge.detection.answer.swapped import swapped_in
 from faultgauge.detection.bank.bank import FaultBank
-from faultgauge.detection.calibration import drift
-from faultgauge.detection.calibration.drift import Drift
+from faultgauge.detection.calibration.drift import Drift, drifts
 from faultgauge.detection.decisions import Decision, Walk
 from faultgauge.detection.onset import retrospective
 from faultgauge.detection.onset.retrospective import Retrospect
-from faultgauge.detection.posterior import glitches
 from faultgauge.detection.posterior.events import UNKNOWN, BankEvent
-from faultgauge.detection.posterior.uncalibrated import unjudged_sentence
 from faultgauge.detection.rows.judged import Bank
 from faultgauge.detection.rows.residual import Reference
 from faultgauge.detection.watch import Watch
 from faultgauge.errors import InputError
 from faultgauge.plants.model import Model
+from faultgauge.reporting.words import answer, drift, glitches, hindsight, reliance
+from faultgauge.reporting.words.unjudged import observer_sentence, unjudged_sentence
 from faultgauge.verbs.how import How, Reading, reads
 from faultgauge.verbs.plants import model_of
 from faultgauge.verbs.reading import runs_for_model, unlike_warnings
@@ -95,7 +94,7 @@ class Answer(Result):
         """Hindsight, where it was asked for, and drifts."""
         seen = []
         if self.bank is not None and self.smooth:
-            seen = retrospective.sentences(self.bank, self.decisions, self.hindsight())
+            seen = hindsight.sentences(self.bank, self.decisions, self.hindsight())
         return [*seen, *drift.sentences(self.drifting)]
 
     def hindsight(self) -> list[Retrospect]:
@@ -225,7 +224,7 @@ class Estimates(Result):
 
     @property
     def lines(self) -> list[str]:
-        return [estimation.sentence(self.model)]
+        return [observer_sentence(self.model)]
 
     def as_dict(self) -> dict[str, Any]:
         return {"answer": self.lines, "events": [], "drift": [], "warnings": list(self.odd)}
@@ -292,7 +291,7 @@ def estimate(
     warnings += glitched(decided)
     reason = None if bank is None else reliance.doubt(known)
     warnings += [reason] if reason else []
-    drifting = [] if bank is None else drift.drifts(bank, decided)
+    drifting = [] if bank is None else drifts(bank, decided)
     found = Answer(known, decided, bank, drifting, warnings, smooth)
     if smooth:
         progress("weighing what the whole log tells")

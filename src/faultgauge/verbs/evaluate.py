@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Unpack
 
-from faultgauge.identification import evaluation
-from faultgauge.identification.evaluation import WARMUP, Prediction
+from faultgauge.identification.validation import evaluation
+from faultgauge.identification.validation.evaluation import WARMUP, Prediction
 from faultgauge.plants.model import Model
 from faultgauge.verbs.how import How, Reading, reads
 from faultgauge.verbs.plants import model_of

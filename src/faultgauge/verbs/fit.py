@@ -9,9 +9,9 @@ from typing import Any, Unpack
 from faultgauge.detection.answer.alarmed import refuse_alarms
 from faultgauge.detection.words import number
 from faultgauge.identification import fit as identification
-from faultgauge.identification.evaluation import evaluate
 from faultgauge.identification.fit import FitReport
 from faultgauge.identification.unseen import Unseen, on_unseen
+from faultgauge.identification.validation.evaluation import evaluate
 from faultgauge.plants.model import Model
 from faultgauge.plants.signals import spoken
 from faultgauge.telemetry import check_same_units

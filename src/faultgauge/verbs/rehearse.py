@@ -40,9 +40,6 @@ class Rehearsed(Result):
 
         return rehearsal_report(self.found)
 
-    def figures(self) -> Any:
-        return [each for section in self.page().sections for each in section.figures]
-
 
 @reads
 def rehearse(

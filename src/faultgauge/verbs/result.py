@@ -54,9 +54,10 @@ class Result(abc.ABC):
     def page(self) -> "Report":
         """The report, not yet written."""
 
-    @abc.abstractmethod
     def figures(self) -> "Sequence[Figure]":
-        """The figures of the answer, the most telling one first."""
+        """The figures of the answer, the most telling one first; those of the report, unless a
+        result has it otherwise."""
+        return [each for section in self.page().sections for each in section.figures]
 
     def plot(self) -> "Canvas":
         """The most telling figure, of matplotlib: `.savefig("figure.svg")`, or shown by a notebook.

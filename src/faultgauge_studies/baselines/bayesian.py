@@ -19,11 +19,11 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
-from faultgauge.identification.levenberg_marquardt import (
+from faultgauge.identification.optimise.levenberg_marquardt import (
     Options,
     levenberg_marquardt,
 )
-from faultgauge.identification.normal_equations import normal_equations
+from faultgauge.identification.optimise.normal_equations import normal_equations
 from faultgauge_studies.baselines.baseline import Baseline, Record
 from faultgauge_studies.baselines.training import Mode, RunResidual, with_weights
 

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from faultgauge.identification.starts import nguyen_widrow
+from faultgauge.identification.optimise.starts import nguyen_widrow
 from faultgauge_studies.baselines.baseline import Baseline, Scaling, Weights
 
 __all__ = ["NeuralOde", "neural_ode"]

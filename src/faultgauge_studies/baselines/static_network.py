@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from faultgauge.identification.starts import nguyen_widrow
+from faultgauge.identification.optimise.starts import nguyen_widrow
 from faultgauge_studies.baselines.baseline import Baseline, Scaling, Weights
 
 __all__ = ["Output", "StaticNetwork", "layers", "output_layer", "static_network"]

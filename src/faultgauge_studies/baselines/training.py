@@ -11,7 +11,7 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
-from faultgauge.identification.levenberg_marquardt import Options, levenberg_marquardt
+from faultgauge.identification.optimise.levenberg_marquardt import Options, levenberg_marquardt
 from faultgauge_studies.baselines.baseline import Baseline, Record, simulate
 
 __all__ = ["Mode", "RunResidual", "Trained", "train", "with_weights"]

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from faultgauge.identification.levenberg_marquardt import Options
+from faultgauge.identification.optimise.levenberg_marquardt import Options
 from faultgauge.simulation.satellite.observatory import HOLD, run
 from faultgauge.telemetry import Run
 from faultgauge_studies.baselines.adaptive_observer import (

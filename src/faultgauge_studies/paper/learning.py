@@ -9,8 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from faultgauge.identification.algorithms import AlgorithmName
 from faultgauge.identification.fit import FitReport, fit
+from faultgauge.identification.optimise.algorithms import AlgorithmName
 from faultgauge.plants.gray_box import GrayBoxPlant, load_plant
 from faultgauge.plants.model import Model
 from faultgauge.plants.plant import Plant

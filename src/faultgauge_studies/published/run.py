@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from faultgauge.identification.evaluation import Prediction, predict
 from faultgauge.identification.fit import fit
+from faultgauge.identification.validation.evaluation import Prediction, predict
 from faultgauge.plants.model import Model
 from faultgauge.progress import Step, within
 from faultgauge_studies.published.benchmark import Benchmark, Records, plant_of, records

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from jax.flatten_util import ravel_pytree
 
-from faultgauge.identification.levenberg_marquardt import Options
+from faultgauge.identification.optimise.levenberg_marquardt import Options
 from faultgauge_studies.baselines.baseline import Record, Scaling, free_run, one_step
 from faultgauge_studies.baselines.narx import narx
 from faultgauge_studies.baselines.static_network import static_network

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from faultgauge.identification.equation_error import Group, groups
-from faultgauge.identification.equation_fit import GroupReport
+from faultgauge.identification.equation.fit import GroupReport
+from faultgauge.identification.equation.groups import Group, groups
 from faultgauge.identification.fit import FitReport, fit
-from faultgauge.identification.levenberg_marquardt import Solution
+from faultgauge.identification.optimise.levenberg_marquardt import Solution
 from faultgauge.identification.samples import Samples
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant_file import parse_plant

@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from faultgauge.identification.equation_error import groups
+from faultgauge.identification.equation.groups import groups
 from faultgauge.plants.gray_box import load_plant
 from faultgauge.telemetry import Run
 from faultgauge_studies.paper.claims import separate_networks

@@ -16,7 +16,7 @@ from faultgauge.telemetry.logs import Source, open_logs
 
 __all__ = ["refuse_alarms"]
 
-STATUS = "status"  # the column that `estimate` writes
+STATUS_COLUMN = "status"  # the column that `estimate` writes
 SHOWN = 3  # stretches that a refusal names
 
 Stretches: TypeAlias = list[tuple[float, float]]
@@ -34,7 +34,7 @@ def refuse_alarms(
     """Raises `InputError` where `runs`, read from `sources`, stand under alarm: by a column
     `status` of theirs, or judged by the calibrated model `before` that the fit would replace."""
     found = _by_column(sources, time, maps, where, time_format) if sources else {}
-    said = f"column {STATUS!r} says FAULT"
+    said = f"column {STATUS_COLUMN!r} says FAULT"
     if not found and before is not None and before.is_file():
         found, said = _by_model(runs, before), f"{before}, which this fit would replace, alarms"
     if not found:
@@ -57,7 +57,7 @@ def _by_column(
 ) -> dict[str, Stretches]:
     found = dict[str, Stretches]()
     for log in open_logs(sources, time, maps, where, time_format):
-        cells = log.table.columns.get(STATUS)
+        cells = log.table.columns.get(STATUS_COLUMN)
         if cells is None:
             continue
         for samples in log.runs.values():

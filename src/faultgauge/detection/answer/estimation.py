@@ -22,7 +22,7 @@ from faultgauge.telemetry import Run
 from faultgauge.telemetry.runs import paced
 from faultgauge.telemetry.writing import stamps
 
-__all__ = ["ALONE", "Estimated", "Observing", "estimate", "intervals_in", "sentence", "table"]
+__all__ = ["ALONE", "Estimated", "Observing", "estimate", "intervals_in", "table"]
 
 ALONE = "an observer alone gives an estimate, no decision"
 
@@ -129,14 +129,3 @@ def table(estimated: Sequence[Estimated], faults: Sequence[str]) -> dict[str, li
                 cells = [None if value != value else value for value in values.tolist()]
             columns.setdefault(name, []).extend(cells)
     return columns
-
-
-def sentence(model: Model) -> str:
-    """What the rows are, and what to do for more."""
-    how = (
-        "without `--observer` the bank decides"
-        if intervals_in(model)
-        else "`faultgauge calibrate --observer eso --out OTHER_MODEL` on healthy logs adds "
-        "intervals, and without `--observer` the bank decides"
-    )
-    return f"{ALONE[0].upper()}{ALONE[1:]}: {how}."

@@ -18,13 +18,13 @@ from faultgauge.detection.words import number
 from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run
 
-__all__ = ["FEWEST", "Alarmed", "Misfit", "alarmed_throughout", "not_followed", "quiet"]
+__all__ = ["FEWEST_JUDGED", "Alarmed", "Misfit", "alarmed_throughout", "not_followed", "quiet"]
 
 WORSE = 10.0  # times the free run's error on the data that the fit was validated on
 NOTABLE = 0.1  # of an output's standard deviation
 ALMOST_ALL = 0.8  # of the judged samples of a run
 AT_ONCE = 0.05  # of them, within which the alarm begins
-FEWEST = 20  # judged samples before which a stream says nothing: AT_ONCE is one of them
+FEWEST_JUDGED = 20  # judged samples before which a stream says nothing: AT_ONCE is one of them
 
 
 def not_followed(model: Model, runs: Sequence[Run]) -> list[str]:

@@ -9,10 +9,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from faultgauge.detection.bank.fidelity import LONGEST
+from faultgauge.detection.bank.fidelity import LONGEST_PIECE
 from faultgauge.errors import InputError
-from faultgauge.identification.evaluation import WARMUP, evaluate
 from faultgauge.identification.holdout import LAST_SHARE
+from faultgauge.identification.validation.evaluation import WARMUP, evaluate
 from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run, cut
 
@@ -24,7 +24,7 @@ SHORTEST = 2 * WARMUP  # samples of a piece
 def typical_errors(model: Model, run: Run) -> dict[str, float]:
     """By output that moves, the median error of the pieces as a share of its standard deviation in
     the log; nothing where no two samples are in a row."""
-    run = cut(run, slice(0, LONGEST))
+    run = cut(run, slice(0, LONGEST_PIECE))
     try:
         scored, _ = evaluate(
             model.plant, _pieces(run), model.max_step, between=model.record.between

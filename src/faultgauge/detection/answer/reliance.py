@@ -22,14 +22,12 @@ from faultgauge.detection.bank.noise import noise_of
 from faultgauge.detection.posterior.uncalibrated import level_in, uncalibrated
 from faultgauge.detection.remember import once
 from faultgauge.detection.rows.judged import operating_points
-from faultgauge.detection.words import number
-from faultgauge.identification.evaluation import POOR
+from faultgauge.identification.validation.evaluation import POOR_FREE_RUN
 from faultgauge.plants.disturbed import dynamic_states
 from faultgauge.plants.model import Model
 
-__all__ = ["doubt", "errs_by", "headed"]
+__all__ = ["errs_by", "worst_error"]
 
-HEAD = "Little to rely on: "
 LASTING = 1e4  # memories, from which on an error does not change within one
 
 
@@ -48,31 +46,15 @@ def errs_by(model: Model) -> dict[str, float]:
     }
 
 
-def doubt(model: Model) -> str | None:
-    """That answers of a calibrated `model` are little to rely on, and why; None where its free run
-    followed the data that it was not fitted to, or it explains more than it errs by."""
-    off = model.record.metrics.free_run_error
-    if uncalibrated(model) or not off >= POOR:
+def worst_error(model: Model) -> tuple[str, float] | None:
+    """The state whose derivative a calibrated `model` gets most wrong, and how many times what it
+    explains of it that is; None where its free run followed the data that it was not fitted to, or
+    it explains more than it errs by."""
+    if uncalibrated(model) or not model.record.metrics.free_run_error >= POOR_FREE_RUN:
         return None
     shares = errs_by(model)
     worst = max(shares, key=lambda name: shares[name], default="")
-    if not worst or shares[worst] < 1:
-        return None
-    return (
-        "little to rely on, as the model does not follow its own healthy logs: its free run is "
-        f"{100 * off:.0f} % off, and its error is {number(shares[worst], 2)} times what it "
-        f"explains of d({worst})"
-    )
-
-
-def headed(model: Model, sentence: str) -> str:
-    """`sentence`, behind a word of doubt where that is due to all that `model` says; why, is said
-    once beside its answers."""
-    if doubt(model) is None:
-        return sentence
-    first = sentence.partition(" ")[0]
-    named = first in model.plant.signals.fault_names  # which stays as it is written
-    return f"{HEAD}{sentence if named else sentence[0].lower() + sentence[1:]}"
+    return (worst, shares[worst]) if worst and shares[worst] >= 1 else None
 
 
 @once

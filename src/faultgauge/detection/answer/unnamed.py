@@ -1,46 +1,30 @@
-"""The sentences of alarms without a name, and of what a log ends undecided about."""
+"""Alarms that no event tells of: when, and what their rows say of the cause."""
 
 from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
 
-from faultgauge.detection.answer.reliance import headed
-from faultgauge.detection.answer.shares import WHOLE, shares_of
-from faultgauge.detection.answer.telling import Told, row_time, unit_of
 from faultgauge.detection.bank.bank import FaultBank
 from faultgauge.detection.decisions import Decision
-from faultgauge.detection.posterior.events import pause, stretches
-from faultgauge.detection.posterior.posterior import LIKELY
-from faultgauge.detection.posterior.probability import probability
-from faultgauge.detection.posterior.verdicts import EITHER, FAULT, NEARLY, NOT_JUDGED
+from faultgauge.detection.posterior.events import Cause, Unnamed, pause, stretches
+from faultgauge.detection.posterior.verdicts import EITHER, FAULT, NEARLY
 from faultgauge.detection.words import UNDECLARED
 
-__all__ = ["alarms", "unnamed"]
+__all__ = ["unnamed_alarms"]
 
 NOTHING = 1e-4  # of a fault's widest size: no size is told of what is as good as gone
 DIGITS = 6  # of p: of causes that are as likely as each other the first comes first
 
 
-def unnamed(bank: FaultBank, decision: Decision) -> list[Told]:
-    """Alarms without an event, and what the log ends undecided about."""
-    judged = shares_of(decision).judged
-    note = "" if judged >= WHOLE else f", of which {100 * judged:.0f} % could be judged"
-    return [*alarms(bank, decision, note), *_undecided(bank, decision, note)]
-
-
-def alarms(bank: FaultBank, decision: Decision, note: str = "") -> list[Told]:
-    """Alarms without an event, with a `note` on the run."""
-    run, found = decision.run, list[Told]()
+def unnamed_alarms(bank: FaultBank, decision: Decision) -> list[Unnamed]:
+    """Alarms without an event, in order."""
     alarm = np.array(decision.status) == FAULT
-    for start, stop in stretches(alarm, np.isfinite(decision.posterior.healthy), pause(bank)):
-        for part in _beyond(bank, decision, start, stop):
-            first, last = float(run.t[part.start]), float(run.t[part.stop - 1])
-            when = f"from {row_time(bank, decision, first)} to {row_time(bank, decision, last)}"
-            why, causes = _why_unnamed(bank, decision, part)
-            text = headed(bank.model, f"An alarm {when} (run {run.name}{note}); {why}")
-            found.append(Told(first, last, text, causes=causes, brief="an alarm"))
-    return found
+    return [
+        _unnamed(bank, decision, part)
+        for start, stop in stretches(alarm, np.isfinite(decision.posterior.healthy), pause(bank))
+        for part in _beyond(bank, decision, start, stop)
+    ]
 
 
 def _beyond(bank: FaultBank, decision: Decision, start: int, stop: int) -> list[slice]:
@@ -58,36 +42,40 @@ def _beyond(bank: FaultBank, decision: Decision, start: int, stop: int) -> list[
     ]
 
 
-def _why_unnamed(bank: FaultBank, decision: Decision, part: slice) -> tuple[str, tuple[str, ...]]:
-    """Why an alarm has no event; where two causes are left, what either of them would be, and
-    which they are."""
+def _unnamed(bank: FaultBank, decision: Decision, part: slice) -> Unnamed:
+    """Why an alarm has no event; where two causes are left, what either of them would be."""
+    run = decision.run
+    first, last = float(run.t[part.start]), float(run.t[part.stop - 1])
     why = [reason for reason in decision.reason[part] if reason]
     if not why:
-        name, begun = _named(bank, decision, part), float(decision.run.t[part.start])
-        before = [e.end for e in decision.events if e.fault == name and e.end < begun]
-        if before and begun - max(before) <= bank.pause:
-            return f"it is not clear whether {name}, told before, was over", ()
-        return f"{name}, named there, was given up", ()
-    if not (usual := _usual(why)).startswith((EITHER, NEARLY)):
-        return usual, ()
+        name = _named(bank, decision, part)
+        before = [e.end for e in decision.events if e.fault == name and e.end < first]
+        again = bool(before) and first - max(before) <= bank.pause
+        return Unnamed(run.name, first, last, named=name, again=again)
+    usual = _usual(why)
+    for reason, count in ((EITHER, 2), (NEARLY, 1)):
+        if usual.startswith(reason):
+            causes = _likeliest(bank, decision, part)[:count]
+            return Unnamed(run.name, first, last, reason=reason, causes=causes)
+    return Unnamed(run.name, first, last, reason=usual)
+
+
+def _likeliest(bank: FaultBank, decision: Decision, part: slice) -> tuple[Cause, ...]:
+    """All causes in the rows of an alarm, the likeliest first."""
     rows = part.start + np.flatnonzero(np.array(decision.status[part]) == FAULT)
     found, names = decision.posterior, bank.model.plant.signals.fault_names
     p = {UNDECLARED: float(np.mean(found.unknown[rows]))}
     p |= zip(names, np.nan_to_num(found.p[rows]).mean(axis=0).tolist(), strict=True)
     there = np.maximum(found.p[rows].sum(axis=0), 1e-300)
-    size = dict(zip(names, found.f[rows].sum(axis=0) / there, strict=True))
-    first, second = sorted(p, key=lambda name: -round(p[name], DIGITS))[:2]
-
-    least = dict(zip(names, NOTHING * bank.size, strict=True))
-
-    def told(name: str) -> str:
-        there = name in size and abs(size[name]) > least[name]
-        of = f" of {size[name]:+.3g} {unit_of(bank, name)}".rstrip() if there else ""
-        return f"{name}{of} (p {probability(p[name])})"
-
-    if usual.startswith(NEARLY):
-        return f"{NEARLY}{told(first)}", (first,)
-    return f"{EITHER}{told(first)} or {told(second)}", (first, second)
+    sizes = (found.f[rows].sum(axis=0) / there).tolist()
+    least = (NOTHING * bank.size).tolist()
+    size = {
+        name: size
+        for name, size, least in zip(names, sizes, least, strict=True)
+        if abs(size) > least
+    }
+    order = sorted(p, key=lambda name: -round(p[name], DIGITS))
+    return tuple(Cause(name, p[name], size.get(name)) for name in order)
 
 
 def _named(bank: FaultBank, decision: Decision, part: slice) -> str:
@@ -95,34 +83,6 @@ def _named(bank: FaultBank, decision: Decision, part: slice) -> str:
     turned out to be another fault."""
     p = np.nan_to_num(decision.posterior.p[part]).sum(axis=0)
     return bank.model.plant.signals.fault_names[int(np.argmax(p))]
-
-
-def _undecided(bank: FaultBank, decision: Decision, note: str) -> list[Told]:
-    """What stands at the end of a log, without an alarm: likelier than not, and not sure."""
-    run, found = decision.run, decision.posterior
-    sampled = np.flatnonzero(np.isfinite(found.healthy))
-    if not len(sampled) or decision.status[sampled[-1]] != NOT_JUDGED:
-        return []
-    if not found.healthy[sampled[-1]] < LIKELY:
-        return []
-    certain = sampled[found.healthy[sampled] >= LIKELY]
-    first = int(certain[-1]) + 1 if len(certain) else int(sampled[0])
-    shares = dict(zip(bank.model.plant.signals.fault_names, found.p[sampled[-1]], strict=True))
-    shares[UNDECLARED] = found.unknown[sampled[-1]]
-    cause = max(shares, key=lambda name: np.nan_to_num(shares[name]))
-    size = ""
-    if cause != UNDECLARED:
-        k = bank.model.plant.signals.fault_names.index(cause)
-        there = found.f[sampled[-1], k] / max(found.p[sampled[-1], k], 1e-300)
-        size = f", {there:+.3g} {unit_of(bank, cause)}".rstrip() + " if it is there"
-    begun = row_time(bank, decision, float(run.t[first]))
-    text = (
-        f"Undecided from {begun} to the end of the log (run {run.name}{note}); the likeliest cause "
-        f"is {cause}{size} (p {probability(float(shares[cause]))}); that nothing is wrong has p "
-        f"{probability(float(found.healthy[sampled[-1]]))}"
-    )
-    last = float(run.t[sampled[-1]])
-    return [Told(float(run.t[first]), last, headed(bank.model, text), brief="undecided")]
 
 
 def _usual(reasons: Sequence[str]) -> str:

@@ -8,15 +8,15 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from faultgauge.detection.bank.coverage import Region, regions_of
-from faultgauge.detection.bank.knowledge import Knowledge, knowledge_of
-from faultgauge.detection.bank.noise import (
-    Noise,
+from faultgauge.detection.bank.extended import (
     disturbed,
     process_of,
     rates_of,
     scale_of,
     spread_of_start,
 )
+from faultgauge.detection.bank.knowledge import Knowledge, knowledge_of
+from faultgauge.detection.bank.noise import Noise
 from faultgauge.detection.bank.priors import (
     onsets_of,
     prior_of_faults,
@@ -41,7 +41,7 @@ __all__ = ["CERTAIN", "FaultBank", "build_fault_bank", "evaluated_faults", "unkn
 CERTAIN = float(np.log(0.95 / 0.05))  # log-odds below which nothing is ever told or named
 HOLD_OFF = 10  # samples
 BRANCHES = 4  # sets of faults that are followed at once
-UNKNOWN = 3  # unknown filters, each of an age of its own
+UNKNOWN_FILTERS = 3  # unknown filters, each of an age of its own
 ONSETS = 12  # of every fault beside every branch
 FAR = 10.0  # times the learned discrepancy: an unknown one
 NOTABLE = 0.1  # of a state's rate: and at least that
@@ -234,9 +234,9 @@ def _levels(model: Model, noise: Noise, faults: int, knowledge: Knowledge) -> dd
     usual = process_of(noise, drifted)
     quick = np.minimum(noise.lasting, knowledge.memory)
     far = process_of(noise._replace(size=_far(model, noise, knowledge), lasting=quick), drifted)
-    count = BRANCHES + UNKNOWN
+    count = BRANCHES + UNKNOWN_FILTERS
     return dd.FilterNoise(
-        jax.device_put(np.stack([*[usual] * BRANCHES, *[far] * UNKNOWN])),
+        jax.device_put(np.stack([*[usual] * BRANCHES, *[far] * UNKNOWN_FILTERS])),
         jax.device_put(np.zeros((count, faults))),
         jax.device_put(np.tile(noise.sigma, (count, 1))),
     )

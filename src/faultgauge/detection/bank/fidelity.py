@@ -14,13 +14,13 @@ from dataclasses import replace
 import numpy as np
 
 from faultgauge.errors import InputError
-from faultgauge.identification.evaluation import POOR, Prediction, predict
+from faultgauge.identification.validation.evaluation import POOR_FREE_RUN, Prediction, predict
 from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run, cut
 
-__all__ = ["LONGEST", "gain_error", "largest_changes", "shape_error"]
+__all__ = ["LONGEST_PIECE", "gain_error", "largest_changes", "shape_error"]
 
-LONGEST = 20_000  # samples of a free run
+LONGEST_PIECE = 20_000  # samples of a free run
 USUAL_GAIN = 0.05  # as good as one more output of one more run
 USUAL_SHAPE = 0.1  # where the free run is lost, as that of an unstable plant is
 
@@ -37,7 +37,7 @@ def gain_error(model: Model, runs: Sequence[Run]) -> float:
     """By which share the size of the model's answer is off (r.m.s.), by every output that the free
     run follows in every one of `runs`: one that is off by half and more, as where a plant
     integrates, is carried off by what is no answer."""
-    logs = [replace(cut(run, slice(0, LONGEST)), name=str(k)) for k, run in enumerate(runs)]
+    logs = [replace(cut(run, slice(0, LONGEST_PIECE)), name=str(k)) for k, run in enumerate(runs)]
     try:
         between = model.record.between
         predictions = predict(model.plant, logs, model.max_step, between=between)
@@ -64,6 +64,6 @@ def _gains(prediction: Prediction) -> list[float]:
         y, h = y[prediction.warmup :], h[prediction.warmup :]
         there = np.isfinite(y) & np.isfinite(h)
         y, h = (each[there] - np.mean(each[there]) for each in (y, h)) if there.any() else (y, h)
-        if there.sum() > 1 and np.sum((y - h) ** 2) < POOR**2 * np.sum(y**2):
+        if there.sum() > 1 and np.sum((y - h) ** 2) < POOR_FREE_RUN**2 * np.sum(y**2):
             found.append(float(h @ y / (h @ h) - 1))
     return found

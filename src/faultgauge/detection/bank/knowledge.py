@@ -17,7 +17,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from faultgauge.detection.bank.noise import Noise, process_of, spread_of_start
+from faultgauge.detection.bank.extended import process_of, spread_of_start
+from faultgauge.detection.bank.noise import Noise
 from faultgauge.detection.bank.priors import stated_size
 from faultgauge.detection.rows.judged import operating_points
 from faultgauge.observers.observer import OperatingPoints, linearise
@@ -29,7 +30,7 @@ __all__ = ["Knowledge", "knowledge_of", "longest_delay"]
 TIMES = 400  # points of the grid
 SHARE = 0.25  # of the healthy logs: how far the times reach
 CLEAR = 8.0  # standard deviations by which a fault of its widest size shows
-NEARLY = 1.25  # times what a standard deviation comes to in the end: it falls no further
+NEARLY_SETTLED = 1.25  # times what a standard deviation comes to in the end: it falls no further
 EARLIER = (
     3.0  # times what shows in the end: the widest of what is given no size, which shows sooner
 )
@@ -106,7 +107,7 @@ def knowledge_of(
         if fault.enters == "state" and stated_size(fault) is None:
             size[k] = max(size[k], wide[k] if np.isfinite(wide[k]) else 0.0)
     # or as clearly as it ever does
-    shows = sd <= np.maximum(size / CLEAR, NEARLY * sd[-1])
+    shows = sd <= np.maximum(size / CLEAR, NEARLY_SETTLED * sd[-1])
     when = np.clip(t[np.argmax(shows, axis=0)], FEWEST * step, t[-1])
     return Knowledge(t, sd, size, when, float(np.median(when)), drive)
 

@@ -22,7 +22,7 @@ from faultgauge.detection.rows.judged import operating_points
 from faultgauge.observers.branches import Prior
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
-from faultgauge.plants.plant import Plant, respond
+from faultgauge.plants.plant import Plant, respond, responses
 from faultgauge.plants.signals import LOSSES, Fault
 from faultgauge.programs import program
 
@@ -52,8 +52,8 @@ def ranges(model: Model, plant: GrayBoxPlant) -> Float[np.ndarray, "faults"]:
     x, u = map(jax.device_put, points)
     still = (np.broadcast_to(np.median(each, axis=0), each.shape) for each in points)
     still_x, still_u = map(jax.device_put, still)
-    rates, outputs = _along(plant, x, u)
-    at_rest, held = _along(plant, still_x, u), _along(plant, x, still_u)
+    rates, outputs = responses(plant, x, u)
+    at_rest, held = responses(plant, still_x, u), responses(plant, x, still_u)
     moved, shown = (
         np.max([_range(each) for each in some], axis=0)
         for some in zip((rates, outputs), at_rest, held, strict=True)
@@ -115,12 +115,6 @@ def _reach(
     )
     widths = np.where(widths > 0, widths, np.inf).min(axis=0)
     return np.where(np.isfinite(widths), widths, 0.0)
-
-
-@program
-def _along(plant: Plant, x: Array, u: Array) -> tuple[Array, Array]:
-    """Rates and outputs at some points."""
-    return jax.vmap(lambda x, u: respond(plant, x, u))(x, u)
 
 
 @program

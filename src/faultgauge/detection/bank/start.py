@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from faultgauge.detection.bank.bank import FaultBank
-from faultgauge.detection.bank.noise import start_spread
+from faultgauge.detection.bank.extended import start_spread
 from faultgauge.detection.rows.judged import operating_points
 from faultgauge.observers.branches import BranchState
 from faultgauge.observers.branching import Branching

@@ -41,9 +41,9 @@ from faultgauge.detection.calibration.blocks import (
 from faultgauge.detection.posterior.verdicts import log_odds
 from faultgauge.detection.rows.prepared import prepared
 from faultgauge.detection.watch import Watch
-from faultgauge.detection.words import MOST, UNDECLARED, moment, number
+from faultgauge.detection.words import TOLD_ODDS, UNDECLARED, moment, number
 from faultgauge.errors import InputError
-from faultgauge.identification.refinement.cores import side_by_side
+from faultgauge.identification.optimise.cores import side_by_side
 from faultgauge.plants.model import Model
 from faultgauge.plants.record import BankLevel, CalibrationRecord, NoiseLevels
 from faultgauge.telemetry import Run, cut
@@ -238,7 +238,9 @@ def level_of(peaks: Float[np.ndarray, "blocks"], allowed: int) -> float:
 def _odds(peak: float) -> str:
     odds = float(np.exp(min(peak, 100.0)))
     return (
-        f"odds of more than {MOST:.0f} to 1" if odds >= MOST else f"odds of {number(odds, 2)} to 1"
+        f"odds of more than {TOLD_ODDS:.0f} to 1"
+        if odds >= TOLD_ODDS
+        else f"odds of {number(odds, 2)} to 1"
     )
 
 

@@ -10,7 +10,8 @@ from faultgauge.detection.answer.estimation import Observing
 from faultgauge.detection.answer.misfit import not_followed
 from faultgauge.detection.answer.swapped import swapped
 from faultgauge.detection.bank.bank import evaluated_faults
-from faultgauge.detection.bank.noise import Noise, retold
+from faultgauge.detection.bank.extended import retold
+from faultgauge.detection.bank.noise import Noise
 from faultgauge.detection.calibration.bank_calibration import (
     calibrate_bank,
     calibrated,

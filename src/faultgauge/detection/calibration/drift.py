@@ -20,23 +20,22 @@ differ: nobody declared what it took up, or the plant is another one.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
-from typing import Any, Literal
+from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.special import ndtr, stdtr, stdtrit
 
 from faultgauge.detection.bank.bank import FaultBank
-from faultgauge.detection.bank.noise import drifting_of
+from faultgauge.detection.bank.uncertain_constants import drifting_of
 from faultgauge.detection.calibration.blocks import correlation_time
 from faultgauge.detection.decisions import Decision
 from faultgauge.detection.posterior.posterior import WIDE
-from faultgauge.detection.words import amount, number
 from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run
 
-__all__ = ["Drift", "Trend", "as_dicts", "drifts", "sentences", "trend"]
+__all__ = ["Drift", "Trend", "drifts", "trend"]
 
 BLOCK_TIMES = 10.0  # correlation times per block
 FEWEST_BLOCKS = 8  # in which a drift may be told from chance
@@ -232,41 +231,3 @@ def _constants(
         for name, m, times, half in zip(plant.names, *columns, strict=True)
         if abs(times) > FAR
     ]  # fmt: skip
-
-
-def sentences(found: Sequence[Drift]) -> list[str]:
-    """What drifts, and what to do about it."""
-    return [_sentence(each) for each in found]
-
-
-def _sentence(found: Drift) -> str:
-    where = f"run {found.run}: {found.channel}"
-    moved = amount(found.change, found.lo, found.hi, found.unit)
-    if found.cause == "constant":
-        return (
-            f"{where} ends {moved} off its usual value, further than healthy runs differ "
-            f"(p {found.p:.1g}): it may have taken up what the plant file does not declare; if the "
-            "plant is sound, calibrate with this log, too."
-        )
-    did = "stands at" if found.standing else "moved by"
-    over = f"over {number(found.seconds, 4)} s of healthy samples (p {found.p:.1g})"
-    said = f"{where} {did} {moved} {over}"
-    match found.cause:
-        case "plant":
-            why = "the plant drifts, apart from any fault; fit again on recent healthy logs"
-        case "model":
-            why = (
-                f"it goes with {found.follows}, so the model lacks this; fit again with logs that "
-                f"cover it, or with {found.follows} in a network"
-            )
-        case "ambiguous":
-            why = (
-                "a drift of the plant or a slow fault, which these data cannot tell apart; if the "
-                "plant is sound, fit again on recent healthy logs"
-            )
-    return f"{said}: {why}."
-
-
-def as_dicts(found: Sequence[Drift]) -> list[dict[str, Any]]:
-    """Drifts as plain JSON."""
-    return [asdict(each) | {"sentence": _sentence(each)} for each in found]

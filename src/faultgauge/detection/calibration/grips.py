@@ -10,7 +10,8 @@ from itertools import product
 
 import numpy as np
 
-from faultgauge.detection.bank.noise import Noise, rates_of
+from faultgauge.detection.bank.extended import rates_of
+from faultgauge.detection.bank.noise import Noise
 from faultgauge.detection.calibration.innovation_likelihood import Likelihood
 from faultgauge.detection.calibration.noise_levels import Spans
 from faultgauge.detection.rows.judged import operating_points

@@ -16,9 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from faultgauge.detection.bank.noise import (
-    Noise,
-    constants_of,
+from faultgauge.detection.bank.extended import (
     directions_of,
     disturbed,
     error_of,
@@ -28,9 +26,11 @@ from faultgauge.detection.bank.noise import (
     spread_of_start,
     start_spread,
 )
+from faultgauge.detection.bank.noise import Noise
+from faultgauge.detection.bank.uncertain_constants import constants_of
 from faultgauge.detection.rows.judged import pad_stretch, start_from_samples
 from faultgauge.detection.rows.prepared import as_it_acts
-from faultgauge.identification.refinement.cores import side_by_side
+from faultgauge.identification.optimise.cores import side_by_side
 from faultgauge.observers import divided_difference as dd
 from faultgauge.observers.divided_difference import Belief, DividedDifferenceFilter
 from faultgauge.plants.disturbed import Disturbed, Error

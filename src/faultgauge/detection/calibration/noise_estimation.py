@@ -41,7 +41,7 @@ from faultgauge.detection.calibration.input_curves import with_curves_of_inputs
 from faultgauge.detection.calibration.input_errors import with_errors_of_inputs
 from faultgauge.detection.calibration.input_lags import with_lags_of_inputs
 from faultgauge.detection.calibration.noise_levels import (
-    LEAST,
+    LEAST_LAG,
     Bounds,
     Spans,
     bounds_of,
@@ -281,7 +281,7 @@ def _false_lags(
     less[list(following_inputs(model.plant))] = found.share < LESS * before.share
     short, new = TOLD * spans.shortest, (found.lean != 0) & (before.lean == 0)
     lean = new & (~less | (found.leaning < short))
-    return lean, (found.trail > 0) & (before.trail == 0) & (found.trail < LEAST * short)
+    return lean, (found.trail > 0) & (before.trail == 0) & (found.trail < LEAST_LAG * short)
 
 
 def _false_grips(model: Model, before: Noise, found: Noise) -> Bool[np.ndarray, "states"]:

@@ -11,24 +11,19 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import comb
 
-from faultgauge.detection.bank.noise import (
-    GRIP,
-    Noise,
-    constants_of,
-    drifting_of,
-    rates_of,
-    usual_spread,
-    width_of,
-)
+from faultgauge.detection.bank.extended import rates_of, width_of
+from faultgauge.detection.bank.noise import GRIP, Noise
+from faultgauge.detection.bank.uncertain_constants import constants_of, drifting_of, usual_spread
 from faultgauge.detection.calibration.innovation_likelihood import StretchPiece
 from faultgauge.detection.rows.judged import operating_points
 from faultgauge.plants.disturbed import dynamic_states, following_inputs
 from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run
+from faultgauge.telemetry.statistics import MAD_TO_STD
 
 __all__ = [
     "LAG",
-    "LEAST",
+    "LEAST_LAG",
     "Bounds",
     "Spans",
     "bounds_of",
@@ -55,7 +50,7 @@ LONGEST = 100.0  # times the longest stretch: as good as a walk without end
 SETTLED = 0.25  # of it: within that, what an input's change does has settled
 SLOWER = 0.1  # of it: what lasts longer, parameters that drift follow
 EQUAL = 1e-9  # of the largest: values that are nearer are one, but for rounding
-LEAST = 0.25  # times the shortest time: a sensor's lag, which shows beside other outputs
+LEAST_LAG = 0.25  # times the shortest time: a sensor's lag, which shows beside other outputs
 LAG = -1.0  # of an input's change: all of it comes late
 TRACE = 1e-9  # of it: next to nothing
 WIDER = 4.0  # times the first guess of what a grip lets go in: beyond, it is none
@@ -168,7 +163,7 @@ def _white(parts: Sequence[Float[np.ndarray, "_"]]) -> float:
     for order in range(2, ORDERS + 1):
         differences = np.concatenate([np.diff(y, order) for y in parts])
         if len(differences):
-            typical = 1.4826 * np.median(np.abs(differences))
+            typical = MAD_TO_STD * np.median(np.abs(differences))
             found.append(max(typical, 1e-2 * np.std(differences)) / np.sqrt(comb(2 * order, order)))
     return max(min(found), 1e-12) if found else 0.0
 
@@ -209,7 +204,7 @@ def bounds_of(guess: Noise, step: float, stretches: Sequence[StretchPiece]) -> B
         least = min(_rounding([s.y[np.isfinite(s.y[:, j]), j] for s in stretches]), float(sigma))
         if least > 0:
             low["sigma"][j] = max(low["sigma"][j], np.log(least))
-    low["trail"] += np.log(LEAST)
+    low["trail"] += np.log(LEAST_LAG)
     low["doubt"][:] = 0.0
     high["slip"] = named["slip"] + np.log(WIDER)
     low["lean"], high["lean"] = np.full(sizes["lean"], LAG), np.full(sizes["lean"], -TRACE)

@@ -24,13 +24,9 @@ from jaxtyping import Float, Int
 from scipy.stats import norm
 from scipy.stats import t as student_t
 
-from faultgauge.detection.bank.noise import (
-    Noise,
-    constants_of,
-    directions_of,
-    drifting_of,
-    usual_spread,
-)
+from faultgauge.detection.bank.extended import directions_of
+from faultgauge.detection.bank.noise import Noise
+from faultgauge.detection.bank.uncertain_constants import constants_of, drifting_of, usual_spread
 from faultgauge.detection.calibration.innovation_likelihood import Likelihood
 from faultgauge.plants.model import Model
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from faultgauge.detection.bank.noise import Noise
 from faultgauge.detection.calibration.innovation_likelihood import Likelihood
-from faultgauge.detection.calibration.noise_levels import LEAST, Spans
+from faultgauge.detection.calibration.noise_levels import LEAST_LAG, Spans
 from faultgauge.detection.calibration.traces import trailing_outputs, with_traces
 from faultgauge.plants.model import Model
 
@@ -19,7 +19,7 @@ __all__ = ["with_lags_of_sensors"]
 
 GRID = 6  # time constants that are tried
 SURER = (1.0, 10.0)  # times less of a change that is off by chance, where a sensor trails
-SHORT = np.array([LEAST, 0.5, 1.0])  # times the shortest time of what comes and goes by chance
+SHORT = np.array([LEAST_LAG, 0.5, 1.0])  # times the shortest time of what comes and goes by chance
 
 
 def with_lags_of_sensors(model: Model, batch: Likelihood, noise: Noise, spans: Spans) -> Noise:

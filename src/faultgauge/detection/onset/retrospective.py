@@ -1,5 +1,5 @@
-"""`estimate --smooth`: which fault, how big, since when, with the whole log in hand, and what one
-would have been told, when."""
+"""`estimate --smooth`: which fault, how big, since when, with the whole log in hand, and what was
+told of it while the log ran."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
@@ -9,9 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.special import logsumexp
 
-from faultgauge.detection.answer.reliance import headed
-from faultgauge.detection.answer.shares import WHOLE, Shares
-from faultgauge.detection.answer.silence import runs_said, why_silent
+from faultgauge.detection.answer.shares import Shares
 from faultgauge.detection.answer.smallest import smallest_along
 from faultgauge.detection.bank.bank import FaultBank
 from faultgauge.detection.decisions import Decision
@@ -22,35 +20,19 @@ from faultgauge.detection.onset.window import Causes, Window
 from faultgauge.detection.posterior.events import POSSIBLE, UNKNOWN, pause, stretches
 from faultgauge.detection.posterior.inexact import acting
 from faultgauge.detection.posterior.over_onsets import onset_over, size_over
-from faultgauge.detection.posterior.probability import probability, too
-from faultgauge.detection.posterior.verdicts import FAULT, NAMED
-from faultgauge.detection.words import (
-    MOST,
-    UNDECLARED,
-    Began,
-    amount,
-    likelihoods,
-    listed,
-    moment,
-    would_not_show,
-)
-from faultgauge.plants.signals import spoken
+from faultgauge.detection.posterior.verdicts import FAULT
 from faultgauge.telemetry.clock import Clock
 
 __all__ = [
-    "HEALTHY",
+    "NO_FAULT",
     "Retrospect",
     "SaidOnline",
     "as_dicts",
-    "onset_of",
     "retrospect",
-    "sentences",
     "shares_in_hindsight",
 ]
 
-HEALTHY = "healthy"
-CONSTANT = "constant "  # of what a fault that is not is weighed against
-PLAIN = 20.0  # odds from which on it goes without saying that there is a fault
+NO_FAULT = "healthy"
 MOST_ODDS = 1e6  # nobody's priors are better than that
 
 Curve: TypeAlias = Float[np.ndarray, "samples"]
@@ -135,7 +117,7 @@ def _answers(
     best = int(np.argmax(logs)) if changes.found else 2 * int(logs[2] > 0)
     own = changes.weight if best == 1 else logs[best]
     share = float(np.exp(own - total(logs)))
-    rivals = {HEALTHY: float(own - logs[0]), UNKNOWN: float(own - logs[2])}
+    rivals = {NO_FAULT: float(own - logs[0]), UNKNOWN: float(own - logs[2])}
     if best == 1:
         sure = [1.0 if single else _among(each, declared) for each in changes.found]
         beside = _beside(bank, changes)
@@ -222,7 +204,7 @@ def _answer(
 ) -> Retrospect:
     """One change; `which` is it, or when what is undeclared began, or None: healthy."""
     faults, count = bank.model.plant.signals.faults, len(window.t)
-    names = (*(fault.name for fault in faults), UNKNOWN, HEALTHY)
+    names = (*(fault.name for fault in faults), UNKNOWN, NO_FAULT)
     columns = [*causes.weight.T[: len(faults)], logsumexp(causes.weight[:, len(faults) :], axis=1)]
     logs = np.array([*(total(column) for column in columns), 0.0])
     density, given, size = np.zeros(count), np.zeros(count), (None,) * 3
@@ -245,7 +227,7 @@ def _answer(
     used = np.flatnonzero(readable(decision)[window.part])
     least = _least(bank, decision, window, used)
     # where no size of anything would show, that nothing showed says nothing
-    shows = names[k] != HEALTHY or any(size is not None for size in least.values())
+    shows = names[k] != NO_FAULT or any(size is not None for size in least.values())
     data = causes.seen[min(k, len(faults))]
     return Retrospect(
         run=decision.run.name,
@@ -373,162 +355,6 @@ def shares_in_hindsight(decision: Decision, found: Sequence[Retrospect]) -> Shar
         decision,
         [(float(e.t[0]), float(e.t[-1]), e.judged > 0) for e in found if e.run == run],
     )
-
-
-def sentences(
-    bank: FaultBank, decisions: Sequence[Decision], found: Sequence[Retrospect]
-) -> list[str]:
-    """What the windows with a fault in them hold, in words; then the runs without one, and of
-    which share each run is told."""
-    after = [*found[1:], None]
-    faulty = [
-        _sentence(bank, each, _over(each, then))
-        for each, then in zip(found, after, strict=True)
-        if each.cause != HEALTHY
-    ]
-    speaking = {each.run for each in found if each.cause != HEALTHY}
-    shares = {one.run.name: shares_in_hindsight(one, found) for one in decisions}
-    calm = [name for name, each in shares.items() if each.judged >= WHOLE and name not in speaking]
-    said, alone = [], len(decisions) == 1
-    if calm:
-        where = f" in {runs_said(calm)}" if len(calm) < len(shares) else ""
-        said.append(f"In hindsight: no fault{where}; {_calm(bank, found, calm)}")
-    for one in decisions:
-        name, (judged, _, gaps) = one.run.name, shares[one.run.name]
-        if judged >= WHOLE:
-            continue
-        log, why = "log" if alone else f"run {name}", why_silent(bank, one, gaps)
-        share = f"{100 * judged:.0f} % of the {log}"
-        if judged == 0:
-            of = "" if alone else f" of {log}"
-            said.append(f"In hindsight: nothing{of} could be judged: {why}")
-        elif name in speaking:
-            said.append(f"In hindsight {share} could be judged; not judged {why}")
-        else:
-            said.append(
-                f"In hindsight: no fault in the {share} that could be judged; not judged {why}; "
-                f"{_calm(bank, found, [name], ' there')}"
-            )
-    return [headed(bank.model, each) for each in [*faulty, *said]]
-
-
-def _calm(
-    bank: FaultBank, found: Sequence[Retrospect], runs: Sequence[str], where: str = ""
-) -> str:
-    """What the windows of `runs` without a fault would not have shown, `where` not all of them was
-    judged, what they leave possible, and what was told in them online."""
-    seen = [each for each in found if each.run in runs and each.judged > 0]
-    possible, told = dict[str, tuple[float, str]](), []
-    for each in seen:
-        of = f", run {each.run}" if len(runs) > 1 else ""
-        for cause, odds in each.alternatives:
-            possible[cause] = max(possible.get(cause, (0.0, "")), (each.p / odds, of))
-        if each.told.other is not None:
-            cause, when = each.told.other
-            at = moment(each.clock, when, float(np.median(np.diff(each.t))))
-            told.append(f"{_name(cause)} at {at}{of}")
-    there = [
-        f"{_name(cause)} (p {probability(p)}{of})"
-        for cause, (p, of) in sorted(possible.items(), key=lambda item: -item[1][0])
-        if p > POSSIBLE
-    ]
-    said = [f"{_would_not_show(bank, seen)}{where}"]
-    said += [f"there may be {listed(there, 'or')}"] if there else []
-    said += [f"online you would have been told {listed(told)}"] if told else []
-    return "; ".join(said)
-
-
-def _name(cause: str) -> str:
-    """A cause, or several together, in words."""
-    return UNDECLARED if cause == UNKNOWN else cause.replace("+", " and ")
-
-
-def _would_not_show(bank: FaultBank, found: Sequence[Retrospect]) -> str:
-    least = dict[str, tuple[float | None, str]]()
-    for fault in bank.model.plant.signals.faults:
-        sizes = [each.least[fault.name] for each in found]
-        shown = [size for size in sizes if size is not None]
-        size = max(shown) if len(shown) == len(sizes) else None
-        least[fault.name] = size, spoken(fault.unit)
-    return would_not_show(least)
-
-
-def _over(found: Retrospect, then: Retrospect | None) -> float | None:
-    """When [s] a window begins in which its fault is over; None where none follows."""
-    calm = then is not None and then.cause == HEALTHY and then.judged > 0
-    if then is None or then.run != found.run or not calm:
-        return None
-    return then.start
-
-
-def onset_of(found: Retrospect) -> Began | None:
-    """When the fault began, where there is one."""
-    if found.onset is None or found.onset_lo is None or found.onset_hi is None:
-        return None
-    told = np.inf if found.told.start is None else found.told.start
-    step = float(np.median(np.diff(found.t)))
-    return Began(found.clock, found.onset, found.onset_lo, found.onset_hi, told, step)
-
-
-def _sentence(bank: FaultBank, found: Retrospect, over: float | None = None) -> str:
-    """ "In hindsight: friction +0.100 N*m (+0.096 to +0.104) since 41 s +- 6 s until 80 s (p 0.98,
-    run 1); leak is 200 times less likely; online you would have been told at 52 s, then as ..." """
-    units = {fault.name: fault.unit for fault in bank.model.plant.signals.faults}
-    onset = onset_of(found)
-    assert onset is not None
-    began = onset.since()
-    if onset.low <= found.start:
-        began = f"since {onset.or_earlier()}"
-    if found.size is None or found.lo is None or found.hi is None:
-        what = f"{UNDECLARED} or not constant"
-    else:
-        what = f"{found.cause} {amount(found.size, found.lo, found.hi, units[found.cause])}"
-    if over is not None:
-        began += f" until {moment(found.clock, over, float(np.median(np.diff(found.t))))}"
-    head = "In hindsight:" if found.p >= NAMED else "In hindsight undecided; the likeliest is"
-    said = [f"{head} {what} {began} (p {probability(found.p)}, run {found.run})"]
-    labels = {HEALTHY: "no fault", UNKNOWN: UNDECLARED}
-    constant, beside = CONSTANT if found.cause == UNKNOWN else "", dict(found.beside)
-    labels |= {name: f"{name} alone" for name in beside}
-    # whoever is undecided says between what: no name falls while a rival is that likely
-    most = PLAIN if found.p >= NAMED else 1 / (1 - NAMED)
-    rivals = likelihoods(
-        (
-            (labels.get(cause, f"{constant}{cause.replace('+', ' and ')}"), odds)
-            for cause, odds in found.alternatives
-            if (cause != HEALTHY or odds < most) and (odds < MOST or cause not in beside)
-        ),
-        most,
-    )
-    # of causes that are as likely the word is said once
-    said += [
-        each.replace(f", {CONSTANT}", ", ").replace(f"or {CONSTANT}", "or ")
-        if each.startswith(CONSTANT)
-        else each
-        for each in rivals
-    ]
-    said += [too(name, p) for name, p in found.beside]
-    told = found.told
-    step = float(np.median(np.diff(found.t)))
-
-    def at(t: float) -> str:
-        return moment(found.clock, t, step)
-
-    if told.start is None and told.other is not None:
-        cause, when = told.other
-        said.append(f"online you would have been told {labels.get(cause, cause)} at {at(when)}")
-    elif told.start is None and told.alarm is not None:
-        said.append(f"online an alarm would have begun at {at(told.alarm)}")
-    elif told.start is None:
-        said.append("online you would not have been told")
-    elif told.start < onset.low:
-        said.append(f"online you would have been told before, at {at(told.start)}")
-    else:
-        then = ""
-        if told.size is not None and told.lo is not None and told.hi is not None:
-            then = f", then as {amount(told.size, told.lo, told.hi, units[found.cause])}"
-        said.append(f"online you would have been told at {at(told.start)}{then}")
-    return "; ".join(said)
 
 
 def as_dicts(found: Sequence[Retrospect]) -> list[dict[str, Any]]:

@@ -20,7 +20,7 @@ from jaxtyping import Bool, Float
 from scipy.special import log_ndtr
 
 from faultgauge.detection.bank.bank import FaultBank, unknown_shock
-from faultgauge.detection.bank.noise import start_spread
+from faultgauge.detection.bank.extended import start_spread
 from faultgauge.detection.bank.priors import ALIEN, AT_START
 from faultgauge.detection.onset.shocks import KnownStretch, Shocks, shocks
 from faultgauge.detection.rows.judged import pad_stretch

@@ -19,7 +19,7 @@ from faultgauge.detection.bank.bank import FaultBank
 from faultgauge.detection.bank.knowledge import longest_delay
 from faultgauge.detection.posterior.posterior import WIDE, Posterior
 from faultgauge.detection.posterior.verdicts import FAULT, HEALTHY, NAMED, STATUS, Reason, Verdict
-from faultgauge.detection.words import MOST
+from faultgauge.detection.words import TOLD_ODDS
 from faultgauge.telemetry import Run
 
 __all__ = [
@@ -28,6 +28,7 @@ __all__ = [
     "Alarm",
     "BankEvent",
     "Judged",
+    "Cause",
     "Unnamed",
     "events",
     "pause",
@@ -85,14 +86,28 @@ class Alarm:
     reason: str = ""
 
 
+class Cause(NamedTuple):
+    """What an alarm may be due to, how likely, and how large it would be [the fault's unit]; None
+    where it has no size."""
+
+    name: str
+    p: float
+    size: float | None
+
+
 @dataclass(frozen=True)
 class Unnamed:
-    """On a stream: an alarm from `start` to `end` [s] is over, and no fault was named."""
+    """An alarm from `start` to `end` [s] of which no event tells. `reason` is why it has no name,
+    and `causes` those that it is left between; where `named` was named there and is no event, it
+    was given up, or may be what was told before (`again`)."""
 
     run: str
     start: float
     end: float
-    sentence: str
+    reason: str = ""
+    causes: tuple[Cause, ...] = ()
+    named: str = ""
+    again: bool = False
 
 
 class Judged(NamedTuple):
@@ -353,7 +368,7 @@ def _alternatives(bank: FaultBank, p: Float[np.ndarray, "sets"]) -> tuple[tuple[
     labels = ["+".join(names[k] for k in each) or "healthy" for each in bank.sets] + [UNKNOWN]
     total = dict(zip(labels, p.tolist(), strict=True))
     (_, most), *others = sorted(total.items(), key=lambda item: -item[1])
-    return tuple((label, most / each) for label, each in others[:3] if each > most / MOST)
+    return tuple((label, most / each) for label, each in others[:3] if each > most / TOLD_ODDS)
 
 
 def _others(
@@ -375,7 +390,7 @@ def _others(
                 beside.append((names[other], too / own))
             else:  # what is not told beside it must not seem ruled out
                 without += too
-            instead.append((names[other], min(own / max(without, 1e-300), MOST)))
+            instead.append((names[other], min(own / max(without, 1e-300), TOLD_ODDS)))
     return tuple(instead), tuple(beside)
 
 

@@ -7,8 +7,6 @@ does between two that do not, and does not change what is told. A sensor's fault
 and stays; what process noise may explain is none.
 """
 
-from collections import Counter
-from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import jax
@@ -17,20 +15,17 @@ from jaxtyping import Array, Float, Int
 
 from faultgauge.detection.bank.bank import FaultBank
 from faultgauge.detection.posterior.posterior import Posterior
-from faultgauge.detection.words import moment
 from faultgauge.observers.divided_difference import FAR
 from faultgauge.plants.disturbed import Disturbed
 from faultgauge.plants.plant import respond
 from faultgauge.programs import program
 from faultgauge.simulation.free_run import bucket
 from faultgauge.telemetry import Run
-from faultgauge.telemetry.clock import Clock
 
-__all__ = ["Glitch", "Glitches", "sentences"]
+__all__ = ["Glitch", "Glitches"]
 
 OTHER = 0.5  # of a cause's probability, by which what is told changes
 SMALL = 0.1  # of a glitch: what its neighbours may be off, where faults are undecided
-SHOWN = 3  # of a column's glitches
 
 
 class Glitch(NamedTuple):
@@ -116,18 +111,3 @@ def _outputs(
 
 def _joined(before: np.ndarray, after: np.ndarray) -> np.ndarray:
     return np.concatenate([before, after])
-
-
-def sentences(
-    source: str, glitches: Sequence[Glitch], clock: Clock | None, step: float
-) -> Iterator[str]:
-    """One for each output of `source` that has any; its rows are `step` [s] apart."""
-    for name, count in Counter(each.output for each in glitches).items():
-        own = [each for each in glitches if each.output == name][:SHOWN]
-        shown = [f"{each.value:.6g} at {moment(clock, each.t, step)}" for each in own]
-        more = [f"and {count - SHOWN} more"] if count > SHOWN else []
-        what = "1 sample is" if count == 1 else f"{count} samples are"
-        yield (
-            f"{source}: {what} far beyond what anything explains, and moved nothing: {name} = "
-            f"{', '.join([*shown, *more])}"
-        )

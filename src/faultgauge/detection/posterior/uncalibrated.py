@@ -11,7 +11,7 @@ from faultgauge.plants.model import Model
 from faultgauge.plants.record import BankLevel
 from faultgauge.telemetry import Run
 
-__all__ = ["level_in", "prior_of", "uncalibrated", "unjudged_sentence"]
+__all__ = ["level_in", "prior_of", "uncalibrated"]
 
 
 def uncalibrated(model: Model) -> str:
@@ -28,17 +28,6 @@ def level_in(model: Model) -> BankLevel:
             "the model is not calibrated for the bank; run `faultgauge calibrate` on healthy logs."
         )
     return model.calibration.bank
-
-
-def unjudged_sentence(model: Model) -> str:
-    """What the silence means, and what to do."""
-    if model.calibration is None:
-        return "Not calibrated, so nothing was judged: run `faultgauge calibrate` on healthy logs."
-    why = model.calibration.no_bank or "run `faultgauge calibrate` on healthy logs again."
-    return (
-        f"Calibrated without noise and alarm level of the bank, so nothing was judged: {why} "
-        "Until then `faultgauge estimate --observer eso` gives estimates."
-    )
 
 
 @once

@@ -22,7 +22,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from faultgauge.detection.bank.bank import FaultBank
-from faultgauge.detection.bank.noise import start_spread
+from faultgauge.detection.bank.extended import start_spread
 from faultgauge.detection.rows.judged import (
     start_from_samples,
     steps_to,

@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float
 from faultgauge.detection.remember import once
 from faultgauge.detection.rows.prepared import Prepared, StretchStart
 from faultgauge.errors import InputError
-from faultgauge.identification.evaluation import WARMUP, start_of_run, varying_parameters
+from faultgauge.identification.validation.evaluation import WARMUP, start_of_run, varying_parameters
 from faultgauge.observers import OBSERVERS, Design
 from faultgauge.observers.beside import Beside, States
 from faultgauge.observers.observer import OperatingPoints

@@ -8,8 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from faultgauge.identification.evaluation import Prediction
 from faultgauge.identification.samples import Samples
+from faultgauge.identification.validation.evaluation import Prediction
 from faultgauge.plants.expression import Call, Name, Negative, Node, evaluate, networks_used
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.units import text

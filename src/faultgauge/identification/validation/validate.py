@@ -9,7 +9,6 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.stats import t as student
 
-from faultgauge.identification.evaluation import Prediction
 from faultgauge.identification.samples import Samples
 from faultgauge.identification.validation.band import Band, free_run_band, given_band
 from faultgauge.identification.validation.correlation import (
@@ -18,6 +17,7 @@ from faultgauge.identification.validation.correlation import (
     input_test,
     residual_test,
 )
+from faultgauge.identification.validation.evaluation import Prediction
 from faultgauge.identification.validation.operating import Profile, profile
 from faultgauge.identification.validation.ranges import Range, argument_ranges
 from faultgauge.identification.validation.seeds import SeedSpread, seed_spread

@@ -12,7 +12,7 @@ from faultgauge.telemetry.headers import with_units
 from faultgauge.telemetry.readers.cells import as_cells, from_list, split
 from faultgauge.telemetry.table import LogTable, check_width
 
-__all__ = ["is_frame", "read_frame"]
+__all__ = ["UNIT_KEYS", "is_frame", "read_frame"]
 
 UNIT_KEYS = (b"unit", b"units")
 

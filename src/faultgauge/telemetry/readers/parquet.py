@@ -9,12 +9,12 @@ from faultgauge.errors import InputError
 from faultgauge.telemetry.headers import with_units
 from faultgauge.telemetry.readers.cells import as_cells
 from faultgauge.telemetry.readers.foreign import package, reading
+from faultgauge.telemetry.readers.frames import UNIT_KEYS
 from faultgauge.telemetry.readers.unpacked import Room
 from faultgauge.telemetry.table import LogTable
 
 __all__ = ["read_parquet"]
 
-UNIT_KEYS = (b"unit", b"units")
 ROWS = 1 << 16  # of a batch
 CELL = 8  # bytes of a number in memory
 

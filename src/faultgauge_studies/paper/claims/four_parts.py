@@ -5,10 +5,10 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float
 
-from faultgauge.identification.equation_error import groups
-from faultgauge.identification.evaluation import evaluate, scores
+from faultgauge.identification.equation.groups import groups
 from faultgauge.identification.fit import FitReport, fit
 from faultgauge.identification.samples import Samples
+from faultgauge.identification.validation.evaluation import evaluate, scores
 from faultgauge.plants.model import Model
 from faultgauge.plants.plant import Plant
 from faultgauge.reporting.model_figures import learned_curve

@@ -9,8 +9,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from faultgauge.identification.levenberg_marquardt import FAILED, Solution, levenberg_marquardt
-from faultgauge.identification.starts import nguyen_widrow
+from faultgauge.identification.optimise.levenberg_marquardt import (
+    FAILED,
+    Solution,
+    levenberg_marquardt,
+)
+from faultgauge.identification.optimise.starts import nguyen_widrow
 from faultgauge.plants.plant import Plant
 from faultgauge.plants.signals import Signals
 from faultgauge.telemetry import Run

@@ -1,0 +1,136 @@
+"""The constants of a plant that are uncertain: which a bank tracks, and how far a run has them from
+the fit."""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from faultgauge.detection.remember import once
+from faultgauge.detection.rows.judged import operating_points
+from faultgauge.plants.disturbed import Disturbed, Error
+from faultgauge.plants.model import Model
+from faultgauge.plants.plant import respond
+from faultgauge.programs import program
+
+__all__ = [
+    "USUAL_SPREAD",
+    "Constants",
+    "constants_of",
+    "drifting_of",
+    "usual_spread",
+]
+
+LOW = 2.0  # standard deviations below what a constant is: it may well lie there
+MOST_CONSTANTS = 6  # that are tracked: those that matter most
+USUAL_SPREAD = 0.01  # of a constant, from run to run
+
+
+def drifting_of(model: Model) -> tuple[str, ...]:
+    """Parameters with `vary = "slow"`."""
+    return tuple(p.name for p in model.plant.spec.parameters if p.vary == "slow")
+
+
+class Constants(NamedTuple):
+    """The constants that are uncertain, with the covariance that the fit gives them; which of them
+    are `positive` and so uncertain that a normal distribution would not know it."""
+
+    names: tuple[str, ...]
+    covariance: Float[np.ndarray, "constants constants"]
+    positive: tuple[int, ...]
+
+
+def constants_of(model: Model) -> Constants:
+    """Those that a calibration tells of; before one, those that move the states' rates and outputs
+    most, by their standard errors and the usual spread, and those that a fault changes: how much of
+    that there is in healthy plants, nothing else can tell."""
+    known, free = model.record.constants, _free(model)
+    if not free:
+        return Constants((), np.zeros((0, 0)), ())
+    se = _errors(model)
+    told = model.calibration and model.calibration.noise
+    if told:
+        kept = [k for k, name in enumerate(free) if name in told.spread]
+    else:
+        kept = _most_moving(model)
+    place = {name: k for k, name in enumerate(known.names)}
+    correlation = np.eye(len(kept))
+    for a, i in enumerate(kept):
+        for b, j in enumerate(kept):
+            if a != b and free[i] in place and free[j] in place:
+                found = known.correlation[place[free[i]]][place[free[j]]]
+                correlation[a, b] = found or 0.0
+    covariance = correlation * np.outer(se[kept], se[kept])
+    w, v = np.linalg.eigh(covariance)
+    spec, values = {p.name: p for p in model.plant.spec.parameters}, model.plant.parameters
+    positive = tuple(
+        place
+        for place, k in enumerate(kept)
+        if spec[free[k]].positive and LOW * se[k] >= float(values[free[k]])
+    )
+    names = tuple(free[k] for k in kept)
+    return Constants(names, (v * np.maximum(w, 0.0)) @ v.T, positive)
+
+
+def usual_spread(value: float, se: float) -> float:
+    """By how much a constant of `value` and standard error `se` may differ from run to run where
+    no log tells."""
+    return max(USUAL_SPREAD * abs(value), se, 1e-9)
+
+
+def _free(model: Model) -> list[str]:
+    slow = drifting_of(model)
+    return [p.name for p in model.plant.spec.parameters if not p.fixed and p.name not in slow]
+
+
+def _errors(model: Model) -> Float[np.ndarray, "free"]:
+    known = model.record.constants
+    error = dict(zip(known.names, known.errors, strict=True))
+    return np.array([_spread_in_a_run(model, n, error.get(n) or 0.0) for n in _free(model)])
+
+
+def _spread_in_a_run(model: Model, name: str, error: float) -> float:
+    """How far a run's own value lies from the model's: the standard `error`, or, of a parameter
+    that each run has its own of, how far runs lie apart."""
+    parameter = next(p for p in model.plant.spec.parameters if p.name == name)
+    if parameter.vary is None or model.record.between is None:
+        return float(error)
+    apart = model.record.between.apart[name]
+    return apart * float(model.plant.parameters[name]) if parameter.positive else apart
+
+
+@once
+def _most_moving(model: Model) -> list[int]:
+    """The places of these among the free ones, whatever a calibration says."""
+    values, free, se = model.plant.parameters, _free(model), _errors(model)
+    usual = np.array([usual_spread(float(values[n]), s) for n, s in zip(free, se, strict=True)])
+    order = np.argsort(-_effects(model, tuple(free)) * np.hypot(se, usual), kind="stable")
+    changed = {fault.target for fault in model.plant.signals.faults if fault.enters == "parameter"}
+    changing = np.flatnonzero(np.isin(free, [*changed])).tolist()
+    return sorted({*order[:MOST_CONSTANTS].tolist(), *changing})
+
+
+def _effects(model: Model, names: tuple[str, ...]) -> Float[np.ndarray, "constants"]:
+    """How far a unit of each constant moves rates and outputs, in units of their spread."""
+    points = operating_points(model)
+    nothing = Error(*[jax.device_put(np.zeros(0))] * 3)
+    none, unit = map(jax.device_put, (np.zeros(len(names)), np.eye(len(names))))
+    plant = Disturbed.of(model.plant, (), (), nothing, names, none, unit)
+    slopes, usual = map(np.asarray, _moved(plant, *map(jax.device_put, points)))
+    usual = np.nanstd(np.where(np.isfinite(usual), usual, np.nan), axis=0) + 1e-12
+    slopes = np.where(np.isfinite(slopes), slopes, 0.0) / usual[:, None]
+    return np.sqrt(np.mean(np.sum(slopes**2, axis=1), axis=0))
+
+
+@program
+def _moved(plant: Disturbed, x: Array, u: Array) -> tuple[Array, Array]:
+    """Of rates and outputs at some points: their slopes over constants, and themselves."""
+
+    def both(xi: Array, x: Array, u: Array) -> Array:
+        dx, y = respond(plant, jnp.concatenate([x, xi]), u)
+        return jnp.concatenate([dx[: plant.count], y])
+
+    none, over = jnp.zeros(plant.directions.shape[1]), (None, 0, 0)
+    return jax.vmap(jax.jacfwd(both), over)(none, x, u), jax.vmap(both, over)(none, x, u)

@@ -1,0 +1,216 @@
+"""What calibration found, in words."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from faultgauge.detection.bank.noise import Noise, noise_of
+from faultgauge.detection.bank.uncertain_constants import USUAL_SPREAD, constants_of, drifting_of
+from faultgauge.detection.posterior.uncalibrated import level_in
+from faultgauge.detection.words import duration, number
+from faultgauge.plants.disturbed import dynamic_states
+from faultgauge.plants.model import Model
+from faultgauge.plants.record import Interval
+from faultgauge.plants.signals import State, spoken
+
+__all__ = ["doubted", "errors", "summary"]
+
+FAR = 3.0  # times by how much healthy runs differ
+
+
+def summary(model: Model) -> list[str]:
+    """A line for each thing that a user should know of a calibrated `model`."""
+    known = model.calibration
+    if known is not None and known.channels is not None:
+        return _intervals(known.channels, _units(model))
+    return [*errors(model), *_answers(model), *_priors(model), _level(model)]
+
+
+def _intervals(channels: Mapping[str, Interval], units: Mapping[str, str]) -> list[str]:
+    return [
+        f"{name}: 95 % of the healthy estimates lie within +-"
+        f"{number(each.interval)} {units.get(name, '')}".rstrip()
+        for name, each in channels.items()
+    ]
+
+
+def errors(model: Model) -> list[str]:
+    """How far the plant is from its model, and for how long."""
+    signals, noise = model.plant.signals, noise_of(model)
+    lines, seen = [], level_in(model).healthy_s
+    for k, state in enumerate(dynamic_states(model.plant)):
+        size, lasts = float(noise.size[k]), float(noise.lasting[k])
+        lines.append(_discrepancy(signals.states[state], size, lasts, seen))
+    for j in noise.wanders:
+        each = signals.outputs[j]
+        size = f"{number(noise.wander[j], 2)} {spoken(each.unit)}".rstrip()
+        lines.append(
+            f"{each.name} wanders by {size} beside what the model says, for about "
+            f"{duration(float(noise.wandering[j]))} at a time"
+        )
+    for j in noise.strays:
+        each = signals.inputs[j]
+        size = f"{number(noise.stray[j], 2)} {spoken(each.unit)}".rstrip()
+        lines.append(
+            f"{each.name} strays by {size} from what the log says, for about "
+            f"{duration(float(noise.straying[j]))} at a time"
+        )
+    lines += _sticking(model, noise)
+    lines += _leaning(model, noise)
+    for j in noise.lags:
+        lines.append(
+            f"what an input's change does to {signals.outputs[j].name} is off by about "
+            f"{100 * noise.late[j]:.0f} % of it, for about {duration(float(noise.lag[j]))}"
+        )
+    lines += [
+        f"where {where}, the model errs about {number(times, 2)} times as much as elsewhere"
+        for where, times in doubted(model, noise)
+    ]
+    known = dict(zip(constants_of(model).names, noise.spread.tolist(), strict=True))
+    values = model.plant.parameters
+    units = {p.name: spoken(p.unit) for p in model.plant.spec.parameters}
+    spread = [
+        f"{name} {number(s, 2)} {units[name]}".rstrip()
+        + f" ({number(100 * s / abs(float(values[name])), 2)} %)" * (s < abs(float(values[name])))
+        for name, s in known.items()
+    ]
+    if spread:
+        lines.append(f"constants differ from run to run by about {', '.join(spread)}")
+    lines += _elsewhere(model, noise)
+    slow = drifting_of(model)
+    if slow:
+        lines.append(f"tracked as it drifts: {', '.join(slow)}")
+    return lines
+
+
+def _discrepancy(state: State, size: float, lasts: float, seen: float) -> str:
+    """Of a state's derivative, by logs of `seen` [s] in all."""
+    unit = _per_second(state)
+    if lasts <= seen:
+        return (
+            f"the model is off by about {number(size, 2)}{unit} in d({state.name}), for about "
+            f"{duration(lasts)} at a time"
+        )
+    moves = number(size * np.sqrt(2 * seen / lasts), 2)
+    return (
+        f"the model's error in d({state.name}) stays for longer than these logs last: it moves by "
+        f"about {moves}{unit} in {duration(seen)}"
+    )
+
+
+def _sticking(model: Model, noise: Noise) -> list[str]:
+    """States that something holds at rest."""
+    lines = []
+    for k in noise.grips:
+        state = model.plant.signals.states[k]
+        held = f"{number(noise.grip[k], 2)}{_per_second(state)}"
+        speed = f"{number(noise.slip[k], 2)} {spoken(state.unit)}".rstrip()
+        lines.append(
+            f"{state.name} sticks: near rest something that the file lacks holds it by about "
+            f"{held}, for about {duration(float(noise.gripping[k]))} at a time, and lets go from "
+            f"{speed} on. What is smaller shows only while it moves"
+        )
+    return lines
+
+
+def _leaning(model: Model, noise: Noise) -> list[str]:
+    """Inputs and outputs that come later than the model has it, and curves that it has straight."""
+    signals = model.plant.signals
+    mends = "The bank goes by it; in the plant file it would mend the fit, too"
+    lines = [
+        f"{number(-100 * noise.lean[j], 2)} % of a change of {signals.inputs[j].name} comes late, "
+        f"within about {duration(float(noise.leaning[j]))}: the plant, or a sensor, has a lag that "
+        f"the file lacks. {mends}"
+        for j in noise.leans
+    ]
+    lines += [
+        f"{signals.outputs[j].name} follows what it measures within about "
+        f"{duration(float(noise.trail[j]))}: its sensor, or the plant, has a lag that the file "
+        f"lacks. {mends}"
+        for j in noise.trails
+    ]
+    for j in noise.bends:
+        side = "above" if noise.bend[j] > 0 else "below"
+        lines.append(
+            f"{signals.inputs[j].name} acts along a curve that the file lacks: in the middle of "
+            f"its range {number(100 * abs(noise.bend[j]), 2)} % of that {side} a straight line. "
+            f"{mends}"
+        )
+    return lines
+
+
+def _answers(model: Model) -> list[str]:
+    """By how much the answer to what acts on the plant is off."""
+    level = level_in(model)
+    if not level.gain:
+        return []
+    size, shape = (number(100 * each, 2) for each in (level.gain, level.shape))
+    return [
+        f"the model answers what acts on the plant {size} % too much or too little, and the size "
+        f"of a fault may be off by as much; in all its answer is off by {shape} %, and of two "
+        "faults the smaller one is not told where that error explains it"
+    ]
+
+
+def _elsewhere(model: Model, noise: Noise) -> list[str]:
+    """Constants that healthy logs have elsewhere than the fit, beyond how they differ."""
+    known, units = (
+        constants_of(model),
+        {p.name: spoken(p.unit) for p in model.plant.spec.parameters},
+    )
+    values = [abs(float(model.plant.parameters[name])) for name in known.names]
+    far = np.maximum(FAR * noise.spread, USUAL_SPREAD * np.array(values))
+    found = []
+    for name, shift in zip(
+        known.names, np.where(np.abs(noise.shift) > far, noise.shift, 0.0), strict=True
+    ):
+        if shift:
+            value = float(model.plant.parameters[name])
+            there = f"{number(value + shift)} {units[name]}".rstrip()
+            found.append(f"{name} = {there} (fit: {number(value)})")
+    return [f"the healthy logs say {', '.join(found)}, and the bank goes by them"] if found else []
+
+
+def doubted(model: Model, noise: Noise) -> list[tuple[str, float]]:
+    """Where the model errs more than elsewhere, and how many times as much: ("u is below 0.8 V",
+    4.0)."""
+    inputs, found = model.plant.signals.inputs, []
+    for k in noise.doubts:
+        low, high = float(noise.above[k]), float(noise.below[k])
+        if np.isfinite(low) and np.isfinite(high):
+            within = f"between {number(low)} and {number(high)}"
+        else:
+            within = f"below {number(high)}" if np.isfinite(high) else f"above {number(low)}"
+        where = f"{inputs[k].name} is {within} {spoken(inputs[k].unit)}".rstrip()
+        found.append((where, float(noise.doubt[k])))
+    return found
+
+
+def _priors(model: Model) -> list[str]:
+    found, units = level_in(model).size, _units(model)
+    # the widest prior is half of what a fault is at most
+    sizes = [f"{name} {number(2 * size, 2)} {units[name]}".rstrip() for name, size in found.items()]
+    return [f"faults are looked for up to about: {', '.join(sizes)}"]
+
+
+def _level(model: Model) -> str:
+    bank = level_in(model)
+    alarms = bank.alarms
+    told = f"{alarms} alarm{'' if alarms == 1 else 's'}" if alarms else "no alarm"
+    return (
+        f"an alarm begins where a fault is {number(np.exp(min(bank.level, 100.0)))} times as "
+        f"likely as none; {told} in {bank.blocks} healthy blocks ({duration(bank.judged_s)} in "
+        f"all) proves no more than that false alarms come at most once in "
+        f"{duration(bank.mtbfa_s)}, with 95 % confidence"
+    )
+
+
+def _units(model: Model) -> dict[str, str]:
+    faults = model.plant.signals.faults
+    return {fault.name: spoken(fault.unit) for fault in faults}
+
+
+def _per_second(state: State) -> str:
+    """The unit of its derivative, behind a number."""
+    unit = spoken(state.unit)
+    return f" {unit}/s" if unit else " per second"

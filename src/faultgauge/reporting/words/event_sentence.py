@@ -1,0 +1,187 @@
+"""The sentence of an event: which fault, how big, since when, how sure, what else it may be.
+
+friction +0.100 N*m (+0.096 to +0.104) since 08:41:10 +- 6 s (p 0.998, run a); told at 08:41:21,
+seen until 09:00:00; gain is 200 times less likely; friction below 0.0012 N*m would not
+have shown
+"""
+
+import numpy as np
+
+from faultgauge.detection.answer.least import least_told
+from faultgauge.detection.answer.shares import WHOLE, shares_of
+from faultgauge.detection.bank.bank import FaultBank
+from faultgauge.detection.decisions import Decision
+from faultgauge.detection.posterior.events import UNKNOWN, BankEvent, pause, stretches
+from faultgauge.detection.posterior.verdicts import FAULT, HEALTHY, NAMED
+from faultgauge.detection.words import (
+    OLDER,
+    TOLD_ODDS,
+    UNDECLARED,
+    Began,
+    amount,
+    between,
+    likelihoods,
+    moment,
+)
+from faultgauge.reporting.words.probability import probability, too
+from faultgauge.reporting.words.reliance import headed
+from faultgauge.reporting.words.telling import Told, row_time, unit_of, would_not_show_in
+from faultgauge.telemetry.clock import Clock
+
+__all__ = ["finding", "given_up", "onset_of", "other_cause", "told_event"]
+
+CHANGED = 0.1  # of an event: for longer its size was another one
+
+
+def told_event(bank: FaultBank, decision: Decision, event: BankEvent) -> Told:
+    """One event."""
+    run = decision.run
+    unit, over = unit_of(bank.model, event.fault), bool(event.end < run.t[-1])
+    head, times = finding(event, unit, bank.step, run.clock, over)
+    rest = [times + _whether_over(bank, decision, event)]
+    rest += [*_before_its_name(bank, decision, event), *_course(bank, decision, event)]
+    rest += [
+        f"{UNDECLARED if name == UNKNOWN else name} was named beside it from "
+        f"{row_time(bank, decision, first)} to {row_time(bank, decision, last)}, and given up"
+        for name, first, last in given_up(bank, decision, event)
+    ]
+    others = {each.fault for each in _beside(decision, event)}
+    rest += likelihoods(
+        (other_cause(event, cause), odds)
+        for cause, odds in event.instead
+        if cause not in others and (odds < TOLD_ODDS or cause not in dict(event.beside))
+    )
+    rest += [too(name, p) for name, p in event.beside if name not in others]
+    rest += _least_shown(bank, decision, event)
+    brief = UNDECLARED if event.fault == UNKNOWN else event.fault
+    head = headed(bank.model, head)
+    return Told(event.start, event.end, head, tuple(rest), brief=brief, event=event)
+
+
+def finding(
+    event: BankEvent, unit: str, step: float, clock: Clock | None = None, over: bool = False
+) -> tuple[str, str]:
+    """(what, how big, since when, until when if it is `over`, and how sure; when it was told and
+    seen last), of rows that are `step` [s] apart."""
+    onset = onset_of(event, step, clock)
+    began = onset.since()
+    if event.older == "yes":
+        began = OLDER
+    elif event.older == "perhaps":
+        began = f"since {onset.or_earlier()}, perhaps {OLDER}" + "," * over
+    what = UNDECLARED
+    if event.size is not None and event.lo is not None and event.hi is not None:
+        what = f"{event.fault} {amount(event.size, event.lo, event.hi, unit)}"
+    how = "passive, " if event.passive else ""
+    told, last = (moment(clock, t, step) for t in (event.start, event.end))
+    until = f" until {last}" if over else ""
+    return (
+        f"{what} {began}{until} ({how}p {probability(event.p)}, run {event.run})",
+        f"told at {told}, seen until {last}",
+    )
+
+
+def onset_of(event: BankEvent, step: float, clock: Clock | None) -> Began:
+    """When `event` began, of rows that are `step` [s] apart."""
+    return Began(clock, event.onset, event.onset_lo, event.onset_hi, event.start, step)
+
+
+def other_cause(event: BankEvent, cause: str) -> str:
+    """What the odds of `event` are against: of what may be there too, that it is there alone."""
+    if cause == UNKNOWN:
+        return UNDECLARED
+    return f"{cause} alone" if cause in dict(event.beside) else cause
+
+
+def _least_shown(bank: FaultBank, decision: Decision, event: BankEvent) -> list[str]:
+    """Below what the fault would not have shown, and in which share of the log; nothing of one that
+    shows only as the input moves."""
+    judged, names = shares_of(decision).judged, bank.model.plant.signals.fault_names
+    share = f"{100 * judged:.0f} % of the log"
+    least = None if event.fault == UNKNOWN else least_told(bank, decision, names.index(event.fault))
+    # one that was told is no smaller than what shows, whatever is foretold
+    if least is None or event.size is None or abs(event.size) < least:
+        return [f"{share} could be judged"] if judged < WHOLE else []
+    small = would_not_show_in(bank, [decision], (event.fault,))
+    return [f"{small} in the {share} that could be judged" if judged < WHOLE else small]
+
+
+def given_up(
+    bank: FaultBank, decision: Decision, event: BankEvent
+) -> list[tuple[str, float, float]]:
+    """(fault, from, to [s]) of what rows within `event` name beside it, and no event tells of: of
+    its `beside` it is not, at the end."""
+    t, found = decision.run.t, decision.posterior
+    columns = dict(zip(bank.model.plant.signals.fault_names, found.p.T, strict=True))
+    columns[UNKNOWN] = found.unknown
+    telling = np.array([why == "" for why in decision.reason]) & (
+        np.array(decision.status) == FAULT
+    )
+    telling &= (t >= event.onset_lo) & (t <= event.end)
+    said = []
+    for name, p in columns.items():
+        rows = telling & (np.nan_to_num(p) >= NAMED) & (name != event.fault)
+        for each in decision.events:
+            rows &= (each.fault != name) | (t < each.onset_lo) | (t > each.end)
+        said += [
+            (name, float(t[a]), float(t[b - 1]))
+            for a, b in stretches(rows, np.isfinite(found.healthy), pause(bank))
+            if b - a > 1
+        ]
+    return said
+
+
+def _whether_over(bank: FaultBank, decision: Decision, event: BankEvent) -> str:
+    """Of a fault that was not seen to end, why it is not; of one that changed its sign, when that
+    was seen: until then rows have it as it was."""
+    t = decision.run.t
+    turned = [
+        each.start
+        for each in decision.events
+        if each.fault == event.fault and (each.size or 0.0) * (event.size or 0.0) < 0
+        if event.end < each.start and abs(each.onset - event.end) <= bank.pause
+    ]
+    if turned:
+        return f", where its sign changed, as was told at {row_time(bank, decision, min(turned))}"
+    if event.end >= t[-1]:
+        return ", the end of the log"
+    judged = t[np.isin(decision.status, [HEALTHY, FAULT])]
+    return "" if np.any(judged > event.end) else ", and nothing was judged from then on"
+
+
+def _before_its_name(bank: FaultBank, decision: Decision, event: BankEvent) -> list[str]:
+    """Of an alarm that went on for longer than a name takes before the event had one."""
+    told = int(np.searchsorted(decision.run.t, event.start))
+    status, reason = decision.status[:told], decision.reason[:told]
+    over = [k for k in range(told) if status[k] != FAULT or not reason[k]]
+    first = over[-1] + 1 if over else 0
+    if event.start - decision.run.t[first] <= bank.knowledge.memory:
+        return []
+    begun = row_time(bank, decision, decision.run.t[first])
+    return [f"the alarm began at {begun}, before it had a name"]
+
+
+def _course(bank: FaultBank, decision: Decision, event: BankEvent) -> list[str]:
+    """Between what sizes a fault was told that was of another size for long: rows and event hold
+    each other's size for wrong."""
+    if event.size is None or event.lo is None or event.hi is None:
+        return []
+    t, found = decision.run.t, decision.posterior
+    k = bank.model.plant.signals.fault_names.index(event.fault)
+    sure = (t >= event.start) & (t <= event.end) & (np.nan_to_num(found.p[:, k]) >= NAMED)
+    sizes = found.f[sure, k] / found.p[sure, k]
+    other = (sizes < event.lo) | (sizes > event.hi)
+    other &= (found.lo[sure, k] > event.size) | (found.hi[sure, k] < event.size)
+    if np.sum(other) <= CHANGED * len(sizes):
+        return []
+    low, high = np.quantile(sizes, [0.05, 0.95])
+    return [f"after it was told {between(low, high, unit_of(bank.model, event.fault))}"]
+
+
+def _beside(decision: Decision, event: BankEvent) -> list[BankEvent]:
+    """The events of other faults that are told for the same time as `event`."""
+    return [
+        each
+        for each in decision.events
+        if each.fault != event.fault and each.onset <= event.end and event.onset <= each.end
+    ]

@@ -1,0 +1,94 @@
+"""The sentences of alarms without a name, and of what a log ends undecided about."""
+
+import numpy as np
+
+from faultgauge.detection.answer.shares import WHOLE, shares_of
+from faultgauge.detection.answer.unnamed import unnamed_alarms
+from faultgauge.detection.bank.bank import FaultBank
+from faultgauge.detection.decisions import Decision
+from faultgauge.detection.posterior.events import Cause, Unnamed
+from faultgauge.detection.posterior.posterior import LIKELY
+from faultgauge.detection.posterior.verdicts import NOT_JUDGED
+from faultgauge.detection.words import UNDECLARED, moment
+from faultgauge.plants.model import Model
+from faultgauge.reporting.words.probability import probability
+from faultgauge.reporting.words.reliance import headed
+from faultgauge.reporting.words.telling import Told, row_time, unit_of
+from faultgauge.telemetry.clock import Clock
+
+__all__ = ["alarm_sentence", "alarms", "unnamed"]
+
+
+def unnamed(bank: FaultBank, decision: Decision) -> list[Told]:
+    """Alarms without an event, and what the log ends undecided about."""
+    judged = shares_of(decision).judged
+    note = "" if judged >= WHOLE else f", of which {100 * judged:.0f} % could be judged"
+    return [*alarms(bank, decision, note), *_undecided(bank, decision, note)]
+
+
+def alarms(bank: FaultBank, decision: Decision, note: str = "") -> list[Told]:
+    """Alarms without an event, with a `note` on the run."""
+    return [
+        Told(
+            each.start,
+            each.end,
+            alarm_sentence(bank.model, each, bank.step, decision.run.clock, note),
+            causes=tuple(cause.name for cause in each.causes),
+            brief="an alarm",
+        )
+        for each in unnamed_alarms(bank, decision)
+    ]
+
+
+def alarm_sentence(
+    model: Model, alarm: Unnamed, step: float, clock: Clock | None, note: str = ""
+) -> str:
+    """From when to when, of rows that are `step` [s] apart, and why it has no event; with a `note`
+    on the run."""
+    first, last = (moment(clock, t, step) for t in (alarm.start, alarm.end))
+    why = _why(model, alarm)
+    return headed(model, f"An alarm from {first} to {last} (run {alarm.run}{note}); {why}")
+
+
+def _why(model: Model, alarm: Unnamed) -> str:
+    if alarm.again:
+        return f"it is not clear whether {alarm.named}, told before, was over"
+    if alarm.named:
+        return f"{alarm.named}, named there, was given up"
+    return alarm.reason + " or ".join(_likely(model, each) for each in alarm.causes)
+
+
+def _likely(model: Model, cause: Cause) -> str:
+    """ "leak of +0.1 m/s (p 0.6)"."""
+    of = ""
+    if cause.size is not None:
+        of = f" of {cause.size:+.3g} {unit_of(model, cause.name)}".rstrip()
+    return f"{cause.name}{of} (p {probability(cause.p)})"
+
+
+def _undecided(bank: FaultBank, decision: Decision, note: str) -> list[Told]:
+    """What stands at the end of a log, without an alarm: likelier than not, and not sure."""
+    run, found = decision.run, decision.posterior
+    sampled = np.flatnonzero(np.isfinite(found.healthy))
+    if not len(sampled) or decision.status[sampled[-1]] != NOT_JUDGED:
+        return []
+    if not found.healthy[sampled[-1]] < LIKELY:
+        return []
+    certain = sampled[found.healthy[sampled] >= LIKELY]
+    first = int(certain[-1]) + 1 if len(certain) else int(sampled[0])
+    shares = dict(zip(bank.model.plant.signals.fault_names, found.p[sampled[-1]], strict=True))
+    shares[UNDECLARED] = found.unknown[sampled[-1]]
+    cause = max(shares, key=lambda name: np.nan_to_num(shares[name]))
+    size = ""
+    if cause != UNDECLARED:
+        k = bank.model.plant.signals.fault_names.index(cause)
+        there = found.f[sampled[-1], k] / max(found.p[sampled[-1], k], 1e-300)
+        size = f", {there:+.3g} {unit_of(bank.model, cause)}".rstrip() + " if it is there"
+    begun = row_time(bank, decision, float(run.t[first]))
+    text = (
+        f"Undecided from {begun} to the end of the log (run {run.name}{note}); the likeliest cause "
+        f"is {cause}{size} (p {probability(float(shares[cause]))}); that nothing is wrong has p "
+        f"{probability(float(found.healthy[sampled[-1]]))}"
+    )
+    last = float(run.t[sampled[-1]])
+    return [Told(float(run.t[first]), last, headed(bank.model, text), brief="undecided")]

@@ -1,0 +1,79 @@
+"""What calibration says of constants."""
+
+import numpy as np
+
+from calibrations import for_bank
+from faultgauge.detection.bank.noise import Noise
+from faultgauge.detection.bank.uncertain_constants import constants_of
+from faultgauge.reporting.words.calibration import summary
+from models import as_stated
+
+LAG = """
+name = "lag"
+[states.x]
+unit = "m"
+derivative = "b*u - a*x"
+[inputs.u]
+[outputs.x]
+value = "x"
+unit = "m"
+[parameters]
+a = { value = 0.5, unit = "1/s" }
+b = { value = 2 }
+[faults.push]
+enters = "input"
+target = "u"
+"""
+
+
+def test_constants_that_the_bank_moves_are_said_wherever_they_leave_what_runs_differ_by():
+    """a by 0.31, more than three times 0.1; b by 0.29, less. What the fit knew does not matter: the
+    bank goes by the moved ones all the same."""
+    points = np.random.default_rng(0).uniform(-1, 1, (60, 2))
+    model = as_stated(LAG, points)
+    names = constants_of(model).names
+    one, shift = np.ones(1), {"a": 0.31, "b": 0.29}
+    noise = Noise(
+        one, one, np.zeros(0), one, one, one, one,
+        np.full(2, 0.1), np.array([shift[name] for name in names]), np.zeros(2),
+    )  # fmt: skip
+    lines = summary(for_bank(model, noise, size={"push": 1.0}))
+    (line,) = (each for each in lines if each.startswith("the healthy logs say"))
+    assert line == "the healthy logs say a = 0.81 1/s (fit: 0.5), and the bank goes by them"
+
+
+def test_a_state_that_sticks_is_said_with_how_much_how_long_and_until_where():
+    points = np.random.default_rng(0).uniform(-1, 1, (60, 2))
+    one = np.ones(1)
+    noise = Noise(
+        one, one, np.zeros(0), one, one, one, one, np.full(2, 0.1), np.zeros(2), np.zeros(2),
+        grip=8.04 * one, gripping=1.2 * one, slip=0.135 * one,
+    )  # fmt: skip
+    for text, of, rest in (
+        (LAG, "8 m/s", "0.14 m"),
+        (LAG.replace('unit = "m"', ""), "8 per second", "0.14"),
+        (LAG.replace('unit = "m"', 'unit = "1"'), "8 per second", "0.14"),
+    ):
+        lines = summary(for_bank(as_stated(text, points), noise, size={"push": 1.0}))
+        (line,) = (each for each in lines if "sticks" in each)
+        assert line == (
+            f"x sticks: near rest something that the file lacks holds it by about {of}, for "
+            f"about 1.2 s at a time, and lets go from {rest} on. What is smaller shows only while "
+            "it moves"
+        )
+
+
+def test_no_unit_is_said_of_a_plain_number():
+    """ "1" and "-" are how files write that there is none."""
+    points = np.random.default_rng(0).uniform(-1, 1, (60, 2))
+    one = np.ones(1)
+    noise = Noise(
+        one, one, np.zeros(0), one, one, one, one, np.full(2, 0.1), np.array([0.31, 0]),
+        np.zeros(2), wander=0.5 * one, wandering=one, stray=0.25 * one, straying=one,
+    )  # fmt: skip
+    text = LAG.replace('unit = "m"', 'unit = "-"').replace('unit = "1/s"', 'unit = "1"')
+    text = text.replace("[inputs.u]", '[inputs.u]\nunit = "1"')
+    said = "\n".join(summary(for_bank(as_stated(text, points), noise, size={"push": 1.0})))
+    for part in ("off by about 1 per second in d(x)", "x wanders by 0.5 beside", "a = 0.81 (fit"):
+        assert part in said
+    assert "u strays by 0.25 from what the log says" in said
