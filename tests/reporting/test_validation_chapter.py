@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from faultgauge.identification.samples import Samples
-from faultgauge.identification.validation import validate
 from faultgauge.identification.validation.evaluation import Prediction
+from faultgauge.identification.validation.validate import validate
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant_file import parse_plant
 from faultgauge.reporting.report import Report, render

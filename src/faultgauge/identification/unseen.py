@@ -9,7 +9,6 @@ from faultgauge.errors import InputError
 from faultgauge.identification.fit_record import Anew, FitReport
 from faultgauge.identification.holdout import LAST_SHARE
 from faultgauge.identification.samples import Samples, channels, in_effect
-from faultgauge.identification.validation import Validation, validate
 from faultgauge.identification.validation.evaluation import (
     WARMUP,
     Prediction,
@@ -17,6 +16,7 @@ from faultgauge.identification.validation.evaluation import (
     finds_start,
     predict,
 )
+from faultgauge.identification.validation.validate import Validation, validate
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run, cut, segments

@@ -2,10 +2,15 @@
 
 from collections.abc import Sequence
 
-from faultgauge.identification.validation import OutputValidation, Validation, errors_of, tested
 from faultgauge.identification.validation.evaluation import Prediction
 from faultgauge.identification.validation.operating import Profile
 from faultgauge.identification.validation.ranges import Range
+from faultgauge.identification.validation.validate import (
+    OutputValidation,
+    Validation,
+    errors_of,
+    tested,
+)
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
 from faultgauge.reporting.report import Section, Table

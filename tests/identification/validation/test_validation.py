@@ -8,7 +8,6 @@ from scipy.signal import lfilter
 from scipy.stats import norm
 
 from faultgauge.identification.samples import Samples
-from faultgauge.identification.validation import validate
 from faultgauge.identification.validation.band import free_run_band, given_band
 from faultgauge.identification.validation.correlation import (
     correlation,
@@ -20,6 +19,7 @@ from faultgauge.identification.validation.evaluation import Prediction
 from faultgauge.identification.validation.operating import profile, quantile_bins
 from faultgauge.identification.validation.ranges import argument_ranges
 from faultgauge.identification.validation.seeds import seed_spread
+from faultgauge.identification.validation.validate import validate
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant_file import parse_plant
 
