@@ -8,10 +8,10 @@ scan, and memory does not grow with the duration, nor with the count beyond the 
 
 import dataclasses
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import NamedTuple, cast
+from typing import Any, NamedTuple, cast
 
 import equinox as eqx
 import jax
@@ -26,11 +26,12 @@ from faultgauge.simulation.closed_loop import with_faults
 from faultgauge.simulation.satellite import rotations
 from faultgauge.simulation.satellite.counted import normal, uniform
 from faultgauge.simulation.satellite.loop import NOISES, Now, Satellite, SatelliteState, start, step
+from faultgauge.simulation.side_by_side import rows, side_by_side, whole
 from faultgauge.simulation.satellite.observatory import KNOWN_TO, MOMENTA, SLEW
 
 __all__ = ["Chance", "Flown", "Spread", "flights"]
 
-CACHED = 256  # flights at once on a processor: what a step carries then stays in its cache
+CACHED = 64  # flights at once on a processor: what a step carries then stays in its cache
 BYTES = 16_384  # of an accelerator's memory for one flight, what a step needs in between included
 CASE = np.uint32(2**32 - 1)  # the place of a flight's case among its draws; steps are counted from 0
 
@@ -129,6 +130,7 @@ def flights(
     first: int = 0,
     together: int | None = None,
     single: bool = False,
+    apart: bool | None = None,
 ) -> Flown:
     """Fly the `satellite` for `seconds` with the seeds `first` to `first + count - 1`.
 
@@ -136,20 +138,23 @@ def flights(
     slew is over: pointing counts from there, and faults begin between it and the end. A share
     1/(1 + chances) of flights has no fault. `together` fly at once, by default as many as suit the
     device: the cache of a processor, all of whose cores that this process may use take their turn,
-    or the memory of an accelerator. On a processor no bit hangs on it. `single` reckons in float32.
+    or the memory of an accelerator. On a processor no bit hangs on it. `single` reckons in float32. `apart` keeps a row for
+    each number of a flight (`side_by_side`), as is best on a processor, in place of JAX's `vmap`.
     """
     device = jax.devices()[0]
     together = together or _suited(device, count)
+    apart = device.platform == "cpu" if apart is None else apart
     steps = round(seconds / satellite.dt)
     plan = _plan(satellite, spread, chances, angles, momenta, (settled, seconds))
     if single:
         plan = jax.tree.map(lambda a: a.astype("float32") if eqx.is_inexact_array(a) else a, plan)
 
-    def fly(begin: int) -> tuple[_Case, _Sums]:
+    def fly(begin: int, steps: int = steps) -> tuple[_Case, _Sums]:
         with jax.enable_x64(not single):  # of this thread
             seeds = jnp.asarray(np.arange(begin, begin + together, dtype=np.uint32))
-            return jax.device_get(_together(plan, seeds, jnp.asarray(steps)))
+            return jax.device_get(_together(plan, seeds, jnp.asarray(steps), apart))
 
+    fly(first, 0)  # it compiles, once
     with ThreadPoolExecutor(_workers(device)) as workers:
         # of the last chunk too many fly, so that all are one program
         parts = list(workers.map(fly, range(first, first + count, together)))
@@ -199,26 +204,38 @@ def _plan(
 
 @eqx.filter_jit
 def _together(
-    plan: _Plan, seeds: UInt32[Array, "flights"], steps: Int[Array, ""]
+    plan: _Plan, seeds: UInt32[Array, "flights"], steps: Int[Array, ""], apart: bool
 ) -> tuple[_Case, _Sums]:
     """All of some seeds, flights last: neighbours in memory are the same number of two flights."""
+    split, every, join = (rows, side_by_side, whole) if apart else (_same, _vmapped, _same)
     cases = jax.vmap(lambda seed: _drawn(plan, seed), out_axes=-1)(seeds)
-
-    def begin(case: _Case) -> tuple[SatelliteState, _Sums]:
-        satellite = _dispersed(plan.satellite, case)
-        error = jnp.deg2rad(jnp.array(KNOWN_TO))
-        state = start(satellite, case.angles, case.momenta, error)
-        one, each = jnp.zeros(()), jnp.zeros(len(case.momenta))
-        return state._replace(step=()), _Sums(one, one, one, each, each, each, each, one)
+    own = split((seeds, cases))
 
     def advance(k: Array, carried: tuple[SatelliteState, _Sums]) -> tuple:
         def one(seed: Array, case: _Case, state: SatelliteState, sums: _Sums) -> tuple:
             return _advanced(plan, seed, case, state._replace(step=k), sums)
 
-        return jax.vmap(one, in_axes=-1, out_axes=-1)(seeds, cases, *carried)
+        return every(one, *own, *carried)
 
-    carried = jax.vmap(begin, in_axes=-1, out_axes=-1)(cases)
-    return cases, jax.lax.fori_loop(0, steps, advance, carried)[1]
+    carried = every(lambda case: _begun(plan, case), own[1])
+    return cases, join(jax.lax.fori_loop(0, steps, advance, carried)[1])
+
+
+def _same(tree: Any) -> Any:
+    return tree
+
+
+def _vmapped(function: Callable, *args: Any) -> Any:
+    return jax.vmap(function, in_axes=-1, out_axes=-1)(*args)
+
+
+def _begun(plan: _Plan, case: _Case) -> tuple[SatelliteState, _Sums]:
+    """A flight's start; its steps are counted for all together."""
+    satellite = _dispersed(plan.satellite, case)
+    error = jnp.deg2rad(jnp.array(KNOWN_TO))
+    state = start(satellite, case.angles, case.momenta, error)
+    one, each = jnp.zeros(()), jnp.zeros(len(case.momenta))
+    return state._replace(step=()), _Sums(one, one, one, each, each, each, each, one)
 
 
 def _drawn(plan: _Plan, seed: Array) -> _Case:

@@ -1,0 +1,59 @@
+/* One step of an extended state observer over h' = NN1(h, u) + f, T = NN2(h', h), both 2-10-1 tanh
+ * networks, for `units` units side by side: Runge-Kutta under a held input, outputs, correction.
+ *
+ * Blocks of 64 units; tanh vectorised by the compiler (-O3 -march=native -ffast-math). */
+#include <math.h>
+#include <string.h>
+
+#define H 10
+#define B 64
+
+static void network(const double *th, const double *x, const double *u, double *out)
+{
+    for (int i = 0; i < B; i++) out[i] = th[40];
+    for (int h = 0; h < H; h++) {
+        double w = th[2 * h], g = th[2 * h + 1], b = th[20 + h], v = th[30 + h];
+        for (int i = 0; i < B; i++) out[i] += v * tanh(w * x[i] + g * u[i] + b);
+    }
+}
+
+static void rate(const double *th, const double *x, const double *u, const double *f, double *out)
+{
+    network(th, x, u, out);
+    for (int i = 0; i < B; i++) out[i] += f[i];
+}
+
+/* `steps` steps of dt of units that are a multiple of 64. x, f, last: states, faults and the last
+ * inputs of all units. u, hm, T: samples first, what was commanded and measured; told: the fault
+ * after each, the two innovations. gain: of x and of f, by the momentum's innovation. */
+void monitor(int units, int steps, double dt, const double *nn1, const double *nn2,
+             const double *gain, const double *u, const double *hm, const double *T, double *x,
+             double *f, double *last, double *told_f, double *told_h, double *told_T)
+{
+    double a[B], b[B], c[B], d[B], y[B], t[B], z[B];
+    for (int first = 0; first < units; first += B) {
+        double *xs = x + first, *fs = f + first, *us = last + first;
+        for (int k = 0; k < steps; k++) {
+            long at = (long)k * units + first;
+            rate(nn1, xs, us, fs, a);
+            for (int i = 0; i < B; i++) z[i] = xs[i] + dt / 2 * a[i];
+            rate(nn1, z, us, fs, b);
+            for (int i = 0; i < B; i++) z[i] = xs[i] + dt / 2 * b[i];
+            rate(nn1, z, us, fs, c);
+            for (int i = 0; i < B; i++) z[i] = xs[i] + dt * c[i];
+            rate(nn1, z, us, fs, d);
+            for (int i = 0; i < B; i++) xs[i] += dt / 6 * (a[i] + 2 * b[i] + 2 * c[i] + d[i]);
+            memcpy(us, u + at, sizeof t);
+            rate(nn1, xs, us, fs, y);
+            network(nn2, y, xs, t);
+            for (int i = 0; i < B; i++) {
+                double e = xs[i] - hm[at + i];
+                told_h[at + i] = -e;
+                told_T[at + i] = T[at + i] - t[i];
+                xs[i] -= gain[0] * e;
+                fs[i] -= gain[1] * e;
+                told_f[at + i] = fs[i];
+            }
+        }
+    }
+}
