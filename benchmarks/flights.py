@@ -1,6 +1,6 @@
 """A campaign of closed-loop flights on whatever JAX sees: time, memory and cost of one.
 
-    python benchmarks/flights.py [--count N ...] [--seconds S] [--float32] [--together N] [--vmap]
+    python benchmarks/flights.py [--count N ...] [--seconds S] [--float32] [--together N] [--batch rows|vmap]
                                  [--json FILE]
 
 The paper's satellite slews and holds for S seconds (by default 1000, 4000 control periods), its
@@ -37,7 +37,9 @@ SETTLED = 0.4  # share of a flight
 FIGURES = ("pointing_rms", "knowledge_rms", "momentum_peak", "residual_after")
 
 
-def flown(count: int, seconds: float, together: int | None, single: bool, vmap: bool) -> Flown:
+def flown(
+    count: int, seconds: float, together: int | None, single: bool, apart: bool | None
+) -> Flown:
     return flights(
         paper_satellite(load_plant("reaction_wheel")),
         count,
@@ -47,18 +49,22 @@ def flown(count: int, seconds: float, together: int | None, single: bool, vmap: 
         settled=SETTLED * seconds,
         together=together,
         single=single,
-        apart=False if vmap else None,
+        apart=apart,
     )
 
 
-def measured(count: int, seconds: float, together: int | None, single: bool, vmap: bool) -> dict[str, Any]:
+def measured(
+    count: int, seconds: float, together: int | None, single: bool, apart: bool | None
+) -> dict[str, Any]:
     """A row, and under "flown" what the flights were."""
     device = jax.devices()[0]
     start = time.perf_counter()
-    flown(count, 0.25, together, single, vmap)  # a step: it compiles, and flies as little as it can
+    flown(
+        count, 0.25, together, single, apart
+    )  # a step: it compiles, and flies as little as it can
     compiled = time.perf_counter() - start
     start = time.perf_counter()
-    found = flown(count, seconds, together, single, vmap)
+    found = flown(count, seconds, together, single, apart)
     wall = time.perf_counter() - start
     held = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
     if device.platform != "cpu":
@@ -94,9 +100,10 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=1000.0)
     parser.add_argument("--together", type=int, help="flights at once; by default what suits")
     parser.add_argument("--float32", action="store_true", help="single precision beside double")
-    parser.add_argument("--vmap", action="store_true", help="by jax.vmap on a processor, too")
+    parser.add_argument("--batch", choices=("rows", "vmap"), help="by default what suits")
     parser.add_argument("--json", type=Path, metavar="FILE")
     arguments = parser.parse_args()
+    apart = None if arguments.batch is None else arguments.batch == "rows"
     if all(device.platform == "cpu" for device in jax.devices()):
         print("JAX sees no GPU here: this is the processor.")
     print(f"{', '.join(map(str, jax.devices()))}; jax {jax.__version__}; {os.cpu_count()} CPUs")
@@ -104,7 +111,7 @@ def main() -> None:
     for count in arguments.count:
         found = []
         for single in (False, True)[: 1 + arguments.float32]:
-            row = measured(count, arguments.seconds, arguments.together, single, arguments.vmap)
+            row = measured(count, arguments.seconds, arguments.together, single, apart)
             found.append(row.pop("flown"))
             rows.append(row)
             print(

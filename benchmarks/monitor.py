@@ -113,9 +113,7 @@ class Work:
 
     def c_loop(self) -> Callable[[], int]:
         library = compiled("monitor")
-        u, T, hm = (
-            np.ascontiguousarray(a) for a in (self.u[:, 0], self.y[:, 0], self.y[:, 1])
-        )
+        u, T, hm = (np.ascontiguousarray(a) for a in (self.u[:, 0], self.y[:, 0], self.y[:, 1]))
         told = [np.zeros_like(u) for _ in range(3)]
         constants = [pointer(a) for a in (self.nn1, self.nn2, np.array(GAIN))]
 

@@ -54,13 +54,17 @@ class Rows:
 
 def rows(tree: Any) -> Any:
     """Each leaf, units last, as `Rows`."""
-    return jax.tree.map(lambda a: Rows(tuple(a[k] for k in np.ndindex(a.shape[:-1])), a.shape[:-1]), tree)
+    return jax.tree.map(
+        lambda a: Rows(tuple(a[k] for k in np.ndindex(a.shape[:-1])), a.shape[:-1]), tree
+    )
 
 
 def whole(tree: Any) -> Any:
     """Each `Rows` as an array, units last."""
     return jax.tree.map(
-        lambda a: jnp.stack(a.rows).reshape(*a.shape, -1), tree, is_leaf=lambda a: isinstance(a, Rows)
+        lambda a: jnp.stack(a.rows).reshape(*a.shape, -1),
+        tree,
+        is_leaf=lambda a: isinstance(a, Rows),
     )
 
 
@@ -212,8 +216,14 @@ class _Batch:
         if _known(b):
             if _known(a):
                 with np.errstate(all="ignore"):
-                    return {"add": np.add, "mul": np.multiply, "max": np.maximum,
-                            "min": np.minimum, "and": np.bitwise_and, "or": np.bitwise_or}[name](a, b)
+                    return {
+                        "add": np.add,
+                        "mul": np.multiply,
+                        "max": np.maximum,
+                        "min": np.minimum,
+                        "and": np.bitwise_and,
+                        "or": np.bitwise_or,
+                    }[name](a, b)
             if name == "add" and b == 0 or name == "mul" and b == 1:
                 return a
             if name == "mul" and b == 0:
@@ -251,18 +261,22 @@ class _Batch:
             x = left[(*i, *rest[: len(free_a)])]
             y = right[(*i, *rest[len(free_a) :])]
             terms = [
-                self.combined("mul", p, q)
-                for p, q in zip(np.ravel(x), np.ravel(y), strict=True)
+                self.combined("mul", p, q) for p, q in zip(np.ravel(x), np.ravel(y), strict=True)
             ]
             found[k] = reduce(lambda p, q: self.combined("add", p, q), terms)
         return found
 
     def scanned(self, eqn: JaxprEqn, args: list[Numbers]) -> list[Numbers]:
         """A loop of its own, on rows: what is the same for all units at every step stays so."""
-        p = eqn.params
-        body, length = p["jaxpr"], p["length"]
-        constants, rest = args[: p["num_consts"]], args[p["num_consts"] :]
-        carried, given = rest[: p["num_carry"]], rest[p["num_carry"] :]
+        body, length = eqn.params["jaxpr"], eqn.params["length"]
+        # what is given or told step by step has an axis more than in the body
+        moves = [a.ndim > v.aval.ndim for a, v in zip(args, body.jaxpr.invars, strict=True)]
+        stays = sum(
+            a.aval.ndim == v.aval.ndim for a, v in zip(eqn.outvars, body.jaxpr.outvars, strict=True)
+        )
+        first_given = len(args) - sum(moves)
+        given, carried = args[first_given:], args[first_given - stays : first_given]
+        constants = args[: first_given - stays]
         shapes = [a.shape for a in carried]
         first = [v for a in carried for v in a.flat]
         columns = [list(column) for a in given for column in a.reshape(length, -1).T]
@@ -295,7 +309,9 @@ class _Batch:
                 _spread(v, self.units) if each else jnp.asarray(v)
                 for v, each in zip(first, own, strict=True)
             ]
-            ends, _ = jax.eval_shape(lambda c, x: jax.tree.map(jnp.asarray, step(c, x)), carry, [m[0] for m in moving])
+            ends, _ = jax.eval_shape(
+                lambda c, x: jax.tree.map(jnp.asarray, step(c, x)), carry, [m[0] for m in moving]
+            )
             after = [bool(v.ndim) or each for v, each in zip(ends, own, strict=True)]
             if after == own:
                 break
@@ -303,9 +319,12 @@ class _Batch:
 
         def one(carry: list[Any], now: list[Any]) -> tuple[list[Any], list[Any]]:
             ends, said = step(carry, now)
-            return [_spread(v, self.units) if each else jnp.asarray(v) for v, each in zip(ends, own, strict=True)], [*map(jnp.asarray, said)]
+            return [
+                _spread(v, self.units) if each else jnp.asarray(v)
+                for v, each in zip(ends, own, strict=True)
+            ], [*map(jnp.asarray, said)]
 
-        ends, said = jax.lax.scan(one, carry, moving, length=length, reverse=p["reverse"])
+        ends, said = jax.lax.scan(one, carry, moving, length=length, reverse=eqn.params["reverse"])
         found, at = [], 0
         for shape in shapes:
             size = int(np.prod(shape))

@@ -33,7 +33,9 @@ __all__ = ["Chance", "Flown", "Spread", "flights"]
 
 CACHED = 64  # flights at once on a processor: what a step carries then stays in its cache
 BYTES = 16_384  # of an accelerator's memory for one flight, what a step needs in between included
-CASE = np.uint32(2**32 - 1)  # the place of a flight's case among its draws; steps are counted from 0
+CASE = np.uint32(
+    2**32 - 1
+)  # the place of a flight's case among its draws; steps are counted from 0
 
 
 class Spread(NamedTuple):
@@ -163,12 +165,11 @@ def flights(
 
 
 def _suited(device: jax.Device, count: int) -> int:
-    """How many fly at once: a power of two."""
-    most = CACHED
-    if device.platform != "cpu":
-        free = (device.memory_stats() or {}).get("bytes_limit", 0) // 2
-        most = max(CACHED, free // BYTES)
-    return min(1 << (count - 1).bit_length(), 1 << (most.bit_length() - 1))
+    """How many fly at once."""
+    if device.platform == "cpu":
+        return CACHED
+    free = (device.memory_stats() or {}).get("bytes_limit", 0) // 2
+    return min(-(-count // CACHED) * CACHED, max(1, free // (BYTES * CACHED)) * CACHED)
 
 
 def _workers(device: jax.Device) -> int:
