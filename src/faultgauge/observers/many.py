@@ -2,19 +2,21 @@
 
 import os
 from concurrent.futures import ThreadPoolExecutor
+from threading import Lock
+from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
-from faultgauge.observers.observer import Observer, ObserverInfo, ObserverState
+from faultgauge.observers.observer import Observer, ObserverState
 from faultgauge.simulation.side_by_side import rows, side_by_side, whole
 
 __all__ = ["begin_many", "observe_many"]
 
-CACHED = 64  # units at once on a processor: what a step needs then stays in its nearest cache
+CACHED = 128  # units at once on a processor: what a step needs then stays in its nearest cache
 
 
 def begin_many(
@@ -31,9 +33,11 @@ def observe_many(
     u: Float[np.ndarray, "samples inputs units"],
     y: Float[np.ndarray, "samples outputs units"],
     dt: Float[np.ndarray, "samples"],
+    told: tuple[str, ...] = ("f", "innovation"),
     together: int | None = None,
-) -> tuple[ObserverState, ObserverInfo]:
-    """`observer.step` along some samples of many units: (state after them, what it told at each).
+) -> tuple[ObserverState, dict[str, Float[np.ndarray, "samples ..."]]]:
+    """`observer.step` along some samples of many units: (state after them, what it told at each,
+    of `ObserverInfo` the fields in `told`: memory written is time spent).
 
     All arrays have the units last, those that come back too. `dt[k]` [s] leads to sample k, in all
     units. On a processor `together` units at once go through the samples, on each of its cores that
@@ -43,22 +47,37 @@ def observe_many(
     units, cpu = u.shape[-1], jax.devices()[0].platform == "cpu"
     workers = len(os.sched_getaffinity(0)) if cpu else 1
     together = together or (CACHED if cpu else units)
-    # shares of whole groups, all of one size: one program, and never a rest that is reckoned apart
+    # shares of whole groups, all of one size, the last over the one before: one program, and never
+    # a rest that is reckoned apart
     share = -(-units // (workers * together)) * together
-    parts = range(0, units, share)
+    lacking = max(share - units, 0)
+    given = jax.tree.map(lambda a: jnp.asarray(_padded(a, lacking)), (state, u, y))
+    firsts = [min(k, units + lacking - share) for k in range(0, units, share)]
+    steps, one = jnp.asarray(dt), jnp.ones(())
+    done: list[tuple[ObserverState, dict]] = []
+    lock = Lock()
 
-    def observed(first: int) -> tuple[ObserverState, ObserverInfo]:
-        def mine(a: np.ndarray) -> np.ndarray:
-            own = np.asarray(a)[..., first : first + share]
-            lacking = [(0, 0)] * (own.ndim - 1) + [(0, share - own.shape[-1])]
-            return np.pad(own, lacking, mode="edge") if own.shape[-1] < share else own
+    def observed(first: int) -> None:
+        found = _in_groups(
+            observer, *given, steps, one, jnp.asarray(first), share // together, told, together
+        )
+        found = jax.device_get(found)
+        with lock:
+            if not done:
+                done.append(jax.tree.map(lambda a: np.empty((*a.shape[:-1], units)), found))
 
-        given = jax.tree.map(mine, (state, u, y))
-        return jax.device_get(_in_groups(observer, *given, dt, together))
+        def put(into: np.ndarray, own: np.ndarray) -> None:
+            into[..., first : first + share] = own[..., : units - first]
+
+        jax.tree.map(put, done[0], found)
 
     with ThreadPoolExecutor(workers) as pool:
-        found = list(pool.map(observed, parts)) if len(parts) > 1 else [*map(observed, parts)]
-    return jax.tree.map(lambda *each: np.concatenate(each, axis=-1)[..., :units], *found)
+        list(pool.map(observed, firsts))
+    return done[0]
+
+
+def _padded(a: np.ndarray, lacking: int) -> np.ndarray:
+    return np.pad(a, [(0, 0)] * (a.ndim - 1) + [(0, lacking)]) if lacking else a
 
 
 @eqx.filter_jit
@@ -68,27 +87,49 @@ def _in_groups(
     u: Float[Array, "samples inputs units"],
     y: Float[Array, "samples outputs units"],
     dt: Float[Array, "samples"],
+    one: Float[Array, ""],
+    first: Int[Array, ""],
+    groups: int,
+    told: tuple[str, ...],
     together: int,
-) -> tuple[ObserverState, ObserverInfo]:
-    """Group after group along all samples."""
+) -> tuple[ObserverState, dict[str, Array]]:
+    """Group after group, from unit `first` on, along all samples, each row read where it lies."""
+    samples, share = len(u), groups * together
 
-    def split(a: Array) -> Array:
-        return jnp.moveaxis(a.reshape(*a.shape[:-1], -1, together), -2, 0)
+    def stepped(*given: Any) -> tuple[ObserverState, dict[str, Array]]:
+        state, info = observer.step(*given)
+        return state, {name: getattr(info, name) for name in told}
 
-    def join(a: Array) -> Array:
-        return jnp.moveaxis(a, 0, -2).reshape(*a.shape[1:-1], -1)
+    def group(g: Array, done: tuple[ObserverState, dict]) -> tuple:
+        def mine(a: Array) -> Array:
+            return jax.lax.dynamic_slice_in_dim(a, first + g * together, together, axis=-1)
 
-    def group(given: tuple) -> tuple:
-        state, u, y = given
+        def put(a: Array, own: Array) -> Array:
+            return jax.lax.dynamic_update_slice_in_dim(a, own, g * together, axis=-1)
 
-        def sample(state: ObserverState, now: tuple) -> tuple:
-            u, y, dt = now
-            after, info = side_by_side(lambda *a: observer.step(*a, dt), state, *rows((u, y)))
-            return after, whole(info)
+        def sample(k: Array, carried: tuple) -> tuple:
+            def now(a: Array) -> Array:
+                return jax.lax.dynamic_slice(
+                    a, (k, 0, first + g * together), (1, a.shape[1], together)
+                )[0]
 
-        after, info = jax.lax.scan(sample, rows(state), (u, y, dt))
-        return whole(after), info
+            def tell(a: Array, own: Array) -> Array:
+                place = (k, *(0,) * (a.ndim - 2), g * together)
+                return jax.lax.dynamic_update_slice(a, own[None], place)
 
-    if u.shape[-1] == together:
-        return group((state, u, y))
-    return jax.tree.map(join, jax.lax.map(group, jax.tree.map(split, (state, u, y))))
+            state, infos = carried
+            after, info = side_by_side(
+                lambda *given: stepped(*given, dt[k]), state, *rows((now(u), now(y))), one=one
+            )
+            return after, jax.tree.map(tell, infos, whole(info))
+
+        ends, infos = done
+        after, infos = jax.lax.fori_loop(
+            0, samples, sample, (rows(jax.tree.map(mine, state)), infos)
+        )
+        return jax.tree.map(put, ends, whole(after)), infos
+
+    like = jax.eval_shape(jax.vmap(lambda *a: stepped(*a, dt[0])[1], -1, -1), state, u[0], y[0])
+    infos = jax.tree.map(lambda a: jnp.zeros((samples, *a.shape[:-1], share), a.dtype), like)
+    ends = jax.tree.map(lambda a: jnp.zeros((*a.shape[:-1], share), a.dtype), state)
+    return jax.lax.fori_loop(0, groups, group, (ends, infos))

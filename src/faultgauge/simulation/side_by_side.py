@@ -36,6 +36,7 @@ ARITHMETIC = {
     "add": jax.lax.add, "mul": jax.lax.mul, "max": jax.lax.max, "min": jax.lax.min,
     "and": jax.lax.bitwise_and, "or": jax.lax.bitwise_or,
 }  # fmt: skip
+LONG = 8  # terms of a sum that is worth a division
 
 # Arrays of objects: a row over the units, a number that is all units' alike, or one that is known.
 Numbers = np.ndarray
@@ -68,15 +69,19 @@ def whole(tree: Any) -> Any:
     )
 
 
-def side_by_side(function: Callable[..., Any], *args: Any) -> Any:
+def side_by_side(function: Callable[..., Any], *args: Any, one: Array | None = None) -> Any:
     """`function`, written for one unit, of `args` whose leaves are `Rows`; gives `Rows`. What it
-    takes from around it is the same for all units."""
+    takes from around it is the same for all units.
+
+    `one` is 1, which the compiler must not know: long sums are divided by it. XLA reckons a sum,
+    and what is summed, anew at every place that reads it, but not a quotient.
+    """
     leaves, tree = jax.tree.flatten(args, is_leaf=lambda a: isinstance(a, Rows))
     units = leaves[0].rows[0].shape
     of_one = [jax.ShapeDtypeStruct(a.shape, a.rows[0].dtype) for a in leaves]
     program, out = jax.make_jaxpr(function, return_shape=True)(*jax.tree.unflatten(tree, of_one))
     given = [_objects(a.rows, a.shape) for a in leaves]
-    found = _Batch(units).run(program, given)
+    found = _Batch(units, one).run(program, given)
     return jax.tree.unflatten(
         jax.tree.structure(out),
         [Rows(tuple(_spread(v, units) for v in a.flat), a.shape) for a in found],
@@ -109,8 +114,8 @@ def _numbers(value: Any) -> Numbers:
 class _Batch:
     """Runs a program of one unit on rows."""
 
-    def __init__(self, units: tuple[int, ...]) -> None:
-        self.units = units
+    def __init__(self, units: tuple[int, ...], one: Array | None) -> None:
+        self.units, self.one = units, one
 
     def run(self, program: ClosedJaxpr, given: Sequence[Numbers]) -> list[Numbers]:
         jaxpr = program.jaxpr
@@ -123,10 +128,10 @@ class _Batch:
             return values[atom]
 
         for eqn in jaxpr.eqns:
-            values |= zip(eqn.outvars, self.one(eqn, [read(a) for a in eqn.invars]), strict=True)
+            values |= zip(eqn.outvars, self.operation(eqn, [read(a) for a in eqn.invars]), strict=True)
         return [read(a) for a in jaxpr.outvars]
 
-    def one(self, eqn: JaxprEqn, args: list[Numbers]) -> list[Numbers]:
+    def operation(self, eqn: JaxprEqn, args: list[Numbers]) -> list[Numbers]:
         """What one operation gives."""
         name = eqn.primitive.name
         if all(_known(v) for a in args for v in a.flat):
@@ -236,6 +241,8 @@ class _Batch:
         found = np.empty(turned.shape[:-1], object)
         for k in np.ndindex(found.shape):
             found[k] = reduce(lambda x, y: self.combined(name, x, y), turned[k])
+            if self.one is not None and name == "add" and turned.shape[-1] >= LONG:
+                found[k] = jax.lax.div(*self.alike([found[k], self.one]))
         return found
 
     def first_largest(self, a: Numbers, kind: Any) -> Numbers:
