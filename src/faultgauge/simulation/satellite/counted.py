@@ -33,10 +33,10 @@ def threefry(
 
 
 def uniform(
-    seed: Int[Array, ""], place: Int[Array, ""] | np.uint32, count: int
+    seed: UInt32[Array, ""], place: Int[Array, ""] | np.uint32, count: int
 ) -> Float[Array, "count"]:
     """`count` numbers in (0, 1) for a `place` in what is drawn from `seed` (both below 2^32)."""
-    key = seed.astype(jnp.uint32), jnp.uint32(0)
+    key = seed, jnp.uint32(0)
     pairs = jnp.arange((count + 1) // 2, dtype=jnp.uint32)
     words = threefry(key, (jnp.full_like(pairs, jnp.asarray(place).astype(jnp.uint32)), pairs))
     bits = jnp.concatenate(words)[:count]
@@ -44,7 +44,7 @@ def uniform(
 
 
 def normal(
-    seed: Int[Array, ""], place: Int[Array, ""] | np.uint32, count: int
+    seed: UInt32[Array, ""], place: Int[Array, ""] | np.uint32, count: int
 ) -> Float[Array, "count"]:
     """The same, of the standard normal distribution."""
     centred = 2.0 * uniform(seed, place, count) - 1.0

@@ -108,7 +108,7 @@ class _Sums(NamedTuple):
 class _Plan(NamedTuple):
     """What flights are drawn from and flown with."""
 
-    satellite: Satellite  # each wheel has numbers of its own, and is open to the chances
+    satellite: Satellite  # whose wheel is open to the chances
     reference: Plant  # the nominal wheel
     spread: Spread
     low: Array
@@ -190,9 +190,8 @@ def _plan(
         Fault(f"chance {k}", each.enters, each.target, relative=each.relative)
         for k, each in enumerate(chances)
     )
-    each = jax.tree.map(lambda a: jnp.stack([a] * len(momenta)), with_faults(wheel, faults))
     return _Plan(
-        dataclasses.replace(satellite, wheel=each, stacked=True),
+        dataclasses.replace(satellite, wheel=with_faults(wheel, faults), stacked=True),
         with_faults(wheel, ()),
         Spread(*map(jnp.asarray, map(float, spread))),
         jnp.array([each.low for each in chances], float),
@@ -269,11 +268,13 @@ def _drawn(plan: _Plan, seed: Array) -> _Case:
 
 
 def _dispersed(satellite: Satellite, case: _Case) -> Satellite:
+    """Each wheel with numbers of its own."""
+    own = eqx.filter_vmap(satellite.wheel.with_constants, axis_size=len(case.momenta))
     return dataclasses.replace(
         satellite,
         inertia=case.inertia,
         disturbance=case.disturbance,
-        wheel=satellite.wheel.with_constants(case.constants),
+        wheel=own(case.constants),
     )
 
 
