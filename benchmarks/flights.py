@@ -1,15 +1,15 @@
 """A campaign of closed-loop flights on whatever JAX sees: time, memory and cost of one.
 
-    python benchmarks/flights.py [--count N ...] [--seconds S] [--float32] [--together N] [--batch rows|vmap]
-                                 [--json FILE]
+    python benchmarks/flights.py [--count N ...] [--seconds S] [--float32] [--together N]
+                                 [--batch rows|vmap] [--json FILE]
 
 The paper's satellite slews and holds for S seconds (by default 1000, 4000 control periods), its
-start, inertia, disturbances and wheels dispersed; a third has friction in a wheel, a third a loss of
-its motor's gain, from an onset on. Compiling is told apart. Memory is the most that the process (of
-an accelerator: the device) ever held, so let counts grow. With `--float32` the same flights are
-flown in single precision, too, and what it changes is told: of each figure the median and the
-largest change, as a share of the median of the figure. Of a processor, threads are as many as the
-process may use cores: `taskset -c 0,1` for two.
+start, inertia, disturbances and wheels dispersed; a third of the flights has friction in a wheel, a
+third a loss of its motor's gain, from an onset on. Compiling is told apart. Memory is the most that
+the process (of an accelerator: the device) ever held, so let counts grow. With `--float32` the same
+flights are flown in single precision, too, and what it changes is told: of each figure the median
+and the largest change, as a share of the median of the figure. Of a processor, threads are as many
+as the process may use cores: `taskset -c 0,1` for two.
 """
 
 import argparse

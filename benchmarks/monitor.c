@@ -57,3 +57,34 @@ void monitor(int units, int steps, double dt, const double *nn1, const double *n
         }
     }
 }
+
+static double network_at(const double *th, double x, double u)
+{
+    double s = th[40];
+    for (int h = 0; h < H; h++)
+        s += th[30 + h] * tanh(th[2 * h] * x + th[2 * h + 1] * u + th[20 + h]);
+    return s;
+}
+
+/* The same of one unit: the vectors run along the hidden layer. */
+void observe(int steps, double dt, const double *nn1, const double *nn2, const double *gain,
+             const double *u, const double *hm, const double *T, double *state, double *told_f,
+             double *told_h, double *told_T)
+{
+    double x = state[0], f = state[1], last = state[2];
+    for (int k = 0; k < steps; k++) {
+        double a = network_at(nn1, x, last) + f;
+        double b = network_at(nn1, x + dt / 2 * a, last) + f;
+        double c = network_at(nn1, x + dt / 2 * b, last) + f;
+        double d = network_at(nn1, x + dt * c, last) + f;
+        x += dt / 6 * (a + 2 * b + 2 * c + d);
+        last = u[k];
+        double dx = network_at(nn1, x, last) + f, e = x - hm[k];
+        told_h[k] = -e;
+        told_T[k] = T[k] - network_at(nn2, dx, x);
+        x -= gain[0] * e;
+        f -= gain[1] * e;
+        told_f[k] = f;
+    }
+    state[0] = x, state[1] = f, state[2] = last;
+}

@@ -28,7 +28,7 @@ from faultgauge.observers.many import begin_many, observe_many
 from faultgauge.observers.observer import ObserverState
 from faultgauge.plants.gray_box import load_plant
 from faultgauge.plants.network import Network
-from interleave import Absent, Times, interleaved
+from interleave import Times, interleaved
 
 __all__ = ["compete"]
 
@@ -87,7 +87,9 @@ class Work:
         state = self.state
 
         def work() -> int:
-            self.said = observe_many(self.observer, state, self.u, self.y, self.dt, together=together)[1]
+            self.said = observe_many(
+                self.observer, state, self.u, self.y, self.dt, together=together
+            )[1]
             return self.u.size
 
         return work

@@ -46,9 +46,8 @@ def test_each_unit_is_what_the_observer_tells_of_it(observer, samples, told):
     """Sums of ten numbers of size 1 in another order, six times."""
     u, y, dt = samples
     for k in range(UNITS):
-        alone = observe(
-            observer, jnp.zeros(1), *(jnp.asarray(a[..., k]) for a in (u, y)), jnp.asarray(dt)
-        )
+        own, seen = jnp.asarray(u[..., k]), jnp.asarray(y[..., k])
+        alone = observe(observer, jnp.zeros(1), own, seen, jnp.asarray(dt))
         for name, found in told[1].items():
             expected = np.asarray(getattr(alone, name))
             np.testing.assert_allclose(found[..., k], expected, rtol=1e-11, atol=1e-13)

@@ -46,21 +46,20 @@ def observe_many(
     """
     units, cpu = u.shape[-1], jax.devices()[0].platform == "cpu"
     workers = len(os.sched_getaffinity(0)) if cpu else 1
-    together = together or (CACHED if cpu else units)
+    group = together or (CACHED if cpu else units)
     # shares of whole groups, all of one size, the last over the one before: one program, and never
     # a rest that is reckoned apart
-    share = -(-units // (workers * together)) * together
+    share = -(-units // (workers * group)) * group
     lacking = max(share - units, 0)
-    given = jax.tree.map(lambda a: jnp.asarray(_padded(a, lacking)), (state, u, y))
+    begin, us, ys = jax.tree.map(lambda a: jnp.asarray(_padded(a, lacking)), (state, u, y))
     firsts = [min(k, units + lacking - share) for k in range(0, units, share)]
     steps, one = jnp.asarray(dt), jnp.ones(())
     done: list[tuple[ObserverState, dict]] = []
     lock = Lock()
 
     def observed(first: int) -> None:
-        found = _in_groups(
-            observer, *given, steps, one, jnp.asarray(first), share // together, told, together
-        )
+        at, groups = jnp.asarray(first), share // group
+        found = _in_groups(observer, begin, us, ys, steps, one, at, groups, told, group)
         found = jax.device_get(found)
         with lock:
             if not done:

@@ -14,20 +14,28 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jax.extend.core import ClosedJaxpr, JaxprEqn, Literal
 from jaxtyping import Array
 
 __all__ = ["Rows", "rows", "side_by_side", "whole"]
 
 ELEMENTWISE = frozenset(
-    """abs add and atan2 ceil clamp convert_element_type copy cos cosh div eq erf erf_inv erfc exp
-    exp2 expm1 floor ge gt integer_pow is_finite le log log1p logistic lt max min mul ne neg not or
-    pow rem round rsqrt select_n shift_left shift_right_arithmetic shift_right_logical sign sin sinh
-    sqrt square stop_gradient sub tan tanh xor acos asin atan acosh asinh atanh""".split()
-)
+    {"abs", "acos", "acosh", "add", "and", "asin", "asinh", "atan", "atan2", "atanh", "ceil",
+     "clamp", "convert_element_type", "copy", "cos", "cosh", "div", "eq", "erf", "erf_inv",
+     "erfc", "exp", "exp2", "expm1", "floor", "ge", "gt", "integer_pow", "is_finite", "le",
+     "log", "log1p", "logistic", "lt", "max", "min", "mul", "ne", "neg", "not", "or", "pow",
+     "rem", "round", "rsqrt", "select_n", "shift_left", "shift_right_arithmetic",
+     "shift_right_logical", "sign", "sin", "sinh", "sqrt", "square", "stop_gradient", "sub",
+     "tan", "tanh", "xor"}
+)  # fmt: skip
 # What only moves numbers: where each comes from is found by moving their places.
-MOVES = frozenset("broadcast_in_dim expand_dims reshape rev slice squeeze transpose".split())
-CALLS = frozenset("jit pjit closed_call custom_jvp_call custom_vjp_call remat checkpoint".split())
+MOVES = frozenset(
+    {"broadcast_in_dim", "expand_dims", "reshape", "rev", "slice", "squeeze", "transpose"}
+)
+CALLS = frozenset(
+    {"checkpoint", "closed_call", "custom_jvp_call", "custom_vjp_call", "jit", "pjit", "remat"}
+)
 REDUCTIONS = {
     "reduce_sum": "add", "reduce_max": "max", "reduce_min": "min", "reduce_prod": "mul",
     "reduce_and": "and", "reduce_or": "or",
@@ -105,7 +113,7 @@ def _known(value: Any) -> bool:
 
 def _numbers(value: Any) -> Numbers:
     """An array that is the same for all units; known where no tracer stands for it."""
-    if isinstance(value, jax.core.Tracer):
+    if isinstance(value, Tracer):
         return _objects([value[k] for k in np.ndindex(value.shape)], value.shape)
     value = np.asarray(value)
     return _objects([value[k] for k in np.ndindex(value.shape)], value.shape)
@@ -124,11 +132,13 @@ class _Batch:
 
         def read(atom: Any) -> Numbers:
             if isinstance(atom, Literal):
-                return _numbers(np.asarray(atom.val, atom.aval.dtype))  # type: ignore[attr-defined]
+                return _numbers(np.asarray(atom.val, _kind(atom)))
             return values[atom]
 
         for eqn in jaxpr.eqns:
-            values |= zip(eqn.outvars, self.operation(eqn, [read(a) for a in eqn.invars]), strict=True)
+            values |= zip(
+                eqn.outvars, self.operation(eqn, [read(a) for a in eqn.invars]), strict=True
+            )
         return [read(a) for a in jaxpr.outvars]
 
     def operation(self, eqn: JaxprEqn, args: list[Numbers]) -> list[Numbers]:
@@ -144,8 +154,8 @@ class _Batch:
                 moved = np.asarray(eqn.primitive.bind(jnp.asarray(places), **eqn.params))
             return [args[0].reshape(-1)[moved.reshape(-1)].reshape(moved.shape)]
         if name in CALLS:
-            inner = eqn.params.get("jaxpr", eqn.params.get("call_jaxpr"))
-            return self.run(inner, args)
+            called = "jaxpr" if "jaxpr" in eqn.params else "call_jaxpr"
+            return self.run(eqn.params[called], args)
         if name in REDUCTIONS:
             return [self.reduced(REDUCTIONS[name], args[0], eqn.params["axes"])]
         if name == "concatenate":
@@ -153,7 +163,7 @@ class _Batch:
         if name == "stack":
             return [np.stack(args, axis=eqn.params["axis"])]
         if name == "dot_general":
-            return [self.contracted(*args, eqn.params["dimension_numbers"])]
+            return [self.contracted(args[0], args[1], eqn.params["dimension_numbers"])]
         if name == "argmax" and args[0].ndim == 1:
             return [self.first_largest(args[0], eqn.params["index_dtype"])]
         if name == "scan":
@@ -165,7 +175,7 @@ class _Batch:
         if all(_known(v) for a in args for v in a.flat):
             with jax.ensure_compile_time_eval():
                 given = [
-                    np.array(a.tolist(), v.aval.dtype).reshape(a.shape)
+                    np.array(a.tolist(), _kind(v)).reshape(a.shape)
                     for a, v in zip(args, eqn.invars, strict=True)
                 ]
                 found = eqn.primitive.bind(*map(jnp.asarray, given), **eqn.params)
@@ -220,16 +230,9 @@ class _Batch:
             a, b = b, a
         if _known(b):
             if _known(a):
-                with np.errstate(all="ignore"):
-                    return {
-                        "add": np.add,
-                        "mul": np.multiply,
-                        "max": np.maximum,
-                        "min": np.minimum,
-                        "and": np.bitwise_and,
-                        "or": np.bitwise_or,
-                    }[name](a, b)
-            if name == "add" and b == 0 or name == "mul" and b == 1:
+                with jax.ensure_compile_time_eval():
+                    return np.asarray(ARITHMETIC[name](a, b))[()]
+            if (name, b) in (("add", 0), ("mul", 1)):
                 return a
             if name == "mul" and b == 0:
                 return b
@@ -265,8 +268,8 @@ class _Batch:
         found = np.empty(shape, object)
         for k in np.ndindex(shape):
             i, rest = k[: len(same)], k[len(same) :]
-            x = left[(*i, *rest[: len(free_a)])]
-            y = right[(*i, *rest[len(free_a) :])]
+            x = left[(*i, *rest[: len(free_a)], ...)]
+            y = right[(*i, *rest[len(free_a) :], ...)]
             terms = [
                 self.combined("mul", p, q) for p, q in zip(np.ravel(x), np.ravel(y), strict=True)
             ]
@@ -276,75 +279,85 @@ class _Batch:
     def scanned(self, eqn: JaxprEqn, args: list[Numbers]) -> list[Numbers]:
         """A loop of its own, on rows: what is the same for all units at every step stays so."""
         body, length = eqn.params["jaxpr"], eqn.params["length"]
+        shapes = [_shape(v) for v in (*eqn.outvars, *body.jaxpr.outvars)]
         # what is given or told step by step has an axis more than in the body
-        moves = [a.ndim > v.aval.ndim for a, v in zip(args, body.jaxpr.invars, strict=True)]
-        stays = sum(
-            a.aval.ndim == v.aval.ndim for a, v in zip(eqn.outvars, body.jaxpr.outvars, strict=True)
-        )
-        first_given = len(args) - sum(moves)
-        given, carried = args[first_given:], args[first_given - stays : first_given]
-        constants = args[: first_given - stays]
-        shapes = [a.shape for a in carried]
-        first = [v for a in carried for v in a.flat]
+        kept = sum(map(_alike, shapes[: len(eqn.outvars)], shapes[len(eqn.outvars) :]))
+        inner = [_shape(v) for v in body.jaxpr.invars]
+        begin = sum(_alike(a.shape, own) for a, own in zip(args, inner, strict=True))
+        constants, given = args[: begin - kept], args[begin:]
+        first = [v for a in args[begin - kept : begin] for v in a.flat]
         columns = [list(column) for a in given for column in a.reshape(length, -1).T]
         fixed = [_settled(column) for column in columns]
         moving = [
             jnp.stack(self.alike(column))
-            for column, one in zip(columns, fixed, strict=True)
-            if one is None
+            for column, known in zip(columns, fixed, strict=True)
+            if known is None
         ]
 
         def step(carry: list[Any], now: list[Any]) -> tuple[list[Any], list[Any]]:
-            now = iter(now)  # type: ignore[assignment]
-            values = [next(now) if one is None else one for one in fixed]  # type: ignore[call-overload]
-            inputs, at = [*constants], 0
-            for shape in shapes:
-                inputs.append(_objects(carry[at : at + int(np.prod(shape))], shape))
-                at += int(np.prod(shape))
-            at = 0
-            for a in given:
-                size = int(np.prod(a.shape[1:]))
-                inputs.append(_objects(values[at : at + size], a.shape[1:]))
-                at += size
-            out = self.run(body, inputs)
-            ends = [v for a in out[: len(shapes)] for v in a.flat]
-            return ends, [v for a in out[len(shapes) :] for v in a.flat]
+            rest = iter(now)
+            values = [next(rest) if known is None else known for known in fixed]
+            out = self.run(body, [*constants, *_cut([*carry, *values], inner[begin - kept :])])
+            ends, said = ([v for a in part for v in a.flat] for part in (out[:kept], out[kept:]))
+            return ends, said
 
+        own = self.own(step, first, [column[0] for column in moving])
+
+        def held(values: list[Any]) -> list[Array]:
+            return [
+                _spread(v, self.units) if each else jnp.asarray(v)
+                for v, each in zip(values, own, strict=True)
+            ]
+
+        def one(carry: list[Any], now: list[Any]) -> tuple[list[Array], list[Array]]:
+            ends, said = step(carry, now)
+            return held(ends), [*map(jnp.asarray, said)]
+
+        backwards = eqn.params["reverse"]
+        ends, said = jax.lax.scan(one, held(first), moving, length=length, reverse=backwards)
+        told = _cut(said, shapes[len(eqn.outvars) + kept :])
+        return [
+            *_cut(ends, shapes[:kept]),
+            *(
+                _objects([v[k] for k in range(length) for v in a.flat], (length, *a.shape))
+                for a in told
+            ),
+        ]
+
+    def own(self, step: Callable, first: list[Any], now: list[Array]) -> list[bool]:
+        """Which of what a loop carries is each unit's own, at its end if not at its beginning."""
         own = [bool(np.ndim(v)) for v in first]
-        while True:  # until no number that is all units' alike becomes one of each
+        while True:
             carry = [
                 _spread(v, self.units) if each else jnp.asarray(v)
                 for v, each in zip(first, own, strict=True)
             ]
-            ends, _ = jax.eval_shape(
-                lambda c, x: jax.tree.map(jnp.asarray, step(c, x)), carry, [m[0] for m in moving]
-            )
+            ends = jax.eval_shape(lambda *a: [*map(jnp.asarray, step(*a)[0])], carry, now)
             after = [bool(v.ndim) or each for v, each in zip(ends, own, strict=True)]
             if after == own:
-                break
+                return own
             own = after
 
-        def one(carry: list[Any], now: list[Any]) -> tuple[list[Any], list[Any]]:
-            ends, said = step(carry, now)
-            return [
-                _spread(v, self.units) if each else jnp.asarray(v)
-                for v, each in zip(ends, own, strict=True)
-            ], [*map(jnp.asarray, said)]
 
-        ends, said = jax.lax.scan(one, carry, moving, length=length, reverse=eqn.params["reverse"])
-        found, at = [], 0
-        for shape in shapes:
-            size = int(np.prod(shape))
-            found.append(_objects(ends[at : at + size], shape))
-            at += size
-        at = 0
-        for v in eqn.outvars[len(shapes) :]:
-            size = int(np.prod(v.aval.shape[1:]))
-            columns = said[at : at + size]
-            values = [column[k] for k in range(length) for column in columns]
-            found.append(_objects(values, v.aval.shape))
-            at += size
-        return found
+def _shape(atom: Any) -> tuple[int, ...]:
+    return atom.aval.shape
+
+
+def _kind(atom: Any) -> Any:
+    return atom.aval.dtype
+
+
+def _alike(outside: tuple[int, ...], inside: tuple[int, ...]) -> bool:
+    return len(outside) == len(inside)
+
+
+def _cut(values: Sequence[Any], shapes: Sequence[tuple[int, ...]]) -> list[Numbers]:
+    """The numbers one after the other as arrays of these shapes."""
+    ends = np.cumsum([0, *(int(np.prod(shape)) for shape in shapes)])
+    return [
+        _objects(values[a:b], shape)
+        for a, b, shape in zip(ends[:-1], ends[1:], shapes, strict=True)
+    ]
 
 
 def _settled(column: Sequence[Any]) -> Any:

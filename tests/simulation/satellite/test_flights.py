@@ -77,9 +77,16 @@ def test_cases_are_drawn_as_asked(flown):
     assert set(flown.fault) <= {-1, 0, 1}
     none = flown.fault < 0
     np.testing.assert_array_equal(flown.wheel[none], -1)
-    assert np.isnan(flown.onset[none]).all() and np.all(flown.size[none] == 0)
+    assert np.isnan(flown.onset[none]).all()
+    assert np.all(flown.size[none] == 0)
     low, high = np.array([0.05, 0.1]), np.array([0.2, 0.5])
     mine = flown.fault[~none]
     assert np.all((flown.size[~none] >= low[mine]) & (flown.size[~none] <= high[mine]))
     assert np.all((flown.onset[~none] >= SETTLED) & (flown.onset[~none] <= SECONDS))
     assert np.unique(flown.momentum_peak[:, 0]).size == 11  # no two alike
+
+
+@pytest.mark.parametrize(("count", "settled"), [(0, 1.0), (1, SECONDS)])
+def test_what_cannot_fly_is_refused(satellite, count, settled):
+    with pytest.raises(ValueError, match="count"):
+        flights(satellite, count, SECONDS, settled=settled)

@@ -26,8 +26,8 @@ from faultgauge.simulation.closed_loop import with_faults
 from faultgauge.simulation.satellite import rotations
 from faultgauge.simulation.satellite.counted import normal, uniform
 from faultgauge.simulation.satellite.loop import NOISES, Now, Satellite, SatelliteState, start, step
-from faultgauge.simulation.side_by_side import rows, side_by_side, whole
 from faultgauge.simulation.satellite.observatory import KNOWN_TO, MOMENTA, SLEW
+from faultgauge.simulation.side_by_side import rows, side_by_side, whole
 
 __all__ = ["Chance", "Flown", "Spread", "flights"]
 
@@ -38,14 +38,20 @@ CASE = np.uint32(
 )  # the place of a flight's case among its draws; steps are counted from 0
 
 
+Real = float | Array
+
+
 class Spread(NamedTuple):
     """How far flights are apart, one standard deviation each (normal; shares log-normal)."""
 
-    angles: float = 0.0  # deg, of the attitude at the start, about each axis
-    momenta: float = 0.0  # N*m*s, of each wheel at the start
-    inertia: float = 0.0  # share, about each axis; the controller keeps the nominal one
-    disturbance: float = 0.0  # share of each torque from outside
-    constants: float = 0.0  # share of each free constant of each wheel
+    angles: Real = 0.0  # deg, of the attitude at the start, about each axis
+    momenta: Real = 0.0  # N*m*s, of each wheel at the start
+    inertia: Real = 0.0  # share, about each axis; the controller keeps the nominal one
+    disturbance: Real = 0.0  # share of each torque from outside
+    constants: Real = 0.0  # share of each free constant of each wheel
+
+
+NOTHING = Spread()
 
 
 @dataclass(frozen=True)
@@ -124,7 +130,7 @@ def flights(
     count: int,
     seconds: float,
     *,
-    spread: Spread = Spread(),
+    spread: Spread = NOTHING,
     chances: Sequence[Chance] = (),
     angles: Sequence[float] = SLEW,
     momenta: Sequence[float] = MOMENTA,
@@ -140,9 +146,12 @@ def flights(
     slew is over: pointing counts from there, and faults begin between it and the end. A share
     1/(1 + chances) of flights has no fault. `together` fly at once, by default as many as suit the
     device: the cache of a processor, all of whose cores that this process may use take their turn,
-    or the memory of an accelerator. On a processor no bit hangs on it. `single` reckons in float32. `apart` keeps a row for
-    each number of a flight (`side_by_side`), as is best on a processor, in place of JAX's `vmap`.
+    or the memory of an accelerator. On a processor no bit hangs on it. `single` reckons in float32.
+    `apart` keeps a row for each number of a flight (`side_by_side`), as is best on a processor, in
+    place of JAX's `vmap`. Raises `ValueError` where nothing is to fly, or no fault can begin.
     """
+    if count < 1 or not 0 <= settled < seconds:
+        raise ValueError(f"flights: count = {count}, settled = {settled:g} s of {seconds:g} s")
     device = jax.devices()[0]
     together = together or _suited(device, count)
     apart = device.platform == "cpu" if apart is None else apart
@@ -164,7 +173,7 @@ def flights(
     return _told(np.arange(first, first + count), case, sums, steps, satellite.dt, settled)
 
 
-def _suited(device: jax.Device, count: int) -> int:
+def _suited(device: Any, count: int) -> int:
     """How many fly at once."""
     if device.platform == "cpu":
         return CACHED
@@ -172,7 +181,7 @@ def _suited(device: jax.Device, count: int) -> int:
     return min(-(-count // CACHED) * CACHED, max(1, free // (BYTES * CACHED)) * CACHED)
 
 
-def _workers(device: jax.Device) -> int:
+def _workers(device: Any) -> int:
     """Threads: one drives an accelerator."""
     return len(os.sched_getaffinity(0)) if device.platform == "cpu" else 1
 
@@ -316,9 +325,7 @@ def _healthy_torque(wheel: Plant, h: Array, u: Array) -> Array:
     return respond(wheel, h[None], u[None])[1][0]
 
 
-def _told(
-    seeds: np.ndarray, case: _Case, sums: _Sums, steps: int, dt: float, settled: float
-) -> Flown:
+def _told(seeds: np.ndarray, case: Any, sums: Any, steps: int, dt: float, settled: float) -> Flown:
     """Sums as means and roots of means; flights first."""
     held = np.count_nonzero(dt * np.arange(steps) >= settled)
     with np.errstate(divide="ignore", invalid="ignore"):  # of no rows: no number
