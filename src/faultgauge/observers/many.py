@@ -1,6 +1,5 @@
 """One observer beside thousands of units: many samples of many units in one call."""
 
-import os
 from concurrent.futures import ThreadPoolExecutor
 from threading import Lock
 from typing import Any
@@ -12,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from faultgauge.observers.observer import Observer, ObserverState
-from faultgauge.simulation.side_by_side import rows, side_by_side, whole
+from faultgauge.simulation.side_by_side import cores, rows, side_by_side, whole
 
 __all__ = ["begin_many", "observe_many"]
 
@@ -45,7 +44,7 @@ def observe_many(
     is told among thousands. On an accelerator all go at once.
     """
     units, cpu = u.shape[-1], jax.devices()[0].platform == "cpu"
-    workers = len(os.sched_getaffinity(0)) if cpu else 1
+    workers = cores() if cpu else 1
     group = together or (CACHED if cpu else units)
     # shares of whole groups, all of one size, the last over the one before: one program, and never
     # a rest that is reckoned apart

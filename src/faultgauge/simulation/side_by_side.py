@@ -7,6 +7,7 @@ long rows, of which XLA makes vector code. The mathematics is the function's own
 """
 
 import dataclasses
+import os
 from collections.abc import Callable, Sequence
 from functools import reduce
 from typing import Any
@@ -18,7 +19,7 @@ from jax.core import Tracer
 from jax.extend.core import ClosedJaxpr, JaxprEqn, Literal
 from jaxtyping import Array
 
-__all__ = ["Rows", "rows", "side_by_side", "whole"]
+__all__ = ["Rows", "cores", "rows", "side_by_side", "whole"]
 
 ELEMENTWISE = frozenset(
     {"abs", "acos", "acosh", "add", "and", "asin", "asinh", "atan", "atan2", "atanh", "ceil",
@@ -59,6 +60,12 @@ class Rows:
 
     rows: tuple[Array, ...]
     shape: tuple[int, ...] = dataclasses.field(metadata={"static": True})
+
+
+def cores() -> int:
+    """How many cores of the processor this process may use; not every system tells."""
+    tells = getattr(os, "sched_getaffinity", None)
+    return len(tells(0)) if tells else os.cpu_count() or 1
 
 
 def rows(tree: Any) -> Any:

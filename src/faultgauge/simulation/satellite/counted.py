@@ -12,8 +12,8 @@ from jaxtyping import Array, Float, Int, UInt32
 
 __all__ = ["normal", "threefry", "uniform"]
 
-ROTATIONS = ((13, 15, 26, 6), (17, 29, 16, 24))
-PARITY = 0x1BD11BDA
+ROTATIONS = ((13, 15, 26, 6), (17, 29, 16, 24))  # bits by which a word turns, of the paper
+PARITY = 0x1BD11BDA  # the paper's, so that a key of zeros is none
 
 
 def threefry(

@@ -7,7 +7,6 @@ scan, and memory does not grow with the duration, nor with the count beyond the 
 """
 
 import dataclasses
-import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -27,7 +26,7 @@ from faultgauge.simulation.satellite import rotations
 from faultgauge.simulation.satellite.counted import normal, uniform
 from faultgauge.simulation.satellite.loop import NOISES, Now, Satellite, SatelliteState, start, step
 from faultgauge.simulation.satellite.observatory import KNOWN_TO, MOMENTA, SLEW
-from faultgauge.simulation.side_by_side import rows, side_by_side, whole
+from faultgauge.simulation.side_by_side import cores, rows, side_by_side, whole
 
 __all__ = ["Chance", "Flown", "Spread", "flights"]
 
@@ -183,7 +182,7 @@ def _suited(device: Any, count: int) -> int:
 
 def _workers(device: Any) -> int:
     """Threads: one drives an accelerator."""
-    return len(os.sched_getaffinity(0)) if device.platform == "cpu" else 1
+    return cores() if device.platform == "cpu" else 1
 
 
 def _plan(
