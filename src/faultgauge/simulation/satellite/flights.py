@@ -226,7 +226,8 @@ def _together(
         return every(one, *own, *carried)
 
     carried = every(lambda case: _begun(plan, case), own[1])
-    return cases, join(jax.lax.fori_loop(0, steps, advance, carried)[1])
+    told = cases._replace(angles=(), momenta=(), inertia=(), disturbance=(), constants={})
+    return told, join(jax.lax.fori_loop(0, steps, advance, carried)[1])
 
 
 def _same(tree: Any) -> Any:
