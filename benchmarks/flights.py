@@ -63,9 +63,9 @@ def measured(
         count, 0.25, together, single, apart
     )  # a step: it compiles, and flies as little as it can
     compiled = time.perf_counter() - start
-    start = time.perf_counter()
+    start, began = time.perf_counter(), time.process_time()
     found = flown(count, seconds, together, single, apart)
-    wall = time.perf_counter() - start
+    wall, busy = time.perf_counter() - start, time.process_time() - began
     held = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
     if device.platform != "cpu":
         held = (device.memory_stats() or {}).get("peak_bytes_in_use", 0)
@@ -77,6 +77,7 @@ def measured(
         "seconds": seconds,
         "first_call_s": compiled,
         "wall_s": wall,
+        "processor_s": busy,
         "ms_a_flight": 1e3 * wall / count,
         "times_real_time": count * seconds / wall,
         "peak_bytes": held,
@@ -116,7 +117,8 @@ def main() -> None:
             rows.append(row)
             print(
                 f"{row['flights']:>8,} flights of {row['seconds']:g} s, {row['precision']}: "
-                f"{row['wall_s']:.2f} s, {row['ms_a_flight']:.4f} ms a flight, "
+                f"{row['wall_s']:.2f} s ({row['processor_s']:.2f} s of the processor), "
+                f"{row['ms_a_flight']:.4f} ms a flight, "
                 f"{row['times_real_time']:,.0f} times real time; first call "
                 f"{row['first_call_s']:.1f} s; {row['peak_bytes'] / 2**20:,.0f} MiB; "
                 f"{row['device']}, {row['cores']} cores",
