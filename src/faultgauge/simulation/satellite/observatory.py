@@ -38,6 +38,7 @@ __all__ = [
     "AXES",
     "HOLD",
     "INERTIA",
+    "KNOWN_TO",
     "MOMENTA",
     "PERIOD",
     "SLEW",

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 __all__ = [
+    "angle",
     "conjugate",
     "cross_matrix",
     "from_angles",
@@ -48,6 +49,11 @@ def from_vector(theta: Vector) -> Quaternion:
     angle = jnp.linalg.norm(theta)
     half = jnp.sinc(angle / (2 * jnp.pi)) / 2  # sin(angle/2) / angle, smooth at 0
     return jnp.concatenate([jnp.cos(angle / 2)[None], half * theta])
+
+
+def angle(q: Quaternion) -> Float[Array, ""]:
+    """What `q` turns by, 0 to pi [rad]."""
+    return 2.0 * jnp.arctan2(jnp.linalg.norm(q[1:]), jnp.abs(q[0]))
 
 
 def from_angles(roll: Array, pitch: Array, yaw: Array) -> Quaternion:

@@ -72,10 +72,11 @@ class SunSensors(eqx.Module):
         """`sun`: unit vector in body axes; `noise`: standard normal."""
         heads = jnp.asarray(HEADS)
         seen = heads @ sun
-        best = jnp.argmax(seen[:, 2])
-        a, b, c = seen[best]
+        best = (jnp.arange(len(heads)) == jnp.argmax(seen[:, 2]))[:, None]
+        a, b, c = jnp.sum(jnp.where(best, seen, 0.0), axis=0)
+        head = jnp.sum(jnp.where(best[..., None], heads, 0.0), axis=0)
         first = jnp.arctan2(a, c) + self.sigma * noise[0]
         second = jnp.arctan2(b, c) + self.sigma * noise[1]
         inside = jnp.stack([jnp.tan(first), jnp.tan(second), jnp.ones(())])
-        measured = heads[best].T @ (inside / jnp.linalg.norm(inside))
+        measured = head.T @ (inside / jnp.linalg.norm(inside))
         return Direction(measured, sunlit & (c > jnp.cos(self.field)))
