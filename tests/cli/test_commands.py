@@ -647,3 +647,13 @@ def test_the_installed_script_inspects_and_refuses(workshop, tmp_path):
     assert bad.stdout == ""
     assert bad.stderr.startswith("faultgauge: ")
     assert str(missing) in bad.stderr
+
+
+def test_estimating_loads_only_what_it_uses():
+    code = (
+        "import sys; import faultgauge.cli.estimate, faultgauge.verbs.estimate\n"
+        "heavy = {'matplotlib', 'jinja2', 'optimistix', 'scipy.io', 'scipy.optimize', "
+        "'scipy.signal', 'scipy.stats'} & set(sys.modules)\n"
+        "assert not heavy, heavy"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
