@@ -151,6 +151,24 @@ static inline {t} fg_{n}_{l}({t} a, {t} b)
     return (a {s} b) ? b : a;
 }}
 """
+_BEYOND = """/* also where `a` is no number, but after none */
+static inline _Bool fg_{n}_{l}({t} a, {t} b)
+{{
+    return !(a {s}= b) && (b == b);
+}}
+"""
+_NUMBER = """/* `b` where `a` is no number */
+static inline {t} fg_number_{l}({t} a, {t} value, {t} b)
+{{
+    return (a != a) ? b : value;
+}}
+"""
+_FINITE = """/* `b` where `a` is no number or infinite */
+static inline {t} fg_finite_{l}({t} a, {t} b)
+{{
+    return (isfinite(a) != 0) ? a : b;
+}}
+"""
 _TOGETHER = """#pragma omp declare reduction({called}: real: \\
     omp_out = fg_{n}_r(omp_out, omp_in)) initializer(omp_priv = {start})
 """
@@ -230,6 +248,11 @@ def _helpers() -> dict[str, Callable[[bool], str]]:
             fixed(f"fg_{n}_{letter}", text.format(t=kind, n=n, l=letter, s=s))
         for n, s in (("atleast", "<"), ("atmost", ">")):
             fixed(f"fg_{n}_{letter}", _EDGE.format(t=kind, n=n, l=letter, s=s))
+        if kind in FLOATS:
+            for n, s in (("above", "<"), ("below", ">")):
+                fixed(f"fg_{n}_{letter}", _BEYOND.format(t=kind, n=n, l=letter, s=s))
+            for n, text in (("number", _NUMBER), ("finite", _FINITE)):
+                fixed(f"fg_{n}_{letter}", text.format(t=kind, l=letter))
         if kind not in FLOATS:
             fixed(f"fg_sign_{letter}", _SIGN_INT.format(t=kind, l=letter))
             top, most = (

@@ -17,11 +17,11 @@ from faultgauge.detection.posterior.events import pause
 from faultgauge.detection.posterior.verdicts import FAULT, HEALTHY, STATUS, Reason
 from faultgauge.detection.watch import Row
 
-__all__ = ["Event", "Ongoing", "OngoingState"]
+__all__ = ["Told", "Ongoing", "OngoingState"]
 
 
-class Event(IntEnum):
-    """Of a cause at a row. `OVER` is told once, as is `BEGINS`."""
+class Told(IntEnum):
+    """Of an event of a cause, at a row. `OVER` is told once, as is `BEGINS`."""
 
     NONE = 0
     BEGINS = 1
@@ -57,24 +57,25 @@ class Ongoing(eqx.Module):
         return OngoingState(jnp.asarray(0), jnp.zeros(len(self.passive) + 1, bool))
 
     def step(self, state: OngoingState, row: Row) -> tuple[OngoingState, Int[Array, "causes"]]:
-        """(the state after, an `Event` of each cause and of an alarm without a name)."""
+        """(the state after, a `Told` of each cause and of an alarm without a name)."""
         found, verdict = row.posterior, row.verdict
         alarm = verdict.status == STATUS.index(FAULT)
         quiet = verdict.status == STATUS.index(HEALTHY)
         passive = verdict.reason % len(Reason) == Reason.PASSIVE
         named = verdict.named & (alarm | ((alarm | quiet | passive) & self.passive))
         nameless = alarm & ~jnp.any(named) & ~jnp.any(state.told)
-        begins = jnp.append(named, nameless) & ~state.told
+        begins = jnp.append(named & ~state.told[:-1], nameless)
         told = state.told | begins
         sampled = jnp.isfinite(found.healthy)
-        speaks = self._likely(row) | verdict.alarm | jnp.any(verdict.named)
-        calm = jnp.where(speaks, 0, jnp.minimum(state.calm + sampled, self.pause + 1))
+        calm = jnp.where(self._speaks(row), 0, jnp.minimum(state.calm + sampled, self.pause + 1))
         over = calm > self.pause
-        lasts = jnp.where(over, Event.OVER, jnp.where(begins, Event.BEGINS, Event.LASTS))
-        said = jnp.where(told, lasts, Event.NONE)
+        lasts = jnp.where(over, Told.OVER, jnp.where(begins, Told.BEGINS, Told.LASTS))
+        said = jnp.where(told, lasts, Told.NONE)
         return OngoingState(calm, told & ~over), said.astype(jnp.int32)
 
-    def _likely(self, row: Row) -> Bool[Array, ""]:
-        found = row.posterior
-        causes = jnp.append(found.p, found.unknown)
-        return jnp.any(causes >= self.release) | (found.healthy <= self.most)
+    def _speaks(self, row: Row) -> Bool[Array, ""]:
+        """Whether a row speaks of a fault."""
+        found, verdict = row.posterior, row.verdict
+        likely = jnp.append(found.p, found.unknown) >= self.release
+        alarm = jnp.stack([verdict.alarm, found.healthy <= self.most])
+        return jnp.any(jnp.concatenate([likely, verdict.named, alarm]))
