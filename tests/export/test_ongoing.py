@@ -12,10 +12,10 @@ from faultgauge.detection.rows.intake import Taken
 from faultgauge.detection.stream import Stream
 from faultgauge.detection.watch import Row
 from faultgauge.export.entry import UNNAMED, bank_of, step_of
-from faultgauge.export.ongoing import Ongoing, Told
+from faultgauge.export.ongoing import EventPhase, Ongoing
 from faultgauge.telemetry.stream import Sample
 
-NONE, BEGINS, LASTS, OVER = (int(each) for each in Told)
+NONE, BEGINS, LASTS, OVER = (int(each) for each in EventPhase)
 NOTHING = Taken(*[jnp.zeros(1)] * len(Taken._fields))
 FAULT, HEALTHY, NOT_JUDGED, PASSIVE = "FAULT", "HEALTHY", "NOT_JUDGED", int(Reason.PASSIVE)
 

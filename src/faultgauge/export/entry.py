@@ -17,7 +17,7 @@ from faultgauge.detection.rows.judged import operating_points
 from faultgauge.detection.watch import Row, Watch, WatchState
 from faultgauge.errors import InputError
 from faultgauge.export.compile import ExportedStep
-from faultgauge.export.ongoing import Ongoing, OngoingState, Told
+from faultgauge.export.ongoing import EventPhase, Ongoing, OngoingState
 from faultgauge.plants.model import Model
 from faultgauge.plants.signals import Signals
 from faultgauge.simulation.free_run import simulate
@@ -78,7 +78,7 @@ def step_of(bank: FaultBank) -> ExportedStep:
     codes = {
         "": STATUS,
         "reason": tuple(each.name for each in Reason),
-        "event": tuple(each.name for each in Told),
+        "event": tuple(each.name for each in EventPhase),
     }
     start = _State(*watch.init(), ongoing.init())
     return ExportedStep(

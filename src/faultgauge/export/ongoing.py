@@ -17,10 +17,10 @@ from faultgauge.detection.posterior.events import pause
 from faultgauge.detection.posterior.verdicts import FAULT, HEALTHY, STATUS, Reason
 from faultgauge.detection.watch import Row
 
-__all__ = ["Told", "Ongoing", "OngoingState"]
+__all__ = ["EventPhase", "Ongoing", "OngoingState"]
 
 
-class Told(IntEnum):
+class EventPhase(IntEnum):
     """Of an event of a cause, at a row. `OVER` is told once, as is `BEGINS`."""
 
     NONE = 0
@@ -57,7 +57,7 @@ class Ongoing(eqx.Module):
         return OngoingState(jnp.asarray(0), jnp.zeros(len(self.passive) + 1, bool))
 
     def step(self, state: OngoingState, row: Row) -> tuple[OngoingState, Int[Array, "causes"]]:
-        """(the state after, a `Told` of each cause and of an alarm without a name)."""
+        """(the state after, an `EventPhase` of each cause and of an alarm without a name)."""
         found, verdict = row.posterior, row.verdict
         alarm = verdict.status == STATUS.index(FAULT)
         quiet = verdict.status == STATUS.index(HEALTHY)
@@ -69,8 +69,10 @@ class Ongoing(eqx.Module):
         sampled = jnp.isfinite(found.healthy)
         calm = jnp.where(self._speaks(row), 0, jnp.minimum(state.calm + sampled, self.pause + 1))
         over = calm > self.pause
-        lasts = jnp.where(over, Told.OVER, jnp.where(begins, Told.BEGINS, Told.LASTS))
-        said = jnp.where(told, lasts, Told.NONE)
+        lasts = jnp.where(
+            over, EventPhase.OVER, jnp.where(begins, EventPhase.BEGINS, EventPhase.LASTS)
+        )
+        said = jnp.where(told, lasts, EventPhase.NONE)
         return OngoingState(calm, told & ~over), said.astype(jnp.int32)
 
     def _speaks(self, row: Row) -> Bool[Array, ""]:
