@@ -201,17 +201,15 @@ _TANH = """/* tanh without libm: off by less than {error} everywhere */
 static inline real fg_tanh(real a)
 {{
     const real x = a > 7.9{f} ? 7.9{f} : a < -7.9{f} ? -7.9{f} : a;
-    const real s = x * x;
-    real p = -2.76076847742355e-16{f}, q = 1.19825839466702e-06{f};
-    p = p * s + 2.00018790482477e-13{f};
-    p = p * s - 8.60467152213735e-11{f};
-    p = p * s + 5.12229709037114e-08{f};
-    p = p * s + 1.48572235717979e-05{f};
-    p = p * s + 6.37261928875436e-04{f};
-    p = p * s + 4.89352455891786e-03{f};
-    q = q * s + 1.18534705686654e-04{f};
-    q = q * s + 2.26843463243900e-03{f};
-    q = q * s + 4.89352518554385e-03{f};
+    const real s = x * x, s2 = s * s, s4 = s2 * s2;
+    /* by pairs: half as long to wait for as one term after the other */
+    const real p0 = 4.89352455891786e-03{f} + 6.37261928875436e-04{f} * s;
+    const real p1 = 1.48572235717979e-05{f} + 5.12229709037114e-08{f} * s;
+    const real p2 = -8.60467152213735e-11{f} + 2.00018790482477e-13{f} * s;
+    const real q0 = 4.89352518554385e-03{f} + 2.26843463243900e-03{f} * s;
+    const real q1 = 1.18534705686654e-04{f} + 1.19825839466702e-06{f} * s;
+    const real p = (p0 + p1 * s2) + (p2 - 2.76076847742355e-16{f} * s2) * s4;
+    const real q = q0 + q1 * s2;
     return x * p / q;
 }}
 """

@@ -6,6 +6,8 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 
+import numpy as np
+
 from faultgauge.errors import InputError
 from faultgauge.export.constants import element_of
 from faultgauge.export.elementwise import ELEMENTWISE, FLOATS, HELPERS, Kind, kind_of
@@ -284,10 +286,13 @@ class Printer:
         if each.name in ELEMENTWISE:
             if each.name in ("div", "rem") and not _divides(each.inputs[1]):
                 raise refused(each)
-            arguments = [self.at(v, index if v.shape else ()) for v in each.inputs]
-            kinds = [self.kind(v) for v in each.inputs]
+            name, given = each.name, list(each.inputs)
+            if name == "div" and self.inline and (inverse := _inverse(given[1])):
+                name, given[1] = "mul", inverse
+            arguments = [self.at(v, index if v.shape else ()) for v in given]
+            kinds = [self.kind(v) for v in given]
             kind = "wide" if "wide" in kinds else kinds[0]
-            text = self.function(each.name, arguments, kind)
+            text = self.function(name, arguments, kind)
             narrow = kind == "wide" and self.kind(value) == "real"
             return f"((real){text})" if narrow else text
         raise refused(each)
@@ -386,6 +391,16 @@ def _divides(value: Value) -> bool:
     if value.dtype.kind == "f":
         return True
     return value.array is not None and bool((value.array > 0).all())
+
+
+def _inverse(value: Value) -> Value | None:
+    """1 / `value` where that is known, and a number."""
+    if value.array is None or value.dtype.kind != "f":
+        return None
+    with np.errstate(all="ignore"):
+        array = 1 / value.array
+    fine = np.isfinite(array) & (np.abs(array) > np.finfo(array.dtype).tiny)
+    return Value(value.shape, value.dtype, array, True) if fine.all() else None
 
 
 def _uses(block: OpBlock) -> Iterator[int]:
