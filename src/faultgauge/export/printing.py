@@ -24,6 +24,7 @@ __all__ = ["Cut", "Forms", "Index", "Printer", "bare", "refused", "simple"]
 Index = tuple[Place, ...]
 LONG = 60  # characters of an expression that gets a name
 NUMBER = re.compile(r"-?[0-9][0-9.e+-]*f?$")
+UNCHANGED = {"and": "1", "or": "0"}  # what leaves the other truth value as it is
 EDGES = {"max": "atleast", "min": "atmost"}  # of which one side is a number: quicker
 
 
@@ -303,6 +304,9 @@ class Printer:
             return arguments[1 - list(arguments).index(infinite)]
         if name == "mul" and "1.0" in arguments:
             return arguments[1 - list(arguments).index("1.0")]
+        if name in UNCHANGED and kind == "bool" and not {"0", "1"}.isdisjoint(arguments):
+            first, other = sorted(arguments, key=lambda a: a not in ("0", "1"))
+            return other if first == UNCHANGED[name] else first
         if name in EDGES and any(map(NUMBER.match, arguments)):
             name, arguments = EDGES[name], sorted(arguments, key=lambda a: bool(NUMBER.match(a)))
         self.done(name)
@@ -398,7 +402,7 @@ def _inverse(value: Value) -> Value | None:
     if value.array is None or value.dtype.kind != "f":
         return None
     with np.errstate(all="ignore"):
-        array = 1 / value.array
+        array = np.asarray(1 / value.array)
     fine = np.isfinite(array) & (np.abs(array) > np.finfo(array.dtype).tiny)
     return Value(value.shape, value.dtype, array, True) if fine.all() else None
 
