@@ -82,11 +82,17 @@ def test_a_plant_that_comes_late_along_a_curve_says_what_python_says(cc):
 
 
 @pytest.mark.study
-@pytest.mark.parametrize("source", ["tank", "positioning_drive", "hr12", "four_tanks"])
-def test_other_plants_say_what_python_says(cc, source):
+@pytest.mark.parametrize(
+    ("source", "count"),
+    [
+        ("tank", 10_000), ("positioning_drive", 10_000), ("reaction_wheel_network", 10_000),
+        ("hr12", 2000), ("four_tanks", 2000),
+    ],
+)  # fmt: skip
+def test_other_plants_say_what_python_says(cc, source, count):
     model = calibrated(source)
     step = step_of(bank_of(model))
-    samples = log_of(model, 2000, missing=0.05)
+    samples = log_of(model, count, missing=0.05)
     with Native(print_step(step, "other")) as native:
         agree(native.run(samples), walked(step, samples))
 
