@@ -3,7 +3,7 @@
 import re
 
 from faultgauge.export.elementwise import FLOATS, LETTERS, literal
-from faultgauge.export.printing import Index, Printer, simple
+from faultgauge.export.printing import Index, Printer, bare, simple
 from faultgauge.export.program import Operation
 
 __all__ = ["FORMULAS"]
@@ -62,14 +62,16 @@ def _under(text: str, test: str, side: int) -> str:
 def _guard(test: str, chosen: str, other: str) -> tuple[str, list[str]] | None:
     """(the helper, its arguments) of a choice that only replaces what is no number, or infinite:
     what is done about that is decided there, once."""
-    if "/" in chosen + other:  # both are computed
-        return None
-    if found := NONE.fullmatch(test):
-        return "fg_number", [found[1], other, chosen]
-    if (found := IS_FINITE.fullmatch(test)) and found[1] == chosen:
+    found = [each.fullmatch(test) for each in (NONE, IS_FINITE, INFINITE)]
+    tested = next((each[1] for each in found if each), None)
+    if tested is None or bare(f"({tested})") != tested or "/" in chosen + other:
+        return None  # none, or more than one test; of a quotient both ways would be computed
+    if found[0]:
+        return "fg_number", [tested, other, chosen]
+    if found[1] and tested == chosen:
         return "fg_finite", [chosen, other]
-    if (found := INFINITE.fullmatch(test)) and found[1] == other and LARGEST.fullmatch(chosen):
-        return ("fg_atleast" if found[2] else "fg_atmost"), [other, chosen]
+    if found[2] and tested == other and LARGEST.fullmatch(chosen):
+        return ("fg_atleast" if found[2][2] else "fg_atmost"), [other, chosen]
     return None
 
 
