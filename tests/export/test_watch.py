@@ -299,7 +299,8 @@ def compared(text, count=400, single=False):
     rows = np.concatenate([each.reshape(count, -1) for each in said.values()], axis=1)
     tame = np.logical_and.accumulate(np.all(np.abs(rows) < RUNAWAY, axis=1))
     assert tame[0]
-    for precision in (False, True)[: 1 + single]:
+    # an unstable plant makes as much more of the rounding of float as of its own states
+    for precision in (False, True) if single and tame.all() else (False,):
         with Native(print_step(step, "drawn", single=precision)) as native:
             found = native.run(samples)
         for name, wanted in said.items():
@@ -317,7 +318,7 @@ def test_drawn_plants_and_their_observers_say_what_python_says(cc, text):
 
 @pytest.mark.study
 def test_two_hundred_drawn_plants_say_what_python_says(cc, capsys):
-    """Over 10,000 steps, in both precisions."""
+    """Over 10,000 steps, in single those that stay where they are."""
     stayed = {}
 
     @settings(max_examples=250, deadline=None, database=None, derandomize=True,
