@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import platform
 import re
 import shutil
 import subprocess
@@ -42,11 +43,27 @@ def test_the_files_are_there_and_name_their_model(shop):
         assert digest in text
         assert "faultgauge 0." in text
     header = (shop / "c" / "tank.h").read_text()
-    for word in ("f_leak;", "f_leak_lo;", "p_leak;", "p_healthy;", "status;", "TANK_FAULT = 1"):
+    for word in (
+        "f_leak;",
+        "f_leak_lo;",
+        "p_leak;",
+        "p_healthy;",
+        "status;",
+        "TANK_FAULT = 1",
+        "event_leak;",
+        "event_unknown;",
+        "unnamed_event;",
+        "TANK_EVENT_BEGINS = 1",
+    ):
         assert word in header
     assert "[m/s]" in header
     assert "not WCET" not in (shop / "c" / "README.md").read_text()
-    assert "measured" in (shop / "c" / "README.md").read_text()
+    readme = (shop / "c" / "README.md").read_text()
+    assert re.search(
+        rf"\d+ us, measured on .+, {platform.system()} on {platform.machine()}", readme
+    )
+    for quantity in ("what lasts from step to step", "working memory", "operations of one step"):
+        assert re.search(rf"\| {quantity}.* \| \d[\d,]* ", readme)
 
 
 def test_the_same_model_gives_the_same_code(shop, tmp_path, capsys):

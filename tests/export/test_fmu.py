@@ -90,6 +90,9 @@ def test_variables_and_structure_are_as_the_standard_asks(shop, version):
     status = types[by["status"]["declaredType"]]
     items = [each.attrib for each in status.iter("Item")]
     assert items[1] == {"name": "FAULT", "value": "1"}
+    for name in ("event_leak", "event_unknown", "unnamed_event"):
+        items = [each.attrib for each in types[by[name]["declaredType"]].iter("Item")]
+        assert items[3] == {"name": "OVER", "value": "3"}
     outputs = {n for n, v in by.items() if v["causality"] == "output"}
     structure = root.find("ModelStructure")
     key = "index" if version == 2 else "valueReference"

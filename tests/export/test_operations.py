@@ -217,3 +217,36 @@ def test_rows_that_need_no_answer_are_neither_computed_nor_copied(cc):
         np.testing.assert_array_equal(said["y"], [[3, 0, 7], [6, 0, 18]])
         np.testing.assert_array_equal(native.state["value"][0], [4, 8, np.nan, 0, 18, 22])
     assert [each.kind for each in printed.work] == ["int32_t"]  # the choice
+
+
+def test_a_choice_within_a_choice_by_the_same_test_has_one_way(cc):
+    """As `where` is written where a quotient must not be by 0."""
+
+    def one(state, given):
+        x, y = given["x"], given["y"]
+        there = x > 0
+        return state, {
+            "z": jnp.where(there, y / jnp.where(there, x, 1.0), 7.0),
+            "kept": jnp.where(jnp.isnan(x), y, x),
+            "both": jnp.where(there, jnp.where(there, x, y), jnp.where(there, y, x - 1)),
+        }
+
+    given = {"x": jnp.zeros(()), "y": jnp.zeros(())}
+    printed = print_step(ExportedStep(one, (), given, {}), "one")
+    assert printed.step.count("?") == 2
+    with Native(printed) as native:
+        said = native.run({"x": np.array([2.0, 0.0, -1.0, np.nan]), "y": np.full(4, 3.0)})
+    np.testing.assert_array_equal(said["z"], [1.5, 7, 7, 7])
+    np.testing.assert_array_equal(said["kept"], [2, 0, -1, 3])
+    np.testing.assert_array_equal(said["both"], [2, -1, -2, np.nan])
+
+
+def test_divisors_that_are_known_are_inverted_in_the_engine_alone():
+    def one(state, given):
+        return state, {"y": given["x"] / jnp.array([3.0, 0.0, 1e-320, 7.0])[0] + given["x"] / 0.0}
+
+    step = ExportedStep(one, (), {"x": jnp.zeros(())}, {})
+    assert " / 3.0" in print_step(step, "one").step
+    inverted = print_step(step, "one", inline=True).step
+    assert repr(1 / 3.0) in inverted
+    assert " / 0.0" in inverted

@@ -16,6 +16,10 @@ def turned(k):
     return jax.lax.scan(lambda c, j: (c + (j > k), c), jnp.asarray(0), jnp.arange(5))
 
 
+def less(j, turn):
+    return jnp.where(j >= turn, j - turn, j)
+
+
 FUNCTIONS = {
     "argmax": (lambda x, k: jnp.argmax(x), (0, 3)),
     "a place counted from the end": (lambda x, k: jnp.argmin(x) - 4, (-4, -1)),
@@ -26,6 +30,10 @@ FUNCTIONS = {
     "sums": (lambda x, k: jnp.sum(x > k, axis=0), (0, 4)),
     "sides": (lambda x, k: jnp.sign(jnp.clip(k, 0, 3)) - 1, (-1, 0)),
     "choice": (lambda x, k: jnp.where(x[0] > 0, jnp.clip(k, 2, 4), 9), (2, 9)),
+    "a place less a turn": (lambda x, k: less(jnp.argmax(x), 2), (0, 1)),
+    "on one side of a limit": (lambda x, k: jnp.where(k < 3, 3, k), (3, 2**63)),
+    "0 or no number": (lambda x, k: jnp.sum(0.0 * x * k - 0.0 * x) > 1e-9, (0, 0)),
+    "above 0 or no number": (lambda x, k: jnp.any(jnp.where(k > 2, 0.0 / x, 0) < -1e-9), (0, 0)),
     "conditions": (lambda x, k: jax.lax.cond(k > 2, lambda: 5, lambda: -1), (-1, 5)),
     "cells": (lambda x, k: jnp.asarray(TABLE).at[jnp.argmax(x)].set(12), (-1, 12)),
     "a loop": (lambda x, k: turned(k)[1] * 0 + jnp.argmax(x), (0, 3)),
@@ -50,6 +58,15 @@ def test_results_lie_where_they_are_said_to(name):
     for _ in range(100):
         said = once(rng.standard_normal(4) * rng.choice([1.0, np.nan]), rng.integers(-9, 9))
         assert np.all((low <= said) & (said <= high))
+
+
+def test_a_real_number_of_a_loop_is_not_what_it_began_with():
+    def carried(x, k):
+        total = jax.lax.scan(lambda c, j: (c + x[0], c), jnp.asarray(0.0), jnp.arange(5))[0]
+        return total > 0.5
+
+    low, high = found(carried)
+    assert (low, high) == (0, 1)
 
 
 def test_what_grows_from_turn_to_turn_may_be_any_number():

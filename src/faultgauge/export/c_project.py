@@ -1,7 +1,10 @@
 """`export --to c`: the C files of a model, a test of theirs, and how to build them."""
 
+import platform
+import re
 from collections.abc import Sequence
 from importlib import metadata
+from pathlib import Path
 from string import Template
 from typing import Any
 
@@ -314,4 +317,13 @@ def _measured(printed: Printed, step: ExportedStep) -> str:
     samples = step.examples(TIMED, np.random.default_rng(SEED))
     with Native(printed) as native:
         longest = native.longest(samples)
-    return f"{1e6 * longest:.0f} us, measured"
+    return f"{1e6 * longest:.0f} us, measured on {plain(_host())}"
+
+
+def _host() -> str:
+    """The machine at hand: its processor, as far as the system names it, and the system."""
+    listed = Path("/proc/cpuinfo")
+    text = listed.read_text(errors="replace") if listed.exists() else ""
+    found = re.search(r"^model name\s*:\s*(.+)$", text, re.MULTILINE)
+    name = found[1] if found else platform.processor() or "an unnamed processor"
+    return f"{name}, {platform.system()} on {platform.machine()}"

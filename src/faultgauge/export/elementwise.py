@@ -151,6 +151,24 @@ static inline {t} fg_{n}_{l}({t} a, {t} b)
     return (a {s} b) ? b : a;
 }}
 """
+_BEYOND = """/* also where `a` is no number, but after none */
+static inline _Bool fg_{n}_{l}({t} a, {t} b)
+{{
+    return !(a {s}= b) && (b == b);
+}}
+"""
+_NUMBER = """/* `b` where `a` is no number */
+static inline {t} fg_number_{l}({t} a, {t} value, {t} b)
+{{
+    return (a != a) ? b : value;
+}}
+"""
+_FINITE = """/* `b` where `a` is no number or infinite */
+static inline {t} fg_finite_{l}({t} a, {t} b)
+{{
+    return (isfinite(a) != 0) ? a : b;
+}}
+"""
 _TOGETHER = """#pragma omp declare reduction({called}: real: \\
     omp_out = fg_{n}_r(omp_out, omp_in)) initializer(omp_priv = {start})
 """
@@ -183,17 +201,15 @@ _TANH = """/* tanh without libm: off by less than {error} everywhere */
 static inline real fg_tanh(real a)
 {{
     const real x = a > 7.9{f} ? 7.9{f} : a < -7.9{f} ? -7.9{f} : a;
-    const real s = x * x;
-    real p = -2.76076847742355e-16{f}, q = 1.19825839466702e-06{f};
-    p = p * s + 2.00018790482477e-13{f};
-    p = p * s - 8.60467152213735e-11{f};
-    p = p * s + 5.12229709037114e-08{f};
-    p = p * s + 1.48572235717979e-05{f};
-    p = p * s + 6.37261928875436e-04{f};
-    p = p * s + 4.89352455891786e-03{f};
-    q = q * s + 1.18534705686654e-04{f};
-    q = q * s + 2.26843463243900e-03{f};
-    q = q * s + 4.89352518554385e-03{f};
+    const real s = x * x, s2 = s * s, s4 = s2 * s2;
+    /* by pairs: half as long to wait for as one term after the other */
+    const real p0 = 4.89352455891786e-03{f} + 6.37261928875436e-04{f} * s;
+    const real p1 = 1.48572235717979e-05{f} + 5.12229709037114e-08{f} * s;
+    const real p2 = -8.60467152213735e-11{f} + 2.00018790482477e-13{f} * s;
+    const real q0 = 4.89352518554385e-03{f} + 2.26843463243900e-03{f} * s;
+    const real q1 = 1.18534705686654e-04{f} + 1.19825839466702e-06{f} * s;
+    const real p = (p0 + p1 * s2) + (p2 - 2.76076847742355e-16{f} * s2) * s4;
+    const real q = q0 + q1 * s2;
     return x * p / q;
 }}
 """
@@ -230,6 +246,11 @@ def _helpers() -> dict[str, Callable[[bool], str]]:
             fixed(f"fg_{n}_{letter}", text.format(t=kind, n=n, l=letter, s=s))
         for n, s in (("atleast", "<"), ("atmost", ">")):
             fixed(f"fg_{n}_{letter}", _EDGE.format(t=kind, n=n, l=letter, s=s))
+        if kind in FLOATS:
+            for n, s in (("above", "<"), ("below", ">")):
+                fixed(f"fg_{n}_{letter}", _BEYOND.format(t=kind, n=n, l=letter, s=s))
+            for n, text in (("number", _NUMBER), ("finite", _FINITE)):
+                fixed(f"fg_{n}_{letter}", text.format(t=kind, l=letter))
         if kind not in FLOATS:
             fixed(f"fg_sign_{letter}", _SIGN_INT.format(t=kind, l=letter))
             top, most = (

@@ -3,7 +3,7 @@ goes."""
 
 from collections import OrderedDict
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -14,19 +14,34 @@ from faultgauge.detection.bank.bank import FaultBank, build_fault_bank
 from faultgauge.detection.bank.noise import noise_of
 from faultgauge.detection.posterior.verdicts import PLACES, STATUS, Reason
 from faultgauge.detection.rows.judged import operating_points
-from faultgauge.detection.watch import Watch, WatchState
+from faultgauge.detection.watch import Row, Watch, WatchState
 from faultgauge.errors import InputError
 from faultgauge.export.compile import ExportedStep
+from faultgauge.export.ongoing import EventPhase, Ongoing, OngoingState
 from faultgauge.plants.model import Model
 from faultgauge.plants.signals import Signals
 from faultgauge.simulation.free_run import simulate
 from faultgauge.telemetry import Run
 
-__all__ = ["bank_of", "step_of"]
+__all__ = ["UNNAMED", "bank_of", "step_of"]
 
 HOLD = 20  # samples of an example for which an input stays
 TIMES = ("t", "bank_t")
 UNSAMPLED = 0.02  # of the outputs of an example
+UNNAMED = "unnamed_event"  # no fault's, whatever it is called
+
+
+class _State(NamedTuple):
+    """`WatchState`, and which events go on."""
+
+    intake: Any
+    bank: Any
+    rules: Any
+    running: Array
+    begun: Array
+    rows: Array
+    last: Array
+    ongoing: OngoingState
 
 
 def bank_of(model: Model) -> FaultBank:
@@ -47,32 +62,47 @@ def step_of(bank: FaultBank) -> ExportedStep:
     """The step of `Watch` from one named sample to named answers."""
     signals = bank.model.plant.signals
     watch = Watch(bank.model, _columns(bank.model), bank.step, bank=bank)
+    ongoing = Ongoing.of(bank)
 
-    def step(state: WatchState, sample: dict[str, Any]) -> tuple[WatchState, dict[str, Any]]:
+    def step(state: _State, sample: dict[str, Any]) -> tuple[_State, dict[str, Any]]:
         u = _stacked([sample[name] for name in signals.input_names])
         y = _stacked([sample.get(name, jnp.nan) for name in signals.output_names])
-        state, row = watch.step(state, sample["t"], u, y)
-        found, said = row.posterior, OrderedDict()
-        for k, name in enumerate(signals.fault_names):
-            said[f"f_{name}"] = found.f[k]
-            said[f"f_{name}_lo"], said[f"f_{name}_hi"] = found.lo[k], found.hi[k]
-            said[f"p_{name}"] = found.p[k]
-        said["p_healthy"], said["p_unknown"] = found.healthy, found.unknown
-        for k, name in enumerate(signals.state_names):
-            said[f"x_{name}"] = found.x[k]
-        why, first, second = _taken_apart(row.verdict.reason)
-        codes = {"status": row.verdict.status, "reason": why, "about": first, "or_about": second}
-        said |= {name: code.astype(jnp.int32) for name, code in codes.items()}
-        for k, name in enumerate(signals.fault_names):
-            said[f"named_{name}"] = row.verdict.named[k]
-        return state, said
+        after, row = watch.step(WatchState(*state[:-1]), sample["t"], u, y)
+        told, events = ongoing.step(state.ongoing, row)
+        said = _said(signals, row)
+        names = [f"event_{name}" for name in (*signals.fault_names, "unknown")]
+        said |= {name: events[k] for k, name in enumerate([*names, UNNAMED])}
+        return _State(*after, told), said
 
     sample = OrderedDict((name, jnp.zeros(())) for name in ("t", *_read(bank)))
-    codes = {"": STATUS, "reason": tuple(each.name for each in Reason)}
+    codes = {
+        "": STATUS,
+        "reason": tuple(each.name for each in Reason),
+        "event": tuple(each.name for each in EventPhase),
+    }
+    start = _State(*watch.init(), ongoing.init())
     return ExportedStep(
-        *(step, watch.init(), sample, _comments(bank), partial(_examples, bank), codes, TIMES),
+        *(step, start, sample, _comments(bank), partial(_examples, bank), codes, TIMES),
         _units(signals),
     )
+
+
+def _said(signals: Signals, row: Row) -> dict[str, Any]:
+    """What is told of a row, by name."""
+    found, said = row.posterior, OrderedDict()
+    for k, name in enumerate(signals.fault_names):
+        said[f"f_{name}"] = found.f[k]
+        said[f"f_{name}_lo"], said[f"f_{name}_hi"] = found.lo[k], found.hi[k]
+        said[f"p_{name}"] = found.p[k]
+    said["p_healthy"], said["p_unknown"] = found.healthy, found.unknown
+    for k, name in enumerate(signals.state_names):
+        said[f"x_{name}"] = found.x[k]
+    why, first, second = _taken_apart(row.verdict.reason)
+    codes = {"status": row.verdict.status, "reason": why, "about": first, "or_about": second}
+    said |= {name: code.astype(jnp.int32) for name, code in codes.items()}
+    for k, name in enumerate(signals.fault_names):
+        said[f"named_{name}"] = row.verdict.named[k]
+    return said
 
 
 def _taken_apart(reason: Int[Array, ""]) -> list[Int[Array, ""]]:
@@ -106,8 +136,11 @@ def _comments(bank: FaultBank) -> dict[str, str]:
         found[f"f_{name}_hi"] = f"its 97.5 % quantile [{unit}]"
         found[f"p_{name}"] = f"probability of {name}, alone or with others"
         found[f"named_{name}"] = f"whether {name} is named as a cause"
+        found[f"event_{name}"] = f"event of {name}: see the enumeration"
     for state in signals.states:
         found[f"x_{state.name}"] = f"state {state.name} [{state.unit or '-'}]"
+    found["event_unknown"] = "event of something undeclared"
+    found[UNNAMED] = "event of an alarm that began before anything could be named"
     found["p_healthy"] = "probability that there is no fault"
     found["p_unknown"] = "probability of something undeclared"
     found["status"] = "see the enumeration"

@@ -16,6 +16,7 @@ from string import Template
 
 from faultgauge.export.c_project import plain
 from faultgauge.export.compile import Member, Printed, print_step
+from faultgauge.export.entry import UNNAMED
 from faultgauge.export.fmu_sources import START, TIME, block_sources, fmi_source
 from faultgauge.export.native import built, compiler
 from faultgauge.export.request import Request
@@ -27,7 +28,7 @@ __all__ = ["binary_here", "binary_in_words", "fmu_project"]
 FLAGS = ("-fvisibility=hidden",)  # nothing but the standard's functions is seen
 PLACES = {2: "binaries/linux64", 3: "binaries/x86_64-linux"}
 MADE = (1980, 1, 1, 0, 0, 0)  # of every file in the archive: the same model, the same bytes
-ENUMERATIONS = {"status": "", "reason": "reason"}  # output: what its codes begin with
+ENUMERATIONS = {"status": "", "reason": "reason", "event": "event"}  # what their codes begin with
 TYPES = {"real": "Real", "wide": "Real", "bool": "Boolean", "int32_t": "Integer"}
 NEW = {"Real": "Float64", "Boolean": "Boolean", "Integer": "Int32"}  # of FMI 3.0
 
@@ -169,13 +170,14 @@ class _Description:
             self._variable(parent, 1 + len(self.inputs) + k, each, "output")
 
     def _variable(self, parent: ET.Element, place: int, member: Member, causality: str) -> None:
-        kind = "Enumeration" if member.name in ENUMERATIONS else TYPES[member.kind]
+        listed = _enumeration(member.name) if causality == "output" else None
+        kind = "Enumeration" if listed else TYPES[member.kind]
         common = {"name": member.name, "valueReference": str(place)}
         if member.comment:
             common["description"] = member.comment
         common["causality"] = causality
         common["variability"] = "continuous" if causality == "independent" else "discrete"
-        own = {"declaredType": _type_name(member.name)} if kind == "Enumeration" else {}
+        own = {"declaredType": _type_name(listed)} if listed else {}
         if member.unit:
             own["unit"] = member.unit
         if causality == "input":
@@ -217,6 +219,12 @@ class _Description:
 def _written(root: ET.Element) -> bytes:
     ET.indent(root)
     return ET.tostring(root, "utf-8", xml_declaration=True) + b"\n"
+
+
+def _enumeration(output: str) -> str | None:
+    """Whose codes an output has."""
+    event = output.startswith("event_") or output == UNNAMED
+    return "event" if event else output if output in ("status", "reason") else None
 
 
 def _type_name(output: str) -> str:

@@ -1,10 +1,18 @@
 """Operations on elements that are no single operator or function of C."""
 
+import re
+
 from faultgauge.export.elementwise import FLOATS, LETTERS, literal
-from faultgauge.export.printing import Index, Printer, simple
+from faultgauge.export.printing import Index, Printer, bare, simple
 from faultgauge.export.program import Operation
 
 __all__ = ["FORMULAS"]
+
+# tests of what is no number, as they are printed
+NONE = re.compile(r"\((.+) != \1\)")
+IS_FINITE = re.compile(r"\(isfinite\((.+)\) != 0\)")
+INFINITE = re.compile(r"\((.+) == (-?)INFINITY\)")
+LARGEST = re.compile(r"-?(1\.7976931348623157e\+308|3\.4028235e\+38f)")
 
 
 def _select(printer: Printer, each: Operation, index: Index) -> str:
@@ -19,11 +27,52 @@ def _select(printer: Printer, each: Operation, index: Index) -> str:
     printer.done("select")
     if len(cases) == 2:
         test = choice if printer.kind(which) == "bool" else f"{choice} != 0"
-        return f"({test} ? {texts[1]} : {texts[0]})"
+        other, chosen = (_under(text, test, k) for k, text in enumerate(texts))
+        kinds = {printer.kind(v) for v in (*cases, each.outputs[0])}
+        guard = _guard(test, chosen, other) if len(kinds) == 1 and kinds <= {*FLOATS} else None
+        if guard is None:
+            return f"({test} ? {chosen} : {other})"
+        name, arguments = guard
+        printer.helpers.add(f"{name}_{LETTERS[kinds.pop()]}")
+        return f"{name}_{LETTERS[printer.kind(each.outputs[0])]}({', '.join(arguments)})"
     found = texts[-1]
     for k in range(len(texts) - 2, -1, -1):
         found = f"({choice} <= {k} ? {texts[k]} : {found})"
     return found
+
+
+def _under(text: str, test: str, side: int) -> str:
+    """`text`, which is read only where `test` is true (`side` 1) or false (0), without choices by
+    the same test: their other way could not be taken."""
+    start = text.find(f"({test} ? ")
+    if start < 0 or not simple(test):
+        return text
+    depth, parts, last = 0, [], start + len(f"({test} ? ")
+    for k in range(start, len(text)):
+        depth += {"(": 1, ")": -1}.get(text[k], 0)
+        if depth == 1 and text.startswith(" : ", k):
+            parts.append(text[last:k])
+            last = k + 3
+        if depth == 0:
+            kept = [text[last:k], *parts][side]
+            return _under(f"{text[:start]}{kept}{text[k + 1 :]}", test, side)
+    return text
+
+
+def _guard(test: str, chosen: str, other: str) -> tuple[str, list[str]] | None:
+    """(the helper, its arguments) of a choice that only replaces what is no number, or infinite:
+    what is done about that is decided there, once."""
+    found = [each.fullmatch(test) for each in (NONE, IS_FINITE, INFINITE)]
+    tested = next((each[1] for each in found if each), None)
+    if tested is None or bare(f"({tested})") != tested or "/" in chosen + other:
+        return None  # none, or more than one test; of a quotient both ways would be computed
+    if found[0]:
+        return "fg_number", [tested, other, chosen]
+    if found[1] and tested == chosen:
+        return "fg_finite", [chosen, other]
+    if found[2] and tested == other and LARGEST.fullmatch(chosen):
+        return ("fg_atleast" if found[2][2] else "fg_atmost"), [other, chosen]
+    return None
 
 
 def _clamp(printer: Printer, each: Operation, index: Index) -> str:

@@ -6,6 +6,8 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 
+import numpy as np
+
 from faultgauge.errors import InputError
 from faultgauge.export.constants import element_of
 from faultgauge.export.elementwise import ELEMENTWISE, FLOATS, HELPERS, Kind, kind_of
@@ -22,6 +24,7 @@ __all__ = ["Cut", "Forms", "Index", "Printer", "bare", "refused", "simple"]
 Index = tuple[Place, ...]
 LONG = 60  # characters of an expression that gets a name
 NUMBER = re.compile(r"-?[0-9][0-9.e+-]*f?$")
+UNCHANGED = {"and": "1", "or": "0"}  # what leaves the other truth value as it is
 EDGES = {"max": "atleast", "min": "atmost"}  # of which one side is a number: quicker
 
 
@@ -284,10 +287,13 @@ class Printer:
         if each.name in ELEMENTWISE:
             if each.name in ("div", "rem") and not _divides(each.inputs[1]):
                 raise refused(each)
-            arguments = [self.at(v, index if v.shape else ()) for v in each.inputs]
-            kinds = [self.kind(v) for v in each.inputs]
+            name, given = each.name, list(each.inputs)
+            if name == "div" and self.inline and (inverse := _inverse(given[1])):
+                name, given[1] = "mul", inverse
+            arguments = [self.at(v, index if v.shape else ()) for v in given]
+            kinds = [self.kind(v) for v in given]
             kind = "wide" if "wide" in kinds else kinds[0]
-            text = self.function(each.name, arguments, kind)
+            text = self.function(name, arguments, kind)
             narrow = kind == "wide" and self.kind(value) == "real"
             return f"((real){text})" if narrow else text
         raise refused(each)
@@ -298,6 +304,9 @@ class Printer:
             return arguments[1 - list(arguments).index(infinite)]
         if name == "mul" and "1.0" in arguments:
             return arguments[1 - list(arguments).index("1.0")]
+        if name in UNCHANGED and kind == "bool" and not {"0", "1"}.isdisjoint(arguments):
+            first, other = sorted(arguments, key=lambda a: a not in ("0", "1"))
+            return other if first == UNCHANGED[name] else first
         if name in EDGES and any(map(NUMBER.match, arguments)):
             name, arguments = EDGES[name], sorted(arguments, key=lambda a: bool(NUMBER.match(a)))
         self.done(name)
@@ -386,6 +395,16 @@ def _divides(value: Value) -> bool:
     if value.dtype.kind == "f":
         return True
     return value.array is not None and bool((value.array > 0).all())
+
+
+def _inverse(value: Value) -> Value | None:
+    """1 / `value` where that is known, and a number."""
+    if value.array is None or value.dtype.kind != "f":
+        return None
+    with np.errstate(all="ignore"):
+        array = np.asarray(1 / value.array)
+    fine = np.isfinite(array) & (np.abs(array) > np.finfo(array.dtype).tiny)
+    return Value(value.shape, value.dtype, array, True) if fine.all() else None
 
 
 def _uses(block: OpBlock) -> Iterator[int]:

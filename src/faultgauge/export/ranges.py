@@ -54,6 +54,9 @@ def _block(block: OpBlock) -> None:
         elif each.outputs[0].dtype.kind in "iub":
             for out in each.outputs:
                 _told(out, each)
+        elif each.outputs[0].dtype.kind == "f":
+            out = each.outputs[0]
+            out.span = (np.zeros(out.shape), np.zeros(out.shape)) if _naught(each) else None
 
 
 def _told(out: Value, each: Operation) -> None:
@@ -70,7 +73,7 @@ def _scan(each: Operation) -> None:
     body = each.blocks[0]
     carries = len(body.carries)
     for carry, start in zip(body.carries, each.inputs, strict=True):
-        carry.span = span_of(start)
+        carry.span = span_of(start) if carry.dtype.kind in "iub" else None
     for turn in count():
         wider = False
         _forget(body)
@@ -100,7 +103,7 @@ def _forget(block: OpBlock) -> None:
 
 
 def span_of(value: Value) -> Span:
-    """What is known of it; infinite for real numbers."""
+    """What is known of it; infinite for real numbers, but for those that are 0 or no number."""
     if value.array is not None and value.dtype.kind in "iub":
         array = value.array.astype(float)
         return array, array
@@ -196,6 +199,7 @@ def _computed(name: str, spans: "list[Span]", each: Operation, out: Value) -> Sp
             axes = tuple(int(k) for k in each.params["axes"])
             return a.sum(axis=axes), b.sum(axis=axes)
         case "select_n":
+            others = [_if_chosen(each, k, span) for k, span in enumerate(others)]
             cases = [
                 (np.broadcast_to(x, out.shape), np.broadcast_to(y, out.shape)) for x, y in others
             ]
@@ -209,6 +213,62 @@ def _computed(name: str, spans: "list[Span]", each: Operation, out: Value) -> Sp
     return None
 
 
+def _if_chosen(each: Operation, case: int, span: Span) -> Span:
+    """That of a case of a choice by a comparison of integers `v < limit`, and the like, where the
+    case is v itself or v and a constant: v is then on that side of the limit."""
+    test, given = each.inputs[0].source, each.inputs[1 + case]
+    if test is None or test.name not in ("lt", "le", "gt", "ge"):
+        return span
+    v, limit = test.inputs
+    if v.dtype.kind not in "iu" or limit.array is None:
+        return span
+    low, high = span_of(v)
+    edge, under = limit.array.astype(float), (test.name in ("lt", "le")) == bool(case)
+    closed = (test.name in ("le", "ge")) == bool(case)
+    if under:
+        high = np.minimum(high, edge if closed else edge - 1)
+    else:
+        low = np.maximum(low, edge if closed else edge + 1)
+    if given is v:
+        return low, high
+    made = given.source
+    if made is None or made.name not in ("add", "sub") or made.inputs[0] is not v:
+        return span
+    other = made.inputs[1].array
+    if other is None:
+        return span
+    by = other.astype(float) * (1 if made.name == "add" else -1)
+    return low + by, high + by
+
+
+def _naught(each: Operation) -> bool:
+    """Whether all of a real result is 0 or no number, whatever else goes in."""
+
+    def zero(value: Value) -> bool:
+        if value.array is not None:
+            return bool(np.all(value.array == 0))
+        low, high = span_of(value)
+        return bool(np.all(low == 0) and np.all(high == 0))
+
+    given = each.inputs
+    if not given or any(v.size == 0 for v in given):
+        return False
+    match each.name:
+        case "mul":
+            return any(map(zero, given))
+        case "sub" if given[0].array is not None and given[1].array is not None:
+            return bool(np.all(given[0].array == given[1].array))
+        case "add" | "sub" | "concatenate" | "stack":
+            return all(map(zero, given))
+        case "select_n":
+            return all(map(zero, given[1:]))
+        case "div" | "neg" | "reduce_sum" | "broadcast_in_dim" | "convert_element_type":
+            return zero(given[0])
+        case "gather" if each.params.get("fill_value") is None:
+            return zero(given[0])
+    return each.name in (SAME_SHAPE | MOVED) - {"turn_of"} and zero(given[0])
+
+
 def _compared(name: str, given: "list[Value]", out: Value) -> Span | None:
     """Of a comparison. Nothing is above infinity; for all else of real numbers, which may be none,
     it may go either way."""
@@ -219,7 +279,9 @@ def _compared(name: str, given: "list[Value]", out: Value) -> Span | None:
     if left.dtype.kind == "f":
         above = left.array is not None and bool(np.all(np.isposinf(left.array)))
         below = right.array is not None and bool(np.all(np.isneginf(right.array)))
-        return (never, never) if name == "lt" and (above or below) else None
+        (a, b), (c, d) = (_known(v) for v in given)
+        apart = bool(np.all(a >= d))  # no number is below none either
+        return (never, never) if name == "lt" and (above or below or apart) else None
     (a, b), (c, d) = span_of(left), span_of(right)
     apart = (b < c) | (d < a)
     if name in ("eq", "ne"):
@@ -229,6 +291,11 @@ def _compared(name: str, given: "list[Value]", out: Value) -> Span | None:
     holds = COMPARED[name]
     low, high = holds(b, c).astype(float), holds(a, d).astype(float)
     return np.broadcast_to(low, out.shape), np.broadcast_to(high, out.shape)
+
+
+def _known(value: Value) -> Span:
+    """What is known of real numbers, but that they may be none."""
+    return span_of(value) if value.array is None else (value.array, value.array)
 
 
 def _broadcast(each: Operation, out: Value) -> Span:

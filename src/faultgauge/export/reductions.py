@@ -20,7 +20,6 @@ REDUCED = {  # the start, and what an element does to it
     "reduce_or": (False, "{0} |= {1};"),
 }
 TOGETHER = {"reduce_sum": "+", "reduce_max": "fg_most", "reduce_min": "fg_least"}  # in OpenMP
-OPPOSITE = str.maketrans("<>", "><")
 
 
 def _reduced(printer: Printer, each: Operation, index: Index) -> str:
@@ -108,8 +107,10 @@ def _extreme(printer: Printer, each: Operation, index: Index) -> str:
         step = inner[0] + 1
         now = printer.named(printer.at(value, (*index[:axis], step, *index[axis:])), kind)
         test = f"{now} {sign} {best}"
-        if kind in FLOATS:  # also what is no number, but after none
-            test = f"!({now} {sign.translate(OPPOSITE)}= {best}) && ({best} == {best})"
+        if kind in FLOATS:
+            helper = f"fg_{'above' if sign == '>' else 'below'}_{LETTERS[kind]}"
+            test = f"{helper}({now}, {best})"
+            printer.helpers.add(helper)
         printer.done("max")
         printer.line(f"if ({test}) {{")
         printer.line(f"    {best} = {now};")
