@@ -1,5 +1,6 @@
 """Programs that are kept answer as those that are compiled anew, and only where nothing changed."""
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -129,6 +130,18 @@ def test_a_damaged_file_is_made_anew(kept: Path, damage: Any) -> None:
     assert programs._read(file) is None
     assert np.array_equal(program(scaled)(np.ones(2), 2.0)["x"], [2.0, 2.0])
     assert programs._read(file) is not None
+
+
+def test_what_nobody_asked_for_in_a_month_goes(kept: Path) -> None:
+    program(scaled)(np.ones(2), 2.0)
+    program(scaled)(np.ones(2), 3.0)
+    old, used = files(kept)
+    for each in (old, used):
+        os.utime(each, (0, 0))
+    assert programs._read(used) is not None
+    program(scaled)(np.ones(2), 4.0)
+    assert used in files(kept)
+    assert old not in files(kept)
 
 
 def test_where_nothing_can_be_written_it_is_compiled(

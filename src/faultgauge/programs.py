@@ -17,6 +17,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from functools import cache, update_wrapper
 from pathlib import Path
+from time import time
 from typing import Any, Generic, NamedTuple, ParamSpec, TypeVar
 
 import equinox as eqx
@@ -39,6 +40,7 @@ THEIRS = ("jax", "jaxlib", "equinox", "optimistix", "lineax", "numpy")  # by ver
 PLAIN = ("builtins", "collections", "functools", "operator", "types", "typing", "pathlib")
 CALLS_PYTHON = "python_cpu_callback"  # in the text of a program that means nothing elsewhere
 CALLS_LAPACK = "lapack_"
+UNUSED = 30 * 86400.0  # s; a program that nothing asked for since goes
 PLACES = ("jax_compilation_cache", "jax_persistent_cache")  # settings that change no program
 
 
@@ -207,6 +209,7 @@ def _read(file: Path) -> _Kept | None:
     """None where it is not there or was damaged."""
     with suppress(OSError):
         content = file.read_bytes()
+        os.utime(file)  # it is in use
         if hashlib.sha256(content[32:]).digest() == content[:32]:
             return pickle.loads(content[32:])
     return None
@@ -217,6 +220,9 @@ def _write(file: Path, kept: _Kept) -> None:
     with suppress(OSError, InputError):  # without room or right it is made anew next time
         file.parent.mkdir(parents=True, exist_ok=True)
         write_atomically(file, hashlib.sha256(content).digest() + content)
+        for each in file.parent.glob("*.program"):
+            if each.stat().st_mtime < time() - UNUSED:
+                each.unlink()
 
 
 @cache
