@@ -20,6 +20,7 @@ LAYERS = (
     "campaigns",
     "accommodation",
     "rehearsal",
+    "crew",
     "foresight",
     "export",
     "detection",

@@ -7,9 +7,9 @@ from importlib.util import find_spec
 
 import pytest
 
+from faultgauge.crew import dask_crew
+from faultgauge.crew.crew import crew
 from faultgauge.errors import InputError
-from faultgauge.fleet import dask_crew
-from faultgauge.fleet.crew import crew
 from faultgauge.fleet.fit import fit_fleet
 
 from .conftest import PLANT, drawn, write_log

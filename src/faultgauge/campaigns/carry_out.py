@@ -1,9 +1,11 @@
 """A campaign from its plan to its rows: chunk by chunk, each landed whole, and gone on with."""
 
 import hashlib
+import json
 from collections.abc import Callable, Mapping, Sequence
-from importlib import metadata
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from faultgauge.campaigns.design import RunPlan, run_plans
 from faultgauge.campaigns.folder import Folder
@@ -14,6 +16,8 @@ from faultgauge.campaigns.right import Right, right_of
 from faultgauge.campaigns.runs import constants_of, healthy_run, log_of, schedules_of
 from faultgauge.campaigns.schema import Plan, key_of
 from faultgauge.campaigns.scoring import scored
+from faultgauge.crew.chunk import versions
+from faultgauge.crew.crew import Done, done
 from faultgauge.detection.decisions import Walk
 from faultgauge.detection.watch import Watch
 from faultgauge.plants.model import Model, load_model, save_model
@@ -23,7 +27,7 @@ from faultgauge.rehearsal.judging import Judge
 __all__ = ["carry_out"]
 
 CHUNK = 8  # runs that are landed at once
-VERSIONS = ("faultgauge", "jax", "numpy")  # another of these may give other bits
+ROWS = "rows.json"
 
 
 def carry_out(
@@ -31,35 +35,76 @@ def carry_out(
     out: Path,
     *,
     walk: Walk = Watch.along,
+    scheduler: str | None = None,
     progress: Callable[[str], None] = lambda text: None,
 ) -> Campaign:
     """Simulate and judge every run of `plan`, and keep what comes out in the folder `out`.
 
     A call that was ended goes on where it was with the same plan: its rows are the same, to the
-    byte. `walk` is who runs the step along logs. Raises `InputError` where `out` holds another
+    byte. `walk` is who runs the step along logs; a `scheduler` has the runs done by its workers
+    (`crew.crew`), whose rows are the same, too. Raises `InputError` where `out` holds another
     campaign, where the model that judges cannot be had, and where a run leaves all bounds.
     """
-    versions = {name: metadata.version(name) for name in VERSIONS}
     engine = "python" if walk is Watch.along else "c"
-    key = key_of([plan.content, versions, engine])
+    key = key_of([plan.content, versions(), engine])
     folder = Folder(out, plan.name, key)
     model = _model(plan, folder, progress)
     right = right_of(plan, model.plant.signals.faults)
     runs = run_plans(plan)
     chunks = [runs[k : k + CHUNK] for k in range(0, len(runs), CHUNK)]
     key = key_of([key, hashlib.sha256(folder.model.read_bytes()).hexdigest()])
-    lab: _Lab | None = None
+    left = [_Runs(k, runs) for k, runs in enumerate(chunks) if folder.rows(k, key) is None]
+    count = len(runs) - sum(len(each.runs) for each in left)
+    tell = _telling(progress, plan.name, len(runs))
+    tell(count)
+    for each in done(scheduler, _Job(key, plan, model, right, walk), left, progress):
+        found = json.loads(each.files[ROWS])
+        folder.land(int(each.name), key, found)
+        count += len(found)
+        tell(count)
     rows = list[Row]()
-    for k, chunk in enumerate(chunks):
-        progress(Step(f"{plan.name}: {len(rows)} of {len(runs)} runs", len(rows) / len(runs)))
+    for k in range(len(chunks)):
         found = folder.rows(k, key)
-        if found is None:
-            lab = lab or _Lab(plan, model, right, walk)
-            folder.land(k, key, [lab.row(run) for run in chunk])
-            found = folder.rows(k, key)
-            assert found is not None
+        assert found is not None
         rows += found
     return scored(plan, model, right, rows, folder.warnings)
+
+
+def _telling(progress: Callable[[str], None], name: str, of: int) -> Callable[[int], None]:
+    return lambda count: progress(Step(f"{name}: {count} of {of} runs", count / of))
+
+
+@dataclass(frozen=True)
+class _Runs:
+    """Some runs, which are landed at once as the chunk of this `number`."""
+
+    number: int
+    runs: Sequence[RunPlan]
+
+    @property
+    def name(self) -> str:
+        return str(self.number)
+
+
+@dataclass(frozen=True)
+class _Job:
+    """Simulates and judges runs, wherever it is; a process makes what it needs for that once."""
+
+    key: str
+    plan: Plan
+    model: Model
+    right: Mapping[str, Right]
+    walk: Walk
+
+    def __call__(self, piece: _Runs) -> Done:
+        if (who := (self.key, _Lab)) not in _labs:
+            _labs.clear()
+            _labs[who] = _Lab(self.plan, self.model, self.right, self.walk)
+        rows = [_labs[who].row(run) for run in piece.runs]
+        return Done(piece.name, {ROWS: json.dumps(rows, allow_nan=False).encode()})
+
+
+_labs: dict[Any, "_Lab"] = {}  # the last one
 
 
 def _model(plan: Plan, folder: Folder, progress: Callable[[str], None]) -> Model:

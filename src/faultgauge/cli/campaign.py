@@ -27,6 +27,7 @@ def campaign(
         Literal["python", "c"],
         typer.Option("--engine", help="c: the same as compiled C, for many runs."),
     ] = "python",
+    scheduler: options.Workers = None,
     json: options.Json = False,
 ) -> None:
     """Simulate many runs with faults in them and judge each: what is found, and how honestly?"""
@@ -40,7 +41,7 @@ def campaign(
     check_apart([plan, *planned.reads], {"--out": written})
     walk = options.engine(engine)
     with options.narrate(planned.name) as progress:
-        found = carry_out(planned, out, walk=walk, progress=progress)
+        found = carry_out(planned, out, walk=walk, scheduler=scheduler, progress=progress)
     options.warn(found.warnings)
     if json:
         options.print_json(found.as_dict())

@@ -38,6 +38,7 @@ __all__ = [
     "Time",
     "TimeFormat",
     "Where",
+    "Workers",
     "narrate",
     "need_fleet",
     "plain",
@@ -114,6 +115,15 @@ Scheduler = Annotated[
         metavar="local|ADDRESS",
         help="With --fleet: spread the units over the workers of a Dask scheduler, "
         "tcp://HOST:PORT, or of one started here [default: none, one unit after another].",
+    ),
+]
+Workers = Annotated[
+    str | None,
+    typer.Option(
+        "--scheduler",
+        metavar="local|ADDRESS",
+        help="Spread the runs over the workers of a Dask scheduler, tcp://HOST:PORT, or of one "
+        "started here [default: none, one run after another].",
     ),
 ]
 Again = Annotated[

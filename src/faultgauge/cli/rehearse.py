@@ -43,6 +43,7 @@ def rehearse(
     out: Out = None,
     size: Size = None,
     trials: Trials = 200,
+    scheduler: options.Workers = None,
     time: options.Time = None,
     time_format: options.TimeFormat = None,
     map: options.Map = None,
@@ -60,7 +61,8 @@ def rehearse(
     runs, odd = options.read_logs_for(fitted, logs, How(time, time_format, map, where, resample))
     folder = make_folder(out) if out is not None else None
     with options.narrate("rehearsing") as progress:
-        found = try_out(fitted, runs, sizes=sizes, trials=trials, progress=progress)
+        asked = {"sizes": sizes, "trials": trials, "scheduler": scheduler}
+        found = try_out(fitted, runs, **asked, progress=progress)
     options.warn(found.warnings, but=odd)
     files = [report] if report is not None else []
     if folder is not None:

@@ -39,6 +39,9 @@ class Engine:
         self.cache = cache
         self._known: list[tuple[Watch, _Compiled]] = []
 
+    def __reduce__(self) -> tuple[type["Engine"], tuple[Path]]:
+        return Engine, (self.cache,)
+
     def __call__(self, watch: Watch, state: WatchState, rows: Prepared) -> tuple[WatchState, Row]:
         """(the state after `rows`, what is said of them); NumPy arrays."""
         samples = {"t": rows.run.t, "u": rows.u, "y": rows.y}

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Unpack
 
+from faultgauge.crew.crew import Done, crew
 from faultgauge.errors import InputError
-from faultgauge.fleet.crew import Done, crew
 from faultgauge.fleet.folder import (
     check_some,
     folder_for,

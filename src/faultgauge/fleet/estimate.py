@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Unpack
 
+from faultgauge.crew.crew import Done, crew
 from faultgauge.fleet.calibrate import model_of_unit
-from faultgauge.fleet.crew import Done, crew
 from faultgauge.fleet.folder import check_some, folder_for, land, with_models
 from faultgauge.fleet.result import FleetResult, failures
 from faultgauge.fleet.units import Unit, units_in

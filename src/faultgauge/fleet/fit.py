@@ -8,8 +8,8 @@ from typing import Any, Unpack
 import jax.numpy as jnp
 import numpy as np
 
+from faultgauge.crew.crew import Crew, Done, crew
 from faultgauge.errors import InputError
-from faultgauge.fleet.crew import Crew, Done, crew
 from faultgauge.fleet.folder import (
     FLEET,
     check_some,

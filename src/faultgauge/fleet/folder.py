@@ -7,9 +7,9 @@ from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
+from faultgauge.crew.crew import Crew, Done, Job
 from faultgauge.errors import InputError
 from faultgauge.files import read_within, write_atomically
-from faultgauge.fleet.crew import Crew, Done, Job
 from faultgauge.fleet.units import Unit
 from faultgauge.plants.model import Model, load_model
 from faultgauge.plants.record import UnitRecord
@@ -112,7 +112,7 @@ def land(
                 path.parent.mkdir(exist_ok=True)
                 write_atomically(path, data)
         else:
-            failed[outcome.unit] = outcome.why
+            failed[outcome.name] = outcome.why
         progress(Step(f"{what}: {k} of {count} units", k / count))
     return dict(sorted(failed.items()))
 

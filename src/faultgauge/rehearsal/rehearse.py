@@ -1,12 +1,14 @@
 """`rehearse`: put declared faults into healthy logs and ask the calibrated model."""
 
+import pickle
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import groupby
 
 import numpy as np
 
+from faultgauge.crew.crew import Done, done
 from faultgauge.errors import InputError
 from faultgauge.plants.expression import unknown
 from faultgauge.plants.model import Model
@@ -40,6 +42,8 @@ __all__ = ["TRIALS", "rehearse", "score"]
 TRIALS = 200  # logs that are judged
 UNTOUCHED = 4  # at most one in so many of them is an untouched window
 FORETOLD = 4  # windows, at most, in which sizes are foretold for onsets along them
+CHUNK = 8  # logs that a worker judges at once
+SAID = "said"
 ONSETS = np.linspace(*MIDDLE, 7)  # shares of a window
 
 
@@ -49,6 +53,7 @@ def rehearse(
     *,
     sizes: Mapping[str, float] | None = None,
     trials: int = TRIALS,
+    scheduler: str | None = None,
     progress: Callable[[str], None] = lambda text: None,
 ) -> Rehearsal:
     """What `model` finds of its declared faults in healthy `runs` that neither its fit nor its
@@ -59,7 +64,7 @@ def rehearse(
     16 times the smallest one that the model foretells, or the one of `sizes` [the fault's unit],
     both signs where the limits allow them, from an onset at random on; pairs of faults at 4 and 8
     times; and nothing. Where `rate` is declared the fault grows at that rate, else it is there at
-    once.
+    once. A `scheduler` has the logs judged by its workers (`crew.crew`).
 
     Raises `InputError` for a model without calibration, where no fault can be rehearsed, for runs
     that are too short, for an unknown fault or a size of 0 in `sizes`, and for fewer than 2
@@ -81,23 +86,23 @@ def rehearse(
     pairs = signals.max_simultaneous > 1 and not sizes
     planned = _planned(lab, subjects, trials - len(untouched), pairs)
     logs = [*((k, windows[k]) for k in untouched), *((p.window, lab.log(p)) for p in planned)]
-    said = list(_judged(model, logs, progress))
+    said = _judged(model, logs, scheduler, progress)
     along = _along(model, windows)
     calm, asked = said[: len(untouched)], said[len(untouched) :]
-    done = tuple(
+    scores = tuple(
         score(k, windows[plan.window].name, plan, each)
         for k, (plan, each) in enumerate(zip(planned, asked, strict=True))
     )
     return Rehearsal(
         plant=model.plant.spec.name,
         windows={each.name: len(each.t) for each in windows},
-        faults=fault_results(subjects, done, lab.refused, along),
-        pairs=pair_results(done),
-        exact=wilson(sum(e.exact for e in large(done)), len(large(done))),
+        faults=fault_results(subjects, scores, lab.refused, along),
+        pairs=pair_results(scores),
+        exact=wilson(sum(e.exact for e in large(scores)), len(large(scores))),
         false_alarms=poisson(sum(len(e.alarms) for e in calm), sum(e.hours for e in calm)),
         calibrated_rate=false_alarm_rate(model),
         left_out=left_out,
-        trials=done,
+        trials=scores,
         warnings=(*_seen_before(model, runs), *warnings),
     )
 
@@ -250,18 +255,48 @@ def _spread(count: int, most: int) -> list[int]:
     return [int(k) for k in np.unique(np.linspace(0, count - 1, min(count, most)).round())]
 
 
+@dataclass(frozen=True)
+class _Logs:
+    """Some logs of one window, which have one step: the `number` of the first of all."""
+
+    number: int
+    runs: Sequence[Run]
+
+    @property
+    def name(self) -> str:
+        return str(self.number)
+
+
+@dataclass(frozen=True)
+class _Job:
+    """Judges logs, wherever it is."""
+
+    model: Model
+
+    def __call__(self, piece: _Logs) -> Done:
+        judge = Judge(self.model, piece.runs)
+        return Done(piece.name, {SAID: pickle.dumps([judge(run) for run in piece.runs])})
+
+
 def _judged(
-    model: Model, logs: Sequence[tuple[int, Run]], progress: Callable[[str], None]
-) -> Iterator[Judgement]:
-    """What the model says of each of `logs`; those of one window have one step."""
-    done = 0
+    model: Model,
+    logs: Sequence[tuple[int, Run]],
+    scheduler: str | None,
+    progress: Callable[[str], None],
+) -> list[Judgement]:
+    """What the model says of each of `logs`."""
+    pieces, first = list[_Logs](), 0
     for _, group in groupby(logs, key=lambda each: each[0]):
         runs = [run for _, run in group]
-        judge = Judge(model, runs)
-        for run in runs:
-            progress(Step(f"rehearsing: {done} of {len(logs)} logs judged", done / len(logs)))
-            yield judge(run)
-            done += 1
+        few = len(runs) if scheduler is None else CHUNK
+        pieces += [_Logs(first + k, runs[k : k + few]) for k in range(0, len(runs), few)]
+        first += len(runs)
+    said: dict[int, list[Judgement]] = {}
+    for each in done(scheduler, _Job(model), pieces, progress):
+        said[int(each.name)] = pickle.loads(each.files[SAID])
+        count = sum(map(len, said.values()))
+        progress(Step(f"rehearsing: {count} of {len(logs)} logs judged", count / len(logs)))
+    return [each for _, some in sorted(said.items()) for each in some]
 
 
 def _seen_before(model: Model, runs: Sequence[Run]) -> list[str]:

@@ -59,6 +59,7 @@ def campaign(
     out: str | Path,
     *,
     walk: Walk = Watch.along,
+    scheduler: str | None = None,
     progress: Callable[[str], None] = lambda text: None,
 ) -> Campaigned:
     """Simulate many runs with faults in them, and judge each: what is found, and how honestly?
@@ -69,6 +70,8 @@ def campaign(
     - `out`: the folder for the runs and all figures. Given again with the same plan, a call that
       was ended goes on where it was, and ends with the same files.
     - `walk`: who runs the step along a log: `faultgauge.export.engine.Engine(folder)` runs it as C.
+    - `scheduler`: the address of a scheduler of Dask, whose workers do the runs, or `local` for one
+      that is started on this machine; None does them here.
     - `progress`: is told what is being done.
 
     Returns a `Campaigned`. Raises `InputError` for a plan that makes no sense, for a folder of
@@ -77,5 +80,5 @@ def campaign(
     folder = Path(out)
     table_bytes({}, folder / FILES[0])  # needs a package, which is missed before any work
     given = plan if isinstance(plan, Plan) else read_campaign(plan)
-    found = carry_out(given, folder, walk=walk, progress=progress)
+    found = carry_out(given, folder, walk=walk, scheduler=scheduler, progress=progress)
     return Campaigned(found, folder, found.warnings).written()

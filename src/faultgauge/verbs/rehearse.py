@@ -48,6 +48,7 @@ def rehearse(
     *,
     sizes: Mapping[str, float] | None = None,
     trials: int = TRIALS,
+    scheduler: str | None = None,
     progress: Callable[[str], None] = lambda text: None,
     **reading: Unpack[Reading],
 ) -> Rehearsed:
@@ -61,6 +62,8 @@ def rehearse(
       `where` and `resample` mean).
     - `sizes`: rehearse these faults alone, of these sizes [the fault's unit]: `{"leak": 0.002}`.
     - `trials`: logs to judge, at most.
+    - `scheduler`: the address of a scheduler of Dask, whose workers judge the logs, or `local` for
+      one that is started on this machine; None judges them here.
     - `progress`: is told what is being done.
 
     Returns a `Rehearsed`. Raises `InputError` for a model without calibration, and where no fault
@@ -68,5 +71,6 @@ def rehearse(
     """
     known = model_of(model)
     runs = runs_for_model(known, sources, How(**reading))
-    found = rehearsing(known, runs, sizes=sizes, trials=trials, progress=progress)
+    asked = {"sizes": sizes, "trials": trials, "scheduler": scheduler}
+    found = rehearsing(known, runs, **asked, progress=progress)
     return Rehearsed(found, [*unlike_warnings(known, runs), *found.warnings])

@@ -1,4 +1,4 @@
-"""The same on Dask: chunks of units, each an importable function of bytes, on whatever workers a
+"""The same on Dask: chunks of portions, each an importable function of bytes, on whatever workers a
 scheduler has. A worker may die: its chunks are computed again elsewhere."""
 
 import asyncio
@@ -12,21 +12,19 @@ from importlib import import_module, metadata
 from itertools import islice
 from typing import Any
 
+from faultgauge.crew.chunk import VERSIONS, do_chunk, other_version, versions
+from faultgauge.crew.crew import Crew, Failed, Job, Outcome, Portion
 from faultgauge.errors import InputError
-from faultgauge.fleet.chunk import VERSIONS, do_chunk, other_version, versions
-from faultgauge.fleet.crew import Crew, Failed, Job, Outcome
-from faultgauge.fleet.units import Unit
 
 __all__ = ["on_dask"]
 
-CHUNK = 4  # units
 AHEAD = 2  # chunks per worker that are out, so that none waits and memory stays flat
 ANSWERS = 8.0  # s, within which a scheduler does
-SETTINGS = ("JAX_", "XLA_", "OPENBLAS_", "OMP_", "MKL_", "TF_CPP_")
+SETTINGS = ("FAULTGAUGE_PROGRAMS", "JAX_", "XLA_", "OPENBLAS_", "OMP_", "MKL_", "TF_CPP_")
 
 
 @contextmanager
-def on_dask(scheduler: str, progress: Callable[[str], None]) -> Iterator[Crew]:
+def on_dask(scheduler: str, progress: Callable[[str], None], together: int) -> Iterator[Crew]:
     """The workers of a scheduler; as `crew.crew`."""
     try:
         distributed = import_module("distributed")
@@ -40,14 +38,19 @@ def on_dask(scheduler: str, progress: Callable[[str], None]) -> Iterator[Crew]:
         client.wait_for_workers(1)
         _check_versions(client)
 
-        def crew(job: Job, units: Iterable[Unit]) -> Iterator[Outcome]:
-            return _outcomes(distributed, client, scheduler, job, iter(units))
+        def crew(job: Job, portions: Iterable[Portion]) -> Iterator[Outcome]:
+            return _outcomes(distributed, client, scheduler, job, iter(portions), together)
 
         yield crew
 
 
 def _outcomes(
-    distributed: Any, client: Any, scheduler: str, job: Job, units: Iterator[Unit]
+    distributed: Any,
+    client: Any,
+    scheduler: str,
+    job: Job,
+    portions: Iterator[Portion],
+    together: int,
 ) -> Iterator[Outcome]:
     settings = {k: v for k, v in os.environ.items() if k.startswith(SETTINGS)}
     wanted = versions()
@@ -55,10 +58,10 @@ def _outcomes(
     ready = distributed.as_completed()
 
     def send() -> None:
-        if chunk := list(islice(units, CHUNK)):
+        if chunk := list(islice(portions, together)):
             work = pickle.dumps((job, chunk))
             future = client.submit(do_chunk, settings, wanted, work, pure=False)
-            out[future] = [unit.name for unit in chunk]
+            out[future] = [portion.name for portion in chunk]
             ready.add(future)
 
     for _ in range(AHEAD * len(client.scheduler_info()["workers"])):

@@ -1,4 +1,4 @@
-"""What a worker of Dask does: a chunk of units, with the settings and the version of who asks."""
+"""What a worker of Dask does: a chunk of portions, with settings and version of who asks."""
 
 import os
 import pickle
@@ -19,16 +19,16 @@ def versions() -> dict[str, str]:
 
 
 def do_chunk(settings: Mapping[str, str], wanted: Mapping[str, str], work: bytes) -> list[Any]:
-    """The outcomes of pickled (job, units), in their order. `settings` of the environment stand
+    """The outcomes of pickled (job, portions), in their order. `settings` of the environment stand
     before a numeric library is loaded, which unpickling does."""
     if versions() != wanted:
         raise InputError(other_version("a worker", versions(), wanted))
     for name, value in settings.items():
         os.environ.setdefault(name, value)
-    from faultgauge.fleet.crew import attempt
+    from faultgauge.crew.crew import attempt
 
-    job, units = pickle.loads(work)
-    return [attempt(job, unit) for unit in units]
+    job, portions = pickle.loads(work)
+    return [attempt(job, portion) for portion in portions]
 
 
 def other_version(who: str, found: Mapping[str, str], wanted: Mapping[str, str]) -> str:
