@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -172,3 +173,13 @@ def test_what_is_equal_is_one_program(kept: Path) -> None:
     program(labelled)(np.ones(2), (words[0], words[0]))
     program(labelled)(np.ones(2), (words[1], words[2]))
     assert len(files(kept)) == 1
+
+
+def test_threads_that_make_programs_leave_the_settings_as_they_were(kept: Path) -> None:
+    name = "jax_persistent_cache_min_compile_time_secs"
+    before = jax.config.values[name]
+    with ThreadPoolExecutor(4) as threads:
+        found = list(threads.map(lambda by: program(scaled)(np.ones(2), by)["x"], [1.0, 2.0, 3.0]))
+    assert np.array_equal(found, [[1.0, 1.0], [2.0, 2.0], [3.0, 3.0]])
+    assert len(files(kept)) == 3
+    assert jax.config.values[name] == before

@@ -17,6 +17,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from functools import cache, update_wrapper
 from pathlib import Path
+from threading import Lock
 from time import time
 from typing import Any, Generic, NamedTuple, ParamSpec, TypeVar
 
@@ -41,6 +42,7 @@ PLAIN = ("builtins", "collections", "functools", "operator", "types", "typing", 
 CALLS_PYTHON = "python_cpu_callback"  # in the text of a program that means nothing elsewhere
 CALLS_LAPACK = "lapack_"
 UNUSED = 30 * 86400.0  # s; a program that nothing asked for since goes
+LEAST = "jax_persistent_cache_min_compile_time_secs"
 PLACES = ("jax_compilation_cache", "jax_persistent_cache")  # settings that change no program
 
 
@@ -159,14 +161,31 @@ def _told(said: Any) -> bytes | None:
 
 def _compiled(lowered: jax.stages.Lowered) -> jax.stages.Compiled:
     """Compiled anew, and not for JAX's cache: what comes from there cannot be written again."""
-    name = "jax_persistent_cache_min_compile_time_secs"
-    usual = jax.config.values[name]
-    jax.config.update(name, float("inf"))
-    try:
-        with phase("compiling programs"):
-            return lowered.compile()
-    finally:
-        jax.config.update(name, usual)
+    with _uncached, phase("compiling programs"):
+        return lowered.compile()
+
+
+class _Uncached:
+    """While a thread is in it, JAX keeps nothing that it compiles."""
+
+    def __init__(self) -> None:
+        self.lock, self.threads, self.usual = Lock(), 0, 0.0
+
+    def __enter__(self) -> None:
+        with self.lock:
+            self.threads += 1
+            if self.threads == 1:
+                self.usual = jax.config.values[LEAST]
+                jax.config.update(LEAST, float("inf"))
+
+    def __exit__(self, *_: object) -> None:
+        with self.lock:
+            self.threads -= 1
+            if not self.threads:
+                jax.config.update(LEAST, self.usual)
+
+
+_uncached = _Uncached()
 
 
 def _ready(kept: _Kept | None, arrays: int) -> Callable[[list[Any]], Any] | None:
