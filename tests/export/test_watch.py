@@ -304,7 +304,7 @@ def compared(text, count=400, single=False):
         with Native(print_step(step, "drawn", single=precision)) as native:
             found = native.run(samples)
         for name, wanted in said.items():
-            off = np.abs(found[name].reshape(wanted.shape) - wanted)[tame].max()
+            off = np.abs(found[name].reshape(wanted.shape)[tame] - wanted[tame]).max()
             close = DRAWN_SINGLE if precision else DRAWN
             assert off <= close * max(np.abs(wanted[tame]).max(), 1e-9), name
     return bool(tame.all())
