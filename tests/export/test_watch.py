@@ -283,9 +283,8 @@ def alongside(plant):
 # A plant's own states forget rounding, or stay within their limits: 1e-14 after 10,000 steps, where
 # the evidence of a posterior adds it up. In single, 1e-5; a decade more for other compilers.
 DRAWN, DRAWN_SINGLE = 1e-12, 1e-4
-RUNAWAY = (
-    10.0  # beyond, a drawn plant is on its way to infinity, and makes as much more of rounding
-)
+# Beyond, a drawn plant is on its way to infinity, and makes as much more of rounding.
+RUNAWAY = 10.0
 
 
 def compared(text, count=400, single=False):

@@ -32,10 +32,7 @@ __all__ = ["Chance", "Flown", "Spread", "flights"]
 
 CACHED = 64  # flights at once on a processor: what a step carries then stays in its cache
 BYTES = 16_384  # of an accelerator's memory for one flight, what a step needs in between included
-CASE = np.uint32(
-    2**32 - 1
-)  # the place of a flight's case among its draws; steps are counted from 0
-
+CASE = np.uint32(2**32 - 1)  # place of a flight's case among its draws; steps begin at 0
 
 Real = float | Array
 
