@@ -77,3 +77,16 @@ def test_no_unit_is_said_of_a_plain_number():
     for part in ("off by about 1 per second in d(x)", "x wanders by 0.5 beside", "a = 0.81 (fit"):
         assert part in said
     assert "u strays by 0.25 from what the log says" in said
+
+
+def test_a_constant_that_was_fitted_to_zero_has_no_share_of_it_to_be_said():
+    """A friction that ends at its lower limit, 0, is a common result of `fit`."""
+    points = np.random.default_rng(0).uniform(-1, 1, (60, 2))
+    one, text = np.ones(1), LAG.replace("value = 0.5", "value = 0")
+    noise = Noise(
+        one, one, np.zeros(0), one, one, one, one, np.full(2, 0.1), np.zeros(2), np.zeros(2)
+    )
+    said = "\n".join(summary(for_bank(as_stated(text, points), noise, size={"push": 1.0})))
+    assert "constants differ from run to run by about" in said
+    assert "a 0.1 1/s" in said and "b 0.1 (5 %)" in said
+    assert "a 0.1 1/s (" not in said

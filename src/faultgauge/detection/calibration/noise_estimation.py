@@ -224,16 +224,19 @@ def _apart(before: Noise, found: Noise) -> float:
 
 
 def _with_lags(model: Model, told: "_Healthy", noise: Noise, stepped: Callable[[], None]) -> Noise:
-    """`noise` with the likelier of `LAGS`, each with all told anew, and beside it with the other
-    one, where they gain enough."""
-    found = [(_with(beside, model, told, noise, stepped), beside) for beside in LAGS]
-    there = [(each, beside) for each, beside in found if each is not None]
-    if not there:
-        return noise
-    costs = [_costs(model, told.batch, [each], told.bounds(each))[0] for each, _ in there]
-    first, taken = there[int(np.argmin(costs))]
-    (other,) = (beside for beside in LAGS if beside is not taken)
-    return _with(other, model, told, first, stepped) or first
+    """`noise` with `LAGS`, where they gain enough: of each beside the other one, begun with either,
+    the likelier, as what one of them explains the other does in part."""
+    found = [noise]
+    for first, then in (LAGS, LAGS[::-1]):
+        one = _with(first, model, told, noise, stepped)
+        if one is not None:
+            found.append(_with(then, model, told, one, stepped) or one)
+    each_asks = np.log(told.batch.count)
+    costs = [
+        _costs(model, told.batch, [each], told.bounds(each))[0] + each_asks * each.beside
+        for each in found
+    ]
+    return found[int(np.argmin(costs))]
 
 
 def _with(

@@ -70,8 +70,7 @@ def errors(model: Model) -> list[str]:
     values = model.plant.parameters
     units = {p.name: spoken(p.unit) for p in model.plant.spec.parameters}
     spread = [
-        f"{name} {number(s, 2)} {units[name]}".rstrip()
-        + f" ({number(100 * s / abs(float(values[name])), 2)} %)" * (s < abs(float(values[name])))
+        f"{name} {number(s, 2)} {units[name]}".rstrip() + _relative(s, abs(float(values[name])))
         for name, s in known.items()
     ]
     if spread:
@@ -81,6 +80,11 @@ def errors(model: Model) -> list[str]:
     if slow:
         lines.append(f"tracked as it drifts: {', '.join(slow)}")
     return lines
+
+
+def _relative(spread: float, value: float) -> str:
+    """The share that `spread` is of `value`, where it is less than all of it."""
+    return f" ({number(100 * spread / value, 2)} %)" if spread < value else ""
 
 
 def _discrepancy(state: State, size: float, lasts: float, seen: float) -> str:
