@@ -26,14 +26,14 @@ def inexact(shape=0.1, gain=0.0, acts=ACTS):
     )
 
 
-def said(first, second):
+def said(first, second, most=(0.0, 0.0)):
     """Both faults at p 0.9, `first` and `second` being (size, sd)."""
     f = np.tile([first[0], second[0]], (SETS, 1))
     sd = np.tile([first[1], second[1]], (SETS, 1))
     f[1], sd[1] = (first[0] + 0.5, 9.0), (2 * first[1], 9.0)  # alone it is told otherwise
     p = np.array([0.02, 0.04, 0.03, 0.9, 0.01])
     rest = np.zeros(3), np.zeros((2, 2)), np.zeros((2, 2))
-    return BranchInfo(*map(jnp.asarray, (p, f, sd, *rest, np.array([0.95, 0.94]))))
+    return BranchInfo(*map(jnp.asarray, (p, f, sd, *rest, np.array([0.95, 0.94]), np.array(most))))
 
 
 @pytest.mark.parametrize(("z", "named"), [(6.0, False), (30.0, True)])
@@ -72,6 +72,30 @@ def test_what_a_sensors_own_fault_shows_is_known_exactly():
     # no error of the first makes up the second; its size is as sure as before
     assert found.p[3] == pytest.approx(0.9, rel=1e-3)
     assert found.sd[3] == pytest.approx([0.05, np.hypot(0.01, 0.1 * 0.06)])
+
+
+@pytest.mark.parametrize(("most", "told"), [(3.0, False), (0.3, False), (0.1, True), (0.0, True)])
+def test_a_rest_of_a_fault_that_was_larger_is_there_as_far_as_its_error_does_not_explain_it(
+    most, told
+):
+    """0.06 +- 0.01 are left of 3, of which a tenth, 0.3, may be an error: 30 times its own sd. Of
+    the other, 2 +- 0.05, nothing has gone."""
+    given = said((2.0, 0.05), (0.06, 0.01), most=(2.0, most))
+    found = inexact(shape=0.0, gain=0.1).told(given)
+    e, z = 0.1 * max(most - 0.06, 0) / 0.01, 6.0
+    real = COMMON * norm.pdf(z, 0, np.hypot(1, SIZE[1] / 0.01))
+    made_up = e**2 / (1 + e**2) * norm.pdf(z, 0, np.hypot(1, e))
+    share = made_up / (real + made_up)
+    assert found.p[3] == pytest.approx(0.9 * (1 - share), rel=1e-9)
+    assert found.p[2] == pytest.approx(0.03 * (1 - share), rel=1e-9)
+    assert np.sum(found.p) == pytest.approx(1.0)
+    assert (found.p[3] > 0.85) == told
+
+
+def test_of_a_sensors_own_fault_a_rest_is_there():
+    given = said((2.0, 0.05), (0.06, 0.01), most=(2.0, 3.0))
+    found = inexact(shape=0.0, gain=0.1, acts=np.array([1.0, 0.0])).told(given)
+    assert found.p[3] == pytest.approx(0.9, rel=1e-9)
 
 
 def test_an_exact_model_changes_nothing():

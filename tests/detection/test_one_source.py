@@ -129,6 +129,7 @@ def posterior(bank, run, parts, ever, latch):
         seen=jnp.zeros((ROWS, faults, 2)),
         onset=jnp.asarray(onset),
         ever=jnp.tile(jnp.asarray(ever), (ROWS, 1)),
+        most=jnp.zeros((ROWS, faults)),
     )
     sampled = silence != "gap"
     nan = jnp.where(jnp.asarray(sampled), 0.0, jnp.nan)

@@ -92,7 +92,8 @@ def test_an_estimate_and_its_interval_keep_to_the_faults_limits():
     p[held], f[held, 1], sd[held, 1] = 1.0, 0.7, 2.0
     nothing = jnp.ones((2, 2))
     said = BranchInfo(
-        *(jnp.asarray(each) for each in (p, f, sd)), jnp.zeros(1), nothing, nothing, jnp.ones(2)
+        *(jnp.asarray(each) for each in (p, f, sd)),
+        *(jnp.zeros(1), nothing, nothing, jnp.ones(2), jnp.zeros(2)),
     )
     found = Mixture.of(bank).marginal(said, nothing > 0)
     assert (found.f[1], found.lo[1], found.hi[1]) == (0.5, -0.5, 0.5)

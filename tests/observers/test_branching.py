@@ -455,8 +455,13 @@ def test_a_fault_that_goes_is_gone_and_was_there():
     assert info.p[-1, HEALTHY] > 0.95
     assert info.ever[-1, PUSH] > 0.99
     assert info.ever[50, PUSH] < 0.01
+    # how large it was is known when it has gone, less two standard deviations
+    least = info.f[:, PUSHED, PUSH] - 2 * info.sd[:, PUSHED, PUSH]
+    assert info.most[-1, PUSH] == pytest.approx(least[60:120].max(), abs=0.02)
+    assert 0.4 < info.most[-1, PUSH] < 0.5
     _, calm = judged(bank((PUSH,), recovery=3e-3), log(3))
     assert calm.ever[-1, PUSH] < 0.1
+    assert calm.most[-1, PUSH] == 0
 
 
 def test_a_branch_whose_probability_is_no_number_is_given_up():

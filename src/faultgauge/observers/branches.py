@@ -68,13 +68,15 @@ class Probe(NamedTuple):
 class BranchState(NamedTuple):
     """A checkpoint. Branches come first, unknown ones behind; `which` set each is, `weight` ln of
     its posterior (up to a constant), `since` when each fault of it began (mean and variance),
-    `ever` whether it has held each fault at any time, `begun` when the filter began [s]."""
+    `ever` whether it has held each fault at any time, and how large it clearly was at `most`,
+    `begun` when the filter began [s]."""
 
     belief: Belief
     weight: Float[Array, "filters"]
     which: Int[Array, "filters"]
     since: Float[Array, "filters faults two"]
     ever: Float[Array, "filters faults"]
+    most: Float[Array, "filters faults"]
     begun: Float[Array, "filters"]
     lanes: Lanes
     probe: Probe
@@ -86,7 +88,7 @@ class BranchInfo(NamedTuple):
     """What one sample leaves: the posterior of every set and, last, of the unknown; mean and
     standard deviation of every fault in each set; the states; how clearly each fault would have
     shown, downwards and upwards; how long ago it began, if it is there (mean and standard deviation
-    [s]), and the probability that it is or was there."""
+    [s]), the probability that it is or was there, and how large it clearly was at most."""
 
     p: Float[Array, "sets"]
     f: Float[Array, "sets faults"]
@@ -95,6 +97,7 @@ class BranchInfo(NamedTuple):
     seen: Float[Array, "faults two"]
     onset: Float[Array, "faults two"]
     ever: Float[Array, "faults"]
+    most: Float[Array, "faults"]
 
 
 class Changes(NamedTuple):

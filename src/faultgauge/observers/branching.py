@@ -30,7 +30,7 @@ from faultgauge.observers.branches import (
     Sums,
 )
 from faultgauge.observers.divided_difference import Belief, FilterNoise, Flow, Look, Seen
-from faultgauge.observers.onsets import Onsets
+from faultgauge.observers.onsets import CLEAR, Onsets
 from faultgauge.observers.rows import where_needed
 from faultgauge.products import contract
 
@@ -92,7 +92,7 @@ class Branching(Onsets):
         begun = jnp.zeros(self.filters)
         ever = jnp.zeros((self.filters, self.filter.faults))
         return BranchState(
-            belief, weight, which, since, ever, begun, lanes, probe, u, jnp.zeros(())
+            belief, weight, which, since, ever, ever, begun, lanes, probe, u, jnp.zeros(())
         )
 
     def step(
@@ -121,8 +121,14 @@ class Branching(Onsets):
         lead = jnp.argmax(weight[: self.branches])
         leading = _at(flow, lead), _at(look, lead), _at(seen, lead)
         probe = self._probed(state.probe, *leading, dt)
-        state = BranchState(
-            belief, weight, state.which, state.since, state.ever, state.begun, lanes, probe, u, t
+        state = state._replace(
+            belief=belief,
+            weight=weight,
+            most=jnp.maximum(state.most, self._clearly(belief)),
+            lanes=lanes,
+            probe=probe,
+            u=u,
+            t=t,
         )
         changes = self._changes(state)
         info = self._info(state, changes)
@@ -147,6 +153,12 @@ class Branching(Onsets):
             eta = eta - seen.gain[j, :n, None, None] * g
         rest = jnp.zeros((probe.eta.shape[0] - n, F, 2))
         return Probe(jnp.concatenate([eta, rest]), J)
+
+    def _clearly(self, belief: Belief) -> Float[Array, "filters faults"]:
+        """How large each fault is at least; 0 of one that is not there."""
+        at = slice(self.filter.states, self.filter.states + self.filter.faults)
+        sd = jnp.sqrt(jnp.maximum(jnp.diagonal(belief.P, axis1=1, axis2=2)[:, at], 0.0))
+        return jnp.maximum(jnp.abs(belief.mean[:, at]) - CLEAR * sd, 0.0)
 
     # -- promotion
 
@@ -235,6 +247,7 @@ class Branching(Onsets):
             which=placed(state.which, which),
             since=placed(state.since, since),
             ever=placed(state.ever, ever),
+            most=placed(state.most, state.most[b]),
             lanes=lanes,
         )
 
@@ -360,6 +373,11 @@ class Branching(Onsets):
         def cleared(a: Array) -> Array:
             return jnp.where(fresh[:B].reshape(-1, *([1] * (a.ndim - 1))), 0.0, a)
 
+        def passed_on(a: Array) -> Array:
+            """Of each fault, by the filter that a fresh one begins from."""
+            own = jnp.where((jnp.arange(B + U) < B)[:, None], a[best], a[lead])
+            return jnp.where(fresh[:, None], own, a)
+
         lanes = lanes._replace(
             mass=jnp.where(fresh[:B, None, None], NEVER, lanes.mass),
             score=cleared(lanes.score),
@@ -375,16 +393,8 @@ class Branching(Onsets):
             ),
             weight=jnp.where(fresh, weights, state.weight),
             which=jnp.where(jnp.concatenate([fresh[:B], np.zeros(U, bool)]), 0, state.which),
-            ever=jnp.where(
-                fresh[:, None],
-                jnp.concatenate(
-                    [
-                        jnp.broadcast_to(state.ever[best], (B, self.filter.faults)),
-                        jnp.broadcast_to(state.ever[lead], (U, self.filter.faults)),
-                    ]
-                ),
-                state.ever,
-            ),
+            ever=passed_on(state.ever),
+            most=passed_on(state.most),
             begun=jnp.where(fresh, state.t, state.begun),
             lanes=lanes,
         )
@@ -439,7 +449,8 @@ class Branching(Onsets):
         first, second = first / there, second / there
         late = jnp.sqrt(jnp.maximum(second - first**2, 0.0))
         onset = jnp.stack([state.t - first, late], axis=1)
-        return BranchInfo(p, mean[:, :d], sd[:, :d], x, seen, onset, ever)
+        most = state.most[jnp.argmax(state.weight), :d]
+        return BranchInfo(p, mean[:, :d], sd[:, :d], x, seen, onset, ever, most)
 
     def _leads(
         self, which: Int[Array, "branches"]

@@ -15,7 +15,11 @@ that of a share of its size: `shape` and `gain` (`fidelity`). So
                                 + z^2 / 2 (1 / (1 + e^2) - 1 / (1 + s^2)) - ln (e^2 / (1 + e^2)),
 
   c being how often one fault brings another. As much of the set as is made up belongs to the set
-  without that fault.
+  without that fault;
+- what constants and slow errors were told amid a large fault is off when it goes, and in part taken
+  for a rest of it. Of a fault that was at least `most` once, a rest is made up likewise, with
+
+      e_k = gain (most_k - |f_k|) / sd_k.
 """
 
 from collections.abc import Sequence
@@ -93,6 +97,8 @@ class Inexact(eqx.Module):
         z2 = jnp.where(self.holds > 0, said.f**2 / sd2, 0.0)
         acting = z2 * self.acts
         e2 = self.shape**2 * (jnp.sum(acting, axis=1, keepdims=True) - acting)
+        gone = jnp.maximum(said.most - jnp.abs(said.f), 0.0)
+        e2 = e2 + self.acts * (self.gain * gone) ** 2 / sd2
         s2 = self.size**2 / sd2
         odds = jnp.log(self.common) + (jnp.log1p(e2) - jnp.log1p(s2)) / 2
         odds = odds + z2 / 2 * (1 / (1 + e2) - 1 / (1 + s2))
