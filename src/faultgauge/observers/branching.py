@@ -112,7 +112,7 @@ class Branching(Onsets):
         alive, B = state.weight > NEVER / 2, self.branches
         belief, said = where_needed(jax.vmap(one), alive, state.belief, self.noise)
         likelihood, flow, look, seen = said
-        weight = state.weight + likelihood
+        weight = state.weight + likelihood + self._kept_within(state.belief, belief)
         weight = jnp.maximum(weight - jnp.max(weight), NEVER)
         hopeless = (jnp.arange(len(weight)) < B) & (weight < jnp.max(weight[:B]) - HOPELESS)
         weight = jnp.where(hopeless, NEVER, weight)

@@ -39,6 +39,7 @@ __all__ = ["CLEAR", "TICK", "Onsets"]
 
 HEAVY = 0.2  # of the likeliest one's weight: an onset that is not given up
 LEAST = 1e-9  # of a size's probability within its limits
+NONE = 1e-300  # a variance: no division by 0
 CLEAR = 2.0  # standard deviations of a size, beyond which its sign is known
 SHARPEST = 10.0  # nats: an onset that explains more than those beside it is missed no more
 TICK = 1e-12  # s: the shortest step
@@ -186,8 +187,7 @@ class Onsets(eqx.Module):
         least = self._least()
         V = 1 / (lanes.info[:, None] + least)
         f = lanes.score[:, None] * V
-        inside = self._inside(f, V, 1 / least)
-        each = lanes.gain + jnp.where(present[:, None], 0.0, inside)
+        each = lanes.gain + self._limited(lanes, belief, f, V, 1 / least)
         _, gain, share = _shared(each, 1)
         gain = gain - np.log(len(SCALES))
         mean = jnp.sum(share * f, axis=1)
@@ -221,19 +221,39 @@ class Onsets(eqx.Module):
         at = slice(self.filter.states, self.filter.states + self.filter.faults)
         return jnp.diagonal(belief.P, axis1=1, axis2=2)[:, at] > 0
 
-    def _inside(self, f: Array, V: Array, s2: Array | np.ndarray) -> Array:
-        """ln of the share of the posterior within the fault's limits over that of the prior."""
+    def _limited(self, lanes: Lanes, belief: Belief, f: Array, V: Array, s2: Array) -> Array:
+        """ln of how likely what a change by `f`, of variance `V`, makes of a fault is within its
+        limits, over that before the data, when `s2` was the change's variance."""
+        m = belief.mean[:, None, self.slots, None]
+        v = jnp.diagonal(belief.P, axis1=1, axis2=2)[:, None, self.slots, None]
+        left = jnp.stack([lanes.eta[:, j, k] for k, j in enumerate(self.slots)], 1)[:, None]
+        after = self._inside(m + left * f, v + left**2 * V)
+        return after - self._inside(m, v + left**2 * s2)
+
+    def _kept_within(self, before: Belief, after: Belief) -> Float[Array, "filters"]:
+        """ln of how much likelier the faults of every filter are within their limits by a sample:
+        what lies beyond them is no explanation."""
+
+        def inside(belief: Belief) -> Array:
+            v = jnp.diagonal(belief.P, axis1=1, axis2=2)[:, self.slots, None]
+            each = self._inside(belief.mean[:, self.slots, None], v)
+            return jnp.sum(jnp.where(v > 0, each, 0.0), axis=(1, 2))
+
+        return inside(after) - inside(before)
+
+    def _inside(self, mean: Array, variance: Array) -> Array:
+        """ln of the probability that a fault lies within its limits; kinds last but one."""
         low, high = self.prior.low[:, None], self.prior.high[:, None]
 
-        def mass(mean: Array, sd: Array) -> Array:
-            wide = np.sqrt(2.0) * sd
+        def mass() -> Array:
+            wide = np.sqrt(2.0) * jnp.sqrt(jnp.maximum(variance, NONE))
             inside = (jax.lax.erf((high - mean) / wide) - jax.lax.erf((low - mean) / wide)) / 2
             return jnp.log(jnp.maximum(inside, LEAST))
 
         return jax.lax.cond(
             jnp.all(jnp.isinf(low) & jnp.isinf(high)),  # of no fault: erf is the dearest of all
-            lambda: jnp.zeros_like(f),
-            lambda: mass(f, jnp.sqrt(V)) - mass(jnp.zeros_like(f), jnp.sqrt(s2)),
+            lambda: jnp.zeros(jnp.broadcast_shapes(mean.shape, variance.shape)),
+            mass,
         )
 
     def _blur(self, t: Float[Array, ""], lanes: Lanes) -> Float[Array, "branches kinds onsets"]:
