@@ -92,11 +92,37 @@ class _Lanes:
             return self.run(branches[which], args[1:])
         if len(args) == 1 and (more := self.shaped(eqn)) is not None:
             return self.bound(eqn, [args[0].array], **more)
+        if name == "scan":
+            return self.scanned(eqn, args)
         if name in ("gather", "dynamic_slice") and all(map(_known, args[1:])):
             return [self.taken(eqn, args)]
         if name in PUTS and _known(args[1]) and (into := _landing(eqn, args[1])) is not None:
             return [self.put(eqn, args, into)]
         return self.mapped(eqn, args)
+
+    def scanned(self, eqn: JaxprEqn, args: list[_Value]) -> list[_Value]:
+        """A loop, whose state is each unit's own."""
+        body = eqn.params["jaxpr"]
+        inner, outer = (list(map(_shape, some)) for some in (body.jaxpr.outvars, eqn.outvars))
+        # what is given or told step by step has an axis more than in the body
+        kept = sum(len(a) == len(b) for a, b in zip(inner, outer, strict=True))
+        pairs = zip(body.jaxpr.invars, eqn.invars, strict=True)
+        begin = sum(len(_shape(a)) == len(_shape(b)) for a, b in pairs)
+        same, given = args[: begin - kept], args[begin:]
+        first = [
+            self.spread(*each) for each in zip(args[begin - kept : begin], outer, strict=False)
+        ]
+
+        def step(state: list[Array], now: list[Any]) -> tuple[list[Array], list[Array]]:
+            values = [_Value(a, each.own) for a, each in zip(now, given, strict=True)]
+            out = self.run(body, [*same, *(_Value(a, True) for a in state), *values])
+            ends = [self.spread(*each) for each in zip(out, inner, strict=True)]
+            return ends[:kept], ends[kept:]
+
+        arrays = [jnp.asarray(each.array) for each in given]
+        length, back = eqn.params["length"], eqn.params["reverse"]
+        ends, said = jax.lax.scan(step, first, arrays, length=length, reverse=back)
+        return [_Value(a, True) for a in (*ends, *said)]
 
     def bound(self, eqn: JaxprEqn, given: Sequence[Any], **more: Any) -> list[_Value]:
         return [_Value(a, True) for a in _bind(eqn, given, **more)]
