@@ -24,6 +24,7 @@ from faultgauge.plants.plant import respond
 from faultgauge.products import contract
 from faultgauge.simulation.integrators import step_through
 from faultgauge.simulation.intersample import line
+from faultgauge.simulation.lanes import lanes_last
 
 __all__ = [
     "FAR",
@@ -251,8 +252,9 @@ class DividedDifferenceFilter(eqx.Module):
         # what is no number anywhere is none in the variances either
         sizes = [after.mean, jnp.diagonal(after.P), flow.A, flow.up, flow.down]
         sizes += [look.C, look.up, look.down]
-        largest = jnp.stack([jnp.max(jnp.abs(part), initial=0.0) for part in sizes])
-        sound = jnp.isfinite(likelihood) & jnp.all(largest < HUGE)
+        # of each number on its own: a largest one waits for all before it
+        within = jnp.stack([jnp.all(jnp.abs(part) < HUGE) for part in sizes])
+        sound = jnp.isfinite(likelihood) & jnp.all(within)
         never = jnp.full_like(seen.root, jnp.inf)
         nothing = Seen(jnp.zeros_like(seen.white), never, never, jnp.zeros_like(seen.gain))
         still = Flow(jnp.eye(len(belief.mean)), 0 * flow.up, 0 * flow.down)
@@ -293,18 +295,18 @@ class DividedDifferenceFilter(eqx.Module):
         sides = np.concatenate([0 * one[:, :1], one[:, free], -one[:, free]], axis=1)
         mean, f = belief.mean[: n + k, None], belief.mean[n : n + k]
         points = jnp.concatenate([mean + sides * s[:, None], mean * (1 - one[:, n:])], axis=1)
-        images = jax.vmap(of, in_axes=1)(points[:n], points[n:])
+        images = lanes_last(of, points[:n], points[n:])
         at, over, under, without = (
-            images[a:b] for a, b in pairwise([0, 1, 1 + m, 1 + 2 * m, len(images)])
+            images[:, a:b] for a, b in pairwise([0, 1, 1 + m, 1 + 2 * m, images.shape[1]])
         )
-        at, each = at[0], 1 / s[free][:, None]  # divisions are slow
+        each = 1 / s[free]  # divisions are slow
         up, down = (over - at) * each, (at - under) * each
-        middle, up, down = (up + down) / 2, up[m - k :], down[m - k :]
+        middle, up, down = (up + down) / 2, up[:, m - k :], down[:, m - k :]
         # a fault that goes does all that its size does, which differs where a limit cuts it off
-        far = (jnp.abs(f) > s[n:])[:, None]
-        back = (at - without) * (1 / jnp.where(far, f[:, None], 1.0))
-        up = jnp.where(far & (f < 0)[:, None], back, up)
-        down = jnp.where(far & (f > 0)[:, None], back, down)
-        none = jnp.zeros((known.stop - known.start, len(at)))
-        states = jnp.concatenate([middle[: known.start], none, middle[known.start : m - k]])
-        return at, states.T, middle[m - k :].T, up.T, down.T
+        far = jnp.abs(f) > s[n:]
+        back = (at - without) * (1 / jnp.where(far, f, 1.0))
+        up = jnp.where(far & (f < 0), back, up)
+        down = jnp.where(far & (f > 0), back, down)
+        none = jnp.zeros((len(at), known.stop - known.start))
+        parts = middle[:, : known.start], none, middle[:, known.start : m - k]
+        return at[:, 0], jnp.concatenate(parts, axis=1), middle[:, m - k :], up, down

@@ -363,7 +363,7 @@ class Onsets(eqx.Module):
         fresh = jnp.log(self.prior.onset * jnp.maximum(dt, TICK))[:, None]
         fresh = jnp.logaddexp(fresh, right[:, :, -1:])
         right = jnp.concatenate([none, right[:, :, :-1]], axis=2)
-        mass = jnp.logaddexp(lanes.mass, jnp.logaddexp(left, right))
+        mass = jnp.logaddexp(lanes.mass, jnp.maximum(left, right))  # one of the two is none
 
         def moved(a: Array, new: Array | np.ndarray | float) -> Array:
             """The onsets behind the one that went, one place down; `new` at the end."""

@@ -19,7 +19,7 @@ from jax.core import Tracer
 from jax.extend.core import ClosedJaxpr, JaxprEqn, Literal
 from jaxtyping import Array
 
-__all__ = ["Rows", "cores", "rows", "side_by_side", "whole"]
+__all__ = ["CALLS", "ELEMENTWISE", "Rows", "cores", "rows", "side_by_side", "whole"]
 
 ELEMENTWISE = frozenset(
     {"abs", "acos", "acosh", "add", "and", "asin", "asinh", "atan", "atan2", "atanh", "ceil",

@@ -38,6 +38,7 @@ from faultgauge.plants.model import Model
 from faultgauge.programs import program
 from faultgauge.simulation.closed_loop import with_faults
 from faultgauge.simulation.free_run import substeps_for
+from faultgauge.simulation.lanes import lanes_last
 from faultgauge.telemetry import Run, segments
 
 __all__ = ["AT_ONCE", "SAMPLES", "Likelihood", "Likelihoods", "StretchPiece", "healthy_stretches"]
@@ -226,20 +227,32 @@ def _costs(
         root = jnp.where(jnp.isfinite(seen.root), jnp.log(seen.root), 0.0)
         return belief, total + more, seen.white, root
 
-    # levels and stretches side by side within a step: a loop within them is traced many times
-    start = jax.vmap(jax.vmap(started, (None, None, 0)), (0, 0, None))(own, sd, x)
-    across = jax.vmap(stepped, (None, *[0] * 6))
-    step = jax.vmap(across, (*[0] * 3, *[None] * 4))
+    # every level beside every stretch, the two in one axis that stands last
+    def of_levels(a: Array) -> Array:
+        return jnp.moveaxis(jnp.repeat(a, len(x), axis=0), 0, -1)
+
+    def of_stretches(a: Array) -> Array:
+        return jnp.moveaxis(jnp.concatenate([a] * len(offset)), 0, -1)
+
+    samples = of_stretches(u), of_stretches(y), of_stretches(dt)
+    given = jax.tree.map(of_levels, own), of_levels(sd), samples
+    # else they would be spread anew at every step, by places that no vector is read from
+    own, sd, samples = jax.lax.optimization_barrier(given)
+    start = jax.vmap(started, -1, -1)(own, sd, of_stretches(x))
 
     def body(carry: Carry, sample: tuple[Array, Array, Array]) -> tuple[Carry, list[Array]]:
         belief, total, before = carry
-        belief, total, *said = step(own, belief, total, before, *sample)
+        belief, total, *said = lanes_last(stepped, own, belief, total, before, *sample)
         return (belief, total, sample[0]), said
 
-    samples = jnp.moveaxis(u, 1, 0), jnp.moveaxis(y, 1, 0), jnp.moveaxis(dt, 1, 0)
     (belief, total, _), said = jax.lax.scan(body, (*start, samples[0][0]), samples)
-    white, root = (jnp.moveaxis(each, 0, 2).reshape(len(offset), -1) for each in said)
-    return -jnp.sum(total, axis=1), belief.mean[..., xi], belief.P[..., xi, xi], white, root
+
+    def each(a: Array) -> Array:  # levels first, then stretches
+        return jnp.moveaxis(a, -1, 0).reshape(len(offset), len(x), *a.shape[:-1])
+
+    white, root = (each(a).reshape(len(offset), -1) for a in said)
+    mean, P = each(belief.mean)[..., xi], each(belief.P)[..., xi, xi]
+    return -jnp.sum(each(total), axis=1), mean, P, white, root
 
 
 def healthy_stretches(model: Model, runs: Sequence[Run]) -> list[StretchPiece]:

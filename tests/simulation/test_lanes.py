@@ -1,0 +1,64 @@
+"""What is told of many units at once is what each is told alone."""
+
+from collections.abc import Callable
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jaxtyping import Array
+
+from faultgauge.simulation.lanes import lanes_last
+
+KNOWN = np.array([[2.0, 0.5, -1.0], [0.0, 1.0, 3.0], [4.0, -2.0, 0.25]])
+TIMES = np.array([[1.0, 0.0], [0.5, -2.0]])
+
+
+def _small(x: Array, P: Array) -> Array:
+    """Elementwise, products, sums, joins, with numbers that are the same for all units."""
+    y = jnp.where(x > 0, KNOWN @ jnp.ones(3), jnp.exp(-x)) + jnp.max(P, axis=0)
+    return jnp.concatenate([y, jnp.sum(P[:, None] * KNOWN[..., None], axis=(0, 1)), x[::2]])
+
+
+def _placed(x: Array, P: Array) -> tuple[Array, ...]:
+    """Places that are known: diagonals, gathers, what is put, added and multiplied there."""
+    put = jnp.zeros(5).at[1:4].set(x).at[np.array([4, 0])].add(x[:2])
+    scaled = P.at[1:].multiply(x[0])
+    far = x[np.array([2, 0, 0, 1, 2, 2])]
+    return jnp.diagonal(P), put, scaled, far, jnp.stack([x, P[1]], axis=1), jnp.diag(x)
+
+
+def _twice(x: Array, P: Array) -> Array:
+    """Two at one place, which is left to JAX."""
+    return jnp.zeros(3).at[np.array([1, 1, 2])].add(x) + P[0]
+
+
+def _looped(x: Array, P: Array) -> tuple[Array, Array]:
+    """A loop, a choice by what is each unit's own, a solution: JAX's own ways."""
+    end, said = jax.lax.scan(lambda c, k: (c * 0.5 + x, c[0] * k), x, jnp.arange(3.0))
+    branch = jax.lax.cond(x[0] > 0, lambda: jnp.linalg.solve(P, x), lambda: -x)
+    return end + branch, said
+
+
+def _inner(x: Array, P: Array) -> Array:
+    """A batch within a unit, over the last axis."""
+    return jax.vmap(lambda column: jnp.tanh(column) @ x, in_axes=1)(P[:, :2] @ TIMES)
+
+
+@pytest.mark.parametrize("function", [_small, _placed, _twice, _looped, _inner])
+def test_many_are_told_what_each_is_told_alone(function: Callable) -> None:
+    random = np.random.default_rng(3)
+    x, P = random.normal(size=(7, 3)), random.normal(size=(7, 3, 3)) + 3 * np.eye(3)
+    last = jnp.asarray(np.moveaxis(x, 0, -1)), jnp.asarray(np.moveaxis(P, 0, -1))
+    many = jax.jit(lambda *given: lanes_last(function, *given))(*last)
+    for k in range(7):
+        alone = function(jnp.asarray(x[k]), jnp.asarray(P[k]))
+        for got, own in zip(jax.tree.leaves(many), jax.tree.leaves(alone), strict=True):
+            # the same sums, which may be rounded otherwise
+            np.testing.assert_allclose(got[..., k], own, rtol=1e-13, atol=1e-14)
+
+
+def test_what_is_the_same_for_all_is_told_for_each() -> None:
+    found = lanes_last(lambda x: (jnp.arange(2.0), x + 1), jnp.zeros((3, 4)))
+    assert [each.shape for each in found] == [(2, 4), (3, 4)]
+    np.testing.assert_array_equal(found[0], [[0.0] * 4, [1.0] * 4])
