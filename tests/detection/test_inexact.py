@@ -88,6 +88,8 @@ def test_a_rest_of_a_fault_that_was_larger_is_there_as_far_as_its_error_does_not
     share = made_up / (real + made_up)
     assert found.p[3] == pytest.approx(0.9 * (1 - share), rel=1e-9)
     assert found.p[2] == pytest.approx(0.03 * (1 - share), rel=1e-9)
+    # it was there all the same
+    assert found.ever == pytest.approx([0.95, 0.94])
     assert np.sum(found.p) == pytest.approx(1.0)
     assert (found.p[3] > 0.85) == told
 

@@ -45,6 +45,8 @@ __all__ = ["AT_ONCE", "SAMPLES", "Likelihood", "Likelihoods", "StretchPiece", "h
 
 SAMPLES = 16384  # that tell the levels
 LONGEST = 4096  # of one stretch
+EVEN = 512  # samples: stretches are padded to so many, twice as many, ...: few programs to compile
+FEW = 3  # stretches: how far constants of runs lie apart is hardly told by fewer
 AT_ONCE = 4  # levels: one compiled program for any number of them
 
 Own: TypeAlias = tuple[Error, Array, Array, dd.FilterNoise]  # of one of the levels
@@ -93,12 +95,13 @@ class Likelihood:
     def of(
         model: Model, runs: Sequence[Run], guess: Noise, stretches: Sequence[StretchPiece]
     ) -> "Likelihood":
-        length = max(len(s.dt) for s in stretches)
+        last = max(int(np.flatnonzero(s.dt).max(initial=0)) for s in stretches)
+        length = min(max(len(s.dt) for s in stretches), EVEN * (last // EVEN + 1))
 
         def stacked(name: str, fill: float) -> Array:
             rows = []
             for s in stretches:
-                a = getattr(s, name)
+                a = getattr(s, name)[:length]
                 more = np.full((length - len(a), *a.shape[1:]), fill)
                 if name == "u":
                     more = np.repeat(a[-1:], length - len(a), axis=0)
@@ -123,16 +126,17 @@ class Likelihood:
         return replace(self, u=u, y=y, dt=dt, count=int(jnp.isfinite(y).sum()))
 
     def some(self, samples: int) -> "Likelihood":
-        """Of some stretches, whole and evenly spread, about so many samples; two runs at least."""
+        """About so many samples of stretches that are evenly spread, `FEW` of them at least."""
         own = np.asarray((self.dt > 0).sum(axis=1))
         many = int(np.ceil(len(own) * min(1.0, samples / max(int(own.sum()), 1))))
-        at = np.unique(np.linspace(0, len(own) - 1, max(many, 2)).round().astype(int))
-        if len(at) >= len(own) or len({*self.runs[at]}) < min(2, len({*self.runs})):
+        many = min(max(many, FEW), len(own))
+        length = -(-samples // many)
+        if many == len(own) and length >= own.max():
             return self
+        at = np.unique(np.linspace(0, len(own) - 1, many).round().astype(int))
         x, u, y, dt = (each[at] for each in (self.x, self.u, self.y, self.dt))
-        told = int(jnp.isfinite(y).sum())
-        runs, parts = self.runs[at], self.parts[at]
-        return replace(self, x=x, u=u, y=y, dt=dt, runs=runs, parts=parts, count=told)
+        few = replace(self, x=x, u=u, y=y, dt=dt, runs=self.runs[at], parts=self.parts[at])
+        return few.beginning(length)
 
     def run(self, model: Model, many: Sequence[Noise]) -> Likelihoods:
         """What the stretches say under each of `many` levels, a few at a time on every core."""

@@ -12,7 +12,7 @@ what noise of a few samples' memory adds up to.
 
 from collections.abc import Callable, Sequence, Set
 from dataclasses import dataclass, replace
-from itertools import count, product
+from itertools import product
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -72,11 +72,12 @@ ROUNDS = (16, 12, 8)  # steps of each search; the constants are told anew betwee
 # and the discrepancy
 STARTS = tuple(product((1.0, 10.0, 100.0), (1.0, 30.0)))
 FIRST = 2  # steps of each; then of the better half, and so on
-PART = 0.25  # of every stretch, which the first of these steps look at
-# of all ROUNDS: the plant's levels, three for LAGS, one each for CURVES and all data, then each of
-# BESIDE
-SEARCHES = 9
-SEEN = 6144  # samples that tell lags and curves
+PART = 0.5  # of every stretch, which the first of these steps look at
+# parts of the work: the start, the plant's levels, a grip, LAGS in either order, CURVES, BESIDE,
+# and by all data, which is as much as a few of them
+PARTS, ALL = 14, 3
+USUAL = 12  # steps of a part
+SEEN = 4096  # samples that tell what there is beside the levels; all samples tell how much
 # these come first, as they are no error; what one of them explains the other does in part
 LAGS = (with_lags_of_inputs, with_lags_of_sensors)
 CURVES = (with_curves_of_inputs,)  # are no errors either
@@ -104,23 +105,18 @@ def estimate_noise(
     progress: Callable[[float], None] = lambda share: None,
 ) -> Noise:
     """The most likely levels on healthy `runs`; without a `discrepancy` all error is noise.
-    `progress` is told the share that is done, were all that may be needed.
+    `progress` is told the share that is done, about.
 
     Raises `InputError` where no stretch is long enough or the filter never follows the data.
     """
     told = _Healthy.of(model, runs)
-    steps = count(1)
-
-    def stepped() -> None:
-        progress(next(steps) / (2 * len(STARTS) * FIRST + SEARCHES * sum(ROUNDS)))
-
+    stepped = _Progress(progress, PARTS)
     if discrepancy:
-        noise = _started(model, told.batch, told.guess, told.bounds(told.guess), stepped)
-        noise = _alternated(model, told.batch, noise, told.bounds(noise), stepped, {"sigma"})
-        noise = _with(with_grips, model, told, noise, stepped) or noise
-        noise = _with_structure(model, told, noise, stepped)
-        for beside in BESIDE:
-            noise = _with(beside, model, told, noise, stepped) or noise
+        some = replace(told, batch=told.batch.some(SEEN))
+        noise = _found_beside(model, some, stepped)
+        if some.batch is not told.batch:
+            stepped.weighs(ALL)
+            noise = _alternated(model, told.batch, noise, told.bounds(noise), stepped)
         noise = _needed(model, told.batch, noise)
     else:
         without = {n: NONE * getattr(told.guess, n) for n in ("size", "share", "spread")}
@@ -146,16 +142,34 @@ def estimate_doubts(
     of an input, from `noise` on, which `estimate_noise` found; None where that gains
     nothing. `progress` as there."""
     told = _Healthy.of(model, runs)
-    steps = count(1)
-
-    def stepped() -> None:
-        progress(next(steps) / sum(ROUNDS))
-
+    stepped = _Progress(progress, 1)
     noise = noise._replace(sigma=noise.sigma / told.averaged)
     found = _with(with_doubted_regions, model, told, noise, stepped)
     if found is None:
         return None
     return told.of_samples(as_unsure_as_few_runs_tell(model, told.batch, found))
+
+
+class _Progress:
+    """Tells which share of so many parts is over, and more with every step of the present one."""
+
+    def __init__(self, tell: Callable[[float], None], parts: int) -> None:
+        self.tell, self.parts = tell, parts
+        self.done, self.steps, self.weight = 0, 0, 1
+
+    def __call__(self) -> None:
+        self.steps += 1
+        share = self.weight * -np.expm1(-self.steps / (self.weight * USUAL))
+        self.tell(float(min((self.done + share) / self.parts, 1.0)))
+
+    def over(self) -> None:
+        """The next part begins."""
+        self.done, self.steps, self.weight = self.done + self.weight, 0, 1
+
+    def weighs(self, parts: int) -> None:
+        """The next part begins, which is as much as so many."""
+        self.over()
+        self.weight = parts
 
 
 @dataclass(frozen=True)
@@ -197,23 +211,16 @@ class _Healthy:
         return noise._replace(sigma=noise.sigma * self.averaged)
 
 
-def _with_structure(
-    model: Model, told: "_Healthy", noise: Noise, stepped: Callable[[], None]
-) -> Noise:
-    """`noise` with the lags and curves that the plant has and the file lacks: found by some of the
-    stretches, and told anew by all."""
-    some = replace(told, batch=told.batch.some(SEEN))
-    found = _with_lags(model, some, noise, stepped)
-    for beside in CURVES:
-        found = _with(beside, model, some, found, stepped) or found
-    added = found.beside - noise.beside
-    if not added or some.batch is told.batch:
-        return found
-    bounds = told.bounds(found)
-    found = _alternated(model, told.batch, found, bounds, stepped)
-    gain = _gain(model, told.batch, noise, found, bounds)
-    agree = _apart(noise, found) <= AGREE
-    return found if agree and gain > np.log(told.batch.count) * added else noise
+def _found_beside(model: Model, told: "_Healthy", stepped: "_Progress") -> Noise:
+    """The levels, and what there is beside them, by what `told` looks at."""
+    noise = _started(model, told.batch, told.guess, told.bounds(told.guess), stepped)
+    stepped.over()
+    noise = _alternated(model, told.batch, noise, told.bounds(noise), stepped, {"sigma"})
+    noise = _with(with_grips, model, told, noise, stepped) or noise
+    noise = _with_lags(model, told, noise, stepped)
+    for beside in (*CURVES, *BESIDE):
+        noise = _with(beside, model, told, noise, stepped) or noise
+    return noise
 
 
 def _apart(before: Noise, found: Noise) -> float:
@@ -223,13 +230,15 @@ def _apart(before: Noise, found: Noise) -> float:
     )
 
 
-def _with_lags(model: Model, told: "_Healthy", noise: Noise, stepped: Callable[[], None]) -> Noise:
+def _with_lags(model: Model, told: "_Healthy", noise: Noise, stepped: "_Progress") -> Noise:
     """`noise` with `LAGS`, where they gain enough: of each beside the other one, begun with either,
     the likelier, as what one of them explains the other does in part."""
     found = [noise]
     for first, then in (LAGS, LAGS[::-1]):
         one = _with(first, model, told, noise, stepped)
-        if one is not None:
+        if one is None:
+            stepped.over()
+        else:
             found.append(_with(then, model, told, one, stepped) or one)
     each_asks = np.log(told.batch.count)
     costs = [
@@ -244,11 +253,12 @@ def _with(
     model: Model,
     told: _Healthy,
     noise: Noise,
-    stepped: Callable[[], None],
+    stepped: "_Progress",
 ) -> Noise | None:
     """`noise` and what there is `beside` it, all told anew; None where that gains too little, where
     the search has come to levels that need none of it, or where what the plant does leaves
     constants that differ more."""
+    stepped.over()
     spans = spans_of(told.step, told.stretches)
     more = beside(model, told.batch, noise, spans)
     while added := more.beside - noise.beside:
@@ -325,14 +335,16 @@ def _alternated(
     batch: Likelihood,
     noise: Noise,
     bounds: Bounds,
-    stepped: Callable[[], None],
+    stepped: "_Progress",
     held: Set[str] = frozenset(),
 ) -> Noise:
     """Searches of so many steps each, the first with some levels `held`, and the constants told
-    anew after each."""
+    anew after each, until these tell nothing new."""
     for k, steps in enumerate(ROUNDS):
-        noise = _searched(model, batch, noise, bounds, set() if k else held, steps, stepped)
-        noise = constants_retold(model, batch, noise)
+        found = _searched(model, batch, noise, bounds, set() if k else held, steps, stepped)
+        noise = constants_retold(model, batch, found)
+        if (k or not held) and _gain(model, batch, found, noise, bounds) < ENOUGH:
+            break
     return noise
 
 
@@ -355,7 +367,7 @@ def _started(
     batch: Likelihood,
     noise: Noise,
     bounds: Bounds,
-    stepped: Callable[[], None],
+    stepped: "_Progress",
 ) -> Noise:
     """`noise` with process noise from which on the filter is not lost, and the likeliest of some
     time constants and sizes, whatever the rate of the log is; after the first steps of some
@@ -392,7 +404,7 @@ def _searched(
     bounds: Bounds,
     held: Set[str],
     most: int,
-    stepped: Callable[[], None],
+    stepped: "_Progress",
 ) -> Noise:
     """The likeliest levels but those `held`, by at most so many steps from `noise`; each is
     `stepped`."""

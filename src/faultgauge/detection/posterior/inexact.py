@@ -76,29 +76,38 @@ class Inexact(eqx.Module):
 
     def told(self, said: BranchInfo) -> BranchInfo:
         """`said` by branches that take the model's answer for exact."""
-        made_up = self.holds * (1 - self._real(said))
+        by_others, by_itself = self._errors(said)
+        made_up = self.holds * (1 - self._real(said, by_others + by_itself))
+        never = self.holds * (1 - self._real(said, by_others))  # what is left of one was there
         p, f, variance, ever = said.p, said.f, said.sd**2, said.ever
         for k in range(len(self.acts)):
             source = np.array(self.sources[k])
-            moved = p * made_up[:, k]
+            moved, ever = p * made_up[:, k], ever.at[k].add(-jnp.sum(p * never[:, k]))
             comes = jnp.where(source >= 0, moved[source], 0.0)
             p = p - moved + comes
             w = jnp.where(comes > 0, comes / jnp.maximum(p, TINY), 0.0)[:, None]
             apart = f[source] - f
             f = f + w * apart
             variance = (1 - w) * variance + w * variance[source] + w * (1 - w) * apart**2
-            ever = ever.at[k].add(-jnp.sum(moved))
         sd = jnp.sqrt(variance + (self.gain * self.acts * f) ** 2)
         return said._replace(p=p, f=f, sd=sd, ever=jnp.maximum(ever, 0.0))
 
-    def _real(self, said: BranchInfo) -> Float[Array, "sets faults"]:
-        """How likely each fault of a set is there, and not made up by the others."""
+    def _errors(
+        self, said: BranchInfo
+    ) -> tuple[Float[Array, "sets faults"], Float[Array, "sets faults"]]:
+        """e^2 by the other faults of each set, and by what each fault was once."""
+        sd2 = jnp.maximum(said.sd**2, TINY)
+        acting = jnp.where(self.holds > 0, said.f**2 / sd2, 0.0) * self.acts
+        others = self.shape**2 * (jnp.sum(acting, axis=1, keepdims=True) - acting)
+        gone = jnp.maximum(said.most - jnp.abs(said.f), 0.0)
+        return others, self.acts * (self.gain * gone) ** 2 / sd2
+
+    def _real(
+        self, said: BranchInfo, e2: Float[Array, "sets faults"]
+    ) -> Float[Array, "sets faults"]:
+        """How likely each fault of a set is there, and not made up."""
         sd2 = jnp.maximum(said.sd**2, TINY)
         z2 = jnp.where(self.holds > 0, said.f**2 / sd2, 0.0)
-        acting = z2 * self.acts
-        e2 = self.shape**2 * (jnp.sum(acting, axis=1, keepdims=True) - acting)
-        gone = jnp.maximum(said.most - jnp.abs(said.f), 0.0)
-        e2 = e2 + self.acts * (self.gain * gone) ** 2 / sd2
         s2 = self.size**2 / sd2
         odds = jnp.log(self.common) + (jnp.log1p(e2) - jnp.log1p(s2)) / 2
         odds = odds + z2 / 2 * (1 / (1 + e2) - 1 / (1 + s2))
