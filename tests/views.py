@@ -120,7 +120,7 @@ def check_named(bank, said, told_of, unnamed):
         assert all(t[b - 1] - t[a] <= bank.knowledge.memory for a, b in edges), name
     for plain in told_of:
         for each in plain["given_up"]:
-            assert "was named beside it from" in plain["sentence"]
+            assert "was named beside it" in plain["sentence"]
             part = (each["from"] <= t) & (t <= each["to"])
             assert np.nanmax(columns[part, names.index(each["fault"])]) >= NAMED
 

@@ -407,7 +407,8 @@ def test_a_search_begins_with_what_is_white_in_the_samples_of_a_sensor():
     plant = as_stated(MOTOR, points, states, outputs=("current", "speed"))
     told = noise_estimation._Healthy.of(plant, [motor(seed) for seed in range(2)])
     bounds = told.bounds(told.guess)
-    begun = noise_estimation._started(plant, told.batch, told.guess, bounds, lambda: None)
+    heard = noise_estimation._Progress(lambda _: None, 1)
+    begun = noise_estimation._started(plant, told.batch, told.guess, bounds, heard)
     assert begun.sigma == pytest.approx(MOTOR_SIGMA, rel=0.2)
 
 
@@ -437,3 +438,19 @@ def test_a_constant_that_a_fault_changes_may_differ_between_runs():
     names = constants_of(as_stated(text, points)).names
     assert "leak" in names
     assert len(set(names) & set(others)) == 6
+
+
+def test_progress_goes_on_from_part_to_part_and_ends_at_all():
+    shares = list[float]()
+    heard = noise_estimation._Progress(shares.append, 6)
+    heard()
+    heard.over()
+    for _ in range(40):
+        heard()
+    heard.weighs(4)
+    for _ in range(400):
+        heard()
+    assert shares == sorted(shares)
+    assert shares[0] == pytest.approx((1 - np.exp(-1 / 12)) / 6)
+    assert 1 / 6 < shares[1] < shares[40] < 2 / 6 <= shares[41]
+    assert shares[-1] == pytest.approx(1.0, abs=1e-3)

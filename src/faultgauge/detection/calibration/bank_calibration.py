@@ -173,7 +173,8 @@ def _believed_less(
     advice = (
         "that is much of the logs, so rather the plant file lacks something that the plant does"
         if sum(each.end - each.start for each in asked) > MUCH * judged
-        else "if some of that was not healthy, leave it out with --where"
+        else "if some of that was not healthy, leave it out with --where; if it was, the plant "
+        "file lacks something that the plant does there"
     )
     return [
         "the model errs in ways that its noise does not cover, and healthy logs would look faulty, "

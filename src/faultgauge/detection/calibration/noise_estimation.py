@@ -94,7 +94,7 @@ AGREE = 1.25  # times: what the plant does lets the constants of runs lie no far
 HOLDS = 0.1  # of the power of what a model errs by: a grip that leaves more is none
 LESS = 0.95  # of the share that a change is off by: a lag that leaves more is none
 TOLD = 1.05  # times the shortest time: the end of a search
-ENOUGH = 0.3  # of log-likelihood: a step that gains less is the last
+ENOUGH = 1.0  # of log-likelihood: a step that gains less is the last
 NONE = 1e-6  # times the usual: as good as no discrepancy
 
 

@@ -98,9 +98,9 @@ class Inexact(eqx.Module):
         """e^2 by the other faults of each set, and by what each fault was once."""
         sd2 = jnp.maximum(said.sd**2, TINY)
         acting = jnp.where(self.holds > 0, said.f**2 / sd2, 0.0) * self.acts
-        others = self.shape**2 * (jnp.sum(acting, axis=1, keepdims=True) - acting)
-        gone = jnp.maximum(said.most - jnp.abs(said.f), 0.0)
-        return others, self.acts * (self.gain * gone) ** 2 / sd2
+        others = jnp.sum(acting, axis=1, keepdims=True) - acting
+        gone = jnp.maximum(said.most - jnp.abs(said.f), 0.0) ** 2 / sd2
+        return jnp.multiply(self.shape**2, others), jnp.multiply(self.acts * self.gain**2, gone)
 
     def _real(
         self, said: BranchInfo, e2: Float[Array, "sets faults"]

@@ -40,11 +40,7 @@ def told_event(bank: FaultBank, decision: Decision, event: BankEvent) -> Told:
     head, times = finding(event, unit, bank.step, run.clock, over)
     rest = [times + _whether_over(bank, decision, event)]
     rest += [*_before_its_name(bank, decision, event), *_course(bank, decision, event)]
-    rest += [
-        f"{UNDECLARED if name == UNKNOWN else name} was named beside it from "
-        f"{row_time(bank, decision, first)} to {row_time(bank, decision, last)}, and given up"
-        for name, first, last in given_up(bank, decision, event)
-    ]
+    rest += _named_beside(bank, decision, event)
     others = {each.fault for each in _beside(decision, event)}
     rest += likelihoods(
         (other_cause(event, cause), odds)
@@ -128,6 +124,21 @@ def given_up(
             for a, b in stretches(rows, np.isfinite(found.healthy), pause(bank))
             if b - a > 1
         ]
+    return said
+
+
+def _named_beside(bank: FaultBank, decision: Decision, event: BankEvent) -> list[str]:
+    """What was `given_up`, each cause once."""
+    spans = dict[str, list[tuple[float, float]]]()
+    for name, first, last in given_up(bank, decision, event):
+        spans.setdefault(UNDECLARED if name == UNKNOWN else name, []).append((first, last))
+    said = []
+    for name, each in spans.items():
+        first, last = (row_time(bank, decision, t) for t in (each[0][0], each[-1][1]))
+        when = f"from {first} to {last}"
+        if len(each) > 1:
+            when = f"{len(each)} times between {first} and {last}"
+        said.append(f"{name} was named beside it {when}, and given up")
     return said
 
 
