@@ -454,3 +454,40 @@ def test_progress_goes_on_from_part_to_part_and_ends_at_all():
     assert shares[0] == pytest.approx((1 - np.exp(-1 / 12)) / 6)
     assert 1 / 6 < shares[1] < shares[40] < 2 / 6 <= shares[41]
     assert shares[-1] == pytest.approx(1.0, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("gains", "taken"),
+    [
+        # alone, lags of sensors are likelier: the satellite of benchmarks/mismatch_rig.py
+        ({"sensors": 521, "inputs": 445, "both": 789}, "both"),
+        ({"sensors": 521, "inputs": 445, "both": 522}, "sensors"),  # a level more gains too little
+        ({"inputs": 445}, "inputs"),
+        ({}, "none"),
+    ],
+)
+def test_lags_of_inputs_and_sensors_are_begun_with_either(monkeypatch, gains, taken):
+    points = np.random.default_rng(0).uniform([-2, -130, -24], [2, 130, 24], (60, 3))
+    states = [("current", 0), ("speed", 0)]
+    plant = as_stated(MOTOR, points, states, outputs=("current", "speed"))
+    told = noise_estimation._Healthy.of(plant, [motor(seed) for seed in range(2)])
+    lean = {"lean": -np.ones(1), "leaning": np.ones(1)}
+    trail = {"trail": np.ones(2)}
+
+    def kind(noise):
+        late = [name for name, there in (("inputs", noise.lean), ("sensors", noise.trail))
+                if there.any()]  # fmt: skip
+        return "both" if len(late) == 2 else (*late, "none")[0]
+
+    def beside(which, _model, _told, noise, _stepped):
+        more = noise._replace(**(lean if which is noise_estimation.LAGS[0] else trail))
+        return more if kind(more) in gains and kind(noise) != "sensors" else None
+
+    monkeypatch.setattr(noise_estimation, "_with", beside)
+    monkeypatch.setattr(
+        noise_estimation,
+        "_costs",
+        lambda _model, _batch, many, _bounds: np.array([-gains.get(kind(n), 0.0) for n in many]),
+    )
+    heard = noise_estimation._Progress(lambda _: None, 1)
+    assert kind(noise_estimation._with_lags(plant, told, told.guess, heard)) == taken
