@@ -77,7 +77,7 @@ PART = 0.5  # of every stretch, which the first of these steps look at
 # and by all data, which is as much as a few of them
 PARTS, ALL = 14, 3
 USUAL = 12  # steps of a part
-SEEN = 4096  # samples that tell what there is beside the levels; all samples tell how much
+SEEN = 8192  # samples that tell what there is beside the levels; all samples tell how much
 # these come first, as they are no error; what one of them explains the other does in part
 LAGS = (with_lags_of_inputs, with_lags_of_sensors)
 CURVES = (with_curves_of_inputs,)  # are no errors either
