@@ -118,6 +118,7 @@ def slid(seed, breaks):
     return Run(f"{seed}", "slide.csv", 0.05 * np.arange(COUNT), {"u": u, "v": seen})
 
 
+@pytest.mark.study
 def test_what_holds_a_slide_at_rest_is_found_and_nothing_where_the_file_has_it():
     """At rest the file's curve gives way where the slide bears up to 1.2: what holds is as large as
     some of that, lets go well below the speeds of about 1, and leaves an error in motion that is a
@@ -247,6 +248,7 @@ def curved(seed, bend):
     return Run(run.name, run.source, run.t, {"u": u, "x": run.columns["x"] + more})
 
 
+@pytest.mark.study
 def test_a_curve_that_the_file_has_straight_is_found_and_none_where_it_is():
     """u is uniform in -1 ... 1, held for 20 samples, 96 times; u^2 scatters by 0.3, so that the
     discrepancy, 0.2 for 6 s in each 10 s, leaves a bend with a standard deviation of some

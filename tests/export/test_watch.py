@@ -71,6 +71,7 @@ def test_a_fault_in_the_examples_is_found_and_named(cc, wheel, printed):
     assert said["p_friction"][-1] > 0.9
 
 
+@pytest.mark.study
 def test_a_plant_that_comes_late_along_a_curve_says_what_python_says(cc):
     twin = '\n[faults.pump]\nenters = "input"\ntarget = "u"\nunit = "V"\n'
     model = calibrated(read_plant_text("tank") + twin, late=True)
