@@ -540,3 +540,26 @@ def test_what_a_step_explains_of_others_leaves_no_more_evidence_than_there_was()
             # rounding of differences of J
             bound = (info_left + 1e-12 * info.max()) * (w @ w)
             assert np.all(score**2 <= bound * (1 + 1e-6) + 1e-9)
+
+
+def test_a_fault_that_comes_to_lie_beyond_its_limits_is_as_much_less_likely():
+    """Within 0 and 3: what is cut off a normal distribution, by SciPy, before a sample and after
+    it, of each filter; a fault that is known not to be there counts for nothing."""
+    modes = bank((PUSH, BIAS), limits=(0.0, 3.0))
+    at = modes.filter.states + np.array([PUSH, BIAS])
+    mean, variance = np.zeros((2, 2, modes.filter.states + 2)), np.zeros((2, 2))
+    mean[0][:, at], mean[1][:, at] = [[0.5, 0.5], [0.5, 9.0]], [[-0.1, 0.5], [3.1, 9.0]]
+    variance[:] = [0.04, 0.0]  # of the second fault: it is not there
+
+    def belief(which):
+        P = np.zeros((2, mean.shape[2], mean.shape[2]))
+        P[:, at, at] = variance
+        return dd.Belief(jnp.asarray(mean[which]), jnp.asarray(P))
+
+    def inside(which):
+        m = mean[which][:, at[0]]
+        return np.log(norm.cdf(3.0, m, 0.2) - norm.cdf(0.0, m, 0.2))
+
+    found = modes._kept_within(belief(0), belief(1))
+    np.testing.assert_allclose(found, inside(1) - inside(0), rtol=1e-9)
+    assert np.all(np.asarray(found) < np.log(0.35))
