@@ -4,7 +4,7 @@
 
 with s_i the standard deviation of z_i, so that a sign, a dead zone or a limit counts as far as it
 lies within what is not known (Norgaard, Poulsen and Ravn, Automatica 36 (2000), "New developments
-in state estimation for nonlinear systems"). Outputs are taken one after another, in Joseph's form.
+in state estimation for nonlinear systems"). Outputs are taken one after another, P - K S K^T each.
 A sample far outside of what is expected has its noise raised until it is `FAR` standard deviations
 off: a glitch moves nothing, and what stays off speaks for whatever explains it.
 """
@@ -17,7 +17,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from faultgauge.plants.disturbed import Disturbed
 from faultgauge.plants.plant import respond
@@ -152,43 +152,65 @@ class DividedDifferenceFilter(eqx.Module):
             rest = jnp.zeros((n - own, *rows.shape[1:]))
             return jnp.concatenate([rows[:own], rest.at[self._trailing].set(rows[own:])])
 
+        after, F, middle, up, down = self._differences(flow, belief)
+        z, size = belief.mean, len(belief.mean)
+        mixed, plain, back = self._rows(size)
         # what stands behind the plant's own states fades; but for what trails it follows nobody
-        lasting = jnp.concatenate([jnp.zeros(own), self.plant.lasting(dt)])
-        after, F, middle, up, down = map(placed, self._differences(flow, belief))
-        after = after + lasting * belief.mean[:n]
-        F = F + np.eye(n) * lasting
-        size = len(belief.mean)
-        A = jnp.concatenate([F, middle, jnp.zeros((n, size - n - k))], axis=1)
-        grows = np.zeros((size - n, size))
-        grows[list(self.growing), range(n + k, size)] = 1.0
-        A = jnp.concatenate([A, np.eye(size)[n:] + dt * grows])
+        fades = jnp.concatenate([jnp.zeros(own), self.plant.lasting(dt), jnp.ones(size - n)])
+        F = F + np.eye(n)[mixed[: len(F)]] * fades[:n]
+        M = jnp.concatenate([F, middle, jnp.zeros((len(F), size - n - k))], axis=1)
+        grows = np.zeros((len(self.growing), size))
+        grows[range(len(grows)), range(n + k, size)] = 1.0
+        grows = np.eye(size)[mixed[len(F) :]] + dt * grows
+        after = after + (fades * z)[mixed[: len(F)]]
+        parts = after, contract("ij,j->i", grows, z), (fades * z)[plain]
+        after = jnp.concatenate(parts)[back]
         # were it less where a fault takes an input's effect, noise that is too large would speak
         # for the fault
         none = jnp.zeros(k)
         unseen = jnp.where(dt > MISSING * self.step_s, dt - self.step_s, 0.0)
-        jump = self.plant.jumps(after, u_before, u, none, none, unseen)
-        f = belief.mean[n : n + k]
-        after = after + self.plant.leans(u_before, u, f, f)
-        mean = jnp.concatenate([after, contract("ij,j->i", A[n:], belief.mean)])
-        rates = jnp.zeros(size - n - k)
+        jump = self.plant.jumps(after[:n], u_before, u, none, none, unseen)
+        f, rates = z[n : n + k], jnp.zeros(size - n - k)
+        mean = after.at[:n].add(self.plant.leans(u_before, u, f, f))
         doubts = self.plant.doubts(u_before, u)
         process = doubts * noise.process
         Q = dt * jnp.concatenate([process, noise.walk * self._present(belief), rates]) ** 2
         Q = Q.at[:n].add((doubts * jump) ** 2)
-        P = self.through(A, self.through(A, belief.P).T) + jnp.diag(Q)
-        return Belief(mean, P), Flow(A, up, down)
+        M, rest = jnp.concatenate([M, grows]), np.eye(size)[plain] * fades
+        P = self._carried(M, fades[plain], belief.P) + jnp.diag(Q)
+        A = jnp.concatenate([M, rest])[back]
+        return Belief(mean, P), Flow(A, placed(up), placed(down))
+
+    def _rows(
+        self, size: int
+    ) -> tuple[Int[np.ndarray, "mixed"], Int[np.ndarray, "plain"], Int[np.ndarray, "n"]]:
+        """Which rows of the A of a `Flow` hang on many of z (the plant's own states, what trails
+        them, what grows), which on their own alone, and where in these two, one behind the other,
+        each stands."""
+        g = self.plant.parts.g
+        grow = [self.states + slot for slot in self.growing]
+        mixed = np.array([*range(self.plant.count), *range(g.start, g.stop), *grow])
+        plain = np.delete(np.arange(size), mixed)
+        return mixed, plain, np.argsort(np.concatenate([mixed, plain]))
 
     def through(self, A: Float[Array, "n n"], M: Float[Array, "n m"]) -> Float[Array, "n m"]:
-        """A @ M for the A of a `Flow`: below the plant's own states it is a diagonal, but for what
-        trails and rates of growth."""
-        own, grows = self.plant.count, self.states + self.faults
-        low = jnp.diagonal(A)[own:, None] * M[own:]
-        if self.plant.trailing:
-            low = low.at[self._trailing].set(contract("ij,jk->ik", A[self.plant.parts.g], M))
-        if self.growing:
-            off = np.eye(len(A))[own:, grows:] == 0
-            low = low + contract("ij,jk->ik", jnp.where(off, A[own:, grows:], 0.0), M[grows:])
-        return jnp.concatenate([contract("ij,jk->ik", A[:own], M), low])
+        """A M for the A of a `Flow`."""
+        mixed, plain, back = self._rows(len(A))
+        fades = jnp.diagonal(A)[plain]
+        parts = contract("ij,jk->ik", A[mixed], M), fades[:, None] * M[plain]
+        return jnp.concatenate(parts)[back]
+
+    def _carried(
+        self, M: Float[Array, "mixed n"], fades: Float[Array, "plain"], P: Float[Array, "n n"]
+    ) -> Float[Array, "n n"]:
+        """A P A^T for the A that has the rows M and `fades` of the other rows' diagonal."""
+        _, plain, back = self._rows(len(P))
+        rows = contract("ij,jk->ik", M, P)
+        both, side = contract("ij,kj->ik", rows, M), rows[:, plain] * fades
+        rest = P[plain][:, plain] * fades[:, None] * fades
+        upper = jnp.concatenate([both, side], axis=1)
+        lower = jnp.concatenate([side.T, rest], axis=1)
+        return jnp.concatenate([upper, lower])[back][:, back]
 
     def look(
         self, belief: Belief, u: Float[Array, "inputs"]
@@ -213,27 +235,29 @@ class DividedDifferenceFilter(eqx.Module):
     ) -> tuple[Belief, Float[Array, ""], Seen]:
         """(the belief after `y` (NaN: not sampled), its log-likelihood, what each output said)."""
         mean, P, total, said = belief.mean, belief.P, jnp.zeros(()), []
+        taken: list[Array] = []
         for j in range(len(y)):
             there, H = jnp.isfinite(y[j]), look.C[j]
             HP = contract("i,ij->j", H, P)
+            for half in taken:
+                HP = HP - contract("i,i->", H, half) * half
             known = contract("i,i->", HP, H)
             S = known + noise.sigma[j] ** 2
             moved = contract("i,i->", H, mean - belief.mean)
             e = jnp.where(there, y[j] - expected[j] - moved, 0.0)
             usual, S = jnp.sqrt(S), S * raised(e**2 / S)
-            R = S - known
-            K = jnp.where(there, HP * (1 / S), 0.0)
-            # (I - K H) P (I - K H)^T + R K K^T, a row and a column at a time
-            P = P - jnp.outer(K, HP)
-            mean, P = (
-                mean + K * e,
-                P - jnp.outer(contract("ij,j->i", P, H), K) + R * jnp.outer(K, K),
-            )
             root = jnp.sqrt(S)
+            half = jnp.where(there, HP * (1 / root), 0.0)
+            taken.append(half)
+            mean = mean + half * (e / root)
             total += jnp.where(there, -0.5 * (e**2 / S + jnp.log(2 * jnp.pi * S)), 0.0)
-            said.append((e / root, *(jnp.where(there, a, jnp.inf) for a in (root, usual)), K))
+            said.append(
+                (e / root, *(jnp.where(there, a, jnp.inf) for a in (root, usual)), half / root)
+            )
+        for half in taken:
+            P = P - jnp.outer(half, half)
         seen = Seen(*(jnp.stack(each) for each in zip(*said, strict=True)))
-        return Belief(mean, (P + P.T) / 2), total, seen
+        return Belief(mean, P), total, seen
 
     def step(
         self,
@@ -250,7 +274,8 @@ class DividedDifferenceFilter(eqx.Module):
         expected, look = self.look(predicted, u)
         after, likelihood, seen = self.update(predicted, noise, expected, look, y)
         # what is no number anywhere is none in the variances either
-        sizes = [after.mean, jnp.diagonal(after.P), flow.A, flow.up, flow.down]
+        rows = self._rows(len(after.mean))[0]
+        sizes = [after.mean, jnp.diagonal(after.P), flow.A[rows], flow.up, flow.down]
         sizes += [look.C, look.up, look.down]
         # of each number on its own: a largest one waits for all before it
         within = jnp.stack([jnp.all(jnp.abs(part) < HUGE) for part in sizes])

@@ -251,7 +251,7 @@ class Disturbed(Plant):
     ) -> Float[Array, "trailing"]:
         """What `plant` shows in the outputs that trail, which read states alone."""
         y = plant.output(jnp.zeros_like(x), x, u)
-        return contract("ji,j->i", _acts(len(y), self.trailing), y)
+        return _taken(y, self.trailing)
 
     def forces(
         self,
@@ -291,9 +291,9 @@ class Disturbed(Plant):
     def besides(self, x: Float[Array, "states"]) -> Float[Array, "outputs"]:
         """b, l and g, and what `base` shows besides."""
         count, parts = len(self.signals.outputs), self.parts
-        more = contract("ij,j->i", _acts(count, self.wandering), x[parts.b])
-        more = more + contract("ij,j->i", _acts(count, self.lagging), x[parts.lag])
-        more = more + contract("ij,j->i", _acts(count, self.trailing), x[parts.g])
+        more = _put(count, self.wandering, x[parts.b])
+        more = more + _put(count, self.lagging, x[parts.lag])
+        more = more + _put(count, self.trailing, x[parts.g])
         return self.base.besides(x[parts.x]) + more
 
     def jumps(
@@ -315,7 +315,7 @@ class Disturbed(Plant):
         us, fs = jnp.stack([u, u_before]), jnp.stack([f, f_before]) * np.array(acting, float)
         dx, y = jax.vmap(lambda u, f: respond(self, x, u, f))(us, fs)
         parts = self.parts
-        shown = contract("ji,j->i", _acts(y.shape[1], self.lagging), y[0] - y[1])
+        shown = _taken(y[0] - y[1], self.lagging)
         driven = np.isin(np.arange(self.count), self.driven)
         rates = jnp.where(driven, (dx[0] - dx[1])[parts.x], 0.0)
         jumps = jnp.zeros(len(x)).at[parts.x].set(unseen * jnp.abs(rates) / np.sqrt(3))
@@ -333,7 +333,7 @@ class Disturbed(Plant):
         us = jnp.stack([u, u_before])
         if self.following:
             moved = self._moved(us, jnp.stack([f, f]))
-            moved = contract("ji,j->i", _acts(len(u), self.following), moved)
+            moved = _taken(moved, self.following)
             jump = jump.at[self.parts.h].set(moved)
         if self.leaning:
             jump = jump + self._leant(self._moved(us, jnp.stack([f, f_before])))
@@ -397,7 +397,7 @@ class Disturbed(Plant):
 
     def _leant(self, moved: Float[Array, "inputs"]) -> Float[Array, "states"]:
         """By how much v jumps where the inputs have `moved`."""
-        jump = self.error.lean * contract("ji,j->i", _acts(len(moved), self.leaning), moved)
+        jump = self.error.lean * _taken(moved, self.leaning)
         return jnp.zeros(len(self.signals.states)).at[self.parts.v].set(jump)
 
     def _slow(
@@ -405,7 +405,7 @@ class Disturbed(Plant):
     ) -> Float[Array, "times own"]:
         """What d adds to the rates of `base` `t` [s] after `x`."""
         slow = jnp.exp(-t[:, None] / self.error.tau) * x[self.parts.d]
-        return contract("tj,ij->ti", slow, _acts(self.count, self.driven))
+        return _put(self.count, self.driven, slow)
 
     def _astray(
         self, x: Float[Array, "states"], of: Callable[[Plant], Float[Array, "some"]]
@@ -415,10 +415,10 @@ class Disturbed(Plant):
         both."""
         usual = self._with(jnp.zeros_like(self.offset))
         count = len(self.signals.inputs)
-        stray = contract("ij,j->i", _acts(count, self.straying), x[self.parts.a])
+        stray = _put(count, self.straying, x[self.parts.a])
         e = self.error.share * x[self.parts.r] * x[self.parts.h]
-        stray = stray + contract("ij,j->i", _acts(count, self.following), e)
-        stray = stray + contract("ij,j->i", _acts(count, self.leaning), x[self.parts.v])
+        stray = stray + _put(count, self.following, e)
+        stray = stray + _put(count, self.leaning, x[self.parts.v])
         if not self.straying and not self.following and not self.leaning:
             return jnp.zeros_like(of(usual))
         return of(Strayed(usual.signals, usual, stray)) - of(usual)
@@ -452,11 +452,17 @@ def _mean_left(spans: Float[Array, "some"]) -> Float[Array, "some"]:
     return jnp.where(spans > 0, -jnp.expm1(-spans) / jnp.where(spans > 0, spans, 1.0), 1.0)
 
 
-def _acts(count: int, on: tuple[int, ...]) -> Float[np.ndarray, "count some"]:
-    """What a unit of each of some does to one each of `count`."""
-    acts = np.zeros((count, len(on)))
-    acts[list(on), range(len(on))] = 1.0
-    return acts
+def _put(count: int, on: tuple[int, ...], values: Float[Array, "*many some"]) -> Array:
+    """`values` at the places `on` of `count` numbers, 0 elsewhere."""
+    none = jnp.zeros((*values.shape[:-1], 1))
+    places = np.full(count, len(on))
+    places[list(on)] = range(len(on))
+    return jnp.concatenate([values, none], axis=-1)[..., places]
+
+
+def _taken(values: Float[Array, "all"], on: tuple[int, ...]) -> Float[Array, "some"]:
+    """Those of `values` that are at the places `on`."""
+    return values[np.array(on, int)]
 
 
 def dynamic_states(plant: Plant) -> tuple[int, ...]:
