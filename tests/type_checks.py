@@ -33,7 +33,7 @@ class _Check:
     """What beartype makes of a function, once it is called."""
 
     def __init__(self, thing: Any) -> None:
-        if _gets_the_result(thing):  # the arguments were looked at before, and their sizes are known
+        if _gets_the_result(thing):  # its arguments were looked at before
             told = thing.__annotations__
             thing.__annotations__ = {"return": told["return"]} if "return" in told else {}
         self.thing = thing
