@@ -133,6 +133,15 @@ def quick_code() -> Iterator[None]:
     jax.clear_caches()
 
 
+@pytest.fixture
+def noise_once() -> Iterator[None]:
+    """For calibrations of which not the noise is asked for."""
+    from once import looked_once
+
+    with looked_once():
+        yield
+
+
 @pytest.fixture(scope="session")
 def long_jobs() -> dict[str, str]:
     """Environment of processes that run what they compile for long."""
