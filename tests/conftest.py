@@ -10,6 +10,8 @@ from typing import Any
 import jaxtyping
 import pytest
 
+import type_checks
+
 # Most tests run a program once: quick compiling beats quick code.
 QUICK = "--xla_cpu_multi_thread_eigen=false --xla_cpu_use_fusion_emitters=false"
 # All of a program as one module of LLVM: tests keep both cores busy without dividing it.
@@ -56,7 +58,11 @@ TOGETHER = {
         "detection/test_one_source.py",
         "reporting/test_pages.py",
     ),
-    "lag": ("detection/test_bank_calibration.py", "detection/test_start.py"),  # lags.py
+    "lag": (  # lags.py
+        "detection/test_bank_calibration.py",
+        "detection/test_start.py",
+        "detection/test_event_sizes.py",
+    ),
 }
 # As the commands have it: one thread each; a program is compiled once for all workers.
 for name, value in {
@@ -76,6 +82,7 @@ for name, value in {
 gc.set_threshold(200_000)  # as the commands have it: tracing makes many objects and few cycles
 
 OURS = ("faultgauge", "faultgauge_studies")
+jaxtyping.jaxtyped = type_checks.quickly_typed  # which the hook asks for by name
 jaxtyping.install_import_hook(OURS, "type_checks.checked").__enter__()
 
 import jax  # noqa: E402  (after the hook, so that nothing of ours is imported before it)
@@ -131,6 +138,15 @@ def quick_code() -> Iterator[None]:
     yield
     jax.config.update("jax_disable_most_optimizations", True)
     jax.clear_caches()
+
+
+@pytest.fixture
+def noise_once() -> Iterator[None]:
+    """For calibrations of which not the noise is asked for."""
+    from once import looked_once
+
+    with looked_once():
+        yield
 
 
 @pytest.fixture(scope="session")

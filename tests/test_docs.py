@@ -16,6 +16,12 @@ README = FENCE.findall((ROOT / "README.md").read_text())
 PAGE = FENCE.findall((ROOT / "docs" / "python.md").read_text())
 NOTEBOOK = ROOT / "examples" / "leaking_tank" / "leaking_tank.ipynb"
 NEXT = "-- next"
+ONCE = (
+    "from faultgauge.cli.app import run",
+    "from once import looked_once",
+    "once = looked_once()",
+    "once.__enter__()",
+)
 TOLD = """import json
 events = [(each.fault, each.size, each.onset) for each in answer.events]
 print(json.dumps({"shown": [type(each).__name__ for each in shown], "events": events}))
@@ -40,10 +46,11 @@ class Printed:
 
 @pytest.fixture(scope="module")
 def printed(tmp_path_factory, long_jobs):
-    """All run in one process, so that what several of them compile is compiled once. Commands are
-    called as the script calls them."""
+    """All run in one process, so that what several of them compile is compiled once, and where one
+    calibrates by the log of another its noise is looked for once. Commands are called as the script
+    calls them."""
     folder = tmp_path_factory.mktemp("docs")
-    code, typed = ["from faultgauge.cli.app import run"], 0
+    code, typed = [f"import sys\nsys.path.append({str(ROOT / 'tests')!r})", *ONCE], 0
     for language, text in README:
         if language == "python":
             code.append(text)

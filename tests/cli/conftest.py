@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from faultgauge.cli.app import run
+from once import looked_once
 from tanks import COUNT, LEAK, PLANT, STEP, as_csv, log
 
 
@@ -56,7 +57,8 @@ def workshop(tmp_path_factory) -> Workshop:
     plant.write_text(PLANT)
     assert run(["fit", str(plant), str(paths["healthy"]), "--out", str(model)]) == 0
     healthy = str(paths["healthy2"])
-    assert run(["calibrate", str(model), healthy, "--out", str(calibrated)]) == 0
+    with looked_once():
+        assert run(["calibrate", str(model), healthy, "--out", str(calibrated)]) == 0
     eso = ["--observer", "eso", "--out", str(limited)]
     assert run(["calibrate", str(model), healthy, *eso]) == 0
     return Workshop(

@@ -11,7 +11,6 @@ import safetensors.numpy
 import faultgauge.files
 import faultgauge.identification.fit
 from faultgauge.cli.app import ISSUES
-from faultgauge.detection.calibration import calibration
 from faultgauge.verbs.check import guessed
 from faultgauge.verbs.how import How
 from faultgauge.verbs.reading import runs_for_plant
@@ -313,25 +312,6 @@ OPTIONS = {  # arguments (files by name), and what must be named
     "seed is text": (["fit", "plant", "healthy", "--seed", "a", "--out", "m.fgm"], ["--seed"]),
     "unknown time": (["evaluate", "model", "healthy", "--time", "clock"], ["clock"]),
 }  # fmt: skip
-
-
-@pytest.fixture(scope="module")
-def found():
-    """The noise of the workshop's healthy log, once it was looked for."""
-    return []
-
-
-@pytest.fixture
-def noise_once(monkeypatch, found):
-    """For calibrations of one model by one log, of which not the noise is asked for."""
-    look = calibration.estimate_noise
-
-    def once(*arguments):
-        if not found:
-            found.append(look(*arguments))
-        return found[0]
-
-    monkeypatch.setattr(calibration, "estimate_noise", once)
 
 
 @pytest.mark.usefixtures("noise_once")

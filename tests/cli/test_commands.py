@@ -412,6 +412,7 @@ def test_calibrate_says_what_the_healthy_log_proves_of_the_bank(call, workshop, 
     text = report.read_text()
     assert "How well a fault is known by when" in text
     assert "Healthy blocks against the alarm level" in text
+    stands_alone(text)
 
 
 def test_the_bank_answers_a_stream_as_it_answers_the_file(call, workshop, tmp_path, monkeypatch):
@@ -493,6 +494,7 @@ def test_estimate_without_calibration_judges_nothing(call, workshop, tmp_path):
     assert "not calibrated" in {r["reason"] for r in table(out)}
 
 
+@pytest.mark.usefixtures("noise_once")
 def test_check_does_it_all(call, workshop, tmp_path):
     out = tmp_path / "kept"
     logs = (workshop.healthy, workshop.suspect)
@@ -509,6 +511,9 @@ def test_check_does_it_all(call, workshop, tmp_path):
     assert longest["p"] > 0.95
     assert any("leak" in sentence for sentence in found["sentences"])
     assert {p.name for p in out.iterdir()} == {"model.fgm", "estimates.csv", "report.html"}
+    args = (out / "model.fgm", workshop.suspect, "--out", tmp_path / "again.csv", "--json")
+    assert one_object(call("estimate", *args))["events"] == found["events"]
+    assert (tmp_path / "again.csv").read_bytes() == (out / "estimates.csv").read_bytes()
     page = (out / "report.html").read_text()
     places = [
         page.index(part)
@@ -523,23 +528,21 @@ def test_check_does_it_all(call, workshop, tmp_path):
     assert places == sorted(places)
 
 
-def test_check_names_a_column_of_another_size(call, workshop, tmp_path):
+@pytest.mark.usefixtures("noise_once")
+def test_check_names_a_column_of_another_size_and_answers_as_estimate_does(
+    call, workshop, tmp_path
+):
+    """In all it says, of the model that it keeps."""
     t, u, x = np.loadtxt(workshop.suspect, delimiter=",", skiprows=1, unpack=True)
-    odd = tmp_path / "odd.csv"
+    odd, out, table_of = tmp_path / "odd.csv", tmp_path / "kept", tmp_path / "again.csv"
     rows = np.stack([t, u, 1000 * x], axis=1)
     np.savetxt(odd, rows, delimiter=",", header="t,u,x", comments="")
-    said = call("check", workshop.healthy, odd, "--plant", workshop.plant)
+    said = call("check", workshop.healthy, odd, "--plant", workshop.plant, "--out", out)
     assert said.code == 0
     assert "warning: column 'x' spreads" in said.err
     assert "times as far in run 'odd' as in run 'healthy'" in said.err
-
-
-def test_check_answers_as_estimate_does_with_the_model_that_it_keeps(call, workshop, tmp_path):
-    out, table_of = tmp_path / "kept", tmp_path / "again.csv"
-    logs = (workshop.healthy, workshop.suspect)
-    checked = call("check", *logs, "--plant", workshop.plant, "--out", out).out
-    again = call("estimate", out / "model.fgm", workshop.suspect, "--out", table_of).out
-    assert again == checked
+    again = call("estimate", out / "model.fgm", odd, "--out", table_of).out
+    assert again == said.out
     assert table_of.read_bytes() == (out / "estimates.csv").read_bytes()
 
 
@@ -577,13 +580,21 @@ def test_what_check_finds_where_no_fault_is_declared(call, undeclared, workshop)
     assert ") since 30 s" in longest["sentence"]
 
 
-@pytest.mark.parametrize("command", ["fit", "evaluate", "calibrate", "estimate"])
+def stands_alone(page):
+    """Whether a report needs nothing but itself."""
+    assert page.lstrip().lower().startswith("<!doctype html>")
+    assert "<svg" in page
+    for foreign in ('src="http', "src='http", '<link rel="stylesheet"', "@import", "url(http"):
+        assert foreign not in page, "the page must open without a network"
+
+
+@pytest.mark.parametrize("command", ["fit", "evaluate", "estimate"])
 def test_reports_stand_on_their_own(call, workshop, tmp_path, command):
+    """That of `calibrate` too, above."""
     page = tmp_path / "page.html"
     arguments = {
         "fit": (workshop.plant, workshop.healthy, "--out", tmp_path / "m.fgm"),
         "evaluate": (workshop.model, workshop.healthy2),
-        "calibrate": (workshop.model, workshop.healthy2, "--out", tmp_path / "m.fgm"),
         "estimate": (workshop.calibrated, workshop.suspect, "--out", tmp_path / "f.csv"),
     }[command]
     said = call(command, *arguments, "--report", page)
@@ -592,10 +603,7 @@ def test_reports_stand_on_their_own(call, workshop, tmp_path, command):
     if command in ("evaluate", "estimate"):
         assert call(command, *arguments, "--report", tmp_path / "again.html").code == 0
         assert (tmp_path / "again.html").read_text() == text, "the same bytes"
-    assert text.lstrip().lower().startswith("<!doctype html>")
-    assert "<svg" in text
-    for foreign in ('src="http', "src='http", '<link rel="stylesheet"', "@import", "url(http"):
-        assert foreign not in text, "the page must open without a network"
+    stands_alone(text)
 
 
 def test_a_column_is_renamed_by_map_and_time(call, workshop, tmp_path):

@@ -22,9 +22,20 @@ from faultgauge.reporting.words.unjudged import unjudged_sentence
 from lags import COUNT, LAG, NOISE, STEP, log, model
 
 
+def taken(found, plain):
+    """`plain` with what was `found`, of as much noise as there is."""
+    return calibrated(plain, found._replace(noise=NOISE))
+
+
 def on(healthy, **keys):
     plain = model(**keys)
-    return calibrated(plain, calibrate_bank(plain, healthy, NOISE)._replace(noise=NOISE))
+    return taken(calibrate_bank(plain, healthy, NOISE), plain)
+
+
+@pytest.fixture(scope="module")
+def right():
+    """By three healthy logs of a model that is right."""
+    return calibrate_bank(model(), [log(1), log(2), log(3)], NOISE)
 
 
 def test_the_level_stands_three_mean_excesses_of_the_upper_half_above_the_highest_peak():
@@ -38,8 +49,8 @@ def test_the_level_stands_three_mean_excesses_of_the_upper_half_above_the_highes
     assert level_of(peaks - 20, 0) == CERTAIN
 
 
-def test_the_level_says_what_the_healthy_data_prove():
-    block = on([log(k) for k in (1, 2, 3)]).calibration.bank
+def test_the_level_says_what_the_healthy_data_prove(right):
+    block = taken(right, model()).calibration.bank
     assert block.level >= CERTAIN
     assert block.alarms == 0
     # three runs of 800 less 10 samples of hold-off
@@ -60,10 +71,9 @@ def test_a_run_that_looks_faulty_is_named_and_kept():
     assert found.level.level > max(b.peak for b in found.blocks)  # kept: it raises the level
 
 
-def test_evidence_is_believed_as_far_as_healthy_logs_show_no_fault():
+def test_evidence_is_believed_as_far_as_healthy_logs_show_no_fault(right):
     """A model that is right is believed in full. One that errs by a square wave of 0.1 in x', which
     is neither white nor a rare step, would be sure of faults in healthy logs."""
-    right = calibrate_bank(model(), [log(1), log(2), log(3)], NOISE)
     assert right.level.widened == 1.0
     assert right.noise.as_dict(model()) == NOISE.as_dict(model())
     wave = 0.1 * np.sign(np.sin(2 * np.pi * np.arange(COUNT) / 200))

@@ -8,10 +8,10 @@ from faultgauge.detection.bank.knowledge import longest_delay
 from faultgauge.detection.decisions import decide_runs
 from faultgauge.detection.posterior.events import Judged, _before_its_end, _Stretch
 from faultgauge.detection.posterior.verdicts import Verdict
-from lags import NOISE, STEP, log, model
+from lags import COUNT, NOISE, STEP, log, model
 
 MODEL = for_bank(model(), NOISE)
-PUSH, TOLD, GONE, STOP, COUNT = 0, 100, 297, 300, 400
+PUSH, TOLD, GONE, STOP = 0, 100, 297, 300
 
 
 def judged(until):
@@ -22,7 +22,7 @@ def judged(until):
     there = (k >= TOLD) & (k < STOP)
     healthy = np.where(k < until, np.where(there, 0.0, 1.0), np.nan)
     p = np.stack([there * 1.0, 0.0 * k], axis=1)
-    decision = decide_runs(MODEL, [log(0, samples=COUNT)])[0][0]
+    decision = decide_runs(MODEL, [log(0)])[0][0]
     found = decision.posterior._replace(p=p, f=p * f[:, None], healthy=healthy)
     none, named = np.zeros(COUNT, int), np.zeros((COUNT, 3), bool)
     sets = np.zeros((COUNT, 4))

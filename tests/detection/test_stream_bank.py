@@ -132,18 +132,25 @@ def test_every_bit_of_a_holed_log_is_that_of_the_file(calibrated):
         assert told == [each for each in said if isinstance(each, Alarm | BankEvent | Unnamed)]
 
 
-LIMITED = TANK.replace('hold = "zero"', 'hold = "zero"\nmin = 0.7\nmax = 1.2')
+# of one fault, which no limit of the pump hides, and without one of the gauge
+LIMITED = TANK.replace('hold = "zero"', 'hold = "zero"\nmin = 0.5\nmax = 1.5')
 LIMITED = LIMITED.replace('enters = "input"\ntarget = "u"', 'enters = "state"\ntarget = "x"')
+LIMITED = LIMITED.replace('[faults.gauge]\nenters = "output"\ntarget = "x"', "")
+
+
+@pytest.fixture(scope="module")
+def limited():
+    return judging(LIMITED)
 
 
 @pytest.mark.parametrize("observer", ["bank", "eso"])
-def test_a_command_beyond_its_limits_is_the_limit_in_file_and_stream(observer):
-    """The log of a pump that does 0.7 to 1.2 l/s of what it is told, and of one told just that."""
-    limited = judging(LIMITED)
+def test_a_command_beyond_its_limits_is_the_limit_in_file_and_stream(limited, observer):
+    """The log of a pump that does 0.5 to 1.5 l/s of what it is told, and of one told just that."""
     done = short(log(3), 120)
-    u = np.clip(done.columns["u"], 0.7, 1.2)
+    u = done.columns["u"]
+    u = np.where(u > 1.2, 1.5, np.where(u < 0.7, 0.5, u))
     done = Run(done.name, done.source, done.t, done.columns | {"u": u})
-    beyond = np.where(u == 1.2, 5.0, np.where(u == 0.7, -1.0, u))
+    beyond = np.where(u == 1.5, 5.0, np.where(u == 0.5, -1.0, u))
     told = Run(done.name, done.source, done.t, done.columns | {"u": beyond})
     assert not np.array_equal(u, beyond)
     tables = []
@@ -161,7 +168,6 @@ def test_a_command_beyond_its_limits_is_the_limit_in_file_and_stream(observer):
             np.testing.assert_array_equal(np.array(each[name]), np.array(cells), name)
 
 
-LEAKY = TANK.replace('[faults.gauge]\nenters = "output"\ntarget = "x"', "")
 STILL = "x stands on one value: stuck or saturated"
 
 
@@ -178,11 +184,6 @@ def saturated(seed):
     return Run(run.name, run.source, run.t, run.columns | {"x": x})
 
 
-@pytest.fixture(scope="module")
-def leaky():
-    return judging(LEAKY)
-
-
 def believed(flat, run):
     """(what of x is a measurement, the places of outputs that stand still)."""
     return follow(flat, flat.init(), (run.columns["x"][:, None],))[1]
@@ -191,7 +192,7 @@ def believed(flat, run):
 def test_longer_repeats_are_no_measurements():
     """Seven times 1 with an empty cell among them, 2 twice: the 5th to 7th of the ones go."""
     run = readings(0, 1, 1, 1, np.nan, 1, 1, 1, 1, 2, 2)
-    flat = FlatLine.of(for_observer(model(LEAKY), {"x": 2}))
+    flat = FlatLine.of(for_observer(model(LIMITED), {"x": 2}))
     kept, _ = believed(flat, run)
     wanted = [0, 1, 1, 1, np.nan, 1, np.nan, np.nan, np.nan, 2, 2]
     np.testing.assert_array_equal(kept[:, 0], wanted)
@@ -199,10 +200,10 @@ def test_longer_repeats_are_no_measurements():
 
 def test_what_healthy_logs_repeat_is_allowed_twice_and_an_own_fault_explains_it():
     still = readings(0, *[1] * 6, 2)
-    assert longest_repeats(model(LEAKY), [still]) == {"x": 6}
+    assert longest_repeats(model(LIMITED), [still]) == {"x": 6}
     long = readings(0, *[1] * 14)
     known = {"x": 6}
-    used, standing = believed(FlatLine.of(for_observer(model(LEAKY), known)), long)
+    used, standing = believed(FlatLine.of(for_observer(model(LIMITED), known)), long)
     assert np.isfinite(used).sum() == 13  # 0, and twelve times 1
     assert standing[-3:].tolist() == [0, 1, 1]
     declared = for_observer(model(), known)  # a fault of the gauge
@@ -210,22 +211,22 @@ def test_what_healthy_logs_repeat_is_allowed_twice_and_an_own_fault_explains_it(
     assert believed(FlatLine.of(declared, sized=False), long)[1][-1] == 1
 
 
-def test_the_bank_says_so_and_names_no_leak(leaky):
+def test_the_bank_says_so_and_names_no_leak(limited):
     run = saturated(3)
-    (judged,), _ = decide_runs(leaky, [run])
+    (judged,), _ = decide_runs(limited, [run])
     still = np.array(judged.reason) == STILL
     assert still.sum() > 20
     assert {judged.status[k] for k in np.flatnonzero(still)} == {"NOT_JUDGED"}
     assert "pump" not in {event.fault for event in judged.events}
-    rows = [e for e in streamed(Stream(leaky, observer="bank"), run) if type(e) is Decision]
-    names = leaky.plant.signals.fault_names
+    rows = [e for e in streamed(Stream(limited, observer="bank"), run) if type(e) is Decision]
+    names = limited.plant.signals.fault_names
     assert table(rows, names) == table([judged], names), "floats compared with =="
 
 
-def test_so_do_the_observers(leaky):
+def test_so_do_the_observers(limited):
     run = saturated(3)
-    (judged,), _ = estimate(leaky, [run])
+    (judged,), _ = estimate(limited, [run])
     assert judged.reason.count(STILL) > 20
-    rows = [e for e in streamed(Stream(leaky, observer="eso"), run) if type(e) is Estimated]
-    names = leaky.plant.signals.fault_names
+    rows = [e for e in streamed(Stream(limited, observer="eso"), run) if type(e) is Estimated]
+    names = limited.plant.signals.fault_names
     assert plain_table(rows, names) == plain_table([judged], names)

@@ -3,10 +3,12 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import tanks
-from faultgauge.detection.calibration.calibration import calibrate
+from faultgauge.detection.bank.noise import Noise
+from faultgauge.detection.calibration import calibration
 from faultgauge.identification.fit import fit
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model, save_model
@@ -45,6 +47,14 @@ max = 1.0
 """
 
 
+# that of the logs' sensor, with next to no error of the model; b differs by some per cent
+NOISE = Noise(
+    *(np.array(each) for each in (
+        [tanks.NOISE], [1e-6], [], *([1e-4], [8.0], [1e-4], [3.0]), [0.04], [0.0], [0.0]
+    ))
+)  # fmt: skip
+
+
 def healthy(seed, count=400):
     columns = tanks.log(seed, count=count)
     return Run(f"h{seed}", f"h{seed}.csv", columns.pop("t"), columns)
@@ -70,7 +80,9 @@ def tank(tmp_path_factory) -> Tank:
     folder = tmp_path_factory.mktemp("tank")
     plant = GrayBoxPlant.untrained(parse_plant(PLANT, "tank.toml"))
     fitted, _ = fit(plant, [healthy(1)])
-    calibrated = calibrate(fitted, [healthy(2, 800), healthy(3, 800)]).model
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(calibration, "estimate_noise", lambda *_: NOISE)
+        calibrated = calibration.calibrate(fitted, [healthy(2, 800), healthy(3, 800)]).model
     save_model(fitted, folder / "fitted.fgm")
     save_model(calibrated, folder / "calibrated.fgm")
     for seed, count in ((2, 800), (4, 400), (5, 100)):

@@ -30,6 +30,36 @@ PUTS = {"scatter": lambda old, new: new, "scatter-add": jnp.add, "scatter-mul": 
 PIECES = 4  # slices that are joined rather than gathered
 
 
+def _broadcast(array: np.ndarray, shape: Any, broadcast_dimensions: Any, **_: Any) -> np.ndarray:
+    sizes = np.ones(len(shape), int)
+    sizes[list(broadcast_dimensions)] = array.shape
+    return np.broadcast_to(array.reshape(sizes), shape)
+
+
+def _iota(shape: Any, dimension: int, **_: Any) -> np.ndarray:
+    return _broadcast(np.arange(shape[dimension]), shape, [dimension])
+
+
+def _slice(array: np.ndarray, start_indices: Any, limit_indices: Any, strides: Any) -> np.ndarray:
+    return array[tuple(map(slice, start_indices, limit_indices, strides or [1] * array.ndim))]
+
+
+# what JAX would compile a program for, for every shape, to tell it of numbers that are known
+BY_NUMPY: dict[str, Callable[..., np.ndarray]] = {
+    "add": np.add,
+    "broadcast_in_dim": _broadcast,
+    "concatenate": lambda *arrays, dimension: np.concatenate(arrays, dimension),
+    "convert_element_type": lambda array, **_: array,
+    "eq": lambda a, b, **_: a == b,
+    "iota": _iota,
+    "lt": lambda a, b, **_: a < b,
+    "select_n": lambda which, *cases: np.choose(which, cases),
+    "slice": _slice,
+    "squeeze": lambda array, dimensions: np.squeeze(array, tuple(dimensions)),
+    "transpose": lambda array, permutation: np.transpose(array, permutation),
+}
+
+
 class _Value(NamedTuple):
     """An array of one unit; where it is each unit's `own`, of all units, which stand last."""
 
@@ -190,12 +220,22 @@ def _of_all(eqn: JaxprEqn, given: list[Any]) -> list[_Value]:
     """What is the same for all units; a number at once where all that it comes from is known."""
     if any(isinstance(a, Tracer) for a in given):
         return [_Value(a, False) for a in _bind(eqn, given)]
+    if eqn.primitive.name in BY_NUMPY and not _cut_off(eqn):
+        arrays = [np.asarray(a, _type(v)) for a, v in zip(given, eqn.invars, strict=True)]
+        found = BY_NUMPY[eqn.primitive.name](*arrays, **eqn.params)
+        return [_Value(np.asarray(found, _type(eqn.outvars[0])), False)]
     return [_Value(a, False) for a in _alike(eqn, given)]
 
 
 def _alike(eqn: JaxprEqn, given: Sequence[Any]) -> list[np.ndarray]:
     with jax.ensure_compile_time_eval():
         return [np.asarray(a) for a in _bind(eqn, [jnp.asarray(a) for a in given])]
+
+
+def _cut_off(eqn: JaxprEqn) -> bool:
+    """Whether numbers become integers, which XLA and NumPy do in ways of their own."""
+    kinds = {_type(v).kind for v in eqn.invars}, {_type(v).kind for v in eqn.outvars}
+    return eqn.primitive.name == "convert_element_type" and kinds[0] == {"f"} != kinds[1]
 
 
 def _known(each: _Value) -> bool:
@@ -236,3 +276,7 @@ def _even(places: Int[np.ndarray, "some"]) -> Iterator[slice]:
 
 def _shape(atom: Any) -> tuple[int, ...]:
     return atom.aval.shape
+
+
+def _type(atom: Any) -> np.dtype:
+    return atom.aval.dtype
