@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -173,6 +174,22 @@ def test_what_is_equal_is_one_program(kept: Path) -> None:
     program(labelled)(np.ones(2), (words[0], words[0]))
     program(labelled)(np.ones(2), (words[1], words[2]))
     assert len(files(kept)) == 1
+
+
+def test_of_threads_that_ask_for_one_program_one_makes_it(kept: Path) -> None:
+    made = []
+
+    def doubled(x: Any) -> Any:
+        made.append(x)
+        time.sleep(0.2)  # long enough for all to ask
+        return 2 * x
+
+    doubled.__qualname__ = "scaled"  # one of a module, as all that are kept
+    shared = program(doubled)
+    with ThreadPoolExecutor(4) as pool:
+        told = list(pool.map(lambda k: float(shared(jnp.asarray(1.0 * k))), range(4)))
+    assert told == [0.0, 2.0, 4.0, 6.0]
+    assert len(made) == 1
 
 
 def test_threads_that_make_programs_leave_the_settings_as_they_were(kept: Path) -> None:

@@ -60,6 +60,7 @@ class _Program(Generic[P, R]):
         self.function: Callable[..., R] = function
         self.compiled: Callable[P, R] = eqx.filter_jit(function)
         self.ready: dict[Any, Callable[[list[Any]], Any] | None] = {}
+        self.making: dict[Any, Lock] = {}
         update_wrapper(self, function)
 
     def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R:
@@ -72,7 +73,9 @@ class _Program(Generic[P, R]):
             return self.compiled(*args, **kwargs)
         known = tuple(_known(x) if _is_array(x) else (type(x), x) for x in leaves)
         if (key := (tree, known)) not in self.ready:
-            self.ready[key] = self._program(Path(folder), tree, leaves)
+            with self.making.setdefault(key, Lock()):  # other threads wait for the one that makes it
+                if key not in self.ready:
+                    self.ready[key] = self._program(Path(folder), tree, leaves)
         run = self.ready[key]
         with phase("running programs"):
             return self.compiled(*args, **kwargs) if run is None else run(arrays)
