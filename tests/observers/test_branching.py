@@ -313,10 +313,17 @@ def test_sizes_that_a_fault_cannot_have_say_nothing_for_it(size, limits):
     assert abs(odds(info.p[-1, PUSHED]) - wanted) < 1.0
 
 
-def at_a_limit(low, high):
-    """The lag, pushed through its input, which has limits."""
-    text = LAG.replace('enters = "state"\ntarget = "x"', 'enters = "input"\ntarget = "u"')
-    return text.replace('hold = "zero"', f'hold = "zero"\nmin = {low}\nmax = {high}')
+TOP = 1.0
+# the lag, pushed through its input, which has limits: one plant, for which one program is compiled
+LIMITED = LAG.replace('enters = "state"\ntarget = "x"', 'enters = "input"\ntarget = "u"')
+LIMITED = LIMITED.replace('hold = "zero"', f'hold = "zero"\nmin = -10\nmax = {TOP}')
+
+
+def at_its_highest(samples):
+    """`samples` of an input that stands still, moved to its limit; exact, as the lag is linear."""
+    u, y, steps = samples
+    come = 1 - np.exp(-A * STEP * np.arange(len(u)))[:, None]
+    return np.full_like(u, TOP), y + (TOP - u) / A * come, steps
 
 
 @pytest.mark.parametrize("size", [0.0, -0.15, -0.5])
@@ -325,11 +332,11 @@ def test_a_fault_that_takes_an_input_from_its_limit_is_bayes(seed, size):
     """The input stands at its highest, so that half of all sizes do nothing: odds of Bayes with the
     others alone, and with the prior's for the rest. Within e^2: over eight seeds of a push of -0.15
     odds are up to e^1.4 off without limits, and up to e^1.8 with them."""
-    samples = log(seed, push=[(size, 100, COUNT)], hold=COUNT)
+    samples = at_its_highest(log(seed, push=[(size, 100, COUNT)], hold=COUNT))
     wanted, mean, sd, _ = brute(samples, PUSH, limits=(-np.inf, 0.0))
     before = np.log(FIRST + ONSET * STEP * COUNT)
     wanted = np.logaddexp(wanted, before) - np.log(2)
-    _, info = judged(bank(text=at_a_limit(-10.0, samples[0].max())), samples)
+    _, info = judged(bank(text=LIMITED), samples)
     p = float(info.p[-1, PUSHED])
     assert abs(odds(p) - wanted) < 2.0 if wanted < 15 else p > 1 - 1e-5
     if expit(wanted) > 0.5:
@@ -345,11 +352,11 @@ def test_a_fault_that_holds_an_input_at_its_limit_is_seen_to_go(seed):
     u, acts = np.where(k < 140, 0.5, 0.8), 0.4 * ((k >= 80) & (k < 200))
     _, noise, steps = log(seed, hold=300, count=300)
     quiet = log(seed, hold=300, count=300, sigma=0.0)[0]
-    moved, x, fade = np.clip(u + acts, -1.0, 1.0) - quiet[:, 0], np.zeros(300), np.exp(-A * STEP)
+    moved, x, fade = np.minimum(u + acts, TOP) - quiet[:, 0], np.zeros(300), np.exp(-A * STEP)
     for i in range(299):
         x[i + 1] = fade * x[i] + (1 - fade) / A * moved[i]
     samples = u[:, None], noise + x[:, None], steps
-    _, info = judged(bank(text=at_a_limit(-1.0, 1.0), recovery=1e-3), samples)
+    _, info = judged(bank(text=LIMITED, recovery=1e-3), samples)
     assert info.p[195, PUSHED] > 0.95
     assert abs(info.f[195, PUSHED, PUSH] - 0.4) < 3 * info.sd[195, PUSHED, PUSH]
     assert info.p[240, HEALTHY] > 0.95
