@@ -8,11 +8,16 @@ import pytest
 from scipy.stats import norm
 
 from calibrations import for_bank
-from faultgauge.detection.bank.fidelity import USUAL_GAIN, USUAL_SHAPE, gain_error, shape_error
+from faultgauge.detection.bank.fidelity import (
+    SHORTEST_PIECE,
+    USUAL_GAIN,
+    gain_error,
+    shape_error,
+)
 from faultgauge.detection.posterior.inexact import Inexact
 from faultgauge.observers.branches import BranchInfo
 from faultgauge.telemetry import Run
-from lags import NOISE, STEP, log, model
+from lags import COUNT, NOISE, SIGMA, STEP, log, model
 
 SETS = 5  # healthy, two faults of the plant, both, unknown
 ACTS, SIZE, COMMON = np.array([1.0, 1.0]), np.array([2.0, 4.0]), 1e-3
@@ -123,11 +128,35 @@ def test_the_error_of_gain_is_that_of_healthy_logs_and_of_one_usual_one():
     assert larger == pytest.approx(np.sqrt((3 * 0.2**2 + USUAL_GAIN**2) / 4), rel=0.05)
 
 
-def test_the_error_of_shape_is_that_of_the_data_held_out():
+def fitted():
+    """As if it had been fitted."""
     plain = for_bank(model(), NOISE)
-    assert plain.record.metrics.validation_free_run_nrmse is None
-    assert shape_error(plain) == 0.0
-    for error, share in ((0.3, 0.3), (30.0, USUAL_SHAPE)):
-        metrics = plain.record.metrics.model_copy(update={"validation_free_run_nrmse": error})
-        record = plain.record.model_copy(update={"metrics": metrics})
-        assert shape_error(replace(plain, record=record)) == share
+    metrics = plain.record.metrics.model_copy(update={"validation_free_run_nrmse": 0.3})
+    return replace(plain, record=plain.record.model_copy(update={"metrics": metrics}))
+
+
+def beside(run, more):
+    """`run` with `more` in x."""
+    return replace(run, columns={**run.columns, "x": run.columns["x"] + more})
+
+
+def test_the_error_of_shape_is_what_the_answer_is_off_by():
+    runs = [log(k) for k in (1, 2, 3)]
+    assert shape_error(for_bank(model(), NOISE), runs) == 0.0  # nobody fitted it
+    noise = SIGMA / np.mean([np.std(run.columns["x"]) for run in runs])
+    assert shape_error(fitted(), runs) == pytest.approx(noise, rel=0.2)
+    # 1.2 times the answer, and what it begins from is gone within a few samples
+    larger = shape_error(fitted(), [off(run, 0.2) for run in runs])
+    assert larger == pytest.approx(0.2 / 1.2, rel=0.1)
+    assert shape_error(fitted(), [off(run, -2.5) for run in runs]) == 1.0  # worse than none
+
+
+def test_what_adds_up_over_a_log_is_no_error_of_shape():
+    runs = [log(k) for k in (1, 2, 3)]
+    moves = float(np.mean([np.std(run.columns["x"]) for run in runs]))
+    rises = 20 * moves * np.arange(COUNT) / COUNT
+    found = shape_error(fitted(), [beside(run, rises) for run in runs])
+    # of whole logs the rise is nearly all; of n-th parts of them it is 20 / n / sqrt(12) of moves
+    parts = 2 ** int(np.log2(COUNT / SHORTEST_PIECE))
+    rise = 20 / parts / np.sqrt(12)
+    assert found == pytest.approx(rise / np.hypot(1, rise), rel=0.2)

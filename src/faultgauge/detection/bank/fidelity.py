@@ -5,11 +5,15 @@ measured and h the free run, both less their means,
 
     shape^2 = |y - h|^2 / |y|^2,    gain = (h . y) / (h . h) - 1,
 
-by how much the answer is off in all, where `fit` held data out, and in size alone, from run to run.
+by how much the answer is off in all, and in size alone, from run to run. In long free runs small
+errors add up, as where a plant integrates, and in short ones noise and an unsure start count as
+much as any answer: of runs through whole logs, halves of them, quarters, ..., those tell `shape`
+that are off least.
 """
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -21,28 +25,29 @@ from faultgauge.telemetry import Run, cut
 __all__ = ["LONGEST_PIECE", "gain_error", "largest_changes", "shape_error"]
 
 LONGEST_PIECE = 20_000  # samples of a free run
+SHORTEST_PIECE = 200  # samples: a few times what finds its start
 USUAL_GAIN = 0.05  # as good as one more output of one more run
-USUAL_SHAPE = 0.1  # where the free run is lost, as that of an unstable plant is
 
 
-def shape_error(model: Model) -> float:
-    """By which share the model's answer is off in all; 0 where nobody held data out."""
-    found = model.record.metrics.validation_free_run_nrmse
-    if found is None:
+def shape_error(model: Model, runs: Sequence[Run]) -> float:
+    """By which share the model's answer is off in all in `runs`; 0 for a model that nobody
+    fitted."""
+    if model.record.metrics.validation_free_run_nrmse is None:
         return 0.0
-    return float(found) if found < 1 else USUAL_SHAPE
+    least, parts = 1.0, 1
+    while min(len(run.t) for run in runs) >= parts * SHORTEST_PIECE:
+        off = _off(_free_runs(model, [piece for run in runs for piece in _pieces(run, parts)]))
+        if off > least < 1.0:
+            break
+        least, parts = min(off, least), 2 * parts
+    return least
 
 
 def gain_error(model: Model, runs: Sequence[Run]) -> float:
     """By which share the size of the model's answer is off (r.m.s.), by every output that the free
     run follows in every one of `runs`: one that is off by half and more, as where a plant
     integrates, is carried off by what is no answer."""
-    logs = [replace(cut(run, slice(0, LONGEST_PIECE)), name=str(k)) for k, run in enumerate(runs)]
-    try:
-        between = model.record.between
-        predictions = predict(model.plant, logs, model.max_step, between=between)
-    except InputError:  # nowhere two samples in a row: nothing to follow
-        predictions = []
+    predictions = _free_runs(model, [piece for run in runs for piece in _pieces(run, 1)])
     gains = [g for each in predictions for g in _gains(each)]
     return float(np.sqrt((np.sum(np.square(gains)) + USUAL_GAIN**2) / (len(gains) + 1)))
 
@@ -55,6 +60,42 @@ def largest_changes(model: Model, runs: Sequence[Run]) -> dict[str, float]:
         told = [run.columns[name][np.isfinite(run.columns[name])] for run in runs]
         found[name] = max(float(np.abs(np.diff(u)).max(initial=0.0)) for u in told)
     return found
+
+
+def _pieces(run: Run, parts: int) -> list[Run]:
+    """So many equal `parts` of what is told of `run`."""
+    edges = np.linspace(0, min(len(run.t), LONGEST_PIECE), parts + 1).astype(int)
+    return [cut(run, slice(a, b)) for a, b in pairwise(edges.tolist())]
+
+
+def _free_runs(model: Model, pieces: Sequence[Run]) -> list[Prediction]:
+    """Over every one of `pieces`; none where nothing can be followed."""
+    named = [replace(piece, name=str(k)) for k, piece in enumerate(pieces)]
+    try:
+        return predict(model.plant, named, model.max_step, between=model.record.between)
+    except InputError:  # nowhere two samples in a row
+        return []
+
+
+def _off(predictions: Sequence[Prediction]) -> float:
+    """The root of the mean of shape^2 over the outputs; infinite where none moves, or a free run
+    diverges."""
+    errors, moves = [], []
+    for each in predictions:
+        y, h = each.measured[each.warmup :], each.predicted[each.warmup :]
+        there = np.isfinite(y)
+        both = [np.where(there, a, 0.0) for a in (y - h, y)]
+        means = [a.sum(axis=0) / np.maximum(there.sum(axis=0), 1) for a in both]
+        own = [
+            np.sum(np.where(there, a - m, 0.0) ** 2, axis=0)
+            for a, m in zip(both, means, strict=True)
+        ]
+        errors.append(own[0])
+        moves.append(own[1])
+    error, moved = np.sum(errors, axis=0), np.sum(moves, axis=0)
+    shares = error[moved > 0] / moved[moved > 0]
+    found = float(np.sqrt(np.mean(shares))) if len(shares) else np.inf
+    return found if np.isfinite(found) else np.inf
 
 
 def _gains(prediction: Prediction) -> list[float]:
