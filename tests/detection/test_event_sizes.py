@@ -14,12 +14,13 @@ MODEL = for_bank(model(), NOISE)
 PUSH, TOLD, GONE, STOP = 0, 100, 297, 300
 
 
-def judged(until):
+def judged(until, again=0):
     """A push of 0.05 that is sure from TOLD until STOP, and goes at GONE, from where on the
-    estimate slides; rows are judged `until` there."""
+    estimate slides; rows are judged `until` there; some rows behind a pause in which it is not
+    sure it flares up `again` for so many rows."""
     k = np.arange(COUNT)
     f = np.where(k < GONE, 0.05, 0.05 - 0.01 * (k - GONE))
-    there = (k >= TOLD) & (k < STOP)
+    there = (k >= TOLD) & (k < STOP) | (k >= STOP + 5) & (k < STOP + 5 + again)
     healthy = np.where(k < until, np.where(there, 0.0, 1.0), np.nan)
     p = np.stack([there * 1.0, 0.0 * k], axis=1)
     decision = decide_runs(MODEL, [log(0)])[0][0]
@@ -39,3 +40,10 @@ def test_the_end_of_a_fault_is_not_told_as_a_smaller_size():
     assert last < GONE
     # of one that the log ends with nothing is over
     assert _before_its_end(bank, judged(STOP), each, STOP - 1) == STOP - 1
+
+
+def test_what_flares_up_as_a_fault_goes_is_no_size_of_it():
+    bank = build_fault_bank(MODEL, [log(0)], NOISE)
+    each = _Stretch(PUSH, TOLD, TOLD, STOP + 9)
+    once = _before_its_end(bank, judged(COUNT), each._replace(stop=STOP), STOP - 1)
+    assert _before_its_end(bank, judged(COUNT, again=4), each, STOP + 8) == once

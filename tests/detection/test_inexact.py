@@ -11,6 +11,7 @@ from calibrations import for_bank
 from faultgauge.detection.bank.fidelity import (
     SHORTEST_PIECE,
     USUAL_GAIN,
+    USUAL_SHAPE,
     gain_error,
     shape_error,
 )
@@ -148,7 +149,8 @@ def test_the_error_of_shape_is_what_the_answer_is_off_by():
     # 1.2 times the answer, and what it begins from is gone within a few samples
     larger = shape_error(fitted(), [off(run, 0.2) for run in runs])
     assert larger == pytest.approx(0.2 / 1.2, rel=0.1)
-    assert shape_error(fitted(), [off(run, -2.5) for run in runs]) == 1.0  # worse than none
+    lost = [off(run, -2.5) for run in runs]  # worse than none
+    assert shape_error(fitted(), lost) == USUAL_SHAPE
 
 
 def test_what_adds_up_over_a_log_is_no_error_of_shape():

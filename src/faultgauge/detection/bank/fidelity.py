@@ -27,11 +27,12 @@ __all__ = ["LONGEST_PIECE", "gain_error", "largest_changes", "shape_error"]
 LONGEST_PIECE = 20_000  # samples of a free run
 SHORTEST_PIECE = 200  # samples: a few times what finds its start
 USUAL_GAIN = 0.05  # as good as one more output of one more run
+USUAL_SHAPE = 0.1  # where every free run is lost, as that of an unstable plant is
 
 
 def shape_error(model: Model, runs: Sequence[Run]) -> float:
-    """By which share the model's answer is off in all in `runs`; 0 for a model that nobody
-    fitted."""
+    """By which share the model's answer is off in all in `runs`, or a usual one where no free run
+    follows them; 0 for a model that nobody fitted."""
     if model.record.metrics.validation_free_run_nrmse is None:
         return 0.0
     least, parts = 1.0, 1
@@ -40,7 +41,7 @@ def shape_error(model: Model, runs: Sequence[Run]) -> float:
         if off > least < 1.0:
             break
         least, parts = min(off, least), 2 * parts
-    return least
+    return least if least < 1.0 else USUAL_SHAPE
 
 
 def gain_error(model: Model, runs: Sequence[Run]) -> float:

@@ -350,17 +350,22 @@ def _settled(p: Float[np.ndarray, "samples"], told: int, last: int) -> int:
 
 
 def _before_its_end(bank: FaultBank, judged: Judged, each: _Stretch, last: int) -> int:
-    """`last`, or, where a fault is over by then, as long before as it may take to see that it is:
-    until then its end would be told as a smaller size."""
+    """`last`, or, where a fault is over by then, as long before as it may take to see that it is,
+    but for half of the event: until then its end would be told as a smaller size."""
     found, t, k = judged.found, judged.run.t, each.k
     if not np.isfinite(found.healthy[each.stop :]).any():
         return last
-    size = float(found.f[last, k] / found.p[last, k])
-    onset = float(bank.onset[k])
-    late = longest_delay(bank.knowledge, k, size, onset, bank.level)
-    rows = np.arange(each.told, last + 1)
-    sure = rows[(found.p[rows, k] >= NAMED) & (t[rows] <= t[each.stop - 1] - late)]
-    return int(sure[-1]) if len(sure) else each.told
+    sure = np.flatnonzero(np.diff(found.p[each.told : last + 1, k] >= NAMED, prepend=0, append=0))
+    stretches = each.told + sure.reshape(-1, 2)
+    if not len(stretches):
+        return each.told
+    # what flares up once more as the fault goes is no size of it
+    lasted = np.diff(stretches)[:, 0]
+    first, stop = stretches[np.flatnonzero(lasted >= lasted.max() / 2)[-1]]
+    size, end = float(found.f[stop - 1, k] / found.p[stop - 1, k]), float(t[stop - 1])
+    late = longest_delay(bank.knowledge, k, size, float(bank.onset[k]), bank.level)
+    late = min(late, (end - float(t[first])) / 2)
+    return int(first + np.flatnonzero(t[first:stop] <= end - late)[-1])
 
 
 def _alternatives(bank: FaultBank, p: Float[np.ndarray, "sets"]) -> tuple[tuple[str, float], ...]:
