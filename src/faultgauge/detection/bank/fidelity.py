@@ -27,7 +27,7 @@ __all__ = ["LONGEST_PIECE", "gain_error", "largest_changes", "shape_error"]
 LONGEST_PIECE = 20_000  # samples of a free run
 SHORTEST_PIECE = 200  # samples: a few times what finds its start
 USUAL_GAIN = 0.05  # as good as one more output of one more run
-USUAL_SHAPE = 0.1  # where every free run is lost, as that of an unstable plant is
+USUAL_SHAPE = 0.2  # where every free run is lost, as that of an unstable plant is
 
 
 def shape_error(model: Model, runs: Sequence[Run]) -> float:
