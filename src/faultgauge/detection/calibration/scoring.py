@@ -107,4 +107,3 @@ def _step(
     damped = own + max(damping, UNDAMPED) * np.diag(np.diagonal(own))
     step[free] = -longer * np.linalg.lstsq(damped, slope[free], rcond=None)[0]
     return np.clip(step, -STRIDE, STRIDE)
-
