@@ -21,7 +21,6 @@ __all__ = ["scored"]
 DIFFERENCE = 3e-3  # of a logarithm, for the slopes: where a filter is at times lost, less is rough
 DAMPING = 0.1  # times the information itself: the first
 FACTORS = 10.0 ** np.arange(-1, AT_ONCE - 1)  # times the last damping: those that are tried
-UNDAMPED = 1e-2  # as good as none
 WEAK = 1e-3  # information of what no sample tells, which so stays where it is
 STRIDE = 2.0  # of a logarithm: the longest step
 PULLS = 3  # sets of dampings that are tried before a step is the last
@@ -96,14 +95,11 @@ def _step(
     free: Bool[np.ndarray, "levels"],
     damping: float,
 ) -> Float[np.ndarray, "levels"]:
-    """Downhill, along the levels that are `free`; none where the slope is not finite. With less
-    damping than makes a difference it is longer: where the model errs, innovations tell less of
-    levels than they would by chance, and step after step would go the same way."""
+    """Downhill, along the levels that are `free`; none where the slope is not finite."""
     own = M[np.ix_(free, free)]
     step = np.zeros(len(slope))
     if not np.all(np.isfinite(slope[free])):
         return step
-    longer = np.sqrt(max(UNDAMPED / damping, 1.0))
-    damped = own + max(damping, UNDAMPED) * np.diag(np.diagonal(own))
-    step[free] = -longer * np.linalg.lstsq(damped, slope[free], rcond=None)[0]
+    damped = own + damping * np.diag(np.diagonal(own))
+    step[free] = -np.linalg.lstsq(damped, slope[free], rcond=None)[0]
     return np.clip(step, -STRIDE, STRIDE)
