@@ -10,8 +10,6 @@ from typing import Any
 import jaxtyping
 import pytest
 
-import type_checks
-
 # Most tests run a program once: quick compiling beats quick code.
 QUICK = "--xla_cpu_multi_thread_eigen=false --xla_cpu_use_fusion_emitters=false"
 # All of a program as one module of LLVM: tests keep both cores busy without dividing it.
@@ -82,7 +80,6 @@ for name, value in {
 gc.set_threshold(200_000)  # as the commands have it: tracing makes many objects and few cycles
 
 OURS = ("faultgauge", "faultgauge_studies")
-jaxtyping.jaxtyped = type_checks.quickly_typed  # which the hook asks for by name
 jaxtyping.install_import_hook(OURS, "type_checks.checked").__enter__()
 
 import jax  # noqa: E402  (after the hook, so that nothing of ours is imported before it)
