@@ -175,6 +175,7 @@ def strayed(seed):
     return Run(f"{seed}", "lag.csv", STEP * np.arange(COUNT), columns)
 
 
+@pytest.mark.study
 def test_a_lag_that_the_model_lacks_is_found_and_none_where_there_is_none():
     """x' = v - a x and v' = (u - v) / 2 s, exactly (SciPy's matrix exponential): a lean of -1
     within 2 s, each to a fifth: sigma is a hundredth of what a change of u makes of x in 2 s, and
@@ -290,6 +291,7 @@ def rough(seed):
     return Run(f"{seed}", "lag.csv", STEP * np.arange(COUNT), columns)
 
 
+@pytest.mark.study
 def test_where_the_model_errs_more_is_found_and_by_how_much():
     """A fifth of the samples tell the larger noise, the rest the usual one, each to 1 / sqrt(2 n);
     three of those. Only some edges are tried: the one that is found may hold a third more of the
