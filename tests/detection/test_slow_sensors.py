@@ -22,7 +22,7 @@ from faultgauge.telemetry.stream import Sample
 from faultgauge.telemetry.writing import as_table, write_table
 from models import as_stated
 
-pytestmark = pytest.mark.usefixtures("quick_code")
+pytestmark = [pytest.mark.usefixtures("quick_code"), pytest.mark.study]
 
 HEATER = """
 name = "heater"
