@@ -73,9 +73,8 @@ class _Program(Generic[P, R]):
             return self.compiled(*args, **kwargs)
         known = tuple(_known(x) if _is_array(x) else (type(x), x) for x in leaves)
         if (key := (tree, known)) not in self.ready:
-            with self.making.setdefault(
-                key, Lock()
-            ):  # other threads wait for the one that makes it
+            # other threads wait for the one that makes it
+            with self.making.setdefault(key, Lock()):
                 if key not in self.ready:
                     self.ready[key] = self._program(Path(folder), tree, leaves)
         run = self.ready[key]
