@@ -21,7 +21,7 @@ from jaxtyping import Array, Float, Int
 
 from faultgauge.plants.disturbed import Disturbed
 from faultgauge.plants.plant import respond
-from faultgauge.products import contract
+from faultgauge.products import contract, taken
 from faultgauge.simulation.integrators import step_through
 from faultgauge.simulation.intersample import line
 from faultgauge.simulation.lanes import lanes_last
@@ -162,9 +162,9 @@ class DividedDifferenceFilter(eqx.Module):
         grows = np.zeros((len(self.growing), size))
         grows[range(len(grows)), range(n + k, size)] = 1.0
         grows = np.eye(size)[mixed[len(F) :]] + dt * grows
-        after = after + _taken(fades * z, mixed[: len(F)])
-        parts = after, contract("ij,j->i", grows, z), _taken(fades * z, plain)
-        after = _taken(jnp.concatenate(parts), back)
+        after = after + taken(fades * z, mixed[: len(F)])
+        parts = after, contract("ij,j->i", grows, z), taken(fades * z, plain)
+        after = taken(jnp.concatenate(parts), back)
         # were it less where a fault takes an input's effect, noise that is too large would speak
         # for the fault
         none = jnp.zeros(k)
@@ -177,8 +177,8 @@ class DividedDifferenceFilter(eqx.Module):
         Q = dt * jnp.concatenate([process, noise.walk * self._present(belief), rates]) ** 2
         Q = Q.at[:n].add((doubts * jump) ** 2)
         M, rest = jnp.concatenate([M, grows]), np.eye(size)[plain] * fades
-        P = self._carried(M, _taken(fades, plain), belief.P) + jnp.diag(Q)
-        A = _taken(jnp.concatenate([M, rest]), back)
+        P = self._carried(M, taken(fades, plain), belief.P) + jnp.diag(Q)
+        A = taken(jnp.concatenate([M, rest]), back)
         return Belief(mean, P), Flow(A, placed(up), placed(down))
 
     def _rows(
@@ -196,9 +196,9 @@ class DividedDifferenceFilter(eqx.Module):
     def through(self, A: Float[Array, "n n"], M: Float[Array, "n m"]) -> Float[Array, "n m"]:
         """A M for the A of a `Flow`."""
         mixed, plain, back = self._rows(len(A))
-        fades = _taken(jnp.diagonal(A), plain)
-        parts = contract("ij,jk->ik", _taken(A, mixed), M), fades[:, None] * _taken(M, plain)
-        return _taken(jnp.concatenate(parts), back)
+        fades = taken(jnp.diagonal(A), plain)
+        parts = contract("ij,jk->ik", taken(A, mixed), M), fades[:, None] * taken(M, plain)
+        return taken(jnp.concatenate(parts), back)
 
     def _carried(
         self, M: Float[Array, "mixed n"], fades: Float[Array, "plain"], P: Float[Array, "n n"]
@@ -206,11 +206,11 @@ class DividedDifferenceFilter(eqx.Module):
         """A P A^T for the A that has the rows M and `fades` of the other rows' diagonal."""
         _, plain, back = self._rows(len(P))
         rows = contract("ij,jk->ik", M, P)
-        both, side = contract("ij,kj->ik", rows, M), _taken(rows, plain, 1) * fades
-        rest = _taken(_taken(P, plain), plain, 1) * fades[:, None] * fades
+        both, side = contract("ij,kj->ik", rows, M), taken(rows, plain, 1) * fades
+        rest = taken(taken(P, plain), plain, 1) * fades[:, None] * fades
         upper = jnp.concatenate([both, side], axis=1)
         lower = jnp.concatenate([side.T, rest], axis=1)
-        return _taken(_taken(jnp.concatenate([upper, lower]), back), back, 1)
+        return taken(taken(jnp.concatenate([upper, lower]), back), back, 1)
 
     def look(
         self, belief: Belief, u: Float[Array, "inputs"]
@@ -235,11 +235,11 @@ class DividedDifferenceFilter(eqx.Module):
     ) -> tuple[Belief, Float[Array, ""], Seen]:
         """(the belief after `y` (NaN: not sampled), its log-likelihood, what each output said)."""
         mean, P, total, said = belief.mean, belief.P, jnp.zeros(()), []
-        taken: list[Array] = []
+        halves: list[Array] = []
         for j in range(len(y)):
             there, H = jnp.isfinite(y[j]), look.C[j]
             HP = contract("i,ij->j", H, P)
-            for half in taken:
+            for half in halves:
                 HP = HP - contract("i,i->", H, half) * half
             known = contract("i,i->", HP, H)
             S = known + noise.sigma[j] ** 2
@@ -248,13 +248,13 @@ class DividedDifferenceFilter(eqx.Module):
             usual, S = jnp.sqrt(S), S * raised(e**2 / S)
             root = jnp.sqrt(S)
             half = jnp.where(there, HP * (1 / root), 0.0)
-            taken.append(half)
+            halves.append(half)
             mean = mean + half * (e / root)
             total += jnp.where(there, -0.5 * (e**2 / S + jnp.log(2 * jnp.pi * S)), 0.0)
             said.append(
                 (e / root, *(jnp.where(there, a, jnp.inf) for a in (root, usual)), half / root)
             )
-        for half in taken:
+        for half in halves:
             P = P - jnp.outer(half, half)
         seen = Seen(*(jnp.stack(each) for each in zip(*said, strict=True)))
         return Belief(mean, P), total, seen
@@ -275,7 +275,7 @@ class DividedDifferenceFilter(eqx.Module):
         after, likelihood, seen = self.update(predicted, noise, expected, look, y)
         # what is no number anywhere is none in the variances either
         rows = self._rows(len(after.mean))[0]
-        sizes = [after.mean, jnp.diagonal(after.P), _taken(flow.A, rows), flow.up, flow.down]
+        sizes = [after.mean, jnp.diagonal(after.P), taken(flow.A, rows), flow.up, flow.down]
         sizes += [look.C, look.up, look.down]
         # of each number on its own: a largest one waits for all before it
         within = jnp.stack([jnp.all(jnp.abs(part) < HUGE) for part in sizes])
@@ -335,12 +335,3 @@ class DividedDifferenceFilter(eqx.Module):
         none = jnp.zeros((len(at), known.stop - known.start))
         parts = middle[:, : known.start], none, middle[:, known.start : m - k]
         return at[:, 0], jnp.concatenate(parts, axis=1), middle[:, m - k :], up, down
-
-
-def _taken(array: Array, places: Int[np.ndarray, "some"], axis: int = 0) -> Array:
-    """What stands at the `places` along the `axis`, by slices, which cost less than a gather."""
-    pieces = np.split(places, np.flatnonzero(np.diff(places) != 1) + 1) if len(places) else []
-    if not pieces:
-        return jax.lax.slice_in_dim(array, 0, 0, axis=axis)
-    cut = [jax.lax.slice_in_dim(array, int(p[0]), int(p[-1]) + 1, axis=axis) for p in pieces]
-    return cut[0] if len(cut) == 1 else jnp.concatenate(cut, axis)

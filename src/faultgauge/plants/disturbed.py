@@ -61,7 +61,7 @@ from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant import Plant, ValueChange, applied, respond
 from faultgauge.plants.reached import Bent, Held, Reached, Strayed
 from faultgauge.plants.signals import Fault, Signals, State
-from faultgauge.products import contract
+from faultgauge.products import contract, taken
 
 __all__ = [
     "Disturbed",
@@ -251,7 +251,7 @@ class Disturbed(Plant):
     ) -> Float[Array, "trailing"]:
         """What `plant` shows in the outputs that trail, which read states alone."""
         y = plant.output(jnp.zeros_like(x), x, u)
-        return _taken(y, self.trailing)
+        return taken(y, np.array(self.trailing, int))
 
     def forces(
         self,
@@ -315,7 +315,7 @@ class Disturbed(Plant):
         us, fs = jnp.stack([u, u_before]), jnp.stack([f, f_before]) * np.array(acting, float)
         dx, y = jax.vmap(lambda u, f: respond(self, x, u, f))(us, fs)
         parts = self.parts
-        shown = _taken(y[0] - y[1], self.lagging)
+        shown = taken(y[0] - y[1], np.array(self.lagging, int))
         driven = np.isin(np.arange(self.count), self.driven)
         rates = jnp.where(driven, (dx[0] - dx[1])[parts.x], 0.0)
         jumps = jnp.zeros(len(x)).at[parts.x].set(unseen * jnp.abs(rates) / np.sqrt(3))
@@ -333,7 +333,7 @@ class Disturbed(Plant):
         us = jnp.stack([u, u_before])
         if self.following:
             moved = self._moved(us, jnp.stack([f, f]))
-            moved = _taken(moved, self.following)
+            moved = taken(moved, np.array(self.following, int))
             jump = jump.at[self.parts.h].set(moved)
         if self.leaning:
             jump = jump + self._leant(self._moved(us, jnp.stack([f, f_before])))
@@ -397,7 +397,7 @@ class Disturbed(Plant):
 
     def _leant(self, moved: Float[Array, "inputs"]) -> Float[Array, "states"]:
         """By how much v jumps where the inputs have `moved`."""
-        jump = self.error.lean * _taken(moved, self.leaning)
+        jump = self.error.lean * taken(moved, np.array(self.leaning, int))
         return jnp.zeros(len(self.signals.states)).at[self.parts.v].set(jump)
 
     def _slow(
@@ -458,11 +458,6 @@ def _put(count: int, on: tuple[int, ...], values: Float[Array, "*many some"]) ->
     places = np.full(count, len(on))
     places[list(on)] = range(len(on))
     return jnp.concatenate([values, none], axis=-1)[..., places]
-
-
-def _taken(values: Float[Array, "all"], on: tuple[int, ...]) -> Float[Array, "some"]:
-    """Those of `values` that are at the places `on`."""
-    return values[np.array(on, int)]
 
 
 def dynamic_states(plant: Plant) -> tuple[int, ...]:
