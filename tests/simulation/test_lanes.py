@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from jaxtyping import Array
 
-from faultgauge.simulation.lanes import lanes_last
+from faultgauge.simulation.lanes import BY_NUMPY, lanes_last
 
 KNOWN = np.array([[2.0, 0.5, -1.0], [0.0, 1.0, 3.0], [4.0, -2.0, 0.25]])
 TIMES = np.array([[1.0, 0.0], [0.5, -2.0]])
@@ -62,3 +62,30 @@ def test_what_is_the_same_for_all_is_told_for_each() -> None:
     found = lanes_last(lambda x: (jnp.arange(2.0), x + 1), jnp.zeros((3, 4)))
     assert [each.shape for each in found] == [(2, 4), (3, 4)]
     np.testing.assert_array_equal(found[0], [[0.0] * 4, [1.0] * 4])
+
+
+ONE, TWO = np.array([[1.5, -2.0, 3.0], [0.0, 4.0, -5.5]]), np.array([[2.0, -2.0, 1.0]] * 2)
+OPERATIONS = {
+    "add": (lambda a, b: a + b, ONE, TWO),
+    "broadcast_in_dim": (lambda a: jax.lax.broadcast_in_dim(a, (4, 2, 3), (1, 2)), ONE),
+    "concatenate": (lambda a, b: jnp.concatenate([a, b], axis=1), ONE, TWO),
+    "convert_element_type": (lambda a: a.astype(jnp.float32), ONE),
+    "eq": (lambda a, b: a == b, ONE, TWO),
+    "iota": (lambda a: a + jax.lax.broadcasted_iota(float, (2, 3), 1), ONE),
+    "lt": (lambda a, b: a < b, ONE, TWO),
+    "select_n": (lambda a, b: jax.lax.select_n(a < b, a, b), ONE, TWO),
+    "slice": (lambda a: jax.lax.slice(a, (0, 0), (2, 3), (1, 2)), ONE),
+    "squeeze": (lambda a: jax.lax.squeeze(a, (0,)), ONE[None]),
+    "transpose": (lambda a: jax.lax.transpose(a, (1, 0)), ONE),
+}
+
+
+@pytest.mark.parametrize("name", BY_NUMPY)
+def test_numpy_says_of_known_numbers_what_jax_does(name):
+    of, *given = OPERATIONS[name]
+    (eqn,) = [e for e in jax.make_jaxpr(of)(*given).eqns if e.primitive.name == name]
+    before = [np.less(ONE, TWO), ONE, TWO] if name == "select_n" else given[: len(eqn.invars)]
+    told = BY_NUMPY[name](*map(np.asarray, before), **eqn.params)
+    wanted = eqn.primitive.bind(*map(jnp.asarray, before), **eqn.params)
+    of_its_type = np.asarray(told, eqn.outvars[0].aval.dtype)  # as where it is called
+    np.testing.assert_array_equal(of_its_type, wanted, strict=True)

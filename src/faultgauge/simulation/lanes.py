@@ -18,7 +18,7 @@ from jaxtyping import Array, Int
 
 from faultgauge.simulation.side_by_side import CALLS, ELEMENTWISE
 
-__all__ = ["lanes_last"]
+__all__ = ["BY_NUMPY", "lanes_last"]
 
 # what means the same where one more axis stands last
 SAME = frozenset(
