@@ -50,6 +50,7 @@ def bank(
     text=LAG,
     limits=(-np.inf, np.inf),
     late=(1.0, 0.0),
+    shape=0.0,
 ):
     """Only `faults` happen, within `limits`, go at the rate `recovery`, and have `common` causes;
     nothing undeclared does. An input's changes come `late`, within which time and by what share."""
@@ -80,6 +81,7 @@ def bank(
         usual=jnp.array([0.0, SIZE**2, 0.0, 0.0, 0.0, 0.0, 0.0]),
         memory=jnp.asarray(20.0),
         recall=jnp.full(2, 20.0),
+        shape=jnp.asarray(shape),
         more=((PUSHED, BIASED), (PUSHED, BOTH), (BOTH, BIASED), (BOTH, BOTH), (-1, -1)),
         less=((-1, -1), (HEALTHY, -1), (-1, HEALTHY), (BIASED, PUSHED), (-1, -1)),
         declared=2,
@@ -277,30 +279,53 @@ def test_no_evidence_comes_from_onsets_that_are_given_up(sigma, size, seed):
         assert -1.0 < odds(info.p[-1, BIASED]) - brute(samples, BIAS, sigma)[0] < 0.1
 
 
+def with_changes(each, state, **likely):
+    """The checkpoint after the changes of the leading branch that are so much likelier than none
+    (ln) alone were there, from the last onset on: `push` a change of it, `end` its recovery."""
+    lead = int(jnp.argmax(state.weight[: each.branches]))
+    found = each._changes(state)
+    ell = jnp.full_like(found.ell, -1e30)
+    for name, log_odds in likely.items():
+        kind = {"push": PUSH, "end": each.kinds + PUSH}[name]
+        ell = ell.at[lead, kind, -1].set(log_odds)
+    told = found._replace(ell=ell, top=jnp.max(ell, axis=2), total=jnp.max(ell, axis=2))
+    after, _ = each._promoted(state, told)
+    own = jnp.where(
+        after.which[: each.branches] == HEALTHY, after.weight[: each.branches], -jnp.inf
+    )
+    return after, lead, int(jnp.argmax(own))
+
+
 def test_a_change_that_takes_the_place_of_its_branch_waits_for_those_that_leave_it():
     """Beside a push its end is likelier than nothing by e, its change by e^3: the branch without
     it comes first, or it would have to be found anew beside a push of another size."""
     each = bank((PUSH,), recovery=1e-3)
     before, _ = judged(each, log(0, push=[(0.5, 50, COUNT)]))
-    lead = int(jnp.argmax(before.weight[: each.branches]))
+    after, lead, healthy = with_changes(each, before, push=3.0, end=1.0)
     assert before.which[lead] == PUSHED
-    found = each._changes(before)
-    end = each.kinds + PUSH
-    ell = jnp.full_like(found.ell, -1e30)
-    for kind, log_odds in ((PUSH, 3.0), (end, 1.0)):
-        ell = ell.at[lead, kind, -1].set(log_odds)
-    told = found._replace(ell=ell, top=jnp.max(ell, axis=2), total=jnp.max(ell, axis=2))
-    after, _ = each._promoted(before, told)
-    healthy = int(
-        jnp.argmax(
-            jnp.where(
-                after.which[: each.branches] == HEALTHY, after.weight[: each.branches], -jnp.inf
-            )
-        )
-    )
     assert after.weight[healthy] == pytest.approx(float(before.weight[lead]) + 1.0)
     assert after.which[lead] == PUSHED
     np.testing.assert_array_equal(after.belief.mean[lead], before.belief.mean[lead])
+
+
+@pytest.mark.parametrize("enters", ["state", "output"])
+def test_what_was_told_amid_a_fault_is_less_sure_once_that_has_gone(enters):
+    """By hand: the variance of the discrepancy times 1 + shape^2 z^2, and what it is when a log
+    begins at most; what a sensor's own fault does is known exactly."""
+    text = LAG.replace('enters = "state"', f'enters = "{enters}"')
+    samples = log(0, **{"push" if enters == "state" else "bias": [(0.5, 50, COUNT)]})
+    before, _ = judged(bank((PUSH,), recovery=1e-3, text=text), samples)
+    found = {}
+    for shape in (0.0, 0.01, 1.0):
+        each = bank((PUSH,), recovery=1e-3, text=text, shape=shape)
+        after, lead, healthy = with_changes(each, before, end=1.0)
+        found[shape] = np.diagonal(after.belief.P[healthy])[1]
+    f, P = before.belief.mean[lead, 5], before.belief.P[lead, 5, 5]
+    acts = enters == "state"
+    assert f**2 / P > 10.0  # or this tests little
+    assert found[0.0] < 0.9 * SIZE**2
+    assert found[0.01] == pytest.approx(found[0.0] * (1 + acts * 0.01**2 * f**2 / P))
+    assert found[1.0] == pytest.approx(SIZE**2 if acts else found[0.0])
 
 
 @pytest.mark.parametrize(("size", "limits"), [(-0.1, (0.0, np.inf)), (0.12, (-0.03, 0.03))])

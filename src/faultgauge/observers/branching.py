@@ -47,7 +47,7 @@ class Branching(Onsets):
 
     `noise` is that of the branches and, behind them, of the unknown ones; `alien` is the variance
     that an unknown branch begins with, on top; `usual` what the states behind the plant's own have
-    when a log begins. Healthy is the first set, unknown the last.
+    when a log begins; `shape` the share of all that a fault does by which its answer is off. Healthy is the first set, unknown the last.
     """
 
     noise: FilterNoise
@@ -56,6 +56,7 @@ class Branching(Onsets):
     usual: Float[Array, "n"]
     memory: Float[Array, ""]
     recall: Float[Array, "faults"]
+    shape: Float[Array, ""]
     declared: int = eqx.field(static=True)
 
     @property
@@ -216,7 +217,9 @@ class Branching(Onsets):
         each = jnp.concatenate([apart, spread, between], axis=1)
         P = state.belief.P[b] + contract("ia,ja->ij", each, each)
         P = P + jnp.diag(self._late(state, b, kind, f) ** 2)
+        clear = self._clear(state.belief, b, fault)
         mean, P = self._known_gone(mean, P, fault, gone)
+        P = P + jnp.diag(jnp.where(gone, self._untold(P, clear), 0.0))
         onset = contract("a,a->", w, when)
         wide = contract("a,a->", w, (when - onset) ** 2 + blur)
         began = self._began(state, b, kind, jnp.stack([onset, wide]), f)
@@ -319,6 +322,21 @@ class Branching(Onsets):
             none = jnp.where(there & (jnp.arange(len(mean)) == i), 0.0, 1.0)
             mean, P = mean * none, P * none[:, None] * none[None]
         return mean, (P + P.T) / 2
+
+    def _clear(self, belief: Belief, b: Int[Array, ""], fault: Int[Array, ""]) -> Float[Array, ""]:
+        """z^2 of a fault that acts on the plant: how clearly it shows."""
+        acts = np.array([each.acts for each in self.filter.plant.signals.faults], float)
+        i = self.filter.states + fault
+        z2 = belief.mean[b, i] ** 2 / jnp.maximum(belief.P[b, i, i], 1e-300)
+        return jnp.asarray(acts)[fault] * z2
+
+    def _untold(self, P: Float[Array, "n n"], clear: Float[Array, ""]) -> Float[Array, "n"]:
+        """Variance to add once a fault has gone. What constants and slow errors were told amid it is
+        off by what its answer is, shape z of their standard deviations; they are as unsure as when
+        a log begins at most."""
+        known = jnp.diagonal(P)
+        room = jnp.maximum(self.usual - known, 0.0)
+        return jnp.minimum(self.shape**2 * clear * known, room)
 
     # -- the unknown
 

@@ -156,7 +156,7 @@ class Onsets(eqx.Module):
     def _at_once(self) -> Bool[np.ndarray, "kinds"]:
         """The kinds of change of which the first sample shows all."""
         faults = self.filter.plant.signals.faults
-        steps = [fault.enters in ("output", "output_gain") for fault in faults]
+        steps = [not fault.acts for fault in faults]
         return np.array([*steps, *[False] * len(self.filter.growing)])
 
     def _least(self) -> Float[Array, "scales kinds one"]:

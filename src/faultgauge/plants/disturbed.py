@@ -311,7 +311,7 @@ class Disturbed(Plant):
         if not self.following and not self.lagging:
             return jnp.zeros(len(x))
         # what an output's own fault does is not late
-        acting = [f.enters not in ("output", "output_gain") for f in self.signals.faults]
+        acting = [fault.acts for fault in self.signals.faults]
         us, fs = jnp.stack([u, u_before]), jnp.stack([f, f_before]) * np.array(acting, float)
         dx, y = jax.vmap(lambda u, f: respond(self, x, u, f))(us, fs)
         parts = self.parts

@@ -108,6 +108,11 @@ class Fault:
     monitor: Monitor = "active"
     relative: bool = False
 
+    @property
+    def acts(self) -> bool:
+        """Whether it acts on the plant, and not on what a sensor shows alone."""
+        return self.enters not in ("output", "output_gain")
+
 
 @dataclass(frozen=True)
 class Detection:

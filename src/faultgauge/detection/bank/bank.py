@@ -178,6 +178,7 @@ def build_fault_bank(
         usual=jax.device_put(_usual(model, noise, len(size) + len(growing))),
         memory=jax.device_put(knowledge.memory),
         recall=jax.device_put(knowledge.when),
+        shape=jax.device_put(found.shape if found else 0.0),
         more=more,
         less=less,
         declared=len(signals.faults),

@@ -117,4 +117,4 @@ class Inexact(eqx.Module):
 
 def acting(faults: Sequence[Fault]) -> Float[np.ndarray, "faults"]:
     """1 for those that act on the plant: what a sensor's own fault shows is known exactly."""
-    return np.array([float(f.enters not in ("output", "output_gain")) for f in faults])
+    return np.array([float(fault.acts) for fault in faults])
