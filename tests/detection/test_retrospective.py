@@ -343,6 +343,10 @@ def test_two_faults_are_sized_and_dated_beside_each_other(bank):
         assert each.onset_lo <= onset <= each.onset_hi
         assert each.hi - each.lo < 0.1
     assert "Onset of weak" in render(decision_report(bank, [decision], seen))
+    # both are there: what is less likely is that the other is there alone
+    pump, weak = sentences(bank, [decision], seen)
+    assert "; weak alone is more than 1000 times less likely;" in pump
+    assert "; pump alone is more than 1000 times less likely;" in weak
 
 
 def test_a_fault_that_is_not_constant_is_not_given_one_size(bank):

@@ -47,7 +47,8 @@ class Branching(Onsets):
 
     `noise` is that of the branches and, behind them, of the unknown ones; `alien` is the variance
     that an unknown branch begins with, on top; `usual` what the states behind the plant's own have
-    when a log begins; `shape` the share of all that a fault does by which its answer is off. Healthy is the first set, unknown the last.
+    when a log begins; `shape` the share of all that a fault does by which the answer to it is off.
+    Healthy is the first set, unknown the last.
     """
 
     noise: FilterNoise
@@ -331,9 +332,9 @@ class Branching(Onsets):
         return jnp.asarray(acts)[fault] * z2
 
     def _untold(self, P: Float[Array, "n n"], clear: Float[Array, ""]) -> Float[Array, "n"]:
-        """Variance to add once a fault has gone. What constants and slow errors were told amid it is
-        off by what its answer is, shape z of their standard deviations; they are as unsure as when
-        a log begins at most."""
+        """Variance to add once a fault has gone. What constants and slow errors were told amid it
+        is off as the answer to it is, by shape z of their standard deviations; they are as unsure
+        as when a log begins at most."""
         known = jnp.diagonal(P)
         room = jnp.maximum(self.usual - known, 0.0)
         return jnp.minimum(self.shape**2 * clear * known, room)

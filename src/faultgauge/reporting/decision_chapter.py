@@ -22,9 +22,8 @@ from faultgauge.reporting.scales import least_sizes, noise_scales
 from faultgauge.reporting.svg import Figure
 from faultgauge.reporting.time_figures import Panel, around, fault_estimate, panels
 from faultgauge.reporting.words.answer import answers, headline, told
-from faultgauge.reporting.words.event_sentence import onset_of, other_cause
+from faultgauge.reporting.words.event_sentence import given_up, onset_of, other_cause
 from faultgauge.reporting.words.probability import probability
-from faultgauge.telemetry.clock import Clock
 
 __all__ = [
     "decision_figures",
@@ -82,7 +81,7 @@ def _overviews(
 
 def _events(bank: FaultBank, decisions: Sequence[Decision]) -> list[Section]:
     """The table of all events, where there is any; a long one is folded."""
-    rows = [_row(bank, each.run.clock, event) for each in decisions for event in each.events]
+    rows = [_row(bank, each, event) for each in decisions for event in each.events]
     if not rows:
         return []
     kept = [k for k in range(len(HEADER)) if any(row[k] for row in rows)]
@@ -144,8 +143,9 @@ def _residuals(model: Model, decision: Decision) -> list[Panel]:
     ]
 
 
-def _row(bank: FaultBank, clock: Clock | None, event: BankEvent) -> tuple[str, ...]:
+def _row(bank: FaultBank, decision: Decision, event: BankEvent) -> tuple[str, ...]:
     """What the sentence of an event says, as cells."""
+    clock, named = decision.run.clock, {name for name, *_ in given_up(bank, decision, event)}
     units = {each.name: each.unit for each in bank.model.plant.signals.faults}
 
     size = ""
@@ -161,7 +161,7 @@ def _row(bank: FaultBank, clock: Clock | None, event: BankEvent) -> tuple[str, .
         size,
         probability(event.p),
         "; ".join(
-            f"{other_cause(event, name)} 1:{number(odds, 2)}"
+            f"{other_cause(event, name, named)} 1:{number(odds, 2)}"
             for name, odds in event.instead
             if odds < TOLD_ODDS
         ),

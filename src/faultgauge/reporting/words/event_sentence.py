@@ -5,6 +5,8 @@ seen until 09:00:00; gain is 200 times less likely; friction below 0.0012 N*m wo
 have shown
 """
 
+from collections.abc import Sequence, Set
+
 import numpy as np
 
 from faultgauge.detection.answer.least import least_told
@@ -40,14 +42,16 @@ def told_event(bank: FaultBank, decision: Decision, event: BankEvent) -> Told:
     head, times = finding(event, unit, bank.step, run.clock, over)
     rest = [times + _whether_over(bank, decision, event)]
     rest += [*_before_its_name(bank, decision, event), *_course(bank, decision, event)]
-    rest += _named_beside(bank, decision, event)
+    dropped = given_up(bank, decision, event)
+    rest += _named_beside(bank, decision, dropped)
     others = {each.fault for each in _beside(decision, event)}
+    once = {name for name, *_ in dropped}
     rest += likelihoods(
-        (other_cause(event, cause), odds)
+        (other_cause(event, cause, once), odds)
         for cause, odds in event.instead
-        if cause not in others and (odds < TOLD_ODDS or cause not in dict(event.beside))
+        if cause not in others and (odds < TOLD_ODDS or cause not in once | {*dict(event.beside)})
     )
-    rest += [too(name, p) for name, p in event.beside if name not in others]
+    rest += [too(name, p) for name, p in event.beside if name not in others | once]
     rest += _least_shown(bank, decision, event)
     brief = UNDECLARED if event.fault == UNKNOWN else event.fault
     head = headed(bank.model, head)
@@ -82,11 +86,12 @@ def onset_of(event: BankEvent, step: float, clock: Clock | None) -> Began:
     return Began(clock, event.onset, event.onset_lo, event.onset_hi, event.start, step)
 
 
-def other_cause(event: BankEvent, cause: str) -> str:
-    """What the odds of `event` are against: of what may be there too, that it is there alone."""
+def other_cause(event: BankEvent, cause: str, named: Set[str] = frozenset()) -> str:
+    """What the odds of `event` are against: of what may be there too, or was `named` beside it,
+    that it is there alone."""
     if cause == UNKNOWN:
         return UNDECLARED
-    return f"{cause} alone" if cause in dict(event.beside) else cause
+    return f"{cause} alone" if cause in named | {*dict(event.beside)} else cause
 
 
 def _least_shown(bank: FaultBank, decision: Decision, event: BankEvent) -> list[str]:
@@ -127,10 +132,12 @@ def given_up(
     return said
 
 
-def _named_beside(bank: FaultBank, decision: Decision, event: BankEvent) -> list[str]:
+def _named_beside(
+    bank: FaultBank, decision: Decision, dropped: Sequence[tuple[str, float, float]]
+) -> list[str]:
     """What was `given_up`, each cause once."""
     spans = dict[str, list[tuple[float, float]]]()
-    for name, first, last in given_up(bank, decision, event):
+    for name, first, last in dropped:
         spans.setdefault(UNDECLARED if name == UNKNOWN else name, []).append((first, last))
     said = []
     for name, each in spans.items():

@@ -1,7 +1,7 @@
 """`estimate --smooth` in sentences: which fault, how big, since when, and what one would have been
 told, when."""
 
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 
 import numpy as np
 
@@ -39,7 +39,7 @@ def sentences(
     which share each run is told."""
     after = [*found[1:], None]
     faulty = [
-        _sentence(bank, each, _over(each, then))
+        _sentence(bank, each, _over(each, then), _at_once(each, found))
         for each, then in zip(found, after, strict=True)
         if each.cause != NO_FAULT
     ]
@@ -118,6 +118,16 @@ def _over(found: Retrospect, then: Retrospect | None) -> float | None:
     return then.start
 
 
+def _at_once(one: Retrospect, found: Sequence[Retrospect]) -> set[str]:
+    """The faults that are told of the same time as `one`."""
+    return {
+        each.cause
+        for each in found
+        if each is not one and each.run == one.run and each.cause not in (NO_FAULT, UNKNOWN)
+        if each.start < one.end and one.start < each.end
+    }
+
+
 def onset_of(found: Retrospect) -> Began | None:
     """When the fault began, where there is one."""
     if found.onset is None or found.onset_lo is None or found.onset_hi is None:
@@ -127,7 +137,9 @@ def onset_of(found: Retrospect) -> Began | None:
     return Began(found.clock, found.onset, found.onset_lo, found.onset_hi, told, step)
 
 
-def _sentence(bank: FaultBank, found: Retrospect, over: float | None = None) -> str:
+def _sentence(
+    bank: FaultBank, found: Retrospect, over: float | None = None, others: Set[str] = frozenset()
+) -> str:
     """ "In hindsight: friction +0.100 N*m (+0.096 to +0.104) since 41 s +- 6 s until 80 s (p 0.98,
     run 1); leak is 200 times less likely; online you would have been told at 52 s, then as ..." """
     units = {fault.name: fault.unit for fault in bank.model.plant.signals.faults}
@@ -146,7 +158,7 @@ def _sentence(bank: FaultBank, found: Retrospect, over: float | None = None) -> 
     said = [f"{head} {what} {began} (p {probability(found.p)}, run {found.run})"]
     labels = {NO_FAULT: "no fault", UNKNOWN: UNDECLARED}
     constant, beside = CONSTANT if found.cause == UNKNOWN else "", dict(found.beside)
-    labels |= {name: f"{name} alone" for name in beside}
+    labels |= {name: f"{name} alone" for name in {*beside, *others}}
     # whoever is undecided says between what: no name falls while a rival is that likely
     most = PLAIN if found.p >= NAMED else 1 / (1 - NAMED)
     rivals = likelihoods(
