@@ -1,4 +1,4 @@
-"""Fixtures for every test. Types and shapes are checked while tests run (jaxtyping, beartype)."""
+"""Fixtures for every test. Shapes are checked while tests run (jaxtyping, beartype)."""
 
 import gc
 import os
@@ -76,14 +76,19 @@ for name, value in {
     "JAX_PERSISTENT_CACHE_ENABLE_XLA_CACHES": "none",
 }.items():
     os.environ.setdefault(name, value)
+# Tests start Python some fifty times: what one of them has compiled of ours serves the others.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 
 gc.set_threshold(200_000)  # as the commands have it: tracing makes many objects and few cycles
 
-OURS = ("faultgauge", "faultgauge_studies")
-jaxtyping.install_import_hook(OURS, "type_checks.checked").__enter__()
-
-import jax  # noqa: E402  (after the hook, so that nothing of ours is imported before it)
+import jax  # noqa: E402  (after what it is told above)
 from jax._src.lax.lax import stage_p  # noqa: E402
+
+import type_checks  # noqa: E402
+
+jaxtyping.jaxtyped = type_checks.jaxtyped  # by which the hook has every function checked
+jaxtyping.install_import_hook(("faultgauge", "faultgauge_studies"), None).__enter__()
 
 jax.config.update("jax_enable_x64", True)
 # `jnp.asarray` of an array of NumPy would compile a program that does nothing for every shape.

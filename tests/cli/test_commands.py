@@ -178,6 +178,7 @@ def test_fit_with_a_hidden_state_gives_standard_errors(call, workshop, hidden, t
     assert "times the noise" in text
 
 
+@pytest.mark.study  # detection/test_hidden.py calibrates and judges beside hidden states
 def test_a_hidden_state_goes_through_evaluate_calibrate_and_estimate(
     call, workshop, hidden, tmp_path
 ):
@@ -402,9 +403,10 @@ def test_the_bank_without_calibration_judges_nothing(call, workshop, tmp_path, m
     assert [{**r, "run": ""} for r in lines] == [{**r, "run": ""} for r in rows]
 
 
+@pytest.mark.usefixtures("noise_once")
 def test_calibrate_says_what_the_healthy_log_proves_of_the_bank(call, workshop, tmp_path):
     out, report = tmp_path / "c.fgm", tmp_path / "c.html"
-    said = call("calibrate", workshop.model, workshop.healthy, "--out", out, "--report", report)
+    said = call("calibrate", workshop.model, workshop.healthy2, "--out", out, "--report", report)
     known = load_model(out).calibration
     bank = known.bank
     assert f"false alarms come at most once in {duration(bank.mtbfa_s)}, with 95 %" in said.out

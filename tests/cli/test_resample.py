@@ -65,9 +65,10 @@ def files(tmp_path_factory):
     lag(folder / "suspect.csv", 3, drift=0.8)
     model = ["fit", folder / "plant.toml", folder / "fit.csv", "--out", folder / "model.fgm"]
     assert run([str(each) for each in (*model, "--resample", RATE)]) == 0
-    logs = [folder / "healthy.csv", folder / "more.csv"]
-    calibrated = ["calibrate", folder / "model.fgm", *logs, "--out", folder / "calibrated.fgm"]
-    assert run([str(each) for each in calibrated]) == 0
+    model, out = folder / "model.fgm", folder / "calibrated.fgm"
+    assert (
+        run([str(each) for each in ("calibrate", model, folder / "healthy.csv", "--out", out)]) == 0
+    )
     return folder
 
 

@@ -75,6 +75,7 @@ def test_gaps_and_empty_cells_in_the_middle_are_not_judged(call, workshop, tmp_p
     assert found[max(found)]["status"] == decided
 
 
+@pytest.mark.usefixtures("noise_once")
 def test_fewer_healthy_data_than_the_rate_needs_say_how_many_it_needs(call, workshop, tmp_path):
     """No alarm in T seconds proves at most T / 3."""
     out = tmp_path / "c.fgm"

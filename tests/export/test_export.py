@@ -1,12 +1,14 @@
 """`faultgauge export`: what it writes, that it builds and agrees, and what it refuses."""
 
 import hashlib
+import io
 import json
 import platform
 import re
 import shutil
 import subprocess
 from collections import OrderedDict
+from contextlib import redirect_stdout
 from pathlib import Path
 
 import jax.numpy as jnp
@@ -31,12 +33,16 @@ def shop(tmp_path_factory):
     """A folder with a model file and its export."""
     folder = tmp_path_factory.mktemp("shop")
     save_model(calibrated("tank"), folder / "tank.fgm")
-    assert run(["export", str(folder / "tank.fgm"), "--to", "c", "--out", str(folder / "c")]) == 0
+    command = ["export", str(folder / "tank.fgm"), "--to", "c", "--out", str(folder / "c")]
+    with redirect_stdout(io.StringIO()) as said:
+        assert run([*command, "--json"]) == 0
+    (folder / "said.json").write_text(said.getvalue())
     return folder
 
 
 def test_the_files_are_there_and_name_their_model(shop):
     assert {each.name for each in (shop / "c").iterdir()} == FILES
+    assert set(json.loads((shop / "said.json").read_text())["files"]) == FILES
     digest = hashlib.sha256((shop / "tank.fgm").read_bytes()).hexdigest()
     for name in ("tank.h", "tank.c", "tank_tables.c", "README.md"):
         text = (shop / "c" / name).read_text()
@@ -66,6 +72,7 @@ def test_the_files_are_there_and_name_their_model(shop):
         assert re.search(rf"\| {quantity}.* \| \d[\d,]* ", readme)
 
 
+@pytest.mark.study  # that a step gives the same bytes, test_watch.py asks
 def test_the_same_model_gives_the_same_code(shop, tmp_path, capsys):
     command = ["export", str(shop / "tank.fgm"), "--to", "c", "--out", str(tmp_path / "again")]
     assert run([*command, "--json"]) == 0

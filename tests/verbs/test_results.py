@@ -162,6 +162,7 @@ def test_a_report_of_an_observer_tells_of_its_calibration(learned, tank):
     assert page.sections[-1].tables == own.page().sections[0].tables
 
 
+@pytest.mark.usefixtures("noise_once")
 def test_the_commands_say_the_same(said, learned, calibrated, judged, tmp_path, tank):
     logs = {
         name: saved(tmp_path / f"{name}.csv", columns)

@@ -33,6 +33,7 @@ def flown(satellite):
     )
 
 
+@pytest.mark.study  # below, a flight beside others is the one that the loop flies alone
 @pytest.mark.parametrize("first", [0, 5])
 def test_no_bit_hangs_on_who_flies_beside(satellite, flown, first):
     """In chunks of 8 or of 16, from seed 0 or from seed 5 on."""
