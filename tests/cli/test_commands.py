@@ -497,6 +497,7 @@ def test_estimate_without_calibration_judges_nothing(call, workshop, tmp_path):
 
 
 @pytest.mark.usefixtures("noise_once")
+@pytest.mark.study  # the README's snippets check, too
 def test_check_does_it_all(call, workshop, tmp_path):
     out = tmp_path / "kept"
     logs = (workshop.healthy, workshop.suspect)

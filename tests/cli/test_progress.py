@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from faultgauge.cli import options
 from faultgauge.cli.options import narrate
@@ -79,6 +80,7 @@ def test_phases_have_the_share_at_which_they_begin():
     assert [each.share for each in told] == [0.5, 0.5 + 1 / 16, 0.5 + 1 / 16, 0.6875, 0.6875]
 
 
+@pytest.mark.study  # it fits
 def test_a_refinement_knows_every_phase_that_it_goes_through():
     """A tank with a network for its outlet, from text to standard errors."""
     t = 0.5 * np.arange(400)

@@ -212,6 +212,7 @@ def trailed(seed, lag=3.0):
     return Run(f"{seed}", "lag.csv", run.t, {**run.columns, "x": y})
 
 
+@pytest.mark.study  # a search of its own
 def test_a_sensor_that_trails_is_found_and_no_input_is_late():
     """A lag behind the plant slows its noise and its discrepancy, too, one before it does not: it
     is told as what it is, to a fifth from 88 steps in noise of a tenth of x's range."""
@@ -335,6 +336,7 @@ def test_a_fit_that_is_off_all_runs_alike_is_no_difference_between_them():
     assert found.spread[0] < 2 * 1.4 * 0.01 * 0.3
 
 
+@pytest.mark.study  # a search of its own
 def test_constants_stay_within_the_limits_of_the_plant_file():
     """As above, where the file has a of 0.25 at least."""
     points = np.random.default_rng(0).uniform([-3, -1], [3, 1], (60, 2))
@@ -401,6 +403,7 @@ def motor(seed, count=400):
     return Run(f"{seed}", "motor.csv", MOTOR_STEP * np.arange(count), columns)
 
 
+@pytest.mark.study  # a search of its own
 def test_a_search_begins_with_what_is_white_in_the_samples_of_a_sensor():
     """A state as fast as the rows has process noise that looks like noise of its sensor, and a
     filter that is lost at first sees no slope between the two. What is white is known to some

@@ -63,6 +63,7 @@ def test_a_model_whose_free_run_followed_is_not_doubted():
     assert doubt(tank(2 * MOVED, off=None)) is None  # nobody fitted it
 
 
+@pytest.mark.study  # test_one_source.py goes through the views
 def test_every_view_of_a_doubtful_model_begins_with_it():
     """Terminal, hindsight, JSON and report; the fault is as large as the error."""
     suspect = SCENES["a leak that ends"]()

@@ -61,6 +61,7 @@ def test_what_would_have_shown_of_the_judged_rows_is_named_there_and_not_where_n
     assert found == [["gauge"], []]
 
 
+@pytest.mark.study  # online is above
 def test_in_hindsight_a_fault_that_would_have_shown_is_named_and_one_of_a_third_is_not():
     """Each from the middle of the log on. Hindsight sees the rows that online has judged, so what
     either could have named is of one size; told from what is most like it, not only from none."""

@@ -106,6 +106,7 @@ def calibrated():
     return judging()
 
 
+@pytest.mark.study  # test_same_bytes.py compares whole logs
 def test_every_bit_of_a_holed_log_is_that_of_the_file(calibrated):
     run = holed(log(3, pump=0.3, gauge=0.5))
     run.columns["x"][60:64] += 0.5  # gone before it has a name

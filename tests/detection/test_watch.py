@@ -172,6 +172,7 @@ def primitives(jaxpr):
                 yield from primitives(each.jaxpr)
 
 
+@pytest.mark.study  # another program to compile
 def test_units_beside_each_other_are_judged_as_each_alone(watch):
     """Another program, which may round otherwise: 1e-9 of what is of the order of 1."""
     runs = [log(1, loss=-0.3), log(2)]

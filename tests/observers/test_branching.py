@@ -508,6 +508,7 @@ def test_a_branch_whose_probability_is_no_number_is_given_up():
     assert np.argmax(info.p[-1]) == PUSHED
 
 
+@pytest.mark.study  # long logs
 def test_the_same_log_at_a_tenth_of_its_rate_says_the_same():
     """What hides the push is a discrepancy that lasts 2 s, of which samples 0.02 s apart tell no
     more of its size than samples 0.2 s apart: the intervals agree to a fifth. The odds are those of

@@ -218,9 +218,7 @@ class Branching(Onsets):
         each = jnp.concatenate([apart, spread, between], axis=1)
         P = state.belief.P[b] + contract("ia,ja->ij", each, each)
         P = P + jnp.diag(self._late(state, b, kind, f) ** 2)
-        clear = self._clear(state.belief, b, fault)
-        mean, P = self._known_gone(mean, P, fault, gone)
-        P = P + jnp.diag(jnp.where(gone, self._untold(P, clear), 0.0))
+        mean, P = self._known_gone(_at(state.belief, b), mean, P, fault, gone)
         onset = contract("a,a->", w, when)
         wide = contract("a,a->", w, (when - onset) ** 2 + blur)
         began = self._began(state, b, kind, jnp.stack([onset, wide]), f)
@@ -310,9 +308,10 @@ class Branching(Onsets):
         return jnp.where(gone, changes.f[b, k, a], f), jnp.where(gone, v, V)
 
     def _known_gone(
-        self, mean: Array, P: Array, fault: Int[Array, ""], gone: Bool[Array, ""]
+        self, before: Belief, mean: Array, P: Array, fault: Int[Array, ""], gone: Bool[Array, ""]
     ) -> tuple[Array, Array]:
-        """The belief given that a fault that has gone is 0, and so is its growth."""
+        """The belief given that a fault that has gone is 0, and so is its growth; `before` it was
+        known to have."""
         n = self.filter.states
         for slot, owner in enumerate(self.owner):
             i = n + slot
@@ -322,22 +321,21 @@ class Branching(Onsets):
             P = P - jnp.outer(gain, P[i])
             none = jnp.where(there & (jnp.arange(len(mean)) == i), 0.0, 1.0)
             mean, P = mean * none, P * none[:, None] * none[None]
-        return mean, (P + P.T) / 2
+        P = (P + P.T) / 2
+        return mean, P + jnp.diag(jnp.where(gone, self._untold(before, P, fault), 0.0))
 
-    def _clear(self, belief: Belief, b: Int[Array, ""], fault: Int[Array, ""]) -> Float[Array, ""]:
-        """z^2 of a fault that acts on the plant: how clearly it shows."""
-        acts = np.array([each.acts for each in self.filter.plant.signals.faults], float)
-        i = self.filter.states + fault
-        z2 = belief.mean[b, i] ** 2 / jnp.maximum(belief.P[b, i, i], 1e-300)
-        return jnp.asarray(acts)[fault] * z2
-
-    def _untold(self, P: Float[Array, "n n"], clear: Float[Array, ""]) -> Float[Array, "n"]:
-        """Variance to add once a fault has gone. What constants and slow errors were told amid it
-        is off as the answer to it is, by shape z of their standard deviations; they are as unsure
-        as when a log begins at most."""
-        known = jnp.diagonal(P)
+    def _untold(
+        self, before: Belief, P: Float[Array, "n n"], fault: Int[Array, ""]
+    ) -> Float[Array, "n"]:
+        """Variance to add once a fault that acts on the plant has gone. What constants and slow
+        errors were told amid it is off as the answer to it is, by shape z of their standard
+        deviations, z being how clearly it showed; they are as unsure as when a log begins at
+        most."""
+        acts = jnp.array([float(each.acts) for each in self.filter.plant.signals.faults])
+        i, known = self.filter.states + fault, jnp.diagonal(P)
+        z2 = acts[fault] * before.mean[i] ** 2 / jnp.maximum(before.P[i, i], 1e-300)
         room = jnp.maximum(self.usual - known, 0.0)
-        return jnp.minimum(self.shape**2 * clear * known, room)
+        return jnp.minimum(self.shape**2 * z2 * known, room)
 
     # -- the unknown
 

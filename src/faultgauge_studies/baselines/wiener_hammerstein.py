@@ -83,7 +83,7 @@ class WienerHammerstein(Baseline):
 
 def best_linear_approximation(
     u: Float[np.ndarray, "samples inputs"], y: Float[np.ndarray, "samples"], order: int
-) -> tuple[Float[np.ndarray, "inputs {order}+1"], Float[np.ndarray, "order"]]:
+) -> tuple[Float[np.ndarray, "inputs taps"], Float[np.ndarray, "order"]]:
     """(b, a) of A(q) y = sum_i B_i(q) u_i with one denominator, a without its leading 1.
 
     K. Steiglitz and L. E. McBride, "A technique for the identification of linear systems", IEEE
@@ -187,6 +187,6 @@ def _start(
     return WienerHammerstein(weights, scaling, level)
 
 
-def _padded(polynomial: np.ndarray | float, order: int) -> Float[np.ndarray, "{order}+1"]:
+def _padded(polynomial: np.ndarray | float, order: int) -> Float[np.ndarray, "taps"]:
     real = np.real(np.atleast_1d(polynomial))
     return np.concatenate([real, np.zeros(order + 1 - len(real))])

@@ -45,6 +45,7 @@ def test_no_bit_hangs_on_who_flies_beside(satellite, flown, first):
         np.testing.assert_array_equal(a[first:], b)
 
 
+@pytest.mark.study  # another program to compile
 def test_a_flight_is_that_of_the_loop(satellite):
     """Without dispersions, with friction: the sums against telemetry of `fly`, by NumPy. Rounding
     of 1e-16 comes back through the loop; see test_satellite_loop.py."""

@@ -2,6 +2,7 @@
 told, when."""
 
 from collections.abc import Sequence, Set
+from functools import partial
 
 import numpy as np
 
@@ -179,10 +180,7 @@ def _sentence(
     said += [too(name, p) for name, p in found.beside]
     told = found.told
     step = float(np.median(np.diff(found.t)))
-
-    def at(t: float) -> str:
-        return moment(found.clock, t, step)
-
+    at = partial(moment, found.clock, resolution=step)
     if told.start is None and told.other is not None:
         cause, when = told.other
         said.append(f"online you would have been told {labels.get(cause, cause)} at {at(when)}")
