@@ -165,7 +165,7 @@ def _row(bank: FaultBank, decision: Decision, event: BankEvent) -> tuple[str, ..
             for name, odds in event.instead
             if odds < TOLD_ODDS
         ),
-        "; ".join(f"{name} p {probability(p)}" for name, p in event.beside),
+        "; ".join(f"{name} p {probability(p)}" for name, p in event.beside if name not in named),
     )
 
 
