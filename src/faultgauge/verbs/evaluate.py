@@ -5,7 +5,8 @@ from dataclasses import dataclass
 from typing import Any, Unpack
 
 from faultgauge.identification.validation import evaluation
-from faultgauge.identification.validation.evaluation import WARMUP, Prediction
+from faultgauge.identification.validation.evaluation import POOR_FREE_RUN, WARMUP, Prediction
+from faultgauge.identification.validation.restarted import restarted
 from faultgauge.plants.model import Model
 from faultgauge.verbs.how import How, Reading, reads
 from faultgauge.verbs.plants import model_of
@@ -22,7 +23,8 @@ class Evaluation(Result):
     **Fields**
 
     - `scores`: `{"outputs": {NAME: {r2, rmse, nrmse}}, "runs": [...], "warnings": [...]}`, and
-      `"ensemble"` where the model has members.
+      `"ensemble"` where the model has members. A run whose free run does not follow an output has
+      `"restarted": {"horizon_s", "outputs"}`: the same where it starts anew so often.
     - `predictions`: the free runs, beside what was measured; `warnings`: about the logs.
     """
 
@@ -43,6 +45,7 @@ class Evaluation(Result):
                 else:
                     said = f"free-run RMSE {s['rmse']:.4g} {units[name]}{_share(s)}"
                 lines.append(f"{run['run']}: {name}: {said}")
+                lines += _anew(run, name, units[name])
         for name, s in self.scores.get("ensemble", {}).items():
             if s["rmse"] is None:
                 lines.append(f"ensemble: {name}: a member's free run diverges")
@@ -76,6 +79,15 @@ class Evaluation(Result):
         return evaluation_section(self.model, self.scores, self.predictions).figures
 
 
+def _anew(run: dict[str, Any], name: str, unit: str) -> list[str]:
+    """What a prediction over a horizon errs by, where the free run was tried so."""
+    s = run.get("restarted", {}).get("outputs", {}).get(name)
+    if s is None or s["rmse"] is None:
+        return []
+    every = f"started anew every {run['restarted']['horizon_s']:.3g} s"
+    return [f"{run['run']}: {name}: {every}: RMSE {s['rmse']:.4g} {unit}{_share(s)}"]
+
+
 def _share(s: dict[str, float | None]) -> str:
     if s["r2"] is None or s["nrmse"] is None:
         return ""
@@ -106,6 +118,16 @@ def evaluate(
     odd = unlike_warnings(known, runs)
     how = known.max_step, warmup, known.record.between
     found, predictions = evaluation.evaluate(known.plant, runs, *how)
+    for run in found["runs"]:
+        lost = [
+            name
+            for name, s in run["outputs"].items()
+            if s["nrmse"] is None or s["nrmse"] >= POOR_FREE_RUN
+        ]
+        log = next(each for each in runs if each.name == run["run"])
+        anew = restarted(known.plant, log, lost, *how) if lost else None
+        if anew:
+            run["restarted"] = {"horizon_s": anew.horizon, "outputs": anew.outputs}
     if known.members:
         plants = [known.plant, *known.members]
         found["ensemble"] = evaluation.evaluate_ensemble(plants, runs, *how)

@@ -13,19 +13,18 @@ that are off least.
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 
 from faultgauge.errors import InputError
 from faultgauge.identification.validation.evaluation import POOR_FREE_RUN, Prediction, predict
+from faultgauge.identification.validation.restarted import SHORTEST_PIECE, pieces
 from faultgauge.plants.model import Model
-from faultgauge.telemetry import Run, cut
+from faultgauge.telemetry import Run
 
 __all__ = ["LONGEST_PIECE", "gain_error", "largest_changes", "shape_error"]
 
 LONGEST_PIECE = 20_000  # samples of a free run
-SHORTEST_PIECE = 200  # samples: a few times what finds its start
 USUAL_GAIN = 0.05  # as good as one more output of one more run
 USUAL_SHAPE = 0.2  # where every free run is lost, as that of an unstable plant is
 
@@ -37,7 +36,7 @@ def shape_error(model: Model, runs: Sequence[Run]) -> float:
         return 0.0
     least, parts = 1.0, 1
     while min(len(run.t) for run in runs) >= parts * SHORTEST_PIECE:
-        off = _off(_free_runs(model, [piece for run in runs for piece in _pieces(run, parts)]))
+        off = _off(_free_runs(model, runs, parts))
         if off > least < 1.0:
             break
         least, parts = min(off, least), 2 * parts
@@ -48,7 +47,7 @@ def gain_error(model: Model, runs: Sequence[Run]) -> float:
     """By which share the size of the model's answer is off (r.m.s.), by every output that the free
     run follows in every one of `runs`: one that is off by half and more, as where a plant
     integrates, is carried off by what is no answer."""
-    predictions = _free_runs(model, [piece for run in runs for piece in _pieces(run, 1)])
+    predictions = _free_runs(model, runs, 1)
     gains = [g for each in predictions for g in _gains(each)]
     return float(np.sqrt((np.sum(np.square(gains)) + USUAL_GAIN**2) / (len(gains) + 1)))
 
@@ -63,15 +62,10 @@ def largest_changes(model: Model, runs: Sequence[Run]) -> dict[str, float]:
     return found
 
 
-def _pieces(run: Run, parts: int) -> list[Run]:
-    """So many equal `parts` of what is told of `run`."""
-    edges = np.linspace(0, min(len(run.t), LONGEST_PIECE), parts + 1).astype(int)
-    return [cut(run, slice(a, b)) for a, b in pairwise(edges.tolist())]
-
-
-def _free_runs(model: Model, pieces: Sequence[Run]) -> list[Prediction]:
-    """Over every one of `pieces`; none where nothing can be followed."""
-    named = [replace(piece, name=str(k)) for k, piece in enumerate(pieces)]
+def _free_runs(model: Model, runs: Sequence[Run], parts: int) -> list[Prediction]:
+    """Over so many `parts` of each of `runs`; none where nothing can be followed."""
+    cuts = [piece for run in runs for piece in pieces(run, parts, LONGEST_PIECE)]
+    named = [replace(piece, name=str(k)) for k, piece in enumerate(cuts)]
     try:
         return predict(model.plant, named, model.max_step, between=model.record.between)
     except InputError:  # nowhere two samples in a row
