@@ -32,14 +32,33 @@ def inexact(shape=0.1, gain=0.0, acts=ACTS):
     )
 
 
-def said(first, second, most=(0.0, 0.0)):
-    """Both faults at p 0.9, `first` and `second` being (size, sd)."""
+def said(first, second, most=(0.0, 0.0), sudden=0.0, quick=0.0):
+    """Both faults at p 0.9, `first` and `second` being (size, sd); `sudden` is what the first
+    sample told of the second one, `quick` the information on a unit of the first in one sample."""
     f = np.tile([first[0], second[0]], (SETS, 1))
     sd = np.tile([first[1], second[1]], (SETS, 1))
     f[1], sd[1] = (first[0] + 0.5, 9.0), (2 * first[1], 9.0)  # alone it is told otherwise
     p = np.array([0.02, 0.04, 0.03, 0.9, 0.01])
     rest = np.zeros(3), np.zeros((2, 2)), np.zeros((2, 2))
-    return BranchInfo(*map(jnp.asarray, (p, f, sd, *rest, np.array([0.95, 0.94]), np.array(most))))
+    rest = *rest, np.array([0.95, 0.94]), np.array(most)
+    jumps = np.zeros((SETS, 2)), np.array([quick, 0.0])
+    jumps[0][:, 1] = sudden
+    return BranchInfo(*map(jnp.asarray, (p, f, sd, *rest, *jumps)))
+
+
+@pytest.mark.parametrize("quick", [0.0, 500.0])
+def test_what_the_first_sample_told_of_a_sensor_is_not_made_up_by_what_acts_on_the_plant(quick):
+    """A plant that answers within a sample by 0.1 * 2 * sqrt(500) = 4.5 standard deviations of it
+    makes up all of that but 1 part in 21."""
+    z, sd, told = 6.0, 0.01, 9.0
+    given = said((40 * 0.05, 0.05), (z * sd, sd), sudden=told, quick=quick)
+    found = inexact(acts=np.array([1.0, 0.0])).told(given)
+    e, e1 = 0.1 * 40, 0.1 * 40 * 0.05 * np.sqrt(quick)
+    left = told / (1 + e1**2)
+    real = COMMON * norm.pdf(z, 0, np.hypot(1, SIZE[1] / sd)) * np.exp(left)
+    made_up = e**2 / (1 + e**2) * norm.pdf(z, 0, np.hypot(1, e))
+    share = made_up / (real + made_up)
+    np.testing.assert_allclose(found.p[3], 0.9 * (1 - share), rtol=1e-6)
 
 
 @pytest.mark.parametrize(("z", "named"), [(6.0, False), (30.0, True)])

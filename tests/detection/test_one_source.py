@@ -130,6 +130,8 @@ def posterior(bank, run, parts, ever, latch):
         onset=jnp.asarray(onset),
         ever=jnp.tile(jnp.asarray(ever), (ROWS, 1)),
         most=jnp.zeros((ROWS, faults)),
+        sudden=jnp.zeros((ROWS, sets, faults)),
+        quick=jnp.zeros((ROWS, faults)),
     )
     sampled = silence != "gap"
     nan = jnp.where(jnp.asarray(sampled), 0.0, jnp.nan)

@@ -465,6 +465,33 @@ def test_two_faults_are_told_as_a_pair():
         assert STEP * (COUNT - 1) - info.onset[-1, fault, 0] == pytest.approx(STEP * since, abs=2.0)
 
 
+@pytest.mark.parametrize("size", [0.25, -0.2])
+def test_what_the_first_sample_told_of_a_bias_is_bayes_on_that_sample(size):
+    """A Kalman filter without the bias up to the sample before; of a push the first sample tells
+    next to nothing."""
+    since = 60
+    u, y, steps = log(1, bias=[(size, since, COUNT)])
+    F, G, Q = linear(STEP)
+    m, P, C = np.zeros(2), np.diag([START[0] ** 2, SIZE**2]), np.array([1.0, 0.0])
+    for k in range(since + 1):
+        if k:
+            m, P = F[:2, :2] @ m + G[:2] * u[k - 1, 0], F[:2, :2] @ P @ F[:2, :2].T + Q[:2, :2]
+        S, e = C @ P @ C + SIGMA**2, y[k, 0] - C @ m
+        m, P = m + P @ C / S * e, P - np.outer(P @ C, C @ P) / S
+    widths = WIDTHS[BIAS] * np.array(SCALES)
+    told = norm.logpdf(e, 0, np.sqrt(S + widths**2)) - norm.logpdf(e, 0, np.sqrt(S))
+    _, info = judged(bank((BIAS,)), (u, y, steps))
+    wanted = logsumexp(told) - np.log(len(SCALES))
+    assert wanted > 2  # which is worth telling
+    assert info.sudden[-1, BIASED, BIAS] == pytest.approx(wanted, abs=1e-3)
+    # the information on a unit of it in one sample of the filter that knows of none
+    _, calm = judged(bank((BIAS,)), log(1))
+    assert calm.quick[-1, BIAS] == pytest.approx(1 / S, rel=1e-6)
+    _, pushed = judged(bank((PUSH,)), log(1, push=[(2 * size, since, COUNT)]))
+    assert pushed.p[-1, PUSHED] > 0.99
+    assert abs(pushed.sudden[-1, PUSHED, PUSH]) < 0.5
+
+
 def test_a_fault_that_begins_between_two_samples_is_off_by_its_standard_deviation():
     """Its first step moves x by less than a whole one does, which is not a smaller push. Twelve
     samples later, in twenty logs: were they normal, their mean square would be above 1.37^2 once in

@@ -208,7 +208,8 @@ class Watch(eqx.Module):
         sets, faults = len(self.modes.more), self.modes.declared
         states = len(self.modes.filter.plant.signals.states)
         shapes = (sets,), (sets, faults), (sets, faults), (states,), (faults, 2), (faults, 2)
-        return BranchInfo(*(jnp.full(shape, jnp.nan) for shape in (*shapes, (faults,), (faults,))))
+        shapes = (*shapes, (faults,), (faults,), (sets, faults), (faults,))
+        return BranchInfo(*(jnp.full(shape, jnp.nan) for shape in shapes))
 
     def _outside(self, said: BranchInfo, u: Array, running: Array) -> Int[Array, ""]:
         x = said.x[: len(self.signals.states)]

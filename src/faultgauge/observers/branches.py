@@ -42,7 +42,8 @@ class Prior(NamedTuple):
 
 class Lanes(NamedTuple):
     """Signatures of a unit change of each kind at some onsets, beside every branch: `score` and
-    `info` of its size, `gain` in ln L by each of `SCALES`; `shared` scores and `J` are in the
+    `info` of its size, `gain` in ln L by each of `SCALES`, of which the first sample told `sudden`
+    (by all of them); `shared` scores and `J` are in the
     branch's own noise, and so tell what one change explains of another; `row` is where in `J` each
     stands, for as long as it is kept."""
 
@@ -50,6 +51,7 @@ class Lanes(NamedTuple):
     score: Float[Array, "branches kinds onsets"]
     info: Float[Array, "branches kinds onsets"]
     gain: Float[Array, "branches scales kinds onsets"]
+    sudden: Float[Array, "branches kinds onsets"]
     shared: Float[Array, "branches kinds onsets"]
     J: Float[Array, "branches lanes lanes"]
     row: Int[Array, "branches kinds onsets"]
@@ -69,7 +71,8 @@ class BranchState(NamedTuple):
     """A checkpoint. Branches come first, unknown ones behind; `which` set each is, `weight` ln of
     its posterior (up to a constant), `since` when each fault of it began (mean and variance),
     `ever` whether it has held each fault at any time, and how large it clearly was at `most`,
-    `begun` when the filter began [s]."""
+    `sudden` how much the first sample told of each (ln L), `quick` the information on a unit of
+    each in the first sample after it, `begun` when the filter began [s]."""
 
     belief: Belief
     weight: Float[Array, "filters"]
@@ -77,6 +80,8 @@ class BranchState(NamedTuple):
     since: Float[Array, "filters faults two"]
     ever: Float[Array, "filters faults"]
     most: Float[Array, "filters faults"]
+    sudden: Float[Array, "filters faults"]
+    quick: Float[Array, "faults"]
     begun: Float[Array, "filters"]
     lanes: Lanes
     probe: Probe
@@ -88,7 +93,9 @@ class BranchInfo(NamedTuple):
     """What one sample leaves: the posterior of every set and, last, of the unknown; mean and
     standard deviation of every fault in each set; the states; how clearly each fault would have
     shown, downwards and upwards; how long ago it began, if it is there (mean and standard deviation
-    [s]), the probability that it is or was there, and how large it clearly was at most."""
+    [s]), the probability that it is or was there, and how large it clearly was at most; what the
+    first sample told of every fault in each set (ln L), and the information on a unit of each in
+    the first sample after it."""
 
     p: Float[Array, "sets"]
     f: Float[Array, "sets faults"]
@@ -98,6 +105,8 @@ class BranchInfo(NamedTuple):
     onset: Float[Array, "faults two"]
     ever: Float[Array, "faults"]
     most: Float[Array, "faults"]
+    sudden: Float[Array, "sets faults"]
+    quick: Float[Array, "faults"]
 
 
 class Changes(NamedTuple):
@@ -116,13 +125,14 @@ class Changes(NamedTuple):
 
 class Sums(NamedTuple):
     """Over the changes that a branch may have had, by how likely they are: how likely each set is;
-    of the likely onsets alone that again, and times a fault's size and its square; the states; how
-    likely each fault is there, times when it began, and its square; how likely each has been."""
+    of the likely onsets alone that again, and times a fault's size, its square, and what its first
+    sample told; the states; how likely each fault is there, times when it began, and its square; how likely each has been."""
 
     p: Float[Array, "branches sets"]
     held: Float[Array, "branches sets"]
     mean: Float[Array, "branches sets faults"]
     square: Float[Array, "branches sets faults"]
+    sudden: Float[Array, "branches sets faults"]
     x: Float[Array, "branches states"]
     past: Float[Array, "branches faults three"]
     ever: Float[Array, "branches faults"]

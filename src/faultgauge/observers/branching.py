@@ -84,6 +84,7 @@ class Branching(Onsets):
             jnp.zeros((B, K, A)),
             jnp.zeros((B, len(SCALES), K, A)),
             jnp.zeros((B, K, A)),
+            jnp.zeros((B, K, A)),
             jnp.zeros((B, K * A, K * A)),
             jnp.broadcast_to(np.arange(K * A).reshape(K, A), (B, K, A)),
             jnp.broadcast_to(mass, (B, K, A)),
@@ -92,9 +93,10 @@ class Branching(Onsets):
         probe = Probe(jnp.zeros((n, self.declared, 2)), jnp.zeros((self.declared, 2)))
         since = jnp.zeros((self.filters, self.filter.faults, 2))
         begun = jnp.zeros(self.filters)
-        ever = jnp.zeros((self.filters, self.filter.faults))
+        none = jnp.zeros((self.filters, self.filter.faults))
+        told = none, none, none, jnp.zeros(self.declared)
         return BranchState(
-            belief, weight, which, since, ever, ever, begun, lanes, probe, u, jnp.zeros(())
+            belief, weight, which, since, *told, begun, lanes, probe, u, jnp.zeros(())
         )
 
     def step(
@@ -123,10 +125,12 @@ class Branching(Onsets):
         lead = jnp.argmax(weight[: self.branches])
         leading = _at(flow, lead), _at(look, lead), _at(seen, lead)
         probe = self._probed(state.probe, *leading, dt)
+        quick = lanes.info[lead, : self.declared, -1]
         state = state._replace(
             belief=belief,
             weight=weight,
             most=jnp.maximum(state.most, self._clearly(belief)),
+            quick=jnp.where(quick > 0, quick, state.quick),  # a row without samples tells none
             lanes=lanes,
             probe=probe,
             u=u,
@@ -224,6 +228,9 @@ class Branching(Onsets):
         began = self._began(state, b, kind, jnp.stack([onset, wide]), f)
         since = state.since[b].at[fault].set(began)
         ever = state.ever[b].at[fault].set(1.0)
+        there = self._present(state.belief)[b, fault]
+        first = jnp.where(there, state.sudden[b, fault], state.lanes.sudden[b, kind, a])
+        sudden = state.sudden[b].at[fault].set(jnp.where(gone, 0.0, first))
         weight = state.weight[b] + logsumexp(ell)
         # the place: where the same set stands already, or the least likely other one
         places = jnp.arange(B)
@@ -250,6 +257,7 @@ class Branching(Onsets):
             since=placed(state.since, since),
             ever=placed(state.ever, ever),
             most=placed(state.most, state.most[b]),
+            sudden=placed(state.sudden, sudden),
             lanes=lanes,
         )
 
@@ -400,6 +408,7 @@ class Branching(Onsets):
             score=cleared(lanes.score),
             info=cleared(lanes.info),
             gain=cleared(lanes.gain),
+            sudden=cleared(lanes.sudden),
             shared=cleared(lanes.shared),
             J=cleared(lanes.J),
         )
@@ -412,6 +421,7 @@ class Branching(Onsets):
             which=jnp.where(jnp.concatenate([fresh[:B], np.zeros(U, bool)]), 0, state.which),
             ever=passed_on(state.ever),
             most=passed_on(state.most),
+            sudden=jnp.where(fresh[:, None], 0.0, state.sudden),
             begun=jnp.where(fresh, state.t, state.begun),
             lanes=lanes,
         )
@@ -430,7 +440,7 @@ class Branching(Onsets):
         most = jnp.maximum(
             jnp.max(peaks[:, :, None] * to, axis=(0, 1)), jnp.max(alone[:, None] * own, axis=0)
         )
-        parts = state.belief, log, state.which, state.since, state.ever
+        parts = state.belief, log, state.which, state.since, state.ever, state.sudden
         given = (
             jax.tree.map(lambda a: a[at], parts),
             changes,
@@ -447,18 +457,19 @@ class Branching(Onsets):
             heavy,
             heavy[:, :, None] * f0,
             heavy[:, :, None] * (f0**2 + v0),
+            heavy[:, :, None] * state.sudden[:, None],
             state.belief.mean[:, :n],
             jnp.zeros((self.filters, d, 3)),
             state.ever[:, :d],
         )
-        p, held, mean, square, x, past, ever = (
+        p, held, mean, square, sudden, x, past, ever = (
             jnp.sum(a, axis=0) + jnp.sum(jax.vmap(jnp.multiply)(alone, b), axis=0)
             for a, b in zip(each, same, strict=True)
         )
         Z = jnp.sum(p)
         p, x, ever = p / Z, x / Z, ever / Z
         held = jnp.maximum(held, 1e-300)[:, None]
-        mean, square = mean / held, square / held
+        mean, square, sudden = mean / held, square / held, sudden / held
         sd = jnp.sqrt(jnp.maximum(square - mean**2, 0.0))
         seen = state.probe.J * self.prior.size[:d, None] ** 2
         there, first, second = past.T
@@ -467,7 +478,8 @@ class Branching(Onsets):
         late = jnp.sqrt(jnp.maximum(second - first**2, 0.0))
         onset = jnp.stack([state.t - first, late], axis=1)
         most = state.most[jnp.argmax(state.weight), :d]
-        return BranchInfo(p, mean[:, :d], sd[:, :d], x, seen, onset, ever, most)
+        told = seen, onset, ever, most, sudden[:, :d], state.quick
+        return BranchInfo(p, mean[:, :d], sd[:, :d], x, *told)
 
     def _leads(
         self, which: Int[Array, "branches"]
@@ -480,9 +492,9 @@ class Branching(Onsets):
     def _summed(
         self, t: Float[Array, ""], nothing: tuple[()], given: tuple
     ) -> tuple[tuple[()], Sums]:
-        """`given` are the belief, ln of the weight, the set, since when and whether ever of each
-        branch; its changes; its lanes; what an onset of each kind must weigh to count."""
-        (belief, log, which, since, ever), changes, lanes, least = given
+        """`given` are the belief, ln of the weight, the set, since when, whether ever and how sudden
+        of each branch; its changes; its lanes; what an onset of each kind must weigh to count."""
+        (belief, log, which, since, ever, sudden), changes, lanes, least = given
         F, n, K, d = self.filter.faults, self.filter.states, self.kinds, self.declared
         to, target = self._leads(which)
         each = jnp.exp(log[:, None] + changes.total)
@@ -511,6 +523,8 @@ class Branching(Onsets):
         begins = own * (1 - here[:, None])
         old = jnp.sum(each[:, :, None] * there * (1 - begins), axis=1)
         old = old + jnp.exp(log)[:, None] * here
+        told = self._told_at_once(belief, sudden, heavy, lanes)
+        told = contract("bfk,bks->bsf", told, to)
         first, spread = since[:, :d, 0], since[:, :d, 1]
         then = jnp.stack([jnp.ones_like(old), first, spread + first**2], axis=2)
         when, new = lanes.onset, w[:, :K]
@@ -518,7 +532,20 @@ class Branching(Onsets):
         past = contract("bkt,bkf->bft", jnp.sum(dates, axis=2), begins[:, :K])
         past = past + old[:, :, None] * then
         ever = jnp.sum(each[:, :, None] * jnp.maximum(ever[:, None, :d], own), axis=1)
-        return (), Sums(p, held, mean, square, x, past, ever)
+        return (), Sums(p, held, mean, square, told, x, past, ever)
+
+    def _told_at_once(
+        self, belief: Belief, sudden: Array, heavy: Array, lanes: Lanes
+    ) -> Float[Array, "branches faults changes"]:
+        """What the first sample told of each fault after each change, times how likely that is: of
+        one that begins by the change, what told of its onsets."""
+        F, K = self.filter.faults, self.kinds
+        begins = np.zeros((F, K + F))
+        begins[self.owner, range(K)] = 1.0
+        new = begins[None] * ~self._present(belief)[:, :, None]
+        first = jnp.sum(heavy[:, :K] * lanes.sudden, axis=2)
+        first = jnp.concatenate([first, jnp.zeros((len(first), F))], axis=1)[:, None]
+        return new * first + (1 - new) * sudden[:, :, None] * jnp.sum(heavy, axis=2)[:, None]
 
 
 def _at(tree, k):

@@ -151,7 +151,10 @@ class Onsets(eqx.Module):
             g = jnp.where(there[:, None, None], g, 0.0)
             eta = eta - seen.gain[:, j, :, None, None] * g[:, None]
         gain = gain + jnp.log(narrower) / 2
-        return lanes._replace(eta=eta, score=score, info=info, gain=gain, shared=shared, J=J), ()
+        first = jax.nn.logsumexp(gain[..., -1:], axis=1) - np.log(len(SCALES))
+        sudden = jnp.concatenate([lanes.sudden[..., :-1], first], axis=-1)
+        told = score, info, gain, sudden, shared, J
+        return Lanes(eta, *told, lanes.row, lanes.mass, lanes.onset), ()
 
     def _at_once(self) -> Bool[np.ndarray, "kinds"]:
         """The kinds of change of which the first sample shows all."""
@@ -306,7 +309,8 @@ class Onsets(eqx.Module):
         info = jnp.maximum(jnp.diagonal(J)[rows], 0.0)
         least = self._least()
         gain = (shared**2 / (info + least) - jnp.log1p(info / least)) / 2
-        new = Lanes(eta, shared, info, gain, shared, J, rows, mass, lanes.onset[b])
+        told = shared, info, gain, lanes.sudden[b], shared, J
+        new = Lanes(eta, *told, rows, mass, lanes.onset[b])
         return jax.tree.map(lambda every, one: every.at[place].set(one), lanes, new)
 
     def _begun(self, u: Float[Array, "inputs"], belief: Belief) -> Float[Array, "branches n kinds"]:
@@ -374,11 +378,11 @@ class Onsets(eqx.Module):
 
         # what goes leaves its row of J to what comes, which begins it anew (`_signatures`)
         row = jnp.take_along_axis(lanes.row, place, axis=2)
-        told = (lanes.score, lanes.info, lanes.gain, lanes.shared)
-        score, info, gain, shared = (moved(each, 0.0) for each in told)
+        told = (lanes.score, lanes.info, lanes.gain, lanes.sudden, lanes.shared)
+        told = (moved(each, 0.0) for each in told)
         eta, row = moved(lanes.eta, begun[..., None]), moved(lanes.row, row)
         mass, when = moved(mass, fresh), moved(when, t)
-        return Lanes(eta, score, info, gain, shared, lanes.J, row, mass, when), ()
+        return Lanes(eta, *told, lanes.J, row, mass, when), ()
 
 
 def _shared(log: Array, axis: int) -> tuple[Array, Array, Array]:

@@ -15,7 +15,12 @@ that of a share of its size: `shape` and `gain` (`fidelity`). So
                                 + z^2 / 2 (1 / (1 + e^2) - 1 / (1 + s^2)) - ln (e^2 / (1 + e^2)),
 
   c being how often one fault brings another. As much of the set as is made up belongs to the set
-  without that fault;
+  without that fault. No plant answers at once: of a fault of a sensor the first sample tells what
+  is not made up, but for as much as the others do within a sample. With l_k what it told (ln L),
+  and J_i the information on a unit of fault i in the first sample after it,
+
+      ln p(real) / p(made up) += l_k / (1 + shape^2 sum_i!=k f_i^2 J_i);
+
 - what constants and slow errors were told amid a large fault is off when it goes, and in part taken
   for a rest of it. Of a fault that was at least `most` once, a rest is made up likewise, with
 
@@ -77,8 +82,9 @@ class Inexact(eqx.Module):
     def told(self, said: BranchInfo) -> BranchInfo:
         """`said` by branches that take the model's answer for exact."""
         by_others, by_itself = self._errors(said)
-        made_up = self.holds * (1 - self._real(said, by_others + by_itself))
-        never = self.holds * (1 - self._real(said, by_others))  # what is left of one was there
+        at_once = self._at_once(said)
+        made_up = self.holds * (1 - self._real(said, by_others + by_itself, at_once))
+        never = self.holds * (1 - self._real(said, by_others, at_once))  # a rest of one was there
         p, f, variance, ever = said.p, said.f, said.sd**2, said.ever
         for k in range(len(self.acts)):
             source = np.array(self.sources[k])
@@ -102,8 +108,17 @@ class Inexact(eqx.Module):
         gone = jnp.maximum(said.most - jnp.abs(said.f), 0.0) ** 2 / sd2
         return jnp.multiply(self.shape**2, others), jnp.multiply(self.acts * self.gain**2, gone)
 
+    def _at_once(self, said: BranchInfo) -> Float[Array, "sets faults"]:
+        """What the first sample of a sensor's fault told, that the others do not make up."""
+        acting = self.holds * said.f**2 * said.quick * self.acts
+        e2 = self.shape**2 * (jnp.sum(acting, axis=1, keepdims=True) - acting)
+        return (1 - self.acts) * jnp.maximum(said.sudden, 0.0) / (1 + e2)
+
     def _real(
-        self, said: BranchInfo, e2: Float[Array, "sets faults"]
+        self,
+        said: BranchInfo,
+        e2: Float[Array, "sets faults"],
+        at_once: Float[Array, "sets faults"],
     ) -> Float[Array, "sets faults"]:
         """How likely each fault of a set is there, and not made up."""
         sd2 = jnp.maximum(said.sd**2, TINY)
@@ -111,7 +126,7 @@ class Inexact(eqx.Module):
         s2 = self.size**2 / sd2
         odds = jnp.log(self.common) + (jnp.log1p(e2) - jnp.log1p(s2)) / 2
         odds = odds + z2 / 2 * (1 / (1 + e2) - 1 / (1 + s2))
-        odds = odds - jnp.log(jnp.maximum(e2, TINY) / (1 + e2))
+        odds = odds - jnp.log(jnp.maximum(e2, TINY) / (1 + e2)) + at_once
         return jnp.where(e2 > TINY, jax.nn.sigmoid(odds), 1.0)
 
 
