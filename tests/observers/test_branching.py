@@ -328,6 +328,56 @@ def test_what_was_told_amid_a_fault_is_less_sure_once_that_has_gone(enters):
     assert found[1.0] == pytest.approx(SIZE**2 if acts else found[0.0])
 
 
+@pytest.mark.parametrize("shape", [0.01, 0.1, 1.0])
+def test_what_was_told_of_another_fault_amid_one_that_has_gone_counts_as_far_as_it_is_not_made_up(
+    shape,
+):
+    """By hand, from what is left where the model's answer is exact: with e = shape z, evidence on a
+    bias is that of an estimate with e^2 times its variance on top, beside what its first sample
+    told; so is its variance, and the information that signatures have."""
+    samples = log(0, push=[(0.5, 50, COUNT)], bias=[(0.3, 120, COUNT)])
+    before, _ = judged(bank((PUSH, BIAS), recovery=1e-3), samples)
+
+    def after(shape):
+        each = bank((PUSH, BIAS), recovery=1e-3, shape=shape)
+        found, lead, _ = with_changes(each, before, end=1.0)
+        own = jnp.where(found.which[:4] == BIASED, found.weight[:4], -jnp.inf)
+        return found, lead, int(jnp.argmax(own))
+
+    (exact, lead, at), (found, _, same) = after(0.0), after(shape)
+    assert before.which[lead] == BOTH
+    assert at == same
+    push, bias = 5 + PUSH, 5 + BIAS
+    f, v = (np.asarray(a[lead]) for a in (before.belief.mean, before.belief.P))
+    e2 = shape**2 * f[push] ** 2 / v[push, push]
+    z, s = (
+        exact.belief.mean[at, bias] / np.sqrt(v[bias, bias]),
+        WIDTHS[BIAS] / np.sqrt(v[bias, bias]),
+    )
+
+    def told(e2):
+        return norm.logpdf(z, 0, np.sqrt(1 + e2 + s**2)) - norm.logpdf(z, 0, np.sqrt(1 + e2))
+
+    sudden, quick = before.sudden[lead, BIAS], before.quick[PUSH]
+    assert sudden > 1  # it jumped
+    left = told(e2) + sudden / (1 + shape**2 * f[push] ** 2 * quick)
+    lost = float(max(told(0.0) - left, 0.0))
+    assert lost > 1 or shape < 0.1
+    assert found.weight[at] == pytest.approx(float(exact.weight[at]) - lost, abs=1e-6)
+    was = exact.belief.P[at, bias, bias]
+    assert found.belief.P[at, bias, bias] == pytest.approx(
+        float(was + min(e2 * was, WIDTHS[BIAS] ** 2 - was))
+    )
+    # what may yet be found beside it does not move the push that is not there
+    assert np.all(found.lanes.eta[at, push, BIAS] == 0)
+    np.testing.assert_allclose(
+        found.lanes.J[at] * (1 + e2), exact.lanes.J[at], rtol=1e-9, atol=1e-9
+    )
+    np.testing.assert_allclose(
+        found.lanes.score[at] * (1 + e2), exact.lanes.score[at], rtol=1e-9, atol=1e-9
+    )
+
+
 @pytest.mark.parametrize(("size", "limits"), [(-0.1, (0.0, np.inf)), (0.12, (-0.03, 0.03))])
 def test_sizes_that_a_fault_cannot_have_say_nothing_for_it(size, limits):
     """Odds of Bayes with the prior cut off at the limits, as close as without: e^1."""
@@ -594,8 +644,8 @@ def test_what_a_step_explains_of_others_leaves_no_more_evidence_than_there_was()
             )
             V = 1 / (share * info[0, 0] + 1 / WIDTHS[0] ** 2)
             f = V * share * shared[0, 0]
-            args = (jnp.asarray(each) for each in (0, 0, 0, 1, f, V, False))
-            left = modes._inherited(given, *args)
+            args = (jnp.asarray(each) for each in (0, 0, 0, 1, f, V, False, 0.0))
+            left = modes._inherited(given, *args, [])
             score, info_left = np.asarray(left.score[1]), np.asarray(left.info[1])
             # rounding of differences of J
             bound = (info_left + 1e-12 * info.max()) * (w @ w)

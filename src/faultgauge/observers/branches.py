@@ -126,7 +126,8 @@ class Changes(NamedTuple):
 class Sums(NamedTuple):
     """Over the changes that a branch may have had, by how likely they are: how likely each set is;
     of the likely onsets alone that again, and times a fault's size, its square, and what its first
-    sample told; the states; how likely each fault is there, times when it began, and its square; how likely each has been."""
+    sample told; the states; how likely each fault is there, times when it began, and its square;
+    how likely each has been."""
 
     p: Float[Array, "branches sets"]
     held: Float[Array, "branches sets"]

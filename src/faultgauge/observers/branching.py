@@ -222,7 +222,8 @@ class Branching(Onsets):
         each = jnp.concatenate([apart, spread, between], axis=1)
         P = state.belief.P[b] + contract("ia,ja->ij", each, each)
         P = P + jnp.diag(self._late(state, b, kind, f) ** 2)
-        mean, P = self._known_gone(_at(state.belief, b), mean, P, fault, gone)
+        off = self._off(_at(state.belief, b), fault, gone)
+        mean, P, gains = self._known_gone(mean, P, fault, gone, off)
         onset = contract("a,a->", w, when)
         wide = contract("a,a->", w, (when - onset) ** 2 + blur)
         began = self._began(state, b, kind, jnp.stack([onset, wide]), f)
@@ -231,7 +232,7 @@ class Branching(Onsets):
         there = self._present(state.belief)[b, fault]
         first = jnp.where(there, state.sudden[b, fault], state.lanes.sudden[b, kind, a])
         sudden = state.sudden[b].at[fault].set(jnp.where(gone, 0.0, first))
-        weight = state.weight[b] + logsumexp(ell)
+        weight = state.weight[b] + logsumexp(ell) - self._overtold(state, b, mean, P, fault, off)
         # the place: where the same set stands already, or the least likely other one
         places = jnp.arange(B)
         same = (state.which[:B] == which) & ((places != b) | (which == state.which[b]))
@@ -242,7 +243,7 @@ class Branching(Onsets):
         both = jnp.where(jnp.any(same), jnp.logaddexp(weight, state.weight[twin]), weight)
         left = jnp.where(stays, state.lanes.mass[b, kind], NEVER)
         kept = state.lanes._replace(mass=state.lanes.mass.at[b, kind].set(left))
-        lanes = self._inherited(kept, b, kind, a, place, f, V, gone)
+        lanes = self._inherited(kept, b, kind, a, place, f, V, gone, off, gains)
         lanes = jax.tree.map(lambda new, old: jnp.where(better, new, old), lanes, kept)
         put = jnp.where(better, place, -1)
         here = jnp.arange(self.filters) == put
@@ -316,34 +317,82 @@ class Branching(Onsets):
         return jnp.where(gone, changes.f[b, k, a], f), jnp.where(gone, v, V)
 
     def _known_gone(
-        self, before: Belief, mean: Array, P: Array, fault: Int[Array, ""], gone: Bool[Array, ""]
-    ) -> tuple[Array, Array]:
-        """The belief given that a fault that has gone is 0, and so is its growth; `before` it was
-        known to have."""
-        n = self.filter.states
+        self,
+        mean: Array,
+        P: Array,
+        fault: Int[Array, ""],
+        gone: Bool[Array, ""],
+        off: Float[Array, ""],
+    ) -> tuple[Array, Array, list[Array]]:
+        """The belief given that a fault that has gone is 0, and so is its growth; and by which
+        gains of z that is known."""
+        n, gains = self.filter.states, []
         for slot, owner in enumerate(self.owner):
             i = n + slot
             there = gone & (fault == owner) & (P[i, i] > 0)
             gain = jnp.where(there, P[:, i] / jnp.maximum(P[i, i], 1e-300), 0.0)
-            mean = mean - gain * mean[i]
+            gains.append(gain)
             P = P - jnp.outer(gain, P[i])
             none = jnp.where(there & (jnp.arange(len(mean)) == i), 0.0, 1.0)
-            mean, P = mean * none, P * none[:, None] * none[None]
+            P = P * none[:, None] * none[None]
         P = (P + P.T) / 2
-        return mean, P + jnp.diag(jnp.where(gone, self._untold(before, P, fault), 0.0))
+        return self._without(mean, gains), P + jnp.diag(self._untold(P, off)), gains
 
-    def _untold(
-        self, before: Belief, P: Float[Array, "n n"], fault: Int[Array, ""]
-    ) -> Float[Array, "n"]:
-        """Variance to add once a fault that acts on the plant has gone. What constants and slow
-        errors were told amid it is off as the answer to it is, by shape z of their standard
-        deviations, z being how clearly it showed; they are as unsure as when a log begins at
-        most."""
-        acts = jnp.array([float(each.acts) for each in self.filter.plant.signals.faults])
-        i, known = self.filter.states + fault, jnp.diagonal(P)
-        z2 = acts[fault] * before.mean[i] ** 2 / jnp.maximum(before.P[i, i], 1e-300)
-        room = jnp.maximum(self.usual - known, 0.0)
-        return jnp.minimum(self.shape**2 * z2 * known, room)
+    # what was told amid a fault that acts on the plant is off as the answer to it is
+
+    def _acts(self) -> Float[np.ndarray, "faults"]:
+        return np.array([float(each.acts) for each in self.filter.plant.signals.faults])
+
+    def _off(
+        self, before: Belief, fault: Int[Array, ""], gone: Bool[Array, ""]
+    ) -> Float[Array, ""]:
+        """(shape z)^2 of a fault that has gone, z being how clearly it showed `before`: by so much
+        of its own variance is off what was told amid it. 0 where it does not act on the plant."""
+        i = self.filter.states + fault
+        z2 = before.mean[i] ** 2 / jnp.maximum(before.P[i, i], 1e-300)
+        return jnp.where(gone, jnp.asarray(self._acts())[fault] * self.shape**2 * z2, 0.0)
+
+    def _untold(self, P: Float[Array, "n n"], off: Float[Array, ""]) -> Float[Array, "n"]:
+        """Variance to add to constants, slow errors and other faults once a fault has gone; they
+        are as unsure as when a log, or a fault, begins at most."""
+        known, n, F = jnp.diagonal(P), self.filter.states, self.filter.faults
+        there = known[n : n + F] > 0
+        usual = self.usual.at[n : n + F].set(jnp.where(there, self.prior.size[:F] ** 2, 0.0))
+        return jnp.minimum(off * known, jnp.maximum(usual - known, 0.0))
+
+    def _overtold(
+        self,
+        state: BranchState,
+        b: Int[Array, ""],
+        mean: Float[Array, "n"],
+        P: Float[Array, "n n"],
+        fault: Int[Array, ""],
+        off: Float[Array, ""],
+    ) -> Float[Array, ""]:
+        """By how much (ln) the other faults of a branch were told amid one that has gone, beyond
+        what its error leaves: of a size z ~ N(0, 1 + s^2) in its own standard deviations,
+
+            ln N(z; 0, 1 + s^2) / N(z; 0, 1),   not   ln N(z; 0, 1 + e^2 + s^2) / N(z; 0, 1 + e^2)
+
+        with e^2 = `off`, beside what the first sample of a sensor's told, which no plant makes up
+        but for what it does within a sample. `mean` and `P` are after it has gone."""
+        F, n = self.filter.faults, self.filter.states
+        before = jnp.diagonal(state.belief.P[b])[n : n + F]
+        others = (before > 0) & (np.arange(F) != fault)
+        v = jnp.maximum(before, 1e-300)
+        z2, s2 = mean[n : n + F] ** 2 / v, self.prior.size[:F] ** 2 / v
+
+        def told(e2: Array | float) -> Array:
+            wide = 1 + e2 + s2
+            return (z2 / (1 + e2) - z2 / wide - jnp.log(wide / (1 + e2))) / 2
+
+        size = state.belief.mean[b, n + fault]
+        quick = jnp.where(
+            fault < self.declared, state.quick[jnp.minimum(fault, self.declared - 1)], 0.0
+        )
+        at_once = jnp.maximum(state.sudden[b], 0.0) * (1 - self._acts())
+        left = told(off) + at_once / (1 + self.shape**2 * size**2 * quick)
+        return jnp.sum(jnp.where(others & (off > 0), jnp.maximum(told(0.0) - left, 0.0), 0.0))
 
     # -- the unknown
 
@@ -492,8 +541,9 @@ class Branching(Onsets):
     def _summed(
         self, t: Float[Array, ""], nothing: tuple[()], given: tuple
     ) -> tuple[tuple[()], Sums]:
-        """`given` are the belief, ln of the weight, the set, since when, whether ever and how sudden
-        of each branch; its changes; its lanes; what an onset of each kind must weigh to count."""
+        """`given` are the belief, ln of the weight, the set, since when, whether ever and how
+        sudden of each branch; its changes; its lanes; what an onset of each kind must weigh to
+        count."""
         (belief, log, which, since, ever, sudden), changes, lanes, least = given
         F, n, K, d = self.filter.faults, self.filter.states, self.kinds, self.declared
         to, target = self._leads(which)

@@ -289,18 +289,21 @@ class Onsets(eqx.Module):
         f: Float[Array, ""],
         V: Float[Array, ""],
         gone: Bool[Array, ""],
+        off: Float[Array, ""],
+        gains: list[Float[Array, "n"]],
     ) -> Lanes:
         """The signatures beside the new branch: less what the promoted change, of size `f` and
         variance `V`, explains of them. What a step explains is told by the innovations that `J` is
-        of, as it may explain no more than all there is."""
+        of, as it may explain no more than all there is. What was told amid a fault that has gone is
+        `off` by so many times its variance, and moves z as far as that is 0 (by `gains`)."""
         J, eta, mass, rows = lanes.J[b], lanes.eta[b], lanes.mass[b], lanes.row[b]
         column = J[:, rows[kind, a]]
         alone = 1 / (column[rows[kind, a]] + 1 / self.prior.size[kind] ** 2)
         f, V = jnp.where(gone, f, alone * lanes.shared[b, kind, a]), jnp.where(gone, V, alone)
-        J = J - V * column[:, None] * column[None]
+        J = (J - V * column[:, None] * column[None]) / (1 + off)
         column = column[rows]
-        shared = lanes.shared[b] - column * f
-        eta = eta - eta[:, kind, a][:, None, None] * (V * column)
+        shared = (lanes.shared[b] - column * f) / (1 + off)
+        eta = self._without(eta - eta[:, kind, a][:, None, None] * (V * column), gains)
         # a common cause brings another fault at about the same time
         apart = jnp.abs(lanes.onset[b] - lanes.onset[b, kind, a])
         closest = apart == jnp.min(apart, axis=1, keepdims=True)
@@ -312,6 +315,14 @@ class Onsets(eqx.Module):
         told = shared, info, gain, lanes.sudden[b], shared, J
         new = Lanes(eta, *told, rows, mass, lanes.onset[b])
         return jax.tree.map(lambda every, one: every.at[place].set(one), lanes, new)
+
+    def _without(
+        self, z: Float[Array, "n *columns"], gains: list[Float[Array, "n"]]
+    ) -> Float[Array, "n *columns"]:
+        """What is left of `z` where the changes of a fault that has gone are known to be 0."""
+        for slot, gain in enumerate(gains):
+            z = z - gain.reshape(-1, *[1] * (z.ndim - 1)) * z[self.filter.states + slot]
+        return z
 
     def _begun(self, u: Float[Array, "inputs"], belief: Belief) -> Float[Array, "branches n kinds"]:
         """What a unit of each change does to z where it begins, beside every branch."""

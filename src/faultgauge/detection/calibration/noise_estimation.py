@@ -81,11 +81,13 @@ SEEN = 8192  # samples that tell what there is beside the levels; all samples te
 # these come first, as they are no error; what one of them explains the other does in part
 LAGS = (with_lags_of_inputs, with_lags_of_sensors)
 CURVES = (with_curves_of_inputs,)  # are no errors either
-# errors of inputs come first, as what outputs share is none of their own
+# errors of inputs come first, as what outputs share is none of their own; a lag may show only
+# beside them
 BESIDE = (
     with_errors_of_inputs,
     with_errors_of_outputs,
     with_errors_of_outputs,
+    with_lags_of_inputs,
 )
 SIZES = {
     pair[0]: pair for pair in (WANDER, LATE, STRAY, LEAN, TRAIL, BEND, GRIP)
