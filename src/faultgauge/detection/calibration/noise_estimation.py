@@ -75,7 +75,7 @@ FIRST = 2  # steps of each; then of the better half, and so on
 PART = 0.5  # of every stretch, which the first of these steps look at
 # parts of the work: the start, the plant's levels, a grip, LAGS in either order, CURVES, BESIDE,
 # and by all data, which is as much as a few of them
-PARTS, ALL = 14, 3
+PARTS, ALL = 15, 3
 USUAL = 12  # steps of a part
 SEEN = 8192  # samples that tell what there is beside the levels; all samples tell how much
 # these come first, as they are no error; what one of them explains the other does in part
