@@ -12,13 +12,13 @@ some onsets on.
 
 from functools import partial
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.scipy.special import logsumexp
 from jaxtyping import Array, Bool, Float, Int
 
+from faultgauge.observers.answers import TRIFLE, Answers
 from faultgauge.observers.branches import (
     NEVER,
     SCALES,
@@ -27,10 +27,9 @@ from faultgauge.observers.branches import (
     Changes,
     Lanes,
     Probe,
-    Sums,
 )
 from faultgauge.observers.divided_difference import Belief, FilterNoise, Flow, Look, Seen
-from faultgauge.observers.onsets import CLEAR, Onsets
+from faultgauge.observers.onsets import CLEAR
 from faultgauge.observers.rows import where_needed
 from faultgauge.products import contract
 
@@ -39,30 +38,19 @@ __all__ = ["Branching"]
 KEPT = 1e-9  # of all probability: a branch below may go
 PROMOTED = 0.0  # log-odds of a change against none, within its branch
 HOPELESS = 745.0  # nats behind the likeliest branch: a probability that is no number
-TRIFLE = 5e-3  # of the likeliest onset, or change: one that moves no 95 % interval
 
 
-class Branching(Onsets):
+class Branching(Answers):
     """The bank over any plant; pure `init` and `step`.
 
-    `noise` is that of the branches and, behind them, of the unknown ones; `alien` is the variance
-    that an unknown branch begins with, on top; `usual` what the states behind the plant's own have
-    when a log begins; `shape` the share of all that a fault does by which the answer to it is off.
-    Healthy is the first set, unknown the last.
+    `alien` is the variance that an unknown branch begins with, on top. Healthy is the first set,
+    unknown the last.
     """
 
-    noise: FilterNoise
     alien: Float[Array, "n n"]
     own: Float[Array, "states"]
-    usual: Float[Array, "n"]
     memory: Float[Array, ""]
     recall: Float[Array, "faults"]
-    shape: Float[Array, ""]
-    declared: int = eqx.field(static=True)
-
-    @property
-    def filters(self) -> int:
-        return len(self.noise.sigma)
 
     def init(
         self, x: Float[Array, "states"], sd: Float[Array, "states"], u: Float[Array, "inputs"]
@@ -199,7 +187,7 @@ class Branching(Onsets):
     def _branched(
         self, state: BranchState, changes: Changes, b: Int[Array, ""], k: Int[Array, ""]
     ) -> BranchState:
-        B, K = self.branches, self.kinds
+        K = self.kinds
         more, less, owner = (jnp.asarray(np.array(a)) for a in (self.more, self.less, self.owner))
         gone = k >= K  # a recovery
         kind = jnp.where(gone, k - K, k)
@@ -233,14 +221,7 @@ class Branching(Onsets):
         first = jnp.where(there, state.sudden[b, fault], state.lanes.sudden[b, kind, a])
         sudden = state.sudden[b].at[fault].set(jnp.where(gone, 0.0, first))
         weight = state.weight[b] + logsumexp(ell) - self._overtold(state, b, mean, P, fault, off)
-        # the place: where the same set stands already, or the least likely other one
-        places = jnp.arange(B)
-        same = (state.which[:B] == which) & ((places != b) | (which == state.which[b]))
-        least = jnp.argmin(jnp.where(places == b, jnp.inf, state.weight[:B]))
-        twin = jnp.argmax(jnp.where(same, state.weight[:B], -jnp.inf))
-        place = jnp.where(jnp.any(same), twin, least)
-        better = ~jnp.any(same) | (twin == b) | (weight >= state.weight[twin])
-        both = jnp.where(jnp.any(same), jnp.logaddexp(weight, state.weight[twin]), weight)
+        place, better, both = self._placed(state, b, which, weight)
         left = jnp.where(stays, state.lanes.mass[b, kind], NEVER)
         kept = state.lanes._replace(mass=state.lanes.mass.at[b, kind].set(left))
         lanes = self._inherited(kept, b, kind, a, place, f, V, gone, off, gains)
@@ -261,6 +242,25 @@ class Branching(Onsets):
             sudden=placed(state.sudden, sudden),
             lanes=lanes,
         )
+
+    def _placed(
+        self,
+        state: BranchState,
+        b: Int[Array, ""],
+        which: Int[Array, ""],
+        weight: Float[Array, ""],
+    ) -> tuple[Int[Array, ""], Bool[Array, ""], Float[Array, ""]]:
+        """(where a new branch goes, whether it is better than what stands there, the weight of
+        both): where the same set stands already, or in place of the least likely other one."""
+        places = jnp.arange(self.branches)
+        own = state.which[: self.branches]
+        same = (own == which) & ((places != b) | (which == state.which[b]))
+        least = jnp.argmin(jnp.where(places == b, jnp.inf, state.weight[: self.branches]))
+        twin = jnp.argmax(jnp.where(same, state.weight[: self.branches], -jnp.inf))
+        there = jnp.any(same)
+        better = ~there | (twin == b) | (weight >= state.weight[twin])
+        both = jnp.where(there, jnp.logaddexp(weight, state.weight[twin]), weight)
+        return jnp.where(there, twin, least), better, both
 
     def _began(
         self,
@@ -315,84 +315,6 @@ class Branching(Onsets):
         J = lanes.J[b, which, which]
         v = 1 / (J + left**2 / (state.belief.P[b, i, i] + 1e-300))
         return jnp.where(gone, changes.f[b, k, a], f), jnp.where(gone, v, V)
-
-    def _known_gone(
-        self,
-        mean: Array,
-        P: Array,
-        fault: Int[Array, ""],
-        gone: Bool[Array, ""],
-        off: Float[Array, ""],
-    ) -> tuple[Array, Array, list[Array]]:
-        """The belief given that a fault that has gone is 0, and so is its growth; and by which
-        gains of z that is known."""
-        n, gains = self.filter.states, []
-        for slot, owner in enumerate(self.owner):
-            i = n + slot
-            there = gone & (fault == owner) & (P[i, i] > 0)
-            gain = jnp.where(there, P[:, i] / jnp.maximum(P[i, i], 1e-300), 0.0)
-            gains.append(gain)
-            P = P - jnp.outer(gain, P[i])
-            none = jnp.where(there & (jnp.arange(len(mean)) == i), 0.0, 1.0)
-            P = P * none[:, None] * none[None]
-        P = (P + P.T) / 2
-        return self._without(mean, gains), P + jnp.diag(self._untold(P, off)), gains
-
-    # what was told amid a fault that acts on the plant is off as the answer to it is
-
-    def _acts(self) -> Float[np.ndarray, "faults"]:
-        return np.array([float(each.acts) for each in self.filter.plant.signals.faults])
-
-    def _off(
-        self, before: Belief, fault: Int[Array, ""], gone: Bool[Array, ""]
-    ) -> Float[Array, ""]:
-        """(shape z)^2 of a fault that has gone, z being how clearly it showed `before`: by so much
-        of its own variance is off what was told amid it. 0 where it does not act on the plant."""
-        i = self.filter.states + fault
-        z2 = before.mean[i] ** 2 / jnp.maximum(before.P[i, i], 1e-300)
-        return jnp.where(gone, jnp.asarray(self._acts())[fault] * self.shape**2 * z2, 0.0)
-
-    def _untold(self, P: Float[Array, "n n"], off: Float[Array, ""]) -> Float[Array, "n"]:
-        """Variance to add to constants, slow errors and other faults once a fault has gone; they
-        are as unsure as when a log, or a fault, begins at most."""
-        known, n, F = jnp.diagonal(P), self.filter.states, self.filter.faults
-        there = known[n : n + F] > 0
-        usual = self.usual.at[n : n + F].set(jnp.where(there, self.prior.size[:F] ** 2, 0.0))
-        return jnp.minimum(off * known, jnp.maximum(usual - known, 0.0))
-
-    def _overtold(
-        self,
-        state: BranchState,
-        b: Int[Array, ""],
-        mean: Float[Array, "n"],
-        P: Float[Array, "n n"],
-        fault: Int[Array, ""],
-        off: Float[Array, ""],
-    ) -> Float[Array, ""]:
-        """By how much (ln) the other faults of a branch were told amid one that has gone, beyond
-        what its error leaves: of a size z ~ N(0, 1 + s^2) in its own standard deviations,
-
-            ln N(z; 0, 1 + s^2) / N(z; 0, 1),   not   ln N(z; 0, 1 + e^2 + s^2) / N(z; 0, 1 + e^2)
-
-        with e^2 = `off`, beside what the first sample of a sensor's told, which no plant makes up
-        but for what it does within a sample. `mean` and `P` are after it has gone."""
-        F, n = self.filter.faults, self.filter.states
-        before = jnp.diagonal(state.belief.P[b])[n : n + F]
-        others = (before > 0) & (np.arange(F) != fault)
-        v = jnp.maximum(before, 1e-300)
-        z2, s2 = mean[n : n + F] ** 2 / v, self.prior.size[:F] ** 2 / v
-
-        def told(e2: Array | float) -> Array:
-            wide = 1 + e2 + s2
-            return (z2 / (1 + e2) - z2 / wide - jnp.log(wide / (1 + e2))) / 2
-
-        size = state.belief.mean[b, n + fault]
-        quick = jnp.where(
-            fault < self.declared, state.quick[jnp.minimum(fault, self.declared - 1)], 0.0
-        )
-        at_once = jnp.maximum(state.sudden[b], 0.0) * (1 - self._acts())
-        left = told(off) + at_once / (1 + self.shape**2 * size**2 * quick)
-        return jnp.sum(jnp.where(others & (off > 0), jnp.maximum(told(0.0) - left, 0.0), 0.0))
 
     # -- the unknown
 
@@ -474,128 +396,6 @@ class Branching(Onsets):
             begun=jnp.where(fresh, state.t, state.begun),
             lanes=lanes,
         )
-
-    # -- answers
-
-    def _info(self, state: BranchState, changes: Changes) -> BranchInfo:
-        F, n, d, at = self.filter.faults, self.filter.states, self.declared, slice(self.branches)
-        top = jnp.max(state.weight[at, None] + changes.top)
-        log = state.weight - jnp.maximum(top, jnp.max(state.weight))
-        alone, own = jnp.exp(log), jnp.eye(len(self.more))[state.which]
-        # an old change of which nothing is known is unlikely, but so wide that with moments it
-        # would speak for its whole set
-        to, _ = self._leads(state.which[at])
-        peaks = jnp.exp(log[at, None] + changes.top)
-        most = jnp.maximum(
-            jnp.max(peaks[:, :, None] * to, axis=(0, 1)), jnp.max(alone[:, None] * own, axis=0)
-        )
-        parts = state.belief, log, state.which, state.since, state.ever, state.sudden
-        given = (
-            jax.tree.map(lambda a: a[at], parts),
-            changes,
-            state.lanes,
-            TRIFLE * contract("bks,s->bk", to, most),
-        )
-        _, each = where_needed(partial(self._summed, state.t), self._alive(state), (), given)
-        # and what has not changed
-        heavy = (alone > TRIFLE * contract("is,s->i", own, most))[:, None] * own
-        f0 = state.belief.mean[:, None, n : n + F]
-        v0 = jnp.diagonal(state.belief.P, axis1=1, axis2=2)[:, None, n : n + F]
-        same = Sums(
-            own,
-            heavy,
-            heavy[:, :, None] * f0,
-            heavy[:, :, None] * (f0**2 + v0),
-            heavy[:, :, None] * state.sudden[:, None],
-            state.belief.mean[:, :n],
-            jnp.zeros((self.filters, d, 3)),
-            state.ever[:, :d],
-        )
-        p, held, mean, square, sudden, x, past, ever = (
-            jnp.sum(a, axis=0) + jnp.sum(jax.vmap(jnp.multiply)(alone, b), axis=0)
-            for a, b in zip(each, same, strict=True)
-        )
-        Z = jnp.sum(p)
-        p, x, ever = p / Z, x / Z, ever / Z
-        held = jnp.maximum(held, 1e-300)[:, None]
-        mean, square, sudden = mean / held, square / held, sudden / held
-        sd = jnp.sqrt(jnp.maximum(square - mean**2, 0.0))
-        seen = state.probe.J * self.prior.size[:d, None] ** 2
-        there, first, second = past.T
-        there = jnp.maximum(there, 1e-300)
-        first, second = first / there, second / there
-        late = jnp.sqrt(jnp.maximum(second - first**2, 0.0))
-        onset = jnp.stack([state.t - first, late], axis=1)
-        most = state.most[jnp.argmax(state.weight), :d]
-        told = seen, onset, ever, most, sudden[:, :d], state.quick
-        return BranchInfo(p, mean[:, :d], sd[:, :d], x, *told)
-
-    def _leads(
-        self, which: Int[Array, "branches"]
-    ) -> tuple[Float[Array, "branches kinds sets"], Int[Array, "branches kinds"]]:
-        """(1 where a change leads to a set, its number, -1 where there is none)."""
-        target = jnp.concatenate([jnp.array(self.more), jnp.array(self.less)], axis=1)[which]
-        legal = (target >= 0)[:, :, None]
-        return jnp.eye(len(self.more))[jnp.maximum(target, 0)] * legal, target
-
-    def _summed(
-        self, t: Float[Array, ""], nothing: tuple[()], given: tuple
-    ) -> tuple[tuple[()], Sums]:
-        """`given` are the belief, ln of the weight, the set, since when, whether ever and how
-        sudden of each branch; its changes; its lanes; what an onset of each kind must weigh to
-        count."""
-        (belief, log, which, since, ever, sudden), changes, lanes, least = given
-        F, n, K, d = self.filter.faults, self.filter.states, self.kinds, self.declared
-        to, target = self._leads(which)
-        each = jnp.exp(log[:, None] + changes.total)
-        w = changes.share * each[:, :, None]
-        eta = lanes.eta[:, n : n + F]
-        eta = jnp.concatenate([eta, eta[:, :, :F]], axis=2)
-        f = belief.mean[:, n : n + F, None, None] + eta * changes.f[:, None]
-        v = jnp.diagonal(belief.P, axis1=1, axis2=2)[:, n : n + F, None, None]
-        v = v + eta**2 * changes.V[:, None]
-        gone = np.zeros((F, K + F))
-        gone[range(F), K + np.arange(F)] = 1.0
-        f, v = (jnp.where(gone[None, :, :, None] > 0, 0.0, a) for a in (f, v))
-        heavy = jnp.where(w > least[:, :, None], w, 0.0)
-        p = contract("bk,bks->bs", each, to)
-        held = contract("bk,bks->bs", jnp.sum(heavy, axis=2), to)
-        mean = contract("bfk,bks->bsf", jnp.sum(heavy[:, None] * f, axis=3), to)
-        square = contract("bfk,bks->bsf", jnp.sum(heavy[:, None] * (f**2 + v), axis=3), to)
-        shift = contract("bka,bnka->bn", w[:, :K] * changes.f[:, :K], lanes.eta[:, :n])
-        x = jnp.sum(each, axis=1)[:, None] * belief.mean[:, :n] + shift
-        # since when: a change of what is there already begins nothing
-        holds = (np.array(self.less) >= 0).astype(float)[:, :d]
-        own = np.zeros((K + F, d))
-        own[range(K)] = np.eye(F)[self.owner, :d]
-        there = jnp.asarray(holds)[jnp.maximum(target, 0)] * (target >= 0)[:, :, None]
-        here = jnp.asarray(holds)[which]
-        begins = own * (1 - here[:, None])
-        old = jnp.sum(each[:, :, None] * there * (1 - begins), axis=1)
-        old = old + jnp.exp(log)[:, None] * here
-        told = self._told_at_once(belief, sudden, heavy, lanes)
-        told = contract("bfk,bks->bsf", told, to)
-        first, spread = since[:, :d, 0], since[:, :d, 1]
-        then = jnp.stack([jnp.ones_like(old), first, spread + first**2], axis=2)
-        when, new = lanes.onset, w[:, :K]
-        dates = jnp.stack([new, new * when, new * (when**2 + self._blur(t, lanes))], axis=3)
-        past = contract("bkt,bkf->bft", jnp.sum(dates, axis=2), begins[:, :K])
-        past = past + old[:, :, None] * then
-        ever = jnp.sum(each[:, :, None] * jnp.maximum(ever[:, None, :d], own), axis=1)
-        return (), Sums(p, held, mean, square, told, x, past, ever)
-
-    def _told_at_once(
-        self, belief: Belief, sudden: Array, heavy: Array, lanes: Lanes
-    ) -> Float[Array, "branches faults changes"]:
-        """What the first sample told of each fault after each change, times how likely that is: of
-        one that begins by the change, what told of its onsets."""
-        F, K = self.filter.faults, self.kinds
-        begins = np.zeros((F, K + F))
-        begins[self.owner, range(K)] = 1.0
-        new = begins[None] * ~self._present(belief)[:, :, None]
-        first = jnp.sum(heavy[:, :K] * lanes.sudden, axis=2)
-        first = jnp.concatenate([first, jnp.zeros((len(first), F))], axis=1)[:, None]
-        return new * first + (1 - new) * sudden[:, :, None] * jnp.sum(heavy, axis=2)[:, None]
 
 
 def _at(tree, k):

@@ -1,0 +1,149 @@
+"""What the branches, and the changes that may have been beside each, say together of one sample."""
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from faultgauge.observers.branches import BranchInfo, BranchState, Changes, Lanes, Sums
+from faultgauge.observers.divided_difference import Belief, FilterNoise
+from faultgauge.observers.recoveries import Recoveries
+from faultgauge.observers.rows import where_needed
+from faultgauge.products import contract
+
+__all__ = ["TRIFLE", "Answers"]
+
+TRIFLE = 5e-3  # of the likeliest onset, or change: one that moves no 95 % interval
+
+
+class Answers(Recoveries):
+    """The posterior of sets and faults, by all branches and all that may have changed. `noise` is
+    that of the branches and, behind them, of the unknown ones."""
+
+    noise: FilterNoise
+
+    @property
+    def filters(self) -> int:
+        return len(self.noise.sigma)
+
+    def _info(self, state: BranchState, changes: Changes) -> BranchInfo:
+        F, n, d, at = self.filter.faults, self.filter.states, self.declared, slice(self.branches)
+        top = jnp.max(state.weight[at, None] + changes.top)
+        log = state.weight - jnp.maximum(top, jnp.max(state.weight))
+        alone, own = jnp.exp(log), jnp.eye(len(self.more))[state.which]
+        # an old change of which nothing is known is unlikely, but so wide that with moments it
+        # would speak for its whole set
+        to, _ = self._leads(state.which[at])
+        peaks = jnp.exp(log[at, None] + changes.top)
+        most = jnp.maximum(
+            jnp.max(peaks[:, :, None] * to, axis=(0, 1)), jnp.max(alone[:, None] * own, axis=0)
+        )
+        parts = state.belief, log, state.which, state.since, state.ever, state.sudden
+        given = (
+            jax.tree.map(lambda a: a[at], parts),
+            changes,
+            state.lanes,
+            TRIFLE * contract("bks,s->bk", to, most),
+        )
+        _, each = where_needed(partial(self._summed, state.t), self._alive(state), (), given)
+        # and what has not changed
+        heavy = (alone > TRIFLE * contract("is,s->i", own, most))[:, None] * own
+        f0 = state.belief.mean[:, None, n : n + F]
+        v0 = jnp.diagonal(state.belief.P, axis1=1, axis2=2)[:, None, n : n + F]
+        same = Sums(
+            own,
+            heavy,
+            heavy[:, :, None] * f0,
+            heavy[:, :, None] * (f0**2 + v0),
+            heavy[:, :, None] * state.sudden[:, None],
+            state.belief.mean[:, :n],
+            jnp.zeros((self.filters, d, 3)),
+            state.ever[:, :d],
+        )
+        p, held, mean, square, sudden, x, past, ever = (
+            jnp.sum(a, axis=0) + jnp.sum(jax.vmap(jnp.multiply)(alone, b), axis=0)
+            for a, b in zip(each, same, strict=True)
+        )
+        Z = jnp.sum(p)
+        p, x, ever = p / Z, x / Z, ever / Z
+        held = jnp.maximum(held, 1e-300)[:, None]
+        mean, square, sudden = mean / held, square / held, sudden / held
+        sd = jnp.sqrt(jnp.maximum(square - mean**2, 0.0))
+        seen = state.probe.J * self.prior.size[:d, None] ** 2
+        there, first, second = past.T
+        there = jnp.maximum(there, 1e-300)
+        first, second = first / there, second / there
+        late = jnp.sqrt(jnp.maximum(second - first**2, 0.0))
+        onset = jnp.stack([state.t - first, late], axis=1)
+        most = state.most[jnp.argmax(state.weight), :d]
+        told = seen, onset, ever, most, sudden[:, :d], state.quick
+        return BranchInfo(p, mean[:, :d], sd[:, :d], x, *told)
+
+    def _leads(
+        self, which: Int[Array, "branches"]
+    ) -> tuple[Float[Array, "branches kinds sets"], Int[Array, "branches kinds"]]:
+        """(1 where a change leads to a set, its number, -1 where there is none)."""
+        target = jnp.concatenate([jnp.array(self.more), jnp.array(self.less)], axis=1)[which]
+        legal = (target >= 0)[:, :, None]
+        return jnp.eye(len(self.more))[jnp.maximum(target, 0)] * legal, target
+
+    def _summed(
+        self, t: Float[Array, ""], nothing: tuple[()], given: tuple
+    ) -> tuple[tuple[()], Sums]:
+        """`given` are the belief, ln of the weight, the set, since when, whether ever and how
+        sudden of each branch; its changes; its lanes; what an onset of each kind must weigh to
+        count."""
+        (belief, log, which, since, ever, sudden), changes, lanes, least = given
+        F, n, K, d = self.filter.faults, self.filter.states, self.kinds, self.declared
+        to, target = self._leads(which)
+        each = jnp.exp(log[:, None] + changes.total)
+        w = changes.share * each[:, :, None]
+        eta = lanes.eta[:, n : n + F]
+        eta = jnp.concatenate([eta, eta[:, :, :F]], axis=2)
+        f = belief.mean[:, n : n + F, None, None] + eta * changes.f[:, None]
+        v = jnp.diagonal(belief.P, axis1=1, axis2=2)[:, n : n + F, None, None]
+        v = v + eta**2 * changes.V[:, None]
+        gone = np.zeros((F, K + F))
+        gone[range(F), K + np.arange(F)] = 1.0
+        f, v = (jnp.where(gone[None, :, :, None] > 0, 0.0, a) for a in (f, v))
+        heavy = jnp.where(w > least[:, :, None], w, 0.0)
+        p = contract("bk,bks->bs", each, to)
+        held = contract("bk,bks->bs", jnp.sum(heavy, axis=2), to)
+        mean = contract("bfk,bks->bsf", jnp.sum(heavy[:, None] * f, axis=3), to)
+        square = contract("bfk,bks->bsf", jnp.sum(heavy[:, None] * (f**2 + v), axis=3), to)
+        shift = contract("bka,bnka->bn", w[:, :K] * changes.f[:, :K], lanes.eta[:, :n])
+        x = jnp.sum(each, axis=1)[:, None] * belief.mean[:, :n] + shift
+        # since when: a change of what is there already begins nothing
+        holds = (np.array(self.less) >= 0).astype(float)[:, :d]
+        own = np.zeros((K + F, d))
+        own[range(K)] = np.eye(F)[self.owner, :d]
+        there = jnp.asarray(holds)[jnp.maximum(target, 0)] * (target >= 0)[:, :, None]
+        here = jnp.asarray(holds)[which]
+        begins = own * (1 - here[:, None])
+        old = jnp.sum(each[:, :, None] * there * (1 - begins), axis=1)
+        old = old + jnp.exp(log)[:, None] * here
+        told = self._told_at_once(belief, sudden, heavy, lanes)
+        told = contract("bfk,bks->bsf", told, to)
+        first, spread = since[:, :d, 0], since[:, :d, 1]
+        then = jnp.stack([jnp.ones_like(old), first, spread + first**2], axis=2)
+        when, new = lanes.onset, w[:, :K]
+        dates = jnp.stack([new, new * when, new * (when**2 + self._blur(t, lanes))], axis=3)
+        past = contract("bkt,bkf->bft", jnp.sum(dates, axis=2), begins[:, :K])
+        past = past + old[:, :, None] * then
+        ever = jnp.sum(each[:, :, None] * jnp.maximum(ever[:, None, :d], own), axis=1)
+        return (), Sums(p, held, mean, square, told, x, past, ever)
+
+    def _told_at_once(
+        self, belief: Belief, sudden: Array, heavy: Array, lanes: Lanes
+    ) -> Float[Array, "branches faults changes"]:
+        """What the first sample told of each fault after each change, times how likely that is: of
+        one that begins by the change, what told of its onsets."""
+        F, K = self.filter.faults, self.kinds
+        begins = np.zeros((F, K + F))
+        begins[self.owner, range(K)] = 1.0
+        new = begins[None] * ~self._present(belief)[:, :, None]
+        first = jnp.sum(heavy[:, :K] * lanes.sudden, axis=2)
+        first = jnp.concatenate([first, jnp.zeros((len(first), F))], axis=1)[:, None]
+        return new * first + (1 - new) * sudden[:, :, None] * jnp.sum(heavy, axis=2)[:, None]

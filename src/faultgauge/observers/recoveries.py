@@ -1,0 +1,104 @@
+"""What is known once a fault has gone.
+
+It is 0, and z is what it is given that. What was told amid a fault that acts on the plant is off as
+the answer to it is: with e = shape z, z being how clearly the fault showed, by e of its own
+standard deviation. So variances grow by 1 + e^2, to what they are before any data at most, and of
+other faults as much evidence is left as an estimate so uncertain has.
+"""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from faultgauge.observers.branches import BranchState
+from faultgauge.observers.divided_difference import Belief
+from faultgauge.observers.onsets import Onsets
+
+__all__ = ["Recoveries"]
+
+
+class Recoveries(Onsets):
+    """Faults that go. `usual` is the variance that the states behind the plant's own have when a
+    log begins; `shape` the share of all that a fault does by which the answer to it is off;
+    `declared` faults come first."""
+
+    usual: Float[Array, "n"]
+    shape: Float[Array, ""]
+    declared: int = eqx.field(static=True)
+
+    def _known_gone(
+        self,
+        mean: Array,
+        P: Array,
+        fault: Int[Array, ""],
+        gone: Bool[Array, ""],
+        off: Float[Array, ""],
+    ) -> tuple[Array, Array, list[Array]]:
+        """The belief given that a fault that has gone is 0, and so is its growth; and by which
+        gains of z that is known."""
+        n, gains = self.filter.states, []
+        for slot, owner in enumerate(self.owner):
+            i = n + slot
+            there = gone & (fault == owner) & (P[i, i] > 0)
+            gain = jnp.where(there, P[:, i] / jnp.maximum(P[i, i], 1e-300), 0.0)
+            gains.append(gain)
+            P = P - jnp.outer(gain, P[i])
+            none = jnp.where(there & (jnp.arange(len(mean)) == i), 0.0, 1.0)
+            P = P * none[:, None] * none[None]
+        P = (P + P.T) / 2
+        return self._without(mean, gains), P + jnp.diag(self._untold(P, off)), gains
+
+    def _acts(self) -> Float[np.ndarray, "faults"]:
+        return np.array([float(each.acts) for each in self.filter.plant.signals.faults])
+
+    def _off(
+        self, before: Belief, fault: Int[Array, ""], gone: Bool[Array, ""]
+    ) -> Float[Array, ""]:
+        """(shape z)^2 of a fault that has gone, z being how clearly it showed `before`: by so much
+        of its own variance is off what was told amid it. 0 where it does not act on the plant."""
+        i = self.filter.states + fault
+        z2 = before.mean[i] ** 2 / jnp.maximum(before.P[i, i], 1e-300)
+        return jnp.where(gone, jnp.asarray(self._acts())[fault] * self.shape**2 * z2, 0.0)
+
+    def _untold(self, P: Float[Array, "n n"], off: Float[Array, ""]) -> Float[Array, "n"]:
+        """Variance to add to constants, slow errors and other faults once a fault has gone; they
+        are as unsure as when a log, or a fault, begins at most."""
+        known, n, F = jnp.diagonal(P), self.filter.states, self.filter.faults
+        there = known[n : n + F] > 0
+        usual = self.usual.at[n : n + F].set(jnp.where(there, self.prior.size[:F] ** 2, 0.0))
+        return jnp.minimum(off * known, jnp.maximum(usual - known, 0.0))
+
+    def _overtold(
+        self,
+        state: BranchState,
+        b: Int[Array, ""],
+        mean: Float[Array, "n"],
+        P: Float[Array, "n n"],
+        fault: Int[Array, ""],
+        off: Float[Array, ""],
+    ) -> Float[Array, ""]:
+        """By how much (ln) the other faults of a branch were told amid one that has gone, beyond
+        what its error leaves: of a size z ~ N(0, 1 + s^2) in its own standard deviations,
+
+            ln N(z; 0, 1 + s^2) / N(z; 0, 1),   not   ln N(z; 0, 1 + e^2 + s^2) / N(z; 0, 1 + e^2)
+
+        with e^2 = `off`, beside what the first sample of a sensor's told, which no plant makes up
+        but for what it does within a sample. `mean` and `P` are after it has gone."""
+        F, n = self.filter.faults, self.filter.states
+        before = jnp.diagonal(state.belief.P[b])[n : n + F]
+        others = (before > 0) & (np.arange(F) != fault)
+        v = jnp.maximum(before, 1e-300)
+        z2, s2 = mean[n : n + F] ** 2 / v, self.prior.size[:F] ** 2 / v
+
+        def told(e2: Array | float) -> Array:
+            wide = 1 + e2 + s2
+            return (z2 / (1 + e2) - z2 / wide - jnp.log(wide / (1 + e2))) / 2
+
+        size = state.belief.mean[b, n + fault]
+        quick = jnp.where(
+            fault < self.declared, state.quick[jnp.minimum(fault, self.declared - 1)], 0.0
+        )
+        at_once = jnp.maximum(state.sudden[b], 0.0) * (1 - self._acts())
+        left = told(off) + at_once / (1 + self.shape**2 * size**2 * quick)
+        return jnp.sum(jnp.where(others & (off > 0), jnp.maximum(told(0.0) - left, 0.0), 0.0))
