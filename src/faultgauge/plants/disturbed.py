@@ -219,15 +219,28 @@ class Disturbed(Plant):
     def derivative(
         self, x: Float[Array, "states"], u: Float[Array, "inputs"]
     ) -> Float[Array, "states"]:
+        return self.moved(x, u, np.zeros(len(x)))
+
+    @property
+    def chained(self) -> bool:
+        return self.base.chained
+
+    def moved(
+        self,
+        x: Float[Array, "states"],
+        u: Float[Array, "inputs"],
+        beside: Float[Array | np.ndarray, "states"],
+    ) -> Float[Array, "states"]:
         own = x[self.parts.x]
-        dx = self._told(x).derivative(own, u) + self._slow(x, jnp.zeros(1))[0]
+        slow = self._slow(x, jnp.zeros(1))[0]
+        dx = self._told(x).moved(own, u, slow + beside[self.parts.x])
         dx = dx + self._astray(x, lambda plant: plant.derivative(own, u))
         rest = -x[self.count :] / self.times
         if self.trailing:
             _, moves = jax.jvp(lambda own: self._shown(self._told(x), own, u), (own,), (dx,))
             g = self.parts.g
             rest = rest.at[g.start - self.count : g.stop - self.count].add(-moves)
-        return jnp.concatenate([dx, rest])
+        return jnp.concatenate([dx, rest + beside[self.count :]])
 
     def lasting(self, dt: Float[Array, ""]) -> Float[Array, "others"]:
         """Which share of d, r, b, l, a, v, g, q, h and xi is left after `dt` [s]."""
@@ -261,7 +274,8 @@ class Disturbed(Plant):
         t: Float[Array, "times"],
     ) -> Float[Array, "times own"]:
         """What is added to the rates of `base` `t` [s] after `x`, the last of which ends the step:
-        by d, and by a, e and v what they do at `x` under `u` in the mean of the step."""
+        by d, and by a, e and v what they do at `x` under `u` in the mean of the step. What d does
+        to a rate that reads another one is what it does at `x`."""
         beside = x
         for part, lasting in (
             (self.parts.h, self.error.settling / 2),  # r fades as h does
@@ -273,7 +287,12 @@ class Disturbed(Plant):
         def rates(plant: Plant) -> Float[Array, "own"]:
             return respond(Reached(self._own, plant), x[self.parts.x], u, f)[0]
 
-        return self._slow(x, t) + self._astray(beside, rates)
+        slow = self._slow(x, t)
+        if self.base.chained:
+            own, plant = x[self.parts.x], self._told(x)
+            usual = plant.derivative(own, u)
+            slow = jax.vmap(lambda d: plant.moved(own, u, d) - usual)(slow)
+        return slow + self._astray(beside, rates)
 
     def output(
         self,

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from faultgauge.plants.expression import Call, evaluate, networks_used
+from faultgauge.plants.expression import Call, derivatives_used, evaluate, networks_used
 from faultgauge.plants.network import Network
 from faultgauge.plants.plant import Plant, ValueChange
 from faultgauge.plants.plant_file import parse_plant, read_plant_text
@@ -55,12 +55,24 @@ class GrayBoxPlant(Plant):
     def derivative(
         self, x: Float[Array, "states"], u: Float[Array, "inputs"]
     ) -> Float[Array, "states"]:
+        return self.moved(x, u, np.zeros(len(self.signals.states)))
+
+    @property
+    def chained(self) -> bool:
+        return any(derivatives_used(each) for each in self.spec.derivatives)
+
+    def moved(
+        self,
+        x: Float[Array, "states"],
+        u: Float[Array, "inputs"],
+        beside: Float[Array | np.ndarray, "states"],
+    ) -> Float[Array, "states"]:
         values = self.point(x, u)
         names = self.signals.state_names
         rates: dict[str, Any] = {}
         for index in self.spec.order:
             tree = self.spec.derivatives[index].tree
-            rates[names[index]] = evaluate(
+            rates[names[index]] = beside[index] + evaluate(
                 tree, values, jnp, derivatives=rates, networks=self.networks
             )
         return jnp.stack([jnp.asarray(rates[name], float) for name in names])

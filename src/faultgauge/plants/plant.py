@@ -56,6 +56,21 @@ class Plant(eqx.Module):
     ) -> Float[Array, "states"]:
         """F(x, u): each state's unit per second; `u` is what the actuator applies."""
 
+    @property
+    def chained(self) -> bool:
+        """Whether one state's rate reads another one's."""
+        return False
+
+    def moved(
+        self,
+        x: Float[Array, "states"],
+        u: Float[Array, "inputs"],
+        beside: Float[Array | np.ndarray, "states"],
+    ) -> Float[Array, "states"]:
+        """F(x, u) with `beside` added to the rates. A plant that is `chained`, as a trolley's
+        acceleration moves its load, says what that does to the rates that read these."""
+        return self.derivative(x, u) + beside
+
     @abc.abstractmethod
     def output(
         self,
@@ -113,7 +128,7 @@ def respond(
 
     p   <-  (1 + f_relative) p + f_parameter      (a network's value likewise, wherever called)
     u   <-  clip((1 - f_gain) u + f_input, min, max)
-    dx  =  F(x, u) + f_state
+    dx  =  F(x, u) + f_state                      (what reads d(state) reads all of it)
     y   =  (1 - f_output_gain) h(dx, x, u) + f_output
 
     each overwritten where it is `stuck`. Several factors of one place multiply.
@@ -137,7 +152,7 @@ def respond(
     u = _limited(signals, _scaled(u, lost["gain"]) + _placed(added["input"], len(u)))
     if stuck is not None:
         u = _overwritten(u, stuck.u)
-    dx = plant.derivative(x, u) + _placed(added["state"], len(x))
+    dx = plant.moved(x, u, _placed(added["state"], len(x)))
     if stuck is not None:
         dx = _overwritten(dx, stuck.dx)
     y = _scaled(plant.output(dx, x, u), lost["output_gain"])

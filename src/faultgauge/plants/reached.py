@@ -26,10 +26,22 @@ class Reached(Plant):
         """What reaches `base` of the inputs: all."""
         return u
 
+    @property
+    def chained(self) -> bool:
+        return self.base.chained
+
     def derivative(
         self, x: Float[Array, "states"], u: Float[Array, "inputs"]
     ) -> Float[Array, "states"]:
         return self.base.derivative(x, self.reaching(u))
+
+    def moved(
+        self,
+        x: Float[Array, "states"],
+        u: Float[Array, "inputs"],
+        beside: Float[Array | np.ndarray, "states"],
+    ) -> Float[Array, "states"]:
+        return self.base.moved(x, self.reaching(u), beside)
 
     def output(
         self,
@@ -64,11 +76,19 @@ class Held(Reached):
     def derivative(
         self, x: Float[Array, "states"], u: Float[Array, "inputs"]
     ) -> Float[Array, "states"]:
-        """F + q / (1 + (x / slip)^2)."""
+        return self.moved(x, u, np.zeros(len(x)))
+
+    def moved(
+        self,
+        x: Float[Array, "states"],
+        u: Float[Array, "inputs"],
+        beside: Float[Array | np.ndarray, "states"],
+    ) -> Float[Array, "states"]:
+        """F + q / (1 + (x / slip)^2), and `beside`."""
         acts = np.eye(len(x))[:, list(self.sticking)]
         moving = contract("ij,i->j", acts, x) / self.slip
         held = contract("ij,j->i", acts, self.force / (1.0 + moving * moving))
-        return self.base.derivative(x, u) + held
+        return self.base.moved(x, u, held + beside)
 
 
 class Bent(Reached):

@@ -45,6 +45,18 @@ class WrittenPlant(GrayBoxPlant):
     ) -> Float[Array, "states"]:
         return self._filled.derivative(x, u)
 
+    @property
+    def chained(self) -> bool:
+        return self._filled.chained
+
+    def moved(
+        self,
+        x: Float[Array, "states"],
+        u: Float[Array, "inputs"],
+        beside: Float[Array | np.ndarray, "states"],
+    ) -> Float[Array, "states"]:
+        return self._filled.moved(x, u, beside)
+
     def output(
         self,
         dx: Float[Array, "states"],

@@ -48,7 +48,7 @@ class Arguments(eqx.Module):
     ) -> tuple[None, Float[Array, "calls arguments"]]:
         """`driven` is what a fault adds to the states' derivatives."""
         plant = self.plant
-        rates = plant.derivative(x, u) + driven
+        rates = plant.moved(x, u, driven)
         d = dict(zip(plant.signals.state_names, rates, strict=True))
         values: Any = plant.point(x, u)
         rows = [

@@ -17,6 +17,7 @@ from itertools import product
 import numpy as np
 from jaxtyping import Bool, Float
 
+from faultgauge.detection.bank.fidelity import Following
 from faultgauge.detection.bank.noise import (
     BEND,
     DOUBT,
@@ -118,7 +119,7 @@ def estimate_noise(
         noise = _found_beside(model, some, stepped)
         if some.batch is not told.batch:
             stepped.weighs(ALL)
-            noise = _alternated(model, told.batch, noise, told.bounds(noise), stepped)
+            noise = _alternated(model, told, noise, told.bounds(noise), stepped)
         noise = _needed(model, told.batch, noise)
     else:
         without = {n: NONE * getattr(told.guess, n) for n in ("size", "share", "spread")}
@@ -184,12 +185,14 @@ class _Healthy:
     step: float
     stretches: list[StretchPiece]
     averaged: Float[np.ndarray, "outputs"]
+    follows: Following
 
     @staticmethod
     def of(model: Model, runs: Sequence[Run]) -> "_Healthy":
         outputs = model.plant.signals.output_names
         names = [n for n in outputs if n in runs[0].columns]
         total = sum(len(run.t) for run in runs)
+        follows = Following(model, runs)
         runs, averaged = block_means(runs, names, total / SAMPLES)
         stretches = healthy_stretches(model, runs)
         if not stretches:
@@ -200,7 +203,7 @@ class _Healthy:
         guess = first_guess(model, runs, stretches)
         batch = Likelihood.of(model, runs, guess, stretches)
         means = np.sqrt([averaged.get(name, 1.0) for name in outputs])
-        return _Healthy(batch, guess, runs[0].step, stretches, means)
+        return _Healthy(batch, guess, runs[0].step, stretches, means, follows)
 
     def bounds(self, noise: Noise) -> Bounds:
         """Of the levels that `noise` has."""
@@ -217,7 +220,7 @@ def _found_beside(model: Model, told: "_Healthy", stepped: "_Progress") -> Noise
     """The levels, and what there is beside them, by what `told` looks at."""
     noise = _started(model, told.batch, told.guess, told.bounds(told.guess), stepped)
     stepped.over()
-    noise = _alternated(model, told.batch, noise, told.bounds(noise), stepped, {"sigma"})
+    noise = _alternated(model, told, noise, told.bounds(noise), stepped, {"sigma"})
     noise = _with(with_grips, model, told, noise, stepped) or noise
     noise = _with_lags(model, told, noise, stepped)
     for beside in (*CURVES, *BESIDE):
@@ -265,7 +268,7 @@ def _with(
     more = beside(model, told.batch, noise, spans)
     while added := more.beside - noise.beside:
         bounds = told.bounds(more)
-        found = _alternated(model, told.batch, more, bounds, stepped)
+        found = _alternated(model, told, more, bounds, stepped)
         lean, trail = _false_lags(model, noise, found, spans)
         grip = _false_grips(model, noise, found)
         if not lean.any() and not trail.any() and not grip.any():
@@ -334,7 +337,7 @@ def _needed(model: Model, batch: Likelihood, noise: Noise) -> Noise:
 
 def _alternated(
     model: Model,
-    batch: Likelihood,
+    told: _Healthy,
     noise: Noise,
     bounds: Bounds,
     stepped: "_Progress",
@@ -343,9 +346,9 @@ def _alternated(
     """Searches of so many steps each, the first with some levels `held`, and the constants told
     anew after each, until these tell nothing new."""
     for k, steps in enumerate(ROUNDS):
-        found = _searched(model, batch, noise, bounds, set() if k else held, steps, stepped)
-        noise = constants_retold(model, batch, found)
-        if (k or not held) and _gain(model, batch, found, noise, bounds) < ENOUGH:
+        found = _searched(model, told.batch, noise, bounds, set() if k else held, steps, stepped)
+        noise = constants_retold(model, told.batch, found, told.follows)
+        if (k or not held) and _gain(model, told.batch, found, noise, bounds) < ENOUGH:
             break
     return noise
 

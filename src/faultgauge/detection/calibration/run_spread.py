@@ -25,6 +25,7 @@ from scipy.stats import norm
 from scipy.stats import t as student_t
 
 from faultgauge.detection.bank.extended import directions_of
+from faultgauge.detection.bank.fidelity import Following
 from faultgauge.detection.bank.noise import Noise
 from faultgauge.detection.bank.uncertain_constants import constants_of, drifting_of, usual_spread
 from faultgauge.detection.calibration.innovation_likelihood import Likelihood
@@ -40,8 +41,9 @@ UNTOLD = 0.1  # of what a run would tell at most: what the mean is held by where
 ALIKE = 10.0  # times: constants of one unit that differ by more are of two kinds
 
 
-def constants_retold(model: Model, batch: Likelihood, noise: Noise) -> Noise:
-    """`noise` with the constants' mean and spread as every stretch's own say."""
+def constants_retold(model: Model, batch: Likelihood, noise: Noise, follows: Following) -> Noise:
+    """`noise` with the constants' mean and spread as every stretch's own say, as far as free runs
+    follow the logs with that mean."""
     known, skip = constants_of(model), len(drifting_of(model))
     if not known.names:
         return noise
@@ -70,6 +72,9 @@ def constants_retold(model: Model, batch: Likelihood, noise: Noise) -> Noise:
             )
             for share in SHARES
         ]
+        many = [each for each in many if follows(known.names, each.shift)]
+        if not many:
+            break
         wider, moved = np.log(spread / noise.spread), (mean_off - noise.shift) / spread
         if np.max(np.abs([wider, moved])) < STILL:
             break
