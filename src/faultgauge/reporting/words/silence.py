@@ -6,6 +6,7 @@ import numpy as np
 
 from faultgauge.detection.answer.least import least_told
 from faultgauge.detection.answer.shares import WHOLE, Shares, Silent, shares_of
+from faultgauge.detection.answer.unnamed import unnamed_alarms
 from faultgauge.detection.bank.bank import FaultBank
 from faultgauge.detection.decisions import Decision
 from faultgauge.detection.posterior.events import POSSIBLE
@@ -74,6 +75,9 @@ def hidden(bank: FaultBank, speaking: Sequence[Decision], runs: int) -> list[str
     if not speaking:
         return []
     told = {each.fault for one in speaking for each in one.events}
+    # what an alarm without a name may be did show
+    alarms = [alarm for one in speaking for alarm in unnamed_alarms(bank, one)]
+    told |= {cause.name for alarm in alarms for cause in alarm.causes}
     names = [
         name
         for k, name in enumerate(bank.model.plant.signals.fault_names)
