@@ -11,7 +11,6 @@ import pytest
 from calibrations import for_bank
 from faultgauge.cli.evidence import write_evidence
 from faultgauge.detection.answer.evidence import MOST_SHOWN, Evidence, evidence, same
-from faultgauge.detection.answer.least import least_told
 from faultgauge.detection.bank.bank import build_fault_bank
 from faultgauge.detection.bank.noise import Noise
 from faultgauge.detection.decisions import Watching, decide
@@ -20,6 +19,7 @@ from faultgauge.detection.posterior.verdicts import FAULT, STATUS, Rules, words
 from faultgauge.reporting.decision_chapter import decision_report
 from faultgauge.reporting.report import render
 from faultgauge.reporting.run_overview import run_overview
+from faultgauge.reporting.words import silence, telling
 from faultgauge.reporting.words.answer import (
     answers,
     as_dicts,
@@ -640,6 +640,22 @@ def test_a_sensor_that_only_flickers_is_answered_in_numbers(bank):
         assert np.isfinite(
             [event.start, event.end, event.onset, event.onset_lo, event.onset_hi]
         ).all()
+
+
+def test_what_an_alarm_without_a_name_may_be_did_show(bank, decision, monkeypatch):
+    """Two faults that no data tell apart are named at no size, and yet show."""
+    for words in (silence, telling):
+        monkeypatch.setattr(words, "least_told", lambda *given: None)
+    quiet = replace(decision, events=[])
+    (line,) = silence.hidden(bank, [quiet], 1)
+    assert line.startswith("gauge of any size to be expected would not have shown")
+    status, reason = [*decision.status], [*decision.reason]
+    p = decision.posterior.p.copy()
+    for k in range(200, 222):
+        status[k], reason[k], p[k] = "FAULT", "cause undecided: leak or gauge", (0.5, 0.5)
+    posterior = quiet.posterior._replace(p=p)
+    unsure = replace(quiet, status=status, reason=reason, posterior=posterior)
+    assert silence.hidden(bank, [unsure], 1) == []
 
 
 def test_of_what_is_as_good_as_gone_no_size_is_told(bank, decision):
