@@ -12,13 +12,14 @@ from faultgauge.detection.bank.fidelity import (
     SHORTEST_PIECE,
     USUAL_GAIN,
     USUAL_SHAPE,
+    Following,
     gain_error,
     shape_error,
 )
 from faultgauge.detection.posterior.inexact import Inexact
 from faultgauge.observers.branches import BranchInfo
 from faultgauge.telemetry import Run
-from lags import COUNT, NOISE, SIGMA, STEP, log, model
+from lags import COUNT, LAG, NOISE, SIGMA, STEP, log, model
 
 SETS = 5  # healthy, two faults of the plant, both, unknown
 ACTS, SIZE, COMMON = np.array([1.0, 1.0]), np.array([2.0, 4.0]), 1e-3
@@ -181,3 +182,22 @@ def test_what_adds_up_over_a_log_is_no_error_of_shape():
     parts = 2 ** int(np.log2(COUNT / SHORTEST_PIECE))
     rise = 20 / parts / np.sqrt(12)
     assert found == pytest.approx(rise / np.hypot(1, rise), rel=0.2)
+
+
+@pytest.mark.parametrize(
+    ("error", "k", "follows"),
+    [
+        (0.0, 1.05, True),  # off by 5 %, of 7.5 that are borne where the fit leaves next to nothing
+        (0.0, 1.1, False),
+        (0.2, 1.2, True),  # the plant's own; with the fit 1/6 is left, of which 1/4 is 1.5 times
+        (0.2, 0.95, True),  # off by 21 %
+        (0.2, 0.8, False),  # by 33 %
+    ],
+)
+def test_constants_are_borne_that_free_runs_follow_about_as_well_as_with_the_fitted_ones(
+    error, k, follows
+):
+    """The fit has k = 1, the logs answer by 1 + `error` times that."""
+    text = LAG.replace("u - 0.2*x", "k*u - 0.2*x") + "[parameters]\nk = {{ value = 1.0 }}\n"
+    runs = [off(log(seed), error) for seed in (1, 2, 3)]
+    assert Following(model(text=text), runs)(("k",), np.array([k - 1.0])) == follows

@@ -644,8 +644,8 @@ def test_a_sensor_that_only_flickers_is_answered_in_numbers(bank):
 
 def test_what_an_alarm_without_a_name_may_be_did_show(bank, decision, monkeypatch):
     """Two faults that no data tell apart are named at no size, and yet show."""
-    for words in (silence, telling):
-        monkeypatch.setattr(words, "least_told", lambda *given: None)
+    for module in (silence, telling):
+        monkeypatch.setattr(module, "least_told", lambda *given: None)
     quiet = replace(decision, events=[])
     (line,) = silence.hidden(bank, [quiet], 1)
     assert line.startswith("gauge of any size to be expected would not have shown")

@@ -76,7 +76,7 @@ class Following:
         own |= {n: own[n] + s for n, s in zip(names, shift, strict=True)}
         plant = eqx.tree_at(lambda plant: plant.parameters, self.model.plant, own)
         off = _off(_free_runs(replace(self.model, plant=plant), self.runs, self.parts))
-        return off <= WORSE * self.least
+        return off <= WORSE * max(self.least, USUAL_GAIN)
 
 
 def gain_error(model: Model, runs: Sequence[Run]) -> float:
