@@ -370,6 +370,7 @@ def test_what_was_told_of_another_fault_amid_one_that_has_gone_counts_as_far_as_
     )
     # what may yet be found beside it does not move the push that is not there
     assert np.all(found.lanes.eta[at, push, BIAS] == 0)
+    assert np.all(found.lanes.eta[at, push, PUSH, -3:] > 0.5)  # another push would be one
     np.testing.assert_allclose(
         found.lanes.J[at] * (1 + e2), exact.lanes.J[at], rtol=1e-9, atol=1e-9
     )

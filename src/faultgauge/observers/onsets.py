@@ -295,7 +295,8 @@ class Onsets(eqx.Module):
         """The signatures beside the new branch: less what the promoted change, of size `f` and
         variance `V`, explains of them. What a step explains is told by the innovations that `J` is
         of, as it may explain no more than all there is. What was told amid a fault that has gone is
-        `off` by so many times its variance, and moves z as far as that is 0 (by `gains`)."""
+        `off` by so many times its variance, and moves z as far as that is 0 (by `gains`); but for
+        changes of its own."""
         J, eta, mass, rows = lanes.J[b], lanes.eta[b], lanes.mass[b], lanes.row[b]
         column = J[:, rows[kind, a]]
         alone = 1 / (column[rows[kind, a]] + 1 / self.prior.size[kind] ** 2)
@@ -303,7 +304,10 @@ class Onsets(eqx.Module):
         J = (J - V * column[:, None] * column[None]) / (1 + off)
         column = column[rows]
         shared = (lanes.shared[b] - column * f) / (1 + off)
-        eta = self._without(eta - eta[:, kind, a][:, None, None] * (V * column), gains)
+        eta = eta - eta[:, kind, a][:, None, None] * (V * column)
+        # another change of the same fault is one after all
+        other = jnp.asarray(self.owner) != jnp.asarray(self.owner)[kind]
+        eta = jnp.where(other[:, None], self._without(eta, gains), eta)
         # a common cause brings another fault at about the same time
         apart = jnp.abs(lanes.onset[b] - lanes.onset[b, kind, a])
         closest = apart == jnp.min(apart, axis=1, keepdims=True)
