@@ -294,19 +294,21 @@ class Onsets(eqx.Module):
     ) -> Lanes:
         """The signatures beside the new branch: less what the promoted change, of size `f` and
         variance `V`, explains of them. What a step explains is told by the innovations that `J` is
-        of, as it may explain no more than all there is. What was told amid a fault that has gone is
-        `off` by so many times its variance, and moves z as far as that is 0 (by `gains`); but for
-        changes of its own."""
+        of, as it may explain no more than all there is. What was told of others amid a fault that
+        has gone is `off` by so many times its variance, and moves z as far as that is 0 (`gains`).
+        """
         J, eta, mass, rows = lanes.J[b], lanes.eta[b], lanes.mass[b], lanes.row[b]
         column = J[:, rows[kind, a]]
         alone = 1 / (column[rows[kind, a]] + 1 / self.prior.size[kind] ** 2)
         f, V = jnp.where(gone, f, alone * lanes.shared[b, kind, a]), jnp.where(gone, V, alone)
-        J = (J - V * column[:, None] * column[None]) / (1 + off)
-        column = column[rows]
-        shared = (lanes.shared[b] - column * f) / (1 + off)
-        eta = eta - eta[:, kind, a][:, None, None] * (V * column)
-        # another change of the same fault is one after all
+        # another change of the same fault is none of those that were told amid it
         other = jnp.asarray(self.owner) != jnp.asarray(self.owner)[kind]
+        less = jnp.where(other, 1 / jnp.sqrt(1 + off), 1.0)
+        each = jnp.repeat(less, self.onsets)  # rows of J stand by kinds
+        J = (J - V * column[:, None] * column[None]) * each[:, None] * each[None]
+        column = column[rows]
+        shared = (lanes.shared[b] - column * f) * less[:, None] ** 2
+        eta = eta - eta[:, kind, a][:, None, None] * (V * column)
         eta = jnp.where(other[:, None], self._without(eta, gains), eta)
         # a common cause brings another fault at about the same time
         apart = jnp.abs(lanes.onset[b] - lanes.onset[b, kind, a])
