@@ -220,7 +220,7 @@ class Branching(Answers):
         there = self._present(state.belief)[b, fault]
         first = jnp.where(there, state.sudden[b, fault], state.lanes.sudden[b, kind, a])
         sudden = state.sudden[b].at[fault].set(jnp.where(gone, 0.0, first))
-        weight = state.weight[b] + logsumexp(ell) - self._overtold(state, b, mean, P, fault, off)
+        weight = state.weight[b] + logsumexp(ell) - self._overtold(state, b, mean, fault, off)
         place, better, both = self._placed(state, b, which, weight)
         left = jnp.where(stays, state.lanes.mass[b, kind], NEVER)
         kept = state.lanes._replace(mass=state.lanes.mass.at[b, kind].set(left))

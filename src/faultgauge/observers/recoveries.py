@@ -74,7 +74,6 @@ class Recoveries(Onsets):
         state: BranchState,
         b: Int[Array, ""],
         mean: Float[Array, "n"],
-        P: Float[Array, "n n"],
         fault: Int[Array, ""],
         off: Float[Array, ""],
     ) -> Float[Array, ""]:
@@ -84,7 +83,7 @@ class Recoveries(Onsets):
             ln N(z; 0, 1 + s^2) / N(z; 0, 1),   not   ln N(z; 0, 1 + e^2 + s^2) / N(z; 0, 1 + e^2)
 
         with e^2 = `off`, beside what the first sample of a sensor's told, which no plant makes up
-        but for what it does within a sample. `mean` and `P` are after it has gone."""
+        but for what it does within a sample. `mean` is after it has gone."""
         F, n = self.filter.faults, self.filter.states
         before = jnp.diagonal(state.belief.P[b])[n : n + F]
         others = (before > 0) & (np.arange(F) != fault)

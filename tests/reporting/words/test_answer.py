@@ -11,6 +11,7 @@ import pytest
 from calibrations import for_bank
 from faultgauge.cli.evidence import write_evidence
 from faultgauge.detection.answer.evidence import MOST_SHOWN, Evidence, evidence, same
+from faultgauge.detection.answer.least import least_told
 from faultgauge.detection.bank.bank import build_fault_bank
 from faultgauge.detection.bank.noise import Noise
 from faultgauge.detection.decisions import Watching, decide
