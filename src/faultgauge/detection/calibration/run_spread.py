@@ -72,18 +72,15 @@ def constants_retold(model: Model, batch: Likelihood, noise: Noise, follows: Fol
             )
             for share in SHARES
         ]
-        many = [each for each in many if follows(known.names, each.shift)]
-        if not many:
-            break
         wider, moved = np.log(spread / noise.spread), (mean_off - noise.shift) / spread
         if np.max(np.abs([wider, moved])) < STILL:
             break
         told = batch.run(model, many)
         # what a prior may take; beyond, the filter is lost there
         borne = np.flatnonzero(told.cost <= cost[0] + len(usual))
-        if not len(borne):
+        best = next((int(k) for k in borne if follows(known.names, many[k].shift)), None)
+        if best is None:
             break
-        best = int(borne[0])
         noise, cost = many[best], told.cost[best : best + 1]
         mean, P = told.mean[best : best + 1], told.P[best : best + 1]
     return noise
