@@ -13,6 +13,7 @@ that are off least.
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cached_property
 
 import equinox as eqx
 import numpy as np
@@ -27,10 +28,9 @@ from faultgauge.telemetry import Run
 __all__ = ["LONGEST_PIECE", "Following", "gain_error", "largest_changes", "shape_error"]
 
 LONGEST_PIECE = 20_000  # samples of a free run
-WORSE = (
-    1.5  # times as far off: free runs with constants that are not the plant's (1.2 at most on ten
-)
-# rigs whose constants were, 3.5 on one where they were not)
+# times as far off: free runs with constants that are not the plant's. 1.2 at most on ten rigs whose
+# constants were, 3.5 on one where they were not
+WORSE = 1.5
 USUAL_GAIN = 0.05  # as good as one more output of one more run
 USUAL_SHAPE = 0.2  # where every free run is lost, as that of an unstable plant is
 
@@ -66,17 +66,22 @@ class Following:
 
     def __init__(self, model: Model, runs: Sequence[Run]) -> None:
         self.model, self.runs = model, runs
-        self.least, self.parts = _least_off(model, runs)
+
+    @cached_property
+    def _fitted(self) -> tuple[float, int]:
+        """By which share free runs with the fitted constants are off, and in which parts."""
+        return _least_off(self.model, self.runs)
 
     def __call__(self, names: Sequence[str], shift: Float[np.ndarray, "constants"]) -> bool:
         """With `names` off the fitted values by `shift`."""
-        if self.least >= 1.0:
+        least, parts = self._fitted
+        if least >= 1.0:
             return True  # nothing follows them, whatever the constants
         own = dict(self.model.plant.parameters)
         own |= {n: own[n] + s for n, s in zip(names, shift, strict=True)}
         plant = eqx.tree_at(lambda plant: plant.parameters, self.model.plant, own)
-        off = _off(_free_runs(replace(self.model, plant=plant), self.runs, self.parts))
-        return off <= WORSE * max(self.least, USUAL_GAIN)
+        off = _off(_free_runs(replace(self.model, plant=plant), self.runs, parts))
+        return off <= WORSE * max(least, USUAL_GAIN)
 
 
 def gain_error(model: Model, runs: Sequence[Run]) -> float:
