@@ -146,4 +146,7 @@ class Answers(Recoveries):
         new = begins[None] * ~self._present(belief)[:, :, None]
         first = jnp.sum(heavy[:, :K] * lanes.sudden, axis=2)
         first = jnp.concatenate([first, jnp.zeros((len(first), F))], axis=1)[:, None]
-        return new * first + (1 - new) * sudden[:, :, None] * jnp.sum(heavy, axis=2)[:, None]
+        return (
+            jnp.multiply(new, first)
+            + (1 - new) * sudden[:, :, None] * jnp.sum(heavy, axis=2)[:, None]
+        )

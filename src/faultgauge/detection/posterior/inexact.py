@@ -112,7 +112,7 @@ class Inexact(eqx.Module):
         """What the first sample of a sensor's fault told, that the others do not make up."""
         acting = self.holds * said.f**2 * said.quick * self.acts
         e2 = self.shape**2 * (jnp.sum(acting, axis=1, keepdims=True) - acting)
-        return (1 - self.acts) * jnp.maximum(said.sudden, 0.0) / (1 + e2)
+        return jnp.multiply(1 - self.acts, jnp.maximum(said.sudden, 0.0) / (1 + e2))
 
     def _real(
         self,
