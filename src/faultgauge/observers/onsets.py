@@ -395,10 +395,8 @@ class Onsets(eqx.Module):
 
         # what goes leaves its row of J to what comes, which begins it anew (`_signatures`)
         row = jnp.take_along_axis(lanes.row, place, axis=2)
-        score, info, gain, sudden, shared = (
-            moved(each, 0.0)
-            for each in (lanes.score, lanes.info, lanes.gain, lanes.sudden, lanes.shared)
-        )
+        told = lanes.score, lanes.info, lanes.gain, lanes.sudden, lanes.shared
+        score, info, gain, sudden, shared = (moved(each, 0.0) for each in told)
         eta, row = moved(lanes.eta, begun[..., None]), moved(lanes.row, row)
         mass, when = moved(mass, fresh), moved(when, t)
         return Lanes(eta, score, info, gain, sudden, shared, lanes.J, row, mass, when), ()
