@@ -33,30 +33,40 @@ def inexact(shape=0.1, gain=0.0, acts=ACTS):
     )
 
 
-def said(first, second, most=(0.0, 0.0), sudden=0.0, quick=0.0):
-    """Both faults at p 0.9, `first` and `second` being (size, sd); `sudden` is what the first
-    sample told of the second one, `quick` the information on a unit of the first in one sample."""
+def said(first, second, most=(0.0, 0.0), sudden=(0.0, 0.0), quick=0.0):
+    """Both faults at p 0.9, `first` and `second` being (size, sd); `sudden` are the score and the
+    info of the first sample of the second one, `quick` the info of a unit of the first in one
+    sample."""
     f = np.tile([first[0], second[0]], (SETS, 1))
     sd = np.tile([first[1], second[1]], (SETS, 1))
     f[1], sd[1] = (first[0] + 0.5, 9.0), (2 * first[1], 9.0)  # alone it is told otherwise
     p = np.array([0.02, 0.04, 0.03, 0.9, 0.01])
     rest = np.zeros(3), np.zeros((2, 2)), np.zeros((2, 2))
     rest = *rest, np.array([0.95, 0.94]), np.array(most)
-    jumps = np.zeros((SETS, 2)), np.array([quick, 0.0])
-    jumps[0][:, 1] = sudden
+    jumps = np.zeros((SETS, 2)), np.zeros((SETS, 2)), np.array([quick, 0.0])
+    jumps[0][:, 1], jumps[1][:, 1] = sudden
     return BranchInfo(*map(jnp.asarray, (p, f, sd, *rest, *jumps)))
 
 
 @pytest.mark.parametrize("quick", [0.0, 500.0])
-def test_what_the_first_sample_told_of_a_sensor_is_not_made_up_by_what_acts_on_the_plant(quick):
-    """A plant that answers within a sample by 0.1 * 2 * sqrt(500) = 4.5 standard deviations of it
-    makes up all of that but 1 part in 21."""
-    z, sd, told = 6.0, 0.01, 9.0
-    given = said((40 * 0.05, 0.05), (z * sd, sd), sudden=told, quick=quick)
+@pytest.mark.parametrize(("jump", "rest"), [(4.0, 1.0), (4.9, -2.0), (40.0, 1.0), (3.0, 6.0)])
+def test_what_the_first_sample_told_of_a_sensor_is_not_made_up_by_what_acts_on_the_plant(
+    jump, rest, quick
+):
+    """By hand: it was off by `jump` of its standard deviations, and is by `rest` of them from the
+    size that was told. A plant makes up 0.1 * 2 * sqrt(quick) = 4.5 of them within a sample, or
+    none. What is 40 off, or 40 / 4.6, is beyond the 5 that noise is."""
+    z, sd = 6.0, 0.01
+    root = (jump - rest) / (z * sd)  # of the info of the first sample
+    given = said((40 * 0.05, 0.05), (z * sd, sd), sudden=(jump * root, root**2), quick=quick)
     found = inexact(acts=np.array([1.0, 0.0])).told(given)
     e, e1 = 0.1 * 40, 0.1 * 40 * 0.05 * np.sqrt(quick)
-    left = told / (1 + e1**2)
-    real = COMMON * norm.pdf(z, 0, np.hypot(1, SIZE[1] / sd)) * np.exp(left)
+
+    def surprise(z2):
+        return z2 if z2 < 25 else 25 + np.log(z2 / 25)
+
+    left = surprise(jump**2 / (1 + e1**2)) - surprise(rest**2 / (1 + (root * sd) ** 2))
+    real = COMMON * norm.pdf(z, 0, np.hypot(1, SIZE[1] / sd)) * np.exp(max(left, 0.0) / 2)
     made_up = e**2 / (1 + e**2) * norm.pdf(z, 0, np.hypot(1, e))
     share = made_up / (real + made_up)
     np.testing.assert_allclose(found.p[3], 0.9 * (1 - share), rtol=1e-6)

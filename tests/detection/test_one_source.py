@@ -131,6 +131,7 @@ def posterior(bank, run, parts, ever, latch):
         ever=jnp.tile(jnp.asarray(ever), (ROWS, 1)),
         most=jnp.zeros((ROWS, faults)),
         sudden=jnp.zeros((ROWS, sets, faults)),
+        sharp=jnp.zeros((ROWS, sets, faults)),
         quick=jnp.zeros((ROWS, faults)),
     )
     sampled = silence != "gap"

@@ -358,9 +358,17 @@ def test_what_was_told_of_another_fault_amid_one_that_has_gone_counts_as_far_as_
     def told(e2):
         return norm.logpdf(z, 0, np.sqrt(1 + e2 + s**2)) - norm.logpdf(z, 0, np.sqrt(1 + e2))
 
-    sudden, quick = before.sudden[lead, BIAS], before.quick[PUSH]
-    assert sudden > 1  # it jumped
-    left = told(e2) + sudden / (1 + shape**2 * f[push] ** 2 * quick)
+    quick, size = before.quick[PUSH], float(exact.belief.mean[at, bias])
+    score, info = (float(a[lead, BIAS]) for a in (before.sudden, before.sharp))
+    jump, within = score / np.sqrt(info), shape**2 * f[push] ** 2 * quick
+    missed = np.sqrt(info / (1 + info * v[bias, bias])) * (score / info - size)
+
+    def surprise(z2):  # noise is raised beyond 5 standard deviations
+        return z2 if z2 < 25 else 25 + np.log(z2 / 25)
+
+    first = max(surprise(jump**2 / (1 + within)) - surprise(missed**2), 0.0) / 2
+    assert first > 1  # it jumped
+    left = told(e2) + first
     lost = float(max(told(0.0) - left, 0.0))
     assert lost > 1 or shape < 0.1
     assert found.weight[at] == pytest.approx(float(exact.weight[at]) - lost, abs=1e-6)
@@ -518,9 +526,9 @@ def test_two_faults_are_told_as_a_pair():
 
 
 @pytest.mark.parametrize("size", [0.25, -0.2])
-def test_what_the_first_sample_told_of_a_bias_is_bayes_on_that_sample(size):
-    """A Kalman filter without the bias up to the sample before; of a push the first sample tells
-    next to nothing."""
+def test_what_the_first_sample_told_of_a_bias_is_its_innovation(size):
+    """Of a Kalman filter without the bias up to the sample before; a push of that size is less than
+    a standard deviation in its first sample."""
     since = 60
     u, y, steps = log(1, bias=[(size, since, COUNT)])
     F, G, Q = linear(STEP)
@@ -530,18 +538,16 @@ def test_what_the_first_sample_told_of_a_bias_is_bayes_on_that_sample(size):
             m, P = F[:2, :2] @ m + G[:2] * u[k - 1, 0], F[:2, :2] @ P @ F[:2, :2].T + Q[:2, :2]
         S, e = C @ P @ C + SIGMA**2, y[k, 0] - C @ m
         m, P = m + P @ C / S * e, P - np.outer(P @ C, C @ P) / S
-    widths = WIDTHS[BIAS] * np.array(SCALES)
-    told = norm.logpdf(e, 0, np.sqrt(S + widths**2)) - norm.logpdf(e, 0, np.sqrt(S))
     _, info = judged(bank((BIAS,)), (u, y, steps))
-    wanted = logsumexp(told) - np.log(len(SCALES))
-    assert wanted > 2  # which is worth telling
-    assert info.sudden[-1, BIASED, BIAS] == pytest.approx(wanted, abs=1e-3)
+    assert abs(e) > 3 * np.sqrt(S)  # which is worth telling
+    assert info.sudden[-1, BIASED, BIAS] == pytest.approx(e / S, rel=1e-3)
+    assert info.sharp[-1, BIASED, BIAS] == pytest.approx(1 / S, rel=1e-3)
     # the information on a unit of it in one sample of the filter that knows of none
     _, calm = judged(bank((BIAS,)), log(1))
     assert calm.quick[-1, BIAS] == pytest.approx(1 / S, rel=1e-6)
     _, pushed = judged(bank((PUSH,)), log(1, push=[(2 * size, since, COUNT)]))
     assert pushed.p[-1, PUSHED] > 0.99
-    assert abs(pushed.sudden[-1, PUSHED, PUSH]) < 0.5
+    assert pushed.sharp[-1, PUSHED, PUSH] * size**2 < 1
 
 
 def test_a_fault_that_begins_between_two_samples_is_off_by_its_standard_deviation():

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from faultgauge.observers.branches import BranchInfo, BranchState, Changes, Lanes, Sums
+from faultgauge.observers.branches import BranchInfo, BranchState, Changes, Sums
 from faultgauge.observers.divided_difference import Belief, FilterNoise
 from faultgauge.observers.recoveries import Recoveries
 from faultgauge.observers.rows import where_needed
@@ -40,7 +40,8 @@ class Answers(Recoveries):
         most = jnp.maximum(
             jnp.max(peaks[:, :, None] * to, axis=(0, 1)), jnp.max(alone[:, None] * own, axis=0)
         )
-        parts = state.belief, log, state.which, state.since, state.ever, state.sudden
+        first = state.sudden, state.sharp
+        parts = state.belief, log, state.which, state.since, state.ever, first
         given = (
             jax.tree.map(lambda a: a[at], parts),
             changes,
@@ -57,19 +58,19 @@ class Answers(Recoveries):
             heavy,
             heavy[:, :, None] * f0,
             heavy[:, :, None] * (f0**2 + v0),
-            heavy[:, :, None] * state.sudden[:, None],
+            *(heavy[:, :, None] * each[:, None] for each in first),
             state.belief.mean[:, :n],
             jnp.zeros((self.filters, d, 3)),
             state.ever[:, :d],
         )
-        p, held, mean, square, sudden, x, past, ever = (
+        p, held, mean, square, *first, x, past, ever = (
             jnp.sum(a, axis=0) + jnp.sum(jax.vmap(jnp.multiply)(alone, b), axis=0)
             for a, b in zip(each, same, strict=True)
         )
         Z = jnp.sum(p)
         p, x, ever = p / Z, x / Z, ever / Z
         held = jnp.maximum(held, 1e-300)[:, None]
-        mean, square, sudden = mean / held, square / held, sudden / held
+        mean, square, sudden, sharp = (each / held for each in (mean, square, *first))
         sd = jnp.sqrt(jnp.maximum(square - mean**2, 0.0))
         seen = state.probe.J * self.prior.size[:d, None] ** 2
         there, first, second = past.T
@@ -78,7 +79,7 @@ class Answers(Recoveries):
         late = jnp.sqrt(jnp.maximum(second - first**2, 0.0))
         onset = jnp.stack([state.t - first, late], axis=1)
         most = state.most[jnp.argmax(state.weight), :d]
-        told = seen, onset, ever, most, sudden[:, :d], state.quick
+        told = seen, onset, ever, most, sudden[:, :d], sharp[:, :d], state.quick
         return BranchInfo(p, mean[:, :d], sd[:, :d], x, *told)
 
     def _leads(
@@ -92,10 +93,10 @@ class Answers(Recoveries):
     def _summed(
         self, t: Float[Array, ""], nothing: tuple[()], given: tuple
     ) -> tuple[tuple[()], Sums]:
-        """`given` are the belief, ln of the weight, the set, since when, whether ever and how
-        sudden of each branch; its changes; its lanes; what an onset of each kind must weigh to
-        count."""
-        (belief, log, which, since, ever, sudden), changes, lanes, least = given
+        """`given` are the belief, ln of the weight, the set, since when, whether ever and the
+        first samples of each branch; its changes; its lanes; what an onset of each kind must weigh
+        to count."""
+        (belief, log, which, since, ever, firsts), changes, lanes, least = given
         F, n, K, d = self.filter.faults, self.filter.states, self.kinds, self.declared
         to, target = self._leads(which)
         each = jnp.exp(log[:, None] + changes.total)
@@ -124,8 +125,10 @@ class Answers(Recoveries):
         begins = own * (1 - here[:, None])
         old = jnp.sum(each[:, :, None] * there * (1 - begins), axis=1)
         old = old + jnp.exp(log)[:, None] * here
-        told = self._told_at_once(belief, sudden, heavy, lanes)
-        told = contract("bfk,bks->bsf", told, to)
+        told = (
+            contract("bfk,bks->bsf", self._of_first(belief, own, heavy, new), to)
+            for own, new in zip(firsts, (lanes.sudden, lanes.sharp), strict=True)
+        )
         first, spread = since[:, :d, 0], since[:, :d, 1]
         then = jnp.stack([jnp.ones_like(old), first, spread + first**2], axis=2)
         when, new = lanes.onset, w[:, :K]
@@ -133,20 +136,19 @@ class Answers(Recoveries):
         past = contract("bkt,bkf->bft", jnp.sum(dates, axis=2), begins[:, :K])
         past = past + old[:, :, None] * then
         ever = jnp.sum(each[:, :, None] * jnp.maximum(ever[:, None, :d], own), axis=1)
-        return (), Sums(p, held, mean, square, told, x, past, ever)
+        return (), Sums(p, held, mean, square, *told, x, past, ever)
 
-    def _told_at_once(
-        self, belief: Belief, sudden: Array, heavy: Array, lanes: Lanes
+    def _of_first(
+        self, belief: Belief, own: Array, heavy: Array, lanes: Array
     ) -> Float[Array, "branches faults changes"]:
-        """What the first sample told of each fault after each change, times how likely that is: of
-        one that begins by the change, what told of its onsets."""
+        """The `own` score, or info, of the first sample of each fault after each change, times how
+        likely that is: of one that begins by the change, that of its `lanes`."""
         F, K = self.filter.faults, self.kinds
         begins = np.zeros((F, K + F))
         begins[self.owner, range(K)] = 1.0
         new = begins[None] * ~self._present(belief)[:, :, None]
-        first = jnp.sum(heavy[:, :K] * lanes.sudden, axis=2)
+        first = jnp.sum(heavy[:, :K] * lanes, axis=2)
         first = jnp.concatenate([first, jnp.zeros((len(first), F))], axis=1)[:, None]
         return (
-            jnp.multiply(new, first)
-            + (1 - new) * sudden[:, :, None] * jnp.sum(heavy, axis=2)[:, None]
+            jnp.multiply(new, first) + (1 - new) * own[:, :, None] * jnp.sum(heavy, axis=2)[:, None]
         )

@@ -42,16 +42,17 @@ class Prior(NamedTuple):
 
 class Lanes(NamedTuple):
     """Signatures of a unit change of each kind at some onsets, beside every branch: `score` and
-    `info` of its size, `gain` in ln L by each of `SCALES`, of which the first sample told `sudden`
-    (by all of them); `shared` scores and `J` are in the
-    branch's own noise, and so tell what one change explains of another; `row` is where in `J` each
-    stands, for as long as it is kept."""
+    `info` of its size, `gain` in ln L by each of `SCALES`; `sudden` and `sharp` are the score and
+    the info of the first sample alone; `shared` scores and `J` are in the branch's own noise, and
+    so tell what one change explains of another; `row` is where in `J` each stands, for as long as
+    it is kept."""
 
     eta: Float[Array, "branches n kinds onsets"]
     score: Float[Array, "branches kinds onsets"]
     info: Float[Array, "branches kinds onsets"]
     gain: Float[Array, "branches scales kinds onsets"]
     sudden: Float[Array, "branches kinds onsets"]
+    sharp: Float[Array, "branches kinds onsets"]
     shared: Float[Array, "branches kinds onsets"]
     J: Float[Array, "branches lanes lanes"]
     row: Int[Array, "branches kinds onsets"]
@@ -71,8 +72,8 @@ class BranchState(NamedTuple):
     """A checkpoint. Branches come first, unknown ones behind; `which` set each is, `weight` ln of
     its posterior (up to a constant), `since` when each fault of it began (mean and variance),
     `ever` whether it has held each fault at any time, and how large it clearly was at `most`,
-    `sudden` how much the first sample told of each (ln L), `quick` the information on a unit of
-    each in the first sample after it, `begun` when the filter began [s]."""
+    `sudden` and `sharp` the score and the info of each in its first sample, `quick` the info of a
+    change in the sample after it, `begun` when the filter began [s]."""
 
     belief: Belief
     weight: Float[Array, "filters"]
@@ -81,6 +82,7 @@ class BranchState(NamedTuple):
     ever: Float[Array, "filters faults"]
     most: Float[Array, "filters faults"]
     sudden: Float[Array, "filters faults"]
+    sharp: Float[Array, "filters faults"]
     quick: Float[Array, "faults"]
     begun: Float[Array, "filters"]
     lanes: Lanes
@@ -93,9 +95,9 @@ class BranchInfo(NamedTuple):
     """What one sample leaves: the posterior of every set and, last, of the unknown; mean and
     standard deviation of every fault in each set; the states; how clearly each fault would have
     shown, downwards and upwards; how long ago it began, if it is there (mean and standard deviation
-    [s]), the probability that it is or was there, and how large it clearly was at most; what the
-    first sample told of every fault in each set (ln L), and the information on a unit of each in
-    the first sample after it."""
+    [s]), the probability that it is or was there, and how large it clearly was at most; the score
+    and the info of every fault in each set in its first sample, and the info of a change of each in
+    the sample after it."""
 
     p: Float[Array, "sets"]
     f: Float[Array, "sets faults"]
@@ -106,6 +108,7 @@ class BranchInfo(NamedTuple):
     ever: Float[Array, "faults"]
     most: Float[Array, "faults"]
     sudden: Float[Array, "sets faults"]
+    sharp: Float[Array, "sets faults"]
     quick: Float[Array, "faults"]
 
 
@@ -125,15 +128,16 @@ class Changes(NamedTuple):
 
 class Sums(NamedTuple):
     """Over the changes that a branch may have had, by how likely they are: how likely each set is;
-    of the likely onsets alone that again, and times a fault's size, its square, and what its first
-    sample told; the states; how likely each fault is there, times when it began, and its square;
-    how likely each has been."""
+    of the likely onsets alone that again, and times a fault's size, its square, and the score and
+    the info of its first sample; the states; how likely each fault is there, times when it began,
+    and its square; how likely each has been."""
 
     p: Float[Array, "branches sets"]
     held: Float[Array, "branches sets"]
     mean: Float[Array, "branches sets faults"]
     square: Float[Array, "branches sets faults"]
     sudden: Float[Array, "branches sets faults"]
+    sharp: Float[Array, "branches sets faults"]
     x: Float[Array, "branches states"]
     past: Float[Array, "branches faults three"]
     ever: Float[Array, "branches faults"]

@@ -68,11 +68,9 @@ class Branching(Answers):
         mass = jnp.concatenate([never, self.prior.first[:, None]], axis=1)
         lanes = Lanes(
             jnp.broadcast_to(eta, (B, n, K, A)),
-            jnp.zeros((B, K, A)),
-            jnp.zeros((B, K, A)),
+            *(jnp.zeros((B, K, A)),) * 2,
             jnp.zeros((B, len(SCALES), K, A)),
-            jnp.zeros((B, K, A)),
-            jnp.zeros((B, K, A)),
+            *(jnp.zeros((B, K, A)),) * 3,
             jnp.zeros((B, K * A, K * A)),
             jnp.broadcast_to(np.arange(K * A).reshape(K, A), (B, K, A)),
             jnp.broadcast_to(mass, (B, K, A)),
@@ -82,7 +80,7 @@ class Branching(Answers):
         since = jnp.zeros((self.filters, self.filter.faults, 2))
         begun = jnp.zeros(self.filters)
         none = jnp.zeros((self.filters, self.filter.faults))
-        told = none, none, none, jnp.zeros(self.declared)
+        told = none, none, none, none, jnp.zeros(self.declared)
         return BranchState(
             belief, weight, which, since, *told, begun, lanes, probe, u, jnp.zeros(())
         )
@@ -217,20 +215,21 @@ class Branching(Answers):
         began = self._began(state, b, kind, jnp.stack([onset, wide]), f)
         since = state.since[b].at[fault].set(began)
         ever = state.ever[b].at[fault].set(1.0)
-        there = self._present(state.belief)[b, fault]
-        first = jnp.where(there, state.sudden[b, fault], state.lanes.sudden[b, kind, a])
-        sudden = state.sudden[b].at[fault].set(jnp.where(gone, 0.0, first))
         weight = state.weight[b] + logsumexp(ell) - self._overtold(state, b, mean, fault, off)
         place, better, both = self._placed(state, b, which, weight)
         left = jnp.where(stays, state.lanes.mass[b, kind], NEVER)
         kept = state.lanes._replace(mass=state.lanes.mass.at[b, kind].set(left))
         lanes = self._inherited(kept, b, kind, a, place, f, V, gone, off, gains)
         lanes = jax.tree.map(lambda new, old: jnp.where(better, new, old), lanes, kept)
-        put = jnp.where(better, place, -1)
-        here = jnp.arange(self.filters) == put
+        here = better & (jnp.arange(self.filters) == place)
 
         def placed(old: Array, new: Array) -> Array:
             return jnp.where(here.reshape(-1, *([1] * new.ndim)), new, old)
+
+        def first(own: Array, new: Array) -> Array:
+            there = self._present(state.belief)[b, fault]
+            first = jnp.where(there, own[b, fault], new[b, kind, a])  # a change begins nothing
+            return own[b].at[fault].set(jnp.where(gone, 0.0, first))
 
         return state._replace(
             belief=Belief(placed(state.belief.mean, mean), placed(state.belief.P, P)),
@@ -239,7 +238,8 @@ class Branching(Answers):
             since=placed(state.since, since),
             ever=placed(state.ever, ever),
             most=placed(state.most, state.most[b]),
-            sudden=placed(state.sudden, sudden),
+            sudden=placed(state.sudden, first(state.sudden, state.lanes.sudden)),
+            sharp=placed(state.sharp, first(state.sharp, state.lanes.sharp)),
             lanes=lanes,
         )
 
@@ -380,6 +380,7 @@ class Branching(Answers):
             info=cleared(lanes.info),
             gain=cleared(lanes.gain),
             sudden=cleared(lanes.sudden),
+            sharp=cleared(lanes.sharp),
             shared=cleared(lanes.shared),
             J=cleared(lanes.J),
         )
@@ -393,6 +394,7 @@ class Branching(Answers):
             ever=passed_on(state.ever),
             most=passed_on(state.most),
             sudden=jnp.where(fresh[:, None], 0.0, state.sudden),
+            sharp=jnp.where(fresh[:, None], 0.0, state.sharp),
             begun=jnp.where(fresh, state.t, state.begun),
             lanes=lanes,
         )

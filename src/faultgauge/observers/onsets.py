@@ -151,9 +151,11 @@ class Onsets(eqx.Module):
             g = jnp.where(there[:, None, None], g, 0.0)
             eta = eta - seen.gain[:, j, :, None, None] * g[:, None]
         gain = gain + jnp.log(narrower) / 2
-        first = jax.nn.logsumexp(gain[..., -1:], axis=1) - np.log(len(SCALES))
-        sudden = jnp.concatenate([lanes.sudden[..., :-1], first], axis=-1)
-        told = score, info, gain, sudden, shared, J
+        sudden, sharp = (
+            jnp.concatenate([first[..., :-1], now[..., -1:]], axis=-1)
+            for first, now in ((lanes.sudden, score), (lanes.sharp, info))
+        )
+        told = score, info, gain, sudden, sharp, shared, J
         return Lanes(eta, *told, lanes.row, lanes.mass, lanes.onset), ()
 
     def _at_once(self) -> Bool[np.ndarray, "kinds"]:
@@ -318,7 +320,7 @@ class Onsets(eqx.Module):
         info = jnp.maximum(jnp.diagonal(J)[rows], 0.0)
         least = self._least()
         gain = (shared**2 / (info + least) - jnp.log1p(info / least)) / 2
-        told = shared, info, gain, lanes.sudden[b], shared, J
+        told = shared, info, gain, lanes.sudden[b], lanes.sharp[b], shared, J
         new = Lanes(eta, *told, rows, mass, lanes.onset[b])
         return jax.tree.map(lambda every, one: every.at[place].set(one), lanes, new)
 
@@ -395,11 +397,12 @@ class Onsets(eqx.Module):
 
         # what goes leaves its row of J to what comes, which begins it anew (`_signatures`)
         row = jnp.take_along_axis(lanes.row, place, axis=2)
-        told = lanes.score, lanes.info, lanes.gain, lanes.sudden, lanes.shared
-        score, info, gain, sudden, shared = (moved(each, 0.0) for each in told)
+        told = lanes.score, lanes.info, lanes.sudden, lanes.sharp, lanes.shared
+        score, info, sudden, sharp, shared = (moved(each, 0.0) for each in told)
+        gain = moved(lanes.gain, 0.0)
         eta, row = moved(lanes.eta, begun[..., None]), moved(lanes.row, row)
         mass, when = moved(mass, fresh), moved(when, t)
-        return Lanes(eta, score, info, gain, sudden, shared, lanes.J, row, mass, when), ()
+        return Lanes(eta, score, info, gain, sudden, sharp, shared, lanes.J, row, mass, when), ()
 
 
 def _shared(log: Array, axis: int) -> tuple[Array, Array, Array]:

@@ -12,10 +12,31 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from faultgauge.observers.branches import BranchState
-from faultgauge.observers.divided_difference import Belief
+from faultgauge.observers.divided_difference import Belief, surprise
 from faultgauge.observers.onsets import Onsets
 
-__all__ = ["Recoveries"]
+__all__ = ["Recoveries", "told_at_once"]
+
+
+def told_at_once(
+    sudden: Float[Array, "*any"],
+    sharp: Float[Array, "*any"],
+    f: Float[Array, "*any"],
+    variance: Float[Array, "*any"],
+    e2: Float[Array, "*any"],
+) -> Float[Array, "*any"]:
+    """What the first sample of a fault of size f tells against one that is made up (ln L).
+
+    That had the score sigma = `sudden` and the info J = `sharp`; made up it is e of its own
+    standard deviations within a sample, and with -2 ln N(q) as `surprise` says it
+
+        surprise(sigma^2 / J / (1 + e^2)) / 2
+            - surprise((sigma - J f)^2 / J / (1 + J variance)) / 2,   or nothing where that is less.
+    """
+    J = jnp.maximum(sharp, 1e-300)
+    made_up = surprise(sudden**2 / J / (1 + e2))
+    real = surprise((sudden - sharp * f) ** 2 / J / (1 + sharp * variance))
+    return jnp.maximum(made_up - real, 0.0) / 2
 
 
 class Recoveries(Onsets):
@@ -98,6 +119,9 @@ class Recoveries(Onsets):
         quick = jnp.where(
             fault < self.declared, state.quick[jnp.minimum(fault, self.declared - 1)], 0.0
         )
-        at_once = jnp.maximum(state.sudden[b], 0.0) * (1 - self._acts())
-        left = told(off) + at_once / (1 + self.shape**2 * size**2 * quick)
+        e2 = self.shape**2 * size**2 * quick
+        at_once = told_at_once(
+            state.sudden[b], state.sharp[b], mean[n : n + F], before, jnp.broadcast_to(e2, F)
+        )
+        left = told(off) + (1 - self._acts()) * at_once
         return jnp.sum(jnp.where(others & (off > 0), jnp.maximum(told(0.0) - left, 0.0), 0.0))

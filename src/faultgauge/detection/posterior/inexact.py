@@ -15,11 +15,11 @@ that of a share of its size: `shape` and `gain` (`fidelity`). So
                                 + z^2 / 2 (1 / (1 + e^2) - 1 / (1 + s^2)) - ln (e^2 / (1 + e^2)),
 
   c being how often one fault brings another. As much of the set as is made up belongs to the set
-  without that fault. No plant answers at once: of a fault of a sensor the first sample tells what
-  is not made up, but for as much as the others do within a sample. With l_k what it told (ln L),
-  and J_i the information on a unit of fault i in the first sample after it,
+  without that fault. No plant answers at once: what the first sample of a sensor's fault told is
+  made up by no more than the others do within a sample, and is told against that
+  (`told_at_once`), with J_i the info of a unit of fault i in the first sample after it and
 
-      ln p(real) / p(made up) += l_k / (1 + shape^2 sum_i!=k f_i^2 J_i);
+      e_k^2 = shape^2 sum_i!=k f_i^2 J_i;
 
 - what constants and slow errors were told amid a large fault is off when it goes, and in part taken
   for a rest of it. Of a fault that was at least `most` once, a rest is made up likewise, with
@@ -37,6 +37,7 @@ from jaxtyping import Array, Float
 
 from faultgauge.detection.bank.bank import FaultBank
 from faultgauge.observers.branches import BranchInfo
+from faultgauge.observers.recoveries import told_at_once
 from faultgauge.plants.signals import Fault
 
 __all__ = ["Inexact", "acting"]
@@ -112,7 +113,8 @@ class Inexact(eqx.Module):
         """What the first sample of a sensor's fault told, that the others do not make up."""
         acting = self.holds * said.f**2 * said.quick * self.acts
         e2 = self.shape**2 * (jnp.sum(acting, axis=1, keepdims=True) - acting)
-        return jnp.multiply(1 - self.acts, jnp.maximum(said.sudden, 0.0) / (1 + e2))
+        told = told_at_once(said.sudden, said.sharp, said.f, said.sd**2, e2)
+        return jnp.multiply(1 - self.acts, told)
 
     def _real(
         self,
