@@ -207,8 +207,20 @@ class Watch(eqx.Module):
         """What the bank says of a row that is in no stretch."""
         sets, faults = len(self.modes.more), self.modes.declared
         states = len(self.modes.filter.plant.signals.states)
-        shapes = (sets,), (sets, faults), (sets, faults), (states,), (faults, 2), (faults, 2)
-        shapes = (*shapes, (faults,), (faults,), (sets, faults), (faults,))
+        each, of_sets, both = (faults,), (sets, faults), (faults, 2)
+        shapes = (
+            (sets,),
+            of_sets,
+            of_sets,
+            (states,),
+            both,
+            both,
+            each,
+            each,
+            of_sets,
+            of_sets,
+            each,
+        )
         return BranchInfo(*(jnp.full(shape, jnp.nan) for shape in shapes))
 
     def _outside(self, said: BranchInfo, u: Array, running: Array) -> Int[Array, ""]:
