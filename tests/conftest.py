@@ -122,13 +122,26 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items.sort(key=lambda item: place.get(item.path, len(LONGEST)))
 
 
+def pytest_runtest_setup() -> None:
+    """What is there before a test is not gone through by the collector of garbage, which it is
+    not: every walk over millions of traced objects takes seconds."""
+    gc.freeze()
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_sessionfinish() -> None:
+    gc.freeze()  # pytest collects five times at its end
+
+
 @pytest.fixture(scope="module", autouse=True)
 def few_programs() -> Iterator[None]:
     """Compiled programs go before there are too many: six mappings each, and Linux allows a
     process 65530, where one process alone runs every test."""
     yield
     if MAPS.exists() and MAPS.read_bytes().count(b"\n") > 45_000:
+        gc.unfreeze()
         jax.clear_caches()
+        gc.collect()
 
 
 @pytest.fixture(scope="module")
