@@ -1,5 +1,7 @@
 """What the estimator in the loop is told of a command."""
 
+from functools import cache
+
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
@@ -48,13 +50,19 @@ def by_observer():
     )
 
 
+@cache
+def of(estimator):
+    """The policy of it that compensates nothing, and its step: compiled once for all tests."""
+    limits = Limits(authority=jnp.ones(1), slew=jnp.ones(1))
+    policy = Accommodation(estimator(), None, limits)
+    return policy, eqx.filter_jit(policy.step)
+
+
 @pytest.mark.parametrize("estimator", [by_posterior, by_observer])
 def test_a_command_beyond_its_limit_is_estimated_as_what_the_actuator_does(estimator):
     """5 is wanted and 1 is done, and from 6 s on there is a drag of 0.6: h' = 2 - 0.1 h, then
     1.4 - 0.1 h, in closed form. Told of 5, the estimator would have to find a drag of -8.6."""
-    limits = Limits(authority=jnp.ones(1), slew=jnp.ones(1))
-    policy = Accommodation(estimator(), None, limits)
-    step = eqx.filter_jit(policy.step)
+    policy, step = of(estimator)
     state = policy.init(jnp.zeros(1), jnp.ones(1))
     h = 0.0
     for k in range(120):
@@ -68,11 +76,10 @@ def test_a_command_beyond_its_limit_is_estimated_as_what_the_actuator_does(estim
 
 
 def test_while_nothing_is_sampled_the_last_state_is_kept():
-    estimator = by_posterior()
-    step = eqx.filter_jit(estimator.read)
-    state = estimator.init(jnp.array([3.0]), jnp.zeros(1))
-    state, found = step(state, jnp.array([jnp.nan]), jnp.asarray(STEP))
-    assert float(found.x[0]) == 3.0
-    state, found = step(state, jnp.array([5.0]), jnp.asarray(STEP))
-    assert float(found.x[0]) == pytest.approx(5.0, abs=0.01)
-    assert not bool(found.engaged[0])
+    policy, step = of(by_posterior)
+    state, still = policy.init(jnp.array([3.0]), jnp.zeros(1)), jnp.zeros(1)
+    state, _, info = step(state, still, jnp.array([jnp.nan]), jnp.asarray(STEP))
+    assert float(state.estimator.x[0]) == 3.0
+    state, _, info = step(state, still, jnp.array([5.0]), jnp.asarray(STEP))
+    assert float(state.estimator.x[0]) == pytest.approx(5.0, abs=0.01)
+    assert not bool(info.engaged[0])

@@ -55,18 +55,29 @@ def printed(wheel):
     return print_step(wheel[1], "wheel")
 
 
-def test_the_wheel_says_what_python_says(cc, wheel, printed):
+@pytest.fixture(scope="module")
+def library(printed):
+    """It, compiled once; of tests with a C compiler."""
+    with Native(printed) as native:
+        yield native
+
+
+@pytest.fixture
+def native(cc, library):
+    """It, at its beginning."""
+    library.begin()
+    return library
+
+
+def test_the_wheel_says_what_python_says(native, wheel):
     model, step = wheel
     samples = log_of(model, 3000, missing=0.05)
-    with Native(printed) as native:
-        agree(native.run(samples), walked(step, samples))
+    agree(native.run(samples), walked(step, samples))
 
 
-def test_a_fault_in_the_examples_is_found_and_named(cc, wheel, printed):
+def test_a_fault_in_the_examples_is_found_and_named(native, wheel):
     """The second half of them has the fault."""
-    samples = wheel[1].examples(1000, np.random.default_rng(1))
-    with Native(printed) as native:
-        said = native.run(samples)
+    said = native.run(wheel[1].examples(1000, np.random.default_rng(1)))
     assert said["p_friction"][450] < 0.1
     assert said["p_friction"][-1] > 0.9
 
@@ -101,19 +112,18 @@ def test_other_plants_say_what_python_says(cc, source, count):
 # -- the state
 
 
-def test_a_state_that_was_saved_goes_on_to_the_bit(cc, wheel, printed):
-    """Its working memory is not needed."""
+def test_a_state_that_was_saved_goes_on_to_the_bit(native, wheel, printed):
+    """Its working memory is not needed, and the code has no other (`nm`, below)."""
     samples = wheel[1].examples(400, np.random.default_rng(2))
     first, second = (
         {k: v[part] for k, v in samples.items()} for part in (slice(200), slice(200, 400))
     )
-    with Native(printed) as one, Native(printed) as other:
-        one.run(first)
-        saved = one.state.tobytes()[: printed.saved_bytes]
-        whole = one.run(second)
-        other.state.view("u1")[:] = 255
-        other.state.view("u1")[: len(saved)] = np.frombuffer(saved, "u1")
-        again = other.run(second)
+    native.run(first)
+    saved = native.state.tobytes()[: printed.saved_bytes]
+    whole = native.run(second)
+    native.state.view("u1")[:] = 255
+    native.state.view("u1")[: len(saved)] = np.frombuffer(saved, "u1")
+    again = native.run(second)
     assert whole.tobytes() == again.tobytes()
 
 
