@@ -166,6 +166,9 @@ def brute(samples, fault, sigma=SIGMA, limits=(-np.inf, np.inf)):
 
 
 LATE = (0.4, -0.8)  # s; of an input's change
+# one plant for all faults of an input without limits: one program is compiled
+ALIKE = LAG.replace('[faults.bias]\nenters = "output"\ntarget = "x"',
+                    '[faults.pump]\nenters = "input"\ntarget = "u"')  # fmt: skip
 
 
 def brute_late(samples, sigma):
@@ -219,13 +222,13 @@ def test_a_fault_that_enters_with_a_late_input_is_late(size, later):
         v[i + 1] = v[i] * np.exp(-STEP / leaning) + lean * (full[i + 1] - full[i])
     samples = tuple(each[: 100 + later] for each in (u, y + x[:, None], steps))
     wanted, mean, sd = brute_late(samples, SIGMA)
-    text = LAG.replace('enters = "state"\ntarget = "x"', 'enters = "input"\ntarget = "u"')
-    _, info = judged(bank((PUSH,), text=text, late=LATE), samples)
-    p = float(info.p[-1, PUSHED])
+    # its second fault, of two of one prior, enters with the input
+    _, info = judged(bank((BIAS,), text=ALIKE, late=LATE), samples)
+    p = float(info.p[-1, BIASED])
     assert abs(odds(p) - wanted) < 1.0 if wanted < 15 else p > 1 - 1e-5
     if expit(wanted) > 0.5:
-        assert abs(info.f[-1, PUSHED, PUSH] - mean) < 0.5 * sd
-        assert info.sd[-1, PUSHED, PUSH] == pytest.approx(sd, rel=0.33)
+        assert abs(info.f[-1, BIASED, BIAS] - mean) < 0.5 * sd
+        assert info.sd[-1, BIASED, BIAS] == pytest.approx(sd, rel=0.33)
 
 
 def odds(p):
@@ -279,14 +282,15 @@ def test_no_evidence_comes_from_onsets_that_are_given_up(sigma, size, seed):
         assert -1.0 < odds(info.p[-1, BIASED]) - brute(samples, BIAS, sigma)[0] < 0.1
 
 
-def with_changes(each, state, **likely):
+def with_changes(each, state, fault=PUSH, **likely):
     """The checkpoint after the changes of the leading branch that are so much likelier than none
-    (ln) alone were there, from the last onset on: `push` a change of it, `end` its recovery."""
+    (ln) alone were there, from the last onset on: `push` a change of the `fault`, `end` its
+    recovery."""
     lead = int(jnp.argmax(state.weight[: each.branches]))
     found = each._changes(state)
     ell = jnp.full_like(found.ell, -1e30)
     for name, log_odds in likely.items():
-        kind = {"push": PUSH, "end": each.kinds + PUSH}[name]
+        kind = {"push": fault, "end": each.kinds + fault}[name]
         ell = ell.at[lead, kind, -1].set(log_odds)
     told = found._replace(ell=ell, top=jnp.max(ell, axis=2), total=jnp.max(ell, axis=2))
     after, _ = each._promoted(state, told)
@@ -312,16 +316,16 @@ def test_a_change_that_takes_the_place_of_its_branch_waits_for_those_that_leave_
 def test_what_was_told_amid_a_fault_is_less_sure_once_that_has_gone(enters):
     """By hand: the variance of the discrepancy times 1 + shape^2 z^2, and what it is when a log
     begins at most; what a sensor's own fault does is known exactly."""
-    text = LAG.replace('enters = "state"', f'enters = "{enters}"')
-    samples = log(0, **{"push" if enters == "state" else "bias": [(0.5, 50, COUNT)]})
-    before, _ = judged(bank((PUSH,), recovery=1e-3, text=text), samples)
+    acts = enters == "state"
+    fault = PUSH if acts else BIAS
+    samples = log(0, **{"push" if acts else "bias": [(0.5, 50, COUNT)]})
+    before, _ = judged(bank((fault,), recovery=1e-3), samples)
     found = {}
     for shape in (0.0, 0.01, 1.0):
-        each = bank((PUSH,), recovery=1e-3, text=text, shape=shape)
-        after, lead, healthy = with_changes(each, before, end=1.0)
+        each = bank((fault,), recovery=1e-3, shape=shape)
+        after, lead, healthy = with_changes(each, before, fault, end=1.0)
         found[shape] = np.diagonal(after.belief.P[healthy])[1]
-    f, P = before.belief.mean[lead, 5], before.belief.P[lead, 5, 5]
-    acts = enters == "state"
+    f, P = before.belief.mean[lead, 5 + fault], before.belief.P[lead, 5 + fault, 5 + fault]
     assert f**2 / P > 10.0  # or this tests little
     assert found[0.0] < 0.9 * SIZE**2
     assert found[0.01] == pytest.approx(found[0.0] * (1 + acts * 0.01**2 * f**2 / P))
@@ -457,10 +461,6 @@ def test_a_sensors_step_far_beyond_its_noise_is_sized_by_the_sample_that_shows_i
     assert sd < 0.02
     assert abs(info.f[-1, BIASED, BIAS] - mean) < sd
     assert info.sd[-1, BIASED, BIAS] == pytest.approx(sd, rel=0.3)
-
-
-ALIKE = LAG.replace('[faults.bias]\nenters = "output"\ntarget = "x"',
-                    '[faults.pump]\nenters = "input"\ntarget = "u"')  # fmt: skip
 
 
 def test_of_two_faults_that_act_alike_neither_is_excluded():
