@@ -1,6 +1,7 @@
 """What a refinement returns: the warm start where it wins, robust fits, and the same bytes."""
 
 import re
+from functools import cache
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -59,21 +60,24 @@ def values(model):
     return np.array([float(model.plant.parameters[name]) for name in TRUTH])
 
 
+@cache
+def clean(seed, robust):
+    """The fit to `run(seed)`."""
+    return fit(heater(), [run(seed)], restarts=STARTS, robust=robust)
+
+
 @pytest.fixture(scope="module")
 def pulls():
     """How far 3 % outliers pull a and b, plainly and robustly fitted, in standard errors."""
     found = []
     for seed in range(5):
-        _, report = fit(heater(), [run(seed)], restarts=STARTS)
+        report = clean(seed, False)[1]
         assert report.refinement is not None
         errors = [c.standard_error for c in report.refinement.information.constants]
-        logs = run(seed), run(seed, outliers=COUNT * 3 // 100)
-        pulled = []
+        log, pulled = run(seed, outliers=COUNT * 3 // 100), []
         for robust in (False, True):
-            clean, wild = (
-                values(fit(heater(), [log], restarts=STARTS, robust=robust)[0]) for log in logs
-            )
-            pulled.append((wild - clean) / errors)
+            wild = values(fit(heater(), [log], restarts=STARTS, robust=robust)[0])
+            pulled.append((wild - values(clean(seed, robust)[0])) / errors)
         found.append(pulled)
     return np.sqrt(np.mean(np.square(found), axis=0))
 
@@ -265,11 +269,9 @@ def test_a_sensor_that_sticks_hardly_moves_a_robust_fit():
         for start in (60, 130, 200):
             stuck.columns["y"][start : start + 10] = stuck.columns["y"][start]
         for robust, found in off.items():
-            clean, held = (
-                values(fit(heater(), [each], restarts=STARTS, robust=robust)[0])
-                for each in (log, stuck)
-            )
-            found.append(np.max(np.abs(held - clean) / clean))
+            held = values(fit(heater(), [stuck], restarts=STARTS, robust=robust)[0])
+            without = values(clean(seed, robust)[0])
+            found.append(np.max(np.abs(held - without) / without))
     # bounded errors of a tenth of the samples: far less than their squares
     assert np.median(off[True]) < 0.2 * np.median(off[False])
 
