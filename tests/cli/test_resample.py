@@ -8,9 +8,18 @@ import numpy as np
 import pytest
 
 import faultgauge as fg
+from faultgauge.detection.bank.noise import Noise
+from faultgauge.detection.calibration import calibration
 from faultgauge.identification.samples import column_names, jumping
 
 TAU, FINE, RATE, NOISE = 0.7, 1000, 20.0, 0.01
+# the mean of 50 samples of the sensor, and next to no error of the model; tau is known to 1 %
+LEVELS = Noise(
+    *(np.array(each) for each in (
+        [NOISE / (FINE / RATE) ** 0.5], [1e-4], [], *([1e-4], [8.0], [1e-4], [3.0]),
+        *([0.01 * TAU], [0.0], [0.0]),
+    ))
+)  # fmt: skip
 PLANT = """name = "lag"
 
 [states.x]
@@ -66,9 +75,10 @@ def files(tmp_path_factory):
     model = ["fit", folder / "plant.toml", folder / "fit.csv", "--out", folder / "model.fgm"]
     assert run([str(each) for each in (*model, "--resample", RATE)]) == 0
     model, out = folder / "model.fgm", folder / "calibrated.fgm"
-    assert (
-        run([str(each) for each in ("calibrate", model, folder / "healthy.csv", "--out", out)]) == 0
-    )
+    call = ["calibrate", model, folder / "healthy.csv", "--out", out]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(calibration, "estimate_noise", lambda *_: LEVELS)
+        assert run([str(each) for each in call]) == 0
     return folder
 
 

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 import faultgauge as fg
+from faultgauge.detection.bank.noise import noise_of
+from faultgauge.detection.calibration import calibration
 from faultgauge.detection.rows.prepared import prepared
 from faultgauge.detection.stream import Stream
 from faultgauge.errors import InputError
@@ -49,9 +51,11 @@ class Tank(fg.Plant):
 
 @pytest.fixture(scope="module")
 def pairs(tank, learned, calibrated, judged):
-    """(of the file, of the class): fitted, calibrated, judged."""
-    fit = fg.fit(Tank(), tank.log(1))
-    own = fg.calibrate(fit.model, tank.log(2))
+    """(of the file, of the class): fitted, calibrated by the noise of the file, judged."""
+    fit, noise = fg.fit(Tank(), tank.log(1)), noise_of(calibrated.model)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(calibration, "estimate_noise", lambda *_: noise)
+        own = fg.calibrate(fit.model, tank.log(2))
     told = fit, own, fg.estimate(own.model, tank.log(3, tank.leak))
     return list(zip((learned, calibrated, judged), told, strict=True))
 
@@ -76,6 +80,13 @@ def test_it_is_fitted_calibrated_and_judged_alike(pairs):
         assert str(by_file) == str(by_class)
         alike(by_file.columns(), by_class.columns())
     assert pairs[0][1].parameters == pytest.approx(pairs[0][0].parameters, rel=1e-9)
+
+
+@pytest.mark.study  # a search of its own, of what is calibrated alike by one noise above
+def test_its_noise_is_found_alike(pairs, tank):
+    by_class = fg.calibrate(pairs[0][1].model, tank.log(2))
+    assert str(pairs[1][0]) == str(by_class)
+    alike(pairs[1][0].columns(), by_class.columns())
 
 
 @pytest.mark.study
