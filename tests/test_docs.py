@@ -19,7 +19,7 @@ NEXT = "-- next"
 ONCE = (
     "from faultgauge.cli.app import run",
     "from once import looked_once",
-    "once = looked_once()",
+    "once = looked_once(by_plant=True)",
     "once.__enter__()",
 )
 TOLD = """import json
@@ -46,9 +46,9 @@ class Printed:
 
 @pytest.fixture(scope="module")
 def printed(tmp_path_factory, long_jobs):
-    """All run in one process, so that what several of them compile is compiled once, and where one
-    calibrates by the log of another its noise is looked for once. Commands are called as the script
-    calls them."""
+    """All run in one process, so that what several of them compile is compiled once, and noise,
+    2 mm in all logs of one tank, is looked for once. Commands are called as the script calls
+    them."""
     folder = tmp_path_factory.mktemp("docs")
     code, typed = [f"import sys\nsys.path.append({str(ROOT / 'tests')!r})", *ONCE], 0
     for language, text in README:
