@@ -303,7 +303,8 @@ IN_THE_FOREGROUND = [
 ]
 
 
-@pytest.mark.parametrize("sent", ["SIGINT", "SIGHUP"])
+# below, all three signals end as interrupts
+@pytest.mark.parametrize("sent", [pytest.param("SIGINT", marks=pytest.mark.study), "SIGHUP"])
 def test_an_interrupt_leaves_a_whole_log(scenario, tmp_path, sent):
     """By Ctrl-C, and by a terminal that closes, which tells so twice."""
     log = tmp_path / "log.csv"

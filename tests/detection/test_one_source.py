@@ -158,8 +158,7 @@ def posterior(bank, run, parts, ever, latch):
     return Decision(run, whole, {}, status, reason, events(bank, judged), rows, rows)
 
 
-@settings(max_examples=200, deadline=None)
-@given(
+DRAWN = given(
     parts=st.one_of(
         *[st.lists(stretches(), min_size=1, max_size=7)] * 3,
         st.lists(stretches(calm=True), min_size=1, max_size=3),
@@ -169,10 +168,25 @@ def posterior(bank, run, parts, ever, latch):
     clocked=st.booleans(),
     latch=st.booleans(),
 )
-def test_every_view_says_what_the_posterior_says(parts, ever, clocked, latch):
+
+
+def alike(parts, ever, clocked, latch):
     bank, run = tank_bank(), run_of(clocked)
     said = posterior(bank, run, parts, ever, latch)
     compare(bank, said)
+
+
+@settings(max_examples=60, deadline=None)
+@DRAWN
+def test_every_view_says_what_the_posterior_says(parts, ever, clocked, latch):
+    alike(parts, ever, clocked, latch)
+
+
+@pytest.mark.study  # sixty of them, above
+@settings(max_examples=400, deadline=None)
+@DRAWN
+def test_every_view_of_many_says_what_the_posterior_says(parts, ever, clocked, latch):
+    alike(parts, ever, clocked, latch)
 
 
 def test_a_fault_that_changes_after_its_sign_was_open_for_a_while_is_one_event():

@@ -188,7 +188,13 @@ def test_the_plants_warnings_are_passed_on():
     assert any("idle" in warning for warning in report.warnings)
 
 
-@pytest.mark.parametrize("end", ["max = 2.0", "min = 3"])
+@pytest.mark.parametrize(
+    "end",
+    [
+        "max = 2.0",
+        pytest.param("min = 3", marks=pytest.mark.study),  # refined alone: test_bad_input.py
+    ],
+)
 def test_a_parameter_at_its_bound(end):
     """b is 2.5; the same sentence with and without the refinement."""
     low = ", value = 4" if end.startswith("min") else ", value = 1.0"
@@ -243,7 +249,8 @@ def test_what_needs_the_refinement_says_so():
         fit(hidden, [seen], refine=False)
 
 
-@pytest.mark.parametrize("option", ["ensemble", "robust"])
+# one condition for both, which a refusal above asks of either
+@pytest.mark.parametrize("option", [pytest.param("ensemble", marks=pytest.mark.study), "robust"])
 def test_what_is_about_the_refinement_switches_it_on(option):
     plain = fit(plant(FIRST_ORDER), [first_order()], restarts=1)[1]
     assert plain.refinement is None  # all states are measured

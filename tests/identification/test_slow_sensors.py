@@ -91,8 +91,11 @@ def off(refinement, truth):
 
 @pytest.mark.parametrize(
     ("text", "rates", "name", "truth"),
-    [(LAG, LAG_RATES, "x", LAG_TRUTH), (TANKS, TANK_RATES, "level", TANK_TRUTH)],
-    ids=["measured", "hidden"],
+    [
+        # below, of a clock that jitters, within 2 %
+        pytest.param(LAG, LAG_RATES, "x", LAG_TRUTH, marks=pytest.mark.study, id="measured"),
+        pytest.param(TANKS, TANK_RATES, "level", TANK_TRUTH, id="hidden"),
+    ],
 )
 def test_constants_are_within_their_standard_errors(tmp_path, text, rates, name, truth):
     untrained = plant(text)

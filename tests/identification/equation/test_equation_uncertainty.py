@@ -69,7 +69,14 @@ def table(known):
 
 @pytest.mark.parametrize(
     ("kind", "points"),
-    [("sensor", 10_000), ("sensor", 300), ("process", 10_000), ("coloured", 10_000)],
+    [
+        # with fewer samples, drawn, below
+        pytest.param("sensor", 10_000, marks=pytest.mark.study),
+        ("sensor", 300),
+        ("process", 10_000),
+        # a sum with memory: `scatter` below
+        pytest.param("coloured", 10_000, marks=pytest.mark.study),
+    ],
 )
 def test_standard_errors_are_the_scatter(monkeypatch, kind, points):
     """Of all samples, and of the 300 that are drawn from long logs, say.

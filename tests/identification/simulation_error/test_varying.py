@@ -131,7 +131,11 @@ COURSES = {
 }
 
 
-@pytest.fixture(scope="module", params=COURSES)
+# a ramp is the easier of two courses
+RAMP = pytest.param("ramp", marks=pytest.mark.study)
+
+
+@pytest.fixture(scope="module", params=["sine", RAMP, "constant"])
 def drifted(request):
     b = COURSES[request.param]
     logs = [drifting(seed, b) for seed in range(3)]
