@@ -61,6 +61,7 @@ TOGETHER = {
         "detection/test_start.py",
         "detection/test_event_sizes.py",
     ),
+    "warm": ("detection/test_decisions.py", "detection/test_retrospective.py"),  # warm.py
 }
 # As the commands have it: one thread each; a program is compiled once for all workers.
 for name, value in {

@@ -17,27 +17,8 @@ from faultgauge.errors import InputError
 from faultgauge.reporting.run_overview import run_overview
 from faultgauge.reporting.words.answer import answers
 from faultgauge.telemetry import Run
-from models import as_stated
+from warm import COUNT, SIGMA, STEP, TANK, model
 
-TANK = """
-name = "tank"
-[states.x]
-derivative = "u - 0.2*x + warm"
-[inputs.u]
-min = 0
-max = 2
-[outputs.x]
-value = "x"
-[parameters]
-warm = { value = 0.1, vary = "slow", min = 0, max = 1 }
-[faults.pump]
-enters = "input"
-target = "u"
-[faults.weak]
-enters = "gain"
-target = "u"
-"""
-STEP, COUNT, SIGMA = 0.5, 800, 0.02
 NOISE = Noise(
     *(np.array(each) for each in (
         [SIGMA], [1e-3], [1e-3],
@@ -45,12 +26,6 @@ NOISE = Noise(
         [], [],
     ))
 )  # fmt: skip
-
-
-def model(text=TANK):
-    rng = np.random.default_rng(0)
-    points = np.stack([rng.uniform(0, 12, 60), rng.uniform(0, 2, 60)], axis=1)
-    return as_stated(text, points)
 
 
 @pytest.fixture(scope="module")

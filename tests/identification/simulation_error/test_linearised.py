@@ -109,7 +109,11 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("name", CASES)
+# networks and two substeps are in one of the others each
+STUDY = pytest.param("networks, two substeps", marks=pytest.mark.study)
+
+
+@pytest.mark.parametrize("name", [STUDY, *list(CASES)[1:]])
 def test_jacobian(name):
     text, substeps, robust = CASES[name]
     model = plant(text)
