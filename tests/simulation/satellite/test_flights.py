@@ -28,9 +28,14 @@ def satellite():
 
 @pytest.fixture(scope="module")
 def flown(satellite):
+    return of_11(satellite)
+
+
+def of_11(satellite, apart=None):
     return flights(
-        satellite, 11, SECONDS, spread=SPREAD, chances=CHANCES, settled=SETTLED, together=8
-    )
+        satellite, 11, SECONDS, spread=SPREAD, chances=CHANCES, settled=SETTLED, together=8,
+        apart=apart,
+    )  # fmt: skip
 
 
 @pytest.mark.study  # below, a flight beside others is the one that the loop flies alone
@@ -75,7 +80,16 @@ def test_a_flight_is_that_of_the_loop(satellite):
     assert found.residual_before[k] == pytest.approx(np.zeros(3), abs=1e-9)
 
 
-def test_cases_are_drawn_as_asked(flown):
+@pytest.mark.parametrize(
+    "apart",
+    [
+        # as on a processor, which takes four times as long to compile: ../test_side_by_side.py
+        pytest.param(True, marks=pytest.mark.study),
+        False,
+    ],
+)
+def test_cases_are_drawn_as_asked(satellite, apart):
+    flown = of_11(satellite, apart)
     assert set(flown.fault) <= {-1, 0, 1}
     none = flown.fault < 0
     np.testing.assert_array_equal(flown.wheel[none], -1)
