@@ -1,6 +1,7 @@
 """The README's snippets and the notebook run, and the generated pages are up to date."""
 
 import json
+import os
 import re
 import shlex
 import subprocess
@@ -45,7 +46,7 @@ class Printed:
 
 
 @pytest.fixture(scope="module")
-def printed(tmp_path_factory, long_jobs):
+def printed(tmp_path_factory):
     """All run in one process, so that what several of them compile is compiled once, and noise,
     2 mm in all logs of one tank, is looked for once. Commands are called as the script calls
     them."""
@@ -64,7 +65,8 @@ def printed(tmp_path_factory, long_jobs):
     shown = [text for language, text in PAGE if language == "python"]
     assert len(shown) > 4
     code += [f"print({NEXT!r})", *shown, f"print({NEXT!r})", *cells(), TOLD]
-    said = run([sys.executable, "-c", "\n".join(code)], folder, long_jobs)
+    # of so much that is compiled next to nothing runs for long
+    said = run([sys.executable, "-c", "\n".join(code)], folder, dict(os.environ))
     return Printed(folder, *said.split(f"{NEXT}\n"))
 
 
