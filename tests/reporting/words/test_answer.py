@@ -17,6 +17,7 @@ from faultgauge.detection.bank.noise import Noise
 from faultgauge.detection.decisions import Watching, decide
 from faultgauge.detection.posterior.posterior import Marginal
 from faultgauge.detection.posterior.verdicts import FAULT, STATUS, Rules, words
+from faultgauge.detection.rows.intake import Intake
 from faultgauge.reporting.decision_chapter import decision_report
 from faultgauge.reporting.report import render
 from faultgauge.reporting.run_overview import run_overview
@@ -88,11 +89,12 @@ def bank():
     return built(TANK)
 
 
+RNG = np.random.default_rng(0)
+POINTS = np.stack([RNG.uniform(0, 12, 60), RNG.uniform(0, 2, 60)], axis=1)
+
+
 def built(text):
-    rng = np.random.default_rng(0)
-    points = np.stack([rng.uniform(0, 12, 60), rng.uniform(0, 2, 60)], axis=1)
-    model = as_stated(text, points)
-    return build_fault_bank(model, [log(0)], NOISE)
+    return build_fault_bank(as_stated(text, POINTS), [log(0)], NOISE)
 
 
 @pytest.fixture(scope="module")
@@ -604,19 +606,25 @@ def test_the_first_sample_of_a_fault_is_no_glitch(bank, decision):
     assert list(said.glitches) == []
 
 
-@pytest.mark.parametrize(
-    ("limits", "value"),
-    [
-        ("", -9999.0),
-        # that value without limits, and every value with both, ask the same
-        *(pytest.param("", value, marks=pytest.mark.study) for value in (1e9, -1e30)),
-        *(
-            pytest.param("min = 0\n", value, marks=pytest.mark.study)
-            for value in (-9999.0, 1e9, -1e30)
-        ),
-        *(("min = 0\nmax = 2\n", value) for value in (-9999.0, 1e9, -1e30)),
-    ],
-)
+LIMITS = ("", "min = 0\n", "min = 0\nmax = 2\n")
+
+
+@pytest.mark.parametrize("limits", LIMITS)
+def test_what_is_a_hundred_ranges_away_is_no_command(limits):
+    """From limit to limit of the plant file, or as far as training where there is none."""
+    model = as_stated(TANK.replace("min = 0\nmax = 2\n", limits), POINTS)
+    intake, u = Intake.of(model, STEP), POINTS[:, 1]
+    low, high = 0.0 if "min" in limits else u.min(), 2.0 if "max" in limits else u.max()
+    assert intake.low[0] == pytest.approx(low - 100 * (high - low), rel=1e-12)
+    assert intake.high[0] == pytest.approx(high + 100 * (high - low), rel=1e-12)
+
+
+# the others, by the limits that are taken, above
+OTHERS = (pytest.param(each, marks=pytest.mark.study) for each in LIMITS[:-1])
+
+
+@pytest.mark.parametrize("limits", [*OTHERS, LIMITS[-1]])
+@pytest.mark.parametrize("value", [-9999.0, 1e9, -1e30])
 def test_a_cell_of_an_input_that_is_no_command_raises_nothing(value, limits):
     """It would act as the limit where the plant file has one."""
     bank = built(TANK.replace("min = 0\nmax = 2\n", limits))
