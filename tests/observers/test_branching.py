@@ -300,6 +300,23 @@ def with_changes(each, state, fault=PUSH, **likely):
     return after, lead, int(jnp.argmax(own))
 
 
+def test_no_fault_goes_before_it_began():
+    """A bias came and went before a push came: of what is from before, little may be left."""
+    each = bank((PUSH, BIAS), recovery=1e-3, shape=1.0)
+    samples = log(0, push=[(0.5, 150, COUNT)], bias=[(0.5, 40, 90)])
+    found, _ = judged(each, samples)
+    lead = int(jnp.argmax(found.weight[: each.branches]))
+    assert found.which[lead] == PUSHED
+    began, onset = found.since[lead, PUSH, 0], found.lanes.onset[lead, PUSH]
+    assert began == pytest.approx(150 * STEP, abs=2 * STEP)
+    older = onset <= began
+    gone = each._changes(found).ell[lead, each.kinds + PUSH]
+    assert older.sum() > 3
+    assert (~older).sum() > 3
+    assert np.all(gone[older] < -1e20)
+    assert np.any(gone[~older] > -1e20)
+
+
 def test_a_change_that_takes_the_place_of_its_branch_waits_for_those_that_leave_it():
     """Beside a push its end is likelier than nothing by e, its change by e^3: the branch without
     it comes first, or it would have to be found anew beside a push of another size."""

@@ -177,15 +177,16 @@ class Onsets(eqx.Module):
     def _changes(self, state: BranchState) -> Changes:
         """Of every branch that is alive; beside the others nothing is likely."""
         at, alive = slice(self.branches), self._alive(state)
-        given = state.lanes, Belief(*(a[at] for a in state.belief)), state.which[at]
+        belief = Belief(*(a[at] for a in state.belief))
+        given = state.lanes, belief, state.which[at], state.since[at, :, 0]
         _, found = where_needed(self._likely, alive, (), given)
         top, total = (jnp.where(alive[:, None], a, NEVER) for a in (found.top, found.total))
         return found._replace(top=top, total=total)
 
     def _likely(
-        self, nothing: tuple[()], given: tuple[Lanes, Belief, Int[Array, "branches"]]
+        self, nothing: tuple[()], given: tuple[Lanes, Belief, Int[Array, "branches"], Array]
     ) -> tuple[tuple[()], Changes]:
-        lanes, belief, which = given
+        lanes, belief, which, since = given
         prior, there = self.prior, self._present(belief)
         more, less = jnp.array(self.more), jnp.array(self.less)
         present = there[:, self.owner, None]
@@ -217,7 +218,8 @@ class Onsets(eqx.Module):
         f = V * told
         gain = (f * told - m**2 / v - jnp.log(jnp.maximum(J * v + left**2, 1e-300))) / 2
         rare = jnp.log(prior.recovery / prior.onset[:F])[:, None]
-        legal = ((less[which] >= 0) & there)[:, :, None]
+        # none goes before it began: that would be one of before, which went as this one came
+        legal = ((less[which] >= 0) & there)[:, :, None] & (lanes.onset[:, :F] > since[:, :, None])
         gone = jnp.where(legal, lanes.mass[:, :F] + rare + gain, NEVER), f, V
         ell, f, V = (jnp.concatenate(two, axis=1) for two in zip(steps, gone, strict=True))
         return (), Changes(ell, *_shared(ell, 2), f, V)
