@@ -300,21 +300,26 @@ def with_changes(each, state, fault=PUSH, **likely):
     return after, lead, int(jnp.argmax(own))
 
 
-def test_no_fault_goes_before_it_began():
-    """A bias came and went before a push came: of what is from before, little may be left."""
-    each = bank((PUSH, BIAS), recovery=1e-3, shape=1.0)
-    samples = log(0, push=[(0.5, 150, COUNT)], bias=[(0.5, 40, 90)])
-    found, _ = judged(each, samples)
-    lead = int(jnp.argmax(found.weight[: each.branches]))
+@pytest.mark.parametrize("low", [-0.02, 0.0])
+def test_what_came_before_a_fault_and_went_as_it_came_was_within_its_limits(low):
+    """A recovery at an onset from before the fault began says that there was one of another size
+    until then."""
+    found, _ = judged(bank(recovery=1e-3), log(0, push=[(0.5, 100, COUNT)]))
+    free, bound = (
+        bank(recovery=1e-3, limits=limits)._changes(found)
+        for limits in ((-np.inf, np.inf), (low, 5.0))
+    )
+    lead = int(jnp.argmax(found.weight[:4]))
     assert found.which[lead] == PUSHED
-    began, onset = found.since[lead, PUSH, 0], found.lanes.onset[lead, PUSH]
-    assert began == pytest.approx(150 * STEP, abs=2 * STEP)
-    older = onset <= began
-    gone = each._changes(found).ell[lead, each.kinds + PUSH]
+    began, onset, gone = found.since[lead, PUSH, 0], found.lanes.onset[lead, PUSH], 2 + PUSH
+    older = np.asarray(onset < began)
+    size, sd = free.f[lead, gone], np.sqrt(free.V[lead, gone])
+    inside = norm.cdf(5.0, size, sd) - norm.cdf(low, size, sd)
+    wanted = free.ell[lead, gone] + np.where(older, np.log(np.maximum(inside, 1e-9)), 0.0)
     assert older.sum() > 3
     assert (~older).sum() > 3
-    assert np.all(gone[older] < -1e20)
-    assert np.any(gone[~older] > -1e20)
+    assert np.any(inside[older] < 0.1)
+    np.testing.assert_allclose(bound.ell[lead, gone], wanted, atol=1e-6)
 
 
 def test_a_change_that_takes_the_place_of_its_branch_waits_for_those_that_leave_it():

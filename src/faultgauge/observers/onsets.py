@@ -218,8 +218,10 @@ class Onsets(eqx.Module):
         f = V * told
         gain = (f * told - m**2 / v - jnp.log(jnp.maximum(J * v + left**2, 1e-300))) / 2
         rare = jnp.log(prior.recovery / prior.onset[:F])[:, None]
-        # none goes before it began: that would be one of before, which went as this one came
-        legal = ((less[which] >= 0) & there)[:, :, None] & (lanes.onset[:, :F] > since[:, :, None])
+        # before it began it would have been one of its own, which went as this one came
+        before = lanes.onset[:, :F] < since[:, :, None]
+        gain = gain + jnp.where(before, self._inside(f, V), 0.0)
+        legal = ((less[which] >= 0) & there)[:, :, None]
         gone = jnp.where(legal, lanes.mass[:, :F] + rare + gain, NEVER), f, V
         ell, f, V = (jnp.concatenate(two, axis=1) for two in zip(steps, gone, strict=True))
         return (), Changes(ell, *_shared(ell, 2), f, V)
@@ -249,8 +251,10 @@ class Onsets(eqx.Module):
         return inside(after) - inside(before)
 
     def _inside(self, mean: Array, variance: Array) -> Array:
-        """ln of the probability that a fault lies within its limits; kinds last but one."""
-        low, high = self.prior.low[:, None], self.prior.high[:, None]
+        """ln of the probability that a fault lies within its limits; kinds, or the first of them,
+        last but one."""
+        first = mean.shape[-2]
+        low, high = self.prior.low[:first, None], self.prior.high[:first, None]
 
         def mass() -> Array:
             wide = np.sqrt(2.0) * jnp.sqrt(jnp.maximum(variance, NONE))
