@@ -82,6 +82,27 @@ def test_finer_substeps_are_kept_where_they_win(monkeypatch, unseen, substeps):
     assert (after is before) == (substeps == 1)
 
 
+@pytest.mark.parametrize(("enough", "left"), [(None, 1), (2, 3), (4, 6), (20, 12)])
+def test_no_more_substeps_are_kept_than_matter(monkeypatch, enough, left):
+    """A heater moves by 0.08 of its time constant in a sample, for which one step does, unless so
+    many are said to be `enough`; 6, 3 and 1 are tried."""
+    data, best = candidate_of(TRUTH)
+    data.substeps = 12
+    if enough:
+        monkeypatch.setattr(search, "fine_enough", lambda data, candidate: data.substeps >= enough)
+    search._coarser(data, best)
+    assert data.substeps == left
+
+
+def test_no_fewer_substeps_are_kept_than_rates_ask_for(monkeypatch):
+    """A step of 0.02 / 0.8 s at most: four and a little in one of 0.1 s."""
+    data, best = candidate_of(TRUTH)
+    data.substeps = 12
+    monkeypatch.setattr(search, "RATE_STEP", 0.0199)
+    search._coarser(data, best)
+    assert data.substeps == 5
+
+
 @pytest.mark.parametrize(("unseen", "updated"), [(TRUTH, False), (OTHER, True)])
 def test_a_new_prior_of_the_drift_is_kept_where_it_wins(monkeypatch, unseen, updated):
     monkeypatch.setattr(search, "drift_by_evidence", lambda data, candidate: np.array([2.0]))

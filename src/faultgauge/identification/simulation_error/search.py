@@ -103,7 +103,7 @@ def refine(
     `held` are records of runs given for validation. Where not `warm_counts`, the warm starts are
     that only: none is returned as it is while anything else is finite.
     """
-    substeps = _substeps(warm[0] if warm else plant, records)
+    substeps = _substeps(warm[0] if warm else plant, records, COARSE * RATE_STEP)
     data = prepare(plant.signals, records, masks, held, substeps, robust, unknowns_of(plant))
     notes: list[str] = []
     candidates: list[Candidate] = []
@@ -131,6 +131,7 @@ def refine(
     members = _distinct(candidates)[:KEPT]
     members = [c for c in members if c.validation <= ALIKE * members[0].validation]
     members = _finer(data, members, progress)
+    _coarser(data, members[0])
     if len(data.pieces) < len(data.whole):
         progress("fitting the best to all samples")
         members = _on_all_samples(data, members[:FINALISTS])
@@ -243,6 +244,17 @@ def _finer(
     return members
 
 
+def _coarser(data: Data, best: Candidate) -> None:
+    """As few substeps as its rates ask for and do not matter to the best one: those that there are
+    are for what the search began with, such as a network that has learned nothing."""
+    least = _substeps(best.plant, data.records, RATE_STEP)
+    while data.substeps > least:
+        fewer = max(data.substeps // 2, least)
+        if not fine_enough(replace(data, substeps=fewer), best):
+            break
+        data.substeps = fewer
+
+
 def _fine_enough(
     data: Data, candidates: list[Candidate], progress: Callable[[str], None]
 ) -> list[Candidate]:
@@ -254,13 +266,14 @@ def _fine_enough(
     return candidates
 
 
-def _substeps(plant: GrayBoxPlant, records: Sequence[Record]) -> int:
+def _substeps(plant: GrayBoxPlant, records: Sequence[Record], step: float) -> int:
+    """For steps so long, times the fastest rate."""
     record = max(records, key=lambda r: len(r.t))
     initial = np.array([state.initial for state in plant.signals.states])
     x = np.where(np.isfinite(record.x), record.x, initial)
     kept = np.linspace(0, len(x) - 1, min(500, len(x))).astype(int)
     rate = fastest_rate(plant, x[kept], record.u[kept])
-    return substeps_for(record.step, COARSE * RATE_STEP / rate if rate > 0 else 1e9)
+    return substeps_for(record.step, step / rate if rate > 0 else 1e9)
 
 
 def _as_it_is(data: Data, plant: GrayBoxPlant, origin: str = WARM) -> Candidate:
