@@ -40,8 +40,8 @@ class Answers(Recoveries):
         most = jnp.maximum(
             jnp.max(peaks[:, :, None] * to, axis=(0, 1)), jnp.max(alone[:, None] * own, axis=0)
         )
-        first = state.sudden, state.sharp
-        parts = state.belief, log, state.which, state.since, state.ever, first
+        parts = state.belief, log, state.which, state.since, state.ever
+        parts = *parts, (state.sudden, state.sharp)
         given = (
             jax.tree.map(lambda a: a[at], parts),
             changes,
@@ -58,19 +58,20 @@ class Answers(Recoveries):
             heavy,
             heavy[:, :, None] * f0,
             heavy[:, :, None] * (f0**2 + v0),
-            *(heavy[:, :, None] * each[:, None] for each in first),
+            heavy[:, :, None] * state.sudden[:, None],
+            heavy[:, :, None] * state.sharp[:, None],
             state.belief.mean[:, :n],
             jnp.zeros((self.filters, d, 3)),
             state.ever[:, :d],
         )
-        p, held, mean, square, *first, x, past, ever = (
+        p, held, mean, square, sudden, sharp, x, past, ever = (
             jnp.sum(a, axis=0) + jnp.sum(jax.vmap(jnp.multiply)(alone, b), axis=0)
             for a, b in zip(each, same, strict=True)
         )
         Z = jnp.sum(p)
         p, x, ever = p / Z, x / Z, ever / Z
         held = jnp.maximum(held, 1e-300)[:, None]
-        mean, square, sudden, sharp = (each / held for each in (mean, square, *first))
+        mean, square, sudden, sharp = (each / held for each in (mean, square, sudden, sharp))
         sd = jnp.sqrt(jnp.maximum(square - mean**2, 0.0))
         seen = state.probe.J * self.prior.size[:d, None] ** 2
         there, first, second = past.T
@@ -125,7 +126,7 @@ class Answers(Recoveries):
         begins = own * (1 - here[:, None])
         old = jnp.sum(each[:, :, None] * there * (1 - begins), axis=1)
         old = old + jnp.exp(log)[:, None] * here
-        told = (
+        sudden, sharp = (
             contract("bfk,bks->bsf", self._of_first(belief, own, heavy, new), to)
             for own, new in zip(firsts, (lanes.sudden, lanes.sharp), strict=True)
         )
@@ -136,7 +137,7 @@ class Answers(Recoveries):
         past = contract("bkt,bkf->bft", jnp.sum(dates, axis=2), begins[:, :K])
         past = past + old[:, :, None] * then
         ever = jnp.sum(each[:, :, None] * jnp.maximum(ever[:, None, :d], own), axis=1)
-        return (), Sums(p, held, mean, square, *told, x, past, ever)
+        return (), Sums(p, held, mean, square, sudden, sharp, x, past, ever)
 
     def _of_first(
         self, belief: Belief, own: Array, heavy: Array, lanes: Array

@@ -66,15 +66,19 @@ class Branching(Answers):
         eta[self.slots, range(K), -1] = 1.0
         never = jnp.full((K, A - 1), NEVER)
         mass = jnp.concatenate([never, self.prior.first[:, None]], axis=1)
+        none = jnp.zeros((B, K, A))
         lanes = Lanes(
             jnp.broadcast_to(eta, (B, n, K, A)),
-            *(jnp.zeros((B, K, A)),) * 2,
+            none,
+            none,
             jnp.zeros((B, len(SCALES), K, A)),
-            *(jnp.zeros((B, K, A)),) * 3,
+            none,
+            none,
+            none,
             jnp.zeros((B, K * A, K * A)),
             jnp.broadcast_to(np.arange(K * A).reshape(K, A), (B, K, A)),
             jnp.broadcast_to(mass, (B, K, A)),
-            jnp.zeros((B, K, A)),
+            none,
         )
         probe = Probe(jnp.zeros((n, self.declared, 2)), jnp.zeros((self.declared, 2)))
         since = jnp.zeros((self.filters, self.filter.faults, 2))

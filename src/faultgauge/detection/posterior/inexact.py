@@ -112,7 +112,8 @@ class Inexact(eqx.Module):
     def _at_once(self, said: BranchInfo) -> Float[Array, "sets faults"]:
         """What the first sample of a sensor's fault told, that the others do not make up."""
         acting = self.holds * said.f**2 * said.quick * self.acts
-        e2 = self.shape**2 * (jnp.sum(acting, axis=1, keepdims=True) - acting)
+        others = jnp.sum(acting, axis=1, keepdims=True) - acting
+        e2 = jnp.multiply(self.shape**2, others)
         told = told_at_once(said.sudden, said.sharp, said.f, said.sd**2, e2)
         return jnp.multiply(1 - self.acts, told)
 
