@@ -90,7 +90,7 @@ def test_no_more_substeps_are_kept_than_matter(monkeypatch, enough, left):
     data.substeps = 12
     if enough:
         monkeypatch.setattr(search, "fine_enough", lambda data, candidate: data.substeps >= enough)
-    search._coarser(data, best)
+    search._coarser(data, [best])
     assert data.substeps == left
 
 
@@ -99,7 +99,7 @@ def test_no_fewer_substeps_are_kept_than_rates_ask_for(monkeypatch):
     data, best = candidate_of(TRUTH)
     data.substeps = 12
     monkeypatch.setattr(search, "RATE_STEP", 0.0199)
-    search._coarser(data, best)
+    search._coarser(data, [best])
     assert data.substeps == 5
 
 

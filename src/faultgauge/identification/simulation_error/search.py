@@ -130,8 +130,7 @@ def refine(
         candidates = refined or candidates
     members = _distinct(candidates)[:KEPT]
     members = [c for c in members if c.validation <= ALIKE * members[0].validation]
-    members = _finer(data, members, progress)
-    _coarser(data, members[0])
+    members = _coarser(data, _finer(data, members, progress))
     if len(data.pieces) < len(data.whole):
         progress("fitting the best to all samples")
         members = _on_all_samples(data, members[:FINALISTS])
@@ -244,15 +243,18 @@ def _finer(
     return members
 
 
-def _coarser(data: Data, best: Candidate) -> None:
-    """As few substeps as its rates ask for and do not matter to the best one: those that there are
-    are for what the search began with, such as a network that has learned nothing."""
+def _coarser(data: Data, members: list[Candidate]) -> list[Candidate]:
+    """The members, with as few substeps as do not matter to the best one and as its rates ask for:
+    those that there are are for what the search began with, as a network that has learned nothing.
+    """
+    best = members[0]
     least = _substeps(best.plant, data.records, RATE_STEP)
     while data.substeps > least:
         fewer = max(data.substeps // 2, least)
         if not fine_enough(replace(data, substeps=fewer), best):
             break
         data.substeps = fewer
+    return members
 
 
 def _fine_enough(
