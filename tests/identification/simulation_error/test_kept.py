@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from faultgauge.identification.samples import channels
-from faultgauge.identification.simulation_error import evidence, search
+from faultgauge.identification.simulation_error import evidence, networks, search
 from faultgauge.identification.simulation_error.candidate import Candidate, validated
 from faultgauge.identification.simulation_error.data import prepare
 from faultgauge.identification.simulation_error.records import records_of
@@ -101,6 +101,20 @@ def test_no_fewer_substeps_are_kept_than_rates_ask_for(monkeypatch):
     monkeypatch.setattr(search, "RATE_STEP", 0.0199)
     search._coarser(data, [best])
     assert data.substeps == 5
+
+
+@pytest.mark.parametrize(("usable", "warned"), [(2, True), (3, False)])
+def test_starts_that_are_lost_together_are_some_of_all(monkeypatch, usable, warned):
+    """Three are, and so many others are not: 3 of 5 are most, 3 of 6 are not."""
+    data, found = candidate_of(TRUTH)
+    base = replace(found, validation=1.0)  # so that all is tried at once, too
+    monkeypatch.setattr(networks, "_together", lambda *args: ([], 3))
+    monkeypatch.setattr(networks, "_equivalent", lambda *args: [])
+    monkeypatch.setattr(networks, "_from_silence", lambda *args: [base] * usable)
+    monkeypatch.setattr(networks, "by_evidence", lambda data, each: each)
+    notes = []
+    networks.with_networks(data, [base], [], 0, 3, said, notes)
+    assert [note.split(" start")[0] for note in notes] == ["networks: in 3 of 5"] * warned
 
 
 @pytest.mark.parametrize(("unseen", "updated"), [(TRUTH, False), (OTHER, True)])

@@ -103,7 +103,8 @@ def test_what_was_fitted_afresh_stands_among_the_others(monkeypatch):
     masks = [np.arange(COUNT) < 500]
     data = prepare(plant.signals, records, masks, [], 1, False, unknowns_of(plant))
     monkeypatch.setattr(networks, "fine_enough", lambda data, candidate: data.substeps >= 2)
-    found = networks._together(data, plant, 0, 1, lambda text: None, [])
+    found, lost = networks._together(data, plant, 0, 1, lambda text: None)
+    assert lost == 0
     assert data.substeps == 2
     windows = data.windows(data.pieces)
     for each in found:

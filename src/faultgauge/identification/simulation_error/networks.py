@@ -69,9 +69,9 @@ def with_networks(
         progress("networks: how many hidden units")
         sizes = _sizes(data, bases[0], sigma, seed)
         bases = [replace(base, plant=with_hidden(base.plant, sizes)) for base in bases]
-    found: list[Candidate] = []
+    found, lost = list[Candidate](), 0
     if bases[0].validation > POOR_ALONE:
-        found += _together(data, bases[0].plant, seed, restarts, progress, notes)
+        found, lost = _together(data, bases[0].plant, seed, restarts, progress)
     few = sample_count(data.pieces) <= SCREEN
     equivalent = _equivalent(data, bases[0], np.random.default_rng([seed, 13]))
     bases = [*(bases if few else bases[:FINALISTS]), *equivalent]
@@ -98,7 +98,7 @@ def with_networks(
         found += _path(data, names, starts, WARM_RIDGES, sigma, claims, progress)
     progress("networks: prior weights by evidence")
     usable = [each for each in found if np.isfinite(each.validation)]
-    notes += few_starts("networks", len(found) - len(usable), len(found))
+    notes += few_starts("networks", lost + len(found) - len(usable), lost + len(found))
     best = sorted(usable, key=lambda each: each.validation)[:FINALISTS]
     return [*found, *side_by_side(lambda each: by_evidence(data, each), best)]
 
@@ -137,11 +137,10 @@ def _together(
     seed: int,
     restarts: int,
     progress: Callable[[str], None],
-    notes: list[str],
-) -> list[Candidate]:
+) -> tuple[list[Candidate], int]:
     """Parameters and networks fitted at once from the file's values, over short windows first:
     where a plant does nothing sensible without its networks, the parameters that are best without
-    them are no place to start."""
+    them are no place to start. And how many starts there were, if all are lost."""
     progress("networks and physics together, over short windows")
     fresh, short = data.afresh(), data.short()
     unknowns, physics = unknowns_of(plant), unknown_constants(plant)
@@ -150,7 +149,7 @@ def _together(
     try:
         scales, _ = scaled(fresh, Candidate(plant, physics, at_file, np.inf, ""), short)
     except InputError:  # these values leave an argument where it is: its range is not known
-        return []
+        return [], 0
     starts = [silent(scales, np.random.default_rng([seed, 11, 0]), MARGINS[0])]
     for k in range(1, restarts):
         values = physics.assemble(plant, jnp.asarray(around(first, seed, k)))
@@ -159,8 +158,7 @@ def _together(
     thetas = [unknowns.vector(each) for each in starts]
     fits, failed = over_short_windows(fresh, starts[0], unknowns, thetas, short)
     if not fits:
-        notes += few_starts("networks", failed, failed)
-        return []
+        return [], failed
     fresh.remember(short, fits[0].x)
     plants = [unknowns.assemble(starts[0], jnp.asarray(f.theta)) for f in fits[:FINALISTS]]
     names = ["networks, together"] * len(plants)
@@ -168,7 +166,8 @@ def _together(
     data.substeps = fresh.substeps  # what they were fitted with
     windows = data.windows(data.pieces)  # hidden states' first guesses are others here
     z = [data.starts(windows, each.fitted) for each in found]
-    return [replace(c, fitted=c.fitted._replace(z=own)) for c, own in zip(found, z, strict=True)]
+    both = zip(found, z, strict=True)
+    return [replace(c, fitted=c.fitted._replace(z=own)) for c, own in both], 0
 
 
 def _equivalent(data: Data, base: Candidate, rng: np.random.Generator) -> list[Candidate]:
