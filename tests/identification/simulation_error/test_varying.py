@@ -1,5 +1,6 @@
 """Parameters with a value per run: found from several runs, and for a new one from its warm-up."""
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -105,6 +106,28 @@ def test_a_new_run_takes_its_value_from_the_warm_up(fitted, b):
     assert prediction.warmup == 50
     # noise alone is left: 250 samples know it to 4.5 %, three of which are 13 %
     assert table["outputs"]["T"]["rmse"] == pytest.approx(NOISE, rel=0.15)
+
+
+def test_one_program_finds_starts_around_any_value(tmp_path, monkeypatch):
+    """What a run's own value is found around is no part of the program."""
+    monkeypatch.setenv("FAULTGAUGE_PROGRAMS", str(tmp_path))
+    log, found = run(20, 2.2), []
+    for value in (1.0, 1.5, 3.0):
+        there = plant("run").with_constants({"a": jnp.asarray(A), "b": jnp.asarray(value)})
+        found.append(
+            start_of_run(
+                there,
+                log.t[:47],
+                log.columns["u"][:47, None],
+                log.columns["T"][:47, None],
+                {"T": 1.0},
+                0.05,
+            )[0].values()["b"]
+        )
+    assert len(list(tmp_path.glob("*.program"))) == 1
+    # the prior is wide: all three lie on the least squares of 47 samples, 2.2 within 4 sd
+    assert np.ptp(found) < 1e-4
+    assert abs(found[0] - 2.2) < 4 * 2 * exact_error(47, log)
 
 
 def test_varying_parameters_need_the_refinement():

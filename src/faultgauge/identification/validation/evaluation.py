@@ -111,7 +111,11 @@ def start_of_run(
     weight = np.concatenate([weight, np.zeros((length - count, y.shape[1]))])
     start, theta = _solve_start(
         plant,
-        varying,
+        # values would be of one program alone
+        replace(varying, centers=(), scales=()),
+        jax.device_put(np.array(varying.centers, float)),
+        jax.device_put(np.array(varying.scales, float)),
+        jax.device_put(np.stack(varying.bounds(plant))),
         jax.device_put(x0),
         jax.device_put(hidden),
         jax.device_put(pad(u, length)),
@@ -141,6 +145,9 @@ def varying_parameters(plant: Plant) -> Unknowns:
 def _solve_start(
     plant: Plant,
     varying: Unknowns,
+    centers: Float[Array, "parameters"],
+    scales: Float[Array, "parameters"],
+    bounds: Float[Array, "two parameters"],
     x0: Float[Array, "states"],
     hidden: Bool[Array, "states"],
     u: Float[Array, "samples inputs"],
@@ -152,6 +159,7 @@ def _solve_start(
 ) -> tuple[Float[Array, "states"], Float[Array, "parameters"]]:
     f = jnp.zeros((len(dt), len(plant.signals.faults)))
     states = len(x0)
+    varying = replace(varying, centers=tuple(centers), scales=tuple(scales))
 
     least = jnp.asarray([state.min for state in plant.signals.states])
     most = jnp.asarray([state.max for state in plant.signals.states])
@@ -160,7 +168,7 @@ def _solve_start(
         return jnp.where(hidden, jnp.clip(x0 + change[:states], least, most), x0)
 
     def own_of(change: Array) -> Array:
-        return jnp.clip(change[states:], *map(jnp.asarray, varying.bounds(plant)))
+        return jnp.clip(change[states:], *bounds)
 
     def run(change: Array) -> Array:
         start = start_of(change)
