@@ -82,14 +82,8 @@ SEEN = 8192  # samples that tell what there is beside the levels; all samples te
 # these come first, as they are no error; what one of them explains the other does in part
 LAGS = (with_lags_of_inputs, with_lags_of_sensors)
 CURVES = (with_curves_of_inputs,)  # are no errors either
-# errors of inputs come first, as what outputs share is none of their own; a lag may show only
-# beside them
-BESIDE = (
-    with_errors_of_inputs,
-    with_errors_of_outputs,
-    with_errors_of_outputs,
-    with_lags_of_inputs,
-)
+# errors of inputs come first, as what outputs share is none of their own
+BESIDE = (with_errors_of_inputs, with_errors_of_outputs, with_errors_of_outputs)
 SIZES = {
     pair[0]: pair for pair in (WANDER, LATE, STRAY, LEAN, TRAIL, BEND, GRIP)
 }  # with their times
@@ -222,10 +216,13 @@ def _found_beside(model: Model, told: "_Healthy", stepped: "_Progress") -> Noise
     stepped.over()
     noise = _alternated(model, told, noise, told.bounds(noise), stepped, {"sigma"})
     noise = _with(with_grips, model, told, noise, stepped) or noise
-    noise = _with_lags(model, told, noise, stepped)
+    noise = lagging = _with_lags(model, told, noise, stepped)
     for beside in (*CURVES, *BESIDE):
         noise = _with(beside, model, told, noise, stepped) or noise
-    return noise
+    if noise is lagging:
+        return noise
+    # a lag may show only beside what was found since
+    return _with(with_lags_of_inputs, model, told, noise, stepped) or noise
 
 
 def _apart(before: Noise, found: Noise) -> float:
