@@ -174,7 +174,7 @@ class Branching(Answers):
         worth = jnp.where(ready, after, NEVER)
         best = jnp.argmax(worth)
         b, k = (of(best, jnp.asarray(K, best.dtype)) for of in (jax.lax.div, jax.lax.rem))
-        ell = changes.ell[:, : self.kinds]
+        ell = changes.ell
 
         def go(state: BranchState) -> tuple[BranchState, Array]:
             after = self._branched(state, changes, b, k)

@@ -359,9 +359,13 @@ class Onsets(eqx.Module):
         """An onset at this sample, behind the others, in the place of the one that is missed least:
         that whose neighbours lie closest for its age and explain what it explains, and is not
         likely."""
-        ell, begun = given
+        every, begun = given
+        likely = every - jnp.max(every, axis=2, keepdims=True) > np.log(HEAVY)
+        likely = likely & (every > NEVER / 2)
+        ell, F = every[:, : self.kinds], self.filter.faults
         B, K, A = ell.shape
-        likely = ell - jnp.max(ell, axis=2, keepdims=True) > np.log(HEAVY)
+        # when a fault came, or when it went
+        likely = jnp.concatenate([likely[:, :F] | likely[:, K:], likely[:, F:K]], axis=1)
         used, when = lanes.mass > NEVER / 2, lanes.onset
         far = jnp.full((B, K, 1), -1e9)
         older = jnp.concatenate([far, when[:, :, :-1]], axis=2)

@@ -11,8 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from faultgauge.observers.branches import BranchState
-from faultgauge.observers.divided_difference import Belief, surprise
+from faultgauge.observers.branches import NEVER, BranchState
+from faultgauge.observers.divided_difference import Belief
 from faultgauge.observers.onsets import Onsets
 
 __all__ = ["Recoveries", "told_at_once"]
@@ -34,8 +34,8 @@ def told_at_once(
             - surprise((sigma - J f)^2 / J / (1 + J variance)) / 2,   or nothing where that is less.
     """
     J = jnp.maximum(sharp, 1e-300)
-    made_up = surprise(sudden**2 / J / (1 + e2))
-    real = surprise((sudden - sharp * f) ** 2 / J / (1 + sharp * variance))
+    made_up = sudden**2 / J / (1 + e2)
+    real = (sudden - sharp * f) ** 2 / J / (1 + sharp * variance)
     return jnp.maximum(made_up - real, 0.0) / 2
 
 
@@ -124,4 +124,8 @@ class Recoveries(Onsets):
             state.sudden[b], state.sharp[b], mean[n : n + F], before, jnp.broadcast_to(e2, F)
         )
         left = told(off) + (1 - self._acts()) * at_once
-        return jnp.sum(jnp.where(others & (off > 0), jnp.maximum(told(0.0) - left, 0.0), 0.0))
+        # no more was told than a branch with the fault is likelier than any without
+        with_it = self._present(state.belief)
+        best = jnp.max(jnp.where(with_it, NEVER, state.weight[:, None]), axis=0)
+        most = jnp.minimum(told(0.0), jnp.maximum(state.weight[b] - best, 0.0))
+        return jnp.sum(jnp.where(others & (off > 0), jnp.maximum(most - left, 0.0), 0.0))
