@@ -5,6 +5,7 @@ from dataclasses import replace
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.special import expit
 from scipy.stats import norm
 
 from calibrations import for_bank
@@ -33,18 +34,19 @@ def inexact(shape=0.1, gain=0.0, acts=ACTS):
     )
 
 
-def said(first, second, most=(0.0, 0.0), sudden=(0.0, 0.0), quick=0.0):
+def said(first, second, most=(0.0, 0.0), sudden=(0.0, 0.0), quick=0.0, told=0.0):
     """Both faults at p 0.9, `first` and `second` being (size, sd); `sudden` are the score and the
     info of the first sample of the second one, `quick` the info of a unit of the first in one
-    sample."""
+    sample, `told` what had been told of the second one before the first came."""
     f = np.tile([first[0], second[0]], (SETS, 1))
     sd = np.tile([first[1], second[1]], (SETS, 1))
     f[1], sd[1] = (first[0] + 0.5, 9.0), (2 * first[1], 9.0)  # alone it is told otherwise
     p = np.array([0.02, 0.04, 0.03, 0.9, 0.01])
     rest = np.zeros(3), np.zeros((2, 2)), np.zeros((2, 2))
     rest = *rest, np.array([0.95, 0.94]), np.array(most)
-    jumps = np.zeros((SETS, 2)), np.zeros((SETS, 2)), np.array([quick, 0.0])
+    jumps = *np.zeros((3, SETS, 2)), np.array([quick, 0.0])
     jumps[0][:, 1], jumps[1][:, 1] = sudden
+    jumps[2][:, 1] = told
     return BranchInfo(*map(jnp.asarray, (p, f, sd, *rest, *jumps)))
 
 
@@ -55,20 +57,17 @@ def test_what_the_first_sample_told_of_a_sensor_is_not_made_up_by_what_acts_on_t
 ):
     """By hand: it was off by `jump` of its standard deviations, and is by `rest` of them from the
     size that was told. A plant makes up 0.1 * 2 * sqrt(quick) = 4.5 of them within a sample, or
-    none. What is 40 off, or 40 / 4.6, is beyond the 5 that noise is."""
+    none."""
     z, sd = 6.0, 0.01
     root = (jump - rest) / (z * sd)  # of the info of the first sample
     given = said((40 * 0.05, 0.05), (z * sd, sd), sudden=(jump * root, root**2), quick=quick)
     found = inexact(acts=np.array([1.0, 0.0])).told(given)
     e, e1 = 0.1 * 40, 0.1 * 40 * 0.05 * np.sqrt(quick)
 
-    def surprise(z2):
-        return z2 if z2 < 25 else 25 + np.log(z2 / 25)
-
-    left = surprise(jump**2 / (1 + e1**2)) - surprise(rest**2 / (1 + (root * sd) ** 2))
-    real = COMMON * norm.pdf(z, 0, np.hypot(1, SIZE[1] / sd)) * np.exp(max(left, 0.0) / 2)
-    made_up = e**2 / (1 + e**2) * norm.pdf(z, 0, np.hypot(1, e))
-    share = made_up / (real + made_up)
+    left = jump**2 / (1 + e1**2) - rest**2 / (1 + (root * sd) ** 2)
+    real = np.log(COMMON) + norm.logpdf(z, 0, np.hypot(1, SIZE[1] / sd)) + max(left, 0.0) / 2
+    made_up = np.log(e**2 / (1 + e**2)) + norm.logpdf(z, 0, np.hypot(1, e))
+    share = expit(made_up - real)
     np.testing.assert_allclose(found.p[3], 0.9 * (1 - share), rtol=1e-6)
 
 
@@ -100,6 +99,24 @@ def test_a_second_fault_is_there_as_far_as_the_error_of_the_first_does_not_expla
     square = w * (given.f[3, 0] ** 2 + 0.05**2) + (1 - w) * (given.f[1, 0] ** 2 + 0.1**2)
     assert found.f[1, 0] == pytest.approx(mean)
     assert found.sd[1, 0] == pytest.approx(np.sqrt(square - mean**2))
+
+
+@pytest.mark.parametrize(("told", "most", "named"), [(20.0, 0.0, True), (20.0, 0.2, False)])
+def test_what_was_told_of_a_fault_before_a_larger_one_came_is_not_made_up_by_that(told, most, named):
+    """By hand: the odds of the fault times e^told, and of one that was larger once as much of that
+    as the square of what is left."""
+    z, sd = 6.0, 0.01
+    given = said((40 * 0.05, 0.05), (z * sd, sd), most=(2.0, most), told=told)
+    found = inexact().told(given)
+    e = 0.1 * 40
+    real = COMMON * norm.pdf(z, 0, np.hypot(1, SIZE[1] / sd))
+    real *= np.exp(told * min(z * sd / most if most else 1.0, 1.0) ** 2)
+    made_up = e**2 / (1 + e**2) * norm.pdf(z, 0, np.hypot(1, e))
+    first1 = COMMON * norm.pdf(40.0, 0, np.hypot(1, SIZE[0] / 0.05))
+    made1 = (0.1 * z) ** 2 / (1 + (0.1 * z) ** 2) * norm.pdf(40.0, 0, np.hypot(1, 0.1 * z))
+    both = 0.9 * real / (real + made_up) * first1 / (first1 + made1)
+    assert found.p[3] == pytest.approx(both, rel=1e-9)
+    assert (found.p[3] > 0.85) == named
 
 
 def test_what_a_sensors_own_fault_shows_is_known_exactly():

@@ -132,6 +132,7 @@ def posterior(bank, run, parts, ever, latch):
         most=jnp.zeros((ROWS, faults)),
         sudden=jnp.zeros((ROWS, sets, faults)),
         sharp=jnp.zeros((ROWS, sets, faults)),
+        told=jnp.zeros((ROWS, sets, faults)),
         quick=jnp.zeros((ROWS, faults)),
     )
     sampled = silence != "gap"

@@ -219,6 +219,7 @@ class Watch(eqx.Module):
             each,
             of_sets,
             of_sets,
+            of_sets,
             each,
         )
         return BranchInfo(*(jnp.full(shape, jnp.nan) for shape in shapes))

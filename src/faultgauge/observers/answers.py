@@ -41,7 +41,7 @@ class Answers(Recoveries):
             jnp.max(peaks[:, :, None] * to, axis=(0, 1)), jnp.max(alone[:, None] * own, axis=0)
         )
         parts = state.belief, log, state.which, state.since, state.ever
-        parts = *parts, (state.sudden, state.sharp)
+        parts = *parts, (state.sudden, state.sharp, state.told)
         given = (
             jax.tree.map(lambda a: a[at], parts),
             changes,
@@ -60,18 +60,19 @@ class Answers(Recoveries):
             heavy[:, :, None] * (f0**2 + v0),
             heavy[:, :, None] * state.sudden[:, None],
             heavy[:, :, None] * state.sharp[:, None],
+            heavy[:, :, None] * state.told[:, None],
             state.belief.mean[:, :n],
             jnp.zeros((self.filters, d, 3)),
             state.ever[:, :d],
         )
-        p, held, mean, square, sudden, sharp, x, past, ever = (
+        p, held, mean, square, *firsts, x, past, ever = (
             jnp.sum(a, axis=0) + jnp.sum(jax.vmap(jnp.multiply)(alone, b), axis=0)
             for a, b in zip(each, same, strict=True)
         )
         Z = jnp.sum(p)
         p, x, ever = p / Z, x / Z, ever / Z
         held = jnp.maximum(held, 1e-300)[:, None]
-        mean, square, sudden, sharp = (each / held for each in (mean, square, sudden, sharp))
+        mean, square, *firsts = (each / held for each in (mean, square, *firsts))
         sd = jnp.sqrt(jnp.maximum(square - mean**2, 0.0))
         seen = state.probe.J * self.prior.size[:d, None] ** 2
         there, first, second = past.T
@@ -80,7 +81,7 @@ class Answers(Recoveries):
         late = jnp.sqrt(jnp.maximum(second - first**2, 0.0))
         onset = jnp.stack([state.t - first, late], axis=1)
         most = state.most[jnp.argmax(state.weight), :d]
-        told = seen, onset, ever, most, sudden[:, :d], sharp[:, :d], state.quick
+        told = seen, onset, ever, most, *(each[:, :d] for each in firsts), state.quick
         return BranchInfo(p, mean[:, :d], sd[:, :d], x, *told)
 
     def _leads(
@@ -94,9 +95,9 @@ class Answers(Recoveries):
     def _summed(
         self, t: Float[Array, ""], nothing: tuple[()], given: tuple
     ) -> tuple[tuple[()], Sums]:
-        """`given` are the belief, ln of the weight, the set, since when, whether ever and the
-        first samples of each branch; its changes; its lanes; what an onset of each kind must weigh
-        to count."""
+        """`given` are the belief, ln of the weight, the set, since when, whether ever, and the
+        first samples of each branch and what had been told; its changes; its lanes; what an onset
+        of each kind must weigh to count."""
         (belief, log, which, since, ever, firsts), changes, lanes, least = given
         F, n, K, d = self.filter.faults, self.filter.states, self.kinds, self.declared
         to, target = self._leads(which)
@@ -126,9 +127,10 @@ class Answers(Recoveries):
         begins = own * (1 - here[:, None])
         old = jnp.sum(each[:, :, None] * there * (1 - begins), axis=1)
         old = old + jnp.exp(log)[:, None] * here
-        sudden, sharp = (
+        begun = lanes.sudden, lanes.sharp, jnp.zeros_like(lanes.sharp)
+        firsts = (
             contract("bfk,bks->bsf", self._of_first(belief, own, heavy, new), to)
-            for own, new in zip(firsts, (lanes.sudden, lanes.sharp), strict=True)
+            for own, new in zip(firsts, begun, strict=True)
         )
         first, spread = since[:, :d, 0], since[:, :d, 1]
         then = jnp.stack([jnp.ones_like(old), first, spread + first**2], axis=2)
@@ -137,7 +139,7 @@ class Answers(Recoveries):
         past = contract("bkt,bkf->bft", jnp.sum(dates, axis=2), begins[:, :K])
         past = past + old[:, :, None] * then
         ever = jnp.sum(each[:, :, None] * jnp.maximum(ever[:, None, :d], own), axis=1)
-        return (), Sums(p, held, mean, square, sudden, sharp, x, past, ever)
+        return (), Sums(p, held, mean, square, *firsts, x, past, ever)
 
     def _of_first(
         self, belief: Belief, own: Array, heavy: Array, lanes: Array

@@ -72,7 +72,8 @@ class BranchState(NamedTuple):
     """A checkpoint. Branches come first, unknown ones behind; `which` set each is, `weight` ln of
     its posterior (up to a constant), `since` when each fault of it began (mean and variance),
     `ever` whether it has held each fault at any time, and how large it clearly was at `most`,
-    `sudden` and `sharp` the score and the info of each in its first sample, `quick` the info of a
+    `sudden` and `sharp` the score and the info of each in its first sample, `told` what had been
+    told of it (ln L) before another that acts on the plant came beside it, `quick` the info of a
     change in the sample after it, `begun` when the filter began [s]."""
 
     belief: Belief
@@ -83,6 +84,7 @@ class BranchState(NamedTuple):
     most: Float[Array, "filters faults"]
     sudden: Float[Array, "filters faults"]
     sharp: Float[Array, "filters faults"]
+    told: Float[Array, "filters faults"]
     quick: Float[Array, "faults"]
     begun: Float[Array, "filters"]
     lanes: Lanes
@@ -96,8 +98,8 @@ class BranchInfo(NamedTuple):
     standard deviation of every fault in each set; the states; how clearly each fault would have
     shown, downwards and upwards; how long ago it began, if it is there (mean and standard deviation
     [s]), the probability that it is or was there, and how large it clearly was at most; the score
-    and the info of every fault in each set in its first sample, and the info of a change of each in
-    the sample after it."""
+    and the info of every fault in each set in its first sample, what had been told of it before
+    another came beside it, and the info of a change of each in the sample after it."""
 
     p: Float[Array, "sets"]
     f: Float[Array, "sets faults"]
@@ -109,6 +111,7 @@ class BranchInfo(NamedTuple):
     most: Float[Array, "faults"]
     sudden: Float[Array, "sets faults"]
     sharp: Float[Array, "sets faults"]
+    told: Float[Array, "sets faults"]
     quick: Float[Array, "faults"]
 
 
@@ -128,9 +131,9 @@ class Changes(NamedTuple):
 
 class Sums(NamedTuple):
     """Over the changes that a branch may have had, by how likely they are: how likely each set is;
-    of the likely onsets alone that again, and times a fault's size, its square, and the score and
-    the info of its first sample; the states; how likely each fault is there, times when it began,
-    and its square; how likely each has been."""
+    of the likely onsets alone that again, and times a fault's size, its square, the score and the
+    info of its first sample, and what had been told of it; the states; how likely each fault is
+    there, times when it began, and its square; how likely each has been."""
 
     p: Float[Array, "branches sets"]
     held: Float[Array, "branches sets"]
@@ -138,6 +141,7 @@ class Sums(NamedTuple):
     square: Float[Array, "branches sets faults"]
     sudden: Float[Array, "branches sets faults"]
     sharp: Float[Array, "branches sets faults"]
+    told: Float[Array, "branches sets faults"]
     x: Float[Array, "branches states"]
     past: Float[Array, "branches faults three"]
     ever: Float[Array, "branches faults"]

@@ -84,7 +84,7 @@ class Branching(Answers):
         since = jnp.zeros((self.filters, self.filter.faults, 2))
         begun = jnp.zeros(self.filters)
         none = jnp.zeros((self.filters, self.filter.faults))
-        told = none, none, none, none, jnp.zeros(self.declared)
+        told = none, none, none, none, none, jnp.zeros(self.declared)
         return BranchState(
             belief, weight, which, since, *told, begun, lanes, probe, u, jnp.zeros(())
         )
@@ -244,6 +244,7 @@ class Branching(Answers):
             most=placed(state.most, state.most[b]),
             sudden=placed(state.sudden, first(state.sudden, state.lanes.sudden)),
             sharp=placed(state.sharp, first(state.sharp, state.lanes.sharp)),
+            told=placed(state.told, self._told(state, b, fault, gone)),
             lanes=lanes,
         )
 
@@ -399,6 +400,7 @@ class Branching(Answers):
             most=passed_on(state.most),
             sudden=jnp.where(fresh[:, None], 0.0, state.sudden),
             sharp=jnp.where(fresh[:, None], 0.0, state.sharp),
+            told=jnp.where(fresh[:, None], 0.0, state.told),
             begun=jnp.where(fresh, state.t, state.begun),
             lanes=lanes,
         )

@@ -35,7 +35,6 @@ __all__ = [
     "Look",
     "Seen",
     "raised",
-    "surprise",
 ]
 
 FAR = 5.0  # standard deviations of an innovation beyond which it is no noise
@@ -93,12 +92,6 @@ class Seen(NamedTuple):
 def raised(squares: Float[Array, "*any"]) -> Float[Array, "*any"]:
     """How many times as large the variance of innovations is taken, by their squares over it."""
     return jnp.maximum(1.0, squares * FAR**-2)
-
-
-def surprise(squares: Float[Array, "*any"]) -> Float[Array, "*any"]:
-    """-2 ln N of innovations by their squares over their variance, up to a constant, where that of
-    what is far off is raised."""
-    return squares / raised(squares) + jnp.log(raised(squares))
 
 
 class DividedDifferenceFilter(eqx.Module):

@@ -17,6 +17,8 @@ from faultgauge.observers.onsets import Onsets
 
 __all__ = ["Recoveries", "told_at_once"]
 
+NONE = 1e-300  # a variance: no division by 0
+
 
 def told_at_once(
     sudden: Float[Array, "*any"],
@@ -28,10 +30,10 @@ def told_at_once(
     """What the first sample of a fault of size f tells against one that is made up (ln L).
 
     That had the score sigma = `sudden` and the info J = `sharp`; made up it is e of its own
-    standard deviations within a sample, and with -2 ln N(q) as `surprise` says it
+    standard deviations within a sample:
 
-        surprise(sigma^2 / J / (1 + e^2)) / 2
-            - surprise((sigma - J f)^2 / J / (1 + J variance)) / 2,   or nothing where that is less.
+        sigma^2 / J / (1 + e^2) / 2
+            - (sigma - J f)^2 / J / (1 + J variance) / 2,   or nothing where that is less.
     """
     J = jnp.maximum(sharp, 1e-300)
     made_up = sudden**2 / J / (1 + e2)
@@ -90,6 +92,31 @@ class Recoveries(Onsets):
         usual = self.usual.at[n : n + F].set(jnp.where(there, self.prior.size[:F] ** 2, 0.0))
         return jnp.minimum(off * known, jnp.maximum(usual - known, 0.0))
 
+    def _told(
+        self, state: BranchState, b: Int[Array, ""], fault: Int[Array, ""], gone: Bool[Array, ""]
+    ) -> Float[Array, "faults"]:
+        """What has been told (ln L) of each fault of branch `b` that another one, `fault`, does not
+        make up: all that had been told before that came beside it. Of one that changes nothing
+        is left of this."""
+        F, at = self.filter.faults, self.filter.states + np.arange(self.filter.faults)
+        mean, P = state.belief.mean[b, at], jnp.diagonal(state.belief.P[b])[at]
+        there = P > 0
+        z2 = jnp.where(there, mean**2 / jnp.maximum(P, NONE), 0.0) * self._acts()
+        s2 = self.prior.size[:F] ** 2 / jnp.maximum(P, NONE)
+        told = jnp.maximum(
+            _told(mean**2 / jnp.maximum(P, NONE), s2, self.shape**2 * (jnp.sum(z2) - z2)), 0.0
+        )
+        told = jnp.where(there, jnp.minimum(told, self._likelier(state, b)), 0.0)
+        comes = ~gone & ~there[fault] & (jnp.asarray(self._acts())[fault] > 0)
+        after = jnp.where(comes, jnp.maximum(state.told[b], told), state.told[b])
+        return after.at[fault].set(0.0)
+
+    def _likelier(self, state: BranchState, b: Int[Array, ""]) -> Float[Array, "faults"]:
+        """By how much (ln) branch `b` is likelier than any without each fault."""
+        with_it = self._present(state.belief)
+        best = jnp.max(jnp.where(with_it, NEVER, state.weight[:, None]), axis=0)
+        return jnp.maximum(state.weight[b] - best, 0.0)
+
     def _overtold(
         self,
         state: BranchState,
@@ -103,18 +130,14 @@ class Recoveries(Onsets):
 
             ln N(z; 0, 1 + s^2) / N(z; 0, 1),   not   ln N(z; 0, 1 + e^2 + s^2) / N(z; 0, 1 + e^2)
 
-        with e^2 = `off`, beside what the first sample of a sensor's told, which no plant makes up
-        but for what it does within a sample. `mean` is after it has gone."""
+        with e^2 = `off`, nor more than the branch is likelier than any without the fault; but what
+        the first sample of a sensor's told, which no plant makes up but for what it does within a
+        sample, and what had been told before. `mean` is after it has gone."""
         F, n = self.filter.faults, self.filter.states
         before = jnp.diagonal(state.belief.P[b])[n : n + F]
         others = (before > 0) & (np.arange(F) != fault)
-        v = jnp.maximum(before, 1e-300)
+        v = jnp.maximum(before, NONE)
         z2, s2 = mean[n : n + F] ** 2 / v, self.prior.size[:F] ** 2 / v
-
-        def told(e2: Array | float) -> Array:
-            wide = 1 + e2 + s2
-            return (z2 / (1 + e2) - z2 / wide - jnp.log(wide / (1 + e2))) / 2
-
         size = state.belief.mean[b, n + fault]
         quick = jnp.where(
             fault < self.declared, state.quick[jnp.minimum(fault, self.declared - 1)], 0.0
@@ -123,9 +146,15 @@ class Recoveries(Onsets):
         at_once = told_at_once(
             state.sudden[b], state.sharp[b], mean[n : n + F], before, jnp.broadcast_to(e2, F)
         )
-        left = told(off) + (1 - self._acts()) * at_once
-        # no more was told than a branch with the fault is likelier than any without
-        with_it = self._present(state.belief)
-        best = jnp.max(jnp.where(with_it, NEVER, state.weight[:, None]), axis=0)
-        most = jnp.minimum(told(0.0), jnp.maximum(state.weight[b] - best, 0.0))
+        left = _told(z2, s2, off) + (1 - self._acts()) * at_once
+        left = jnp.maximum(left, state.told[b])
+        most = jnp.minimum(_told(z2, s2, 0.0), self._likelier(state, b))
         return jnp.sum(jnp.where(others & (off > 0), jnp.maximum(most - left, 0.0), 0.0))
+
+
+def _told(
+    z2: Float[Array, "*any"], s2: Float[Array, "*any"], e2: Float[Array, "*each"] | float
+) -> Float[Array, "*any"]:
+    """ln N(z; 0, 1 + e^2 + s^2) / N(z; 0, 1 + e^2)."""
+    wide = 1 + e2 + s2
+    return (z2 / (1 + e2) - z2 / wide - jnp.log(wide / (1 + e2))) / 2

@@ -115,7 +115,9 @@ class Inexact(eqx.Module):
         others = jnp.sum(acting, axis=1, keepdims=True) - acting
         e2 = jnp.multiply(self.shape**2, others)
         told = told_at_once(said.sudden, said.sharp, said.f, said.sd**2, e2)
-        return jnp.multiply(1 - self.acts, told)
+        # of what is left of a fault as much as it counts itself
+        left = (jnp.abs(said.f) / jnp.maximum(said.most, jnp.abs(said.f) + TINY)) ** 2
+        return jnp.maximum(jnp.multiply(1 - self.acts, told), left * said.told)
 
     def _real(
         self,
