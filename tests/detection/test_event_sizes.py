@@ -1,13 +1,14 @@
-"""Where the size of a fault that is over is told."""
+"""Where the size of a fault that is over is told, and when it has come again."""
 
 import numpy as np
+import pytest
 
 from calibrations import for_bank
 from faultgauge.detection.bank.bank import build_fault_bank
 from faultgauge.detection.bank.knowledge import longest_delay
 from faultgauge.detection.decisions import decide_runs
-from faultgauge.detection.posterior.events import Judged, _before_its_end, _Stretch
-from faultgauge.detection.posterior.verdicts import Verdict
+from faultgauge.detection.posterior.events import Judged, _before_its_end, _Stretch, events
+from faultgauge.detection.posterior.verdicts import FAULT, HEALTHY, STATUS, Verdict
 from lags import COUNT, NOISE, STEP, log, model
 
 MODEL = for_bank(model(), NOISE)
@@ -47,3 +48,40 @@ def test_what_flares_up_as_a_fault_goes_is_no_size_of_it():
     each = _Stretch(PUSH, TOLD, TOLD, STOP + 9)
     once = _before_its_end(bank, judged(COUNT), each._replace(stop=STOP), STOP - 1)
     assert _before_its_end(bank, judged(COUNT, again=4), each, STOP + 8) == once
+
+
+@pytest.mark.parametrize(
+    ("between", "healthy", "parts"), [(0.3, True, 1), (0.0, False, 1), (0.0, True, 2)]
+)
+def test_what_rows_were_sure_was_over_has_come_again(between, healthy, parts):
+    """A push that is sure twice, with p `between` that for rows that were judged or not, and each
+    time is dated to before it was told first."""
+    bank = build_fault_bank(MODEL, [log(0)], NOISE)
+    first, pause = judged(COUNT, again=100), slice(STOP, STOP + 60)
+    k = np.arange(COUNT)
+    there = (k >= TOLD) & (k < STOP) | (k >= pause.stop) & (k < pause.stop + 100)
+    p = np.stack([there * 1.0, 0.0 * k], axis=1)
+    p[pause, PUSH] = between
+    status = np.where(there, STATUS.index(FAULT), STATUS.index(HEALTHY))
+    if not healthy:
+        status[pause] = STATUS.index("NOT_JUDGED")
+    ago = STEP * (k - (TOLD - 3.0))
+    found = first.found._replace(
+        p=p,
+        f=0.05 * p,
+        lo=0.04 * p,
+        hi=0.06 * p,
+        onset=np.stack([np.stack([ago, 0.0 * k + 1e-9], 1)] * 2, axis=1),
+        ever=np.tile([1.0, 0.0], (COUNT, 1)),
+    )
+    named = np.stack([there, there & False, there & False], axis=1)
+    verdict = first.verdict._replace(status=status, named=named)
+    sets = np.full((COUNT, len(bank.sets) + 1), 1e-3)
+    told = events(bank, first._replace(found=found, verdict=verdict, p=sets))
+    t = first.run.t
+    ends = [t[pause.stop + 99]] if parts == 1 else [t[STOP - 1], t[pause.stop + 99]]
+    assert [each.end for each in told] == pytest.approx(ends)
+    assert told[0].onset == pytest.approx(t[TOLD - 3])
+    if parts == 2:
+        assert told[1].start == pytest.approx(t[pause.stop])
+        assert told[0].end <= told[1].onset_lo < told[1].onset < told[1].onset_hi <= told[1].start

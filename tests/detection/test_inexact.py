@@ -102,7 +102,9 @@ def test_a_second_fault_is_there_as_far_as_the_error_of_the_first_does_not_expla
 
 
 @pytest.mark.parametrize(("told", "most", "named"), [(20.0, 0.0, True), (20.0, 0.2, False)])
-def test_what_was_told_of_a_fault_before_a_larger_one_came_is_not_made_up_by_that(told, most, named):
+def test_what_was_told_of_a_fault_before_a_larger_one_came_is_not_made_up_by_that(
+    told, most, named
+):
     """By hand: the odds of the fault times e^told, and of one that was larger once as much of that
     as the square of what is left."""
     z, sd = 6.0, 0.01

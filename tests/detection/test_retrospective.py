@@ -12,6 +12,7 @@ from scipy.stats import multivariate_normal, norm
 from faultgauge.detection.bank.bank import build_fault_bank
 from faultgauge.detection.bank.noise import Noise
 from faultgauge.detection.decisions import decide
+from faultgauge.detection.onset import change_points
 from faultgauge.detection.onset.retrospective import (
     as_dicts,
     retrospect,
@@ -382,6 +383,26 @@ def test_samples_outside_the_training_envelope_say_nothing(bank):
     decision.posterior.outside[300:310] = 1
     (seen,) = retrospect(bank, decision)
     assert seen.cause == "healthy"
+
+
+def test_a_fault_so_large_that_the_filter_is_lost_around_it_is_told_from_where_there_is_none(
+    bank, monkeypatch
+):
+    decision = decide(bank, log(0, pump=0.3))
+    window = next(change_points.windows_of(bank, decision))
+    plain = change_points.shocks_of(bank, window)
+    wanted = causes_in(bank, window, plain)
+    assert change_points.total(wanted.weight[:, 0]) > 0  # it asks for more
+
+    def lost(bank, window, f=None, span=None):
+        nothing = Shocks(*(jnp.nan * each for each in plain))
+        return plain if f is None else nothing
+
+    monkeypatch.setattr(change_points, "shocks_of", lost)
+    told = change_points.causes_of(bank, window)
+    np.testing.assert_array_equal(told.weight, wanted.weight)
+    np.testing.assert_array_equal(told.mean, wanted.mean)
+    assert told.seen[0] is plain
 
 
 def said_of(bank, run):

@@ -51,9 +51,11 @@ def causes_of(bank: FaultBank, window: Window) -> Causes:
         for _ in range(PASSES if total(found.weight[:, k]) > 0 else 0):
             best = int(np.argmax(found.weight[:, k]))
             size = float(np.clip(found.mean[best, k], fault.min, fault.max))
-            seen[k] = shocks_of(bank, window, window.record.f.at[best:, k].set(size))
-            again = causes_in(bank, window, seen[k])
-            more = float(seen[k].base - plain.base)
+            around = shocks_of(bank, window, window.record.f.at[best:, k].set(size))
+            if not np.isfinite(around.base):  # so large a fault loses the filter
+                break
+            seen[k], again = around, causes_in(bank, window, around)
+            more = float(around.base - plain.base)
             found.weight[:, k] = again.weight[:, k] + more
             found.mean[:, k], found.sd[:, k] = again.mean[:, k], again.sd[:, k]
     return found._replace(seen=tuple(seen))

@@ -1,7 +1,8 @@
 """The events of a run: the stretches in which a fault was named, and what is told of each.
 
 A fault that stays is one event, however its estimate is refined and whatever interrupts the log: a
-stretch belongs to the one before where the posterior holds that the fault began before that ended.
+stretch belongs to the one before where the posterior holds that the fault began before that ended,
+unless rows between the two are sure that it was over.
 It ends where the posterior lets it go, or no longer knows which sign it has. Where it gets the
 other sign another one begins, and the first ends where that one's onset lies; what is undeclared
 ends with the alarm that nothing else explains.
@@ -145,21 +146,20 @@ def events(bank: FaultBank, judged: Judged, begun: float | None = None) -> list[
         if each.k == len(ever) or ever[each.k] > 1 - NAMED
     ]
     kept = [each for each in told if each.fault != UNKNOWN or not _renamed(each, told)]
-    return _lasting(bank, judged, _after_each_other(kept))
+    return _lasting(bank, judged, _after_each_other(kept, bank.step))
 
 
-def _after_each_other(told: list[BankEvent]) -> list[BankEvent]:
-    """`told`, where a fault that had gone, and came again with the other sign, began after that,
-    whatever date the posterior gives what lasts."""
+def _after_each_other(told: list[BankEvent], step: float) -> list[BankEvent]:
+    """`told`, where a fault that had gone, and came again, began after that, whatever date the
+    posterior gives what lasts."""
     kept: list[BankEvent] = []
     for each in told:
         within = [o.end for o in kept if o.fault == each.fault != UNKNOWN
-                  and o.start <= each.onset < o.end]  # fmt: skip
+                  and o.end < each.start and each.onset < o.end]  # fmt: skip
         if within:
-            gone = max(within)
-            dates = (max(a, gone) for a in (each.onset, each.onset_lo, each.onset_hi))
-            names = ("onset", "onset_lo", "onset_hi")
-            each = replace(each, **dict(zip(names, dates, strict=True)), older="no")
+            gone, onset = max(within), (each.onset_lo, each.onset, each.onset_hi)
+            low, mean, high = (max(a, gone + k * step / 2) for k, a in enumerate(onset))
+            each = replace(each, onset=mean, onset_lo=low, onset_hi=high, older="no")
         kept.append(each)
     return kept
 
@@ -259,15 +259,20 @@ def _within(each: _Stretch, other: _Stretch) -> bool:
 
 
 def _joined(bank: FaultBank, judged: Judged, own: list[_Stretch], log: float) -> list[_Stretch]:
-    """Stretches of one cause and sign; one that began before the last one ended is part of it."""
-    kept = own[:1]
+    """Stretches of one cause and sign; one that began before the last one ended is part of it, but
+    where that was surely over."""
+    kept, sampled = own[:1], _judged(judged.verdict)
     for each in own[1:]:
         before = kept[-1]
         if each.k == judged.found.p.shape[1]:  # nobody dates what is undeclared
             kept.append(each)
             continue
         last = _settled(judged.found.p[:, each.k], each.told, each.stop - 1)
-        if _onset(bank, judged, each, last, log)[0] <= judged.run.t[before.stop - 1]:
+        between = slice(before.stop, each.begun)
+        over = judged.found.p[between, each.k] < 1 - NAMED
+        surely = np.sum(over & sampled[between]) > pause(bank)
+        began = _onset(bank, judged, each, last, log)[0]
+        if not surely and began <= judged.run.t[before.stop - 1]:
             kept[-1] = before._replace(stop=each.stop)
         else:
             kept.append(each)
