@@ -21,6 +21,8 @@ that of a share of its size: `shape` and `gain` (`fidelity`). So
 
       e_k^2 = shape^2 sum_i!=k f_i^2 J_i;
 
+  nor does a fault make up what had been `told` of another before it came;
+
 - what constants and slow errors were told amid a large fault is off when it goes, and in part taken
   for a rest of it. Of a fault that was at least `most` once, a rest is made up likewise, with
 
@@ -110,7 +112,8 @@ class Inexact(eqx.Module):
         return jnp.multiply(self.shape**2, others), jnp.multiply(self.acts * self.gain**2, gone)
 
     def _at_once(self, said: BranchInfo) -> Float[Array, "sets faults"]:
-        """What the first sample of a sensor's fault told, that the others do not make up."""
+        """What the others do not make up: what the first sample of a sensor's fault told, and what
+        had been told of each before another came."""
         acting = self.holds * said.f**2 * said.quick * self.acts
         others = jnp.sum(acting, axis=1, keepdims=True) - acting
         e2 = jnp.multiply(self.shape**2, others)
