@@ -244,7 +244,7 @@ class Branching(Answers):
             most=placed(state.most, state.most[b]),
             sudden=placed(state.sudden, first(state.sudden, state.lanes.sudden)),
             sharp=placed(state.sharp, first(state.sharp, state.lanes.sharp)),
-            told=placed(state.told, self._told(state, b, fault, gone)),
+            told=placed(state.told, self._told_before(state, b, fault, gone)),
             lanes=lanes,
         )
 

@@ -92,20 +92,19 @@ class Recoveries(Onsets):
         usual = self.usual.at[n : n + F].set(jnp.where(there, self.prior.size[:F] ** 2, 0.0))
         return jnp.minimum(off * known, jnp.maximum(usual - known, 0.0))
 
-    def _told(
+    def _told_before(
         self, state: BranchState, b: Int[Array, ""], fault: Int[Array, ""], gone: Bool[Array, ""]
     ) -> Float[Array, "faults"]:
         """What has been told (ln L) of each fault of branch `b` that another one, `fault`, does not
         make up: all that had been told before that came beside it. Of one that changes nothing
         is left of this."""
         F, at = self.filter.faults, self.filter.states + np.arange(self.filter.faults)
-        mean, P = state.belief.mean[b, at], jnp.diagonal(state.belief.P[b])[at]
-        there = P > 0
-        z2 = jnp.where(there, mean**2 / jnp.maximum(P, NONE), 0.0) * self._acts()
-        s2 = self.prior.size[:F] ** 2 / jnp.maximum(P, NONE)
-        told = jnp.maximum(
-            _told(mean**2 / jnp.maximum(P, NONE), s2, self.shape**2 * (jnp.sum(z2) - z2)), 0.0
-        )
+        P = jnp.diagonal(state.belief.P[b])[at]
+        there, v = P > 0, jnp.maximum(P, NONE)
+        z2 = jnp.where(there, state.belief.mean[b, at] ** 2 / v, 0.0)
+        acting = z2 * self._acts()
+        e2 = self.shape**2 * (jnp.sum(acting) - acting)  # by those that are there already
+        told = jnp.maximum(_evidence(z2, self.prior.size[:F] ** 2 / v, e2), 0.0)
         told = jnp.where(there, jnp.minimum(told, self._likelier(state, b)), 0.0)
         comes = ~gone & ~there[fault] & (jnp.asarray(self._acts())[fault] > 0)
         after = jnp.where(comes, jnp.maximum(state.told[b], told), state.told[b])
@@ -146,13 +145,13 @@ class Recoveries(Onsets):
         at_once = told_at_once(
             state.sudden[b], state.sharp[b], mean[n : n + F], before, jnp.broadcast_to(e2, F)
         )
-        left = _told(z2, s2, off) + (1 - self._acts()) * at_once
+        left = _evidence(z2, s2, off) + (1 - self._acts()) * at_once
         left = jnp.maximum(left, state.told[b])
-        most = jnp.minimum(_told(z2, s2, 0.0), self._likelier(state, b))
+        most = jnp.minimum(_evidence(z2, s2, 0.0), self._likelier(state, b))
         return jnp.sum(jnp.where(others & (off > 0), jnp.maximum(most - left, 0.0), 0.0))
 
 
-def _told(
+def _evidence(
     z2: Float[Array, "*any"], s2: Float[Array, "*any"], e2: Float[Array, "*each"] | float
 ) -> Float[Array, "*any"]:
     """ln N(z; 0, 1 + e^2 + s^2) / N(z; 0, 1 + e^2)."""
