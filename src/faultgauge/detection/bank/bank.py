@@ -40,7 +40,7 @@ __all__ = ["CERTAIN", "FaultBank", "build_fault_bank", "evaluated_faults", "unkn
 
 CERTAIN = float(np.log(0.95 / 0.05))  # log-odds below which nothing is ever told or named
 HOLD_OFF = 10  # samples
-BRANCHES = 4  # sets of faults that are followed at once
+BRANCHES = 6  # sets of faults that are followed at once
 UNKNOWN_FILTERS = 3  # unknown filters, each of an age of its own
 ONSETS = 12  # of every fault beside every branch
 FAR = 10.0  # times the learned discrepancy: an unknown one
