@@ -65,14 +65,14 @@ class Answers(Recoveries):
             jnp.zeros((self.filters, d, 3)),
             state.ever[:, :d],
         )
-        p, held, mean, square, *firsts, x, past, ever = (
+        p, held, mean, square, sudden, sharp, told, x, past, ever = (
             jnp.sum(a, axis=0) + jnp.sum(jax.vmap(jnp.multiply)(alone, b), axis=0)
             for a, b in zip(each, same, strict=True)
         )
         Z = jnp.sum(p)
         p, x, ever = p / Z, x / Z, ever / Z
         held = jnp.maximum(held, 1e-300)[:, None]
-        mean, square, *firsts = (each / held for each in (mean, square, *firsts))
+        mean, square = mean / held, square / held
         sd = jnp.sqrt(jnp.maximum(square - mean**2, 0.0))
         seen = state.probe.J * self.prior.size[:d, None] ** 2
         there, first, second = past.T
@@ -81,8 +81,9 @@ class Answers(Recoveries):
         late = jnp.sqrt(jnp.maximum(second - first**2, 0.0))
         onset = jnp.stack([state.t - first, late], axis=1)
         most = state.most[jnp.argmax(state.weight), :d]
-        told = seen, onset, ever, most, *(each[:, :d] for each in firsts), state.quick
-        return BranchInfo(p, mean[:, :d], sd[:, :d], x, *told)
+        sudden, sharp, told = (each[:, :d] / held for each in (sudden, sharp, told))
+        rest = onset, ever, most, sudden, sharp, told, state.quick
+        return BranchInfo(p, mean[:, :d], sd[:, :d], x, seen, *rest)
 
     def _leads(
         self, which: Int[Array, "branches"]
@@ -127,10 +128,9 @@ class Answers(Recoveries):
         begins = own * (1 - here[:, None])
         old = jnp.sum(each[:, :, None] * there * (1 - begins), axis=1)
         old = old + jnp.exp(log)[:, None] * here
-        begun = lanes.sudden, lanes.sharp, jnp.zeros_like(lanes.sharp)
-        firsts = (
+        sudden, sharp, told = (
             contract("bfk,bks->bsf", self._of_first(belief, own, heavy, new), to)
-            for own, new in zip(firsts, begun, strict=True)
+            for own, new in zip(firsts, (lanes.sudden, lanes.sharp, 0 * lanes.sharp), strict=True)
         )
         first, spread = since[:, :d, 0], since[:, :d, 1]
         then = jnp.stack([jnp.ones_like(old), first, spread + first**2], axis=2)
@@ -139,7 +139,7 @@ class Answers(Recoveries):
         past = contract("bkt,bkf->bft", jnp.sum(dates, axis=2), begins[:, :K])
         past = past + old[:, :, None] * then
         ever = jnp.sum(each[:, :, None] * jnp.maximum(ever[:, None, :d], own), axis=1)
-        return (), Sums(p, held, mean, square, *firsts, x, past, ever)
+        return (), Sums(p, held, mean, square, sudden, sharp, told, x, past, ever)
 
     def _of_first(
         self, belief: Belief, own: Array, heavy: Array, lanes: Array

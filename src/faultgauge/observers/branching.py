@@ -218,7 +218,6 @@ class Branching(Answers):
         wide = contract("a,a->", w, (when - onset) ** 2 + blur)
         began = self._began(state, b, kind, jnp.stack([onset, wide]), f)
         since = state.since[b].at[fault].set(began)
-        ever = state.ever[b].at[fault].set(1.0)
         weight = state.weight[b] + logsumexp(ell) - self._overtold(state, b, mean, fault, off)
         place, better, both = self._placed(state, b, which, weight)
         left = jnp.where(stays, state.lanes.mass[b, kind], NEVER)
@@ -240,7 +239,7 @@ class Branching(Answers):
             weight=jnp.where(jnp.arange(self.filters) == place, both, state.weight),
             which=placed(state.which, which),
             since=placed(state.since, since),
-            ever=placed(state.ever, ever),
+            ever=placed(state.ever, state.ever[b].at[fault].set(1.0)),
             most=placed(state.most, state.most[b]),
             sudden=placed(state.sudden, first(state.sudden, state.lanes.sudden)),
             sharp=placed(state.sharp, first(state.sharp, state.lanes.sharp)),

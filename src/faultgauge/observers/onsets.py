@@ -349,6 +349,15 @@ class Onsets(eqx.Module):
 
         return jax.vmap(one)(belief.mean[: self.branches])
 
+    def _heavy(
+        self, ell: Float[Array, "branches changes onsets"]
+    ) -> Bool[Array, "branches kinds onsets"]:
+        """The likely onsets of each kind, when it came, or when what came went."""
+        heavy = ell - jnp.max(ell, axis=2, keepdims=True) > np.log(HEAVY)
+        heavy, F = heavy & (ell > NEVER / 2), self.filter.faults
+        came, went = heavy[:, : self.kinds], heavy[:, self.kinds :]
+        return jnp.concatenate([came[:, :F] | went, came[:, F:]], axis=1)
+
     def _opened(
         self,
         t: Float[Array, ""],
@@ -360,12 +369,8 @@ class Onsets(eqx.Module):
         that whose neighbours lie closest for its age and explain what it explains, and is not
         likely."""
         every, begun = given
-        likely = every - jnp.max(every, axis=2, keepdims=True) > np.log(HEAVY)
-        likely = likely & (every > NEVER / 2)
-        ell, F = every[:, : self.kinds], self.filter.faults
+        ell, likely = every[:, : self.kinds], self._heavy(every)
         B, K, A = ell.shape
-        # when a fault came, or when it went
-        likely = jnp.concatenate([likely[:, :F] | likely[:, K:], likely[:, F:K]], axis=1)
         used, when = lanes.mass > NEVER / 2, lanes.onset
         far = jnp.full((B, K, 1), -1e9)
         older = jnp.concatenate([far, when[:, :, :-1]], axis=2)

@@ -74,6 +74,10 @@ def test_scores_where_there_is_nothing_to_explain():
 
 
 def test_scores_of_a_run_that_blew_up():
+    # 1e200 is a number, its square is none
+    assert scores(np.arange(3.0), np.array([0.0, 1e200, 0.0])) == dict.fromkeys(
+        ("r2", "rmse", "nrmse")
+    )
     assert scores(np.arange(3.0), np.array([0.0, np.inf, np.nan])) == dict.fromkeys(
         ("r2", "rmse", "nrmse")
     )

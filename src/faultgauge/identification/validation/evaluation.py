@@ -360,10 +360,11 @@ def scores(
     20 and 21: R^2 = 1 - RMSE^2 / VAR). None where the output has no spread or the run blew up."""
     good = np.isfinite(measured)
     error = (measured - predicted)[good]
-    rmse = float(np.sqrt(np.mean(error**2))) if len(error) else np.nan
-    spread = float(np.std(measured[good])) if len(error) else 0.0
-    relative = rmse / spread if spread > 0 else np.nan
-    found = {"r2": 1 - relative**2, "rmse": rmse, "nrmse": relative}
+    with np.errstate(over="ignore"):  # of a run that blew up
+        rmse = float(np.sqrt(np.mean(error**2))) if len(error) else np.nan
+        spread = float(np.std(measured[good])) if len(error) else 0.0
+        relative = np.float64(rmse / spread if spread > 0 else np.nan)
+        found = {"r2": float(1 - relative**2), "rmse": rmse, "nrmse": float(relative)}
     return {key: value if np.isfinite(value) else None for key, value in found.items()}
 
 
