@@ -35,7 +35,7 @@ from faultgauge.observers.divided_difference import (
 from faultgauge.observers.rows import where_needed
 from faultgauge.products import contract
 
-__all__ = ["CLEAR", "TICK", "Onsets"]
+__all__ = ["CLEAR", "NONE", "TICK", "Onsets"]
 
 HEAVY = 0.2  # of the likeliest one's weight: an onset that is not given up
 LEAST = 1e-9  # of a size's probability within its limits

@@ -3,7 +3,8 @@
 It is 0, and z is what it is given that. What was told amid a fault that acts on the plant is off as
 the answer to it is: with e = shape z, z being how clearly the fault showed, by e of its own
 standard deviation. So variances grow by 1 + e^2, to what they are before any data at most, and of
-other faults as much evidence is left as an estimate so uncertain has.
+other faults as much evidence is left as an estimate so uncertain has, or as there was before that
+one came.
 """
 
 import equinox as eqx
@@ -13,11 +14,9 @@ from jaxtyping import Array, Bool, Float, Int
 
 from faultgauge.observers.branches import NEVER, BranchState
 from faultgauge.observers.divided_difference import Belief
-from faultgauge.observers.onsets import Onsets
+from faultgauge.observers.onsets import NONE, Onsets
 
 __all__ = ["Recoveries", "told_at_once"]
-
-NONE = 1e-300  # a variance: no division by 0
 
 
 def told_at_once(

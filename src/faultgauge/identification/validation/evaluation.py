@@ -111,7 +111,7 @@ def start_of_run(
     weight = np.concatenate([weight, np.zeros((length - count, y.shape[1]))])
     start, theta = _solve_start(
         plant,
-        # values would be of one program alone
+        # with its values in it, each would be a program of its own
         replace(varying, centers=(), scales=()),
         jax.device_put(np.array(varying.centers, float)),
         jax.device_put(np.array(varying.scales, float)),
