@@ -352,10 +352,11 @@ class Onsets(eqx.Module):
     def _heavy(
         self, ell: Float[Array, "branches changes onsets"]
     ) -> Bool[Array, "branches kinds onsets"]:
-        """The likely onsets of each kind, when it came, or when what came went."""
-        heavy = ell - jnp.max(ell, axis=2, keepdims=True) > np.log(HEAVY)
-        heavy, F = heavy & (ell > NEVER / 2), self.filter.faults
-        came, went = heavy[:, : self.kinds], heavy[:, self.kinds :]
+        """The likely onsets of each kind, and the likeliest at which what came may have gone: of
+        these more would leave too few for what is yet to come."""
+        top, F = ell - jnp.max(ell, axis=2, keepdims=True), self.filter.faults
+        came = top[:, : self.kinds] > np.log(HEAVY)
+        went = (top[:, self.kinds :] >= 0) & (ell[:, self.kinds :] > NEVER / 2)
         return jnp.concatenate([came[:, :F] | went, came[:, F:]], axis=1)
 
     def _opened(
