@@ -143,20 +143,20 @@ python()  # compiles
 python_faulted()
 with tempfile.TemporaryDirectory() as folder:
     engine = Engine(Path(folder))
-    took = timed(lambda: engine(watch, watch.init(), log))
+    took = timed(lambda: engine(watch, watch.init(), prepared(watch.signals, log)))
 
     def run() -> None:
-        engine(watch, watch.init(), log)
+        engine(watch, watch.init(), prepared(watch.signals, log))
 
     def run_faulted() -> None:
-        engine(watch, watch.init(), faulted)
+        engine(watch, watch.init(), prepared(watch.signals, faulted))
 
     measure("engine", run, "Python", python)
     measure("engine, two faults", run_faulted, "Python", python_faulted)
     if find_spec("filterpy"):
         measure("engine", run, "filterpy's EKF", ekf())
     start = time.perf_counter()
-    Engine(Path(folder))(watch, watch.init(), log)
+    Engine(Path(folder))(watch, watch.init(), prepared(watch.signals, log))
     again = time.perf_counter() - start
     print(f"engine: {took:.1f} s of this process the first time, {again:.1f} s the second")
 for precision in ("double", "single"):
