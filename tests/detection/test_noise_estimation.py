@@ -1,5 +1,8 @@
 """The levels of noise and model error that calibration finds are those that a simulation put in."""
 
+import inspect
+import types
+
 import numpy as np
 import pytest
 from scipy.linalg import expm, toeplitz
@@ -498,3 +501,23 @@ def test_lags_of_inputs_and_sensors_are_begun_with_either(monkeypatch, gains, ta
     )
     heard = noise_estimation._Progress(lambda _: None, 1)
     assert kind(noise_estimation._with_lags(plant, told, told.guess, heard)) == taken
+
+
+@pytest.mark.parametrize("found", [False, True])
+def test_lags_are_looked_for_again_only_beside_what_was_found_since(found, monkeypatch):
+    class Level:  # stands for a `Noise`: who it is, is all that counts here
+        pass
+
+    told, tried = types.SimpleNamespace(batch=None, guess=None, bounds=lambda noise: None), []
+
+    def tries(beside, model, told, noise, stepped):
+        tried.append(beside)
+        return Level() if found and beside is noise_estimation.with_errors_of_outputs else None
+
+    monkeypatch.setattr(noise_estimation, "_started", lambda *given: Level())
+    monkeypatch.setattr(noise_estimation, "_alternated", lambda model, told, noise, *rest: noise)
+    monkeypatch.setattr(noise_estimation, "_with_lags", lambda model, told, noise, step: noise)
+    monkeypatch.setattr(noise_estimation, "_with", tries)
+    search = inspect.unwrap(noise_estimation._found_beside)
+    search(None, told, types.SimpleNamespace(over=lambda: None))
+    assert (tried[-1] is noise_estimation.with_lags_of_inputs) == found
