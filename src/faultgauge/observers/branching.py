@@ -177,7 +177,10 @@ class Branching(Answers):
         ell = changes.ell
 
         def go(state: BranchState) -> tuple[BranchState, Array]:
-            after = self._branched(state, changes, b, k)
+            def one(after: BranchState, without: Array) -> tuple[BranchState, tuple[()]]:
+                return self._branched(after, changes, b, k, without), ()
+
+            after, _ = jax.lax.scan(one, state, np.array([False, True]))
             new = jnp.any(after.lanes.eta != state.lanes.eta, axis=(1, 2, 3))
             return after, jnp.where(new[:, None, None], ell[b], ell)
 
@@ -187,8 +190,15 @@ class Branching(Answers):
         return jax.lax.cond(worth[b, k] > NEVER, go, stay, state)
 
     def _branched(
-        self, state: BranchState, changes: Changes, b: Int[Array, ""], k: Int[Array, ""]
+        self,
+        state: BranchState,
+        changes: Changes,
+        b: Int[Array, ""],
+        k: Int[Array, ""],
+        without: Bool[Array, ""],
     ) -> BranchState:
+        """`state` with the change `k` of branch `b` promoted; `without` another fault that one
+        which has gone may have made up, or with all others."""
         K = self.kinds
         more, less, owner = (jnp.asarray(np.array(a)) for a in (self.more, self.less, self.owner))
         gone = k >= K  # a recovery
@@ -214,15 +224,21 @@ class Branching(Answers):
         P = P + jnp.diag(self._late(state, b, kind, f) ** 2)
         off = self._off(_at(state.belief, b), fault, gone)
         mean, P, gains = self._known_gone(mean, P, fault, gone, off)
+        real = self._real(state, b, mean, fault, off)
+        doubted = jnp.argmin(real)
+        mean, P, also = self._known_gone(mean, P, doubted, without, jnp.zeros(()))
+        which = jnp.where(without, less[jnp.maximum(which, 0), doubted], which)
         onset = contract("a,a->", w, when)
         wide = contract("a,a->", w, (when - onset) ** 2 + blur)
         began = self._began(state, b, kind, jnp.stack([onset, wide]), f)
         since = state.since[b].at[fault].set(began)
-        weight = state.weight[b] + logsumexp(ell) - self._overtold(state, b, mean, fault, off)
+        share = jnp.where(without, -real[doubted], real[doubted])
+        weight = state.weight[b] + logsumexp(ell) - jax.nn.softplus(-share)
         place, better, both = self._placed(state, b, which, weight)
         left = jnp.where(stays, state.lanes.mass[b, kind], NEVER)
         kept = state.lanes._replace(mass=state.lanes.mass.at[b, kind].set(left))
-        lanes = self._inherited(kept, b, kind, a, place, f, V, gone, off, gains)
+        known = (fault, gains), (doubted, also)
+        lanes = self._inherited(kept, b, kind, a, place, f, V, gone, off, known)
         lanes = jax.tree.map(lambda new, old: jnp.where(better, new, old), lanes, kept)
         here = better & (jnp.arange(self.filters) == place)
 
@@ -263,8 +279,12 @@ class Branching(Answers):
         twin = jnp.argmax(jnp.where(same, state.weight[: self.branches], -jnp.inf))
         there = jnp.any(same)
         better = ~there | (twin == b) | (weight >= state.weight[twin])
+        place = jnp.where(there, twin, least)
         both = jnp.where(there, jnp.logaddexp(weight, state.weight[twin]), weight)
-        return jnp.where(there, twin, least), better, both
+        # no place is made for next to nothing
+        worth = there | (weight > jnp.minimum(np.log(KEPT), state.weight[least]))
+        worth = worth & (weight > NEVER)
+        return place, better & worth, jnp.where(worth, both, state.weight[place])
 
     def _began(
         self,

@@ -17,6 +17,8 @@ older they are, but the likely ones; one that goes leaves its prior to its neigh
 explains and it does not.
 """
 
+from collections.abc import Sequence
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -298,12 +300,13 @@ class Onsets(eqx.Module):
         V: Float[Array, ""],
         gone: Bool[Array, ""],
         off: Float[Array, ""],
-        gains: list[Float[Array, "n"]],
+        known: Sequence[tuple[Int[Array, ""], list[Float[Array, "n"]]]],
     ) -> Lanes:
         """The signatures beside the new branch: less what the promoted change, of size `f` and
         variance `V`, explains of them. What a step explains is told by the innovations that `J` is
         of, as it may explain no more than all there is. What was told of others amid a fault that
-        has gone is `off` by so many times its variance, and moves z as far as that is 0 (`gains`).
+        has gone is `off` by so many times its variance; `known` are faults that are 0, and by which
+        gains of z that is known.
         """
         J, eta, mass, rows = lanes.J[b], lanes.eta[b], lanes.mass[b], lanes.row[b]
         column = J[:, rows[kind, a]]
@@ -317,7 +320,9 @@ class Onsets(eqx.Module):
         column = column[rows]
         shared = (lanes.shared[b] - column * f) * less[:, None] ** 2
         eta = eta - eta[:, kind, a][:, None, None] * (V * column)
-        eta = jnp.where(other[:, None], self._without(eta, gains), eta)
+        for gone_fault, gains in known:
+            apart = jnp.asarray(self.owner) != gone_fault
+            eta = jnp.where(apart[:, None], self._without(eta, gains), eta)
         # a common cause brings another fault at about the same time
         apart = jnp.abs(lanes.onset[b] - lanes.onset[b, kind, a])
         closest = apart == jnp.min(apart, axis=1, keepdims=True)

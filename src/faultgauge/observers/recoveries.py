@@ -63,7 +63,8 @@ class Recoveries(Onsets):
         for slot, owner in enumerate(self.owner):
             i = n + slot
             there = gone & (fault == owner) & (P[i, i] > 0)
-            gain = jnp.where(there, P[:, i] / jnp.maximum(P[i, i], 1e-300), 0.0)
+            gain = P[:, i] / jnp.maximum(P[i, i], NONE)
+            gain = jnp.where(there, gain.at[i].set(1.0), 0.0)  # exactly: nothing is left of it
             gains.append(gain)
             P = P - jnp.outer(gain, P[i])
             none = jnp.where(there & (jnp.arange(len(mean)) == i), 0.0, 1.0)
@@ -115,22 +116,23 @@ class Recoveries(Onsets):
         best = jnp.max(jnp.where(with_it, NEVER, state.weight[:, None]), axis=0)
         return jnp.maximum(state.weight[b] - best, 0.0)
 
-    def _overtold(
+    def _real(
         self,
         state: BranchState,
         b: Int[Array, ""],
         mean: Float[Array, "n"],
         fault: Int[Array, ""],
         off: Float[Array, ""],
-    ) -> Float[Array, ""]:
-        """By how much (ln) the other faults of a branch were told amid one that has gone, beyond
-        what its error leaves: of a size z ~ N(0, 1 + s^2) in its own standard deviations,
+    ) -> Float[Array, "faults"]:
+        """ln of the odds that each other fault of branch `b` was there, and was not made up by
+        `fault`, which has gone: with its size z ~ N(0, 1 + s^2) in its own standard deviations and
+        e^2 = `off`,
 
-            ln N(z; 0, 1 + s^2) / N(z; 0, 1),   not   ln N(z; 0, 1 + e^2 + s^2) / N(z; 0, 1 + e^2)
+            ln N(z; 0, 1 + e^2 + s^2) / N(z; 0, 1 + e^2) + ln c,
 
-        with e^2 = `off`, nor more than the branch is likelier than any without the fault; but what
-        the first sample of a sensor's told, which no plant makes up but for what it does within a
-        sample, and what had been told before. `mean` is after it has gone."""
+        c being how often one fault brings another, beside what the first sample of a sensor's
+        told, which no plant makes up but for what it does within a sample; or what had been told
+        of it before. `mean` is after `fault` has gone. Infinite for none, and where none acts."""
         F, n = self.filter.faults, self.filter.states
         before = jnp.diagonal(state.belief.P[b])[n : n + F]
         others = (before > 0) & (np.arange(F) != fault)
@@ -144,10 +146,9 @@ class Recoveries(Onsets):
         at_once = told_at_once(
             state.sudden[b], state.sharp[b], mean[n : n + F], before, jnp.broadcast_to(e2, F)
         )
-        left = _evidence(z2, s2, off) + (1 - self._acts()) * at_once
-        left = jnp.maximum(left, state.told[b])
-        most = jnp.minimum(_evidence(z2, s2, 0.0), self._likelier(state, b))
-        return jnp.sum(jnp.where(others & (off > 0), jnp.maximum(most - left, 0.0), 0.0))
+        odds = _evidence(z2, s2, off) + (1 - self._acts()) * at_once + jnp.log(self.prior.common)
+        odds = jnp.where(state.told[b] > 0, jnp.maximum(odds, state.told[b]), odds)
+        return jnp.where(others & (off > 0), odds, jnp.inf)
 
 
 def _evidence(
