@@ -65,7 +65,8 @@ def test_what_the_first_sample_told_of_a_sensor_is_not_made_up_by_what_acts_on_t
     e, e1 = 0.1 * 40, 0.1 * 40 * 0.05 * np.sqrt(quick)
 
     left = jump**2 / (1 + e1**2) - rest**2 / (1 + (root * sd) ** 2)
-    real = np.log(COMMON) + norm.logpdf(z, 0, np.hypot(1, SIZE[1] / sd)) + max(left, 0.0) / 2
+    wide = np.sqrt(1 + e**2 + (SIZE[1] / sd) ** 2)
+    real = np.log(COMMON) + norm.logpdf(z, 0, wide) + max(left, 0.0) / 2
     made_up = np.log(e**2 / (1 + e**2)) + norm.logpdf(z, 0, np.hypot(1, e))
     share = expit(made_up - real)
     np.testing.assert_allclose(found.p[3], 0.9 * (1 - share), rtol=1e-6)
@@ -78,12 +79,12 @@ def test_a_second_fault_is_there_as_far_as_the_error_of_the_first_does_not_expla
     given = said((40 * 0.05, 0.05), (z * sd, sd))
     found = inexact().told(given)
     e = 0.1 * 40
-    real = COMMON * norm.pdf(z, 0, np.hypot(1, SIZE[1] / sd))
+    real = COMMON * norm.pdf(z, 0, np.sqrt(1 + e**2 + (SIZE[1] / sd) ** 2))
     made_up = e**2 / (1 + e**2) * norm.pdf(z, 0, np.hypot(1, e))
     share = made_up / (real + made_up)
     # and the first beside the second, whose error is as small as it is itself
     e1, z1 = 0.1 * z, 40.0
-    real1 = COMMON * norm.pdf(z1, 0, np.hypot(1, SIZE[0] / 0.05))
+    real1 = COMMON * norm.pdf(z1, 0, np.sqrt(1 + e1**2 + (SIZE[0] / 0.05) ** 2))
     made1 = e1**2 / (1 + e1**2) * norm.pdf(z1, 0, np.hypot(1, e1))
     first_gone = made1 / (real1 + made1)
     both = 0.9 * (1 - share) * (1 - first_gone)
@@ -111,11 +112,12 @@ def test_what_was_told_of_a_fault_before_a_larger_one_came_is_not_made_up_by_tha
     given = said((40 * 0.05, 0.05), (z * sd, sd), most=(2.0, most), told=told)
     found = inexact().told(given)
     e = 0.1 * 40
-    real = COMMON * norm.pdf(z, 0, np.hypot(1, SIZE[1] / sd))
+    real = COMMON * norm.pdf(z, 0, np.sqrt(1 + e**2 + (SIZE[1] / sd) ** 2))
     real *= np.exp(told * min(z * sd / most if most else 1.0, 1.0) ** 2)
     made_up = e**2 / (1 + e**2) * norm.pdf(z, 0, np.hypot(1, e))
-    first1 = COMMON * norm.pdf(40.0, 0, np.hypot(1, SIZE[0] / 0.05))
-    made1 = (0.1 * z) ** 2 / (1 + (0.1 * z) ** 2) * norm.pdf(40.0, 0, np.hypot(1, 0.1 * z))
+    e1 = 0.1 * z
+    first1 = COMMON * norm.pdf(40.0, 0, np.sqrt(1 + e1**2 + (SIZE[0] / 0.05) ** 2))
+    made1 = e1**2 / (1 + e1**2) * norm.pdf(40.0, 0, np.hypot(1, e1))
     both = 0.9 * real / (real + made_up) * first1 / (first1 + made1)
     assert found.p[3] == pytest.approx(both, rel=1e-9)
     assert (found.p[3] > 0.85) == named
@@ -138,7 +140,7 @@ def test_a_rest_of_a_fault_that_was_larger_is_there_as_far_as_its_error_does_not
     given = said((2.0, 0.05), (0.06, 0.01), most=(2.0, most))
     found = inexact(shape=0.0, gain=0.1).told(given)
     e, z = 0.1 * max(most - 0.06, 0) / 0.01, 6.0
-    real = COMMON * norm.pdf(z, 0, np.hypot(1, SIZE[1] / 0.01))
+    real = COMMON * norm.pdf(z, 0, np.sqrt(1 + e**2 + (SIZE[1] / 0.01) ** 2))
     made_up = e**2 / (1 + e**2) * norm.pdf(z, 0, np.hypot(1, e))
     share = made_up / (real + made_up)
     assert found.p[3] == pytest.approx(0.9 * (1 - share), rel=1e-9)

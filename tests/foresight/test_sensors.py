@@ -4,6 +4,8 @@ a' = u - a/5 + f_a,  b' = a/5 - b/5 + f_b, b measured: long after its onset a co
 either tank moves b by as much, and only its first minute differs.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.linalg import expm
@@ -17,6 +19,7 @@ from faultgauge.detection.rows.prepared import as_it_acts
 from faultgauge.foresight.problems import Problem, size_told
 from faultgauge.foresight.sensors import sensors_for
 from faultgauge.foresight.structure import structure_of
+from faultgauge.plants.record import BetweenRuns
 from faultgauge.telemetry import Run
 from models import as_stated
 
@@ -43,6 +46,11 @@ target = "b"
 max = 2
 min = -2
 """
+VARYING = TEXT.replace("u - 0.2*a", "feed*u - 0.2*a") + """
+[parameters.feed]
+value = 1.0
+vary = "run"
+"""
 STEP, SIGMA, COUNT = 1.0, 0.05, 400
 
 
@@ -61,8 +69,7 @@ def left(responses, size):
     return J11 - J12**2 / (J22 + size**-2.0)
 
 
-@pytest.fixture(scope="module")
-def bank():
+def bank_of(text):
     points = np.random.default_rng(0).uniform(0, 10, (40, 3))
     small = {"a": 1e-9, "b": 1e-9}
     noise = {
@@ -70,11 +77,18 @@ def bank():
         "lasting": {"a": 50.0, "b": 50.0}, "share": {"u": 1e-9}, "settling": {"u": 5.0},
         "spread": {}, "shift": {}, "renewed": {},
     }  # fmt: skip
-    model = as_stated(TEXT, points, [("a", 0), ("b", 0)], ["y"])
+    model = as_stated(text, points, [("a", 0), ("b", 0)], ["y"])
+    between = BetweenRuns(apart={"feed": 0.1}, off={"y": SIGMA}, lasting=50.0)
+    model = replace(model, record=model.record.but(between=between if "feed" in text else None))
     model = for_bank(model, noise, healthy_s=1000.0, mtbfa_s=100.0)
     t = STEP * np.arange(COUNT)
     run = Run("r", "r.csv", t, {"u": np.ones(COUNT), "y": np.full(COUNT, 5.0)})
     return build_fault_bank(model, [run], noise_of(model)), run
+
+
+@pytest.fixture(scope="module")
+def bank():
+    return bank_of(TEXT)
 
 
 def test_a_sensor_in_between_tells_two_leaks_apart(bank):
@@ -102,3 +116,12 @@ def test_a_sensor_in_between_tells_two_leaks_apart(bank):
     expected = apart_size(left(both, 1.0) ** -0.5)
     assert sensor.sizes[0] == pytest.approx(expected, rel=0.1)
     assert sensor.sizes[0] < alone / 2
+
+
+def test_a_sensor_is_proposed_where_a_constant_differs_from_run_to_run():
+    bank, run = bank_of(VARYING)
+    effects = effects_of(bank, as_it_acts(bank.model.plant.signals, run))
+    structure = structure_of(bank.model.plant.spec, bank.outputs, bank.model.plant.signals.faults)
+    (sensor, *_) = sensors_for(bank, run, effects, structure, [Problem(1, 0, 0.02)])
+    assert sensor.value == "a"
+    assert np.isfinite(sensor.sizes[0])

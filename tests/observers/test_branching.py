@@ -358,20 +358,21 @@ def test_what_was_told_amid_a_fault_is_less_sure_once_that_has_gone(enters):
 def test_what_was_told_of_another_fault_amid_one_that_has_gone_counts_as_far_as_it_is_not_made_up(
     shape,
 ):
-    """By hand, from what is left where the model's answer is exact: with e = shape z, evidence on a
-    bias is that of an estimate with e^2 times its variance on top, beside what its first sample
-    told, of what its branch is likelier than the best without it at most; so is its variance, and
-    the information that signatures have."""
+    """By hand, from what is left where the model's answer is exact: with e = shape z, a bias is
+    there, or made up, as evidence says on an estimate with e^2 times its variance on top, beside
+    what its first sample told, and both stay; so wide is its variance, and so is the information
+    that signatures have."""
     samples = log(0, push=[(0.5, 50, COUNT)], bias=[(0.3, 120, COUNT)])
-    before, _ = judged(bank((PUSH, BIAS), recovery=1e-3), samples)
+    common = 1e-3
+    before, _ = judged(bank((PUSH, BIAS), recovery=1e-3, common=common), samples)
 
     def after(shape):
-        each = bank((PUSH, BIAS), recovery=1e-3, shape=shape)
-        found, lead, _ = with_changes(each, before, end=1.0)
+        each = bank((PUSH, BIAS), recovery=1e-3, shape=shape, common=common)
+        found, lead, healthy = with_changes(each, before, end=1.0)
         own = jnp.where(found.which[:4] == BIASED, found.weight[:4], -jnp.inf)
-        return found, lead, int(jnp.argmax(own))
+        return found, lead, int(jnp.argmax(own)), healthy
 
-    (exact, lead, at), (found, _, same) = after(0.0), after(shape)
+    (exact, lead, at, _), (found, _, same, healthy) = after(0.0), after(shape)
     assert before.which[lead] == BOTH
     assert at == same
     push, bias = 5 + PUSH, 5 + BIAS
@@ -392,12 +393,19 @@ def test_what_was_told_of_another_fault_amid_one_that_has_gone_counts_as_far_as_
 
     first = max(jump**2 / (1 + within) - missed**2, 0.0) / 2
     assert first > 1  # it jumped
-    left = told(e2) + first
-    without = np.isin(before.which, [HEALTHY, PUSHED]) | (np.arange(len(before.which)) >= 4)
-    best = np.max(np.where(without, before.weight, -np.inf))
-    lost = float(max(min(told(0.0), before.weight[lead] - best) - left, 0.0))
-    assert lost > 1 or shape < 1
-    assert found.weight[at] == pytest.approx(float(exact.weight[at]) - lost, abs=1e-6)
+    odds = np.log(common) + told(e2) - np.log(e2 / (1 + e2)) + first
+    whole = float(exact.weight[at])
+    assert odds > 1 or shape == 1
+    assert found.weight[at] == pytest.approx(whole - np.log1p(np.exp(-odds)), abs=1e-6)
+    # and without the bias, where healthy branches that have never seen either are far less likely
+    none = np.max(np.where(before.which[:4] == HEALTHY, before.weight[:4], -np.inf))
+    made_up = np.logaddexp(none, whole - np.log1p(np.exp(odds)))
+    assert found.weight[healthy] == pytest.approx(made_up, abs=1e-6)
+    assert made_up > none + 1  # so that it is the new one that stands there
+    P = found.belief.P[at]
+    others = found.belief.mean[at] - P[:, bias] / P[bias, bias] * found.belief.mean[at, bias]
+    np.testing.assert_allclose(found.belief.mean[healthy], others, atol=1e-9)
+    np.testing.assert_array_equal(found.belief.P[healthy, bias], 0)
     was = exact.belief.P[at, bias, bias]
     assert found.belief.P[at, bias, bias] == pytest.approx(
         float(was + min(e2 * was, WIDTHS[BIAS] ** 2 - was))

@@ -122,7 +122,13 @@ def _with_sensor(
     columns = {**run.columns, name: np.interp(run.t, effects.t, read)}
     log = replace(run, columns=columns)
     noise = bank.noise._replace(sigma=np.append(bank.noise.sigma, sigma))
-    wider = build_fault_bank(replace(model, plant=plant), [log], noise)
+    between = model.record.between
+    if between is not None:  # a free run would be as far off in it, against its range
+        others = np.array([between.off[each] for each in bank.outputs])
+        off = float(np.median(others / np.maximum(spans, 1e-300)) * max(span, 1e-300))
+        between = between.model_copy(update={"off": {**between.off, name: off}})
+    record = model.record.but(between=between)
+    wider = build_fault_bank(replace(model, plant=plant, record=record), [log], noise)
     found = effects_of(wider, as_it_acts(more, log))
     rows = len(found.t)
     return information(found, rows // 2, around(rows // 2, rows), [rows - 1]), sigma

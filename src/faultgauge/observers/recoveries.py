@@ -16,7 +16,7 @@ from faultgauge.observers.branches import NEVER, BranchState
 from faultgauge.observers.divided_difference import Belief
 from faultgauge.observers.onsets import NONE, Onsets
 
-__all__ = ["Recoveries", "told_at_once"]
+__all__ = ["Recoveries", "real_odds", "told_at_once"]
 
 
 def told_at_once(
@@ -38,6 +38,31 @@ def told_at_once(
     made_up = sudden**2 / J / (1 + e2)
     real = (sudden - sharp * f) ** 2 / J / (1 + sharp * variance)
     return jnp.maximum(made_up - real, 0.0) / 2
+
+
+def real_odds(
+    z2: Float[Array, "*any"],
+    s2: Float[Array, "*any"],
+    e2: Float[Array, "*each"],
+    common: Float[Array, ""],
+) -> Float[Array, "*any"]:
+    """ln of the odds that a fault which shows with a size z, in its own standard deviations, is
+    there, z ~ N(0, 1 + e^2 + s^2), and is not made up by others, z ~ N(0, 1 + e^2):
+
+        ln c + ln N(z; 0, 1 + e^2 + s^2) / N(z; 0, 1 + e^2) - ln (e^2 / (1 + e^2)),
+
+    `common`, c, being how often one fault brings another. Where they make up nothing, it is that.
+    """
+    rarely = jnp.log(jnp.maximum(e2, NONE) / (1 + e2))
+    return jnp.log(common) + _evidence(z2, s2, e2) - rarely
+
+
+def _evidence(
+    z2: Float[Array, "*any"], s2: Float[Array, "*any"], e2: Float[Array, "*each"]
+) -> Float[Array, "*any"]:
+    """ln N(z; 0, 1 + e^2 + s^2) / N(z; 0, 1 + e^2)."""
+    wide = 1 + e2 + s2
+    return (z2 / (1 + e2) - z2 / wide - jnp.log(wide / (1 + e2))) / 2
 
 
 class Recoveries(Onsets):
@@ -125,14 +150,8 @@ class Recoveries(Onsets):
         off: Float[Array, ""],
     ) -> Float[Array, "faults"]:
         """ln of the odds that each other fault of branch `b` was there, and was not made up by
-        `fault`, which has gone: with its size z ~ N(0, 1 + s^2) in its own standard deviations and
-        e^2 = `off`,
-
-            ln N(z; 0, 1 + e^2 + s^2) / N(z; 0, 1 + e^2) + ln c,
-
-        c being how often one fault brings another, beside what the first sample of a sensor's
-        told, which no plant makes up but for what it does within a sample; or what had been told
-        of it before. `mean` is after `fault` has gone. Infinite for none, and where none acts."""
+        `fault`, which has gone and by which what was told of it is `off` (`real_odds`). `mean` is
+        after that. Infinite for none, and where `fault` does not act on the plant."""
         F, n = self.filter.faults, self.filter.states
         before = jnp.diagonal(state.belief.P[b])[n : n + F]
         others = (before > 0) & (np.arange(F) != fault)
@@ -146,14 +165,6 @@ class Recoveries(Onsets):
         at_once = told_at_once(
             state.sudden[b], state.sharp[b], mean[n : n + F], before, jnp.broadcast_to(e2, F)
         )
-        odds = _evidence(z2, s2, off) + (1 - self._acts()) * at_once + jnp.log(self.prior.common)
-        odds = jnp.where(state.told[b] > 0, jnp.maximum(odds, state.told[b]), odds)
+        told = jnp.maximum((1 - self._acts()) * at_once, state.told[b])
+        odds = real_odds(z2, s2, off, self.prior.common) + told
         return jnp.where(others & (off > 0), odds, jnp.inf)
-
-
-def _evidence(
-    z2: Float[Array, "*any"], s2: Float[Array, "*any"], e2: Float[Array, "*each"] | float
-) -> Float[Array, "*any"]:
-    """ln N(z; 0, 1 + e^2 + s^2) / N(z; 0, 1 + e^2)."""
-    wide = 1 + e2 + s2
-    return (z2 / (1 + e2) - z2 / wide - jnp.log(wide / (1 + e2))) / 2

@@ -11,10 +11,10 @@ that of a share of its size: `shape` and `gain` (`fidelity`). So
 
   where the error looks like it in all, and is there itself with  s_k = size_k / sd_k:
 
-      ln p(real) / p(made up) = ln c + (ln (1 + e^2) - ln (1 + s^2)) / 2
-                                + z^2 / 2 (1 / (1 + e^2) - 1 / (1 + s^2)) - ln (e^2 / (1 + e^2)),
+      ln p(real) / p(made up) = ln c + ln N(z; 0, 1 + e^2 + s^2) / N(z; 0, 1 + e^2)
+                                - ln (e^2 / (1 + e^2)),
 
-  c being how often one fault brings another. As much of the set as is made up belongs to the set
+  c being how often one fault brings another (`real_odds`). As much of the set as is made up belongs to the set
   without that fault. No plant answers at once: what the first sample of a sensor's fault told is
   made up by no more than the others do within a sample, and is told against that
   (`told_at_once`), with J_i the info of a unit of fault i in the first sample after it and
@@ -39,7 +39,7 @@ from jaxtyping import Array, Float
 
 from faultgauge.detection.bank.bank import FaultBank
 from faultgauge.observers.branches import BranchInfo
-from faultgauge.observers.recoveries import told_at_once
+from faultgauge.observers.recoveries import real_odds, told_at_once
 from faultgauge.plants.signals import Fault
 
 __all__ = ["Inexact", "acting"]
@@ -132,9 +132,7 @@ class Inexact(eqx.Module):
         sd2 = jnp.maximum(said.sd**2, TINY)
         z2 = jnp.where(self.holds > 0, said.f**2 / sd2, 0.0)
         s2 = self.size**2 / sd2
-        odds = jnp.log(self.common) + (jnp.log1p(e2) - jnp.log1p(s2)) / 2
-        odds = odds + z2 / 2 * (1 / (1 + e2) - 1 / (1 + s2))
-        odds = odds - jnp.log(jnp.maximum(e2, TINY) / (1 + e2)) + at_once
+        odds = real_odds(z2, s2, e2, jnp.asarray(self.common)) + at_once
         return jnp.where(e2 > TINY, jax.nn.sigmoid(odds), 1.0)
 
 
