@@ -46,11 +46,12 @@ class Samples(NamedTuple):
 
 class Unsmoothed(NamedTuple):
     """What `kernel` made the samples of, from its half before the first to its half after the last;
-    NaN for a state that is the derivative of a column."""
+    NaN for a state that is the derivative of a column. `dx`: means over the intervals between."""
 
     kernel: Kernel
     x: Float[np.ndarray, "grid states"]
     u: Float[np.ndarray, "grid inputs"]
+    dx: Float[np.ndarray, "intervals states"]
 
 
 @dataclass(frozen=True)
@@ -266,13 +267,22 @@ def _stretch(
     def table(columns: list[np.ndarray]) -> np.ndarray:
         return np.stack(columns, axis=1) if columns else np.zeros((len(t[inside]), 0))
 
+    def slope(state: str, column: str, order: int) -> np.ndarray:
+        """The mean of d(state) over every interval."""
+        if f"d_{state}" not in how.rates:
+            return np.full(len(t) - 1, np.nan) if order else np.diff(on[column]) / step
+        x = on[f"d_{state}"]
+        return x[:-1] if f"d_{state}" in held else (x[1:] + x[:-1]) / 2
+
+    sources = list(zip(signals.state_names, how.sources, strict=True))
     unsmoothed = kernel and Unsmoothed(
         kernel,
         np.stack([np.full(len(t), np.nan) if r else on[c] for c, r in how.sources], axis=1),
         np.array([on[name] for name in signals.input_names]).reshape(-1, len(t)).T,
+        np.stack([slope(state, *source) for state, source in sources], axis=1),
     )
     rates = []
-    for state, (column, order) in zip(signals.state_names, how.sources, strict=True):
+    for state, (column, order) in sources:
         given = f"d_{state}" in how.rates
         rates.append(mean(f"d_{state}") if given else mean(column, order + 1))
     return Stretch(
