@@ -243,6 +243,21 @@ def _kernel(
     return kernel, noise
 
 
+def _slopes(
+    spec: PlantSpec, how: Channels, held: set[str], step: float, on: dict[str, np.ndarray]
+) -> Float[np.ndarray, "intervals states"]:
+    """The mean derivative of every state between two samples; NaN as in `Unsmoothed`."""
+    found = []
+    for state, (column, order) in zip(spec.signals.state_names, how.sources, strict=True):
+        rate = f"d_{state}"
+        if rate in how.rates:
+            x = on[rate]
+            found.append(x[:-1] if rate in held else (x[1:] + x[:-1]) / 2)
+        else:
+            found.append(np.diff(np.full(len(on[column]), np.nan) if order else on[column]) / step)
+    return np.stack(found, axis=1)
+
+
 def _stretch(
     spec: PlantSpec,
     how: Channels,
@@ -267,22 +282,14 @@ def _stretch(
     def table(columns: list[np.ndarray]) -> np.ndarray:
         return np.stack(columns, axis=1) if columns else np.zeros((len(t[inside]), 0))
 
-    def slope(state: str, column: str, order: int) -> np.ndarray:
-        """The mean of d(state) over every interval."""
-        if f"d_{state}" not in how.rates:
-            return np.full(len(t) - 1, np.nan) if order else np.diff(on[column]) / step
-        x = on[f"d_{state}"]
-        return x[:-1] if f"d_{state}" in held else (x[1:] + x[:-1]) / 2
-
-    sources = list(zip(signals.state_names, how.sources, strict=True))
     unsmoothed = kernel and Unsmoothed(
         kernel,
         np.stack([np.full(len(t), np.nan) if r else on[c] for c, r in how.sources], axis=1),
         np.array([on[name] for name in signals.input_names]).reshape(-1, len(t)).T,
-        np.stack([slope(state, *source) for state, source in sources], axis=1),
+        _slopes(spec, how, held, step, on),
     )
     rates = []
-    for state, (column, order) in sources:
+    for state, (column, order) in zip(signals.state_names, how.sources, strict=True):
         given = f"d_{state}" in how.rates
         rates.append(mean(f"d_{state}") if given else mean(column, order + 1))
     return Stretch(

@@ -380,7 +380,7 @@ def fit_group(
     def fit(start: Float[np.ndarray, "unknowns"]) -> Solution:
         return jax.device_get(minimise(residual, jnp.asarray(start[None]), *given))
 
-    solution = Solution(*map(np.concatenate, zip(*side_by_side(fit, starts), strict=True)))
+    solution = jax.tree.map(lambda *each: np.concatenate(each), *side_by_side(fit, starts))
     thetas = list(solution.theta)
     if exogenous is not None:
         refitted = [
