@@ -199,6 +199,19 @@ def test_points_lie_under_their_samples(validate):
             np.testing.assert_array_equal(chosen, smoothed)
 
 
+@pytest.mark.parametrize("hold", ["zero", "linear"])
+def test_a_rate_that_is_measured_has_its_means(hold):
+    """Beside one that is taken from its state."""
+    rng = np.random.default_rng(0)
+    log = run(**{name: rng.standard_normal(400).cumsum() for name in ("u", "q", "v", "d_v")})
+    body = plant({"q": "v", "v": "u - k*q**3"}, parameters="k", hold=hold)
+    *_, given = prepared(body, log)
+    each = given.weak.training
+    found = replace(each, weights=np.repeat(each.weights, 2, axis=0))
+    mean = found.of(jnp.asarray(each.points.between.dx.T)).T
+    np.testing.assert_allclose(mean, each.at.dx, atol=1e-12 / STEP)  # rounding, as above
+
+
 def test_the_constants_of_a_spring_under_a_wide_kernel():
     """Noise makes the kernel 0.4 s wide; the spring's period is 3 to 4 s."""
     body = plant(SPRING, parameters="kc")

@@ -9,8 +9,12 @@ Modeling and Simulation 19, 2021):
 
 The right side is the smoothed derivative. The filtered form writes F(mean x, mean u) on the left,
 which is the same for F linear in x and u; for any other F it is wrong wherever x moves within the
-kernel. The weak form takes F at the samples as measured, and their noise with it: where F bends
-within the noise, mean F is biased.
+kernel. The weak form takes F between every two samples as measured, at their mean, and half the
+variance of their noise with it: where F bends within that, mean F is biased.
+
+The right side is as much the mean of the differences between samples. So the weak form is the
+equation error of every interval between two samples, averaged over the kernel, and an interval is
+evaluated once for all samples whose kernels hold it (`Means`).
 
 Equations that read a d(state), or a state that is itself the derivative of a column, stay filtered.
 """
@@ -145,7 +149,7 @@ def weak_samples(
 
 def _points(signals: Signals, part: Unsmoothed, samples: Samples) -> Points:
     """Those of a stretch. Over [k, k+1) held inputs stay at u_k, while x goes from x_k to x_(k+1):
-    the midpoint rule takes F at the mean of the two, and half the noise with it."""
+    the midpoint rule takes F at the mean of the two, half the variance of their noise with it."""
     held = np.array([each.hold == "zero" for each in signals.inputs], bool)
     x, u = ((array[1:] + array[:-1]) / 2 for array in (part.x, part.u))
     y = np.full((len(x), len(signals.outputs)), np.nan)
@@ -155,8 +159,7 @@ def _points(signals: Signals, part: Unsmoothed, samples: Samples) -> Points:
 
 def gap(plant: GrayBoxPlant, group: Group, states: tuple[int, ...], samples: WeakSamples) -> float:
     """rms of mean F - F(mean), as a share of the derivative's spread: the largest of `states`; NaN
-    where F is not defined at every sample as measured."""
-
+    where F is not defined between every two samples as measured."""
     given = jax.tree.map(jnp.asarray, samples.of_group(group, states))
     found = np.asarray(_differences(plant, given, group, WeakErrors(states)))
     shares = np.sqrt(np.mean(found**2, axis=0)) / target_scales(group, samples)
