@@ -12,13 +12,14 @@ so that v acts and u does not. Chosen on every other block of the log, tested on
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
-from scipy.signal import lfilter
+from scipy.linalg import solve_banded
 
 from faultgauge.errors import InputError
 from faultgauge.identification.log_checks import beyond_limits
@@ -198,6 +199,12 @@ def _other_response(
         yield best[1]
 
 
+def _lagging(u: Float[np.ndarray, "samples"], keep: float) -> Float[np.ndarray, "samples"]:
+    """y_k = keep y_(k-1) + (1 - keep) u_k from rest at u_0."""
+    bands = np.stack([np.ones(len(u)), np.full(len(u), -keep)])
+    return solve_banded((1, 0), bands, (1 - keep) * (u - u[0])) + u[0]
+
+
 def _versions(each: Input, u: Float[np.ndarray, "samples"], step: float) -> Iterator[_Version]:
     for d in DELAYS:
         yield _Version(
@@ -210,7 +217,7 @@ def _versions(each: Input, u: Float[np.ndarray, "samples"], step: float) -> Iter
         yield _Version(
             f"through a lag of {lag * step:.3g} s",
             "add the lag to the plant file as a state",
-            lambda u, keep=keep: lfilter([1 - keep], [1, -keep], u - u[0]) + u[0],
+            partial(_lagging, keep=float(keep)),
         )
     middle = float(np.median(u))
     for side in ("both", "above", "below"):

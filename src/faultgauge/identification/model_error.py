@@ -30,7 +30,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 from scipy.fft import dct
-from scipy.stats import chi2, norm
+from scipy.special import chdtri, ndtri
 
 __all__ = ["MOST_ALONG", "BandScatter", "Delays", "InOrder", "agreed", "band_scatter", "delays"]
 
@@ -93,12 +93,12 @@ def band_scatter(parts: Sequence[InOrder]) -> BandScatter:
     )
     mean = np.sum(delta / variance, axis=0) / np.sum(1 / variance, axis=0)
     Q = np.sum((delta - mean) ** 2 / variance, axis=0)
-    if len(delta) < 2 or Q.max(initial=0.0) < chi2.ppf(1 - CHANCE / count, len(delta) - 1):
+    if len(delta) < 2 or Q.max(initial=0.0) < chdtri(len(delta) - 1, CHANCE / count):
         return agreed(count)
     off = np.sqrt(np.sum(weight * delta**2, axis=0) / weight.sum(axis=0))
     middle = _bands(told)[len(delta) // 2].start
     slow, fast = (_alone(r[half], J[half]) for half in (slice(middle), slice(middle, None)))
-    far = (slow[0] - fast[0]) ** 2 > (slow[1] + fast[1]) * chi2.ppf(1 - CHANCE / count, 1)
+    far = (slow[0] - fast[0]) ** 2 > (slow[1] + fast[1]) * chdtri(1, CHANCE / count)
     return BandScatter(off, slow[0] * far, fast[0] * far)
 
 
@@ -135,7 +135,7 @@ def delays(parts: Sequence[InOrder]) -> Delays:
     against[:, first] -= 1.0
     seconds = np.where(shown, against @ late, 0.0)
     errors = np.where(shown, np.sqrt(np.diag(against @ scatter @ against.T)), 0.0)
-    sure = np.abs(seconds) > errors * norm.ppf(1 - CHANCE / 2 / len(late))
+    sure = np.abs(seconds) > errors * -ndtri(CHANCE / 2 / len(late))
     own = _inverse(hessian[:count, :count]) @ pull[:count]  # of least squares that knows no delay
     return Delays(seconds, errors, sure, (found[:count] + own) * np.any(sure))
 

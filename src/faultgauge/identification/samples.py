@@ -46,11 +46,12 @@ class Samples(NamedTuple):
 
 class Unsmoothed(NamedTuple):
     """What `kernel` made the samples of, from its half before the first to its half after the last;
-    NaN for a state that is the derivative of a column."""
+    NaN for a state that is the derivative of a column. `dx`: means over the intervals between."""
 
     kernel: Kernel
     x: Float[np.ndarray, "grid states"]
     u: Float[np.ndarray, "grid inputs"]
+    dx: Float[np.ndarray, "intervals states"]
 
 
 @dataclass(frozen=True)
@@ -242,6 +243,21 @@ def _kernel(
     return kernel, noise
 
 
+def _slopes(
+    spec: PlantSpec, how: Channels, held: set[str], step: float, on: dict[str, np.ndarray]
+) -> Float[np.ndarray, "intervals states"]:
+    """The mean derivative of every state between two samples; NaN as in `Unsmoothed`."""
+    found = []
+    for state, (column, order) in zip(spec.signals.state_names, how.sources, strict=True):
+        rate = f"d_{state}"
+        if rate in how.rates:
+            x = on[rate]
+            found.append(x[:-1] if rate in held else (x[1:] + x[:-1]) / 2)
+        else:
+            found.append(np.diff(np.full(len(on[column]), np.nan) if order else on[column]) / step)
+    return np.stack(found, axis=1)
+
+
 def _stretch(
     spec: PlantSpec,
     how: Channels,
@@ -270,6 +286,7 @@ def _stretch(
         kernel,
         np.stack([np.full(len(t), np.nan) if r else on[c] for c, r in how.sources], axis=1),
         np.array([on[name] for name in signals.input_names]).reshape(-1, len(t)).T,
+        _slopes(spec, how, held, step, on),
     )
     rates = []
     for state, (column, order) in zip(signals.state_names, how.sources, strict=True):

@@ -6,6 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
+from numpy.fft import rfft, rfftfreq
+from numpy.lib.stride_tricks import sliding_window_view
 
 from faultgauge.telemetry.resampling import on_grid
 from faultgauge.telemetry.runs import Run, segments
@@ -102,16 +104,23 @@ def _fastest(run: Run, names: Iterable[str]) -> float | None:
 
 def _moves_below(x: Float[np.ndarray, "samples"], rate: float) -> float:
     """The frequency [Hz] of one signal; 0 for one that stands still."""
-    from scipy.signal import welch  # half a second to load, which few commands need
-
     length = max(SHORTEST, len(x) // PARTS)
-    frequency, power = welch(x, rate, nperseg=length, detrend="linear")
+    frequency, power = rfftfreq(length, 1 / rate), _power(x, length)
     floor = float(np.median(power[len(power) // 2 :]))
     motion = np.where(power > NOISE * floor, power - floor, 0.0)
     steps = np.cumsum(np.sin(np.pi * frequency / rate) ** 2 * motion)
     if steps[-1] <= 0:
         return 0.0
     return float(frequency[np.searchsorted(steps, MOTION * steps[-1])])
+
+
+def _power(x: Float[np.ndarray, "samples"], length: int) -> Float[np.ndarray, "frequencies"]:
+    """The mean of periodograms of `length` samples, each less its straight line, under Hann windows
+    that overlap by half (P. D. Welch, IEEE Trans. Audio and Electroacoustics 15, 1967)."""
+    parts = sliding_window_view(x, length)[:: length - length // 2]
+    line = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, length), 2))[0]
+    window = np.sin(np.pi * np.arange(length) / length) ** 2
+    return np.mean(np.abs(rfft((parts - parts @ line @ line.T) * window)) ** 2, axis=0)
 
 
 def _rounded(rate: float) -> float:

@@ -1,6 +1,9 @@
 """The weak form: exact where the filtered form is not, equal where both are, chosen by free run."""
 
+from dataclasses import replace
+
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.integrate import quad
@@ -98,40 +101,45 @@ def through(monkeypatch, kernel, body, log):
 
 def both_errors(body, group, states, given):
     """(weak errors, filtered errors) at every sample."""
-    weak = jax.vmap(lambda each: WeakErrors(states)(body, group, each))(given)
-    return np.asarray(weak), np.asarray(
+    weak = jax.vmap(lambda each: WeakErrors(states)(body, group, each))(given.points)
+    return np.asarray(given.of_group(group, states).of(weak.T).T), np.asarray(
         jax.vmap(lambda each: equation_errors(body, group, each))(given.at)
     )
 
 
+def products(seed):
+    """(plant, log) of x' = u and z' = p u x under a u that is set anew at every sample."""
+    u = np.random.default_rng(seed).uniform(-1, 1, 80)
+    x = 2 + np.concatenate([[0.0], np.cumsum(u[:-1])]) * STEP
+    z = np.concatenate([[0.0], np.cumsum(u[:-1] * (x[1:] + x[:-1]) / 2)]) * STEP
+    return plant({"x": "u", "z": "p*u*x"}, parameters=["p"]), run(u=u, x=x, z=z)
+
+
 @pytest.mark.parametrize("kernel", [Kernel(1, 4), Kernel(2, 3), Kernel(3, 4)])
 def test_exact_under_a_held_input(monkeypatch, kernel):
-    """x' = p u sqrt(x) has sqrt(x) = s + U/2 with U the integral of u: under a hold F is a straight
-    line within a step, which the trapezoid integrates without error."""
-    u = np.random.default_rng(0).uniform(-1, 1, 80)
-    root = 2 + np.concatenate([[0.0], np.cumsum(u[:-1])]) * STEP / 2
-    body = plant({"x": "p*u*sqrt(x)"}, parameters=["p"])
-    (group,) = groups(body.spec, ["x"])
-    found = through(monkeypatch, kernel, body, run(u=u, x=root**2))
-    weak, filtered = both_errors(body, group, (0,), found)
+    """x' = u makes x, and so z' = p u x, a straight line within a step, whose middle is its
+    mean."""
+    body, log = products(0)
+    (group,) = groups(body.spec, ["x", "z"])
+    found = through(monkeypatch, kernel, body, log)
+    weak, filtered = both_errors(body, group, (1,), found)
     # sums of dozens of numbers of size 1, over differences of x over a step: 1e-16 / STEP, 30 times
     assert np.max(np.abs(weak)) < 2e-13
-    # the covariance of u and sqrt(x) inside the kernel, var(u) STEP / 2 / 4 or so, is 8e-4
+    # the covariance of u and x inside the kernel, var(u) STEP / 4 or so, is 2e-3
     assert np.sqrt(np.mean(filtered**2)) > 1e-4
 
 
 def test_mean_of_a_box_is_the_integral(monkeypatch):
     """Against SciPy's quadrature of the same right side, step by step."""
-    u = np.random.default_rng(1).uniform(-1, 1, 80)
-    root = 2 + np.concatenate([[0.0], np.cumsum(u[:-1])]) * STEP / 2
-    body = plant({"x": "p*u*sqrt(x)"}, parameters=["p"])
-    (group,) = groups(body.spec, ["x"])
-    found = through(monkeypatch, Kernel(1, 4), body, run(u=u, x=root**2))
-    weak, _ = both_errors(body, group, (0,), found)
-    mean = (weak + found.dx)[10, 0]  # centred at sample 12, from 10 to 14
+    body, log = products(1)
+    (group,) = groups(body.spec, ["x", "z"])
+    found = through(monkeypatch, Kernel(1, 4), body, log)
+    weak, _ = both_errors(body, group, (1,), found)
+    mean = (weak + found.dx[:, [1]])[10, 0]  # centred at sample 12, from 10 to 14
+    u, x = log.columns["u"], log.columns["x"]
 
     def right(s, k):
-        return u[k] * np.sqrt((root[k] + u[k] * s / 2) ** 2)
+        return u[k] * (x[k] + u[k] * s)
 
     whole = sum(quad(right, 0, STEP, args=(k,))[0] for k in range(10, 14))
     assert mean == pytest.approx(whole / (4 * STEP), rel=1e-12)  # quad's own rounding
@@ -180,9 +188,28 @@ def test_points_lie_under_their_samples(validate):
     logs = [spring(0, count=1500), spring(1, count=900)]
     *_, given = prepared(plant(SPRING, parameters="kc"), *logs, validate=validate)
     for each in given.weak[:2]:
-        for points, smoothed in ((each.x, each.at.x), (each.u, each.at.u)):
-            mean = np.einsum("sp,spi->si", each.weights, points)
-            np.testing.assert_allclose(mean, smoothed, atol=1e-12)  # rounding of running sums
+        for name in ("x", "u", "dx"):
+            points, smoothed = getattr(each.points.between, name), getattr(each.at, name)
+            mean = replace(each, weights=np.repeat(each.weights, points.shape[1], axis=0))
+            # rounding of running sums; dx is differences over a step
+            np.testing.assert_allclose(
+                mean.of(jnp.asarray(points.T)).T, smoothed, atol=1e-12 / STEP
+            )
+            chosen = getattr(each.points.at, name)[each.first]
+            np.testing.assert_array_equal(chosen, smoothed)
+
+
+@pytest.mark.parametrize("hold", ["zero", "linear"])
+def test_a_rate_that_is_measured_has_its_means(hold):
+    """Beside one that is taken from its state."""
+    rng = np.random.default_rng(0)
+    log = run(**{name: rng.standard_normal(400).cumsum() for name in ("u", "q", "v", "d_v")})
+    body = plant({"q": "v", "v": "u - k*q**3"}, parameters="k", hold=hold)
+    *_, given = prepared(body, log)
+    each = given.weak.training
+    found = replace(each, weights=np.repeat(each.weights, 2, axis=0))
+    mean = found.of(jnp.asarray(each.points.between.dx.T)).T
+    np.testing.assert_allclose(mean, each.at.dx, atol=1e-12 / STEP)  # rounding, as above
 
 
 def test_the_constants_of_a_spring_under_a_wide_kernel():
@@ -325,17 +352,19 @@ def test_a_group_of_both_kinds(monkeypatch):
     weak, filtered = both_errors(body, group, (1,), found)
     np.testing.assert_array_equal(weak[:, [0, 2]], filtered[:, [0, 2]])
     # mean x^2 - (mean x)^2 is the weighted variance
-    spread = np.einsum("sp,sp->s", found.weights, (found.x[..., 1] - found.at.x[:, [1]]) ** 2)
+    under = found.first[:, None] + np.arange(found.weights.shape[1])
+    apart = found.points.between.x[under, 1] - found.at.x[:, [1]]
+    spread = apart**2 @ found.weights[0]
     np.testing.assert_allclose(weak[:, 1] - filtered[:, 1], spread, atol=1e-12)  # rounding
 
 
-def test_a_network_is_spanned_by_the_samples_as_measured():
+def test_a_network_is_spanned_by_the_points():
     """Beyond its range it stands still, and F would be wrong where noise moves a point there."""
     body = plant({"q": "v", "v": "u - N(q) - c*v"}, parameters="c", networks="N")
     group, states, given = prepared(body, spring(0, count=1500))
     rngs = [np.random.default_rng(0)]
     (weak,), solution = fit_weak(body, group, states, *given.weak[:2], rngs, "lm")
-    network, points = weak.networks["N"], given.weak.training.x[..., 0]
+    network, points = weak.networks["N"], given.weak.training.points.between.x[:, 0]
     reach = network.input_center + network.input_scale * np.array([-1.0, 1.0])
     np.testing.assert_allclose(reach, [points.min(), points.max()], rtol=1e-12)  # rounding
     assert np.isfinite(solution.cost[0])

@@ -6,8 +6,6 @@ from typing import TypeAlias
 
 import numpy as np
 
-from faultgauge.detection.decisions import decide_runs
-from faultgauge.detection.posterior.events import pause, stretches
 from faultgauge.detection.words import times_more
 from faultgauge.errors import InputError
 from faultgauge.plants.model import load_model
@@ -76,6 +74,10 @@ def _by_model(runs: Sequence[Run], path: Path) -> dict[str, Stretches]:
         model = load_model(path)
         if model.calibration is None:
             return {}
+        # all of detection, which few fits need
+        from faultgauge.detection.decisions import decide_runs
+        from faultgauge.detection.posterior.events import pause, stretches
+
         decisions, bank = decide_runs(model, runs)
     except (InputError, KeyError):  # another plant's model, or no model at all
         return {}

@@ -17,6 +17,7 @@ from jaxtyping import Array, Float
 from faultgauge.errors import InputError
 from faultgauge.identification.equation.instruments import refit
 from faultgauge.identification.optimise.algorithms import ALGORITHMS, AlgorithmName
+from faultgauge.identification.optimise.cores import side_by_side
 from faultgauge.identification.optimise.gradient_descent import DescentOptions
 from faultgauge.identification.optimise.levenberg_marquardt import FAILED, Options, Solution
 from faultgauge.identification.optimise.starts import Box, scattered, spread_over
@@ -367,9 +368,7 @@ def fit_group(
             start[weights:] = start_vector(plant, group, units, None)[weights:]
         starts.append(start)
     residual = EquationResidual(plant, jnp.asarray(scales), jnp.asarray(units), group, errors)
-    solution = minimise(
-        residual,
-        jnp.asarray(np.stack(starts)),
+    given = (
         jax.tree.map(jnp.asarray, training),
         # a handful of constants does not overfit: they are taken at the minimum
         jax.tree.map(jnp.asarray, validation) if group.networks else None,
@@ -377,7 +376,11 @@ def fit_group(
         jnp.asarray(upper),
         options or defaults,
     )
-    solution = jax.device_get(solution)
+
+    def fit(start: Float[np.ndarray, "unknowns"]) -> Solution:
+        return jax.device_get(minimise(residual, jnp.asarray(start[None]), *given))
+
+    solution = jax.tree.map(lambda *each: np.concatenate(each), *side_by_side(fit, starts))
     thetas = list(solution.theta)
     if exogenous is not None:
         refitted = [

@@ -27,6 +27,7 @@ from faultgauge.identification.model_error import (
     band_scatter,
     delays,
 )
+from faultgauge.identification.optimise.means import means_of, points_of
 from faultgauge.identification.samples import Channels, Samples
 from faultgauge.identification.unknowns import Unknowns
 from faultgauge.plants.gray_box import GrayBoxPlant
@@ -139,8 +140,9 @@ def _alone(
         r, J = told(samples, equation_errors)[0], told(exogenous, equation_errors)[1]
     else:
         samples = [s.samples.take(each) for s, each in zip(stretches, at, strict=True)]
+        states = weak_states(plant.spec, how, group)
         points = weak_samples(plant.signals, stretches, places, _joined(samples))
-        r, J = told(points, WeakErrors(weak_states(plant.spec, how, group)))
+        r, J = told(points.of_group(group, states), WeakErrors(states))
     ends = np.cumsum([len(each) for each in at])[:-1]
     parts = zip(np.split(np.asarray(r), ends), np.split(np.asarray(J * free), ends), strict=True)
     return [InOrder(r, J, J[..., :0], apart * stretches[0].step) for r, J in parts]
@@ -188,6 +190,7 @@ def residuals_at(
         r = errors(unknowns.assemble(plant, theta), group, sample) / scales
         return r, r
 
-    J, r = jax.vmap(jax.jacrev(error, has_aux=True), (None, 0))(theta, samples)
+    J, r = jax.vmap(jax.jacrev(error, has_aux=True), (None, 0))(theta, points_of(samples))
+    J, r = (means_of(samples, each.T).T for each in (J, r))
     tells = jnp.isfinite(r) & jnp.all(jnp.isfinite(J), axis=-1)
     return jnp.where(tells, r, 0.0), jnp.where(tells[..., None], J, 0.0)

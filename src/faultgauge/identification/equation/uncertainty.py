@@ -153,8 +153,8 @@ def _linearised(
     errors: Callable[[GrayBoxPlant, Group, Any], Array] = equation_errors
     if report.form == "weak":
         assert given.weak is not None
-        samples, places = given.weak.training, given.weak.places
-        errors = WeakErrors(weak_states(plant.spec, how, group))
+        states, places = weak_states(plant.spec, how, group), given.weak.places
+        samples, errors = given.weak.training.of_group(group, states), WeakErrors(states)
     exogenous = None
     if isinstance(report.freed, Freed):
         samples, exogenous = report.freed.training, report.freed.exogenous

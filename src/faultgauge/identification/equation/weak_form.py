@@ -9,13 +9,18 @@ Modeling and Simulation 19, 2021):
 
 The right side is the smoothed derivative. The filtered form writes F(mean x, mean u) on the left,
 which is the same for F linear in x and u; for any other F it is wrong wherever x moves within the
-kernel. The weak form takes F at the samples as measured, and their noise with it: where F bends
-within the noise, mean F is biased.
+kernel. The weak form takes F between every two samples as measured, at their mean, and half the
+variance of their noise with it: where F bends within that, mean F is biased.
+
+The right side is as much the mean of the differences between samples. So the weak form is the
+equation error of every interval between two samples, averaged over the kernel, and an interval is
+evaluated once for all samples whose kernels hold it (`Means`).
 
 Equations that read a d(state), or a state that is itself the derivative of a column, stay filtered.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import equinox as eqx
@@ -34,24 +39,40 @@ from faultgauge.identification.equation.groups import (
 )
 from faultgauge.identification.optimise.algorithms import AlgorithmName
 from faultgauge.identification.optimise.levenberg_marquardt import Solution
-from faultgauge.identification.samples import Channels, Samples, Stretch
+from faultgauge.identification.optimise.means import Means
+from faultgauge.identification.samples import Channels, Samples, Stretch, Unsmoothed
 from faultgauge.plants.expression import derivatives_used, names_used
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.signals import Signals
 from faultgauge.plants.spec import PlantSpec
+from faultgauge.programs import program
+from faultgauge.simulation.free_run import bucket, pad
 from faultgauge.telemetry.derivatives import Kernel
 
-__all__ = ["WeakErrors", "WeakSamples", "fit_weak", "gap", "weak_samples", "weak_states"]
+__all__ = [
+    "Points",
+    "WeakErrors",
+    "WeakSamples",
+    "fit_weak",
+    "gap",
+    "weak_samples",
+    "weak_states",
+]
 
 
-class WeakSamples(NamedTuple):
-    """`at`: smoothed samples; `x`, `u`: the points as measured under the kernel at each of them,
-    which `weights` average."""
+class Points(NamedTuple):
+    """`between`: the middles of the intervals between two measurements, with the mean derivative of
+    each; `at`: the smoothed sample that the kernel from this interval on makes."""
+
+    between: Samples
+    at: Samples
+
+
+class WeakSamples(Means):
+    """Means over `Points`; `at`: the smoothed samples. The `weights` are the kernel's, one row
+    for the equations that are averaged: `of_group` has a row for each equation."""
 
     at: Samples
-    x: Float[np.ndarray, "samples points states"]
-    u: Float[np.ndarray, "samples points inputs"]
-    weights: Float[np.ndarray, "samples points"]
 
     @property
     def dx(self) -> Float[np.ndarray, "samples states"]:
@@ -61,22 +82,29 @@ class WeakSamples(NamedTuple):
     def y(self) -> Float[np.ndarray, "samples outputs"]:
         return self.at.y
 
+    def of_group(self, group: Group, states: tuple[int, ...]) -> "WeakSamples":
+        """As the equations of `group` are averaged, `states` in the weak form; the others are taken
+        at the smoothed sample alone."""
+        weak = [i in states for i in group.states] + [False] * len(group.outputs)
+        alone = np.eye(1, self.weights.shape[1])
+        rows = np.concatenate([self.weights if each else alone for each in weak])
+        return replace(self, weights=rows)
+
 
 class WeakErrors(eqx.Module):
-    """`equation_errors`, with the equations of `states` in the weak form, at one weak sample."""
+    """`equation_errors` at one of the `Points`: those of `states` between two measurements, whose
+    means are the errors in the weak form."""
 
     states: tuple[int, ...] = eqx.field(static=True)
 
     def __call__(
-        self, plant: GrayBoxPlant, group: Group, sample: WeakSamples
+        self, plant: GrayBoxPlant, group: Group, point: Points
     ) -> Float[Array, "equations"]:
-        def rates(x: Array, u: Array) -> Array:
-            return jnp.stack(plant.equations(x, u, None, self.states))
-
-        means = sample.weights @ jax.vmap(rates)(jnp.asarray(sample.x), jnp.asarray(sample.u))
+        weak = equation_errors(plant, replace(group, states=self.states, outputs=()), point.between)
+        if self.states == group.states and not group.outputs:
+            return weak
         places = np.array([group.states.index(i) for i in self.states])
-        weak = means - sample.at.dx[np.array(self.states)]
-        return equation_errors(plant, group, sample.at).at[places].set(weak)
+        return equation_errors(plant, group, point.at).at[places].set(weak)
 
 
 def weak_states(spec: PlantSpec, how: Channels, group: Group) -> tuple[int, ...]:
@@ -105,44 +133,46 @@ def weak_samples(
     places: Int[np.ndarray, "samples"],
     at: Samples,
 ) -> WeakSamples:
-    """The points under the kernel of the samples `at`, the `places`-th of all stretches'.
-
-    Over the interval [k, k+1) held inputs stay at u_k while x goes from x_k to x_(k+1); the
-    trapezoid takes F at both ends.
-    """
-    parts = [s.unsmoothed for s in stretches if s.unsmoothed]
-    kernel = parts[0].kernel
-    x, u = (np.concatenate([getattr(part, name) for part in parts]) for name in ("x", "u"))
+    """The points under the kernel of the samples `at`, the `places`-th of all stretches'."""
+    kernel = next(s.unsmoothed.kernel for s in stretches if s.unsmoothed)
+    under = 2 * kernel.half
+    parts = [_points(signals, s.unsmoothed, s.samples) for s in stretches if s.unsmoothed]
+    points = jax.tree.map(lambda *arrays: np.concatenate(arrays), *parts)
     stretch = np.searchsorted(np.cumsum([len(s.t) for s in stretches]), places, side="right")
-    first = places + 2 * kernel.half * stretch
-    left = first[:, None] + np.arange(2 * kernel.half)
+    first = places + (under - 1) * stretch
+    used = np.unique(first[:, None] + np.arange(under))
+    # few lengths, so that few programs are compiled
+    length = min(bucket(len(used)), len(first) * under, len(points.at.x))
+    points = jax.tree.map(lambda array: pad(array[used], length), points)
+    return WeakSamples(points, np.searchsorted(used, first), interval_weights(kernel)[None], at)
+
+
+def _points(signals: Signals, part: Unsmoothed, samples: Samples) -> Points:
+    """Those of a stretch. Over [k, k+1) held inputs stay at u_k, while x goes from x_k to x_(k+1):
+    the midpoint rule takes F at the mean of the two, half the variance of their noise with it."""
     held = np.array([each.hold == "zero" for each in signals.inputs], bool)
-    weights = interval_weights(kernel)
-    weights = np.tile(np.concatenate([weights, weights]) / 2, (len(places), 1))
-    return WeakSamples(
-        at,
-        np.concatenate([x[left], x[left + 1]], axis=1),
-        np.concatenate([u[left], np.where(held, u[left], u[left + 1])], axis=1),
-        weights,
-    )
+    x, u = ((array[1:] + array[:-1]) / 2 for array in (part.x, part.u))
+    y = np.full((len(x), len(signals.outputs)), np.nan)
+    at = Samples(*(pad(array, len(x)) for array in samples))
+    return Points(Samples(x, np.where(held, part.u[:-1], u), part.dx, y), at)
 
 
 def gap(plant: GrayBoxPlant, group: Group, states: tuple[int, ...], samples: WeakSamples) -> float:
     """rms of mean F - F(mean), as a share of the derivative's spread: the largest of `states`; NaN
-    where F is not defined at every sample as measured."""
-
-    @eqx.filter_jit
-    def differences(plant: GrayBoxPlant, samples: WeakSamples) -> Array:
-        def one(sample: WeakSamples) -> Array:
-            return WeakErrors(states)(plant, group, sample) - equation_errors(
-                plant, group, sample.at
-            )
-
-        return jax.vmap(one)(samples)
-
-    found = np.asarray(differences(plant, jax.tree.map(jnp.asarray, samples)))
+    where F is not defined between every two samples as measured."""
+    given = jax.tree.map(jnp.asarray, samples.of_group(group, states))
+    found = np.asarray(_differences(plant, given, group, WeakErrors(states)))
     shares = np.sqrt(np.mean(found**2, axis=0)) / target_scales(group, samples)
     return float(np.max(shares))
+
+
+@program
+def _differences(
+    plant: GrayBoxPlant, samples: WeakSamples, group: Group, errors: WeakErrors
+) -> Float[Array, "samples equations"]:
+    weak = jax.vmap(lambda each: errors(plant, group, each))(samples.points)
+    filtered = jax.vmap(lambda each: equation_errors(plant, group, each))(samples.at)
+    return samples.of(weak.T).T - filtered
 
 
 def fit_weak(
@@ -160,8 +190,8 @@ def fit_weak(
     return fit_group(
         scaled,
         group,
-        training,
-        validation,
+        training.of_group(group, states),
+        validation.of_group(group, states),
         rngs,
         algorithm=algorithm,
         errors=WeakErrors(states),
@@ -170,8 +200,6 @@ def fit_weak(
 
 
 def _reached(samples: WeakSamples) -> Samples:
-    """Every point, smoothed and as measured: networks are to span them all."""
-    x, u = (a.reshape(-1, a.shape[2]) for a in (samples.x, samples.u))
-    apart = (np.full((len(x), a.shape[1]), np.nan) for a in (samples.dx, samples.y))
-    parts = zip(samples.at, (x, u, *apart), strict=True)
-    return Samples(*(np.concatenate(pair) for pair in parts))
+    """Every sample, smoothed and between measurements: networks are to span them all."""
+    pairs = zip(samples.at, samples.points.between, strict=True)
+    return Samples(*(np.concatenate(pair) for pair in pairs))

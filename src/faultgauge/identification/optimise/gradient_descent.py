@@ -24,6 +24,7 @@ from faultgauge.identification.optimise.levenberg_marquardt import (
     Residual,
     Solution,
 )
+from faultgauge.identification.optimise.means import means_of, points_of
 from faultgauge.programs import program
 
 __all__ = ["DescentOptions", "gradient_descent"]
@@ -76,7 +77,7 @@ class _Descent(NamedTuple):
     options: DescentOptions
 
     def squares(self, theta: Array, data: Any) -> Array:
-        return jax.vmap(self.residual, (None, 0))(theta, data) ** 2
+        return means_of(data, jax.vmap(self.residual, (None, 0))(theta, points_of(data)).T) ** 2
 
     def size(self, theta: Array) -> int:
         return jax.eval_shape(self.squares, theta, self.samples).size

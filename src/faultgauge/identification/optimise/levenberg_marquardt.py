@@ -22,6 +22,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
+from faultgauge.identification.optimise.means import means_of, points_of
 from faultgauge.identification.optimise.normal_equations import (
     Linearised,
     Residual,
@@ -171,8 +172,8 @@ class _Problem(NamedTuple):
     def validate(self, theta: Array, cost: Array) -> Array:
         if self.validation is None:
             return cost
-        r = jax.vmap(self.residual, (None, 0))(theta, self.validation)
-        return jnp.sum(r * r)
+        r = jax.vmap(self.residual, (None, 0))(theta, points_of(self.validation))
+        return jnp.sum(means_of(self.validation, r.T) ** 2)
 
     def begin(self, theta: Array) -> _State:
         """Before the first trial, which only evaluates: one place in the program that does."""
@@ -273,7 +274,8 @@ def levenberg_marquardt(
     limit: Int[Array, ""] | None = None,
     beside: Callable[[Float[Array, "parameters"]], Float[Array, "rows"]] | None = None,
 ) -> Solution:
-    """Fit from every start. `samples` and `validation` are trees of arrays, samples first.
+    """Fit from every start. `samples` and `validation` are trees of arrays, samples first, or
+    `Means` over such.
 
     `penalty`, and the squares of the rows `beside` all samples, are part of `cost` and not of the
     cost over `validation` samples. With `validation`

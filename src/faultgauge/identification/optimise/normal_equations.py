@@ -3,7 +3,8 @@
     c = sum_k r_k(theta)^2,    H = J J',    g = J r
 
 The Jacobian is built sample by sample, in reverse mode or, where one sample gives more equations
-than there are unknowns, in forward mode, and stored as (parameters, equations * samples).
+than there are unknowns, in forward mode, and stored as (parameters, equations * samples). Where
+samples are `Means`, each of their points stands for a sample until the means are taken.
 
 Where unknowns belong to one sample alone, theta = [shared, local of sample 1, local of sample 2,
 ...], and H is block diagonal but for the border of the shared ones.
@@ -15,6 +16,8 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
+
+from faultgauge.identification.optimise.means import means_of, points_of
 
 __all__ = [
     "Linearised",
@@ -37,26 +40,28 @@ def normal_equations(
     residual: Residual, theta: Float[Array, "parameters"], samples: Any
 ) -> tuple[Float[Array, ""], Float[Array, "parameters parameters"], Float[Array, "parameters"]]:
     """(c, H, g)."""
+    points = points_of(samples)
 
     def one(theta: Array, sample: Any) -> tuple[Array, Array]:
         r = residual(theta, sample)
         return r, r
 
-    equations = jax.eval_shape(residual, theta, jax.tree.map(lambda a: a[0], samples)).size
+    equations = jax.eval_shape(residual, theta, jax.tree.map(lambda a: a[0], points)).size
     if equations == 1:
 
         def scalar(theta: Array, sample: Any) -> Array:
             return residual(theta, sample)[0]
 
-        r, J = jax.vmap(jax.value_and_grad(scalar), (None, 0), (0, -1))(theta, samples)
+        r, J = jax.vmap(jax.value_and_grad(scalar), (None, 0), (0, -1))(theta, points)
     else:
         jacobian = jax.jacfwd if equations > theta.size else jax.jacrev
-        J, r = jax.vmap(jacobian(one, has_aux=True), (None, 0), (-1, -1))(theta, samples)
+        J, r = jax.vmap(jacobian(one, has_aux=True), (None, 0), (-1, -1))(theta, points)
         J = jnp.moveaxis(J, 1, 0).reshape(theta.size, -1)
         r = r.reshape(-1)
     # One product gives all three; as a further row, r also keeps J stored row by row, which XLA
     # would otherwise turn round: a third of the time of a trial.
-    rows = jnp.concatenate([J, r[None]])
+    rows = jnp.concatenate([J, r[None]]).reshape(theta.size + 1, equations, -1)
+    rows = means_of(samples, rows).reshape(theta.size + 1, -1)
     products = rows @ rows.T
     return products[-1, -1], products[:-1, :-1], products[:-1, -1]
 

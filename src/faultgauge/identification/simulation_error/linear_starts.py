@@ -13,7 +13,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
-from scipy.optimize import least_squares
 from scipy.sparse.csgraph import connected_components
 
 from faultgauge.identification.unknowns import Unknowns
@@ -94,6 +93,8 @@ def _solutions(
 ) -> list[Float[np.ndarray, "unknowns"]]:
     """Unknowns about `theta`, unlike it and each other, that solve `residual` for one of `goals`;
     its last rows, one to each unknown, hold those that do not matter and need not vanish."""
+    from scipy.optimize import least_squares  # a fifth of a second to load, which few fits need
+
     jacobian = jax.jit(jax.jacfwd(residual))
     error = jax.jit(residual)
     lower, upper = bounds

@@ -8,7 +8,6 @@ from typing import NamedTuple
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.signal import savgol_filter
 
 from faultgauge.errors import InputError
 from faultgauge.identification.samples import Channels, spread
@@ -105,6 +104,8 @@ def _guess(
     filled = np.interp(np.arange(len(column)), np.flatnonzero(known), column[known])
     if order == 0:
         return filled, max(3 * noise_sd(column[known]), 1e-9 * float(np.ptp(filled)), 1e-12)
+    from scipy.signal import savgol_filter  # half a second to load, which few commands need
+
     half = min(SLOPE_WINDOW, (len(column) - 1) // 2)
     degree = min(order + 1, 2 * half)
     smooth = np.asarray(savgol_filter(filled, 2 * half + 1, degree, deriv=order, delta=step))

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.stats import binomtest
 
 __all__ = ["Band", "free_run_band", "given_band"]
 
@@ -114,6 +113,8 @@ def _held(
     source: str,
 ) -> Band:
     """The band with its coverage: whether each sample of every stretch lies `inside`."""
+    from scipy.stats import binomtest  # a third of a second to load, which few commands need
+
     judged = [each for each in inside if each.size]
     whole = np.concatenate(judged)
     share, independent = float(np.mean(whole)), max(len(whole) / time, 1.0)

@@ -12,8 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.signal import correlate
-from scipy.stats import norm
+from numpy.fft import irfft, rfft
+from scipy.fft import next_fast_len
+from scipy.special import ndtri
 
 __all__ = [
     "InputTest",
@@ -111,7 +112,9 @@ def correlation(a: Signal, b: Signal) -> Float[np.ndarray, "lags"] | None:
     total = np.zeros(2 * longest - 1)
     for left, right in zip(*centred, strict=True):
         n = len(left)
-        total[longest - n : longest + n - 1] += correlate(left, right, "full", "fft")
+        length = next_fast_len(2 * n - 1, real=True)
+        lagged = irfft(rfft(left, length) * rfft(right, length).conj(), length)
+        total[longest - n : longest + n - 1] += np.roll(lagged, n - 1)[: 2 * n - 1]
     return total / (count * size)
 
 
@@ -221,5 +224,5 @@ def _lags(longest: int, time: float) -> Int[np.ndarray, "lags"]:
 
 def _limits(spread: float, lags: int) -> tuple[float, float]:
     """What one lag stays below with 95 %, and what all of them stay below with 99 %."""
-    one, every = norm.isf((1.0 - LEVEL) / 2.0), norm.isf((1.0 - LEVEL_OF_ALL) / 2.0 / lags)
+    one, every = -ndtri((1.0 - LEVEL) / 2.0), -ndtri((1.0 - LEVEL_OF_ALL) / 2.0 / lags)
     return float(one * spread), float(every * spread)

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 __all__ = ["Profile", "profile", "quantile_bins"]
 
@@ -76,7 +76,7 @@ def profile(
         mean=mean,
         mean_sd=scatter * np.sqrt(np.minimum(time / count, 1.0)),
         explained=between / variance if variance > 0 else 0.0,
-        by_chance=min(float(chi2.isf(0.05, len(members) - 1)) * time / len(e), 1.0)
+        by_chance=min(float(chdtri(len(members) - 1, 0.05)) * time / len(e), 1.0)
         if len(members) > 1
         else 0.0,
     )

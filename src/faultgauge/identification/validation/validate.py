@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from faultgauge.identification.samples import Samples
 from faultgauge.identification.validation.band import Band, free_run_band, given_band
@@ -157,7 +157,7 @@ def _output(
         rmse=rmse,
         nrmse=rmse / spread if spread > 0 else None,
         bias=float(np.mean(whole)),
-        bias_95=float(np.std(whole) * student.isf(0.025, max(independent - 1.0, 1.0)))
+        bias_95=float(np.std(whole) * -stdtrit(max(independent - 1.0, 1.0), 0.025))
         / np.sqrt(independent),
         time_s=time * step / float(np.mean(np.isfinite(np.concatenate(usual)))),
         independent=independent,
