@@ -13,6 +13,7 @@ from lags import COUNT, NOISE, STEP, log, model
 
 MODEL = for_bank(model(), NOISE)
 PUSH, TOLD, GONE, STOP = 0, 100, 297, 300
+SETS = build_fault_bank(MODEL, [log(0)], NOISE).sets
 
 
 def judged(until, again=0):
@@ -85,3 +86,53 @@ def test_what_rows_were_sure_was_over_has_come_again(between, healthy, parts):
     if parts == 2:
         assert told[1].start == pytest.approx(t[pause.stop])
         assert told[0].end <= told[1].onset_lo < told[1].onset < told[1].onset_hi <= told[1].start
+
+
+def scene(p, f, lo, hi, ago, late):
+    """A run of which the bank says so of the push, where p is 0.5 or more under alarm."""
+    shape, k = (COUNT, 2), np.arange(COUNT)
+    there = p >= 0.5
+    columns = np.zeros((4, *shape))
+    columns[:, :, PUSH] = p, f, lo, hi
+    onset = np.zeros((COUNT, 2, 2))
+    onset[:, PUSH] = np.stack([ago, np.broadcast_to(late, COUNT)], axis=1)
+    decision = decide_runs(MODEL, [log(0)])[0][0]
+    found = decision.posterior._replace(
+        p=columns[0], f=columns[1], lo=columns[2], hi=columns[3], onset=onset,
+        healthy=1 - p, unknown=0.0 * p, ever=np.ones(shape),
+    )  # fmt: skip
+    status = np.where(there, STATUS.index(FAULT), STATUS.index(HEALTHY))
+    named = np.zeros((COUNT, 3), bool)
+    named[:, PUSH] = p > 0.95
+    sets = np.stack([1 - p, p, *np.zeros((len(SETS) - 1, COUNT))], axis=1)
+    return Judged(decision.run, found, Verdict(status, 0 * k, status < 0, named), sets)
+
+
+def test_a_fault_that_may_be_none_is_not_over():
+    """From row 200 on it is there with p 0.96, so that 0 lies inside its interval of 95 %; it is
+    over where p falls below one half."""
+    bank = build_fault_bank(MODEL, [log(0)], NOISE)
+    k = np.arange(COUNT)
+    p = np.select([k < TOLD, k < 200, k < 280], [0.0, 1.0, 0.96], 0.0)
+    lo = np.where(p == 1.0, 0.04, 0.0)
+    (event,) = events(bank, scene(p, 0.05 * p, lo, 0.06 * (p > 0), STEP * (k - 97.0), STEP))
+    assert (event.start, event.end) == (pytest.approx(TOLD * STEP), pytest.approx(279 * STEP))
+    # where its sign is not known it is
+    unsigned = np.where(k < 200, lo, -0.01)
+    (event,) = events(bank, scene(p, 0.05 * p, unsigned, 0.06 * (p > 0), STEP * (k - 97.0), STEP))
+    assert event.end == pytest.approx(199 * STEP)
+
+
+@pytest.mark.parametrize(("late", "end"), [(0.01, 250), (20.0, 279)])
+def test_one_of_the_other_sign_ends_it_where_that_began_at_the_latest(late, end):
+    """From row 280 on the push has the other sign, dated to row 250 +- `late` samples."""
+    bank = build_fault_bank(MODEL, [log(0)], NOISE)
+    k = np.arange(COUNT)
+    p = np.where((k >= TOLD) & (k < 350), 1.0, 0.0)
+    side = np.where(k < 280, 1.0, -1.0) * p
+    lo, hi = np.minimum(0.04 * side, 0.06 * side), np.maximum(0.04 * side, 0.06 * side)
+    ago, sd = STEP * np.where(k < 280, k - 97.0, k - 250.0), STEP * np.where(k < 280, 1.0, late)
+    first, second = events(bank, scene(p, 0.05 * side, lo, hi, ago, sd))
+    assert first.size == pytest.approx(0.05)
+    assert second.size == pytest.approx(-0.05)
+    assert first.end == pytest.approx(end * STEP, abs=STEP)

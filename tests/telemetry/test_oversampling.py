@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from scipy.signal import lfilter
+from scipy.signal import lfilter, welch
 
 from faultgauge.telemetry import Run, inspect_runs, resampled
-from faultgauge.telemetry.oversampling import oversampled
+from faultgauge.telemetry.oversampling import _power, oversampled
 
 SAMPLES = 30_000
 
@@ -66,3 +66,13 @@ def test_a_measured_drive_at_a_kilohertz(data_dir):
     """A carriage that moves to and fro within seconds."""
     found = inspect_runs(data_dir / "emps" / "train_nominal.csv.gz", time="t_s")
     assert any("--resample 100" in hint for hint in found.hints)
+
+
+@pytest.mark.parametrize("length", [256, 255])
+def test_power_is_scipys(length):
+    x = lag(0.001, 0.1, 0.1).columns["y"][:2000] + np.linspace(0, 3, 2000)
+    wanted = welch(x, nperseg=length, detrend="linear", scaling="spectrum")[1]
+    found = _power(x, length)
+    inner = slice(2, -2)  # at the ends one side is none of two
+    scale = wanted[10] / found[10]
+    np.testing.assert_allclose(scale * found[inner], wanted[inner], rtol=1e-9)

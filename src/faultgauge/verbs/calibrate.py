@@ -2,21 +2,24 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Unpack
 
 import numpy as np
 
+from faultgauge.detection.answer.smallest import smallest_from
 from faultgauge.detection.bank.bank import build_fault_bank
 from faultgauge.detection.bank.noise import noise_of
 from faultgauge.detection.calibration import calibration
 from faultgauge.plants.model import Model
 from faultgauge.plants.record import CalibrationRecord
 from faultgauge.plants.settings import with_settings
-from faultgauge.reporting.words.calibration import summary
+from faultgauge.reporting.words.calibration import summary, telling
 from faultgauge.reporting.words.reliance import doubt
 from faultgauge.verbs.how import How, Reading, reads
 from faultgauge.verbs.plants import model_of
 from faultgauge.verbs.reading import Runs, runs_for_model, unlike_warnings
+from faultgauge.telemetry import Run
 from faultgauge.verbs.result import Columns, Result
 
 __all__ = ["Calibrated", "calibrate"]
@@ -30,6 +33,8 @@ class Calibrated(Result):
 
     - `model`: the model with its calibration, for `estimate`.
     - `found`: the healthy blocks behind it (`.blocks`) and those that look faulty (`.suspects`).
+    - `smallest`: for each fault the size, in its unit, that would have been named in the longest of
+      the logs, had it begun in its middle; None where none that is to be expected would.
     - `warnings`: about the logs.
     """
 
@@ -48,11 +53,24 @@ class Calibrated(Result):
         return self.model.calibration
 
     @property
+    def _longest(self) -> Run:
+        return max(self.runs, key=lambda run: len(run.t))
+
+    @cached_property
+    def smallest(self) -> dict[str, float | None]:
+        if self._known.channels is not None:
+            return {}
+        bank = build_fault_bank(self.model, self.runs, noise_of(self.model))
+        (sizes,) = smallest_from(bank, self._longest, [0.5])
+        return dict(zip(self.model.plant.signals.fault_names, sizes, strict=True))
+
+    @property
     def lines(self) -> list[str]:
-        return summary(self.model)
+        return [*summary(self.model), *telling(self.model, self._longest.name, self.smallest)]
 
     def as_dict(self) -> dict[str, Any]:
-        return {**self._known.as_dict(), "warnings": list(self.warnings)}
+        smallest = {} if not self.smallest else {"smallest": self.smallest}
+        return {**self._known.as_dict(), **smallest, "warnings": list(self.warnings)}
 
     def columns(self) -> Columns:
         """A row per healthy block with its highest score in log-odds; of an observer alone, a row

@@ -7,13 +7,13 @@ import numpy as np
 from faultgauge.detection.bank.noise import Noise, noise_of
 from faultgauge.detection.bank.uncertain_constants import USUAL_SPREAD, constants_of, drifting_of
 from faultgauge.detection.posterior.uncalibrated import level_in
-from faultgauge.detection.words import duration, number
+from faultgauge.detection.words import duration, listed, number, would_not_show
 from faultgauge.plants.disturbed import dynamic_states
 from faultgauge.plants.model import Model
 from faultgauge.plants.record import Interval
 from faultgauge.plants.signals import State, spoken
 
-__all__ = ["doubted", "errors", "summary"]
+__all__ = ["doubted", "errors", "summary", "telling"]
 
 FAR = 3.0  # times by how much healthy runs differ
 
@@ -24,6 +24,27 @@ def summary(model: Model) -> list[str]:
     if known is not None and known.channels is not None:
         return _intervals(known.channels, _units(model))
     return [*errors(model), *_answers(model), *_priors(model), _level(model)]
+
+
+def telling(model: Model, run: str, smallest: Mapping[str, float | None]) -> list[str]:
+    """What of each fault would not have shown in a healthy `run`, `smallest` being what would."""
+    units = _units(model)
+    known = {
+        name: (size, units.get(name, ""))
+        for name, size in smallest.items()
+        if model.plant.signals.faults[model.plant.signals.fault_names.index(name)].monitor
+        != "disabled"
+    }
+    if not known:
+        return []
+    told = f"in {run}, had it begun halfway, {would_not_show(known)}"
+    slow = drifting_of(model)
+    if slow and any(size is None for size, _ in known.values()):
+        told += (
+            f": what drifts may hide a fault that does the same. Where {listed(slow)} should not "
+            'take such a fault up, try vary = "run" for what does not drift within a log'
+        )
+    return [told]
 
 
 def _intervals(channels: Mapping[str, Interval], units: Mapping[str, str]) -> list[str]:
