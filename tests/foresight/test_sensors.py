@@ -46,11 +46,14 @@ target = "b"
 max = 2
 min = -2
 """
-VARYING = TEXT.replace("u - 0.2*a", "feed*u - 0.2*a") + """
+VARYING = (
+    TEXT.replace("u - 0.2*a", "feed*u - 0.2*a")
+    + """
 [parameters.feed]
 value = 1.0
 vary = "run"
 """
+)
 STEP, SIGMA, COUNT = 1.0, 0.05, 400
 
 

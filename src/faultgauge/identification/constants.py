@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
+from scipy.sparse.csgraph import connected_components
 
 from faultgauge.identification.model_error import BandScatter
 from faultgauge.identification.unknowns import WEIGHTS, Unknowns
@@ -151,13 +152,7 @@ class ConstantsInformation:
                     f"parameter {each.name!r} is not identifiable: network {each.imitated_by!r} "
                     f"{both}; fix it, or leave its part to the network"
                 )
-        for i, a in enumerate(self.constants):
-            for j, b in enumerate(self.constants[:i]):
-                if abs(self.correlation[i, j]) > ALIKE and a.vague and b.vague:
-                    found.append(
-                        f"parameters {b.name!r} and {a.name!r} cannot be told apart by these "
-                        f"logs (correlation {self.correlation[i, j]:+.3f}); fix one of them"
-                    )
+        found += self._alike()
         found += self._of_model_error()
         best = max(self.changing, key=self.changing.__getitem__, default="")
         if best and self.changing[best] > CHANGES:
@@ -172,6 +167,27 @@ class ConstantsInformation:
                 f"the outputs do not show {direction}: no log can tell where it starts; measure "
                 "one of these states, or leave it out"
             )
+        return found
+
+    def _alike(self) -> list[str]:
+        """A sentence for those that only a combination of is known, however many."""
+        vague = np.array([each.vague for each in self.constants], bool)
+        close = (np.abs(np.nan_to_num(self.correlation)) > ALIKE) & np.outer(vague, vague)
+        count, member = connected_components(close, directed=False)
+        found = []
+        for group in (np.flatnonzero(member == k) for k in range(count)):
+            if len(group) > 1:
+                *first, last = (repr(self.constants[k].name) for k in group)
+                told = self.correlation[np.ix_(group, group)][np.triu_indices(len(group), 1)]
+                how = (
+                    f"correlation {told[0]:+.3f}"
+                    if len(group) == 2
+                    else f"correlations up to {np.max(np.abs(told)):.3f}"
+                )
+                found.append(
+                    f"parameters {', '.join(first)} and {last} cannot be told apart by these logs "
+                    f"({how}); fix one of them"
+                )
         return found
 
     def _of_model_error(self) -> list[str]:

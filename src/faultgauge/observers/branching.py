@@ -180,7 +180,7 @@ class Branching(Answers):
             def one(after: BranchState, without: Array) -> tuple[BranchState, tuple[()]]:
                 return self._branched(after, changes, b, k, without), ()
 
-            after, _ = jax.lax.scan(one, state, np.array([False, True]))
+            after, _ = jax.lax.scan(one, state, jnp.array([False, True]))
             new = jnp.any(after.lanes.eta != state.lanes.eta, axis=(1, 2, 3))
             return after, jnp.where(new[:, None, None], ell[b], ell)
 
@@ -208,29 +208,15 @@ class Branching(Answers):
         # the likely onsets go; the others stay beside the branch that they are of
         stays = changes.ell[b, k] <= jnp.max(changes.ell[b, k]) + np.log(TRIFLE)
         ell = jnp.where(stays, NEVER, changes.ell[b, k])
-        w = jnp.exp(ell - logsumexp(ell))
         a = jnp.argmax(ell)
-        eta = state.lanes.eta[b, :, kind, a]
         f, V = self._alone(state, changes, b, k, kind, a, gone)
-        mean = state.belief.mean[b] + eta * f
-        # the other onsets, kept or not, make the belief as wide as they lie apart from this one
-        every = state.lanes.eta[b, :, kind]
-        apart = (every * changes.f[b, k] - (eta * f)[:, None]) * jnp.sqrt(w)
-        spread = every * jnp.sqrt(w * changes.V[b, k])
-        when, blur = state.lanes.onset[b, kind], self._blur(state.t, state.lanes)[b, kind]
-        between = self._slope(state, b, kind) * changes.f[b, k] * jnp.sqrt(w * blur)
-        each = jnp.concatenate([apart, spread, between], axis=1)
-        P = state.belief.P[b] + contract("ia,ja->ij", each, each)
-        P = P + jnp.diag(self._late(state, b, kind, f) ** 2)
+        mean, P, began = self._moved(state, changes, b, k, kind, ell, f)
         off = self._off(_at(state.belief, b), fault, gone)
         mean, P, gains = self._known_gone(mean, P, fault, gone, off)
         real = self._real(state, b, mean, fault, off)
         doubted = jnp.argmin(real)
         mean, P, also = self._known_gone(mean, P, doubted, without, jnp.zeros(()))
         which = jnp.where(without, less[jnp.maximum(which, 0), doubted], which)
-        onset = contract("a,a->", w, when)
-        wide = contract("a,a->", w, (when - onset) ** 2 + blur)
-        began = self._began(state, b, kind, jnp.stack([onset, wide]), f)
         since = state.since[b].at[fault].set(began)
         share = jnp.where(without, -real[doubted], real[doubted])
         weight = state.weight[b] + logsumexp(ell) - jax.nn.softplus(-share)
@@ -262,6 +248,34 @@ class Branching(Answers):
             told=placed(state.told, self._told_before(state, b, fault, gone)),
             lanes=lanes,
         )
+
+    def _moved(
+        self,
+        state: BranchState,
+        changes: Changes,
+        b: Int[Array, ""],
+        k: Int[Array, ""],
+        kind: Int[Array, ""],
+        ell: Float[Array, "onsets"],
+        f: Float[Array, ""],
+    ) -> tuple[Float[Array, "n"], Float[Array, "n n"], Float[Array, "two"]]:
+        """What a change of size `f`, at one of its onsets, each as likely as `ell` says, makes of a
+        branch: its mean, its variance, and since when its fault is there (mean, variance)."""
+        w, a = jnp.exp(ell - logsumexp(ell)), jnp.argmax(ell)
+        eta = state.lanes.eta[b, :, kind, a]
+        mean = state.belief.mean[b] + eta * f
+        # the other onsets, kept or not, make the belief as wide as they lie apart from this one
+        every = state.lanes.eta[b, :, kind]
+        apart = (every * changes.f[b, k] - (eta * f)[:, None]) * jnp.sqrt(w)
+        spread = every * jnp.sqrt(w * changes.V[b, k])
+        when, blur = state.lanes.onset[b, kind], self._blur(state.t, state.lanes)[b, kind]
+        between = self._slope(state, b, kind) * changes.f[b, k] * jnp.sqrt(w * blur)
+        each = jnp.concatenate([apart, spread, between], axis=1)
+        P = state.belief.P[b] + contract("ia,ja->ij", each, each)
+        P = P + jnp.diag(self._late(state, b, kind, f) ** 2)
+        onset = contract("a,a->", w, when)
+        wide = contract("a,a->", w, (when - onset) ** 2 + blur)
+        return mean, P, self._began(state, b, kind, jnp.stack([onset, wide]), f)
 
     def _placed(
         self,

@@ -16,10 +16,10 @@ from faultgauge.plants.record import CalibrationRecord
 from faultgauge.plants.settings import with_settings
 from faultgauge.reporting.words.calibration import summary, telling
 from faultgauge.reporting.words.reliance import doubt
+from faultgauge.telemetry import Run
 from faultgauge.verbs.how import How, Reading, reads
 from faultgauge.verbs.plants import model_of
 from faultgauge.verbs.reading import Runs, runs_for_model, unlike_warnings
-from faultgauge.telemetry import Run
 from faultgauge.verbs.result import Columns, Result
 
 __all__ = ["Calibrated", "calibrate"]

@@ -14,9 +14,10 @@ that of a share of its size: `shape` and `gain` (`fidelity`). So
       ln p(real) / p(made up) = ln c + ln N(z; 0, 1 + e^2 + s^2) / N(z; 0, 1 + e^2)
                                 - ln (e^2 / (1 + e^2)),
 
-  c being how often one fault brings another (`real_odds`). As much of the set as is made up belongs to the set
-  without that fault. No plant answers at once: what the first sample of a sensor's fault told is
-  made up by no more than the others do within a sample, and is told against that
+  c being how often one fault brings another (`real_odds`). As much of the set as is made up
+  belongs to the set without that fault. No plant answers at once: what the first sample of a
+  sensor's fault told is made up by no more than the others do within a sample, and is told
+  against that
   (`told_at_once`), with J_i the info of a unit of fault i in the first sample after it and
 
       e_k^2 = shape^2 sum_i!=k f_i^2 J_i;
@@ -132,7 +133,7 @@ class Inexact(eqx.Module):
         sd2 = jnp.maximum(said.sd**2, TINY)
         z2 = jnp.where(self.holds > 0, said.f**2 / sd2, 0.0)
         s2 = self.size**2 / sd2
-        odds = real_odds(z2, s2, e2, jnp.asarray(self.common)) + at_once
+        odds = real_odds(z2, jnp.asarray(s2), e2, jnp.asarray(self.common)) + at_once
         return jnp.where(e2 > TINY, jax.nn.sigmoid(odds), 1.0)
 
 

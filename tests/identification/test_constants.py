@@ -1,0 +1,33 @@
+"""What is said of fitted constants, by numbers set here."""
+
+import numpy as np
+
+from faultgauge.identification.constants import ConstantsInformation, FittedConstant
+
+
+def information(close, vague=()):
+    """Constants a to e, each 1.0, known to a fifth where `vague`, correlated by 0.995 where
+    `close`."""
+    each = tuple(
+        FittedConstant(name, "", 1.0, 0.2 if name in vague else 0.01, None, None)
+        for name in "abcde"
+    )
+    correlation = np.eye(5)
+    for one, other in close:
+        i, j = "abcde".index(one), "abcde".index(other)
+        correlation[i, j] = correlation[j, i] = -0.995
+    return ConstantsInformation(each, correlation, (), 1.0)
+
+
+def test_constants_that_cannot_be_told_apart_are_one_sentence():
+    found = information(["ab", "bc", "ac", "de"], "abcde").warnings()
+    assert found == [
+        "parameters 'a', 'b' and 'c' cannot be told apart by these logs (correlations up to "
+        "0.995); fix one of them",
+        "parameters 'd' and 'e' cannot be told apart by these logs (correlation -0.995); fix one "
+        "of them",
+    ]
+
+
+def test_constants_that_are_known_all_the_same_are_none():
+    assert information(["ab", "bc"], "a").warnings() == []
