@@ -162,6 +162,22 @@ def test_a_report_of_an_observer_tells_of_its_calibration(learned, tank):
     assert page.sections[-1].tables == own.page().sections[0].tables
 
 
+def test_calibrate_says_what_would_show(calibrated, tank):
+    """Of simulated leaks one that is twice as large is named, one of a third is not."""
+    (fault,) = calibrated.model.plant.signals.fault_names
+    size = calibrated.smallest[fault]
+    assert calibrated.as_dict()["smallest"] == {fault: size}
+    (line,) = [each for each in calibrated.lines if "would not have shown" in each]
+    assert line.startswith("had a fault begun in the middle of the longest log, ")
+    side = np.sign(tank.leak)
+    large, small = (
+        fg.estimate(calibrated.model, tank.log(4, side * times * size)).events
+        for times in (2.0, 1 / 3)
+    )
+    assert [each.fault for each in large] == [fault]
+    assert not small
+
+
 @pytest.mark.usefixtures("noise_once")
 def test_the_commands_say_the_same(said, learned, calibrated, judged, tmp_path, tank):
     logs = {

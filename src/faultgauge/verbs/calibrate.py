@@ -16,7 +16,6 @@ from faultgauge.plants.record import CalibrationRecord
 from faultgauge.plants.settings import with_settings
 from faultgauge.reporting.words.calibration import summary, telling
 from faultgauge.reporting.words.reliance import doubt
-from faultgauge.telemetry import Run
 from faultgauge.verbs.how import How, Reading, reads
 from faultgauge.verbs.plants import model_of
 from faultgauge.verbs.reading import Runs, runs_for_model, unlike_warnings
@@ -52,21 +51,18 @@ class Calibrated(Result):
         assert self.model.calibration is not None
         return self.model.calibration
 
-    @property
-    def _longest(self) -> Run:
-        return max(self.runs, key=lambda run: len(run.t))
-
     @cached_property
     def smallest(self) -> dict[str, float | None]:
         if self._known.channels is not None:
             return {}
         bank = build_fault_bank(self.model, self.runs, noise_of(self.model))
-        (sizes,) = smallest_from(bank, self._longest, [0.5])
+        longest = max(self.runs, key=lambda run: len(run.t))
+        (sizes,) = smallest_from(bank, longest, [0.5])
         return dict(zip(self.model.plant.signals.fault_names, sizes, strict=True))
 
     @property
     def lines(self) -> list[str]:
-        return [*summary(self.model), *telling(self.model, self._longest.name, self.smallest)]
+        return [*summary(self.model), *telling(self.model, self.smallest)]
 
     def as_dict(self) -> dict[str, Any]:
         smallest = {} if not self.smallest else {"smallest": self.smallest}

@@ -5,7 +5,7 @@ import numpy as np
 from calibrations import for_bank
 from faultgauge.detection.bank.noise import Noise
 from faultgauge.detection.bank.uncertain_constants import constants_of
-from faultgauge.reporting.words.calibration import summary
+from faultgauge.reporting.words.calibration import summary, telling
 from models import as_stated
 
 LAG = """
@@ -91,3 +91,18 @@ def test_a_constant_that_was_fitted_to_zero_has_no_share_of_it_to_be_said():
     assert "a 0.1 1/s" in said
     assert "b 0.1 (5 %)" in said
     assert "a 0.1 1/s (" not in said
+
+
+def test_what_no_size_would_show_is_said_beside_what_may_drift():
+    points = np.random.default_rng(0).uniform(-1, 1, (60, 2))
+    slow = as_stated(LAG.replace("b = { value = 2 }", 'b = { value = 2, vary = "slow" }'), points)
+    (line,) = telling(slow, {"push": None})
+    assert line == (
+        "had a fault begun in the middle of the longest log, push of any size to be expected would "
+        'not have shown. b may drift (vary = "slow") and take up what push would do; of what does '
+        'not drift within a log, say vary = "run"'
+    )
+    (line,) = telling(as_stated(LAG, points), {"push": None})
+    assert line.endswith("would not have shown")
+    (line,) = telling(slow, {"push": 0.2})
+    assert line.endswith("push below 0.2 would not have shown")

@@ -26,8 +26,9 @@ def summary(model: Model) -> list[str]:
     return [*errors(model), *_answers(model), *_priors(model), _level(model)]
 
 
-def telling(model: Model, run: str, smallest: Mapping[str, float | None]) -> list[str]:
-    """What of each fault would not have shown in a healthy `run`, `smallest` being what would."""
+def telling(model: Model, smallest: Mapping[str, float | None]) -> list[str]:
+    """What of each fault would not have shown in the longest healthy log, `smallest` being what
+    would."""
     units = _units(model)
     known = {
         name: (size, units.get(name, ""))
@@ -37,12 +38,12 @@ def telling(model: Model, run: str, smallest: Mapping[str, float | None]) -> lis
     }
     if not known:
         return []
-    told = f"in {run}, had it begun halfway, {would_not_show(known)}"
-    slow = drifting_of(model)
-    if slow and any(size is None for size, _ in known.values()):
+    told = f"had a fault begun in the middle of the longest log, {would_not_show(known)}"
+    slow, blind = drifting_of(model), [name for name, (size, _) in known.items() if size is None]
+    if slow and blind:
         told += (
-            f": what drifts may hide a fault that does the same. Where {listed(slow)} should not "
-            'take such a fault up, try vary = "run" for what does not drift within a log'
+            f'. {listed(slow)} may drift (vary = "slow") and take up what {listed(blind, "or")} '
+            'would do; of what does not drift within a log, say vary = "run"'
         )
     return [told]
 
