@@ -121,18 +121,3 @@ def test_a_fault_that_may_be_none_is_not_over():
     unsigned = np.where(k < 200, lo, -0.01)
     (event,) = events(bank, scene(p, 0.05 * p, unsigned, 0.06 * (p > 0), STEP * (k - 97.0), STEP))
     assert event.end == pytest.approx(199 * STEP)
-
-
-@pytest.mark.parametrize(("late", "end"), [(0.01, 250), (20.0, 279)])
-def test_one_of_the_other_sign_ends_it_where_that_began_at_the_latest(late, end):
-    """From row 280 on the push has the other sign, dated to row 250 +- `late` samples."""
-    bank = build_fault_bank(MODEL, [log(0)], NOISE)
-    k = np.arange(COUNT)
-    p = np.where((k >= TOLD) & (k < 350), 1.0, 0.0)
-    side = np.where(k < 280, 1.0, -1.0) * p
-    lo, hi = np.minimum(0.04 * side, 0.06 * side), np.maximum(0.04 * side, 0.06 * side)
-    ago, sd = STEP * np.where(k < 280, k - 97.0, k - 250.0), STEP * np.where(k < 280, 1.0, late)
-    first, second = events(bank, scene(p, 0.05 * side, lo, hi, ago, sd))
-    assert first.size == pytest.approx(0.05)
-    assert second.size == pytest.approx(-0.05)
-    assert first.end == pytest.approx(end * STEP, abs=STEP)

@@ -4,8 +4,8 @@ A fault that stays is one event, however its estimate is refined and whatever in
 stretch belongs to the one before where the posterior holds that the fault began before that ended,
 unless rows between the two are sure that it was over.
 It ends where the posterior lets it go, or no longer knows which sign it has. Where it gets the
-other sign another one begins, and the first ends where that one's onset lies at the latest; what
-is undeclared ends with the alarm that nothing else explains.
+other sign another one begins, and the first ends where that one's onset lies; what is undeclared
+ends with the alarm that nothing else explains.
 An event begins and ends in rows that were judged.
 """
 
@@ -239,7 +239,7 @@ def _in_turn(
     log: float,
 ) -> list[_Stretch]:
     """Stretches of one cause, which is `there`; one that has another sign ends the one before it
-    where its onset lies at the latest."""
+    at its onset."""
     own = sorted(own, key=lambda each: each.told)
     for at, (before, after) in enumerate(pairwise(own)):
         if after.k == judged.found.p.shape[1]:  # nobody dates what is undeclared
@@ -247,9 +247,9 @@ def _in_turn(
         if np.sum(~there[before.stop : after.begun]) > pause(bank):  # it went in between
             continue
         last = _settled(judged.found.p[:, after.k], after.told, after.stop - 1)
-        latest = _onset(bank, judged, after, last, log)[2]
+        onset = _onset(bank, judged, after, last, log)[0]
         rows = np.arange(before.told, before.stop)
-        until = rows[there[rows] & (judged.run.t[rows] <= latest)]
+        until = rows[there[rows] & (judged.run.t[rows] <= onset)]
         if len(until):
             own[at] = before._replace(stop=int(until[-1]) + 1)
     return own
