@@ -2,9 +2,8 @@
 
 It is 0, and z is what it is given that. What was told amid a fault that acts on the plant is off as
 the answer to it is: with e = shape z, z being how clearly the fault showed, by e of its own
-standard deviation. So variances grow by 1 + e^2, to what they are before any data at most, and of
-other faults as much evidence is left as an estimate so uncertain has, or as there was before that
-one came.
+standard deviation. So variances grow by 1 + e^2, to what they are before any data at most, and
+another fault that was told amid it is there, or was made up (`real_odds`).
 """
 
 import equinox as eqx
@@ -51,7 +50,7 @@ def real_odds(
 
         ln c + ln N(z; 0, 1 + e^2 + s^2) / N(z; 0, 1 + e^2) - ln (e^2 / (1 + e^2)),
 
-    `common`, c, being how often one fault brings another. Where they make up nothing, it is that.
+    `common`, c, being how often one fault brings another. The less they make up, the surer it is there.
     """
     rarely = jnp.log(jnp.maximum(e2, NONE) / (1 + e2))
     return jnp.log(common) + _evidence(z2, s2, e2) - rarely
