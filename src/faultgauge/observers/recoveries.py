@@ -50,7 +50,7 @@ def real_odds(
 
         ln c + ln N(z; 0, 1 + e^2 + s^2) / N(z; 0, 1 + e^2) - ln (e^2 / (1 + e^2)),
 
-    `common`, c, being how often one fault brings another. The less they make up, the surer it is there.
+    `common`, c, being how often one fault brings another. The less they make up, the surer it is.
     """
     rarely = jnp.log(jnp.maximum(e2, NONE) / (1 + e2))
     return jnp.log(common) + _evidence(z2, s2, e2) - rarely
