@@ -2,7 +2,11 @@
 
 import numpy as np
 
-from faultgauge.identification.constants import ConstantsInformation, FittedConstant
+from faultgauge.identification.constants import (
+    ConstantsInformation,
+    FittedConstant,
+    LateColumn,
+)
 
 
 def information(close, vague=()):
@@ -31,3 +35,13 @@ def test_constants_that_cannot_be_told_apart_are_one_sentence():
 
 def test_constants_that_are_known_all_the_same_are_none():
     assert information(["ab", "bc"], "a").warnings() == []
+
+
+def test_a_lag_of_few_samples_is_left_to_calibrate():
+    late = LateColumn("u", 0.013, 0.001, True, 1.3), LateColumn("y", 0.2, 0.01, False, 20.0)
+    long, short = ConstantsInformation((), np.eye(0), (), 1.0, late=late).warnings()
+    assert long.startswith("'y' comes about 0.2 s later than the plant file has it")
+    assert long.endswith("add it as a state, or give delay in [inputs.NAME]")
+    assert short.startswith("the plant follows 'u' about 0.013 s later than the plant file has it")
+    assert "leave the file as it is" in short
+    assert "add it as a state" not in short

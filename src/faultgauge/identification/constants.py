@@ -33,6 +33,7 @@ BIASED = 0.02  # of a parameter: less of a bias, or of a model's error, is not w
 CHANGES = 0.5  # of the squared error, to be worth a word
 APART = 3.0  # standard errors of a difference, which chance does not reach
 NEAR = 1e-3  # of the range: a parameter this near to a bound is at it
+FEW = 3.0  # samples: a state that follows within fewer is hardly known, and faults hide behind it
 
 
 @dataclass(frozen=True)
@@ -89,13 +90,14 @@ class FittedConstant:
 
 @dataclass(frozen=True)
 class LateColumn:
-    """A column that comes later than the file has it, or an input that acts later: seconds and
-    their standard error."""
+    """A column that comes later than the file has it, or an input that acts later: seconds, their
+    standard error, and how many samples that is."""
 
     name: str
     seconds: float
     error: float
     is_input: bool
+    samples: float
 
     def __str__(self) -> str:
         who = f"the plant follows {self.name!r}" if self.is_input else f"{self.name!r} comes"
@@ -192,11 +194,19 @@ class ConstantsInformation:
 
     def _of_model_error(self) -> list[str]:
         found = []
-        if self.late:
+        short = [each for each in self.late if each.samples < FEW]
+        long = [each for each in self.late if each.samples >= FEW]
+        lacks = "than the plant file has it: it lacks a lag or a delay, which moves the constants"
+        if long:
             found.append(
-                f"{', '.join(map(str, self.late))} than the plant file has it: it lacks a lag or "
-                "a delay, which moves the constants; add it as a state, or give delay in "
+                f"{', '.join(map(str, long))} {lacks}; add it as a state, or give delay in "
                 "[inputs.NAME]"
+            )
+        if short:
+            found.append(
+                f"{', '.join(map(str, short))} {lacks}; `calibrate` learns what is as short as "
+                "that, within three samples, so leave the file as it is: behind a state that "
+                "follows so fast faults are harder to see"
             )
         told = [each for each in self.constants if each.contradicted]
         if told:

@@ -66,7 +66,13 @@ def off_by_model(
         bands.append(own._replace(off=np.hypot(own.off, found.moved)))
         inputs = plant.signals.input_names
         late = tuple(
-            LateColumn(name, abs(float(found.seconds[k])), float(found.errors[k]), name in inputs)
+            LateColumn(
+                name,
+                abs(float(found.seconds[k])),
+                float(found.errors[k]),
+                name in inputs,
+                abs(float(found.seconds[k])) / parts[0].step,
+            )
             for k, name in enumerate(columns)
             # a plant follows an input later where its column comes too early
             if found.sure[k] and (found.seconds[k] < 0) == (name in inputs)
