@@ -204,9 +204,9 @@ class ConstantsInformation:
             )
         if short:
             found.append(
-                f"{', '.join(map(str, short))} {lacks}; `calibrate` learns what is as short as "
-                "that, within three samples, so leave the file as it is: behind a state that "
-                "follows so fast faults are harder to see"
+                f"{', '.join(map(str, short))} {lacks}. It is of less than three samples, which "
+                "`calibrate` allows for: leave the file as it is, since faults are harder to see "
+                "behind a state that follows so fast"
             )
         told = [each for each in self.constants if each.contradicted]
         if told:

@@ -321,8 +321,8 @@ class Onsets(eqx.Module):
         shared = (lanes.shared[b] - column * f) * less[:, None] ** 2
         eta = eta - eta[:, kind, a][:, None, None] * (V * column)
         for gone_fault, gains in known:
-            apart = jnp.asarray(self.owner) != gone_fault
-            eta = jnp.where(apart[:, None], self._without(eta, gains), eta)
+            others = jnp.asarray(self.owner) != gone_fault
+            eta = jnp.where(others[:, None], self._without(eta, gains), eta)
         # a common cause brings another fault at about the same time
         apart = jnp.abs(lanes.onset[b] - lanes.onset[b, kind, a])
         closest = apart == jnp.min(apart, axis=1, keepdims=True)
