@@ -32,9 +32,9 @@ vary = "run"
 """
 
 
-def test_of_a_constant_of_each_run_as_far_as_runs_lie_apart_and_of_one_hardly_known():
+def test_of_a_constant_of_each_run_as_far_as_runs_lie_apart_and_which_are_positive():
     """Each load's mass differs by 30 %, whatever the standard error of what has no value of its
-    own; a stiffness of 500 +- 400 is positive, a damping of 3 +- 1 is that without further ado."""
+    own; the file's limits make all three positive."""
     plant = GrayBoxPlant.untrained(parse_plant(HOIST))
     points = np.random.default_rng(0).uniform(-1, 1, (20, 3))
     record = record_of(
@@ -50,7 +50,7 @@ def test_of_a_constant_of_each_run_as_far_as_runs_lie_apart_and_of_one_hardly_kn
     assert found.names == ("k", "c", "m")
     wanted = [[400**2, 200, 0], [200, 1, 0], [0, 0, 36]]
     assert found.covariance == pytest.approx(np.array(wanted, float), abs=1e-9)
-    assert found.positive == (0,)
+    assert found.positive == (0, 1, 2)
     # a calibration tells of what it tracks, whatever was asked before; without one, as ever
     noise = {"sigma": {"s": 0.1}, "spread": {"k": 1.0, "m": 1.0}}
     assert constants_of(for_bank(model, noise)).names == ("k", "m")

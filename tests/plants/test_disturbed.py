@@ -288,7 +288,7 @@ def test_inputs_are_shared_by_what_reads_them():
     assert shared_inputs(GrayBoxPlant.untrained(parse_plant(alone))) == ()
 
 
-def test_a_positive_constant_that_is_hardly_known_stays_positive():
+def test_a_positive_constant_stays_positive():
     """v' = k u - c v with k = 3.5 and c = 0.5, each known to 1.5: 3 standard deviations down, k is
     3.5^2 / (3.5 + 4.5), and c is what it would be."""
     base = GrayBoxPlant.untrained(parse_plant(CART))

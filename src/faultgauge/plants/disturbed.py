@@ -41,8 +41,8 @@ moves, where healthy logs show that something does: friction that sticks, of whi
 through zero has nothing, is any force up to that which breaks loose, and one of one size everywhere
 would have to be as large as that (C. Canudas de Wit et al., IEEE TAC 40 (1995), on what a bristle
 model has there). xi are the directions in
-which the constants are uncertain, of unit variance; a positive one that is hardly known at all, for
-which a normal distribution would have negative stiffness as well, goes down by s to c^2 / (c + s).
+which the constants are uncertain, of unit variance; a positive one goes down by s to c^2 / (c + s),
+as a normal distribution would have negative stiffness, and time constants near 0, as well.
 """
 
 from collections.abc import Callable, Mapping
@@ -128,7 +128,7 @@ class Disturbed(Plant):
     acts on, `trailing` the outputs that g acts on, which read states alone, `bending` the inputs
     whose curve is bent, `sticking` the states that q acts on, `doubted` the inputs for which the
     model is to be doubted somewhere, `names` the parameters, of which `directions` (W) is a row
-    each, `positive` the places of those that are, and are too uncertain for xi to respect that."""
+    each, `positive` the places of those that are."""
 
     signals: Signals = eqx.field(static=True)
     base: Plant

@@ -5,7 +5,7 @@ import numpy as np
 from calibrations import for_bank
 from faultgauge.detection.bank.noise import Noise
 from faultgauge.detection.bank.uncertain_constants import constants_of
-from faultgauge.reporting.words.calibration import summary, telling
+from faultgauge.reporting.words.calibration import errors, summary, telling
 from models import as_stated
 
 LAG = """
@@ -106,3 +106,20 @@ def test_what_no_size_would_show_is_said_beside_what_may_drift():
     assert line.endswith("would not have shown")
     (line,) = telling(slow, {"push": 0.2})
     assert line.endswith("push below 0.2 would not have shown")
+
+
+def test_what_outlasts_the_logs_is_said_by_how_far_it_moves_in_them():
+    """Of a walk that forgets within 50 times the logs' 1e4 s: sqrt(2 / 50) = 0.2 of its size."""
+    points = np.random.default_rng(0).uniform(-1, 1, (60, 2))
+    one, long = np.ones(1), np.full(1, 5e5)
+    noise = Noise(
+        one, one, np.zeros(0), 3 * one, long, one, one, np.full(2, 0.1), np.zeros(2), np.zeros(2),
+        wander=one, wandering=long, stray=2 * one, straying=long,
+    )  # fmt: skip
+    said = errors(for_bank(as_stated(LAG, points), noise))
+    assert said[:3] == [
+        "the model is off by about 0.6 m/s in 2.8 h in d(x), and for longer than these logs last",
+        "x wanders by 0.2 m in 2.8 h beside what the model says, and for longer than these logs "
+        "last",
+        "u strays by 0.4 in 2.8 h from what the log says, and for longer than these logs last",
+    ]

@@ -23,7 +23,6 @@ __all__ = [
     "usual_spread",
 ]
 
-LOW = 2.0  # standard deviations below what a constant is: it may well lie there
 MOST_CONSTANTS = 6  # that are tracked: those that matter most
 USUAL_SPREAD = 0.01  # of a constant, from run to run
 
@@ -34,8 +33,8 @@ def drifting_of(model: Model) -> tuple[str, ...]:
 
 
 class Constants(NamedTuple):
-    """The constants that are uncertain, with the covariance that the fit gives them; which of them
-    are `positive` and so uncertain that a normal distribution would not know it."""
+    """The constants that are uncertain, with the covariance that the fit gives them, and which of
+    them are `positive`."""
 
     names: tuple[str, ...]
     covariance: Float[np.ndarray, "constants constants"]
@@ -68,7 +67,7 @@ def constants_of(model: Model) -> Constants:
     positive = tuple(
         place
         for place, k in enumerate(kept)
-        if spec[free[k]].positive and LOW * se[k] >= float(values[free[k]])
+        if spec[free[k]].positive and float(values[free[k]]) > 0
     )
     names = tuple(free[k] for k in kept)
     return Constants(names, (v * np.maximum(w, 0.0)) @ v.T, positive)

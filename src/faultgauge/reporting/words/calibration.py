@@ -65,18 +65,12 @@ def errors(model: Model) -> list[str]:
         lines.append(_discrepancy(signals.states[state], size, lasts, seen))
     for j in noise.wanders:
         each = signals.outputs[j]
-        size = f"{number(noise.wander[j], 2)} {spoken(each.unit)}".rstrip()
-        lines.append(
-            f"{each.name} wanders by {size} beside what the model says, for about "
-            f"{duration(float(noise.wandering[j]))} at a time"
-        )
+        by, long = _at_a_time(each.unit, noise.wander[j], noise.wandering[j], seen)
+        lines.append(f"{each.name} wanders by {by} beside what the model says, {long}")
     for j in noise.strays:
         each = signals.inputs[j]
-        size = f"{number(noise.stray[j], 2)} {spoken(each.unit)}".rstrip()
-        lines.append(
-            f"{each.name} strays by {size} from what the log says, for about "
-            f"{duration(float(noise.straying[j]))} at a time"
-        )
+        by, long = _at_a_time(each.unit, noise.stray[j], noise.straying[j], seen)
+        lines.append(f"{each.name} strays by {by} from what the log says, {long}")
     lines += _sticking(model, noise)
     lines += _leaning(model, noise)
     for j in noise.lags:
@@ -111,17 +105,20 @@ def _relative(spread: float, value: float) -> str:
 
 def _discrepancy(state: State, size: float, lasts: float, seen: float) -> str:
     """Of a state's derivative, by logs of `seen` [s] in all."""
-    unit = _per_second(state)
+    by, long = _at_a_time(_per_second(state), size, lasts, seen)
+    return f"the model is off by about {by} in d({state.name}), {long}"
+
+
+def _at_a_time(unit: str, size: float, lasts: float, seen: float) -> tuple[str, str]:
+    """(By how much, for how long) something is off that has that `size` and `lasts`; logs of `seen`
+    [s] in all show of what lasts for longer only how far it moves in them."""
     if lasts <= seen:
         return (
-            f"the model is off by about {number(size, 2)}{unit} in d({state.name}), for about "
-            f"{duration(lasts)} at a time"
+            f"{number(size, 2)} {spoken(unit)}".rstrip(),
+            f"for about {duration(lasts)} at a time",
         )
-    moves = number(size * np.sqrt(2 * seen / lasts), 2)
-    return (
-        f"the model's error in d({state.name}) stays for longer than these logs last: it moves by "
-        f"about {moves}{unit} in {duration(seen)}"
-    )
+    moves = f"{number(size * np.sqrt(2 * seen / lasts), 2)} {spoken(unit)}".rstrip()
+    return f"{moves} in {duration(seen)}", "and for longer than these logs last"
 
 
 def _sticking(model: Model, noise: Noise) -> list[str]:
@@ -129,7 +126,7 @@ def _sticking(model: Model, noise: Noise) -> list[str]:
     lines = []
     for k in noise.grips:
         state = model.plant.signals.states[k]
-        held = f"{number(noise.grip[k], 2)}{_per_second(state)}"
+        held = f"{number(noise.grip[k], 2)} {_per_second(state)}"
         speed = f"{number(noise.slip[k], 2)} {spoken(state.unit)}".rstrip()
         lines.append(
             f"{state.name} sticks: near rest something that the file lacks holds it by about "
@@ -173,8 +170,8 @@ def _answers(model: Model) -> list[str]:
     size, shape = (number(100 * each, 2) for each in (level.gain, level.shape))
     return [
         f"the model answers what acts on the plant {size} % too much or too little, and the size "
-        f"of a fault may be off by as much; in all its answer is off by {shape} %, and of two "
-        "faults the smaller one is not told where that error explains it"
+        f"of a fault may be off by as much; with its course over time the answer is off by "
+        f"{shape} %, and of two faults the smaller one is not told where that error explains it"
     ]
 
 
@@ -239,4 +236,4 @@ def _units(model: Model) -> dict[str, str]:
 def _per_second(state: State) -> str:
     """The unit of its derivative, behind a number."""
     unit = spoken(state.unit)
-    return f" {unit}/s" if unit else " per second"
+    return f"{unit}/s" if unit else "per second"
