@@ -1,12 +1,17 @@
 """How uncertain the constants are that the bank tracks, by hand."""
 
+from dataclasses import replace
+
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from calibrations import for_bank
 from faultgauge.detection.bank.uncertain_constants import constants_of
+from faultgauge.plants.disturbed import Disturbed, Error
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
+from faultgauge.plants.plant import respond
 from faultgauge.plants.plant_file import parse_plant
 from models import record_of
 
@@ -55,3 +60,38 @@ def test_of_a_constant_of_each_run_as_far_as_runs_lie_apart_and_which_are_positi
     noise = {"sigma": {"s": 0.1}, "spread": {"k": 1.0, "m": 1.0}}
     assert constants_of(for_bank(model, noise)).names == ("k", "m")
     assert constants_of(model).names == ("k", "c", "m")
+
+
+DRAG = """
+name = "cart"
+[states.v]
+derivative = "u - drag(v) - play(v, u)"
+[inputs.u]
+[outputs.v]
+value = "v"
+[networks.drag]
+hidden = 2
+[networks.play]
+hidden = 1
+[faults.fouling]
+enters = "network"
+target = "play"
+"""
+
+
+def test_the_gain_of_a_network_is_a_constant_of_each_run():
+    """Of an untrained network, which is 0 everywhere, no gain moves anything; one of 0.3 moves v'
+    by 0.3, and a gain of 1.2 by 0.36."""
+    plant = GrayBoxPlant.untrained(parse_plant(DRAG))
+    drag = replace(plant.networks["drag"], output_center=jnp.asarray(0.3))
+    plant = replace(plant, networks=plant.networks | {"drag": drag})
+    points = np.random.default_rng(0).uniform(-1, 1, (20, 2))
+    found = constants_of(Model(plant, record_of(envelope_points=points.tolist())))
+    assert found.names == ("drag", "play")
+    assert found.positive == (0, 1)
+    assert not found.covariance.any()
+    nothing = Error(*[np.zeros(0)] * 3)
+    unsure = 0.1 * jnp.eye(2)
+    run = Disturbed.of(plant, (), (), nothing, found.names, jnp.zeros(2), unsure, positive=(0, 1))
+    dx, _ = respond(run, jnp.array([0.0, 2.0, 0.0]), jnp.array([1.0]))
+    assert float(dx[0]) == pytest.approx(1 - 1.2 * 0.3)

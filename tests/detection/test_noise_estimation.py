@@ -2,7 +2,9 @@
 
 import inspect
 import types
+from dataclasses import replace
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.linalg import expm, toeplitz
@@ -324,6 +326,40 @@ def test_constants_spread_between_runs_as_much_as_they_were_drawn():
     spread = np.std(own, ddof=1)
     assert found.spread[0] == pytest.approx(spread, rel=0.1)
     assert A + found.shift[0] == pytest.approx(np.mean(own), abs=0.1 * spread)
+
+
+DRAINED = """
+name = "lag"
+[states.x]
+derivative = "u - drain(x)"
+[inputs.u]
+hold = "zero"
+[outputs.x]
+value = "x"
+[networks.drain]
+hidden = 1
+"""
+
+
+@pytest.mark.study
+def test_the_gain_of_a_network_spreads_between_runs_as_much_as_it_was_drawn():
+    """As above, a x being 100 a tanh(x / 100) to 3e-4 of it, all of it the network's, and the
+    spread as wide as Student's t of twelve degrees of freedom has it, 2.179 / 1.960."""
+    points = np.random.default_rng(0).uniform([-3, -1], [3, 1], (60, 2))
+    untrained = as_stated(DRAINED, points)
+    one, drain = jnp.ones(1), untrained.plant.networks["drain"]
+    known = replace(
+        drain, weights_out=one, weights_in=one[:, None], input_scale=100 * one,
+        output_scale=jnp.asarray(100 * A),
+    )  # fmt: skip
+    plant = replace(untrained.plant, networks={"drain": known})
+    trained = replace(untrained, plant=plant)
+    gains = 1 + 0.1 * np.random.default_rng(100).standard_normal(12)
+    found = estimate_noise(trained, [log(k, A * gain, size=0.01) for k, gain in enumerate(gains)])
+    spread = np.std(gains, ddof=1)
+    assert constants_of(trained).names == ("drain",)
+    assert found.spread[0] == pytest.approx(spread * 2.179 / 1.960, rel=0.1)
+    assert 1 + found.shift[0] == pytest.approx(np.mean(gains), abs=0.1 * spread)
 
 
 @pytest.mark.study

@@ -46,11 +46,20 @@ class GrayBoxPlant(Plant):
     def constants(self) -> tuple[Parameter, ...]:
         return self.spec.parameters
 
+    @property
+    def gains(self) -> tuple[Parameter, ...]:
+        return tuple(Parameter(each.name, 1.0, min=0.0) for each in self.spec.networks)
+
     def values(self) -> dict[str, Any]:
-        return self.parameters
+        return self.parameters | {each.name: each.value for each in self.gains}
 
     def with_constants(self, values: Mapping[str, Any]) -> "GrayBoxPlant":
-        return dataclasses.replace(self, parameters={**self.parameters, **values})
+        own = {name: value for name, value in values.items() if name in self.parameters}
+        networks = {
+            name: each.altered(ValueChange(values[name])) if name in values else each
+            for name, each in self.networks.items()
+        }
+        return dataclasses.replace(self, parameters={**self.parameters, **own}, networks=networks)
 
     def derivative(
         self, x: Float[Array, "states"], u: Float[Array, "inputs"]

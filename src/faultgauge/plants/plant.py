@@ -102,8 +102,14 @@ class Plant(eqx.Module):
         """The values of the `constants`, by name."""
         return {p.name: jnp.asarray(getattr(self, p.name), float) for p in self.constants}
 
+    @property
+    def gains(self) -> tuple[Parameter, ...]:
+        """By what its networks may be larger or smaller in another run, as constants of their
+        names, 1 in a fit: of a plant that has none, nothing."""
+        return ()
+
     def with_constants(self, values: Mapping[str, Any]) -> "Plant":
-        """The plant with some of its `constants` at other `values`, by name."""
+        """The plant with some of its `constants` and `gains` at other `values`, by name."""
         if not values:
             return self
         return eqx.tree_at(lambda p: [getattr(p, n) for n in values], self, [*values.values()])

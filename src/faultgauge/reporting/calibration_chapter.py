@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from faultgauge.detection.bank.bank import FaultBank
 from faultgauge.detection.bank.knowledge import Knowledge
 from faultgauge.detection.bank.noise import Noise
-from faultgauge.detection.bank.uncertain_constants import constants_of, drifting_of
+from faultgauge.detection.bank.uncertain_constants import constants_of, drifting_of, parameters_of
 from faultgauge.detection.calibration.blocks import Block
 from faultgauge.detection.posterior.uncalibrated import level_in
 from faultgauge.detection.words import duration, number
@@ -172,7 +172,7 @@ def _levels(model: Model, noise: Noise) -> Table:
         (f"drift of {name}", quantity(float(drift), "1"), "per root second")
         for name, drift in zip(drifting_of(model), noise.drift, strict=True)
     ]
-    units = {each.name: each.unit or "1" for each in model.plant.spec.parameters}
+    units = {name: each.unit or "1" for name, each in parameters_of(model).items()}
     rows += [
         (
             f"{name}, from run to run",

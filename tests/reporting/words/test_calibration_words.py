@@ -87,7 +87,7 @@ def test_a_constant_that_was_fitted_to_zero_has_no_share_of_it_to_be_said():
         one, one, np.zeros(0), one, one, one, one, np.full(2, 0.1), np.zeros(2), np.zeros(2)
     )
     said = "\n".join(summary(for_bank(as_stated(text, points), noise, size={"push": 1.0})))
-    assert "constants differ from run to run by about" in said
+    assert "what was fitted differs from run to run by about" in said
     assert "a 0.1 1/s" in said
     assert "b 0.1 (5 %)" in said
     assert "a 0.1 1/s (" not in said
@@ -122,4 +122,22 @@ def test_what_outlasts_the_logs_is_said_by_how_far_it_moves_in_them():
         "x wanders by 0.2 m in 2.8 h beside what the model says, and for longer than these logs "
         "last",
         "u strays by 0.4 in 2.8 h from what the log says, and for longer than these logs last",
+    ]
+
+
+def test_a_network_differs_from_run_to_run_as_a_whole():
+    """By 4 %, and healthy logs have 1.2 times what was fitted: five times as far off."""
+    text = LAG.replace("- a*x", "- drag(x)") + "[networks.drag]\nhidden = 1\n"
+    model = as_stated(text, np.random.default_rng(0).uniform(-1, 1, (60, 2)))
+    names = constants_of(model).names
+    one, of = np.ones(1), {"a": 0.1, "b": 0.1, "drag": 0.04}
+    noise = Noise(
+        one, one, np.zeros(0), one, one, one, one, np.array([of[n] for n in names]),
+        np.array([0, 0, 0.2]), np.zeros(3),
+    )  # fmt: skip
+    said = errors(for_bank(model, noise))
+    assert said[1:] == [
+        "what was fitted differs from run to run by about a 0.1 1/s (20 %), b 0.1 (5 %), all of "
+        "drag 4 %",
+        "the healthy logs say drag = 1.2 times what was fitted, and the bank goes by them",
     ]

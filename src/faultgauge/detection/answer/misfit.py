@@ -100,6 +100,6 @@ class Alarmed:
         return (
             f"run {self.run}: alarm in {100 * self.alarms / self.judged:.0f} % of what could be "
             "judged, from the beginning on: a fault already there when the log begins, or the "
-            "model of another plant; `faultgauge evaluate` on a healthy log of this plant tells "
-            "which"
+            "model of another plant; where `faultgauge estimate` says the same of a healthy log, "
+            "it is the model"
         )

@@ -15,7 +15,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
 
-import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
@@ -77,11 +76,11 @@ class Following:
         least, parts = self._fitted
         if least >= 1.0:
             return True  # nothing follows them, whatever the constants
-        own = dict(self.model.plant.parameters)
-        own |= {n: own[n] + s for n, s in zip(names, shift, strict=True)}
-        plant = eqx.tree_at(lambda plant: plant.parameters, self.model.plant, own)
-        off = _off(_free_runs(replace(self.model, plant=plant), self.runs, parts))
-        return off <= WORSE * max(least, USUAL_GAIN)
+        values = self.model.plant.values()
+        off = {n: values[n] + s for n, s in zip(names, shift, strict=True)}
+        plant = self.model.plant.with_constants(off)
+        error = _off(_free_runs(replace(self.model, plant=plant), self.runs, parts))
+        return error <= WORSE * max(least, USUAL_GAIN)
 
 
 def gain_error(model: Model, runs: Sequence[Run]) -> float:

@@ -1,5 +1,6 @@
 """The constants of a plant that are uncertain: which a bank tracks, and how far a run has them from
-the fit."""
+the fit. What its networks may be larger or smaller in another run counts among them, as a network
+is as much of one day as a friction coefficient is."""
 
 from typing import NamedTuple
 
@@ -13,6 +14,7 @@ from faultgauge.detection.rows.judged import operating_points
 from faultgauge.plants.disturbed import Disturbed, Error
 from faultgauge.plants.model import Model
 from faultgauge.plants.plant import respond
+from faultgauge.plants.spec import Parameter
 from faultgauge.programs import program
 
 __all__ = [
@@ -20,6 +22,7 @@ __all__ = [
     "Constants",
     "constants_of",
     "drifting_of",
+    "parameters_of",
     "usual_spread",
 ]
 
@@ -30,6 +33,11 @@ USUAL_SPREAD = 0.01  # of a constant, from run to run
 def drifting_of(model: Model) -> tuple[str, ...]:
     """Parameters with `vary = "slow"`."""
     return tuple(p.name for p in model.plant.spec.parameters if p.vary == "slow")
+
+
+def parameters_of(model: Model) -> dict[str, Parameter]:
+    """All that may be uncertain, by name: parameters, and the gains of networks."""
+    return {p.name: p for p in (*model.plant.spec.parameters, *model.plant.gains)}
 
 
 class Constants(NamedTuple):
@@ -63,7 +71,7 @@ def constants_of(model: Model) -> Constants:
                 correlation[a, b] = found or 0.0
     covariance = correlation * np.outer(se[kept], se[kept])
     w, v = np.linalg.eigh(covariance)
-    spec, values = {p.name: p for p in model.plant.spec.parameters}, model.plant.parameters
+    spec, values = parameters_of(model), model.plant.values()
     positive = tuple(
         place
         for place, k in enumerate(kept)
@@ -81,7 +89,7 @@ def usual_spread(value: float, se: float) -> float:
 
 def _free(model: Model) -> list[str]:
     slow = drifting_of(model)
-    return [p.name for p in model.plant.spec.parameters if not p.fixed and p.name not in slow]
+    return [name for name, p in parameters_of(model).items() if not p.fixed and name not in slow]
 
 
 def _errors(model: Model) -> Float[np.ndarray, "free"]:
@@ -93,7 +101,7 @@ def _errors(model: Model) -> Float[np.ndarray, "free"]:
 def _spread_in_a_run(model: Model, name: str, error: float) -> float:
     """How far a run's own value lies from the model's: the standard `error`, or, of a parameter
     that each run has its own of, how far runs lie apart."""
-    parameter = next(p for p in model.plant.spec.parameters if p.name == name)
+    parameter = parameters_of(model)[name]
     if parameter.vary is None or model.record.between is None:
         return float(error)
     apart = model.record.between.apart[name]
@@ -103,10 +111,11 @@ def _spread_in_a_run(model: Model, name: str, error: float) -> float:
 @once
 def _most_moving(model: Model) -> list[int]:
     """The places of these among the free ones, whatever a calibration says."""
-    values, free, se = model.plant.parameters, _free(model), _errors(model)
+    values, free, se = model.plant.values(), _free(model), _errors(model)
     usual = np.array([usual_spread(float(values[n]), s) for n, s in zip(free, se, strict=True)])
     order = np.argsort(-_effects(model, tuple(free)) * np.hypot(se, usual), kind="stable")
-    changed = {fault.target for fault in model.plant.signals.faults if fault.enters == "parameter"}
+    entered = ("parameter", "network")
+    changed = {fault.target for fault in model.plant.signals.faults if fault.enters in entered}
     changing = np.flatnonzero(np.isin(free, [*changed])).tolist()
     return sorted({*order[:MOST_CONSTANTS].tolist(), *changing})
 

@@ -28,7 +28,7 @@ from jaxtyping import Bool, Float
 from scipy.special import ndtr, stdtr, stdtrit
 
 from faultgauge.detection.bank.bank import FaultBank
-from faultgauge.detection.bank.uncertain_constants import drifting_of
+from faultgauge.detection.bank.uncertain_constants import drifting_of, parameters_of
 from faultgauge.detection.calibration.blocks import correlation_time
 from faultgauge.detection.decisions import Decision
 from faultgauge.detection.posterior.posterior import WIDE
@@ -219,7 +219,7 @@ def _constants(
     if decision.events or not healthy.any() or decision.loose is None:
         return []
     plant, run = bank.plant, decision.run
-    units = {p.name: p.unit for p in bank.model.plant.spec.parameters}
+    units = {name: p.unit for name, p in parameters_of(bank.model).items()}
     W = np.asarray(plant.directions)
     off = W @ decision.posterior.x[np.flatnonzero(healthy)[-1], plant.parts.xi]
     far = off / np.linalg.norm(W, axis=1)

@@ -88,7 +88,9 @@ SIZES = {
     pair[0]: pair for pair in (WANDER, LATE, STRAY, LEAN, TRAIL, BEND, GRIP)
 }  # with their times
 AGREE = 1.25  # times: what the plant does lets the constants of runs lie no farther apart
-HOLDS = 0.1  # of the power of what a model errs by: a grip that leaves more is none
+HOLDS = (
+    0.25  # of the power of what a model errs by: a grip that leaves half as large an error is none
+)
 LESS = 0.95  # of the share that a change is off by: a lag that leaves more is none
 TOLD = 1.05  # times the shortest time: the end of a search
 ENOUGH = 1.0  # of log-likelihood: a step that gains less is the last

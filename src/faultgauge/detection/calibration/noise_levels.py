@@ -122,7 +122,7 @@ def first_guess(model: Model, runs: Sequence[Run], stretches: Sequence[StretchPi
     known = constants_of(model)
     se = np.sqrt(np.diag(known.covariance))
     spread = [
-        usual_spread(float(model.plant.parameters[n]), s)
+        usual_spread(float(model.plant.values()[n]), s)
         for n, s in zip(known.names, se, strict=True)
     ]
     lasting = np.full(len(driven), max(length / 10, 20 * step))

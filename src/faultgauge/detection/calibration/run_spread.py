@@ -27,7 +27,12 @@ from scipy.stats import t as student_t
 from faultgauge.detection.bank.extended import directions_of
 from faultgauge.detection.bank.fidelity import Following
 from faultgauge.detection.bank.noise import Noise
-from faultgauge.detection.bank.uncertain_constants import constants_of, drifting_of, usual_spread
+from faultgauge.detection.bank.uncertain_constants import (
+    constants_of,
+    drifting_of,
+    parameters_of,
+    usual_spread,
+)
 from faultgauge.detection.calibration.innovation_likelihood import Likelihood
 from faultgauge.plants.model import Model
 
@@ -54,7 +59,7 @@ def constants_retold(model: Model, batch: Likelihood, noise: Noise, follows: Fol
         xi, unsure = mean[0, :, skip:], P[0][:, skip:, skip:]
         mean_off, off, V = _runs_own(W, noise.shift, xi, unsure, alone)
         count = len(off)
-        values = [float(model.plant.parameters[n]) for n in known.names]
+        values = [float(model.plant.values()[n]) for n in known.names]
         mean_off = np.clip(mean_off, *(limits - values for limits in _limits(model, known.names)))
         usual = np.array([usual_spread(value, 0.0) for value in values])
         sums = np.sum((off - mean_off) ** 2, axis=0) + V.sum(axis=0)
@@ -130,8 +135,8 @@ def as_unsure_as_few_runs_tell(model: Model, batch: Likelihood, noise: Noise) ->
 
 def _limits(model: Model, names: Sequence[str]) -> Float[np.ndarray, "two constants"]:
     """The least and the most that constants may be by the plant file."""
-    of = {p.name: (p.min, p.max) for p in model.plant.spec.parameters}
-    return np.array([of[name] for name in names], float).T
+    of = parameters_of(model)
+    return np.array([(of[name].min, of[name].max) for name in names], float).T
 
 
 def _within(
@@ -164,8 +169,8 @@ def _pooled(
 
 def _alike(model: Model, names: Sequence[str]) -> list[Int[np.ndarray, "some"]]:
     """Which constants are of one unit and order of magnitude."""
-    parameters = {p.name: p for p in model.plant.spec.parameters}
-    usual = np.array([usual_spread(float(model.plant.parameters[n]), 0.0) for n in names])
+    parameters, values = parameters_of(model), model.plant.values()
+    usual = np.array([usual_spread(float(values[n]), 0.0) for n in names])
     units = [parameters[n].unit or n for n in names]
     found = []
     for unit in set(units):

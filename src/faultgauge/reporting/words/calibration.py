@@ -5,7 +5,12 @@ from collections.abc import Mapping
 import numpy as np
 
 from faultgauge.detection.bank.noise import Noise, noise_of
-from faultgauge.detection.bank.uncertain_constants import USUAL_SPREAD, constants_of, drifting_of
+from faultgauge.detection.bank.uncertain_constants import (
+    USUAL_SPREAD,
+    constants_of,
+    drifting_of,
+    parameters_of,
+)
 from faultgauge.detection.posterior.uncalibrated import level_in
 from faultgauge.detection.words import duration, listed, number, would_not_show
 from faultgauge.plants.disturbed import dynamic_states
@@ -82,15 +87,12 @@ def errors(model: Model) -> list[str]:
         f"where {where}, the model errs about {number(times, 2)} times as much as elsewhere"
         for where, times in doubted(model, noise)
     ]
-    known = dict(zip(constants_of(model).names, noise.spread.tolist(), strict=True))
-    values = model.plant.parameters
-    units = {p.name: spoken(p.unit) for p in model.plant.spec.parameters}
     spread = [
-        f"{name} {number(s, 2)} {units[name]}".rstrip() + _relative(s, abs(float(values[name])))
-        for name, s in known.items()
+        _differs(model, name, s)
+        for name, s in zip(constants_of(model).names, noise.spread.tolist(), strict=True)
     ]
     if spread:
-        lines.append(f"constants differ from run to run by about {', '.join(spread)}")
+        lines.append(f"what was fitted differs from run to run by about {', '.join(spread)}")
     lines += _elsewhere(model, noise)
     slow = drifting_of(model)
     if slow:
@@ -98,9 +100,15 @@ def errors(model: Model) -> list[str]:
     return lines
 
 
-def _relative(spread: float, value: float) -> str:
-    """The share that `spread` is of `value`, where it is less than all of it."""
-    return f" ({number(100 * spread / value, 2)} %)" if spread < value else ""
+def _differs(model: Model, name: str, spread: float) -> str:
+    """By how much a constant, or a network as a whole, is another one in each run: with the share
+    of its value, where that is less than all of it."""
+    if name in (each.name for each in model.plant.gains):
+        return f"all of {name} {number(100 * spread, 2)} %"
+    value = abs(float(model.plant.values()[name]))
+    unit = spoken(parameters_of(model)[name].unit)
+    share = f" ({number(100 * spread / value, 2)} %)" if spread < value else ""
+    return f"{name} {number(spread, 2)} {unit}".rstrip() + share
 
 
 def _discrepancy(state: State, size: float, lasts: float, seen: float) -> str:
@@ -177,20 +185,15 @@ def _answers(model: Model) -> list[str]:
 
 def _elsewhere(model: Model, noise: Noise) -> list[str]:
     """Constants that healthy logs have elsewhere than the fit, beyond how they differ."""
-    known, units = (
-        constants_of(model),
-        {p.name: spoken(p.unit) for p in model.plant.spec.parameters},
-    )
-    values = [abs(float(model.plant.parameters[name])) for name in known.names]
-    far = np.maximum(FAR * noise.spread, USUAL_SPREAD * np.array(values))
-    found = []
-    for name, shift in zip(
-        known.names, np.where(np.abs(noise.shift) > far, noise.shift, 0.0), strict=True
-    ):
-        if shift:
-            value = float(model.plant.parameters[name])
-            there = f"{number(value + shift)} {units[name]}".rstrip()
-            found.append(f"{name} = {there} (fit: {number(value)})")
+    names, here = constants_of(model).names, model.plant.values()
+    units = {name: spoken(p.unit) for name, p in parameters_of(model).items()}
+    gains, found = [each.name for each in model.plant.gains], []
+    for name, shift, spread in zip(names, noise.shift, noise.spread, strict=True):
+        value = float(here[name])
+        if abs(shift) > max(FAR * spread, USUAL_SPREAD * abs(value)):
+            there = f"{name} = {number(value + shift)} {units[name]}".rstrip()
+            there += " times what was fitted" if name in gains else f" (fit: {number(value)})"
+            found.append(there)
     return [f"the healthy logs say {', '.join(found)}, and the bank goes by them"] if found else []
 
 
