@@ -64,9 +64,12 @@ def test_the_level_says_what_the_healthy_data_prove(right):
 def test_a_run_that_looks_faulty_is_named_and_kept():
     found = calibrate_bank(model(), [log(1), log(2), log(3, bias=1.0)], NOISE)
     (text,) = [each for each in found.warnings if "look faulty" in each]
-    assert re.search(
-        r"most of all run run3 from \d+ s to \d+ s \(bias, odds of more than 1000 to 1\)", text
+    where = (
+        r"most of all run run3 from \d+ s to \d+ s \(bias of \+(\S+), odds of more than 1000 to 1"
     )
+    said = re.search(where, text)
+    assert said is not None
+    assert float(said[1]) == pytest.approx(1.0, abs=0.1)  # two digits
     assert {run for run, *_ in found.level.suspects} == {"run3"}
     assert found.level.level > max(b.peak for b in found.blocks)  # kept: it raises the level
 
@@ -80,6 +83,8 @@ def test_evidence_is_believed_as_far_as_healthy_logs_show_no_fault(right):
     wrong = calibrate_bank(model(), [log(k, error=wave) for k in (1, 2, 3)], NOISE)
     factor = wrong.level.widened
     assert factor > 1.0
+    # what looked faulty is said with how large it looked
+    assert re.search(r"\(\w+ of [+-]\d\S*( \S+)?, odds of ", wrong.warnings[0])
     # one fault in a thousand such sets of logs, and as many at the start of each of three: 4 in a
     # thousand per declared fault, 20 times which is seen by chance once in 20 times
     faults = len(model().plant.signals.faults)
@@ -107,11 +112,12 @@ def test_evidence_falls_with_the_square_of_how_far_it_is_believed():
     times = np.arange(60.0)
 
     def scores(*peaks):
-        return [_Scored("a", times, np.full(60, peak), np.zeros(60, int)) for peak in peaks]
+        none, size = np.zeros(60, int), np.ones(60)
+        return [_Scored("a", times, np.full(60, peak), none, size) for peak in peaks]
 
     def rig(*peaks):
         def tried(widened, some):
-            short = _Scored("a", times[:9], np.full(9, 99.0), np.zeros(9, int))
+            short = _Scored("a", times[:9], np.full(9, 99.0), np.zeros(9, int), np.ones(9))
             return bank, [[*scores(peaks[k](widened)), short] for k in some]
 
         asked = []

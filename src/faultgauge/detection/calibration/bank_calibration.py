@@ -46,6 +46,7 @@ from faultgauge.errors import InputError
 from faultgauge.identification.optimise.cores import side_by_side
 from faultgauge.plants.model import Model
 from faultgauge.plants.record import BankLevel, CalibrationRecord, NoiseLevels
+from faultgauge.plants.signals import spoken
 from faultgauge.telemetry import Run, cut
 from faultgauge.telemetry.clock import Clock
 
@@ -275,15 +276,14 @@ def _blocks(bank: FaultBank, scores: Sequence[Sequence["_Scored"]], source: str)
     length = max(int(np.ceil(MEMORIES * bank.knowledge.memory / bank.step)), SHORTEST)
     total = sum(len(each.score) for each in stretches)
     length = max(min(length, total // (2 * FEWEST_BLOCKS)), SHORTEST)
-    causes = (*bank.model.plant.signals.fault_names, UNDECLARED)
     blocks = []
-    for name, t, score, likeliest in stretches:
+    for name, t, score, likeliest, size in stretches:
         count = max(len(score) // length, 1 if len(score) >= SHORTEST else 0)
         for piece in np.array_split(np.arange(len(score)), count) if count else ():
             end = float(t[piece[-1]]) + bank.step
             top = piece[np.argmax(score[piece])]
-            peak, cause = float(score[top]), causes[likeliest[top]]
-            blocks.append(Block(name, float(t[piece[0]]), end, peak, cause))
+            cause = _cause(bank, int(likeliest[top]), float(size[top]))
+            blocks.append(Block(name, float(t[piece[0]]), end, float(score[top]), cause))
     if len(blocks) < FEWEST_BLOCKS:
         have = total * bank.step
         raise InputError(
@@ -294,14 +294,24 @@ def _blocks(bank: FaultBank, scores: Sequence[Sequence["_Scored"]], source: str)
     return blocks
 
 
+def _cause(bank: FaultBank, which: int, size: float) -> str:
+    """The fault `which` of `size`; one behind the last is something undeclared."""
+    faults = bank.model.plant.signals.faults
+    if which == len(faults):
+        return UNDECLARED
+    sign = "+" if size > 0 else ""
+    return f"{faults[which].name} of {sign}{number(size, 2)} {spoken(faults[which].unit)}".rstrip()
+
+
 class _Scored(NamedTuple):
-    """Samples of a run: the place of the likeliest cause is one behind the faults where that is
-    undeclared."""
+    """Samples of a run: the place of the likeliest cause, one behind the faults where that is
+    undeclared, and its size there [its unit]."""
 
     run: str
     t: Float[np.ndarray, "samples"]
     score: Float[np.ndarray, "samples"]
     likeliest: Int[np.ndarray, "samples"]
+    size: Float[np.ndarray, "samples"]
 
 
 def _scores(bank: FaultBank, run: Run) -> list[_Scored]:
@@ -312,6 +322,8 @@ def _scores(bank: FaultBank, run: Run) -> list[_Scored]:
     odds = np.maximum(np.asarray(log_odds(found.calm)), LOWEST)
     active = np.nan_to_num(found.p) * bank.with_monitor("active")
     likeliest = np.argmax(np.column_stack([active, np.nan_to_num(found.unknown)]), axis=1)
+    sizes = np.column_stack([np.asarray(found.f), np.full(len(odds), np.nan)])
+    size = np.take_along_axis(sizes, likeliest[:, None], axis=1)[:, 0]
     score = np.where(found.held | ~np.isfinite(found.calm), np.nan, odds)
     score = np.where(np.isfinite(score) & ~found.inside, LOWEST, score)
     count = 1 + int(np.ceil(bank.model.plant.signals.detection.persistence / bank.step))
@@ -321,5 +333,5 @@ def _scores(bank: FaultBank, run: Run) -> list[_Scored]:
         if b - a >= count:
             lasting = np.lib.stride_tricks.sliding_window_view(score[a:b], count).min(axis=1)
             part = slice(a + count - 1, b)
-            found.append(_Scored(run.name, run.t[part], lasting, likeliest[part]))
+            found.append(_Scored(run.name, run.t[part], lasting, likeliest[part], size[part]))
     return found
