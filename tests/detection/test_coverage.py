@@ -38,7 +38,7 @@ enters = "state"
 target = "x"
 """
 STEP, COUNT, SIGMA = 0.5, 400, 0.02
-LEVELS = [SIGMA, 1.0], [1e-3], [], [1e-4], [100.0], [1e-3], [5.0], [], []
+LEVELS = [SIGMA, 1.0], [1e-3], [], [1e-4], [100.0], [1e-3], [5.0], [1e-3] * 3, [0.0] * 3, [0.0] * 3
 NOISE = Noise(*(np.array(each) for each in LEVELS))  # next to no error of the model
 
 

@@ -11,6 +11,7 @@ import pytest
 
 from calibrations import for_bank
 from faultgauge.detection.bank.noise import Noise
+from faultgauge.detection.bank.uncertain_constants import constants_of
 from faultgauge.detection.rows.delay_line import DelayLine
 from faultgauge.detection.rows.prepared import prepared
 from faultgauge.detection.watch import Watch
@@ -41,13 +42,14 @@ enters = "input"
 target = "u"
 """
 STEP, COUNT, EVERY, SIGMA = 0.1, 400, 5, 0.01
-LEVELS = [SIGMA, SIGMA], [1e-3, 1e-3], [], [1e-3] * 2, [50.0] * 2, [1e-3], [5.0], [], []
+LEVELS = [SIGMA, SIGMA], [1e-3, 1e-3], [], [1e-3] * 2, [50.0] * 2, [1e-3], [5.0]
 
 
 def model(text=HEATER):
     points = np.random.default_rng(0).uniform([-4, -6, -2], [4, 6, 2], (80, 3))
     plain = as_stated(text, points, [("x", 0), ("z", 0)], ["x", "z"])
-    noise = Noise(*(np.array(each) for each in LEVELS))
+    one = np.ones(len(constants_of(plain).names))
+    noise = Noise(*(np.array(each) for each in LEVELS), 0.01 * one, 0 * one, 0 * one)
     return for_bank(plain, noise, {"x": 1, "z": 1}, level=3.0, healthy_s=500.0)
 
 
