@@ -65,7 +65,7 @@ def calibrated(source, seed=0, step=STEP, late=False):
     model = Model(plant, FitRecord.model_validate(record))
     ways = len(dynamic_states(plant)), len(following_inputs(plant))
     known = len(constants_of(model).names)
-    spread = 0.01 * np.abs([float(plant.parameters[n]) for n in constants_of(model).names])
+    spread = 0.01 * np.abs([float(plant.values()[n]) for n in constants_of(model).names])
     noise = Noise(
         np.full(len(signals.outputs), 0.01), np.full(len(signals.states), 1e-3),
         np.full(len(drifting_of(model)), 1e-3), np.full(ways[0], 1e-3), np.full(ways[0], 5.0),

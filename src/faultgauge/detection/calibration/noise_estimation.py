@@ -88,9 +88,7 @@ SIZES = {
     pair[0]: pair for pair in (WANDER, LATE, STRAY, LEAN, TRAIL, BEND, GRIP)
 }  # with their times
 AGREE = 1.25  # times: what the plant does lets the constants of runs lie no farther apart
-HOLDS = (
-    0.25  # of the power of what a model errs by: a grip that leaves half as large an error is none
-)
+HOLDS = 0.25  # of the power of what the model errs by: a grip that leaves more is none
 LESS = 0.95  # of the share that a change is off by: a lag that leaves more is none
 TOLD = 1.05  # times the shortest time: the end of a search
 ENOUGH = 1.0  # of log-likelihood: a step that gains less is the last
@@ -302,8 +300,8 @@ def _false_lags(
 
 
 def _false_grips(model: Model, before: Noise, found: Noise) -> Bool[np.ndarray, "states"]:
-    """The states whose grip, which was not there `before`, leaves more than a tenth of the power by
-    which the model errs slowly, 2 s^2 tau + sigma^2: what errs in motion as well is no grip."""
+    """The states whose grip, which was not there `before`, leaves more than a quarter of the power
+    by which the model errs slowly, 2 s^2 tau + sigma^2: what errs in motion as well is no grip."""
 
     def power(noise: Noise) -> Float[np.ndarray, "states"]:
         slow = noise.process**2
