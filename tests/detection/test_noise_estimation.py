@@ -405,6 +405,19 @@ def test_a_sensors_lag_lasts_longer_than_half_a_sample(steps, false):
     assert (lean, trail) == ([False], [false])
 
 
+@pytest.mark.parametrize(
+    ("size", "process", "false"), [(0.4, 0, False), (0.6, 0, True), (0, 3, True)]
+)
+def test_what_errs_half_as_much_in_motion_as_at_rest_is_no_grip(size, process, false):
+    """Both last for 4 s, so that the grip's power is 8 and half of its size a quarter of that."""
+    one = np.ones(1)
+    before = noise_estimation._Healthy.of(model(True), [log(0)]).guess
+    errs = {"size": size * one, "lasting": 4 * one, "process": process * one}
+    found = before._replace(grip=one, gripping=4 * one, slip=one, **errs)
+    assert noise_estimation._false_grips(model(True), before, found) == [false]
+    assert noise_estimation._false_grips(model(True), found, found) == [False]  # it was there
+
+
 MOTOR = """
 name = "motor"
 [states]

@@ -88,7 +88,7 @@ SIZES = {
     pair[0]: pair for pair in (WANDER, LATE, STRAY, LEAN, TRAIL, BEND, GRIP)
 }  # with their times
 AGREE = 1.25  # times: what the plant does lets the constants of runs lie no farther apart
-HOLDS = 0.25  # of the power of what the model errs by: a grip that leaves more is none
+HOLDS = 0.25  # of a grip's power: where the model errs by more in motion it is none
 LESS = 0.95  # of the share that a change is off by: a lag that leaves more is none
 TOLD = 1.05  # times the shortest time: the end of a search
 ENOUGH = 1.0  # of log-likelihood: a step that gains less is the last
@@ -300,16 +300,13 @@ def _false_lags(
 
 
 def _false_grips(model: Model, before: Noise, found: Noise) -> Bool[np.ndarray, "states"]:
-    """The states whose grip, which was not there `before`, leaves more than a quarter of the power
-    by which the model errs slowly, 2 s^2 tau + sigma^2: what errs in motion as well is no grip."""
-
-    def power(noise: Noise) -> Float[np.ndarray, "states"]:
-        slow = noise.process**2
-        slow[list(dynamic_states(model.plant))] += 2 * noise.size**2 * noise.lasting
-        return slow
-
+    """The states whose grip, which was not there `before`, has less than four times the power by
+    which the model errs slowly besides, 2 s^2 tau + sigma^2: what errs half as much in motion is no
+    grip."""
+    slow = found.process**2
+    slow[list(dynamic_states(model.plant))] += 2 * found.size**2 * found.lasting
     new = (found.grip != 0) & (before.grip == 0)
-    return new & (power(found) > HOLDS * power(before))
+    return new & (slow > HOLDS * 2 * found.grip**2 * found.gripping)
 
 
 def _needed(model: Model, batch: Likelihood, noise: Noise) -> Noise:
