@@ -172,19 +172,24 @@ def _levels(model: Model, noise: Noise) -> Table:
         (f"drift of {name}", quantity(float(drift), "1"), "per root second")
         for name, drift in zip(drifting_of(model), noise.drift, strict=True)
     ]
-    units = {name: each.unit or "1" for name, each in parameters_of(model).items()}
     rows += [
-        (
-            f"{name}, from run to run",
-            quantity(float(spread), units[name]),
-            f"mean differs from the fit by {quantity(float(shift), units[name])}",
-        )
+        _between_runs(model, name, float(spread), float(shift))
         for name, spread, shift in zip(
             constants_of(model).names, noise.spread, noise.shift, strict=True
         )
     ]
     header = ("", "standard deviation", "")
     return Table(header, tuple(rows), "What calibration found.")
+
+
+def _between_runs(model: Model, name: str, spread: float, shift: float) -> tuple[str, str, str]:
+    """How far a constant, or a network as a whole, differs from run to run."""
+    if name in (each.name for each in model.plant.gains):
+        row = f"all of {name}, from run to run"
+        return row, f"{100 * spread:.2f} %", f"mean is {1 + shift:.4g} times what was fitted"
+    unit = parameters_of(model)[name].unit or "1"
+    mean = f"mean differs from the fit by {quantity(shift, unit)}"
+    return f"{name}, from run to run", quantity(spread, unit), mean
 
 
 def _lacking(model: Model, noise: Noise) -> list[tuple[str, str, str]]:

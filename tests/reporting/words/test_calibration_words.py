@@ -5,6 +5,7 @@ import numpy as np
 from calibrations import for_bank
 from faultgauge.detection.bank.noise import Noise
 from faultgauge.detection.bank.uncertain_constants import constants_of
+from faultgauge.reporting.calibration_chapter import _levels
 from faultgauge.reporting.words.calibration import errors, summary, telling
 from models import as_stated
 
@@ -141,3 +142,9 @@ def test_a_network_differs_from_run_to_run_as_a_whole():
         "drag 4 %",
         "the healthy logs say drag = 1.2 times what was fitted, and the bank goes by them",
     ]
+    rows = {row[0]: row[1:] for row in _levels(for_bank(model, noise), noise).rows}
+    assert rows["all of drag, from run to run"] == ("4.00 %", "mean is 1.2 times what was fitted")
+    assert rows["a, from run to run"] == (
+        "0.1\N{NO-BREAK SPACE}1/s",
+        "mean differs from the fit by 0\N{NO-BREAK SPACE}1/s",
+    )
