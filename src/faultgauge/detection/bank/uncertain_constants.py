@@ -26,6 +26,7 @@ __all__ = [
     "usual_spread",
 ]
 
+LOW = 5.0  # standard errors below what a constant is: filters may try it there
 MOST_CONSTANTS = 6  # that are tracked: those that matter most
 USUAL_SPREAD = 0.01  # of a constant, from run to run
 
@@ -41,8 +42,8 @@ def parameters_of(model: Model) -> dict[str, Parameter]:
 
 
 class Constants(NamedTuple):
-    """The constants that are uncertain, with the covariance that the fit gives them, and which of
-    them are `positive`."""
+    """The constants that are uncertain, with the covariance that the fit gives them; which of them
+    are `positive` and so uncertain that a filter may try them near 0 or below."""
 
     names: tuple[str, ...]
     covariance: Float[np.ndarray, "constants constants"]
@@ -75,7 +76,7 @@ def constants_of(model: Model) -> Constants:
     positive = tuple(
         place
         for place, k in enumerate(kept)
-        if spec[free[k]].positive and float(values[free[k]]) > 0
+        if spec[free[k]].positive and LOW * se[k] >= float(values[free[k]]) > 0
     )
     names = tuple(free[k] for k in kept)
     return Constants(names, (v * np.maximum(w, 0.0)) @ v.T, positive)
