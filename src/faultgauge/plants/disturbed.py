@@ -41,8 +41,9 @@ moves, where healthy logs show that something does: friction that sticks, of whi
 through zero has nothing, is any force up to that which breaks loose, and one of one size everywhere
 would have to be as large as that (C. Canudas de Wit et al., IEEE TAC 40 (1995), on what a bristle
 model has there). xi are the directions in
-which the constants are uncertain, of unit variance; a positive one goes down by s to c^2 / (c + s),
-as a normal distribution would have negative stiffness, and time constants near 0, as well.
+which the constants are uncertain, of unit variance; one that is `positive` and hardly known goes
+down by s to c^2 / (c + s), as a normal distribution would have negative stiffness, and time
+constants near 0, as well.
 """
 
 from collections.abc import Callable, Mapping
@@ -128,7 +129,7 @@ class Disturbed(Plant):
     acts on, `trailing` the outputs that g acts on, which read states alone, `bending` the inputs
     whose curve is bent, `sticking` the states that q acts on, `doubted` the inputs for which the
     model is to be doubted somewhere, `names` the parameters, of which `directions` (W) is a row
-    each, `positive` the places of those that are."""
+    each, `positive` the places of those that are, and are so uncertain that it matters."""
 
     signals: Signals = eqx.field(static=True)
     base: Plant
