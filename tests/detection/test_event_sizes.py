@@ -121,3 +121,22 @@ def test_a_fault_that_may_be_none_is_not_over():
     unsigned = np.where(k < 200, lo, -0.01)
     (event,) = events(bank, scene(p, 0.05 * p, unsigned, 0.06 * (p > 0), STEP * (k - 97.0), STEP))
     assert event.end == pytest.approx(199 * STEP)
+
+
+@pytest.mark.parametrize(("cause", "onset"), [("another fault", 97), ("undeclared", 20)])
+def test_an_alarm_that_another_fault_explains_is_not_where_a_later_one_began(cause, onset):
+    """An alarm without a name from row 20 on; the push is named at TOLD, and dated to row 97."""
+    bank = build_fault_bank(MODEL, [log(0)], NOISE)
+    k = np.arange(COUNT)
+    p = np.where((k >= TOLD) & (k < STOP), 1.0, 0.0)
+    given = scene(p, 0.05 * p, 0.04 * p, 0.06 * p, STEP * (k - 97.0), 1e-9)
+    before = (k >= 20) & (k < TOLD)
+    other = given.found.p.copy()
+    other[before, 1] = 0.9 if cause == "another fault" else 0.0
+    unknown = np.where(before & (cause == "undeclared"), 0.9, 0.0)
+    found = given.found._replace(p=other, unknown=unknown)
+    status = np.where(before, STATUS.index(FAULT), given.verdict.status)
+    verdict = given.verdict._replace(status=status)
+    (event,) = events(bank, given._replace(found=found, verdict=verdict))
+    assert event.onset == pytest.approx(onset * STEP)
+    assert event.start == pytest.approx(TOLD * STEP)

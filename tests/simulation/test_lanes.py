@@ -35,9 +35,17 @@ def _twice(x: Array, P: Array) -> Array:
 
 def _looped(x: Array, P: Array) -> tuple[Array, Array]:
     """A loop, a choice by what is each unit's own, a solution: JAX's own ways."""
-    end, said = jax.lax.scan(lambda c, k: (c * 0.5 + x, c[0] * k), x, jnp.arange(3.0))
+    end, said = jax.lax.scan(lambda c, k: (c * 0.5 + x, c[0] * k), x, jnp.arange(9.0))
     branch = jax.lax.cond(x[0] > 0, lambda: jnp.linalg.solve(P, x), lambda: -x)
     return end + branch, said
+
+
+def _written_out(x: Array, P: Array) -> tuple[Array, Array]:
+    """A loop of few turns and a sum of few terms, which have no loop, and a sum of many."""
+    end, said = jax.lax.scan(
+        lambda c, k: (c * 0.5 + x, jnp.sum(c) * k), x, jnp.arange(3.0), reverse=True
+    )
+    return end, said + jnp.sum(jnp.outer(TIMES[0], x)[0]) + jnp.sum(jnp.resize(x, 99))
 
 
 def _inner(x: Array, P: Array) -> Array:
@@ -45,7 +53,7 @@ def _inner(x: Array, P: Array) -> Array:
     return jax.vmap(lambda column: jnp.tanh(column) @ x, in_axes=1)(P[:, :2] @ TIMES)
 
 
-@pytest.mark.parametrize("function", [_small, _placed, _twice, _looped, _inner])
+@pytest.mark.parametrize("function", [_small, _placed, _twice, _looped, _written_out, _inner])
 def test_many_are_told_what_each_is_told_alone(function: Callable) -> None:
     random = np.random.default_rng(3)
     x, P = random.normal(size=(7, 3)), random.normal(size=(7, 3, 3)) + 3 * np.eye(3)

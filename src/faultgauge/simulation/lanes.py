@@ -7,6 +7,7 @@ writes out every number; the mathematics is the function's own.
 """
 
 from collections.abc import Callable, Iterator, Sequence
+from functools import reduce
 from typing import Any, NamedTuple
 
 import jax
@@ -28,6 +29,10 @@ SAME = frozenset(
 JOINS = frozenset({"concatenate", "stack"})
 PUTS = {"scatter": lambda old, new: new, "scatter-add": jnp.add, "scatter-mul": jnp.multiply}
 PIECES = 4  # slices that are joined rather than gathered
+# numbers of a unit whose sum is written out: as a loop within what is around it, it and all that it
+# sums (a network's hidden units) would be scalar code
+TERMS = 32
+TURNS = 4  # of a loop that are written out: what goes round in one is laid down and taken up again
 
 
 def _broadcast(array: np.ndarray, shape: Any, broadcast_dimensions: Any, **_: Any) -> np.ndarray:
@@ -120,6 +125,8 @@ class _Lanes:
             branches = eqn.params["branches"]
             which = int(np.clip(args[0].array, 0, len(branches) - 1))
             return self.run(branches[which], args[1:])
+        if name == "reduce_sum" and len(shapes[0]) == 1 and 0 < shapes[0][0] <= TERMS:
+            return [_Value(reduce(jnp.add, list(args[0].array)), True)]
         if len(args) == 1 and (more := self.shaped(eqn)) is not None:
             return self.bound(eqn, [args[0].array], **more)
         if name == "scan":
@@ -151,7 +158,8 @@ class _Lanes:
 
         arrays = [jnp.asarray(each.array) for each in given]
         length, back = eqn.params["length"], eqn.params["reverse"]
-        ends, said = jax.lax.scan(step, first, arrays, length=length, reverse=back)
+        unroll = max(length, 1) if length <= TURNS else 1
+        ends, said = jax.lax.scan(step, first, arrays, length, back, unroll)
         return [_Value(a, True) for a in (*ends, *said)]
 
     def bound(self, eqn: JaxprEqn, given: Sequence[Any], **more: Any) -> list[_Value]:

@@ -227,6 +227,46 @@ def test_an_alarm_without_a_name_is_no_silence(bank, decision):
     assert "gauge (m)" in drawn
 
 
+def test_one_more_fault_than_is_told_is_told_without_a_name(bank, decision):
+    """Beside the leak, from 350 s on for 200 s, with p 0.97 in all."""
+    part = slice(700, 1100)
+    status, p, f = [*decision.status], decision.posterior.p.copy(), decision.posterior.f.copy()
+    unknown = decision.posterior.unknown.copy()
+    assert status[part] == ["FAULT"] * 400
+    p[part, 1], f[part, 1], unknown[part] = 0.6, 0.6 * 0.2, 0.37
+    seen = decision.posterior._replace(p=p, f=f, unknown=unknown)
+    leak, more = answers(bank, [replace(decision, posterior=seen)])
+    assert leak.startswith("leak ")
+    assert more == (
+        "One more fault than leak from 350 s to 549.5 s (run run1), not sure which: gauge of +0.2 m "
+        "(p 0.6) or something undeclared (p 0.37)"
+    )
+    found = runs_as_dicts(bank, [replace(decision, posterior=seen)], ["leak", "gauge"])["run1"]
+    assert found["unnamed"] == [{"from": 350.0, "to": 549.5, "sentence": more}]
+    # not as sure as an alarm is, or not for as long as a name may take
+    unknown[part] = 0.3
+    assert len(answers(bank, [replace(decision, posterior=seen)])) == 1
+    unknown[part] = 0.37
+    p[710:1100, 1] = 0.0
+    assert len(answers(bank, [replace(decision, posterior=seen)])) == 1
+
+
+def test_a_fault_that_another_took_the_place_of_may_have_gone_on(decision):
+    (event,) = decision.events
+    over = replace(event, end=400.0)
+    other = replace(event, fault="gauge", onset_lo=399.0, onset=400.0, onset_hi=401.0, start=403.0)
+    both = replace(decision, events=[over, other])
+    one = built(TANK + "[detection]\nmax_simultaneous = 1\n")
+    assert (
+        "seen until 400 s, where gauge came: no more than one fault is told at once "
+        "(max_simultaneous), so leak may have gone on" in answers(one, [both])[0]
+    )
+    two = built(TANK + "[detection]\nmax_simultaneous = 2\n")
+    assert "max_simultaneous" not in answers(two, [both])[0]
+    late = replace(other, onset_lo=500.0, onset=501.0, onset_hi=502.0, start=503.0)
+    assert "max_simultaneous" not in answers(one, [replace(decision, events=[over, late])])[0]
+
+
 def test_a_log_that_ends_undecided_says_so_and_one_without_a_fault_is_named(bank, decision):
     """From 575 s on the leak has p 0.8, without an alarm, and is as large as 0.016 / 0.8."""
     quiet = decide(bank, log(2))

@@ -1,14 +1,24 @@
-"""Alarms that no event tells of: when, and what their rows say of the cause."""
+"""Alarms that no event tells of, and what is sure to be beside an event and has no name: when, and
+what their rows say of the cause."""
 
 from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
+from jaxtyping import Bool
+from scipy.special import expit
 
 from faultgauge.detection.bank.bank import FaultBank
 from faultgauge.detection.decisions import Decision
-from faultgauge.detection.posterior.events import Cause, Unnamed, pause, stretches
-from faultgauge.detection.posterior.verdicts import EITHER, FAULT, NEARLY
+from faultgauge.detection.posterior.events import (
+    POSSIBLE,
+    UNKNOWN,
+    Cause,
+    Unnamed,
+    pause,
+    stretches,
+)
+from faultgauge.detection.posterior.verdicts import EITHER, FAULT, NAMED, NEARLY
 from faultgauge.detection.words import UNDECLARED
 
 __all__ = ["unnamed_alarms"]
@@ -18,13 +28,42 @@ DIGITS = 6  # of p: of causes that are as likely as each other the first comes f
 
 
 def unnamed_alarms(bank: FaultBank, decision: Decision) -> list[Unnamed]:
-    """Alarms without an event, in order."""
+    """Alarms without an event, and what is beside events without a name, in order."""
     alarm = np.array(decision.status) == FAULT
-    return [
+    alone = [
         _unnamed(bank, decision, part)
         for start, stop in stretches(alarm, np.isfinite(decision.posterior.healthy), pause(bank))
         for part in _beyond(bank, decision, start, stop)
     ]
+    return sorted([*alone, *_beside(bank, decision, alarm)], key=lambda each: each.start)
+
+
+def _beside(
+    bank: FaultBank, decision: Decision, alarm: Bool[np.ndarray, "samples"]
+) -> list[Unnamed]:
+    """Where rows under `alarm` are as sure of one more fault than events tell as an alarm is of
+    one, for longer than a name takes at most, and none of its causes is."""
+    t, found = decision.run.t, decision.posterior
+    names = (*bank.model.plant.signals.fault_names, UNKNOWN)
+    more = np.nan_to_num(np.column_stack([found.p, found.unknown]))
+    there = np.zeros(more.shape, bool)
+    for each in decision.events:
+        rows = (t >= min(each.onset_lo, each.start)) & (t <= each.end)
+        there[rows, names.index(each.fault)] = True
+    more[there] = 0.0
+    sure = expit(bank.level)
+    rows = alarm & there.any(axis=1) & (more.sum(axis=1) >= sure) & (more.max(axis=1) < NAMED)
+    told = []
+    for start, stop in stretches(rows, np.isfinite(found.healthy), pause(bank)):
+        if t[stop - 1] - t[start] <= bank.knowledge.memory:
+            continue
+        part = slice(start, stop)
+        beside = tuple(names[k] for k in np.flatnonzero(there[part].any(axis=0)))
+        likely = [c for c in _likeliest(bank, decision, part) if c.name not in beside]
+        causes = tuple(each for each in likely if each.p >= POSSIBLE)
+        run = decision.run.name
+        told.append(Unnamed(run, float(t[start]), float(t[stop - 1]), causes=causes, beside=beside))
+    return told
 
 
 def _beyond(bank: FaultBank, decision: Decision, start: int, stop: int) -> list[slice]:

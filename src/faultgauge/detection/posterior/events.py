@@ -98,9 +98,10 @@ class Cause(NamedTuple):
 
 @dataclass(frozen=True)
 class Unnamed:
-    """An alarm from `start` to `end` [s] of which no event tells. `reason` is why it has no name,
-    and `causes` those that it is left between; where `named` was named there and is no event, it
-    was given up, or may be what was told before (`again`)."""
+    """An alarm from `start` to `end` [s] of which no event tells, or what is there `beside` the
+    faults of events. `reason` is why it has no name, and `causes` those that it is left between;
+    where `named` was named there and is no event, it was given up, or may be what was told before
+    (`again`)."""
 
     run: str
     start: float
@@ -109,6 +110,7 @@ class Unnamed:
     causes: tuple[Cause, ...] = ()
     named: str = ""
     again: bool = False
+    beside: tuple[str, ...] = ()
 
 
 class Judged(NamedTuple):
@@ -317,8 +319,8 @@ def _onset(
     fault, from the bank's memory before it was likely until then.
 
     Where the fault changed since, the posterior at `last` dates the change; then the best of the
-    dates before is the fault's. A fault that is dated into an alarm that had no name is perhaps
-    what raised it, smaller or still growing: then it is as old as that may be.
+    dates before is the fault's. A fault that is dated into an alarm that had no name, and may have
+    been its, is perhaps what raised it, smaller or still growing: then it is as old as that may be.
     """
     t, told = judged.run.t, float(judged.run.t[each.told])
 
@@ -335,15 +337,17 @@ def _onset(
     mean = min(float(t[last] - ago[last]), told - bank.step / 2)
     half = max(WIDE * float(sd[last]), bank.step / 2)
     low, high = mean - half, min(mean + half, told)
-    alarm = _nameless(judged, each.told)
+    alarm = _nameless(judged, each.k, each.told)
     return raised(alarm, high) if t[alarm] < low else (mean, low, high)
 
 
-def _nameless(judged: Judged, told: int) -> int:
+def _nameless(judged: Judged, k: int, told: int) -> int:
     """The first row of the alarm without the name of a declared fault that lasts until `told`; that
-    row itself where there is none."""
+    row itself where there is none. Rows in which neither fault `k` nor something undeclared is
+    possible are another one's alarm."""
     alarm = judged.verdict.status == STATUS.index(FAULT)
-    open_ = alarm & ~judged.verdict.named[:, :-1].any(axis=1)
+    own = np.nan_to_num(judged.found.p[:, k]) + np.nan_to_num(judged.found.unknown)
+    open_ = alarm & ~judged.verdict.named[:, :-1].any(axis=1) & (own >= POSSIBLE)
     broken = np.flatnonzero(~open_[:told] & np.isfinite(judged.found.healthy[:told]))
     first = int(broken[-1]) + 1 if len(broken) else 0
     rows = np.flatnonzero(open_[first:told])

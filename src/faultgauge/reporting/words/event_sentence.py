@@ -151,7 +151,8 @@ def _named_beside(
 
 def _whether_over(bank: FaultBank, decision: Decision, event: BankEvent) -> str:
     """Of a fault that was not seen to end, why it is not; of one that changed its sign, when that
-    was seen: until then rows have it as it was."""
+    was seen: until then rows have it as it was; of one that another fault took the place of, as no
+    more are told at once, which."""
     t = decision.run.t
     turned = [
         each.start
@@ -163,20 +164,39 @@ def _whether_over(bank: FaultBank, decision: Decision, event: BankEvent) -> str:
         return f", where its sign changed, as was told at {row_time(bank, decision, min(turned))}"
     if event.end >= t[-1]:
         return ", the end of the log"
+    if instead := _in_its_place(bank, decision, event):
+        most = max(map(len, bank.sets))
+        told = f"no more than {most} faults are" if most > 1 else "no more than one fault is"
+        return (
+            f", where {instead} came: {told} told at once (max_simultaneous), so {event.fault} "
+            "may have gone on"
+        )
     judged = t[np.isin(decision.status, [HEALTHY, FAULT])]
     return "" if np.any(judged > event.end) else ", and nothing was judged from then on"
 
 
+def _in_its_place(bank: FaultBank, decision: Decision, event: BankEvent) -> str:
+    """The fault that came as `event` ended, since when as many are told as the bank follows."""
+    declared = [e for e in decision.events if e.fault not in (event.fault, UNKNOWN)]
+    for each in declared:
+        if each.onset_lo <= event.end <= each.start + bank.pause:
+            there = {e.fault for e in declared if e.start <= each.start <= e.end}
+            if len(there) >= max(map(len, bank.sets)):
+                return each.fault
+    return ""
+
+
 def _before_its_name(bank: FaultBank, decision: Decision, event: BankEvent) -> list[str]:
-    """Of an alarm that went on for longer than a name takes before the event had one."""
+    """Of an alarm that went on for longer than a name takes before the event had one; one that
+    began before the fault is another one's."""
     told = int(np.searchsorted(decision.run.t, event.start))
     status, reason = decision.status[:told], decision.reason[:told]
     over = [k for k in range(told) if status[k] != FAULT or not reason[k]]
     first = over[-1] + 1 if over else 0
-    if event.start - decision.run.t[first] <= bank.knowledge.memory:
+    begun = float(decision.run.t[first])
+    if begun < event.onset_lo or event.start - begun <= bank.knowledge.memory:
         return []
-    begun = row_time(bank, decision, decision.run.t[first])
-    return [f"the alarm began at {begun}, before it had a name"]
+    return [f"the alarm began at {row_time(bank, decision, begun)}, before it had a name"]
 
 
 def _course(bank: FaultBank, decision: Decision, event: BankEvent) -> list[str]:

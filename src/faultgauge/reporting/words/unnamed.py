@@ -1,4 +1,5 @@
-"""The sentences of alarms without a name, and of what a log ends undecided about."""
+"""The sentences of alarms without a name, of what is beside events without one, and of what a log
+ends undecided about."""
 
 import numpy as np
 
@@ -6,7 +7,7 @@ from faultgauge.detection.answer.shares import WHOLE, shares_of
 from faultgauge.detection.answer.unnamed import unnamed_alarms
 from faultgauge.detection.bank.bank import FaultBank
 from faultgauge.detection.decisions import Decision
-from faultgauge.detection.posterior.events import Cause, Unnamed
+from faultgauge.detection.posterior.events import UNKNOWN, Cause, Unnamed
 from faultgauge.detection.posterior.posterior import LIKELY
 from faultgauge.detection.posterior.verdicts import NOT_JUDGED
 from faultgauge.detection.words import UNDECLARED, moment
@@ -34,7 +35,7 @@ def alarms(bank: FaultBank, decision: Decision, note: str = "") -> list[Told]:
             each.end,
             alarm_sentence(bank.model, each, bank.step, decision.run.clock, note),
             causes=tuple(cause.name for cause in each.causes),
-            brief="an alarm",
+            brief="one more fault" if each.beside else "an alarm",
         )
         for each in unnamed_alarms(bank, decision)
     ]
@@ -46,8 +47,12 @@ def alarm_sentence(
     """From when to when, of rows that are `step` [s] apart, and why it has no event; with a `note`
     on the run."""
     first, last = (moment(clock, t, step) for t in (alarm.start, alarm.end))
-    why = _why(model, alarm)
-    return headed(model, f"An alarm from {first} to {last} (run {alarm.run}{note}); {why}")
+    when = f"from {first} to {last} (run {alarm.run}{note})"
+    if alarm.beside:
+        told = " and ".join(UNDECLARED if each == UNKNOWN else each for each in alarm.beside)
+        causes = " or ".join(_likely(model, each) for each in alarm.causes)
+        return headed(model, f"One more fault than {told} {when}, not sure which: {causes}")
+    return headed(model, f"An alarm {when}; {_why(model, alarm)}")
 
 
 def _why(model: Model, alarm: Unnamed) -> str:
