@@ -92,8 +92,11 @@ def test_what_may_be_there_too_is_not_ruled_out():
     """A bias of the gauge and, in the last 100 s, a leak too small for a name."""
     bank, leak = tank_bank(), between(500, NEVER, 0.003)
     said = decide(bank, log(2, gauge=between(300, NEVER, 0.2), leak=leak))
-    (line,) = answers(bank, [said])
+    line, more = answers(bank, [said])
     assert line.startswith("gauge")
+    assert re.match(
+        r"One more fault than gauge from 5\d\d\S* s to 599.5 s .*: weak .* or leak", more
+    )
     assert re.search(r"leak (may be|is likely) there too \(p 0\.", line)
     assert "leak is " not in line.replace("leak is likely there too", "")
     assert "leak or" not in line

@@ -69,7 +69,8 @@ def assert_said(found, words):
         f"slow and fast motion ask for other values of {words} than both together, so the plant "
         "does something that the file lacks, or noise in what the equations read moves them: the "
         "constants are this model's, and their standard errors hold by how much the values "
-        "differ; compare with `faultgauge fit --refine`, and add what the file lacks"
+        "differ; compare with `faultgauge fit --refine` by `faultgauge evaluate` on a log that "
+        "neither has seen, and add what the file lacks"
     )
     told = found.as_dict()
     assert said in told["warnings"]

@@ -204,15 +204,20 @@ class ConstantsInformation:
             )
         if short:
             found.append(
-                f"{', '.join(map(str, short))} {lacks}. It is of less than three samples, which "
-                "`calibrate` allows for: leave the file as it is, since faults are harder to see "
-                "behind a state that follows so fast"
+                f"{', '.join(map(str, short))} {lacks}. It is of less than three samples, for "
+                "which, and for what it does to the constants, `calibrate` allows: leave the file "
+                "as it is, since faults are harder to see behind a state that follows so fast"
             )
         told = [each for each in self.constants if each.contradicted]
         if told:
             named = [f"{e.name} ({e.asked})" if e.asked else e.name for e in told]
             noise = "" if self.refined else ", or noise in what the equations read moves them"
-            compare = "" if self.refined else "compare with `faultgauge fit --refine`, and "
+            compare = (
+                ""
+                if self.refined
+                else "compare with `faultgauge fit --refine` by `faultgauge evaluate` on a log "
+                "that neither has seen, and "
+            )
             found.append(
                 f"slow and fast motion ask for other values of {', '.join(named)} than both "
                 f"together, so the plant does something that the file lacks{noise}: the constants "

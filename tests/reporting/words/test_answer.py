@@ -29,7 +29,7 @@ from faultgauge.reporting.words.answer import (
     runs_as_dicts,
     shown_first,
 )
-from faultgauge.reporting.words.event_sentence import finding
+from faultgauge.reporting.words.event_sentence import _in_its_place, finding
 from faultgauge.reporting.words.glitches import sentences
 from faultgauge.telemetry import Run, read_telemetry
 from faultgauge.telemetry.clock import Clock
@@ -238,8 +238,8 @@ def test_one_more_fault_than_is_told_is_told_without_a_name(bank, decision):
     leak, more = answers(bank, [replace(decision, posterior=seen)])
     assert leak.startswith("leak ")
     assert more == (
-        "One more fault than leak from 350 s to 549.5 s (run run1), not sure which: gauge of +0.2 m "
-        "(p 0.6) or something undeclared (p 0.37)"
+        "One more fault than leak from 350 s to 549.5 s (run run1), not sure which: gauge of "
+        "+0.2 m (p 0.6) or something undeclared (p 0.37)"
     )
     found = runs_as_dicts(bank, [replace(decision, posterior=seen)], ["leak", "gauge"])["run1"]
     assert found["unnamed"] == [{"from": 350.0, "to": 549.5, "sentence": more}]
@@ -258,13 +258,15 @@ def test_a_fault_that_another_took_the_place_of_may_have_gone_on(decision):
     both = replace(decision, events=[over, other])
     one = built(TANK + "[detection]\nmax_simultaneous = 1\n")
     assert (
-        "seen until 400 s, where gauge came: no more than one fault is told at once "
-        "(max_simultaneous), so leak may have gone on" in answers(one, [both])[0]
+        "seen until 400 s, where gauge came: no more than one fault is told at once, as "
+        "max_simultaneous has it, so leak may have gone on" in answers(one, [both])[0]
     )
     two = built(TANK + "[detection]\nmax_simultaneous = 2\n")
-    assert "max_simultaneous" not in answers(two, [both])[0]
+    assert "may have gone on" not in answers(two, [both])[0]
+    crowded = replace(decision, events=[over, other, replace(other, fault="pump")])
+    assert _in_its_place(two, crowded, over) == "gauge"
     late = replace(other, onset_lo=500.0, onset=501.0, onset_hi=502.0, start=503.0)
-    assert "max_simultaneous" not in answers(one, [replace(decision, events=[over, late])])[0]
+    assert "may have gone on" not in answers(one, [replace(decision, events=[over, late])])[0]
 
 
 def test_a_log_that_ends_undecided_says_so_and_one_without_a_fault_is_named(bank, decision):

@@ -41,18 +41,19 @@ def unnamed_alarms(bank: FaultBank, decision: Decision) -> list[Unnamed]:
 def _beside(
     bank: FaultBank, decision: Decision, alarm: Bool[np.ndarray, "samples"]
 ) -> list[Unnamed]:
-    """Where rows under `alarm` are as sure of one more fault than events tell as an alarm is of
-    one, for longer than a name takes at most, and none of its causes is."""
+    """Where rows under `alarm` expect as surely one more fault than events tell as an alarm is sure
+    of one, for longer than a name takes at most, and none of its causes is."""
     t, found = decision.run.t, decision.posterior
     names = (*bank.model.plant.signals.fault_names, UNKNOWN)
-    more = np.nan_to_num(np.column_stack([found.p, found.unknown]))
-    there = np.zeros(more.shape, bool)
+    p = np.nan_to_num(np.column_stack([found.p, found.unknown]))
+    there, known = np.zeros(p.shape, bool), np.zeros(p.shape, bool)
     for each in decision.events:
-        rows = (t >= min(each.onset_lo, each.start)) & (t <= each.end)
-        there[rows, names.index(each.fault)] = True
-    more[there] = 0.0
-    sure = expit(bank.level)
-    rows = alarm & there.any(axis=1) & (more.sum(axis=1) >= sure) & (more.max(axis=1) < NAMED)
+        k = names.index(each.fault)
+        there[(t >= each.start) & (t <= each.end), k] = True
+        known[(t >= min(each.onset_lo, each.start)) & (t <= each.end), k] = True
+    more = p.sum(axis=1) - there.sum(axis=1)
+    rows = alarm & there.any(axis=1) & (more >= expit(bank.level))
+    rows &= np.where(known, 0.0, p).max(axis=1) < NAMED
     told = []
     for start, stop in stretches(rows, np.isfinite(found.healthy), pause(bank)):
         if t[stop - 1] - t[start] <= bank.knowledge.memory:

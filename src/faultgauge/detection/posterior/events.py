@@ -18,7 +18,7 @@ from jaxtyping import Bool, Float
 
 from faultgauge.detection.bank.bank import FaultBank
 from faultgauge.detection.bank.knowledge import longest_delay
-from faultgauge.detection.posterior.posterior import WIDE, Posterior
+from faultgauge.detection.posterior.posterior import LIKELY, WIDE, Posterior
 from faultgauge.detection.posterior.verdicts import FAULT, HEALTHY, NAMED, STATUS, Reason, Verdict
 from faultgauge.detection.words import TOLD_ODDS
 from faultgauge.telemetry import Run
@@ -343,15 +343,15 @@ def _onset(
 
 def _nameless(judged: Judged, k: int, told: int) -> int:
     """The first row of the alarm without the name of a declared fault that lasts until `told`; that
-    row itself where there is none. Rows in which neither fault `k` nor something undeclared is
-    possible are another one's alarm."""
+    row itself where there is none, or where neither fault `k` nor something undeclared was likely:
+    that alarm is another one's."""
     alarm = judged.verdict.status == STATUS.index(FAULT)
-    own = np.nan_to_num(judged.found.p[:, k]) + np.nan_to_num(judged.found.unknown)
-    open_ = alarm & ~judged.verdict.named[:, :-1].any(axis=1) & (own >= POSSIBLE)
+    open_ = alarm & ~judged.verdict.named[:, :-1].any(axis=1)
     broken = np.flatnonzero(~open_[:told] & np.isfinite(judged.found.healthy[:told]))
     first = int(broken[-1]) + 1 if len(broken) else 0
-    rows = np.flatnonzero(open_[first:told])
-    return first + int(rows[0]) if len(rows) else told
+    rows = first + np.flatnonzero(open_[first:told])
+    own = judged.found.p[rows, k] + judged.found.unknown[rows]
+    return int(rows[0]) if len(rows) and np.mean(own) >= LIKELY else told
 
 
 def _settled(p: Float[np.ndarray, "samples"], told: int, last: int) -> int:

@@ -166,11 +166,10 @@ def _whether_over(bank: FaultBank, decision: Decision, event: BankEvent) -> str:
         return ", the end of the log"
     if instead := _in_its_place(bank, decision, event):
         most = max(map(len, bank.sets))
-        told = f"no more than {most} faults are" if most > 1 else "no more than one fault is"
-        return (
-            f", where {instead} came: {told} told at once (max_simultaneous), so {event.fault} "
-            "may have gone on"
-        )
+        at_once = f"{most} faults are told at once"
+        if most == 1:
+            at_once = "one fault is told at once, as max_simultaneous has it"
+        return f", where {instead} came: no more than {at_once}, so {event.fault} may have gone on"
     judged = t[np.isin(decision.status, [HEALTHY, FAULT])]
     return "" if np.any(judged > event.end) else ", and nothing was judged from then on"
 
