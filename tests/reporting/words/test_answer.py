@@ -228,25 +228,25 @@ def test_an_alarm_without_a_name_is_no_silence(bank, decision):
 
 
 def test_one_more_fault_than_is_told_is_told_without_a_name(bank, decision):
-    """Beside the leak, from 350 s on for 200 s, with p 0.97 in all."""
+    """Beside the leak, from 350 s on for 200 s, with p 0.99 in all."""
     part = slice(700, 1100)
     status, p, f = [*decision.status], decision.posterior.p.copy(), decision.posterior.f.copy()
     unknown = decision.posterior.unknown.copy()
     assert status[part] == ["FAULT"] * 400
-    p[part, 1], f[part, 1], unknown[part] = 0.6, 0.6 * 0.2, 0.37
+    p[part, 1], f[part, 1], unknown[part] = 0.6, 0.6 * 0.2, 0.39
     seen = decision.posterior._replace(p=p, f=f, unknown=unknown)
     leak, more = answers(bank, [replace(decision, posterior=seen)])
     assert leak.startswith("leak ")
     assert more == (
         "One more fault than leak from 350 s to 549.5 s (run run1), not sure which: gauge of "
-        "+0.2 m (p 0.6) or something undeclared (p 0.37)"
+        "+0.2 m (p 0.6) or something undeclared (p 0.39)"
     )
     found = runs_as_dicts(bank, [replace(decision, posterior=seen)], ["leak", "gauge"])["run1"]
     assert found["unnamed"] == [{"from": 350.0, "to": 549.5, "sentence": more}]
-    # not as sure as an alarm is, or not for as long as a name may take
-    unknown[part] = 0.3
-    assert len(answers(bank, [replace(decision, posterior=seen)])) == 1
+    # not as sure as a name is, or not for as long as a name may take
     unknown[part] = 0.37
+    assert len(answers(bank, [replace(decision, posterior=seen)])) == 1
+    unknown[part] = 0.39
     p[710:1100, 1] = 0.0
     assert len(answers(bank, [replace(decision, posterior=seen)])) == 1
 

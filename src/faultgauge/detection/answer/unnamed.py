@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Bool
-from scipy.special import expit
 
 from faultgauge.detection.bank.bank import FaultBank
 from faultgauge.detection.decisions import Decision
@@ -41,8 +40,8 @@ def unnamed_alarms(bank: FaultBank, decision: Decision) -> list[Unnamed]:
 def _beside(
     bank: FaultBank, decision: Decision, alarm: Bool[np.ndarray, "samples"]
 ) -> list[Unnamed]:
-    """Where rows under `alarm` expect as surely one more fault than events tell as an alarm is sure
-    of one, for longer than a name takes at most, and none of its causes is."""
+    """Where rows under `alarm` are as sure as of a name that there is one more fault than events
+    tell, for longer than a name takes at most, and not sure which."""
     t, found = decision.run.t, decision.posterior
     names = (*bank.model.plant.signals.fault_names, UNKNOWN)
     p = np.nan_to_num(np.column_stack([found.p, found.unknown]))
@@ -52,7 +51,7 @@ def _beside(
         there[(t >= each.start) & (t <= each.end), k] = True
         known[(t >= min(each.onset_lo, each.start)) & (t <= each.end), k] = True
     more = p.sum(axis=1) - there.sum(axis=1)
-    rows = alarm & there.any(axis=1) & (more >= expit(bank.level))
+    rows = alarm & there.any(axis=1) & (more >= NAMED)
     rows &= np.where(known, 0.0, p).max(axis=1) < NAMED
     told = []
     for start, stop in stretches(rows, np.isfinite(found.healthy), pause(bank)):

@@ -51,8 +51,7 @@ def alarm_sentence(
     if alarm.beside:
         told = " and ".join(UNDECLARED if each == UNKNOWN else each for each in alarm.beside)
         causes = " or ".join(_likely(model, each) for each in alarm.causes)
-        unsure = "not sure which" if len(alarm.causes) > 1 else "not sure enough to be named"
-        return headed(model, f"One more fault than {told} {when}, {unsure}: {causes}")
+        return headed(model, f"One more fault than {told} {when}, not sure which: {causes}")
     return headed(model, f"An alarm {when}; {_why(model, alarm)}")
 
 
