@@ -43,17 +43,17 @@ def _beside(
     """Where rows under `alarm` are as sure as of a name that there is one more fault than events
     tell, for longer than a name takes at most, and not sure which."""
     t, found = decision.run.t, decision.posterior
-    names = (*bank.model.plant.signals.fault_names, UNKNOWN)
+    names = (*bank.model.plant.signals.fault_names, UNDECLARED)
     p = np.nan_to_num(np.column_stack([found.p, found.unknown]))
-    there, known = np.zeros(p.shape, bool), np.zeros(p.shape, bool)
+    told, there = np.zeros(len(t), bool), np.zeros(p.shape, bool)
     for each in decision.events:
-        k = names.index(each.fault)
-        there[(t >= each.start) & (t <= each.end), k] = True
-        known[(t >= min(each.onset_lo, each.start)) & (t <= each.end), k] = True
+        told |= (t >= each.start) & (t <= each.end)
+        began = min(each.onset_lo, each.start)
+        name = UNDECLARED if each.fault == UNKNOWN else each.fault
+        there[(t >= began) & (t <= each.end), names.index(name)] = True
     more = p.sum(axis=1) - there.sum(axis=1)
-    rows = alarm & there.any(axis=1) & (more >= NAMED)
-    rows &= np.where(known, 0.0, p).max(axis=1) < NAMED
-    told = []
+    rows = alarm & told & (more >= NAMED) & (np.where(there, 0.0, p).max(axis=1) < NAMED)
+    found_more = []
     for start, stop in stretches(rows, np.isfinite(found.healthy), pause(bank)):
         if t[stop - 1] - t[start] <= bank.knowledge.memory:
             continue
@@ -62,8 +62,9 @@ def _beside(
         likely = [c for c in _likeliest(bank, decision, part) if c.name not in beside]
         causes = tuple(each for each in likely if each.p >= POSSIBLE)
         run = decision.run.name
-        told.append(Unnamed(run, float(t[start]), float(t[stop - 1]), causes=causes, beside=beside))
-    return told
+        span = float(t[start]), float(t[stop - 1])
+        found_more.append(Unnamed(run, *span, causes=causes, beside=beside))
+    return found_more
 
 
 def _beyond(bank: FaultBank, decision: Decision, start: int, stop: int) -> list[slice]:

@@ -7,7 +7,7 @@ from faultgauge.detection.answer.shares import WHOLE, shares_of
 from faultgauge.detection.answer.unnamed import unnamed_alarms
 from faultgauge.detection.bank.bank import FaultBank
 from faultgauge.detection.decisions import Decision
-from faultgauge.detection.posterior.events import UNKNOWN, Cause, Unnamed
+from faultgauge.detection.posterior.events import Cause, Unnamed
 from faultgauge.detection.posterior.posterior import LIKELY
 from faultgauge.detection.posterior.verdicts import NOT_JUDGED
 from faultgauge.detection.words import UNDECLARED, moment
@@ -49,7 +49,7 @@ def alarm_sentence(
     first, last = (moment(clock, t, step) for t in (alarm.start, alarm.end))
     when = f"from {first} to {last} (run {alarm.run}{note})"
     if alarm.beside:
-        told = " and ".join(UNDECLARED if each == UNKNOWN else each for each in alarm.beside)
+        told = " and ".join(alarm.beside)
         causes = " or ".join(_likely(model, each) for each in alarm.causes)
         return headed(model, f"One more fault than {told} {when}, not sure which: {causes}")
     return headed(model, f"An alarm {when}; {_why(model, alarm)}")
