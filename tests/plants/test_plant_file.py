@@ -375,7 +375,7 @@ def test_keys_of_the_bank():
     assert (signals.faults[0].rate, signals.faults[0].prior_per_hour) == (0.1, 2.0)
     assert signals.max_simultaneous == 1
     assert parse_plant(small()).signals.max_simultaneous == 2
-    assert "max_simultaneous" in refusal(small(more="[detection]\nmax_simultaneous = 3"))
+    assert "max_simultaneous" in refusal(small(more="[detection]\nmax_simultaneous = 4"))
     assert "rate" in refusal(small(more=more.replace("0.1", "-1")))
 
 

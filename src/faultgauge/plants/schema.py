@@ -109,7 +109,7 @@ class ObserverTable(SchemaTable):
 class DetectionTable(SchemaTable):
     """`[detection]`."""
 
-    max_simultaneous: Literal[1, 2] = 2
+    max_simultaneous: Literal[1, 2, 3] = 2
     persistence: Seconds = 0.0
     release: Annotated[float, pydantic.Field(gt=0, le=0.95)] = 0.5
     latch: bool = False

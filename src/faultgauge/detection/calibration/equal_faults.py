@@ -54,7 +54,7 @@ def equal_faults(model: Model, runs: Sequence[Run]) -> EqualFaults:
             "no data can tell them apart and the bank leaves the cause undecided; keep one of the "
             'two, or give the other monitor = "disabled"'
         )
-    if model.plant.signals.max_simultaneous == 2:
+    if model.plant.signals.max_simultaneous > 1:
         for three in combinations(seen, 3):
             alike = any(pair in same for pair in combinations(three, 2))
             if not alike and _dependent(gram, three):

@@ -134,14 +134,17 @@ class _Stretch(NamedTuple):
 
 def events(bank: FaultBank, judged: Judged, begun: float | None = None) -> list[BankEvent]:
     """The stretches in which a fault was named, but for those that were another one's: which the
-    posterior, by the last sample, is sure were never there. The log `begun` [s], by
-    default at the first sample of `judged`."""
+    posterior, by the last sample, is sure were never there. What is undeclared in the end has no
+    faults before it, as no hypothesis has it come beside declared ones, and tells nothing of them.
+    The log `begun` [s], by default at the first sample of `judged`."""
     sampled = np.flatnonzero(np.isfinite(judged.found.healthy))
     begun = float(judged.run.t[0]) if begun is None else begun
     found = sorted(_stretches(bank, judged, begun), key=lambda each: (each.told, each.k))
     if not found:
         return []
-    ever = judged.found.ever[sampled[-1]]
+    declared = sampled[judged.found.unknown[sampled] < LIKELY]
+    last = int(declared[-1] if len(declared) else sampled[-1])
+    ever = judged.found.ever[last] / (1 - judged.found.unknown[last] if len(declared) else 1.0)
     told = [
         _event(bank, judged, each, begun)
         for each in found

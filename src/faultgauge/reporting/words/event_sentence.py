@@ -164,12 +164,19 @@ def _whether_over(bank: FaultBank, decision: Decision, event: BankEvent) -> str:
         return f", where its sign changed, as was told at {row_time(bank, decision, min(turned))}"
     if event.end >= t[-1]:
         return ", the end of the log"
+    came = [e for e in decision.events if e.onset_lo <= event.end <= e.start + bank.pause]
+    if event.fault != UNKNOWN and any(each.fault == UNKNOWN for each in came):
+        return (
+            f", where {UNDECLARED} came, beside which no fault is followed, so {event.fault} may "
+            "have gone on"
+        )
     if instead := _in_its_place(bank, decision, event):
         most = max(map(len, bank.sets))
-        at_once = f"{most} faults are told at once"
-        if most == 1:
-            at_once = "one fault is told at once, as max_simultaneous has it"
-        return f", where {instead} came: no more than {at_once}, so {event.fault} may have gone on"
+        at_once = f"{most} faults are" if most > 1 else "one fault is"
+        return (
+            f", where {instead} came: no more than {at_once} told at once, as max_simultaneous "
+            f"has it, so {event.fault} may have gone on"
+        )
     judged = t[np.isin(decision.status, [HEALTHY, FAULT])]
     return "" if np.any(judged > event.end) else ", and nothing was judged from then on"
 
