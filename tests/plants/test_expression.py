@@ -292,3 +292,17 @@ def test_depth_and_length_below_the_limits_are_legal():
 def test_without_states_d_is_not_known():
     with pytest.raises(InputError, match="unknown function or network 'd'"):
         parse("d(x)", "--map h", Scope(names=["x"]))
+
+
+def test_whole_powers_are_products():
+    """A call for each number is what a power of real numbers takes."""
+    x = np.array([-1.5, 0.25, 3.0])
+    for text, found in (("x**3", x**3), ("x**-2", 1 / (x * x)), ("x**0", np.ones(3))):
+        node = parse(text, "here", SCOPE).node
+
+        def of(x, node=node):
+            return evaluate(node, {"x": x}, xp=jnp)
+
+        np.testing.assert_allclose(of(jnp.asarray(x)), found, rtol=1e-15)
+        names = {each.primitive.name for each in jax.make_jaxpr(of)(x).eqns}
+        assert "pow" not in names

@@ -367,6 +367,9 @@ def evaluate(
                 return values[node.name]
             case Negative():
                 return -value(node.operand)
+            case Binary(operator="**", right=Number(value=whole)) if whole.is_integer():
+                # products, where a power of real numbers is a call that takes one at a time
+                return value(node.left) ** int(whole)
             case Binary():
                 return _binary(node.operator, value(node.left), value(node.right))
             case Call(function="d", arguments=(Name() as state,)) if derivatives is not None:
