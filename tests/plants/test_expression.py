@@ -298,7 +298,7 @@ def test_whole_powers_are_products():
     """A call for each number is what a power of real numbers takes."""
     x = np.array([-1.5, 0.25, 3.0])
     for text, found in (("x**3", x**3), ("x**-2", 1 / (x * x)), ("x**0", np.ones(3))):
-        node = parse(text, "here", SCOPE).node
+        node = parse(text, "here", SCOPE).tree
 
         def of(x, node=node):
             return evaluate(node, {"x": x}, xp=jnp)
