@@ -164,13 +164,13 @@ def _whether_over(bank: FaultBank, decision: Decision, event: BankEvent) -> str:
         return f", where its sign changed, as was told at {row_time(bank, decision, min(turned))}"
     if event.end >= t[-1]:
         return ", the end of the log"
-    came = [e for e in decision.events if e.onset_lo <= event.end <= e.start + bank.pause]
-    if event.fault != UNKNOWN and any(each.fault == UNKNOWN for each in came):
+    instead = _in_its_place(bank, decision, event)
+    if instead == UNKNOWN:
         return (
             f", where {UNDECLARED} came, beside which no fault is followed, so {event.fault} may "
             "have gone on"
         )
-    if instead := _in_its_place(bank, decision, event):
+    if instead:
         most = max(map(len, bank.sets))
         at_once = f"{most} faults are" if most > 1 else "one fault is"
         return (
@@ -182,13 +182,16 @@ def _whether_over(bank: FaultBank, decision: Decision, event: BankEvent) -> str:
 
 
 def _in_its_place(bank: FaultBank, decision: Decision, event: BankEvent) -> str:
-    """The fault that came as `event` ended, since when as many are told as the bank follows."""
-    declared = [e for e in decision.events if e.fault not in (event.fault, UNKNOWN)]
-    for each in declared:
-        if each.onset_lo <= event.end <= each.start + bank.pause:
-            there = {e.fault for e in declared if e.start <= each.start <= e.end}
-            if len(there) >= max(map(len, bank.sets)):
-                return each.fault
+    """What came as `event` ended: something undeclared, or the fault since when as many are told as
+    the bank follows."""
+    others = [each for each in decision.events if event.fault not in (each.fault, UNKNOWN)]
+    came = [each for each in others if each.onset_lo <= event.end <= each.start + bank.pause]
+    if any(each.fault == UNKNOWN for each in came):
+        return UNKNOWN
+    for each in came:
+        there = {e.fault for e in others if e.fault != UNKNOWN and e.start <= each.start <= e.end}
+        if len(there) >= max(map(len, bank.sets)):
+            return each.fault
     return ""
 
 
