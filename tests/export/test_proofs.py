@@ -62,7 +62,7 @@ static void damage(void)
         state.bank_belief_P, state.bank_begun, state.bank_probe_J, &state.bank_t, &state.last,
         &state.rules_alarm_since, &state.rules_alarm_last, state.rules_names_since,
         state.rules_signs_since, &state.rules_fresh, &state.rules_strange, state.bank_u};
-    const uint32_t lengths[] = {7, 96, 288, 96, 96, 96, 672, 2304, 96, 49, 343, 7, 2, 1, 1, 1, 1,
+    const uint32_t lengths[] = {7, 96, 288, 96, 96, 96, 672, 2304, 96, 49, 343, 7, 4, 1, 1, 1, 1,
         2, 2, 1, 1, 1};
     const uint32_t k = bits() % 12u, which = bits() % 22u;
     if (k < 7) {

@@ -205,4 +205,4 @@ def test_validation_goes_by_it(fitted):
     # The common room is 3 K too warm, of which 1 - exp(-0.002 t) shows: 1.3 K r.m.s. over 600 s. By
     # the first 50 s the noise of T(0), 0.05 K over a mean of 0.05 K/K, leaves one degree of them.
     assert near < 0.6 < 1.0 < far
-    assert run_anew(model, account, logs).error < run_anew(common, account, logs).error
+    assert run_anew(model, account, logs, 1.0).error < run_anew(common, account, logs, 1.0).error

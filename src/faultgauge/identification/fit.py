@@ -27,7 +27,7 @@ from faultgauge.identification.optimise.algorithms import AlgorithmName
 from faultgauge.identification.samples import Channels, channels, in_effect, slow_columns
 from faultgauge.identification.simulation_error.result import Refinement, refine_on_logs
 from faultgauge.identification.sizes import chosen_sizes, smallest_sufficient, with_hidden
-from faultgauge.identification.unseen import run_anew
+from faultgauge.identification.unseen import run_anew, run_through
 from faultgauge.identification.validation.evaluation import (
     POOR_FREE_RUN,
     divergence,
@@ -196,10 +196,14 @@ def _finite(result: Outcome, runs: Sequence[Run]) -> Outcome:
 def _with_its_use(
     model: Model, account: FitReport, result: Outcome, logs: Sequence[Run]
 ) -> FitReport:
-    """`account`, which warns where the model is of no use; where a refined one is far off in runs
-    through whole `logs`, it runs anew over what was held out of them."""
+    """`account`, which warns where the model is of no use. Where a refined one is far off in runs
+    through whole `logs`, it runs anew over what was held out of them; one by equation error that
+    contradicts itself runs through whole ones."""
+    known = account.information
     if logs and account.refinement is not None and result.error >= POOR_FREE_RUN:
-        account = account._replace(anew=run_anew(model, account, logs))
+        account = account._replace(anew=run_anew(model, account, logs, result.error))
+    elif logs and known is not None and any(each.contradicted for each in known.constants):
+        account = account._replace(anew=run_through(model, account, logs))
     no_use = _of_no_use(result, account)
     account.warnings.extend(no_use)
     return account._replace(no_use=next(iter(no_use), None))

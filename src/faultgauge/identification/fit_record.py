@@ -58,10 +58,12 @@ class Outcome(NamedTuple):
 
 class Anew(NamedTuple):
     """Free runs that begin at the held-out part of each log: their error, as a share of each
-    output's standard deviation, how long the longest is [s], and the longest whole stretch [s]."""
+    output's standard deviation, and how long the longest is [s]; and the same `through` whole
+    stretches, `whole` [s]."""
 
     error: float
     seconds: float
+    through: float
     whole: float
 
 
@@ -70,8 +72,9 @@ class FitReport(NamedTuple):
 
     `training` holds the points that were fitted; `noise` what smoothing left per state;
     `information` what they say about the parameters, where equation error had the last word;
-    `anew` are free runs of a refined model that is far off in those through whole logs; `no_use` is
-    that of the `warnings` which says that the free run is far off.
+    `anew` are free runs of a refined model that is far off in those through whole logs, and of one
+    by equation error that contradicts itself; `no_use` is that of the `warnings` which says that
+    the free run is far off.
     """
 
     groups: list[GroupReport]
@@ -87,12 +90,12 @@ class FitReport(NamedTuple):
         """What the free run is off by on held-out data, and over which time where that matters;
         `error` is that of the fit's choice, a share."""
         said = f"{100 * error:.2f} % of each output's standard deviation"
-        if self.anew is None or not self.anew.error < error:
+        if self.anew is None or not self.anew.error < self.anew.through:
             return said if self.refinement is None else f"{said} in runs through whole logs"
         return (
             f"{100 * self.anew.error:.2f} % of each output's standard deviation within "
-            f"{self.anew.seconds:.4g} s, and by {100 * error:.2f} % in runs through whole logs (up "
-            f"to {self.anew.whole:.4g} s), in which small errors add up"
+            f"{self.anew.seconds:.4g} s, and by {100 * self.anew.through:.2f} % in runs through whole "
+            f"logs (up to {self.anew.whole:.4g} s), in which small errors add up"
         )
 
 

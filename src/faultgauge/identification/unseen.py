@@ -22,7 +22,7 @@ from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run, cut, segments
 from faultgauge.telemetry.runs import ROUNDING
 
-__all__ = ["Unseen", "held_out", "on_unseen", "run_anew"]
+__all__ = ["Unseen", "held_out", "on_unseen", "run_anew", "run_through"]
 
 
 class Unseen(NamedTuple):
@@ -63,13 +63,27 @@ def on_unseen(
     return Unseen(scores, predictions, checked)
 
 
-def run_anew(model: Model, account: FitReport, logs: Sequence[Run]) -> Anew | None:
-    """The free runs of `on_unseen` over what was held out of `logs`; None where that is too short
-    to run through, or one diverges."""
+def run_anew(model: Model, account: FitReport, logs: Sequence[Run], through: float) -> Anew | None:
+    """The free runs of `on_unseen` over what was held out of `logs`, where those `through` whole
+    ones err by so much; None where that is too short to run through, or one diverges."""
+    found = _errs(model, account, held_out(model, account, logs))
+    return Anew(*found, through, _longest(model, logs)) if found else None
+
+
+def run_through(model: Model, account: FitReport, logs: Sequence[Run]) -> Anew | None:
+    """Free runs through whole `logs` beside those of equation error over what it held out, whose
+    error the record has; None where one diverges."""
+    found, longest = _errs(model, account, logs), _longest(model, logs)
+    error = model.record.metrics.free_run_error
+    return Anew(error, LAST_SHARE * longest, found[0], longest) if found else None
+
+
+def _errs(model: Model, account: FitReport, runs: Sequence[Run]) -> tuple[float, float] | None:
+    """(what free runs through `runs` are off by, how long the longest is scored [s])."""
     plant, _ = _judged(model, account)
     try:
-        tails, between = held_out(model, account, logs), model.record.between
-        found, parts = evaluate(plant, tails, model.max_step, between=between)
+        between = model.record.between
+        found, parts = evaluate(plant, runs, model.max_step, between=between)
     except InputError:  # nothing to score beside the warm-up
         return None
     scored = found["outputs"].values()
@@ -77,9 +91,14 @@ def run_anew(model: Model, account: FitReport, logs: Sequence[Run]) -> Anew | No
     if not shares or any(each["rmse"] is None for each in scored):
         return None
     lasts = [float(part.t[-1] - part.t[part.warmup]) for part in parts]
-    whole = [run.t[part] for run in logs for part in segments(run, plant.signals.input_names)]
-    error = float(np.sqrt(np.mean(np.square(shares))))
-    return Anew(error, max(lasts), float(max(t[-1] - t[0] for t in whole)))
+    return float(np.sqrt(np.mean(np.square(shares)))), max(lasts)
+
+
+def _longest(model: Model, logs: Sequence[Run]) -> float:
+    """The longest stretch of `logs` [s]."""
+    names = model.plant.signals.input_names
+    whole = [run.t[part] for run in logs for part in segments(run, names)]
+    return float(max(t[-1] - t[0] for t in whole))
 
 
 def _judged(model: Model, account: FitReport) -> tuple[GrayBoxPlant, Samples]:

@@ -74,7 +74,7 @@ class Answers(Recoveries):
         held = jnp.maximum(held, 1e-300)[:, None]
         mean, square = mean / held, square / held
         sd = jnp.sqrt(jnp.maximum(square - mean**2, 0.0))
-        seen = state.probe.J * self.prior.size[:d, None] ** 2
+        seen = jnp.max(state.probe.J, axis=2) * self.prior.size[:d, None] ** 2
         there, first, second = past.T
         there = jnp.maximum(there, 1e-300)
         first, second = first / there, second / there

@@ -61,11 +61,12 @@ class Lanes(NamedTuple):
 
 
 class Probe(NamedTuple):
-    """What a fault of each direction (down, up) would have done to the leading branch lately, and
-    how clearly it would have shown."""
+    """What a fault of each direction (down, up) would have done to the leading branch since two
+    onsets, and how clearly it would have shown; `age` [s] is that of the later onset."""
 
-    eta: Float[Array, "n faults two"]
-    J: Float[Array, "faults two"]
+    eta: Float[Array, "n faults two onsets"]
+    J: Float[Array, "faults two onsets"]
+    age: Float[Array, "faults"]
 
 
 class BranchState(NamedTuple):

@@ -80,7 +80,8 @@ class Branching(Answers):
             jnp.broadcast_to(mass, (B, K, A)),
             none,
         )
-        probe = Probe(jnp.zeros((n, self.declared, 2)), jnp.zeros((self.declared, 2)))
+        d = self.declared
+        probe = Probe(jnp.zeros((n, d, 2, 2)), jnp.zeros((d, 2, 2)), self.recall)
         since = jnp.zeros((self.filters, self.filter.faults, 2))
         begun = jnp.zeros(self.filters)
         none = jnp.zeros((self.filters, self.filter.faults))
@@ -135,20 +136,27 @@ class Branching(Answers):
         return self._alien(state._replace(lanes=lanes)), info
 
     def _probed(self, probe: Probe, flow: Flow, look: Look, seen: Seen, dt: Array) -> Probe:
-        """The signature of every fault, forgotten within its `recall`: of one that began lately."""
+        """The signatures of every fault since two onsets, of which the earlier one is its `recall`
+        to twice that ago: a fault may show at once or by what it does since, so that no mean over
+        onsets tells how clearly."""
         n, F = self.filter.states, self.declared
-        fade = jnp.exp(-dt / self.recall)[:, None]
-        sides = jnp.stack([flow.down, flow.up], axis=2)[:, :F]
-        shown = jnp.stack([look.down, look.up], axis=2)[:, :F]
-        eta = contract("ij,jfs->ifs", flow.A[:n, :n], fade * probe.eta[:n]) + sides
-        J = fade * probe.J
+        sides = jnp.stack([flow.down, flow.up], axis=2)[:, :F, :, None]
+        shown = jnp.stack([look.down, look.up], axis=2)[:, :F, :, None]
+        eta = contract("ij,jfsa->ifsa", flow.A[:n, :n], probe.eta[:n]) + sides
+        J = probe.J
         for j in range(len(seen.white)):
-            g = contract("n,nfs->fs", look.C[j, :n], eta) + shown[j]
+            g = contract("n,nfsa->fsa", look.C[j, :n], eta) + shown[j]
             J = J + (g / seen.root[j]) ** 2
             g = jnp.where(jnp.isfinite(seen.root[j]), g, 0.0)
-            eta = eta - seen.gain[j, :n, None, None] * g
-        rest = jnp.zeros((probe.eta.shape[0] - n, F, 2))
-        return Probe(jnp.concatenate([eta, rest]), J)
+            eta = eta - seen.gain[j, :n, None, None, None] * g
+        age = probe.age + dt
+        due = age >= self.recall
+        later = jnp.stack([eta[..., 1], jnp.zeros_like(eta[..., 1])], axis=-1)
+        eta = jnp.where(due[:, None, None], later, eta)
+        later = jnp.stack([J[..., 1], jnp.zeros_like(J[..., 1])], axis=-1)
+        J = jnp.where(due[:, None, None], later, J)
+        rest = jnp.zeros((probe.eta.shape[0] - n, F, 2, 2))
+        return Probe(jnp.concatenate([eta, rest]), J, jnp.where(due, 0.0, age))
 
     def _clearly(self, belief: Belief) -> Float[Array, "filters faults"]:
         """How large each fault is at least; 0 of one that is not there."""

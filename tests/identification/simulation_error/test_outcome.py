@@ -175,7 +175,8 @@ def test_an_integrator_that_was_pushed_is_judged_where_its_run_begins_anew():
     # noise is 1 % of the outputs' spread, and the push pulls b by 3 %, which adds up a little
     assert report.anew.error < 0.25
     assert not any("little to rely on" in each or "do not use" in each for each in report.warnings)
-    assert "within 4.4 s, and by 90.00 % in runs through whole logs" in report.free_run(0.9)
+    through = report.refinement.error
+    assert f"within 4.4 s, and by {100 * through:.2f} % in runs through" in report.free_run(through)
 
 
 def test_a_refinement_that_wins_says_nothing():

@@ -92,7 +92,9 @@ class Start(eqx.Module):
         return state._replace(
             belief=Belief(mean, P),
             lanes=state.lanes._replace(eta=state.lanes.eta * keep[:, None, None]),
-            probe=state.probe._replace(J=state.probe.J * jnp.exp(-gap / modes.recall)[:, None]),
+            probe=state.probe._replace(
+                J=state.probe.J * jnp.exp(-gap / modes.recall)[:, None, None]
+            ),
             u=u,
             t=state.t + gap,
         )
