@@ -21,7 +21,7 @@ from mismatch.case import Case, Injected
 from mismatch.scoring import Trial, figures, scored
 from mismatch.windows import Window, drawn_windows, scored_windows, window_figures
 
-__all__ = ["calibrated", "measure", "without_discrepancy"]
+__all__ = ["calibrated", "healthy_logs", "measure", "without_discrepancy"]
 
 CALIBRATIONS = 5  # logs
 FIT, CALIBRATE, HEALTHY, FAULTY, WINDOWS = range(
@@ -66,6 +66,12 @@ def calibrated(
     return found.model, [*report.warnings, *found.warnings]
 
 
+def healthy_logs(case: Case) -> tuple[list[Run], list[Run]]:
+    """(logs to fit, logs to calibrate on)."""
+    fitted = [case.log(f"fit {k}", _rng(FIT, k)) for k in range(case.fits)]
+    return fitted, [case.log(f"calibrate {k}", _rng(CALIBRATE, k)) for k in range(CALIBRATIONS)]
+
+
 def measure(
     case: Case,
     faulty: int,
@@ -75,8 +81,7 @@ def measure(
 ) -> dict[str, Any]:
     """The case's figures and trials as plain JSON, or why there are none."""
     progress(f"{case.name}: fitting and calibrating")
-    fitted = [case.log(f"fit {k}", _rng(FIT, k)) for k in range(case.fits)]
-    sound = [case.log(f"calibrate {k}", _rng(CALIBRATE, k)) for k in range(CALIBRATIONS)]
+    fitted, sound = healthy_logs(case)
     try:
         model, warnings = calibrated(case.plant, fitted, sound, options)
     except InputError as refusal:

@@ -95,3 +95,19 @@ def test_the_gain_of_a_network_is_a_constant_of_each_run():
     run = Disturbed.of(plant, (), (), nothing, found.names, jnp.zeros(2), unsure, positive=(0, 1))
     dx, _ = respond(run, jnp.array([0.0, 2.0, 0.0]), jnp.array([1.0]))
     assert float(dx[0]) == pytest.approx(1 - 1.2 * 0.3)
+
+
+def test_the_ten_that_matter_most_are_tracked_and_those_that_a_fault_changes():
+    """Of twelve on one state, each half as strong as the one before: the weakest is a fault's, and
+    stays; of the others the two weakest go."""
+    terms = " + ".join(f"c{k}*sin({k + 1}*v)" for k in range(12))
+    text = f'name = "sums"\n[states.v]\nderivative = "u - {terms.replace(" + ", " - ")}"\n'
+    text += '[inputs.u]\n[outputs.v]\nvalue = "v"\n'
+    text += "".join(f"[parameters.c{k}]\nvalue = {0.5**k}\n" for k in range(12))
+    text += '[faults.worn]\nenters = "parameter"\ntarget = "c11"\nrelative = true\n'
+    points = np.random.default_rng(0).uniform(-1, 1, (50, 2))
+    names = [f"c{k}" for k in range(12)]
+    told = {"names": names, "errors": [0.0] * 12, "correlation": np.eye(12).tolist()}
+    record = record_of(envelope_points=points.tolist(), constants=told)
+    found = constants_of(Model(GrayBoxPlant.untrained(parse_plant(text)), record))
+    assert sorted(found.names, key=names.index) == [*names[:10], "c11"]

@@ -173,6 +173,21 @@ def test_a_lag_that_the_file_lacks():
     assert found.model.record.constants.errors == [c.by_chance for c in constants(found).values()]
 
 
+def test_a_fit_that_contradicts_itself_says_what_whole_runs_err_by():
+    """Beside the error of the short pieces that it held out, a seventh of each log."""
+    logs = [log(0, LAG), log(1, LAG)]
+    found = fg.fit(FILE, logs, restarts=1)
+    told = fg.evaluate(found.model, logs).as_dict()["outputs"]["x"]["nrmse"]
+    error, whole = found.model.record.metrics.free_run_error, STEP * (COUNT - 1)
+    assert error < told
+    assert str(found).splitlines()[-1] == (
+        f"on held-out data the free run is off by {100 * error:.2f} % of each output's standard "
+        f"deviation within {0.15 * whole:.4g} s, and by {100 * told:.2f} % in runs through whole "
+        f"logs (up to {whole:.4g} s), in which small errors add up"
+    )
+    assert fg.fit(FILE, [log(0), log(1)], restarts=1).account.anew is None
+
+
 def test_an_input_that_acts_later():
     """Beside two columns that do not: of two alone, either may be late."""
     run = log(0)

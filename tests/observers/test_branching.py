@@ -626,6 +626,33 @@ def test_what_the_first_sample_told_of_a_bias_is_its_innovation(size):
     assert pushed.sharp[-1, PUSHED, PUSH] * size**2 < 1
 
 
+@pytest.mark.parametrize("fault", [PUSH, BIAS])
+def test_what_would_be_seen_is_what_a_recent_fault_would_have_told(fault):
+    """The squares of what it adds to the innovations of a Kalman filter since its onset, up to
+    twice `recall` ago: of a bias its first sample tells most, of a push those that follow."""
+    u, y, steps = log(1)
+    F, _, Q = linear(STEP)
+    C, fault_in_y = np.array([1.0, 0.0]), float(fault == BIAS)
+    told = np.zeros(COUNT)
+    for since in range(COUNT):
+        P, shift = np.diag([START[0] ** 2, SIZE**2]), np.zeros(2)
+        for k in range(COUNT):
+            P = F[:2, :2] @ P @ F[:2, :2].T + Q[:2, :2] if k else P
+            S = C @ P @ C + SIGMA**2
+            pushed = F[:2, 2] * (k > since and fault == PUSH)
+            shift = F[:2, :2] @ shift + pushed if k else shift
+            g = C @ shift + fault_in_y * (k >= since)
+            told[since] += g**2 / S
+            K = P @ C / S
+            shift, P = shift - K * g, P - np.outer(K, C @ P)
+    _, info = judged(bank((fault,)), (u, y, steps))
+    seen = info.seen[-1, fault] / WIDTHS[fault] ** 2
+    recall = round(20.0 / STEP)
+    # onsets are opened every `recall` from the first sample on; a push enters with the next step
+    expected = max(told[1 - (fault == PUSH)], told[recall + 1 - (fault == PUSH)])
+    assert seen == pytest.approx([expected, expected], rel=0.02)  # a row of rounded times
+
+
 def test_a_fault_that_begins_between_two_samples_is_off_by_its_standard_deviation():
     """Its first step moves x by less than a whole one does, which is not a smaller push. Twelve
     samples later, in twenty logs: were they normal, their mean square would be above 1.37^2 once in

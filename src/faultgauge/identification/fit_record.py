@@ -94,8 +94,8 @@ class FitReport(NamedTuple):
             return said if self.refinement is None else f"{said} in runs through whole logs"
         return (
             f"{100 * self.anew.error:.2f} % of each output's standard deviation within "
-            f"{self.anew.seconds:.4g} s, and by {100 * self.anew.through:.2f} % in runs through whole "
-            f"logs (up to {self.anew.whole:.4g} s), in which small errors add up"
+            f"{self.anew.seconds:.4g} s, and by {100 * self.anew.through:.2f} % in runs through "
+            f"whole logs (up to {self.anew.whole:.4g} s), in which small errors add up"
         )
 
 

@@ -27,7 +27,8 @@ __all__ = [
 ]
 
 LOW = 5.0  # standard errors below what a constant is: filters may try it there
-MOST_CONSTANTS = 6  # that are tracked: those that matter most
+MOST_CONSTANTS = 10  # that are tracked: those that matter most. What differs from run to run and is
+# not tracked looks like a fault that is as old as the log
 USUAL_SPREAD = 0.01  # of a constant, from run to run
 
 
