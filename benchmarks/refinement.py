@@ -10,6 +10,8 @@ no first figure.
 
 import argparse
 import time
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 
 import numpy as np
 
@@ -39,20 +41,26 @@ def measured(case: Case, refine: bool) -> tuple[float, float] | None:
     return float(np.sqrt(np.mean(np.square(shares)))), seconds
 
 
+def both_ways(name: str) -> list[tuple[float, float] | None]:
+    return [measured(CASES[name](), refine) for refine in WAYS.values()]
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--case", action="append", choices=list(CASES))
     both, better, worse = 0, 0, 0
-    for name in parser.parse_args().case or CASES:
-        found = {way: measured(CASES[name](), refine) for way, refine in WAYS.items()}
+    names = parser.parse_args().case or list(CASES)
+    # a process for each case: compiled programs of all of them take several GB
+    pool = ProcessPoolExecutor(1, get_context("spawn"), max_tasks_per_child=1)
+    for name, found in zip(names, pool.map(both_ways, names), strict=True):
         told = [
             f"{way} -" if each is None else f"{way} {each[0]:.3g} ({each[1]:.1f} s)"
-            for way, each in found.items()
+            for way, each in zip(WAYS, found, strict=True)
         ]
         print(f"{name}: {', '.join(told)}", flush=True)
-        plain, refined = found.values()
+        plain, refined = found
         if plain is not None and refined is not None:
             both += 1
             better += refined[0] < plain[0] / ALIKE

@@ -471,34 +471,6 @@ def test_a_search_begins_with_what_is_white_in_the_samples_of_a_sensor():
     assert begun.sigma == pytest.approx(MOTOR_SIGMA, rel=0.2)
 
 
-MANY = """
-name = "many"
-[states.x]
-derivative = "a*u + b*u**2 + c*u**3 + h*u*x - e*x - f*x**2 - g*x**3 - leak*x**4"
-[inputs.u]
-hold = "zero"
-[outputs.x]
-value = "x"
-[parameters]
-leak = { value = 1e-6 }
-PARAMETERS
-[faults.leakage]
-enters = "parameter"
-target = "leak"
-relative = true
-"""
-
-
-def test_a_constant_that_a_fault_changes_may_differ_between_runs():
-    """Seven others, each 1, move x' by far more than a millionth of x^4."""
-    others = "abcefgh"
-    text = MANY.replace("PARAMETERS", "\n".join(f"{name} = {{ value = 1 }}" for name in others))
-    points = np.random.default_rng(0).uniform([-1, -1], [1, 1], (60, 2))
-    names = constants_of(as_stated(text, points)).names
-    assert "leak" in names
-    assert len(set(names) & set(others)) == 6
-
-
 def test_progress_goes_on_from_part_to_part_and_ends_at_all():
     shares = list[float]()
     heard = noise_estimation._Progress(shares.append, 6)
