@@ -27,8 +27,11 @@ __all__ = [
 ]
 
 LOW = 5.0  # standard errors below what a constant is: filters may try it there
-MOST_CONSTANTS = 10  # that are tracked: those that matter most. What differs from run to run and is
-# not tracked looks like a fault that is as old as the log
+# Those that matter most are tracked: this share of what all of them do (squares), within limits.
+# What differs from run to run and is not tracked looks like a fault that is as old as the log; what
+# does next to nothing is known so badly that it would hide faults.
+MATTERS = 0.995
+FEWEST_CONSTANTS, MOST_CONSTANTS = 6, 10
 USUAL_SPREAD = 0.01  # of a constant, from run to run
 
 
@@ -115,11 +118,15 @@ def _most_moving(model: Model) -> list[int]:
     """The places of these among the free ones, whatever a calibration says."""
     values, free, se = model.plant.values(), _free(model), _errors(model)
     usual = np.array([usual_spread(float(values[n]), s) for n, s in zip(free, se, strict=True)])
-    order = np.argsort(-_effects(model, tuple(free)) * np.hypot(se, usual), kind="stable")
+    effects = _effects(model, tuple(free)) * np.hypot(se, usual)
+    order = np.argsort(-effects, kind="stable")
+    done = np.cumsum(effects[order] ** 2)
+    enough = int(np.searchsorted(done, MATTERS * done[-1])) + 1
+    count = min(max(enough, FEWEST_CONSTANTS), MOST_CONSTANTS)
     entered = ("parameter", "network")
     changed = {fault.target for fault in model.plant.signals.faults if fault.enters in entered}
     changing = np.flatnonzero(np.isin(free, [*changed])).tolist()
-    return sorted({*order[:MOST_CONSTANTS].tolist(), *changing})
+    return sorted({*order[:count].tolist(), *changing})
 
 
 def _effects(model: Model, names: tuple[str, ...]) -> Float[np.ndarray, "constants"]:
