@@ -27,11 +27,11 @@ __all__ = [
 ]
 
 LOW = 5.0  # standard errors below what a constant is: filters may try it there
-# Those that matter most are tracked: this share of what all of them do (squares), within limits.
 # What differs from run to run and is not tracked looks like a fault that is as old as the log; what
 # does next to nothing is known so badly that it would hide faults.
-MATTERS = 0.995
-FEWEST_CONSTANTS, MOST_CONSTANTS = 6, 10
+MATTERS = 0.995  # of what all constants do (squares): as many are tracked as make that up,
+FEWEST_CONSTANTS = 6  # but no fewer,
+MOST_CONSTANTS = 10  # nor more
 USUAL_SPREAD = 0.01  # of a constant, from run to run
 
 
