@@ -42,6 +42,24 @@ def test_over_a_gap_faults_go_on_and_the_first_sample_fits_them():
     assert P[0, 0] + 2 * P[0, at] + P[at, at] == pytest.approx(SIGMA**2, rel=1e-4)
 
 
+def test_over_a_gap_signatures_of_faults_keep_what_the_plant_keeps():
+    """Of states that may be anywhere nothing is left of what a fault did to them, of a
+    discrepancy what has not faded, and the onset is as much older as the gap is long."""
+    bank = build_fault_bank(model(), [log(0)], NOISE)
+    begin = Start.of(bank)
+    state = begin.init(bank.modes)
+    probe = state.probe._replace(eta=jnp.ones_like(state.probe.eta))
+    gap, u, y = (jnp.asarray(each) for each in (3.0, [0.5], [2.0]))
+    after = begin.anew(bank.modes, state._replace(probe=probe), gap, u, y).probe
+    states = len(begin.mean)
+    assert np.all(after.eta[:states] == 0)
+    fading = np.flatnonzero(np.isfinite(begin.lasting))
+    assert len(fading)
+    for k in fading:
+        np.testing.assert_allclose(after.eta[k], np.exp(-3.0 / begin.lasting[k]), rtol=1e-12)
+    np.testing.assert_allclose(after.age, np.asarray(probe.age) + 3.0)
+
+
 @pytest.mark.parametrize("fault", ["push", "bias"])
 def test_a_fault_outlasts_a_gap_and_the_hold_off_after_it_is_not_judged(fault):
     """120 s of nothing, 24 time constants: the state is forgotten, the fault is not. Without what

@@ -43,5 +43,5 @@ def test_a_lag_of_few_samples_is_left_to_calibrate():
     assert long.startswith("'y' comes about 0.2 s later than the plant file has it")
     assert long.endswith("add it as a state, or give delay in [inputs.NAME]")
     assert short.startswith("the plant follows 'u' about 0.013 s later than the plant file has it")
-    assert "leave the file as it is" in short
+    assert "give it no state" in short
     assert "add it as a state" not in short

@@ -205,8 +205,8 @@ class ConstantsInformation:
         if short:
             found.append(
                 f"{', '.join(map(str, short))} {lacks}. It is of less than three samples, for "
-                "which, and for what it does to the constants, `calibrate` allows: leave the file "
-                "as it is, since faults are harder to see behind a state that follows so fast"
+                "which, and for what it does to the constants, `calibrate` allows: give it no "
+                "state, since faults are harder to see behind one that follows so fast"
             )
         told = [each for each in self.constants if each.contradicted]
         if told:

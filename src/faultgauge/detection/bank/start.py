@@ -15,7 +15,7 @@ from jaxtyping import Array, Float
 from faultgauge.detection.bank.bank import FaultBank
 from faultgauge.detection.bank.extended import start_spread
 from faultgauge.detection.rows.judged import operating_points
-from faultgauge.observers.branches import BranchState
+from faultgauge.observers.branches import BranchState, Probe
 from faultgauge.observers.branching import Branching
 from faultgauge.observers.divided_difference import Belief
 
@@ -92,8 +92,10 @@ class Start(eqx.Module):
         return state._replace(
             belief=Belief(mean, P),
             lanes=state.lanes._replace(eta=state.lanes.eta * keep[:, None, None]),
-            probe=state.probe._replace(
-                J=state.probe.J * jnp.exp(-gap / modes.recall)[:, None, None]
+            probe=Probe(
+                state.probe.eta * keep[:, None, None, None],
+                state.probe.J * jnp.exp(-gap / modes.recall)[:, None, None],
+                state.probe.age + gap,
             ),
             u=u,
             t=state.t + gap,
