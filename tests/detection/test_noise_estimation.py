@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm, toeplitz
 from scipy.optimize import minimize
-from scipy.stats import multivariate_normal
+from scipy.stats import multivariate_normal, norm
 
 from faultgauge.detection.bank.uncertain_constants import constants_of
 from faultgauge.detection.calibration import noise_estimation
@@ -90,6 +90,49 @@ def metered(seed):
     noise = SIGMA * rng.standard_normal((2, COUNT))
     columns = {**run.columns, "q": 3 * u + b + noise[0], "r": r + noise[1]}
     return Run(f"{seed}", "lag.csv", run.t, columns)
+
+
+TWICE = LAG.replace('value = "x"', 'value = "x"\n[outputs.s]\nvalue = "2*x"')
+ZERO = 0.6  # of s, in the root mean square of the runs
+
+
+def twice(seed):
+    """`log` and a second sensor of 2 x, whose zero is off in another way in each run, by the
+    quantiles of a normal distribution, and which errs for 3 s at a time besides."""
+    run, rng = log(seed, sigma=0.0), np.random.default_rng(300 + seed)
+    zeros = norm.ppf((np.arange(LOGS) + 0.5) / LOGS)
+    zero = ZERO * zeros[3 * seed % LOGS] / np.sqrt(np.mean(zeros**2))
+    fade, b = np.exp(-STEP / 3.0), 0.1 * rng.standard_normal(COUNT)
+    for k in range(COUNT - 1):
+        b[k + 1] = fade * b[k] + np.sqrt(1 - fade**2) * b[k + 1]
+    x, noise = run.columns["x"], SIGMA * rng.standard_normal((2, COUNT))
+    columns = {**run.columns, "x": x + noise[0], "s": 2 * x + zero + b + noise[1]}
+    return Run(f"{seed}", "lag.csv", run.t, columns)
+
+
+@pytest.mark.study  # a search of its own
+def test_a_zero_that_is_another_in_each_run_is_found_beside_what_comes_and_goes():
+    """Eight zeros tell their size to 1 / sqrt(16), a quarter; what lasts 3 s of 8 times 120 s to
+    sqrt(3 / 1920), 4 %, of its size: three of those. Where no zero is off none is found."""
+    points = np.random.default_rng(0).uniform([-3, -1], [3, 1], (60, 2))
+    text = TWICE.replace("FIXED", "true")
+    plant = as_stated(text, points, [("x", 0)], ["x", "s"])
+    runs = [twice(seed) for seed in range(LOGS)]
+    found = estimate_noise(plant, runs)
+    assert (found.zeros, found.wanders) == ((1,), (1,))
+    # what runs tell of a normal distribution's size, they tell of this one's
+    assert found.zero[1] == pytest.approx(ZERO, rel=0.25)
+    assert found.wander[1] == pytest.approx(0.1, rel=0.12)
+    same = [
+        Run(
+            r.name,
+            r.source,
+            r.t,
+            r.columns | {"s": r.columns["s"] - np.mean(r.columns["s"] - 2 * r.columns["x"])},
+        )
+        for r in runs
+    ]
+    assert estimate_noise(plant, same).zeros == ()
 
 
 STICK = """

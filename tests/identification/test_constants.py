@@ -1,5 +1,7 @@
 """What is said of fitted constants, by numbers set here."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from faultgauge.identification.constants import (
@@ -45,3 +47,13 @@ def test_a_lag_of_few_samples_is_left_to_calibrate():
     assert short.startswith("the plant follows 'u' about 0.013 s later than the plant file has it")
     assert "give it no state" in short
     assert "add it as a state" not in short
+
+
+def test_standard_errors_below_rounding_are_lost_and_said_once():
+    """Slopes of an unstable run grow to 1e20 and more, as if each constant were known to as many
+    digits."""
+    found = information(["ab"], "ab").constants
+    lost = tuple(replace(each, standard_error=None, by_chance=1e-21) for each in found)
+    told = ConstantsInformation(lost, np.eye(len(lost)), (), 1.0).warnings()
+    assert len(told) == 1
+    assert told[0].startswith(f"the standard errors of {', '.join(e.name for e in lost)} cannot")

@@ -33,6 +33,7 @@ BIASED = 0.02  # of a parameter: less of a bias, or of a model's error, is not w
 CHANGES = 0.5  # of the squared error, to be worth a word
 APART = 3.0  # standard errors of a difference, which chance does not reach
 NEAR = 1e-3  # of the range: a parameter this near to a bound is at it
+ROUNDING = 1e-16  # of a value: what numbers hold of it
 FEW = 3.0  # samples: a state that follows within fewer is hardly known, and faults hide behind it
 
 
@@ -54,6 +55,12 @@ class FittedConstant:
     by_chance: float | None = None
     slow: float | None = None
     fast: float | None = None
+
+    @property
+    def lost(self) -> bool:
+        """Whether its standard error would be below rounding, as slopes that have grown without
+        end make it."""
+        return self.standard_error is None and self.by_chance is not None
 
     @property
     def contradicted(self) -> bool:
@@ -129,7 +136,7 @@ class ConstantsInformation:
                     f"parameter {each.name!r} is at its {each.bound}; its value is the file's "
                     "bound, not the data's"
                 )
-            elif each.standard_error is None:
+            elif each.standard_error is None and each.by_chance is None:
                 found.append(
                     f"parameter {each.name!r} moves no equation that these logs show, so that its "
                     f"value, {each.value:g}, is not the data's; give a log in which it matters, a "
@@ -154,6 +161,7 @@ class ConstantsInformation:
                     f"parameter {each.name!r} is not identifiable: network {each.imitated_by!r} "
                     f"{both}; fix it, or leave its part to the network"
                 )
+        found += self._lost()
         found += self._alike()
         found += self._of_model_error()
         best = max(self.changing, key=self.changing.__getitem__, default="")
@@ -170,6 +178,18 @@ class ConstantsInformation:
                 "one of these states, or leave it out"
             )
         return found
+
+    def _lost(self) -> list[str]:
+        """A sentence for those whose standard errors are lost."""
+        lost = [each.name for each in self.constants if each.lost]
+        if not lost:
+            return []
+        return [
+            f"the standard errors of {', '.join(lost)} cannot be told: in a run through these logs "
+            "the smallest change of a constant grows without end, so the plant is unstable where "
+            "it is, or far quicker than the rows; a curve may be too steep, such as a tanh with a "
+            "small scale: give what rounds it a larger min"
+        ]
 
     def _alike(self) -> list[str]:
         """A sentence for those that only a combination of is known, however many."""
@@ -310,7 +330,10 @@ def _constant(
     slope = abs(value) * scale if unknowns.positive[k] else scale
     bound = _bound(spec, float(value))
     chance = None if bound or np.isnan(sd) else float(slope * sd)
-    error = None if chance is None else float(np.hypot(chance, slope * off.off[k]))
+    if chance is None or 0 < chance < ROUNDING * abs(value):
+        error = None
+    else:
+        error = float(np.hypot(chance, slope * off.off[k]))
     found = FittedConstant(name, spec.unit, float(value), error, bound, imitated, by_chance=chance)
     if not found.contradicted or off.slow[k] == off.fast[k]:
         return found

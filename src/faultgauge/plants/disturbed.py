@@ -10,7 +10,7 @@
 
     e = share r h,    r' = -r / settling + w,    h' = -h / settling,    and by du where u changes
 
-    y = h(x', x, u; ...) + h_ae + b + l + g,    b' = -b / wandering + w,
+    y = h(x', x, u; ...) + h_ae + b + l + g + z,    b' = -b / wandering + w,    z' = 0,
 
     l' = -l / lag,    and by N(0, (late (h(x', x, u) - h(x', x, u before)))^2) where u changes
 
@@ -34,7 +34,8 @@ does: a supply that gives way, a pump's curve. b is what an output's own equatio
 show that it lacks something: noise of a sensor that remembers, a gust in what an accelerometer
 feels; l is what an input's change does to an output besides: a flow that follows its command within
 seconds. g is by what a sensor trails what it measures, where healthy logs show that it does: a lag
-of the first order behind the plant, h + g = s with s' = (h - s) / trail. `bend` is by
+of the first order behind the plant, h + g = s with s' = (h - s) / trail. z is by what an output's
+zero is off in a run, where healthy runs show that it is. `bend` is by
 how much of its range an input's curve is off a straight line in the middle, where healthy logs show
 that it is: a valve's, a pump's. q is what holds a state where it comes to rest, and lets go as it
 moves, where healthy logs show that something does: friction that sticks, of which a smooth curve
@@ -107,7 +108,7 @@ class Error(NamedTuple):
 
 
 class Parts(NamedTuple):
-    """Where x, d, r, b, l, a, v, g, q, h and xi stand among the states."""
+    """Where x, d, r, b, l, a, v, g, z, q, h and xi stand among the states."""
 
     x: slice
     d: slice
@@ -117,19 +118,21 @@ class Parts(NamedTuple):
     a: slice
     v: slice
     g: slice
+    z: slice
     q: slice
     h: slice
     xi: slice
 
 
 class Disturbed(Plant):
-    """`base` with the states [x, d, r, b, l, a, v, g, q, h, xi]; `driven` are the states that d
+    """`base` with the states [x, d, r, b, l, a, v, g, z, q, h, xi]; `driven` are the states that d
     acts on, `following` the inputs that e acts on, `wandering` the outputs that b acts on,
     `lagging` those that l acts on, `straying` the inputs that a acts on, `leaning` those that v
-    acts on, `trailing` the outputs that g acts on, which read states alone, `bending` the inputs
-    whose curve is bent, `sticking` the states that q acts on, `doubted` the inputs for which the
-    model is to be doubted somewhere, `names` the parameters, of which `directions` (W) is a row
-    each, `positive` the places of those that are, and are so uncertain that it matters."""
+    acts on, `trailing` the outputs that g acts on, which read states alone, `zeroed` the outputs
+    that z acts on, `bending` the inputs whose curve is bent, `sticking` the states that q acts on,
+    `doubted` the inputs for which the model is to be doubted somewhere, `names` the parameters, of
+    which `directions` (W) is a row each, `positive` the places of those that are, and are so
+    uncertain that it matters."""
 
     signals: Signals = eqx.field(static=True)
     base: Plant
@@ -143,6 +146,7 @@ class Disturbed(Plant):
     straying: tuple[int, ...] = eqx.field(static=True)
     leaning: tuple[int, ...] = eqx.field(static=True)
     trailing: tuple[int, ...] = eqx.field(static=True)
+    zeroed: tuple[int, ...] = eqx.field(static=True)
     bending: tuple[int, ...] = eqx.field(static=True)
     sticking: tuple[int, ...] = eqx.field(static=True)
     positive: tuple[int, ...] = eqx.field(static=True)
@@ -165,6 +169,7 @@ class Disturbed(Plant):
         doubted: tuple[int, ...] = (),
         leaning: tuple[int, ...] = (),
         trailing: tuple[int, ...] = (),
+        zeroed: tuple[int, ...] = (),
         bending: tuple[int, ...] = (),
         sticking: tuple[int, ...] = (),
         positive: tuple[int, ...] = (),
@@ -178,6 +183,7 @@ class Disturbed(Plant):
         more += [State(f"a({signals.input_names[j]})") for j in straying]
         more += [State(f"v({signals.input_names[j]})") for j in leaning]
         more += [State(f"g({signals.output_names[j]})") for j in trailing]
+        more += [State(f"z({signals.output_names[j]})") for j in zeroed]
         more += [State(f"q({signals.state_names[i]})") for i in sticking]
         more += [State(f"h({signals.input_names[i]})") for i in following]
         more += [State(f"xi({k})") for k in range(directions.shape[1])]
@@ -186,7 +192,7 @@ class Disturbed(Plant):
             states=(*signals.states, *more),
             faults=(*signals.faults, *undeclared),
         )
-        beside = (wandering, lagging, straying, leaning, trailing)
+        beside = (wandering, lagging, straying, leaning, trailing, zeroed)
         acting = (driven, following, *beside, bending, sticking, positive, doubted, names)
         return Disturbed(own, base, error, offset, directions, *acting)
 
@@ -197,18 +203,19 @@ class Disturbed(Plant):
 
     @property
     def parts(self) -> Parts:
-        """Where x, d, r, b, l, a, v, g, q, h and xi stand among the states."""
+        """Where x, d, r, b, l, a, v, g, z, q, h and xi stand among the states."""
         beside = (self.wandering, self.lagging, self.straying, self.leaning, self.trailing)
-        acting = (self.driven, self.following, *beside, self.sticking, self.following)
+        acting = (self.driven, self.following, *beside, self.zeroed, self.sticking, self.following)
         counts = [self.count, *map(len, acting), self.directions.shape[1]]
         return Parts(*(slice(*each) for each in pairwise([0, *np.cumsum(counts).tolist()])))
 
     @property
     def times(self) -> Float[Array, "others"]:
-        """How long [s] d, r, b, l, a, v, g, q, h and xi last."""
+        """How long [s] d, r, b, l, a, v, g, z, q, h and xi last."""
         error = self.error
         beside = (error.wandering, error.lag, error.straying, error.leaning, error.trail)
-        lasting = (error.tau, error.settling, *beside, error.gripping, error.settling)
+        zero = jnp.full(len(self.zeroed), jnp.inf)
+        lasting = (error.tau, error.settling, *beside, zero, error.gripping, error.settling)
         return jnp.concatenate([*lasting, jnp.full(self.directions.shape[1], jnp.inf)])
 
     @property
@@ -244,7 +251,7 @@ class Disturbed(Plant):
         return jnp.concatenate([dx, rest + beside[self.count :]])
 
     def lasting(self, dt: Float[Array, ""]) -> Float[Array, "others"]:
-        """Which share of d, r, b, l, a, v, g, q, h and xi is left after `dt` [s]."""
+        """Which share of d, r, b, l, a, v, g, z, q, h and xi is left after `dt` [s]."""
         return jnp.exp(-dt / self.times)
 
     def trails(
@@ -309,11 +316,12 @@ class Disturbed(Plant):
         return shown(self._told(x)) + self._astray(x, shown)
 
     def besides(self, x: Float[Array, "states"]) -> Float[Array, "outputs"]:
-        """b, l and g, and what `base` shows besides."""
+        """b, l, g and z, and what `base` shows besides."""
         count, parts = len(self.signals.outputs), self.parts
         more = _put(count, self.wandering, x[parts.b])
         more = more + _put(count, self.lagging, x[parts.lag])
         more = more + _put(count, self.trailing, x[parts.g])
+        more = more + _put(count, self.zeroed, x[parts.z])
         return self.base.besides(x[parts.x]) + more
 
     def jumps(

@@ -173,6 +173,7 @@ class NoiseLevels(Part):
     leaning: dict[str, Positive] = {}
     lean: dict[str, Number] = {}
     trail: dict[str, Positive] = {}
+    zero: dict[str, Positive] = {}
     bend: dict[str, Number] = {}
     grip: dict[str, Positive] = {}
     gripping: dict[str, Positive] = {}

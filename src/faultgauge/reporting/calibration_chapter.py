@@ -260,6 +260,14 @@ def _besides(model: Model, noise: Noise) -> list[tuple[str, str, str]]:
     ]
     rows += [
         (
+            f"zero of {signals.outputs[j].name} is off by",
+            quantity(float(noise.zero[j]), signals.outputs[j].unit),
+            "another way in each run",
+        )
+        for j in noise.zeros
+    ]
+    rows += [
+        (
             f"error in what a change of an input does to {signals.outputs[j].name}",
             f"{100 * noise.late[j]:.2f} %",
             f"for {quantity(float(noise.lag[j]), 's')}",

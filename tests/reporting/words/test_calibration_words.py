@@ -71,6 +71,7 @@ def test_no_unit_is_said_of_a_plain_number():
     noise = Noise(
         one, one, np.zeros(0), one, one, one, one, np.full(2, 0.1), np.array([0.31, 0]),
         np.zeros(2), wander=0.5 * one, wandering=one, stray=0.25 * one, straying=one,
+        zero=0.031 * one,
     )  # fmt: skip
     text = LAG.replace('unit = "m"', 'unit = "-"').replace('unit = "1/s"', 'unit = "1"')
     text = text.replace("[inputs.u]", '[inputs.u]\nunit = "1"')
@@ -78,6 +79,7 @@ def test_no_unit_is_said_of_a_plain_number():
     for part in ("off by about 1 per second in d(x)", "x wanders by 0.5 beside", "a = 0.81 (fit"):
         assert part in said
     assert "u strays by 0.25 from what the log says" in said
+    assert "the zero of x is off by about 0.031, another way in each run" in said
 
 
 def test_a_constant_that_was_fitted_to_zero_has_no_share_of_it_to_be_said():

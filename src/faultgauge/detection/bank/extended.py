@@ -57,6 +57,7 @@ def disturbed(model: Model, noise: Noise, undeclared: tuple[Fault, ...] = ()) ->
         noise.doubts,
         noise.leans,
         noise.trails,
+        noise.zeros,
         noise.bends,
         noise.grips,
         tuple(len(drifting_of(model)) + k for k in known.positive),
@@ -112,7 +113,7 @@ def process_of(
             noise.wander[wanders] * np.sqrt(2 / noise.wandering[wanders]),
             np.zeros(len(noise.lags)),
             noise.stray[strays] * np.sqrt(2 / noise.straying[strays]),
-            np.zeros(len(noise.leans + noise.trails)),
+            np.zeros(len(noise.leans + noise.trails + noise.zeros)),
             noise.grip[grips] * np.sqrt(2 / noise.gripping[grips]),
             np.zeros(len(noise.share)),
             noise.drift / np.maximum(drifted, 1e-300),
@@ -161,7 +162,8 @@ def start_spread(
         if measures is not None:
             k = model.plant.signals.state_names.index(measures)
             sd[k] = np.hypot(sd[k], behind)
-    rest = noise.wander[wanders], late, *stray, trail, noise.grip[list(noise.grips)], 0 * follows
+    own = trail, noise.zero[list(noise.zeros)], noise.grip[list(noise.grips)]
+    rest = noise.wander[wanders], late, *stray, *own, 0 * follows
     directions = np.ones(len(drifted) + len(noise.spread))
     return np.concatenate([sd, noise.size, follows, *rest, directions])
 
@@ -176,7 +178,7 @@ def scale_of(model: Model, noise: Noise) -> Float[np.ndarray, "extended"]:
     stray = noise.stray[list(noise.strays)], u[list(noise.leans)]
     trails = list(noise.trails)
     stray = *stray, noise.trail[trails] * output_rates_of(model)[trails]
-    stray = *stray, noise.grip[list(noise.grips)]
+    stray = *stray, noise.zero[list(noise.zeros)], noise.grip[list(noise.grips)]
     return np.concatenate([x, noise.size, np.ones(len(follows)), *own, *stray, follows, rest])
 
 

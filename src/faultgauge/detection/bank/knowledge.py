@@ -95,6 +95,7 @@ def knowledge_of(
     start[parts.lag] = start[parts.g] = 0.0
     start[parts.b] = noise.wander[list(noise.wanders)]
     start[parts.a] = noise.stray[list(noise.strays)]
+    start[parts.z] = noise.zero[list(noise.zeros)]
     start[parts.q] = noise.grip[list(noise.grips)]
     sd = _deviations(A, B, C, D, Q, R, np.diag(start**2))
     sd = np.where(sd > 1e100, np.inf, sd)

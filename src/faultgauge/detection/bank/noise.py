@@ -20,6 +20,7 @@ __all__ = [
     "STRAY",
     "TRAIL",
     "WANDER",
+    "ZERO",
     "Noise",
     "noise_of",
 ]
@@ -31,6 +32,7 @@ DOUBT = ("doubt", "above", "below")  # absent where the model is as good everywh
 LEAN = ("lean", "leaning")  # absent where no input comes late
 TRAIL = ("trail",)  # absent where no output does
 BEND = ("bend",)  # absent where no input's curve is bent
+ZERO = ("zero",)  # absent where no output's is off
 GRIP = ("grip", "gripping", "slip")  # absent where no state sticks
 NOWHERE = {"doubt": 0.0, "above": -np.inf, "below": np.inf}  # what of these is absent
 
@@ -45,7 +47,8 @@ class Noise(NamedTuple):
     the share of what an input's change does to it that comes `late`, within `lag` [s]; by what an
     input strays (`stray`), which lasts for `straying` [s]; by which share of its change an input is
     off at first, in the mean (`lean`, -1 for a lag), and within which time (`leaning` [s]); within
-    which time an output follows what it measures, a lag of its sensor (`trail` [s]); by how much of
+    which time an output follows what it measures, a lag of its sensor (`trail` [s]); by what its
+    `zero` is off, another way in each run; by how much of
     its range the curve of an input is off a straight line in the middle (`bend`); what holds a
     state at rest (`grip`, its unit per s), for how long (`gripping` [s]), until it moves by `slip`,
     where half of that is left; how
@@ -74,6 +77,7 @@ class Noise(NamedTuple):
     lean: Float[np.ndarray, "inputs"] = np.zeros(0)
     leaning: Float[np.ndarray, "inputs"] = np.zeros(0)
     trail: Float[np.ndarray, "outputs"] = np.zeros(0)
+    zero: Float[np.ndarray, "outputs"] = np.zeros(0)
     bend: Float[np.ndarray, "inputs"] = np.zeros(0)
     grip: Float[np.ndarray, "states"] = np.zeros(0)
     gripping: Float[np.ndarray, "states"] = np.zeros(0)
@@ -105,6 +109,11 @@ class Noise(NamedTuple):
         return tuple(np.flatnonzero(self.trail).tolist())
 
     @property
+    def zeros(self) -> tuple[int, ...]:
+        """The outputs whose zero is off."""
+        return tuple(np.flatnonzero(self.zero).tolist())
+
+    @property
     def bends(self) -> tuple[int, ...]:
         """The inputs whose curve is bent."""
         return tuple(np.flatnonzero(self.bend).tolist())
@@ -123,7 +132,7 @@ class Noise(NamedTuple):
     def beside(self) -> int:
         """How many inputs, outputs and states err on their own, and inputs somewhere more."""
         inputs = self.strays + self.leans + self.bends + self.doubts
-        return len(self.wanders + self.lags + self.trails + self.grips + inputs)
+        return len(self.wanders + self.lags + self.trails + self.zeros + self.grips + inputs)
 
     def widened(self, factor: float) -> "Noise":
         """What acts within a run `factor` times as large, which changes no gain of a filter; how
@@ -164,6 +173,7 @@ def _beside(
     yield DOUBT, signals.input_names, noise.doubts
     yield LEAN, signals.input_names, noise.leans
     yield TRAIL, signals.output_names, noise.trails
+    yield ZERO, signals.output_names, noise.zeros
     yield BEND, signals.input_names, noise.bends
     yield GRIP, signals.state_names, noise.grips
 
@@ -172,7 +182,7 @@ def noise_of(model: Model) -> Noise:
     """What `calibrate` found. Raises `InputError` for a model without it."""
     found = model.calibration and model.calibration.noise
     block = found.as_dict() if found else None
-    optional = (*WANDER, *LATE, *STRAY, *DOUBT, *LEAN, *TRAIL, *BEND, *GRIP)
+    optional = (*WANDER, *LATE, *STRAY, *DOUBT, *LEAN, *TRAIL, *ZERO, *BEND, *GRIP)
     if block is None or {*block, *optional} != set(Noise._fields):
         raise InputError(
             "the model holds no noise levels, which the bank needs; run `faultgauge "
@@ -185,7 +195,7 @@ def noise_of(model: Model) -> Noise:
         ]
         signals = model.plant.signals
         inputs, outputs = signals.input_names, signals.output_names
-        named = [outputs] * 4 + [inputs] * 7 + [outputs, inputs] + [signals.state_names] * 3
+        named = [outputs] * 4 + [inputs] * 7 + [outputs] * 2 + [inputs] + [signals.state_names] * 3
         more = [
             [block.get(key, {}).get(name, NOWHERE.get(key, 0.0)) for name in names]
             for key, names in zip(optional, named, strict=True)

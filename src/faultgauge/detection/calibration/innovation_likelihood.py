@@ -175,6 +175,7 @@ class Likelihood:
             doubted=plant.doubted,
             leaning=plant.leaning,
             trailing=plant.trailing,
+            zeroed=plant.zeroed,
             bending=plant.bending,
             sticking=plant.sticking,
             positive=plant.positive,

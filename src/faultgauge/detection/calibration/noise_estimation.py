@@ -27,6 +27,7 @@ from faultgauge.detection.bank.noise import (
     STRAY,
     TRAIL,
     WANDER,
+    ZERO,
     Noise,
 )
 from faultgauge.detection.calibration.doubted_regions import with_doubted_regions
@@ -85,7 +86,7 @@ CURVES = (with_curves_of_inputs,)  # are no errors either
 # errors of inputs come first, as what outputs share is none of their own
 BESIDE = (with_errors_of_inputs, with_errors_of_outputs, with_errors_of_outputs)
 SIZES = {
-    pair[0]: pair for pair in (WANDER, LATE, STRAY, LEAN, TRAIL, BEND, GRIP)
+    pair[0]: pair for pair in (WANDER, LATE, STRAY, LEAN, TRAIL, ZERO, BEND, GRIP)
 }  # with their times
 AGREE = 1.25  # times: what the plant does lets the constants of runs lie no farther apart
 HOLDS = 0.25  # of a grip's power: where the model errs by more in motion it is none
@@ -201,7 +202,7 @@ class _Healthy:
 
     def bounds(self, noise: Noise) -> Bounds:
         """Of the levels that `noise` has."""
-        beside = (*WANDER, *LATE, *STRAY, *DOUBT, *LEAN, *TRAIL, *BEND, *GRIP)
+        beside = (*WANDER, *LATE, *STRAY, *DOUBT, *LEAN, *TRAIL, *ZERO, *BEND, *GRIP)
         own = {name: getattr(noise, name) for name in beside}
         return bounds_of(self.guess._replace(**own), self.step, self.stretches)
 
@@ -370,8 +371,10 @@ def _started(
 ) -> Noise:
     """`noise` with process noise from which on the filter is not lost, and the likeliest of some
     time constants and sizes, whatever the rate of the log is; after the first steps of some
-    searches from there the likeliest of these."""
+    searches from there the likeliest of these; anew with more noise of an output that gains by it,
+    as one that is far off all the time tells nothing of its noise: the filter is lost in it."""
     least, most = (levels_of(logs, noise) for logs in (bounds.low, bounds.high))
+    begun = noise
 
     def best(many: list[Noise]) -> Noise:
         return many[int(np.argmin(_costs(model, batch, many, bounds)))]
@@ -393,7 +396,13 @@ def _started(
         many = [_searched(model, seen, m, bounds, {"sigma"}, FIRST, stepped) for m in many]
         order = np.argsort(_costs(model, batch, many, bounds))
         many, seen = [many[k] for k in order[: len(many) // 2]], batch
-    return many[0]
+    noise = many[0]
+    each = np.eye(len(noise.sigma))
+    wider = [noise._replace(sigma=noise.sigma * f**one) for f in FACTORS for one in each]
+    louder = best(wider)
+    if _gain(model, batch, noise, louder, bounds) <= np.log(batch.count):
+        return noise
+    return _started(model, batch, begun._replace(sigma=louder.sigma), bounds, stepped)
 
 
 def _searched(

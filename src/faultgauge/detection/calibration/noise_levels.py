@@ -38,7 +38,7 @@ __all__ = [
 SEARCHED = (
     *("sigma", "process", "drift", "size", "lasting", "share", "settling"),
     *("wander", "wandering", "late", "lag", "stray", "straying", "doubt", "trail"),
-    *("leaning", "lean", "bend", "grip", "gripping", "slip"),
+    *("leaning", "lean", "zero", "bend", "grip", "gripping", "slip"),
 )
 SIGNED = ("lean", "bend")  # of these: numbers of either sign, and no logarithms
 ORDERS = 8  # of differences: beyond, next to nothing fades that has not
@@ -135,8 +135,8 @@ def first_guess(model: Model, runs: Sequence[Run], stretches: Sequence[StretchPi
         np.array(spread, float), np.zeros(len(spread)), np.zeros(len(spread)),
         *[np.zeros(len(sigma))] * 4,
         stray=nothing, straying=nothing,
-        doubt=nothing, above=nothing - np.inf, below=nothing + np.inf,
-        lean=nothing, leaning=nothing, trail=np.zeros(len(sigma)), bend=nothing,
+        doubt=nothing, above=nothing - np.inf, below=nothing + np.inf, lean=nothing,
+        leaning=nothing, trail=np.zeros(len(sigma)), zero=np.zeros(len(sigma)), bend=nothing,
         **dict.fromkeys(GRIP, np.zeros(len(process))),
     )  # fmt: skip
 

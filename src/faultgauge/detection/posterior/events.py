@@ -19,7 +19,15 @@ from jaxtyping import Bool, Float
 from faultgauge.detection.bank.bank import FaultBank
 from faultgauge.detection.bank.knowledge import longest_delay
 from faultgauge.detection.posterior.posterior import LIKELY, WIDE, Posterior
-from faultgauge.detection.posterior.verdicts import FAULT, HEALTHY, NAMED, STATUS, Reason, Verdict
+from faultgauge.detection.posterior.verdicts import (
+    FAULT,
+    HEALTHY,
+    NAMED,
+    STATUS,
+    Reason,
+    Verdict,
+    is_sure,
+)
 from faultgauge.detection.words import TOLD_ODDS
 from faultgauge.telemetry import Run
 
@@ -251,7 +259,7 @@ def _in_turn(
             break
         if np.sum(~there[before.stop : after.begun]) > pause(bank):  # it went in between
             continue
-        last = _settled(judged.found.p[:, after.k], after.told, after.stop - 1)
+        last = _settled(_sure(bank, judged, after.k), after.told, after.stop - 1)
         onset = _onset(bank, judged, after, last, log)[0]
         rows = np.arange(before.told, before.stop)
         until = rows[there[rows] & (judged.run.t[rows] <= onset)]
@@ -274,7 +282,7 @@ def _joined(bank: FaultBank, judged: Judged, own: list[_Stretch], log: float) ->
         if each.k == judged.found.p.shape[1]:  # nobody dates what is undeclared
             kept.append(each)
             continue
-        last = _settled(judged.found.p[:, each.k], each.told, each.stop - 1)
+        last = _settled(_sure(bank, judged, each.k), each.told, each.stop - 1)
         between = slice(before.stop, each.begun)
         over = judged.found.p[between, each.k] < 1 - NAMED
         surely = np.sum(over & sampled[between]) > pause(bank)
@@ -290,7 +298,7 @@ def _event(bank: FaultBank, judged: Judged, each: _Stretch, log: float) -> BankE
     found, t, k = judged.found, judged.run.t, each.k
     declared = k < found.p.shape[1]
     p = found.p[:, k] if declared else found.unknown
-    last = _settled(p, each.told, each.stop - 1)
+    last = _settled(_sure(bank, judged, k), each.told, each.stop - 1)
     if declared:
         last = _before_its_end(bank, judged, each, last)
     size = float(found.f[last, k] / found.p[last, k]) if declared else None
@@ -357,10 +365,19 @@ def _nameless(judged: Judged, k: int, told: int) -> int:
     return int(rows[0]) if len(rows) and np.mean(own) >= LIKELY else told
 
 
-def _settled(p: Float[np.ndarray, "samples"], told: int, last: int) -> int:
-    """The last sample from `told` to `last` at which the fault was sure."""
-    sure = np.flatnonzero(p[told : last + 1] >= NAMED)
-    return told + int(sure[-1]) if len(sure) else last
+def _sure(bank: FaultBank, judged: Judged, k: int) -> Bool[np.ndarray, "samples"]:
+    """Where fault `k`, or what is undeclared behind the last, was sure."""
+    found = judged.found
+    if k == found.p.shape[1]:
+        return np.asarray(is_sure(found.unknown, found.calm, False))
+    passive = bank.with_monitor("passive")[k]
+    return np.asarray(is_sure(found.p[:, k], found.calm, passive))
+
+
+def _settled(sure: Bool[np.ndarray, "samples"], told: int, last: int) -> int:
+    """The last sample from `told` to `last` at which the fault was `sure`."""
+    rows = np.flatnonzero(sure[told : last + 1])
+    return told + int(rows[-1]) if len(rows) else last
 
 
 def _before_its_end(bank: FaultBank, judged: Judged, each: _Stretch, last: int) -> int:
@@ -369,8 +386,8 @@ def _before_its_end(bank: FaultBank, judged: Judged, each: _Stretch, last: int) 
     found, t, k = judged.found, judged.run.t, each.k
     if not np.isfinite(found.healthy[each.stop :]).any():
         return last
-    sure = np.flatnonzero(np.diff(found.p[each.told : last + 1, k] >= NAMED, prepend=0, append=0))
-    stretches = each.told + sure.reshape(-1, 2)
+    sure = _sure(bank, judged, k)[each.told : last + 1].astype(int)
+    stretches = each.told + np.flatnonzero(np.diff(sure, prepend=0, append=0)).reshape(-1, 2)
     if not len(stretches):
         return each.told
     # what flares up once more as the fault goes is no size of it

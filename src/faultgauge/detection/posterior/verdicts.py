@@ -2,13 +2,13 @@
 
 An alarm begins where the log-odds of an active fault, ln (1 - p0) / p0 with p0 the probability that
 there is none, reach the calibrated level, where the model is trusted and outside the hold-off, and
-have done so for `persistence`. It ends where the probability falls
-below `release`. A fault is named while there is an alarm, its own probability has been 0.98 for
-`persistence` and for a quarter of the time in which a large one shows at least, in all since it was
-below `release`, and its sign is known: while one fault follows another, a third may fit for a
-while. A passive fault is named without an alarm. Where a loop answers a fault by a change of an
-input that no healthy log has, what the model lacks looks like a fault that acts on the plant until
-that has settled, and none of these is named meanwhile.
+have done so for `persistence`. It ends where the probability falls below `release`. A fault is
+named while there is an alarm, its own probability has been 0.98 of that of any for `persistence`
+and for a quarter of the time in which a large one shows at least, in all since it was below
+`release`, and its sign is known: while one fault follows another, a third may fit for a while. A
+passive fault is named without an alarm, where its probability is 0.98. Where a loop answers a fault
+by a change of an input that no healthy log has, what the model lacks looks like a fault that acts
+on the plant until that has settled, and none of these is named meanwhile.
 
 Status and reason are numbers, which `words` looks up.
 """
@@ -47,6 +47,7 @@ __all__ = [
     "Rules",
     "RulesState",
     "Verdict",
+    "is_sure",
     "is_unheard",
     "log_odds",
     "words",
@@ -54,7 +55,7 @@ __all__ = [
 
 STATUS = HEALTHY, FAULT, NOT_JUDGED, STALE = "HEALTHY", "FAULT", "NOT_JUDGED", "STALE"
 QUIET = 0.5  # p of no fault above: nothing speaks of one
-NAMED = 0.98  # p of a fault from which on it is named
+NAMED = 0.98  # p of a fault, where there is one, from which on it is named
 FRESH = 10.0  # samples without any output after which the answer is stale
 OUTSIDE = "outside of"  # what the plant file or training bounds
 PLACES = 4096  # more than there are of anything that a reason may be about
@@ -138,6 +139,12 @@ def log_odds(calm: Any) -> Any:
     """ln (1 - p0) / p0; -inf where nothing was sampled."""
     p0 = jnp.where(jnp.isfinite(calm), jnp.clip(calm, 1e-300, 1.0), 1.0)
     return jnp.log1p(-p0) - jnp.log(p0)
+
+
+def is_sure(p: Any, calm: Any, passive: Any) -> Any:
+    """Whether a fault of probability `p` is the cause, as far as a name asks for that: of an active
+    one given that there is one, which an alarm has told; `calm` is the probability of none."""
+    return p >= NAMED * jnp.where(passive, 1.0, 1 - calm)
 
 
 class Rules(eqx.Module):
@@ -229,7 +236,8 @@ class Rules(eqx.Module):
         passive = np.array([*(each == "passive" for each in self.monitors), False])
         p = jnp.append(found.p, found.unknown)
         alone = inside & (log_odds(found.healthy) >= self.level)
-        over = free & jnp.where(passive, alone, alarm) & known & (p >= NAMED)
+        sure = is_sure(p, found.calm, passive)
+        over = free & jnp.where(passive, alone, alarm) & known & sure
         gone = free & ((p < self.release) | (~alarm & ~passive))
         names, likely = self.names.step(state.names, t, over, gone)
         signed = jnp.append(~((found.lo < 0) & (found.hi > 0)), True)
@@ -272,7 +280,7 @@ class Rules(eqx.Module):
         first = jnp.argmax(shares)
         second = jnp.argmax(jnp.where(jnp.arange(len(shares)) == first, -1.0, shares))
         # what no other cause comes near lacks no rival, but time
-        alone = (first > 0) & (shares[second] < 1 - NAMED)
+        alone = (first > 0) & (shares[second] < (1 - NAMED) * (1 - found.calm))
         nearly = _reason(Reason.NEARLY, first - 1)
         either = jnp.where(alone, nearly, _reason(Reason.EITHER, first, second))
         told = jnp.where(jnp.any(named[:-1]), _reason(Reason.NONE), either)

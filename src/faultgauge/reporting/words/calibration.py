@@ -72,6 +72,10 @@ def errors(model: Model) -> list[str]:
         each = signals.outputs[j]
         by, long = _at_a_time(each.unit, noise.wander[j], noise.wandering[j], seen)
         lines.append(f"{each.name} wanders by {by} beside what the model says, {long}")
+    for j in noise.zeros:
+        each = signals.outputs[j]
+        by = f"{number(float(noise.zero[j]), 2)} {spoken(each.unit)}".rstrip()
+        lines.append(f"the zero of {each.name} is off by about {by}, another way in each run")
     for j in noise.strays:
         each = signals.inputs[j]
         by, long = _at_a_time(each.unit, noise.stray[j], noise.straying[j], seen)

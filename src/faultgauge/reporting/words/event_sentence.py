@@ -14,7 +14,7 @@ from faultgauge.detection.answer.shares import WHOLE, shares_of
 from faultgauge.detection.bank.bank import FaultBank
 from faultgauge.detection.decisions import Decision
 from faultgauge.detection.posterior.events import UNKNOWN, BankEvent, pause, stretches
-from faultgauge.detection.posterior.verdicts import FAULT, HEALTHY, NAMED
+from faultgauge.detection.posterior.verdicts import FAULT, HEALTHY, NAMED, is_sure
 from faultgauge.detection.words import (
     OLDER,
     TOLD_ODDS,
@@ -215,7 +215,8 @@ def _course(bank: FaultBank, decision: Decision, event: BankEvent) -> list[str]:
         return []
     t, found = decision.run.t, decision.posterior
     k = bank.model.plant.signals.fault_names.index(event.fault)
-    sure = (t >= event.start) & (t <= event.end) & (np.nan_to_num(found.p[:, k]) >= NAMED)
+    sure = is_sure(np.nan_to_num(found.p[:, k]), found.calm, event.passive)
+    sure = (t >= event.start) & (t <= event.end) & np.asarray(sure)
     sizes = found.f[sure, k] / found.p[sure, k]
     other = (sizes < event.lo) | (sizes > event.hi)
     other &= (found.lo[sure, k] > event.size) | (found.hi[sure, k] < event.size)
