@@ -24,6 +24,7 @@ from faultgauge.identification.fit_record import (
 from faultgauge.identification.log_checks import log_warnings
 from faultgauge.identification.noise_floor import noise_floor
 from faultgauge.identification.optimise.algorithms import AlgorithmName
+from faultgauge.identification.row_order import rows_late, rows_late_warnings
 from faultgauge.identification.samples import Channels, channels, in_effect, slow_columns
 from faultgauge.identification.simulation_error.result import Refinement, refine_on_logs
 from faultgauge.identification.sizes import chosen_sizes, smallest_sufficient, with_hidden
@@ -36,6 +37,7 @@ from faultgauge.identification.validation.evaluation import (
 )
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
+from faultgauge.plants.settle import settle
 from faultgauge.plants.signals import Signals
 from faultgauge.plants.spec import PlantSpec
 from faultgauge.progress import within
@@ -85,7 +87,10 @@ def fit(
     """
     _check_refined(refine, robust, ensemble)
     plant = _as_resampled(plant, [*logs, *validate])
-    spec, warnings = plant.spec, list(plant.spec.warnings)
+    delays = rows_late(plant.spec, logs)
+    spec = settle(plant.spec, delays=delays)
+    plant = replace(plant, spec=spec, signals=spec.signals)
+    warnings = [*plant.spec.warnings, *rows_late_warnings(spec, delays)]
     logs = _not_validated(logs, validate, warnings)
     how = _seen(spec, runs := [*logs, *validate])
     warnings += [*log_warnings(spec.signals, runs), *too_short(plant, runs)]
@@ -112,7 +117,9 @@ def fit(
     if stage and result.error < 1:  # a model of no use says nothing about the input
         warnings += response_warnings(result.plant, stage.given.stretches, stage.given.noise)
     floor = noise_floor(spec.signals, acting)
-    record = fit_record(spec, result, how, logs, validate, stage, refinement, known, floor, seed)
+    record = fit_record(
+        spec, result, how, logs, validate, stage, refinement, known, floor, seed, delays
+    )
     model = Model(result.plant, record)
     if ensemble and refinement is not None:
         model = model.with_members(refinement.members[1:])

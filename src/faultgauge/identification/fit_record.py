@@ -121,9 +121,11 @@ def fit_record(
     known: ConstantsInformation | None,
     floor: dict[str, Any],
     seed: int,
+    delays: dict[str, float],
 ) -> FitRecord:
     """The record of a fit of what `spec` left open; `known` is what equation error tells of
-    constants, where it had the last word, `floor` the noise of every column."""
+    constants, where it had the last word, `floor` the noise of every column, `delays` the dead
+    times that the rows of the logs have."""
     told = refinement.information if refinement else known
     record: dict[str, Any] = {
         "seed": seed,
@@ -156,9 +158,10 @@ def fit_record(
         record["instruments"] = stage.given.explained
     if told is not None:
         record["constants"] = told.for_bank()
-    if spec.open_holds or spec.open_sizes:
+    if spec.open_holds or spec.open_sizes or delays:
         hold = refinement.choices["hold"] if refinement else {}
-        record["choices"] = {"hold": hold, "hidden": chosen_sizes(spec, result.plant)}
+        hidden = chosen_sizes(spec, result.plant)
+        record["choices"] = {"hold": hold, "hidden": hidden} | ({"delay": delays} if delays else {})
     rate = rate_of([*logs, *validate])
     if rate is not None:
         steps = [run.logged for run in logs if run.logged is not None]

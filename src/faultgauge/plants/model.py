@@ -189,10 +189,12 @@ def decoded(data: bytes, path: str | Path) -> Model:
         calibration = calibration_in(content["record"].pop("calibration", None))
         record = fit_in(content["record"])
         left_open = parse_plant(content["plant"], str(path))
-        spec = settle(left_open, record.choices.hold, record.choices.hidden)
+        chosen = record.choices
+        left_open = settle(left_open, delays=chosen.delay)
+        spec = settle(left_open, chosen.hold, chosen.hidden)
         own = {name: array for name, array in arrays.items() if not name.startswith(MEMBERS)}
         rest = {name: array for name, array in arrays.items() if name.startswith(MEMBERS)}
-        members = _members(left_open, record.choices.hold, record.members, rest)
+        members = _members(left_open, chosen.hold, record.members, rest)
         check_record(record, calibration, spec)
         return Model(filled(GrayBoxPlant.untrained(spec), own), record, members, calibration)
     except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError):

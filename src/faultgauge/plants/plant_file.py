@@ -141,7 +141,7 @@ class _Checker:
                     table.unit,
                     *_bounds(table),
                     table.hold or "zero",
-                    table.delay,
+                    table.delay or 0.0,
                     table.instrument,
                     _trusted(table),
                 )
@@ -167,6 +167,7 @@ class _Checker:
             networks=networks,
             order=self.order(derivatives),
             open_holds=tuple(name for name, table in file.inputs.items() if table.hold is None),
+            open_delays=tuple(name for name, table in file.inputs.items() if table.delay is None),
             open_sizes=tuple(n.name for n in networks if file.networks[n.name].hidden is None),
         )
         warnings = (*self.unused((*derivatives, *values)), *units.check(spec))

@@ -95,10 +95,12 @@ class Metrics(Part):
 
 
 class Choices(Part):
-    """What the plant file left to the fit: holds of inputs, sizes of networks."""
+    """What the plant file left to the fit: holds and dead times [s] of inputs, sizes of
+    networks."""
 
     hold: dict[str, str]
     hidden: dict[str, pydantic.StrictInt]
+    delay: dict[str, Positive] = {}
 
 
 class DataRecord(Part):

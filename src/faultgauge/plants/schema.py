@@ -47,7 +47,7 @@ class InputTable(SchemaTable):
     min: Number | None = None
     max: Number | None = None
     hold: Hold | None = None
-    delay: Seconds = 0.0
+    delay: Seconds | None = None
     instrument: Text | None = None
     trusted: list[Number] | None = None
 

@@ -12,9 +12,13 @@ __all__ = ["settle"]
 
 
 def settle(
-    spec: PlantSpec, holds: Mapping[str, str] = {}, hidden: Mapping[str, int] = {}
+    spec: PlantSpec,
+    holds: Mapping[str, str] = {},
+    hidden: Mapping[str, int] = {},
+    delays: Mapping[str, float] = {},
 ) -> PlantSpec:
-    """`spec` with the `holds` of inputs and the `hidden` units of networks that were chosen.
+    """`spec` with the `holds` and `delays` [s] of inputs and the `hidden` units of networks that
+    were chosen.
 
     What is chosen is no longer open; the text of the file stays as it is. Raises `ValueError` for
     a name that is not open in `spec`, and for a value that no plant file may hold.
@@ -22,11 +26,18 @@ def settle(
     for name, hold in holds.items():
         if name not in spec.open_holds or hold not in get_args(Hold):
             raise ValueError(f"hold {hold!r} of input {name!r}")
+    for name, delay in delays.items():
+        if name not in spec.open_delays or not delay > 0:
+            raise ValueError(f"delay {delay!r} of input {name!r}")
     for name, size in hidden.items():
         if name not in spec.open_sizes or not 1 <= size <= MAX_HIDDEN:
             raise ValueError(f"{size} hidden units of network {name!r}")
     inputs = tuple(
-        replace(each, hold=cast(Hold, holds.get(each.name, each.hold)))
+        replace(
+            each,
+            hold=cast(Hold, holds.get(each.name, each.hold)),
+            delay=delays.get(each.name, each.delay),
+        )
         for each in spec.signals.inputs
     )
     return replace(
@@ -34,5 +45,6 @@ def settle(
         signals=replace(spec.signals, inputs=inputs),
         networks=tuple(replace(n, hidden=hidden.get(n.name, n.hidden)) for n in spec.networks),
         open_holds=tuple(name for name in spec.open_holds if name not in holds),
+        open_delays=tuple(name for name in spec.open_delays if name not in delays),
         open_sizes=tuple(name for name in spec.open_sizes if name not in hidden),
     )

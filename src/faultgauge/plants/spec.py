@@ -58,8 +58,8 @@ class NetworkSpec:
 class PlantSpec:
     """A checked plant file. Hashable: it is the static part of every compiled function.
 
-    `open_holds` and `open_sizes` name the inputs whose hold and the networks whose size the file
-    leaves to the fit; until then they stand at their defaults.
+    `open_holds`, `open_delays` and `open_sizes` name the inputs whose hold and whose dead time and
+    the networks whose size the file leaves to the fit; until then they stand at their defaults.
     """
 
     name: str
@@ -71,5 +71,6 @@ class PlantSpec:
     networks: tuple[NetworkSpec, ...]
     order: tuple[int, ...]
     open_holds: tuple[str, ...] = ()
+    open_delays: tuple[str, ...] = ()
     open_sizes: tuple[str, ...] = ()
     warnings: tuple[str, ...] = field(compare=False, default=())

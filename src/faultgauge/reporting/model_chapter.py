@@ -53,9 +53,17 @@ def _constants(model: Model) -> ConstantsInformation:
     """What the record tells of the fitted constants."""
     told, plant = model.record.constants, model.plant
     errors = told.standard_errors or told.errors
-    units = {each.name: each.unit for each in plant.spec.parameters}
+    spec = {each.name: each for each in plant.spec.parameters}
+    # how far runs have their own of what varies from run to run is told elsewhere
     rows = tuple(
-        FittedConstant(name, units[name], float(plant.parameters[name]), error, None, None)
+        FittedConstant(
+            name,
+            spec[name].unit,
+            float(plant.parameters[name]),
+            None if spec[name].vary == "run" else error,
+            None,
+            None,
+        )
         for name, error in zip(told.names, errors, strict=True)
     )
     correlation = np.array(told.correlation, dtype=float).reshape(len(rows), len(rows))

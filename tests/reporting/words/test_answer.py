@@ -4,6 +4,7 @@ import csv
 from dataclasses import replace
 from datetime import datetime, timedelta
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from faultgauge.detection.bank.bank import build_fault_bank
 from faultgauge.detection.bank.noise import Noise
 from faultgauge.detection.decisions import Watching, decide
 from faultgauge.detection.posterior.posterior import Marginal
-from faultgauge.detection.posterior.verdicts import FAULT, STATUS, Rules, words
+from faultgauge.detection.posterior.verdicts import FAULT, STATUS, Heard, Rules, words
 from faultgauge.detection.rows.intake import Intake
 from faultgauge.reporting.decision_chapter import decision_report
 from faultgauge.reporting.report import render
@@ -147,6 +148,23 @@ def test_what_no_cause_rivals_is_not_undecided(bank, p, said):
     assert words(bank.model.plant.signals, (), status, reason[None])[1] == [said]
 
 
+def test_a_name_asks_for_0_98_of_what_is_there_once_an_alarm_has_told_that_something_is(bank):
+    """Of 0.96 that there is any fault 0.95 is 0.99, and is named, with a sign that is known; of
+    0.9 it is not, nor 0.95 of 1."""
+    rules = Rules.of(bank)
+    one, step = jnp.array([0.1, 0.1]), eqx.filter_jit(rules.step)
+    yes, none = jnp.asarray(True), jnp.asarray(0)
+    heard = Heard(yes, ~yes, none, jnp.ones((2, 2), bool), none, jnp.zeros(1), yes)
+    named = []
+    for p, calm in (((0.95, 0.005), 0.04), ((0.9, 0.005), 0.04), ((0.95, 0.04), 0.001)):
+        found = Marginal(jnp.array(p), one, one, one, *map(jnp.asarray, (calm, 1e-9, calm)))
+        state = rules.init()
+        for k in range(400):
+            state, verdict = step(state, jnp.asarray(STEP * k), found, heard)
+        named.append(bool(verdict.named[0]))
+    assert named == [True, False, False]
+
+
 def test_the_sentence_says_what_since_when_and_what_it_is_not(bank, decision):
     (line,) = answers(bank, [decision])
     assert line.startswith("leak -0.")
@@ -216,6 +234,14 @@ def test_an_alarm_without_a_name_is_no_silence(bank, decision):
         "gauge of -0.3 m (p 0.4)"
     )
     assert second == answers(bank, [decision])[0]
+    # what no cause rivals in all of it is not undecided, whatever its rows say
+    p[rows] = (0.97, 0.01)
+    alone = replace(unsure, posterior=decision.posterior._replace(p=p, f=0.05 * p))
+    assert answers(bank, [alone])[0] == (
+        "An alarm from 100 s to 110.5 s (run run1); not certain for long enough to be named: leak "
+        "of +0.05 m/s (p 0.97)"
+    )
+    p[rows[:10]], p[rows[10:]] = (0.4, 0.6), (0.8, 0.2)
     unnamed = replace(unsure, events=[])
     nameless = answers(bank, [unnamed])
     assert nameless[0] == first

@@ -95,8 +95,11 @@ def _unnamed(bank: FaultBank, decision: Decision, part: slice) -> Unnamed:
     usual = _usual(why)
     for reason, count in ((EITHER, 2), (NEARLY, 1)):
         if usual.startswith(reason):
-            causes = _likeliest(bank, decision, part)[:count]
-            return Unnamed(run.name, first, last, reason=reason, causes=causes)
+            causes = _likeliest(bank, decision, part)
+            # one that has no rival in the whole of the alarm lacks time, whatever most rows say
+            if causes[0].name != UNDECLARED and causes[1].p < 1 - NAMED:
+                reason, count = NEARLY, 1
+            return Unnamed(run.name, first, last, reason=reason, causes=causes[:count])
     return Unnamed(run.name, first, last, reason=usual)
 
 
