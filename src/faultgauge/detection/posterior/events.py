@@ -259,7 +259,7 @@ def _in_turn(
             break
         if np.sum(~there[before.stop : after.begun]) > pause(bank):  # it went in between
             continue
-        last = _settled(_sure(bank, judged, after.k), after.told, after.stop - 1)
+        last = _settled(bank, judged, after.k, after.told, after.stop - 1)
         onset = _onset(bank, judged, after, last, log)[0]
         rows = np.arange(before.told, before.stop)
         until = rows[there[rows] & (judged.run.t[rows] <= onset)]
@@ -282,7 +282,7 @@ def _joined(bank: FaultBank, judged: Judged, own: list[_Stretch], log: float) ->
         if each.k == judged.found.p.shape[1]:  # nobody dates what is undeclared
             kept.append(each)
             continue
-        last = _settled(_sure(bank, judged, each.k), each.told, each.stop - 1)
+        last = _settled(bank, judged, each.k, each.told, each.stop - 1)
         between = slice(before.stop, each.begun)
         over = judged.found.p[between, each.k] < 1 - NAMED
         surely = np.sum(over & sampled[between]) > pause(bank)
@@ -298,7 +298,7 @@ def _event(bank: FaultBank, judged: Judged, each: _Stretch, log: float) -> BankE
     found, t, k = judged.found, judged.run.t, each.k
     declared = k < found.p.shape[1]
     p = found.p[:, k] if declared else found.unknown
-    last = _settled(_sure(bank, judged, k), each.told, each.stop - 1)
+    last = _settled(bank, judged, k, each.told, each.stop - 1)
     if declared:
         last = _before_its_end(bank, judged, each, last)
     size = float(found.f[last, k] / found.p[last, k]) if declared else None
@@ -365,18 +365,22 @@ def _nameless(judged: Judged, k: int, told: int) -> int:
     return int(rows[0]) if len(rows) and np.mean(own) >= LIKELY else told
 
 
-def _sure(bank: FaultBank, judged: Judged, k: int) -> Bool[np.ndarray, "samples"]:
-    """Where fault `k`, or what is undeclared behind the last, was sure."""
-    found = judged.found
-    if k == found.p.shape[1]:
-        return np.asarray(is_sure(found.unknown, found.calm, False))
-    passive = bank.with_monitor("passive")[k]
-    return np.asarray(is_sure(found.p[:, k], found.calm, passive))
+def _sure(
+    bank: FaultBank, judged: Judged, k: int, told: int, last: int
+) -> Bool[np.ndarray, "rows"]:
+    """Where fault `k`, or what is undeclared behind the last, was sure from `told` to `last`; given
+    that there was one, where no row was sure of it in all, as none has an interval without 0."""
+    found, rows = judged.found, slice(told, last + 1)
+    declared = k < found.p.shape[1]
+    p, calm = (found.p[rows, k] if declared else found.unknown[rows]), found.calm[rows]
+    passive = declared and bool(bank.with_monitor("passive")[k])
+    plain = p >= NAMED
+    return plain if plain.any() else np.asarray(is_sure(p, calm, passive))
 
 
-def _settled(sure: Bool[np.ndarray, "samples"], told: int, last: int) -> int:
-    """The last sample from `told` to `last` at which the fault was `sure`."""
-    rows = np.flatnonzero(sure[told : last + 1])
+def _settled(bank: FaultBank, judged: Judged, k: int, told: int, last: int) -> int:
+    """The last sample from `told` to `last` at which the fault was sure."""
+    rows = np.flatnonzero(_sure(bank, judged, k, told, last))
     return told + int(rows[-1]) if len(rows) else last
 
 
@@ -386,7 +390,7 @@ def _before_its_end(bank: FaultBank, judged: Judged, each: _Stretch, last: int) 
     found, t, k = judged.found, judged.run.t, each.k
     if not np.isfinite(found.healthy[each.stop :]).any():
         return last
-    sure = _sure(bank, judged, k)[each.told : last + 1].astype(int)
+    sure = _sure(bank, judged, k, each.told, last).astype(int)
     stretches = each.told + np.flatnonzero(np.diff(sure, prepend=0, append=0)).reshape(-1, 2)
     if not len(stretches):
         return each.told
