@@ -54,7 +54,7 @@ def with_errors_of_outputs(model: Model, batch: Likelihood, noise: Noise, spans:
         outputs = np.flatnonzero(may & (getattr(noise, levels[0]) == 0))
         for j, time, factor in product(outputs.tolist(), lasting, factors):
             larger = size[j] * (time if levels == ZERO else 1.0)
-            own = dict(zip(levels, (larger, time), strict=False))
+            own = dict[str, float](zip(levels, (larger, time), strict=False))
             tried.append(_Error(j, own, noise.process / factor))
     found, cost, enough = noise, batch.run(model, [none]).cost[0], np.log(batch.count)
     while tried:
