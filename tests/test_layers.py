@@ -48,7 +48,8 @@ INSIDE = {  # folders and files of a layer, likewise
     ),
     "identification": (
         *("fit", "unseen", "fit_record", "simulation_error", "equation", "validation"),
-        *("command_checks", "log_checks", "noise_floor", "population", "between_runs"),
+        *("command_checks", "log_checks", "row_order", "noise_floor", "population"),
+        *("between_runs",),
         *("constants", "model_error", "holdout", "optimise", "sizes", "unknowns", "samples"),
     ),
     "telemetry": (

@@ -79,18 +79,15 @@ def fit(
     Runs of `validate` stop and select, and never fit; a run that is in both is used for
     validation only. Without them the last 15 % of each run and spread windows are held out.
     `algorithm` is Levenberg-Marquardt or the paper's gradient descent with momentum. `refine`
-    goes on from equation error to simulation error (None: where a state is hidden, a parameter
-    varies or a sensor is slower than the rows, which equation error cannot treat, where the file's
-    own values run better than what it finds, and where one of the next two is asked for); `robust`
-    bounds what an outlier can do to it; `ensemble` keeps its next best models in the model too, as
-    `members`. Raises `InputError` for logs that cannot determine the unknowns.
+    goes on from equation error to simulation error (None: where equation error cannot treat a
+    hidden state, a parameter that varies or a sensor slower than the rows, where the file's own
+    values run better, and where one of the next two is asked for); `robust` bounds what an outlier
+    can do; `ensemble` keeps its next best as `members`. Logs that tell too little are an `InputError`.
     """
     _check_refined(refine, robust, ensemble)
     plant = _as_resampled(plant, [*logs, *validate])
-    delays = rows_late(plant.spec, logs)
-    spec = settle(plant.spec, delays=delays)
-    plant = replace(plant, spec=spec, signals=spec.signals)
-    warnings = [*plant.spec.warnings, *rows_late_warnings(spec, delays)]
+    plant, delays = _as_rows_are_written(plant, logs)
+    spec, warnings = plant.spec, [*plant.spec.warnings, *rows_late_warnings(plant.spec, delays)]
     logs = _not_validated(logs, validate, warnings)
     how = _seen(spec, runs := [*logs, *validate])
     warnings += [*log_warnings(spec.signals, runs), *too_short(plant, runs)]
@@ -116,10 +113,8 @@ def fit(
         warnings += known.warnings()
     if stage and result.error < 1:  # a model of no use says nothing about the input
         warnings += response_warnings(result.plant, stage.given.stretches, stage.given.noise)
-    floor = noise_floor(spec.signals, acting)
-    record = fit_record(
-        spec, result, how, logs, validate, stage, refinement, known, floor, seed, delays
-    )
+    known_by = stage, refinement, known, noise_floor(spec.signals, acting)
+    record = fit_record(spec, result, how, logs, validate, *known_by, seed, delays)
     model = Model(result.plant, record)
     if ensemble and refinement is not None:
         model = model.with_members(refinement.members[1:])
@@ -186,6 +181,16 @@ def _as_resampled(plant: GrayBoxPlant, runs: Sequence[Run]) -> GrayBoxPlant:
     if rate_of(runs) is None:
         return plant
     return replace(plant, spec=replace(plant.spec, open_holds=()))
+
+
+def _as_rows_are_written(
+    plant: GrayBoxPlant, logs: Sequence[Run]
+) -> tuple[GrayBoxPlant, dict[str, float]]:
+    """`plant`, with the dead times [s] that the rows of `logs` have where the file leaves them
+    open; these."""
+    delays = rows_late(plant.spec, logs)
+    spec = settle(plant.spec, delays=delays)
+    return replace(plant, spec=spec, signals=spec.signals), delays
 
 
 def _finite(result: Outcome, runs: Sequence[Run]) -> Outcome:
