@@ -82,7 +82,7 @@ def fit(
     goes on from equation error to simulation error (None: where equation error cannot treat a
     hidden state, a parameter that varies or a sensor slower than the rows, where the file's own
     values run better, and where one of the next two is asked for); `robust` bounds what an outlier
-    can do; `ensemble` keeps its next best as `members`. Logs that tell too little are an `InputError`.
+    can do; `ensemble` keeps the next best as `members`. Raises `InputError` for logs of too little.
     """
     _check_refined(refine, robust, ensemble)
     plant = _as_resampled(plant, [*logs, *validate])
