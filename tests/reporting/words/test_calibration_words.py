@@ -80,6 +80,7 @@ def test_no_unit_is_said_of_a_plain_number():
         assert part in said
     assert "u strays by 0.25 from what the log says" in said
     assert "the zero of x is off by about 0.031, another way in each run" in said
+    assert "what a change of u does is off by about 100 % of it, for about 1 s" in said
 
 
 def test_a_constant_that_was_fitted_to_zero_has_no_share_of_it_to_be_said():
@@ -138,7 +139,7 @@ def test_a_network_differs_from_run_to_run_as_a_whole():
         one, one, np.zeros(0), one, one, one, one, np.array([of[n] for n in names]),
         np.array([0, 0, 0.2]), np.zeros(3),
     )  # fmt: skip
-    said = errors(for_bank(model, noise))
+    said = errors(for_bank(model, noise._replace(share=0.1 * one)))  # as usual: nothing is said
     assert said[1:] == [
         "what was fitted differs from run to run by about a 0.1 1/s (20 %), b 0.1 (5 %), all of "
         "drag 4 %",

@@ -19,6 +19,7 @@ __all__ = [
     "LEAN",
     "STRAY",
     "TRAIL",
+    "USUAL_SHARE",
     "WANDER",
     "ZERO",
     "Noise",
@@ -34,6 +35,7 @@ TRAIL = ("trail",)  # absent where no output does
 BEND = ("bend",)  # absent where no input's curve is bent
 ZERO = ("zero",)  # absent where no output's is off
 GRIP = ("grip", "gripping", "slip")  # absent where no state sticks
+USUAL_SHARE = 0.1  # of an input's effect: what a change of it is off by
 NOWHERE = {"doubt": 0.0, "above": -np.inf, "below": np.inf}  # what of these is absent
 
 

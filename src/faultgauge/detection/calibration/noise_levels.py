@@ -12,7 +12,7 @@ from jaxtyping import Float
 from scipy.special import comb
 
 from faultgauge.detection.bank.extended import rates_of, width_of
-from faultgauge.detection.bank.noise import GRIP, Noise
+from faultgauge.detection.bank.noise import GRIP, USUAL_SHARE, Noise
 from faultgauge.detection.bank.uncertain_constants import constants_of, drifting_of, usual_spread
 from faultgauge.detection.calibration.innovation_likelihood import StretchPiece
 from faultgauge.detection.rows.judged import operating_points
@@ -44,7 +44,6 @@ SIGNED = ("lean", "bend")  # of these: numbers of either sign, and no logarithms
 ORDERS = 8  # of differences: beyond, next to nothing fades that has not
 REACH = np.log(1e4)  # a level is looked for within this factor of its first guess
 USUAL_SIZE = 0.03  # of a state's rate: the discrepancy
-USUAL_SHARE = 0.1  # of an input's effect: what a change of it is off by
 QUICK = 10.0  # samples in which that settles
 LONGEST = 100.0  # times the longest stretch: as good as a walk without end
 SETTLED = 0.25  # of it: within that, what an input's change does has settled

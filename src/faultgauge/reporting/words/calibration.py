@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from faultgauge.detection.bank.noise import Noise, noise_of
+from faultgauge.detection.bank.noise import USUAL_SHARE, Noise, noise_of
 from faultgauge.detection.bank.uncertain_constants import (
     USUAL_SPREAD,
     constants_of,
@@ -13,7 +13,7 @@ from faultgauge.detection.bank.uncertain_constants import (
 )
 from faultgauge.detection.posterior.uncalibrated import level_in
 from faultgauge.detection.words import duration, listed, number, would_not_show
-from faultgauge.plants.disturbed import dynamic_states
+from faultgauge.plants.disturbed import dynamic_states, following_inputs
 from faultgauge.plants.model import Model
 from faultgauge.plants.record import Interval
 from faultgauge.plants.signals import State, spoken
@@ -80,6 +80,7 @@ def errors(model: Model) -> list[str]:
         each = signals.inputs[j]
         by, long = _at_a_time(each.unit, noise.stray[j], noise.straying[j], seen)
         lines.append(f"{each.name} strays by {by} from what the log says, {long}")
+    lines += _beside_a_change(model, noise)
     lines += _sticking(model, noise)
     lines += _leaning(model, noise)
     for j in noise.lags:
@@ -131,6 +132,17 @@ def _at_a_time(unit: str, size: float, lasts: float, seen: float) -> tuple[str, 
         )
     moves = f"{number(size * np.sqrt(2 * seen / lasts), 2)} {spoken(unit)}".rstrip()
     return f"{moves} in {duration(seen)}", "and for longer than these logs last"
+
+
+def _beside_a_change(model: Model, noise: Noise) -> list[str]:
+    """What of an input's change is left to chance, where that is more than usual."""
+    inputs = model.plant.signals.inputs
+    return [
+        f"what a change of {inputs[place].name} does is off by about {100 * noise.share[k]:.0f} % "
+        f"of it, for about {duration(float(noise.settling[k]))}"
+        for k, place in enumerate(following_inputs(model.plant))
+        if noise.share[k] > USUAL_SHARE
+    ]
 
 
 def _sticking(model: Model, noise: Noise) -> list[str]:
