@@ -77,6 +77,18 @@ def test_rows_of_several_rates_and_inputs_that_never_move_tell_nothing():
     assert rows_late(tank().spec, [still]) == {}
 
 
+def test_a_log_without_noise_or_of_few_rows_has_none():
+    """Rounding of what the own row shows in full is nothing that shows later."""
+    for seed in range(8):
+        run = looped(False, seed)
+        exact = Run("0", "tank.csv", run.t, run.columns | {"flow": 1.7 * run.columns["q"] / 1.7})
+        assert rows_late(tank().spec, [exact]) == {}
+    short = Run("0", "tank.csv", run.t[:3], {n: a[:3] for n, a in run.columns.items()})
+    assert rows_late(tank().spec, [short]) == {}
+    del short.columns["flow"]
+    assert rows_late(tank().spec, [looped(True), short]) == {"q": STEP}
+
+
 def test_fit_takes_the_row_says_so_and_the_model_file_keeps_it(tmp_path):
     runs = [looped(True, seed) for seed in range(2)]
     model, account = fit(tank(), runs)

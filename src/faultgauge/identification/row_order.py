@@ -26,17 +26,21 @@ LEAST = 100  # rows that tell
 CLEAR = 5.0  # standard deviations
 OWN = 0.1  # of what shows later: less of a change in its own row is nothing
 EVEN = 0.01  # of a step: rows of one rate
+ROUNDING = 1e-6  # of what shows in the own row: less in the others is none
 
 
 def rows_late(spec: PlantSpec, runs: Sequence[Run]) -> dict[str, float]:
     """By how much [s] inputs whose `delay` is left open come late in the outputs that read them: a
     row, or they are not named. Rows of several rates tell nothing."""
+    runs = [run for run in runs if len(run.t) > ROWS]
+    if not runs:
+        return {}
     step = float(f"{np.median([run.step for run in runs]):.9g}")
     if any(np.any(np.abs(np.diff(run.t) / step - 1) > EVEN) for run in runs):
         return {}
     late, early = set[str](), set[str]()
     for output, reads in zip(spec.signals.output_names, _read(spec), strict=True):
-        measured = [run for run in runs if output in run.columns]
+        measured = [run for run in runs if {output, *reads} <= {*run.columns}]
         if not reads or not measured:
             continue
         for name, own in zip(reads, _late(measured, output, reads), strict=True):
@@ -73,7 +77,7 @@ def _read(spec: PlantSpec) -> list[list[str]]:
 
 def _late(runs: Sequence[Run], output: str, reads: Sequence[str]) -> list[bool]:
     """Whether `output` shows a change of each input that it `reads` in later rows alone."""
-    rows = [_rows(run, output, reads) for run in runs if len(run.t) > ROWS]
+    rows = [_rows(run, output, reads) for run in runs]
     X, dy = (np.concatenate(each) for each in zip(*rows, strict=True))
     told = np.isfinite(X).all(axis=1) & np.isfinite(dy)
     X, dy = X[told], dy[told]
@@ -87,7 +91,7 @@ def _late(runs: Sequence[Run], output: str, reads: Sequence[str]) -> list[bool]:
         own, later = np.eye(len(b))[k], np.eye(len(b))[k + 1 : k + ROWS].sum(axis=0)
         sign = np.sign(later @ b) or 1.0
         sd = np.sqrt([each @ covariance @ each for each in (own, later)])
-        shown = sign * (later @ b) > CLEAR * sd[1]
+        shown = sign * (later @ b) > max(CLEAR * sd[1], ROUNDING * abs(own @ b))
         found.append(bool(shown and sign * (own @ b) + sd[0] < OWN * sign * (later @ b)))
     return found
 
