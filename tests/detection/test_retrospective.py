@@ -568,7 +568,12 @@ def test_before_any_data_something_undeclared_is_a_hundred_times_rarer_than_a_fa
     every onset behind its first sample. The tank's gauge may be off undeclared, or it is no fault
     of a kind that anyone thought of: a hundredth each online, and both together in hindsight."""
     prior = bank.modes.prior
-    rate, first = np.asarray(prior.onset), np.exp(prior.first)
+    # of a fault that has several kinds of step, all together
+    owner, steps = bank.modes.owner, bank.modes.grows == 0
+    rate, first = (
+        np.bincount(owner[steps], np.asarray(each)[steps])
+        for each in (prior.onset, np.exp(prior.first))
+    )
     for undeclared, declared in (
         (rate[2], rate[:2]),
         (prior.unknown, rate[:2]),

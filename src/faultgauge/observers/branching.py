@@ -304,7 +304,7 @@ class Branching(Answers):
         place = jnp.where(there, twin, least)
         both = jnp.where(there, jnp.logaddexp(weight, state.weight[twin]), weight)
         # no place is made for next to nothing
-        worth = there | (weight > jnp.minimum(np.log(KEPT), state.weight[least]))
+        worth = there | (weight > state.weight[least])
         worth = worth & (weight > NEVER)
         return place, better & worth, jnp.where(worth, both, state.weight[place])
 
@@ -321,7 +321,7 @@ class Branching(Answers):
         fault = jnp.asarray(self.owner)[kind]
         old, there = state.since[b, fault], self._present(state.belief)[b, fault]
         had = state.belief.mean[b, self.filter.states + fault] ** 2
-        more = jnp.where(kind < self.filter.faults, f**2, 0.0)
+        more = jnp.where(jnp.asarray(self.grows)[kind] > 0, 0.0, f**2)
         share = jnp.where(there, more / jnp.maximum(had + more, 1e-300), 1.0)
         mean = (1 - share) * old[0] + share * new[0]
         within = (1 - share) * old[1] + share * new[1]
@@ -336,8 +336,8 @@ class Branching(Answers):
         healthy logs is mostly friction and the like, that no fault brings."""
         n, F = self.filter.states, self.filter.faults
         z, plant = state.belief.mean[b], self.filter.plant
-        before = z[n : n + F]
-        after = before.at[jnp.asarray(self.owner)[kind]].add(jnp.where(kind < F, f, 0.0))
+        before, step = z[n : n + F], jnp.where(jnp.asarray(self.grows)[kind] > 0, 0.0, f)
+        after = before.at[jnp.asarray(self.owner)[kind]].add(step)
         jump = plant.jumps(z[:n], state.u, state.u, before, after)
         return jnp.concatenate([jump, jnp.zeros(len(z) - n)])
 
@@ -356,7 +356,7 @@ class Branching(Answers):
         lanes = state.lanes
         V = 1 / (lanes.info[b, kind, a] + 1 / self.prior.size[kind] ** 2)
         f = V * lanes.score[b, kind, a]
-        i, which = self.filter.states + kind, lanes.row[b, kind, a]
+        i, which = jnp.asarray(self.slots)[kind], lanes.row[b, kind, a]
         left = lanes.eta[b, i, kind, a]
         J = lanes.J[b, which, which]
         v = 1 / (J + left**2 / (state.belief.P[b, i, i] + 1e-300))

@@ -63,19 +63,22 @@ class FilterNoise(NamedTuple):
 class Flow(NamedTuple):
     """One step linearised: z' = A z; `up` and `down` are what a unit of each fault does to the
     states upwards and downwards, which a limit makes different; towards 0 it is the mean of all
-    the way there, as a fault that goes does so at once."""
+    the way there, as a fault that goes does so at once. `far` is what a
+    unit of those does that come as large as `reach`."""
 
     A: Float[Array, "*many n n"]
     up: Float[Array, "*many states faults"]
     down: Float[Array, "*many states faults"]
+    far: Float[Array, "*many states far"]
 
 
 class Look(NamedTuple):
-    """The outputs linearised: y = C z, with `up` and `down` of each fault as in `Flow`."""
+    """The outputs linearised: y = C z, with `up`, `down` and `far` as in `Flow`."""
 
     C: Float[Array, "*many outputs n"]
     up: Float[Array, "*many outputs faults"]
     down: Float[Array, "*many outputs faults"]
+    far: Float[Array, "*many outputs far"]
 
 
 class Seen(NamedTuple):
@@ -98,8 +101,9 @@ class DividedDifferenceFilter(eqx.Module):
     """One filter over a plant and its discrepancy; pure `step`.
 
     `growing` are the faults that have a growth rate in z, `scale` the sizes of the states and
-    `probe` those of the faults, by which those that are known exactly are varied; rows are
-    `step_s` [s] apart, and where one is missing, nobody knows when within it an input changed.
+    `probe` those of the faults, by which those that are known exactly are varied; `far` are faults
+    of which a size of `reach` does something else; rows are `step_s` [s] apart, and where one is
+    missing, nobody knows when within it an input changed.
     """
 
     plant: Disturbed
@@ -108,6 +112,8 @@ class DividedDifferenceFilter(eqx.Module):
     growing: tuple[int, ...] = eqx.field(static=True)
     substeps: int = eqx.field(static=True)
     step_s: Float[Array | np.ndarray, ""] = eqx.field(default_factory=lambda: np.asarray(np.inf))
+    far: tuple[int, ...] = eqx.field(static=True, default=())
+    reach: Float[Array | np.ndarray, "far"] = eqx.field(default_factory=lambda: np.zeros(0))
 
     @property
     def states(self) -> int:
@@ -152,7 +158,7 @@ class DividedDifferenceFilter(eqx.Module):
             rest = jnp.zeros((n - own, *rows.shape[1:]))
             return jnp.concatenate([rows[:own], rest.at[self._trailing].set(rows[own:])])
 
-        after, F, middle, up, down = self._differences(flow, belief)
+        after, F, middle, *sides = self._differences(flow, belief)
         z, size = belief.mean, len(belief.mean)
         mixed, plain, back = self._rows(size)
         # what stands behind the plant's own states fades; but for what trails it follows nobody
@@ -179,7 +185,7 @@ class DividedDifferenceFilter(eqx.Module):
         M, rest = jnp.concatenate([M, grows]), np.eye(size)[plain] * fades
         P = self._carried(M, taken(fades, plain), belief.P) + jnp.diag(Q)
         A = taken(jnp.concatenate([M, rest]), back)
-        return Belief(mean, P), Flow(A, placed(up), placed(down))
+        return Belief(mean, P), Flow(A, *map(placed, sides))
 
     def _rows(
         self, size: int
@@ -221,9 +227,9 @@ class DividedDifferenceFilter(eqx.Module):
         def look(x: Array, f: Array) -> Array:
             return respond(self.plant, x, u, f)[1]
 
-        y, H, middle, up, down = self._differences(look, belief)
+        y, H, middle, *sides = self._differences(look, belief)
         rates = jnp.zeros((len(y), len(belief.mean) - n - k))
-        return y, Look(jnp.concatenate([H, middle, rates], axis=1), up, down)
+        return y, Look(jnp.concatenate([H, middle, rates], axis=1), *sides)
 
     def update(
         self,
@@ -275,14 +281,13 @@ class DividedDifferenceFilter(eqx.Module):
         after, likelihood, seen = self.update(predicted, noise, expected, look, y)
         # what is no number anywhere is none in the variances either
         rows = self._rows(len(after.mean))[0]
-        sizes = [after.mean, jnp.diagonal(after.P), taken(flow.A, rows), flow.up, flow.down]
-        sizes += [look.C, look.up, look.down]
+        sizes = [after.mean, jnp.diagonal(after.P), taken(flow.A, rows), *flow[1:], *look]
         # of each number on its own: a largest one waits for all before it
         within = jnp.stack([jnp.all(jnp.abs(part) < HUGE) for part in sizes])
         sound = jnp.isfinite(likelihood) & jnp.all(within)
         never = jnp.full_like(seen.root, jnp.inf)
         nothing = Seen(jnp.zeros_like(seen.white), never, never, jnp.zeros_like(seen.gain))
-        still = Flow(jnp.eye(len(belief.mean)), 0 * flow.up, 0 * flow.down)
+        still = Flow(jnp.eye(len(belief.mean)), *(0 * side for side in flow[1:]))
         blind = jax.tree.map(jnp.zeros_like, look)
         return jax.tree.map(
             lambda new, old: jnp.where(sound, new, old),
@@ -303,9 +308,10 @@ class DividedDifferenceFilter(eqx.Module):
         Float[Array, "m faults"],
         Float[Array, "m faults"],
         Float[Array, "m faults"],
+        Float[Array, "m far"],
     ]:
         """(`of` in the middle, its slopes over the states, and over the faults within what is not
-        known of them, upwards and downwards); all points run at once."""
+        known of them, upwards and downwards, and to those that are far); all points run at once."""
         n, k = self.states, self.faults
         sd = jnp.sqrt(jnp.maximum(jnp.diagonal(belief.P)[: n + k], 0.0))
         s = jnp.where(
@@ -319,19 +325,21 @@ class DividedDifferenceFilter(eqx.Module):
         one, m = np.eye(n + k), len(free)
         sides = np.concatenate([0 * one[:, :1], one[:, free], -one[:, free]], axis=1)
         mean, f = belief.mean[: n + k, None], belief.mean[n : n + k]
-        points = jnp.concatenate([mean + sides * s[:, None], mean * (1 - one[:, n:])], axis=1)
+        far = mean + one[:, [n + fault for fault in self.far]] * self.reach
+        points = mean + sides * s[:, None], mean * (1 - one[:, n:]), far
+        points = jnp.concatenate(points, axis=1)
         images = lanes_last(of, points[:n], points[n:])
-        at, over, under, without = (
-            images[:, a:b] for a, b in pairwise([0, 1, 1 + m, 1 + 2 * m, images.shape[1]])
-        )
+        ends = [0, 1, 1 + m, 1 + 2 * m, 1 + 2 * m + k, images.shape[1]]
+        at, over, under, without, farther = (images[:, a:b] for a, b in pairwise(ends))
         each = 1 / s[free]  # divisions are slow
         up, down = (over - at) * each, (at - under) * each
         middle, up, down = (up + down) / 2, up[:, m - k :], down[:, m - k :]
         # a fault that goes does all that its size does, which differs where a limit cuts it off
-        far = jnp.abs(f) > s[n:]
-        back = (at - without) * (1 / jnp.where(far, f, 1.0))
-        up = jnp.where(far & (f < 0), back, up)
-        down = jnp.where(far & (f > 0), back, down)
+        large = jnp.abs(f) > s[n:]
+        back = (at - without) * (1 / jnp.where(large, f, 1.0))
+        up = jnp.where(large & (f < 0), back, up)
+        down = jnp.where(large & (f > 0), back, down)
         none = jnp.zeros((len(at), known.stop - known.start))
         parts = middle[:, : known.start], none, middle[:, known.start : m - k]
-        return at[:, 0], jnp.concatenate(parts, axis=1), middle[:, m - k :], up, down
+        sides = middle[:, m - k :], up, down, (farther - at) / self.reach
+        return at[:, 0], jnp.concatenate(parts, axis=1), *sides

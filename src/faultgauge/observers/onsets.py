@@ -52,9 +52,10 @@ TIE = 1e-9  # by how much more an onset is missed than the one before, all else 
 class Onsets(eqx.Module):
     """The evidence of `onsets` of every kind of change, beside `branches` branches.
 
-    A kind of change is a step of one of the faults, those that nobody declared included, or a
-    growth of one that has a rate. `more[set][kind]` is the set that a change of that kind leads to,
-    `less[set][fault]` the one without the fault, -1 where there is none.
+    A kind of change is a step of one of the faults, those that nobody declared included, a
+    growth of one that has a rate, or a step so large that its effect is another one.
+    `more[set][kind]` is the set that a change of that kind leads to, `less[set][fault]` the one
+    without the fault, -1 where there is none.
     """
 
     filter: DividedDifferenceFilter
@@ -65,24 +66,41 @@ class Onsets(eqx.Module):
     onsets: int = eqx.field(static=True)
 
     @property
-    def kinds(self) -> int:
+    def moved(self) -> int:
+        """How many places in z faults have: their own and those of their growth."""
         return self.filter.faults + len(self.filter.growing)
+
+    @property
+    def kinds(self) -> int:
+        return self.moved + len(self.filter.far)
 
     @property
     def owner(self) -> np.ndarray:
         """The fault that each kind is of."""
-        return np.array([*range(self.filter.faults), *self.filter.growing], int)
+        return np.array([*range(self.filter.faults), *self.filter.growing, *self.filter.far], int)
 
     @property
     def slots(self) -> np.ndarray:
         """The place in z that each kind moves."""
-        return self.filter.states + np.arange(self.kinds)
+        return self.filter.states + np.array([*range(self.moved), *self.filter.far], int)
+
+    @property
+    def grows(self) -> np.ndarray:
+        """1 for the kinds that are growths, 0 for steps."""
+        return np.repeat(
+            [0.0, 1.0, 0.0], [self.filter.faults, len(self.filter.growing), len(self.filter.far)]
+        )
 
     # -- signatures
 
-    def _sided(self, up: Array, above: Array, below: Array) -> Array:
-        """Of the side that each change is on, by its fault."""
-        return jnp.where(up, above[:, :, self.owner, None], below[:, :, self.owner, None])
+    def _sided(self, up: Array, step: Flow | Look, middle: Array) -> Array:
+        """What each change does beyond the mean of both sides, by the side that it is on."""
+        near, far = slice(self.moved), list(self.filter.far)
+        above, below = ((a - middle)[:, :, self.owner[near], None] for a in (step.up, step.down))
+        sides = jnp.where(up[:, :, near], above, below)
+        farther = (step.far - middle[:, :, far])[..., None]
+        every = jnp.broadcast_to(farther, (*farther.shape[:3], sides.shape[3]))
+        return jnp.concatenate([sides, every], axis=2)
 
     def _upwards(
         self, lanes: Lanes, flow: Flow, look: Look, seen: Seen
@@ -105,18 +123,17 @@ class Onsets(eqx.Module):
         K, A = self.kinds, self.onsets
         flow, look, seen = step
         up = self._upwards(lanes, flow, look, seen)[:, None]
-        own = jnp.stack(
-            [lanes.eta[:, self.filter.states + k, j] for j, k in enumerate(self.owner)], 1
-        )
+        at = self.filter.states + self.owner
+        own = jnp.stack([lanes.eta[:, k, j] for j, k in enumerate(at)], 1)
         eta = jax.vmap(self.filter.through)(flow.A, lanes.eta.reshape(B, n, K * A))
         eta = eta.reshape(B, n, K, A)
         F, states = self.filter.faults, self.filter.states
         middle = flow.A[:, :states, states : states + F]
-        sided = self._sided(up, flow.up - middle, flow.down - middle)
+        sided = self._sided(up, flow, middle)
         eta = jnp.concatenate([eta[:, :states] + sided * own[:, None], eta[:, states:]], axis=1)
-        own = jnp.stack([eta[:, self.filter.states + k, j] for j, k in enumerate(self.owner)], 1)
+        own = jnp.stack([eta[:, k, j] for j, k in enumerate(at)], 1)
         middle = look.C[:, :, states : states + F]
-        sided = self._sided(up, look.up - middle, look.down - middle) * own[:, None]
+        sided = self._sided(up, look, middle) * own[:, None]
         # in each row of J stands an onset of the row's own kind, of which the last has just opened
         stands = lanes.row[:, :, None] == np.arange(K * A).reshape(K, A, 1)
         onset = jnp.sum(jnp.where(stands, np.arange(A), 0), axis=3)
@@ -162,9 +179,8 @@ class Onsets(eqx.Module):
 
     def _at_once(self) -> Bool[np.ndarray, "kinds"]:
         """The kinds of change of which the first sample shows all."""
-        faults = self.filter.plant.signals.faults
-        steps = [not fault.acts for fault in faults]
-        return np.array([*steps, *[False] * len(self.filter.growing)])
+        steps = np.array([not fault.acts for fault in self.filter.plant.signals.faults])
+        return steps[self.owner] & (self.grows == 0)
 
     def _least(self) -> Float[Array, "scales kinds one"]:
         """The information on a change's size before any data."""
@@ -201,6 +217,7 @@ class Onsets(eqx.Module):
         mean = jnp.sum(share * f, axis=1)
         V = jnp.sum(share * (V + (f - mean[:, None]) ** 2), axis=1)
         legal = (more[which] >= 0)[:, :, None]
+        legal = legal & ~(present & (np.arange(self.kinds) >= self.moved)[:, None])
         changed = jnp.where(present, jnp.log(prior.changed), 0.0)
         ell = jnp.where(legal, lanes.mass + changed + gain, NEVER)
         steps = ell, mean, V
@@ -246,8 +263,9 @@ class Onsets(eqx.Module):
         what lies beyond them is no explanation."""
 
         def inside(belief: Belief) -> Array:
-            v = jnp.diagonal(belief.P, axis1=1, axis2=2)[:, self.slots, None]
-            each = self._inside(belief.mean[:, self.slots, None], v)
+            at = self.slots[: self.moved]
+            v = jnp.diagonal(belief.P, axis1=1, axis2=2)[:, at, None]
+            each = self._inside(belief.mean[:, at, None], v)
             return jnp.sum(jnp.where(v > 0, each, 0.0), axis=(1, 2))
 
         return inside(after) - inside(before)
@@ -282,7 +300,7 @@ class Onsets(eqx.Module):
     ) -> Float[Array, "n onsets"]:
         """By how much the signatures of one kind grow per second that the onset lies earlier."""
         eta, when = state.lanes.eta[b, :, kind], state.lanes.onset[b, kind]
-        begins = jnp.zeros((len(eta), 1)).at[self.filter.states + kind].set(1.0)
+        begins = jnp.zeros((len(eta), 1)).at[jnp.asarray(self.slots)[kind]].set(1.0)
         younger = jnp.concatenate([eta[:, 1:], begins], axis=1)
         apart = jnp.diff(when, append=state.t)
         return (eta - younger) / jnp.maximum(apart, TICK)
@@ -346,11 +364,11 @@ class Onsets(eqx.Module):
     def _begun(self, u: Float[Array, "inputs"], belief: Belief) -> Float[Array, "branches n kinds"]:
         """What a unit of each change does to z where it begins, beside every branch."""
         n, F = self.filter.states, self.filter.faults
-        grows = jnp.zeros((n, self.kinds - F))
+        own = np.eye(self.moved)[:, self.slots - n]
 
         def one(mean: Array) -> Array:
             late = self.filter.plant.enters(u, mean[n : n + F], self.filter.probe)
-            return jnp.concatenate([jnp.concatenate([late, grows], axis=1), np.eye(self.kinds)])
+            return jnp.concatenate([late[:, self.owner] * (1 - self.grows), own])
 
         return jax.vmap(one)(belief.mean[: self.branches])
 

@@ -84,7 +84,7 @@ class Recoveries(Onsets):
         """The belief given that a fault that has gone is 0, and so is its growth; and by which
         gains of z that is known."""
         n, gains = self.filter.states, []
-        for slot, owner in enumerate(self.owner):
+        for slot, owner in enumerate(self.owner[: self.moved]):
             i = n + slot
             there = gone & (fault == owner) & (P[i, i] > 0)
             gain = P[:, i] / jnp.maximum(P[i, i], NONE)

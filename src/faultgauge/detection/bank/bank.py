@@ -16,6 +16,7 @@ from faultgauge.detection.bank.extended import (
     spread_of_start,
 )
 from faultgauge.detection.bank.knowledge import Knowledge, knowledge_of
+from faultgauge.detection.bank.large_faults import large_faults
 from faultgauge.detection.bank.noise import Noise
 from faultgauge.detection.bank.priors import (
     onsets_of,
@@ -40,7 +41,7 @@ __all__ = ["CERTAIN", "FaultBank", "build_fault_bank", "evaluated_faults", "unkn
 
 CERTAIN = float(np.log(0.95 / 0.05))  # log-odds below which nothing is ever told or named
 HOLD_OFF = 10  # samples
-BRANCHES = 6  # sets of faults that are followed at once
+BRANCHES = 6  # sets of faults that are followed at once at least
 UNKNOWN_FILTERS = 3  # unknown filters, each of an age of its own
 ONSETS = 12  # of every fault beside every branch
 FAR = 10.0  # times the learned discrepancy: an unknown one
@@ -156,23 +157,26 @@ def build_fault_bank(
     onset = onsets_of(model, healthy)
     undeclared = undeclared_faults(model, outputs)
     plant = disturbed(model, noise, undeclared)
-    size = sizes_of(model, with_faults(model.plant, plant.signals.faults))
+    faulty = with_faults(model.plant, plant.signals.faults)
+    size = sizes_of(model, faulty)
     growing = tuple(k for k in evaluated if signals.faults[k].rate is not None)
     sets = fault_sets(evaluated, signals.max_simultaneous)
-    more, less = _changes(sets, signals, len(undeclared), growing)
     knowledge = knowledge_of(model, plant, noise, size, step, outputs, rows, healthy)
     size[: len(signals.faults)] = knowledge.size
+    large = large_faults(model, faulty, size, TRIED * size, evaluated)
+    more, less = _changes(sets, signals, len(undeclared), (*growing, *large.faults))
     modes = Branching(
         filter=DividedDifferenceFilter(
             plant,
-            jax.device_put(scale_of(model, noise)),
-            jax.device_put(TRIED * size),
+            *map(jax.device_put, (scale_of(model, noise), TRIED * size)),
             growing,
             substeps_for(step, model.max_step),
             np.asarray(step),
+            large.faults,
+            jax.device_put(large.size),
         ),
-        noise=_levels(model, noise, len(size), knowledge),
-        prior=prior_of_faults(model, size, onset, growing),
+        noise=_levels(model, noise, len(size), knowledge, _followed(evaluated)),
+        prior=prior_of_faults(model, size, onset, growing, large),
         alien=jax.device_put(_alien(model, noise, len(size) + len(growing), knowledge)),
         own=jax.device_put(_own(model, noise)),
         usual=jax.device_put(_usual(model, noise, len(size) + len(growing))),
@@ -182,7 +186,7 @@ def build_fault_bank(
         more=more,
         less=less,
         declared=len(signals.faults),
-        branches=BRANCHES,
+        branches=_followed(evaluated),
         onsets=ONSETS,
     )
     changes = found.changes if found else {}
@@ -196,6 +200,12 @@ def build_fault_bank(
     )  # fmt: skip
 
 
+def _followed(evaluated: Sequence[int]) -> int:
+    """How many sets have room: none, every fault alone, and one more. What loses its branch takes
+    with it what that told of all others."""
+    return max(BRANCHES, len(evaluated) + 2)
+
+
 def _alike(
     told: Sequence[tuple[str, str, float]], names: Sequence[str], evaluated: Sequence[int]
 ) -> tuple[tuple[int, int, float], ...]:
@@ -204,11 +214,12 @@ def _alike(
 
 
 def _changes(
-    sets: tuple[Set, ...], signals: Signals, undeclared: int, growing: tuple[int, ...]
+    sets: tuple[Set, ...], signals: Signals, undeclared: int, again: tuple[int, ...]
 ) -> tuple[tuple[tuple[int, ...], ...], tuple[tuple[int, ...], ...]]:
-    """Where a change of each kind, and the end of each fault, leads from every set; -1: nowhere."""
+    """Where a change of each kind, and the end of each fault, leads from every set; -1: nowhere.
+    `again` are the faults of which the kinds behind one of each are."""
     declared = len(signals.faults)
-    kinds = [*range(declared), *[None] * undeclared, *growing]
+    kinds = [*range(declared), *[None] * undeclared, *again]
     more, less = [], []
     for each in sets:
         row = []
@@ -228,16 +239,18 @@ def _changes(
     return (*more, nowhere), (*less, back)
 
 
-def _levels(model: Model, noise: Noise, faults: int, knowledge: Knowledge) -> dd.FilterNoise:
+def _levels(
+    model: Model, noise: Noise, faults: int, knowledge: Knowledge, branches: int
+) -> dd.FilterNoise:
     """Of the branches, and of the unknown filters behind them: theirs changes all the time, or it
     would be a constant fault by another name."""
     drifted = spread_of_start(model, noise.sigma, ())[1]
     usual = process_of(noise, drifted)
     quick = np.minimum(noise.lasting, knowledge.memory)
     far = process_of(noise._replace(size=_far(model, noise, knowledge), lasting=quick), drifted)
-    count = BRANCHES + UNKNOWN_FILTERS
+    count = branches + UNKNOWN_FILTERS
     return dd.FilterNoise(
-        jax.device_put(np.stack([*[usual] * BRANCHES, *[far] * UNKNOWN_FILTERS])),
+        jax.device_put(np.stack([*[usual] * branches, *[far] * UNKNOWN_FILTERS])),
         jax.device_put(np.zeros((count, faults))),
         jax.device_put(np.tile(noise.sigma, (count, 1))),
     )

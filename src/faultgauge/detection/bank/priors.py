@@ -18,6 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from faultgauge.detection.bank.large_faults import LargeFaults
 from faultgauge.detection.rows.judged import operating_points
 from faultgauge.observers.branches import Prior
 from faultgauge.plants.gray_box import GrayBoxPlant
@@ -182,26 +183,31 @@ def prior_of_faults(
     size: Float[np.ndarray, "faults"],
     onset: Float[np.ndarray, "declared"],
     growing: tuple[int, ...],
+    large: LargeFaults,
 ) -> Prior:
-    """`size` of all faults, the undeclared ones last."""
+    """`size` of all faults, the undeclared ones last. The kinds of step that a fault has are as
+    likely each."""
     faults = model.plant.signals.faults
     more = len(size) - len(faults)
     largest = float(onset.max())
     rate = np.concatenate([onset, np.full(more, ALIEN * largest / max(more, 1))])
     low = np.array([*(f.min for f in faults), *[-np.inf] * more])
     high = np.array([*(f.max for f in faults), *[np.inf] * more])
-    grow = list(growing)
+    grow, far = list(growing), list(large.faults)
+    kinds = 1.0 + np.bincount(np.array(far, int), minlength=len(size))
     slopes = np.array([float(faults[k].rate or 0.0) for k in growing])
     wide = np.full(len(grow), np.inf)
-    at_start = np.full(len(size) + len(grow), np.log(AT_START))
-    at_start[len(faults) : len(size)] += np.log(ALIEN)
+    at_start = np.log(AT_START / kinds)
+    at_start[len(faults) :] += np.log(ALIEN)
+    at_start = np.concatenate([at_start, np.full(len(grow), np.log(AT_START)), at_start[far]])
     shown = np.array([f.monitor != "disabled" for f in faults] + [True] * more)
-    never = np.where(np.concatenate([shown, shown[grow]]), 1.0, 1e-300)
+    never = np.where(shown, 1.0, 1e-300)
+    begins = np.concatenate([rate / kinds, rate[grow], (rate / kinds)[far]])
     return Prior(
-        size=jax.device_put(np.concatenate([size, slopes])),
-        low=jax.device_put(np.concatenate([low, -wide])),
-        high=jax.device_put(np.concatenate([high, wide])),
-        onset=jax.device_put(np.concatenate([rate, rate[grow]]) * never),
+        size=jax.device_put(np.concatenate([size, slopes, size[far]])),
+        low=jax.device_put(np.concatenate([low, -wide, large.low])),
+        high=jax.device_put(np.concatenate([high, wide, large.high])),
+        onset=jax.device_put(begins * np.concatenate([never, never[grow], never[far]])),
         recovery=jax.device_put(RECOVERY * rate),
         common=jax.device_put(COMMON),
         unknown=jax.device_put(ALIEN * largest),

@@ -83,8 +83,8 @@ class Start(eqx.Module):
         keep = fade.at[:states].set(0.0).at[renewed].set(jnp.sqrt(1 - self.renewed))
         more = (1 - fade**2) * self.size**2
         more = more.at[:states].set(self.sd**2).at[renewed].set(self.renewed)
-        keep = jnp.concatenate([keep, jnp.ones(modes.kinds)])
-        more = jnp.concatenate([more, jnp.zeros(modes.kinds)])
+        keep = jnp.concatenate([keep, jnp.ones(modes.moved)])
+        more = jnp.concatenate([more, jnp.zeros(modes.moved)])
         shown = jnp.append(y, jnp.nan)[np.array(self.measured)]
         x = jnp.where(jnp.isfinite(shown), shown, self.mean)
         mean = (state.belief.mean * keep).at[:, :states].set(x)
