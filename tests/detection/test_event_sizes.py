@@ -140,3 +140,26 @@ def test_an_alarm_that_another_fault_explains_is_not_where_a_later_one_began(cau
     (event,) = events(bank, given._replace(found=found, verdict=verdict))
     assert event.onset == pytest.approx(onset * STEP)
     assert event.start == pytest.approx(TOLD * STEP)
+
+
+def test_an_event_that_is_not_quite_sure_has_an_interval_given_that_it_is():
+    """p 0.96, the rest being that nothing is there: the row's interval reaches 0, and the event's
+    is 0.05 +- 1.96 times 0.002, of which the fault's limits, if it has any, take their part."""
+    bank = build_fault_bank(MODEL, [log(0)], NOISE)
+    first, k = judged(STOP), np.arange(COUNT)
+    there = (k >= TOLD) & (k < STOP)
+    p = np.stack([0.96 * there, 0.0 * k], axis=1)
+    calm, none = 1 - p[:, 0], np.zeros_like(p)
+    found = first.found._replace(
+        p=p, f=0.05 * p, lo=none, hi=0.06 * p, sd=none + 0.002, calm=calm, ever=p
+    )
+    status = np.where(there, STATUS.index(FAULT), STATUS.index(HEALTHY))
+    named = np.stack([there, none[:, 0] > 0, none[:, 0] > 0], axis=1)
+    verdict = Verdict(status, 0 * k, there, named)
+    sets = np.zeros((COUNT, len(SETS) + 1))
+    sets[:, SETS.index(())], sets[:, SETS.index((PUSH,))] = calm, p[:, 0]
+    (told,) = events(bank, Judged(first.run, found, verdict, sets))
+    assert (told.fault, told.p) == ("push", 0.96)
+    assert told.size == pytest.approx(0.05)
+    half = 1.959964 * 0.002
+    assert (told.lo, told.hi) == (pytest.approx(0.05 - half), pytest.approx(0.05 + half))

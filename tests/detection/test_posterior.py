@@ -98,3 +98,27 @@ def test_an_estimate_and_its_interval_keep_to_the_faults_limits():
     )
     found = Mixture.of(bank).marginal(said, nothing > 0)
     assert (found.f[1], found.lo[1], found.hi[1]) == (0.5, -0.5, 0.5)
+
+
+def test_the_width_of_a_fault_that_is_there_is_that_of_draws_of_it():
+    """A push of 2.0 +- 0.1 (p 0.6), or of 2.5 +- 0.2 with a bias (0.35), or nothing at all."""
+    levels = [SIGMA], [PROCESS], [], [1e-4], [100.0], [1e-3], [5.0], [], []
+    bank = build_fault_bank(model(), [healthy(1, 100)], Noise(*(np.array(each) for each in levels)))
+    p, f, sd = np.zeros(len(bank.sets) + 1), *np.zeros((2, len(bank.sets) + 1, 2))
+    for each, *told in (((), 0.05, 0.0, 0.0), ((0,), 0.6, 2.0, 0.1), ((0, 1), 0.35, 2.5, 0.2)):
+        at = bank.sets.index(each)
+        p[at], f[at, 0], sd[at, 0] = told
+    nothing = jnp.ones((2, 2))
+    said = BranchInfo(
+        *(jnp.asarray(each) for each in (p, f, sd)),
+        *(jnp.zeros(1), nothing, nothing, jnp.ones(2), jnp.zeros(2)),
+        *(*jnp.zeros((3, len(p), 2)), jnp.zeros(2)),
+    )
+    found = Mixture.of(bank).marginal(said, nothing > 0)
+    rng = np.random.default_rng(0)
+    with_bias = rng.random(1_000_000) < 0.35 / 0.95
+    drawn = np.where(with_bias, rng.normal(2.5, 0.2, 1_000_000), rng.normal(2.0, 0.1, 1_000_000))
+    assert found.lo[0] == 0.0  # of all: p is below 0.975
+    # a standard deviation of a million draws is known to a thousandth
+    assert float(found.sd[0]) == pytest.approx(drawn.std(), rel=3e-3)
+    assert float(found.f[0] / found.p[0]) == pytest.approx(drawn.mean(), rel=1e-3)

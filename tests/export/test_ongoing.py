@@ -25,7 +25,7 @@ def row(status, p=0.0, named=(0, 0), healthy=None, reason=0):
     healthy = jnp.asarray(1 - p if healthy is None else healthy)
     one, pair, none = jnp.array([p]), jnp.zeros((1, 2)), jnp.asarray(0.0)
     found = Posterior(
-        *(one, one, one, one, healthy, none, healthy),
+        *(one, one, one, one, healthy, none, healthy, one),
         *(pair > 1, jnp.asarray(0), none[None], pair, one, none > 1),
     )
     at, alarm = jnp.asarray(STATUS.index(status)), jnp.asarray(status == FAULT)

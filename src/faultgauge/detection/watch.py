@@ -192,7 +192,7 @@ class Watch(eqx.Module):
         found = self.mixture.untrusted(found, left)
         posterior = Posterior(
             *(found.p, found.f, found.lo, found.hi, found.healthy, found.unknown, found.calm),
-            *(heard.seen, heard.outside, said.x, said.onset, said.ever, held),
+            *(found.sd, heard.seen, heard.outside, said.x, said.onset, said.ever, held),
         )
         last = jnp.where(running, t, state.last)
         after = WatchState(intake, bank, rules, running, begun, rows + 1, last)

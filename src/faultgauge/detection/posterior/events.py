@@ -302,6 +302,7 @@ def _event(bank: FaultBank, judged: Judged, each: _Stretch, log: float) -> BankE
     if declared:
         last = _before_its_end(bank, judged, each, last)
     size = float(found.f[last, k] / found.p[last, k]) if declared else None
+    lo, hi = (None, None) if size is None else _interval(bank, found, k, last, size)
     onset, low, high = _onset(bank, judged, each, last, log)
     held = log + bank.hold_off
     return BankEvent(
@@ -310,8 +311,8 @@ def _event(bank: FaultBank, judged: Judged, each: _Stretch, log: float) -> BankE
         float(t[each.told]),
         float(t[each.stop - 1]),
         size,
-        float(min(found.lo[last, k], size)) if size is not None else None,
-        float(max(found.hi[last, k], size)) if size is not None else None,
+        lo,
+        hi,
         float(p[last]),
         onset,
         low,
@@ -321,6 +322,18 @@ def _event(bank: FaultBank, judged: Judged, each: _Stretch, log: float) -> BankE
         declared and bool(bank.with_monitor("passive")[k]),
         "yes" if high <= held else "perhaps" if low <= log else "no",
     )
+
+
+def _interval(
+    bank: FaultBank, found: Posterior, k: int, last: int, size: float
+) -> tuple[float, float]:
+    """95 % of fault `k`, given that it is there: where its p is below that of a name the row's
+    interval is of there being none, too, and reaches 0."""
+    lo, hi = found.lo[last, k], found.hi[last, k]
+    if found.p[last, k] < NAMED:
+        fault, half = bank.model.plant.signals.faults[k], WIDE * float(found.sd[last, k])
+        lo, hi = max(size - half, fault.min), min(size + half, fault.max)
+    return float(min(lo, size)), float(max(hi, size))
 
 
 def _onset(

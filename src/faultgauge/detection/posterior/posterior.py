@@ -30,7 +30,8 @@ class Posterior(NamedTuple):
     """Columns of one run (or one row), NaN where nothing was sampled; faults in the plant's order,
     NaN where they are disabled.
 
-    `calm` is the probability that there is no active fault, `seen` whether a fault of that
+    `calm` is the probability that there is no active fault, `sd` the standard deviation of each
+    fault if it is there, `seen` whether a fault of that
     direction (down, up) would show, `x` the posterior mean of [states, discrepancy, directions],
     `outside` what is not trusted (0: all is, see `envelope`), `held` whether a hold-off
     is on; `onset` how long ago each fault began if it is there (mean, standard deviation [s]),
@@ -44,6 +45,7 @@ class Posterior(NamedTuple):
     healthy: Float[Any, "*samples"]
     unknown: Float[Any, "*samples"]
     calm: Float[Any, "*samples"]
+    sd: Float[Any, "*samples faults"]
     seen: Bool[Any, "*samples faults two"]
     outside: Int[Any, "*samples"]
     x: Float[Any, "*samples extended"]
@@ -67,6 +69,7 @@ class Marginal(NamedTuple):
     healthy: Float[Array, ""]
     unknown: Float[Array, ""]
     calm: Float[Array, ""]
+    sd: Float[Array, "faults"]
 
 
 class Mixture(eqx.Module):
@@ -108,14 +111,14 @@ class Mixture(eqx.Module):
         )
         blind = ~seen & (p < LIKELY)[:, None]
         lo, hi = self._no_narrower(lo, hi, blind[:, 0], blind[:, 1])
+        there = jnp.maximum(p, 1e-300)
+        square = jnp.sum(weight * (mean**2 + said.sd.T**2), axis=1) / there
+        sd = jnp.sqrt(jnp.maximum(square - (f / there) ** 2, 0.0))
         # the mean of a mixture may lie outside
-        columns = (p, f, jnp.minimum(lo, f), jnp.maximum(hi, f))
-        return Marginal(
-            *(jnp.asarray(self.known * each) for each in columns),
-            healthy=said.p[0],
-            unknown=undeclared,
-            calm=jnp.sum(self.calm * said.p),
-        )
+        columns = (p, f, jnp.minimum(lo, f), jnp.maximum(hi, f), sd)
+        *columns, sd = (jnp.asarray(self.known * each) for each in columns)
+        calm = jnp.sum(self.calm * said.p)
+        return Marginal(*columns, healthy=said.p[0], unknown=undeclared, calm=calm, sd=sd)
 
     def untrusted(self, found: Marginal, where: Bool[Array, ""]) -> Marginal:
         """`found` with intervals as wide as the priors `where` the model is not trusted and no

@@ -54,6 +54,7 @@ def prior_of(model: Model, run: Run) -> Posterior:
         healthy=np.full(count, np.nan),
         unknown=np.full(count, np.nan),
         calm=np.full(count, np.nan),
+        sd=nothing,
         seen=np.zeros((count, len(faults), 2), bool),
         outside=np.ones(count, int),
         x=np.full((count, len(signals.states)), np.nan),
