@@ -130,15 +130,15 @@ def test_evidence_falls_with_the_square_of_how_far_it_is_believed():
 
     runs = [lambda s: -7 + 12 / s**2, lambda s: -7 + 42 / s**2, lambda s: -7.0]
     first, found, tried, asked = rig(*runs)
-    widened, _, found = _believed(first, found, 0.0, tried)
+    widened, _, found = _believed(first, found, 0.0, tried, "never")
     assert np.sqrt(6) <= widened <= 1.08 * np.sqrt(6)
     assert all(each.score.max() <= 0.0 for each, _ in found)
     assert asked.count(1) > asked.count(0) == asked.count(2) == 1  # the others once, at the end
     first, found, tried, asked = rig(*runs, lambda s: -7 + 20 / s)
-    widened, _, found = _believed(first, found, 0.0, tried)
+    widened, _, found = _believed(first, found, 0.0, tried, "never")
     assert 20 / 7 <= widened <= 1.08 * 20 / 7
     calm = [scores(-0.1)]
-    assert _believed(bank, calm, 0.0, tried) == (1.0, bank, calm)
+    assert _believed(bank, calm, 0.0, tried, "never") == (1.0, bank, calm)
 
 
 def test_a_longer_time_than_the_blocks_support_is_refused():
@@ -200,3 +200,25 @@ def test_persistence_and_hold_off_delay_and_a_latch_keeps():
     gone = log(5, push=0.2, until=500)
     assert told("", gone)[0][-1] != "FAULT"
     assert told(rules, gone)[0][-1] == "FAULT"
+
+
+def test_noise_that_breaks_the_filter_is_not_taken_for_too_little():
+    """Evidence of 690 that s = 4 leaves nothing of, and a filter that is no longer sound beyond s =
+    8, where all looks faulty again: by the square of s alone s = 10 would be tried first."""
+    bank = build_fault_bank(model(), [log(1)], NOISE)
+
+    def tried(widened, some):
+        peak = 690.0 if widened > 8 else 690.0 / widened**2 - 44.0
+        score = np.full(60, peak), np.zeros(60, int), np.ones(60)
+        return bank, [[_Scored("a", np.arange(60.0), *score)] for _ in some]
+
+    widened, _, found = _believed(*tried(1.0, [0]), 0.0, tried, "never")
+    assert np.sqrt(690 / 44) <= widened <= 1.08 * np.sqrt(690 / 44)
+    assert found[0][0].score.max() <= 0.0
+
+    def always(widened, some):
+        score = np.full(60, 690.0), np.zeros(60, int), np.ones(60)
+        return bank, [[_Scored("a", np.arange(60.0), *score)] for _ in some]
+
+    with pytest.raises(InputError, match="never"):
+        _believed(*always(1.0, [0]), 0.0, always, "never")

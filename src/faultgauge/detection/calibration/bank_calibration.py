@@ -60,10 +60,7 @@ TRIES = 6  # of how far the evidence can be believed, usually at most
 STEEP = 1.02  # so that few are needed
 CLOSE = 1.04  # times what is needed, either way: close enough
 LARGEST = np.log(1e3)  # of how many times as large noise may be
-NEVER = (
-    "the healthy logs look faulty however large noise is taken; look at `faultgauge evaluate`, or "
-    "leave out what was not healthy with --where."
-)
+WIDER = np.log(2.0)  # at once: noise that is far too large breaks a filter that is not linear
 LEAST = 1e-2  # of what is allowed: less is alike
 MOST_NAMED = 3  # stretches that look faulty
 MUCH = 0.25  # of the healthy logs: nobody gave so much that was not healthy
@@ -116,13 +113,19 @@ def calibrate_bank(
     asked = suspects or [max(blocks, key=lambda each: each.peak)]
     expected = bank.onset.sum() * healthy + AT_START * len(bank.onset) * len(runs)
     most = min(float(np.log(expected / BY_CHANCE)), 0.0)
-    widened, bank, scores = _believed(bank, scores, most, tried)
+    clocks = {run.name: run.clock for run in runs}
+    never = (
+        f"the healthy logs look faulty however large noise is taken, most of all "
+        f"{_most_of_all(asked, clocks)}; leave out what was not healthy there with --where, or "
+        "add to the plant file what the plant does there."
+    )
+    widened, bank, scores = _believed(bank, scores, most, tried, never)
     blocks = _blocks(bank, scores, taken[0].source)
     judged = sum(each.end - each.start for each in blocks)
     peaks = np.sort([b.peak for b in blocks])[::-1]
     allowed, mtbfa = allowed_peaks(judged, mtbfa, len(peaks))
     level = level_of(peaks, allowed)
-    warnings = _believed_less(widened, asked, judged, {run.name: run.clock for run in runs})
+    warnings = _believed_less(widened, asked, judged, clocks)
     found = BankLevel(
         level=level,
         widened=widened,
@@ -166,11 +169,6 @@ def _believed_less(
     times = f"{widened:.2g}"
     if float(times) == 1.0:
         return []
-    where = "; ".join(
-        f"run {b.run} from {_at(b, b.start, clocks)} to {_at(b, b.end, clocks)} "
-        f"({b.cause}, {_odds(b.peak)})"
-        for b in sorted(asked, key=lambda each: -each.peak)[:MOST_NAMED]
-    )
     advice = (
         "that is much of the logs, so rather the plant file lacks something that the plant does"
         if sum(each.end - each.start for each in asked) > MUCH * judged
@@ -179,9 +177,18 @@ def _believed_less(
     )
     return [
         "the model errs in ways that its noise does not cover, and healthy logs would look faulty, "
-        f"most of all {where}: all intervals are made {times} times as wide, and a fault must be "
+        f"most of all {_most_of_all(asked, clocks)}: all intervals are made {times} times as wide, and a fault must be "
         f"{times} times as large to be told; {advice}"
     ]
+
+
+def _most_of_all(asked: Sequence[Block], clocks: Mapping[str, Clock | None]) -> str:
+    """Where healthy logs look faulty, as what, and how clearly."""
+    return "; ".join(
+        f"run {b.run} from {_at(b, b.start, clocks)} to {_at(b, b.end, clocks)} "
+        f"({b.cause}, {_odds(b.peak)})"
+        for b in sorted(asked, key=lambda each: -each.peak)[:MOST_NAMED]
+    )
 
 
 def _at(block: Block, t: float, clocks: Mapping[str, Clock | None]) -> str:
@@ -194,13 +201,14 @@ def _believed(
     scores: list[list["_Scored"]],
     most: float,
     tried: Callable[[float, Sequence[int]], tuple[FaultBank, list[list["_Scored"]]]],
+    never: str,
 ) -> tuple[float, FaultBank, list[list["_Scored"]]]:
     """(how many times as large the noise must be for no run to show log-odds above `most`, and
     the bank and all runs' scores with that); `tried` tells both for some of the runs.
 
     It is found on the run that asks for most, and the others are asked whether it will do. Evidence
     falls about with the square of it, from the least odds that there are. Raises
-    `InputError` where no such noise is found.
+    `InputError` with what is said where no such noise is found, `never`.
     """
     peaks = [_highest(each) for each in scores]
     nothing = min(*peaks, np.log(RARE))
@@ -216,11 +224,11 @@ def _believed(
                 known[larger] = float(np.log(max(evidence / (most - nothing), LEAST)))
             return known[larger]
 
-        high = low + known[low] / 2 + np.log(STEEP)
+        high = low + min(known[low] / 2 + np.log(STEEP), WIDER)
         while over(high) > 0:
-            high += max(known[high], np.log(CLOSE))
+            low, high = high, high + min(max(known[high], np.log(CLOSE)), WIDER)
             if high > LARGEST:
-                raise InputError(NEVER)
+                raise InputError(never)
         brentq(over, low, high, xtol=np.log(CLOSE))
         low = min(each for each in known if known[each] <= 0)
         bank, scores = tried(float(np.exp(low)), range(len(scores)))
