@@ -177,8 +177,8 @@ def _believed_less(
     )
     return [
         "the model errs in ways that its noise does not cover, and healthy logs would look faulty, "
-        f"most of all {_most_of_all(asked, clocks)}: all intervals are made {times} times as wide, and a fault must be "
-        f"{times} times as large to be told; {advice}"
+        f"most of all {_most_of_all(asked, clocks)}: all intervals are made {times} times as wide, "
+        f"and a fault must be {times} times as large to be told; {advice}"
     ]
 
 
