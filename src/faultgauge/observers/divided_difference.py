@@ -97,6 +97,11 @@ def raised(squares: Float[Array, "*any"]) -> Float[Array, "*any"]:
     return jnp.maximum(1.0, squares * FAR**-2)
 
 
+def _sound(slope: Float[Array, "*any"], other: Float[Array, "*any"]) -> Float[Array, "*any"]:
+    """`slope`, where that is no number the `other` one, and 0 where neither is."""
+    return jnp.where(jnp.isfinite(slope), slope, jnp.where(jnp.isfinite(other), other, 0.0))
+
+
 class DividedDifferenceFilter(eqx.Module):
     """One filter over a plant and its discrepancy; pure `step`.
 
@@ -262,6 +267,8 @@ class DividedDifferenceFilter(eqx.Module):
             )
         for half in halves:
             P = P - jnp.outer(half, half)
+        # no sample takes back what rounding makes asymmetric, and an unstable plant lets it grow
+        P = (P + P.T) / 2
         seen = Seen(*(jnp.stack(each) for each in zip(*said, strict=True)))
         return Belief(mean, P), total, seen
 
@@ -287,7 +294,7 @@ class DividedDifferenceFilter(eqx.Module):
         sound = jnp.isfinite(likelihood) & jnp.all(within)
         never = jnp.full_like(seen.root, jnp.inf)
         nothing = Seen(jnp.zeros_like(seen.white), never, never, jnp.zeros_like(seen.gain))
-        still = Flow(jnp.eye(len(belief.mean)), *(0 * side for side in flow[1:]))
+        still = Flow(jnp.eye(len(belief.mean)), *map(jnp.zeros_like, flow[1:]))  # 0 * NaN is NaN
         blind = jax.tree.map(jnp.zeros_like, look)
         return jax.tree.map(
             lambda new, old: jnp.where(sound, new, old),
@@ -332,14 +339,17 @@ class DividedDifferenceFilter(eqx.Module):
         ends = [0, 1, 1 + m, 1 + 2 * m, 1 + 2 * m + k, images.shape[1]]
         at, over, under, without, farther = (images[:, a:b] for a, b in pairwise(ends))
         each = 1 / s[free]  # divisions are slow
+        # a point may lie where the plant is no number: the other side knows
         up, down = (over - at) * each, (at - under) * each
+        up, down = _sound(up, down), _sound(down, up)
         middle, up, down = (up + down) / 2, up[:, m - k :], down[:, m - k :]
         # a fault that goes does all that its size does, which differs where a limit cuts it off
-        large = jnp.abs(f) > s[n:]
+        large = (jnp.abs(f) > s[n:]) & jnp.isfinite(without)
         back = (at - without) * (1 / jnp.where(large, f, 1.0))
         up = jnp.where(large & (f < 0), back, up)
         down = jnp.where(large & (f > 0), back, down)
         none = jnp.zeros((len(at), known.stop - known.start))
         parts = middle[:, : known.start], none, middle[:, known.start : m - k]
-        sides = middle[:, m - k :], up, down, (farther - at) / self.reach
+        large = _sound((farther - at) / self.reach, jnp.zeros_like(farther))
+        sides = middle[:, m - k :], up, down, large
         return at[:, 0], jnp.concatenate(parts, axis=1), *sides
