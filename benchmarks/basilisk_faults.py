@@ -314,7 +314,7 @@ def judged(plant: str, simulator: Callable[[Plan], Run], trials: int, name: str)
     said("healthy logs, fit, calibration")
     model, words = judge(plant, simulator)
     faults = model.plant.signals.fault_names
-    found, answers = dict[str, list[Trial]](), dict[str, str]()
+    found, answers = dict[str, list[Trial]](), dict[str, list[str]]()
     before = list[tuple[Decision, float]]()
     for stream, kind in enumerate(["", *SIZES], HEALTHY):
         said(kind or "healthy")
@@ -326,7 +326,7 @@ def judged(plant: str, simulator: Callable[[Plan], Run], trials: int, name: str)
                 scored(decision, faults, {kind: Injected(plan.size, plan.onset)}, "drawn")
                 for decision, plan in zip(answer.decisions, plans, strict=True)
             ]
-        answers[kind or "healthy"] = str(answer)
+        answers[kind or "healthy"] = answer.sentences
     false = [false_alarms(decision, onset) for decision, onset in before]
     return {
         "model": words,
