@@ -5,7 +5,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.linalg import expm
+from scipy.linalg import expm, solve_discrete_are
 
 from faultgauge.observers.divided_difference import (
     FAR,
@@ -246,3 +246,95 @@ def test_a_plant_behind_a_lag_is_one_whose_input_comes_late():
         belief, *_ = eqx.filter_jit(each.step)(belief, noise, *inputs, y, jnp.asarray(dt))
         far = max(far, abs(float(belief.mean[0]) - x[k, 0]))
     assert far < 2e-3
+
+
+FALLS = """
+name = "pendulum that falls"
+[states.x]
+derivative = "v"
+exact = true
+[states.v]
+derivative = "16*x + u"
+[inputs.u]
+hold = "zero"
+[outputs.x]
+value = "x"
+[faults.bias]
+enters = "output"
+target = "x"
+"""
+
+
+def test_the_covariance_of_a_plant_that_is_unstable_comes_to_that_of_riccatis_equation():
+    """x'' = 16 x + u grows by e^4 a second: within 60 s what rounding makes asymmetric would have
+    grown by e^480. The predicted covariance is that of SciPy's DARE for the F of the filter's own
+    Runge-Kutta step, whose series this is; d fades as an exponential does."""
+    dt, sigma, noise = 0.01, 1e-4, (1e-6, 0.05, 0.02, 0.0, 0.0)
+    base = GrayBoxPlant.untrained(parse_plant(FALLS))
+    error = Error(*(jnp.array([each]) for each in (TAU, SETTLING, 1e-9)))
+    plant = Disturbed.of(base, (1,), (0,), error, (), jnp.zeros(0), jnp.zeros((0, 0)))
+    each = DividedDifferenceFilter(plant, jnp.ones(5), jnp.full(1, 0.1), (), 1)
+    belief = each.begin(jnp.zeros(5), jnp.array([1e-3, 1e-2, 1e-2, 0.0, 0.0]))
+    levels = FilterNoise(jnp.array(noise), jnp.zeros(1), jnp.array([sigma]))
+    step, none = eqx.filter_jit(each.step), jnp.zeros(1)
+    for _ in range(6000):
+        belief, *_ = step(belief, levels, none, none, none, jnp.asarray(dt))
+    P = np.asarray(belief.P)[:3, :3]
+    np.testing.assert_array_equal(P, P.T)
+    assert np.linalg.eigvalsh(P).min() > 0
+    rates = np.array([[0.0, 1, 0], [16, 0, 1], [0, 0, -1 / TAU]])
+    term = F = np.eye(3)
+    for k in range(1, 5):
+        term = term @ rates * dt / k
+        F = F + term
+    Q = np.diag(np.array(noise[:3]) ** 2 * dt)
+    H = np.array([[1.0, 0, 0]])
+    predicted = solve_discrete_are(F.T, H.T, Q, np.array([[sigma**2]]))
+    gain = predicted @ H.T / (predicted[0, 0] + sigma**2)
+    # d acts along the step as its mean does there, which the series takes to dt^5
+    np.testing.assert_allclose(P, predicted - gain @ H @ predicted, rtol=1e-5)
+
+
+ROOT = """
+name = "outflow"
+[states.h]
+derivative = "u - sqrt(h)"
+[inputs.u]
+hold = "zero"
+[outputs.h]
+value = "h"
+[faults.bias]
+enters = "output"
+target = "h"
+"""
+
+
+def test_a_point_where_the_plant_is_no_number_is_left_to_the_other_side():
+    """h = 0.01 +- 0.05: a root has no value below 0, and the slope is that upwards, by the same
+    step of Runge and Kutta. A mean of which nothing is known leaves nothing behind that is no
+    number."""
+    dt = 1e-3
+    base = GrayBoxPlant.untrained(parse_plant(ROOT))
+    error = Error(*(jnp.array([each]) for each in (TAU, SETTLING, 1e-9)))
+    plant = Disturbed.of(base, (0,), (0,), error, (), jnp.zeros(0), jnp.zeros((0, 0)))
+    each = DividedDifferenceFilter(plant, jnp.ones(4), jnp.full(1, 0.1), (), 1)
+    levels = FilterNoise(jnp.full(4, 1e-3), jnp.zeros(1), jnp.array([0.1]))
+    start, u = jnp.array([0.05, 1e-9, 1e-9, 0.0]), jnp.array([0.2])
+    belief = each.begin(jnp.array([0.01, 0.0, 0.0, 0.2]), start)
+    after, said, flow, look, seen = each.step(belief, levels, u, u, jnp.zeros(1), jnp.asarray(dt))
+
+    def stepped(h):
+        slope = lambda h: 0.2 - np.sqrt(h)  # noqa: E731
+        a = slope(h)
+        b = slope(h + a * dt / 2)
+        c = slope(h + b * dt / 2)
+        return h + dt / 6 * (a + 2 * b + 2 * c + slope(h + c * dt))
+
+    slope = (stepped(0.06) - stepped(0.01)) / 0.05
+    assert float(flow.A[0, 0]) == pytest.approx(slope, rel=1e-12)
+    assert float(said) > LOST
+    lost = belief._replace(mean=belief.mean.at[0].set(-1.0))
+    after, said, flow, look, seen = each.step(lost, levels, u, u, jnp.zeros(1), jnp.asarray(dt))
+    assert float(said) == LOST
+    for part in (*after, *flow, *look, *seen):
+        assert not np.isnan(np.asarray(part)).any()
