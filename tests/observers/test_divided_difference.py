@@ -249,16 +249,23 @@ def test_a_plant_behind_a_lag_is_one_whose_input_comes_late():
 
 
 FALLS = """
-name = "pendulum that falls"
+name = "two pendulums that fall"
 [states.x]
 derivative = "v"
 exact = true
 [states.v]
-derivative = "16*x + u"
+derivative = "16*x + y + u"
+[states.y]
+derivative = "w"
+exact = true
+[states.w]
+derivative = "9*y + x"
 [inputs.u]
 hold = "zero"
 [outputs.x]
 value = "x"
+[outputs.y]
+value = "y"
 [faults.bias]
 enters = "output"
 target = "x"
@@ -266,33 +273,42 @@ target = "x"
 
 
 def test_the_covariance_of_a_plant_that_is_unstable_comes_to_that_of_riccatis_equation():
-    """x'' = 16 x + u grows by e^4 a second: within 60 s what rounding makes asymmetric would have
-    grown by e^480. The predicted covariance is that of SciPy's DARE for the F of the filter's own
-    Runge-Kutta step, whose series this is; d fades as an exponential does."""
-    dt, sigma, noise = 0.01, 1e-4, (1e-6, 0.05, 0.02, 0.0, 0.0)
+    """Two pendulums fall, by e^4 and e^3 a second: what rounding makes asymmetric, of which no
+    sample takes anything back, would grow by e^7, e^420 in 60 s. The predicted covariance is that
+    of SciPy's DARE for the F of the filter's own Runge-Kutta step, whose series this is; d fades as
+    an exponential does."""
+    dt, sigma, noise = 0.01, 1e-4, (1e-6, 0.05, 1e-6, 0.05, 0.02, 0.0, 0.0)
     base = GrayBoxPlant.untrained(parse_plant(FALLS))
     error = Error(*(jnp.array([each]) for each in (TAU, SETTLING, 1e-9)))
     plant = Disturbed.of(base, (1,), (0,), error, (), jnp.zeros(0), jnp.zeros((0, 0)))
-    each = DividedDifferenceFilter(plant, jnp.ones(5), jnp.full(1, 0.1), (), 1)
-    belief = each.begin(jnp.zeros(5), jnp.array([1e-3, 1e-2, 1e-2, 0.0, 0.0]))
-    levels = FilterNoise(jnp.array(noise), jnp.zeros(1), jnp.array([sigma]))
-    step, none = eqx.filter_jit(each.step), jnp.zeros(1)
+    each = DividedDifferenceFilter(plant, jnp.ones(7), jnp.full(1, 0.1), (), 1)
+    start = jnp.array([1e-3, 1e-2, 1e-3, 1e-2, 1e-2, 0.0, 0.0])
+    belief = each.begin(jnp.zeros(7), start)
+    levels = FilterNoise(jnp.array(noise), jnp.zeros(1), jnp.full(2, sigma))
+    step, none, still = eqx.filter_jit(each.step), jnp.zeros(1), jnp.zeros(2)
     for _ in range(6000):
-        belief, *_ = step(belief, levels, none, none, none, jnp.asarray(dt))
-    P = np.asarray(belief.P)[:3, :3]
+        belief, *_ = step(belief, levels, none, none, still, jnp.asarray(dt))
+    P = np.asarray(belief.P)[:5, :5]
     np.testing.assert_array_equal(P, P.T)
     assert np.linalg.eigvalsh(P).min() > 0
-    rates = np.array([[0.0, 1, 0], [16, 0, 1], [0, 0, -1 / TAU]])
-    term = F = np.eye(3)
+    rates = np.zeros((5, 5))
+    rates[0, 1] = rates[2, 3] = 1.0
+    rates[1, [0, 2, 4]], rates[3, [0, 2]], rates[4, 4] = (16.0, 1.0, 1.0), (1.0, 9.0), -1 / TAU
+    term = F = np.eye(5)
     for k in range(1, 5):
         term = term @ rates * dt / k
         F = F + term
-    Q = np.diag(np.array(noise[:3]) ** 2 * dt)
-    H = np.array([[1.0, 0, 0]])
-    predicted = solve_discrete_are(F.T, H.T, Q, np.array([[sigma**2]]))
-    gain = predicted @ H.T / (predicted[0, 0] + sigma**2)
+    Q, R = np.diag(np.array(noise[:5]) ** 2 * dt), np.eye(2) * sigma**2
+    H = np.zeros((2, 5))
+    H[0, 0] = H[1, 2] = 1.0
+    predicted = solve_discrete_are(F.T, H.T, Q, R)
+    gain = predicted @ H.T @ np.linalg.inv(H @ predicted @ H.T + R)
     # d acts along the step as its mean does there, which the series takes to dt^5
-    np.testing.assert_allclose(P, predicted - gain @ H @ predicted, rtol=1e-5)
+    wanted = predicted - gain @ H @ predicted
+    width = np.sqrt(np.diag(wanted))
+    np.testing.assert_allclose(
+        P / np.outer(width, width), wanted / np.outer(width, width), atol=1e-5
+    )
 
 
 ROOT = """
