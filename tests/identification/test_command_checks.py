@@ -1,5 +1,7 @@
 """Is the input of a log the command? Named where an actuator stands between, silent elsewhere."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -76,6 +78,12 @@ def test_what_stands_between_the_command_and_the_plant_is_named(applied, words):
         (text,) = (each for each in account.warnings if "input 'u' looks like the command" in each)
         assert all(word in text for word in words)
         assert command_warnings(model.plant, [log(0.5, seed, applied)]) == [text]
+
+
+def test_what_is_measured_is_no_command():
+    found = fit(plant(key='hold = "linear"'), [log(0.5, 0, delayed)], restarts=1)[1].warnings
+    assert any(re.match(r"the plant follows input 'u' delayed by 0\.1\d* s", w) for w in found)
+    assert not any("looks like the command" in text for text in found)
 
 
 def test_an_applied_input_is_left_alone_at_any_gain_and_noise():

@@ -189,14 +189,20 @@ def _other_response(
         chosen = int(np.argmax(shares))
         share, ratio = _partial(rho, moved[chosen], controls, settled & test, gain, column)
         if share >= best[0] and GAINS[0] <= ratio <= GAINS[1]:
-            best = (
-                share,
-                f"input {each.name!r} looks like the command, not what was applied: the plant "
-                f"follows it {versions[chosen].words}, which explains {100 * share:.0f} % of "
-                f"what the model leaves; log what the actuator did, or {versions[chosen].cure}",
-            )
+            best = share, _told(each, versions[chosen], share)
     if best[1]:
         yield best[1]
+
+
+def _told(each: Input, version: _Version, share: float) -> str:
+    """What moves between samples, and has no limits, was measured: no actuator sets it."""
+    so = f"{version.words}, which explains {100 * share:.0f} % of what the model leaves"
+    if each.hold == "linear" and not (np.isfinite(each.min) or np.isfinite(each.max)):
+        return f"the plant follows input {each.name!r} {so}; {version.cure}"
+    return (
+        f"input {each.name!r} looks like the command, not what was applied: the plant follows "
+        f"it {so}; log what the actuator did, or {version.cure}"
+    )
 
 
 def _lagging(u: Float[np.ndarray, "samples"], keep: float) -> Float[np.ndarray, "samples"]:
