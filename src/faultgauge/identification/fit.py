@@ -35,6 +35,7 @@ from faultgauge.identification.validation.evaluation import (
     predict,
     too_short,
 )
+from faultgauge.identification.validation.growth import growth
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
 from faultgauge.plants.settle import settle
@@ -47,6 +48,7 @@ __all__ = ["FitReport", "fit"]
 
 EQUATIONS = 0.2  # of the work, where a refinement follows
 
+FOLDS = 5.0  # in which an error of a hundredth becomes one of the whole
 LOOK_FOR = (
     "look for outliers (--robust), a stuck sensor or wrong units, give better parameter values, "
     "more restarts or more excitation, make inputs of outputs that the plant does not set itself, "
@@ -223,10 +225,18 @@ def _with_its_use(
 
 def _of_no_use(result: Outcome, account: FitReport) -> list[str]:
     """A warning where the free run is far off, wherever it begins: what integrates drifts in a long
-    one, and may yet be right."""
+    one, and may yet be right; of what runs away it tells nothing."""
     error = min(result.error, account.anew.error if account.anew else np.inf)
     if error < POOR_FREE_RUN:
         return []
+    fold = 1 / max(growth(result.plant, result.training), 1e-300)
+    if FOLDS * fold < result.sample_time * len(result.training.x):
+        return [
+            "without its loop the plant that was fitted runs away: what is off by a little is off "
+            f"2.7 times as much {fold:.2g} s later, and no free run follows that, however good the "
+            "model is; look at whether the constants are plausible, and fit with instrument in "
+            "[inputs.NAME] where the log has what the loop follows"
+        ]
     if error < 1:
         return [
             f"on held-out data the free run is off by {100 * error:.0f} % of each "

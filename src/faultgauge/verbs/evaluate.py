@@ -15,6 +15,8 @@ from faultgauge.verbs.result import Columns, Result
 
 __all__ = ["Evaluation", "evaluate"]
 
+FAR = 3.0  # times an output's spread: digits of such a run tell nothing
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Evaluation(Result):
@@ -91,6 +93,8 @@ def _anew(run: dict[str, Any], name: str, unit: str) -> list[str]:
 def _share(s: dict[str, float | None]) -> str:
     if s["r2"] is None or s["nrmse"] is None:
         return ""
+    if s["nrmse"] > FAR:
+        return f", {s['nrmse']:.2g} times its spread: that does not follow it"
     return f", R2 {100 * s['r2']:.4f} %, {100 * s['nrmse']:.2f} % of its spread"
 
 

@@ -61,6 +61,10 @@ STEEP = 1.02  # so that few are needed
 CLOSE = 1.04  # times what is needed, either way: close enough
 LARGEST = np.log(1e3)  # of how many times as large noise may be
 WIDER = np.log(2.0)  # at once: noise that is far too large breaks a filter that is not linear
+NEVER = (
+    "the healthy logs look faulty however large noise is taken, most of all {where}; leave out "
+    "what was not healthy there with --where, or add to the plant file what the plant does there."
+)
 LEAST = 1e-2  # of what is allowed: less is alike
 MOST_NAMED = 3  # stretches that look faulty
 MUCH = 0.25  # of the healthy logs: nobody gave so much that was not healthy
@@ -96,9 +100,8 @@ def calibrate_bank(
     healthy = float(sum(run.t[-1] - run.t[0] for run in runs))
     step = float(np.median([run.step for run in runs]))
     most = SAMPLES if mtbfa is None else int(1.1 * 3 * mtbfa / step) + SAMPLES // 100
-    taken = _first_samples(runs, most)
-
-    plain, walks = without_calibration(model), count(1)
+    taken, plain, walks = _first_samples(runs, most), without_calibration(model), count(1)
+    clocks = {run.name: run.clock for run in runs}
 
     def stepped() -> None:
         progress(min(next(walks) / (2 * len(taken) + TRIES), 1.0))
@@ -113,19 +116,13 @@ def calibrate_bank(
     asked = suspects or [max(blocks, key=lambda each: each.peak)]
     expected = bank.onset.sum() * healthy + AT_START * len(bank.onset) * len(runs)
     most = min(float(np.log(expected / BY_CHANCE)), 0.0)
-    clocks = {run.name: run.clock for run in runs}
-    never = (
-        f"the healthy logs look faulty however large noise is taken, most of all "
-        f"{_most_of_all(asked, clocks)}; leave out what was not healthy there with --where, or "
-        "add to the plant file what the plant does there."
-    )
+    never = NEVER.format(where=_most_of_all(asked, clocks))
     widened, bank, scores = _believed(bank, scores, most, tried, never)
     blocks = _blocks(bank, scores, taken[0].source)
     judged = sum(each.end - each.start for each in blocks)
     peaks = np.sort([b.peak for b in blocks])[::-1]
     allowed, mtbfa = allowed_peaks(judged, mtbfa, len(peaks))
     level = level_of(peaks, allowed)
-    warnings = _believed_less(widened, asked, judged, clocks)
     found = BankLevel(
         level=level,
         widened=widened,
@@ -144,6 +141,7 @@ def calibrate_bank(
         gain=gain_error(model, runs),
         changes=largest_changes(model, runs),
     )
+    warnings = _believed_less(widened, asked, judged, clocks)
     return BankCalibration(found, noise.widened(widened), blocks, suspects, warnings)
 
 
