@@ -16,7 +16,7 @@ from faultgauge.detection.bank.extended import (
     spread_of_start,
 )
 from faultgauge.detection.bank.knowledge import Knowledge, knowledge_of
-from faultgauge.detection.bank.large_faults import large_faults
+from faultgauge.detection.bank.large_faults import LargeFaults, large_faults
 from faultgauge.detection.bank.noise import Noise
 from faultgauge.detection.bank.priors import (
     onsets_of,
@@ -166,15 +166,7 @@ def build_fault_bank(
     large = large_faults(model, faulty, size, TRIED * size, evaluated)
     more, less = _changes(sets, signals, len(undeclared), (*growing, *large.faults))
     modes = Branching(
-        filter=DividedDifferenceFilter(
-            plant,
-            *map(jax.device_put, (scale_of(model, noise), TRIED * size)),
-            growing,
-            substeps_for(step, model.max_step),
-            np.asarray(step),
-            large.faults,
-            jax.device_put(large.size),
-        ),
+        filter=_filter(model, plant, noise, TRIED * size, growing, large, step),
         noise=_levels(model, noise, len(size), knowledge, _followed(evaluated)),
         prior=prior_of_faults(model, size, onset, growing, large),
         alien=jax.device_put(_alien(model, noise, len(size) + len(growing), knowledge)),
@@ -198,6 +190,27 @@ def build_fault_bank(
         np.array([float(changes.get(name, np.inf)) for name in signals.input_names]),
         _alike(found.alike, signals.fault_names, evaluated) if found else (),
     )  # fmt: skip
+
+
+def _filter(
+    model: Model,
+    plant: Disturbed,
+    noise: Noise,
+    probe: Float[np.ndarray, "faults"],
+    growing: tuple[int, ...],
+    large: LargeFaults,
+    step: float,
+) -> DividedDifferenceFilter:
+    return DividedDifferenceFilter(
+        plant,
+        jax.device_put(scale_of(model, noise)),
+        jax.device_put(probe),
+        growing,
+        substeps_for(step, model.max_step),
+        np.asarray(step),
+        large.faults,
+        jax.device_put(large.size),
+    )
 
 
 def _followed(evaluated: Sequence[int]) -> int:
