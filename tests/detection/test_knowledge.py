@@ -54,12 +54,30 @@ def test_a_constant_drive_of_an_integrator_in_white_noise():
 
 
 def test_a_drive_beside_a_discrepancy_is_known_to_its_mean():
-    """d lasts tau and has the size s: its mean over t >> tau scatters by s sqrt(2 tau / t)."""
+    """d lasts tau and has the size s: its mean over t >> tau scatters by s sqrt(2 tau / t). Known
+    before, it cannot jump as a drive does: of an autoregression by phi from row to row n rows tell
+    (1 + n (1 - phi)^2) / (1 - phi^2) / s^2, by the rows' own step for the first 400 of them, and by
+    two of them, on the grid of a quarter of 2000 s, behind."""
     size, tau = 0.05, 5.0
     known = bank(size, tau, sigma=1e-4, process=1e-6).knowledge
-    for t in (200.0, 450.0):
-        # the mean of a process that begins in its steady state: tau / t of relative correction
-        assert known.at(0, t) == pytest.approx(size * np.sqrt(2 * tau / t), rel=2 * tau / t + 0.02)
+    for t, dt in ((200.0, STEP), (400.0, 2 * STEP)):
+        phi = np.exp(-dt / tau)
+        told = (1 + t / dt * (1 - phi) ** 2) / (1 - phi**2)
+        # the mean of d over a row, along which x is driven, is not its value at one end
+        assert known.at(0, t) == pytest.approx(size / np.sqrt(told), rel=0.02)
+        assert known.at(0, t) == pytest.approx(size * np.sqrt(2 * tau / t), rel=0.15)
+
+
+def test_a_sensor_that_jumps_is_known_at_once_however_long_the_healthy_logs_are():
+    """A bias of a sensor of 0.1 shows in its first row beside a state that is driven by 0.2 per
+    sqrt(s): in steps of the long grid of 1 s it would take as long."""
+    known = bank().knowledge
+    assert known.t[0] == STEP
+    S = known.sd[0, 1] ** 2
+    # the innovation of a random walk: sigma^2 beside P + q^2 dt, P of Riccati's equation
+    q2 = PROCESS**2 * STEP
+    predicted = (q2 + np.sqrt(q2**2 + 4 * q2 * SIGMA**2)) / 2
+    assert pytest.approx(predicted + SIGMA**2, rel=0.02) == S
 
 
 def test_what_settles_within_less_than_a_step_leaves_it_as_it_is():

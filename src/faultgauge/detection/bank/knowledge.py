@@ -7,8 +7,9 @@ innovations adds up (Willsky and Jones, IEEE TAC 21 (1976)),
 
     1 / sd(t)^2 = sum |S^-1/2 dv|^2,
 
-on a grid of times that reaches as far as the healthy logs are long. Where the discrepancy lasts
-shorter than that, sd falls on; where it lasts longer, sd ends at what the discrepancy hides.
+on times that reach as far as a quarter of the healthy logs, row by row at first. Where the
+discrepancy lasts shorter than that, sd falls on; where it lasts longer, sd ends at what the
+discrepancy hides.
 """
 
 from collections.abc import Sequence
@@ -73,6 +74,33 @@ def knowledge_of(
     `size` is taken for larger where it would never show, unless the file says how large it is: what
     acts on a plant that is held in one place has no range of its own."""
     stride = max(1, int(SHARE * healthy / (TIMES * step)))
+    given = model, plant, noise, step, outputs, rows
+    t, sd = _over(*given, stride)
+    wide = EARLIER * CLEAR * sd[-1]
+    drive = wide[len(plant.signals.faults) :]
+    if stride > 1:
+        t, sd = _joined(_over(*given, 1), (t, sd))
+    declared = model.plant.signals.faults
+    sd, size = sd[:, : len(declared)], size[: len(declared)].copy()
+    for k, fault in enumerate(declared):
+        if fault.enters == "state" and stated_size(fault) is None:
+            size[k] = max(size[k], wide[k] if np.isfinite(wide[k]) else 0.0)
+    # or as clearly as it ever does
+    shows = sd <= np.maximum(size / CLEAR, NEARLY_SETTLED * sd[-1])
+    when = np.clip(t[np.argmax(shows, axis=0)], FEWEST * step, t[-1])
+    return Knowledge(t, sd, size, when, float(np.median(when)), drive)
+
+
+def _over(
+    model: Model,
+    plant: Disturbed,
+    noise: Noise,
+    step: float,
+    outputs: Sequence[str],
+    rows: Sequence[int],
+    stride: int,
+) -> tuple[Float[np.ndarray, "times"], Float[np.ndarray, "times both"]]:
+    """(times, the standard deviations of faults and drives by then) on a grid of `stride` rows."""
     dt = stride * step
     points = operating_points(model)
     more = len(plant.signals.states) - points.x.shape[1]
@@ -81,7 +109,7 @@ def knowledge_of(
     measured = [plant.signals.output_names.index(name) for name in outputs]
     A, C = np.median(linear.A, axis=0), np.median(linear.C, axis=0)[measured]
     B, D = np.split(_typical(np.concatenate([linear.B, linear.D[:, measured]], axis=1)), [len(A)])
-    parts, faults = plant.parts, B.shape[1]
+    parts = plant.parts
     drives = np.where(np.arange(len(A))[:, None] < points.x.shape[1], A[:, parts.d], 0.0)
     B, D = np.hstack([B, drives]), np.hstack([D, C[:, parts.d]])
     # white noise as strong as sigma at one sample in n is sigma sqrt(n) at every row
@@ -98,19 +126,18 @@ def knowledge_of(
     start[parts.z] = noise.zero[list(noise.zeros)]
     start[parts.q] = noise.grip[list(noise.grips)]
     sd = _deviations(A, B, C, D, Q, R, np.diag(start**2))
-    sd = np.where(sd > 1e100, np.inf, sd)
-    t = dt * np.arange(1, TIMES + 1)
-    wide = EARLIER * CLEAR * sd[-1]
-    drive = wide[faults:]
-    declared = model.plant.signals.faults
-    sd, size = sd[:, : len(declared)], size[: len(declared)].copy()
-    for k, fault in enumerate(declared):
-        if fault.enters == "state" and stated_size(fault) is None:
-            size[k] = max(size[k], wide[k] if np.isfinite(wide[k]) else 0.0)
-    # or as clearly as it ever does
-    shows = sd <= np.maximum(size / CLEAR, NEARLY_SETTLED * sd[-1])
-    when = np.clip(t[np.argmax(shows, axis=0)], FEWEST * step, t[-1])
-    return Knowledge(t, sd, size, when, float(np.median(when)), drive)
+    return dt * np.arange(1, TIMES + 1), np.where(sd > 1e100, np.inf, sd)
+
+
+def _joined(
+    fine: tuple[Float[np.ndarray, "times"], Float[np.ndarray, "times both"]],
+    coarse: tuple[Float[np.ndarray, "times"], Float[np.ndarray, "times both"]],
+) -> tuple[Float[np.ndarray, "more"], Float[np.ndarray, "more both"]]:
+    """The `fine` grid and what the `coarse` one has behind it, where nothing is known worse than
+    before: in steps of many rows what jumps from one to the next is lost."""
+    behind = coarse[0] > fine[0][-1]
+    t, sd = (np.concatenate([a, b[behind]]) for a, b in zip(fine, coarse, strict=True))
+    return t, np.minimum.accumulate(sd, axis=0)
 
 
 def _deviations(
@@ -168,7 +195,7 @@ def longest_delay(known: Knowledge, fault: int, size: float, onset: float, level
     root of twice that (a Gaussian mean shift), and is told when this outweighs the prior odds of an
     `onset` [1/s] up to the alarm's log-odds.
     """
-    needed = level - np.log(onset * known.t[0])
+    needed = level - np.log(onset * (known.t[-1] - known.t[-2]))
     spread = 1.96 * np.sqrt(2.0)
     longest = ((spread + np.sqrt(spread**2 + 4 * needed)) / 2) ** 2
     told = np.flatnonzero(size**2 / (2 * known.sd[:, fault] ** 2) >= longest)
