@@ -38,7 +38,7 @@ def named(size, since=JUMP, held=()):
         t, u, sure, held = row
         p, one = jnp.where(sure, 0.999, 0.0), jnp.ones(n)
         none = jnp.where(sure, 1e-9, 1.0)
-        found = Marginal(p * one, one, 0.9 * one, 1.1 * one, none, p, none)
+        found = Marginal(p * one, one, 0.9 * one, 1.1 * one, none, p, none, 0.1 * one)
         yes, no = jnp.asarray(True), jnp.asarray(0)
         heard = Heard(yes, held, no, jnp.ones((n, 2), bool), no, u, yes)
         state, verdict = rules.step(state, t, found, heard)

@@ -142,7 +142,7 @@ def test_beside_what_is_told_stands_what_would_not_have_shown(bank, decision, mo
 )
 def test_what_no_cause_rivals_is_not_undecided(bank, p, said):
     one = np.zeros(2)
-    found = Marginal(np.array(p), one, one, one, *map(np.asarray, (0.0, 1e-9, 0.0)))
+    found = Marginal(np.array(p), one, one, one, *map(np.asarray, (0.0, 1e-9, 0.0)), one)
     reason = np.asarray(Rules.of(bank)._cause(found, jnp.zeros(3, bool)))
     status = np.array([STATUS.index(FAULT)])
     assert words(bank.model.plant.signals, (), status, reason[None])[1] == [said]
@@ -157,7 +157,7 @@ def test_a_name_asks_for_0_98_of_what_is_there_once_an_alarm_has_told_that_somet
     heard = Heard(yes, ~yes, none, jnp.ones((2, 2), bool), none, jnp.zeros(1), yes)
     named = []
     for p, calm in (((0.95, 0.005), 0.04), ((0.9, 0.005), 0.04), ((0.95, 0.04), 0.001)):
-        found = Marginal(jnp.array(p), one, one, one, *map(jnp.asarray, (calm, 1e-9, calm)))
+        found = Marginal(jnp.array(p), one, one, one, *map(jnp.asarray, (calm, 1e-9, calm)), one)
         state = rules.init()
         for k in range(400):
             state, verdict = step(state, jnp.asarray(STEP * k), found, heard)

@@ -17,10 +17,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
+from scipy.special import ndtr
 
 from faultgauge.detection.bank.large_faults import LargeFaults
 from faultgauge.detection.rows.judged import operating_points
-from faultgauge.observers.branches import Prior
+from faultgauge.observers.branches import SCALES, Prior
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
 from faultgauge.plants.plant import Plant, respond, responses
@@ -178,6 +179,14 @@ def onsets_of(model: Model, healthy: float) -> Float[np.ndarray, "faults"]:
     return np.array([RARE / healthy if p is None else p / 3600 for p in given])
 
 
+def _within(
+    size: Float[np.ndarray, "many"], low: Float[np.ndarray, "many"], high: Float[np.ndarray, "many"]
+) -> Float[np.ndarray, "many"]:
+    """How likely a fault of widest `size` lies between two limits, every decade being as likely."""
+    wide = np.array(SCALES)[:, None] * size
+    return np.mean(ndtr(high / wide) - ndtr(low / wide), axis=0)
+
+
 def prior_of_faults(
     model: Model,
     size: Float[np.ndarray, "faults"],
@@ -185,8 +194,8 @@ def prior_of_faults(
     growing: tuple[int, ...],
     large: LargeFaults,
 ) -> Prior:
-    """`size` of all faults, the undeclared ones last. The kinds of step that a fault has are as
-    likely each."""
+    """`size` of all faults, the undeclared ones last. Steps to sizes that are `large` are as likely
+    as such sizes are."""
     faults = model.plant.signals.faults
     more = len(size) - len(faults)
     largest = float(onset.max())
@@ -194,15 +203,17 @@ def prior_of_faults(
     low = np.array([*(f.min for f in faults), *[-np.inf] * more])
     high = np.array([*(f.max for f in faults), *[np.inf] * more])
     grow, far = list(growing), list(large.faults)
-    kinds = 1.0 + np.bincount(np.array(far, int), minlength=len(size))
+    shares = _within(size[far], large.low, large.high) / _within(size[far], low[far], high[far])
+    share = 1 - np.bincount(np.array(far, int), shares, len(size))
     slopes = np.array([float(faults[k].rate or 0.0) for k in growing])
     wide = np.full(len(grow), np.inf)
-    at_start = np.log(AT_START / kinds)
-    at_start[len(faults) :] += np.log(ALIEN)
-    at_start = np.concatenate([at_start, np.full(len(grow), np.log(AT_START)), at_start[far]])
+    at_start = np.full(len(size) + len(grow), np.log(AT_START))
+    at_start[len(faults) : len(size)] += np.log(ALIEN)
+    at_start[: len(size)] += np.log(share)
+    at_start = np.concatenate([at_start, np.log(AT_START * shares)])
     shown = np.array([f.monitor != "disabled" for f in faults] + [True] * more)
     never = np.where(shown, 1.0, 1e-300)
-    begins = np.concatenate([rate / kinds, rate[grow], (rate / kinds)[far]])
+    begins = np.concatenate([rate * share, rate[grow], rate[far] * shares])
     return Prior(
         size=jax.device_put(np.concatenate([size, slopes, size[far]])),
         low=jax.device_put(np.concatenate([low, -wide, large.low])),
