@@ -248,6 +248,15 @@ def test_a_plant_behind_a_lag_is_one_whose_input_comes_late():
     assert far < 2e-3
 
 
+def beside_an_error(text, driven):
+    """A filter of one fault, whose discrepancy acts on the state `driven`."""
+    base = GrayBoxPlant.untrained(parse_plant(text))
+    error = Error(*(jnp.array([each]) for each in (TAU, SETTLING, 1e-9)))
+    plant = Disturbed.of(base, (driven,), (0,), error, (), jnp.zeros(0), jnp.zeros((0, 0)))
+    scale = jnp.ones(len(plant.signals.states))
+    return DividedDifferenceFilter(plant, scale, jnp.full(1, 0.1), (), 1)
+
+
 FALLS = """
 name = "two pendulums that fall"
 [states.x]
@@ -278,10 +287,7 @@ def test_the_covariance_of_a_plant_that_is_unstable_comes_to_that_of_riccatis_eq
     of SciPy's DARE for the F of the filter's own Runge-Kutta step, whose series this is; d fades as
     an exponential does."""
     dt, sigma, noise = 0.01, 1e-4, (1e-6, 0.05, 1e-6, 0.05, 0.02, 0.0, 0.0)
-    base = GrayBoxPlant.untrained(parse_plant(FALLS))
-    error = Error(*(jnp.array([each]) for each in (TAU, SETTLING, 1e-9)))
-    plant = Disturbed.of(base, (1,), (0,), error, (), jnp.zeros(0), jnp.zeros((0, 0)))
-    each = DividedDifferenceFilter(plant, jnp.ones(7), jnp.full(1, 0.1), (), 1)
+    each = beside_an_error(FALLS, driven=1)
     start = jnp.array([1e-3, 1e-2, 1e-3, 1e-2, 1e-2, 0.0, 0.0])
     belief = each.begin(jnp.zeros(7), start)
     levels = FilterNoise(jnp.array(noise), jnp.zeros(1), jnp.full(2, sigma))
@@ -330,10 +336,7 @@ def test_a_point_where_the_plant_is_no_number_is_left_to_the_other_side():
     step of Runge and Kutta. A mean of which nothing is known leaves nothing behind that is no
     number."""
     dt = 1e-3
-    base = GrayBoxPlant.untrained(parse_plant(ROOT))
-    error = Error(*(jnp.array([each]) for each in (TAU, SETTLING, 1e-9)))
-    plant = Disturbed.of(base, (0,), (0,), error, (), jnp.zeros(0), jnp.zeros((0, 0)))
-    each = DividedDifferenceFilter(plant, jnp.ones(4), jnp.full(1, 0.1), (), 1)
+    each = beside_an_error(ROOT, driven=0)
     levels = FilterNoise(jnp.full(4, 1e-3), jnp.zeros(1), jnp.array([0.1]))
     start, u = jnp.array([0.05, 1e-9, 1e-9, 0.0]), jnp.array([0.2])
     belief = each.begin(jnp.array([0.01, 0.0, 0.0, 0.2]), start)

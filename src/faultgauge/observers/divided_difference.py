@@ -63,8 +63,8 @@ class FilterNoise(NamedTuple):
 class Flow(NamedTuple):
     """One step linearised: z' = A z; `up` and `down` are what a unit of each fault does to the
     states upwards and downwards, which a limit makes different; towards 0 it is the mean of all
-    the way there, as a fault that goes does so at once. `far` is what a
-    unit of those does that come as large as `reach`."""
+    the way there, as a fault that goes does so at once. `far` is
+    what a unit of those does that come as large as `reach`."""
 
     A: Float[Array, "*many n n"]
     up: Float[Array, "*many states faults"]

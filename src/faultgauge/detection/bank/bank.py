@@ -230,7 +230,7 @@ def _changes(
     sets: tuple[Set, ...], signals: Signals, undeclared: int, again: tuple[int, ...]
 ) -> tuple[tuple[tuple[int, ...], ...], tuple[tuple[int, ...], ...]]:
     """Where a change of each kind, and the end of each fault, leads from every set; -1: nowhere.
-    `again` are the faults of which the kinds behind one of each are."""
+    `again` are the faults of the kinds that follow one step of each: growths and large steps."""
     declared = len(signals.faults)
     kinds = [*range(declared), *[None] * undeclared, *again]
     more, less = [], []

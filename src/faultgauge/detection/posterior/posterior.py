@@ -31,11 +31,10 @@ class Posterior(NamedTuple):
     NaN where they are disabled.
 
     `calm` is the probability that there is no active fault, `sd` the standard deviation of each
-    fault if it is there, `seen` whether a fault of that
-    direction (down, up) would show, `x` the posterior mean of [states, discrepancy, directions],
-    `outside` what is not trusted (0: all is, see `envelope`), `held` whether a hold-off
-    is on; `onset` how long ago each fault began if it is there (mean, standard deviation [s]),
-    and the probability that it `ever` was.
+    fault if it is there, `seen` whether a fault of that direction (down, up) would show, `x`
+    the posterior mean of [states, discrepancy, directions], `outside` what is not trusted (0:
+    all is, see `envelope`), `held` whether a hold-off is on; `onset` how long ago each fault
+    began if it is there (mean, standard deviation [s]), and the probability that it `ever` was.
     """
 
     p: Float[Any, "*samples faults"]
