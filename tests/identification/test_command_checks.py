@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from faultgauge.identification.command_checks import _partial, command_warnings
+from faultgauge.identification.command_checks import _Left, command_warnings
 from faultgauge.identification.fit import fit
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant_file import parse_plant
@@ -36,6 +36,10 @@ def delayed(u, k, last):
 
 def lagged(u, k, last):
     return last + (1 - np.exp(-STEP / 0.2)) * (u[k] - last)
+
+
+def delayed_and_lagged(u, k, last):
+    return lagged(u, max(k - 10, 0), last)
 
 
 def limited(u, k, last):
@@ -78,6 +82,14 @@ def test_what_stands_between_the_command_and_the_plant_is_named(applied, words):
         (text,) = (each for each in account.warnings if "input 'u' looks like the command" in each)
         assert all(word in text for word in words)
         assert command_warnings(model.plant, [log(0.5, seed, applied)]) == [text]
+
+
+def test_a_lag_behind_a_dead_time_is_no_longer_dead_time():
+    for seed in range(2):
+        _, account = fit(plant(), [log(0.0, seed, delayed_and_lagged)], restarts=1)
+        (text,) = (each for each in account.warnings if "looks like the command" in each)
+        assert "follows it delayed by 0.5 s and through a lag of 0.2 s, which explains" in text
+        assert "give delay = 0.5 in [inputs.u] and add the lag to the plant file" in text
 
 
 def test_what_is_measured_is_no_command():
@@ -132,5 +144,6 @@ def test_samples_where_the_model_has_no_value_do_not_count():
     """rho = 2 q but for a sample at which F is infinite, on which LAPACK might not end."""
     q = np.random.default_rng(0).standard_normal(50)
     rho = np.where(np.arange(50) == 7, np.inf, 2 * q)
-    share, _ = _partial(rho, q, np.ones((50, 1)), np.ones(50, bool), 1.0, 0)
+    left = _Left(rho, np.ones((50, 1)), np.ones(50, bool), 0)
+    share, _ = left.explained(q, 1.0)
     assert share == pytest.approx(1.0)  # q explains all that is left

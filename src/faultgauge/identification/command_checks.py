@@ -8,7 +8,9 @@ a delay, a lag or a limit: with v that input, and C = [1, x, u] what a refit cou
 
     rho = C w + g (v - u),   g equal to what v multiplies, b = dF/du + w_u
 
-so that v acts and u does not. Chosen on every other block of the log, tested on the rest.
+so that v acts and u does not. Chosen on every other block of the log, tested on the rest. A lag
+behind a dead time looks like a longer dead time: both are told where together they explain as much
+of what the better one leaves as that one has to explain of rho.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -51,6 +53,15 @@ class _Version(NamedTuple):
     words: str
     cure: str
     of: Callable[[Float[np.ndarray, "samples"]], Float[np.ndarray, "samples"]]
+    late: bool = True  # a dead time, a lag, or both
+
+
+class _Tried(NamedTuple):
+    """How a version chosen on one half of the log does on the other: (share of rho, g / b)."""
+
+    version: _Version
+    share: float
+    ratio: float
 
 
 def command_warnings(plant: GrayBoxPlant, runs: Sequence[Run]) -> list[str]:
@@ -180,18 +191,35 @@ def _other_response(
     column = 1 + len(plant.signals.states) + k
     settled = np.concatenate([np.arange(len(u)) >= DELAYS[-1] for u in own])
     test = np.arange(count) * BLOCKS // count % 2 == 1
-    versions = list(_versions(each, np.concatenate(own), stretches[0].step))
-    moved = [np.concatenate([version.of(u) - u for u in own]) for version in versions]
+    chosen_on, step = settled & ~test, stretches[0].step
     best = (EXPLAINED, "")
     for rho, slope in zip(rest.T, slopes.T, strict=True):
-        gain = float(slope.mean())
-        shares = [_partial(rho, q, controls, settled & ~test, gain, column)[0] for q in moved]
-        chosen = int(np.argmax(shares))
-        share, ratio = _partial(rho, moved[chosen], controls, settled & test, gain, column)
-        if share >= best[0] and GAINS[0] <= ratio <= GAINS[1]:
-            best = share, _told(each, versions[chosen], share)
+        halves = [_Left(rho, controls, rows, column) for rows in (chosen_on, settled & test)]
+        found = _tried(_versions(each, np.concatenate(own), step), own, halves, slope.mean())
+        if found.version.late:
+            both = _tried(_behind(each, step), own, halves, slope.mean())
+            if 1 - both.share <= (1 - EXPLAINED) * (1 - found.share):
+                found = both
+        if found.share >= best[0] and GAINS[0] <= found.ratio <= GAINS[1]:
+            best = found.share, _told(each, found.version, found.share)
     if best[1]:
         yield best[1]
+
+
+def _tried(
+    versions: Iterator[_Version],
+    own: Sequence[Float[np.ndarray, "samples"]],
+    halves: Sequence["_Left"],
+    gain: float,
+) -> _Tried:
+    """The version that explains most on the first of `halves`, as it does on the second."""
+    choosing, testing = halves
+
+    def moved(version: _Version) -> Float[np.ndarray, "samples"]:
+        return np.concatenate([version.of(u) - u for u in own])
+
+    chosen = max(versions, key=lambda version: choosing.explained(moved(version), gain)[0])
+    return _Tried(chosen, *testing.explained(moved(chosen), gain))
 
 
 def _told(each: Input, version: _Version, share: float) -> str:
@@ -211,19 +239,26 @@ def _lagging(u: Float[np.ndarray, "samples"], keep: float) -> Float[np.ndarray, 
     return solve_banded((1, 0), bands, (1 - keep) * (u - u[0])) + u[0]
 
 
+def _late(
+    u: Float[np.ndarray, "samples"], samples: int, keep: float
+) -> Float[np.ndarray, "samples"]:
+    """u so many samples later, then through the lag of `_lagging`."""
+    later = np.concatenate([np.repeat(u[:1], samples), u])[: len(u)]
+    return _lagging(later, keep) if keep else later
+
+
 def _versions(each: Input, u: Float[np.ndarray, "samples"], step: float) -> Iterator[_Version]:
     for d in DELAYS:
         yield _Version(
             f"delayed by {d * step:.3g} s",
             f"give delay = {each.delay + d * step:.3g} in [inputs.{each.name}]",
-            lambda u, d=d: np.concatenate([np.repeat(u[:1], d), u])[: len(u)],
+            partial(_late, samples=d, keep=0.0),
         )
     for lag in LAGS:
-        keep = np.exp(-1 / lag)
         yield _Version(
             f"through a lag of {lag * step:.3g} s",
             "add the lag to the plant file as a state",
-            partial(_lagging, keep=float(keep)),
+            partial(_late, samples=0, keep=float(np.exp(-1 / lag))),
         )
     middle = float(np.median(u))
     for side in ("both", "above", "below"):
@@ -236,26 +271,49 @@ def _versions(each: Input, u: Float[np.ndarray, "samples"], step: float) -> Iter
                 f"only as far as about {' and '.join(ends)}",
                 f"give its limits, min and max, in [inputs.{each.name}]",
                 lambda u, low=low, high=high: np.clip(u, low, high),
+                late=False,
             )
 
 
-def _partial(
-    rho: Float[np.ndarray, "samples"],
-    q: Float[np.ndarray, "samples"],
-    controls: Float[np.ndarray, "samples controls"],
-    rows: Bool[np.ndarray, "samples"],
-    gain: float,
-    own: int,
-) -> tuple[float, float]:
-    """(share of rho, beside `controls`, that q explains; g / b). Column `own` of the controls is
-    the input."""
-    rows = rows & np.isfinite(rho)  # F may have no value where it was measured
-    both = np.stack([rho[rows], q[rows]], axis=1)
-    weights = np.linalg.lstsq(controls[rows], both, rcond=None)[0]
-    rest, left = (both - controls[rows] @ weights).T
-    energy = float(left @ left)
-    if energy <= 1e-12 * float(q[rows] @ q[rows]) or not rest @ rest:
-        return 0.0, 0.0
-    g = float(rest @ left) / energy
-    acting = gain + float(weights[own, 0] - g * weights[own, 1])
-    return g * g * energy / float(rest @ rest), g / acting if acting else 0.0
+def _behind(each: Input, step: float) -> Iterator[_Version]:
+    """Every lag behind every dead time."""
+    for d in DELAYS:
+        for lag in LAGS:
+            yield _Version(
+                f"delayed by {d * step:.3g} s and through a lag of {lag * step:.3g} s",
+                f"give delay = {each.delay + d * step:.3g} in [inputs.{each.name}] and add the "
+                "lag to the plant file as a state",
+                partial(_late, samples=d, keep=float(np.exp(-1 / lag))),
+            )
+
+
+class _Left:
+    """What `controls` leave of `rho` on `rows`; column `own` of the controls is the input."""
+
+    def __init__(
+        self,
+        rho: Float[np.ndarray, "samples"],
+        controls: Float[np.ndarray, "samples controls"],
+        rows: Bool[np.ndarray, "samples"],
+        own: int,
+    ) -> None:
+        self.rows = rows & np.isfinite(rho)  # F may have no value where it was measured
+        span, size, back = np.linalg.svd(controls[self.rows], full_matrices=False)
+        told = size > len(span) * np.finfo(float).eps * size[0]
+        self.span, self.own = span[:, told], back[told, own] / size[told]
+        self.rho, self.weight = self._without(rho)
+
+    def _without(self, v: Float[np.ndarray, "samples"]) -> tuple[Float[np.ndarray, "rows"], float]:
+        """(v less its least squares by the controls, the input's weight in them)."""
+        along = self.span.T @ v[self.rows]
+        return v[self.rows] - self.span @ along, float(self.own @ along)
+
+    def explained(self, q: Float[np.ndarray, "samples"], gain: float) -> tuple[float, float]:
+        """(share of rho that q explains, g / b), the input's slope in the model being `gain`."""
+        left, weight = self._without(q)
+        energy, rest = float(left @ left), float(self.rho @ self.rho)
+        if energy <= 1e-12 * float(q[self.rows] @ q[self.rows]) or not rest:
+            return 0.0, 0.0
+        g = float(self.rho @ left) / energy
+        acting = gain + self.weight - g * weight
+        return g * g * energy / rest, g / acting if acting else 0.0
