@@ -274,7 +274,7 @@ def test_empty_text_is_refused(text):
         ("-" * 1900 + "x", "nested deeper than 40"),
         ("x**" * 600 + "x", "nested deeper than 40"),
         ("+".join(["min(" + ",".join(["x"] * 8) + ")"] * 39) + "+" + "+".join("x" * 2), "deeper"),
-        ("max(" + ",".join(["min(" + "x+x+x+x," * 7 + "x)"] * 8) + ")", "more than 400 terms"),
+        ("max(" + ",".join(["min(" + "x+x+x+x," * 7 + "x)"] * 8) + ")", "more than 400 numbers"),
     ],
 )
 def test_oversized_text_is_refused_in_an_instant(text, part):

@@ -11,7 +11,7 @@ import difflib
 import math
 import warnings
 from collections.abc import Callable, Collection, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from faultgauge.errors import InputError
@@ -40,7 +40,8 @@ __all__ = [
 ]
 
 MAX_CHARACTERS = 2000  # of one expression
-MAX_NODES = 400  # terms of one
+MAX_NODES = 400  # numbers, names and operations in one
+MAX_WHOLE = 4000  # of one in which every term is written out
 MAX_DEPTH = 40  # of its parentheses, well below Python's own limit
 
 # name -> (fewest arguments, most arguments)
@@ -132,6 +133,7 @@ class Scope:
     names: Collection[str]
     states: Collection[str] = ()
     networks: Collection[str] = ()
+    terms: Mapping[str, "Node"] = field(default_factory=dict)  # names that stand for formulas
 
 
 def parse(text: str, where: str, scope: Scope) -> Expression:
@@ -145,7 +147,7 @@ def parse(text: str, where: str, scope: Scope) -> Expression:
 class _Parser:
     def __init__(self, text: str, where: str, scope: Scope) -> None:
         self.text, self.where, self.scope = text, where, scope
-        self.nodes = 0
+        self.nodes = self.whole = 0
 
     def parse(self) -> Node:
         if not self.text.strip():
@@ -194,14 +196,16 @@ class _Parser:
     def convert(self, node: ast.expr, depth: int) -> Node:
         self.nodes += 1
         if self.nodes > MAX_NODES:
-            raise self.refuse(node, f"the expression has more than {MAX_NODES} terms")
+            raise self.refuse(
+                node, f"the expression has more than {MAX_NODES} numbers, names and operations"
+            )
         if depth > MAX_DEPTH:
             raise self.refuse(node, f"the expression is nested deeper than {MAX_DEPTH}")
         match node:
             case ast.Constant():
                 return self.number(node)
             case ast.Name():
-                return self.name(node)
+                return self.name(node, depth)
             case ast.UnaryOp(op=ast.USub()):
                 operand = self.convert(node.operand, depth + 1)
                 return Number(-operand.value) if isinstance(operand, Number) else Negative(operand)
@@ -242,12 +246,31 @@ class _Parser:
             raise self.refuse(node, "this constant is not a finite real number")
         return Number(value)
 
-    def name(self, node: ast.Name) -> Name:
+    def name(self, node: ast.Name, depth: int) -> Node:
         if node.id in self.scope.names:
             return Name(node.id)
+        if node.id in self.scope.terms:
+            return self.term(node, self.scope.terms[node.id], depth)
         if node.id in self.scope.networks or node.id in FUNCTIONS or node.id == "d":
             raise self.refuse(node, f"{node.id!r} must be called with arguments in parentheses")
-        raise self.refuse(node, unknown("name", node.id, self.scope.names))
+        legal = [*self.scope.names, *self.scope.terms]
+        raise self.refuse(node, unknown("name", node.id, legal))
+
+    def term(self, node: ast.Name, tree: Node, depth: int) -> Node:
+        """What the name stands for, as if it were written here in parentheses."""
+        self.whole += sum(1 for _ in walk(tree))
+        if self.whole > MAX_WHOLE:
+            raise self.refuse(
+                node,
+                f"with every term written out the expression has more than {MAX_WHOLE} numbers, "
+                "names and operations",
+            )
+        if depth + _depth(tree) > MAX_DEPTH:
+            raise self.refuse(
+                node,
+                f"with every term written out the expression is nested deeper than {MAX_DEPTH}",
+            )
+        return tree
 
     def call(self, node: ast.Call, depth: int) -> Call:
         assert isinstance(node.func, ast.Name)  # the match above saw to it
@@ -299,6 +322,19 @@ def walk(node: Node) -> Iterator[Node]:
         case Call() | Opaque():
             for argument in node.arguments:
                 yield from walk(argument)
+
+
+def _depth(node: Node) -> int:
+    match node:
+        case Negative():
+            below = [node.operand]
+        case Binary():
+            below = [node.left, node.right]
+        case Call() | Opaque():
+            below = [*node.arguments]
+        case _:
+            below = []
+    return 1 + max(map(_depth, below), default=-1)
 
 
 def derivatives_used(expression: Expression) -> frozenset[str]:

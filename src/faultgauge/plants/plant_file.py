@@ -2,8 +2,11 @@
 
 import keyword
 import math
+import re
 import reprlib
 import unicodedata
+from collections.abc import Mapping
+from graphlib import CycleError, TopologicalSorter
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -14,6 +17,7 @@ from faultgauge.plants.expression import (
     FUNCTIONS,
     Expression,
     Name,
+    Node,
     Scope,
     derivatives_used,
     names_used,
@@ -44,7 +48,8 @@ __all__ = [
 
 DEFAULT_HIDDEN = 10  # units, until a fit has chosen
 MOST_NAMES = 2000  # in one table
-NAMED = ("states", "inputs", "parameters", "networks", "outputs", "faults")
+NAMED = ("states", "inputs", "parameters", "networks", "terms", "outputs", "faults")
+WORD = re.compile(r"\w+")
 # names that mean something else, in expressions and in logs
 TAKEN = {"d": "a derivative, d(STATE)", "t": "a log's time", "run": "the run of a log's row"}
 
@@ -120,8 +125,9 @@ class _Checker:
         self.check_bounds()
         self.check_trusted()
         self.check_instruments()
-        derivatives = self.expressions("states", "derivative")
-        values = self.expressions("outputs", "value")
+        terms = self.terms()
+        derivatives = self.expressions("states", "derivative", terms)
+        values = self.expressions("outputs", "value", terms)
         self.check_shared(values)
         signals = Signals(
             states=tuple(
@@ -245,17 +251,33 @@ class _Checker:
                     "of the reference that the controller follows, or leave the key out",
                 )
 
-    def expressions(self, kind: str, key: str) -> tuple[Expression, ...]:
-        file = self.file
-        scope = Scope(
-            names=[*file.states, *file.inputs, *file.parameters],
-            states=list(file.states),
-            networks=list(file.networks),
-        )
+    def expressions(self, kind: str, key: str, terms: Mapping[str, Node]) -> tuple[Expression, ...]:
+        scope = self.scope(terms)
         return tuple(
             parse(getattr(table, key), f"{self.source}: [{kind}.{name}] {key}", scope)
-            for name, table in getattr(file, kind).items()
+            for name, table in getattr(self.file, kind).items()
         )
+
+    def scope(self, terms: Mapping[str, Node]) -> Scope:
+        file = self.file
+        names = [*file.states, *file.inputs, *file.parameters]
+        return Scope(names, list(file.states), list(file.networks), terms)
+
+    def terms(self) -> dict[str, Node]:
+        """What each name in [terms] stands for, whatever the order in the file."""
+        texts = self.file.terms
+        reads = {name: texts.keys() & {*WORD.findall(text)} for name, text in texts.items()}
+        found: dict[str, Node] = {}
+        try:
+            order = [*TopologicalSorter(reads).static_order()]
+        except CycleError as circle:
+            raise self.fail(
+                "terms", f"run in a circle, {' -> '.join(circle.args[1])}; write one without"
+            ) from None
+        for name in order:
+            where = f"{self.source}: [terms] {name}"
+            found[name] = parse(texts[name], where, self.scope(found)).tree
+        return found
 
     def check_shared(self, values: tuple[Expression, ...]) -> None:
         """One column cannot measure two things."""
@@ -400,9 +422,11 @@ class _Checker:
         for expression in expressions:
             used |= names_used(expression) | derivatives_used(expression)
             used |= networks_used(expression).keys()
+        texts = [*(e.text for e in expressions), *self.file.terms.values()]
+        used |= self.file.terms.keys() & {word for text in texts for word in WORD.findall(text)}
         return [
             f"{self.source}: [{kind}.{name}] is declared but no expression uses it"
-            for kind in ("inputs", "parameters", "networks", "states")
+            for kind in ("inputs", "parameters", "networks", "terms", "states")
             for name in getattr(self.file, kind)
             if name not in used
         ]

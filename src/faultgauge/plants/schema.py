@@ -125,6 +125,7 @@ class FileTable(SchemaTable):
     outputs: dict[str, OutputTable]
     parameters: dict[str, ParameterTable] = pydantic.Field(default_factory=dict)
     networks: dict[str, NetworkTable] = pydantic.Field(default_factory=dict)
+    terms: dict[str, Text] = pydantic.Field(default_factory=dict)
     faults: dict[str, FaultTable] = pydantic.Field(default_factory=dict)
     observer: ObserverTable = ObserverTable()
     detection: DetectionTable = DetectionTable()
