@@ -18,6 +18,7 @@ from faultgauge.plants.expression import (
     Expression,
     Name,
     Node,
+    Number,
     Scope,
     derivatives_used,
     names_used,
@@ -267,7 +268,7 @@ class _Checker:
         """What each name in [terms] stands for, whatever the order in the file."""
         texts = self.file.terms
         reads = {name: texts.keys() & {*WORD.findall(text)} for name, text in texts.items()}
-        found: dict[str, Node] = {}
+        found: dict[str, Node] = dict.fromkeys(texts, Number(0.0))  # until it is its turn
         try:
             order = [*TopologicalSorter(reads).static_order()]
         except CycleError as circle:

@@ -166,6 +166,7 @@ class NoiseLevels(Part):
     share: dict[str, Least] = {}
     settling: dict[str, Positive] = {}
     spread: dict[str, Least] = {}
+    together: dict[str, Number] = {}
     wander: dict[str, Positive] = {}
     wandering: dict[str, Positive] = {}
     late: dict[str, Positive] = {}

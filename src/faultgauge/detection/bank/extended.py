@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from faultgauge.detection.bank.noise import DOUBT, Noise
-from faultgauge.detection.bank.uncertain_constants import Constants, constants_of, drifting_of
+from faultgauge.detection.bank.uncertain_constants import constants_of, drifting_of
 from faultgauge.detection.remember import once
 from faultgauge.detection.rows.judged import operating_points
 from faultgauge.plants.disturbed import Disturbed, Error, dynamic_states, following_inputs
@@ -49,7 +49,7 @@ def disturbed(model: Model, noise: Noise, undeclared: tuple[Fault, ...] = ()) ->
         error_of(model, noise),
         (*drifting_of(model), *known.names),
         jax.device_put(offset_of(model, noise)),
-        jax.device_put(directions_of(model, known, noise.spread)),
+        jax.device_put(directions_of(model, noise)),
         undeclared,
         noise.wanders,
         noise.lags,
@@ -69,15 +69,15 @@ def offset_of(model: Model, noise: Noise) -> Float[np.ndarray, "parameters"]:
     return np.concatenate([np.zeros(len(drifting_of(model))), noise.shift])
 
 
-def directions_of(
-    model: Model, known: Constants, spread: Float[np.ndarray, "constants"]
-) -> Float[np.ndarray, "parameters directions"]:
-    """W: what a unit of each xi does to the parameters, drifting ones first."""
+def directions_of(model: Model, noise: Noise) -> Float[np.ndarray, "parameters directions"]:
+    """W: what a unit of each xi does to the parameters, drifting ones first. Of the constants
+    W = D R^(1/2), R their correlation: each has a xi that is, of all, nearest to its own."""
     _, drifted = spread_of_start(model, np.ones(len(model.plant.signals.outputs)), ())
     k = len(drifted)
-    W = np.zeros((k + len(spread), k + len(spread)))
+    W = np.zeros((k + len(noise.spread), k + len(noise.spread)))
     W[:k, :k] = np.diag(drifted)
-    W[k:, k:] = np.linalg.cholesky(known.covariance + np.diag(spread**2 + 1e-30))
+    w, v = np.linalg.eigh(noise._replace(spread=np.ones(len(noise.spread))).between)
+    W[k:, k:] = noise.spread[:, None] * ((v * np.sqrt(np.maximum(w, 0.0))) @ v.T)
     return W
 
 

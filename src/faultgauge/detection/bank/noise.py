@@ -1,6 +1,7 @@
 """How far the plant is from its model: the levels that calibration finds."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -36,6 +37,7 @@ BEND = ("bend",)  # absent where no input's curve is bent
 ZERO = ("zero",)  # absent where no output's is off
 GRIP = ("grip", "gripping", "slip")  # absent where no state sticks
 USUAL_SHARE = 0.1  # of an input's effect: what a change of it is off by
+NARROWEST = 1e-15  # of a constant between runs: rounding
 NOWHERE = {"doubt": 0.0, "above": -np.inf, "below": np.inf}  # what of these is absent
 
 
@@ -43,7 +45,8 @@ class Noise(NamedTuple):
     """Standard deviations: `sigma` of a sample, `process` and `drift` per sqrt(s), `size` of the
     discrepancy beside the dynamic states [its state's unit per s], which lasts for `lasting` [s];
     an input that changes is off by a random `share` of that, which settles in `settling` [s];
-    `spread` of the constants between runs, by how much `shift` their mean is off the fitted
+    `spread` of the constants between runs, and how they go `together` there, a correlation (none:
+    each its own way), by how much `shift` their mean is off the fitted
     value, which an error of the model may have biased, and what share of their variance a gap
     within a run makes anew (`renewed`); `wander` of an output, which lasts for `wandering` [s], and
     the share of what an input's change does to it that comes `late`, within `lag` [s]; by what an
@@ -84,6 +87,20 @@ class Noise(NamedTuple):
     grip: Float[np.ndarray, "states"] = np.zeros(0)
     gripping: Float[np.ndarray, "states"] = np.zeros(0)
     slip: Float[np.ndarray, "states"] = np.zeros(0)
+    together: Float[np.ndarray, "constants constants"] = np.zeros((0, 0))
+
+    @property
+    def between(self) -> Float[np.ndarray, "constants constants"]:
+        """The covariance of the constants between runs."""
+        together = self.together if self.together.size else np.eye(len(self.spread))
+        return together * np.outer(self.spread, self.spread)
+
+    def with_between(self, covariance: Float[np.ndarray, "constants constants"]) -> "Noise":
+        """With this `covariance` of the constants between runs."""
+        spread = np.sqrt(np.diag(covariance) + NARROWEST**2)
+        together = covariance / np.outer(spread, spread)
+        np.fill_diagonal(together, 1.0)
+        return self._replace(spread=spread, together=together)
 
     @property
     def wanders(self) -> tuple[int, ...]:
@@ -152,6 +169,12 @@ class Noise(NamedTuple):
             for key in keys:
                 told = {names[j]: float(getattr(self, key)[j]) for j in there}
                 block[key] = {name: a for name, a in told.items() if np.isfinite(a)}
+        pairs = combinations(enumerate(constants_of(model).names), 2)
+        block["together"] = {
+            f"{a}, {b}": float(self.together[i, j])
+            for (i, a), (j, b) in pairs
+            if self.together.size
+        }
         return block
 
 
@@ -185,7 +208,7 @@ def noise_of(model: Model) -> Noise:
     found = model.calibration and model.calibration.noise
     block = found.as_dict() if found else None
     optional = (*WANDER, *LATE, *STRAY, *DOUBT, *LEAN, *TRAIL, *ZERO, *BEND, *GRIP)
-    if block is None or {*block, *optional} != set(Noise._fields):
+    if block is None or {*block, *optional, "together"} != set(Noise._fields):
         raise InputError(
             "the model holds no noise levels, which the bank needs; run `faultgauge "
             "calibrate` on healthy logs, or use --observer eso."
@@ -206,4 +229,19 @@ def noise_of(model: Model) -> Noise:
         raise InputError(
             f"the model's noise levels say nothing of {missing}; run `faultgauge calibrate` anew."
         ) from None
-    return Noise(*levels, *(np.array(each, float) for each in more))
+    noise = Noise(*levels, *(np.array(each, float) for each in more))
+    known = constants_of(model)
+    if "together" in block:
+        return noise._replace(together=_together(known.names, block["together"]))
+    # before it was told, what the fit says stood beside a spread of each its own way
+    return noise.with_between(known.covariance + noise.between)
+
+
+def _together(
+    names: Sequence[str], told: Mapping[str, float]
+) -> Float[np.ndarray, "constants constants"]:
+    """The correlation of constants of which each pair is `told`."""
+    found = np.eye(len(names))
+    for (i, a), (j, b) in combinations(enumerate(names), 2):
+        found[i, j] = found[j, i] = told.get(f"{a}, {b}", 0.0)
+    return found

@@ -27,7 +27,6 @@ from faultgauge.detection.bank.extended import (
     start_spread,
 )
 from faultgauge.detection.bank.noise import Noise
-from faultgauge.detection.bank.uncertain_constants import constants_of
 from faultgauge.detection.rows.judged import pad_stretch, start_from_samples
 from faultgauge.detection.rows.prepared import as_it_acts
 from faultgauge.identification.optimise.cores import side_by_side
@@ -146,10 +145,9 @@ class Likelihood:
         return Likelihoods(*(np.concatenate(each)[: len(many)] for each in zip(*told, strict=True)))
 
     def _run(self, model: Model, many: Sequence[Noise]) -> Likelihoods:
-        known = constants_of(model)
         drifted = spread_of_start(model, many[0].sigma, self.columns)[1]
         plant = disturbed(model, many[0])
-        W = jnp.asarray(np.stack([directions_of(model, known, each.spread) for each in many]))
+        W = jnp.asarray(np.stack([directions_of(model, each) for each in many]))
         offset = jnp.asarray(np.stack([offset_of(model, each) for each in many]))
         errors = [error_of(model, each) for each in many]
         error = jax.tree.map(lambda *parts: jnp.stack(parts), *errors)

@@ -30,6 +30,7 @@ from faultgauge.detection.bank.noise import (
     ZERO,
     Noise,
 )
+from faultgauge.detection.bank.uncertain_constants import constants_of
 from faultgauge.detection.calibration.doubted_regions import with_doubted_regions
 from faultgauge.detection.calibration.grips import with_grips
 from faultgauge.detection.calibration.innovation_likelihood import (
@@ -117,10 +118,10 @@ def estimate_noise(
             noise = _alternated(model, told, noise, told.bounds(noise), stepped)
         noise = _needed(model, told.batch, noise)
     else:
-        without = {n: NONE * getattr(told.guess, n) for n in ("size", "share", "spread")}
+        without = {n: NONE * getattr(told.guess, n) for n in ("size", "share")}
         held = {"size", "lasting", "share", "settling"}
         bounds = told.bounds(told.guess)
-        guess = told.guess._replace(**without)
+        guess = told.guess._replace(**without).with_between(constants_of(model).covariance)
         noise = _searched(model, told.batch, guess, bounds, held, sum(ROUNDS), stepped)
     if not told.batch.run(model, [noise]).cost[0] / told.batch.count < -dd.LOST / 4:
         raise InputError(

@@ -119,11 +119,8 @@ def first_guess(model: Model, runs: Sequence[Run], stretches: Sequence[StretchPi
     driven = list(dynamic_states(model.plant))
     size = USUAL_SIZE * rates_of(model)[driven]
     known = constants_of(model)
-    se = np.sqrt(np.diag(known.covariance))
-    spread = [
-        usual_spread(float(model.plant.values()[n]), s)
-        for n, s in zip(known.names, se, strict=True)
-    ]
+    usual = [usual_spread(float(model.plant.values()[n]), 0.0) for n in known.names]
+    unknown = np.zeros(len(usual))
     lasting = np.full(len(driven), max(length / 10, 20 * step))
     following = len(following_inputs(model.plant))
     share = np.full(following, USUAL_SHARE)
@@ -131,13 +128,13 @@ def first_guess(model: Model, runs: Sequence[Run], stretches: Sequence[StretchPi
     nothing = np.zeros(len(signals.inputs))
     return Noise(
         sigma, process, np.array(drift, float), size, lasting, share, settling,
-        np.array(spread, float), np.zeros(len(spread)), np.zeros(len(spread)),
+        *[unknown] * 3,
         *[np.zeros(len(sigma))] * 4,
         stray=nothing, straying=nothing,
         doubt=nothing, above=nothing - np.inf, below=nothing + np.inf, lean=nothing,
         leaning=nothing, trail=np.zeros(len(sigma)), zero=np.zeros(len(sigma)), bend=nothing,
         **dict.fromkeys(GRIP, np.zeros(len(process))),
-    )  # fmt: skip
+    ).with_between(known.covariance + np.diag(usual) ** 2)  # fmt: skip
 
 
 def _rounding(parts: Sequence[Float[np.ndarray, "_"]]) -> float:

@@ -8,9 +8,12 @@ J. R. Statist. Soc. B 39 (1977))
     C = (sum_r (m_r + V_r mean - mean)^2 + V_r + C_0) / (R + 1),
 
 with m_r and V_r what run r leaves of a prior N(0, I) around the last mean, so that a mean of which
-each run tells little is found at once and not a little at a time, and
-constants of one unit pooled, since few runs tell each one's spread badly. Where there is one run
-only, the fitted values are those of another; where there are more, they tell nothing: a fit that is
+each run tells little is found at once and not a little at a time. Few runs tell badly how each
+constant differs, and worse how they do so together: the squares of constants of one unit are
+pooled, and the correlation of R runs, R - 1 of which tell it, counts beside d, as many as there are
+constants, in which these differ each in its own way. Runs at one speed tell a friction there and
+not of what it is made, and the fewer they are the less it can be said that they hold to that. Where
+there is one run only, the fit is another; where there are more, it tells nothing: a fit that is
 biased (noise in what the equations read, disturbances that a simulation does not see) is off all
 runs alike, and would be taken for a spread between them. What of it lies between the stretches of
 one run, a gap makes anew: a vehicle that has landed flies on with another trim.
@@ -21,6 +24,7 @@ from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.linalg import eigvalsh
 from scipy.stats import norm
 from scipy.stats import t as student_t
 
@@ -52,33 +56,30 @@ def constants_retold(model: Model, batch: Likelihood, noise: Noise, follows: Fol
     known, skip = constants_of(model), len(drifting_of(model))
     if not known.names:
         return noise
-    alone = len(np.unique(batch.runs)) == 1
+    fitted = known.covariance if len(np.unique(batch.runs)) == 1 else None
     cost, mean, P, *_ = batch.run(model, [noise])
+    values = [float(model.plant.values()[n]) for n in known.names]
+    limits = _limits(model, known.names) - values
+    usual = np.array([usual_spread(value, 0.0) for value in values])
     for _ in range(STEPS):
-        W = directions_of(model, known, noise.spread)[skip:, skip:]
+        W = directions_of(model, noise)[skip:, skip:]
         xi, unsure = mean[0, :, skip:], P[0][:, skip:, skip:]
-        mean_off, off, V = _runs_own(W, noise.shift, xi, unsure, alone)
-        count = len(off)
-        values = [float(model.plant.values()[n]) for n in known.names]
-        mean_off = np.clip(mean_off, *(limits - values for limits in _limits(model, known.names)))
-        usual = np.array([usual_spread(value, 0.0) for value in values])
-        sums = np.sum((off - mean_off) ** 2, axis=0) + V.sum(axis=0)
-        squares = _pooled(model, known.names, sums)
-        spread = np.sqrt((squares + usual**2) / (count + 1) * (1 + 1 / count))
+        mean_off, off, V = _runs_own(W, noise.shift, xi, unsure, fitted)
         stretches = len(batch.runs)
-        within = _within(batch, off[:stretches], V[:stretches])
-        new = _pooled(model, known.names, within) / spread**2
-        renewed = np.clip(new, 0.0, 1.0)
+        mean_off = np.clip(mean_off, *limits)
+        C = _between(model, known.names, off - mean_off, V, usual)
+        own = np.diagonal(V, axis1=1, axis2=2)
+        within = _pooled(model, known.names, _within(batch, off[:stretches], own[:stretches]))
+        renewed = np.clip(within / np.diag(C), 0.0, 1.0)
         many = [
-            noise._replace(
-                spread=noise.spread * (spread / noise.spread) ** share,
-                shift=noise.shift + share * (mean_off - noise.shift),
-                renewed=renewed,
+            noise.with_between(noise.between + share * (C - noise.between))._replace(
+                shift=noise.shift + share * (mean_off - noise.shift), renewed=renewed
             )
             for share in SHARES
         ]
-        wider, moved = np.log(spread / noise.spread), (mean_off - noise.shift) / spread
-        if np.max(np.abs([wider, moved])) < STILL:
+        wider = 0.5 * np.log(eigvalsh(C, noise.between))  # along what changes most and least
+        moved = (mean_off - noise.shift) / np.sqrt(np.diag(C))
+        if max(np.max(np.abs(wider)), np.max(np.abs(moved))) < STILL:
             break
         told = batch.run(model, many)
         # what a prior may take; beyond, the filter is lost there
@@ -91,40 +92,63 @@ def constants_retold(model: Model, batch: Likelihood, noise: Noise, follows: Fol
     return noise
 
 
+def _between(
+    model: Model,
+    names: Sequence[str],
+    off: Float[np.ndarray, "runs constants"],
+    V: Float[np.ndarray, "runs constants constants"],
+    usual: Float[np.ndarray, "constants"],
+) -> Float[np.ndarray, "constants constants"]:
+    """C of the docstring above."""
+    runs, d = off.shape
+    sums = off.T @ off + V.sum(axis=0)
+    each = np.sqrt(np.diag(sums))
+    known = np.where(each > 0, each, 1.0)
+    together = (runs - 1) / (runs - 1 + d) * sums / np.outer(known, known)
+    together[np.diag_indices(d)] = 1.0
+    both = np.sqrt(_pooled(model, names, np.diag(sums)) + usual**2)
+    return together * np.outer(both, both) / (runs + 1)
+
+
 def _runs_own(
     W: Float[np.ndarray, "constants constants"],
     shift: Float[np.ndarray, "constants"],
     xi: Float[np.ndarray, "stretches constants"],
     unsure: Float[np.ndarray, "stretches constants constants"],
-    alone: bool,
+    fitted: Float[np.ndarray, "constants constants"] | None,
 ) -> tuple[
     Float[np.ndarray, "constants"],
     Float[np.ndarray, "runs constants"],
-    Float[np.ndarray, "runs constants"],
+    Float[np.ndarray, "runs constants constants"],
 ]:
     """(by how much the constants' mean is off the fit, and every run's own; how unsure these are),
-    of what each leaves of a prior N(0, I) around the `shift`; of one run `alone` the fit is
-    another, of which all is known."""
-    if alone:
-        xi = np.concatenate([xi, -np.linalg.solve(W, shift)[None]])
-        unsure = np.concatenate([unsure, np.zeros((1, len(W), len(W)))])
+    of what each leaves of a prior N(0, I) around the `shift`; the fit is one more run where it is
+    told how unsure it is (`fitted`)."""
     one = np.eye(len(W))
+    if fitted is not None:
+        K = np.linalg.solve(W, np.linalg.solve(W, fitted).T)
+        left = np.linalg.inv(one + K)
+        xi = np.concatenate([xi, -(left @ np.linalg.solve(W, shift))[None]])
+        unsure = np.concatenate([unsure, (one - left)[None]])
     moved = np.linalg.solve((one - unsure).sum(axis=0) + UNTOLD * one, xi.sum(axis=0))
     own = shift + (xi + unsure @ moved) @ W.T
-    return shift + W @ moved, own, np.einsum("ij,rjk,ik->ri", W, unsure, W)
+    return shift + W @ moved, own, W @ unsure @ W.T
 
 
 def as_unsure_as_few_runs_tell(model: Model, batch: Likelihood, noise: Noise) -> Noise:
     """`noise` with constants spread as wide as those of the next run may lie: a normal
     distribution with the 95 % range of Student's t, since a spread that few runs told may be far
-    larger (A. Gelman et al., Bayesian Data Analysis, section 3.2)."""
+    larger, about a mean that so many tell (A. Gelman et al., Bayesian Data Analysis, section
+    3.2)."""
     runs = len(np.unique(batch.runs))
     if not len(noise.spread):
         return noise
-    wider = np.ones(len(noise.spread))
+    # of one run the fit is another; stretches of a run tell the mean as runs do
+    stretches = len(batch.runs) + (runs == 1)
+    wider = np.full(len(noise.spread), np.sqrt(1 + 1 / stretches))
     for alike in _alike(model, constants_of(model).names):
         told = max(runs - 1, 1) * len(alike) + 1  # the prior: one more
-        wider[alike] = student_t.ppf(WITHIN, told) / norm.ppf(WITHIN)
+        wider[alike] *= student_t.ppf(WITHIN, told) / norm.ppf(WITHIN)
     many = [noise._replace(spread=noise.spread * wider**share) for share in SHARES]
     cost = batch.run(model, [noise, *many]).cost
     # a wider prior costs as much as it is wider at most; beyond, the filter is lost there
