@@ -139,20 +139,23 @@ def as_unsure_as_few_runs_tell(model: Model, batch: Likelihood, noise: Noise) ->
     """`noise` with constants spread as wide as those of the next run may lie: a normal
     distribution with the 95 % range of Student's t, since a spread that few runs told may be far
     larger, about a mean that so many tell (A. Gelman et al., Bayesian Data Analysis, section
-    3.2)."""
-    runs = len(np.unique(batch.runs))
-    if not len(noise.spread):
+    3.2); and as unsure as the fit has them, since what a model lacks moves its constants within a
+    run, too."""
+    runs, known = len(np.unique(batch.runs)), constants_of(model)
+    if not known.names:
         return noise
     # of one run the fit is another; stretches of a run tell the mean as runs do
     stretches = len(batch.runs) + (runs == 1)
-    wider = np.full(len(noise.spread), np.sqrt(1 + 1 / stretches))
-    for alike in _alike(model, constants_of(model).names):
+    wider = np.full(len(known.names), np.sqrt(1 + 1 / stretches))
+    for alike in _alike(model, known.names):
         told = max(runs - 1, 1) * len(alike) + 1  # the prior: one more
         wider[alike] *= student_t.ppf(WITHIN, told) / norm.ppf(WITHIN)
-    many = [noise._replace(spread=noise.spread * wider**share) for share in SHARES]
+    more = noise.between * (np.outer(wider, wider) - 1) + known.covariance
+    many = [noise.with_between(noise.between + share * more) for share in SHARES]
     cost = batch.run(model, [noise, *many]).cost
     # a wider prior costs as much as it is wider at most; beyond, the filter is lost there
-    most = np.array(SHARES) * len(batch.runs) * np.log(wider).sum()
+    volumes = [np.linalg.slogdet(each.between)[1] for each in (noise, *many)]
+    most = len(batch.runs) * (np.array(volumes[1:]) - volumes[0]) / 2
     borne = np.flatnonzero(cost[1:] <= cost[0] + most + 1.0)
     return many[int(borne[0])] if len(borne) else noise
 
