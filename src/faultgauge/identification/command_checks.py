@@ -195,9 +195,9 @@ def _other_response(
     best = (EXPLAINED, "")
     for rho, slope in zip(rest.T, slopes.T, strict=True):
         halves = [_Left(rho, controls, rows, column) for rows in (chosen_on, settled & test)]
-        found = _tried(_versions(each, np.concatenate(own), step), own, halves, slope.mean())
+        found = _tried([*_versions(each, np.concatenate(own), step)], own, halves, slope.mean())
         if found.version.late:
-            both = _tried(_behind(each, step), own, halves, slope.mean())
+            both = _tried([*_behind(each, step)], own, halves, slope.mean())
             if 1 - both.share <= (1 - EXPLAINED) * (1 - found.share):
                 found = both
         if found.share >= best[0] and GAINS[0] <= found.ratio <= GAINS[1]:
@@ -207,8 +207,8 @@ def _other_response(
 
 
 def _tried(
-    versions: Iterator[_Version],
-    own: Sequence[Float[np.ndarray, "samples"]],
+    versions: Sequence[_Version],
+    own: Sequence[Float[np.ndarray, "_"]],
     halves: Sequence["_Left"],
     gain: float,
 ) -> _Tried:
