@@ -232,3 +232,16 @@ def test_constants_are_borne_that_free_runs_follow_about_as_well_as_with_the_fit
     text = LAG.replace("u - 0.2*x", "k*u - 0.2*x") + "[parameters]\nk = {{ value = 1.0 }}\n"
     runs = [off(log(seed), error) for seed in (1, 2, 3)]
     assert Following(model(text=text), runs)(("k",), np.array([k - 1.0])) == follows
+
+
+def test_an_output_that_one_constant_alone_moves_says_whether_it_is_borne():
+    """Beside two others that follow as before one is lost: the mean of all would say half."""
+    outputs = "".join(f'[outputs.y{n}]\nvalue = "x"\n' for n in (1, 2))
+    text = LAG.replace("u - 0.2*x", "u - 0.2*x").replace('value = "x"', 'value = "k*x"')
+    runs = [log(seed) for seed in (1, 2, 3)]
+    runs = [
+        replace(r, columns=r.columns | {"y1": r.columns["x"], "y2": r.columns["x"]}) for r in runs
+    ]
+    plant = model(text=text + outputs + "[parameters]\nk = {{ value = 1.0 }}\n")
+    assert Following(plant, runs)(("k",), np.array([0.05]))
+    assert not Following(plant, runs)(("k",), np.array([0.1]))

@@ -25,7 +25,7 @@ def climbed(low, high, center, pull, most=50, enough=1e-9):
     steps = []
     prior = (center, pull)
     found, cost = scored(
-        tell, np.zeros(2), low, high, *prior, most, enough, lambda: steps.append(1)
+        tell, tell, np.zeros(2), low, high, *prior, most, enough, lambda: steps.append(1)
     )
     return found, cost, len(steps)
 

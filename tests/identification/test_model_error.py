@@ -79,7 +79,7 @@ def assert_said(found, words):
     shown = [each for each in constants(found).values() if each.slow is not None]
     assert shown
     for each in shown:
-        beside = f"slow and fast motion ask for {each.slow:.3g} against {each.fast:.3g} {each.unit}"
+        beside = f"slow motion asks for {each.slow:.3g}, fast for {each.fast:.3g} {each.unit}"
         assert rows[each.name]["shift"] == beside
         assert (rows[each.name]["slow"], rows[each.name]["fast"]) == (each.slow, each.fast)
         assert any(line.startswith(f"{each.name} = ") and beside in line for line in found.lines)
@@ -165,7 +165,7 @@ def test_a_lag_that_the_file_lacks():
     (said,) = [text for text in found.warnings if "lacks a lag" in text]
     assert said.startswith(f"'x' comes about {late.seconds:.2g} s later than the plant file has it")
     a = constants(found)["a"]
-    assert_said(found, f"a ({a.slow:.3g} against {a.fast:.3g} 1/s), b")
+    assert_said(found, f"a (slow motion asks for {a.slow:.3g}, fast for {a.fast:.3g} 1/s), b")
     told = json.loads(json.dumps(found.as_dict(), allow_nan=False))["equation_error"]
     errors = [each.standard_error for each in constants(found).values()]
     assert [row["standard_error"] for row in told["parameters"]] == errors
@@ -246,8 +246,8 @@ def test_simulated_instruments_have_them_too():
     b = constants(found)["b"]
     assert_said(
         found,
-        f"k ({k.slow:.3g} against {k.fast:.3g} rad/s**2/V), b ({b.slow:.3g} against {b.fast:.3g} "
-        "1/s), c",
+        f"k (slow motion asks for {k.slow:.3g}, fast for {k.fast:.3g} rad/s**2/V), "
+        f"b (slow motion asks for {b.slow:.3g}, fast for {b.fast:.3g} 1/s), c",
     )
     without = fg.fit(AXIS, axis(0.0), restarts=1)
     assert not any("slow and fast" in each for each in without.warnings)
@@ -280,7 +280,8 @@ def test_what_is_worth_a_word():
     assert spoken(replace(off, by_chance=0.3)) == []
     assert spoken(replace(off, standard_error=0.09, by_chance=0.01)) == []
     (said,) = spoken(off, replace(off, name="c", slow=None, fast=None), refined=True)
-    assert said.startswith("slow and fast motion ask for other values of k (4 against 6 V), c than")
+    values = "k (slow motion asks for 4, fast for 6 V), c"
+    assert said.startswith(f"slow and fast motion ask for other values of {values} than")
     assert "lacks: the constants" in said
     assert said.endswith("by how much the values differ; add what the file lacks")
 

@@ -15,7 +15,9 @@ from faultgauge.plants.spec import Parameter
 __all__ = ["SUREST", "between_runs"]
 
 SUREST = 1e-3  # of an output's spread: no free run is taken for better than that
-USUAL, USUAL_RUNS = 0.1, 2.0  # of a parameter: how far runs lie apart; how many runs that is worth
+USUAL = 0.1  # of a parameter: how far runs lie apart
+TIMES = 10.0  # which may as well be so many times as far, or as little
+REACH, POINTS = 6.0, 4001  # standard deviations to either side, and places there
 
 
 def between_runs(
@@ -35,10 +37,20 @@ def between_runs(
 
 
 def _apart(parameter: Parameter, values: Sequence[float]) -> float:
-    """One standard deviation of what few runs tell it by: the usual one counts as two more. Where
-    the file gives no scale and one run is all there is, as little is known as before the fit."""
+    """The median of what n runs leave of one standard deviation s of theirs,
+
+        p(s) ~ s^-(n-1) exp(-Q / 2 s^2) * exp(-(ln s - ln usual)^2 / 2 ln(TIMES)^2) / s,
+
+    Q being their squared distances from their mean. Where the file gives no scale and one run is
+    all there is, as little is known as before the fit."""
     own = np.log(values) if parameter.positive else np.asarray(values)
     usual = USUAL * (1.0 if parameter.positive else abs(parameter.value))
-    worth = USUAL_RUNS if usual else 0.0
-    squares = np.sum((own - np.mean(own)) ** 2) + worth * usual**2
-    return float(np.sqrt(squares / (len(own) - 1 + worth))) if squares else prior_width(parameter)
+    squares, free = float(np.sum((own - np.mean(own)) ** 2)), len(own) - 1
+    if not usual:
+        return float(np.sqrt(squares / free)) if squares else prior_width(parameter)
+    scale = np.log(TIMES)
+    logs = np.log(usual) + scale * np.linspace(-free * scale - REACH, REACH, POINTS)
+    weights = -free * logs - squares / 2 * np.exp(-2 * logs)
+    weights -= ((logs - np.log(usual)) / scale) ** 2 / 2
+    below = np.cumsum(np.exp(weights - weights.max()))
+    return float(np.exp(np.interp(0.5, (below - np.diff(below, prepend=0) / 2) / below[-1], logs)))

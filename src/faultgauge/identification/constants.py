@@ -71,6 +71,12 @@ class FittedConstant:
         return self.standard_error > notable
 
     @property
+    def where(self) -> str:
+        """It lies at its bound, or next to it: as near as the range can be told."""
+        is_it = f"{self.value:.4g}" == f"{float((self.bound or '= nan').split('= ')[1]):.4g}"
+        return "at" if is_it else f"({self.value:.4g}) next to"
+
+    @property
     def vague(self) -> bool:
         """Whether its standard error is more than a tenth of it."""
         return self.standard_error is not None and self.standard_error > VAGUE * abs(self.value)
@@ -80,7 +86,8 @@ class FittedConstant:
         """What slow and fast motion ask for, where they contradict each other."""
         if self.slow is None:
             return None
-        return f"{self.slow:.3g} against {self.fast:.3g} {spoken(self.unit)}".rstrip()
+        values = f"slow motion asks for {self.slow:.3g}, fast for {self.fast:.3g}"
+        return f"{values} {spoken(self.unit)}".rstrip()
 
     @property
     def off(self) -> str:
@@ -92,7 +99,7 @@ class FittedConstant:
         """What is to be known of a biased or contradicted value beside it, and what to do."""
         if self.bias is not None:
             return f"off by about {self.off} because of noise: use --refine"
-        return None if self.asked is None else f"slow and fast motion ask for {self.asked}"
+        return self.asked
 
 
 @dataclass(frozen=True)
@@ -133,8 +140,8 @@ class ConstantsInformation:
         for each in self.constants:
             if each.bound:
                 found.append(
-                    f"parameter {each.name!r} is at its {each.bound}; its value is the file's "
-                    "bound, not the data's"
+                    f"parameter {each.name!r} is {each.where} its {each.bound}; its value is the "
+                    "file's bound, not the data's"
                 )
             elif each.standard_error is None and each.by_chance is None:
                 found.append(

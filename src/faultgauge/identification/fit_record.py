@@ -89,13 +89,13 @@ class FitReport(NamedTuple):
     def free_run(self, error: float) -> str:
         """What the free run is off by on held-out data, and over which time where that matters;
         `error` is that of the fit's choice, a share."""
-        said = f"{100 * error:.2f} % of each output's standard deviation"
+        said = f"{100 * error:.2f} % of an output's standard deviation in the mean of all"
         if self.anew is None or not self.anew.error < self.anew.through:
             return said if self.refinement is None else f"{said} in runs through whole logs"
         return (
-            f"{100 * self.anew.error:.2f} % of each output's standard deviation within "
-            f"{self.anew.seconds:.4g} s, and by {100 * self.anew.through:.2f} % in runs through "
-            f"whole logs (up to {self.anew.whole:.4g} s), in which small errors add up"
+            f"{100 * self.anew.error:.2f} % of an output's standard deviation in the mean of all "
+            f"within {self.anew.seconds:.4g} s, and by {100 * self.anew.through:.2f} % in runs "
+            f"through whole logs (up to {self.anew.whole:.4g} s), in which small errors add up"
         )
 
 

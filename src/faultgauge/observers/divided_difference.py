@@ -165,7 +165,7 @@ class DividedDifferenceFilter(eqx.Module):
 
         after, F, middle, *sides = self._differences(flow, belief)
         z, size = belief.mean, len(belief.mean)
-        mixed, plain, back = self._rows(size)
+        mixed, plain, back = self.rows(size)
         # what stands behind the plant's own states fades; but for what trails it follows nobody
         fades = jnp.concatenate([jnp.zeros(own), self.plant.lasting(dt), jnp.ones(size - n)])
         F = F + np.eye(n)[mixed[: len(F)]] * fades[:n]
@@ -188,11 +188,11 @@ class DividedDifferenceFilter(eqx.Module):
         Q = dt * jnp.concatenate([process, noise.walk * self._present(belief), rates]) ** 2
         Q = Q.at[:n].add((doubts * jump) ** 2)
         M, rest = jnp.concatenate([M, grows]), np.eye(size)[plain] * fades
-        P = self._carried(M, taken(fades, plain), belief.P) + jnp.diag(Q)
+        P = self.carried(M, taken(fades, plain), belief.P) + jnp.diag(Q)
         A = taken(jnp.concatenate([M, rest]), back)
         return Belief(mean, P), Flow(A, *map(placed, sides))
 
-    def _rows(
+    def rows(
         self, size: int
     ) -> tuple[Int[np.ndarray, "mixed"], Int[np.ndarray, "plain"], Int[np.ndarray, "n"]]:
         """Which rows of the A of a `Flow` hang on many of z (the plant's own states, what trails
@@ -206,16 +206,16 @@ class DividedDifferenceFilter(eqx.Module):
 
     def through(self, A: Float[Array, "n n"], M: Float[Array, "n m"]) -> Float[Array, "n m"]:
         """A M for the A of a `Flow`."""
-        mixed, plain, back = self._rows(len(A))
+        mixed, plain, back = self.rows(len(A))
         fades = taken(jnp.diagonal(A), plain)
         parts = contract("ij,jk->ik", taken(A, mixed), M), fades[:, None] * taken(M, plain)
         return taken(jnp.concatenate(parts), back)
 
-    def _carried(
+    def carried(
         self, M: Float[Array, "mixed n"], fades: Float[Array, "plain"], P: Float[Array, "n n"]
     ) -> Float[Array, "n n"]:
         """A P A^T for the A that has the rows M and `fades` of the other rows' diagonal."""
-        _, plain, back = self._rows(len(P))
+        _, plain, back = self.rows(len(P))
         rows = contract("ij,jk->ik", M, P)
         both, side = contract("ij,kj->ik", rows, M), taken(rows, plain, 1) * fades
         rest = taken(taken(P, plain), plain, 1) * fades[:, None] * fades
@@ -287,7 +287,7 @@ class DividedDifferenceFilter(eqx.Module):
         expected, look = self.look(predicted, u)
         after, likelihood, seen = self.update(predicted, noise, expected, look, y)
         # what is no number anywhere is none in the variances either
-        rows = self._rows(len(after.mean))[0]
+        rows = self.rows(len(after.mean))[0]
         sizes = [after.mean, jnp.diagonal(after.P), taken(flow.A, rows), *flow[1:], *look]
         # of each number on its own: a largest one waits for all before it
         within = jnp.stack([jnp.all(jnp.abs(part) < HUGE) for part in sizes])

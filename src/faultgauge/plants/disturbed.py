@@ -254,6 +254,18 @@ class Disturbed(Plant):
         """Which share of d, r, b, l, a, v, g, z, q, h and xi is left after `dt` [s]."""
         return jnp.exp(-dt / self.times)
 
+    def meanwhile(self, dt: Float[Array, ""]) -> Float[Array, "states"]:
+        """Which share of it each state is in the mean of `dt` [s]: d, and what inputs err by."""
+        share = jnp.ones(len(self.signals.states))
+        for part, lasting in (
+            (self.parts.d, self.error.tau),
+            (self.parts.h, self.error.settling / 2),  # r fades as h does
+            (self.parts.a, self.error.straying),
+            (self.parts.v, self.error.leaning),
+        ):
+            share = share.at[part].set(_mean_left(dt / lasting))
+        return share
+
     def trails(
         self,
         plant: Plant,
@@ -284,13 +296,7 @@ class Disturbed(Plant):
         """What is added to the rates of `base` `t` [s] after `x`, the last of which ends the step:
         by d, and by a, e and v what they do at `x` under `u` in the mean of the step. What d does
         to a rate that reads another one is what it does at `x`."""
-        beside = x
-        for part, lasting in (
-            (self.parts.h, self.error.settling / 2),  # r fades as h does
-            (self.parts.a, self.error.straying),
-            (self.parts.v, self.error.leaning),
-        ):
-            beside = beside.at[part].multiply(_mean_left(t[-1] / lasting))
+        beside = x * self.meanwhile(t[-1])
 
         def rates(plant: Plant) -> Float[Array, "own"]:
             return respond(Reached(self._own, plant), x[self.parts.x], u, f)[0]

@@ -43,7 +43,7 @@ def _model_section(model: Model) -> Section:
     if np.isfinite(error):
         said = (
             "On data that it was not fitted to, its free run is off by "
-            f"{100 * error:.2f} % of each output's standard deviation."
+            f"{100 * error:.2f} % of an output's standard deviation in the mean of all."
         )
     tables = (*parameter_table(known, PARAMETERS), *correlation_table(known), *_runs(model))
     return Section("The model", (said,), tables)

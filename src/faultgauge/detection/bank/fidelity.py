@@ -43,44 +43,54 @@ def shape_error(model: Model, runs: Sequence[Run]) -> float:
     return least if least < 1.0 else USUAL_SHAPE
 
 
-def _least_off(model: Model, runs: Sequence[Run]) -> tuple[float, int]:
-    """(by which share free runs are off, the parts of `runs` in which it is least); 1 and 1 where
-    none follows them."""
-    least, best, parts = 1.0, 1, 1
+def _least_off(model: Model, runs: Sequence[Run]) -> float:
+    """By which share free runs are off in the parts of `runs` in which it is least; 1 where none
+    follows them."""
+    least, parts = 1.0, 1
     while min(len(run.t) for run in runs) >= parts * SHORTEST_PIECE:
-        off = _off(_free_runs(model, runs, parts))
+        off = _together(_off(_free_runs(model, runs, parts)))
         if off > least < 1.0:
             break
-        least, best = min((off, parts), (least, best))
-        parts *= 2
-    return least, best
+        least, parts = min(off, least), 2 * parts
+    return least
 
 
 class Following:
     """Whether free runs follow `runs` with other constants about as well as with the fitted ones.
 
     Innovations say what explains the next sample, and where the file lacks something (friction that
-    sticks, a gust that a loop answers) may ask for constants of which no run is one.
+    sticks, a gust that a loop answers) may ask for constants of which no run is one. Every output
+    that the fitted ones follow is held against them, in the parts in which they do so best: a heat
+    capacity shows in a temperature alone, and not where a run is cut short.
     """
 
     def __init__(self, model: Model, runs: Sequence[Run]) -> None:
         self.model, self.runs = model, runs
 
     @cached_property
-    def _fitted(self) -> tuple[float, int]:
-        """By which share free runs with the fitted constants are off, and in which parts."""
-        return _least_off(self.model, self.runs)
+    def _fitted(self) -> dict[int, Float[np.ndarray, "outputs"]]:
+        """By which share each output of free runs with the fitted constants is off, by the parts in
+        which it is least; infinite where that is in others, or nowhere less than all."""
+        found, parts = dict[int, Float[np.ndarray, "outputs"]](), 1
+        while min(len(run.t) for run in self.runs) >= parts * SHORTEST_PIECE:
+            predictions = _free_runs(self.model, self.runs, parts)
+            if predictions:
+                found[parts] = _off(predictions)
+            parts *= 2
+        least = np.fmin.reduce([*found.values(), np.ones(len(self.model.plant.signals.outputs))])
+        return {k: np.where(off == least, off, np.inf) for k, off in found.items()}
 
     def __call__(self, names: Sequence[str], shift: Float[np.ndarray, "constants"]) -> bool:
         """With `names` off the fitted values by `shift`."""
-        least, parts = self._fitted
-        if least >= 1.0:
-            return True  # nothing follows them, whatever the constants
         values = self.model.plant.values()
         off = {n: values[n] + s for n, s in zip(names, shift, strict=True)}
-        plant = self.model.plant.with_constants(off)
-        error = _off(_free_runs(replace(self.model, plant=plant), self.runs, parts))
-        return error <= WORSE * max(least, USUAL_GAIN)
+        other = replace(self.model, plant=self.model.plant.with_constants(off))
+        return all(
+            (_off(_free_runs(other, self.runs, parts)) <= WORSE * np.maximum(least, USUAL_GAIN))
+            .all(where=np.isfinite(least))
+            for parts, least in self._fitted.items()
+            if np.isfinite(least).any()
+        )  # fmt: skip
 
 
 def gain_error(model: Model, runs: Sequence[Run]) -> float:
@@ -112,9 +122,8 @@ def _free_runs(model: Model, runs: Sequence[Run], parts: int) -> list[Prediction
         return []
 
 
-def _off(predictions: Sequence[Prediction]) -> float:
-    """The root of the mean of shape^2 over the outputs; infinite where none moves, or a free run
-    diverges."""
+def _off(predictions: Sequence[Prediction]) -> Float[np.ndarray, "outputs"]:
+    """Shape of every output; infinite where a free run diverges, no number where it never moves."""
     errors, moves = [], []
     for each in predictions:
         y, h = each.measured[each.warmup :], each.predicted[each.warmup :]
@@ -128,9 +137,14 @@ def _off(predictions: Sequence[Prediction]) -> float:
         errors.append(own[0])
         moves.append(own[1])
     error, moved = np.sum(errors, axis=0), np.sum(moves, axis=0)
-    shares = error[moved > 0] / moved[moved > 0]
-    found = float(np.sqrt(np.mean(shares))) if len(shares) else np.inf
-    return found if np.isfinite(found) else np.inf
+    shares = np.where(np.isfinite(error), error, np.inf) / np.where(moved > 0, moved, np.nan)
+    return np.sqrt(shares)
+
+
+def _together(off: Float[np.ndarray, "outputs"]) -> float:
+    """The root of the mean of shape^2 over the outputs that move; infinite where none does."""
+    shares = off[~np.isnan(off)] ** 2
+    return float(np.sqrt(np.mean(shares))) if len(shares) else np.inf
 
 
 def _gains(prediction: Prediction) -> list[float]:

@@ -6,7 +6,7 @@ Every stretch begins with a discrepancy and constants of its own, so that what d
 counts (Schweppe, IEEE TAC 11 (1965); Mehra, IEEE TAC 15 (1970)).
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple, TypeAlias
 
@@ -14,7 +14,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from faultgauge.detection.bank.extended import (
     directions_of,
@@ -27,6 +27,7 @@ from faultgauge.detection.bank.extended import (
     start_spread,
 )
 from faultgauge.detection.bank.noise import Noise
+from faultgauge.detection.calibration.nearby_levels import costs_nearby
 from faultgauge.detection.rows.judged import pad_stretch, start_from_samples
 from faultgauge.detection.rows.prepared import as_it_acts
 from faultgauge.identification.optimise.cores import side_by_side
@@ -47,6 +48,8 @@ LONGEST = 4096  # of one stretch
 EVEN = 512  # samples: stretches are padded to so many, twice as many, ...: few programs to compile
 FEW = 3  # stretches: how far constants of runs lie apart is hardly told by fewer
 AT_ONCE = 4  # levels: one compiled program for any number of them
+NEAR_AT_ONCE = 16  # levels near to another one
+LARGE = 16  # numbers that a filter tracks: with fewer, the plant is not what takes most of the time
 
 Own: TypeAlias = tuple[Error, Array, Array, dd.FilterNoise]  # of one of the levels
 Carry: TypeAlias = tuple[Belief, Array, Array]
@@ -144,7 +147,34 @@ class Likelihood:
         told = side_by_side(lambda some: self._run(model, some), chunks)
         return Likelihoods(*(np.concatenate(each)[: len(many)] for each in zip(*told, strict=True)))
 
-    def _run(self, model: Model, many: Sequence[Noise]) -> Likelihoods:
+    def near(
+        self, model: Model, many: Sequence[Noise], apart: Bool[np.ndarray, "many"]
+    ) -> Likelihoods:
+        """As `run`, of levels near to the first of `many`. Where a filter tracks many numbers the
+        slopes that the plant has under the first stand for those under all others, but under those
+        to be told `apart`; nothing is told of xi then."""
+        if len(scale_of(model, many[0])) < LARGE:
+            return self.run(model, many)
+        alike, whole = np.flatnonzero(~apart), np.flatnonzero(apart)
+        padded = [*alike[1:], *[alike[-1]] * (-(len(alike) - 1) % NEAR_AT_ONCE)]
+        chunks = [[0, *padded[k : k + NEAR_AT_ONCE]] for k in range(0, len(padded), NEAR_AT_ONCE)]
+        told = side_by_side(
+            lambda some: self._run(model, [many[k] for k in some], costs_nearby), chunks
+        )
+        if len(whole):
+            chunks, told = [*chunks, [*whole]], [*told, self.run(model, [many[k] for k in whole])]
+        found = Likelihoods(*(np.zeros((len(many), *each.shape[1:])) for each in told[0]))
+        for places, each in zip(chunks, told, strict=True):
+            for into, own in zip(found, each, strict=True):
+                into[places] = own
+        return found
+
+    def _run(
+        self,
+        model: Model,
+        many: Sequence[Noise],
+        costs: Callable[..., tuple[Array, ...]] | None = None,
+    ) -> Likelihoods:
         drifted = spread_of_start(model, many[0].sigma, self.columns)[1]
         plant = disturbed(model, many[0])
         W = jnp.asarray(np.stack([directions_of(model, each) for each in many]))
@@ -178,7 +208,7 @@ class Likelihood:
             sticking=plant.sticking,
             positive=plant.positive,
         )
-        found = _costs(
+        found = (costs or _costs)(
             bare,
             error,
             offset,

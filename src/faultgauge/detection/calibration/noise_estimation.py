@@ -43,6 +43,7 @@ from faultgauge.detection.calibration.innovation_likelihood import (
 from faultgauge.detection.calibration.input_curves import with_curves_of_inputs
 from faultgauge.detection.calibration.input_errors import with_errors_of_inputs
 from faultgauge.detection.calibration.input_lags import with_lags_of_inputs
+from faultgauge.detection.calibration.nearby_levels import EXACT
 from faultgauge.detection.calibration.noise_levels import (
     LEAST_LAG,
     Bounds,
@@ -75,12 +76,11 @@ ROUNDS = (16, 12, 8)  # steps of each search; the constants are told anew betwee
 # and the discrepancy
 STARTS = tuple(product((1.0, 10.0, 100.0), (1.0, 30.0)))
 FIRST = 2  # steps of each; then of the better half, and so on
-PART = 0.5  # of every stretch, which the first of these steps look at
 # parts of the work: the start, the plant's levels, a grip, LAGS in either order, CURVES, BESIDE,
 # and by all data, which is as much as a few of them
 PARTS, ALL = 15, 3
 USUAL = 12  # steps of a part
-SEEN = 8192  # samples that tell what there is beside the levels; all samples tell how much
+SEEN = 16384  # values that tell what there is beside the levels; all samples tell how much
 # these come first, as they are no error; what one of them explains the other does in part
 LAGS = (with_lags_of_inputs, with_lags_of_sensors)
 CURVES = (with_curves_of_inputs,)  # are no errors either
@@ -111,7 +111,8 @@ def estimate_noise(
     told = _Healthy.of(model, runs)
     stepped = _Progress(progress, PARTS)
     if discrepancy:
-        some = replace(told, batch=told.batch.some(SEEN))
+        rows = SEEN // max(2, len(model.plant.signals.outputs))
+        some = replace(told, batch=told.batch.some(rows))
         noise = _found_beside(model, some, stepped)
         if some.batch is not told.batch:
             stepped.weighs(ALL)
@@ -392,11 +393,10 @@ def _started(
     both = [(between("lasting", a), noise.size / b) for a in shares for b in SMALLER]
     noise = best([noise, *(noise._replace(lasting=a, size=b) for a, b in both)])
     many = [noise._replace(process=a * noise.process, size=b * noise.size) for a, b in STARTS]
-    seen = batch.beginning(int(PART * batch.dt.shape[1]))
     while len(many) > 1:
-        many = [_searched(model, seen, m, bounds, {"sigma"}, FIRST, stepped) for m in many]
+        many = [_searched(model, batch, m, bounds, {"sigma"}, FIRST, stepped) for m in many]
         order = np.argsort(_costs(model, batch, many, bounds))
-        many, seen = [many[k] for k in order[: len(many) // 2]], batch
+        many = [many[k] for k in order[: len(many) // 2]]
     noise = many[0]
     each = np.eye(len(noise.sigma))
     wider = [noise._replace(sigma=noise.sigma * f**one) for f in FACTORS for one in each]
@@ -420,13 +420,21 @@ def _searched(
     start = logs_of(noise)
     at = np.flatnonzero(np.isfinite(start) & ~np.isin(names_of(noise), list(held)))
 
-    def tell(some: Float[np.ndarray, "many free"]) -> Likelihoods:
+    apart = np.array([False, *np.isin(names_of(noise), EXACT)[at]])
+
+    def of(some: Float[np.ndarray, "many free"]) -> list[Noise]:
         logs = np.tile(start, (len(some), 1))
         logs[:, at] = some
-        return batch.run(model, [levels_of(row, noise) for row in logs])
+        return [levels_of(row, noise) for row in logs]
+
+    def tell(some: Float[np.ndarray, "many free"]) -> Likelihoods:
+        return batch.run(model, of(some))
+
+    def near(some: Float[np.ndarray, "many free"]) -> Likelihoods:
+        return batch.near(model, of(some), apart)
 
     own = [each[at] for each in (start, bounds.low, bounds.high, bounds.center, bounds.pull)]
-    found, _ = scored(tell, *own, most=most, enough=ENOUGH, stepped=stepped)
+    found, _ = scored(tell, near, *own, most=most, enough=ENOUGH, stepped=stepped)
     logs = start.copy()
     logs[at] = found
     return levels_of(logs, noise)

@@ -28,6 +28,7 @@ PULLS = 3  # sets of dampings that are tried before a step is the last
 
 def scored(
     tell: Callable[[Float[np.ndarray, "many levels"]], Likelihoods],
+    near: Callable[[Float[np.ndarray, "many levels"]], Likelihoods],
     start: Float[np.ndarray, "levels"],
     low: Float[np.ndarray, "levels"],
     high: Float[np.ndarray, "levels"],
@@ -40,6 +41,7 @@ def scored(
     """(logarithms of levels, their -ln likelihood) after at most `most` steps from `start`, or one
     that gains less than `enough`.
 
+    `tell` says what data do under some levels, `near` what they do under levels near to the first.
     `center` and `pull` are mean and standard deviation (infinite: none) of a prior.
     """
     steps = DIFFERENCE * np.eye(len(start))
@@ -51,7 +53,7 @@ def scored(
     x, damping, cost = np.clip(start, low, high), DAMPING, np.inf
     for _ in range(most):
         stepped()
-        told = tell(np.concatenate([x[None], x + steps]))
+        told = near(np.concatenate([x[None], x + steps]))
         cost = float(told.cost[0] + unlikely(x[None])[0])
         M = _information(told)
         # a difference to one side is off by half of its length times the curvature
