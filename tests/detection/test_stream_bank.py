@@ -7,11 +7,13 @@ import pytest
 from calibrations import for_bank, for_observer
 from faultgauge.detection.answer.estimation import Estimated, estimate
 from faultgauge.detection.answer.estimation import table as plain_table
+from faultgauge.detection.answer.standing import standing_in
 from faultgauge.detection.answer.unnamed import unnamed_alarms
 from faultgauge.detection.bank.noise import Noise
-from faultgauge.detection.decisions import Decision, decide_runs, table
+from faultgauge.detection.decisions import Decision, decide_runs, table, unjudged
 from faultgauge.detection.posterior.events import Alarm, BankEvent, Unnamed
 from faultgauge.detection.rows.flat_line import FlatLine, longest_repeats
+from faultgauge.detection.rows.prepared import prepared
 from faultgauge.detection.stream import Stream
 from faultgauge.observers.follow import follow
 from faultgauge.telemetry import Run
@@ -210,6 +212,24 @@ def test_what_healthy_logs_repeat_is_allowed_twice_and_an_own_fault_explains_it(
     declared = for_observer(model(), known)  # a fault of the gauge
     assert not believed(FlatLine.of(declared), long)[1].any()
     assert believed(FlatLine.of(declared, sized=False), long)[1][-1] == 1
+
+
+def test_of_a_gauge_with_a_fault_of_its_own_a_sentence_says_where_it_stands():
+    """13 times 1 from 1 s to 13 s where healthy logs have 6 at most; 12 times are nothing odd, nor
+    is a gauge without a fault, whose rows say so."""
+    declared, long = for_observer(model(), {"x": 6}), readings(0, *[1] * 13, 2)
+
+    def said(model, run):
+        one = unjudged(model, run, prepared(model.plant.signals, run), {})
+        return standing_in(model, [one])
+
+    (fault,) = (f.name for f in declared.plant.signals.faults if f.enters == "output")
+    assert said(declared, long) == [
+        "run r: x stands on 1 from 1 s to 13 s, stuck or saturated; the size of "
+        f"{fault} there is by how much that is off"
+    ]
+    assert said(declared, readings(0, *[1] * 12, 2)) == []
+    assert said(for_observer(model(LIMITED), {"x": 6}), long) == []
 
 
 def test_the_bank_says_so_and_names_no_leak(limited):

@@ -270,15 +270,16 @@ def warn(warnings: Iterable[str], but: Collection[str] = ()) -> None:
 
 
 class _Lines:
-    """What is being done, as lines that are `SELDOM` apart."""
+    """What is being done, as lines that are `SELDOM` apart, and say something else than the last."""
 
     def __init__(self) -> None:
-        self.said = monotonic()
+        self.said, self.last = monotonic(), ""
 
     def __call__(self, text: str) -> None:
-        if monotonic() - self.said >= SELDOM:
-            self.said = monotonic()
-            say(f"{text} ({100 * text.share:.0f} %)" if isinstance(text, Step) else text)
+        line = f"{text} ({100 * text.share:.0f} %)" if isinstance(text, Step) else text
+        if line != self.last and monotonic() - self.said >= SELDOM:
+            self.said, self.last = monotonic(), line
+            say(line)
 
 
 @contextmanager

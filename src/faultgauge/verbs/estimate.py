@@ -11,6 +11,7 @@ from faultgauge.detection.answer.estimation import Estimated
 from faultgauge.detection.answer.evidence import Evidence
 from faultgauge.detection.answer.evidence import evidence as evidence_of
 from faultgauge.detection.answer.shares import shares_of
+from faultgauge.detection.answer.standing import standing_in
 from faultgauge.detection.answer.swapped import swapped_in
 from faultgauge.detection.bank.bank import FaultBank
 from faultgauge.detection.calibration.drift import Drift, drifts
@@ -288,6 +289,7 @@ def estimate(
     progress("looking for slow changes")
     warnings += misfit.alarmed_throughout(decided)
     warnings += [] if bank is None else swapped_in(known, decided)
+    warnings += standing_in(known, decided)
     warnings += glitched(decided)
     reason = None if bank is None else reliance.doubt(known)
     warnings += [reason] if reason else []

@@ -34,11 +34,11 @@ from faultgauge.detection.bank.uncertain_constants import constants_of
 from faultgauge.detection.calibration.doubted_regions import with_doubted_regions
 from faultgauge.detection.calibration.grips import with_grips
 from faultgauge.detection.calibration.innovation_likelihood import (
-    SAMPLES,
     Likelihood,
     Likelihoods,
     StretchPiece,
     healthy_stretches,
+    samples_for,
 )
 from faultgauge.detection.calibration.input_curves import with_curves_of_inputs
 from faultgauge.detection.calibration.input_errors import with_errors_of_inputs
@@ -111,8 +111,7 @@ def estimate_noise(
     told = _Healthy.of(model, runs)
     stepped = _Progress(progress, PARTS)
     if discrepancy:
-        rows = SEEN // max(2, len(model.plant.signals.outputs))
-        some = replace(told, batch=told.batch.some(rows))
+        some = replace(told, batch=told.batch.some(samples_for(model, SEEN)))
         noise = _found_beside(model, some, stepped)
         if some.batch is not told.batch:
             stepped.weighs(ALL)
@@ -190,7 +189,7 @@ class _Healthy:
         names = [n for n in outputs if n in runs[0].columns]
         total = sum(len(run.t) for run in runs)
         follows = Following(model, runs)
-        runs, averaged = block_means(runs, names, total / SAMPLES)
+        runs, averaged = block_means(runs, names, total / samples_for(model))
         stretches = healthy_stretches(model, runs)
         if not stretches:
             raise InputError(

@@ -9,6 +9,7 @@ is declared is left as it is: a stuck sensor is a fault of that kind, as large a
 """
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import equinox as eqx
@@ -19,7 +20,15 @@ from jaxtyping import Array, Float, Int
 from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run
 
-__all__ = ["FlatLine", "FlatState", "is_standing", "longest_repeats", "standing_still"]
+__all__ = [
+    "ROOM",
+    "FlatLine",
+    "FlatState",
+    "is_standing",
+    "longest_repeats",
+    "standing_parts",
+    "standing_still",
+]
 
 STANDS = " stands on one value: stuck or saturated"  # behind the name of an output
 ROOM = 2  # times the longest repeat of healthy logs
@@ -44,11 +53,25 @@ def longest_repeats(model: Model, runs: Sequence[Run]) -> dict[str, int]:
     return found
 
 
+def standing_parts(run: Run, name: str, most: float) -> list[tuple[float, float, float]]:
+    """(from when [s], until when [s], the value) of every part of a column that repeats one value
+    more than `most` times."""
+    own = run.own(name)
+    there = np.isfinite(own)
+    t, known = run.t[there], own[there]
+    edges = _edges(known)
+    parts = [(a, b) for a, b in pairwise(edges.tolist()) if b - a > most]
+    return [(float(t[a]), float(t[b - 1]), float(known[a])) for a, b in parts]
+
+
 def _longest(values: Float[np.ndarray, "samples"]) -> int:
     """The most samples on end that repeat one value; empty cells are passed over."""
-    known = values[np.isfinite(values)]
-    edges = np.flatnonzero(np.diff(known, prepend=np.nan, append=np.nan) != 0)
-    return int(np.diff(edges).max(initial=1))
+    return int(np.diff(_edges(values[np.isfinite(values)])).max(initial=1))
+
+
+def _edges(known: Float[np.ndarray, "samples"]) -> Int[np.ndarray, "edges"]:
+    """Where another value begins, and the end."""
+    return np.flatnonzero(np.diff(known, prepend=np.nan, append=np.nan) != 0)
 
 
 class FlatState(NamedTuple):
