@@ -270,7 +270,7 @@ def warn(warnings: Iterable[str], but: Collection[str] = ()) -> None:
 
 
 class _Lines:
-    """What is being done, as lines that are `SELDOM` apart, and say something else than the last."""
+    """What is being done, as lines that are `SELDOM` apart and no two alike in a row."""
 
     def __init__(self) -> None:
         self.said, self.last = monotonic(), ""

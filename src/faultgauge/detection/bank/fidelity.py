@@ -39,7 +39,7 @@ def shape_error(model: Model, runs: Sequence[Run]) -> float:
     follows them; 0 for a model that nobody fitted."""
     if model.record.metrics.validation_free_run_nrmse is None:
         return 0.0
-    least, _ = _least_off(model, runs)
+    least = _least_off(model, runs)
     return least if least < 1.0 else USUAL_SHAPE
 
 
