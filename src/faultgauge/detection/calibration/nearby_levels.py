@@ -11,7 +11,7 @@ so innovations are right to first order in what levels differ by, which is all t
 likelihood need (N. K. Gupta and R. K. Mehra, IEEE TAC 19 (1974)).
 """
 
-from typing import NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import equinox as eqx
 import jax
@@ -30,6 +30,7 @@ __all__ = ["EXACT", "costs_nearby"]
 EXACT = ("trail", "bend", "slip")  # levels that change what the plant does in ways not told above
 
 Own: TypeAlias = tuple[Error, dd.FilterNoise]  # of one of the levels
+Carry: TypeAlias = tuple[Belief, Belief, Array, Array]
 
 
 class _Step(NamedTuple):
@@ -62,65 +63,47 @@ def costs_nearby(
     substeps: int,
 ) -> tuple[Array, Array, Array, Array, Array]:
     """The fields of `Likelihoods`, of levels near to the first; nothing of xi."""
+    count = len(offset)
     more = jnp.zeros((len(x), len(scale) - x.shape[1]))
-    x = jnp.concatenate([x, more], axis=1)
-    first = jax.tree.map(lambda a: a[0], (error, levels, sd))
+    stretches = jnp.moveaxis(jnp.concatenate([x, more], axis=1), 0, -1)
     plant = eqx.tree_at(lambda p: (p.offset, p.directions), plant, (offset[0], W[0]))
+    error0, noise0, sd0 = jax.tree.map(lambda a: a[0], (error, levels, sd))
 
     def filter_of(error: Error) -> DividedDifferenceFilter:
         held = eqx.tree_at(lambda p: p.error, plant, error)
         return DividedDifferenceFilter(held, scale, jnp.zeros(0), (), substeps)
 
-    begins = filter_of(first[0])
+    begins = filter_of(error0)
 
-    def of_levels(a: Array) -> Array:
-        return jnp.moveaxis(jnp.repeat(a, len(x), axis=0), 0, -1)
+    def started(own: Own, sd: Array, x: Array) -> Belief:
+        return filter_of(own[0]).begin(x, sd)
+
+    def followed(own: Own, *rest: Any) -> tuple[Belief, Array, Array, Array]:
+        return _near(filter_of(own[0]), own[1], error0, *rest)
 
     def of_all(a: Array) -> Array:  # what is a stretch's, for every level
-        return jnp.concatenate([a] * len(offset), axis=-1)
+        return jnp.concatenate([a] * count, axis=-1)
 
-    samples = tuple(jnp.moveaxis(a, 0, -1) for a in (u, y, dt))
-    own, spread = jax.tree.map(of_levels, ((error, levels), sd))
-    stretches = jnp.moveaxis(x, 0, -1)
-    near = lanes_last(
-        lambda own, sd, x: filter_of(own[0]).begin(x, sd), own, spread, of_all(stretches)
-    )
-    center = lanes_last(lambda x: begins.begin(x, first[2]), stretches)
-
-    def body(
-        carry: tuple[Belief, Belief, Array, Array], sample: tuple[Array, Array, Array]
-    ) -> tuple[tuple[Belief, Belief, Array, Array], tuple[Array, Array]]:
+    def body(carry: Carry, sample: tuple[Array, Array, Array]) -> tuple[Carry, list[Array]]:
         center, near, total, before = carry
-        now, y, dt = sample
-        center, step = lanes_last(
-            lambda *a: _first(begins, first[1], *a), center, before, now, y, dt
-        )
-        given = jax.tree.map(of_all, (step, before, now, y, dt))
+        own_row = (center, before, *sample)
+        center, step = lanes_last(lambda *row: _first(begins, noise0, *row), *own_row)
+        given = jax.tree.map(of_all, (step, before, *sample))
+        near, total, *said = lanes_last(followed, own, near, total, *given)
+        return (center, near, total, sample[0]), said
 
-        def followed(
-            own: Own, belief: Belief, total: Array, step: _Step, *rest: Array
-        ) -> tuple[Belief, Array, Array, Array]:
-            return _near(filter_of(own[0]), own[1], first[0], belief, total, step, *rest)
-
-        near, total, white, root = lanes_last(followed, own, near, total, *given)
-        return (center, near, total, now), (white, root)
-
-    total = jnp.zeros(len(offset) * len(x))
-    start = center, near, total, samples[0][0]
-    (_, _, total, _), said = jax.lax.scan(body, start, samples)
-
-    def each(a: Array) -> Array:  # levels first, then stretches
-        return jnp.moveaxis(a, -1, 0).reshape(len(offset), len(x), *a.shape[:-1])
-
-    white, root = (each(a).reshape(len(offset), -1) for a in said)
-    untold = jnp.zeros((len(offset), len(x), W.shape[2]))
-    return (
-        -jnp.sum(each(total), axis=1),
-        untold,
-        untold[..., None] * untold[..., None, :],
-        white,
-        root,
+    own, spread = jax.tree.map(
+        lambda a: jnp.moveaxis(jnp.repeat(a, len(x), axis=0), 0, -1), ((error, levels), sd)
     )
+    samples = tuple(jnp.moveaxis(a, 0, -1) for a in (u, y, dt))
+    near = lanes_last(started, own, spread, of_all(stretches))
+    center = lanes_last(lambda x: begins.begin(x, sd0), stretches)
+    start = center, near, jnp.zeros(count * len(x)), samples[0][0]
+    (_, _, total, _), said = jax.lax.scan(body, start, samples)
+    white, root = (jnp.moveaxis(a, -1, 0).reshape(count, -1) for a in said)
+    mean = jnp.zeros((count, len(x), W.shape[2]))
+    P = jnp.zeros((*mean.shape, W.shape[2]))
+    return -total.reshape(count, len(x)).sum(axis=1), mean, P, white, root
 
 
 def _first(
