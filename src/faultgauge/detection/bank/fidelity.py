@@ -39,20 +39,21 @@ def shape_error(model: Model, runs: Sequence[Run]) -> float:
     follows them; 0 for a model that nobody fitted."""
     if model.record.metrics.validation_free_run_nrmse is None:
         return 0.0
-    least = _least_off(model, runs)
+    least, _ = _least_off(model, runs)
     return least if least < 1.0 else USUAL_SHAPE
 
 
-def _least_off(model: Model, runs: Sequence[Run]) -> float:
-    """By which share free runs are off in the parts of `runs` in which it is least; 1 where none
-    follows them."""
-    least, parts = 1.0, 1
+def _least_off(model: Model, runs: Sequence[Run]) -> tuple[float, int]:
+    """(by which share free runs are off, the parts of `runs` in which it is least); 1 and 1 where
+    none follows them."""
+    least, best, parts = 1.0, 1, 1
     while min(len(run.t) for run in runs) >= parts * SHORTEST_PIECE:
         off = _together(_off(_free_runs(model, runs, parts)))
         if off > least < 1.0:
             break
-        least, parts = min(off, least), 2 * parts
-    return least
+        least, best = min((off, parts), (least, best))
+        parts *= 2
+    return least, best
 
 
 class Following:
@@ -61,36 +62,30 @@ class Following:
     Innovations say what explains the next sample, and where the file lacks something (friction that
     sticks, a gust that a loop answers) may ask for constants of which no run is one. Every output
     that the fitted ones follow is held against them, in the parts in which they do so best: a heat
-    capacity shows in a temperature alone, and not where a run is cut short.
+    capacity shows in a temperature alone.
     """
 
     def __init__(self, model: Model, runs: Sequence[Run]) -> None:
         self.model, self.runs = model, runs
 
     @cached_property
-    def _fitted(self) -> dict[int, Float[np.ndarray, "outputs"]]:
-        """By which share each output of free runs with the fitted constants is off, by the parts in
-        which it is least; infinite where that is in others, or nowhere less than all."""
-        found, parts = dict[int, Float[np.ndarray, "outputs"]](), 1
-        while min(len(run.t) for run in self.runs) >= parts * SHORTEST_PIECE:
-            predictions = _free_runs(self.model, self.runs, parts)
-            if predictions:
-                found[parts] = _off(predictions)
-            parts *= 2
-        least = np.fmin.reduce([*found.values(), np.ones(len(self.model.plant.signals.outputs))])
-        return {k: np.where(off == least, off, np.inf) for k, off in found.items()}
+    def _fitted(self) -> tuple[Float[np.ndarray, "outputs"], int]:
+        """By which share each output of free runs with the fitted constants is off, and in which
+        parts."""
+        _, parts = _least_off(self.model, self.runs)
+        return _off(_free_runs(self.model, self.runs, parts)), parts
 
     def __call__(self, names: Sequence[str], shift: Float[np.ndarray, "constants"]) -> bool:
         """With `names` off the fitted values by `shift`."""
+        off, parts = self._fitted
+        followed = off < 1.0
+        if not followed.any():
+            return True  # nothing follows them, whatever the constants
         values = self.model.plant.values()
-        off = {n: values[n] + s for n, s in zip(names, shift, strict=True)}
-        other = replace(self.model, plant=self.model.plant.with_constants(off))
-        return all(
-            (_off(_free_runs(other, self.runs, parts)) <= WORSE * np.maximum(least, USUAL_GAIN))
-            .all(where=np.isfinite(least))
-            for parts, least in self._fitted.items()
-            if np.isfinite(least).any()
-        )  # fmt: skip
+        shifted = {n: values[n] + s for n, s in zip(names, shift, strict=True)}
+        other = replace(self.model, plant=self.model.plant.with_constants(shifted))
+        error = _off(_free_runs(other, self.runs, parts))
+        return bool(np.all(error <= WORSE * np.maximum(off, USUAL_GAIN), where=followed))
 
 
 def gain_error(model: Model, runs: Sequence[Run]) -> float:
