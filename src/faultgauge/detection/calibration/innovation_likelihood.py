@@ -43,15 +43,15 @@ from faultgauge.telemetry import Run, segments
 
 __all__ = [
     "AT_ONCE",
+    "LARGE",
+    "SAMPLES",
     "Likelihood",
     "Likelihoods",
     "StretchPiece",
     "healthy_stretches",
-    "samples_for",
 ]
 
-VALUES = 32768  # of all outputs together that tell the levels
-FEWEST = 2  # outputs that one counts as
+SAMPLES = 16384  # that tell the levels
 LONGEST = 4096  # of one stretch
 EVEN = 512  # samples: stretches are padded to so many, twice as many, ...: few programs to compile
 FEW = 3  # stretches: how far constants of runs lie apart is hardly told by fewer
@@ -296,11 +296,6 @@ def _costs(
     return -jnp.sum(each(total), axis=1), mean, P, white, root
 
 
-def samples_for(model: Model, values: int = VALUES) -> int:
-    """So many samples have about so many `values`."""
-    return values // max(FEWEST, len(model.plant.signals.outputs))
-
-
 def healthy_stretches(model: Model, runs: Sequence[Run]) -> list[StretchPiece]:
     """The stretches of healthy `runs` that are long enough, each a piece of its own."""
     parts = []
@@ -313,7 +308,7 @@ def healthy_stretches(model: Model, runs: Sequence[Run]) -> list[StretchPiece]:
     if not parts:
         return []
     total = sum(part.stop - part.start for *_, part in parts)
-    share = min(1.0, samples_for(model) / total)
+    share = min(1.0, SAMPLES / total)
     found = []
     for at, (number, acting, part) in enumerate(parts):
         count = part.stop - part.start

@@ -17,6 +17,7 @@ from itertools import product
 import numpy as np
 from jaxtyping import Bool, Float
 
+from faultgauge.detection.bank.extended import scale_of
 from faultgauge.detection.bank.fidelity import Following
 from faultgauge.detection.bank.noise import (
     BEND,
@@ -34,11 +35,12 @@ from faultgauge.detection.bank.uncertain_constants import constants_of
 from faultgauge.detection.calibration.doubted_regions import with_doubted_regions
 from faultgauge.detection.calibration.grips import with_grips
 from faultgauge.detection.calibration.innovation_likelihood import (
+    LARGE,
+    SAMPLES,
     Likelihood,
     Likelihoods,
     StretchPiece,
     healthy_stretches,
-    samples_for,
 )
 from faultgauge.detection.calibration.input_curves import with_curves_of_inputs
 from faultgauge.detection.calibration.input_errors import with_errors_of_inputs
@@ -80,7 +82,7 @@ FIRST = 2  # steps of each; then of the better half, and so on
 # and by all data, which is as much as a few of them
 PARTS, ALL = 15, 3
 USUAL = 12  # steps of a part
-SEEN = 16384  # values that tell what there is beside the levels; all samples tell how much
+SEEN = 8192  # samples that tell what there is beside the levels, fewer where a filter is `LARGE`
 # these come first, as they are no error; what one of them explains the other does in part
 LAGS = (with_lags_of_inputs, with_lags_of_sensors)
 CURVES = (with_curves_of_inputs,)  # are no errors either
@@ -111,7 +113,8 @@ def estimate_noise(
     told = _Healthy.of(model, runs)
     stepped = _Progress(progress, PARTS)
     if discrepancy:
-        some = replace(told, batch=told.batch.some(samples_for(model, SEEN)))
+        large = max(len(scale_of(model, told.guess)) / LARGE, 1.0)
+        some = replace(told, batch=told.batch.some(int(SEEN / large)))
         noise = _found_beside(model, some, stepped)
         if some.batch is not told.batch:
             stepped.weighs(ALL)
@@ -189,7 +192,7 @@ class _Healthy:
         names = [n for n in outputs if n in runs[0].columns]
         total = sum(len(run.t) for run in runs)
         follows = Following(model, runs)
-        runs, averaged = block_means(runs, names, total / samples_for(model))
+        runs, averaged = block_means(runs, names, total / SAMPLES)
         stretches = healthy_stretches(model, runs)
         if not stretches:
             raise InputError(
