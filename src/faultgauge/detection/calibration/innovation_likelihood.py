@@ -163,14 +163,14 @@ class Likelihood:
         to be told `apart`; nothing is told of xi then."""
         if len(scale_of(model, many[0])) < LARGE:
             return self.run(model, many)
-        alike, whole = np.flatnonzero(~apart), np.flatnonzero(apart)
+        alike, whole = (np.flatnonzero(own).tolist() for own in (~apart, apart))
         padded = [*alike[1:], *[alike[-1]] * (-(len(alike) - 1) % NEAR_AT_ONCE)]
         chunks = [[0, *padded[k : k + NEAR_AT_ONCE]] for k in range(0, len(padded), NEAR_AT_ONCE)]
         told = side_by_side(
             lambda some: self._run(model, [many[k] for k in some], costs_nearby), chunks
         )
-        if len(whole):
-            chunks, told = [*chunks, [*whole]], [*told, self.run(model, [many[k] for k in whole])]
+        if whole:
+            chunks, told = [*chunks, whole], [*told, self.run(model, [many[k] for k in whole])]
         found = Likelihoods(*(np.zeros((len(many), *each.shape[1:])) for each in told[0]))
         for places, each in zip(chunks, told, strict=True):
             for into, own in zip(found, each, strict=True):

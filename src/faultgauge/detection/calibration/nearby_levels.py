@@ -95,7 +95,7 @@ def costs_nearby(
     own, spread = jax.tree.map(
         lambda a: jnp.moveaxis(jnp.repeat(a, len(x), axis=0), 0, -1), ((error, levels), sd)
     )
-    samples = tuple(jnp.moveaxis(a, 0, -1) for a in (u, y, dt))
+    samples = jnp.moveaxis(u, 0, -1), jnp.moveaxis(y, 0, -1), jnp.moveaxis(dt, 0, -1)
     near = lanes_last(started, own, spread, of_all(stretches))
     center = lanes_last(lambda x: begins.begin(x, sd0), stretches)
     start = center, near, jnp.zeros(count * len(x)), samples[0][0]
