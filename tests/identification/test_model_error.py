@@ -181,7 +181,7 @@ def test_a_fit_that_contradicts_itself_says_what_whole_runs_err_by():
     error, whole = found.model.record.metrics.free_run_error, STEP * (COUNT - 1)
     assert error < told
     assert str(found).splitlines()[-1] == (
-        f"on held-out data the free run is off by {100 * error:.2f} % of each output's standard "
+        f"on held-out data the free run is off by {100 * error:.2f} % of the output's standard "
         f"deviation within {0.15 * whole:.4g} s, and by {100 * told:.2f} % in runs through whole "
         f"logs (up to {whole:.4g} s), in which small errors add up"
     )

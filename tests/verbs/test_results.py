@@ -132,7 +132,7 @@ def test_a_report_of_an_answer_tells_of_the_model_behind_it(judged, learned, cal
     assert parameters.rows == fitted.rows
     assert correlations in training.tables
     (error,) = re.findall(r"[0-9.]+ %", learned.lines[-1])
-    assert f"its free run is off by {error} of each output's" in model.paragraphs[0]
+    assert f"its free run is off by {error} of the output's standard" in model.paragraphs[0]
     (first,), (second,) = fg.read(tank.log(1)), fg.read(tank.log(2))
     assert runs.rows == (
         ("fitted to", first.content_hash[:12]),

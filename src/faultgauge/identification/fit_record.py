@@ -22,7 +22,7 @@ from faultgauge.plants.spec import PlantSpec
 from faultgauge.telemetry import Run, rate_of
 from faultgauge.telemetry.resampling import cover
 
-__all__ = ["Anew", "Equations", "FitReport", "Outcome", "fit_record", "outcome"]
+__all__ = ["Anew", "Equations", "FitReport", "Outcome", "fit_record", "of_spread", "outcome"]
 
 ENVELOPE_POINTS = 400  # of training, kept in the model
 
@@ -89,14 +89,23 @@ class FitReport(NamedTuple):
     def free_run(self, error: float) -> str:
         """What the free run is off by on held-out data, and over which time where that matters;
         `error` is that of the fit's choice, a share."""
-        said = f"{100 * error:.2f} % of an output's standard deviation in the mean of all"
+        outputs = self.training.y.shape[1]
+        said = of_spread(error, outputs)
         if self.anew is None or not self.anew.error < self.anew.through:
             return said if self.refinement is None else f"{said} in runs through whole logs"
         return (
-            f"{100 * self.anew.error:.2f} % of an output's standard deviation in the mean of all "
-            f"within {self.anew.seconds:.4g} s, and by {100 * self.anew.through:.2f} % in runs "
-            f"through whole logs (up to {self.anew.whole:.4g} s), in which small errors add up"
+            f"{of_spread(self.anew.error, outputs)} within {self.anew.seconds:.4g} s, and by "
+            f"{100 * self.anew.through:.2f} % in runs through whole logs (up to "
+            f"{self.anew.whole:.4g} s), in which small errors add up"
         )
+
+
+def of_spread(error: float, outputs: int) -> str:
+    """The error of a free run, a share, in words: of so many `outputs` in their mean."""
+    share = f"{100 * error:.2f} % of"
+    if outputs == 1:
+        return f"{share} the output's standard deviation"
+    return f"{share} an output's standard deviation (in the mean of all)"
 
 
 def outcome(stage: Equations | None, refinement: Refinement | None) -> Outcome:

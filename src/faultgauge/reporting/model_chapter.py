@@ -8,6 +8,7 @@ import numpy as np
 
 from faultgauge.detection.bank.bank import FaultBank
 from faultgauge.identification.constants import ConstantsInformation, FittedConstant
+from faultgauge.identification.fit_record import of_spread
 from faultgauge.plants.model import Model
 from faultgauge.reporting.calibration_chapter import calibration_section, intervals_section
 from faultgauge.reporting.refinement_chapter import correlation_table, parameter_table
@@ -43,7 +44,7 @@ def _model_section(model: Model) -> Section:
     if np.isfinite(error):
         said = (
             "On data that it was not fitted to, its free run is off by "
-            f"{100 * error:.2f} % of an output's standard deviation in the mean of all."
+            f"{of_spread(error, len(model.plant.signals.outputs))}."
         )
     tables = (*parameter_table(known, PARAMETERS), *correlation_table(known), *_runs(model))
     return Section("The model", (said,), tables)

@@ -155,7 +155,7 @@ def test_a_poor_model_is_called_poor(share, poor):
     told = [each for each in report.warnings if "little to rely on" in each]
     assert len(told) == poor
     # runs over the held-out parts, which the report scores beside it, are off by something else
-    said = "29.00 % of an output's standard deviation in the mean of all in runs through whole logs"
+    said = "29.00 % of the output's standard deviation in runs through whole logs"
     assert report.free_run(0.29) == said
     assert all("--robust" in each for each in told)
 
