@@ -286,6 +286,15 @@ def test_what_is_worth_a_word():
     assert said.endswith("by how much the values differ; add what the file lacks")
 
 
+@pytest.mark.parametrize(("value", "where"), [(0.005, "at"), (0.005187, "0.005187, next to")])
+def test_a_value_that_is_not_quite_its_limit_is_said_beside_it(value, where):
+    """Within a thousandth of the range up to 0.2, and another number than the file's."""
+    leak = FittedConstant("leak", "kg/s", value, None, "min = 0.005", None)
+    (said,) = ConstantsInformation((leak,), np.eye(1), (), 1.0).warnings()
+    why = "its value is the file's bound, not the data's"
+    assert said == f"parameter 'leak' is {where} its min = 0.005; {why}"
+
+
 def test_a_plant_that_is_its_model_keeps_its_standard_errors():
     ratios = []
     for seed in range(12):

@@ -72,9 +72,10 @@ class FittedConstant:
 
     @property
     def where(self) -> str:
-        """It lies at its bound, or next to it: as near as the range can be told."""
-        is_it = f"{self.value:.4g}" == f"{float((self.bound or '= nan').split('= ')[1]):.4g}"
-        return "at" if is_it else f"({self.value:.4g}) next to"
+        """How a value that has a `bound` lies to it: at it, or next to it and another number."""
+        limit = float((self.bound or "= nan").split("= ")[1])
+        at = f"{self.value:.4g}" == f"{limit:.4g}"
+        return "at" if at else f"{self.value:.4g}, next to"
 
     @property
     def vague(self) -> bool:
