@@ -64,3 +64,18 @@ def test_the_search_ends_where_a_step_gains_little_and_says_how_often_it_went():
     _, cost, short = climbed(*FREE, enough=1e9)
     assert short == 1 < long
     assert cost < tell(np.zeros((1, 2))).cost[0]
+
+
+def test_a_rough_likelihood_is_searched_by_longer_differences():
+    """Ripples of 5, 0.01 apart, which a difference of 0.003 takes for slopes. Both up and both down
+    are 20 apart, which the samples weigh at sqrt(2 * 20 / 1000) = 0.2 from their own levels."""
+    low, high, *prior = FREE
+
+    def rough(levels):
+        told = tell(levels)
+        return told._replace(cost=told.cost + 5 * np.sum(np.sin(levels * 628.0), axis=1))
+
+    found, cost = scored(rough, rough, np.zeros(2), low, high, *prior, 50, 1.0, lambda: None)
+    exact = np.log(np.sqrt(np.mean(SAMPLES**2, axis=1)))
+    np.testing.assert_allclose(found, exact, atol=0.2)
+    assert cost < rough(exact[None]).cost[0] + 20

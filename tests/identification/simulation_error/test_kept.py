@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from faultgauge.identification.samples import channels
-from faultgauge.identification.simulation_error import evidence, networks, search
+from faultgauge.identification.simulation_error import evidence, networks, search, stepping
 from faultgauge.identification.simulation_error.candidate import Candidate, validated
 from faultgauge.identification.simulation_error.data import prepare
 from faultgauge.identification.simulation_error.records import records_of
@@ -80,6 +80,25 @@ def test_finer_substeps_are_kept_where_they_win(monkeypatch, unseen, substeps):
     (after,) = search._finer(data, [before], said)
     assert data.substeps == substeps
     assert (after is before) == (substeps == 1)
+
+
+@pytest.mark.parametrize(("step", "substeps"), [(0.1, 1), (3.1, 1), (3.6, 1), (3.6, 2), (7.2, 2)])
+def test_steps_are_stable_where_what_fades_does_so_in_them(step, substeps):
+    """A step h of RK4 leaves 1 + z + z^2/2 + z^3/6 + z^4/24 of what fades, z = -0.8 h."""
+    data, best = candidate_of(TRUTH)
+    data.records = [replace(each, step=step) for each in data.records]
+    data.substeps = substeps
+    left = np.polyval([1 / 24, 1 / 6, 1 / 2, 1, 1], -0.8 * step / substeps)
+    assert stepping.stable(data, best) == (abs(left) < 1)
+
+
+def test_finer_substeps_are_kept_where_steps_are_not_stable_without(monkeypatch):
+    monkeypatch.setattr(search, "fine_enough", lambda data, candidate: data.substeps >= 4)
+    monkeypatch.setattr(search, "stable", lambda data, candidate: data.substeps >= 4)
+    data, before = candidate_of(TRUTH)  # where no refit wins
+    (after,) = search._finer(data, [before], said)
+    assert data.substeps == 4
+    assert after is not before
 
 
 @pytest.mark.parametrize(("enough", "left"), [(None, 1), (2, 3), (4, 6), (20, 12)])

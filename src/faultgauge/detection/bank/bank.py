@@ -96,15 +96,17 @@ class FaultBank:
         return np.maximum(shows / 4, self.step)
 
     @property
-    def settled(self) -> float:
-        """How long [s] after the change of an input what it does besides is more than the share by
+    def settled(self) -> Float[np.ndarray, "inputs"]:
+        """How long [s] after each input's change what it does besides is more than the share by
         which sizes are off anyway."""
-        leans = list(self.noise.leans)
-        share = np.concatenate([self.noise.share, np.abs(self.noise.lean[leans])])
-        settling = np.concatenate([self.noise.settling, self.noise.leaning[leans]])
-        more = (self.gain > 0) & (share > self.gain)
-        late = settling[more] * np.log(share[more] / self.gain)
-        return float(late.max(initial=0.0))
+        noise, found = self.noise, np.zeros(len(self.changes))
+        following, leans = list(self.plant.following), list(noise.leans)
+        late = np.abs(noise.lean[leans]), noise.leaning[leans]
+        for which, share, settling in ((following, noise.share, noise.settling), (leans, *late)):
+            more = (self.gain > 0) & (share > self.gain)
+            long = settling * np.log(np.where(more, share / (self.gain or 1.0), 1.0))
+            np.maximum.at(found, which, long)
+        return found
 
     @property
     def pause(self) -> float:

@@ -268,7 +268,7 @@ def _with(
     stepped.over()
     spans = spans_of(told.step, told.stretches)
     more = beside(model, told.batch, noise, spans)
-    while added := more.beside - noise.beside:
+    while more.beside > noise.beside:
         bounds = told.bounds(more)
         found = _alternated(model, told, more, bounds, stepped)
         lean, trail = _false_lags(model, noise, found, spans)
@@ -283,11 +283,13 @@ def _with(
         )
     else:
         return None
-    enough = np.log(told.batch.count) * added
-    if _needed(model, told.batch, found).beside <= noise.beside:
-        return None
+    needed = _needed(model, told.batch, found)
+    if needed is not found:  # the search may have come to levels that need less than was there
+        bounds = told.bounds(needed)
+        found = _alternated(model, told, needed, bounds, stepped)
     if beside in (*LAGS, *CURVES) and _apart(noise, found) > AGREE:
         return None
+    enough = np.log(told.batch.count) * max(found.beside - noise.beside, 1)
     return found if _gain(model, told.batch, noise, found, bounds) > enough else None
 
 

@@ -124,14 +124,15 @@ class Heard(NamedTuple):
 
 
 class RulesState(NamedTuple):
-    """`fresh`: when an output was sampled last; `strange`: when an input last changed by more than
-    healthy logs have it [s]; `u`, the inputs of the last row."""
+    """`fresh`: when an output was sampled last; `strange`: when each input last changed by more
+    than healthy logs have it [s], and by how much (`jump`); `u`, the inputs of the last row."""
 
     alarm: LimitState
     names: LimitState
     signs: LimitState
     fresh: Float[Array, ""]
-    strange: Float[Array, ""]
+    strange: Float[Array, "inputs"]
+    jump: Float[Array, "inputs"]
     u: Float[Array, "inputs"]
 
 
@@ -152,7 +153,8 @@ class Rules(eqx.Module):
     that faults act on, whose limits are `low` and `high`, and which some change upwards or
     downwards only; `changes` of the inputs from row to row
     are no larger in healthy logs, and what they do is known once they have `settled` [s], which
-    matters to the causes that are `acting` on the plant."""
+    matters to the causes that are `acting` on the plant. A fault of that input itself that is as
+    large as its change and opposite says that nothing of it came to the plant."""
 
     alarm: LimitChecker
     names: LimitChecker
@@ -163,7 +165,7 @@ class Rules(eqx.Module):
     low: Float[np.ndarray, "faults"]
     high: Float[np.ndarray, "faults"]
     changes: Float[np.ndarray, "inputs"]
-    settled: Float[np.ndarray, ""]
+    settled: Float[np.ndarray, "inputs"]
     acting: Bool[np.ndarray, "causes"]
     only_up: Bool[np.ndarray, "faults"]
     only_down: Bool[np.ndarray, "faults"]
@@ -187,7 +189,7 @@ class Rules(eqx.Module):
             low,
             high,
             bank.changes * (1 + EDGE),
-            np.asarray(bank.settled),
+            bank.settled,
             np.append(acting(signals.faults) > 0, True),
             np.array([fault.min >= 0 for fault in signals.faults]),
             np.array([fault.max <= 0 for fault in signals.faults]),
@@ -199,8 +201,8 @@ class Rules(eqx.Module):
     def init(self) -> RulesState:
         causes = len(self.monitors) + 1
         two = self.names.init(causes), self.signs.init(causes)
-        never, none = jnp.asarray(jnp.nan), jnp.full(len(self.changes), jnp.nan)
-        return RulesState(self.alarm.init(), *two, never, never, none)
+        none = jnp.full(len(self.changes), jnp.nan)
+        return RulesState(self.alarm.init(), *two, jnp.asarray(jnp.nan), none, none, none)
 
     def step(
         self, state: RulesState, t: Float[Array, ""], found: Marginal, heard: Heard
@@ -212,16 +214,28 @@ class Rules(eqx.Module):
             state.alarm, t, over, free & (1 - found.calm < self.release)
         )
         # behind a gap an input is elsewhere, and that is no change from row to row
-        strange = ~heard.held & jnp.any(jnp.abs(heard.u - state.u) > self.changes)
-        strange = jnp.where(strange, t, state.strange)
-        known = jnp.logical_not(self.acting & (t - strange < self.settled))
+        moved = heard.u - state.u
+        large = ~heard.held & (jnp.abs(moved) > self.changes)
+        strange = jnp.where(large, t, state.strange)
+        jump = jnp.where(large, moved, state.jump)
+        known = self._known(t - strange < self.settled, jump, found)
         names, signs, named = self._named(state, t, found, alarm, free, inside, known)
         first = jnp.isnan(state.fresh)
         fresh = jnp.where(heard.output | first, t, state.fresh)
         status, reason = self._answer(found, heard, alarm, named, t - fresh)
         u = jnp.where(jnp.isfinite(heard.u), heard.u, state.u)
-        after = RulesState(alarms, names, signs, fresh, strange, u)
+        after = RulesState(alarms, names, signs, fresh, strange, jump, u)
         return after, Verdict(status, reason, alarm, named)
+
+    def _known(
+        self, late: Bool[Array, "inputs"], jump: Float[Array, "inputs"], found: Marginal
+    ) -> Bool[Array, "causes"]:
+        """The causes to which what inputs did of `late`, by a `jump`, does not matter."""
+        own = np.array(self.watched)[:, None] == np.arange(len(self.changes))
+        low, high = found.lo[:, None] - self.changes, found.hi[:, None] + self.changes
+        never = own & (-jump >= low) & (-jump <= high)
+        matters = jnp.append(jnp.any(late & ~never, axis=1), jnp.any(late))
+        return jnp.logical_not(self.acting & matters)
 
     def _named(
         self,

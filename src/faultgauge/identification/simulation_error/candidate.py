@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
@@ -46,6 +47,11 @@ class Candidate:
     ridge: Ridge = 1.0
     unseen: Float[np.ndarray, "samples"] = field(default_factory=lambda: np.zeros(0))
     claims: Claims | None = None
+
+    @property
+    def assembled(self) -> GrayBoxPlant:
+        """The plant with what was fitted."""
+        return self.unknowns.assemble(self.plant, jnp.asarray(self.fitted.theta))
 
 
 def sigma_of(fitted: Fitted) -> float:

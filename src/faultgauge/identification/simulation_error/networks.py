@@ -120,7 +120,7 @@ def _from_silence(
         name, starts, names = f"networks, margin {margin:g}", list[GrayBoxPlant](), list[str]()
         for k in range(count):
             base, rng = bases[k % len(bases)], np.random.default_rng([seed, 11, k])
-            values = base.unknowns.assemble(base.plant, jnp.asarray(base.fitted.theta))
+            values = base.assembled
             plant = _like(starts[0], values) if starts else first
             where = crowded if k % 2 else {}
             starts.append(silent(plant, rng, 1.0 if starts else margin, where))

@@ -205,7 +205,7 @@ def _members(found: Search, members: Sequence[Candidate], data: Data) -> Members
 
 def _settled(candidate: Candidate, found: Search) -> GrayBoxPlant:
     """The candidate's plant, with what the file left open decided."""
-    fitted = candidate.unknowns.assemble(candidate.plant, jnp.asarray(candidate.fitted.theta))
+    fitted = candidate.assembled
     spec = settle(
         candidate.plant.spec, found.holds, chosen_sizes(candidate.plant.spec, candidate.plant)
     )

@@ -36,7 +36,7 @@ from faultgauge.identification.simulation_error.evidence import drift_by_evidenc
 from faultgauge.identification.simulation_error.networks import FINALISTS, with_networks
 from faultgauge.identification.simulation_error.records import Record
 from faultgauge.identification.simulation_error.short_windows import around, over_short_windows
-from faultgauge.identification.simulation_error.stepping import fine_enough
+from faultgauge.identification.simulation_error.stepping import fine_enough, stable
 from faultgauge.identification.simulation_error.uncertainty import residual_time
 from faultgauge.identification.simulation_error.window_fit import (
     Fitted,
@@ -231,12 +231,14 @@ def _with_held_out(data: Data, members: Sequence[Candidate]) -> list[Candidate]:
 def _finer(
     data: Data, members: list[Candidate], progress: Callable[[str], None]
 ) -> list[Candidate]:
-    """The members with more substeps, while they matter to the best one and help on validation."""
+    """The members with more substeps, while their steps are not stable, or matter to the best one
+    and help on validation."""
     while not fine_enough(data, members[0]):
         progress(f"fitting the best with {2 * data.substeps} substeps")
+        sound = stable(data, members[0])
         data.substeps *= 2
         finer = sorted((_again(data, c) for c in members), key=lambda c: c.validation)
-        if not finer[0].validation < members[0].validation:
+        if sound and not finer[0].validation < members[0].validation:
             data.substeps //= 2
             break
         members = finer
@@ -248,7 +250,7 @@ def _coarser(data: Data, members: list[Candidate]) -> list[Candidate]:
     those that there are are for what the search began with, as a network that has learned nothing.
     """
     best = members[0]
-    least = _substeps(best.plant, data.records, RATE_STEP)
+    least = _substeps(best.assembled, data.records, RATE_STEP)
     while data.substeps > least:
         fewer = max(data.substeps // 2, least)
         if not fine_enough(replace(data, substeps=fewer), best):

@@ -30,7 +30,7 @@ def scaled(
 ) -> tuple[GrayBoxPlant, dict[str, Box]]:
     """The plant of `base`, its networks scaled by measured states, and where it takes hidden ones
     along the `pieces` that it was fitted to; and where their arguments crowd."""
-    plant = base.unknowns.assemble(base.plant, jnp.asarray(base.fitted.theta))
+    plant = base.assembled
     x, u = visited(data, base, pieces)
     y = np.concatenate([data.records[p.record].y[p.start : p.stop] for p in pieces])
     dx = np.asarray(jax.vmap(plant.derivative)(jnp.asarray(x), jnp.asarray(u)))

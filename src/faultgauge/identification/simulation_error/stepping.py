@@ -7,15 +7,35 @@ import numpy as np
 from faultgauge.identification.simulation_error.candidate import Candidate
 from faultgauge.identification.simulation_error.data import Data
 from faultgauge.identification.simulation_error.window_fit import simulated
+from faultgauge.simulation.free_run import fastest_rate
 
-__all__ = ["fine_enough"]
+__all__ = ["fine_enough", "stable"]
 
 MATTERS, MOST_SUBSTEPS = 0.05, 32  # of the fit's error: what halving the step may change
+# Longest step of RK4 times the fastest rate: beyond 2.785 what fades grows (E. Hairer and G.
+# Wanner, "Solving ODEs II", IV.2), and friction at a standstill chatters.
+STABLE = 2.5
+POINTS = 2000  # at which the rates are looked at
 
 
 def fine_enough(data: Data, candidate: Candidate) -> bool:
-    """Whether more substeps would change nothing that matters, or there are no more."""
-    return data.substeps >= MOST_SUBSTEPS or step_error(data, candidate) <= MATTERS
+    """Whether the steps are stable and more of them would change nothing that matters, or there are
+    no more."""
+    if data.substeps >= MOST_SUBSTEPS:
+        return True
+    return stable(data, candidate) and step_error(data, candidate) <= MATTERS
+
+
+def stable(data: Data, candidate: Candidate) -> bool:
+    """Whether what fades in the plant fades in its simulation, too: at the states as measured, as a
+    simulation that chatters leaves those where it does."""
+    pairs = zip(data.records, data.guesses, strict=True)
+    x = np.concatenate([np.where(np.isfinite(r.x), r.x, guess) for r, guess in pairs])
+    u = np.concatenate([record.u for record in data.records])
+    sound = np.flatnonzero(np.all(np.isfinite(x), axis=1) & np.all(np.isfinite(u), axis=1))
+    at = sound[np.linspace(0, len(sound) - 1, min(POINTS, len(sound))).astype(int)]
+    step = max(record.step for record in data.records)
+    return fastest_rate(candidate.assembled, x[at], u[at]) * step / data.substeps <= STABLE
 
 
 def step_error(data: Data, candidate: Candidate) -> float:
