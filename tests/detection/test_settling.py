@@ -27,10 +27,12 @@ def bank():
     return replace(usual, noise=noise, gain=GAIN, changes=np.array([CHANGE]))
 
 
-def named(size, since=JUMP, held=()):
-    """Which causes have a name at each row, where the posterior is sure of all from row `since` on
-    and the input changes by `size` at row JUMP; `held` are rows right behind a gap."""
+def named(size, since=JUMP, held=(), f=1.0, biased=()):
+    """Which causes have a name at each row, where the posterior is sure of all, as large as `f`
+    +- 10 %, from row `since` on and the input changes by `size` at row JUMP; `held` are rows right
+    behind a gap, faults that are `biased` are biases of the input."""
     rules, n = Rules.of(bank()), len(bank().model.plant.signals.faults)
+    rules = replace(rules, watched=tuple(0 if k in biased else 1 for k in range(n)))
     t = STEP * jnp.arange(ROWS)
     u = jnp.where(jnp.arange(ROWS) < JUMP, 1.0, 1.0 + size)[:, None]
 
@@ -38,7 +40,8 @@ def named(size, since=JUMP, held=()):
         t, u, sure, held = row
         p, one = jnp.where(sure, 0.999, 0.0), jnp.ones(n)
         none = jnp.where(sure, 1e-9, 1.0)
-        found = Marginal(p * one, one, 0.9 * one, 1.1 * one, none, p, none, 0.1 * one)
+        ends = f - 0.1 * abs(f) * one, f + 0.1 * abs(f) * one
+        found = Marginal(p * one, f * one, *ends, none, p, none, 0.1 * one)
         yes, no = jnp.asarray(True), jnp.asarray(0)
         heard = Heard(yes, held, no, jnp.ones((n, 2), bool), no, u, yes)
         state, verdict = rules.step(state, t, found, heard)
@@ -70,6 +73,17 @@ def test_what_acts_on_the_plant_has_no_name_until_a_strange_change_has_settled()
     ends = JUMP * STEP + SETTLED
     assert np.all(strange[acts] >= ends + waits[acts] - STEP)
     assert np.all(strange[acts] <= ends + waits[acts] + 2 * STEP)
+
+
+@pytest.mark.parametrize(("f", "waits"), [(-0.6, False), (-0.31, False), (-0.2, True), (0.6, True)])
+def test_a_fault_of_the_input_itself_that_is_its_change_has_its_name_at_once(f, waits):
+    """The input changes by 0.6, and changes by 0.3 are usual: a fault of -0.3 or more leaves no
+    more than that to the plant."""
+    acts = np.flatnonzero(np.append(acting(bank().model.plant.signals.faults) > 0, True))
+    k = acts[0]
+    usual, strange = (first(named(size, f=f, biased=(k,))) for size in (0.0, 2 * CHANGE))
+    assert (strange[k] > usual[k] + SETTLED / 2) == waits
+    assert np.all(strange[acts[1:]] > usual[acts[1:]] + SETTLED / 2)
 
 
 def test_what_an_input_did_in_a_gap_is_no_strange_change():
