@@ -88,3 +88,12 @@ def test_inspection_says_where(tmp_path):
     (hint,) = [hint for hint in inspect_runs(tmp_path / "log.csv").hints if "stuck" in hint]
     assert "'x'" in hint
     assert "t = 10 to 13.99 s" in hint
+
+
+def test_cells_that_are_filled_between_a_slow_sensors_samples_repeat_nothing():
+    """A sample in 50 rows, in steps of 0.1: where two are alike, so are all 51 rows."""
+    sampled = np.arange(T.size) % 50 == 0
+    slow = np.round(np.sin(T[sampled]) + 0.05 * NOISE[sampled], 1)
+    columns = {"x": np.interp(T, T[sampled], slow), "other": NOISE}
+    assert np.any(np.diff(slow) == 0)
+    assert stuck_stretches(Run("log", "log.csv", T, columns, sampled={"x": sampled}), "x") == []

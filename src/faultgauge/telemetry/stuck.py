@@ -18,14 +18,15 @@ SUDDEN = 0.25  # of the usual step
 def stuck_stretches(run: Run, name: str) -> list[slice]:
     """Stretches of `run` in which column `name` is stuck, as samples of the run.
 
-    Empty cells are passed over: a sensor that comes back on the same value was stuck throughout.
+    Empty cells are passed over, and filled ones: a sensor that comes back on the same value was
+    stuck throughout.
 
     The lengths of all stretches on one value must fall into two classes, ten times apart: many
     short ones, as noise, motion or coarse steps make them, and at most a few long ones. Held
     inputs have one class. A long one counts only if the column stopped there in full motion (a
     drive that comes to rest slows down first) and another column changes meanwhile.
     """
-    rows = np.flatnonzero(np.isfinite(run.columns[name]))
+    rows = np.flatnonzero(np.isfinite(run.columns[name]) & run.sampled.get(name, True))
     values = run.columns[name][rows]
     edges = np.flatnonzero(np.concatenate([[True], values[1:] != values[:-1], [True]]))
     limit = _limit(np.diff(edges)) if rows.size else None
