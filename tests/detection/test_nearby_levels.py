@@ -7,7 +7,7 @@ from faultgauge.detection.calibration import innovation_likelihood
 from faultgauge.detection.calibration.innovation_likelihood import Likelihood, healthy_stretches
 from faultgauge.detection.calibration.nearby_levels import EXACT
 from faultgauge.detection.calibration.noise_levels import first_guess, levels_of, logs_of, names_of
-from faultgauge.detection.calibration.scoring import DIFFERENCE, _information
+from faultgauge.detection.calibration.scoring import DIFFERENCES, _information
 from faultgauge.telemetry import Run
 from models import as_stated
 
@@ -71,7 +71,7 @@ def told(beside, large, monkeypatch):
     many = [noise]
     for k in at:
         more = start.copy()
-        more[k] += DIFFERENCE
+        more[k] += DIFFERENCES[0]
         many.append(levels_of(more, noise))
     apart = np.array([False, *np.isin(names, EXACT)])
     batch = Likelihood.of(model(), runs, noise, stretches)
@@ -85,8 +85,8 @@ def test_slopes_of_all_levels_are_those_of_the_filter_itself(beside, monkeypatch
     names, near = told(beside, 0, monkeypatch)
     _, exact = told(beside, 1000, monkeypatch)
     assert near.cost[0] == pytest.approx(exact.cost[0], rel=1e-9)
-    slopes, wanted = ((each.cost[1:] - each.cost[0]) / DIFFERENCE for each in (near, exact))
-    M, own = (_information(each) for each in (near, exact))
+    slopes, wanted = ((each.cost[1:] - each.cost[0]) / DIFFERENCES[0] for each in (near, exact))
+    M, own = (_information(each, DIFFERENCES[0]) for each in (near, exact))
     roots = np.sqrt(np.diagonal(own))
     for name, slope, right, root in zip(names, slopes, wanted, roots, strict=True):
         assert slope == pytest.approx(right, rel=0.03, abs=0.1 * root), name

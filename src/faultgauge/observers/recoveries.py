@@ -164,6 +164,6 @@ class Recoveries(Onsets):
         at_once = told_at_once(
             state.sudden[b], state.sharp[b], mean[n : n + F], before, jnp.broadcast_to(e2, F)
         )
-        told = jnp.maximum((1 - self._acts()) * at_once, state.told[b])
+        told = jnp.maximum(at_once, state.told[b])
         odds = real_odds(z2, s2, off, self.prior.common) + told
         return jnp.where(others & (off > 0), odds, jnp.inf)

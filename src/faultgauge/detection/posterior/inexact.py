@@ -15,9 +15,8 @@ that of a share of its size: `shape` and `gain` (`fidelity`). So
                                 - ln (e^2 / (1 + e^2)),
 
   c being how often one fault brings another (`real_odds`). As much of the set as is made up
-  belongs to the set without that fault. No plant answers at once: what the first sample of a
-  sensor's fault told is made up by no more than the others do within a sample, and is told
-  against that
+  belongs to the set without that fault. No plant answers at once: what the first sample of
+  a fault told is made up by no more than the others do within a sample, and is told against that
   (`told_at_once`), with J_i the info of a unit of fault i in the first sample after it and
 
       e_k^2 = shape^2 sum_i!=k f_i^2 J_i;
@@ -113,15 +112,15 @@ class Inexact(eqx.Module):
         return jnp.multiply(self.shape**2, others), jnp.multiply(self.acts * self.gain**2, gone)
 
     def _at_once(self, said: BranchInfo) -> Float[Array, "sets faults"]:
-        """What the others do not make up: what the first sample of a sensor's fault told, and what
-        had been told of each before another came."""
+        """What the others do not make up: what the first sample of each told, and what had been
+        told of it before another came."""
         acting = self.holds * said.f**2 * said.quick * self.acts
         others = jnp.sum(acting, axis=1, keepdims=True) - acting
         e2 = jnp.multiply(self.shape**2, others)
         told = told_at_once(said.sudden, said.sharp, said.f, said.sd**2, e2)
         # of what is left of a fault as much as it counts itself
         left = (jnp.abs(said.f) / jnp.maximum(said.most, jnp.abs(said.f) + TINY)) ** 2
-        return jnp.maximum(jnp.multiply(1 - self.acts, told), left * said.told)
+        return jnp.maximum(told, left * said.told)
 
     def _real(
         self,
