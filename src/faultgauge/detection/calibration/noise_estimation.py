@@ -78,9 +78,9 @@ ROUNDS = (16, 12, 8)  # steps of each search; the constants are told anew betwee
 # and the discrepancy
 STARTS = tuple(product((1.0, 10.0, 100.0), (1.0, 30.0)))
 FIRST = 2  # steps of each; then of the better half, and so on
-# parts of the work: the start, the plant's levels, a grip, LAGS in either order, CURVES, BESIDE,
-# and by all data, which is as much as a few of them
-PARTS, ALL = 15, 3
+# parts of the work: the start, the plant's levels, a grip, LAGS in either order, CURVES and BESIDE
+# beside lags and without any, a lag again, and by all data, which is as much as a few of them
+PARTS, ALL = 19, 3
 USUAL = 12  # steps of a part
 SEEN = 8192  # samples that tell what there is beside the levels, fewer where a filter is `LARGE`
 # these come first, as they are no error; what one of them explains the other does in part
@@ -88,6 +88,7 @@ LAGS = (with_lags_of_inputs, with_lags_of_sensors)
 CURVES = (with_curves_of_inputs,)  # are no errors either
 # errors of inputs come first, as what outputs share is none of their own
 BESIDE = (with_errors_of_inputs, with_errors_of_outputs, with_errors_of_outputs)
+OWN = ("wander", "late", "stray")  # of these: what `BESIDE` finds
 SIZES = {
     pair[0]: pair for pair in (WANDER, LATE, STRAY, LEAN, TRAIL, ZERO, BEND, GRIP)
 }  # with their times
@@ -221,13 +222,34 @@ def _found_beside(model: Model, told: "_Healthy", stepped: "_Progress") -> Noise
     stepped.over()
     noise = _alternated(model, told, noise, told.bounds(noise), stepped, {"sigma"})
     noise = _with(with_grips, model, told, noise, stepped) or noise
-    noise = lagging = _with_lags(model, told, noise, stepped)
+    lagging = _with_lags(model, told, noise, stepped)
+    found = _with_errors(model, told, lagging, stepped)
+    if lagging is noise or not any(np.any(getattr(found, name)) for name in OWN):
+        stepped.weighs(len((*CURVES, *BESIDE)))
+    else:  # what is one output's, or comes and goes, may have been taken for a lag
+        found = _likelier(model, told, [found, _with_errors(model, told, noise, stepped)])
+    if found is lagging:
+        return found
+    # a lag may show only beside what was found since
+    return _with(with_lags_of_inputs, model, told, found, stepped) or found
+
+
+def _with_errors(model: Model, told: _Healthy, noise: Noise, stepped: "_Progress") -> Noise:
+    """`noise` with `CURVES` and then `BESIDE`, where they gain enough."""
     for beside in (*CURVES, *BESIDE):
         noise = _with(beside, model, told, noise, stepped) or noise
-    if noise is lagging:
-        return noise
-    # a lag may show only beside what was found since
-    return _with(with_lags_of_inputs, model, told, noise, stepped) or noise
+    return noise
+
+
+def _likelier(model: Model, told: _Healthy, many: Sequence[Noise]) -> Noise:
+    """The likeliest of `many`, each of what there is beside the levels being asked to gain what it
+    has to; of those alike the first."""
+    each_asks = np.log(told.batch.count)
+    costs = [
+        _costs(model, told.batch, [each], told.bounds(each))[0] + each_asks * each.beside
+        for each in many
+    ]
+    return many[int(np.argmin(costs))]
 
 
 def _apart(before: Noise, found: Noise) -> float:
@@ -247,12 +269,7 @@ def _with_lags(model: Model, told: "_Healthy", noise: Noise, stepped: "_Progress
             stepped.over()
         else:
             found.append(_with(then, model, told, one, stepped) or one)
-    each_asks = np.log(told.batch.count)
-    costs = [
-        _costs(model, told.batch, [each], told.bounds(each))[0] + each_asks * each.beside
-        for each in found
-    ]
-    return found[int(np.argmin(costs))]
+    return _likelier(model, told, found)
 
 
 def _with(
