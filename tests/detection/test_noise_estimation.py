@@ -583,5 +583,32 @@ def test_lags_are_looked_for_again_only_beside_what_was_found_since(found, monke
     monkeypatch.setattr(noise_estimation, "_with_lags", lambda model, told, noise, step: noise)
     monkeypatch.setattr(noise_estimation, "_with", tries)
     search = inspect.unwrap(noise_estimation._found_beside)
-    search(None, told, types.SimpleNamespace(over=lambda: None))
+    search(None, told, types.SimpleNamespace(over=lambda: None, weighs=lambda parts: None))
     assert (tried[-1] is noise_estimation.with_lags_of_inputs) == found
+
+
+@pytest.mark.parametrize(("lags", "own"), [(True, 0.1), (True, 0.0), (False, 0.1)])
+def test_errors_that_are_found_beside_lags_are_looked_for_without_any_too(lags, own, monkeypatch):
+    class Level:
+        late = stray = np.zeros(1)
+
+        def __init__(self, wander=0.0):
+            self.wander = np.full(1, wander)
+
+    none, lagging, begun = Level(), Level(), []
+
+    def errors(model, told, noise, stepped):
+        begun.append(noise)
+        return Level(own)
+
+    told = types.SimpleNamespace(batch=None, guess=None, bounds=lambda noise: None)
+    monkeypatch.setattr(noise_estimation, "_started", lambda *given: none)
+    monkeypatch.setattr(noise_estimation, "_alternated", lambda model, told, noise, *rest: noise)
+    monkeypatch.setattr(noise_estimation, "_with_lags", lambda *given: lagging if lags else none)
+    monkeypatch.setattr(noise_estimation, "_with_errors", errors)
+    monkeypatch.setattr(noise_estimation, "_likelier", lambda model, told, many: many[-1])
+    monkeypatch.setattr(noise_estimation, "_with", lambda *given: None)
+    search = inspect.unwrap(noise_estimation._found_beside)
+    search(None, told, types.SimpleNamespace(over=lambda: None, weighs=lambda parts: None))
+    first = lagging if lags else none
+    assert begun == ([first, none] if lags and own else [first])
