@@ -293,7 +293,7 @@ def test_a_model_worse_than_nothing_is_called_so():
     """Validated on a log with the sign turned, it is off by twice the output."""
     other = first_order(seed=1)
     turned = Run("r", "a.csv", other.t, {"u": other.columns["u"], "x": -other.columns["x"]})
-    _, report = fit(plant(FIRST_ORDER), [first_order()], [turned], restarts=2)
+    _, report = fit(plant(FIRST_ORDER), [first_order()], [turned], restarts=2, refine=False)
     assert any("do not use this model" in warning for warning in report.warnings)
 
 
@@ -319,3 +319,38 @@ def test_model_that_runs_away():
         if not found.success or abs(state[0]) > 1e6:
             break
     assert float(named[1]) == pytest.approx(t, abs=4 * STEP)  # b by another derivative
+
+
+FOLLOWER = """
+name = "follower"
+[states.T]
+derivative = "(b*u - T)/M"
+[inputs.u]
+hold = "zero"
+[outputs.T]
+value = "T"
+[parameters]
+b = { value = 1.0, min = 0 }
+M = { value = 5.0, min = 0.1 }
+"""
+
+
+def wandering(seed, count=1500, lasts=60.0):
+    """T follows u within 3 s, exactly, beside as much that comes and goes within a minute."""
+    rng, fade, keeps = np.random.default_rng(seed), np.exp(-1 / 3), np.exp(-1 / lasts)
+    u, T, w = np.repeat(rng.uniform(-2, 2, count // 150), 150), np.zeros(count), np.zeros(count)
+    for k in range(count - 1):
+        T[k + 1] = fade * T[k] + (1 - fade) * u[k]
+        w[k + 1] = keeps * w[k] + np.sqrt(1 - keeps**2) * rng.standard_normal()
+    return Run(f"{seed}", "follower.csv", np.arange(count) * 1.0, {"u": u, "T": T + w})
+
+
+def test_where_the_files_values_run_better_the_fit_goes_on():
+    """Equation error takes what comes and goes for a state that hardly moves (M = 416 s), and over
+    what is held out that follows better than the truth does, as the start holds what is there; in
+    runs through whole logs the file's 5 s is better. M is told by twenty steps in as much that
+    wanders: to a factor of two."""
+    plant = GrayBoxPlant.untrained(parse_plant(FOLLOWER))
+    model, report = fit(plant, [wandering(seed) for seed in (20, 21)])
+    assert report.refinement is not None
+    assert 1.5 < float(model.plant.parameters["M"]) < 6

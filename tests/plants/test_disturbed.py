@@ -4,7 +4,9 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.linalg import expm
 
+from faultgauge.observers.divided_difference import DividedDifferenceFilter, FilterNoise
 from faultgauge.plants.disturbed import Disturbed, Error, dynamic_states, shared_inputs
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.plant import respond
@@ -155,9 +157,9 @@ def test_by_what_a_unit_of_a_fault_comes_late(plant, late):
     for u in (0.0, 2.0, 3.0):
         wanted = np.zeros((6, 2))
         wanted[4, 0] = 0.0 if u == 3.0 else -0.9
-        found = late.enters(jnp.array([u]), none, by)
+        found = late.enters(jnp.zeros(6), jnp.array([u]), none, by)
         np.testing.assert_allclose(found, wanted, atol=1e-12)
-    assert not np.any(plant.enters(jnp.array([0.0]), none, by))
+    assert not np.any(plant.enters(jnp.zeros(7), jnp.array([0.0]), none, by))
 
 
 def test_errors_of_outputs_by_hand():
@@ -196,8 +198,51 @@ def test_a_sensor_that_trails_by_hand():
     own, shown = respond(base, x[:2], u, f)
     np.testing.assert_allclose(dx, [*own, 0.5 / 4 - 2.0], rtol=1e-12)
     np.testing.assert_allclose(y, [shown[0] - 0.5, shown[1]], rtol=1e-12)
-    moved = plant.trails(base, x[:2], jnp.array([1.6, 2.0]), u, jnp.asarray(2.0))
+    stages = jnp.stack([u] * 3)
+    moved = plant.trails(base, x, jnp.array([1.6, 2.0]), stages, u + 1, f, jnp.asarray(2.0))
     np.testing.assert_allclose(moved, [-0.6 * 4 / 2 * (1 - np.exp(-2 / 4))], rtol=1e-12)
+
+
+def test_a_sensor_that_trails_what_reads_an_input():
+    """A motor's current, (u - k w) / R, behind a lag of 0.3 s, an input that jumps and is held:
+    what the filter predicts is what an exact integration of plant and sensor shows, but for the
+    speed's being even within a row: over 0.05 s it is 5 * 0.05^2 / 8 of a jump of 2 off a straight
+    line, and the sensor a sixth of that. A push of the input jumps, too, and a sensor's own fault
+    does not."""
+    text = """
+name = "motor"
+[states.w]
+derivative = "4*(u - w) - w"
+[inputs.u]
+[outputs.i]
+value = "2*(u - 0.5*w)"
+[faults.push]
+enters = "input"
+target = "u"
+[faults.bias]
+enters = "output"
+target = "i"
+"""
+    base = GrayBoxPlant.untrained(parse_plant(text))
+    none, dt, lag = np.zeros(0), 0.05, 0.3
+    error = Error(none, none, none, trail=np.array([lag]))
+    nothing = jnp.zeros(0), jnp.zeros((0, 0))
+    plant = Disturbed.of(base, (), (), error, (), *nothing, trailing=(0,))
+    filtering = DividedDifferenceFilter(plant, jnp.ones(2), jnp.ones(2), (), 1)
+    quiet = FilterNoise(jnp.zeros(2), jnp.zeros(2), jnp.ones(1))
+    belief = filtering.begin(jnp.zeros(2), jnp.zeros(2))
+    before, exact, u = jnp.zeros(1), np.zeros(2), 0.0
+    for row in range(1, 60):
+        now = float(row // 7 % 3)
+        # the sensor s' = (i - s) / lag beside the speed, under the input of before
+        held = [[-5.0, 0, 4 * u], [-1 / lag, -1 / lag, 2 * u / lag], [0, 0, 0]]
+        exact = (expm(np.array(held) * dt) @ np.append(exact, 1.0))[:2]
+        belief, _ = filtering.predict(belief, quiet, before, jnp.array([now]), jnp.asarray(dt))
+        shown, _ = filtering.look(belief, jnp.array([now]))
+        assert shown[0] == pytest.approx(exact[1], abs=4e-3)
+        before, u = jnp.array([now]), now
+    jump = plant.enters(belief.mean[:2], before, jnp.zeros(2), jnp.array([0.1, 0.1]))
+    np.testing.assert_allclose(jump, [[0.0, 0.0], [-2.0, 0.0]], atol=1e-12)
 
 
 def test_a_bent_curve_by_hand():

@@ -12,6 +12,7 @@ from faultgauge.identification.equation.fit import (
     EquationFit,
     fit_equations,
     material,
+    max_step,
 )
 from faultgauge.identification.equation.instruments import reference_columns
 from faultgauge.identification.fit_record import (
@@ -28,7 +29,7 @@ from faultgauge.identification.row_order import rows_late, rows_late_warnings
 from faultgauge.identification.samples import Channels, channels, in_effect, slow_columns
 from faultgauge.identification.simulation_error.result import Refinement, refine_on_logs
 from faultgauge.identification.sizes import chosen_sizes, smallest_sufficient, with_hidden
-from faultgauge.identification.unseen import run_anew, run_through
+from faultgauge.identification.unseen import run_anew, run_through, through_whole
 from faultgauge.identification.validation.evaluation import (
     POOR_FREE_RUN,
     divergence,
@@ -48,6 +49,7 @@ __all__ = ["FitReport", "fit"]
 
 EQUATIONS = 0.2  # of the work, where a refinement follows
 
+FOLLOWS = 0.1  # of the outputs' spread: a free run that is off by less follows
 FOLDS = 5.0  # in which an error of a hundredth becomes one of the whole
 LOOK_FOR = (
     "look for outliers (--robust), a stuck sensor or wrong units, give better parameter values, "
@@ -82,8 +84,8 @@ def fit(
     validation only. Without them the last 15 % of each run and spread windows are held out.
     `algorithm` is Levenberg-Marquardt or the paper's gradient descent with momentum. `refine`
     goes on from equation error to simulation error (None: where equation error cannot treat a
-    hidden state, a parameter that varies or a sensor slower than the rows, where the file's own
-    values run better, and where one of the next two is asked for); `robust` bounds what an outlier
+    hidden state, a parameter that varies or a sensor slower than the rows, where it is far off or
+    the file's own values run better, and where one of the next two is asked for); `robust` bounds what an outlier
     can do; `ensemble` keeps the next best as `members`. Raises `InputError` for logs of too little.
     """
     _check_refined(refine, robust, ensemble)
@@ -104,7 +106,7 @@ def fit(
         told = within(progress, 0.0, EQUATIONS if refine else 1.0)
         stage = _by_equations(plant, acting, unseen, how, seed, restarts, algorithm, told)
         warnings += stage.warnings
-        refine = refine or (goes_on and any(each.stated for each in stage.found.reports))
+        refine = refine or (goes_on and _is_poor(plant, stage, acting))
     if refine:
         begun = (stage.sized, stage.starts) if stage else (plant, [])
         told = within(progress, EQUATIONS if stage else 0.0, 1.0)
@@ -147,6 +149,23 @@ def _by_equations(
         plant = with_hidden(plant, chosen_sizes(spec, found.plant))
     warnings = [*found.warnings, *_loose(spec.signals, given.explained)]
     return Equations(found, given, plant, warnings)
+
+
+def _is_poor(plant: GrayBoxPlant, stage: Equations, logs: Sequence[Run]) -> bool:
+    """Whether equation error is far off on held-out data, or the file's values run better, there or
+    through whole `logs`: what comes and goes by itself is in the start of a short free run, and a
+    state that hardly moves looks good in one."""
+    found = stage.found
+    if found.error >= POOR_FREE_RUN or any(each.stated for each in found.reports):
+        return True
+    if plant.spec.networks or found.error < FOLLOWS:
+        return False
+    longest = [max_step(each, stage.given.training) for each in (found.plant, plant)]
+    as_fitted, as_stated = (
+        through_whole(each, logs, step)
+        for each, step in zip((found.plant, plant), longest, strict=True)
+    )
+    return as_stated < as_fitted
 
 
 def _contradicted(stage: Equations | None, how: Channels, refinement: Refinement) -> list[str]:

@@ -19,10 +19,11 @@ from faultgauge.identification.validation.evaluation import (
 from faultgauge.identification.validation.validate import Validation, validate
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.model import Model
+from faultgauge.plants.record import BetweenRuns
 from faultgauge.telemetry import Run, cut, segments
 from faultgauge.telemetry.runs import ROUNDING
 
-__all__ = ["Unseen", "held_out", "on_unseen", "run_anew", "run_through"]
+__all__ = ["Unseen", "held_out", "on_unseen", "run_anew", "run_through", "through_whole"]
 
 
 class Unseen(NamedTuple):
@@ -78,12 +79,23 @@ def run_through(model: Model, account: FitReport, logs: Sequence[Run]) -> Anew |
     return Anew(error, LAST_SHARE * longest, found[0], longest) if found else None
 
 
+def through_whole(plant: GrayBoxPlant, logs: Sequence[Run], longest: float) -> float:
+    """What free runs of `plant` through whole `logs`, by steps of `longest` [s] at most, are off
+    by, a share of the outputs' spread; infinite where one diverges."""
+    found = _off(plant, logs, longest, None)
+    return found[0] if found else np.inf
+
+
 def _errs(model: Model, account: FitReport, runs: Sequence[Run]) -> tuple[float, float] | None:
     """(what free runs through `runs` are off by, how long the longest is scored [s])."""
-    plant, _ = _judged(model, account)
+    return _off(_judged(model, account)[0], runs, model.max_step, model.record.between)
+
+
+def _off(
+    plant: GrayBoxPlant, runs: Sequence[Run], max_step: float, between: BetweenRuns | None
+) -> tuple[float, float] | None:
     try:
-        between = model.record.between
-        found, parts = evaluate(plant, runs, model.max_step, between=between)
+        found, parts = evaluate(plant, runs, max_step, between=between)
     except InputError:  # nothing to score beside the warm-up
         return None
     scored = found["outputs"].values()

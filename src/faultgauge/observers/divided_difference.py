@@ -157,7 +157,7 @@ class DividedDifferenceFilter(eqx.Module):
         def flow(x: Array, f: Array) -> Array:
             plant, forces = self.plant.own_at(x), self.plant.forces(x, middle, f, times)
             end = step_through(plant, x[:own], stages, f, dt, self.substeps, forces=forces)
-            return jnp.concatenate([end, self.plant.trails(plant, x[:own], end, middle, dt)])
+            return jnp.concatenate([end, self.plant.trails(plant, x, end, stages, u, f, dt)])
 
         def placed(rows: Array) -> Array:
             rest = jnp.zeros((n - own, *rows.shape[1:]))

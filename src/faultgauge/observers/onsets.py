@@ -367,7 +367,7 @@ class Onsets(eqx.Module):
         own = np.eye(self.moved)[:, self.slots - n]
 
         def one(mean: Array) -> Array:
-            late = self.filter.plant.enters(u, mean[n : n + F], self.filter.probe)
+            late = self.filter.plant.enters(mean[:n], u, mean[n : n + F], self.filter.probe)
             return jnp.concatenate([late[:, self.owner] * (1 - self.grows), own])
 
         return jax.vmap(one)(belief.mean[: self.branches])

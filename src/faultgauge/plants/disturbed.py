@@ -1,6 +1,6 @@
 """A plant that is not its model: F is followed by a discrepancy, and constants are uncertain.
 
-    x' = F(x, u; theta + offset + W xi) + F_ae + E d + G q,    d' = -d / tau + w,    xi' = 0,
+    x' = F(x, u; theta + offset + W xi) + F_ae + E d + G q,    d' = -d / tau + w,    xi' = -fading xi + w,
 
     q' = -q / gripping + w,    G = 1 / (1 + (x / slip)^2) of the states that stick,
 
@@ -14,7 +14,7 @@
 
     l' = -l / lag,    and by N(0, (late (h(x', x, u) - h(x', x, u before)))^2) where u changes
 
-    g' = -g / trail - dh/dt,
+    g' = -g / trail - dh/dt,    and by -dh where u changes
 
 F and h read    u + 4 bend (high - low) s (1 - s),    s = (u - low) / (high - low),
 
@@ -69,6 +69,7 @@ __all__ = [
     "Disturbed",
     "Error",
     "answering_outputs",
+    "deriving_outputs",
     "dynamic_states",
     "following_inputs",
     "shared_inputs",
@@ -84,7 +85,7 @@ class Error(NamedTuple):
     share, `lean`; time constant `trail` [s] of every g; the `bend` of an input's curve between
     `low` and `high`; time constant `gripping` [s] of every q and within which of its state it acts
     (`slip`, where half is left); by how much an input may have changed just `before` a log (none:
-    not at all)."""
+    not at all); by which rate every xi is `fading` [1/s] (none: not at all)."""
 
     tau: Float[Array, "driven"]
     settling: Float[Array, "following"]
@@ -105,6 +106,7 @@ class Error(NamedTuple):
     gripping: Float[Array | np.ndarray, "sticking"] = np.zeros(0)
     slip: Float[Array | np.ndarray, "sticking"] = np.zeros(0)
     before: Float[Array | np.ndarray, "some"] = np.zeros(0)
+    fading: Float[Array | np.ndarray, "some"] = np.zeros(0)
 
 
 class Parts(NamedTuple):
@@ -128,7 +130,7 @@ class Disturbed(Plant):
     """`base` with the states [x, d, r, b, l, a, v, g, z, q, h, xi]; `driven` are the states that d
     acts on, `following` the inputs that e acts on, `wandering` the outputs that b acts on,
     `lagging` those that l acts on, `straying` the inputs that a acts on, `leaning` those that v
-    acts on, `trailing` the outputs that g acts on, which read states alone, `zeroed` the outputs
+    acts on, `trailing` the outputs that g acts on, which read no derivative, `zeroed` the outputs
     that z acts on, `bending` the inputs whose curve is bent, `sticking` the states that q acts on,
     `doubted` the inputs for which the model is to be doubted somewhere, `names` the parameters, of
     which `directions` (W) is a row each, `positive` the places of those that are, and are so
@@ -216,7 +218,8 @@ class Disturbed(Plant):
         beside = (error.wandering, error.lag, error.straying, error.leaning, error.trail)
         zero = jnp.full(len(self.zeroed), jnp.inf)
         lasting = (error.tau, error.settling, *beside, zero, error.gripping, error.settling)
-        return jnp.concatenate([*lasting, jnp.full(self.directions.shape[1], jnp.inf)])
+        fading = error.fading if len(error.fading) else np.zeros(self.directions.shape[1])
+        return jnp.concatenate([*lasting, 1 / jnp.asarray(fading)])
 
     @property
     def lately(self) -> Float[Array, "states"]:
@@ -269,20 +272,64 @@ class Disturbed(Plant):
     def trails(
         self,
         plant: Plant,
-        x: Float[Array, "own"],
+        x: Float[Array, "states"],
         after: Float[Array, "own"],
+        stages: Float[Array, "stages inputs"],
         u: Float[Array, "inputs"],
+        f: Float[Array, "faults"],
         dt: Float[Array, ""],
     ) -> Float[Array, "trailing"]:
         """By how much g moves besides fading while `plant`, that of `own_at`, goes evenly from `x`
-        to `after` in `dt` [s]."""
-        moved = self._shown(plant, after, u) - self._shown(plant, x, u)
-        return -moved * _mean_left(dt / self.error.trail)
+        to `after` in `dt` [s], under inputs that go through `stages` and then are `u`."""
+        left, own = _mean_left(dt / self.error.trail), x[self.parts.x]
+        if not self._answering:  # what reads states alone does not jump
+            middle = stages[len(stages) // 2]
+            return (self._shown(plant, own, middle) - self._shown(plant, after, middle)) * left
+        later = jnp.concatenate([after, self.lasting(dt) * x[self.count :]])
+        jumped = later + self.leans(stages[0], u, f, f)
+        begin = self._shown_astray(plant, x, stages[0], f)
+        end = self._shown_astray(plant, later, stages[-1], f)
+        return (begin - end) * left + end - self._shown_astray(plant, jumped, u, f)
+
+    def shows_late(
+        self,
+        x: Float[Array, "states"],
+        u: Float[Array, "inputs"],
+        f_before: Float[Array, "faults"],
+        f: Float[Array, "faults"],
+    ) -> Float[Array, "states"]:
+        """By how much g jumps where faults change that act on the plant."""
+        none = jnp.zeros(len(x))
+        if not self._answering:
+            return none
+        plant, acting = self.own_at(x), np.array([float(k.acts) for k in self.signals.faults])
+        before, now = (self._shown_astray(plant, x, u, each * acting) for each in (f_before, f))
+        return none.at[self.parts.g].set(before - now)
+
+    @property
+    def _answering(self) -> bool:
+        """Whether an output that trails reads an input."""
+        return bool({*self.trailing} & {*answering_outputs(self.base)})
+
+    def _shown_astray(
+        self,
+        plant: Plant,
+        x: Float[Array, "states"],
+        u: Float[Array, "inputs"],
+        f: Float[Array, "faults"],
+    ) -> Float[Array, "trailing"]:
+        """What `plant` shows in the outputs that trail under inputs that stray as in `x`."""
+
+        def shown(plant: Plant) -> Float[Array, "trailing"]:
+            y = respond(Reached(self._own, plant), x[self.parts.x], u, f)[1]
+            return taken(y, np.array(self.trailing, int))
+
+        return shown(plant) + self._astray(x, shown)
 
     def _shown(
         self, plant: Plant, x: Float[Array, "own"], u: Float[Array, "inputs"]
     ) -> Float[Array, "trailing"]:
-        """What `plant` shows in the outputs that trail, which read states alone."""
+        """What `plant` shows in the outputs that trail, which read no derivative."""
         y = plant.output(jnp.zeros_like(x), x, u)
         return taken(y, np.array(self.trailing, int))
 
@@ -374,11 +421,15 @@ class Disturbed(Plant):
         return jump
 
     def enters(
-        self, u: Float[Array, "inputs"], f: Float[Array, "faults"], by: Float[Array, "faults"]
+        self,
+        x: Float[Array, "states"],
+        u: Float[Array, "inputs"],
+        f: Float[Array, "faults"],
+        by: Float[Array, "faults"],
     ) -> Float[Array, "states faults"]:
-        """By how much v jumps for a unit of each fault, where it changes from `f` by `by`, to the
-        side on which it does more."""
-        if not self.leaning:
+        """By how much v and g jump for a unit of each fault, where it changes from `f` by `by`, to
+        the side on which it does more."""
+        if not self.leaning and not self._answering:
             return jnp.zeros((len(self.signals.states), len(f)))
         units = []
         for k, step in enumerate(by * np.eye(len(by))):
@@ -386,7 +437,9 @@ class Disturbed(Plant):
                 self._moved(jnp.stack([u, u]), jnp.stack([f + side, f])) / by[k]
                 for side in (step, -step)
             )
-            units.append(self._leant(jnp.where(jnp.abs(up) >= jnp.abs(down), up, -down)))
+            leant = self._leant(jnp.where(jnp.abs(up) >= jnp.abs(down), up, -down))
+            up, down = (self.shows_late(x, u, f, f + side) / by[k] for side in (step, -step))
+            units.append(leant + jnp.where(jnp.abs(up) >= jnp.abs(down), up, -down))
         return jnp.stack(units, axis=1)
 
     def doubts(
@@ -513,6 +566,13 @@ def following_inputs(plant: Plant) -> tuple[int, ...]:
         return tuple(range(len(inputs)))
     read = [set(names_used(plant.spec.derivatives[k])) for k in dynamic_states(plant)]
     return tuple(j for j, name in enumerate(inputs) if any(name in each for each in read))
+
+
+def deriving_outputs(plant: Plant) -> tuple[int, ...]:
+    """The outputs whose value reads the derivative of a state, as far as that can be told."""
+    if not isinstance(plant, GrayBoxPlant):
+        return tuple(range(len(plant.signals.outputs)))
+    return tuple(j for j, value in enumerate(plant.spec.values) if derivatives_used(value))
 
 
 def answering_outputs(plant: Plant) -> tuple[int, ...]:

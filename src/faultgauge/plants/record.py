@@ -181,6 +181,7 @@ class NoiseLevels(Part):
     grip: dict[str, Positive] = {}
     gripping: dict[str, Positive] = {}
     slip: dict[str, Positive] = {}
+    varying: dict[str, Positive] = {}
     doubt: dict[str, Positive] = {}
     above: dict[str, Number] = {}
     below: dict[str, Number] = {}

@@ -21,6 +21,7 @@ __all__ = [
     "STRAY",
     "TRAIL",
     "USUAL_SHARE",
+    "VARY",
     "WANDER",
     "ZERO",
     "Noise",
@@ -36,6 +37,7 @@ TRAIL = ("trail",)  # absent where no output does
 BEND = ("bend",)  # absent where no input's curve is bent
 ZERO = ("zero",)  # absent where no output's is off
 GRIP = ("grip", "gripping", "slip")  # absent where no state sticks
+VARY = ("varying",)  # absent where no constant does within a run
 USUAL_SHARE = 0.1  # of an input's effect: what a change of it is off by
 NARROWEST = 1e-15  # of a constant between runs: rounding
 NOWHERE = {"doubt": 0.0, "above": -np.inf, "below": np.inf}  # what of these is absent
@@ -56,7 +58,7 @@ class Noise(NamedTuple):
     `zero` is off, another way in each run; by how much of
     its range the curve of an input is off a straight line in the middle (`bend`); what holds a
     state at rest (`grip`, its unit per s), for how long (`gripping` [s]), until it moves by `slip`,
-    where half of that is left; how
+    where half of that is left; how long a constant keeps its value within a run (`varying` [s]); how
     many times as large all this is (`doubt`) where an input lies between `above` and `below`; 0, or
     nothing at all, where nothing of that kind is."""
 
@@ -87,6 +89,7 @@ class Noise(NamedTuple):
     grip: Float[np.ndarray, "states"] = np.zeros(0)
     gripping: Float[np.ndarray, "states"] = np.zeros(0)
     slip: Float[np.ndarray, "states"] = np.zeros(0)
+    varying: Float[np.ndarray, "constants"] = np.zeros(0)
     together: Float[np.ndarray, "constants constants"] = np.zeros((0, 0))
 
     @property
@@ -143,15 +146,22 @@ class Noise(NamedTuple):
         return tuple(np.flatnonzero(self.grip).tolist())
 
     @property
+    def varies(self) -> tuple[int, ...]:
+        """The constants that vary within a run."""
+        return tuple(np.flatnonzero(self.varying).tolist())
+
+    @property
     def doubts(self) -> tuple[int, ...]:
         """The inputs for which the model errs more somewhere."""
         return tuple(np.flatnonzero(self.doubt).tolist())
 
     @property
     def beside(self) -> int:
-        """How many inputs, outputs and states err on their own, and inputs somewhere more."""
+        """How many inputs, outputs, states and constants err on their own, and inputs somewhere
+        more."""
         inputs = self.strays + self.leans + self.bends + self.doubts
-        return len(self.wanders + self.lags + self.trails + self.zeros + self.grips + inputs)
+        outputs = self.wanders + self.lags + self.trails + self.zeros
+        return len(outputs + self.grips + self.varies + inputs)
 
     def widened(self, factor: float) -> "Noise":
         """What acts within a run `factor` times as large, which changes no gain of a filter; how
@@ -201,13 +211,14 @@ def _beside(
     yield ZERO, signals.output_names, noise.zeros
     yield BEND, signals.input_names, noise.bends
     yield GRIP, signals.state_names, noise.grips
+    yield VARY, constants_of(model).names, noise.varies
 
 
 def noise_of(model: Model) -> Noise:
     """What `calibrate` found. Raises `InputError` for a model without it."""
     found = model.calibration and model.calibration.noise
     block = found.as_dict() if found else None
-    optional = (*WANDER, *LATE, *STRAY, *DOUBT, *LEAN, *TRAIL, *ZERO, *BEND, *GRIP)
+    optional = (*WANDER, *LATE, *STRAY, *DOUBT, *LEAN, *TRAIL, *ZERO, *BEND, *GRIP, *VARY)
     if block is None or {*block, *optional, "together"} != set(Noise._fields):
         raise InputError(
             "the model holds no noise levels, which the bank needs; run `faultgauge "
@@ -221,6 +232,7 @@ def noise_of(model: Model) -> Noise:
         signals = model.plant.signals
         inputs, outputs = signals.input_names, signals.output_names
         named = [outputs] * 4 + [inputs] * 7 + [outputs] * 2 + [inputs] + [signals.state_names] * 3
+        named.append(constants_of(model).names)
         more = [
             [block.get(key, {}).get(name, NOWHERE.get(key, 0.0)) for name in names]
             for key, names in zip(optional, named, strict=True)

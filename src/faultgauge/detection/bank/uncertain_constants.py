@@ -30,7 +30,7 @@ LOW = 5.0  # standard errors below what a constant is: filters may try it there
 # What differs from run to run and is not tracked looks like a fault that is as old as the log; what
 # does next to nothing is known so badly that it would hide faults.
 MATTERS = 0.995  # of what all constants do (squares): as many are tracked as make that up,
-FEWEST_CONSTANTS = 6  # but no fewer,
+FEWEST_CONSTANTS = 6  # with those that move one rate or output most, but no fewer,
 MOST_CONSTANTS = 10  # nor more
 USUAL_SPREAD = 0.01  # of a constant, from run to run
 
@@ -118,8 +118,10 @@ def _most_moving(model: Model) -> list[int]:
     """The places of these among the free ones, whatever a calibration says."""
     values, free, se = model.plant.values(), _free(model), _errors(model)
     usual = np.array([usual_spread(float(values[n]), s) for n, s in zip(free, se, strict=True)])
-    effects = _effects(model, tuple(free)) * np.hypot(se, usual)
-    order = np.argsort(-effects, kind="stable")
+    each = _effects(model, tuple(free)) * np.hypot(se, usual)[:, None]
+    effects = np.sqrt(np.sum(each**2, axis=1))
+    first = np.isin(np.arange(len(free)), np.argmax(each, axis=0)[each.any(axis=0)])
+    order = np.lexsort((-effects, ~first))
     done = np.cumsum(effects[order] ** 2)
     enough = int(np.searchsorted(done, MATTERS * done[-1])) + 1
     count = min(max(enough, FEWEST_CONSTANTS), MOST_CONSTANTS)
@@ -129,8 +131,8 @@ def _most_moving(model: Model) -> list[int]:
     return sorted({*order[:count].tolist(), *changing})
 
 
-def _effects(model: Model, names: tuple[str, ...]) -> Float[np.ndarray, "constants"]:
-    """How far a unit of each constant moves rates and outputs, in units of their spread."""
+def _effects(model: Model, names: tuple[str, ...]) -> Float[np.ndarray, "constants both"]:
+    """How far a unit of each constant moves each rate and output, in units of their spread."""
     points = operating_points(model)
     nothing = Error(*[jax.device_put(np.zeros(0))] * 3)
     none, unit = map(jax.device_put, (np.zeros(len(names)), np.eye(len(names))))
@@ -138,7 +140,7 @@ def _effects(model: Model, names: tuple[str, ...]) -> Float[np.ndarray, "constan
     slopes, usual = map(np.asarray, _moved(plant, *map(jax.device_put, points)))
     usual = np.nanstd(np.where(np.isfinite(usual), usual, np.nan), axis=0) + 1e-12
     slopes = np.where(np.isfinite(slopes), slopes, 0.0) / usual[:, None]
-    return np.sqrt(np.mean(np.sum(slopes**2, axis=1), axis=0))
+    return np.sqrt(np.mean(slopes**2, axis=0)).T
 
 
 @program

@@ -27,6 +27,7 @@ from faultgauge.detection.bank.noise import (
     LEAN,
     STRAY,
     TRAIL,
+    VARY,
     WANDER,
     ZERO,
     Noise,
@@ -61,6 +62,7 @@ from faultgauge.detection.calibration.output_errors import with_errors_of_output
 from faultgauge.detection.calibration.run_spread import as_unsure_as_few_runs_tell, constants_retold
 from faultgauge.detection.calibration.scoring import scored
 from faultgauge.detection.calibration.sensor_lags import with_lags_of_sensors
+from faultgauge.detection.calibration.varying_constants import with_varying_constants
 from faultgauge.errors import InputError
 from faultgauge.observers import divided_difference as dd
 from faultgauge.plants.disturbed import dynamic_states, following_inputs
@@ -80,17 +82,22 @@ STARTS = tuple(product((1.0, 10.0, 100.0), (1.0, 30.0)))
 FIRST = 2  # steps of each; then of the better half, and so on
 # parts of the work: the start, the plant's levels, a grip, LAGS in either order, CURVES and BESIDE
 # beside lags and without any, a lag again, and by all data, which is as much as a few of them
-PARTS, ALL = 19, 3
+PARTS, ALL = 21, 3
 USUAL = 12  # steps of a part
 SEEN = 8192  # samples that tell what there is beside the levels, fewer where a filter is `LARGE`
 # these come first, as they are no error; what one of them explains the other does in part
 LAGS = (with_lags_of_inputs, with_lags_of_sensors)
 CURVES = (with_curves_of_inputs,)  # are no errors either
 # errors of inputs come first, as what outputs share is none of their own
-BESIDE = (with_errors_of_inputs, with_errors_of_outputs, with_errors_of_outputs)
+BESIDE = (
+    with_varying_constants,
+    with_errors_of_inputs,
+    with_errors_of_outputs,
+    with_errors_of_outputs,
+)
 OWN = ("wander", "late", "stray")  # of these: what `BESIDE` finds
 SIZES = {
-    pair[0]: pair for pair in (WANDER, LATE, STRAY, LEAN, TRAIL, ZERO, BEND, GRIP)
+    pair[0]: pair for pair in (WANDER, LATE, STRAY, LEAN, TRAIL, ZERO, BEND, GRIP, VARY)
 }  # with their times
 AGREE = 1.25  # times: what the plant does lets the constants of runs lie no farther apart
 HOLDS = 0.25  # of a grip's power: where the model errs by more in motion it is none
@@ -207,7 +214,7 @@ class _Healthy:
 
     def bounds(self, noise: Noise) -> Bounds:
         """Of the levels that `noise` has."""
-        beside = (*WANDER, *LATE, *STRAY, *DOUBT, *LEAN, *TRAIL, *ZERO, *BEND, *GRIP)
+        beside = (*WANDER, *LATE, *STRAY, *DOUBT, *LEAN, *TRAIL, *ZERO, *BEND, *GRIP, *VARY)
         own = {name: getattr(noise, name) for name in beside}
         return bounds_of(self.guess._replace(**own), self.step, self.stretches)
 
@@ -340,7 +347,7 @@ def _needed(model: Model, batch: Likelihood, noise: Noise) -> Noise:
         many = [noise]
         for name, j in there:
             size = getattr(noise, name).copy()
-            size[j] *= NONE
+            size[j] *= NONE ** (-1 if name in VARY else 1)
             many.append(noise._replace(**{name: size}))
         cost = batch.run(model, many).cost
         least = int(np.argmin(cost[1:]))

@@ -38,7 +38,7 @@ __all__ = [
 SEARCHED = (
     *("sigma", "process", "drift", "size", "lasting", "share", "settling"),
     *("wander", "wandering", "late", "lag", "stray", "straying", "doubt", "trail"),
-    *("leaning", "lean", "zero", "bend", "grip", "gripping", "slip"),
+    *("leaning", "lean", "zero", "bend", "grip", "gripping", "slip", "varying"),
 )
 SIGNED = ("lean", "bend")  # of these: numbers of either sign, and no logarithms
 ORDERS = 8  # of differences: beyond, next to nothing fades that has not
@@ -133,7 +133,7 @@ def first_guess(model: Model, runs: Sequence[Run], stretches: Sequence[StretchPi
         stray=nothing, straying=nothing,
         doubt=nothing, above=nothing - np.inf, below=nothing + np.inf, lean=nothing,
         leaning=nothing, trail=np.zeros(len(sigma)), zero=np.zeros(len(sigma)), bend=nothing,
-        **dict.fromkeys(GRIP, np.zeros(len(process))),
+        varying=unknown, **dict.fromkeys(GRIP, np.zeros(len(process))),
     ).with_between(known.covariance + np.diag(usual) ** 2)  # fmt: skip
 
 
@@ -186,7 +186,7 @@ def bounds_of(guess: Noise, step: float, stretches: Sequence[StretchPiece]) -> B
     center = logs_of(guess)
     named = dict(zip(SEARCHED, np.split(center, np.cumsum([*sizes.values()])[:-1]), strict=True))
     low, high = ({name: a + r for name, a in named.items()} for r in (-REACH, REACH))
-    most = dict.fromkeys(("lasting", "wandering", "straying"), spans.longest)
+    most = dict.fromkeys(("lasting", "wandering", "straying", "varying"), spans.longest)
     most |= dict.fromkeys(("settling", "lag", "leaning", "trail", "gripping"), spans.settled)
     if len(guess.drift):
         most["lasting"] = max(SLOWER * spans.longest / LONGEST, 20 * step)

@@ -23,7 +23,7 @@ SHORT = np.array([LEAST_LAG, 0.5, 1.0])  # times the shortest time of what comes
 
 
 def with_lags_of_sensors(model: Model, batch: Likelihood, noise: Noise, spans: Spans) -> Noise:
-    """`noise` with every output that reads states alone behind a lag, where it gains by that while
+    """`noise` with every output that reads no derivative behind a lag, where it gains by that while
     all else stays but the share by which changes are off."""
     there = trailing_outputs(model, batch)
     outputs = np.arange(len(there))

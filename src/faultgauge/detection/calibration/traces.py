@@ -7,7 +7,7 @@ from jaxtyping import Bool
 from faultgauge.detection.bank.noise import Noise
 from faultgauge.detection.calibration.innovation_likelihood import Likelihood
 from faultgauge.detection.calibration.noise_levels import LAG, Spans
-from faultgauge.plants.disturbed import answering_outputs, following_inputs
+from faultgauge.plants.disturbed import deriving_outputs, following_inputs
 from faultgauge.plants.model import Model
 
 __all__ = ["trailing_outputs", "with_traces"]
@@ -17,9 +17,9 @@ STRAIGHT = 1e-9  # of an input's range: as good as no curve
 
 
 def trailing_outputs(model: Model, batch: Likelihood) -> Bool[np.ndarray, "outputs"]:
-    """The measured outputs that read states alone: their sensors may lag."""
+    """The measured outputs that read no derivative: their sensors may lag."""
     measured = np.array([bool(jnp.isfinite(y).any()) for y in jnp.moveaxis(batch.y, 2, 0)])
-    return measured & ~np.isin(np.arange(len(measured)), answering_outputs(model.plant))
+    return measured & ~np.isin(np.arange(len(measured)), deriving_outputs(model.plant))
 
 
 def with_traces(model: Model, batch: Likelihood, noise: Noise, spans: Spans) -> Noise:

@@ -88,10 +88,13 @@ def shocks(
         before, u_before, d, known, f = carry
         told, others = sample.f + sample.known, sample.known + f
         # a fault that is told comes late where its input does
+        x = before.mean[:n]
         late = lane.plant.leans(u_before, u_before, known + f, told)
-        mean = jnp.concatenate([before.mean[:n] + late, told, before.mean[n + F :]])
+        late = late + lane.plant.shows_late(x, u_before, known + f, told)
+        mean = jnp.concatenate([x + late, told, before.mean[n + F :]])
         d = d + lane.plant.leans(u_before, u_before, others, told)
-        late = lane.plant.enters(u_before, told, lane.probe)
+        d = d + lane.plant.shows_late(x, u_before, others, told)
+        late = lane.plant.enters(x, u_before, told, lane.probe)
         after, likelihood, flow, look, seen = lane.step(
             Belief(mean, before.P), noise, u_before, sample.u, sample.y, sample.dt
         )

@@ -321,9 +321,9 @@ def _physics(
     data.remember(short, fits[0].x)
     progress("fitting the physics over long windows")
     trials = FIRST_TRIALS if networks else LAST_TRIALS
-    longs = data.fit(
-        plant, unknowns, np.stack(_apart(fits)), sigma=sigma_of(fits[0]), trials=trials
-    )
+    # a state that hardly moves within a short window has no slope there that leads back
+    starts = np.stack([*_apart(fits), first])
+    longs = data.fit(plant, unknowns, starts, sigma=sigma_of(fits[0]), trials=trials)
     return _distinct(
         [validated(data, Candidate(plant, unknowns, each, np.inf, "physics")) for each in longs]
     )

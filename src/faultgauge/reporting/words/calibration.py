@@ -98,6 +98,11 @@ def errors(model: Model) -> list[str]:
     ]
     if spread:
         lines.append(f"what was fitted differs from run to run by about {', '.join(spread)}")
+    lines += [
+        f"{constants_of(model).names[k]} varies within a run, too, over about "
+        f"{duration(float(noise.varying[k]))}"
+        for k in noise.varies
+    ]
     lines += _elsewhere(model, noise)
     slow = drifting_of(model)
     if slow:
