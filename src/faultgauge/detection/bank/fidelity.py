@@ -8,7 +8,8 @@ measured and h the free run, both less their means,
 by how much the answer is off in all, and in size alone, from run to run. In long free runs small
 errors add up, as where a plant integrates, and in short ones noise and an unsure start count as
 much as any answer: of runs through whole logs, halves of them, quarters, ..., those tell `shape`
-that are off least.
+that are off least. An output that none follows is carried off by what is no answer, as a level is
+by an inflow that nobody measures, and tells nothing of one.
 """
 
 from collections.abc import Sequence
@@ -35,12 +36,21 @@ USUAL_SHAPE = 0.2  # where every free run is lost, as that of an unstable plant 
 
 
 def shape_error(model: Model, runs: Sequence[Run]) -> float:
-    """By which share the model's answer is off in all in `runs`, or a usual one where no free run
-    follows them; 0 for a model that nobody fitted."""
+    """By which share the model's answer is off in all in `runs`, by the outputs that free runs
+    follow, each in the parts that it does so best; of those that none follows the best, or a usual
+    share. 0 for a model that nobody fitted."""
     if model.record.metrics.validation_free_run_nrmse is None:
         return 0.0
-    least, _ = _least_off(model, runs)
-    return least if least < 1.0 else USUAL_SHAPE
+    least, parts = np.full(len(model.plant.signals.outputs), np.inf), 1
+    while min(len(run.t) for run in runs) >= parts * SHORTEST_PIECE:
+        off = _off(_free_runs(model, runs, parts))
+        if not np.any(off < least):
+            break
+        least, parts = np.fmin(least, off), 2 * parts
+    followed = least[least < POOR_FREE_RUN]
+    if len(followed):
+        return _together(followed)
+    return float(least.min()) if least.min() < 1.0 else USUAL_SHAPE
 
 
 def _least_off(model: Model, runs: Sequence[Run]) -> tuple[float, int]:
