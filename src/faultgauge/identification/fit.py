@@ -85,8 +85,9 @@ def fit(
     `algorithm` is Levenberg-Marquardt or the paper's gradient descent with momentum. `refine`
     goes on from equation error to simulation error (None: where equation error cannot treat a
     hidden state, a parameter that varies or a sensor slower than the rows, where it is far off or
-    the file's own values run better, and where one of the next two is asked for); `robust` bounds what an outlier
-    can do; `ensemble` keeps the next best as `members`. Raises `InputError` for logs of too little.
+    the file's own values run better, and where one of the next two is asked for); `robust` bounds
+    what an outlier can do; `ensemble` keeps the next best as `members`. Raises `InputError` for
+    logs of too little.
     """
     _check_refined(refine, robust, ensemble)
     plant = _as_resampled(plant, [*logs, *validate])

@@ -1,6 +1,8 @@
 """A plant that is not its model: F is followed by a discrepancy, and constants are uncertain.
 
-    x' = F(x, u; theta + offset + W xi) + F_ae + E d + G q,    d' = -d / tau + w,    xi' = -fading xi + w,
+    x' = F(x, u; theta + offset + W xi) + F_ae + E d + G q,    d' = -d / tau + w,
+
+    xi' = -fading xi + w,
 
     q' = -q / gripping + w,    G = 1 / (1 + (x / slip)^2) of the states that stick,
 
@@ -42,7 +44,8 @@ moves, where healthy logs show that something does: friction that sticks, of whi
 through zero has nothing, is any force up to that which breaks loose, and one of one size everywhere
 would have to be as large as that (C. Canudas de Wit et al., IEEE TAC 40 (1995), on what a bristle
 model has there). xi are the directions in
-which the constants are uncertain, of unit variance; one that is `positive` and hardly known goes
+which the constants are uncertain, of unit variance, fading where a constant differs within a run,
+too; one that is `positive` and hardly known goes
 down by s to c^2 / (c + s), as a normal distribution would have negative stiffness, and time
 constants near 0, as well.
 """

@@ -219,6 +219,14 @@ def _lacking(model: Model, noise: Noise) -> list[tuple[str, str, str]]:
         )
         for j in noise.bends
     ]
+    rows += [
+        (
+            f"{constants_of(model).names[k]} varies within a run, too",
+            "",
+            f"lasts {quantity(float(noise.varying[k]), 's')}",
+        )
+        for k in noise.varies
+    ]
     return rows
 
 
@@ -273,14 +281,6 @@ def _besides(model: Model, noise: Noise) -> list[tuple[str, str, str]]:
             f"for {quantity(float(noise.lag[j]), 's')}",
         )
         for j in noise.lags
-    ]
-    rows += [
-        (
-            f"{constants_of(model).names[k]} varies within a run, too",
-            "",
-            f"lasts {quantity(float(noise.varying[k]), 's')}",
-        )
-        for k in noise.varies
     ]
     rows += [
         (f"where {where}, all this is larger by", f"{number(times, 2)} times", "")

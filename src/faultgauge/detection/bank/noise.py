@@ -58,7 +58,7 @@ class Noise(NamedTuple):
     `zero` is off, another way in each run; by how much of
     its range the curve of an input is off a straight line in the middle (`bend`); what holds a
     state at rest (`grip`, its unit per s), for how long (`gripping` [s]), until it moves by `slip`,
-    where half of that is left; how long a constant keeps its value within a run (`varying` [s]); how
+    where half of that is left; how long a constant keeps its value in a run (`varying` [s]); how
     many times as large all this is (`doubt`) where an input lies between `above` and `below`; 0, or
     nothing at all, where nothing of that kind is."""
 
