@@ -1,5 +1,7 @@
 """What a model whose answers are off makes of a posterior, against Bayes' theorem written out."""
 
+import inspect
+import types
 from dataclasses import replace
 
 import jax.numpy as jnp
@@ -9,6 +11,7 @@ from scipy.special import expit
 from scipy.stats import norm
 
 from calibrations import for_bank
+from faultgauge.detection.bank import fidelity
 from faultgauge.detection.bank.fidelity import (
     SHORTEST_PIECE,
     USUAL_GAIN,
@@ -203,6 +206,30 @@ def test_the_error_of_shape_is_what_the_answer_is_off_by():
     assert larger == pytest.approx(0.2 / 1.2, rel=0.1)
     lost = [off(run, -2.5) for run in runs]  # worse than none
     assert shape_error(fitted(), lost) == USUAL_SHAPE
+
+
+@pytest.mark.parametrize(
+    ("offs", "shape"),
+    [
+        # a level that an inflow moves, a pressure, a flow: each in the parts that follow it best
+        ([(1.7, 0.16, 0.16), (1.2, 0.12, 0.2), (1.3, 0.15, 0.3)], np.hypot(0.12, 0.16) / 2**0.5),
+        ([(1.7, 0.9, 0.8), (1.2, 0.7, 0.9), (1.3, 0.8, 0.9)], 0.7),  # none is followed
+        ([(np.nan, 0.1, np.nan), (np.nan, 0.2, np.nan)], 0.1),  # two that never move
+    ],
+)
+def test_an_output_that_no_run_follows_tells_nothing_of_shape(offs, shape, monkeypatch):
+    told = iter(offs)
+    monkeypatch.setattr(fidelity, "_off", lambda found: np.array(next(told)))
+    monkeypatch.setattr(fidelity, "_free_runs", lambda *given: [])
+    signals = types.SimpleNamespace(outputs=[None] * 3)
+    metrics = types.SimpleNamespace(validation_free_run_nrmse=0.3)
+    fitted = types.SimpleNamespace(
+        plant=types.SimpleNamespace(signals=signals),
+        record=types.SimpleNamespace(metrics=metrics),
+    )
+    run = types.SimpleNamespace(t=np.arange(100_000))
+    found = inspect.unwrap(shape_error)(fitted, [run])
+    assert found == pytest.approx(shape)
 
 
 def test_what_adds_up_over_a_log_is_no_error_of_shape():
