@@ -58,7 +58,6 @@ LOOK_FOR = (
 )
 LOOSE = 0.1  # share of an input that its instrument explains, below which a fit is loose
 
-
 INSTRUMENT_UNUSED = (
     "an instrument frees the equation error of the loop's bias and does nothing for the "
     "refinement, which simulates; where disturbances move the plant, compare with --no-refine"
@@ -83,11 +82,10 @@ def fit(
     Runs of `validate` stop and select, and never fit; a run that is in both is used for
     validation only. Without them the last 15 % of each run and spread windows are held out.
     `algorithm` is Levenberg-Marquardt or the paper's gradient descent with momentum. `refine`
-    goes on from equation error to simulation error (None: where equation error cannot treat a
-    hidden state, a parameter that varies or a sensor slower than the rows, where it is far off or
-    the file's own values run better, and where one of the next two is asked for); `robust` bounds
-    what an outlier can do; `ensemble` keeps the next best as `members`. Raises `InputError` for
-    logs of too little.
+    goes on to simulation error (None: where equation error cannot treat a hidden state, a parameter
+    that varies or a sensor slower than the rows, where it is far off or the file's own values run
+    better, and where one of the next two is asked for); `robust` bounds what an outlier can do;
+    `ensemble` keeps the next best as `members`. Raises `InputError` for logs of too little.
     """
     _check_refined(refine, robust, ensemble)
     plant = _as_resampled(plant, [*logs, *validate])
