@@ -32,6 +32,7 @@ model error. Shares have Wilson's 95 % intervals.
   dc_motor        a speed loop: cogging, Stribeck's friction, a winding that warms, filters
   reaction_wheel  half an hour of a momentum loop: oil that warms, a cage, pulses that are counted
   pump_loop       a pump that fills a vessel: check valve, cut-off, suction that wanders
+  pump_station    a sump, a pump, an air vessel, a line: damped sensors, inflow that wanders
   furnace         ten hours of soaks: walls that store, lags, mains that wander
   two_mass        a position loop over a soft coupling with play; ripple, an encoder out of centre
   satellite       an axis with a wheel: a panel that swings, a gyro that drifts, friction
@@ -67,6 +68,7 @@ from mismatch.heaters import biased, equal, heaters
 from mismatch.lag import lag
 from mismatch.meter import meter
 from mismatch.pump_loop import pump_loop
+from mismatch.pump_station import pump_station
 from mismatch.quad import quad
 from mismatch.reaction_wheel import reaction_wheel
 from mismatch.reactor import reactor
@@ -99,6 +101,7 @@ CASES: dict[str, Callable[[], Case]] = {
     "dc_motor": dc_motor,
     "reaction_wheel": reaction_wheel,
     "pump_loop": pump_loop,
+    "pump_station": pump_station,
     "furnace": furnace,
     "two_mass": two_mass,
     "satellite": satellite,

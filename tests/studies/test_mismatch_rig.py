@@ -37,7 +37,8 @@ def truths(load):
     wheel is its electronics' lag: 9e-3 of a change of torque, which is some 0.1 rad/s. The pump's
     check valve has a kink (noise 0.02 L/s), and so have the ends of the two-mass drive's play (1e-4
     rad), and the gimbal's bristles where they turn (noise 2.5e-3 rad/s). A step of the furnace is a
-    fifth of its thermocouple's lag: 3e-6 of some K.
+    fifth of its thermocouple's lag: 3e-6 of some K. The motor of the pump station's valve stops with
+    a kink (noise 0.7 kPa).
     """
     rng = np.random.default_rng(0)
     return {
@@ -57,6 +58,7 @@ def truths(load):
         "dc_motor": (load("mismatch.dc_motor").dc_motor().truth(rng), 1e-4),
         "reaction_wheel": (load("mismatch.reaction_wheel").reaction_wheel().truth(rng), 1e-3),
         "pump_loop": (load("mismatch.pump_loop").pump_loop().truth(rng), 1e-3),
+        "pump_station": (load("mismatch.pump_station").pump_station().truth(rng), 1e-2),
         "furnace": (load("mismatch.furnace").furnace().truth(rng), 1e-4),
         "two_mass": (load("mismatch.two_mass").two_mass().truth(rng), 1e-5),
         "heated_tank": (load("mismatch.heated_tank").heated_tank().truth(rng), 1e-5),
@@ -86,6 +88,7 @@ def truths(load):
         "dc_motor",
         "reaction_wheel",
         "pump_loop",
+        "pump_station",
         "furnace",
         "two_mass",
         "gimbal",
