@@ -96,9 +96,7 @@ def error_of(model: Model, noise: Noise) -> Error:
     bend = noise.bend[bends], u.min(axis=0)[bends], u.max(axis=0)[bends]
     grips = list(noise.grips)
     grip = noise.gripping[grips], noise.slip[grips]
-    none = np.zeros(len(drifting_of(model)))
-    with np.errstate(divide="ignore"):
-        fading = np.concatenate([none, 1 / np.where(noise.varying > 0, noise.varying, np.inf)])
+    fading = np.concatenate([np.zeros(len(drifting_of(model))), noise.fading])
     parts = (*own, *beside, *doubt, *late, *bend, *grip, before, fading)
     return Error(*(jax.device_put(np.asarray(each)) for each in parts))
 
@@ -120,7 +118,7 @@ def process_of(
             noise.grip[grips] * np.sqrt(2 / noise.gripping[grips]),
             np.zeros(len(noise.share)),
             noise.drift / np.maximum(drifted, 1e-300),
-            np.sqrt(2 / np.where(noise.varying > 0, noise.varying, np.inf)),
+            np.sqrt(2 * noise.fading),
         ]
     )
 

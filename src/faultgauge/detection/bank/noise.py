@@ -151,6 +151,13 @@ class Noise(NamedTuple):
         return tuple(np.flatnonzero(self.varying).tolist())
 
     @property
+    def fading(self) -> Float[np.ndarray, "constants"]:
+        """By which rate what each constant is off its mean fades [1/s]; 0 where it keeps it."""
+        rates = np.zeros(len(self.spread))
+        rates[list(self.varies)] = 1 / self.varying[list(self.varies)]
+        return rates
+
+    @property
     def doubts(self) -> tuple[int, ...]:
         """The inputs for which the model errs more somewhere."""
         return tuple(np.flatnonzero(self.doubt).tolist())
