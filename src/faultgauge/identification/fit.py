@@ -155,7 +155,7 @@ def _is_poor(plant: GrayBoxPlant, stage: Equations, logs: Sequence[Run]) -> bool
     through whole `logs`: what comes and goes by itself is in the start of a short free run, and a
     state that hardly moves looks good in one."""
     found = stage.found
-    if found.error >= POOR_FREE_RUN or any(each.stated for each in found.reports):
+    if POOR_FREE_RUN <= found.error < np.inf or any(each.stated for each in found.reports):
         return True
     if plant.spec.networks or found.error < FOLLOWS:
         return False
