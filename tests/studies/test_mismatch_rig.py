@@ -37,8 +37,8 @@ def truths(load):
     wheel is its electronics' lag: 9e-3 of a change of torque, which is some 0.1 rad/s. The pump's
     check valve has a kink (noise 0.02 L/s), and so have the ends of the two-mass drive's play (1e-4
     rad), and the gimbal's bristles where they turn (noise 2.5e-3 rad/s). A step of the furnace is a
-    fifth of its thermocouple's lag: 3e-6 of some K. The motor of the pump station's valve stops with
-    a kink (noise 0.7 kPa).
+    fifth of its thermocouple's lag: 3e-6 of some K. The motor of the pump station's valve stops
+    with a kink (noise 0.7 kPa).
     """
     rng = np.random.default_rng(0)
     return {

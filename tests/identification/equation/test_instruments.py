@@ -58,7 +58,8 @@ def bias(gain, key):
     """Medians over the seeds of the relative errors of a and b."""
     found = []
     for seed in SEEDS:
-        model, _ = fit(plant(key), [closed_loop(gain, seed)], restarts=1, refine=False)
+        log = closed_loop(gain, seed)
+        model, _ = fit(plant(key), [log], restarts=1, refine=False)
         found.append([float(model.plant.parameters[name]) for name in "ab"])
     return np.median(found, axis=0) / [A, B] - 1
 
