@@ -58,12 +58,12 @@ def truths(load):
         "dc_motor": (load("mismatch.dc_motor").dc_motor().truth(rng), 1e-4),
         "reaction_wheel": (load("mismatch.reaction_wheel").reaction_wheel().truth(rng), 1e-3),
         "pump_loop": (load("mismatch.pump_loop").pump_loop().truth(rng), 1e-3),
-        "pump_station": (load("mismatch.pump_station").pump_station().truth(rng), 1e-2),
         "furnace": (load("mismatch.furnace").furnace().truth(rng), 1e-4),
         "two_mass": (load("mismatch.two_mass").two_mass().truth(rng), 1e-5),
         "heated_tank": (load("mismatch.heated_tank").heated_tank().truth(rng), 1e-5),
         "fan_drive": (load("mismatch.fan_drive").fan_drive().truth(rng), 1e-4),
         "gimbal": (load("mismatch.gimbal").gimbal().truth(rng), 1e-4),
+        "pump_station": (load("mismatch.pump_station").pump_station().truth(rng), 1e-2),
     }
 
 
