@@ -14,9 +14,10 @@ The figures are of no particular station.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
+from jaxtyping import Float
 
 from mismatch.case import Case, Sizes
 from mismatch.truth import Truth, Vector, coloured, levels, scattered, white
@@ -79,7 +80,7 @@ BASIN_WANDER, BASIN_TIME = 1.5, 1500.0  # kPa, s
 NOISE, QUANTUM = (0.002, 0.8, 0.7, 0.25), (0.005, 1.0, 0.5, 0.1)  # m, rpm, kPa, L/s
 LEVELS, LEVEL_HOLD = (1.1, 1.95), (1300.0, 2800.0)  # m, s
 OPENINGS, OPENING_HOLD = (0.42, 0.92), (700.0, 1900.0)  # 1, s
-GAIN, INTEGRAL, SLOWEST = 0.42, 1500.0, 0.55  # 1/m, s, 1
+GAIN, INTEGRAL, SLOWEST, BEGUN = 0.42, 1500.0, 0.55, 0.8  # 1/m, s, 1, 1
 AIR = 101.3  # kPa
 
 
@@ -137,7 +138,31 @@ def truth(rng: np.random.Generator) -> Truth:
 
     wanted = levels(rng, SAMPLES, STEP, LEVELS, LEVEL_HOLD)
     opened = levels(rng, SAMPLES, STEP, OPENINGS, OPENING_HOLD)
-    summed = 0.8
+    mean = rng.uniform(*INFLOW)
+    inflow = mean + coloured(rng, SAMPLES, STEP, (WANDER,), WANDER_TIME)
+    basin = BASIN + BASIN_SPREAD * rng.standard_normal()
+    basin = basin + coloured(rng, SAMPLES, STEP, (BASIN_WANDER,), BASIN_TIME)
+    level, still = float(wanted[0]), np.zeros((SAMPLES, 3))
+    return Truth(
+        rates=rates,
+        states=("h", "n", "s", "p", "q", "shown_h", "shown_p", "shown_q"),
+        start=(level, BEGUN, float(opened[0]), 260.0, mean, level, 260.0, mean),
+        sensors=(5, turns, 6, 7),
+        command=level_loop(wanted, opened),
+        limits=((0.0, 1.0), (0.0, 1.0)),
+        disturbances=np.column_stack([inflow, basin, still]),
+        noise=white(rng, SAMPLES, NOISE),
+        quantum=QUANTUM,
+        step=STEP,
+        substeps=SUBSTEPS,
+    )
+
+
+def level_loop(
+    wanted: Float[np.ndarray, "samples"], opened: Float[np.ndarray, "samples"]
+) -> Callable[[int, Sequence[Vector]], Vector]:
+    """The commands of the pump, by a PI controller of the level, and of the valve, by hand."""
+    summed = BEGUN
 
     def command(k: int, y: Sequence[Vector]) -> Vector:
         nonlocal summed
@@ -147,21 +172,4 @@ def truth(rng: np.random.Generator) -> Truth:
             summed += GAIN * off * STEP / INTEGRAL
         return min(max(u, SLOWEST), 1.0), float(opened[k])
 
-    mean = rng.uniform(*INFLOW)
-    inflow = mean + coloured(rng, SAMPLES, STEP, (WANDER,), WANDER_TIME)
-    basin = BASIN + BASIN_SPREAD * rng.standard_normal()
-    basin = basin + coloured(rng, SAMPLES, STEP, (BASIN_WANDER,), BASIN_TIME)
-    level, still = float(wanted[0]), np.zeros((SAMPLES, 3))
-    return Truth(
-        rates=rates,
-        states=("h", "n", "s", "p", "q", "shown_h", "shown_p", "shown_q"),
-        start=(level, summed, float(opened[0]), 260.0, mean, level, 260.0, mean),
-        sensors=(5, turns, 6, 7),
-        command=command,
-        limits=((0.0, 1.0), (0.0, 1.0)),
-        disturbances=np.column_stack([inflow, basin, still]),
-        noise=white(rng, SAMPLES, NOISE),
-        quantum=QUANTUM,
-        step=STEP,
-        substeps=SUBSTEPS,
-    )
+    return command
