@@ -79,12 +79,44 @@ def table(path):
         return list(csv.DictReader(file))
 
 
+TANK_IN_ODD_UNITS = """
+name = "odd"
+[states.z]
+unit = "m"
+derivative = "inflow*u - z"
+[inputs.u]
+[outputs.x]
+unit = "m"
+value = "z"
+[parameters.inflow]
+value = 0.01
+unit = "m/s"
+"""
+
+
 def test_inspect(call, workshop):
     found = one_object(call("inspect", workshop.healthy, workshop.healthy2, "--json"))
     assert [r["rows"] for r in found["runs"]] == [600, 600]
     text = call("inspect", workshop.healthy)
     assert text.code == 0
     assert "600" in text.out
+
+
+def test_inspect_checks_a_plant_and_what_the_logs_have_of_it(call, workshop, tmp_path):
+    """A file without a mistake is said to be one, with its columns; of others the key is named."""
+    checked = one_object(call("inspect", workshop.healthy, "--plant", "tank", "--json"))["plant"]
+    assert checked["columns"] == ["u"]
+    assert checked["warnings"] == ["[outputs.level]: the logs have no such column"]
+    odd, wrong = tmp_path / "odd.toml", tmp_path / "wrong.toml"
+    odd.write_text(TANK_IN_ODD_UNITS)
+    said = call("inspect", workshop.healthy, "--plant", odd)
+    assert said.code == 0
+    assert "warning: [states.z] derivative:" in said.err
+    assert "no mistake found; it reads u, x" in said.err
+    wrong.write_text(TANK_IN_ODD_UNITS.replace("inflow*u", "inflow*v"))
+    said = call("inspect", workshop.healthy, "--plant", wrong)
+    assert said.code == 2
+    assert "unknown name 'v'" in said.err
 
 
 def test_inspect_drafts_a_plant_and_never_overwrites_one(call, workshop, tmp_path):

@@ -79,3 +79,23 @@ def test_a_rough_likelihood_is_searched_by_longer_differences():
     exact = np.log(np.sqrt(np.mean(SAMPLES**2, axis=1)))
     np.testing.assert_allclose(found, exact, atol=0.2)
     assert cost < rough(exact[None]).cost[0] + 20
+
+
+def test_where_information_is_ten_times_the_curvature_the_last_steps_are_mixed():
+    """Damped steps alone go a tenth of the way each, and need 140 from 3 to 1e-6; of a quadratic
+    of two levels three steps mixed tell the rest, which a square of h leaves to a few more."""
+    A, least = np.array([[3.0, 1.0], [0.0, 2.0], [1.0, -1.0]]), np.array([1.0, -3.0])
+
+    def stiff(levels):
+        e = (levels - least) @ A.T
+        none = np.zeros((len(levels), 1, 0)), np.zeros((len(levels), 1, 0, 0))
+        return Likelihoods(np.sum(e**2, axis=1) / 20, *none, e, np.zeros_like(e))
+
+    low, high, *prior = FREE
+    steps = []
+    found, _ = scored(
+        stiff, stiff, np.zeros(2), low, high, *prior, 200, 1e-12, lambda: steps.append(1)
+    )
+    # the slope is off by the curvature that M has too much of, h / 2 times nine tenths of it
+    np.testing.assert_allclose(found, least, atol=0.05)
+    assert len(steps) < 20

@@ -334,6 +334,13 @@ def test_text_that_is_not_toml(text):
     assert "not valid TOML" in refusal(text)
 
 
+def test_a_line_that_is_no_toml_is_shown():
+    """TOML's own booleans are true and false: a yes is named with the line that it is in."""
+    said = refusal(small(more="relative = yes"))
+    assert "not valid TOML" in said
+    assert "in 'relative = yes'" in said
+
+
 def test_a_file_is_read_with_or_without_a_byte_order_mark(tmp_path):
     for encoding in ("utf-8", "utf-8-sig"):
         path = tmp_path / encoding

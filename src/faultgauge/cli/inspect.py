@@ -2,7 +2,7 @@
 
 from datetime import datetime
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -19,13 +19,21 @@ def inspect(
         typer.Option("--init-plant", metavar="FILE", help="Write a plant-file skeleton to edit."),
         Writes(),
     ] = None,
+    plant: Annotated[
+        str | None,
+        typer.Option(
+            "--plant",
+            metavar="FILE",
+            help="Check a plant file: its keys, its units, and that the logs have its columns.",
+        ),
+    ] = None,
     time: options.Time = None,
     time_format: options.TimeFormat = None,
     map: options.Map = None,
     where: options.Where = None,
     json: options.Json = False,
 ) -> None:
-    """Show what is in a log: names, rates, gaps, ranges; and draft a plant file."""
+    """Show what is in a log: names, rates, gaps, ranges; and draft or check a plant file."""
     from faultgauge.errors import InputError
     from faultgauge.files import write_atomically
     from faultgauge.telemetry import inspect_runs, plant_skeleton, read_telemetry
@@ -47,12 +55,38 @@ def inspect(
         units = {c.name: c.unit for c in found.columns if c.unit}
         text = plant_skeleton(runs, init_plant.stem, units)
         write_atomically(init_plant, text.encode())
+    checked = None if plant is None else _checked(plant, logs, time, map, where, time_format)
     if json:
-        options.print_json(found.to_dict())
+        about = {} if checked is None else {"plant": checked}
+        options.print_json({**found.to_dict(), **about})
         return
     _show(found)
+    if checked is not None:
+        options.warn(checked["warnings"])
+        options.say(f"{plant}: no mistake found; it reads {', '.join(checked['columns'])}")
     if init_plant is not None:
         options.say(f"wrote {init_plant}: edit it, then: faultgauge fit {init_plant} {logs[0]} ...")
+
+
+def _checked(
+    plant: str,
+    logs: list[Path],
+    time: str | None,
+    map: list[str] | None,
+    where: str | None,
+    time_format: str | None,
+) -> dict[str, Any]:
+    """What a plant file reads of `logs`, and what is doubtful in it. Raises `InputError` for its
+    first mistake, and where the logs lack what it reads."""
+    from faultgauge.plants.gray_box import load_plant
+    from faultgauge.verbs.reading import read
+
+    found = load_plant(plant)
+    runs = read(logs, found, time=time, map=map, where=where, time_format=time_format)
+    columns = list(dict.fromkeys(name for run in runs for name in run.columns))
+    lacking = [name for name in found.signals.output_names if name not in columns]
+    warnings = [f"[outputs.{name}]: the logs have no such column" for name in lacking]
+    return {"file": plant, "columns": columns, "warnings": [*found.spec.warnings, *warnings]}
 
 
 def _moment(clock: str | None, t: float) -> str:

@@ -170,6 +170,11 @@ def decoded(data: bytes, path: str | Path) -> Model:
         size = int.from_bytes(data[:8], "little")
         header = json.loads(data[8 : 8 + size]).get("__metadata__", {})
     except (safetensors.SafetensorError, ValueError, KeyError, RecursionError):
+        if Path(path).suffix == ".toml":
+            raise InputError(
+                f"{path}: a plant file, and no model yet; make one of it by `faultgauge fit {path} "
+                "LOG...`."
+            ) from None
         raise InputError(
             f"{path}: not a model file, or cut short; give one made by `faultgauge fit`."
         ) from None

@@ -21,6 +21,9 @@ MAX_BYTES = 1_000_000  # of a plant file or scenario
 LEAST, LARGEST = 1e-50, 1e50  # of a number that is not 0: squares and ratios are numbers too
 MOST_DOTS = re.compile(r"""(?<![\w'"-])(?:[\w'"-]++[ \t]*+\.[ \t]*+){20}""")
 
+AT_LINE = re.compile(r"at line (\d+)")
+READABLE = 100  # characters of a line that is shown
+
 
 def _sensible(value: float) -> float:
     if value and not LEAST <= abs(value) <= LARGEST:
@@ -55,6 +58,13 @@ def read_text(path: Path, kind: str, advice: str) -> str:
         raise InputError(f"{path}: cannot be read ({failure.strerror}); {advice}.") from None
 
 
+def _line(text: str, failure: Exception) -> str:
+    """The line of `text` that a `failure` names, as far as it is one to be read."""
+    place = AT_LINE.search(str(failure))
+    line = text.split("\n")[int(place[1]) - 1].strip() if place else ""
+    return f", in {line!r}" if 0 < len(line) <= READABLE and line.isprintable() else ""
+
+
 def parse_toml(text: str, source: str) -> dict[str, Any]:
     """The tables of a TOML text."""
     found = MOST_DOTS.search(text)
@@ -63,7 +73,7 @@ def parse_toml(text: str, source: str) -> dict[str, Any]:
     try:
         tables = tomllib.loads(text)
     except (ValueError, RecursionError) as failure:  # ValueError: also a number of 5000 digits
-        raise InputError(f"{source}: not valid TOML: {failure}.") from None
+        raise InputError(f"{source}: not valid TOML: {failure}{_line(text, failure)}.") from None
     for (*places, key), value in values_in(tables):
         if isinstance(value, int) and value.bit_length() > 63:
             digits = str(value) if value.bit_length() < 10_000 else hex(value)

@@ -6,7 +6,9 @@ What innovations e and their variances S tell of levels x,
 
 needs first derivatives alone, which the slope needs anyway (N. K. Gupta and R. K. Mehra, IEEE TAC
 19 (1974)), so that some steps do where a search that learns the curvature from its own way takes a
-hundred. Steps are damped as Levenberg and Marquardt's; several dampings are tried at once.
+hundred. Steps are damped as Levenberg and Marquardt's; several dampings are tried at once, and
+beside them where the last steps together lead, as M is not the curvature where a model errs (D. G.
+Anderson, J. ACM 12 (1965)).
 
 Where a plant bends within what its filter does not know, friction at a standstill, two levels that
 are as good as one have likelihoods that are tens apart, and differences over so little tell that
@@ -14,7 +16,8 @@ and no slope. Where M promises what no step gains they are taken over more (C. T
 Filtering", SIAM 2011).
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -26,10 +29,18 @@ __all__ = ["scored"]
 # of a logarithm, for the slopes: where a filter is at times lost, less is rough
 DIFFERENCES = (3e-3, 3e-2, 0.3)
 DAMPING = 0.1  # times the information itself: the first
-FACTORS = 10.0 ** np.arange(-1, AT_ONCE - 1)  # times the last damping: those that are tried
+FACTORS = 10.0 ** np.arange(-1, AT_ONCE - 2)  # times the last damping: those that are tried
+LATELY = 4  # places whose steps are mixed
 WEAK = 1e-3  # information of what no sample tells, which so stays where it is
 STRIDE = 2.0  # of a logarithm: the longest step
 PULLS = 3  # sets of dampings that are tried before a step is the last
+
+
+class _Place(NamedTuple):
+    """Where a search was, and the undamped step from there."""
+
+    x: Float[np.ndarray, "levels"]
+    step: Float[np.ndarray, "levels"]
 
 
 def scored(
@@ -56,6 +67,7 @@ def scored(
         return np.sum(np.where(weight > 0, (x - center) ** 2 * weight / 2, 0.0), axis=-1)
 
     x, damping, cost, length = np.clip(start, low, high), DAMPING, np.inf, 0
+    lately = list[_Place]()
     for _ in range(most):
         stepped()
         h = DIFFERENCES[length]
@@ -68,16 +80,14 @@ def scored(
         M = M + np.diag(weight + WEAK)
         free = ~(((x <= low) & (slope > 0)) | ((x >= high) & (slope < 0)))
         best, gain = x, 0.0
+        lately = [*lately, _Place(x, _step(M, slope, free, 0.0))][-LATELY:]
         for _ in range(PULLS):
-            tries = np.stack(
-                [
-                    np.clip(x + _step(M, slope, free, factor * damping), low, high)
-                    for factor in FACTORS
-                ]
-            )
+            steps = [_step(M, slope, free, factor * damping) for factor in FACTORS]
+            tries = np.clip(x + np.stack([*steps, _mixed(lately, M)]), low, high)
             costs = np.nan_to_num(tell(tries).cost + unlikely(tries), nan=np.inf)
             k = int(np.argmin(costs))
-            damping *= float(FACTORS[k])
+            if k < len(FACTORS):
+                damping *= float(FACTORS[k])
             if costs[k] < cost:
                 best, gain = tries[k], cost - float(costs[k])
                 break
@@ -99,6 +109,19 @@ def _information(told: Likelihoods, h: float) -> Float[np.ndarray, "levels level
     L = 2 * (told.root[1:] - told.root[0]) / h
     M = J @ J.T + 0.5 * L @ L.T
     return np.where(np.isfinite(M), M, 0.0)
+
+
+def _mixed(
+    lately: Sequence[_Place], M: Float[np.ndarray, "levels levels"]
+) -> Float[np.ndarray, "levels"]:
+    """The step from the last of some places, x with the step g, to where these mixed have the
+    shortest by M,
+
+        g - (dX + dG) c,    c = argmin |g - dG c|."""
+    x, g = (np.stack(each) for each in zip(*lately, strict=True))
+    dX, dG = np.diff(x, axis=0).T, np.diff(g, axis=0).T
+    c = np.linalg.lstsq(dG.T @ M @ dG, dG.T @ M @ g[-1], rcond=1e-10)[0]
+    return np.clip(g[-1] - (dX + dG) @ c, -STRIDE, STRIDE)
 
 
 def _step(
