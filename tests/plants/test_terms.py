@@ -51,6 +51,7 @@ def test_a_term_is_what_it_stands_for():
     [
         ('flow = "wmax', 'flow = "G + wmax', r"\[terms\] run in a circle, (flow -> G|G -> flow)"),
         ('heat = "G*', 'heat = "Gw*', r"\[terms\] heat: column 1 .*'Gw' \(did you mean 'G'\?\)"),
+        ('flow = "wmax', 'flow = "flaw + wmax', r"legal here: T, u, hot, cold, .*, heat, G\."),
         ('flow = "wmax*u + 0.1"', "flow = 3", r"\[terms\] flow"),
         ('flow = "', 'UA = "1"\nflow = "', r"'UA' is already declared in \[parameters\]|\[terms\]"),
         ('flow = "', 'exp = "1"\nflow = "', r"\[terms\] 'exp' stands for the function exp\(\)"),

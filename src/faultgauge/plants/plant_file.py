@@ -277,7 +277,8 @@ class _Checker:
             ) from None
         for name in order:
             where = f"{self.source}: [terms] {name}"
-            found[name] = parse(texts[name], where, self.scope(found)).tree
+            others = {each: tree for each, tree in found.items() if each != name}
+            found[name] = parse(texts[name], where, self.scope(others)).tree
         return found
 
     def check_shared(self, values: tuple[Expression, ...]) -> None:
