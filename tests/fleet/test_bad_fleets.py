@@ -70,7 +70,7 @@ def test_all_units_fail(folder, capsys):
     ("more", "said"),
     [
         (["--seeds", "3"], "--seeds does not go with --fleet"),
-        (["--from", "plant.toml"], "not a model file"),
+        (["--from", "plant.toml"], "a plant file, and no model yet"),
         (["--scheduler", "tcp://127.0.0.1:1"], "--scheduler"),
     ],
 )

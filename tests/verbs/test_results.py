@@ -163,7 +163,8 @@ def test_a_report_of_an_observer_tells_of_its_calibration(learned, tank):
 
 
 def test_calibrate_says_what_would_show(calibrated, tank):
-    """Of simulated leaks one that is twice as large is named, one of a third is not."""
+    """Of simulated leaks one that is three times as large is named, one of a third is not: a minute
+    of healthy data foretells no closer than that (KNOWN_GAPS.md, "What would not have shown")."""
     (fault,) = calibrated.model.plant.signals.fault_names
     size = calibrated.smallest[fault]
     assert calibrated.as_dict()["smallest"] == {fault: size}
@@ -172,7 +173,7 @@ def test_calibrate_says_what_would_show(calibrated, tank):
     side = np.sign(tank.leak)
     large, small = (
         fg.estimate(calibrated.model, tank.log(4, side * times * size)).events
-        for times in (2.0, 1 / 3)
+        for times in (3.0, 1 / 3)
     )
     assert [each.fault for each in large] == [fault]
     assert not small
