@@ -89,8 +89,7 @@ class Likelihoods(NamedTuple):
 
 @dataclass(frozen=True)
 class Likelihood:
-    """The stretches, padded to one length and stacked, and what is the same for all levels;
-    whether those near to others are told from these."""
+    """The stretches, padded to one length and stacked, and what is the same for all levels."""
 
     x: Float[Array, "stretches states"]
     u: Float[Array, "stretches samples inputs"]
@@ -101,7 +100,6 @@ class Likelihood:
     columns: tuple[str, ...]
     substeps: int
     count: int
-    nearby: bool = True
 
     @staticmethod
     def of(
@@ -160,10 +158,10 @@ class Likelihood:
     def near(
         self, model: Model, many: Sequence[Noise], apart: Bool[np.ndarray, "many"]
     ) -> Likelihoods:
-        """As `run`, of levels near to the first of `many`. Where that is `nearby`, and a filter
-        tracks many numbers, the slopes that the plant has under the first stand for those under all
-        others, but under those to be told `apart`; nothing is told of xi then."""
-        if not self.nearby or len(scale_of(model, many[0])) < LARGE:
+        """As `run`, of levels near to the first of `many`. Where a filter tracks many numbers the
+        slopes that the plant has under the first stand for those under all others, but under those
+        to be told `apart`; nothing is told of xi then."""
+        if len(scale_of(model, many[0])) < LARGE:
             return self.run(model, many)
         alike, whole = (np.flatnonzero(own).tolist() for own in (~apart, apart))
         padded = [*alike[1:], *[alike[-1]] * (-(len(alike) - 1) % NEAR_AT_ONCE)]

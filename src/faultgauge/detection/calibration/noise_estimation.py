@@ -104,7 +104,6 @@ HOLDS = 0.25  # of a grip's power: where the model errs by more in motion it is 
 LESS = 0.95  # of the share that a change is off by: a lag that leaves more is none
 TOLD = 1.05  # times the shortest time: the end of a search
 ENOUGH = 1.0  # of log-likelihood: a step that gains less is the last
-ROUGH = 0.25  # of what an error has to gain: so is one that gains less while errors are looked for
 NONE = 1e-6  # times the usual: as good as no discrepancy
 
 
@@ -127,7 +126,7 @@ def estimate_noise(
         noise = _found_beside(model, some, stepped)
         if some.batch is not told.batch:
             stepped.weighs(ALL)
-        noise = _alternated(model, told, noise, told.bounds(noise), stepped)
+            noise = _alternated(model, told, noise, told.bounds(noise), stepped)
         noise = _needed(model, told.batch, noise)
     else:
         without = {n: NONE * getattr(told.guess, n) for n in ("size", "share")}
@@ -295,7 +294,7 @@ def _with(
     more = beside(model, told.batch, noise, spans)
     while more.beside > noise.beside:
         bounds = told.bounds(more)
-        found = _roughly(model, told, more, bounds, stepped)
+        found = _alternated(model, told, more, bounds, stepped)
         lean, trail = _false_lags(model, noise, found, spans)
         grip = _false_grips(model, noise, found)
         if not lean.any() and not trail.any() and not grip.any():
@@ -311,7 +310,7 @@ def _with(
     needed = _needed(model, told.batch, found)
     if needed is not found:  # the search may have come to levels that need less than was there
         bounds = told.bounds(needed)
-        found = _roughly(model, told, needed, bounds, stepped)
+        found = _alternated(model, told, needed, bounds, stepped)
     if beside in (*LAGS, *CURVES) and _apart(noise, found) > AGREE:
         return None
     enough = np.log(told.batch.count) * max(found.beside - noise.beside, 1)
@@ -379,18 +378,6 @@ def _alternated(
     return noise
 
 
-def _roughly(
-    model: Model, told: _Healthy, noise: Noise, bounds: Bounds, stepped: "_Progress"
-) -> Noise:
-    """As near to the likeliest levels as it takes to say what else there is: one search, and the
-    constants told anew. Few steps do, fewer than what they would gain by a program of their own
-    takes to compile."""
-    enough = ROUGH * np.log(told.batch.count)
-    exact = replace(told.batch, nearby=False)
-    found = _searched(model, exact, noise, bounds, set(), ROUNDS[0], stepped, enough)
-    return constants_retold(model, told.batch, found, told.follows)
-
-
 def _costs(
     model: Model, batch: Likelihood, many: Sequence[Noise], bounds: Bounds
 ) -> Float[np.ndarray, "many"]:
@@ -455,10 +442,9 @@ def _searched(
     held: Set[str],
     most: int,
     stepped: "_Progress",
-    enough: float = ENOUGH,
 ) -> Noise:
-    """The likeliest levels but those `held`, by at most so many steps from `noise`, or one that
-    gains less than `enough`; each is `stepped`."""
+    """The likeliest levels but those `held`, by at most so many steps from `noise`; each is
+    `stepped`."""
     start = logs_of(noise)
     at = np.flatnonzero(np.isfinite(start) & ~np.isin(names_of(noise), list(held)))
 
@@ -476,7 +462,7 @@ def _searched(
         return batch.near(model, of(some), apart)
 
     own = [each[at] for each in (start, bounds.low, bounds.high, bounds.center, bounds.pull)]
-    found, _ = scored(tell, near, *own, most=most, enough=enough, stepped=stepped)
+    found, _ = scored(tell, near, *own, most=most, enough=ENOUGH, stepped=stepped)
     logs = start.copy()
     logs[at] = found
     return levels_of(logs, noise)
