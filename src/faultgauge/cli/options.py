@@ -163,7 +163,8 @@ COMPILER = " ".join(
         "--xla_cpu_multi_thread_eigen=false",
         # a loop is one kernel, however long it is, where nothing in it is left to a library:
         # no products of matrices (`products.py`), and by the last of these no sums; loops within
-        # it stay loops: to write them out takes the compiler half as long again, and gains nothing
+        # it stay loops: to write them out takes the compiler half as long again, and gains answers
+        # nothing, a calibration less than that
         "--xla_backend_extra_options=xla_cpu_small_while_loop_byte_threshold=1000000000,"
         "xla_cpu_disable_loop_unrolling",
         "--xla_cpu_experimental_ynn_fusion_type=-reduce",

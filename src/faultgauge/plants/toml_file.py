@@ -20,7 +20,6 @@ MAX_BYTES = 1_000_000  # of a plant file or scenario
 
 LEAST, LARGEST = 1e-50, 1e50  # of a number that is not 0: squares and ratios are numbers too
 MOST_DOTS = re.compile(r"""(?<![\w'"-])(?:[\w'"-]++[ \t]*+\.[ \t]*+){20}""")
-
 AT_LINE = re.compile(r"at line (\d+)")
 READABLE = 100  # characters of a line that is shown
 
