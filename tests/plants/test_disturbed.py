@@ -231,14 +231,19 @@ target = "i"
     filtering = DividedDifferenceFilter(plant, jnp.ones(2), jnp.ones(2), (), 1)
     quiet = FilterNoise(jnp.zeros(2), jnp.zeros(2), jnp.ones(1))
     belief = filtering.begin(jnp.zeros(2), jnp.zeros(2))
+
+    @eqx.filter_jit
+    def one(belief, before, now):
+        belief, _ = filtering.predict(belief, quiet, before, now, jnp.asarray(dt))
+        return belief, filtering.look(belief, now)[0]
+
     before, exact, u = jnp.zeros(1), np.zeros(2), 0.0
     for row in range(1, 60):
         now = float(row // 7 % 3)
         # the sensor s' = (i - s) / lag beside the speed, under the input of before
         held = [[-5.0, 0, 4 * u], [-1 / lag, -1 / lag, 2 * u / lag], [0, 0, 0]]
         exact = (expm(np.array(held) * dt) @ np.append(exact, 1.0))[:2]
-        belief, _ = filtering.predict(belief, quiet, before, jnp.array([now]), jnp.asarray(dt))
-        shown, _ = filtering.look(belief, jnp.array([now]))
+        belief, shown = one(belief, before, jnp.array([now]))
         assert shown[0] == pytest.approx(exact[1], abs=4e-3)
         before, u = jnp.array([now]), now
     jump = plant.enters(belief.mean[:2], before, jnp.zeros(2), jnp.array([0.1, 0.1]))
