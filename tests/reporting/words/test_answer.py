@@ -115,6 +115,26 @@ def test_what_is_over_is_told_as_over(bank, decision):
     assert "until" not in line.split("; ")[0]
 
 
+def test_a_fault_whose_sign_turns_again_and_again_is_one_finding(bank):
+    """Half a minute of a leak and half a minute of as much coming in, six times: the events stay
+    as they are, and one sentence tells of all. Three windows of a fault are three faults."""
+    t = STEP * np.arange(COUNT)
+    shaken = np.where(t < ONSET, 0.0, np.where((t // 40) % 2 == 0, 1.0, -1.0))
+    found = decide(bank, log(1, 3 * LEAK, shaken))
+    sizes = [each.size for each in found.events if each.fault == "leak"]
+    assert np.sum(np.diff(np.sign(sizes)) != 0) >= 4  # or there is nothing to be told
+    lines = [line for line in answers(bank, [found]) if line.startswith("leak ")]
+    (line,) = lines
+    first = found.events[0]
+    assert line.startswith(f"leak came and went {len(sizes)} times from {first.start:g} s to ")
+    assert f"between {min(sizes):+.2f} and {max(sizes):+.2f} m/s" in line
+    assert "something undeclared may shake what leak would move" in line
+    assert len(as_dicts(bank, [found])) == len(found.events)
+    thrice = np.where(t < ONSET, 0.0, np.where((t // 50) % 2 == 0, 1.0, 0.0))
+    apart = decide(bank, log(1, 3 * LEAK, thrice))
+    assert not any("came and went" in line for line in answers(bank, [apart]))
+
+
 def test_beside_what_is_told_stands_what_would_not_have_shown(bank, decision, monkeypatch):
     """Of a fault that no size of shows here nothing is said by another one's event; of one run of
     two that speak, where the other would show it, neither."""

@@ -12,6 +12,7 @@ from faultgauge.detection.decisions import Decision
 from faultgauge.detection.decisions import as_dicts as events_as_dicts
 from faultgauge.detection.posterior.events import UNKNOWN, BankEvent
 from faultgauge.detection.words import listed
+from faultgauge.reporting.words.alternating import together, turns
 from faultgauge.reporting.words.event_sentence import given_up, told_event
 from faultgauge.reporting.words.silence import hidden, silence
 from faultgauge.reporting.words.telling import Told
@@ -102,7 +103,9 @@ def _untold(bank: FaultBank, decisions: Sequence[Decision]) -> list[str]:
 
 
 def _told(bank: FaultBank, decision: Decision) -> list[Told]:
-    found = [told_event(bank, decision, each) for each in decision.events]
+    turning = turns(decision.events)
+    found = [together(bank, own, decision.run.clock) for own in turning.values()]
+    found += [told_event(bank, decision, e) for e in decision.events if e.fault not in turning]
     return sorted([*found, *unnamed(bank, decision)], key=lambda each: each[:3])
 
 
