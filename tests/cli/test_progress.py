@@ -55,6 +55,7 @@ def test_a_pipe_is_shown_a_line_every_20_s(monkeypatch, capsys):
     assert said.err == "judging (25 %)\nwriting\n"
 
 
+@pytest.mark.study
 def test_a_walk_that_says_how_far_it_is_says_the_same(monkeypatch):
     """1200 rows in parts of 500, to the bit."""
     bank, run, steps = tank_bank(), log(1), []

@@ -138,6 +138,7 @@ def dragged(run):
     return build_fault_bank(as_stated(text, points), [run], Noise(*map(np.array, levels)))
 
 
+@pytest.mark.study
 def test_a_constant_is_known_as_well_as_is_said():
     """Of 24 runs with drags of their own the errors, in standard deviations that are said, have a
     sum of squares between the 0.1 % and the 99.9 % quantile of chi-squared."""

@@ -78,7 +78,9 @@ def told(beside, large, monkeypatch):
     return names, batch.near(model(), many, apart)
 
 
-@pytest.mark.parametrize("beside", [{}, BESIDE], ids=["usual", "all"])
+@pytest.mark.parametrize(
+    "beside", [pytest.param({}, marks=pytest.mark.study), BESIDE], ids=["usual", "all"]
+)
 def test_slopes_of_all_levels_are_those_of_the_filter_itself(beside, monkeypatch):
     """A slope that is off by a root of the information moves a step by a standard deviation of
     what is looked for: a tenth of that is borne, and what is of second order."""

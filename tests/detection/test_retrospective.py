@@ -331,6 +331,7 @@ def test_two_faults_are_sized_and_dated_beside_each_other(bank):
     assert "; pump alone is more than 1000 times less likely;" in weak
 
 
+@pytest.mark.study
 def test_a_fault_that_is_not_constant_is_not_given_one_size(bank):
     """A ramp of the pump: 0.4 in the course of 200 s."""
     decision = decide(bank, log(8, pump=np.clip((np.arange(LONG) - 300) * 1e-3, 0, None), start=0))

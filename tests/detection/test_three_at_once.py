@@ -54,7 +54,7 @@ def log(seed, leak=0.0):
     return Run("run", "tanks.csv", t, columns)
 
 
-@pytest.mark.parametrize("most", [2, 3])
+@pytest.mark.parametrize("most", [pytest.param(2, marks=pytest.mark.study), 3])
 def test_as_many_are_told_at_once_as_the_plant_file_says(most):
     text = PLANT.replace("{most}", str(most))
     model = as_stated(text, POINTS, [(name, 0) for name in "abc"], "abc")

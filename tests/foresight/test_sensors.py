@@ -121,6 +121,7 @@ def test_a_sensor_in_between_tells_two_leaks_apart(bank):
     assert sensor.sizes[0] < alone / 2
 
 
+@pytest.mark.study
 def test_a_sensor_is_proposed_where_a_constant_differs_from_run_to_run():
     bank, run = bank_of(VARYING)
     effects = effects_of(bank, as_it_acts(bank.model.plant.signals, run))

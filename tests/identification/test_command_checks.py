@@ -71,7 +71,9 @@ def plant(derivative="b*u - a*x", key="", more=""):
     ("applied", "words"),
     [
         (delayed, ["follows it delayed by 0.15 s", "give delay = 0.15 in [inputs.u]"]),
-        (lagged, ["follows it through a lag of 0.2 s", "as a state"]),
+        pytest.param(
+            lagged, ["follows it through a lag of 0.2 s", "as a state"], marks=pytest.mark.study
+        ),
         (limited, ["follows it only as far as about 0.", "give its limits"]),
     ],
 )

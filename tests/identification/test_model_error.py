@@ -235,6 +235,7 @@ def axis(lag):
     return Run("axis", "axis.csv", 0.01 * np.arange(len(u)), {"u": u, "w": noisy})
 
 
+@pytest.mark.study
 def test_simulated_instruments_have_them_too():
     """The file lacks the drive's lag, and the gain comes out far too low, by chance alone tight."""
     found = fg.fit(AXIS, axis(DRIVE), restarts=1)

@@ -108,6 +108,7 @@ def test_constants_are_within_their_standard_errors(tmp_path, text, rates, name,
     assert np.all(np.abs(found.mean(axis=0)) < 4 / np.sqrt(len(SEEDS)))
 
 
+@pytest.mark.study
 def test_the_biased_start_is_not_returned_where_noise_makes_it_look_better(tmp_path):
     """Noise of a third of the output: on held-out samples luck decides between 0.65 and 0.8."""
     untrained = plant(LAG)

@@ -89,6 +89,7 @@ def test_the_file_s_values_are_taken_where_equation_error_runs_worse(monkeypatch
     assert said.startswith("k, lag: with the file's own values the free run on held-out data errs")
 
 
+@pytest.mark.study
 def test_a_plant_without_inputs_has_no_instruments():
     """SKAB's water loop: sensors wander about their levels faster than they are smoothed."""
     text = """name = "level"
