@@ -20,7 +20,7 @@ from faultgauge.detection.bank.fidelity import (
     gain_error,
     shape_error,
 )
-from faultgauge.detection.posterior.inexact import Inexact
+from faultgauge.detection.posterior.inexact import Inexact, _rival_sets
 from faultgauge.observers.branches import BranchInfo
 from faultgauge.telemetry import Run
 from lags import COUNT, LAG, NOISE, SIGMA, STEP, log, model
@@ -32,10 +32,9 @@ SOURCES = ((1, -1, 3, -1, -1), (2, 3, -1, -1, -1))
 HOLDS = np.array([[0, 0], [1, 0], [0, 1], [1, 1], [0, 0]], float)
 
 
-def inexact(shape=0.1, gain=0.0, acts=ACTS):
-    return Inexact(
-        HOLDS, acts, SIZE, np.asarray(COMMON), np.asarray(shape), np.asarray(gain), SOURCES
-    )
+def inexact(shape=0.1, gain=0.0, acts=ACTS, rivals=(), others=1):
+    levels = (np.asarray(each) for each in (COMMON, shape, gain))
+    return Inexact(HOLDS, acts, SIZE, *levels, SOURCES, rivals, others)
 
 
 def said(first, second, most=(0.0, 0.0), sudden=(0.0, 0.0), quick=0.0, told=0.0):
@@ -104,6 +103,34 @@ def test_a_second_fault_is_there_as_far_as_the_error_of_the_first_does_not_expla
     square = w * (given.f[3, 0] ** 2 + 0.05**2) + (1 - w) * (given.f[1, 0] ** 2 + 0.1**2)
     assert found.f[1, 0] == pytest.approx(mean)
     assert found.sd[1, 0] == pytest.approx(np.sqrt(square - mean**2))
+
+
+@pytest.mark.parametrize("others", [1, 3])
+@pytest.mark.parametrize("gain", [0.0, 0.03])
+def test_what_one_fault_leaves_may_be_an_error_of_what_it_does(others, gain):
+    """By hand: the first fault explains less than the second, by 30 nats, and shows at 20 standard
+    deviations, the error of its size by `gain` left aside. Were it the one, the model's answer to
+    it would be off by 0.4 of that, as much like each of the `others`: a normal distribution so much
+    wider puts the residual's 60 at 60 / (1 + 0.16 * 400 / others). What both share stays theirs,
+    and a model that is right changes nothing."""
+    given = said((2.0, 0.1), (0.3, 0.01))
+    f, sd = np.array(given.f), np.array(given.sd)
+    f[1, 0], sd[1, 0] = 2.0, np.hypot(0.1, gain * 2.0)
+    p = np.array([0.01, np.exp(-30.0), 0.98, 1e-30, 0.0])
+    p[-1] = 1 - p.sum()
+    given = given._replace(p=jnp.asarray(p), f=jnp.asarray(f), sd=jnp.asarray(sd))
+    found = inexact(0.4, gain, rivals=((1, 2),), others=others).rivals(given)
+    less = (np.log(0.98) + 30.0) / (1 + 0.4**2 * 20.0**2 / others)
+    assert float(found[2]) == pytest.approx(0.98 * expit(less), rel=1e-6)
+    assert float(found[1] + found[2]) == pytest.approx(0.98, rel=1e-9)
+    exact = inexact(0.0, gain, rivals=((1, 2),)).rivals(given)
+    assert np.asarray(exact) == pytest.approx(p, rel=1e-9)
+
+
+def test_rivals_have_as_many_faults_that_act_and_the_same_ones_of_sensors():
+    sets = ((), (0,), (1,), (2,), (0, 1), (0, 2), (1, 2))
+    assert _rival_sets(sets, np.array([1.0, 1.0, 0.0])) == ((1, 2), (5, 6))
+    assert _rival_sets(sets, np.array([1.0, 0.0, 0.0])) == ()
 
 
 @pytest.mark.parametrize(("told", "most", "named"), [(20.0, 0.0, True), (20.0, 0.2, False)])

@@ -153,7 +153,8 @@ def posterior(bank, run, parts, ever, latch):
         *(np.asarray(each) for each in (heard.seen, heard.outside, said.x, said.onset, said.ever)),
         np.asarray(heard.held),
     )
-    judged = Judged(run, whole, verdict, np.asarray(said.p).astype(np.float32))
+    sets = np.asarray(said.p).astype(np.float32)
+    judged = Judged(run, whole, verdict, sets, sets)
     status, reason = words(bank.model.plant.signals, (), verdict.status, verdict.reason)
     rows = prepared(bank.model.plant.signals, run)
     return Decision(run, whole, {}, status, reason, events(bank, judged), rows, rows)

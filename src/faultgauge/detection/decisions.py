@@ -140,7 +140,8 @@ class Watching:
         acting, used = (
             with_taken(self.model, given, row.taken, outputs=still) for still in (False, True)
         )
-        found = Judged(used.run, row.posterior, row.verdict, row.sets.astype(np.float32))
+        sets, rivals = (each.astype(np.float32) for each in (row.sets, row.rivals))
+        found = Judged(used.run, row.posterior, row.verdict, sets, rivals)
         odd = self.glitches.push(used.run, row.posterior)
         return found, Decision(rows, row.posterior, {}, status, reason, [], acting, used, odd)
 
@@ -199,6 +200,7 @@ def as_dicts(events: Sequence[BankEvent], clock: Clock | None = None) -> list[di
             "alternatives": [{"faults": f, "odds": o} for f, o in event.alternatives],
             "instead": dict(event.instead),
             "beside": dict(event.beside),
+            "rivals": dict(event.rivals),
         }
         for event in events
     ]

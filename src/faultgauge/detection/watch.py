@@ -66,11 +66,13 @@ class WatchState(NamedTuple):
 
 class Row(NamedTuple):
     """What is said of a row (or of many): the posterior and the verdict on it, the probability of
-    every set of faults and, last, of the unknown; and what of the row was believed."""
+    every set of faults and, last, of the unknown; the same were the model's answers as far off as
+    in healthy logs, by which `rivals` are told; and what of the row was believed."""
 
     posterior: Posterior
     verdict: Verdict
     sets: Float[Any, "*samples sets"]
+    rivals: Float[Any, "*samples sets"]
     taken: Taken
 
 
@@ -196,7 +198,7 @@ class Watch(eqx.Module):
         )
         last = jnp.where(running, t, state.last)
         after = WatchState(intake, bank, rules, running, begun, rows + 1, last)
-        return after, Row(posterior, verdict, said.p, taken)
+        return after, Row(posterior, verdict, said.p, self.inexact.rivals(said), taken)
 
     def commanded(self, state: WatchState, u: Float[Array, "inputs"]) -> WatchState:
         """The state when `u` acts from the last row on in place of what that row said: in a loop

@@ -10,6 +10,7 @@ from faultgauge.telemetry.clock import Clock
 
 __all__ = [
     "Began",
+    "POSSIBLE_ODDS",
     "TOLD_ODDS",
     "OLDER",
     "UNDECLARED",

@@ -135,6 +135,21 @@ def test_a_fault_whose_sign_turns_again_and_again_is_one_finding(bank):
     assert not any("came and went" in line for line in answers(bank, [apart]))
 
 
+def test_a_rival_is_told_by_the_models_own_error_and_not_as_excluded(bank, decision):
+    (event,) = decision.events
+    assert event.rivals == ()  # nobody fitted this model, so that its answers are exact
+    plain = dict(event.instead)
+    assert plain["gauge"] > 20
+    doubtful = replace(bank, shape=0.4)
+    rivalled = replace(decision, events=[replace(event, rivals=(("gauge", 1.72),))])
+    line = answers(doubtful, [rivalled])[0]
+    assert (
+        "; were the model's answer as far off as in healthy logs (40 %), gauge 1.7 times less likely"
+    ) in line
+    assert "gauge is" not in line
+    assert as_dicts(doubtful, [rivalled])[0]["rivals"] == {"gauge": 1.72}
+
+
 def test_beside_what_is_told_stands_what_would_not_have_shown(bank, decision, monkeypatch):
     """Of a fault that no size of shows here nothing is said by another one's event; of one run of
     two that speak, where the other would show it, neither."""

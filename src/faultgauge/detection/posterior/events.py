@@ -28,7 +28,7 @@ from faultgauge.detection.posterior.verdicts import (
     Verdict,
     is_sure,
 )
-from faultgauge.detection.words import TOLD_ODDS
+from faultgauge.detection.words import POSSIBLE_ODDS, TOLD_ODDS
 from faultgauge.telemetry import Run
 
 __all__ = [
@@ -60,8 +60,9 @@ class BankEvent:
     `alternatives` are other sets of faults, with the odds of the best set against them; `beside`
     other faults that may be there too, with their probabilities if this one is; `instead` every
     other cause, with the odds of this fault against it, at most 1000: against it without this
-    fault where it is `beside`, else against it alone or with others. A `passive` fault raised no
-    alarm.
+    fault where it is `beside`, else against it alone or with others. `rivals` are other causes that
+    would be possible were the model's answers as far off as in healthy logs, with the odds then. A
+    `passive` fault raised no alarm.
     """
 
     run: str
@@ -78,6 +79,7 @@ class BankEvent:
     alternatives: tuple[tuple[str, float], ...]
     instead: tuple[tuple[str, float], ...] = ()
     beside: tuple[tuple[str, float], ...] = ()
+    rivals: tuple[tuple[str, float], ...] = ()
     passive: bool = False
     older: Literal["no", "perhaps", "yes"] = "no"
 
@@ -123,12 +125,13 @@ class Unnamed:
 
 class Judged(NamedTuple):
     """Samples of a run, their inputs as they act, with what the bank says of them: `p` of all sets
-    and, last, of the unknown."""
+    and, last, of the unknown; the same by which `rivals` are told."""
 
     run: Run
     found: Posterior
     verdict: Verdict
     p: Float[np.ndarray, "samples sets"]
+    rivals: Float[np.ndarray, "samples sets"]
 
 
 class _Stretch(NamedTuple):
@@ -319,6 +322,7 @@ def _event(bank: FaultBank, judged: Judged, each: _Stretch, log: float) -> BankE
         high,
         _alternatives(bank, judged.p[last]),
         *_others(bank, k, judged.p[last].astype(float)),
+        _rivals(bank, k, judged.p[last].astype(float), judged.rivals[last].astype(float)),
         declared and bool(bank.with_monitor("passive")[k]),
         "yes" if high <= held else "perhaps" if low <= log else "no",
     )
@@ -445,6 +449,16 @@ def _others(
                 without += too
             instead.append((names[other], min(own / max(without, 1e-300), TOLD_ODDS)))
     return tuple(instead), tuple(beside)
+
+
+def _rivals(
+    bank: FaultBank, k: int, p: Float[np.ndarray, "sets"], doubted: Float[np.ndarray, "sets"]
+) -> tuple[tuple[str, float], ...]:
+    """(cause, odds) of those that p leaves aside, and the model's own error does not."""
+    (plain, beside), (found, _) = _others(bank, k, p), _others(bank, k, doubted)
+    told = {name: odds for name, odds in plain if odds >= POSSIBLE_ODDS}
+    asked = told.keys() - dict(beside).keys()
+    return tuple((name, odds) for name, odds in found if odds < POSSIBLE_ODDS and name in asked)
 
 
 def pause(bank: FaultBank) -> int:

@@ -23,6 +23,14 @@ that of a share of its size: `shape` and `gain` (`fidelity`). So
 
   nor does a fault make up what had been `told` of another before it came;
 
+- what one fault leaves unexplained may be the error of what it explains. Of sets that have as many
+  faults that act and the same ones of sensors, ln of how much less likely one is than the best is
+  divided, in what is said of such `rivals`, by
+
+      1 + shape^2 sum_i z_i^2 / others,
+
+  i being its own faults, and the error looking like each of the `others` that act in equal parts;
+
 - what constants and slow errors were told amid a large fault is off when it goes, and in part taken
   for a rest of it. Of a fault that was at least `most` once, a rest is made up likewise, with
 
@@ -51,7 +59,8 @@ class Inexact(eqx.Module):
     """`holds` 1 where a set (the unknown last) has a fault; `sources` of each fault the set with it
     on top of each set, -1 where there is none; `acts` 1 for the faults that act on the plant and
     not on a sensor alone; `size` the widest prior of each, `common` the share of onsets that bring
-    a second fault."""
+    a second fault; `rival_sets` those whose faults may be taken for each other, and `others` how
+    many other faults act."""
 
     holds: Float[np.ndarray, "sets faults"]
     acts: Float[np.ndarray, "faults"]
@@ -60,6 +69,8 @@ class Inexact(eqx.Module):
     shape: Float[np.ndarray, ""]
     gain: Float[np.ndarray, ""]
     sources: tuple[tuple[int, ...], ...] = eqx.field(static=True)
+    rival_sets: tuple[tuple[int, ...], ...] = eqx.field(static=True)
+    others: int = eqx.field(static=True)
 
     @staticmethod
     def of(bank: FaultBank) -> "Inexact":
@@ -80,6 +91,8 @@ class Inexact(eqx.Module):
             np.asarray(bank.shape),
             np.asarray(bank.gain),
             sources,
+            _rival_sets(bank.sets, acting(faults)),
+            max(int(np.sum(acting(faults))) - 1, 1),
         )
 
     def told(self, said: BranchInfo) -> BranchInfo:
@@ -100,6 +113,18 @@ class Inexact(eqx.Module):
             variance = (1 - w) * variance + w * variance[source] + w * (1 - w) * apart**2
         sd = jnp.sqrt(variance + (self.gain * self.acts * f) ** 2)
         return said._replace(p=p, f=f, sd=sd, ever=jnp.maximum(ever, 0.0))
+
+    def rivals(self, said: BranchInfo) -> Float[Array, "sets"]:
+        """p of the sets by which rivals are told: that of the docstring above."""
+        sd2 = jnp.maximum(said.sd**2 - (self.gain * self.acts * said.f) ** 2, TINY)
+        z2 = jnp.sum(jnp.where(self.holds > 0, said.f**2 / sd2, 0.0) * self.acts, axis=1)
+        times, p = 1 + jnp.multiply(self.shape**2 / self.others, z2), said.p
+        for each in self.rival_sets:
+            own = np.array(each)
+            log = jnp.log(jnp.maximum(p[own], TINY))
+            likely = jnp.exp((log - jnp.max(log)) / times[own])
+            p = p.at[own].set(jnp.sum(p[own]) * likely / jnp.sum(likely))
+        return p
 
     def _errors(
         self, said: BranchInfo
@@ -134,6 +159,19 @@ class Inexact(eqx.Module):
         s2 = self.size**2 / sd2
         odds = real_odds(z2, jnp.asarray(s2), e2, jnp.asarray(self.common)) + at_once
         return jnp.where(e2 > TINY, jax.nn.sigmoid(odds), 1.0)
+
+
+def _rival_sets(
+    sets: Sequence[tuple[int, ...]], acts: Float[np.ndarray, "faults"]
+) -> tuple[tuple[int, ...], ...]:
+    """The sets that have as many faults that act on the plant, and the same ones of sensors."""
+    found = dict[tuple[int, tuple[int, ...]], list[int]]()
+    for k, each in enumerate(sets):
+        count = int(sum(acts[fault] for fault in each))
+        if count:
+            others = tuple(fault for fault in each if not acts[fault])
+            found.setdefault((count, others), []).append(k)
+    return tuple(tuple(own) for own in found.values() if len(own) > 1)
 
 
 def acting(faults: Sequence[Fault]) -> Float[np.ndarray, "faults"]:

@@ -23,7 +23,9 @@ from faultgauge.detection.words import (
     amount,
     between,
     likelihoods,
+    listed,
     moment,
+    number,
 )
 from faultgauge.reporting.words.probability import probability, too
 from faultgauge.reporting.words.reliance import headed
@@ -46,11 +48,14 @@ def told_event(bank: FaultBank, decision: Decision, event: BankEvent) -> Told:
     rest += _named_beside(bank, decision, dropped)
     others = {each.fault for each in _beside(decision, event)}
     once = {name for name, *_ in dropped}
+    rivals = [each for each in event.rivals if each[0] not in others]
+    others |= {name for name, _ in rivals}
     rest += likelihoods(
         (other_cause(event, cause, once), odds)
         for cause, odds in event.instead
         if cause not in others and (odds < TOLD_ODDS or cause not in once | {*dict(event.beside)})
     )
+    rest += _left_possible(bank, rivals)
     rest += [too(name, p) for name, p in event.beside if name not in others | once]
     rest += _least_shown(bank, decision, event)
     brief = UNDECLARED if event.fault == UNKNOWN else event.fault
@@ -92,6 +97,17 @@ def other_cause(event: BankEvent, cause: str, named: Set[str] = frozenset()) -> 
     if cause == UNKNOWN:
         return UNDECLARED
     return f"{cause} alone" if cause in named | {*dict(event.beside)} else cause
+
+
+def _left_possible(bank: FaultBank, rivals: Sequence[tuple[str, float]]) -> list[str]:
+    """What the model's own error leaves possible."""
+    if not rivals:
+        return []
+    each, off = [f"{name} {number(odds, 2)}" for name, odds in rivals], f"{100 * bank.shape:.0f} %"
+    return [
+        f"were the model's answer as far off as in healthy logs ({off}), {listed(each)} times less "
+        "likely"
+    ]
 
 
 def _least_shown(bank: FaultBank, decision: Decision, event: BankEvent) -> list[str]:
