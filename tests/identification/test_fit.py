@@ -354,3 +354,35 @@ def test_where_the_files_values_run_better_the_fit_goes_on():
     model, report = fit(plant, [wandering(seed) for seed in (20, 21)])
     assert report.refinement is not None
     assert 1.5 < float(model.plant.parameters["M"]) < 6
+
+
+RESTLESS = """
+name = "restless"
+[states.x]
+derivative = "(mean - x)/memory"
+[outputs.x]
+value = "x"
+[parameters.mean]
+value = 0
+[parameters.memory]
+value = 15
+fixed = true
+"""
+
+
+def test_where_no_constants_make_free_runs_follow_those_of_one_step_stay():
+    """A level that wanders about 3 and forgets it over 15 s, with no input: every free run is its
+    mean. The mean of 400 s is known to sqrt(2 * 15 / 400) of the spread; four of those."""
+    fade, rng = np.exp(-1 / 15), np.random.default_rng(5)
+    x = 3 + 0.5 * rng.standard_normal(400)
+    for k in range(399):
+        x[k + 1] = 3 + fade * (x[k] - 3) + 0.5 * np.sqrt(1 - fade**2) * rng.standard_normal()
+    log = Run("a", "restless.csv", np.arange(400) * 1.0, {"x": x})
+    plant = GrayBoxPlant.untrained(parse_plant(RESTLESS))
+    model, report = fit(plant, [log])
+    assert report.refinement is None
+    assert float(model.plant.parameters["mean"]) == pytest.approx(
+        3, abs=4 * 0.5 * np.sqrt(30 / 400)
+    )
+    _, report = fit(plant, [log], refine=True)
+    assert report.refinement is not None  # whoever asks for it gets it

@@ -143,9 +143,8 @@ def test_a_rival_is_told_by_the_models_own_error_and_not_as_excluded(bank, decis
     doubtful = replace(bank, shape=0.4)
     rivalled = replace(decision, events=[replace(event, rivals=(("gauge", 1.72),))])
     line = answers(doubtful, [rivalled])[0]
-    assert (
-        "; were the model's answer as far off as in healthy logs (40 %), gauge 1.7 times less likely"
-    ) in line
+    off = "were the model's answer as far off as in healthy logs (40 %)"
+    assert f"; {off}, gauge 1.7 times less likely" in line
     assert "gauge is" not in line
     assert as_dicts(doubtful, [rivalled])[0]["rivals"] == {"gauge": 1.72}
 
