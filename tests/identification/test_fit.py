@@ -370,7 +370,7 @@ fixed = true
 """
 
 
-def test_where_no_constants_make_free_runs_follow_those_of_one_step_stay():
+def test_without_an_input_errors_over_one_step_have_the_last_word():
     """A level that wanders about 3 and forgets it over 15 s, with no input: every free run is its
     mean. The mean of 400 s is known to sqrt(2 * 15 / 400) of the spread; four of those."""
     fade, rng = np.exp(-1 / 15), np.random.default_rng(5)

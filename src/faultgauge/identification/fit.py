@@ -83,10 +83,9 @@ def fit(
     validation only. Without them the last 15 % of each run and spread windows are held out.
     `algorithm` is Levenberg-Marquardt or the paper's gradient descent with momentum. `refine`
     goes on to simulation error (None: where equation error cannot treat a hidden state, a parameter
-    that varies or a sensor slower than the rows, where it is far off, if free runs then follow, or
-    the file's own values run better, and where one of the next two is asked for); `robust` bounds
-    what an outlier can do; `ensemble` keeps the next best as `members`. Raises `InputError` for
-    logs of too little.
+    that varies or a sensor slower than the rows, where it is far off or the file's own values run
+    better, and where one of the next two is asked for); `robust` bounds what an outlier can do;
+    `ensemble` keeps the next best as `members`. Raises `InputError` for logs of too little.
     """
     _check_refined(refine, robust, ensemble)
     plant = _as_resampled(plant, [*logs, *validate])
@@ -98,7 +97,7 @@ def fit(
     by_simulation = _by_simulation(spec, how, refine)
     goes_on = refine is None and not spec.signals.instruments  # where equation error sees nothing
     asked, slow = bool(by_simulation or ensemble or robust), slow_columns(how, logs)
-    refine = needed = _refined(spec, slow, refine, asked, warnings)
+    refine = _refined(spec, slow, refine, asked, warnings)
     acting, unseen = ([in_effect(spec.signals, run) for run in runs] for runs in (logs, validate))
     stage = refinement = None
     if not by_simulation:
@@ -111,10 +110,7 @@ def fit(
         begun = (stage.sized, stage.starts) if stage else (plant, [])
         told = within(progress, EQUATIONS if stage else 0.0, 1.0)
         refinement = refine_on_logs(*begun, acting, unseen, how, seed, restarts, robust, told)
-        if stage and not needed and _is_no_better(stage, refinement):
-            refinement = None
-        else:
-            warnings += [*refinement.warnings, *_contradicted(stage, how, refinement)]
+        warnings += [*refinement.warnings, *_contradicted(stage, how, refinement)]
     result = _finite(outcome(stage, refinement), validate or logs)
     if known := stage.information(how) if stage and not refinement else None:
         warnings += known.warnings()
@@ -157,9 +153,14 @@ def _by_equations(
 def _is_poor(plant: GrayBoxPlant, stage: Equations, logs: Sequence[Run]) -> bool:
     """Whether equation error is far off on held-out data, or the file's values run better, there or
     through whole `logs`: what comes and goes by itself is in the start of a short free run, and a
-    state that hardly moves looks good in one."""
+    state that hardly moves looks good in one. Without an input there is nothing to follow: noise
+    carries off every free run, of which errors over one step tell more."""
     found = stage.found
-    if POOR_FREE_RUN <= found.error < np.inf or any(each.stated for each in found.reports):
+    if any(each.stated for each in found.reports):
+        return True
+    if not plant.signals.inputs:
+        return False
+    if POOR_FREE_RUN <= found.error < np.inf:
         return True
     if plant.spec.networks or found.error < FOLLOWS:
         return False
@@ -169,14 +170,6 @@ def _is_poor(plant: GrayBoxPlant, stage: Equations, logs: Sequence[Run]) -> bool
         for each, step in zip((found.plant, plant), longest, strict=True)
     )
     return as_stated < as_fitted
-
-
-def _is_no_better(stage: Equations, refinement: Refinement) -> bool:
-    """Whether no free run follows held-out data with the constants of either: what carries them all
-    off is noise, or what nobody measures, of which errors over one step tell more."""
-    found = stage.found
-    poor = min(found.error, refinement.error) >= POOR_FREE_RUN
-    return poor and not any(each.stated for each in found.reports)
 
 
 def _contradicted(stage: Equations | None, how: Channels, refinement: Refinement) -> list[str]:
