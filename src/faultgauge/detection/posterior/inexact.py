@@ -119,11 +119,13 @@ class Inexact(eqx.Module):
         sd2 = jnp.maximum(said.sd**2 - (self.gain * self.acts * said.f) ** 2, TINY)
         z2 = jnp.sum(jnp.where(self.holds > 0, said.f**2 / sd2, 0.0) * self.acts, axis=1)
         times, p = 1 + jnp.multiply(self.shape**2 / self.others, z2), said.p
+        log = jnp.log(jnp.maximum(p, TINY))
         for each in self.rival_sets:
-            own = np.array(each)
-            log = jnp.log(jnp.maximum(p[own], TINY))
-            likely = jnp.exp((log - jnp.max(log)) / times[own])
-            p = p.at[own].set(jnp.sum(p[own]) * likely / jnp.sum(likely))
+            own = np.isin(np.arange(len(self.holds)), each)
+            top = jnp.max(jnp.where(own, log, -jnp.inf))
+            likely = jnp.where(own, jnp.exp(jnp.minimum(log - top, 0.0) / times), 0.0)
+            share = jnp.sum(jnp.where(own, p, 0.0)) / jnp.sum(likely)
+            p = jnp.where(own, share * likely, p)
         return p
 
     def _errors(
