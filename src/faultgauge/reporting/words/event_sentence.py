@@ -59,6 +59,8 @@ def told_event(bank: FaultBank, decision: Decision, event: BankEvent) -> Told:
     rest += [too(name, p) for name, p in event.beside if name not in others | once]
     rest += _least_shown(bank, decision, event)
     brief = UNDECLARED if event.fault == UNKNOWN else event.fault
+    if rivals:
+        head += f", or {listed([name for name, _ in rivals], 'or')} by the model's own error"
     head = headed(bank.model, head)
     return Told(event.start, event.end, head, tuple(rest), brief=brief, event=event)
 
