@@ -25,7 +25,6 @@ from faultgauge.detection.words import (
     likelihoods,
     listed,
     moment,
-    number,
 )
 from faultgauge.reporting.words.probability import probability, too
 from faultgauge.reporting.words.reliance import headed
@@ -105,11 +104,8 @@ def _left_possible(bank: FaultBank, rivals: Sequence[tuple[str, float]]) -> list
     """What the model's own error leaves possible."""
     if not rivals:
         return []
-    each, off = [f"{name} {number(odds, 2)}" for name, odds in rivals], f"{100 * bank.shape:.0f} %"
-    return [
-        f"were the model's answer as far off as in healthy logs ({off}), {listed(each)} times less "
-        "likely"
-    ]
+    off = f"{100 * bank.shape:.0f} %"
+    return [f"with an answer as far off as in healthy logs ({off}), {listed(likelihoods(rivals))}"]
 
 
 def _least_shown(bank: FaultBank, decision: Decision, event: BankEvent) -> list[str]:
