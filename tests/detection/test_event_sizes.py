@@ -1,5 +1,8 @@
 """Where the size of a fault that is over is told, and when it has come again."""
 
+import inspect
+import types
+
 import numpy as np
 import pytest
 
@@ -7,6 +10,7 @@ from calibrations import for_bank
 from faultgauge.detection.bank.bank import build_fault_bank
 from faultgauge.detection.bank.knowledge import longest_delay
 from faultgauge.detection.decisions import decide_runs
+from faultgauge.detection.posterior import events as event_module
 from faultgauge.detection.posterior.events import Judged, _before_its_end, _Stretch, events
 from faultgauge.detection.posterior.verdicts import FAULT, HEALTHY, STATUS, Verdict
 from lags import COUNT, NOISE, STEP, log, model
@@ -163,3 +167,22 @@ def test_an_event_that_is_not_quite_sure_has_an_interval_given_that_it_is():
     assert told.size == pytest.approx(0.05)
     half = 1.959964 * 0.002
     assert (told.lo, told.hi) == (pytest.approx(0.05 - half), pytest.approx(0.05 + half))
+
+
+def test_rivals_are_faults_that_act_which_the_models_own_error_does_not_leave_aside(monkeypatch):
+    """A leak of 0.92, a loss of 1e-6 that would be 0.3, a sensor's bias and the unknown, whose
+    odds fall only because the leak's p does."""
+    faults = [
+        types.SimpleNamespace(name=name, acts=name != "gauge") for name in ("leak", "loss", "gauge")
+    ]
+    signals = types.SimpleNamespace(faults=faults, fault_names=("leak", "loss", "gauge"))
+    plant = types.SimpleNamespace(signals=signals)
+    bank = types.SimpleNamespace(
+        model=types.SimpleNamespace(plant=plant), sets=((), (0,), (1,), (2,))
+    )
+    p = np.array([0.0, 0.92, 1e-6, 0.04, 0.04])
+    doubted = np.array([0.0, 0.6, 0.3, 0.04, 0.04])
+    monkeypatch.setattr(event_module, "_others", inspect.unwrap(event_module._others))
+    told = inspect.unwrap(event_module._rivals)(bank, 0, p, doubted)
+    assert told == (("loss", pytest.approx(2.0)),)
+    assert inspect.unwrap(event_module._rivals)(bank, 0, p, p) == ()
