@@ -225,29 +225,39 @@ def beside(run, more):
 
 def test_the_error_of_shape_is_what_the_answer_is_off_by():
     runs = [log(k) for k in (1, 2, 3)]
-    assert shape_error(for_bank(model(), NOISE), runs) == 0.0  # nobody fitted it
+    assert shape_error(for_bank(model(), NOISE), runs, NOISE) == 0.0  # nobody fitted it
     noise = SIGMA / np.mean([np.std(run.columns["x"]) for run in runs])
-    assert shape_error(fitted(), runs) == pytest.approx(noise, rel=0.2)
+    assert shape_error(fitted(), runs, NOISE) == pytest.approx(noise, rel=0.2)
     # 1.2 times the answer, and what it begins from is gone within a few samples
-    larger = shape_error(fitted(), [off(run, 0.2) for run in runs])
+    larger = shape_error(fitted(), [off(run, 0.2) for run in runs], NOISE)
     assert larger == pytest.approx(0.2 / 1.2, rel=0.1)
+    of_noise = NOISE._replace(sigma=0.6 * SIGMA / noise * np.ones(1))  # no run could follow it
+    assert shape_error(fitted(), runs, of_noise) == USUAL_SHAPE
+    of_noise = of_noise._replace(sigma=0.4 / 0.6 * of_noise.sigma)
+    assert shape_error(fitted(), runs, of_noise) == pytest.approx(noise, rel=0.2)
+    together = of_noise._replace(wander=of_noise.sigma)  # 0.4 each, so 0.57 in all
+    assert shape_error(fitted(), runs, together) == USUAL_SHAPE
     lost = [off(run, -2.5) for run in runs]  # worse than none
-    assert shape_error(fitted(), lost) == USUAL_SHAPE
+    assert shape_error(fitted(), lost, NOISE) == USUAL_SHAPE
 
 
 @pytest.mark.parametrize(
-    ("offs", "shape"),
+    ("offs", "own", "shape"),
     [
         # a level that an inflow moves, a pressure, a flow: each in the parts that follow it best
-        ([(1.7, 0.16, 0.16), (1.2, 0.12, 0.2), (1.3, 0.15, 0.3)], np.hypot(0.12, 0.16) / 2**0.5),
-        ([(1.7, 0.9, 0.8), (1.2, 0.7, 0.9), (1.3, 0.8, 0.9)], 0.7),  # none is followed
-        ([(np.nan, 0.1, np.nan), (np.nan, 0.2, np.nan)], 0.1),  # two that never move
+        ([(1.7, 0.16, 0.16), (1.2, 0.12, 0.2), (1.3, 0.15, 0.3)], 0, np.hypot(0.12, 0.16) / 2**0.5),
+        ([(1.7, 0.9, 0.8), (1.2, 0.7, 0.9), (1.3, 0.8, 0.9)], 0, 0.7),  # none is followed
+        ([(np.nan, 0.1, np.nan), (np.nan, 0.2, np.nan)], 0, 0.1),  # two that never move
+        ([(90, 25, 0.7), (90, 25, 0.8)], (0, 0, 0.6), USUAL_SHAPE),  # most of it is noise
+        ([(0.2, 0.3, 0.45), (0.3, 0.4, 0.5)], (0.1, 0.6, 0.6), 0.2),
+        ([(0.2, 0.3, 0.45), (0.3, 0.4, 0.5)], 0.6, USUAL_SHAPE),
     ],
 )
-def test_an_output_that_no_run_follows_tells_nothing_of_shape(offs, shape, monkeypatch):
+def test_an_output_that_no_run_follows_tells_nothing_of_shape(offs, own, shape, monkeypatch):
     told = iter(offs)
     monkeypatch.setattr(fidelity, "_off", lambda found: np.array(next(told)))
     monkeypatch.setattr(fidelity, "_free_runs", lambda *given: [])
+    monkeypatch.setattr(fidelity, "_own", lambda *given: np.zeros(3) + own)
     signals = types.SimpleNamespace(outputs=[None] * 3)
     metrics = types.SimpleNamespace(validation_free_run_nrmse=0.3)
     fitted = types.SimpleNamespace(
@@ -255,7 +265,7 @@ def test_an_output_that_no_run_follows_tells_nothing_of_shape(offs, shape, monke
         record=types.SimpleNamespace(metrics=metrics),
     )
     run = types.SimpleNamespace(t=np.arange(100_000))
-    found = inspect.unwrap(shape_error)(fitted, [run])
+    found = inspect.unwrap(shape_error)(fitted, [run], None)
     assert found == pytest.approx(shape)
 
 
@@ -263,7 +273,7 @@ def test_what_adds_up_over_a_log_is_no_error_of_shape():
     runs = [log(k) for k in (1, 2, 3)]
     moves = float(np.mean([np.std(run.columns["x"]) for run in runs]))
     rises = 20 * moves * np.arange(COUNT) / COUNT
-    found = shape_error(fitted(), [beside(run, rises) for run in runs])
+    found = shape_error(fitted(), [beside(run, rises) for run in runs], NOISE)
     # of whole logs the rise is nearly all; of n-th parts of them it is 20 / n / sqrt(12) of moves
     parts = 2 ** int(np.log2(COUNT / SHORTEST_PIECE))
     rise = 20 / parts / np.sqrt(12)

@@ -9,7 +9,8 @@ by how much the answer is off in all, and in size alone, from run to run. In lon
 errors add up, as where a plant integrates, and in short ones noise and an unsure start count as
 much as any answer: of runs through whole logs, halves of them, quarters, ..., those tell `shape`
 that are off least. An output that none follows is carried off by what is no answer, as a level is
-by an inflow that nobody measures, and tells nothing of one.
+by an inflow that nobody measures, and tells nothing of one; nor does one whose sensor's own error
+is so much of what it shows that no run could follow it, as an accelerometer's in hover.
 """
 
 from collections.abc import Sequence
@@ -19,6 +20,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 
+from faultgauge.detection.bank.noise import Noise
 from faultgauge.errors import InputError
 from faultgauge.identification.validation.evaluation import POOR_FREE_RUN, Prediction, predict
 from faultgauge.identification.validation.restarted import SHORTEST_PIECE, pieces
@@ -35,10 +37,11 @@ USUAL_GAIN = 0.05  # as good as one more output of one more run
 USUAL_SHAPE = 0.2  # where every free run is lost, as that of an unstable plant is
 
 
-def shape_error(model: Model, runs: Sequence[Run]) -> float:
+def shape_error(model: Model, runs: Sequence[Run], noise: Noise) -> float:
     """By which share the model's answer is off in all in `runs`, by the outputs that free runs
     follow, each in the parts that it does so best; of those that none follows the best, or a usual
-    share. 0 for a model that nobody fitted."""
+    share. `noise` tells how much of an output is its sensor's own. 0 for a model that nobody
+    fitted."""
     if model.record.metrics.validation_free_run_nrmse is None:
         return 0.0
     least, parts = np.full(len(model.plant.signals.outputs), np.inf), 1
@@ -47,10 +50,24 @@ def shape_error(model: Model, runs: Sequence[Run]) -> float:
         if not np.any(off < least):
             break
         least, parts = np.fmin(least, off), 2 * parts
+    least = least[_own(model, runs, noise) < POOR_FREE_RUN]
     followed = least[least < POOR_FREE_RUN]
     if len(followed):
         return _together(followed)
-    return float(least.min()) if least.min() < 1.0 else USUAL_SHAPE
+    best = float(least.min(initial=np.inf))
+    return best if best < 1.0 else USUAL_SHAPE
+
+
+def _own(model: Model, runs: Sequence[Run], noise: Noise) -> Float[np.ndarray, "outputs"]:
+    """Which share of what each output shows in `runs` is its sensor's own error (r.m.s.); all where
+    it never moves."""
+    moves = [
+        np.mean([np.nanvar(run.columns[name]) for run in runs if name in run.columns] or [0.0])
+        for name in model.plant.signals.output_names
+    ]
+    own = noise.sigma**2
+    own[list(noise.wanders)] += noise.wander[list(noise.wanders)] ** 2
+    return np.sqrt(np.divide(own, moves, out=np.ones(len(own)), where=np.array(moves) > 0))
 
 
 def _least_off(model: Model, runs: Sequence[Run]) -> tuple[float, int]:

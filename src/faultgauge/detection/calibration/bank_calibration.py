@@ -137,7 +137,7 @@ def calibrate_bank(
         samples=sum(len(run.t) for run in taken),
         suspects=[(b.run, b.start, b.end) for b in suspects],
         size=dict(zip(model.plant.signals.fault_names, bank.size.tolist(), strict=True)),
-        shape=shape_error(model, runs),
+        shape=shape_error(model, runs, noise),
         gain=gain_error(model, runs),
         changes=largest_changes(model, runs),
     )
