@@ -79,7 +79,7 @@ def test_an_onset_is_not_told_more_closely_than_a_step_nor_after_its_fault(bank,
         run,
         found,
         Verdict(*np.zeros((2, COUNT), int), nothing[:, 0], nothing),
-        *np.zeros((2, COUNT, 1)),
+        *np.zeros((3, COUNT, 1)),
     )
     mean, low, high = _onset(bank, judged, _Stretch(0, 390, told, last + 1), last, 0.0)
     assert high - low >= STEP * (1 - 1e-9)

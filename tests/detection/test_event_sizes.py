@@ -33,7 +33,7 @@ def judged(until, again=0):
     found = decision.posterior._replace(p=p, f=p * f[:, None], healthy=healthy)
     none, named = np.zeros(COUNT, int), np.zeros((COUNT, 3), bool)
     sets = np.zeros((COUNT, 4))
-    return Judged(decision.run, found, Verdict(none, none, none > 0, named), sets, sets)
+    return Judged(decision.run, found, Verdict(none, none, none > 0, named), sets, sets, sets)
 
 
 def test_the_end_of_a_fault_is_not_told_as_a_smaller_size():
@@ -109,7 +109,7 @@ def scene(p, f, lo, hi, ago, late):
     named = np.zeros((COUNT, 3), bool)
     named[:, PUSH] = p > 0.95
     sets = np.stack([1 - p, p, *np.zeros((len(SETS) - 1, COUNT))], axis=1)
-    return Judged(decision.run, found, Verdict(status, 0 * k, status < 0, named), sets, sets)
+    return Judged(decision.run, found, Verdict(status, 0 * k, status < 0, named), sets, sets, sets)
 
 
 def test_a_fault_that_may_be_none_is_not_over():
@@ -162,7 +162,7 @@ def test_an_event_that_is_not_quite_sure_has_an_interval_given_that_it_is():
     verdict = Verdict(status, 0 * k, there, named)
     sets = np.zeros((COUNT, len(SETS) + 1))
     sets[:, SETS.index(())], sets[:, SETS.index((PUSH,))] = calm, p[:, 0]
-    (told,) = events(bank, Judged(first.run, found, verdict, sets, sets))
+    (told,) = events(bank, Judged(first.run, found, verdict, sets, sets, sets))
     assert (told.fault, told.p) == ("push", 0.96)
     assert told.size == pytest.approx(0.05)
     half = 1.959964 * 0.002

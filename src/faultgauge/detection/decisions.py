@@ -140,8 +140,8 @@ class Watching:
         acting, used = (
             with_taken(self.model, given, row.taken, outputs=still) for still in (False, True)
         )
-        sets, rivals = (each.astype(np.float32) for each in (row.sets, row.rivals))
-        found = Judged(used.run, row.posterior, row.verdict, sets, rivals)
+        beside = (each.astype(np.float32) for each in (row.sets, row.rivals, row.noisy))
+        found = Judged(used.run, row.posterior, row.verdict, *beside)
         odd = self.glitches.push(used.run, row.posterior)
         return found, Decision(rows, row.posterior, {}, status, reason, [], acting, used, odd)
 

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from faultgauge.detection.bank.bank import FaultBank, build_fault_bank
+from faultgauge.detection.bank.bank import AGES, FaultBank, build_fault_bank
 from faultgauge.detection.bank.envelope import Envelope
 from faultgauge.detection.bank.noise import noise_of
 from faultgauge.detection.bank.start import Start
@@ -67,12 +67,14 @@ class WatchState(NamedTuple):
 class Row(NamedTuple):
     """What is said of a row (or of many): the posterior and the verdict on it, the probability of
     every set of faults and, last, of the unknown; the same were the model's answers as far off as
-    in healthy logs, by which `rivals` are told; and what of the row was believed."""
+    in healthy logs, by which `rivals` are told; that of noise far beyond the usual in each of the
+    measured outputs (`noisy`); and what of the row was believed."""
 
     posterior: Posterior
     verdict: Verdict
     sets: Float[Any, "*samples sets"]
     rivals: Float[Any, "*samples sets"]
+    noisy: Float[Any, "*samples measured"]
     taken: Taken
 
 
@@ -198,7 +200,8 @@ class Watch(eqx.Module):
         )
         last = jnp.where(running, t, state.last)
         after = WatchState(intake, bank, rules, running, begun, rows + 1, last)
-        return after, Row(posterior, verdict, said.p, self.inexact.rivals(said), taken)
+        rivals, noisy = self.inexact.rivals(said), said.alien[len(AGES) :]
+        return after, Row(posterior, verdict, said.p, rivals, noisy, taken)
 
     def commanded(self, state: WatchState, u: Float[Array, "inputs"]) -> WatchState:
         """The state when `u` acts from the last row on in place of what that row said: in a loop
@@ -223,6 +226,7 @@ class Watch(eqx.Module):
             of_sets,
             of_sets,
             each,
+            (len(self.modes.ages),),
         )
         return BranchInfo(*(jnp.full(shape, jnp.nan) for shape in shapes))
 

@@ -83,7 +83,8 @@ class Answers(Recoveries):
         most = state.most[jnp.argmax(state.weight), :d]
         sudden, sharp, told = (each[:, :d] / held for each in (sudden, sharp, told))
         rest = onset, ever, most, sudden, sharp, told, state.quick
-        return BranchInfo(p, mean[:, :d], sd[:, :d], x, seen, *rest)
+        alien = alone[self.branches :] / Z
+        return BranchInfo(p, mean[:, :d], sd[:, :d], x, seen, *rest, alien)
 
     def _leads(
         self, which: Int[Array, "branches"]

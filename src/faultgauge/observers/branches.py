@@ -100,7 +100,8 @@ class BranchInfo(NamedTuple):
     shown, downwards and upwards; how long ago it began, if it is there (mean and standard deviation
     [s]), the probability that it is or was there, and how large it clearly was at most; the score
     and the info of every fault in each set in its first sample, what had been told of it before
-    another came beside it, and the info of a change of each in the sample after it."""
+    another came beside it, and the info of a change of each in the sample after it; the posterior
+    of every unknown filter."""
 
     p: Float[Array, "sets"]
     f: Float[Array, "sets faults"]
@@ -114,6 +115,7 @@ class BranchInfo(NamedTuple):
     sharp: Float[Array, "sets faults"]
     told: Float[Array, "sets faults"]
     quick: Float[Array, "faults"]
+    alien: Float[Array, "unknown"]
 
 
 class Changes(NamedTuple):

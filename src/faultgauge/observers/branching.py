@@ -6,8 +6,8 @@ to a branch of its own (of a fault that is there, in place of its branch, when n
 of that), which inherits all other signatures less what the promoted one explains of
 them (the Schur complement of J).
 
-Beside the branches run unknown ones: filters whose discrepancy is far beyond the learned one, from
-some onsets on.
+Beside the branches run unknown ones: filters whose discrepancy, or the noise of one sensor, is far
+beyond the learned one, from some onsets on.
 """
 
 from functools import partial
@@ -43,11 +43,13 @@ HOPELESS = 745.0  # nats behind the likeliest branch: a probability that is no n
 class Branching(Answers):
     """The bank over any plant; pure `init` and `step`.
 
-    `alien` is the variance that an unknown branch begins with, on top. Healthy is the first set,
-    unknown the last.
+    `alien` is the variance that each unknown branch begins with, on top, and `ages` how many times
+    as long as the `memory` it is kept where it explains nothing. Healthy is the first set, unknown
+    the last.
     """
 
-    alien: Float[Array, "n n"]
+    alien: Float[Array, "unknown n n"]
+    ages: Float[np.ndarray, "unknown"]
     own: Float[Array, "states"]
     memory: Float[Array, ""]
     recall: Float[Array, "faults"]
@@ -367,8 +369,8 @@ class Branching(Answers):
     def _alien(self, state: BranchState) -> BranchState:
         """Unknown filters begin anew from a healthy branch where they explain nothing, each at an
         age of its own; where the unknown leads, the least branch tries whether it is over."""
-        B, U = self.branches, self.filters - self.branches
-        limits = self.memory * 4.0 ** np.arange(U)
+        B = self.branches
+        limits = self.memory * self.ages
         age = state.t - state.begun
         lead = jnp.argmax(state.weight[:B])
         rate = jnp.log(self.prior.unknown * limits)
@@ -399,8 +401,8 @@ class Branching(Answers):
     ) -> BranchState:
         """The `fresh` filters begin anew with `weights`: unknown ones from the branch `lead`,
         branches from the unknown one that is `best`."""
-        B, U, n = self.branches, self.filters - self.branches, len(self.alien)
-        mean, P = state.belief.mean[lead], state.belief.P[lead] + self.alien
+        B, (U, n) = self.branches, self.alien.shape[:2]
+        mean, Ps = state.belief.mean[lead], state.belief.P[lead] + self.alien
         keep = jnp.concatenate([self.own, jnp.zeros(n - len(self.own))])
         calm = state.belief.P[best] * keep[:, None] * keep + jnp.diag(self.usual)
         means = jnp.concatenate(
@@ -409,7 +411,7 @@ class Branching(Answers):
                 jnp.broadcast_to(mean, (U, n)),
             ]
         )
-        Ps = jnp.concatenate([jnp.broadcast_to(calm, (B, n, n)), jnp.broadcast_to(P, (U, n, n))])
+        Ps = jnp.concatenate([jnp.broadcast_to(calm, (B, n, n)), Ps])
         lanes = state.lanes
 
         def cleared(a: Array) -> Array:

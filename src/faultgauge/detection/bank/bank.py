@@ -37,14 +37,22 @@ from faultgauge.simulation.closed_loop import with_faults
 from faultgauge.simulation.free_run import substeps_for
 from faultgauge.telemetry import Run
 
-__all__ = ["CERTAIN", "FaultBank", "build_fault_bank", "evaluated_faults", "unknown_shock"]
+__all__ = [
+    "AGES",
+    "CERTAIN",
+    "FaultBank",
+    "build_fault_bank",
+    "evaluated_faults",
+    "unknown_shock",
+]
 
 CERTAIN = float(np.log(0.95 / 0.05))  # log-odds below which nothing is ever told or named
 HOLD_OFF = 10  # samples
 BRANCHES = 6  # sets of faults that are followed at once at least
-UNKNOWN_FILTERS = 3  # unknown filters, each of an age of its own
+AGES = (1.0, 4.0, 16.0)  # times the memory: of unknown filters, one of each
 ONSETS = 12  # of every fault beside every branch
 FAR = 10.0  # times the learned discrepancy: an unknown one
+LOUD = 4.0  # times a sensor's noise: that of an unknown one; from 1.7 times on it is likelier
 NOTABLE = 0.1  # of a state's rate: and at least that
 TRIED = 0.3  # of a fault's widest size: by which it is linearised
 LONG = 200  # samples that an onset is remembered by default
@@ -166,12 +174,14 @@ def build_fault_bank(
     knowledge = knowledge_of(model, plant, noise, size, step, outputs, rows, healthy)
     size[: len(signals.faults)] = knowledge.size
     large = large_faults(model, faulty, size, TRIED * size, evaluated)
+    loud = [signals.output_names.index(name) for name in outputs]
     more, less = _changes(sets, signals, len(undeclared), (*growing, *large.faults))
     modes = Branching(
         filter=_filter(model, plant, noise, TRIED * size, growing, large, step),
-        noise=_levels(model, noise, len(size), knowledge, _followed(evaluated)),
+        noise=_levels(model, noise, len(size), knowledge, _followed(evaluated), loud),
         prior=prior_of_faults(model, size, onset, growing, large),
-        alien=jax.device_put(_alien(model, noise, len(size) + len(growing), knowledge)),
+        alien=jax.device_put(_alien(model, noise, len(size) + len(growing), knowledge, len(loud))),
+        ages=np.array([*AGES, *[1.0] * len(loud)]),
         own=jax.device_put(_own(model, noise)),
         usual=jax.device_put(_usual(model, noise, len(size) + len(growing))),
         memory=jax.device_put(knowledge.memory),
@@ -255,19 +265,27 @@ def _changes(
 
 
 def _levels(
-    model: Model, noise: Noise, faults: int, knowledge: Knowledge, branches: int
+    model: Model,
+    noise: Noise,
+    faults: int,
+    knowledge: Knowledge,
+    branches: int,
+    loud: Sequence[int],
 ) -> dd.FilterNoise:
-    """Of the branches, and of the unknown filters behind them: theirs changes all the time, or it
-    would be a constant fault by another name."""
+    """Of the branches, and of the unknown filters behind them: those whose discrepancy changes all
+    the time, or it would be a constant fault by another name, and those of which each has one
+    sensor that is `loud`."""
     drifted = spread_of_start(model, noise.sigma, ())[1]
     usual = process_of(noise, drifted)
     quick = np.minimum(noise.lasting, knowledge.memory)
     far = process_of(noise._replace(size=_far(model, noise, knowledge), lasting=quick), drifted)
-    count = branches + UNKNOWN_FILTERS
+    process = [*[usual] * branches, *[far] * len(AGES), *[usual] * len(loud)]
+    sigma = np.tile(noise.sigma, (len(process), 1))
+    sigma[branches + len(AGES) + np.arange(len(loud)), loud] *= LOUD
     return dd.FilterNoise(
-        jax.device_put(np.stack([*[usual] * branches, *[far] * UNKNOWN_FILTERS])),
-        jax.device_put(np.zeros((count, faults))),
-        jax.device_put(np.tile(noise.sigma, (count, 1))),
+        jax.device_put(np.stack(process)),
+        jax.device_put(np.zeros((len(process), faults))),
+        jax.device_put(sigma),
     )
 
 
@@ -292,11 +310,12 @@ def unknown_shock(bank: FaultBank) -> Float[np.ndarray, "extended"]:
 
 
 def _alien(
-    model: Model, noise: Noise, slots: int, knowledge: Knowledge
-) -> Float[np.ndarray, "n n"]:
+    model: Model, noise: Noise, slots: int, knowledge: Knowledge, loud: int
+) -> Float[np.ndarray, "unknown n n"]:
     states, _, others = _parts(model, noise)
     far = _far(model, noise, knowledge) ** 2
-    return np.diag(np.concatenate([np.zeros(states), far, np.zeros(others + slots)]))
+    one = np.diag(np.concatenate([np.zeros(states), far, np.zeros(others + slots)]))
+    return np.stack([*[one] * len(AGES), *[np.zeros_like(one)] * loud])
 
 
 def _own(model: Model, noise: Noise) -> Float[np.ndarray, "extended"]:

@@ -4,6 +4,7 @@ A window ends where the bank saw its fault go, and at a gap.
 """
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -30,9 +31,9 @@ def total(weight: Float[np.ndarray, "..."]) -> float:
 
 def windows_of(bank: FaultBank, decision: Decision) -> Iterator[Window]:
     """The windows of a judged run that have samples to judge, in order."""
-    believed = _believed(bank, decision)
+    believed, used = _believed(bank, decision), _quiet(bank, decision)
     for part in _windows(bank, decision, decision.used.run):
-        window = _window(bank, decision.used, part, believed)
+        window = _window(bank, used, part, believed)
         if window is not None:
             yield window
 
@@ -65,6 +66,17 @@ def _believed(bank: FaultBank, decision: Decision) -> Bool[np.ndarray, "samples"
     """Samples at which the model is trusted: inside the training envelope, or under an alarm that
     began there."""
     return decision.posterior.inside | (np.array(decision.status) == FAULT)
+
+
+def _quiet(bank: FaultBank, decision: Decision) -> Prepared:
+    """The rows less the samples of an output while it had far more noise than in healthy logs."""
+    used, outputs = decision.used, bank.model.plant.signals.output_names
+    y, t = used.y.copy(), used.run.t
+    for event in decision.events:
+        if event.noisy is not None:
+            there = (t >= event.onset_lo) & (t <= event.end)
+            y[there, outputs.index(event.noisy)] = np.nan
+    return replace(used, y=y)
 
 
 def _windows(bank: FaultBank, decision: Decision, run: Run) -> Iterator[slice]:

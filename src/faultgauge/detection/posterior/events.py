@@ -61,7 +61,8 @@ class BankEvent:
     other faults that may be there too, with their probabilities if this one is; `instead` every
     other cause, with the odds of this fault against it, at most 1000: against it without this
     fault where it is `beside`, else against it alone or with others. `rivals` are other causes that
-    would be possible were the model's answers as far off as in healthy logs, with the odds then. A
+    would be possible were the model's answers as far off as in healthy logs, with the odds then. Of
+    an undeclared one `noisy` is the output whose noise has grown, where that is what it is. A
     `passive` fault raised no alarm.
     """
 
@@ -80,6 +81,7 @@ class BankEvent:
     instead: tuple[tuple[str, float], ...] = ()
     beside: tuple[tuple[str, float], ...] = ()
     rivals: tuple[tuple[str, float], ...] = ()
+    noisy: str | None = None
     passive: bool = False
     older: Literal["no", "perhaps", "yes"] = "no"
 
@@ -125,13 +127,15 @@ class Unnamed:
 
 class Judged(NamedTuple):
     """Samples of a run, their inputs as they act, with what the bank says of them: `p` of all sets
-    and, last, of the unknown; the same by which `rivals` are told."""
+    and, last, of the unknown; the same by which `rivals` are told; that of noise far beyond the
+    usual of every measured output."""
 
     run: Run
     found: Posterior
     verdict: Verdict
     p: Float[np.ndarray, "samples sets"]
     rivals: Float[np.ndarray, "samples sets"]
+    noisy: Float[np.ndarray, "samples measured"]
 
 
 class _Stretch(NamedTuple):
@@ -323,9 +327,17 @@ def _event(bank: FaultBank, judged: Judged, each: _Stretch, log: float) -> BankE
         _alternatives(bank, judged.p[last]),
         *_others(bank, k, judged.p[last].astype(float)),
         _rivals(bank, k, judged.p[last].astype(float), judged.rivals[last].astype(float)),
+        None if declared else _noisy(bank, judged.noisy[each.told : each.stop]),
         declared and bool(bank.with_monitor("passive")[k]),
         "yes" if high <= held else "perhaps" if low <= log else "no",
     )
+
+
+def _noisy(bank: FaultBank, noisy: Float[np.ndarray, "samples measured"]) -> str | None:
+    """The output whose noise explains most of these rows of something undeclared better than all
+    else does."""
+    share = np.nan_to_num(noisy).mean(axis=0)
+    return bank.outputs[int(np.argmax(share))] if share.max(initial=0.0) > LIKELY else None
 
 
 def _interval(

@@ -76,6 +76,8 @@ def finding(
     elif event.older == "perhaps":
         began = f"since {onset.or_earlier()}, perhaps {OLDER}" + "," * over
     what = UNDECLARED
+    if event.noisy is not None:
+        what += f" ({event.noisy} has far more noise than in healthy logs)"
     if event.size is not None and event.lo is not None and event.hi is not None:
         what = f"{event.fault} {amount(event.size, event.lo, event.hi, unit)}"
     how = "passive, " if event.passive else ""

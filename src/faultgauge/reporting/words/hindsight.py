@@ -50,7 +50,8 @@ def sentences(
     said, alone = [], len(decisions) == 1
     if calm:
         where = f" in {runs_said(calm)}" if len(calm) < len(shares) else ""
-        said.append(f"In hindsight: no fault{where}; {_calm(bank, found, calm)}")
+        none = _no_fault(decisions, calm)
+        said.append(f"In hindsight: {none}{where}; {_calm(bank, found, calm)}")
     for one in decisions:
         name, (judged, _, gaps) = one.run.name, shares[one.run.name]
         if judged >= WHOLE:
@@ -64,10 +65,23 @@ def sentences(
             said.append(f"In hindsight {share} could be judged; not judged {why}")
         else:
             said.append(
-                f"In hindsight: no fault in the {share} that could be judged; not judged {why}; "
+                f"In hindsight: {_no_fault([one], [name])} in the {share} that could be judged; "
+                f"not judged {why}; "
                 f"{_calm(bank, found, [name], ' there')}"
             )
     return [headed(bank.model, each) for each in [*faulty, *said]]
+
+
+def _no_fault(decisions: Sequence[Decision], runs: Sequence[str]) -> str:
+    """That there was none in `runs`, but what an output's noise is told to be online."""
+    noisy = {
+        event.noisy: None
+        for each in decisions
+        if each.run.name in runs
+        for event in each.events
+        if event.noisy is not None
+    }
+    return f"no fault but the noise of {listed(list(noisy))}" if noisy else "no fault"
 
 
 def _calm(
