@@ -134,7 +134,7 @@ def posterior(bank, run, parts, ever, latch):
         sharp=jnp.zeros((ROWS, sets, faults)),
         told=jnp.zeros((ROWS, sets, faults)),
         quick=jnp.zeros((ROWS, faults)),
-        alien=jnp.zeros((ROWS, 1)),
+        alien=jnp.zeros((ROWS, 4)),
     )
     sampled = silence != "gap"
     nan = jnp.where(jnp.asarray(sampled), 0.0, jnp.nan)
@@ -155,7 +155,7 @@ def posterior(bank, run, parts, ever, latch):
         np.asarray(heard.held),
     )
     sets = np.asarray(said.p).astype(np.float32)
-    judged = Judged(run, whole, verdict, sets, sets, sets)
+    judged = Judged(run, whole, verdict, sets, sets, np.zeros((ROWS, 1), np.float32))
     status, reason = words(bank.model.plant.signals, (), verdict.status, verdict.reason)
     rows = prepared(bank.model.plant.signals, run)
     return Decision(run, whole, {}, status, reason, events(bank, judged), rows, rows)
