@@ -231,12 +231,16 @@ def test_the_error_of_shape_is_what_the_answer_is_off_by():
     # 1.2 times the answer, and what it begins from is gone within a few samples
     larger = shape_error(fitted(), [off(run, 0.2) for run in runs], NOISE)
     assert larger == pytest.approx(0.2 / 1.2, rel=0.1)
-    of_noise = NOISE._replace(sigma=0.6 * SIGMA / noise * np.ones(1))  # no run could follow it
-    assert shape_error(fitted(), runs, of_noise) == USUAL_SHAPE
-    of_noise = of_noise._replace(sigma=0.4 / 0.6 * of_noise.sigma)
-    assert shape_error(fitted(), runs, of_noise) == pytest.approx(noise, rel=0.2)
-    together = of_noise._replace(wander=of_noise.sigma)  # 0.4 each, so 0.57 in all
-    assert shape_error(fitted(), runs, together) == USUAL_SHAPE
+    louder = np.random.default_rng(0)
+    drowned = [
+        beside(run, 0.8 * np.std(run.columns["x"]) * louder.standard_normal(COUNT)) for run in runs
+    ]
+    of_noise = NOISE._replace(sigma=0.8 * SIGMA / noise * np.ones(1))
+    assert shape_error(fitted(), drowned, NOISE) == pytest.approx(0.8 / np.hypot(1, 0.8), rel=0.05)
+    assert shape_error(fitted(), drowned, of_noise) == USUAL_SHAPE  # no closer than noise lets see
+    both = 0.8 / 2**0.5 * SIGMA / noise * np.ones(1)
+    together = NOISE._replace(sigma=both, wander=both)
+    assert shape_error(fitted(), drowned, together) == USUAL_SHAPE
     lost = [off(run, -2.5) for run in runs]  # worse than none
     assert shape_error(fitted(), lost, NOISE) == USUAL_SHAPE
 
@@ -248,9 +252,13 @@ def test_the_error_of_shape_is_what_the_answer_is_off_by():
         ([(1.7, 0.16, 0.16), (1.2, 0.12, 0.2), (1.3, 0.15, 0.3)], 0, np.hypot(0.12, 0.16) / 2**0.5),
         ([(1.7, 0.9, 0.8), (1.2, 0.7, 0.9), (1.3, 0.8, 0.9)], 0, 0.7),  # none is followed
         ([(np.nan, 0.1, np.nan), (np.nan, 0.2, np.nan)], 0, 0.1),  # two that never move
-        ([(90, 25, 0.7), (90, 25, 0.8)], (0, 0, 0.6), USUAL_SHAPE),  # most of it is noise
-        ([(0.2, 0.3, 0.45), (0.3, 0.4, 0.5)], (0.1, 0.6, 0.6), 0.2),
-        ([(0.2, 0.3, 0.45), (0.3, 0.4, 0.5)], 0.6, USUAL_SHAPE),
+        # most of what no run follows is noise: (0.49 - 0.45) / 0.55; as good as all; more than half
+        ([(90, 25, 0.7), (90, 25, 0.8)], (0, 0, 0.45**0.5), np.sqrt(0.04 / 0.55)),
+        ([(90, 25, 0.7), (90, 25, 0.8)], (0, 0, 0.69), USUAL_SHAPE),
+        ([(90, 25, 0.7), (90, 25, 0.8)], (0, 0, 0.71), 0.7),
+        ([(1.3, 1.2, 0.98), (1.3, 1.2, 1.1)], 0.9, 0.98),  # nothing is seen to answer
+        ([(90, 25, 0.7), (90, 25, 0.8)], 0.1, np.sqrt(0.48 / 0.99)),
+        ([(0.3, 25, 1.1), (0.4, 25, 1.1)], (0.2, 0.1, 0.1), 0.3),  # of what is followed it counts
     ],
 )
 def test_an_output_that_no_run_follows_tells_nothing_of_shape(offs, own, shape, monkeypatch):

@@ -9,8 +9,11 @@ by how much the answer is off in all, and in size alone, from run to run. In lon
 errors add up, as where a plant integrates, and in short ones noise and an unsure start count as
 much as any answer: of runs through whole logs, halves of them, quarters, ..., those tell `shape`
 that are off least. An output that none follows is carried off by what is no answer, as a level is
-by an inflow that nobody measures, and tells nothing of one; nor does one whose sensor's own error
-is so much of what it shows that no run could follow it, as an accelerometer's in hover.
+by an inflow that nobody measures, and tells nothing of one. Nor does a run follow what is a
+sensor's own error, with s its share of |y| (r.m.s.): where that is why none does, as of an
+accelerometer in hover, and y is more than that,
+
+    (shape^2 - s^2) / (1 - s^2)    stands for shape^2.
 """
 
 from collections.abc import Sequence
@@ -35,6 +38,7 @@ LONGEST_PIECE = 20_000  # samples of a free run
 WORSE = 1.5
 USUAL_GAIN = 0.05  # as good as one more output of one more run
 USUAL_SHAPE = 0.2  # where every free run is lost, as that of an unstable plant is
+MOST_OWN = 0.5  # of what an output shows (squares): what else it shows is hidden in more
 
 
 def shape_error(model: Model, runs: Sequence[Run], noise: Noise) -> float:
@@ -50,12 +54,14 @@ def shape_error(model: Model, runs: Sequence[Run], noise: Noise) -> float:
         if not np.any(off < least):
             break
         least, parts = np.fmin(least, off), 2 * parts
-    least = least[_own(model, runs, noise) < POOR_FREE_RUN]
+    own = _own(model, runs, noise) ** 2
+    noisy = (least >= POOR_FREE_RUN) & (own < MOST_OWN)
+    beyond = np.sqrt(np.maximum(least[noisy] ** 2 - own[noisy], 0.0) / (1 - own[noisy]))
+    least[noisy] = np.maximum(beyond, USUAL_SHAPE)
     followed = least[least < POOR_FREE_RUN]
     if len(followed):
         return _together(followed)
-    best = float(least.min(initial=np.inf))
-    return best if best < 1.0 else USUAL_SHAPE
+    return float(least.min()) if least.min() < 1.0 else USUAL_SHAPE
 
 
 def _own(model: Model, runs: Sequence[Run], noise: Noise) -> Float[np.ndarray, "outputs"]:
