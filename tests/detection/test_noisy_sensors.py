@@ -10,6 +10,7 @@ from faultgauge.detection.decisions import as_dicts, decide_runs
 from faultgauge.detection.onset.retrospective import retrospect
 from faultgauge.detection.posterior import events as event_module
 from faultgauge.detection.posterior.events import UNKNOWN
+from faultgauge.reporting.decision_chapter import _row
 from faultgauge.reporting.words.event_sentence import told_event
 from faultgauge.reporting.words.hindsight import sentences
 from faultgauge.telemetry import Run
@@ -45,8 +46,9 @@ def test_noise_that_grows_is_told_once_and_of_which_output(loud):
         assert began <= event.start <= began + 40 * STEP
         assert began <= event.onset <= event.start
         assert as_dicts([event])[0]["noisy"] == "x"
-        said = told_event(bank, each, event).head
-        assert said.startswith("something undeclared (x has far more noise than in healthy logs)")
+        said = "something undeclared (x has far more noise than in healthy logs)"
+        assert told_event(bank, each, event).head.startswith(said)
+        assert _row(bank, each, event)[1] == said  # the report's table says it, too
 
 
 def test_hindsight_leaves_that_output_out_while_it_is_loud(loud):

@@ -11,7 +11,7 @@ from faultgauge.detection.answer.shares import WHOLE, shares_of
 from faultgauge.detection.bank.bank import FaultBank
 from faultgauge.detection.decisions import Decision
 from faultgauge.detection.onset.retrospective import Retrospect
-from faultgauge.detection.posterior.events import UNKNOWN, BankEvent
+from faultgauge.detection.posterior.events import BankEvent
 from faultgauge.detection.words import OLDER, TOLD_ODDS, UNDECLARED, amount, moment, number
 from faultgauge.plants.model import Model
 from faultgauge.reporting.evidence_chapter import evidence_section
@@ -22,7 +22,7 @@ from faultgauge.reporting.scales import least_sizes, noise_scales
 from faultgauge.reporting.svg import Figure
 from faultgauge.reporting.time_figures import Panel, around, fault_estimate, panels
 from faultgauge.reporting.words.answer import answers, headline, told
-from faultgauge.reporting.words.event_sentence import given_up, onset_of, other_cause
+from faultgauge.reporting.words.event_sentence import called, given_up, onset_of, other_cause
 from faultgauge.reporting.words.probability import probability
 
 __all__ = [
@@ -154,7 +154,7 @@ def _row(bank: FaultBank, decision: Decision, event: BankEvent) -> tuple[str, ..
     began = onset_of(event, bank.step, clock).cell()
     return (
         event.run,
-        _said(event.fault),
+        called(event),
         OLDER if event.older == "yes" else began,
         moment(clock, event.start, bank.step),
         moment(clock, event.end, bank.step),
@@ -167,10 +167,6 @@ def _row(bank: FaultBank, decision: Decision, event: BankEvent) -> tuple[str, ..
         ),
         "; ".join(f"{name} p {probability(p)}" for name, p in event.beside if name not in named),
     )
-
-
-def _said(fault: str) -> str:
-    return UNDECLARED if fault == UNKNOWN else fault
 
 
 def decision_figures(

@@ -11,9 +11,11 @@ much as any answer: of runs through whole logs, halves of them, quarters, ..., t
 that are off least. An output that none follows is carried off by what is no answer, as a level is
 by an inflow that nobody measures, and tells nothing of one. Nor does a run follow what is a
 sensor's own error, with s its share of |y| (r.m.s.): where that is why none does, as of an
-accelerometer in hover, and y is more than that,
+accelerometer in hover, and less than half of y,
 
-    (shape^2 - s^2) / (1 - s^2)    stands for shape^2.
+    (shape^2 - s^2) / (1 - s^2)    stands for shape^2,
+
+and a usual share at least, as noise hides what is closer.
 """
 
 from collections.abc import Sequence
@@ -67,10 +69,11 @@ def shape_error(model: Model, runs: Sequence[Run], noise: Noise) -> float:
 def _own(model: Model, runs: Sequence[Run], noise: Noise) -> Float[np.ndarray, "outputs"]:
     """Which share of what each output shows in `runs` is its sensor's own error (r.m.s.); all where
     it never moves."""
-    moves = [
-        np.mean([np.nanvar(run.columns[name]) for run in runs if name in run.columns] or [0.0])
-        for name in model.plant.signals.output_names
-    ]
+    moves = []
+    for name in model.plant.signals.output_names:
+        shown = (run.columns[name] for run in runs if name in run.columns)
+        told = [np.nanvar(y) for y in shown if np.isfinite(y).any()]
+        moves.append(np.mean(told or [0.0]))
     own = noise.sigma**2
     own[list(noise.wanders)] += noise.wander[list(noise.wanders)] ** 2
     return np.sqrt(np.divide(own, moves, out=np.ones(len(own)), where=np.array(moves) > 0))

@@ -31,7 +31,7 @@ from faultgauge.reporting.words.reliance import headed
 from faultgauge.reporting.words.telling import Told, row_time, unit_of, would_not_show_in
 from faultgauge.telemetry.clock import Clock
 
-__all__ = ["finding", "given_up", "onset_of", "other_cause", "told_event"]
+__all__ = ["called", "finding", "given_up", "onset_of", "other_cause", "told_event"]
 
 CHANGED = 0.1  # of an event: for longer its size was another one
 
@@ -75,9 +75,7 @@ def finding(
         began = OLDER
     elif event.older == "perhaps":
         began = f"since {onset.or_earlier()}, perhaps {OLDER}" + "," * over
-    what = UNDECLARED
-    if event.noisy is not None:
-        what += f" ({event.noisy} has far more noise than in healthy logs)"
+    what = called(event)
     if event.size is not None and event.lo is not None and event.hi is not None:
         what = f"{event.fault} {amount(event.size, event.lo, event.hi, unit)}"
     how = "passive, " if event.passive else ""
@@ -87,6 +85,15 @@ def finding(
         f"{what} {began}{until} ({how}p {probability(event.p)}, run {event.run})",
         f"told at {told}, seen until {last}",
     )
+
+
+def called(event: BankEvent) -> str:
+    """The fault of `event`; of what is undeclared, whose noise it is, where it is that."""
+    if event.fault != UNKNOWN:
+        return event.fault
+    if event.noisy is None:
+        return UNDECLARED
+    return f"{UNDECLARED} ({event.noisy} has far more noise than in healthy logs)"
 
 
 def onset_of(event: BankEvent, step: float, clock: Clock | None) -> Began:
