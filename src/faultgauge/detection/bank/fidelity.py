@@ -35,6 +35,7 @@ from faultgauge.telemetry import Run
 __all__ = ["LONGEST_PIECE", "Following", "gain_error", "largest_changes", "shape_error"]
 
 LONGEST_PIECE = 20_000  # samples of a free run
+ENOUGH = 32  # free runs: with other constants more would tell the same
 # times as far off: free runs with constants that are not the plant's. 1.2 at most on ten rigs whose
 # constants were, 3.5 on one where they were not
 WORSE = 1.5
@@ -80,11 +81,11 @@ def _own(model: Model, runs: Sequence[Run], noise: Noise) -> Float[np.ndarray, "
 
 
 def _least_off(model: Model, runs: Sequence[Run]) -> tuple[float, int]:
-    """(by which share free runs are off, the parts of `runs` in which it is least); 1 and 1 where
-    none follows them."""
+    """(by which share `ENOUGH` free runs are off, the parts of `runs` in which it is least); 1 and
+    1 where none follows them."""
     least, best, parts = 1.0, 1, 1
     while min(len(run.t) for run in runs) >= parts * SHORTEST_PIECE:
-        off = _together(_off(_free_runs(model, runs, parts)))
+        off = _together(_off(_free_runs(model, runs, parts, ENOUGH)))
         if off > least < 1.0:
             break
         least, best = min((off, parts), (least, best))
@@ -109,7 +110,7 @@ class Following:
         """By which share each output of free runs with the fitted constants is off, and in which
         parts."""
         _, parts = _least_off(self.model, self.runs)
-        return _off(_free_runs(self.model, self.runs, parts)), parts
+        return _off(_free_runs(self.model, self.runs, parts, ENOUGH)), parts
 
     def __call__(self, names: Sequence[str], shift: Float[np.ndarray, "constants"]) -> bool:
         """With `names` off the fitted values by `shift`."""
@@ -120,7 +121,7 @@ class Following:
         values = self.model.plant.values()
         shifted = {n: values[n] + s for n, s in zip(names, shift, strict=True)}
         other = replace(self.model, plant=self.model.plant.with_constants(shifted))
-        error = _off(_free_runs(other, self.runs, parts))
+        error = _off(_free_runs(other, self.runs, parts, ENOUGH))
         return bool(np.all(error <= WORSE * np.maximum(off, USUAL_GAIN), where=followed))
 
 
@@ -143,10 +144,14 @@ def largest_changes(model: Model, runs: Sequence[Run]) -> dict[str, float]:
     return found
 
 
-def _free_runs(model: Model, runs: Sequence[Run], parts: int) -> list[Prediction]:
-    """Over so many `parts` of each of `runs`; none where nothing can be followed."""
+def _free_runs(
+    model: Model, runs: Sequence[Run], parts: int, most: int | None = None
+) -> list[Prediction]:
+    """Over so many `parts` of each of `runs`, evenly spread where there are more than `most`; none
+    where nothing can be followed."""
     cuts = [piece for run in runs for piece in pieces(run, parts, LONGEST_PIECE)]
-    named = [replace(piece, name=str(k)) for k, piece in enumerate(cuts)]
+    told = np.unique(np.linspace(0, len(cuts) - 1, most or len(cuts)).round().astype(int))
+    named = [replace(cuts[k], name=str(k)) for k in told]
     try:
         return predict(model.plant, named, model.max_step, between=model.record.between)
     except InputError:  # nowhere two samples in a row

@@ -57,7 +57,7 @@ EVEN = 512  # samples: stretches are padded to so many, twice as many, ...: few 
 FEW = 3  # stretches: how far constants of runs lie apart is hardly told by fewer
 AT_ONCE = 4  # levels: one compiled program for any number of them
 NEAR_AT_ONCE = 16  # levels near to another one
-LARGE = 16  # numbers that a filter tracks: with fewer, the plant is not what takes most of the time
+LARGE = 16  # numbers that a filter tracks in as many substeps: with fewer, the plant takes little
 
 Own: TypeAlias = tuple[Error, Array, Array, dd.FilterNoise]  # of one of the levels
 Carry: TypeAlias = tuple[Belief, Array, Array]
@@ -161,7 +161,7 @@ class Likelihood:
         """As `run`, of levels near to the first of `many`. Where a filter tracks many numbers the
         slopes that the plant has under the first stand for those under all others, but under those
         to be told `apart`; nothing is told of xi then."""
-        if len(scale_of(model, many[0])) < LARGE:
+        if len(scale_of(model, many[0])) * self.substeps < LARGE:
             return self.run(model, many)
         alike, whole = (np.flatnonzero(own).tolist() for own in (~apart, apart))
         padded = [*alike[1:], *[alike[-1]] * (-(len(alike) - 1) % NEAR_AT_ONCE)]

@@ -412,6 +412,12 @@ def _started(
     def between(name: str, share: float) -> Float[np.ndarray, "some"]:
         return getattr(least, name) ** (1 - share) * getattr(most, name) ** share
 
+    def louder(noise: Noise) -> Noise | None:
+        each = np.eye(len(noise.sigma))
+        more = best([noise._replace(sigma=noise.sigma * f**one) for f in FACTORS for one in each])
+        gains = _gain(model, batch, noise, more, bounds) > np.log(batch.count)
+        return begun._replace(sigma=more.sigma) if gains else None
+
     many = [noise._replace(process=factor * noise.process) for factor in FACTORS]
     cost = batch.run(model, many).cost / batch.count
     noise = many[int(np.argmax(cost < cost.min() + dd.FAR**2 / 2))]
@@ -421,17 +427,15 @@ def _started(
     both = [(between("lasting", a), noise.size / b) for a in shares for b in SMALLER]
     noise = best([noise, *(noise._replace(lasting=a, size=b) for a, b in both)])
     many = [noise._replace(process=a * noise.process, size=b * noise.size) for a, b in STARTS]
+    again = louder(best(many))  # before any search, which takes long
+    if again is not None:
+        return _started(model, batch, again, bounds, stepped)
     while len(many) > 1:
         many = [_searched(model, batch, m, bounds, {"sigma"}, FIRST, stepped) for m in many]
         order = np.argsort(_costs(model, batch, many, bounds))
         many = [many[k] for k in order[: len(many) // 2]]
-    noise = many[0]
-    each = np.eye(len(noise.sigma))
-    wider = [noise._replace(sigma=noise.sigma * f**one) for f in FACTORS for one in each]
-    louder = best(wider)
-    if _gain(model, batch, noise, louder, bounds) <= np.log(batch.count):
-        return noise
-    return _started(model, batch, begun._replace(sigma=louder.sigma), bounds, stepped)
+    again = louder(many[0])
+    return many[0] if again is None else _started(model, batch, again, bounds, stepped)
 
 
 def _searched(
