@@ -104,6 +104,14 @@ class FaultBank:
         return np.maximum(shows / 4, self.step)
 
     @property
+    def outlasts(self) -> float:
+        """How long [s] something undeclared has to hold, as nothing but its size tells it from the
+        model's own error, and of how large that may be, what it is for as long as it lasts is one
+        sample alone; no longer than the longest memory of an unknown filter."""
+        memory, lasting = self.knowledge.memory, np.max(self.noise.lasting, initial=0.0)
+        return float(max(np.clip(lasting, memory / 4, AGES[-1] * memory), self.step))
+
+    @property
     def settled(self) -> Float[np.ndarray, "inputs"]:
         """How long [s] after each input's change what it does besides is more than the share by
         which sizes are off anyway."""

@@ -8,7 +8,9 @@ evidence is too strong. It is then believed by so much less that they do not: it
 divided by s^2 where noise and discrepancy are s times as large, which changes no gain (P. Grunwald,
 "Safe learning", COLT 2011).
 
-The score of a healthy sample is the log-odds of a fault, as low as it was within `persistence`.
+The score of a healthy sample is the log-odds of a declared fault, or of any as low as they were for
+as long as something undeclared has to outlast the model's own error; as low as it was within
+`persistence`.
 Healthy runs are cut into blocks of several memories of the bank, and the level follows from the
 blocks' peaks. Were the model right in all, odds of L would be reached by chance once in L times
 (J. Ville's inequality), so the peaks have an exponential tail. The mean excess beta of the upper
@@ -325,19 +327,34 @@ def _scores(bank: FaultBank, run: Run) -> list[_Scored]:
     watch = Watch(bank.model, tuple(run.columns), run.step, bank=bank)
     rows = prepared(watch.signals, run)
     found = watch.along(watch.init(averaged=run.resampled is not None), rows)[1].posterior
-    odds = np.maximum(np.asarray(log_odds(found.calm)), LOWEST)
+    calm, unknown = np.asarray(found.calm), np.nan_to_num(found.unknown)
     active = np.nan_to_num(found.p) * bank.with_monitor("active")
-    likeliest = np.argmax(np.column_stack([active, np.nan_to_num(found.unknown)]), axis=1)
-    sizes = np.column_stack([np.asarray(found.f), np.full(len(odds), np.nan)])
+    likeliest = np.argmax(np.column_stack([active, unknown]), axis=1)
+    sizes = np.column_stack([np.asarray(found.f), np.full(len(calm), np.nan)])
     size = np.take_along_axis(sizes, likeliest[:, None], axis=1)[:, 0]
-    score = np.where(found.held | ~np.isfinite(found.calm), np.nan, odds)
-    score = np.where(np.isfinite(score) & ~found.inside, LOWEST, score)
-    count = 1 + int(np.ceil(bank.model.plant.signals.detection.persistence / bank.step))
-    edges = np.flatnonzero(np.diff(np.isfinite(score), prepend=False, append=False))
-    found = []
+    there = ~found.held & np.isfinite(calm)
+    declared, either = (
+        np.where(there, np.where(found.inside, np.maximum(log_odds(p), LOWEST), LOWEST), np.nan)
+        for p in (calm + unknown, calm)
+    )
+    outlasts, persists = bank.outlasts, bank.model.plant.signals.detection.persistence
+    edges = np.flatnonzero(np.diff(there, prepend=False, append=False))
+    stretches = []
     for a, b in edges.reshape(-1, 2):
-        if b - a >= count:
-            lasting = np.lib.stride_tricks.sliding_window_view(score[a:b], count).min(axis=1)
-            part = slice(a + count - 1, b)
-            found.append(_Scored(run.name, run.t[part], lasting, likeliest[part], size[part]))
-    return found
+        lasting = _lowest(either[a:b], outlasts / bank.step)
+        score = _lowest(np.maximum(declared[a:b], lasting), persists / bank.step)
+        first = int(np.ceil(persists / bank.step))  # before, no alarm can be
+        if len(score) > first:
+            part = slice(a + first, b)
+            stretches.append(
+                _Scored(run.name, run.t[part], score[first:], likeliest[part], size[part])
+            )
+    return stretches
+
+
+def _lowest(score: Float[np.ndarray, "samples"], samples: float) -> Float[np.ndarray, "samples"]:
+    """The least that each was since so many `samples` before; `LOWEST` where it has not been for as
+    long."""
+    count = int(np.ceil(samples))
+    before = np.concatenate([np.full(count, LOWEST), score])
+    return np.lib.stride_tricks.sliding_window_view(before, count + 1).min(axis=1)

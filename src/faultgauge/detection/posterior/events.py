@@ -356,7 +356,7 @@ def _onset(
     bank: FaultBank, judged: Judged, each: _Stretch, last: int, log: float
 ) -> tuple[float, float, float]:
     """(mean, lower, upper), at least a step wide and not after the fault was told; of an unknown
-    fault, from the bank's memory before it was likely until then.
+    fault, from the bank's memory before it was likely, which no alarm told at once, until then.
 
     Where the fault changed since, the posterior at `last` dates the change; then the best of the
     dates before is the fault's. A fault that is dated into an alarm that had no name, and may have
@@ -368,7 +368,8 @@ def _onset(
         return float(t[at]), max(float(t[at]) - bank.knowledge.memory, log), until
 
     if each.k == judged.found.p.shape[1]:
-        return raised(each.begun, told)
+        unlikely = np.flatnonzero(judged.found.unknown[: each.begun] < LIKELY)
+        return raised(int(unlikely[-1]) + 1 if len(unlikely) else 0, told)
     ago, sd = judged.found.onset[:, each.k].T
     if t[last] - ago[last] > told:
         rows = np.arange(each.told, last + 1)

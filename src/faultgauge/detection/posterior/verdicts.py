@@ -2,7 +2,8 @@
 
 An alarm begins where the log-odds of an active fault, ln (1 - p0) / p0 with p0 the probability that
 there is none, reach the calibrated level, where the model is trusted and outside the hold-off, and
-have done so for `persistence`. It ends where the probability falls below `release`. A fault is
+have done so for `persistence`; where they do by what is undeclared alone, once that has outlasted
+the model's own error. It ends where the probability falls below `release`. A fault is
 named while there is an alarm, its own probability has been 0.98 of that of any for `persistence`
 and for a quarter of the time in which a large one shows at least, in all since it was below
 `release`, and its sign is known: while one fault follows another, a third may fit for a while. A
@@ -128,6 +129,7 @@ class RulesState(NamedTuple):
     than healthy logs have it [s], and by how much (`jump`); `u`, the inputs of the last row."""
 
     alarm: LimitState
+    lasting: LimitState
     names: LimitState
     signs: LimitState
     fresh: Float[Array, ""]
@@ -157,6 +159,7 @@ class Rules(eqx.Module):
     large as its change and opposite says that nothing of it came to the plant."""
 
     alarm: LimitChecker
+    lasting: LimitChecker
     names: LimitChecker
     signs: LimitChecker
     level: Float[np.ndarray, ""]
@@ -181,6 +184,7 @@ class Rules(eqx.Module):
         low, high = np.array([_limits(signals, fault) for fault in signals.faults]).T
         return Rules(
             LimitChecker(np.asarray(float(rules.persistence)), rules.latch),
+            LimitChecker(np.asarray(bank.outlasts), latch=False),
             LimitChecker(wait, rules.latch, on_end=False),
             LimitChecker(np.asarray(0.0), rules.latch),
             np.asarray(bank.level),
@@ -202,29 +206,32 @@ class Rules(eqx.Module):
         causes = len(self.monitors) + 1
         two = self.names.init(causes), self.signs.init(causes)
         none = jnp.full(len(self.changes), jnp.nan)
-        return RulesState(self.alarm.init(), *two, jnp.asarray(jnp.nan), none, none, none)
+        own = self.alarm.init(), self.lasting.init(), *two
+        return RulesState(*own, jnp.asarray(jnp.nan), none, none, none)
 
     def step(
         self, state: RulesState, t: Float[Array, ""], found: Marginal, heard: Heard
     ) -> tuple[RulesState, Verdict]:
         """The verdict on the row at `t` [s]."""
         free, inside = heard.sampled & ~heard.held, heard.outside == 0
-        over = free & inside & (log_odds(found.calm) >= self.level)
-        alarms, alarm = self.alarm.step(
-            state.alarm, t, over, free & (1 - found.calm < self.release)
-        )
+        over, gone = log_odds(found.calm) >= self.level, free & (1 - found.calm < self.release)
+        lasts, lasting = self.lasting.step(state.lasting, t, free & inside & over, gone)
+        declared = log_odds(found.calm + found.unknown) >= self.level
+        over = free & inside & over & (declared | lasting)
+        alarms, alarm = self.alarm.step(state.alarm, t, over, gone)
         # behind a gap an input is elsewhere, and that is no change from row to row
         moved = heard.u - state.u
         large = ~heard.held & (jnp.abs(moved) > self.changes)
         strange = jnp.where(large, t, state.strange)
         jump = jnp.where(large, moved, state.jump)
         known = self._known(t - strange < self.settled, jump, found)
+        known = known & jnp.append(jnp.ones(len(self.monitors), bool), lasting)
         names, signs, named = self._named(state, t, found, alarm, free, inside, known)
         first = jnp.isnan(state.fresh)
         fresh = jnp.where(heard.output | first, t, state.fresh)
         status, reason = self._answer(found, heard, alarm, named, t - fresh)
         u = jnp.where(jnp.isfinite(heard.u), heard.u, state.u)
-        after = RulesState(alarms, names, signs, fresh, strange, jump, u)
+        after = RulesState(alarms, lasts, names, signs, fresh, strange, jump, u)
         return after, Verdict(status, reason, alarm, named)
 
     def _known(
