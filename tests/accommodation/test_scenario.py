@@ -135,6 +135,7 @@ def test_what_is_acted_upon_is_what_the_log_says(folder, accommodated):
     assert told == pytest.approx(row.posterior.f[judged, 0], rel=1e-6)
 
 
+@pytest.mark.study
 def test_a_passive_fault_is_estimated_and_not_acted_upon(folder):
     model = load_model(folder / "tank.fgm")
     text = model.plant.spec.text + 'monitor = "passive"\n'

@@ -563,6 +563,7 @@ def test_check_does_it_all(call, workshop, tmp_path):
     assert places == sorted(places)
 
 
+@pytest.mark.study  # what it says: identification/test_log_checks.py
 @pytest.mark.usefixtures("noise_once")
 def test_check_names_a_column_of_another_size_and_answers_as_estimate_does(
     call, workshop, tmp_path

@@ -135,6 +135,7 @@ def test_what_is_not_a_number_is_not_covered():
     assert holds(region, nothing, np.array([[1.0]]), np.array([[0.0]])).tolist() == [False]
 
 
+@pytest.mark.study  # in file and stream, below
 def test_a_combination_that_training_never_had_is_not_judged():
     """A large step: state and input each in their range, together never."""
     u = np.where(np.arange(COUNT) < COUNT // 2, 0.6, 1.4)

@@ -102,6 +102,7 @@ def test_known_physics_extrapolates():
     assert "NOT_JUDGED" not in decision.status[100:]
 
 
+@pytest.mark.study
 def test_what_the_file_bounds_is_not_trusted_beyond():
     bounded = CART.replace("max = 9", "max = 9\ntrusted = [-1, 1]")
     decision = decide(build(bounded), log(3, swing(3.0), np.zeros(COUNT)))

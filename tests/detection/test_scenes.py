@@ -117,6 +117,7 @@ def test_in_hindsight_too_what_may_be_there_too_is_not_ruled_out():
     assert re.search(r"; leak (may be|is likely) there too \(p 0\.", line)
 
 
+@pytest.mark.study
 def test_since_is_never_later_than_told_where_a_fault_changes_its_sign():
     said, lines = judged("a leak that changes its sign")
     compare_hindsight(tank_bank(), said)

@@ -146,7 +146,7 @@ def limited():
     return judging(LIMITED)
 
 
-@pytest.mark.parametrize("observer", ["bank", "eso"])
+@pytest.mark.parametrize("observer", [pytest.param("bank", marks=pytest.mark.study), "eso"])
 def test_a_command_beyond_its_limits_is_the_limit_in_file_and_stream(limited, observer):
     """The log of a pump that does 0.5 to 1.5 l/s of what it is told, and of one told just that."""
     done = short(log(3), 120)

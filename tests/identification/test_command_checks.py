@@ -74,7 +74,11 @@ def plant(derivative="b*u - a*x", key="", more=""):
         pytest.param(
             lagged, ["follows it through a lag of 0.2 s", "as a state"], marks=pytest.mark.study
         ),
-        (limited, ["follows it only as far as about 0.", "give its limits"]),
+        pytest.param(
+            limited,
+            ["follows it only as far as about 0.", "give its limits"],
+            marks=pytest.mark.study,
+        ),
     ],
 )
 def test_what_stands_between_the_command_and_the_plant_is_named(applied, words):

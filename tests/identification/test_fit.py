@@ -188,13 +188,8 @@ def test_the_plants_warnings_are_passed_on():
     assert any("idle" in warning for warning in report.warnings)
 
 
-@pytest.mark.parametrize(
-    "end",
-    [
-        "max = 2.0",
-        pytest.param("min = 3", marks=pytest.mark.study),  # refined alone: test_bad_input.py
-    ],
-)
+@pytest.mark.study  # refined alone: test_bad_input.py
+@pytest.mark.parametrize("end", ["max = 2.0", "min = 3"])
 def test_a_parameter_at_its_bound(end):
     """b is 2.5; the same sentence with and without the refinement."""
     low = ", value = 4" if end.startswith("min") else ", value = 1.0"
@@ -250,7 +245,8 @@ def test_what_needs_the_refinement_says_so():
 
 
 # one condition for both, which a refusal above asks of either
-@pytest.mark.parametrize("option", [pytest.param("ensemble", marks=pytest.mark.study), "robust"])
+@pytest.mark.study
+@pytest.mark.parametrize("option", ["ensemble", "robust"])
 def test_what_is_about_the_refinement_switches_it_on(option):
     plain = fit(plant(FIRST_ORDER), [first_order()], restarts=1)[1]
     assert plain.refinement is None  # all states are measured
@@ -345,6 +341,7 @@ def wandering(seed, count=1500, lasts=60.0):
     return Run(f"{seed}", "follower.csv", np.arange(count) * 1.0, {"u": u, "T": T + w})
 
 
+@pytest.mark.study
 def test_where_the_files_values_run_better_the_fit_goes_on():
     """Equation error takes what comes and goes for a state that hardly moves (M = 416 s), and over
     what is held out that follows better than the truth does, as the start holds what is there; in
@@ -370,6 +367,7 @@ fixed = true
 """
 
 
+@pytest.mark.study
 def test_without_an_input_errors_over_one_step_have_the_last_word():
     """A level that wanders about 3 and forgets it over 15 s, with no input: every free run is its
     mean. The mean of 400 s is known to sqrt(2 * 15 / 400) of the spread; four of those."""

@@ -254,6 +254,7 @@ def test_simulated_instruments_have_them_too():
     assert not any("slow and fast" in each for each in without.warnings)
 
 
+@pytest.mark.study
 def test_a_refinement_has_them_too():
     found = constants(fg.fit(FILE, log(0, LAG), restarts=1, refine=True))
     for name, true in (("a", A), ("b", B)):

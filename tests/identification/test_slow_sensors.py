@@ -89,11 +89,11 @@ def off(refinement, truth):
     return [(c.value - truth[c.name]) / c.standard_error for c in rows]
 
 
+@pytest.mark.study
 @pytest.mark.parametrize(
     ("text", "rates", "name", "truth"),
     [
-        # below, of a clock that jitters, within 2 %
-        pytest.param(LAG, LAG_RATES, "x", LAG_TRUTH, marks=pytest.mark.study, id="measured"),
+        pytest.param(LAG, LAG_RATES, "x", LAG_TRUTH, id="measured"),
         pytest.param(TANKS, TANK_RATES, "level", TANK_TRUTH, id="hidden"),
     ],
 )
@@ -117,6 +117,7 @@ def test_the_biased_start_is_not_returned_where_noise_makes_it_look_better(tmp_p
     assert not any("did not beat" in text for _, warnings in found for text in warnings)
 
 
+@pytest.mark.study
 def test_a_clock_that_jitters_loses_no_sample(tmp_path):
     runs = log(tmp_path, LAG_RATES, "x", 0, noise=0.01, jitter=0.05)
     found, _ = refined(plant(LAG), runs)

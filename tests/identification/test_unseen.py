@@ -68,6 +68,7 @@ def test_every_stretch_has_its_own(fitted):
     np.testing.assert_array_equal(second.t, whole.t[201 + 340 :])
 
 
+@pytest.mark.study
 def test_commands_that_act_from_its_start_on_come_along(fitted):
     late, _ = fit(plant(PLANT.replace('zero"', 'zero"\ndelay = 0.5')), [log()], restarts=2)
     (tail,) = held_out(late, fitted[1], [log()])
@@ -103,6 +104,7 @@ def test_a_hidden_start_is_found_before_the_tail():
     assert 0.012 < output.rmse < 0.03
 
 
+@pytest.mark.study
 def test_a_lead_in_does_not_reach_beyond_its_stretch(fitted):
     """What is there of a lead-in is taken; the warm-up's other samples are the tail's own."""
     late, _ = fit(plant(HIDDEN), [hidden_log()], restarts=2)

@@ -47,7 +47,11 @@ def cells(value):
     return [str(each) for each in (value if isinstance(value, list) else [value])]
 
 
-@pytest.mark.parametrize("name", LOGS)
+# both slow is there, too
+ONE_SLOW = pytest.param("a slow output", marks=pytest.mark.study)
+
+
+@pytest.mark.parametrize("name", [ONE_SLOW if each == "a slow output" else each for each in LOGS])
 def test_the_command_and_python_write_the_same_bytes(name, calibrated, tank, tmp_path):
     change, said = LOGS[name]
     log = as_csv(change(tank.log(3, tank.leak)), tmp_path / "log.csv", 17)

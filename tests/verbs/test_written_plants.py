@@ -98,6 +98,7 @@ def test_it_is_evaluated_rehearsed_and_foreseen_alike(pairs, tank):
         assert said[0] == said[1], verb
 
 
+@pytest.mark.study
 def test_its_hidden_states_are_found_by_simulation(tank):
     class Hidden(Tank):
         def output(self, dx, x, u):

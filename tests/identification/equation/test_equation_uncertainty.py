@@ -73,7 +73,7 @@ def table(known):
         # with fewer samples, drawn, below
         pytest.param("sensor", 10_000, marks=pytest.mark.study),
         ("sensor", 300),
-        ("process", 10_000),
+        pytest.param("process", 10_000, marks=pytest.mark.study),
         # a sum with memory: `scatter` below
         pytest.param("coloured", 10_000, marks=pytest.mark.study),
     ],

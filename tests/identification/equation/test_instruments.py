@@ -64,6 +64,7 @@ def bias(gain, key):
     return np.median(found, axis=0) / [A, B] - 1
 
 
+@pytest.mark.study
 def test_the_bias_grows_with_the_gain_and_the_instrument_removes_it():
     plain = np.array([bias(gain, "") for gain in (0.25, 1.0, 4.0)])
     assert np.all(np.diff(np.abs(plain), axis=0) > 0)

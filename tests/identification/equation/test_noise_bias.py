@@ -54,6 +54,7 @@ def constant(found, name):
     return next(c for c in found.account.information.constants if c.name == name)
 
 
+@pytest.mark.study
 def test_a_bias_beyond_chance_is_said_beside_the_number():
     """The current settles within two samples, so that noise of 0.3 A hides what L does."""
     found = fit(SENSED, [log(0.3)], restarts=1)

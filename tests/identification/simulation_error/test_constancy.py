@@ -76,6 +76,7 @@ def heated(seed, b, outliers=0):
     return Run(f"heat{seed}", "heat.csv", 0.1 * np.arange(300), {"u": u, "T": T})
 
 
+@pytest.mark.study
 def test_outliers_of_a_robust_fit_change_no_constant():
     """They are most of the squared error, and constants of parts of a run follow hardly any."""
     plant = GrayBoxPlant.untrained(parse_plant(HEATER, "heater.toml"))

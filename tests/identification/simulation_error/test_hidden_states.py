@@ -247,6 +247,7 @@ def heater(seed):
     return Run(f"heater{seed}", "heater.csv", 20.0 * np.arange(COUNT), {"P": u, "T": T})
 
 
+@pytest.mark.study
 def test_a_hidden_temperature_in_kelvin():
     """Its start, some 300 K, is not 0 +- 1, of which the file says nothing."""
     values, errors = constants(fit(plant(HEATER), [heater(0)], restarts=3)[1])

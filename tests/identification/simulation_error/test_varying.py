@@ -186,6 +186,10 @@ def test_a_drift_within_a_run_is_followed(drifted):
         assert min(np.std(course.value) for course in found.courses["b"]) > 0.9 * np.std(b)
 
 
+SINE = pytest.param("sine", marks=pytest.mark.study)
+
+
+@pytest.mark.parametrize("drifted", [SINE, RAMP, "constant"], indirect=True)
 def test_one_value_per_run_spoils_what_a_drift_does_not(drifted):
     """The logs fitted with `vary = "run"`: off by many times the noise unless b is constant."""
     kind, _, logs, found = drifted

@@ -549,6 +549,7 @@ def test_the_report_opens_with_the_answer_and_shows_the_evidence(bank, decision)
     assert places == sorted(places)
 
 
+@pytest.mark.study
 def test_of_several_runs_the_one_with_a_fault_is_open(bank, decision):
     healthy = [decide(bank, log(seed)) for seed in (2, 3)]
     report = decision_report(bank, [*healthy, decision])
@@ -556,6 +557,7 @@ def test_of_several_runs_the_one_with_a_fault_is_open(bank, decision):
     assert runs == [("Run run1", False), ("Run run2", True), ("Run run3", True)]
 
 
+@pytest.mark.study
 def test_the_open_figure_is_of_the_run_that_the_first_sentence_speaks_of(bank, decision):
     """A short event in the run before, and silence of a run of which little was judged."""
     (event,) = decision.events

@@ -178,6 +178,7 @@ def test_moved_is_the_largest_change_of_a_weight():
     assert moved(before, after) == {"f1": 0.75, "f2": 0.0}
 
 
+@pytest.mark.study
 def test_a_part_is_fitted_from_its_own_columns_alone(log):
     """The product's fit, on a short record: a column that a part does not read moves no bit."""
 
