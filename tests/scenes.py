@@ -112,7 +112,7 @@ SCENES: dict[str, Callable[[], Run]] = {
         10, u=np.where(T < 200, moving(10), 1.9)
     ),
     "a leak while the pump rests": lambda: log(
-        11, u=np.where(T < 300, moving(11), 0.0), leak=between(400, NEVER, 0.1)
+        11, u=np.where(T < 280, moving(11), 0.0), leak=between(400, NEVER, 0.1)
     ),
     "ten short leaks": lambda: log(13, leak=-0.1 * (T % 60 > 40)),
     "a leak that changes its sign": lambda: log(
