@@ -76,11 +76,12 @@ lock:
 		--generate-hashes --no-emit-index-url --no-header --quiet -o requirements.lock
 
 # The lock has every dependency, so pip resolves none: newer releases elsewhere cannot stop it.
-# hatchling is in the lock, so building needs nothing that is not pinned.
+# hatchling is in the lock, so building needs nothing that is not pinned. What nothing imports is
+# never compiled to bytecode.
 $(STAMP): requirements.lock pyproject.toml
 	rm -rf $(VENV)
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/pip install --quiet --no-deps --require-hashes -r requirements.lock
+	$(BIN)/pip install --quiet --no-deps --no-compile --require-hashes -r requirements.lock
 	$(BIN)/pip install --quiet --no-deps --no-build-isolation --editable .
 	touch $@
 
