@@ -125,7 +125,8 @@ class Heard(NamedTuple):
 
 
 class RulesState(NamedTuple):
-    """`fresh`: when an output was sampled last; `strange`: when each input last changed by more
+    """`lasting`: since when there is any fault, declared or not, by the level;
+    `fresh`: when an output was sampled last; `strange`: when each input last changed by more
     than healthy logs have it [s], and by how much (`jump`); `u`, the inputs of the last row."""
 
     alarm: LimitState
