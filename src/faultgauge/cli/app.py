@@ -128,9 +128,9 @@ def _failed(failure: Exception, debug: bool) -> int:
         case TyperException():
             if not failure.format_message():  # no arguments at all: the help has been printed
                 return 2
-            return _fail(
-                f"{failure.format_message().rstrip('.')}. See faultgauge --help.", 2, debug
-            )
+            context = getattr(failure, "ctx", None)
+            where = "faultgauge" if context is None else context.command_path
+            return _fail(f"{failure.format_message().rstrip('.')}. See {where} --help.", 2, debug)
         case BrokenPipeError():
             let_go()
             return 0
