@@ -187,7 +187,7 @@ def build_fault_bank(
     modes = Branching(
         filter=_filter(model, plant, noise, TRIED * size, growing, large, step),
         noise=_levels(model, noise, len(size), knowledge, _followed(evaluated), loud),
-        prior=prior_of_faults(model, size, onset, growing, large),
+        prior=prior_of_faults(model, size, onset, growing, large, found.gain if found else 0.0),
         alien=jax.device_put(_alien(model, noise, len(size) + len(growing), knowledge, len(loud))),
         ages=np.array([*AGES, *[1.0] * len(loud)]),
         own=jax.device_put(_own(model, noise)),

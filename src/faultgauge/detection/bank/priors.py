@@ -193,9 +193,10 @@ def prior_of_faults(
     onset: Float[np.ndarray, "declared"],
     growing: tuple[int, ...],
     large: LargeFaults,
+    gain: float,
 ) -> Prior:
     """`size` of all faults, the undeclared ones last. Steps to sizes that are `large` are as likely
-    as such sizes are."""
+    as such sizes are. `gain` is the share by which the model's answers are off in size."""
     faults = model.plant.signals.faults
     more = len(size) - len(faults)
     largest = float(onset.max())
@@ -214,10 +215,12 @@ def prior_of_faults(
     shown = np.array([f.monitor != "disabled" for f in faults] + [True] * more)
     never = np.where(shown, 1.0, 1e-300)
     begins = np.concatenate([rate * share, rate[grow], rate[far] * shares])
+    limits = np.concatenate([[low, high], [-wide, wide], [large.low, large.high]], axis=1)
     return Prior(
         size=jax.device_put(np.concatenate([size, slopes, size[far]])),
-        low=jax.device_put(np.concatenate([low, -wide, large.low])),
-        high=jax.device_put(np.concatenate([high, wide, large.high])),
+        low=jax.device_put(limits[0]),
+        high=jax.device_put(limits[1]),
+        soft=jax.device_put(np.where(np.isfinite(limits), gain * np.abs(limits), 0.0)),
         onset=jax.device_put(begins * np.concatenate([never, never[grow], never[far]])),
         recovery=jax.device_put(RECOVERY * rate),
         common=jax.device_put(COMMON),
