@@ -53,8 +53,9 @@ def bank(
     shape=0.0,
     soft=0.0,
 ):
-    """Only `faults` happen, within `limits` that are `soft`, go at the rate `recovery`, and have `common` causes;
-    nothing undeclared does. An input's changes come `late`, within which time and by what share."""
+    """Only `faults` happen, within `limits` that are `soft`, go at the rate `recovery`, and have
+    `common` causes; nothing undeclared does. An input's changes come `late`, within which time and
+    by what share."""
     base = GrayBoxPlant.untrained(parse_plant(text))
     tau, settling, share, leaning, lean = (jnp.array([each]) for each in (TAU, 1.0, 0.0, *late))
     error = Error(tau, settling, share, leaning=leaning, lean=lean)

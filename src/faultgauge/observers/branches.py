@@ -26,9 +26,10 @@ NEVER = -1e30  # the logarithm of no probability: finite, so that sums stay numb
 class Prior(NamedTuple):
     """What is known before: `size` of a step and of a growth rate (widest standard deviation),
     `low` and `high` limits of the fault and by how much beyond each its size may seem to lie, as
-    the model's answers are off (`soft`, standard deviations), `onset` and `recovery` rates [1/s], `common` share of
-    onsets that bring a second fault, `unknown` rate [1/s]; `first`, ln of the probability that a
-    fault is there when a log begins; `changed`, how much likelier than onsets changes are."""
+    the model's answers are off (`soft`, standard deviations), `onset` and `recovery` rates [1/s],
+    `common` share of onsets that bring a second fault, `unknown` rate [1/s]; `first`, ln of the
+    probability that a fault is there when a log begins; `changed`, how much likelier than onsets
+    changes are."""
 
     size: Float[Array, "kinds"]
     low: Float[Array, "kinds"]

@@ -455,8 +455,8 @@ class Onsets(eqx.Module):
 
 
 def _mills(z: Float[Array, "*any"]) -> Float[Array, "*any"]:
-    """1 / Q(z) e^(-z^2/2), with Q the normal distribution's upper tail: sqrt(pi/2) (z + sqrt(z^2 + 4))
-    is 0.6 % too large at 3 and less beyond (Z. W. Birnbaum, Ann. Math. Statist. 13 (1942))."""
+    """exp(-z^2 / 2) / Q(z), with Q the upper tail of the normal distribution, 0.6 % too large at 3
+    and less beyond (Z. W. Birnbaum, Ann. Math. Statist. 13 (1942))."""
     return np.sqrt(np.pi / 2) * (z + jnp.sqrt(z**2 + 4))
 
 

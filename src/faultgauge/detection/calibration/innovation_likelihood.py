@@ -6,9 +6,9 @@ Every stretch begins with a discrepancy and constants of its own, so that what d
 counts (Schweppe, IEEE TAC 11 (1965); Mehra, IEEE TAC 15 (1970)).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import equinox as eqx
 import jax
@@ -27,7 +27,7 @@ from faultgauge.detection.bank.extended import (
     start_spread,
 )
 from faultgauge.detection.bank.noise import Noise
-from faultgauge.detection.calibration.nearby_levels import costs_nearby
+from faultgauge.detection.calibration.nearby_levels import Along, along, costs_nearby
 from faultgauge.detection.rows.judged import pad_stretch, start_from_samples
 from faultgauge.detection.rows.prepared import as_it_acts
 from faultgauge.identification.optimise.cores import side_by_side
@@ -43,6 +43,7 @@ from faultgauge.telemetry import Run, segments
 
 __all__ = [
     "AT_ONCE",
+    "Followed",
     "LARGE",
     "SAMPLES",
     "Likelihood",
@@ -150,27 +151,48 @@ class Likelihood:
 
     def run(self, model: Model, many: Sequence[Noise]) -> Likelihoods:
         """What the stretches say under each of `many` levels, a few at a time on every core."""
+        return self.run_along(model, many)[0]
+
+    def run_along(
+        self, model: Model, many: Sequence[Noise]
+    ) -> tuple[Likelihoods, list["Followed"]]:
+        """As `run`, and how the filter went under each where it is `large`, for those `near` it."""
         padded = [*many, *[many[-1]] * (-len(many) % AT_ONCE)]
         chunks = [padded[k : k + AT_ONCE] for k in range(0, len(padded), AT_ONCE)]
         told = side_by_side(lambda some: self._run(model, some), chunks)
-        return Likelihoods(*(np.concatenate(each)[: len(many)] for each in zip(*told, strict=True)))
+        both = [Likelihoods(*each) for each, _ in told]
+        found = Likelihoods(
+            *(np.concatenate(each)[: len(many)] for each in zip(*both, strict=True))
+        )
+        if not self.large(model, many[0]):
+            return found, []
+        kept = [(steps, k) for _, steps in told for k in range(AT_ONCE)]
+        ones = [Likelihoods(*(a[k : k + 1] for a in found)) for k in range(len(many))]
+        return found, [Followed(*each) for each in zip(many, ones, kept, strict=False)]
+
+    def large(self, model: Model, noise: Noise) -> bool:
+        """Whether the plant takes most of a filter's time: many numbers, tracked in many steps."""
+        return len(scale_of(model, noise)) * self.substeps >= LARGE
 
     def near(
-        self, model: Model, many: Sequence[Noise], apart: Bool[np.ndarray, "many"]
+        self,
+        model: Model,
+        many: Sequence[Noise],
+        apart: Bool[np.ndarray, "many"],
+        first: "Followed | None",
     ) -> Likelihoods:
-        """As `run`, of levels near to the first of `many`. Where a filter tracks many numbers the
-        slopes that the plant has under the first stand for those under all others, but under those
-        to be told `apart`; nothing is told of xi then."""
-        if len(scale_of(model, many[0])) * self.substeps < LARGE:
+        """As `run`, of levels near to the first of `many`. Where it is known how the filter went
+        under the `first`, the slopes that the plant had there stand for those under all others, but
+        under those to be told `apart`; nothing is told of xi then."""
+        if first is None:
             return self.run(model, many)
         alike, whole = (np.flatnonzero(own).tolist() for own in (~apart, apart))
         padded = [*alike[1:], *[alike[-1]] * (-(len(alike) - 1) % NEAR_AT_ONCE)]
-        chunks = [[0, *padded[k : k + NEAR_AT_ONCE]] for k in range(0, len(padded), NEAR_AT_ONCE)]
-        told = side_by_side(
-            lambda some: self._run(model, [many[k] for k in some], costs_nearby), chunks
-        )
+        chunks = [padded[k : k + NEAR_AT_ONCE] for k in range(0, len(padded), NEAR_AT_ONCE)]
+        told = side_by_side(lambda some: self._near(model, [many[k] for k in some], first), chunks)
         if whole:
             chunks, told = [*chunks, whole], [*told, self.run(model, [many[k] for k in whole])]
+        chunks, told = [[0], *chunks], [first.told, *told]
         found = Likelihoods(*(np.zeros((len(many), *each.shape[1:])) for each in told[0]))
         for places, each in zip(chunks, told, strict=True):
             for into, own in zip(found, each, strict=True):
@@ -178,15 +200,35 @@ class Likelihood:
         return found
 
     def _run(
-        self,
-        model: Model,
-        many: Sequence[Noise],
-        costs: Callable[..., tuple[Array, ...]] | None = None,
-    ) -> Likelihoods:
-        drifted = spread_of_start(model, many[0].sigma, self.columns)[1]
-        plant = disturbed(model, many[0])
+        self, model: Model, many: Sequence[Noise]
+    ) -> tuple[tuple[np.ndarray, ...], Along | None]:
+        bare, error, levels, sd, scale = self._given(model, many)
         W = jnp.asarray(np.stack([directions_of(model, each) for each in many]))
         offset = jnp.asarray(np.stack([offset_of(model, each) for each in many]))
+        keep = self.large(model, many[0])
+        data = self.x, self.u, self.y, self.dt, self.substeps
+        *found, steps = _costs(bare, error, offset, W, levels, sd, scale, *data, keep)
+        return tuple(np.asarray(each) for each in found), steps
+
+    def _near(self, model: Model, many: Sequence[Noise], first: "Followed") -> Likelihoods:
+        bare, error, levels, sd, scale = self._given(model, many, first.noise)
+        (steps, level), S = first.steps, len(self.x)
+        own = jax.tree.map(lambda a: np.asarray(a)[..., level * S : (level + 1) * S], steps)
+        data = self.x, self.u, self.y, self.dt, self.substeps
+        cost, white, root = map(
+            np.asarray, costs_nearby(bare, error, levels, sd, scale, *data, own)
+        )
+        xi = [np.zeros((len(many), *a.shape[1:])) for a in (first.told.mean, first.told.P)]
+        return Likelihoods(cost, *xi, white, root)
+
+    def _given(
+        self, model: Model, many: Sequence[Noise], first: Noise | None = None
+    ) -> tuple[Disturbed, Error, dd.FilterNoise, Array, Array]:
+        """The plant of the `first` levels without faults; errors, noise and what is not known of
+        the start under each; the sizes of what is tracked."""
+        first = first or many[0]
+        drifted = spread_of_start(model, first.sigma, self.columns)[1]
+        plant = disturbed(model, first)
         errors = [error_of(model, each) for each in many]
         error = jax.tree.map(lambda *parts: jnp.stack(parts), *errors)
         levels = dd.FilterNoise(
@@ -195,10 +237,8 @@ class Likelihood:
             jnp.asarray(np.stack([each.sigma for each in many])),
         )
         sd = jnp.asarray(np.stack([start_spread(model, each, self.columns) for each in many]))
-        scale = jnp.asarray(scale_of(model, many[0]))
-        base = with_faults(model.plant, ())
         bare = Disturbed.of(
-            base,
+            with_faults(model.plant, ()),
             plant.driven,
             plant.following,
             plant.error,
@@ -216,21 +256,16 @@ class Likelihood:
             sticking=plant.sticking,
             positive=plant.positive,
         )
-        found = (costs or _costs)(
-            bare,
-            error,
-            offset,
-            W,
-            levels,
-            sd,
-            scale,
-            self.x,
-            self.u,
-            self.y,
-            self.dt,
-            self.substeps,
-        )
-        return Likelihoods(*(np.asarray(each) for each in found))
+        return bare, error, levels, sd, jnp.asarray(scale_of(model, first))
+
+
+class Followed(NamedTuple):
+    """The filter along the stretches under the levels `noise`: what is `told` by them, and `steps`
+    of it, the stretches last, those of these levels being the part of that number."""
+
+    noise: Noise
+    told: Likelihoods
+    steps: tuple[Along, int]
 
 
 @program
@@ -247,8 +282,9 @@ def _costs(
     y: Float[Array, "stretches samples outputs"],
     dt: Float[Array, "stretches samples"],
     substeps: int,
-) -> tuple[Array, Array, Array, Array, Array]:
-    """The fields of `Likelihoods`."""
+    keep: bool,
+) -> tuple[Array, Array, Array, Array, Array, Along | None]:
+    """The fields of `Likelihoods`, and where they are to be kept the filters' steps."""
     more = jnp.zeros((len(x), len(scale) - x.shape[1]))
     x = jnp.concatenate([x, more], axis=1)
     own = error, offset, W, levels
@@ -263,10 +299,13 @@ def _costs(
 
     def stepped(
         own: Own, belief: Belief, total: Array, before: Array, now: Array, y: Array, dt: Array
-    ) -> tuple[Belief, Array, Array, Array]:
-        belief, more, *_, seen = lane_of(own).step(belief, own[3], before, now, y, dt)
+    ) -> tuple[Belief, Array, Array, Array, Along | None]:
+        filtering = lane_of(own)
+        after, more, flow, look, seen = filtering.step(belief, own[3], before, now, y, dt)
         root = jnp.where(jnp.isfinite(seen.root), jnp.log(seen.root), 0.0)
-        return belief, total + more, seen.white, root
+        said = more, flow, look, seen
+        steps = along(filtering, belief, after, said, before, now, y) if keep else None
+        return after, total + more, seen.white, root, steps
 
     # every level beside every stretch, the two in one axis that stands last
     def of_levels(a: Array) -> Array:
@@ -281,19 +320,19 @@ def _costs(
     own, sd, samples = jax.lax.optimization_barrier(given)
     start = jax.vmap(started, -1, -1)(own, sd, of_stretches(x))
 
-    def body(carry: Carry, sample: tuple[Array, Array, Array]) -> tuple[Carry, list[Array]]:
+    def body(carry: Carry, sample: tuple[Array, Array, Array]) -> tuple[Carry, list[Any]]:
         belief, total, before = carry
         belief, total, *said = lanes_last(stepped, own, belief, total, before, *sample)
         return (belief, total, sample[0]), said
 
-    (belief, total, _), said = jax.lax.scan(body, (*start, samples[0][0]), samples)
+    (belief, total, _), (*said, steps) = jax.lax.scan(body, (*start, samples[0][0]), samples)
 
     def each(a: Array) -> Array:  # levels first, then stretches
         return jnp.moveaxis(a, -1, 0).reshape(len(offset), len(x), *a.shape[:-1])
 
     white, root = (each(a).reshape(len(offset), -1) for a in said)
     mean, P = each(belief.mean)[..., xi], each(belief.P)[..., xi, xi]
-    return -jnp.sum(each(total), axis=1), mean, P, white, root
+    return -jnp.sum(each(total), axis=1), mean, P, white, root, steps
 
 
 def healthy_stretches(model: Model, runs: Sequence[Run]) -> list[StretchPiece]:

@@ -8,7 +8,8 @@ the slopes of one step and of the outputs where the first filter has its mean m,
 
 A_n and C_n being A and C with what fades, and an input's random share, as the near levels have it:
 so innovations are right to first order in what levels differ by, which is all that slopes of the
-likelihood need (N. K. Gupta and R. K. Mehra, IEEE TAC 19 (1974)).
+likelihood need (N. K. Gupta and R. K. Mehra, IEEE TAC 19 (1974)). The filter that was run under the
+first levels leaves these slopes (`Along`), and nothing evaluates the plant again.
 """
 
 from typing import Any, NamedTuple, TypeAlias
@@ -19,22 +20,28 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from faultgauge.observers import divided_difference as dd
-from faultgauge.observers.divided_difference import Belief, DividedDifferenceFilter, Look
+from faultgauge.observers.divided_difference import (
+    Belief,
+    DividedDifferenceFilter,
+    Flow,
+    Look,
+    Seen,
+)
 from faultgauge.plants.disturbed import Disturbed, Error
 from faultgauge.products import contract, taken
 from faultgauge.programs import program
 from faultgauge.simulation.lanes import lanes_last
 
-__all__ = ["EXACT", "costs_nearby"]
+__all__ = ["EXACT", "Along", "along", "costs_nearby"]
 
 EXACT = ("trail", "bend", "slip")  # levels that change what the plant does in ways not told above
 
 Own: TypeAlias = tuple[Error, dd.FilterNoise]  # of one of the levels
-Carry: TypeAlias = tuple[Belief, Belief, Array, Array]
+Carry: TypeAlias = tuple[Belief, Array, Array]
 
 
-class _Step(NamedTuple):
-    """One sample of the first filter: its mean `m` before, `ahead` of the sample and the outputs
+class Along(NamedTuple):
+    """Samples of the first filter: its mean `m` before, `ahead` of the sample and the outputs
     `expected` there; the rows of A that hang on many numbers, C, by what the states may jump, and
     whether all that is a number."""
 
@@ -51,8 +58,6 @@ class _Step(NamedTuple):
 def costs_nearby(
     plant: Disturbed,
     error: Error,
-    offset: Float[Array, "levels parameters"],
-    W: Float[Array, "levels parameters directions"],
     levels: dd.FilterNoise,
     sd: Float[Array, "levels extended"],
     scale: Float[Array, "extended"],
@@ -61,62 +66,58 @@ def costs_nearby(
     y: Float[Array, "stretches samples outputs"],
     dt: Float[Array, "stretches samples"],
     substeps: int,
-) -> tuple[Array, Array, Array, Array, Array]:
-    """The fields of `Likelihoods`, of levels near to the first; nothing of xi."""
-    count = len(offset)
+    steps: Along,
+) -> tuple[Array, Array, Array]:
+    """(-ln p(y) of all stretches, white and root of `Likelihoods`) of levels near to those of the
+    plant's own errors, under which the filter went `along` by these `steps`, samples first and
+    stretches last."""
+    count = len(sd)
     more = jnp.zeros((len(x), len(scale) - x.shape[1]))
     stretches = jnp.moveaxis(jnp.concatenate([x, more], axis=1), 0, -1)
-    plant = eqx.tree_at(lambda p: (p.offset, p.directions), plant, (offset[0], W[0]))
-    error0, noise0, sd0 = jax.tree.map(lambda a: a[0], (error, levels, sd))
 
     def filter_of(error: Error) -> DividedDifferenceFilter:
         held = eqx.tree_at(lambda p: p.error, plant, error)
         return DividedDifferenceFilter(held, scale, jnp.zeros(0), (), substeps)
 
-    begins = filter_of(error0)
-
     def started(own: Own, sd: Array, x: Array) -> Belief:
         return filter_of(own[0]).begin(x, sd)
 
     def followed(own: Own, *rest: Any) -> tuple[Belief, Array, Array, Array]:
-        return _near(filter_of(own[0]), own[1], error0, *rest)
+        return _near(filter_of(own[0]), own[1], plant.error, *rest)
 
     def of_all(a: Array) -> Array:  # what is a stretch's, for every level
         return jnp.concatenate([a] * count, axis=-1)
 
-    def body(carry: Carry, sample: tuple[Array, Array, Array]) -> tuple[Carry, list[Array]]:
-        center, near, total, before = carry
-        own_row = (center, before, *sample)
-        center, step = lanes_last(lambda *row: _first(begins, noise0, *row), *own_row)
-        given = jax.tree.map(of_all, (step, before, *sample))
+    def body(carry: Carry, sample: tuple[Any, ...]) -> tuple[Carry, list[Array]]:
+        near, total, before = carry
+        step, now, *rest = sample
+        given = jax.tree.map(of_all, (step, before, now, *rest))
         near, total, *said = lanes_last(followed, own, near, total, *given)
-        return (center, near, total, sample[0]), said
+        return (near, total, now), said
 
     own, spread = jax.tree.map(
         lambda a: jnp.moveaxis(jnp.repeat(a, len(x), axis=0), 0, -1), ((error, levels), sd)
     )
     samples = jnp.moveaxis(u, 0, -1), jnp.moveaxis(y, 0, -1), jnp.moveaxis(dt, 0, -1)
     near = lanes_last(started, own, spread, of_all(stretches))
-    center = lanes_last(lambda x: begins.begin(x, sd0), stretches)
-    start = center, near, jnp.zeros(count * len(x)), samples[0][0]
-    (_, _, total, _), said = jax.lax.scan(body, start, samples)
+    start = near, jnp.zeros(count * len(x)), samples[0][0]
+    (_, total, _), said = jax.lax.scan(body, start, (steps, *samples))
     white, root = (jnp.moveaxis(a, -1, 0).reshape(count, -1) for a in said)
-    mean = jnp.zeros((count, len(x), W.shape[2]))
-    P = jnp.zeros((*mean.shape, W.shape[2]))
-    return -total.reshape(count, len(x)).sum(axis=1), mean, P, white, root
+    return -total.reshape(count, len(x)).sum(axis=1), white, root
 
 
-def _first(
+def along(
     filtering: DividedDifferenceFilter,
-    noise: dd.FilterNoise,
     belief: Belief,
+    after: Belief,
+    said: tuple[Float[Array, ""], Flow, Look, Seen],
     before: Float[Array, "inputs"],
     now: Float[Array, "inputs"],
     y: Float[Array, "outputs"],
-    dt: Float[Array, ""],
-) -> tuple[Belief, _Step]:
-    """One sample of the first filter, and what the others take of it."""
-    after, likelihood, flow, look, seen = filtering.step(belief, noise, before, now, y, dt)
+) -> Along:
+    """What one sample of a filter leaves to others, which brought it from `belief` to `after` and
+    of which it `said` so much."""
+    likelihood, flow, look, seen = said
     plant, none, there = filtering.plant, jnp.zeros(0), jnp.isfinite(seen.root)
     off = jnp.where(there, seen.root * seen.white, 0.0)
     moves = off[:, None] * seen.gain  # of the mean, by one output after another
@@ -127,7 +128,7 @@ def _first(
     jump = plant.jumps(moved, before, now, none, none)
     A = taken(flow.A, filtering.rows(len(ahead))[0])
     sound = likelihood != dd.LOST
-    return after, _Step(belief.mean, ahead, expected, A, look.C, jump, sound)
+    return Along(belief.mean, ahead, expected, A, look.C, jump, sound)
 
 
 def _near(
@@ -136,7 +137,7 @@ def _near(
     first: Error,
     belief: Belief,
     total: Float[Array, ""],
-    step: _Step,
+    step: Along,
     before: Float[Array, "inputs"],
     now: Float[Array, "inputs"],
     y: Float[Array, "outputs"],

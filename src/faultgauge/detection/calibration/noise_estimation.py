@@ -38,6 +38,7 @@ from faultgauge.detection.calibration.grips import with_grips
 from faultgauge.detection.calibration.innovation_likelihood import (
     LARGE,
     SAMPLES,
+    Followed,
     Likelihood,
     Likelihoods,
     StretchPiece,
@@ -459,11 +460,22 @@ def _searched(
         logs[:, at] = some
         return [levels_of(row, noise) for row in logs]
 
+    here, tried = dict[bytes, Followed](), dict[bytes, Followed]()
+
     def tell(some: Float[np.ndarray, "many free"]) -> Likelihoods:
-        return batch.run(model, of(some))
+        found, followed = batch.run_along(model, of(some))
+        tried.clear()
+        tried.update(zip((place.tobytes() for place in some), followed, strict=False))
+        return found
 
     def near(some: Float[np.ndarray, "many free"]) -> Likelihoods:
-        return batch.near(model, of(some), apart)
+        place = some[0].tobytes()
+        if place not in here and batch.large(model, noise):
+            if place not in tried:
+                tell(some[:1])
+            here.clear()
+            here[place] = tried[place]
+        return batch.near(model, of(some), apart, here.get(place))
 
     own = [each[at] for each in (start, bounds.low, bounds.high, bounds.center, bounds.pull)]
     found, _ = scored(tell, near, *own, most=most, enough=ENOUGH, stepped=stepped)
