@@ -166,7 +166,7 @@ class Likelihood:
         )
         if not self.large(model, many[0]):
             return found, []
-        kept = [(steps, k) for _, steps in told for k in range(AT_ONCE)]
+        kept = [(steps, k) for _, steps in told if steps is not None for k in range(AT_ONCE)]
         ones = [Likelihoods(*(a[k : k + 1] for a in found)) for k in range(len(many))]
         return found, [Followed(*each) for each in zip(many, ones, kept, strict=False)]
 
@@ -214,12 +214,12 @@ class Likelihood:
         bare, error, levels, sd, scale = self._given(model, many, first.noise)
         (steps, level), S = first.steps, len(self.x)
         own = jax.tree.map(lambda a: np.asarray(a)[..., level * S : (level + 1) * S], steps)
-        data = self.x, self.u, self.y, self.dt, self.substeps
-        cost, white, root = map(
-            np.asarray, costs_nearby(bare, error, levels, sd, scale, *data, own)
+        found = costs_nearby(
+            bare, error, levels, sd, scale, self.x, self.u, self.y, self.dt, self.substeps, own
         )
-        xi = [np.zeros((len(many), *a.shape[1:])) for a in (first.told.mean, first.told.P)]
-        return Likelihoods(cost, *xi, white, root)
+        cost, white, root = (np.asarray(each) for each in found)
+        mean, P = (np.zeros((len(many), *a.shape[1:])) for a in (first.told.mean, first.told.P))
+        return Likelihoods(cost, mean, P, white, root)
 
     def _given(
         self, model: Model, many: Sequence[Noise], first: Noise | None = None
