@@ -220,7 +220,7 @@ def prior_of_faults(
         size=jax.device_put(np.concatenate([size, slopes, size[far]])),
         low=jax.device_put(limits[0]),
         high=jax.device_put(limits[1]),
-        soft=jax.device_put(np.where(np.isfinite(limits), gain * np.abs(limits), 0.0)),
+        soft=jax.device_put(gain * np.where(np.isfinite(limits), np.abs(limits), 0.0)),
         onset=jax.device_put(begins * np.concatenate([never, never[grow], never[far]])),
         recovery=jax.device_put(RECOVERY * rate),
         common=jax.device_put(COMMON),

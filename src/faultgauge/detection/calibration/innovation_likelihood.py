@@ -27,7 +27,7 @@ from faultgauge.detection.bank.extended import (
     start_spread,
 )
 from faultgauge.detection.bank.noise import Noise
-from faultgauge.detection.calibration.nearby_levels import Along, along, costs_nearby
+from faultgauge.detection.calibration.nearby_levels import Slopes, costs_nearby, slopes_of
 from faultgauge.detection.rows.judged import pad_stretch, start_from_samples
 from faultgauge.detection.rows.prepared import as_it_acts
 from faultgauge.identification.optimise.cores import side_by_side
@@ -201,7 +201,7 @@ class Likelihood:
 
     def _run(
         self, model: Model, many: Sequence[Noise]
-    ) -> tuple[tuple[np.ndarray, ...], Along | None]:
+    ) -> tuple[tuple[np.ndarray, ...], Slopes | None]:
         bare, error, levels, sd, scale = self._given(model, many)
         W = jnp.asarray(np.stack([directions_of(model, each) for each in many]))
         offset = jnp.asarray(np.stack([offset_of(model, each) for each in many]))
@@ -265,7 +265,7 @@ class Followed(NamedTuple):
 
     noise: Noise
     told: Likelihoods
-    steps: tuple[Along, int]
+    steps: tuple[Slopes, int]
 
 
 @program
@@ -283,7 +283,7 @@ def _costs(
     dt: Float[Array, "stretches samples"],
     substeps: int,
     keep: bool,
-) -> tuple[Array, Array, Array, Array, Array, Along | None]:
+) -> tuple[Array, Array, Array, Array, Array, Slopes | None]:
     """The fields of `Likelihoods`, and where they are to be kept the filters' steps."""
     more = jnp.zeros((len(x), len(scale) - x.shape[1]))
     x = jnp.concatenate([x, more], axis=1)
@@ -297,15 +297,8 @@ def _costs(
     def started(own: Own, sd: Array, x: Array) -> tuple[Belief, Array]:
         return lane_of(own).begin(x, sd), jnp.zeros(())
 
-    def stepped(
-        own: Own, belief: Belief, total: Array, before: Array, now: Array, y: Array, dt: Array
-    ) -> tuple[Belief, Array, Array, Array, Along | None]:
-        filtering = lane_of(own)
-        after, more, flow, look, seen = filtering.step(belief, own[3], before, now, y, dt)
-        root = jnp.where(jnp.isfinite(seen.root), jnp.log(seen.root), 0.0)
-        said = more, flow, look, seen
-        steps = along(filtering, belief, after, said, before, now, y) if keep else None
-        return after, total + more, seen.white, root, steps
+    def stepped(own: Own, *rest: Any) -> tuple[Belief, Array, Array, Array, Slopes | None]:
+        return _sampled(lane_of(own), own[3], keep, *rest)
 
     # every level beside every stretch, the two in one axis that stands last
     def of_levels(a: Array) -> Array:
@@ -333,6 +326,28 @@ def _costs(
     white, root = (each(a).reshape(len(offset), -1) for a in said)
     mean, P = each(belief.mean)[..., xi], each(belief.P)[..., xi, xi]
     return -jnp.sum(each(total), axis=1), mean, P, white, root, steps
+
+
+def _sampled(
+    filtering: DividedDifferenceFilter,
+    noise: dd.FilterNoise,
+    keep: bool,
+    belief: Belief,
+    total: Float[Array, ""],
+    before: Float[Array, "inputs"],
+    now: Float[Array, "inputs"],
+    y: Float[Array, "outputs"],
+    dt: Float[Array, ""],
+) -> tuple[
+    Belief, Float[Array, ""], Float[Array, "outputs"], Float[Array, "outputs"], Slopes | None
+]:
+    """The belief and the `total` likelihood after a sample, of each output the innovation and the
+    logarithm of its standard deviation, and what is to be kept."""
+    after, more, flow, look, seen = filtering.step(belief, noise, before, now, y, dt)
+    root = jnp.where(jnp.isfinite(seen.root), jnp.log(seen.root), 0.0)
+    said = more, flow, look, seen
+    steps = slopes_of(filtering, belief, after, said, before, now, y) if keep else None
+    return after, total + more, seen.white, root, steps
 
 
 def healthy_stretches(model: Model, runs: Sequence[Run]) -> list[StretchPiece]:

@@ -9,7 +9,7 @@ the slopes of one step and of the outputs where the first filter has its mean m,
 A_n and C_n being A and C with what fades, and an input's random share, as the near levels have it:
 so innovations are right to first order in what levels differ by, which is all that slopes of the
 likelihood need (N. K. Gupta and R. K. Mehra, IEEE TAC 19 (1974)). The filter that was run under the
-first levels leaves these slopes (`Along`), and nothing evaluates the plant again.
+first levels leaves these slopes (`Slopes`), and nothing evaluates the plant again.
 """
 
 from typing import Any, NamedTuple, TypeAlias
@@ -32,7 +32,7 @@ from faultgauge.products import contract, taken
 from faultgauge.programs import program
 from faultgauge.simulation.lanes import lanes_last
 
-__all__ = ["EXACT", "Along", "along", "costs_nearby"]
+__all__ = ["EXACT", "Slopes", "costs_nearby", "slopes_of"]
 
 EXACT = ("trail", "bend", "slip")  # levels that change what the plant does in ways not told above
 
@@ -40,7 +40,7 @@ Own: TypeAlias = tuple[Error, dd.FilterNoise]  # of one of the levels
 Carry: TypeAlias = tuple[Belief, Array, Array]
 
 
-class Along(NamedTuple):
+class Slopes(NamedTuple):
     """Samples of the first filter: its mean `m` before, `ahead` of the sample and the outputs
     `expected` there; the rows of A that hang on many numbers, C, by what the states may jump, and
     whether all that is a number."""
@@ -66,10 +66,10 @@ def costs_nearby(
     y: Float[Array, "stretches samples outputs"],
     dt: Float[Array, "stretches samples"],
     substeps: int,
-    steps: Along,
+    steps: Slopes,
 ) -> tuple[Array, Array, Array]:
     """(-ln p(y) of all stretches, white and root of `Likelihoods`) of levels near to those of the
-    plant's own errors, under which the filter went `along` by these `steps`, samples first and
+    plant's own errors, under which the filter left these `steps`, samples first and
     stretches last."""
     count = len(sd)
     more = jnp.zeros((len(x), len(scale) - x.shape[1]))
@@ -106,7 +106,7 @@ def costs_nearby(
     return -total.reshape(count, len(x)).sum(axis=1), white, root
 
 
-def along(
+def slopes_of(
     filtering: DividedDifferenceFilter,
     belief: Belief,
     after: Belief,
@@ -114,7 +114,7 @@ def along(
     before: Float[Array, "inputs"],
     now: Float[Array, "inputs"],
     y: Float[Array, "outputs"],
-) -> Along:
+) -> Slopes:
     """What one sample of a filter leaves to others, which brought it from `belief` to `after` and
     of which it `said` so much."""
     likelihood, flow, look, seen = said
@@ -128,7 +128,7 @@ def along(
     jump = plant.jumps(moved, before, now, none, none)
     A = taken(flow.A, filtering.rows(len(ahead))[0])
     sound = likelihood != dd.LOST
-    return Along(belief.mean, ahead, expected, A, look.C, jump, sound)
+    return Slopes(belief.mean, ahead, expected, A, look.C, jump, sound)
 
 
 def _near(
@@ -137,7 +137,7 @@ def _near(
     first: Error,
     belief: Belief,
     total: Float[Array, ""],
-    step: Along,
+    step: Slopes,
     before: Float[Array, "inputs"],
     now: Float[Array, "inputs"],
     y: Float[Array, "outputs"],
