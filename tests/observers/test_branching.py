@@ -791,6 +791,16 @@ def test_a_fault_that_comes_to_lie_beyond_its_limits_is_as_much_less_likely():
     assert np.all(np.asarray(found) < np.log(0.35))
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_a_push_against_its_limits_is_none_however_much_the_data_would_gain_by_it(seed):
+    """One of -2 where none below 0 may be: hundreds in ln L better than nothing, and impossible."""
+    samples = log(seed, push=[(-2.0, 100, COUNT)])
+    _, free = judged(bank((PUSH,)), samples)
+    _, bound = judged(bank((PUSH,), limits=(0.0, 5.0)), samples)
+    assert free.p[-1, PUSHED] > 0.999
+    assert bound.p[-1, HEALTHY] > 0.999
+
+
 @pytest.mark.parametrize("soft", [0.0, 0.15])
 def test_however_far_a_fault_lies_beyond_its_limits_it_is_as_unlikely_as_that(soft):
     """ln of what is left of a normal distribution within 0 and 3, by SciPy, up to 40 standard
