@@ -151,24 +151,30 @@ class Likelihood:
 
     def run(self, model: Model, many: Sequence[Noise]) -> Likelihoods:
         """What the stretches say under each of `many` levels, a few at a time on every core."""
-        return self.run_along(model, many)[0]
+        return self._side_by_side(model, many, kept=False)[0]
 
     def run_along(
         self, model: Model, many: Sequence[Noise]
     ) -> tuple[Likelihoods, list["Followed"]]:
         """As `run`, and how the filter went under each where it is `large`, for those `near` it."""
-        padded = [*many, *[many[-1]] * (-len(many) % AT_ONCE)]
-        chunks = [padded[k : k + AT_ONCE] for k in range(0, len(padded), AT_ONCE)]
-        told = side_by_side(lambda some: self._run(model, some), chunks)
-        both = [Likelihoods(*each) for each, _ in told]
-        found = Likelihoods(
-            *(np.concatenate(each)[: len(many)] for each in zip(*both, strict=True))
-        )
-        if not self.large(model, many[0]):
-            return found, []
-        kept = [(steps, k) for _, steps in told if steps is not None for k in range(AT_ONCE)]
+        found, steps = self._side_by_side(model, many, kept=True)
+        kept = [(each, k) for each in steps if each is not None for k in range(AT_ONCE)]
         ones = [Likelihoods(*(a[k : k + 1] for a in found)) for k in range(len(many))]
         return found, [Followed(*each) for each in zip(many, ones, kept, strict=False)]
+
+    def _side_by_side(
+        self, model: Model, many: Sequence[Noise], kept: bool
+    ) -> tuple[Likelihoods, list[Slopes | None]]:
+        padded = [*many, *[many[-1]] * (-len(many) % AT_ONCE)]
+        chunks = [padded[k : k + AT_ONCE] for k in range(0, len(padded), AT_ONCE)]
+
+        def told(some: Sequence[Noise]) -> tuple[tuple[np.ndarray, ...], Slopes | None]:
+            found, steps = self._run(model, some)
+            return found, steps if kept else None  # they are large
+
+        found, steps = zip(*side_by_side(told, chunks), strict=True)
+        joined = (np.concatenate(each)[: len(many)] for each in zip(*found, strict=True))
+        return Likelihoods(*joined), list(steps)
 
     def large(self, model: Model, noise: Noise) -> bool:
         """Whether the plant takes most of a filter's time: many numbers, tracked in many steps."""
