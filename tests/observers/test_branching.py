@@ -211,7 +211,9 @@ def brute_late(samples, sigma):
 
 
 @pytest.mark.parametrize("size", [0.0, 0.15, 0.5])
-@pytest.mark.parametrize("later", [4, 10, 60])
+@pytest.mark.parametrize(
+    "later", [10, *(pytest.param(each, marks=pytest.mark.study) for each in (4, 60))]
+)
 def test_a_fault_that_enters_with_a_late_input_is_late(size, later):
     """Bayes over all onsets, as above, with the same limits: e^1 in odds, and half a standard
     deviation in size, which is a third wider or narrower at most. What acts comes through a lag."""
