@@ -42,7 +42,7 @@ __all__ = ["CLEAR", "NONE", "TICK", "Onsets"]
 HEAVY = 0.2  # of the likeliest one's weight: an onset that is not given up
 LEAST = 1e-9  # of a size's probability within limits that are near each other
 BEYOND = 3.0  # standard deviations beyond a limit, from which on what is left within is asymptotic
-ROOT = np.sqrt(0.5)
+ROOT = np.sqrt(0.5)  # times a standard normal: what erf takes
 NONE = 1e-300  # a variance: no division by 0
 CLEAR = 2.0  # standard deviations of a size, beyond which its sign is known
 SHARPEST = 10.0  # nats: an onset that explains more than those beside it is missed no more
@@ -273,9 +273,8 @@ class Onsets(eqx.Module):
         return inside(after) - inside(before)
 
     def _inside(self, mean: Array, variance: Array) -> Array:
-        """ln of the probability that a fault lies within its limits, at which its size may seem to
-        be beyond by as much as the model's answers are off; kinds, or the first of them, last but
-        one."""
+        """ln of the probability that a fault lies within its limits, beyond which it may seem to
+        lie by as much as the model's answers are off; kinds, or the first of them, last but one."""
         first = mean.shape[-2]
         low, high = self.prior.low[:first, None], self.prior.high[:first, None]
         soft = self.prior.soft[:, :first, None] ** 2
