@@ -107,8 +107,13 @@ def test_inspect_checks_a_plant_and_what_the_logs_have_of_it(call, workshop, tmp
     checked = one_object(call("inspect", workshop.healthy, "--plant", "tank", "--json"))["plant"]
     assert checked["columns"] == ["u"]
     assert checked["warnings"] == ["[outputs.level]: the logs have no such column"]
+    alone = one_object(call("inspect", "--plant", "tank", "--json"))["plant"]
+    assert alone == {"file": "tank", "columns": ["u", "level"], "warnings": []}
+    said = call("inspect")
+    assert (said.code, "no log is named" in said.err) == (2, True)
     odd, wrong = tmp_path / "odd.toml", tmp_path / "wrong.toml"
     odd.write_text(TANK_IN_ODD_UNITS)
+    assert "no mistake found; it reads u, x" in call("inspect", "--plant", odd).err
     said = call("inspect", workshop.healthy, "--plant", odd)
     assert said.code == 0
     assert "warning: [states.z] derivative:" in said.err

@@ -55,7 +55,7 @@ def check(
     json: options.Json = False,
 ) -> None:
     """Fit, calibrate, estimate and report in one: is SUSPECT like HEALTHY, or what is wrong
-    with it? (`faultgauge inspect LOG --plant FILE` looks at a plant file alone.)"""
+    with it? (`faultgauge inspect --plant FILE` looks at a plant file alone.)"""
     from faultgauge.plants.gray_box import load_plant
     from faultgauge.plants.model import save_model
     from faultgauge.telemetry.writing import write_table

@@ -1,19 +1,30 @@
 """`faultgauge inspect`"""
 
+from collections.abc import Callable, Sequence
 from datetime import datetime
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from faultgauge.cli import options
-from faultgauge.cli.writing import Writes
+from faultgauge.cli.writing import READS, Writes
+
+if TYPE_CHECKING:
+    from faultgauge.plants.gray_box import GrayBoxPlant
+    from faultgauge.telemetry import Run
 
 __all__ = ["inspect"]
 
+AnyLogs = Annotated[
+    list[Path] | None,
+    typer.Argument(help="Logs, or a folder of them; --plant does without."),
+    READS,
+]
+
 
 def inspect(
-    logs: options.Logs,
+    logs: AnyLogs = None,
     init_plant: Annotated[
         Path | None,
         typer.Option("--init-plant", metavar="FILE", help="Write a plant-file skeleton to edit."),
@@ -26,6 +37,7 @@ def inspect(
             metavar="FILE",
             help="Check a plant file: its keys, its units, and that the logs have its columns.",
         ),
+        READS,
     ] = None,
     time: options.Time = None,
     time_format: options.TimeFormat = None,
@@ -37,7 +49,17 @@ def inspect(
     from faultgauge.errors import InputError
     from faultgauge.files import write_atomically
     from faultgauge.telemetry import inspect_runs, plant_skeleton, read_telemetry
+    from faultgauge.verbs.reading import read
 
+    if not logs:
+        if plant is None or init_plant is not None:
+            raise InputError("inspect: no log is named; name one, or a plant file by --plant.")
+        checked = _checked(plant, None)
+        if json:
+            options.print_json({"plant": checked})
+        else:
+            _say(checked)
+        return
     found = inspect_runs(logs, time=time, maps=map or (), where=where, time_format=time_format)
     if init_plant is not None:
         if init_plant.exists():
@@ -55,38 +77,41 @@ def inspect(
         units = {c.name: c.unit for c in found.columns if c.unit}
         text = plant_skeleton(runs, init_plant.stem, units)
         write_atomically(init_plant, text.encode())
-    checked = None if plant is None else _checked(plant, logs, time, map, where, time_format)
+
+    def of_logs(plant: "GrayBoxPlant") -> "Sequence[Run]":
+        return read(logs, plant, time=time, map=map, where=where, time_format=time_format)
+
+    checked = None if plant is None else _checked(plant, of_logs)
     if json:
         about = {} if checked is None else {"plant": checked}
         options.print_json({**found.to_dict(), **about})
         return
     _show(found)
     if checked is not None:
-        options.warn(checked["warnings"])
-        options.say(f"{plant}: no mistake found; it reads {', '.join(checked['columns'])}")
+        _say(checked)
     if init_plant is not None:
         options.say(f"wrote {init_plant}: edit it, then: faultgauge fit {init_plant} {logs[0]} ...")
 
 
-def _checked(
-    plant: str,
-    logs: list[Path],
-    time: str | None,
-    map: list[str] | None,
-    where: str | None,
-    time_format: str | None,
-) -> dict[str, Any]:
-    """What a plant file reads of `logs`, and what is doubtful in it. Raises `InputError` for its
-    first mistake, and where the logs lack what it reads."""
+def _checked(plant: str, read: Callable[["GrayBoxPlant"], "Sequence[Run]"] | None) -> dict[str, Any]:
+    """What a plant file reads of logs, its inputs and outputs where there is none to `read`, and
+    what is doubtful in it. Raises `InputError` for its first mistake, and where logs lack what it
+    reads."""
     from faultgauge.plants.gray_box import load_plant
-    from faultgauge.verbs.reading import read
 
     found = load_plant(plant)
-    runs = read(logs, found, time=time, map=map, where=where, time_format=time_format)
-    columns = list(dict.fromkeys(name for run in runs for name in run.columns))
-    lacking = [name for name in found.signals.output_names if name not in columns]
+    outputs = found.signals.output_names
+    columns = [*found.signals.input_names, *outputs]
+    if read is not None:
+        columns = list(dict.fromkeys(name for run in read(found) for name in run.columns))
+    lacking = [name for name in outputs if name not in columns]
     warnings = [f"[outputs.{name}]: the logs have no such column" for name in lacking]
     return {"file": plant, "columns": columns, "warnings": [*found.spec.warnings, *warnings]}
+
+
+def _say(checked: dict[str, Any]) -> None:
+    options.warn(checked["warnings"])
+    options.say(f"{checked['file']}: no mistake found; it reads {', '.join(checked['columns'])}")
 
 
 def _moment(clock: str | None, t: float) -> str:
