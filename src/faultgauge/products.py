@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-__all__ = ["contract", "taken"]
+__all__ = ["among", "contract", "taken"]
 
 
 def contract(
@@ -39,3 +39,21 @@ def taken(
         return jax.lax.slice_in_dim(array, 0, 0, axis=axis)
     cut = [jax.lax.slice_in_dim(array, int(p[0]), int(p[-1]) + 1, axis=axis) for p in pieces]
     return cut[0] if len(cut) == 1 else jnp.concatenate(cut, axis)
+
+
+def among(
+    array: Float[Array, "m some"], places: Int[np.ndarray, "some"], count: int
+) -> Float[Array, "m count"]:
+    """`array` as those of `count` columns that stand at the `places`, which ascend; 0 elsewhere."""
+    pieces, at = [], 0
+    for which in np.split(np.arange(len(places)), np.flatnonzero(np.diff(places) != 1) + 1):
+        if not len(which):
+            continue
+        begin, end = int(places[which[0]]), int(places[which[-1]]) + 1
+        pieces += [
+            jnp.zeros((len(array), begin - at)),
+            array[:, int(which[0]) : int(which[-1]) + 1],
+        ]
+        at = end
+    pieces.append(jnp.zeros((len(array), count - at)))
+    return jnp.concatenate([each for each in pieces if each.shape[1]], axis=1)

@@ -1,6 +1,7 @@
 """A plant that is not its model: the discrepancy, what follows an input, and constants."""
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -356,3 +357,34 @@ def test_a_positive_constant_stays_positive():
     assert told(2.0, 1.0) == pytest.approx([3.5 + 3, 0.5 + 1.5])
     # what is well known it does not change: to the second order of xi
     assert told(-1e-4, 0.0)[0] == pytest.approx(3.5 - 1.5e-4, abs=2e-8)
+
+
+@pytest.mark.parametrize(
+    ("values", "count"),
+    [(("q", "v"), 2), (("k*q", "v"), 4), (("q - u", "v"), 7), (("q", "d(v)"), 9)],
+)
+def test_what_own_states_and_outputs_depend_on(values, count):
+    """As the Jacobians say: x alone where outputs are states, with xi where they read a constant,
+    with r, a and v where they read an input, and with d and q where a derivative."""
+    text = CART.replace('[outputs.q]\nvalue = "q"', f'[outputs.y]\nvalue = "{values[0]}"')
+    text = text.replace('value = "d(v)"', f'value = "{values[1]}"')
+    base = GrayBoxPlant.untrained(parse_plant(text))
+    one = np.ones(1)
+    error = Error(*(jnp.array([each]) for each in (TAU, SETTLING, SHARE)))._replace(
+        wandering=one, lag=one, late=one, straying=one, leaning=one, lean=-one, trail=one,
+        gripping=one, slip=one,
+    )  # fmt: skip
+    every = {"wandering": (1,), "lagging": (0,), "straying": (0,), "leaning": (0,)}
+    every |= {"trailing": (0,), "zeroed": (0, 1), "sticking": (1,)}
+    shapes = ((1,), (0,), error, ("k", "c"), jnp.asarray(OFFSET), jnp.asarray(W))
+    plant = Disturbed.of(base, *shapes, **every)
+    x = jnp.asarray(np.random.default_rng(0).normal(size=len(plant.signals.states)))
+    dx, dy = jax.jacfwd(lambda x: respond(plant, x, jnp.asarray(U)))(x)
+    h = np.arange(plant.parts.h.start, plant.parts.h.stop)  # known whatever comes
+    moving = np.flatnonzero(np.any(dx[: plant.count] != 0, axis=0))
+    assert set(np.delete(moving, np.isin(moving, h))) <= set(plant.stirring)
+    assert not set(plant.stirring) & {*h}
+    rest = np.delete(np.arange(len(x)), [*plant.shown, *h])
+    np.testing.assert_array_equal(np.asarray(dy)[:, rest], plant.added[:, rest])
+    assert np.all(plant.added[:, plant.shown] == 0)
+    assert len(plant.shown) == count

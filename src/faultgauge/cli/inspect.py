@@ -93,7 +93,9 @@ def inspect(
         options.say(f"wrote {init_plant}: edit it, then: faultgauge fit {init_plant} {logs[0]} ...")
 
 
-def _checked(plant: str, read: Callable[["GrayBoxPlant"], "Sequence[Run]"] | None) -> dict[str, Any]:
+def _checked(
+    plant: str, read: Callable[["GrayBoxPlant"], "Sequence[Run]"] | None
+) -> dict[str, Any]:
     """What a plant file reads of logs, its inputs and outputs where there is none to `read`, and
     what is doubtful in it. Raises `InputError` for its first mistake, and where logs lack what it
     reads."""

@@ -21,7 +21,7 @@ from jaxtyping import Array, Float, Int
 
 from faultgauge.plants.disturbed import Disturbed
 from faultgauge.plants.plant import respond
-from faultgauge.products import contract, taken
+from faultgauge.products import among, contract, taken
 from faultgauge.simulation.integrators import step_through
 from faultgauge.simulation.intersample import line
 from faultgauge.simulation.lanes import lanes_last
@@ -163,7 +163,7 @@ class DividedDifferenceFilter(eqx.Module):
             rest = jnp.zeros((n - own, *rows.shape[1:]))
             return jnp.concatenate([rows[:own], rest.at[self._trailing].set(rows[own:])])
 
-        after, F, middle, *sides = self._differences(flow, belief)
+        after, F, middle, *sides = self._differences(flow, belief, self.plant.stirring)
         z, size = belief.mean, len(belief.mean)
         mixed, plain, back = self.rows(size)
         # what stands behind the plant's own states fades; but for what trails it follows nobody
@@ -232,9 +232,10 @@ class DividedDifferenceFilter(eqx.Module):
         def look(x: Array, f: Array) -> Array:
             return respond(self.plant, x, u, f)[1]
 
-        y, H, middle, *sides = self._differences(look, belief)
+        y, H, middle, *sides = self._differences(look, belief, self.plant.shown)
         rates = jnp.zeros((len(y), len(belief.mean) - n - k))
-        return y, Look(jnp.concatenate([H, middle, rates], axis=1), *sides)
+        C = jnp.concatenate([H + self.plant.added, middle, rates], axis=1)
+        return y, Look(C, *sides)
 
     def update(
         self,
@@ -308,7 +309,10 @@ class DividedDifferenceFilter(eqx.Module):
         return jnp.where(jnp.diagonal(belief.P)[n : n + k] > 0, 1.0, 0.0)
 
     def _differences(
-        self, of: Callable[[Array, Array], Array], belief: Belief
+        self,
+        of: Callable[[Array, Array], Array],
+        belief: Belief,
+        stirring: Int[np.ndarray, "some"],
     ) -> tuple[
         Float[Array, "m"],
         Float[Array, "m states"],
@@ -317,8 +321,9 @@ class DividedDifferenceFilter(eqx.Module):
         Float[Array, "m faults"],
         Float[Array, "m far"],
     ]:
-        """(`of` in the middle, its slopes over the states, and over the faults within what is not
-        known of them, upwards and downwards, and to those that are far); all points run at once."""
+        """(`of` in the middle, its slopes over the states, 0 but for those `stirring` it, and over the
+        faults within what is not known of them, upwards and downwards, and to those that are far);
+        all points run at once."""
         n, k = self.states, self.faults
         sd = jnp.sqrt(jnp.maximum(jnp.diagonal(belief.P)[: n + k], 0.0))
         s = jnp.where(
@@ -326,9 +331,7 @@ class DividedDifferenceFilter(eqx.Module):
             jnp.maximum(sd, LEAST * jnp.concatenate([self.scale, self.probe])),
             jnp.concatenate([LEAST * self.scale, self.probe]),
         )
-        # where inputs were lately is known whatever comes
-        known = self.plant.parts.h
-        free = np.delete(np.arange(n + k), known)
+        free = np.concatenate([stirring, np.arange(n, n + k)])
         one, m = np.eye(n + k), len(free)
         sides = np.concatenate([0 * one[:, :1], one[:, free], -one[:, free]], axis=1)
         mean, f = belief.mean[: n + k, None], belief.mean[n : n + k]
@@ -348,8 +351,6 @@ class DividedDifferenceFilter(eqx.Module):
         back = (at - without) * (1 / jnp.where(large, f, 1.0))
         up = jnp.where(large & (f < 0), back, up)
         down = jnp.where(large & (f > 0), back, down)
-        none = jnp.zeros((len(at), known.stop - known.start))
-        parts = middle[:, : known.start], none, middle[:, known.start : m - k]
         large = _sound((farther - at) / self.reach, jnp.zeros_like(farther))
         sides = middle[:, m - k :], up, down, large
-        return at[:, 0], jnp.concatenate(parts, axis=1), *sides
+        return at[:, 0], among(middle[:, : m - k], stirring, n), *sides

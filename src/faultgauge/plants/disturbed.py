@@ -50,7 +50,7 @@ down by s to c^2 / (c + s), as a normal distribution would have negative stiffne
 constants near 0, as well.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple
@@ -59,7 +59,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from faultgauge.plants.expression import derivatives_used, is_state, names_used
 from faultgauge.plants.gray_box import GrayBoxPlant
@@ -213,6 +213,38 @@ class Disturbed(Plant):
         acting = (self.driven, self.following, *beside, self.zeroed, self.sticking, self.following)
         counts = [self.count, *map(len, acting), self.directions.shape[1]]
         return Parts(*(slice(*each) for each in pairwise([0, *np.cumsum(counts).tolist()])))
+
+    @property
+    def stirring(self) -> Int[np.ndarray, "some"]:
+        """The places of what the own states of `base` follow: of all but b, l, g and z, which act
+        on outputs alone, and of h, where inputs were lately, which is known whatever comes."""
+        parts = self.parts
+        acting = parts.x, parts.d, parts.r, parts.a, parts.v, parts.q, parts.xi
+        return _places(acting)
+
+    @property
+    def shown(self) -> Int[np.ndarray, "some"]:
+        """The places of what outputs depend on by h: x, what they know of it besides being read at
+        constants, inputs or derivatives."""
+        parts, base = self.parts, self.base
+        if deriving_outputs(base):
+            return self.stirring
+        inputs = (parts.r, parts.a, parts.v) if answering_outputs(base) else ()
+        constants = () if _shows_states(base) else (parts.xi,)
+        return _places((parts.x, *inputs, *constants))
+
+    @property
+    def added(self) -> Float[np.ndarray, "outputs states"]:
+        """What is added to the outputs by a unit of each state: of b, l, g and z."""
+        parts, unit = self.parts, np.zeros((len(self.signals.outputs), len(self.signals.states)))
+        for part, on in (
+            (parts.b, self.wandering),
+            (parts.lag, self.lagging),
+            (parts.g, self.trailing),
+            (parts.z, self.zeroed),
+        ):
+            unit[list(on), range(part.start, part.stop)] = 1.0
+        return unit
 
     @property
     def times(self) -> Float[Array, "others"]:
@@ -540,6 +572,19 @@ def _positive(value: Float[Array, ""], by: Float[Array, ""]) -> Float[Array, ""]
 def _mean_left(spans: Float[Array, "some"]) -> Float[Array, "some"]:
     """What is left, in the mean of a step, of what fades within `spans` of it."""
     return jnp.where(spans > 0, -jnp.expm1(-spans) / jnp.where(spans > 0, spans, 1.0), 1.0)
+
+
+def _places(parts: Sequence[slice]) -> Int[np.ndarray, "some"]:
+    """Those of some parts, one behind the other."""
+    return np.concatenate([np.arange(part.start, part.stop) for part in parts])
+
+
+def _shows_states(plant: Plant) -> bool:
+    """Whether every output is one state and nothing else."""
+    if not isinstance(plant, GrayBoxPlant):
+        return False
+    names = plant.signals.state_names
+    return all(is_state(value.tree, names) for value in plant.spec.values)
 
 
 def _put(count: int, on: tuple[int, ...], values: Float[Array, "*many some"]) -> Array:
