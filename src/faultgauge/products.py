@@ -1,8 +1,11 @@
 """Products and parts of small matrices, as a compiler of loops takes them best.
 
 XLA leaves a product of matrices to a library, at some microseconds a call, and makes one kernel of
-a whole loop where there is none. Sums of products it puts into what is around them.
+a whole loop where there is none. Sums of products it puts into what is around them, where they are
+written out: of a sum along an axis it lays all products down before, and adds them one by one.
 """
+
+from functools import reduce
 
 import jax
 import jax.numpy as jnp
@@ -10,6 +13,8 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 __all__ = ["among", "contract", "taken"]
+
+TERMS = 128  # of a sum that is written out, at most
 
 
 def contract(
@@ -20,6 +25,12 @@ def contract(
     names = inputs.split(",")
     order = kept + "".join(dict.fromkeys(k for k in inputs if k not in kept + ","))
     length = dict(zip("".join(names), (*left.shape, *right.shape), strict=True))
+    summed = order[len(kept) :]
+    if len(summed) == 1 and 0 < length[summed] <= TERMS:
+        both = [(a, its.index(summed)) for a, its in zip((left, right), names, strict=True)]
+        terms = ([jax.lax.index_in_dim(a, k, axis, keepdims=False) for a, axis in both]
+                 for k in range(length[summed]))  # fmt: skip
+        return reduce(jnp.add, (contract(form.replace(summed, ""), *each) for each in terms))
 
     def spread(a: Array | np.ndarray, its: str) -> Array:
         turned = jax.lax.transpose(a, [its.index(k) for k in order if k in its])
@@ -27,7 +38,7 @@ def contract(
         return jax.lax.broadcast_in_dim(turned, [length[k] for k in order], at)
 
     both = spread(left, names[0]) * spread(right, names[1])
-    return jnp.sum(both, axis=tuple(range(len(kept), len(order))))
+    return jnp.sum(both, axis=tuple(range(len(kept), len(order)))) if summed else both
 
 
 def taken(

@@ -125,7 +125,7 @@ class _Lanes:
             branches = eqn.params["branches"]
             which = int(np.clip(args[0].array, 0, len(branches) - 1))
             return self.run(branches[which], args[1:])
-        if name == "reduce_sum" and len(shapes[0]) == 1 and 0 < shapes[0][0] <= TERMS:
+        if name == "reduce_sum" and _whole(eqn) and 0 < shapes[0][0] <= TERMS:
             return [_Value(reduce(jnp.add, list(args[0].array)), True)]
         if len(args) == 1 and (more := self.shaped(eqn)) is not None:
             return self.bound(eqn, [args[0].array], **more)
@@ -280,6 +280,11 @@ def _even(places: Int[np.ndarray, "some"]) -> Iterator[slice]:
         begin = int(places[first])
         yield slice(begin, begin + stride * (count - 1) + 1, stride)
         first += count
+
+
+def _whole(eqn: JaxprEqn) -> bool:
+    """Whether a sum is of all numbers of a vector."""
+    return len(_shape(eqn.invars[0])) == 1 and eqn.params["axes"] == (0,)
 
 
 def _shape(atom: Any) -> tuple[int, ...]:

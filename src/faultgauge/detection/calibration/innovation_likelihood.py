@@ -205,6 +205,14 @@ class Likelihood:
                 into[places] = own
         return found
 
+    def about(self, model: Model, many: Sequence[Noise]) -> Float[np.ndarray, "many"]:
+        """`run`'s cost of levels that have what the first of `many` has, of others, where the plant
+        takes most of the time, by the slopes under the first: enough to choose among them."""
+        if not self.large(model, many[0]):
+            return self.run(model, many).cost
+        _, (first,) = self.run_along(model, many[:1])
+        return self.near(model, many, np.zeros(len(many), bool), first).cost
+
     def _run(
         self, model: Model, many: Sequence[Noise]
     ) -> tuple[tuple[np.ndarray, ...], Slopes | None]:

@@ -56,14 +56,15 @@ def with_errors_of_outputs(model: Model, batch: Likelihood, noise: Noise, spans:
             larger = size[j] * (time if levels == ZERO else 1.0)
             own = dict[str, float](zip(levels, (larger, time), strict=False))
             tried.append(_Error(j, own, noise.process / factor))
-    found, cost, enough = noise, batch.run(model, [none]).cost[0], np.log(batch.count)
+    found, enough = noise, np.log(batch.count)
     while tried:
         many = [error.beside(none)._replace(process=error.process) for error in tried]
-        gains = cost - batch.run(model, many).cost
+        cost = batch.about(model, [none, *many])
+        gains = cost[0] - cost[1:]
         best = int(np.argmax(gains))
         if gains[best] <= enough:
             break
-        found, none, cost = tried[best].beside(found), many[best], cost - gains[best]
+        found, none = tried[best].beside(found), many[best]
         # what outputs share is the error of one of them
         rest = (each.output != tried[best].output for each in tried)
         tried = [

@@ -33,7 +33,7 @@ FACTORS = 10.0 ** np.arange(-1, AT_ONCE - 2)  # times the last damping: those th
 LATELY = 4  # places whose steps are mixed
 WEAK = 1e-3  # information of what no sample tells, which so stays where it is
 STRIDE = 2.0  # of a logarithm: the longest step
-PULLS = 3  # sets of dampings that are tried before a step is the last
+PULLS = 3  # sets of dampings that are tried before a step that promises enough is the last
 
 
 class _Place(NamedTuple):
@@ -80,8 +80,10 @@ def scored(
         M = M + np.diag(weight + WEAK)
         free = ~(((x <= low) & (slope > 0)) | ((x >= high) & (slope < 0)))
         best, gain = x, 0.0
-        lately = [*lately, _Place(x, _step(M, slope, free, 0.0))][-LATELY:]
-        for _ in range(PULLS):
+        whole = _step(M, slope, free, 0.0)
+        lately = [*lately, _Place(x, whole)][-LATELY:]
+        promised = -slope @ whole / 2
+        for _ in range(PULLS if promised >= enough else 1):
             steps = [_step(M, slope, free, factor * damping) for factor in FACTORS]
             tries = np.clip(x + np.stack([*steps, _mixed(lately, M)]), low, high)
             costs = np.nan_to_num(tell(tries).cost + unlikely(tries), nan=np.inf)
@@ -95,7 +97,6 @@ def scored(
         x, cost = best, cost - gain
         if gain >= enough:
             continue
-        promised = -slope @ _step(M, slope, free, 0.0) / 2
         if promised < enough or h == DIFFERENCES[-1]:
             break
         length, damping = length + 1, DAMPING

@@ -18,26 +18,34 @@ from faultgauge.plants.model import Model
 __all__ = ["with_varying_constants"]
 
 GRID = 3  # time constants that are tried
+LIKELY = 4  # constants of which more is tried than the spread between runs
 WIDER = (1.0, 5.0, 25.0)  # times the spread between runs
-CALMER = (3.0, 30.0)  # times less discrepancy and process noise, where a constant varies besides
+CALMER = (1.0, 3.0, 30.0)  # times less discrepancy and process noise, where a constant varies
 
 
 def with_varying_constants(model: Model, batch: Likelihood, noise: Noise, spans: Spans) -> Noise:
     """`noise` with the one constant varying within a run that gains most by it while all else stays
     but the noise of states, and their discrepancy; another one may be looked for beside it."""
     times = spans.settled * (spans.longest / spans.settled) ** (np.arange(GRID) / GRID)
-    many, count = [noise], len(noise.spread)
-    for k, time, wider, calmer in product(range(count), times, WIDER, CALMER):
-        one = np.arange(count) == k
-        if noise.varying[k]:
-            continue
+    constants = np.flatnonzero(noise.varying == 0)
+
+    def varied(k: int, time: float, wider: float, calmer: float) -> Noise:
+        one = np.arange(len(noise.spread)) == k
         factor = np.where(one, wider, 1.0)
         own = noise._replace(
             varying=np.where(one, time, noise.varying),
             process=noise.process / calmer,
             size=noise.size / calmer,
         )
-        many.append(own.with_between(own.between * np.outer(factor, factor)))
+        return own.with_between(own.between * np.outer(factor, factor))
+
+    if not len(constants):
+        return noise
+    told = product(constants.tolist(), times, WIDER[:1], CALMER)
+    cost = batch.about(model, [noise, *(varied(*each) for each in told)])[1:]
+    likely = constants[np.argsort(cost.reshape(len(constants), -1).min(axis=1))[:LIKELY]]
+    told = product(likely.tolist(), times, WIDER, CALMER[1:])
+    many = [noise, *(varied(*each) for each in told)]
     cost = batch.run(model, many).cost
     best = many[int(np.argmin(cost))]
     if cost[0] - cost.min() <= np.log(batch.count):
