@@ -108,7 +108,8 @@ def test_inspect_checks_a_plant_and_what_the_logs_have_of_it(call, workshop, tmp
     assert checked["columns"] == ["u"]
     assert checked["warnings"] == ["[outputs.level]: the logs have no such column"]
     alone = one_object(call("inspect", "--plant", "tank", "--json"))["plant"]
-    assert alone == {"file": "tank", "columns": ["u", "level"], "warnings": []}
+    wanted = {"file": "tank", "inputs": ["u"], "columns": ["u", "level"], "warnings": []}
+    assert alone == wanted
     said = call("inspect")
     assert (said.code, "no log is named" in said.err) == (2, True)
     odd, wrong = tmp_path / "odd.toml", tmp_path / "wrong.toml"

@@ -1,6 +1,6 @@
 """`faultgauge inspect`"""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -11,8 +11,7 @@ from faultgauge.cli import options
 from faultgauge.cli.writing import READS, Writes
 
 if TYPE_CHECKING:
-    from faultgauge.plants.gray_box import GrayBoxPlant
-    from faultgauge.telemetry import Run
+    from faultgauge.telemetry import Inspection
 
 __all__ = ["inspect"]
 
@@ -47,73 +46,66 @@ def inspect(
 ) -> None:
     """Show what is in a log: names, rates, gaps, ranges; and draft or check a plant file."""
     from faultgauge.errors import InputError
-    from faultgauge.files import write_atomically
-    from faultgauge.telemetry import inspect_runs, plant_skeleton, read_telemetry
-    from faultgauge.verbs.reading import read
 
-    if not logs:
-        if plant is None or init_plant is not None:
-            raise InputError("inspect: no log is named; name one, or a plant file by --plant.")
-        checked = _checked(plant, None)
-        if json:
-            options.print_json({"plant": checked})
-        else:
-            _say(checked)
-        return
-    found = inspect_runs(logs, time=time, maps=map or (), where=where, time_format=time_format)
-    if init_plant is not None:
-        if init_plant.exists():
-            raise InputError(f"{init_plant}: already exists; choose another name or remove it.")
-        numbers = [c.known_as for c in found.columns if c.kind == "number"]
-        runs = read_telemetry(
-            logs,
-            time=time,
-            maps=map or (),
-            names=(),
-            optional=numbers,
-            where=where,
-            time_format=time_format,
-        )
-        units = {c.name: c.unit for c in found.columns if c.unit}
-        text = plant_skeleton(runs, init_plant.stem, units)
-        write_atomically(init_plant, text.encode())
-
-    def of_logs(plant: "GrayBoxPlant") -> "Sequence[Run]":
-        return read(logs, plant, time=time, map=map, where=where, time_format=time_format)
-
-    checked = None if plant is None else _checked(plant, of_logs)
+    if not logs and (plant is None or init_plant is not None):
+        raise InputError("inspect: no log is named; name one, or a plant file by --plant.")
+    how = {"time": time, "map": map, "where": where, "time_format": time_format}
+    known = None if plant is None else _known(plant, logs or (), how)
+    told = {} if known is None else {"plant": known}
+    if logs:
+        found = _looked_into(logs, init_plant, how, known["inputs"] if known else ())
+        told = {**found.to_dict(), **told}
     if json:
-        about = {} if checked is None else {"plant": checked}
-        options.print_json({**found.to_dict(), **about})
+        options.print_json(told)
         return
-    _show(found)
-    if checked is not None:
-        _say(checked)
+    if logs:
+        _show(found)
+    if known is not None:
+        options.warn(known["warnings"])
+        options.say(f"{plant}: no mistake found; it reads {', '.join(known['columns'])}")
     if init_plant is not None:
         options.say(f"wrote {init_plant}: edit it, then: faultgauge fit {init_plant} {logs[0]} ...")
 
 
-def _checked(
-    plant: str, read: Callable[["GrayBoxPlant"], "Sequence[Run]"] | None
-) -> dict[str, Any]:
-    """What a plant file reads of logs, its inputs and outputs where there is none to `read`, and
-    what is doubtful in it. Raises `InputError` for its first mistake, and where logs lack what it
-    reads."""
-    from faultgauge.plants.gray_box import load_plant
+def _looked_into(
+    logs: list[Path], init_plant: Path | None, how: dict[str, Any], inputs: Sequence[str]
+) -> "Inspection":
+    """What is in `logs`, of which some columns are `inputs`; a plant file is drafted from them."""
+    from faultgauge.errors import InputError
+    from faultgauge.files import write_atomically
+    from faultgauge.telemetry import inspect_runs, plant_skeleton, read_telemetry
 
-    found = load_plant(plant)
-    outputs = found.signals.output_names
-    columns = [*found.signals.input_names, *outputs]
-    if read is not None:
-        columns = list(dict.fromkeys(name for run in read(found) for name in run.columns))
+    reading = {name: how[name] for name in ("time", "where", "time_format")}
+    reading["maps"] = how["map"] or ()
+    found = inspect_runs(logs, **reading, inputs=inputs)
+    if init_plant is not None:
+        if init_plant.exists():
+            raise InputError(f"{init_plant}: already exists; choose another name or remove it.")
+        numbers = [c.known_as for c in found.columns if c.kind == "number"]
+        runs = read_telemetry(logs, **reading, names=(), optional=numbers)
+        units = {c.name: c.unit for c in found.columns if c.unit}
+        text = plant_skeleton(runs, init_plant.stem, units)
+        write_atomically(init_plant, text.encode())
+    return found
+
+
+def _known(plant: str, logs: Sequence[Path], how: dict[str, Any]) -> dict[str, Any]:
+    """The inputs of a plant file, what it reads of `logs`, its inputs and outputs where there are
+    none, and what is doubtful in it. Raises `InputError` for its first mistake, and where logs lack
+    what it reads."""
+    from faultgauge.plants.gray_box import load_plant
+    from faultgauge.verbs.reading import read
+
+    body = load_plant(plant)
+    inputs, outputs = body.signals.input_names, body.signals.output_names
+    columns = [*inputs, *outputs]
+    if logs:
+        runs = read(logs, body, **how)
+        columns = list(dict.fromkeys(name for run in runs for name in run.columns))
     lacking = [name for name in outputs if name not in columns]
     warnings = [f"[outputs.{name}]: the logs have no such column" for name in lacking]
-    return {"file": plant, "columns": columns, "warnings": [*found.spec.warnings, *warnings]}
-
-
-def _say(checked: dict[str, Any]) -> None:
-    options.warn(checked["warnings"])
-    options.say(f"{checked['file']}: no mistake found; it reads {', '.join(checked['columns'])}")
+    warnings = [*body.spec.warnings, *warnings]
+    return {"file": plant, "inputs": list(inputs), "columns": columns, "warnings": warnings}
 
 
 def _moment(clock: str | None, t: float) -> str:

@@ -321,9 +321,9 @@ class DividedDifferenceFilter(eqx.Module):
         Float[Array, "m faults"],
         Float[Array, "m far"],
     ]:
-        """(`of` in the middle, its slopes over the states, 0 but for those `stirring` it, and over the
-        faults within what is not known of them, upwards and downwards, and to those that are far);
-        all points run at once."""
+        """(`of` in the middle, its slopes over the states, 0 but for those `stirring` it, and over
+        the faults within what is not known of them, upwards and downwards, and to those that are
+        far); all points run at once."""
         n, k = self.states, self.faults
         sd = jnp.sqrt(jnp.maximum(jnp.diagonal(belief.P)[: n + k], 0.0))
         s = jnp.where(

@@ -1,6 +1,6 @@
 """What is in a log, before any plant is fitted to it."""
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -90,8 +90,9 @@ def inspect_runs(
     maps: Iterable[str] = (),
     where: str | None = None,
     time_format: str | None = None,
+    inputs: Collection[str] = (),
 ) -> Inspection:
-    """Describe logs, read as `read_telemetry` reads them.
+    """Describe logs, read as `read_telemetry` reads them; some columns are known to be `inputs`.
 
     Raises `InputError` for the same files, maps and times; a column that holds text or Inf, or
     nothing at all, is described and not refused.
@@ -107,7 +108,8 @@ def inspect_runs(
     driven = {
         column.name
         for column in columns
-        if called_like_input(column.known_as, column.unit)
+        if column.name in inputs
+        or called_like_input(column.known_as, column.unit)
         or (column.statistics and column.statistics.held)
     }
     hints += [h for log in logs for name in log.runs for h in _sensor_hints(log, name, driven)]
