@@ -1,20 +1,37 @@
 """Products and parts of small matrices, as a compiler of loops takes them best.
 
 XLA leaves a product of matrices to a library, at some microseconds a call, and makes one kernel of
-a whole loop where there is none. Sums of products it puts into what is around them, where they are
-written out: of a sum along an axis it lays all products down before, and adds them one by one.
+a whole loop where there is none. Sums of products it puts into what is around them. Of many units,
+which stand last (`lanes_last`), it would lay all products down before and add number by number:
+there the sums are written out, and each term is vector code.
 """
 
 from functools import reduce
+from threading import local
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-__all__ = ["among", "contract", "taken"]
+__all__ = ["among", "contract", "taken", "written_out"]
 
 TERMS = 128  # of a sum that is written out, at most
+
+
+class _WrittenOut(local):
+    """Sums of products are written out while a thread is in it."""
+
+    depth = 0
+
+    def __enter__(self) -> None:
+        self.depth += 1
+
+    def __exit__(self, *_: object) -> None:
+        self.depth -= 1
+
+
+written_out = _WrittenOut()
 
 
 def contract(
@@ -26,7 +43,7 @@ def contract(
     order = kept + "".join(dict.fromkeys(k for k in inputs if k not in kept + ","))
     length = dict(zip("".join(names), (*left.shape, *right.shape), strict=True))
     summed = order[len(kept) :]
-    if len(summed) == 1 and 0 < length[summed] <= TERMS:
+    if written_out.depth and len(summed) == 1 and 0 < length[summed] <= TERMS:
         both = [(a, its.index(summed)) for a, its in zip((left, right), names, strict=True)]
         terms = ([jax.lax.index_in_dim(a, k, axis, keepdims=False) for a, axis in both]
                  for k in range(length[summed]))  # fmt: skip

@@ -17,6 +17,7 @@ from jax.core import Tracer
 from jax.extend.core import ClosedJaxpr, Jaxpr, JaxprEqn, Literal
 from jaxtyping import Array, Int
 
+from faultgauge.products import written_out
 from faultgauge.simulation.side_by_side import CALLS, ELEMENTWISE
 
 __all__ = ["BY_NUMPY", "lanes_last"]
@@ -78,7 +79,9 @@ def lanes_last(function: Callable[..., Any], *args: Any) -> Any:
     leaves, tree = jax.tree.flatten(args)
     units = leaves[0].shape[-1]
     of_one = [jax.ShapeDtypeStruct(a.shape[:-1], a.dtype) for a in leaves]
-    program, out = jax.make_jaxpr(function, return_shape=True)(*jax.tree.unflatten(tree, of_one))
+    with written_out:
+        given = jax.tree.unflatten(tree, of_one)
+        program, out = jax.make_jaxpr(function, return_shape=True)(*given)
     lanes = _Lanes(units)
     found = lanes.run(program, [_Value(a, True) for a in leaves])
     ends = [
