@@ -20,6 +20,7 @@ from faultgauge.detection.bank.envelope import Envelope
 from faultgauge.detection.bank.noise import noise_of
 from faultgauge.detection.bank.start import Start
 from faultgauge.detection.posterior.alike import Alike
+from faultgauge.detection.posterior.consistency import Consistency, ConsistencyState
 from faultgauge.detection.posterior.inexact import Inexact
 from faultgauge.detection.posterior.posterior import Mixture, Posterior
 from faultgauge.detection.posterior.verdicts import (
@@ -57,6 +58,7 @@ class WatchState(NamedTuple):
 
     intake: IntakeState
     bank: BranchState
+    fits: ConsistencyState
     rules: RulesState
     running: Bool[Array, ""]
     begun: Float[Array, ""]
@@ -68,13 +70,15 @@ class Row(NamedTuple):
     """What is said of a row (or of many): the posterior and the verdict on it, the probability of
     every set of faults and, last, of the unknown; the same were the model's answers as far off as
     in healthy logs, by which `rivals` are told; that of noise far beyond the usual in each of the
-    measured outputs (`noisy`); and what of the row was believed."""
+    measured outputs (`noisy`); how badly the likeliest explanation fits lately (`nis`); and what of
+    the row was believed."""
 
     posterior: Posterior
     verdict: Verdict
     sets: Float[Any, "*samples sets"]
     rivals: Float[Any, "*samples sets"]
     noisy: Float[Any, "*samples measured"]
+    nis: Float[Any, "*samples windows"]
     taken: Taken
 
 
@@ -104,6 +108,7 @@ class Watch(eqx.Module):
     start: Start
     inexact: Inexact
     alike: Alike
+    consistency: Consistency
     mixture: Mixture
     envelope: Envelope
     rules: Rules
@@ -131,6 +136,7 @@ class Watch(eqx.Module):
         self.modes, self.start = bank.modes, Start.of(bank)
         self.inexact = Inexact.of(bank)
         self.alike = Alike.of(signals.faults, bank.sets, bank.alike)
+        self.consistency = Consistency.of(bank)
         self.mixture, self.rules = Mixture.of(bank), Rules.of(bank)
         self.envelope = Envelope.of(model, bank.regions)
         self.used = np.array([n in bank.outputs for n in signals.output_names], bool)
@@ -179,6 +185,7 @@ class Watch(eqx.Module):
 
         bank, said = jax.lax.cond(running, go, stay, state.bank)
         said = self.alike.told(self.inexact.told(said))
+        fits, said = self.consistency.step(state.fits, t, said)
         begun, rows = jnp.where(begins, t, state.begun), jnp.where(begins, 0, state.rows)
         held = running & ((t - begun < self.hold_off) | (rows < self.settling))
         heard = Heard(
@@ -199,9 +206,9 @@ class Watch(eqx.Module):
             *(found.sd, heard.seen, heard.outside, said.x, said.onset, said.ever, held),
         )
         last = jnp.where(running, t, state.last)
-        after = WatchState(intake, bank, rules, running, begun, rows + 1, last)
+        after = WatchState(intake, bank, fits, rules, running, begun, rows + 1, last)
         rivals, noisy = self.inexact.rivals(said), said.alien[len(AGES) :]
-        return after, Row(posterior, verdict, said.p, rivals, noisy, taken)
+        return after, Row(posterior, verdict, said.p, rivals, noisy, said.nis, taken)
 
     def commanded(self, state: WatchState, u: Float[Array, "inputs"]) -> WatchState:
         """The state when `u` acts from the last row on in place of what that row said: in a loop
@@ -227,6 +234,7 @@ class Watch(eqx.Module):
             of_sets,
             each,
             (len(self.modes.ages),),
+            (len(self.modes.windows),),
         )
         return BranchInfo(*(jnp.full(shape, jnp.nan) for shape in shapes))
 
@@ -253,6 +261,7 @@ def _first(watch: Watch, averaged: bool) -> WatchState:
     return WatchState(
         watch.intake.init(watch.step_s, averaged),
         watch.start.init(watch.modes),
+        watch.consistency.init(),
         watch.rules.init(),
         jnp.asarray(False),
         nothing,

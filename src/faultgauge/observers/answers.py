@@ -84,7 +84,9 @@ class Answers(Recoveries):
         sudden, sharp, told = (each[:, :d] / held for each in (sudden, sharp, told))
         rest = onset, ever, most, sudden, sharp, told, state.quick
         alien = alone[self.branches :] / Z
-        return BranchInfo(p, mean[:, :d], sd[:, :d], x, seen, *rest, alien)
+        usual = self.windows * self.memory / self.filter.step_s * len(self.filter.plant.signals.outputs)
+        nis = state.nis[jnp.argmax(state.weight[: self.branches])] / usual
+        return BranchInfo(p, mean[:, :d], sd[:, :d], x, seen, *rest, alien, nis)
 
     def _leads(
         self, which: Int[Array, "branches"]

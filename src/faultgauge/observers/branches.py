@@ -78,7 +78,8 @@ class BranchState(NamedTuple):
     `ever` whether it has held each fault at any time, and how large it clearly was at `most`,
     `sudden` and `sharp` the score and the info of each in its first sample, `told` what had been
     told of it (ln L) before another that acts on the plant came beside it, `quick` the info of a
-    change in the sample after it, `begun` when the filter began [s]."""
+    change in the sample after it, `begun` when the filter began [s]; `nis` the sum of its squared
+    innovations in standard deviations, each fading within one of the windows."""
 
     belief: Belief
     weight: Float[Array, "filters"]
@@ -91,6 +92,7 @@ class BranchState(NamedTuple):
     told: Float[Array, "filters faults"]
     quick: Float[Array, "faults"]
     begun: Float[Array, "filters"]
+    nis: Float[Array, "filters windows"]
     lanes: Lanes
     probe: Probe
     u: Float[Array, "inputs"]
@@ -104,7 +106,8 @@ class BranchInfo(NamedTuple):
     [s]), the probability that it is or was there, and how large it clearly was at most; the score
     and the info of every fault in each set in its first sample, what had been told of it before
     another came beside it, and the info of a change of each in the sample after it; the posterior
-    of every unknown filter."""
+    of every unknown filter; how badly the likeliest branch fits lately (`nis`, 1 where all errors
+    are as large as they should be), in the mean of each window."""
 
     p: Float[Array, "sets"]
     f: Float[Array, "sets faults"]
@@ -119,6 +122,7 @@ class BranchInfo(NamedTuple):
     told: Float[Array, "sets faults"]
     quick: Float[Array, "faults"]
     alien: Float[Array, "unknown"]
+    nis: Float[Array, "windows"]
 
 
 class Changes(NamedTuple):

@@ -44,14 +44,15 @@ class Branching(Answers):
     """The bank over any plant; pure `init` and `step`.
 
     `alien` is the variance that each unknown branch begins with, on top, and `ages` how many times
-    as long as the `memory` it is kept where it explains nothing. Healthy is the first set, unknown
-    the last.
+    as long as the `memory` it is kept where it explains nothing; `windows`, in which it is told how
+    well branches fit, likewise. Healthy is the first set, unknown the last.
     """
 
     alien: Float[Array, "unknown n n"]
     ages: Float[np.ndarray, "unknown"]
     own: Float[Array, "states"]
     memory: Float[Array, ""]
+    windows: Float[np.ndarray, "windows"]
     recall: Float[Array, "faults"]
 
     def init(
@@ -88,8 +89,9 @@ class Branching(Answers):
         begun = jnp.zeros(self.filters)
         none = jnp.zeros((self.filters, self.filter.faults))
         told = none, none, none, none, none, jnp.zeros(self.declared)
+        nis = jnp.zeros((self.filters, len(self.windows)))
         return BranchState(
-            belief, weight, which, since, *told, begun, lanes, probe, u, jnp.zeros(())
+            belief, weight, which, since, *told, begun, nis, lanes, probe, u, jnp.zeros(())
         )
 
     def step(
@@ -124,6 +126,8 @@ class Branching(Answers):
             weight=weight,
             most=jnp.maximum(state.most, self._clearly(belief)),
             quick=jnp.where(quick > 0, quick, state.quick),  # a row without samples tells none
+            nis=state.nis * jnp.exp(-dt / (self.windows * self.memory))
+            + jnp.sum(seen.white**2, axis=1)[:, None],
             lanes=lanes,
             probe=probe,
             u=u,
@@ -256,8 +260,27 @@ class Branching(Answers):
             sudden=placed(state.sudden, first(state.sudden, state.lanes.sudden)),
             sharp=placed(state.sharp, first(state.sharp, state.lanes.sharp)),
             told=placed(state.told, self._told_before(state, b, fault, gone)),
+            nis=placed(state.nis, self._explained(state, changes, b, k, kind, ell, gone)),
             lanes=lanes,
         )
+
+    def _explained(
+        self,
+        state: BranchState,
+        changes: Changes,
+        b: Int[Array, ""],
+        k: Int[Array, ""],
+        kind: Int[Array, ""],
+        ell: Float[Array, "onsets"],
+        gone: Bool[Array, ""],
+    ) -> Float[Array, "windows"]:
+        """How badly a branch fits with the change `k` of it: by twice what ln L gains the less."""
+        fault, prior = jnp.asarray(self.owner)[kind], self.prior
+        rare = jnp.log(prior.recovery / prior.onset[: self.filter.faults])[fault]
+        changed = jnp.where(self._present(state.belief)[b, fault], jnp.log(prior.changed), 0.0)
+        before = state.lanes.mass[b, kind] + jnp.where(gone, rare, changed)
+        gain = jnp.max(jnp.where(ell > NEVER / 2, ell - before, 0.0))
+        return jnp.maximum(state.nis[b] - 2 * jnp.maximum(gain, 0.0), 0.0)
 
     def _moved(
         self,
@@ -444,6 +467,7 @@ class Branching(Answers):
             sudden=jnp.where(fresh[:, None], 0.0, state.sudden),
             sharp=jnp.where(fresh[:, None], 0.0, state.sharp),
             told=jnp.where(fresh[:, None], 0.0, state.told),
+            nis=passed_on(state.nis),
             begun=jnp.where(fresh, state.t, state.begun),
             lanes=lanes,
         )

@@ -126,7 +126,8 @@ class BankLevel(Part):
     `mtbfa_s` between false alarms; `memory_s` is the bank's; `size` the prior of each fault;
     `shape` and `gain` by which shares the model's answer is off, in all and in size; `changes`, by
     how much each input changes from row to row at most; which two faults are `alike`, no data
-    telling them apart, and how many units of the second do what one of the first does."""
+    telling them apart, and how many units of the second do what one of the first does; `nis`, how
+    badly an explanation may fit in the mean of each window."""
 
     level: Number
     widened: Positive
@@ -145,6 +146,7 @@ class BankLevel(Part):
     gain: Least = 0.0
     changes: dict[str, Least] = {}
     alike: Annotated[list[tuple[str, str, Number]], pydantic.Field(max_length=10_000)] = []
+    nis: Annotated[list[Positive], pydantic.Field(max_length=3)] = []
 
 
 class Interval(Part):

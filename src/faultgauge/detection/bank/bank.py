@@ -68,8 +68,9 @@ class FaultBank:
     log-odds of a fault from which on there is an alarm; `hold_off` in s;
     `regions` are what its networks were trained on; `shape` and `gain` are by which shares the
     model's answer to what acts on the plant is off, in all and in size; `changes` by how much each
-    input changes from row to row of healthy logs at most; `alike` are two faults that no data tell
-    apart, and how many units of the second do what one of the first does.
+    input changes from row to row of healthy logs at most; `nis` how badly an explanation may fit in
+    each window; `alike` are two faults that no data tell apart, and how many units of the second do
+    what one of the first does.
     """
 
     model: Model
@@ -88,6 +89,7 @@ class FaultBank:
     shape: float
     gain: float
     changes: Float[np.ndarray, "inputs"]
+    nis: Float[np.ndarray, "windows"]
     alike: tuple[tuple[int, int, float], ...] = ()
 
     @property
@@ -193,6 +195,7 @@ def build_fault_bank(
         own=jax.device_put(_own(model, noise)),
         usual=jax.device_put(_usual(model, noise, len(size) + len(growing))),
         memory=jax.device_put(knowledge.memory),
+        windows=np.array(AGES),
         recall=jax.device_put(knowledge.when),
         shape=jax.device_put(found.shape if found else 0.0),
         more=more,
@@ -208,6 +211,7 @@ def build_fault_bank(
         knowledge, float(level), HOLD_OFF * step if wait is None else wait,
         regions_of(model, outputs), found.shape if found else 0.0, found.gain if found else 0.0,
         np.array([float(changes.get(name, np.inf)) for name in signals.input_names]),
+        np.array(found.nis if found and found.nis else np.full(len(AGES), np.inf)),
         _alike(found.alike, signals.fault_names, evaluated) if found else (),
     )  # fmt: skip
 

@@ -40,6 +40,7 @@ from faultgauge.detection.calibration.blocks import (
     allowed_peaks,
     merged,
 )
+from faultgauge.detection.posterior.consistency import limit_of
 from faultgauge.detection.posterior.verdicts import log_odds
 from faultgauge.detection.rows.prepared import prepared
 from faultgauge.detection.watch import Watch
@@ -142,6 +143,7 @@ def calibrate_bank(
         shape=shape_error(model, runs, noise),
         gain=gain_error(model, runs),
         changes=largest_changes(model, runs),
+        nis=limit_of(np.concatenate([each.nis for run in scores for each in run])).tolist(),
     )
     warnings = _believed_less(widened, asked, judged, clocks)
     return BankCalibration(found, noise.widened(widened), blocks, suspects, warnings)
@@ -285,7 +287,7 @@ def _blocks(bank: FaultBank, scores: Sequence[Sequence["_Scored"]], source: str)
     total = sum(len(each.score) for each in stretches)
     length = max(min(length, total // (2 * FEWEST_BLOCKS)), SHORTEST)
     blocks = []
-    for name, t, score, likeliest, size in stretches:
+    for name, t, score, likeliest, size, _ in stretches:
         count = max(len(score) // length, 1 if len(score) >= SHORTEST else 0)
         for piece in np.array_split(np.arange(len(score)), count) if count else ():
             end = float(t[piece[-1]]) + bank.step
@@ -320,13 +322,15 @@ class _Scored(NamedTuple):
     score: Float[np.ndarray, "samples"]
     likeliest: Int[np.ndarray, "samples"]
     size: Float[np.ndarray, "samples"]
+    nis: Float[np.ndarray, "samples windows"]
 
 
 def _scores(bank: FaultBank, run: Run) -> list[_Scored]:
     """Every stretch of `run` behind its hold-off."""
     watch = Watch(bank.model, tuple(run.columns), run.step, bank=bank)
     rows = prepared(watch.signals, run)
-    found = watch.along(watch.init(averaged=run.resampled is not None), rows)[1].posterior
+    told = watch.along(watch.init(averaged=run.resampled is not None), rows)[1]
+    found, nis = told.posterior, np.asarray(told.nis)
     calm, unknown = np.asarray(found.calm), np.nan_to_num(found.unknown)
     active = np.nan_to_num(found.p) * bank.with_monitor("active")
     likeliest = np.argmax(np.column_stack([active, unknown]), axis=1)
@@ -346,9 +350,8 @@ def _scores(bank: FaultBank, run: Run) -> list[_Scored]:
         first = int(np.ceil(persists / bank.step))  # before, no alarm can be
         if len(score) > first:
             part = slice(a + first, b)
-            stretches.append(
-                _Scored(run.name, run.t[part], score[first:], likeliest[part], size[part])
-            )
+            own = run.t[part], score[first:], likeliest[part], size[part], nis[part]
+            stretches.append(_Scored(run.name, *own))
     return stretches
 
 
