@@ -84,7 +84,8 @@ class Answers(Recoveries):
         sudden, sharp, told = (each[:, :d] / held for each in (sudden, sharp, told))
         rest = onset, ever, most, sudden, sharp, told, state.quick
         alien = alone[self.branches :] / Z
-        usual = self.windows * self.memory / self.filter.step_s * len(self.filter.plant.signals.outputs)
+        outputs = len(self.filter.plant.signals.outputs)
+        usual = outputs * self.windows * self.memory / self.filter.step_s
         nis = state.nis[jnp.argmax(state.weight[: self.branches])] / usual
         return BranchInfo(p, mean[:, :d], sd[:, :d], x, seen, *rest, alien, nis)
 
