@@ -112,12 +112,13 @@ def test_evidence_falls_with_the_square_of_how_far_it_is_believed():
     times = np.arange(60.0)
 
     def scores(*peaks):
-        none, size = np.zeros(60, int), np.ones(60)
-        return [_Scored("a", times, np.full(60, peak), none, size) for peak in peaks]
+        rest = np.zeros(60, int), np.ones(60), np.ones((60, 3))
+        return [_Scored("a", times, np.full(60, peak), *rest) for peak in peaks]
 
     def rig(*peaks):
         def tried(widened, some):
-            short = _Scored("a", times[:9], np.full(9, 99.0), np.zeros(9, int), np.ones(9))
+            rest = np.zeros(9, int), np.ones(9), np.ones((9, 3))
+            short = _Scored("a", times[:9], np.full(9, 99.0), *rest)
             return bank, [[*scores(peaks[k](widened)), short] for k in some]
 
         asked = []
@@ -209,7 +210,7 @@ def test_noise_that_breaks_the_filter_is_not_taken_for_too_little():
 
     def tried(widened, some):
         peak = 690.0 if widened > 8 else 690.0 / widened**2 - 44.0
-        score = np.full(60, peak), np.zeros(60, int), np.ones(60)
+        score = np.full(60, peak), np.zeros(60, int), np.ones(60), np.ones((60, 3))
         return bank, [[_Scored("a", np.arange(60.0), *score)] for _ in some]
 
     widened, _, found = _believed(*tried(1.0, [0]), 0.0, tried, "never")
@@ -217,7 +218,7 @@ def test_noise_that_breaks_the_filter_is_not_taken_for_too_little():
     assert found[0][0].score.max() <= 0.0
 
     def always(widened, some):
-        score = np.full(60, 690.0), np.zeros(60, int), np.ones(60)
+        score = np.full(60, 690.0), np.zeros(60, int), np.ones(60), np.ones((60, 3))
         return bank, [[_Scored("a", np.arange(60.0), *score)] for _ in some]
 
     with pytest.raises(InputError, match="never"):

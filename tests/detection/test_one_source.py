@@ -141,6 +141,7 @@ def posterior(bank, run, parts, ever, latch):
         told=jnp.zeros((ROWS, sets, faults)),
         quick=jnp.zeros((ROWS, faults)),
         alien=jnp.zeros((ROWS, 4)),
+        nis=jnp.zeros((ROWS, 3)),
     )
     sampled = silence != "gap"
     nan = jnp.where(jnp.asarray(sampled), 0.0, jnp.nan)

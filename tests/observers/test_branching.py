@@ -36,6 +36,7 @@ target = "x"
 A, STEP, COUNT = 0.5, 0.2, 200
 SIGMA, PROCESS, SIZE, TAU = 0.05, 1e-3, 0.05, 2.0  # noise, and the discrepancy
 WIDTHS, ONSET, FIRST = (0.6, 0.6), 1e-4, 1e-3
+WINDOWS = (0.1, 0.5)  # memories
 START = np.array([0.1, SIZE, 0.0, 0.0, 0.0])  # standard deviations of x, d, r, v and h
 PUSH, BIAS = 0, 1
 HEALTHY, PUSHED, BIASED, BOTH = range(4)
@@ -84,6 +85,7 @@ def bank(
         own=jnp.array([1.0, 0.0, 0.0, 0.0, 0.0]),
         usual=jnp.array([0.0, SIZE**2, 0.0, 0.0, 0.0, 0.0, 0.0]),
         memory=jnp.asarray(20.0),
+        windows=np.array(WINDOWS),
         recall=jnp.full(2, 20.0),
         shape=jnp.asarray(shape),
         more=((PUSHED, BIASED), (PUSHED, BOTH), (BOTH, BIASED), (BOTH, BOTH), (-1, -1)),
@@ -817,3 +819,65 @@ def test_however_far_a_fault_lies_beyond_its_limits_it_is_as_unlikely_as_that(so
     told = np.where(within, norm.logcdf(mean / sd), norm.logsf((mean - 3.0) / sd))
     np.testing.assert_allclose(found[0], told, atol=0.01)
     np.testing.assert_array_equal(found[0], found[1])
+
+
+def squares(samples):
+    """The squared innovations in standard deviations of a Kalman filter without faults."""
+    u, y, dt = samples
+    F, G, Q = linear(STEP)
+    F, G, Q = F[:2, :2], G[:2], Q[:2, :2]
+    x, P, found = np.zeros(2), np.diag(START[:2] ** 2), []
+    for k in range(len(u)):
+        if dt[k] > 0:
+            x, P = F @ x + G * u[k - 1, 0], F @ P @ F.T + Q
+        S, e = P[0, 0] + SIGMA**2, y[k, 0] - x[0]
+        S *= max(1.0, e**2 / S / dd.FAR**2)  # what is far off counts as FAR
+        found.append(e**2 / S)
+        x, P = x + P[:, 0] * e / S, P - np.outer(P[:, 0], P[0]) / S
+    return np.array(found)
+
+
+def faded(squares, window):
+    """In the mean of a window [s] that fades."""
+    found, total = [], 0.0
+    for each in squares:
+        total = total * np.exp(-STEP / window) + each
+        found.append(total * STEP / window)
+    return np.array(found)
+
+
+def paced(**known):
+    """A bank that knows how far apart rows are."""
+    return eqx.tree_at(lambda each: each.filter.step_s, bank(**known), np.asarray(STEP))
+
+
+def test_without_a_fault_innovations_are_as_those_of_a_kalman_filter():
+    """Squared, in the mean of each window; 1 but for chance."""
+    samples = log(0, count=2000)
+    nis = np.asarray(judged(paced(faults=()), samples)[1].nis)
+    for k, window in enumerate(WINDOWS):
+        wanted = faded(squares(samples), 20.0 * window)
+        # the filter's own process noise is that of the exact model to the order of a step
+        np.testing.assert_allclose(nis[:, k], wanted, rtol=0.03)
+    assert abs(nis[1000:, 1].mean() - 1.0) < 4 * np.sqrt(2 / 1000)
+
+
+@pytest.mark.parametrize("size", [0.5, 1.5])
+def test_what_a_fault_explains_is_no_misfit(size):
+    """Without it the push leaves innovations that a Kalman filter has more than twice as large in
+    the shorter window, which is 10 samples; with it they are as before, once it is likelier than
+    none, and so are those that came until then."""
+    samples = log(3, push=[(size, 400, 900)], count=1200)
+    info = judged(paced(recovery=1e-3), samples)[1]
+    assert np.asarray(info.p)[500:900, PUSHED].min() > 0.9
+    nis = np.asarray(info.nis)[:, 0]
+    without = faded(squares(samples), 20.0 * WINDOWS[0])
+    assert without[405:].max() > 2 * without[100:400].max()
+    assert nis[410:900].max() < 1.5 * nis[100:400].max()
+
+
+def test_what_no_declared_fault_explains_is_misfit():
+    """A sensor that is off by turns, of which nothing is declared."""
+    samples = log(4, bias=[(0.4, k, k + 5) for k in range(400, 600, 10)], count=600)
+    nis = np.asarray(judged(paced(recovery=1e-3), samples)[1].nis)[:, 1]
+    assert nis[500:].min() > 2 * nis[100:400].max()

@@ -36,6 +36,7 @@ class _State(NamedTuple):
 
     intake: Any
     bank: Any
+    fits: Any
     rules: Any
     running: Array
     begun: Array
