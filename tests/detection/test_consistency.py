@@ -2,24 +2,27 @@
 
 import jax.numpy as jnp
 import numpy as np
-import pytest
 
 from faultgauge.detection.posterior.consistency import Consistency, limit_of
 from faultgauge.observers.branches import BranchInfo
 
-P = np.array([0.1, 0.6, 0.2, 0.1])  # none, two sets, something undeclared
+HOLDS = np.array([[0, 0], [1, 0], [0, 1], [1, 1], [0, 0]], float)  # none, a, b, both, undeclared
+A, B = [0.1, 0.7, 0.1, 0.05, 0.05], [0.1, 0.1, 0.7, 0.05, 0.05]
+NEITHER, UNKNOWN = [0.6, 0.3, 0.05, 0.0, 0.05], [0.1, 0.0, 0.0, 0.0, 0.9]
+ONLY_A = [0.1, 0.7, 0.0, 0.05, 0.15]
+WELL, BADLY, LATELY = [1.0, 1.0], [2.1, 0.0], [0.0, 1.6]
 WINDOW = 10.0
 
 
-def told(times, nis):
-    each = Consistency(np.array([2.0, 1.5]), np.asarray(WINDOW))
+def told(rows, limit=(2.0, 1.5)):
+    """What is told of rows (t, nis, p)."""
+    each = Consistency(np.array(limit), np.asarray(WINDOW), HOLDS)
     state, found = each.init(), []
-    for t, own in zip(times, nis, strict=True):
-        rest = [jnp.zeros(1)] * 12
-        said = BranchInfo(jnp.asarray(P), *rest, nis=jnp.array(own))
+    for t, nis, p in rows:
+        said = BranchInfo(jnp.array(p), *[jnp.zeros(1)] * 12, nis=jnp.array(nis))
         state, said = each.step(state, jnp.asarray(t), said)
         found.append(np.asarray(said.p))
-    return np.array(found)
+    return found
 
 
 def test_limits_are_three_times_as_far_above_the_median_as_the_worst():
@@ -27,28 +30,39 @@ def test_limits_are_three_times_as_far_above_the_median_as_the_worst():
     np.testing.assert_allclose(limit_of(nis), [1.0 + 3 * 1.0, 0.6 + 3 * 0.1])
 
 
-@pytest.mark.parametrize("nis", [[2.1, 0.0], [0.0, 1.6]])
-def test_beyond_a_limit_nothing_explains_and_declared_faults_are_not_told_for_a_while(nis):
-    """In either window; afterwards for 10 s, the longer window, and then as before."""
-    times = [0.0, 5.0, 6.0, 16.0, 16.1]
-    found = told(times, [[1.9, 1.4], nis, *[[1.0, 1.0]] * 3])
-    np.testing.assert_allclose(found[0], P)
-    np.testing.assert_allclose(found[1], [0, 0, 0, 1.0])
-    np.testing.assert_allclose(found[2], [0.1, 0, 0, 0.9])
-    np.testing.assert_allclose(found[3], P if times[3] > 15 else [0.1, 0, 0, 0.9])
-    np.testing.assert_allclose(found[4], P)
+def test_what_explains_too_little_is_not_told():
+    """In either window, for 10 s more, the longer window; what no fault is likely by stays."""
+    for nis in (BADLY, LATELY):
+        rows = [(0.0, WELL, A), (5.0, nis, A), (6.0, WELL, B), (14.9, WELL, NEITHER)]
+        found = told([*rows, (15.1, WELL, A)])
+        np.testing.assert_allclose(found[0], A)
+        np.testing.assert_allclose(found[1:3], [UNKNOWN] * 2)
+        np.testing.assert_allclose(found[3], [0.6, 0, 0, 0, 0.4])
+        np.testing.assert_allclose(found[4], A)
 
 
 def test_what_comes_and_goes_for_long_is_not_over_for_as_long():
-    """Seen at 0, 8, 16 and 24 s: nothing is told until 48 s, as it lasted for 24 s."""
-    times = [0.0, 8.0, 16.0, 24.0, 30.0, 47.9, 48.1, 60.0]
-    seen = [0.0, 8.0, 16.0, 24.0]
-    found = told(times, [[3.0, 1.0] if t in seen else [1.0, 1.0] for t in times])
-    kept = np.isclose(found, P).all(axis=1)
-    np.testing.assert_array_equal(kept, [False] * 6 + [True] * 2)
+    """Seen at 0, 8, 16 and 24 s: nothing is told until 48 s, as it lasted for 24 s. The fault that
+    is likely by turns has not come with it."""
+    rows = [(t, BADLY if t <= 24 else WELL, B if k % 2 else A)
+            for k, t in enumerate([0.0, 8.0, 16.0, 24.0, 30.0, 47.9, 48.1])]  # fmt: skip
+    found = told(rows)
+    np.testing.assert_allclose(found[:6], [UNKNOWN] * 6)
+    np.testing.assert_allclose(found[6], A)
+
+
+def test_a_fault_that_came_with_it_and_stays_is_told():
+    """From a window on, with the sets that hold it; one that comes later is not, nor the first one
+    when it comes again."""
+    rows = [(0.0, BADLY, A), (9.9, BADLY, A), (10.0, BADLY, A), (11.0, BADLY, NEITHER)]
+    rows += [(12.0, BADLY, A), (23.0, BADLY, A), (25.0, BADLY, B), (36.0, BADLY, B)]
+    found = told(rows)
+    np.testing.assert_allclose(found[:2], [UNKNOWN] * 2)
+    np.testing.assert_allclose(found[2], ONLY_A)
+    np.testing.assert_allclose(found[3], [0.6, 0, 0, 0, 0.4])
+    np.testing.assert_allclose(found[4:], [UNKNOWN] * 4)
 
 
 def test_without_limits_all_is_told():
-    each = Consistency(np.full(2, np.inf), np.asarray(WINDOW))
-    said = BranchInfo(jnp.asarray(P), *[jnp.zeros(1)] * 12, nis=jnp.array([1e9, 1e9]))
-    np.testing.assert_allclose(each.step(each.init(), jnp.asarray(0.0), said)[1].p, P)
+    (found,) = told([(0.0, [1e9, 1e9], A)], limit=(np.inf, np.inf))
+    np.testing.assert_allclose(found, A)

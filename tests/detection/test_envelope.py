@@ -133,7 +133,7 @@ def judged(rules, decision, found, outside):
         t, each, u = row
         marginal = Marginal(*(getattr(each, name) for name in Marginal._fields))
         yes, where = jnp.asarray(True), jnp.asarray(outside)
-        heard = Heard(yes, each.held, where, each.seen, jnp.asarray(0), u, yes)
+        heard = Heard(yes, each.held, where, each.seen, jnp.asarray(0), u, yes, jnp.zeros(()))
         return rules.step(state, t, marginal, heard)
 
     rows = (decision.run.t, found, decision.run.columns["u"][:, None])

@@ -154,6 +154,7 @@ def posterior(bank, run, parts, ever, latch):
         standing=jnp.asarray(silence == "standing", int),
         u=jnp.ones((ROWS, 1)),
         output=jnp.asarray(silence != "standing") & sampled,
+        undeclared=said.p[:, -1],
     )
     found, verdict = jax.tree.map(np.asarray, judging()[latch](said, heard))
     whole = Posterior(

@@ -51,19 +51,18 @@ def inspect(
         raise InputError("inspect: no log is named; name one, or a plant file by --plant.")
     how = {"time": time, "map": map, "where": where, "time_format": time_format}
     known = None if plant is None else _known(plant, logs or (), how)
-    told = {} if known is None else {"plant": known}
-    if logs:
-        found = _looked_into(logs, init_plant, how, known["inputs"] if known else ())
-        told = {**found.to_dict(), **told}
+    inputs = known["inputs"] if known else ()
+    found = _looked_into(logs, init_plant, how, inputs) if logs else None
     if json:
-        options.print_json(told)
+        about = {} if known is None else {"plant": known}
+        options.print_json({**(found.to_dict() if found else {}), **about})
         return
-    if logs:
+    if found is not None:
         _show(found)
     if known is not None:
         options.warn(known["warnings"])
         options.say(f"{plant}: no mistake found; it reads {', '.join(known['columns'])}")
-    if init_plant is not None:
+    if init_plant is not None and logs:
         options.say(f"wrote {init_plant}: edit it, then: faultgauge fit {init_plant} {logs[0]} ...")
 
 

@@ -185,7 +185,7 @@ class Watch(eqx.Module):
 
         bank, said = jax.lax.cond(running, go, stay, state.bank)
         said = self.alike.told(self.inexact.told(said))
-        fits, said = self.consistency.step(state.fits, t, said)
+        fits, told = self.consistency.step(state.fits, t, said)
         begun, rows = jnp.where(begins, t, state.begun), jnp.where(begins, 0, state.rows)
         held = running & ((t - begun < self.hold_off) | (rows < self.settling))
         heard = Heard(
@@ -196,8 +196,9 @@ class Watch(eqx.Module):
             taken.standing,
             taken.u,
             output,
+            said.p[-1],
         )
-        found = self.mixture.marginal(said, heard.seen)
+        found = self.mixture.marginal(told, heard.seen)
         rules, verdict = self.rules.step(state.rules, t, found, heard)
         left = (heard.outside > 0) & (verdict.status == STATUS.index(NOT_JUDGED))
         found = self.mixture.untrusted(found, left)
@@ -208,7 +209,7 @@ class Watch(eqx.Module):
         last = jnp.where(running, t, state.last)
         after = WatchState(intake, bank, fits, rules, running, begun, rows + 1, last)
         rivals, noisy = self.inexact.rivals(said), said.alien[len(AGES) :]
-        return after, Row(posterior, verdict, said.p, rivals, noisy, said.nis, taken)
+        return after, Row(posterior, verdict, told.p, rivals, noisy, said.nis, taken)
 
     def commanded(self, state: WatchState, u: Float[Array, "inputs"]) -> WatchState:
         """The state when `u` acts from the last row on in place of what that row said: in a loop

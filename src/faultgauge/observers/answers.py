@@ -20,9 +20,12 @@ TRIFLE = 5e-3  # of the likeliest onset, or change: one that moves no 95 % inter
 
 class Answers(Recoveries):
     """The posterior of sets and faults, by all branches and all that may have changed. `noise` is
-    that of the branches and, behind them, of the unknown ones."""
+    that of the branches and, behind them, of the unknown ones; how well branches fit is told in
+    `windows`, so many times the `memory` [s]."""
 
     noise: FilterNoise
+    memory: Float[Array, ""]
+    windows: Float[np.ndarray, "windows"]
 
     @property
     def filters(self) -> int:

@@ -44,15 +44,13 @@ class Branching(Answers):
     """The bank over any plant; pure `init` and `step`.
 
     `alien` is the variance that each unknown branch begins with, on top, and `ages` how many times
-    as long as the `memory` it is kept where it explains nothing; `windows`, in which it is told how
-    well branches fit, likewise. Healthy is the first set, unknown the last.
+    as long as the `memory` it is kept where it explains nothing. Healthy is the first set, unknown
+    the last.
     """
 
     alien: Float[Array, "unknown n n"]
     ages: Float[np.ndarray, "unknown"]
     own: Float[Array, "states"]
-    memory: Float[Array, ""]
-    windows: Float[np.ndarray, "windows"]
     recall: Float[Array, "faults"]
 
     def init(

@@ -189,7 +189,7 @@ def test_a_name_asks_for_0_98_of_what_is_there_once_an_alarm_has_told_that_somet
     rules = Rules.of(bank)
     one, step = jnp.array([0.1, 0.1]), eqx.filter_jit(rules.step)
     yes, none = jnp.asarray(True), jnp.asarray(0)
-    heard = Heard(yes, ~yes, none, jnp.ones((2, 2), bool), none, jnp.zeros(1), yes)
+    heard = Heard(yes, ~yes, none, jnp.ones((2, 2), bool), none, jnp.zeros(1), yes, jnp.zeros(()))
     named = []
     for p, calm in (((0.95, 0.005), 0.04), ((0.9, 0.005), 0.04), ((0.95, 0.04), 0.001)):
         found = Marginal(jnp.array(p), one, one, one, *map(jnp.asarray, (calm, 1e-9, calm)), one)

@@ -143,10 +143,15 @@ def calibrate_bank(
         shape=shape_error(model, runs, noise),
         gain=gain_error(model, runs),
         changes=largest_changes(model, runs),
-        nis=limit_of(np.concatenate([each.nis for run in scores for each in run])).tolist(),
+        nis=_limits(scores),
     )
     warnings = _believed_less(widened, asked, judged, clocks)
     return BankCalibration(found, noise.widened(widened), blocks, suspects, warnings)
+
+
+def _limits(scores: Sequence[Sequence["_Scored"]]) -> list[float]:
+    """How badly an explanation may fit, by healthy logs."""
+    return limit_of(np.concatenate([each.nis for run in scores for each in run])).tolist()
 
 
 def _walked(

@@ -113,7 +113,8 @@ class Verdict(NamedTuple):
 class Heard(NamedTuple):
     """What rules need of a row beside its marginals: whether it was `sampled` at all and is `held`
     back, what is `outside` and would be `seen`, which output is `standing` (0: none), the inputs
-    as they act, and whether any output was sampled."""
+    as they act, whether any output was sampled, and how likely something undeclared is of itself,
+    not as declared faults explain too little."""
 
     sampled: Bool[Array, ""]
     held: Bool[Array, ""]
@@ -122,6 +123,7 @@ class Heard(NamedTuple):
     standing: Int[Array, ""]
     u: Float[Array, "inputs"]
     output: Bool[Array, ""]
+    undeclared: Float[Array, ""]
 
 
 class RulesState(NamedTuple):
@@ -217,7 +219,7 @@ class Rules(eqx.Module):
         free, inside = heard.sampled & ~heard.held, heard.outside == 0
         over, gone = log_odds(found.calm) >= self.level, free & (1 - found.calm < self.release)
         lasts, lasting = self.lasting.step(state.lasting, t, free & inside & over, gone)
-        declared = log_odds(found.calm + found.unknown) >= self.level
+        declared = log_odds(found.calm + heard.undeclared) >= self.level
         over = free & inside & over & (declared | lasting)
         alarms, alarm = self.alarm.step(state.alarm, t, over, gone)
         # behind a gap an input is elsewhere, and that is no change from row to row
@@ -313,7 +315,9 @@ class Rules(eqx.Module):
         likely = jnp.argmax(jnp.nan_to_num(found.p))
         passive = jnp.array([each == "passive" for each in self.monitors])[likely]
         told = jnp.where(passive, _reason(Reason.PASSIVE, likely), _reason(Reason.SMALL, likely))
-        return jnp.where(found.calm > QUIET, told, _reason(Reason.UNDECIDED))
+        unnamed = _reason(Reason.UNDECIDED)
+        unnamed = jnp.where(found.unknown >= QUIET, _reason(Reason.UNDECLARED), unnamed)
+        return jnp.where(found.calm > QUIET, told, unnamed)
 
     def _unseen(self, heard: Heard, hidden: Array) -> Int[Array, ""]:
         """Why a fault would not show."""
