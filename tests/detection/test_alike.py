@@ -26,7 +26,7 @@ def said(p, size=(-6.0, 3.0, 1.0), sd=(0.5, 0.2, 0.1)):
     onset = np.array([[100.0, 3.0], [40.0, 4.0], [7.0, 1.0]])
     ever = np.array([0.9, 0.2, 0.3])
     rest = np.zeros(2), np.zeros((3, 2))
-    behind = np.zeros(3), *np.zeros((3, 7, 3)), np.zeros(3), np.zeros(1), np.zeros(3)
+    behind = np.zeros(3), *np.zeros((3, 7, 3)), np.zeros(3), np.zeros(1), np.zeros(3), np.zeros(())
     return BranchInfo(*map(jnp.asarray, (np.array(p), f, wide, *rest, onset, ever, *behind)))
 
 

@@ -9,25 +9,25 @@ from faultgauge.observers.branches import BranchInfo
 HOLDS = np.array([[0, 0], [1, 0], [0, 1], [1, 1], [0, 0]], float)  # none, a, b, both, undeclared
 A, B = [0.1, 0.7, 0.1, 0.05, 0.05], [0.1, 0.1, 0.7, 0.05, 0.05]
 NEITHER, UNKNOWN = [0.6, 0.3, 0.05, 0.0, 0.05], [0.1, 0.0, 0.0, 0.0, 0.9]
-ONLY_A = [0.1, 0.7, 0.0, 0.05, 0.15]
+ONLY_A = [0.1, 0.75, 0.0, 0.0, 0.15]
 WELL, BADLY, LATELY = [1.0, 1.0], [2.1, 0.0], [0.0, 1.6]
 WINDOW = 10.0
 
 
-def told(rows, limit=(2.0, 1.5)):
+def told(rows, limit=(2.0, 1.5), memory=0.0, faulty=1.0):
     """What is told of rows (t, nis, p)."""
-    each = Consistency(np.array(limit), np.asarray(WINDOW), HOLDS)
+    each = Consistency(np.array(limit), np.asarray(memory), np.asarray(WINDOW), HOLDS)
     state, found = each.init(), []
     for t, nis, p in rows:
-        said = BranchInfo(jnp.array(p), *[jnp.zeros(1)] * 12, nis=jnp.array(nis))
+        said = BranchInfo(jnp.array(p), *[jnp.zeros(1)] * 12, jnp.array(nis), faulty)
         state, said = each.step(state, jnp.asarray(t), said)
         found.append(np.asarray(said.p))
     return found
 
 
-def test_limits_are_three_times_as_far_above_the_median_as_the_worst():
+def test_limits_are_twice_as_far_above_the_median_as_the_worst():
     nis = np.array([[1.0, 0.5], [1.2, 0.5], [0.9, 0.6], [1.0, 0.7], [2.0, 0.6]])
-    np.testing.assert_allclose(limit_of(nis), [1.0 + 3 * 1.0, 0.6 + 3 * 0.1])
+    np.testing.assert_allclose(limit_of(nis), [1.0 + 2 * 1.0, 0.6 + 2 * 0.1])
 
 
 def test_what_explains_too_little_is_not_told():
@@ -51,18 +51,30 @@ def test_what_comes_and_goes_for_long_is_not_over_for_as_long():
     np.testing.assert_allclose(found[6], A)
 
 
-def test_a_fault_that_came_with_it_and_stays_is_told():
-    """From a window on, with the sets that hold it; one that comes later is not, nor the first one
-    when it comes again."""
+def test_a_fault_that_stays_is_told():
+    """From a window on, alone, as what is beside it has not lasted; again, and another one, that
+    come after 12 and 25 s, when they have been likely for as long."""
     rows = [(0.0, BADLY, A), (9.9, BADLY, A), (10.0, BADLY, A), (11.0, BADLY, NEITHER)]
-    rows += [(12.0, BADLY, A), (23.0, BADLY, A), (25.0, BADLY, B), (36.0, BADLY, B)]
+    rows += [(12.0, BADLY, A), (23.9, BADLY, A), (24.0, BADLY, A)]
+    rows += [(25.0, BADLY, B), (49.9, BADLY, B), (50.0, BADLY, B)]
     found = told(rows)
     np.testing.assert_allclose(found[:2], [UNKNOWN] * 2)
     np.testing.assert_allclose(found[2], ONLY_A)
     np.testing.assert_allclose(found[3], [0.6, 0, 0, 0, 0.4])
-    np.testing.assert_allclose(found[4:], [UNKNOWN] * 4)
+    np.testing.assert_allclose(found[4:6], [UNKNOWN] * 2)
+    np.testing.assert_allclose(found[6], ONLY_A)
+    np.testing.assert_allclose(found[7:9], [UNKNOWN] * 2)
+    np.testing.assert_allclose(found[9], [0.1, 0, 0.75, 0, 0.15])
 
 
 def test_without_limits_all_is_told():
     (found,) = told([(0.0, [1e9, 1e9], A)], limit=(np.inf, np.inf))
     np.testing.assert_allclose(found, A)
+
+
+def test_what_a_fault_leaves_for_less_than_a_memory_and_what_none_leaves_is_no_misfit():
+    """As a fault comes or goes, before it is known."""
+    rows = [(0.0, BADLY, A), (1.9, BADLY, A), (2.0, WELL, A), (3.0, BADLY, A), (4.9, BADLY, A)]
+    np.testing.assert_allclose(told(rows, memory=2.0), [A] * 5)
+    np.testing.assert_allclose(told([*rows, (5.0, BADLY, A)], memory=2.0)[-1], UNKNOWN)
+    np.testing.assert_allclose(told([*rows, (5.0, BADLY, A)], faulty=0.0)[-1], A)

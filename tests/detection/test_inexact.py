@@ -50,7 +50,9 @@ def said(first, second, most=(0.0, 0.0), sudden=(0.0, 0.0), quick=0.0, told=0.0)
     jumps = *np.zeros((3, SETS, 2)), np.array([quick, 0.0])
     jumps[0][:, 1], jumps[1][:, 1] = sudden
     jumps[2][:, 1] = told
-    return BranchInfo(*map(jnp.asarray, (p, f, sd, *rest, *jumps, np.zeros(1), np.zeros(3))))
+    return BranchInfo(
+        *map(jnp.asarray, (p, f, sd, *rest, *jumps, np.zeros(1), np.zeros(3), np.zeros(())))
+    )
 
 
 @pytest.mark.parametrize("quick", [0.0, 500.0])

@@ -142,6 +142,7 @@ def posterior(bank, run, parts, ever, latch):
         quick=jnp.zeros((ROWS, faults)),
         alien=jnp.zeros((ROWS, 4)),
         nis=jnp.zeros((ROWS, 3)),
+        faulty=jnp.zeros(ROWS),
     )
     sampled = silence != "gap"
     nan = jnp.where(jnp.asarray(sampled), 0.0, jnp.nan)

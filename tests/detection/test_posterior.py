@@ -94,7 +94,7 @@ def test_an_estimate_and_its_interval_keep_to_the_faults_limits():
     said = BranchInfo(
         *(jnp.asarray(each) for each in (p, f, sd)),
         *(jnp.zeros(1), nothing, nothing, jnp.ones(2), jnp.zeros(2)),
-        *(*jnp.zeros((3, len(p), 2)), jnp.zeros(2), jnp.zeros(1), jnp.zeros(3)),
+        *(*jnp.zeros((3, len(p), 2)), jnp.zeros(2), jnp.zeros(1), jnp.zeros(3), jnp.zeros(())),
     )
     found = Mixture.of(bank).marginal(said, nothing > 0)
     assert (found.f[1], found.lo[1], found.hi[1]) == (0.5, -0.5, 0.5)
@@ -112,7 +112,7 @@ def test_the_width_of_a_fault_that_is_there_is_that_of_draws_of_it():
     said = BranchInfo(
         *(jnp.asarray(each) for each in (p, f, sd)),
         *(jnp.zeros(1), nothing, nothing, jnp.ones(2), jnp.zeros(2)),
-        *(*jnp.zeros((3, len(p), 2)), jnp.zeros(2), jnp.zeros(1), jnp.zeros(3)),
+        *(*jnp.zeros((3, len(p), 2)), jnp.zeros(2), jnp.zeros(1), jnp.zeros(3), jnp.zeros(())),
     )
     found = Mixture.of(bank).marginal(said, nothing > 0)
     rng = np.random.default_rng(0)

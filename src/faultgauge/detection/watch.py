@@ -236,6 +236,7 @@ class Watch(eqx.Module):
             each,
             (len(self.modes.ages),),
             (len(self.modes.windows),),
+            (),
         )
         return BranchInfo(*(jnp.full(shape, jnp.nan) for shape in shapes))
 

@@ -89,8 +89,9 @@ class Answers(Recoveries):
         alien = alone[self.branches :] / Z
         outputs = len(self.filter.plant.signals.outputs)
         usual = outputs * self.windows * self.memory / self.filter.step_s
-        nis = state.nis[jnp.argmax(state.weight[: self.branches])] / usual
-        return BranchInfo(p, mean[:, :d], sd[:, :d], x, seen, *rest, alien, nis)
+        lead = jnp.argmax(state.weight[: self.branches])
+        fits = state.nis[lead] / usual, jnp.where(state.which[lead] > 0, 1.0, 0.0)
+        return BranchInfo(p, mean[:, :d], sd[:, :d], x, seen, *rest, alien, *fits)
 
     def _leads(
         self, which: Int[Array, "branches"]

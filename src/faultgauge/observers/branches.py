@@ -107,7 +107,7 @@ class BranchInfo(NamedTuple):
     and the info of every fault in each set in its first sample, what had been told of it before
     another came beside it, and the info of a change of each in the sample after it; the posterior
     of every unknown filter; how badly the likeliest branch fits lately (`nis`, 1 where all errors
-    are as large as they should be), in the mean of each window."""
+    are as large as they should be), in the mean of each window, and whether it has a fault."""
 
     p: Float[Array, "sets"]
     f: Float[Array, "sets faults"]
@@ -123,6 +123,7 @@ class BranchInfo(NamedTuple):
     quick: Float[Array, "faults"]
     alien: Float[Array, "unknown"]
     nis: Float[Array, "windows"]
+    faulty: Float[Array, ""]
 
 
 class Changes(NamedTuple):

@@ -146,7 +146,7 @@ class BankLevel(Part):
     gain: Least = 0.0
     changes: dict[str, Least] = {}
     alike: Annotated[list[tuple[str, str, Number]], pydantic.Field(max_length=10_000)] = []
-    nis: Annotated[list[Positive], pydantic.Field(max_length=3)] = []
+    nis: Annotated[list[Positive], pydantic.Field(max_length=2)] = []
 
 
 class Interval(Part):

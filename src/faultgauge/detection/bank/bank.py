@@ -50,6 +50,7 @@ CERTAIN = float(np.log(0.95 / 0.05))  # log-odds below which nothing is ever tol
 HOLD_OFF = 10  # samples
 BRANCHES = 6  # sets of faults that are followed at once at least
 AGES = (1.0, 4.0, 16.0)  # times the memory: of unknown filters, one of each
+WINDOWS = AGES[1:]  # in which it is told how well branches fit: a fault takes a memory to be known
 ONSETS = 12  # of every fault beside every branch
 FAR = 10.0  # times the learned discrepancy: an unknown one
 LOUD = 4.0  # times the noise of a sensor: that of an unknown one; from 1.7 times on it is likelier
@@ -195,7 +196,7 @@ def build_fault_bank(
         own=jax.device_put(_own(model, noise)),
         usual=jax.device_put(_usual(model, noise, len(size) + len(growing))),
         memory=jax.device_put(knowledge.memory),
-        windows=np.array(AGES),
+        windows=np.array(WINDOWS),
         recall=jax.device_put(knowledge.when),
         shape=jax.device_put(found.shape if found else 0.0),
         more=more,
@@ -211,7 +212,7 @@ def build_fault_bank(
         knowledge, float(level), HOLD_OFF * step if wait is None else wait,
         regions_of(model, outputs), found.shape if found else 0.0, found.gain if found else 0.0,
         np.array([float(changes.get(name, np.inf)) for name in signals.input_names]),
-        np.array(found.nis if found and found.nis else np.full(len(AGES), np.inf)),
+        np.array(found.nis if found and found.nis else np.full(len(WINDOWS), np.inf)),
         _alike(found.alike, signals.fault_names, evaluated) if found else (),
     )  # fmt: skip
 

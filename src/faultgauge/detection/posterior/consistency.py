@@ -7,8 +7,8 @@ Under a right one innovations are as small as in healthy logs, in the mean of ea
 
 (Y. Bar-Shalom, X. Li and T. Kirubarajan, Estimation with Applications to Tracking and Navigation
 (2001), section 5.4). Where they are larger than `limit` something undeclared is there, and what
-fits now and then is not told: a name has to have come with it, or before, and to have been likely
-ever since for a window at least, as that of a broken propeller is, which shakes what it drives.
+fits now and then is not told: a name has to have been likely for as long as others were since that
+began, and for a window at least, as that of a broken propeller is, which shakes what it drives.
 """
 
 from collections.abc import Sequence
@@ -17,7 +17,7 @@ from typing import NamedTuple
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from faultgauge.detection.bank.bank import FaultBank
 from faultgauge.detection.posterior.posterior import LIKELY
@@ -26,54 +26,69 @@ from faultgauge.products import contract
 
 __all__ = ["Consistency", "ConsistencyState", "limit_of"]
 
-BEYOND = 3.0  # times as far above the median as the worst of healthy logs
+BEYOND = 2.0  # times as far above the median as the worst of healthy logs
 
 
 class ConsistencyState(NamedTuple):
-    """When what fits nothing was seen first and last, and since when each fault is likely [s]; NaN:
-    not lately."""
+    """Since when the likeliest fault explains too little; when it had done so for long first and
+    last; since when each fault is likely [s]. NaN: not lately."""
 
+    too_little: Float[Array, ""]
     first: Float[Array, ""]
     last: Float[Array, ""]
     since: Float[Array, "faults"]
 
 
 class Consistency(eqx.Module):
-    """`limit` of each window, the longest of which is `window` [s]; `holds` 1 where a set (the
-    unknown last) has a fault. Pure `init` and `step`."""
+    """`limit` of each window, the longest of which is `window` [s]; a fault is known within the
+    `memory` [s]; `holds` 1 where a set (the unknown last) has a fault. Pure `init` and `step`."""
 
     limit: Float[np.ndarray, "windows"]
+    memory: Float[np.ndarray, ""]
     window: Float[np.ndarray, ""]
     holds: Float[np.ndarray, "sets faults"]
 
     @staticmethod
     def of(bank: FaultBank) -> "Consistency":
-        longest = np.max(bank.modes.windows) * bank.knowledge.memory
-        return Consistency(bank.nis, np.asarray(longest), _holds(bank.sets, bank.modes.declared))
+        memory = np.asarray(bank.knowledge.memory)
+        longest = np.max(bank.modes.windows) * memory
+        return Consistency(bank.nis, memory, longest, _holds(bank.sets, bank.modes.declared))
 
     def init(self) -> ConsistencyState:
         nothing = jnp.asarray(jnp.nan)
-        return ConsistencyState(nothing, nothing, jnp.full(self.holds.shape[1], jnp.nan))
+        return ConsistencyState(*[nothing] * 3, jnp.full(self.holds.shape[1], jnp.nan))
 
     def step(
         self, state: ConsistencyState, t: Float[Array, ""], said: BranchInfo
     ) -> tuple[ConsistencyState, BranchInfo]:
-        """`said` at `t` [s], with all that sets without a lasting fault are likely by given to
-        something undeclared while that is there: until it has not shown for as long as it has come
-        and gone, a window at least."""
+        """`said` at `t` [s]; while something undeclared is there, until it has not shown for as
+        long as it has come and gone, a window at least, sets are those of their lasting faults, and
+        sets without one are that."""
         lasted = jnp.maximum(state.last - state.first, self.window)
         on = t <= state.last + lasted
-        now = jnp.any(said.nis > self.limit)
+        beyond = (said.faulty > 0) & jnp.any(said.nis > self.limit)
+        too_little = jnp.where(jnp.isnan(state.too_little), t, state.too_little)
+        too_little = jnp.where(beyond, too_little, jnp.nan)
+        now = t - too_little >= self.memory
         first = jnp.where(on, state.first, jnp.where(now, t, jnp.nan))
         last = jnp.where(now, t, jnp.where(on, state.last, jnp.nan))
         likely = contract("s,sk->k", said.p, self.holds) >= LIKELY
         since = jnp.where(jnp.isnan(state.since), t, state.since)
         since = jnp.where(likely, since, jnp.nan)
-        lasting = (t - since >= self.window) & (since <= first + self.window)
-        told = jnp.any((self.holds > 0) & lasting, axis=1).at[0].set(True)
-        lost = jnp.where((on | now) & ~told, said.p, 0.0)
-        p = (said.p - lost).at[-1].add(jnp.sum(lost))
-        return ConsistencyState(first, last, since), said._replace(p=p)
+        lasting = t - since >= jnp.maximum(since - first, self.window)
+        p = jnp.where(on | now, self._lasting(said.p, lasting), said.p)
+        return ConsistencyState(too_little, first, last, since), said._replace(p=p)
+
+    def _lasting(
+        self, p: Float[Array, "sets"], lasting: Bool[Array, "faults"]
+    ) -> Float[Array, "sets"]:
+        """`p` with that of each set at the one of its `lasting` faults alone, or at the unknown."""
+        known = self.holds[:-1]
+        left = known * lasting
+        becomes = jnp.all(left[:, None] == known, axis=2)  # of none: what a set without any is
+        lost = jnp.where(jnp.any(left > 0, axis=1) | ~known.any(axis=1), 0.0, p[:-1])
+        moved = contract("st,s->t", becomes.astype(float), p[:-1] - lost)
+        return jnp.append(moved, p[-1] + jnp.sum(lost))
 
 
 def _holds(sets: Sequence[tuple[int, ...]], faults: int) -> Float[np.ndarray, "sets faults"]:
