@@ -16,18 +16,19 @@ WINDOW = 10.0
 
 def told(rows, limit=(2.0, 1.5), memory=0.0, faulty=1.0):
     """What is told of rows (t, nis, p)."""
-    each = Consistency(np.array(limit), np.asarray(memory), np.asarray(WINDOW), HOLDS)
-    state, found = each.init(), []
+    each = Consistency(np.array(limit), np.asarray(memory), *[np.asarray(WINDOW)] * 2, HOLDS)
+    state, found, before = each.init(), [], 0.0
     for t, nis, p in rows:
         said = BranchInfo(jnp.array(p), *[jnp.zeros(1)] * 12, jnp.array(nis), faulty)
-        state, said = each.step(state, jnp.asarray(t), said)
+        state, said = each.step(state, jnp.asarray(t - before), said)
+        before = t
         found.append(np.asarray(said.p))
     return found
 
 
-def test_limits_are_twice_as_far_above_the_median_as_the_worst():
+def test_limits_are_four_times_as_far_above_the_median_as_the_worst():
     nis = np.array([[1.0, 0.5], [1.2, 0.5], [0.9, 0.6], [1.0, 0.7], [2.0, 0.6]])
-    np.testing.assert_allclose(limit_of(nis), [1.0 + 2 * 1.0, 0.6 + 2 * 0.1])
+    np.testing.assert_allclose(limit_of(nis), [1.0 + 4 * 1.0, 0.6 + 4 * 0.1])
 
 
 def test_what_explains_too_little_is_not_told():

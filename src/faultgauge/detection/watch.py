@@ -185,7 +185,8 @@ class Watch(eqx.Module):
 
         bank, said = jax.lax.cond(running, go, stay, state.bank)
         said = self.alike.told(self.inexact.told(said))
-        fits, told = self.consistency.step(state.fits, t, said)
+        since = jnp.where(begins | ~running, 0.0, gap)
+        fits, told = self.consistency.step(state.fits, since, said)
         begun, rows = jnp.where(begins, t, state.begun), jnp.where(begins, 0, state.rows)
         held = running & ((t - begun < self.hold_off) | (rows < self.settling))
         heard = Heard(

@@ -8,13 +8,15 @@ Under a right one innovations are as small as in healthy logs, in the mean of ea
 (Y. Bar-Shalom, X. Li and T. Kirubarajan, Estimation with Applications to Tracking and Navigation
 (2001), section 5.4). Where they are larger than `limit` something undeclared is there, and what
 fits now and then is not told: a name has to have been likely for as long as others were since that
-began, and for a window at least, as that of a broken propeller is, which shakes what it drives.
+began, and for as long as the model's own error lasts at least, as that of a broken propeller is,
+which shakes what it drives.
 """
 
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
@@ -26,13 +28,15 @@ from faultgauge.products import contract
 
 __all__ = ["Consistency", "ConsistencyState", "limit_of"]
 
-BEYOND = 2.0  # times as far above the median as the worst of healthy logs
+BEYOND = 4.0  # times as far above the median as the worst of healthy logs
 
 
 class ConsistencyState(NamedTuple):
-    """Since when the likeliest fault explains too little; when it had done so for long first and
-    last; since when each fault is likely [s]. NaN: not lately."""
+    """How long rows have come, gaps apart (`t`); of that: since when the likeliest fault explains
+    too little; when it had done so for long first and last; since when each fault is likely [s].
+    NaN: not lately."""
 
+    t: Float[Array, ""]
     too_little: Float[Array, ""]
     first: Float[Array, ""]
     last: Float[Array, ""]
@@ -41,29 +45,36 @@ class ConsistencyState(NamedTuple):
 
 class Consistency(eqx.Module):
     """`limit` of each window, the longest of which is `window` [s]; a fault is known within the
-    `memory` [s]; `holds` 1 where a set (the unknown last) has a fault. Pure `init` and `step`."""
+    `memory` [s], and outlasts the model's own error after `outlasts` [s]; `holds` 1 where a set
+    (the unknown last) has a fault. Pure `init` and `step`."""
 
     limit: Float[np.ndarray, "windows"]
     memory: Float[np.ndarray, ""]
     window: Float[np.ndarray, ""]
+    outlasts: Float[np.ndarray, ""]
     holds: Float[np.ndarray, "sets faults"]
 
     @staticmethod
     def of(bank: FaultBank) -> "Consistency":
         memory = np.asarray(bank.knowledge.memory)
         longest = np.max(bank.modes.windows) * memory
-        return Consistency(bank.nis, memory, longest, _holds(bank.sets, bank.modes.declared))
+        outlasts = np.asarray(bank.outlasts)
+        holds = _holds(bank.sets, bank.modes.declared)
+        return Consistency(bank.nis, memory, longest, outlasts, holds)
 
     def init(self) -> ConsistencyState:
         nothing = jnp.asarray(jnp.nan)
-        return ConsistencyState(*[nothing] * 3, jnp.full(self.holds.shape[1], jnp.nan))
+        return ConsistencyState(
+            jnp.zeros(()), *[nothing] * 3, jnp.full(self.holds.shape[1], jnp.nan)
+        )
 
     def step(
-        self, state: ConsistencyState, t: Float[Array, ""], said: BranchInfo
+        self, state: ConsistencyState, dt: Float[Array, ""], said: BranchInfo
     ) -> tuple[ConsistencyState, BranchInfo]:
-        """`said` at `t` [s]; while something undeclared is there, until it has not shown for as
-        long as it has come and gone, a window at least, sets are those of their lasting faults, and
-        sets without one are that."""
+        """`said` `dt` [s] after the row before, 0 behind a gap; while something undeclared is
+        there, until it has not shown for as long as it has come and gone, a window at least, sets
+        are those of their lasting faults, and sets without one are that."""
+        t = state.t + dt
         lasted = jnp.maximum(state.last - state.first, self.window)
         on = t <= state.last + lasted
         beyond = (said.faulty > 0) & jnp.any(said.nis > self.limit)
@@ -72,12 +83,15 @@ class Consistency(eqx.Module):
         now = t - too_little >= self.memory
         first = jnp.where(on, state.first, jnp.where(now, t, jnp.nan))
         last = jnp.where(now, t, jnp.where(on, state.last, jnp.nan))
-        likely = contract("s,sk->k", said.p, self.holds) >= LIKELY
+        likely = contract("s,sk->k", said.p, self.holds)
         since = jnp.where(jnp.isnan(state.since), t, state.since)
-        since = jnp.where(likely, since, jnp.nan)
-        lasting = t - since >= jnp.maximum(since - first, self.window)
+        since = jnp.where(likely >= LIKELY, since, jnp.nan)
+        lasting = t - since >= jnp.maximum(since - first, self.outlasts)
         p = jnp.where(on | now, self._lasting(said.p, lasting), said.p)
-        return ConsistencyState(too_little, first, last, since), said._replace(p=p)
+        after = ConsistencyState(t, too_little, first, last, since)
+        sampled = jnp.isfinite(said.p[0])
+        after = jax.tree.map(lambda new, old: jnp.where(sampled, new, old), after, state)
+        return after, said._replace(p=p)
 
     def _lasting(
         self, p: Float[Array, "sets"], lasting: Bool[Array, "faults"]
