@@ -45,7 +45,7 @@ def named(size, since=JUMP, held=(), f=1.0, biased=()):
         ends = f - 0.1 * abs(f) * one, f + 0.1 * abs(f) * one
         found = Marginal(p * one, f * one, *ends, none, p, none, 0.1 * one)
         yes, no = jnp.asarray(True), jnp.asarray(0)
-        heard = Heard(yes, held, no, jnp.ones((n, 2), bool), no, u, yes, jnp.zeros(()))
+        heard = Heard(yes, held, no, jnp.ones((n, 2), bool), no, u, yes, p)
         state, verdict = rules.step(state, t, found, heard)
         return state, verdict.named
 

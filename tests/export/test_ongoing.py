@@ -30,7 +30,7 @@ def row(status, p=0.0, named=(0, 0), healthy=None, reason=0):
     )
     at, alarm = jnp.asarray(STATUS.index(status)), jnp.asarray(status == FAULT)
     verdict = Verdict(at, jnp.asarray(reason), alarm, jnp.array(named, bool))
-    return Row(found, verdict, *jnp.zeros((3, 2)), NOTHING)
+    return Row(found, verdict, *jnp.zeros((4, 2)), NOTHING)
 
 
 def told(rows, passive=False):

@@ -57,7 +57,7 @@ class Consistency(eqx.Module):
     @staticmethod
     def of(bank: FaultBank) -> "Consistency":
         memory = np.asarray(bank.knowledge.memory)
-        longest = np.max(bank.modes.windows) * memory
+        longest = np.asarray(np.max(bank.modes.windows) * memory)
         outlasts = np.asarray(bank.outlasts)
         holds = _holds(bank.sets, bank.modes.declared)
         return Consistency(bank.nis, memory, longest, outlasts, holds)
