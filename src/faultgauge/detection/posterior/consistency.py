@@ -64,9 +64,8 @@ class Consistency(eqx.Module):
 
     def init(self) -> ConsistencyState:
         nothing = jnp.asarray(jnp.nan)
-        return ConsistencyState(
-            jnp.zeros(()), *[nothing] * 3, jnp.full(self.holds.shape[1], jnp.nan)
-        )
+        likely = jnp.full(self.holds.shape[1], jnp.nan)
+        return ConsistencyState(jnp.zeros(()), nothing, nothing, nothing, likely)
 
     def step(
         self, state: ConsistencyState, dt: Float[Array, ""], said: BranchInfo
