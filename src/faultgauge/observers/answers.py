@@ -87,11 +87,14 @@ class Answers(Recoveries):
         sudden, sharp, told = (each[:, :d] / held for each in (sudden, sharp, told))
         rest = onset, ever, most, sudden, sharp, told, state.quick
         alien = alone[self.branches :] / Z
+        return BranchInfo(p, mean[:, :d], sd[:, :d], x, seen, *rest, alien, *self._fits(state))
+
+    def _fits(self, state: BranchState) -> tuple[Float[Array, "windows"], Float[Array, ""]]:
+        """How badly the likeliest branch fits, and whether it has a fault."""
         outputs = len(self.filter.plant.signals.outputs)
         usual = outputs * self.windows * self.memory / self.filter.step_s
         lead = jnp.argmax(state.weight[: self.branches])
-        fits = state.nis[lead] / usual, jnp.where(state.which[lead] > 0, 1.0, 0.0)
-        return BranchInfo(p, mean[:, :d], sd[:, :d], x, seen, *rest, alien, *fits)
+        return state.nis[lead] / usual, jnp.where(state.which[lead] > 0, 1.0, 0.0)
 
     def _leads(
         self, which: Int[Array, "branches"]

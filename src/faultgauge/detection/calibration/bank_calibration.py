@@ -117,8 +117,7 @@ def calibrate_bank(
     blocks = _blocks(bank, scores, taken[0].source)
     suspects = merged([b for b in blocks if b.peak >= CERTAIN])
     asked = suspects or [max(blocks, key=lambda each: each.peak)]
-    expected = bank.onset.sum() * healthy + AT_START * len(bank.onset) * len(runs)
-    most = min(float(np.log(expected / BY_CHANCE)), 0.0)
+    most = _allowed(bank, healthy, len(runs))
     never = NEVER.format(where=_most_of_all(asked, clocks))
     widened, bank, scores = _believed(bank, scores, most, tried, never)
     blocks = _blocks(bank, scores, taken[0].source)
@@ -147,6 +146,13 @@ def calibrate_bank(
     )
     warnings = _believed_less(widened, asked, judged, clocks)
     return BankCalibration(found, noise.widened(widened), blocks, suspects, warnings)
+
+
+def _allowed(bank: FaultBank, healthy: float, runs: int) -> float:
+    """Log-odds that so many healthy runs of so long [s] may show, by the faults that a bank expects
+    in as much."""
+    expected = bank.onset.sum() * healthy + AT_START * len(bank.onset) * runs
+    return min(float(np.log(expected / BY_CHANCE)), 0.0)
 
 
 def _limits(scores: Sequence[Sequence["_Scored"]]) -> list[float]:
