@@ -224,8 +224,8 @@ class Disturbed(Plant):
 
     @property
     def shown(self) -> Int[np.ndarray, "some"]:
-        """The places of what outputs depend on by h: x, what they know of it besides being read at
-        constants, inputs or derivatives."""
+        """The places of what outputs depend on by h: x; xi, where they are more than states; r, a
+        and v where they read an input; all that stirs where they read a derivative."""
         parts, base = self.parts, self.base
         if deriving_outputs(base):
             return self.stirring
