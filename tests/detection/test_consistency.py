@@ -14,9 +14,11 @@ WELL, BADLY, LATELY = [1.0, 1.0], [2.1, 0.0], [0.0, 1.6]
 WINDOW = 10.0
 
 
-def told(rows, limit=(2.0, 1.5), memory=0.0, faulty=1.0):
+def told(rows, limit=(2.0, 1.5), memory=0.0, faulty=1.0, active=(True, True)):
     """What is told of rows (t, nis, p)."""
-    each = Consistency(np.array(limit), np.asarray(memory), *[np.asarray(WINDOW)] * 2, HOLDS)
+    each = Consistency(
+        np.array(limit), np.asarray(memory), *[np.asarray(WINDOW)] * 2, HOLDS, np.array(active)
+    )
     state, found, before = each.init(), [], 0.0
     for t, nis, p in rows:
         said = BranchInfo(jnp.array(p), *[jnp.zeros(1)] * 12, jnp.array(nis), faulty)
@@ -79,3 +81,10 @@ def test_what_a_fault_leaves_for_less_than_a_memory_and_what_none_leaves_is_no_m
     np.testing.assert_allclose(told(rows, memory=2.0), [A] * 5)
     np.testing.assert_allclose(told([*rows, (5.0, BADLY, A)], memory=2.0)[-1], UNKNOWN)
     np.testing.assert_allclose(told([*rows, (5.0, BADLY, A)], faulty=0.0)[-1], A)
+
+
+def test_passive_faults_raise_no_alarm_by_what_they_leave():
+    """What b, a passive fault, is likely by becomes none's, or b's once it has lasted; a beside it
+    stays an alarm."""
+    found = told([(0.0, BADLY, B), (10.0, BADLY, B)], active=(True, False))
+    np.testing.assert_allclose(found, [[0.8, 0, 0, 0, 0.2], [0.1, 0, 0.7, 0, 0.2]])

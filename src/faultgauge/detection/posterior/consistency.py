@@ -46,13 +46,14 @@ class ConsistencyState(NamedTuple):
 class Consistency(eqx.Module):
     """`limit` of each window, the longest of which is `window` [s]; a fault is known within the
     `memory` [s], and outlasts the model's own error after `outlasts` [s]; `holds` 1 where a set
-    (the unknown last) has a fault. Pure `init` and `step`."""
+    (the unknown last) has a fault, and `active` where one raises alarms. Pure `init` and `step`."""
 
     limit: Float[np.ndarray, "windows"]
     memory: Float[np.ndarray, ""]
     window: Float[np.ndarray, ""]
     outlasts: Float[np.ndarray, ""]
     holds: Float[np.ndarray, "sets faults"]
+    active: Bool[np.ndarray, "faults"]
 
     @staticmethod
     def of(bank: FaultBank) -> "Consistency":
@@ -60,7 +61,8 @@ class Consistency(eqx.Module):
         longest = np.asarray(np.max(bank.modes.windows) * memory)
         outlasts = np.asarray(bank.outlasts)
         holds = _holds(bank.sets, bank.modes.declared)
-        return Consistency(bank.nis, memory, longest, outlasts, holds)
+        active = np.asarray(bank.with_monitor("active"), bool)
+        return Consistency(bank.nis, memory, longest, outlasts, holds, active)
 
     def init(self) -> ConsistencyState:
         nothing = jnp.asarray(jnp.nan)
@@ -95,11 +97,13 @@ class Consistency(eqx.Module):
     def _lasting(
         self, p: Float[Array, "sets"], lasting: Bool[Array, "faults"]
     ) -> Float[Array, "sets"]:
-        """`p` with that of each set at the one of its `lasting` faults alone, or at the unknown."""
+        """`p` with that of each set at the one of its `lasting` faults alone, or at the unknown;
+        what raises an alarm still does, and nothing else."""
         known = self.holds[:-1]
         left = known * lasting
         becomes = jnp.all(left[:, None] == known, axis=2)  # of none: what a set without any is
-        lost = jnp.where(jnp.any(left > 0, axis=1) | ~known.any(axis=1), 0.0, p[:-1])
+        alarms = (known * self.active).any(axis=1)
+        lost = jnp.where(alarms & ~jnp.any(left * self.active > 0, axis=1), p[:-1], 0.0)
         moved = contract("st,s->t", becomes.astype(float), p[:-1] - lost)
         return jnp.append(moved, p[-1] + jnp.sum(lost))
 
