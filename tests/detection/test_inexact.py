@@ -158,7 +158,8 @@ def test_what_was_told_of_a_fault_before_a_larger_one_came_is_not_made_up_by_tha
 
 def test_what_a_sensors_own_fault_shows_is_known_exactly():
     given = said((2.0, 0.05), (0.06, 0.01))
-    found = inexact(gain=0.1, acts=np.array([0.0, 1.0])).told(given)
+    rig = inexact(gain=0.1, acts=np.array([0.0, 1.0]))
+    found = rig.unsure(rig.told(given))
     # no error of the first makes up the second; its size is as sure as before
     assert found.p[3] == pytest.approx(0.9, rel=1e-3)
     assert found.sd[3] == pytest.approx([0.05, np.hypot(0.01, 0.1 * 0.06)])

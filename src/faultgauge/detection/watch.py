@@ -22,6 +22,7 @@ from faultgauge.detection.bank.start import Start
 from faultgauge.detection.posterior.alike import Alike
 from faultgauge.detection.posterior.consistency import Consistency, ConsistencyState
 from faultgauge.detection.posterior.inexact import Inexact
+from faultgauge.detection.posterior.mimicked import Mimicked
 from faultgauge.detection.posterior.posterior import Mixture, Posterior
 from faultgauge.detection.posterior.verdicts import (
     NOT_JUDGED,
@@ -107,6 +108,7 @@ class Watch(eqx.Module):
     modes: Branching
     start: Start
     inexact: Inexact
+    mimicked: Mimicked
     alike: Alike
     consistency: Consistency
     mixture: Mixture
@@ -134,7 +136,7 @@ class Watch(eqx.Module):
         slow = [n for n, rows in zip(bank.outputs, bank.rows, strict=True) if rows > 1]
         self.intake = Intake.of(model, step, slow)
         self.modes, self.start = bank.modes, Start.of(bank)
-        self.inexact = Inexact.of(bank)
+        self.inexact, self.mimicked = Inexact.of(bank), Mimicked.of(bank)
         self.alike = Alike.of(signals.faults, bank.sets, bank.alike)
         self.consistency = Consistency.of(bank)
         self.mixture, self.rules = Mixture.of(bank), Rules.of(bank)
@@ -184,7 +186,8 @@ class Watch(eqx.Module):
             return bank, self._nothing()
 
         bank, said = jax.lax.cond(running, go, stay, state.bank)
-        said = self.alike.told(self.inexact.told(said))
+        said = self.mimicked.told(self.inexact.told(said))
+        said = self.alike.told(self.inexact.unsure(said))
         since = jnp.where(begins | ~running, 0.0, gap)
         fits, told = self.consistency.step(state.fits, since, said)
         begun, rows = jnp.where(begins, t, state.begun), jnp.where(begins, 0, state.rows)

@@ -127,7 +127,8 @@ class BankLevel(Part):
     `shape` and `gain` by which shares the model's answer is off, in all and in size; `changes`, by
     how much each input changes from row to row at most; which two faults are `alike`, no data
     telling them apart, and how many units of the second do what one of the first does; `nis`, how
-    badly an explanation may fit in the mean of each window."""
+    badly an explanation may fit in the mean of each window; `mimicked`, the sizes (one standard
+    deviation) of what in healthy logs looks like a fault, by how old it is."""
 
     level: Number
     widened: Positive
@@ -147,6 +148,7 @@ class BankLevel(Part):
     changes: dict[str, Least] = {}
     alike: Annotated[list[tuple[str, str, Number]], pydantic.Field(max_length=10_000)] = []
     nis: Annotated[list[Positive], pydantic.Field(max_length=2)] = []
+    mimicked: dict[str, Annotated[list[Least], pydantic.Field(max_length=5)]] = {}
 
 
 class Interval(Part):

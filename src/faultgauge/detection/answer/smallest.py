@@ -3,7 +3,7 @@
 A fault of size f leaves f^2 / (2 sd^2) of log-likelihood, which must outweigh the prior odds of an
 onset, and what not knowing the size costs, by the level of an alarm or a name; beside the fault
 that is most like it, as much must be left as a name takes. One that does so 9 times in 10 is 1.3 sd
-larger.
+larger. What healthy logs show too has to be real by as much (`posterior.mimicked`).
 """
 
 from collections import deque
@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from faultgauge.detection.bank.bank import FaultBank
+from faultgauge.detection.posterior.mimicked import least_real
 from faultgauge.detection.posterior.unit_faults import Effects, Information, effects_of, information
 from faultgauge.detection.posterior.verdicts import NAMED
 from faultgauge.detection.rows.prepared import Prepared, as_it_acts
@@ -45,7 +46,9 @@ def seen_size(bank: FaultBank, fault: int, sd: float, seconds: float, rarer: flo
     level = max(bank.level + np.log(rarer), named)
     prior = np.log(len(SCALES) / (bank.onset[fault] * seconds))
     occam = np.log1p((SCALES[-1] * float(bank.size[fault]) / sd) ** 2) / 2
-    return float(sd * (np.sqrt(2 * max(level + prior + occam, 1.0)) + NINE_IN_TEN))
+    told = sd * (np.sqrt(2 * max(level + prior + occam, 1.0)) + NINE_IN_TEN)
+    real = least_real(bank, fault, sd, level, seconds / 2)
+    return float(max(told, real and real + NINE_IN_TEN * sd))
 
 
 def apart_size(sd: float) -> float:

@@ -1,6 +1,6 @@
 """The bank of a calibrated model: its branches, its noise, and what calibration says of both."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import jax
@@ -40,6 +40,7 @@ from faultgauge.telemetry import Run
 __all__ = [
     "AGES",
     "CERTAIN",
+    "MIMICS",
     "FaultBank",
     "build_fault_bank",
     "evaluated_faults",
@@ -51,6 +52,7 @@ HOLD_OFF = 10  # samples
 BRANCHES = 6  # sets of faults that are followed at once at least
 AGES = (1.0, 4.0, 16.0)  # times the memory: of unknown filters, one of each
 WINDOWS = AGES[1:]  # in which it is told how well branches fit: a fault takes a memory to be known
+MIMICS = (0.25, *AGES)  # times the memory: ages between which what looks like a fault differs
 ONSETS = 12  # of every fault beside every branch
 FAR = 10.0  # times the learned discrepancy: an unknown one
 LOUD = 4.0  # times the noise of a sensor: that of an unknown one; from 1.7 times on it is likelier
@@ -70,8 +72,9 @@ class FaultBank:
     `regions` are what its networks were trained on; `shape` and `gain` are by which shares the
     model's answer to what acts on the plant is off, in all and in size; `changes` by how much each
     input changes from row to row of healthy logs at most; `nis` how badly an explanation may fit in
-    each window; `alike` are two faults that no data tell apart, and how many units of the second do
-    what one of the first does.
+    each window, and `mimicked` the size of what in healthy logs, `healthy` [s] in all, looks like
+    each fault, before each of the ages `until` [s] and behind the last; `alike` are two faults that
+    no data tell apart, and how many units of the second do what one of the first does.
     """
 
     model: Model
@@ -91,6 +94,8 @@ class FaultBank:
     gain: float
     changes: Float[np.ndarray, "inputs"]
     nis: Float[np.ndarray, "windows"]
+    healthy: float
+    mimicked: Float[np.ndarray, "faults ages"]
     alike: tuple[tuple[int, int, float], ...] = ()
 
     @property
@@ -126,6 +131,11 @@ class FaultBank:
             long = settling * np.log(np.where(more, share / (self.gain or 1.0), 1.0))
             np.maximum.at(found, which, long)
         return found
+
+    @property
+    def until(self) -> Float[np.ndarray, "ends"]:
+        """Ages of faults [s] between which what healthy logs mimic is told apart."""
+        return self.knowledge.memory * np.array(MIMICS)
 
     @property
     def pause(self) -> float:
@@ -213,6 +223,8 @@ def build_fault_bank(
         regions_of(model, outputs), found.shape if found else 0.0, found.gain if found else 0.0,
         np.array([float(changes.get(name, np.inf)) for name in signals.input_names]),
         np.array(found.nis if found and found.nis else np.full(len(WINDOWS), np.inf)),
+        healthy,
+        _mimicked(found.mimicked if found else {}, signals.fault_names),
         _alike(found.alike, signals.fault_names, evaluated) if found else (),
     )  # fmt: skip
 
@@ -249,6 +261,13 @@ def _alike(
 ) -> tuple[tuple[int, int, float], ...]:
     places = ((names.index(one), names.index(other), float(by)) for one, other, by in told)
     return tuple(each for each in places if each[0] in evaluated and each[1] in evaluated)
+
+
+def _mimicked(
+    told: Mapping[str, Sequence[float]], names: Sequence[str]
+) -> Float[np.ndarray, "faults ages"]:
+    none = [0.0] * (len(MIMICS) + 1)
+    return np.array([told.get(name, none) for name in names])
 
 
 def _changes(

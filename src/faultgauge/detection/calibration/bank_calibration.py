@@ -4,9 +4,9 @@ Were the model right in all, odds of L for a fault would be reached by chance on
 (J. Ville's inequality: a likelihood ratio is a martingale), so healthy logs, in which E faults are
 expected before any data, would show odds of E / 0.05 once in 20 times. Where they show more, or
 even odds, what the model errs is none of the kinds that noise and discrepancy can be, and all
-evidence is too strong. It is then believed by so much less that they do not: its logarithm is
-divided by s^2 where noise and discrepancy are s times as large, which changes no gain (P. Grunwald,
-"Safe learning", COLT 2011).
+evidence is too strong. It is then believed by so much less that they do not (`trust`): its
+logarithm is divided by s^2 where noise and discrepancy are s times as large, which changes no gain
+(P. Grunwald, "Safe learning", COLT 2011), or what looks like some faults is taken for mimicked.
 
 The score of a healthy sample is the log-odds of a declared fault, or of any as low as they were for
 as long as something undeclared has to outlast the model's own error; as low as it was within
@@ -22,14 +22,14 @@ confidence.
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from itertools import count
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
-from scipy.optimize import brentq
+from jaxtyping import Float
 
-from faultgauge.detection.bank.bank import CERTAIN, FaultBank, build_fault_bank
+from faultgauge.detection.bank.bank import CERTAIN, MIMICS, FaultBank, build_fault_bank
 from faultgauge.detection.bank.fidelity import gain_error, largest_changes, shape_error
 from faultgauge.detection.bank.noise import Noise
 from faultgauge.detection.bank.priors import AT_START, RARE
@@ -40,11 +40,13 @@ from faultgauge.detection.calibration.blocks import (
     allowed_peaks,
     merged,
 )
+from faultgauge.detection.calibration.trust import SHORTEST, Scored, Trust, trusted
 from faultgauge.detection.posterior.consistency import limit_of
+from faultgauge.detection.posterior.mimicked import Mimicked, least_real
 from faultgauge.detection.posterior.verdicts import log_odds
 from faultgauge.detection.rows.prepared import prepared
 from faultgauge.detection.watch import Watch
-from faultgauge.detection.words import TOLD_ODDS, UNDECLARED, moment, number
+from faultgauge.detection.words import TOLD_ODDS, UNDECLARED, duration, listed, moment, number
 from faultgauge.errors import InputError
 from faultgauge.identification.optimise.cores import side_by_side
 from faultgauge.plants.model import Model
@@ -57,18 +59,12 @@ __all__ = ["BankCalibration", "calibrate_bank", "calibrated", "level_of", "witho
 
 SAMPLES = 100_000  # that tell the level, but for as many as --mtbfa needs
 MEMORIES = 4.0  # of the bank in a block
-SHORTEST = 50  # samples of a block
 BY_CHANCE = 0.05  # how often healthy logs may show more
 TRIES = 6  # of how far the evidence can be believed, usually at most
-STEEP = 1.02  # so that few are needed
-CLOSE = 1.04  # times what is needed, either way: close enough
-LARGEST = np.log(1e3)  # of how many times as large noise may be
-WIDER = np.log(2.0)  # at once: noise that is far too large breaks a filter that is not linear
 NEVER = (
     "the healthy logs look faulty however large noise is taken, most of all {where}; leave out "
     "what was not healthy there with --where, or add to the plant file what the plant does there."
 )
-LEAST = 1e-2  # of what is allowed: less is alike
 MOST_NAMED = 3  # stretches that look faulty
 MUCH = 0.25  # of the healthy logs: nobody gave so much that was not healthy
 LOWEST = -30.0  # log-odds: what lies below is alike
@@ -76,14 +72,15 @@ MARGIN = 3.0  # mean excesses: -ln(0.05)
 
 
 class BankCalibration(NamedTuple):
-    """The bank's alarm level, the noise as large as the evidence can be believed, and what is to be
-    said of both."""
+    """The bank's alarm level, the noise as large as the evidence can be believed, what is to be
+    said of both, and how much is `lost` by it (`trust`)."""
 
     level: BankLevel
     noise: Noise
     blocks: list[Block]
     suspects: list[Block]
     warnings: list[str]
+    lost: float
 
 
 def calibrate_bank(
@@ -109,17 +106,19 @@ def calibrate_bank(
     def stepped() -> None:
         progress(min(next(walks) / (2 * len(taken) + TRIES), 1.0))
 
-    def tried(widened: float, some: Sequence[int]) -> tuple[FaultBank, list[list[_Scored]]]:
-        bank = build_fault_bank(plain, runs, noise.widened(widened), healthy)
+    def tried(trust: Trust, some: Sequence[int]) -> tuple[FaultBank, list[list[Scored]]]:
+        bank = build_fault_bank(plain, runs, noise.widened(trust.widened), healthy)
+        bank = replace(bank, mimicked=trust.mimicked)
         return bank, _walked(bank, [taken[k] for k in some], stepped)
 
-    bank, scores = tried(1.0, range(len(taken)))
+    none = np.zeros((len(model.plant.signals.faults), len(MIMICS) + 1))
+    bank, scores = tried(Trust(1.0, none), range(len(taken)))
     blocks = _blocks(bank, scores, taken[0].source)
     suspects = merged([b for b in blocks if b.peak >= CERTAIN])
     asked = suspects or [max(blocks, key=lambda each: each.peak)]
     most = _allowed(bank, healthy, len(runs))
     never = NEVER.format(where=_most_of_all(asked, clocks))
-    widened, bank, scores = _believed(bank, scores, most, tried, never)
+    trust, bank, scores, lost = trusted(bank, scores, most, tried, never)
     blocks = _blocks(bank, scores, taken[0].source)
     judged = sum(each.end - each.start for each in blocks)
     peaks = np.sort([b.peak for b in blocks])[::-1]
@@ -127,7 +126,7 @@ def calibrate_bank(
     level = level_of(peaks, allowed)
     found = BankLevel(
         level=level,
-        widened=widened,
+        widened=trust.widened,
         mtbfa_s=mtbfa,
         confidence=CONFIDENCE,
         alarms=int(np.sum(peaks >= level)),
@@ -143,9 +142,11 @@ def calibrate_bank(
         gain=gain_error(model, runs),
         changes=largest_changes(model, runs),
         nis=_limits(scores),
+        mimicked=_by_name(model, trust.mimicked),
     )
-    warnings = _believed_less(widened, asked, judged, clocks)
-    return BankCalibration(found, noise.widened(widened), blocks, suspects, warnings)
+    told = replace(bank, level=level)
+    warnings = _believed_less(told, trust.widened, asked, judged, clocks)
+    return BankCalibration(found, noise.widened(trust.widened), blocks, suspects, warnings, lost)
 
 
 def _allowed(bank: FaultBank, healthy: float, runs: int) -> float:
@@ -155,17 +156,23 @@ def _allowed(bank: FaultBank, healthy: float, runs: int) -> float:
     return min(float(np.log(expected / BY_CHANCE)), 0.0)
 
 
-def _limits(scores: Sequence[Sequence["_Scored"]]) -> list[float]:
+def _by_name(model: Model, mimicked: Float[np.ndarray, "faults ages"]) -> dict[str, list[float]]:
+    """Of the faults that healthy logs mimic."""
+    names = model.plant.signals.fault_names
+    return {name: own.tolist() for name, own in zip(names, mimicked, strict=True) if own.any()}
+
+
+def _limits(scores: Sequence[Sequence[Scored]]) -> list[float]:
     """How badly an explanation may fit, by healthy logs."""
     return limit_of(np.concatenate([each.nis for run in scores for each in run])).tolist()
 
 
 def _walked(
     bank: FaultBank, runs: Sequence[Run], stepped: Callable[[], None]
-) -> list[list["_Scored"]]:
+) -> list[list[Scored]]:
     """The scores of each of `runs`, several at once; after each it is `stepped`."""
 
-    def walked(run: Run) -> list[_Scored]:
+    def walked(run: Run) -> list[Scored]:
         found = _scores(bank, run)
         stepped()
         return found
@@ -175,12 +182,17 @@ def _walked(
 
 
 def _believed_less(
-    widened: float, asked: Sequence[Block], judged: float, clocks: Mapping[str, Clock | None]
+    bank: FaultBank,
+    widened: float,
+    asked: Sequence[Block],
+    judged: float,
+    clocks: Mapping[str, Clock | None],
 ) -> list[str]:
-    """That all is as wide as it is, where the healthy logs, of which so much was `judged` [s],
-    `asked` for it most, and what to do: where they do for long, the fault is the model's."""
-    times = f"{widened:.2g}"
-    if float(times) == 1.0:
+    """What is told only from a larger size on, where the healthy logs, of which so much was
+    `judged` [s], `asked` for it most, and what to do: where they do for long, the fault is the
+    model's."""
+    mimics, times = _mimics(bank), f"{widened:.2g}"
+    if float(times) == 1.0 and not mimics:
         return []
     advice = (
         "that is much of the logs, so rather the plant file lacks something that the plant does"
@@ -188,11 +200,34 @@ def _believed_less(
         else "if some of that was not healthy, leave it out with --where; if it was, the plant "
         "file lacks something that the plant does there"
     )
+    larger = [f"what looks like a fault there counts for none later: {mimics}"] if mimics else []
+    if float(times) != 1.0:
+        a_fault = "any other fault" if mimics else "a fault"
+        larger += [
+            f"all intervals are made {times} times as wide, and {a_fault} must be {times} times as "
+            "large to be told"
+        ]
     return [
         "the model errs in ways that its noise does not cover, and healthy logs would look faulty, "
-        f"most of all {_most_of_all(asked, clocks)}: all intervals are made {times} times as wide, "
-        f"and a fault must be {times} times as large to be told; {advice}"
+        f"most of all {_most_of_all(asked, clocks)}: {'; '.join([*larger, advice])}"
     ]
+
+
+def _mimics(bank: FaultBank) -> str:
+    """From which size on faults are told that healthy logs mimic, and at which age."""
+    said = []
+    for k, fault in enumerate(bank.model.plant.signals.faults):
+        sizes = [least_real(bank, k, 0.0, bank.level, age) for age in (0.0, *bank.until)]
+        unit = spoken(fault.unit)
+        if sizes[-1]:
+            said.append(f"{fault.name} is told from {number(sizes[-1], 2)} {unit}".rstrip() + " on")
+        elif sizes[0]:
+            last = max(n for n, size in enumerate(sizes) if size)
+            said.append(
+                f"{fault.name} is told from {number(sizes[0], 2)} {unit}".rstrip()
+                + f" on before it has lasted {duration(float(bank.until[last]))}"
+            )
+    return listed(said) if said else ""
 
 
 def _most_of_all(asked: Sequence[Block], clocks: Mapping[str, Clock | None]) -> str:
@@ -207,46 +242,6 @@ def _most_of_all(asked: Sequence[Block], clocks: Mapping[str, Clock | None]) -> 
 def _at(block: Block, t: float, clocks: Mapping[str, Clock | None]) -> str:
     """A time of `block`, at the second or finer where it is short."""
     return moment(clocks[block.run], t, min(1.0, (block.end - block.start) / 10))
-
-
-def _believed(
-    bank: FaultBank,
-    scores: list[list["_Scored"]],
-    most: float,
-    tried: Callable[[float, Sequence[int]], tuple[FaultBank, list[list["_Scored"]]]],
-    never: str,
-) -> tuple[float, FaultBank, list[list["_Scored"]]]:
-    """(how many times as large the noise must be for no run to show log-odds above `most`, and
-    the bank and all runs' scores with that); `tried` tells both for some of the runs.
-
-    It is found on the run that asks for most, and the others are asked whether it will do. Evidence
-    falls about with the square of it, from the least odds that there are. Raises
-    `InputError` with what is said where no such noise is found, `never`.
-    """
-    peaks = [_highest(each) for each in scores]
-    nothing = min(*peaks, np.log(RARE))
-    low = 0.0  # ln of it: of what is not enough
-    while (highest := max(peaks)) > most:
-        worst = int(np.argmax(peaks))
-        # by ln of how many times as large noise is, that of how many times too large evidence is
-        known = {low: float(np.log((highest - nothing) / (most - nothing)))}
-
-        def over(larger: float, worst: int = worst, known: dict[float, float] = known) -> float:
-            if larger not in known:
-                evidence = _highest(tried(float(np.exp(larger)), [worst])[1][0]) - nothing
-                known[larger] = float(np.log(max(evidence / (most - nothing), LEAST)))
-            return known[larger]
-
-        high = low + min(known[low] / 2 + np.log(STEEP), WIDER)
-        while over(high) > 0:
-            low, high = high, high + min(max(known[high], np.log(CLOSE)), WIDER)
-            if high > LARGEST:
-                raise InputError(never)
-        brentq(over, low, high, xtol=np.log(CLOSE))
-        low = min(each for each in known if known[each] <= 0)
-        bank, scores = tried(float(np.exp(low)), range(len(scores)))
-        peaks = [_highest(each) for each in scores]
-    return float(np.exp(low)), bank, scores
 
 
 def level_of(peaks: Float[np.ndarray, "blocks"], allowed: int) -> float:
@@ -285,20 +280,14 @@ def _first_samples(runs: Sequence[Run], most: int) -> list[Run]:
     return [cut(run, slice(0, max(2, int(share * len(run.t))))) for run in runs]
 
 
-def _highest(stretches: Sequence["_Scored"]) -> float:
-    """The highest score of a run; as low as any where it is not judged."""
-    long = [each.score.max() for each in stretches if len(each.score) >= SHORTEST]
-    return float(max(long, default=LOWEST))
-
-
-def _blocks(bank: FaultBank, scores: Sequence[Sequence["_Scored"]], source: str) -> list[Block]:
+def _blocks(bank: FaultBank, scores: Sequence[Sequence[Scored]], source: str) -> list[Block]:
     """Every run's `scores` in blocks."""
     stretches = [each for run in scores for each in run]
     length = max(int(np.ceil(MEMORIES * bank.knowledge.memory / bank.step)), SHORTEST)
     total = sum(len(each.score) for each in stretches)
     length = max(min(length, total // (2 * FEWEST_BLOCKS)), SHORTEST)
     blocks = []
-    for name, t, score, likeliest, size, _ in stretches:
+    for name, t, score, likeliest, size, *_ in stretches:
         count = max(len(score) // length, 1 if len(score) >= SHORTEST else 0)
         for piece in np.array_split(np.arange(len(score)), count) if count else ():
             end = float(t[piece[-1]]) + bank.step
@@ -324,29 +313,22 @@ def _cause(bank: FaultBank, which: int, size: float) -> str:
     return f"{faults[which].name} of {sign}{number(size, 2)} {spoken(faults[which].unit)}".rstrip()
 
 
-class _Scored(NamedTuple):
-    """Samples of a run: the place of the likeliest cause, one behind the faults where that is
-    undeclared, and its size there [its unit]."""
-
-    run: str
-    t: Float[np.ndarray, "samples"]
-    score: Float[np.ndarray, "samples"]
-    likeliest: Int[np.ndarray, "samples"]
-    size: Float[np.ndarray, "samples"]
-    nis: Float[np.ndarray, "samples windows"]
-
-
-def _scores(bank: FaultBank, run: Run) -> list[_Scored]:
+def _scores(bank: FaultBank, run: Run) -> list[Scored]:
     """Every stretch of `run` behind its hold-off."""
     watch = Watch(bank.model, tuple(run.columns), run.step, bank=bank)
     rows = prepared(watch.signals, run)
-    told = watch.along(watch.init(averaged=run.resampled is not None), rows)[1]
-    found, nis = told.posterior, np.asarray(told.nis)
+    row = watch.along(watch.init(averaged=run.resampled is not None), rows)[1]
+    found, nis = row.posterior, np.asarray(row.nis)
     calm, unknown = np.asarray(found.calm), np.nan_to_num(found.unknown)
     active = np.nan_to_num(found.p) * bank.with_monitor("active")
     likeliest = np.argmax(np.column_stack([active, unknown]), axis=1)
-    sizes = np.column_stack([np.asarray(found.f), np.full(len(calm), np.nan)])
-    size = np.take_along_axis(sizes, likeliest[:, None], axis=1)[:, 0]
+    none, age = np.full(len(calm), np.nan), np.asarray(found.onset)[..., 0]
+    mimicked = np.asarray(Mimicked.of(bank).at(age))
+    own = found.f / np.maximum(found.p, RARE), np.square(found.sd) - mimicked**2, age
+    told = [
+        np.take_along_axis(np.column_stack([each, none]), likeliest[:, None], axis=1)[:, 0]
+        for each in own
+    ]
     there = ~found.held & np.isfinite(calm)
     declared, either = (
         np.where(there, np.where(found.inside, np.maximum(log_odds(p), LOWEST), LOWEST), np.nan)
@@ -361,8 +343,8 @@ def _scores(bank: FaultBank, run: Run) -> list[_Scored]:
         first = int(np.ceil(persists / bank.step))  # before, no alarm can be
         if len(score) > first:
             part = slice(a + first, b)
-            own = run.t[part], score[first:], likeliest[part], size[part], nis[part]
-            stretches.append(_Scored(run.name, *own))
+            own = (each[part] for each in (likeliest, *told, nis))
+            stretches.append(Scored(run.name, run.t[part], score[first:], *own))
     return stretches
 
 

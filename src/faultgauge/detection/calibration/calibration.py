@@ -124,13 +124,13 @@ def _by_bank(
     searching(0.0)
     noise = estimate_noise(model, runs, discrepancy, searching)
     found = calibrate_bank(model, runs, noise, mtbfa, step(1, "finding the alarm level"))
-    if discrepancy and found.level.widened > WORTH:
+    if discrepancy and found.lost > np.log(WORTH):
         where = step(2, "finding where the model errs more")
         doubted = estimate_doubts(model, runs, noise, where)
         if doubted is not None:
             level = step(3, "finding the alarm level")
             other = calibrate_bank(model, runs, doubted, mtbfa, level)
-            if np.log(other.level.widened) < LEFT * np.log(found.level.widened):
+            if other.lost < LEFT * found.lost:
                 noise, found = doubted, other
     equal = equal_faults(retold(model, noise), runs)
     warnings += [*equal.warnings, *lasting_warnings(model, runs, noise)]

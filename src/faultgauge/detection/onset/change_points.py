@@ -39,7 +39,8 @@ def windows_of(bank: FaultBank, decision: Decision) -> Iterator[Window]:
 
 
 def causes_of(bank: FaultBank, window: Window) -> Causes:
-    """The posterior of a window, beside the faults that are known in it.
+    """The posterior of a window, beside the faults that are known in it, as against none but what is
+    made up.
 
     A fault that beats the healthy hypothesis is linearised around itself: what it does to the
     state, and to its own effect, then counts in full.
@@ -58,8 +59,10 @@ def causes_of(bank: FaultBank, window: Window) -> Causes:
             seen[k], again = around, causes_in(bank, window, around)
             more = float(around.base - plain.base)
             found.weight[:, k] = again.weight[:, k] + more
+            found.made_up[:, k] = again.made_up[:, k] + more
             found.mean[:, k], found.sd[:, k] = again.mean[:, k], again.sd[:, k]
-    return found._replace(seen=tuple(seen))
+    none = np.logaddexp(0.0, total(found.made_up))
+    return found._replace(weight=found.weight - none, seen=tuple(seen))
 
 
 def _believed(bank: FaultBank, decision: Decision) -> Bool[np.ndarray, "samples"]:

@@ -8,6 +8,10 @@ n, with score r and information N of its size f ~ N(0, S^2) from `shocks`,
 
 times the mass of f within the fault's limits, posterior over prior; the prior of (k, n) is the
 cause's onset rate times the step.
+
+What healthy logs, of T s in all, show too is made up or real (`posterior.mimicked`). With its size
+m at that age, which a real fault has beside its own, S^2 + m^2 stands for S^2, and the size is known
+to V + m^2; that something is made up is as likely as a fault of size m that begins once in T.
 """
 
 from typing import NamedTuple
@@ -23,6 +27,7 @@ from faultgauge.detection.bank.bank import FaultBank, unknown_shock
 from faultgauge.detection.bank.extended import start_spread
 from faultgauge.detection.bank.priors import ALIEN, AT_START
 from faultgauge.detection.onset.shocks import KnownStretch, Shocks, shocks
+from faultgauge.detection.posterior.mimicked import Mimicked
 from faultgauge.detection.rows.judged import pad_stretch
 from faultgauge.detection.rows.prepared import Prepared
 from faultgauge.observers.branches import SCALES
@@ -42,10 +47,11 @@ class Window(NamedTuple):
 
 class Causes(NamedTuple):
     """ln of posterior weight (not normalised) of every onset and cause, declared ones first and
-    then undeclared ones; mean and sd of a declared fault's size; the innovations as each declared
-    fault is linearised, the last ones without any."""
+    then undeclared ones, and of what is `made_up`; mean and sd of a declared fault's size; the
+    innovations as each declared fault is linearised, the last ones without any."""
 
     weight: Float[np.ndarray, "samples causes"]
+    made_up: Float[np.ndarray, "samples declared"]
     mean: Float[np.ndarray, "samples declared"]
     sd: Float[np.ndarray, "samples declared"]
     seen: tuple[Shocks, ...]
@@ -103,19 +109,38 @@ def causes_in(bank: FaultBank, window: Window, found: Shocks) -> Causes:
     size = np.asarray(bank.modes.prior.size)[: bank.modes.filter.faults]
     score, information = (np.asarray(a)[:count] for a in (found.score, found.information))
     variance = 1 / (information + size**-2.0)
-    mean, sd = (score * variance)[:, :declared], np.sqrt(variance)[:, :declared]
+    mimicked = np.zeros(score.shape)
+    ages = np.broadcast_to((window.t[-1] - window.t)[:, None], (count, declared))
+    mimicked[:, :declared] = Mimicked.of(bank).at(ages)
+    mean = (score * variance)[:, :declared]
+    sd = np.sqrt(variance + mimicked**2)[:, :declared]
     each = []
     for scale in SCALES:
-        s = scale * size
+        s = np.hypot(scale * size, mimicked)
         V = 1 / (information + s**-2.0)
         gain = (score**2 * V - np.log1p(information * s**2)) / 2
         for k, fault in enumerate(faults):
             gain[:, k] += _mass(fault.min, fault.max, (score * V)[:, k], np.sqrt(V)[:, k])
-            gain[:, k] -= _mass(fault.min, fault.max, np.zeros(1), s[k : k + 1])
+            gain[:, k] -= _mass(fault.min, fault.max, np.zeros(count), s[:, k])
         each.append(gain)
     gain = np.logaddexp.reduce(each, axis=0) - np.log(len(SCALES))
+    often = np.minimum(np.log(np.maximum(dt, 1e-12) / bank.healthy), 0.0)
+    often[0] = 0.0
+    made_up = often + _made_up(*(a[:, :declared] for a in (score, information, mimicked)))
     gain = np.concatenate([gain, np.asarray(found.unknown)[:count, None]], axis=1)
-    return Causes(prior + gain, mean, sd, (found,))
+    return Causes(prior + gain, made_up, mean, sd, (found,))
+
+
+def _made_up(
+    score: Float[np.ndarray, "samples declared"],
+    information: Float[np.ndarray, "samples declared"],
+    mimicked: Float[np.ndarray, "samples declared"],
+) -> Float[np.ndarray, "samples declared"]:
+    """By how much (ln) what healthy logs show too is likelier than nothing."""
+    with np.errstate(divide="ignore"):
+        V = 1 / (information + mimicked**-2.0)
+    shown = (score**2 * V - np.log1p(information * mimicked**2)) / 2
+    return np.where(mimicked > 0, shown, -np.inf)
 
 
 def _mass(

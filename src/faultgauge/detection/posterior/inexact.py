@@ -50,7 +50,7 @@ from faultgauge.observers.branches import BranchInfo
 from faultgauge.observers.recoveries import real_odds, told_at_once
 from faultgauge.plants.signals import Fault
 
-__all__ = ["Inexact", "acting"]
+__all__ = ["Inexact", "acting", "sets_with", "without"]
 
 TINY = 1e-300  # no division by 0
 
@@ -75,16 +75,9 @@ class Inexact(eqx.Module):
     @staticmethod
     def of(bank: FaultBank) -> "Inexact":
         faults = bank.model.plant.signals.faults
-        sets = (*bank.sets, ())
-        holds = [[float(k in each) for k in range(len(faults))] for each in sets]
-        sources = tuple(
-            tuple(
-                -1 if k in each else row[k] for each, row in zip(sets, bank.modes.more, strict=True)
-            )
-            for k in range(len(faults))
-        )
+        holds, sources = sets_with(bank)
         return Inexact(
-            np.array(holds),
+            holds,
             acting(faults),
             np.asarray(bank.size, float),
             np.asarray(bank.modes.prior.common),
@@ -103,16 +96,13 @@ class Inexact(eqx.Module):
         never = self.holds * (1 - self._real(said, by_others, at_once))  # a rest of one was there
         p, f, variance, ever = said.p, said.f, said.sd**2, said.ever
         for k in range(len(self.acts)):
-            source = np.array(self.sources[k])
-            moved, ever = p * made_up[:, k], ever.at[k].add(-jnp.sum(p * never[:, k]))
-            comes = jnp.where(source >= 0, moved[source], 0.0)
-            p = p - moved + comes
-            w = jnp.where(comes > 0, comes / jnp.maximum(p, TINY), 0.0)[:, None]
-            apart = f[source] - f
-            f = f + w * apart
-            variance = (1 - w) * variance + w * variance[source] + w * (1 - w) * apart**2
-        sd = jnp.sqrt(variance + (self.gain * self.acts * f) ** 2)
-        return said._replace(p=p, f=f, sd=sd, ever=jnp.maximum(ever, 0.0))
+            ever = ever.at[k].add(-jnp.sum(p * never[:, k]))
+            p, f, variance = without(p, f, variance, p * made_up[:, k], self.sources[k])
+        return said._replace(p=p, f=f, sd=jnp.sqrt(variance), ever=jnp.maximum(ever, 0.0))
+
+    def unsure(self, said: BranchInfo) -> BranchInfo:
+        """`said` with sizes no surer than the model's answer is."""
+        return said._replace(sd=jnp.hypot(said.sd, self.gain * self.acts * said.f))
 
     def rivals(self, said: BranchInfo) -> Float[Array, "sets"]:
         """p of the sets by which rivals are told: that of the docstring above."""
@@ -161,6 +151,37 @@ class Inexact(eqx.Module):
         s2 = self.size**2 / sd2
         odds = real_odds(z2, jnp.asarray(s2), e2, jnp.asarray(self.common)) + at_once
         return jnp.where(e2 > TINY, jax.nn.sigmoid(odds), 1.0)
+
+
+def sets_with(
+    bank: FaultBank,
+) -> tuple[Float[np.ndarray, "sets faults"], tuple[tuple[int, ...], ...]]:
+    """1 where a set, the unknown last, has a fault; and of each fault the set with it on top of
+    each set, -1 where there is none."""
+    sets, faults = (*bank.sets, ()), range(len(bank.onset))
+    sources = tuple(
+        tuple(-1 if k in each else row[k] for each, row in zip(sets, bank.modes.more, strict=True))
+        for k in faults
+    )
+    return np.array([[float(k in each) for k in faults] for each in sets]), sources
+
+
+def without(
+    p: Float[Array, "sets"],
+    f: Float[Array, "sets faults"],
+    variance: Float[Array, "sets faults"],
+    moved: Float[Array, "sets"],
+    sources: tuple[int, ...],
+) -> tuple[Float[Array, "sets"], Float[Array, "sets faults"], Float[Array, "sets faults"]]:
+    """Probabilities, sizes and variances of the sets when as much as is `moved` of each belongs to
+    the set without one fault, whose `sources` these are."""
+    source = np.array(sources)
+    comes = jnp.where(source >= 0, moved[source], 0.0)
+    p = p - moved + comes
+    w = jnp.where(comes > 0, comes / jnp.maximum(p, TINY), 0.0)[:, None]
+    apart = f[source] - f
+    mixed = (1 - w) * variance + w * variance[source] + w * (1 - w) * apart**2
+    return p, f + w * apart, mixed
 
 
 def _rival_sets(
