@@ -5,6 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 from jaxtyping import Bool, Float
 
+from faultgauge.detection.answer.unnamed import unnamed_alarms
 from faultgauge.detection.bank.bank import FaultBank
 from faultgauge.detection.bank.uncertain_constants import drifting_of
 from faultgauge.detection.decisions import Decision
@@ -13,7 +14,6 @@ from faultgauge.reporting.glance import Compared, ToldSpan, overview
 from faultgauge.reporting.scales import least_sizes, noise_scales
 from faultgauge.reporting.style import quantity
 from faultgauge.reporting.svg import Figure
-from faultgauge.reporting.words.unnamed import alarms
 from faultgauge.telemetry import Run
 
 __all__ = ["run_overview", "silent"]
@@ -43,8 +43,8 @@ def run_overview(
         fault.name: [(e.onset, e.end) for e in seen if e.fault == fault.name]
         for fault in signals.faults
     }
-    unnamed = [e for e in alarms(bank, decision) if e.start <= t[-1] and t[0] <= e.end]
-    left = {cause for each in unnamed for cause in each.causes}
+    unnamed = [e for e in unnamed_alarms(bank, decision) if e.start <= t[-1] and t[0] <= e.end]
+    left = {cause.name for each in unnamed for cause in each.causes}
     least = least_sizes(bank, decision)
     told = [
         ToldSpan(

@@ -288,6 +288,25 @@ def test_an_alarm_without_a_name_is_no_silence(bank, decision):
     assert "gauge (m)" in drawn
 
 
+def test_many_alarms_that_nothing_explains_are_one_sentence(bank, decision):
+    """From 100 s on, five rows (2 s) every 50 s; a sixth has a cause that is undecided."""
+
+    def told(count):
+        status, reason = [*decision.status], [*decision.reason]
+        for first in range(200, 200 + 100 * count, 100):
+            status[first : first + 5] = ["FAULT"] * 5
+            reason[first : first + 5] = ["no declared fault explains it"] * 5
+        status[50], reason[50] = "FAULT", "cause undecided: leak or gauge"
+        return answers(bank, [replace(decision, status=status, reason=reason, events=[])])
+
+    assert [each.partition(" ")[0] for each in told(3)] == ["An"] * 4
+    other, many = told(4)
+    assert "cause undecided" in other
+    assert many == (
+        "4 alarms from 100 s to 252 s (run run1), 8 s in all; no declared fault explains them"
+    )
+
+
 def test_one_more_fault_than_is_told_is_told_without_a_name(bank, decision):
     """Beside the leak, from 350 s on for 200 s, with p 0.99 in all."""
     part = slice(700, 1100)

@@ -39,8 +39,8 @@ def windows_of(bank: FaultBank, decision: Decision) -> Iterator[Window]:
 
 
 def causes_of(bank: FaultBank, window: Window) -> Causes:
-    """The posterior of a window, beside the faults that are known in it, as against none but what is
-    made up.
+    """The posterior of a window, beside the faults that are known in it, as against none but what
+    is made up.
 
     A fault that beats the healthy hypothesis is linearised around itself: what it does to the
     state, and to its own effect, then counts in full.

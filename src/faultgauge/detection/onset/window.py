@@ -10,8 +10,8 @@ times the mass of f within the fault's limits, posterior over prior; the prior o
 cause's onset rate times the step.
 
 What healthy logs, of T s in all, show too is made up or real (`posterior.mimicked`). With its size
-m at that age, which a real fault has beside its own, S^2 + m^2 stands for S^2, and the size is known
-to V + m^2; that something is made up is as likely as a fault of size m that begins once in T.
+m at that age, which a real fault has beside its own, S^2 + m^2 stands for S^2, and the size is
+known to V + m^2; that something is made up is as likely as a fault of size m that begins once in T.
 """
 
 from typing import NamedTuple

@@ -40,6 +40,7 @@ __all__ = [
     "NOT_JUDGED",
     "OUTSIDE",
     "PLACES",
+    "PLAIN",
     "QUIET",
     "STALE",
     "STATUS",

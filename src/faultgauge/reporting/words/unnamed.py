@@ -1,6 +1,8 @@
 """The sentences of alarms without a name, of what is beside events without one, and of what a log
 ends undecided about."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from faultgauge.detection.answer.shares import WHOLE, shares_of
@@ -9,8 +11,8 @@ from faultgauge.detection.bank.bank import FaultBank
 from faultgauge.detection.decisions import Decision
 from faultgauge.detection.posterior.events import Cause, Unnamed
 from faultgauge.detection.posterior.posterior import LIKELY
-from faultgauge.detection.posterior.verdicts import NOT_JUDGED
-from faultgauge.detection.words import UNDECLARED, moment
+from faultgauge.detection.posterior.verdicts import NOT_JUDGED, PLAIN, Reason
+from faultgauge.detection.words import UNDECLARED, duration, moment
 from faultgauge.plants.model import Model
 from faultgauge.reporting.words.probability import probability
 from faultgauge.reporting.words.reliance import headed
@@ -18,6 +20,8 @@ from faultgauge.reporting.words.telling import Told, row_time, unit_of
 from faultgauge.telemetry.clock import Clock
 
 __all__ = ["alarm_sentence", "alarms", "unnamed"]
+
+ALONE = 3  # alarms that nothing explains, that are told one by one
 
 
 def unnamed(bank: FaultBank, decision: Decision) -> list[Told]:
@@ -28,8 +32,12 @@ def unnamed(bank: FaultBank, decision: Decision) -> list[Told]:
 
 
 def alarms(bank: FaultBank, decision: Decision, note: str = "") -> list[Told]:
-    """Alarms without an event, with a `note` on the run."""
-    return [
+    """Alarms without an event, with a `note` on the run; those that no declared fault explains
+    together where there are many: what is undeclared often comes and goes."""
+    found = unnamed_alarms(bank, decision)
+    unexplained = [each for each in found if each.reason == PLAIN[Reason.UNDECLARED]]
+    many = unexplained if len(unexplained) > ALONE else []
+    told = [
         Told(
             each.start,
             each.end,
@@ -37,8 +45,26 @@ def alarms(bank: FaultBank, decision: Decision, note: str = "") -> list[Told]:
             causes=tuple(cause.name for cause in each.causes),
             brief="one more fault" if each.beside else "an alarm",
         )
-        for each in unnamed_alarms(bank, decision)
+        for each in found
+        if each not in many
     ]
+    return sorted([*told, *_together(bank, many, decision.run.clock, note)])
+
+
+def _together(
+    bank: FaultBank, many: Sequence[Unnamed], clock: Clock | None, note: str
+) -> list[Told]:
+    """One sentence of all alarms that no declared fault explains; none of none."""
+    if not many:
+        return []
+    begun, ended = many[0].start, max(each.end for each in many)
+    first, last = (moment(clock, t, bank.step) for t in (begun, ended))
+    lasting = duration(sum(each.end - each.start for each in many))
+    head = (
+        f"{len(many)} alarms from {first} to {last} (run {many[0].run}{note}), {lasting} in all; "
+        "no declared fault explains them"
+    )
+    return [Told(begun, ended, headed(bank.model, head), brief=f"{len(many)} alarms")]
 
 
 def alarm_sentence(
