@@ -292,7 +292,7 @@ def test_many_alarms_that_nothing_explains_are_one_sentence(bank, decision):
     """From 100 s on, five rows (2 s) every 50 s; a sixth has a cause that is undecided."""
 
     def told(count):
-        status, reason = [*decision.status], [*decision.reason]
+        status, reason = ([each] * len(decision.status) for each in ("HEALTHY", ""))
         for first in range(200, 200 + 100 * count, 100):
             status[first : first + 5] = ["FAULT"] * 5
             reason[first : first + 5] = ["no declared fault explains it"] * 5
