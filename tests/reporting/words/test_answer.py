@@ -289,19 +289,19 @@ def test_an_alarm_without_a_name_is_no_silence(bank, decision):
 
 
 def test_many_alarms_that_nothing_explains_are_one_sentence(bank, decision):
-    """From 100 s on, five rows (2 s) every 50 s; a sixth has a cause that is undecided."""
+    """From 100 s on, five rows (2 s) every 50 s; another one is not sure for long enough."""
 
     def told(count):
         status, reason = ([each] * len(decision.status) for each in ("HEALTHY", ""))
         for first in range(200, 200 + 100 * count, 100):
             status[first : first + 5] = ["FAULT"] * 5
             reason[first : first + 5] = ["no declared fault explains it"] * 5
-        status[50], reason[50] = "FAULT", "cause undecided: leak or gauge"
+        status[50], reason[50] = "FAULT", "not certain for long enough to be named: "
         return answers(bank, [replace(decision, status=status, reason=reason, events=[])])
 
     assert [each.partition(" ")[0] for each in told(3)] == ["An"] * 4
     other, many = told(4)
-    assert "cause undecided" in other
+    assert "not certain for long enough" in other
     assert many == (
         "4 alarms from 100 s to 252 s (run run1), 8 s in all; no declared fault explains them"
     )
