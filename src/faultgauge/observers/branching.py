@@ -217,8 +217,9 @@ class Branching(Answers):
         kind = jnp.where(gone, k - K, k)
         fault = owner[kind]
         which = jnp.where(gone, less[state.which[b], fault], more[state.which[b], kind])
-        # the likely onsets go; the others stay beside the branch that they are of
+        # the likely onsets that agree go; the others stay beside the branch that they are of
         stays = changes.ell[b, k] <= jnp.max(changes.ell[b, k]) + np.log(TRIFLE)
+        stays = stays | self._another(changes, b, k)
         ell = jnp.where(stays, NEVER, changes.ell[b, k])
         a = jnp.argmax(ell)
         f, V = self._alone(state, changes, b, k, kind, a, gone)
@@ -261,6 +262,14 @@ class Branching(Answers):
             nis=placed(state.nis, self._explained(state, changes, b, k, kind, ell, gone)),
             lanes=lanes,
         )
+
+    def _another(
+        self, changes: Changes, b: Int[Array, ""], k: Int[Array, ""]
+    ) -> Bool[Array, "onsets"]:
+        """Onsets whose size is clearly another one than that of the likeliest: what is neither of
+        the two is between them, and no one belief."""
+        f, V, a = changes.f[b, k], changes.V[b, k], jnp.argmax(changes.ell[b, k])
+        return (f - f[a]) ** 2 > CLEAR**2 * (V + V[a])
 
     def _explained(
         self,
