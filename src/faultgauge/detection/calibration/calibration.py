@@ -20,6 +20,7 @@ from faultgauge.detection.calibration.bank_calibration import (
 from faultgauge.detection.calibration.blocks import CONFIDENCE, Block, check_mtbfa
 from faultgauge.detection.calibration.equal_faults import equal_faults
 from faultgauge.detection.calibration.noise_estimation import estimate_doubts, estimate_noise
+from faultgauge.detection.calibration.trust import LEFT
 from faultgauge.detection.rows.flat_line import longest_repeats
 from faultgauge.detection.rows.judged import build_bank, check_observer
 from faultgauge.detection.words import duration
@@ -38,7 +39,6 @@ __all__ = ["Calibration", "calibrate"]
 # somewhere
 SHARES = (0.4, 0.2, 0.2, 0.2)
 WORTH = 1.25  # times as large as found: noise that is taken larger has a cause that is looked for
-LEFT = 0.5  # of what evidence must be believed less: a place that leaves more is not its cause
 FEWEST = 100  # samples that tell a 95 % interval: 5 of them lie outside
 
 

@@ -11,8 +11,9 @@ makes faults harder to see:
 By the highest log-odds of each fault, L_k, of which L_0 would be there without any evidence and
 L_m may be, noise would have to be  w_k = sqrt((L_k - L_0) / (L_m - L_0))  times as large. Of the
 faults with the largest w_k none, one, two, ... are taken for mimicked, and noise is as large as the
-others ask: the choice is that by which faults have to grow least, in the geometric mean over all
-faults and ages (`lost`, its logarithm), found best first.
+others ask. What is `lost` is ln of how many times as large faults have to be, in the mean over all
+of them and their ages: the choice that loses least is taken where that is clearly less than by
+noise alone.
 """
 
 from collections.abc import Callable, Sequence
@@ -29,7 +30,7 @@ from faultgauge.detection.bank.priors import RARE
 from faultgauge.detection.posterior.mimicked import Mimicked
 from faultgauge.errors import InputError
 
-__all__ = ["SHORTEST", "Scored", "Trust", "highest", "trusted"]
+__all__ = ["LEFT", "SHORTEST", "Scored", "Trust", "highest", "trusted"]
 
 SHORTEST = 50  # samples of a stretch that tells
 LOWEST = -30.0  # log-odds of a run that tells nothing
@@ -37,6 +38,7 @@ STEEP = 1.02  # so that few tries are needed
 CLOSE = 1.04  # times what is needed, either way: close enough
 LARGEST = np.log(1e3)  # of how many times as large noise may be
 WIDER = np.log(2.0)  # at once: noise that is far too large breaks a filter that is not linear
+LEFT = 0.5  # of what noise alone would lose: what loses more mends nothing
 SURE = 30.0  # log-odds from which on a probability is 1 to the last digits
 TINY = 1e-300  # no division by 0
 LEAST = 1e-2  # of what is allowed: less is alike
@@ -96,11 +98,12 @@ def trusted(bank: FaultBank, scores: Scores, most: float, tried: Tried, never: s
     first = Trusted(none, bank, scores, 0.0)
     if max(map(highest, scores)) <= most:
         return first
-    lost, found = _choices(first, most), dict[tuple[int, ...], Trusted]()
-    while (best := min(lost, key=lambda each: lost[each])) not in found:
-        found[best] = _enough(first, best, most, tried, never)
-        lost[best] = found[best].lost
-    return found[best]
+    lost = _choices(first, most)
+    best, limit = min(lost, key=lambda each: lost[each]), LEFT * lost[()]
+    found = _enough(first, best, most, tried, never, limit) if lost[best] < limit else None
+    found = found or _enough(first, (), most, tried, never)
+    assert found is not None  # without a limit
+    return found
 
 
 def _choices(first: Trusted, most: float) -> dict[tuple[int, ...], float]:
@@ -138,11 +141,19 @@ def _lost(bank: FaultBank, trust: Trust) -> float:
 
 
 def _enough(
-    first: Trusted, mimics: Sequence[int], most: float, tried: Tried, never: str
-) -> Trusted:
-    """As large sizes of what is taken for mimicked, and then as large noise, as it takes."""
+    first: Trusted,
+    mimics: Sequence[int],
+    most: float,
+    tried: Tried,
+    never: str,
+    limit: float = np.inf,
+) -> Trusted | None:
+    """As large sizes of what is taken for mimicked, and then as large noise, as it takes; None
+    where more than the `limit` is lost."""
     found = first
     while max(map(highest, found.scores)) > most:
+        if found.lost > limit:
+            return None
         mimicked = _mimicked(found, mimics, most)
         if np.any(mimicked > found.trust.mimicked):
             trust = found.trust._replace(mimicked=mimicked)
