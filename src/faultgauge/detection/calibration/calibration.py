@@ -20,7 +20,7 @@ from faultgauge.detection.calibration.bank_calibration import (
 from faultgauge.detection.calibration.blocks import CONFIDENCE, Block, check_mtbfa
 from faultgauge.detection.calibration.equal_faults import equal_faults
 from faultgauge.detection.calibration.noise_estimation import estimate_doubts, estimate_noise
-from faultgauge.detection.calibration.trust import LEFT
+from faultgauge.detection.calibration.trust import LEFT, WORTH
 from faultgauge.detection.rows.flat_line import longest_repeats
 from faultgauge.detection.rows.judged import build_bank, check_observer
 from faultgauge.detection.words import duration
@@ -38,7 +38,6 @@ __all__ = ["Calibration", "calibrate"]
 # of the work: noise, how far evidence is believed, and both once more where the model errs more
 # somewhere
 SHARES = (0.4, 0.2, 0.2, 0.2)
-WORTH = 1.25  # times as large as found: noise that is taken larger has a cause that is looked for
 FEWEST = 100  # samples that tell a 95 % interval: 5 of them lie outside
 
 
@@ -124,7 +123,7 @@ def _by_bank(
     searching(0.0)
     noise = estimate_noise(model, runs, discrepancy, searching)
     found = calibrate_bank(model, runs, noise, mtbfa, step(1, "finding the alarm level"))
-    if discrepancy and found.lost > np.log(WORTH):
+    if discrepancy and found.lost > WORTH:
         where = step(2, "finding where the model errs more")
         doubted = estimate_doubts(model, runs, noise, where)
         if doubted is not None:

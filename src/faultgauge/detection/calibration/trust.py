@@ -12,8 +12,8 @@ By the highest log-odds of each fault, L_k, of which L_0 would be there without 
 L_m may be, noise would have to be  w_k = sqrt((L_k - L_0) / (L_m - L_0))  times as large. Of the
 faults with the largest w_k none, one, two, ... are taken for mimicked, and noise is as large as the
 others ask. What is `lost` is ln of how many times as large faults have to be, in the mean over all
-of them and their ages: the choice that loses least is taken where that is clearly less than by
-noise alone.
+of them and their ages: the choice that loses least is taken where noise alone loses much, and that
+clearly less.
 """
 
 from collections.abc import Callable, Sequence
@@ -30,7 +30,7 @@ from faultgauge.detection.bank.priors import RARE
 from faultgauge.detection.posterior.mimicked import Mimicked
 from faultgauge.errors import InputError
 
-__all__ = ["LEFT", "SHORTEST", "Scored", "Trust", "highest", "trusted"]
+__all__ = ["LEFT", "SHORTEST", "WORTH", "Scored", "Trust", "highest", "trusted"]
 
 SHORTEST = 50  # samples of a stretch that tells
 LOWEST = -30.0  # log-odds of a run that tells nothing
@@ -38,6 +38,7 @@ STEEP = 1.02  # so that few tries are needed
 CLOSE = 1.04  # times what is needed, either way: close enough
 LARGEST = np.log(1e3)  # of how many times as large noise may be
 WIDER = np.log(2.0)  # at once: noise that is far too large breaks a filter that is not linear
+WORTH = float(np.log(1.25))  # is lost where a cause is looked for, other than by chance
 LEFT = 0.5  # of what noise alone would lose: what loses more mends nothing
 SURE = 30.0  # log-odds from which on a probability is 1 to the last digits
 TINY = 1e-300  # no division by 0
@@ -100,7 +101,8 @@ def trusted(bank: FaultBank, scores: Scores, most: float, tried: Tried, never: s
         return first
     lost = _choices(first, most)
     best, limit = min(lost, key=lambda each: lost[each]), LEFT * lost[()]
-    found = _enough(first, best, most, tried, never, limit) if lost[best] < limit else None
+    clearly = lost[()] > WORTH and lost[best] < limit
+    found = _enough(first, best, most, tried, never, limit) if clearly else None
     found = found or _enough(first, (), most, tried, never)
     assert found is not None  # without a limit
     return found
