@@ -10,7 +10,11 @@ from scipy.stats import norm
 
 from faultgauge.detection.answer.smallest import seen_size
 from faultgauge.detection.bank.bank import MIMICS, build_fault_bank
-from faultgauge.detection.calibration.bank_calibration import calibrate_bank, calibrated
+from faultgauge.detection.calibration.bank_calibration import (
+    _mimics,
+    calibrate_bank,
+    calibrated,
+)
 from faultgauge.detection.decisions import decide
 from faultgauge.detection.onset.retrospective import retrospect
 from faultgauge.detection.posterior.mimicked import Mimicked, least_real
@@ -88,6 +92,22 @@ def test_the_least_size_that_is_real_solves_the_odds(shown):
     assert seen_size(brief, 0, 0.01, 300.0) < least_real(shown, 0, 0.01, 3.0, 150.0)
 
 
+def test_what_is_told_of_mimicked_faults_is_how_large_and_for_how_long(shown):
+    """A push of 0.05 (one standard deviation) for good; a bias of as much for a memory, and then
+    of none, or of a fifth of it."""
+    sizes = shown.mimicked.copy()
+    assert _mimics(shown) == f"push below {least_real(shown, 0, 0.0, shown.level, 0.0):.2g}"
+    sizes[1] = 0.05, 0.05, 0.0, 0.0, 0.0
+    brief = replace(shown, mimicked=sizes * [[0.0], [1.0]])
+    first = least_real(brief, 1, 0.0, brief.level, 0.0)
+    lasts = f"{brief.until[1]:.3g} s"
+    assert _mimics(brief) == f"bias below {first:.2g} in its first {lasts}"
+    sizes[1, 2:] = 0.01
+    both = replace(shown, mimicked=sizes * [[0.0], [1.0]])
+    later = least_real(both, 1, 0.0, both.level, np.inf)
+    assert _mimics(both) == f"bias below {first:.2g} in its first {lasts} and {later:.2g} later"
+
+
 def test_online_and_in_hindsight_a_push_as_healthy_logs_show_it_is_none(shown):
     """One of 0.06 is clear by the noise; beside healthy logs that show 0.05 it is not, and one of
     0.8 is, known no better than those differ."""
@@ -115,7 +135,7 @@ def test_calibration_takes_a_bias_that_one_healthy_log_has_for_mimicked_alone():
     assert set(found.level.mimicked) == {"bias"}
     assert found.level.widened < 1.5
     (text,) = [each for each in found.warnings if "look faulty" in each]
-    assert "what looks like a fault there counts for none later: bias is told from 0." in text
+    assert "what looks like a fault there counts for none: bias below 0." in text
     told = calibrated(plain, found)
     bank = build_fault_bank(told, [log(4)], found.noise)
     assert [e.fault for e in decide(bank, log(4, push=0.1)).events] == ["push"]

@@ -200,7 +200,7 @@ def _believed_less(
         else "if some of that was not healthy, leave it out with --where; if it was, the plant "
         "file lacks something that the plant does there"
     )
-    larger = [f"what looks like a fault there counts for none later: {mimics}"] if mimics else []
+    larger = [f"what looks like a fault there counts for none: {mimics}"] if mimics else []
     if float(times) != 1.0:
         a_fault = "any other fault" if mimics else "a fault"
         larger += [
@@ -214,20 +214,23 @@ def _believed_less(
 
 
 def _mimics(bank: FaultBank) -> str:
-    """From which size on faults are told that healthy logs mimic, and at which age."""
+    """Below which size faults are not told that healthy logs mimic, and for how long."""
     said = []
     for k, fault in enumerate(bank.model.plant.signals.faults):
-        sizes = [least_real(bank, k, 0.0, bank.level, age) for age in (0.0, *bank.until)]
-        unit = spoken(fault.unit)
-        if sizes[-1]:
-            said.append(f"{fault.name} is told from {number(sizes[-1], 2)} {unit}".rstrip() + " on")
-        elif sizes[0]:
-            last = max(n for n, size in enumerate(sizes) if size)
-            said.append(
-                f"{fault.name} is told from {number(sizes[0], 2)} {unit}".rstrip()
-                + f" on before it has lasted {duration(float(bank.until[last]))}"
-            )
+        sizes = np.array([least_real(bank, k, 0.0, bank.level, age) for age in (0.0, *bank.until)])
+        late, longer = sizes[-1], np.flatnonzero(sizes > sizes[-1])
+        parts = []
+        if len(longer):
+            lasts = duration(float(bank.until[longer[-1]]))
+            parts = [f"{_amount(sizes[0], fault.unit)} in its first {lasts}"]
+        if late:
+            parts += [_amount(late, fault.unit) + (" later" if parts else "")]
+        said += [f"{fault.name} below {' and '.join(parts)}"] if parts else []
     return listed(said) if said else ""
+
+
+def _amount(size: float, unit: str) -> str:
+    return f"{number(float(size), 2)} {spoken(unit)}".rstrip()
 
 
 def _most_of_all(asked: Sequence[Block], clocks: Mapping[str, Clock | None]) -> str:
