@@ -42,7 +42,8 @@ def drawn(plant, seed):
 def calibrated(source, seed=0, step=STEP, late=False):
     """A model of the plant file, text or preset `source`, as `calibrate` would leave it; with
     `late` its first input and its sensors have lags, that input is bent, its last dynamic state
-    sticks, and its first two faults are told alike."""
+    sticks, its first two faults are told alike, and healthy logs mimic its first one for a
+    while."""
     text = source if "\n" in source else read_plant_text(source)
     plant = drawn(GrayBoxPlant.untrained(parse_plant(text)), seed)
     signals, rng = plant.signals, np.random.default_rng(seed)
@@ -86,7 +87,8 @@ def calibrated(source, seed=0, step=STEP, late=False):
     size = dict.fromkeys(signals.fault_names, 1.0)
     two = signals.fault_names[:2]
     alike = [(*two, -2.0)] if late and len(two) == 2 else []
-    return for_bank(model, noise, size=size, alike=alike)
+    mimicked = {two[0]: [0.02, 0.02, 0.01, 0.0, 0.0]} if late and two else {}
+    return for_bank(model, noise, size=size, alike=alike, mimicked=mimicked)
 
 
 def draws(rng, low, high, middle):
