@@ -218,8 +218,7 @@ class Branching(Answers):
         fault = owner[kind]
         which = jnp.where(gone, less[state.which[b], fault], more[state.which[b], kind])
         # the likely onsets that agree go; the others stay beside the branch that they are of
-        stays = changes.ell[b, k] <= jnp.max(changes.ell[b, k]) + np.log(TRIFLE)
-        stays = stays | self._another(changes, b, k)
+        stays = self._staying(changes, b, k)
         ell = jnp.where(stays, NEVER, changes.ell[b, k])
         a = jnp.argmax(ell)
         f, V = self._alone(state, changes, b, k, kind, a, gone)
@@ -263,13 +262,14 @@ class Branching(Answers):
             lanes=lanes,
         )
 
-    def _another(
+    def _staying(
         self, changes: Changes, b: Int[Array, ""], k: Int[Array, ""]
     ) -> Bool[Array, "onsets"]:
-        """Onsets whose size is clearly another one than that of the likeliest: what is neither of
-        the two is between them, and no one belief."""
-        f, V, a = changes.f[b, k], changes.V[b, k], jnp.argmax(changes.ell[b, k])
-        return (f - f[a]) ** 2 > CLEAR**2 * (V + V[a])
+        """Onsets that are no part of a promoted change: the unlikely ones, and those whose size is
+        clearly another one than that of the likeliest, as what is neither lies between the two."""
+        ell, f, V = changes.ell[b, k], changes.f[b, k], changes.V[b, k]
+        a = jnp.argmax(ell)
+        return (ell <= ell[a] + np.log(TRIFLE)) | ((f - f[a]) ** 2 > CLEAR**2 * (V + V[a]))
 
     def _explained(
         self,

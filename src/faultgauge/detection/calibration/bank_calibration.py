@@ -29,7 +29,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from faultgauge.detection.bank.bank import CERTAIN, MIMICS, FaultBank, build_fault_bank
+from faultgauge.detection.bank.bank import CERTAIN, FaultBank, build_fault_bank
 from faultgauge.detection.bank.fidelity import gain_error, largest_changes, shape_error
 from faultgauge.detection.bank.noise import Noise
 from faultgauge.detection.bank.priors import AT_START, RARE
@@ -40,7 +40,7 @@ from faultgauge.detection.calibration.blocks import (
     allowed_peaks,
     merged,
 )
-from faultgauge.detection.calibration.trust import SHORTEST, Scored, Trust, trusted
+from faultgauge.detection.calibration.trust import SHORTEST, Scored, Trust, in_full, trusted
 from faultgauge.detection.posterior.consistency import limit_of
 from faultgauge.detection.posterior.mimicked import Mimicked, least_real
 from faultgauge.detection.posterior.verdicts import log_odds
@@ -111,13 +111,10 @@ def calibrate_bank(
         bank = replace(bank, mimicked=trust.mimicked)
         return bank, _walked(bank, [taken[k] for k in some], stepped)
 
-    none = np.zeros((len(model.plant.signals.faults), len(MIMICS) + 1))
-    bank, scores = tried(Trust(1.0, none), range(len(taken)))
+    bank, scores = tried(in_full(model.plant.signals), range(len(taken)))
     blocks = _blocks(bank, scores, taken[0].source)
-    suspects = merged([b for b in blocks if b.peak >= CERTAIN])
-    asked = suspects or [max(blocks, key=lambda each: each.peak)]
+    suspects, asked, never = _looking_faulty(blocks, clocks)
     most = _allowed(bank, healthy, len(runs))
-    never = NEVER.format(where=_most_of_all(asked, clocks))
     trust, bank, scores, lost = trusted(bank, scores, most, tried, never)
     blocks = _blocks(bank, scores, taken[0].source)
     judged = sum(each.end - each.start for each in blocks)
@@ -144,9 +141,18 @@ def calibrate_bank(
         nis=_limits(scores),
         mimicked=_by_name(model, trust.mimicked),
     )
-    told = replace(bank, level=level)
-    warnings = _believed_less(told, trust.widened, asked, judged, clocks)
+    warnings = _believed_less(replace(bank, level=level), trust.widened, asked, judged, clocks)
     return BankCalibration(found, noise.widened(trust.widened), blocks, suspects, warnings, lost)
+
+
+def _looking_faulty(
+    blocks: Sequence[Block], clocks: Mapping[str, Clock | None]
+) -> tuple[list[Block], list[Block], str]:
+    """(where the bank is sure of a fault; that, or where it is surest; what is said where however
+    large noise is no remedy)."""
+    suspects = merged([b for b in blocks if b.peak >= CERTAIN])
+    asked = suspects or [max(blocks, key=lambda each: each.peak)]
+    return suspects, asked, NEVER.format(where=_most_of_all(asked, clocks))
 
 
 def _allowed(bank: FaultBank, healthy: float, runs: int) -> float:

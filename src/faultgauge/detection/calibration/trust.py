@@ -29,8 +29,9 @@ from faultgauge.detection.bank.bank import MIMICS, FaultBank
 from faultgauge.detection.bank.priors import RARE
 from faultgauge.detection.posterior.mimicked import Mimicked
 from faultgauge.errors import InputError
+from faultgauge.plants.signals import Signals
 
-__all__ = ["LEFT", "SHORTEST", "WORTH", "Scored", "Trust", "highest", "trusted"]
+__all__ = ["LEFT", "SHORTEST", "WORTH", "Scored", "Trust", "highest", "in_full", "trusted"]
 
 SHORTEST = 50  # samples of a stretch that tells
 LOWEST = -30.0  # log-odds of a run that tells nothing
@@ -38,6 +39,7 @@ STEEP = 1.02  # so that few tries are needed
 CLOSE = 1.04  # times what is needed, either way: close enough
 LARGEST = np.log(1e3)  # of how many times as large noise may be
 WIDER = np.log(2.0)  # at once: noise that is far too large breaks a filter that is not linear
+MUCH = float(np.log(2.0))  # is lost by noise alone: less is made up for by evidence that adds up
 WORTH = float(np.log(1.25))  # is lost where a cause is looked for, other than by chance
 LEFT = 0.5  # of what noise alone would lose: what loses more mends nothing
 SURE = 30.0  # log-odds from which on a probability is 1 to the last digits
@@ -85,6 +87,11 @@ class Trusted(NamedTuple):
     lost: float
 
 
+def in_full(signals: Signals) -> Trust:
+    """Noise as it was found, and nothing that healthy logs mimic of the faults of `signals`."""
+    return Trust(1.0, np.zeros((len(signals.faults), len(MIMICS) + 1)))
+
+
 def highest(stretches: Sequence[Scored]) -> float:
     """The highest score of a run; as low as any where it is not judged."""
     return max((float(each.score.max()) for each in _long(stretches)), default=LOWEST)
@@ -95,13 +102,12 @@ def trusted(bank: FaultBank, scores: Scores, most: float, tried: Tried, never: s
     and the `scores` of all runs by it; `tried` tells both for some of the runs, with some trust.
     Raises `InputError` where no noise is large enough, with what is said then, `never`.
     """
-    none = Trust(1.0, np.zeros((len(bank.size), len(MIMICS) + 1)))
-    first = Trusted(none, bank, scores, 0.0)
+    first = Trusted(in_full(bank.model.plant.signals), bank, scores, 0.0)
     if max(map(highest, scores)) <= most:
         return first
     lost = _choices(first, most)
     best, limit = min(lost, key=lambda each: lost[each]), LEFT * lost[()]
-    clearly = lost[()] > WORTH and lost[best] < limit
+    clearly = lost[()] > MUCH and lost[best] < limit
     found = _enough(first, best, most, tried, never, limit) if clearly else None
     found = found or _enough(first, (), most, tried, never)
     assert found is not None  # without a limit
