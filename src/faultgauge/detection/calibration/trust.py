@@ -169,7 +169,7 @@ def _enough(
             trust = _widened(found, most, tried, never)
         bank, scores = tried(trust, range(len(first.scores)))
         found = Trusted(trust, bank, scores, _lost(first.bank, trust))
-    return found
+    return None if found.lost > limit else found
 
 
 def _mimicked(

@@ -77,7 +77,8 @@ def alarm_sentence(
     if alarm.beside:
         told = " and ".join(alarm.beside)
         causes = " or ".join(_likely(model, each) for each in alarm.causes)
-        return headed(model, f"One more fault than {told} {when}, not sure which: {causes}")
+        which = ":" if len(alarm.causes) != 1 else ", the likeliest being"
+        return headed(model, f"One more fault than {told} {when}, not sure which{which} {causes}")
     return headed(model, f"An alarm {when}; {_why(model, alarm)}")
 
 
