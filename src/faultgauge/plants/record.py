@@ -148,7 +148,7 @@ class BankLevel(Part):
     changes: dict[str, Least] = {}
     alike: Annotated[list[tuple[str, str, Number]], pydantic.Field(max_length=10_000)] = []
     nis: Annotated[list[Positive], pydantic.Field(max_length=2)] = []
-    mimicked: dict[str, Annotated[list[Least], pydantic.Field(max_length=5)]] = {}
+    mimicked: dict[str, Annotated[list[Least], pydantic.Field(min_length=5, max_length=5)]] = {}
 
 
 class Interval(Part):

@@ -48,7 +48,8 @@ def alarms(bank: FaultBank, decision: Decision, note: str = "") -> list[Told]:
         for each in found
         if each not in many
     ]
-    return sorted([*told, *_together(bank, many, decision.run.clock, note)])
+    together = _together(bank, many, decision.run.clock, note)
+    return sorted([*told, *together], key=lambda each: each.start)
 
 
 def _together(
