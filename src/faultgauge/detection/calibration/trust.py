@@ -12,8 +12,8 @@ By the highest log-odds of each fault, L_k, of which L_0 would be there without 
 L_m may be, noise would have to be  w_k = sqrt((L_k - L_0) / (L_m - L_0))  times as large. Of the
 faults with the largest w_k none, one, two, ... are taken for mimicked, and noise is as large as the
 others ask. What is `lost` is ln of how many times as large faults have to be, in the mean over all
-of them and their ages: the choice that loses least by this forecast is taken where noise alone
-loses much, and that clearly less.
+of them and their ages. Where noise alone loses much, the choice that would lose least by this
+forecast is tried, and taken where it does lose clearly less.
 """
 
 from collections.abc import Callable, Sequence
@@ -105,13 +105,13 @@ def trusted(bank: FaultBank, scores: Scores, most: float, tried: Tried, never: s
     first = Trusted(in_full(bank.model.plant.signals), bank, scores, 0.0)
     if max(map(highest, scores)) <= most:
         return first
-    lost = _choices(first, most)
-    best, limit = min(lost, key=lambda each: lost[each]), LEFT * lost[()]
-    clearly = lost[()] > MUCH and lost[best] < limit
-    found = _enough(first, best, most, tried, never, limit) if clearly else None
-    found = found or _enough(first, (), most, tried, never)
-    assert found is not None  # without a limit
-    return found
+    plain = _enough(first, (), most, tried, never)
+    assert plain is not None  # without a limit
+    lost, limit = _choices(first, most), LEFT * plain.lost
+    best = min(lost, key=lambda each: lost[each])
+    if not best or plain.lost <= MUCH or lost[best] >= limit:
+        return plain
+    return _enough(first, best, most, tried, never, limit) or plain
 
 
 def _choices(first: Trusted, most: float) -> dict[tuple[int, ...], float]:
@@ -157,7 +157,7 @@ def _enough(
     limit: float = np.inf,
 ) -> Trusted | None:
     """As large sizes of what is taken for mimicked, and then as large noise, as it takes; None
-    where more than the `limit` is lost, and that is not enough."""
+    where more than the `limit` is lost."""
     found = first
     while max(map(highest, found.scores)) > most:
         if found.lost > limit:
@@ -169,7 +169,7 @@ def _enough(
             trust = _widened(found, most, tried, never)
         bank, scores = tried(trust, range(len(first.scores)))
         found = Trusted(trust, bank, scores, _lost(first.bank, trust))
-    return found
+    return None if found.lost > limit else found
 
 
 def _mimicked(
