@@ -40,7 +40,7 @@ from faultgauge.detection.calibration.blocks import (
     allowed_peaks,
     merged,
 )
-from faultgauge.detection.calibration.trust import SHORTEST, Scored, Trust, in_full, trusted
+from faultgauge.detection.calibration.trust import LOWEST, SHORTEST, Scored, Trust, in_full, trusted
 from faultgauge.detection.posterior.consistency import limit_of
 from faultgauge.detection.posterior.mimicked import Mimicked, least_real
 from faultgauge.detection.posterior.verdicts import log_odds
@@ -67,7 +67,6 @@ NEVER = (
 )
 MOST_NAMED = 3  # stretches that look faulty
 MUCH = 0.25  # of the healthy logs: nobody gave so much that was not healthy
-LOWEST = -30.0  # log-odds: what lies below is alike
 MARGIN = 3.0  # mean excesses: -ln(0.05)
 
 

@@ -31,10 +31,10 @@ from faultgauge.detection.posterior.mimicked import Mimicked
 from faultgauge.errors import InputError
 from faultgauge.plants.signals import Signals
 
-__all__ = ["LEFT", "SHORTEST", "WORTH", "Scored", "Trust", "highest", "in_full", "trusted"]
+__all__ = ["LEFT", "LOWEST", "SHORTEST", "WORTH", "Scored", "Trust", "in_full", "trusted"]
 
 SHORTEST = 50  # samples of a stretch that tells
-LOWEST = -30.0  # log-odds of a run that tells nothing
+LOWEST = -30.0  # log-odds: what lies below is alike
 STEEP = 1.02  # so that few tries are needed
 CLOSE = 1.04  # times what is needed, either way: close enough
 LARGEST = np.log(1e3)  # of how many times as large noise may be
@@ -92,7 +92,7 @@ def in_full(signals: Signals) -> Trust:
     return Trust(1.0, np.zeros((len(signals.faults), len(MIMICS) + 1)))
 
 
-def highest(stretches: Sequence[Scored]) -> float:
+def _highest(stretches: Sequence[Scored]) -> float:
     """The highest score of a run; as low as any where it is not judged."""
     return max((float(each.score.max()) for each in _long(stretches)), default=LOWEST)
 
@@ -103,7 +103,7 @@ def trusted(bank: FaultBank, scores: Scores, most: float, tried: Tried, never: s
     Raises `InputError` where no noise is large enough, with what is said then, `never`.
     """
     first = Trusted(in_full(bank.model.plant.signals), bank, scores, 0.0)
-    if max(map(highest, scores)) <= most:
+    if max(map(_highest, scores)) <= most:
         return first
     plain = _enough(first, (), most, tried, never)
     assert plain is not None  # without a limit
@@ -159,7 +159,7 @@ def _enough(
     """As large sizes of what is taken for mimicked, and then as large noise, as it takes; None
     where more than the `limit` is lost."""
     found = first
-    while max(map(highest, found.scores)) > most:
+    while max(map(_highest, found.scores)) > most:
         if found.lost > limit:
             return None
         mimicked = _mimicked(found, mimics, most)
@@ -211,7 +211,7 @@ def _mimicking(
 def _widened(found: Trusted, most: float, tried: Tried, never: str) -> Trust:
     """Noise as large as the run that is worst asks for: evidence falls about with the square of it,
     from the least odds that there are."""
-    peaks, nothing = [highest(each) for each in found.scores], _nothing(found.scores)
+    peaks, nothing = [_highest(each) for each in found.scores], _nothing(found.scores)
     worst = int(np.argmax(peaks))
     low = float(np.log(found.trust.widened))  # ln of it: of what is not enough
     # by ln of how many times as large noise is, that of how many times too large evidence is
@@ -220,7 +220,7 @@ def _widened(found: Trusted, most: float, tried: Tried, never: str) -> Trust:
     def over(larger: float) -> float:
         if larger not in known:
             trust = found.trust._replace(widened=float(np.exp(larger)))
-            evidence = highest(tried(trust, [worst])[1][0]) - nothing
+            evidence = _highest(tried(trust, [worst])[1][0]) - nothing
             known[larger] = float(np.log(max(evidence / (most - nothing), LEAST)))
         return known[larger]
 
@@ -236,7 +236,7 @@ def _widened(found: Trusted, most: float, tried: Tried, never: str) -> Trust:
 
 def _nothing(scores: Scores) -> float:
     """The log-odds without any evidence."""
-    return float(min(*map(highest, scores), np.log(RARE)))
+    return float(min(*map(_highest, scores), np.log(RARE)))
 
 
 def _long(stretches: Sequence[Scored]) -> list[Scored]:
