@@ -42,7 +42,7 @@ def drawn(plant, seed):
 def calibrated(source, seed=0, step=STEP, late=False):
     """A model of the plant file, text or preset `source`, as `calibrate` would leave it; with
     `late` its first input and its sensors have lags, that input is bent, its last dynamic state
-    sticks, its first two faults are told alike, and healthy logs mimic its first one for a
+    sticks, and errs more in the middle of its range, its first two faults are told alike, and healthy logs mimic its first one for a
     while."""
     text = source if "\n" in source else read_plant_text(source)
     plant = drawn(GrayBoxPlant.untrained(parse_plant(text)), seed)
@@ -74,7 +74,8 @@ def calibrated(source, seed=0, step=STEP, late=False):
         np.zeros(known),
     )  # fmt: skip
     # more error where the last input is large
-    last = np.arange(len(signals.inputs)) == len(signals.inputs) - 1
+    places = np.arange(len(signals.inputs) + len(signals.states))
+    last = places == len(signals.inputs) - 1
     edge = np.where(last, np.quantile(u[:, -1], 0.75), -np.inf)
     noise = noise._replace(doubt=3.0 * last, above=edge, below=np.full(len(last), np.inf))
     first = np.arange(len(signals.inputs)) == 0
@@ -84,6 +85,13 @@ def calibrated(source, seed=0, step=STEP, late=False):
         noise = noise._replace(trail=np.where(slow, 0.0, 3.0 * step))
         stuck = np.isin(np.arange(len(signals.states)), dynamic_states(plant)[-1:])
         noise = noise._replace(grip=0.05 * stuck, gripping=3.0 * step * stuck, slip=0.1 * stuck)
+        there = np.append(np.zeros(len(signals.inputs), bool), stuck)
+        low, high = np.quantile(x[:, np.flatnonzero(stuck)[0]], [0.25, 0.75])
+        noise = noise._replace(
+            doubt=np.where(there, 2.0, noise.doubt),
+            above=np.where(there, low, noise.above),
+            below=np.where(there, high, noise.below),
+        )
     size = dict.fromkeys(signals.fault_names, 1.0)
     two = signals.fault_names[:2]
     alike = [(*two, -2.0)] if late and len(two) == 2 else []

@@ -10,18 +10,23 @@ HOLDS = np.array([[0, 0], [1, 0], [0, 1], [1, 1], [0, 0]], float)  # none, a, b,
 A, B = [0.1, 0.7, 0.1, 0.05, 0.05], [0.1, 0.1, 0.7, 0.05, 0.05]
 NEITHER, UNKNOWN = [0.6, 0.3, 0.05, 0.0, 0.05], [0.1, 0.0, 0.0, 0.0, 0.9]
 ONLY_A = [0.1, 0.75, 0.0, 0.0, 0.15]
+SURELY_A, SURELY_B = [0.01, 0.99, 0.0, 0.0, 0.0], [0.01, 0.0, 0.99, 0.0, 0.0]
+LOST = [0.01, 0.0, 0.0, 0.0, 0.99]
 WELL, BADLY, LATELY = [1.0, 1.0], [2.1, 0.0], [0.0, 1.6]
 WINDOW = 10.0
+ALIKE, APART = (1.0, 1.0), (1 / 64, 1 / 4)  # 1/s: names may change as they like, and may not
 
 
-def told(rows, limit=(2.0, 1.5), memory=0.0, faulty=1.0, active=(True, True)):
-    """What is told of rows (t, nis, p)."""
+def told(rows, limit=(2.0, 1.5), memory=0.0, faulty=1.0, active=(True, True), rates=ALIKE):
+    """What is told of rows (t, nis, p) or (t, nis, p, sizes of a and b)."""
     each = Consistency(
-        np.array(limit), np.asarray(memory), *[np.asarray(WINDOW)] * 2, HOLDS, np.array(active)
-    )
+        np.array(limit), np.asarray(memory), *[np.asarray(WINDOW)] * 2,
+        np.array(rates), np.full(2, memory / 4), HOLDS, np.array(active),
+    )  # fmt: skip
     state, found, before = each.init(), [], 0.0
-    for t, nis, p in rows:
-        said = BranchInfo(jnp.array(p), *[jnp.zeros(1)] * 12, jnp.array(nis), faulty)
+    for t, nis, p, *size in rows:
+        f = jnp.broadcast_to(jnp.array(size[0] if size else (1.0, 1.0)), HOLDS.shape)
+        said = BranchInfo(jnp.array(p), f, *[jnp.zeros(1)] * 11, jnp.array(nis), faulty)
         state, said = each.step(state, jnp.asarray(t - before), said)
         before = t
         found.append(np.asarray(said.p))
@@ -88,3 +93,44 @@ def test_passive_faults_raise_no_alarm_by_what_they_leave():
     stays an alarm."""
     found = told([(0.0, BADLY, B), (10.0, BADLY, B)], active=(True, False))
     np.testing.assert_allclose(found, [[0.8, 0, 0, 0, 0.2], [0.1, 0, 0.7, 0, 0.2]])
+
+
+def in_turn(*causes, each):
+    """Rows of causes (p, sizes) that take each other's place, every one for `each` memories."""
+    return [
+        (float(n * each + t), WELL, *cause) for n, cause in enumerate(causes) for t in range(each)
+    ]
+
+
+def test_names_that_take_each_others_place_too_fast_are_not_told():
+    """Every one after the first adds 2 ln(64 / 4) = 5.545, and a memory takes 1/4 - 1/64 = 0.234
+    off. Odds of 19 against what is 100 times as rare are ln 1900 = 7.550: from the third on where
+    each lasts 8 memories, 11.09 - 1.88 = 9.21, and not where it lasts 16, 11.09 - 3.75 = 7.34."""
+    a, b = (SURELY_A, (1.0, 1.0)), (SURELY_B, (1.0, 1.0))
+    found = told(in_turn(a, b, a, each=8), memory=1.0, rates=APART)
+    np.testing.assert_allclose(
+        found[:17], [*[SURELY_A] * 8, *[SURELY_B] * 8, SURELY_A]
+    )  # a row until it counts
+    np.testing.assert_allclose(found[17:], [LOST] * 7)
+    found = told(in_turn(a, b, a, each=16), memory=1.0, rates=APART)
+    np.testing.assert_allclose(found, [*[SURELY_A] * 16, *[SURELY_B] * 16, *[SURELY_A] * 16])
+
+
+def test_a_fault_that_comes_and_goes_is_told_and_one_that_turns_its_sign_is_not():
+    """An intermittent one; in place of the second a fault of the other direction."""
+    none = (NEITHER, (0.0, 0.0))
+    up, down = (SURELY_A, (1.0, 1.0)), (SURELY_A, (-1.0, 1.0))
+    found = told(in_turn(up, none, up, none, up, none, up, each=3), memory=1.0, rates=APART)
+    np.testing.assert_allclose(found[-3:], [SURELY_A] * 3)
+    found = told(in_turn(up, down, up, down, each=3), memory=1.0, rates=APART)
+    np.testing.assert_allclose(found[-3:], [LOST] * 3)
+
+
+def test_what_takes_its_place_is_told_once_it_has_stayed():
+    """From the third name on, at 9 s, none is; the fourth, b, is likely from 12 s on, and told 10 s
+    later, which is the window."""
+    a, b = (SURELY_A, (1.0, 1.0)), (SURELY_B, (1.0, 1.0))
+    rows = [*in_turn(a, b, a, each=4), *((float(t), WELL, *b) for t in range(12, 80))]
+    found = told(rows, memory=1.0, rates=APART)
+    np.testing.assert_allclose(found[9:22], [LOST] * 13)
+    np.testing.assert_allclose(found[22:], [SURELY_B] * 58)

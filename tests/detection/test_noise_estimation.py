@@ -324,17 +324,26 @@ def test_an_input_that_strays_is_one_error_wherever_it_acts():
 
 
 EDGE, DOUBT = 0.6, 5.0  # of u, beyond which noise is so many times as large
+HIGH = 2.0  # of x, beyond which it is, too
 
 
-def rough(seed):
-    """x' = u - a x + w, w so many times as large where u is beyond the edge."""
+def input_beyond(u, u_next, x):
+    return max(u, u_next) > EDGE
+
+
+def state_beyond(u, u_next, x):
+    return x > HIGH
+
+
+def rough(seed, where=input_beyond):
+    """x' = u - a x + w, w so many times as large `where` the model is to be doubted."""
     rng = np.random.default_rng(seed)
     u = np.repeat(rng.uniform(-1, 1, COUNT // 20), 20)
     fade, x = np.exp(-A * STEP), np.zeros(COUNT)
     for k in range(COUNT - 1):
-        beyond = max(u[k], u[k + 1]) > EDGE
         x[k + 1] = fade * x[k] + (1 - fade) / A * u[k]
-        x[k + 1] += (DOUBT if beyond else 1) * PROCESS * np.sqrt(STEP) * rng.standard_normal()
+        larger = DOUBT if where(u[k], u[k + 1], x[k]) else 1
+        x[k + 1] += larger * PROCESS * np.sqrt(STEP) * rng.standard_normal()
     columns = {"u": u, "x": x + SIGMA / 10 * rng.standard_normal(COUNT)}
     return Run(f"{seed}", "lag.csv", STEP * np.arange(COUNT), columns)
 
@@ -357,6 +366,22 @@ def test_where_the_model_errs_more_is_found_and_by_how_much():
     thinned = np.sqrt((DOUBT**2 + 1 / 3) / (1 + 1 / 3)) / DOUBT
     assert np.log(thinned) - 3 * scatter < np.log(found.doubt[0] / DOUBT) < 3 * scatter
     assert abs(np.log(found.process[0] / PROCESS)) < 3 * scatter
+
+
+@pytest.mark.study
+def test_a_state_where_the_model_errs_more_is_found_and_by_how_much():
+    """As of an input: the part that is found may hold a third more of the samples, or less."""
+    runs = [rough(seed, state_beyond) for seed in range(LOGS)]
+    found = estimate_doubts(model(True), runs, estimate_noise(model(True), runs))
+    assert found is not None
+    assert found.doubts == (1,)
+    assert np.isinf(found.below[1])
+    x = np.concatenate([run.columns["x"] for run in runs])
+    beyond = np.mean(x > HIGH)
+    assert abs(np.mean(x > found.above[1]) / beyond - 1) < 1 / 3
+    scatter = 1 / np.sqrt(2 * LOGS * COUNT * beyond)
+    thinned = np.sqrt((DOUBT**2 + 1 / 3) / (1 + 1 / 3)) / DOUBT
+    assert np.log(thinned) - 3 * scatter < np.log(found.doubt[1] / DOUBT) < 3 * scatter
 
 
 @pytest.mark.study

@@ -318,17 +318,36 @@ def test_a_state_that_sticks_is_held_near_rest_and_not_in_motion():
     np.testing.assert_allclose(plant.lasting(jnp.asarray(2.0)), [np.exp(-0.5)], rtol=1e-12)
 
 
+def doubted_cart(where, low, high):
+    """3 times as much acts at random where [u, q, v][where] lies between `low` and `high`."""
+    base, none = GrayBoxPlant.untrained(parse_plant(CART)), np.zeros(0)
+    place = dict(doubt=np.array([3.0]), above=np.array([low]), below=np.array([high]))
+    error = Error(np.array([5.0]), none, none, **place)
+    theirs = jnp.array([0.2]), jnp.array([[0.3]])
+    plant = Disturbed.of(base, (1,), (), error, ("k",), *theirs, doubted=(where,))
+    assert plant.signals.state_names == ("q", "v", "d(v)", "xi(0)")
+    return plant
+
+
 def test_what_acts_at_random_is_larger_where_the_model_is_doubted():
     """u between 1 and 2, 3 times, at one end of a step at least; nothing acts on xi."""
-    base = GrayBoxPlant.untrained(parse_plant(CART))
-    none, times, low, high = np.zeros(0), np.array([3.0]), np.array([1.0]), np.array([2.0])
-    error = Error(np.array([5.0]), none, none, doubt=times, above=low, below=high)
-    plant = Disturbed.of(
-        base, (1,), (), error, ("k",), jnp.array([0.2]), jnp.array([[0.3]]), doubted=(0,)
-    )
-    assert plant.signals.state_names == ("q", "v", "d(v)", "xi(0)")
+    plant, x = doubted_cart(0, 1.0, 2.0), jnp.zeros(4)
     for u_before, u, larger in ((0.0, 2.5, 1.0), (0.0, 1.5, 3.0), (1.5, 0.0, 3.0), (1.2, 1.8, 3.0)):
-        found = plant.doubts(jnp.array([u_before]), jnp.array([u]))
+        found = plant.doubts(jnp.array([u_before]), jnp.array([u]), x, x)
+        np.testing.assert_array_equal(found, [larger, larger, larger, 1.0])
+
+
+def test_a_state_that_passes_where_the_model_is_doubted_was_there():
+    """v between -1 and 2, or on its way from one side to the other; not what lies behind it."""
+    plant, u = doubted_cart(2, -1.0, 2.0), jnp.ones(1)
+    for v_before, v, larger in (
+        (-3.0, 5.0, 3.0),
+        (5.0, 1.9, 3.0),
+        (3.0, 2.1, 1.0),
+        (0.0, 0.1, 3.0),
+    ):
+        ends = (jnp.array([0.0, each, 0.5, 0.5]) for each in (v_before, v))
+        found = plant.doubts(u, u, *ends)
         np.testing.assert_array_equal(found, [larger, larger, larger, 1.0])
 
 

@@ -183,7 +183,7 @@ class DividedDifferenceFilter(eqx.Module):
         jump = self.plant.jumps(after[:n], u_before, u, none, none, unseen)
         f, rates = z[n : n + k], jnp.zeros(size - n - k)
         mean = after.at[:n].add(self.plant.leans(u_before, u, f, f))
-        doubts = self.plant.doubts(u_before, u)
+        doubts = self.plant.doubts(u_before, u, z[:n], after[:n])
         process = doubts * noise.process
         Q = dt * jnp.concatenate([process, noise.walk * self._present(belief), rates]) ** 2
         Q = Q.at[:n].add((doubts * jump) ** 2)

@@ -20,8 +20,8 @@
 
 F and h read    u + 4 bend (high - low) s (1 - s),    s = (u - low) / (high - low),
 
-and w and l are `doubt` times as large while an input is where the model errs more than
-elsewhere: an input, as that is known to all hypotheses alike.
+and w and l are `doubt` times as large while an input, or a state, is where the model errs more
+than elsewhere.
 
 d is a Gauss-Markov process beside every state that is not exact kinematics (Kennedy and O'Hagan, J.
 R. Statist. Soc. B 63 (2001), "Bayesian calibration of computer models": what the model lacks is a
@@ -84,7 +84,7 @@ class Error(NamedTuple):
     [s] and its `share` of an input's change (a standard deviation); time constant
     `wandering` [s] of every b; of every l its time constant `lag` [s] and its share, `late`;
     time constant `straying` [s] of every a; what acts at random is `doubt` times as large where an
-    input lies between `above` and `below`; of every v its time constant `leaning` [s] and its
+    input or a state lies between `above` and `below`; of every v its time constant `leaning` [s] and its
     share, `lean`; time constant `trail` [s] of every g; the `bend` of an input's curve between
     `low` and `high`; time constant `gripping` [s] of every q and within which of its state it acts
     (`slip`, where half is left); by how much an input may have changed just `before` a log (none:
@@ -135,7 +135,8 @@ class Disturbed(Plant):
     `lagging` those that l acts on, `straying` the inputs that a acts on, `leaning` those that v
     acts on, `trailing` the outputs that g acts on, which read no derivative, `zeroed` the outputs
     that z acts on, `bending` the inputs whose curve is bent, `sticking` the states that q acts on,
-    `doubted` the inputs for which the model is to be doubted somewhere, `names` the parameters, of
+    `doubted` the inputs, and behind them the states, for which the model is to be doubted
+    somewhere, `names` the parameters, of
     which `directions` (W) is a row each, `positive` the places of those that are, and are so
     uncertain that it matters."""
 
@@ -478,15 +479,24 @@ class Disturbed(Plant):
         return jnp.stack(units, axis=1)
 
     def doubts(
-        self, u_before: Float[Array, "inputs"], u: Float[Array, "inputs"]
+        self,
+        u_before: Float[Array, "inputs"],
+        u: Float[Array, "inputs"],
+        x_before: Float[Array, "states"],
+        x: Float[Array, "states"],
     ) -> Float[Array | np.ndarray, "states"]:
         """How many times as large as usual what acts on each state at random is on the way from
-        `u_before` to `u`."""
+        `u_before` and `x_before` to `u` and `x`. An input jumps between two values, and a state
+        passes what lies between them."""
         usual = np.ones(len(self.signals.states))
         if not self.doubted:
             return usual
-        ends = jnp.stack([u_before, u])[:, np.array(self.doubted)]
-        there = jnp.any((ends > self.error.above) & (ends < self.error.below), axis=0)
+        low, high = self.error.above, self.error.below
+        ends = jnp.stack([u_before, u]), jnp.stack([x_before[: self.count], x[: self.count]])
+        ends = jnp.concatenate(ends, axis=1)[:, np.array(self.doubted)]
+        there = jnp.any((ends > low) & (ends < high), axis=0)
+        passed = (jnp.max(ends, axis=0) > low) & (jnp.min(ends, axis=0) < high)
+        there = jnp.where(np.array(self.doubted) < len(u), there, passed)
         times = jnp.max(jnp.where(there, self.error.doubt, 1.0))
         return jnp.where(np.arange(len(usual)) < self.parts.xi.start, times, usual)
 

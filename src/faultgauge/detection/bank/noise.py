@@ -59,8 +59,8 @@ class Noise(NamedTuple):
     its range the curve of an input is off a straight line in the middle (`bend`); what holds a
     state at rest (`grip`, its unit per s), for how long (`gripping` [s]), until it moves by `slip`,
     where half of that is left; how long a constant keeps its value in a run (`varying` [s]); how
-    many times as large all this is (`doubt`) where an input lies between `above` and `below`; 0, or
-    nothing at all, where nothing of that kind is."""
+    many times as large all this is (`doubt`) where an input, or a state, lies between `above` and
+    `below`; 0, or nothing at all, where nothing of that kind is."""
 
     sigma: Float[np.ndarray, "outputs"]
     process: Float[np.ndarray, "states"]
@@ -78,9 +78,9 @@ class Noise(NamedTuple):
     lag: Float[np.ndarray, "outputs"] = np.zeros(0)
     stray: Float[np.ndarray, "inputs"] = np.zeros(0)
     straying: Float[np.ndarray, "inputs"] = np.zeros(0)
-    doubt: Float[np.ndarray, "inputs"] = np.zeros(0)
-    above: Float[np.ndarray, "inputs"] = np.zeros(0)
-    below: Float[np.ndarray, "inputs"] = np.zeros(0)
+    doubt: Float[np.ndarray, "places"] = np.zeros(0)
+    above: Float[np.ndarray, "places"] = np.zeros(0)
+    below: Float[np.ndarray, "places"] = np.zeros(0)
     lean: Float[np.ndarray, "inputs"] = np.zeros(0)
     leaning: Float[np.ndarray, "inputs"] = np.zeros(0)
     trail: Float[np.ndarray, "outputs"] = np.zeros(0)
@@ -159,16 +159,16 @@ class Noise(NamedTuple):
 
     @property
     def doubts(self) -> tuple[int, ...]:
-        """The inputs for which the model errs more somewhere."""
+        """The inputs, and behind them the states, for which the model errs more somewhere."""
         return tuple(np.flatnonzero(self.doubt).tolist())
 
     @property
     def beside(self) -> int:
-        """How many inputs, outputs, states and constants err on their own, and inputs somewhere
-        more."""
-        inputs = self.strays + self.leans + self.bends + self.doubts
+        """How many inputs, outputs, states and constants err on their own, and for how many inputs
+        and states the model errs more somewhere."""
+        inputs = self.strays + self.leans + self.bends
         outputs = self.wanders + self.lags + self.trails + self.zeros
-        return len(outputs + self.grips + self.varies + inputs)
+        return len(inputs + outputs + self.grips + self.varies + self.doubts)
 
     def widened(self, factor: float) -> "Noise":
         """What acts within a run `factor` times as large, which changes no gain of a filter; how
@@ -212,7 +212,7 @@ def _beside(
     yield WANDER, signals.output_names, noise.wanders
     yield LATE, signals.output_names, noise.lags
     yield STRAY, signals.input_names, noise.strays
-    yield DOUBT, signals.input_names, noise.doubts
+    yield DOUBT, (*signals.input_names, *signals.state_names), noise.doubts
     yield LEAN, signals.input_names, noise.leans
     yield TRAIL, signals.output_names, noise.trails
     yield ZERO, signals.output_names, noise.zeros
@@ -238,8 +238,9 @@ def noise_of(model: Model) -> Noise:
         ]
         signals = model.plant.signals
         inputs, outputs = signals.input_names, signals.output_names
-        named = [outputs] * 4 + [inputs] * 7 + [outputs] * 2 + [inputs] + [signals.state_names] * 3
-        named.append(constants_of(model).names)
+        states, known = signals.state_names, constants_of(model).names
+        named = [outputs] * 4 + [inputs] * 2 + [(*inputs, *states)] * 3 + [inputs] * 2
+        named += [outputs] * 2 + [inputs] + [states] * 3 + [known]
         more = [
             [block.get(key, {}).get(name, NOWHERE.get(key, 0.0)) for name in names]
             for key, names in zip(optional, named, strict=True)

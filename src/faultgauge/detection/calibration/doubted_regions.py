@@ -1,7 +1,8 @@
 """Where the model errs more than elsewhere, by what the innovation likelihood gains.
 
-A pump that gives nothing below a volt, a motor that does not move under small ones: in a part of
-the range of an input the model may err far more than elsewhere, and noise of one size would be too
+A pump that gives nothing below a volt, a motor that does not move under small ones, a bearing whose
+friction turns round: in a part of the range of an input, or of a state that an output measures,
+the model may err far more than elsewhere, and noise of one size would be too
 large elsewhere and too small there. What acts at random is then larger there: the edge of that
 part and how many times as large are two levels more, and must gain what Schwarz's criterion asks
 of two (G. Schwarz, Ann. Stat. 6 (1978)).
@@ -26,12 +27,13 @@ CLOSER = (0.5, 1.0, 2.0)  # times that
 TIMES = (2.0, 4.0, 8.0, 16.0)  # as large there
 FIRST = 4.0  # of these, by which the parts are told apart
 BEST = 3  # parts that are looked at more closely
-MOST = 2  # inputs with such a part
+MOST = 2  # inputs and states with such a part
 
 
 class _Part(NamedTuple):
-    """A part of the range of input number `number`, from its edge in the sense of `towards` (below
-    it, above it, or 0: around zero up to it), that holds a `share` of the samples."""
+    """A part of the range of an input (or, behind them, a state) of that `number`, from its edge in
+    the sense of `towards` (below it, above it, or 0: around zero up to it), that holds a `share` of
+    the samples."""
 
     number: int
     towards: int
@@ -48,12 +50,16 @@ class _Part(NamedTuple):
 
 
 def with_doubted_regions(model: Model, batch: Likelihood, noise: Noise, spans: Spans) -> Noise:
-    """`noise` with a part of the range of those inputs that gain by it while all else stays, the
-    one that gains most first."""
-    sampled = np.isfinite(np.asarray(batch.y)).any(axis=2)  # stretches are padded to one length
-    inputs = list(np.asarray(batch.u)[sampled].T)
+    """`noise` with a part of the range of those inputs and states that gain by it while all else
+    stays, the one that gains most first."""
+    signals, y = model.plant.signals, np.asarray(batch.y)
+    sampled = np.isfinite(y).any(axis=2)  # stretches are padded to one length
+    measured = {each.measures: y[..., j] for j, each in enumerate(signals.outputs)}
+    nowhere = np.full(1, np.nan)
+    values = list(np.asarray(batch.u)[sampled].T)
+    values += [measured.get(name, nowhere) for name in signals.state_names]
     for _ in range(MOST):
-        found = _with_one(model, batch, noise, inputs)
+        found = _with_one(model, batch, noise, [each[np.isfinite(each)] for each in values])
         if found is None:
             break
         noise = found
@@ -61,31 +67,34 @@ def with_doubted_regions(model: Model, batch: Likelihood, noise: Noise, spans: S
 
 
 def _with_one(
-    model: Model, batch: Likelihood, noise: Noise, inputs: Sequence[Float[np.ndarray, "_"]]
+    model: Model, batch: Likelihood, noise: Noise, places: Sequence[Float[np.ndarray, "_"]]
 ) -> Noise | None:
-    """`noise` with a part for one more input; None where none gains enough."""
-
-    def tried(part: _Part, times: float) -> Noise:
-        one = np.arange(len(inputs)) == part.number
-        low, high = part.ends(inputs[part.number])
-        return noise._replace(
-            doubt=np.where(one, times, noise.doubt),
-            above=np.where(one, low, noise.above),
-            below=np.where(one, high, noise.below),
-        )
-
+    """`noise` with a part for one more of the `places`, inputs and states with their values; None
+    where none gains enough."""
     parts = [
         _Part(k, towards, share)
-        for k, values in enumerate(inputs)
-        if not noise.doubt[k] and np.ptp(values) > 0
+        for k, values in enumerate(places)
+        if not noise.doubt[k] and len(values) and np.ptp(values) > 0
         for towards, share in product(
             (-1, 0, 1) if min(values) < 0 < max(values) else (-1, 1), SHARES
         )
     ]
     if not parts:
         return None
-    # a part in which nothing is larger has the program of the others
-    none = tried(parts[0], 1.0)
+    # nothing is larger in them: one program, for all parts, looks at all these places
+    looked_at = np.isin(np.arange(len(places)), [part.number for part in parts])
+    alike = np.where(looked_at, 1.0, noise.doubt)
+
+    def tried(part: _Part, times: float) -> Noise:
+        one = np.arange(len(places)) == part.number
+        low, high = part.ends(places[part.number])
+        return noise._replace(
+            doubt=np.where(one, times, alike),
+            above=np.where(one, low, noise.above),
+            below=np.where(one, high, noise.below),
+        )
+
+    none = noise._replace(doubt=alike)
     cost = batch.run(model, [none, *(tried(part, FIRST) for part in parts)]).cost
     closer = [parts[k] for k in np.argsort(cost[1:])[:BEST]]
     many = [
@@ -93,5 +102,7 @@ def _with_one(
         for part, scale, times in product(closer, CLOSER, TIMES)
     ]
     found = batch.run(model, many).cost
-    best = int(np.argmin(found))
-    return many[best] if cost[0] - found[best] > np.log(batch.count) else None
+    best = many[int(np.argmin(found))]
+    if cost[0] - found.min() <= np.log(batch.count):
+        return None
+    return best._replace(doubt=np.where(best.doubt > 1, best.doubt, 0.0))

@@ -169,7 +169,7 @@ def _near(
     shown = scaled(ahead, step.ahead)
     A, C = step.A * scale, step.C * shown
     late = jnp.ones(n).at[parts.lag].set(plant.error.late / first.late)
-    doubts = plant.doubts(before, now)
+    doubts = plant.doubts(before, now, belief.mean, ahead)
     Q = dt * (doubts * noise.process) ** 2 + (doubts * late * step.jump) ** 2
     P = filtering.carried(A, taken(fades, plain), belief.P) + jnp.diag(Q)
     expected = step.expected + moved(step.C, shown, ahead, step.ahead)

@@ -126,12 +126,13 @@ def first_guess(model: Model, runs: Sequence[Run], stretches: Sequence[StretchPi
     share = np.full(following, USUAL_SHARE)
     settling = np.full(following, QUICK * step)
     nothing = np.zeros(len(signals.inputs))
+    places = np.zeros(len(signals.inputs) + len(signals.states))
     return Noise(
         sigma, process, np.array(drift, float), size, lasting, share, settling,
         *[unknown] * 3,
         *[np.zeros(len(sigma))] * 4,
         stray=nothing, straying=nothing,
-        doubt=nothing, above=nothing - np.inf, below=nothing + np.inf, lean=nothing,
+        doubt=places, above=places - np.inf, below=places + np.inf, lean=nothing,
         leaning=nothing, trail=np.zeros(len(sigma)), zero=np.zeros(len(sigma)), bend=nothing,
         varying=unknown, **dict.fromkeys(GRIP, np.zeros(len(process))),
     ).with_between(known.covariance + np.diag(usual) ** 2)  # fmt: skip

@@ -10,6 +10,16 @@ Under a right one innovations are as small as in healthy logs, in the mean of ea
 fits now and then is not told: a name has to have been likely for as long as others were since that
 began, and for as long as the model's own error lasts at least, as that of a broken propeller is,
 which shakes what it drives.
+
+Nor do names explain that take each other's place faster than faults come. How much likelier it is
+that they do so every few memories (rate b) than as rarely as faults (a) a sum tells that never
+falls below 0,
+
+    S <- max(S + n ln(b / a) - (b - a) dt, 0)
+
+with n changes within dt, two by a name in place of another or of its own other direction, none by
+the same one again (E. S. Page, Biometrika 41 (1954); of a Poisson process: J. M. Lucas,
+Technometrics 27 (1985)).
 """
 
 from collections.abc import Sequence
@@ -19,39 +29,54 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from faultgauge.detection.bank.bank import FaultBank
+from faultgauge.detection.bank.priors import ALIEN
 from faultgauge.detection.posterior.posterior import LIKELY
+from faultgauge.detection.posterior.verdicts import NAMED
 from faultgauge.observers.branches import BranchInfo
 from faultgauge.products import contract
 
 __all__ = ["Consistency", "ConsistencyState", "limit_of"]
 
 BEYOND = 4.0  # times as far above the median as the worst of healthy logs
+QUICK = 4.0  # memories between changes where declared faults imitate something else in turn
+USUAL = 64.0  # memories between them at least where they come and go
+RESTLESS = float(np.log(19 / ALIEN))  # of the sum above: from there on it is that with odds of 19
 
 
 class ConsistencyState(NamedTuple):
     """How long rows have come, gaps apart (`t`); of that: since when the likeliest fault explains
-    too little; when it had done so for long first and last; since when each fault is likely [s].
-    NaN: not lately."""
+    too little; when it had done so for long first and last; since when each fault is likely on its
+    `side` (downwards or upwards, -1 or 1) [s]. NaN: not lately. Which faults are `named`, which of
+    them, by its side, was the last to come (its `cause`, -1: none), and the sum by which they
+    change too often (`restless`)."""
 
     t: Float[Array, ""]
     too_little: Float[Array, ""]
     first: Float[Array, ""]
     last: Float[Array, ""]
     since: Float[Array, "faults"]
+    side: Int[Array, "faults"]
+    named: Bool[Array, "faults"]
+    cause: Int[Array, ""]
+    restless: Float[Array, ""]
 
 
 class Consistency(eqx.Module):
     """`limit` of each window, the longest of which is `window` [s]; a fault is known within the
-    `memory` [s], and outlasts the model's own error after `outlasts` [s]; `holds` 1 where a set
-    (the unknown last) has a fault, and `active` where one raises alarms. Pure `init` and `step`."""
+    `memory` [s], and outlasts the model's own error after `outlasts` [s]; names change at one of
+    two `rates` [1/s], the usual one and that of something undeclared, and a fault `waits` [s] for
+    its own; `holds` is 1 where a set (the unknown last) has a fault, and `active` where one raises
+    alarms. Pure `init` and `step`."""
 
     limit: Float[np.ndarray, "windows"]
     memory: Float[np.ndarray, ""]
     window: Float[np.ndarray, ""]
     outlasts: Float[np.ndarray, ""]
+    rates: Float[np.ndarray, "two"]
+    waits: Float[np.ndarray, "faults"]
     holds: Float[np.ndarray, "sets faults"]
     active: Bool[np.ndarray, "faults"]
 
@@ -62,12 +87,16 @@ class Consistency(eqx.Module):
         outlasts = np.asarray(bank.outlasts)
         holds = _holds(bank.sets, bank.modes.declared)
         active = np.asarray(bank.with_monitor("active"), bool)
-        return Consistency(bank.nis, memory, longest, outlasts, holds, active)
+        rates = 1 / (np.array([USUAL, QUICK]) * memory)
+        waits = bank.waits[:-1]
+        return Consistency(bank.nis, memory, longest, outlasts, rates, waits, holds, active)
 
     def init(self) -> ConsistencyState:
         nothing = jnp.asarray(jnp.nan)
         likely = jnp.full(self.holds.shape[1], jnp.nan)
-        return ConsistencyState(jnp.zeros(()), nothing, nothing, nothing, likely)
+        side = jnp.ones(likely.shape, int)
+        none = likely > 0, jnp.asarray(-1), jnp.zeros(())
+        return ConsistencyState(jnp.zeros(()), *[nothing] * 3, likely, side, *none)
 
     def step(
         self, state: ConsistencyState, dt: Float[Array, ""], said: BranchInfo
@@ -81,15 +110,27 @@ class Consistency(eqx.Module):
         beyond = (said.faulty > 0) & jnp.any(said.nis > self.limit)
         too_little = jnp.where(jnp.isnan(state.too_little), t, state.too_little)
         too_little = jnp.where(beyond, too_little, jnp.nan)
-        now = t - too_little >= self.memory
+        likely = contract("s,sk->k", said.p, self.holds)
+        size = contract("s,sk->k", said.p, jnp.where(self.holds > 0, said.f, 0.0))
+        side = jnp.where(size < 0, -1, 1)
+        goes_on = (likely >= LIKELY) & (side == state.side) & ~jnp.isnan(state.since)
+        since = jnp.where(likely >= LIKELY, jnp.where(goes_on, state.since, t), jnp.nan)
+        told = (t - since >= self.waits) & (likely >= NAMED)
+        named = (told | (state.named & goes_on)) & self.active
+        # in another's place; the first takes none
+        causes = 2 * np.arange(len(named)) + (side > 0)
+        comes = named & ~state.named & (causes != state.cause)
+        cause = jnp.where(jnp.any(comes), jnp.max(jnp.where(comes, causes, -1)), state.cause)
+        changes = 2 * (jnp.sum(comes) - (jnp.any(comes) & (state.cause < 0)))
+        usual, quick = self.rates
+        restless = state.restless + changes * jnp.log(quick / usual) - dt * (quick - usual)
+        restless = jnp.maximum(restless, 0.0)
+        now = (t - too_little >= self.memory) | (restless >= RESTLESS)
         first = jnp.where(on, state.first, jnp.where(now, t, jnp.nan))
         last = jnp.where(now, t, jnp.where(on, state.last, jnp.nan))
-        likely = contract("s,sk->k", said.p, self.holds)
-        since = jnp.where(jnp.isnan(state.since), t, state.since)
-        since = jnp.where(likely >= LIKELY, since, jnp.nan)
         lasting = t - since >= jnp.maximum(since - first, self.outlasts)
         p = jnp.where(on | now, self._lasting(said.p, lasting), said.p)
-        after = ConsistencyState(t, too_little, first, last, since)
+        after = ConsistencyState(t, too_little, first, last, since, side, named, cause, restless)
         sampled = jnp.isfinite(said.p[0])
         after = jax.tree.map(lambda new, old: jnp.where(sampled, new, old), after, state)
         return after, said._replace(p=p)

@@ -221,14 +221,15 @@ def _elsewhere(model: Model, noise: Noise) -> list[str]:
 def doubted(model: Model, noise: Noise) -> list[tuple[str, float]]:
     """Where the model errs more than elsewhere, and how many times as much: ("u is below 0.8 V",
     4.0)."""
-    inputs, found = model.plant.signals.inputs, []
+    signals, found = model.plant.signals, []
+    places = (*signals.inputs, *signals.states)
     for k in noise.doubts:
         low, high = float(noise.above[k]), float(noise.below[k])
         if np.isfinite(low) and np.isfinite(high):
             within = f"between {number(low)} and {number(high)}"
         else:
             within = f"below {number(high)}" if np.isfinite(high) else f"above {number(low)}"
-        where = f"{inputs[k].name} is {within} {spoken(inputs[k].unit)}".rstrip()
+        where = f"{places[k].name} is {within} {spoken(places[k].unit)}".rstrip()
         found.append((where, float(noise.doubt[k])))
     return found
 
