@@ -42,8 +42,8 @@ def drawn(plant, seed):
 def calibrated(source, seed=0, step=STEP, late=False):
     """A model of the plant file, text or preset `source`, as `calibrate` would leave it; with
     `late` its first input and its sensors have lags, that input is bent, its last dynamic state
-    sticks, and errs more in the middle of its range, its first two faults are told alike, and healthy logs mimic its first one for a
-    while."""
+    sticks and errs more in the middle of its range, its first two faults are told alike, and
+    healthy logs mimic its first one for a while."""
     text = source if "\n" in source else read_plant_text(source)
     plant = drawn(GrayBoxPlant.untrained(parse_plant(text)), seed)
     signals, rng = plant.signals, np.random.default_rng(seed)

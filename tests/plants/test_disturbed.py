@@ -321,7 +321,8 @@ def test_a_state_that_sticks_is_held_near_rest_and_not_in_motion():
 def doubted_cart(where, low, high):
     """3 times as much acts at random where [u, q, v][where] lies between `low` and `high`."""
     base, none = GrayBoxPlant.untrained(parse_plant(CART)), np.zeros(0)
-    place = dict(doubt=np.array([3.0]), above=np.array([low]), below=np.array([high]))
+    place = {"doubt": 3.0, "above": low, "below": high}
+    place = {name: np.array([each]) for name, each in place.items()}
     error = Error(np.array([5.0]), none, none, **place)
     theirs = jnp.array([0.2]), jnp.array([[0.3]])
     plant = Disturbed.of(base, (1,), (), error, ("k",), *theirs, doubted=(where,))
