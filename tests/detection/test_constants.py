@@ -62,6 +62,29 @@ def test_of_a_constant_of_each_run_as_far_as_runs_lie_apart_and_which_are_positi
     assert constants_of(model).names == ("k", "c", "m")
 
 
+def test_what_no_log_tells_is_as_sure_as_the_bounds_of_the_file():
+    """k and c, each by far less sure than its bounds, of which only the ratio is told; m has none,
+    and a tenth part in common with k. By inverses: P^-1 + D^-1, D being width^2 / 12 or nothing."""
+    bounded = HOIST.replace("value = 500\nmin = 0", "value = 500\nmin = 0\nmax = 1200")
+    bounded = bounded.replace("value = 3\nmin = 0", "value = 3\nmin = 0\nmax = 12")
+    plant = GrayBoxPlant.untrained(parse_plant(bounded))
+    errors, correlation = np.array([5e4, 300.0, 1.5]), np.eye(3)
+    correlation[0, 1] = correlation[1, 0] = 0.9999
+    correlation[0, 2] = correlation[2, 0] = 0.1
+    correlation[1, 2] = correlation[2, 1] = 0.1
+    record = record_of(
+        envelope_points=np.random.default_rng(0).uniform(-1, 1, (20, 3)).tolist(),
+        constants={
+            "names": ["k", "c", "m"],
+            "errors": errors.tolist(),
+            "correlation": correlation.tolist(),
+        },
+    )
+    P = correlation * np.outer(errors, errors)
+    wanted = np.linalg.inv(np.linalg.inv(P) + np.diag([12 / 1200**2, 12 / 12**2, 0.0]))
+    np.testing.assert_allclose(constants_of(Model(plant, record)).covariance, wanted, rtol=1e-6)
+
+
 DRAG = """
 name = "cart"
 [states.v]

@@ -2,6 +2,7 @@
 the fit. What its networks may be larger or smaller in another run counts among them, as a network
 is as much of one day as a friction coefficient is."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax
@@ -77,13 +78,33 @@ def constants_of(model: Model) -> Constants:
     covariance = correlation * np.outer(se[kept], se[kept])
     w, v = np.linalg.eigh(covariance)
     spec, values = parameters_of(model), model.plant.values()
-    positive = tuple(
-        place
-        for place, k in enumerate(kept)
-        if spec[free[k]].positive and LOW * se[k] >= float(values[free[k]]) > 0
-    )
     names = tuple(free[k] for k in kept)
-    return Constants(names, (v * np.maximum(w, 0.0)) @ v.T, positive)
+    covariance = _within((v * np.maximum(w, 0.0)) @ v.T, _evenly(model, names))
+    positive = tuple(
+        k
+        for k, (name, error) in enumerate(zip(names, np.sqrt(np.diag(covariance)), strict=True))
+        if spec[name].positive and LOW * error >= float(values[name]) > 0
+    )
+    return Constants(names, covariance, positive)
+
+
+def _evenly(model: Model, names: Sequence[str]) -> Float[np.ndarray, "constants"]:
+    """The variance of each constant, anywhere between its bounds: width^2 / 12."""
+    spec = parameters_of(model)
+    return np.array([(spec[name].max - spec[name].min) ** 2 / 12 for name in names])
+
+
+def _within(
+    covariance: Float[np.ndarray, "constants constants"], evenly: Float[np.ndarray, "constants"]
+) -> Float[np.ndarray, "constants constants"]:
+    """`covariance` with what bounds tell besides, by which the variance D of each constant is at
+    most what it is where all values are as likely: P - P (P + D)^-1 P. What no log tells is as sure
+    as the file says."""
+    bounded = np.flatnonzero(np.isfinite(evenly))
+    some = covariance[np.ix_(bounded, bounded)] + np.diag(evenly[bounded])
+    less = covariance[:, bounded] @ np.linalg.solve(some, covariance[bounded])
+    left = covariance - less
+    return (left + left.T) / 2
 
 
 def usual_spread(value: float, se: float) -> float:
@@ -116,7 +137,8 @@ def _spread_in_a_run(model: Model, name: str, error: float) -> float:
 @once
 def _most_moving(model: Model) -> list[int]:
     """The places of these among the free ones, whatever a calibration says."""
-    values, free, se = model.plant.values(), _free(model), _errors(model)
+    values, free = model.plant.values(), _free(model)
+    se = np.minimum(_errors(model), np.sqrt(_evenly(model, free)))
     usual = np.array([usual_spread(float(values[n]), s) for n, s in zip(free, se, strict=True)])
     each = _effects(model, tuple(free)) * np.hypot(se, usual)[:, None]
     effects = np.sqrt(np.sum(each**2, axis=1))
