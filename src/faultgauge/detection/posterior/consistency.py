@@ -94,9 +94,9 @@ class Consistency(eqx.Module):
     def init(self) -> ConsistencyState:
         nothing = jnp.asarray(jnp.nan)
         likely = jnp.full(self.holds.shape[1], jnp.nan)
-        side = jnp.ones(likely.shape, int)
-        none = likely > 0, jnp.asarray(-1), jnp.zeros(())
-        return ConsistencyState(jnp.zeros(()), *[nothing] * 3, likely, side, *none)
+        side, none, zero = jnp.ones(likely.shape, int), jnp.asarray(-1), jnp.zeros(())
+        since = nothing, nothing, nothing, likely
+        return ConsistencyState(zero, *since, side, likely > 0, none, zero)
 
     def step(
         self, state: ConsistencyState, dt: Float[Array, ""], said: BranchInfo
