@@ -87,8 +87,8 @@ class Error(NamedTuple):
     input or a state lies between `above` and `below`; of every v its time constant `leaning` [s]
     and its share, `lean`; time constant `trail` [s] of every g; the `bend` of an input's curve
     between `low` and `high`; time constant `gripping` [s] of every q and within which of its state
-    it acts (`slip`, where half is left); by how much an input may have changed just `before` a log (none:
-    not at all); by which rate every xi is `fading` [1/s] (none: not at all)."""
+    it acts (`slip`, where half is left); by how much an input may have changed just `before` a log
+    (none: not at all); by which rate every xi is `fading` [1/s] (none: not at all)."""
 
     tau: Float[Array, "driven"]
     settling: Float[Array, "following"]
