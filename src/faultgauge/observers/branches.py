@@ -19,7 +19,7 @@ __all__ = [
     "Sums",
 ]
 
-SCALES = (1.0, 0.15, 0.02, 0.003)  # of a size's widest prior
+SCALES = (1.0, 0.15, 0.02)  # of a size's widest prior
 NEVER = -1e30  # the logarithm of no probability: finite, so that sums stay numbers
 
 

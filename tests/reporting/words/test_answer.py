@@ -115,21 +115,23 @@ def test_what_is_over_is_told_as_over(bank, decision):
     assert "until" not in line.split("; ")[0]
 
 
-def test_a_fault_whose_sign_turns_again_and_again_is_one_finding(bank):
-    """Half a minute of a leak and half a minute of as much coming in, six times: the events stay
-    as they are, and one sentence tells of all. Three windows of a fault are three faults."""
-    t = STEP * np.arange(COUNT)
-    shaken = np.where(t < ONSET, 0.0, np.where((t // 40) % 2 == 0, 1.0, -1.0))
-    found = decide(bank, log(1, 3 * LEAK, shaken))
-    sizes = [each.size for each in found.events if each.fault == "leak"]
-    assert np.sum(np.diff(np.sign(sizes)) != 0) >= 4  # or there is nothing to be told
-    lines = [line for line in answers(bank, [found]) if line.startswith("leak ")]
-    (line,) = lines
-    first = found.events[0]
-    assert line.startswith(f"leak came and went {len(sizes)} times from {first.start:g} s to ")
-    assert f"between {min(sizes):+.2f} and {max(sizes):+.2f} m/s" in line
+def test_a_fault_whose_sign_turns_again_and_again_is_one_finding(bank, decision):
+    """A leak of half a minute, and as much that comes in, six times: the events stay as they are,
+    and one sentence tells of all. Three windows of a fault are three faults."""
+    (event,) = decision.events
+    sizes = [(-1) ** k * (0.1 + 0.01 * k) for k in range(6)]
+    turning = [
+        replace(event, start=150.0 + 60 * k, onset=150.0 + 60 * k, end=180.0 + 60 * k, size=size,
+                lo=size - 0.01, hi=size + 0.01)
+        for k, size in enumerate(sizes)
+    ]  # fmt: skip
+    found = replace(decision, events=turning)
+    (line,) = (line for line in answers(bank, [found]) if line.startswith("leak "))
+    assert line.startswith("leak came and went 6 times from 150 s to 480 s")
+    assert "between -0.15 and +0.14 m/s" in line
     assert "something undeclared may shake what leak would move" in line
-    assert len(as_dicts(bank, [found])) == len(found.events)
+    assert len(as_dicts(bank, [found])) == 6
+    t = STEP * np.arange(COUNT)
     thrice = np.where(t < ONSET, 0.0, np.where((t // 50) % 2 == 0, 1.0, 0.0))
     apart = decide(bank, log(1, 3 * LEAK, thrice))
     assert not any("came and went" in line for line in answers(bank, [apart]))

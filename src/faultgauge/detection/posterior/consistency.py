@@ -17,9 +17,9 @@ falls below 0,
 
     S <- max(S + n ln(b / a) - (b - a) dt, 0)
 
-with n changes within dt, two by a name in place of another or of its own other direction, none by
-the same one again (E. S. Page, Biometrika 41 (1954); of a Poisson process: J. M. Lucas,
-Technometrics 27 (1985)).
+with n changes within dt, two by a name in place of one that has gone, be it of the same fault's
+other direction, none by the same one again nor by one that comes beside another (E. S. Page,
+Biometrika 41 (1954); of a Poisson process: J. M. Lucas, Technometrics 27 (1985)).
 """
 
 from collections.abc import Sequence
@@ -50,8 +50,8 @@ class ConsistencyState(NamedTuple):
     """How long rows have come, gaps apart (`t`); of that: since when the likeliest fault explains
     too little; when it had done so for long first and last; since when each fault is likely on its
     `side` (downwards or upwards, -1 or 1) [s]. NaN: not lately. Which faults are `named`, which of
-    them, by its side, was the last to come (its `cause`, -1: none), and the sum by which they
-    change too often (`restless`)."""
+    them, by its side, was the last that has `gone` (-1: none), how many places are `vacant` since,
+    and the sum by which they change too often (`restless`)."""
 
     t: Float[Array, ""]
     too_little: Float[Array, ""]
@@ -60,7 +60,8 @@ class ConsistencyState(NamedTuple):
     since: Float[Array, "faults"]
     side: Int[Array, "faults"]
     named: Bool[Array, "faults"]
-    cause: Int[Array, ""]
+    gone: Int[Array, ""]
+    vacant: Int[Array, ""]
     restless: Float[Array, ""]
 
 
@@ -94,9 +95,9 @@ class Consistency(eqx.Module):
     def init(self) -> ConsistencyState:
         nothing = jnp.asarray(jnp.nan)
         likely = jnp.full(self.holds.shape[1], jnp.nan)
-        side, none, zero = jnp.ones(likely.shape, int), jnp.asarray(-1), jnp.zeros(())
-        since = nothing, nothing, nothing, likely
-        return ConsistencyState(zero, *since, side, likely > 0, none, zero)
+        side, zero = jnp.ones(likely.shape, int), jnp.zeros(())
+        since, places = (nothing, nothing, nothing, likely), (jnp.asarray(-1), jnp.asarray(0))
+        return ConsistencyState(zero, *since, side, likely > 0, *places, zero)
 
     def step(
         self, state: ConsistencyState, dt: Float[Array, ""], said: BranchInfo
@@ -117,11 +118,13 @@ class Consistency(eqx.Module):
         since = jnp.where(likely >= LIKELY, jnp.where(goes_on, state.since, t), jnp.nan)
         told = (t - since >= self.waits) & (likely >= NAMED)
         named = (told | (state.named & goes_on)) & self.active
-        # in another's place; the first takes none
-        causes = 2 * np.arange(len(named)) + (side > 0)
-        comes = named & ~state.named & (causes != state.cause)
-        cause = jnp.where(jnp.any(comes), jnp.max(jnp.where(comes, causes, -1)), state.cause)
-        changes = 2 * (jnp.sum(comes) - (jnp.any(comes) & (state.cause < 0)))
+        # what comes takes the place of what went, if it is not the same again
+        went, comes = state.named & ~named, named & ~state.named
+        before, causes = (2 * np.arange(len(named)) + (each > 0) for each in (state.side, side))
+        gone = jnp.where(jnp.any(went), jnp.max(jnp.where(went, before, -1)), state.gone)
+        vacant = state.vacant + jnp.sum(went)
+        filled = jnp.minimum(jnp.sum(comes), vacant)
+        changes = 2 * jnp.minimum(jnp.sum(comes & (causes != gone)), filled)
         usual, quick = self.rates
         restless = state.restless + changes * jnp.log(quick / usual) - dt * (quick - usual)
         restless = jnp.maximum(restless, 0.0)
@@ -130,7 +133,8 @@ class Consistency(eqx.Module):
         last = jnp.where(now, t, jnp.where(on, state.last, jnp.nan))
         lasting = t - since >= jnp.maximum(since - first, self.outlasts)
         p = jnp.where(on | now, self._lasting(said.p, lasting), said.p)
-        after = ConsistencyState(t, too_little, first, last, since, side, named, cause, restless)
+        places = gone, vacant - filled
+        after = ConsistencyState(t, too_little, first, last, since, side, named, *places, restless)
         sampled = jnp.isfinite(said.p[0])
         after = jax.tree.map(lambda new, old: jnp.where(sampled, new, old), after, state)
         return after, said._replace(p=p)
