@@ -1,11 +1,11 @@
 """Where the model errs more than elsewhere, by what the innovation likelihood gains.
 
 A pump that gives nothing below a volt, a motor that does not move under small ones, a bearing whose
-friction turns round: in a part of the range of an input, or of a state that an output measures,
-the model may err far more than elsewhere, and noise of one size would be too
-large elsewhere and too small there. What acts at random is then larger there: the edge of that
-part and how many times as large are two levels more, and must gain what Schwarz's criterion asks
-of two (G. Schwarz, Ann. Stat. 6 (1978)).
+friction turns round: in a part of the range of an input, or of a state that an output measures, the
+model may err far more than elsewhere, and noise of one size would be too large elsewhere and too
+small there. What acts at random is then larger there: the edge of that part and how many times as
+large are two levels more, and must gain what Schwarz's criterion asks of two (G. Schwarz, Ann.
+Stat. 6 (1978)).
 """
 
 from collections.abc import Sequence
@@ -81,7 +81,7 @@ def _with_one(
     ]
     if not parts:
         return None
-    # nothing is larger in them: one program, for all parts, looks at all these places
+    # 1, where nothing is larger, so that one program looks at all these places
     looked_at = np.isin(np.arange(len(places)), [part.number for part in parts])
     alike = np.where(looked_at, 1.0, noise.doubt)
 

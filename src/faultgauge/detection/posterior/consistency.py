@@ -31,7 +31,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from faultgauge.detection.bank.bank import FaultBank
+from faultgauge.detection.bank.bank import CERTAIN, FaultBank
 from faultgauge.detection.bank.priors import ALIEN
 from faultgauge.detection.posterior.posterior import LIKELY
 from faultgauge.detection.posterior.verdicts import NAMED
@@ -43,7 +43,7 @@ __all__ = ["Consistency", "ConsistencyState", "limit_of"]
 BEYOND = 4.0  # times as far above the median as the worst of healthy logs
 QUICK = 4.0  # memories between changes where declared faults imitate something else in turn
 USUAL = 64.0  # memories between them at least where they come and go
-RESTLESS = float(np.log(19 / ALIEN))  # of the sum above: from there on it is that with odds of 19
+RESTLESS = CERTAIN - float(np.log(ALIEN))  # of the sum above: from there on it is surely that
 
 
 class ConsistencyState(NamedTuple):
