@@ -1,5 +1,6 @@
 """`faultgauge demo`"""
 
+from math import isfinite
 from pathlib import Path
 from typing import Annotated
 
@@ -49,7 +50,11 @@ def demo(
     for name, drive in drives.items():
         save_model(drive.calibration.model, folder / f"{name}.fgm")
     if json:
-        figures = {name: drive.figures for name, drive in drives.items()}
+        # an edge that never settles has no number
+        figures = {
+            name: {key: x if isfinite(x) else None for key, x in drive.figures.items()}
+            for name, drive in drives.items()
+        }
         options.print_json(
             {"source": logs.source, "report": str(report), **figures, "wheel": wheel.figures}
         )
