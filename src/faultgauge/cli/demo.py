@@ -2,7 +2,7 @@
 
 from math import isfinite
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -50,14 +50,9 @@ def demo(
     for name, drive in drives.items():
         save_model(drive.calibration.model, folder / f"{name}.fgm")
     if json:
-        # an edge that never settles has no number
-        figures = {
-            name: {key: x if isfinite(x) else None for key, x in drive.figures.items()}
-            for name, drive in drives.items()
-        }
-        options.print_json(
-            {"source": logs.source, "report": str(report), **figures, "wheel": wheel.figures}
-        )
+        figures = {name: drive.figures for name, drive in drives.items()}
+        content = {"source": logs.source, "report": str(report), **figures, "wheel": wheel.figures}
+        options.print_json(_told(content))
         return
     _show(f"A {logs.source} positioning drive with a hidden 5 V pulse", *rows(drives))
     print(f"{told(drives['network'])}\n")
@@ -66,6 +61,15 @@ def demo(
     print("next, on your own log:")
     print("  faultgauge inspect LOG.csv --init-plant plant.toml")
     print("  faultgauge check HEALTHY.csv SUSPECT.csv --plant plant.toml --out out")
+
+
+def _told(content: Any) -> Any:
+    """`content` with null where a number is infinite (never settled, say) or not defined."""
+    if isinstance(content, dict):
+        return {key: _told(each) for key, each in content.items()}
+    if isinstance(content, list):
+        return [_told(each) for each in content]
+    return content if not isinstance(content, float) or isfinite(content) else None
 
 
 def _show(title: str, header: tuple[str, ...], body: tuple[tuple[str, ...], ...]) -> None:
