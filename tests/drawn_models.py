@@ -85,6 +85,7 @@ def calibrated(source, seed=0, step=STEP, late=False):
         noise = noise._replace(trail=np.where(slow, 0.0, 3.0 * step))
         stuck = np.isin(np.arange(len(signals.states)), dynamic_states(plant)[-1:])
         noise = noise._replace(grip=0.05 * stuck, gripping=3.0 * step * stuck, slip=0.1 * stuck)
+        noise = noise._replace(travel=0.1 * step * stuck, jitter=0.1 * step * slow)
         there = np.append(np.zeros(len(signals.inputs), bool), stuck)
         low, high = np.quantile(x[:, np.flatnonzero(stuck)[0]], [0.25, 0.75])
         noise = noise._replace(

@@ -35,6 +35,7 @@ BESIDE = {
     "stray": [0, 0.02], "straying": [0, 5.0], "lean": [-0.6, 0], "leaning": [2.0, 0],
     "trail": [0, 0.8, 0], "zero": [0.05, 0, 0], "bend": [0.05, 0],
     "grip": [0, 0.02], "gripping": [0, 4.0], "slip": [0, 0.1],
+    "travel": [0, 2.0], "jitter": [0, 0.05, 0],
     "doubt": [2.0, 0, 0, 1.5], "above": [1.2, -np.inf, -np.inf, 0.15],
 }  # fmt: skip
 

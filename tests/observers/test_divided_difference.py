@@ -362,3 +362,18 @@ def test_a_point_where_the_plant_is_no_number_is_left_to_the_other_side():
     assert float(said) == LOST
     for part in (*after, *flow, *look, *seen):
         assert not np.isnan(np.asarray(part)).any()
+
+
+def test_a_sample_that_comes_too_early_or_too_late_is_off_by_what_its_output_moves():
+    """Of x and of 2 x + u: where x goes by `moved` in a step, an error of 0.3 s of the second's
+    time is one of 0.3 * 2 moved / STEP in it, and the first is as it was."""
+    each, belief = lane(), Belief(START, jnp.diag(SPREAD**2))
+    given = jnp.array([0.9]), jnp.array([0.9]), jnp.array([0.4, 1.7]), jnp.asarray(STEP)
+    predicted, _ = each.predict(belief, NOISE, *given[:2], given[3])
+    moved = float(predicted.mean[0] - START[0])
+    assert abs(moved) > 0.05
+    late = NOISE._replace(jitter=jnp.array([0.0, 0.3]))
+    *_, usual = each.step(belief, NOISE, *given)
+    *_, seen = each.step(belief, late, *given)
+    more = np.asarray(seen.usual) ** 2 - np.asarray(usual.usual) ** 2
+    np.testing.assert_allclose(more, [0.0, (0.3 * 2 * moved / STEP) ** 2], rtol=1e-9, atol=1e-12)

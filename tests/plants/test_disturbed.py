@@ -135,7 +135,7 @@ def test_an_input_that_comes_late_by_hand(late):
     wanted += [-0.5 / SETTLING, 0.4 / LEANING[0], -2 / 3 / SETTLING]
     np.testing.assert_allclose(dx, wanted, rtol=1e-12)
     np.testing.assert_allclose(
-        late.lasting(jnp.asarray(0.3)),
+        late.lasting(jnp.asarray(0.3), x, x),
         np.exp(-0.3 / np.array([TAU, SETTLING, LEANING[0], SETTLING])),
     )
 
@@ -180,7 +180,7 @@ def test_errors_of_outputs_by_hand():
     still = jnp.zeros(1)
     sd = plant.jumps(x, u, u + 0.5, still, still)
     np.testing.assert_allclose(sd, [0, 0, 0, 0.7 * 1.6, 0], atol=1e-12)  # rounding
-    left = plant.lasting(jnp.asarray(3.0))
+    left = plant.lasting(jnp.asarray(3.0), x, x)
     np.testing.assert_allclose(left, [np.exp(-3 / 5), np.exp(-3 / 2), 1.0], rtol=1e-12)
 
 
@@ -300,10 +300,11 @@ def test_an_input_that_strays_does_so_wherever_it_acts():
 
 def test_a_state_that_sticks_is_held_near_rest_and_not_in_motion():
     """v' = 3.2 * 1.5 - 0.4 v + q / (1 + (v / 0.5)^2): all of q = -6 at rest, half at 0.5, a 17th at
-    2; q itself fades within 4 s, wherever v is."""
+    2. q itself fades within 4 s at rest; at 0.5 half of its way counts, so that 0.5 * 0.5 * 2 s of
+    a travel of 0.25 take exp(-2) more of it, and what is new in its variance is 1 - exp(-5)."""
     base = GrayBoxPlant.untrained(parse_plant(CART))
-    none, time, slip = np.zeros(0), np.array([4.0]), np.array([0.5])
-    error = Error(none, none, none, gripping=time, slip=slip)
+    none, time, slip, travel = np.zeros(0), *np.array([[4.0], [0.5], [0.25]])
+    error = Error(none, none, none, gripping=time, slip=slip, travel=travel)
     offset, nothing = jnp.array([0.2, -0.1]), jnp.zeros((2, 0))
     plant = Disturbed.of(base, (), (), error, ("k", "c"), offset, nothing, sticking=(1,))
     assert plant.signals.state_names == ("q", "v", "q(v)")
@@ -311,11 +312,17 @@ def test_a_state_that_sticks_is_held_near_rest_and_not_in_motion():
         x, u = jnp.array([1.0, v, -6.0]), jnp.array([1.5])
         rate = 3.2 * 1.5 - 0.4 * v - 6.0 * left
         dx, y = respond(plant, x, u, jnp.zeros(1))
-        np.testing.assert_allclose(dx, [v, rate, 1.5], rtol=1e-12)
+        fades = 6.0 * (1 / 4 + abs(v) * (1 - left) / 0.25)
+        np.testing.assert_allclose(dx, [v, rate, fades], rtol=1e-12)
         np.testing.assert_allclose(y, [1.0, rate], rtol=1e-12)
         own = plant.own_at(x).derivative(x[:2], u)
         np.testing.assert_allclose(own, [v, rate], rtol=1e-12)
-    np.testing.assert_allclose(plant.lasting(jnp.asarray(2.0)), [np.exp(-0.5)], rtol=1e-12)
+    two, rest, moves = jnp.asarray(2.0), *jnp.array([[1.0, 0.0, -6.0], [1.0, -0.5, -6.0]])
+    np.testing.assert_allclose(plant.lasting(two, rest, rest), [np.exp(-0.5)], rtol=1e-12)
+    np.testing.assert_allclose(plant.lasting(two, moves, -moves), [np.exp(-2.5)], rtol=1e-12)
+    times = plant.doubts(u, u, moves, -moves, two)
+    new = times**2 * 2 / 4 * 2  # of a variance of 1, by which q moves 2 / 4 a second
+    np.testing.assert_allclose(new, [1.0, 1.0, 1 - np.exp(-5.0)], rtol=1e-12)
 
 
 def doubted_cart(where, low, high):
@@ -334,7 +341,7 @@ def test_what_acts_at_random_is_larger_where_the_model_is_doubted():
     """u between 1 and 2, 3 times, at one end of a step at least; nothing acts on xi."""
     plant, x = doubted_cart(0, 1.0, 2.0), jnp.zeros(4)
     for u_before, u, larger in ((0.0, 2.5, 1.0), (0.0, 1.5, 3.0), (1.5, 0.0, 3.0), (1.2, 1.8, 3.0)):
-        found = plant.doubts(jnp.array([u_before]), jnp.array([u]), x, x)
+        found = plant.doubts(jnp.array([u_before]), jnp.array([u]), x, x, jnp.ones(()))
         np.testing.assert_array_equal(found, [larger, larger, larger, 1.0])
 
 
@@ -348,7 +355,7 @@ def test_a_state_that_passes_where_the_model_is_doubted_was_there():
         (0.0, 0.1, 3.0),
     ):
         ends = (jnp.array([0.0, each, 0.5, 0.5]) for each in (v_before, v))
-        found = plant.doubts(u, u, *ends)
+        found = plant.doubts(u, u, *ends, jnp.ones(()))
         np.testing.assert_array_equal(found, [larger, larger, larger, 1.0])
 
 
@@ -392,7 +399,7 @@ def test_what_own_states_and_outputs_depend_on(values, count):
     one = np.ones(1)
     error = Error(*(jnp.array([each]) for each in (TAU, SETTLING, SHARE)))._replace(
         wandering=one, lag=one, late=one, straying=one, leaning=one, lean=-one, trail=one,
-        gripping=one, slip=one,
+        gripping=one, slip=one, travel=one,
     )  # fmt: skip
     every = {"wandering": (1,), "lagging": (0,), "straying": (0,), "leaning": (0,)}
     every |= {"trailing": (0,), "zeroed": (0, 1), "sticking": (1,)}

@@ -53,11 +53,12 @@ class Belief(NamedTuple):
 
 class FilterNoise(NamedTuple):
     """Standard deviations: `process` per sqrt(s) of the states, `walk` per sqrt(s) of the faults,
-    `sigma` of a sample."""
+    `sigma` of a sample, and by what its time errs, `jitter` [s] (none: not at all)."""
 
     process: Float[Array, "*many states"]
     walk: Float[Array, "*many faults"]
     sigma: Float[Array, "*many outputs"]
+    jitter: Float[Array, "*many outputs"] | None = None
 
 
 class Flow(NamedTuple):
@@ -167,7 +168,9 @@ class DividedDifferenceFilter(eqx.Module):
         z, size = belief.mean, len(belief.mean)
         mixed, plain, back = self.rows(size)
         # what stands behind the plant's own states fades; but for what trails it follows nobody
-        fades = jnp.concatenate([jnp.zeros(own), self.plant.lasting(dt), jnp.ones(size - n)])
+        fades = jnp.concatenate(
+            [jnp.zeros(own), self.plant.lasting(dt, z, after), jnp.ones(size - n)]
+        )
         F = F + np.eye(n)[mixed[: len(F)]] * fades[:n]
         M = jnp.concatenate([F, middle, jnp.zeros((len(F), size - n - k))], axis=1)
         grows = np.zeros((len(self.growing), size))
@@ -183,7 +186,7 @@ class DividedDifferenceFilter(eqx.Module):
         jump = self.plant.jumps(after[:n], u_before, u, none, none, unseen)
         f, rates = z[n : n + k], jnp.zeros(size - n - k)
         mean = after.at[:n].add(self.plant.leans(u_before, u, f, f))
-        doubts = self.plant.doubts(u_before, u, z[:n], after[:n])
+        doubts = self.plant.doubts(u_before, u, z[:n], after[:n], dt)
         process = doubts * noise.process
         Q = dt * jnp.concatenate([process, noise.walk * self._present(belief), rates]) ** 2
         Q = Q.at[:n].add((doubts * jump) ** 2)
@@ -237,6 +240,22 @@ class DividedDifferenceFilter(eqx.Module):
         C = jnp.concatenate([H + self.plant.added, middle, rates], axis=1)
         return y, Look(C, *sides)
 
+    def sampled(
+        self,
+        noise: FilterNoise,
+        look: Look,
+        before: Float[Array, "n"],
+        after: Float[Array, "n"],
+        dt: Float[Array, ""],
+    ) -> FilterNoise:
+        """`noise` of a sample where z went from `before` to `after` in `dt` [s]: one that came too
+        early or too late is off by the rate of its output, sigma^2 + (jitter C dz/dt)^2."""
+        if noise.jitter is None:
+            return noise
+        rate = contract("ij,j->i", look.C, after - before) / jnp.where(dt > 0, dt, 1.0)
+        sigma = jnp.sqrt(noise.sigma**2 + (noise.jitter * rate) ** 2)
+        return noise._replace(sigma=sigma)
+
     def update(
         self,
         belief: Belief,
@@ -286,6 +305,7 @@ class DividedDifferenceFilter(eqx.Module):
         and says so by its likelihood."""
         predicted, flow = self.predict(belief, noise, u_before, u, dt)
         expected, look = self.look(predicted, u)
+        noise = self.sampled(noise, look, belief.mean, predicted.mean, dt)
         after, likelihood, seen = self.update(predicted, noise, expected, look, y)
         # what is no number anywhere is none in the variances either
         rows = self.rows(len(after.mean))[0]

@@ -4,7 +4,9 @@
 
     xi' = -fading xi + w,
 
-    q' = -q / gripping + w,    G = 1 / (1 + (x / slip)^2) of the states that stick,
+    q' = -(1 / gripping + (1 - G) |x| / travel) q + w,    G = 1 / (1 + (x / slip)^2) of the
+
+    states that stick,
 
     F_ae = F(x, u + a + e + v; theta + offset) - F(x, u; theta + offset),
 
@@ -87,8 +89,9 @@ class Error(NamedTuple):
     input or a state lies between `above` and `below`; of every v its time constant `leaning` [s]
     and its share, `lean`; time constant `trail` [s] of every g; the `bend` of an input's curve
     between `low` and `high`; time constant `gripping` [s] of every q and within which of its state
-    it acts (`slip`, where half is left); by how much an input may have changed just `before` a log
-    (none: not at all); by which rate every xi is `fading` [1/s] (none: not at all)."""
+    it acts (`slip`, where half is left), and on which `travel` [the state's unit times s] it
+    becomes another; by how much an input may have changed just `before` a log (none: not at all);
+    by which rate every xi is `fading` [1/s] (none: not at all)."""
 
     tau: Float[Array, "driven"]
     settling: Float[Array, "following"]
@@ -108,6 +111,7 @@ class Error(NamedTuple):
     high: Float[Array | np.ndarray, "bending"] = np.zeros(0)
     gripping: Float[Array | np.ndarray, "sticking"] = np.zeros(0)
     slip: Float[Array | np.ndarray, "sticking"] = np.zeros(0)
+    travel: Float[Array | np.ndarray, "sticking"] = np.zeros(0)
     before: Float[Array | np.ndarray, "some"] = np.zeros(0)
     fading: Float[Array | np.ndarray, "some"] = np.zeros(0)
 
@@ -282,16 +286,38 @@ class Disturbed(Plant):
         slow = self._slow(x, jnp.zeros(1))[0]
         dx = self._told(x).moved(own, u, slow + beside[self.parts.x])
         dx = dx + self._astray(x, lambda plant: plant.derivative(own, u))
-        rest = -x[self.count :] / self.times
+        rest = -x[self.count :] * self._fading(jnp.abs(own))
         if self.trailing:
             _, moves = jax.jvp(lambda own: self._shown(self._told(x), own, u), (own,), (dx,))
             g = self.parts.g
             rest = rest.at[g.start - self.count : g.stop - self.count].add(-moves)
         return jnp.concatenate([dx, rest + beside[self.count :]])
 
-    def lasting(self, dt: Float[Array, ""]) -> Float[Array, "others"]:
-        """Which share of d, r, b, l, a, v, g, z, q, h and xi is left after `dt` [s]."""
-        return jnp.exp(-dt / self.times)
+    def lasting(
+        self,
+        dt: Float[Array, ""],
+        x_before: Float[Array, "_"],
+        x: Float[Array, "_"],
+    ) -> Float[Array, "others"]:
+        """Which share of d, r, b, l, a, v, g, z, q, h and xi is left after `dt` [s] on the way
+        from `x_before` to `x`."""
+        return jnp.exp(-dt * self._fading(self._moves(x_before, x)))
+
+    def _moves(self, x_before: Float[Array, "_"], x: Float[Array, "_"]) -> Float[Array, "own"]:
+        """How large the own states are in the mean between the two."""
+        return (jnp.abs(x_before[: self.count]) + jnp.abs(x[: self.count])) / 2
+
+    def _fading(self, moves: Float[Array, "own"]) -> Float[Array, "others"]:
+        """By which rates [1/s] d, r, b, l, a, v, g, z, q, h and xi fade where the own states are so
+        large: what sticks is another once its state has gone on."""
+        rates = 1 / self.times
+        if not self.sticking:
+            return rates
+        q = self.parts.q
+        x = taken(moves, np.array(self.sticking))
+        m = (x / self.error.slip) ** 2
+        gone = x * m / (1 + m) / self.error.travel
+        return rates.at[q.start - self.count : q.stop - self.count].add(gone)
 
     def meanwhile(self, dt: Float[Array, ""]) -> Float[Array, "states"]:
         """Which share of it each state is in the mean of `dt` [s]: d, and what inputs err by."""
@@ -321,7 +347,7 @@ class Disturbed(Plant):
         if not self._answering:  # what reads states alone does not jump
             middle = stages[len(stages) // 2]
             return (self._shown(plant, own, middle) - self._shown(plant, after, middle)) * left
-        later = jnp.concatenate([after, self.lasting(dt) * x[self.count :]])
+        later = jnp.concatenate([after, self.lasting(dt, x, after) * x[self.count :]])
         jumped = later + self.leans(stages[0], u, f, f)
         begin = self._shown_astray(plant, x, stages[0], f)
         end = self._shown_astray(plant, later, stages[-1], f)
@@ -484,11 +510,18 @@ class Disturbed(Plant):
         u: Float[Array, "inputs"],
         x_before: Float[Array, "states"],
         x: Float[Array, "states"],
+        dt: Float[Array, ""],
     ) -> Float[Array | np.ndarray, "states"]:
-        """How many times as large as usual what acts on each state at random is on the way from
-        `u_before` and `x_before` to `u` and `x`. An input jumps between two values, and a state
-        passes what lies between them."""
-        usual = np.ones(len(self.signals.states))
+        """How many times as large as usual what acts on each state at random is on the way of
+        `dt` [s] from `u_before` and `x_before` to `u` and `x`. An input jumps between two values,
+        and a state passes what lies between them. What sticks stays as large wherever its state
+        goes, 1 - e^(-2 rate dt) of its variance being new."""
+        usual = jnp.ones(len(self.signals.states))
+        if self.sticking:
+            q, time = self.parts.q, self.error.gripping
+            left = self.lasting(dt, x_before, x)[q.start - self.count : q.stop - self.count]
+            new = (1 - left**2) * time / (2 * jnp.where(dt > 0, dt, 1.0))
+            usual = usual.at[q].set(jnp.sqrt(jnp.where(dt > 0, new, 1.0)))
         if not self.doubted:
             return usual
         low, high = self.error.above, self.error.below
@@ -498,7 +531,7 @@ class Disturbed(Plant):
         passed = (jnp.max(ends, axis=0) > low) & (jnp.min(ends, axis=0) < high)
         there = jnp.where(np.array(self.doubted) < len(u), there, passed)
         times = jnp.max(jnp.where(there, self.error.doubt, 1.0))
-        return jnp.where(np.arange(len(usual)) < self.parts.xi.start, times, usual)
+        return jnp.where(np.arange(len(usual)) < self.parts.xi.start, times * usual, usual)
 
     def altered(self, changes: Mapping[str, ValueChange]) -> "Disturbed":
         """`base` altered: what xi adds to a constant is not."""

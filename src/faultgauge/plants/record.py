@@ -185,7 +185,9 @@ class NoiseLevels(Part):
     grip: dict[str, Positive] = {}
     gripping: dict[str, Positive] = {}
     slip: dict[str, Positive] = {}
+    travel: dict[str, Positive] = {}
     varying: dict[str, Positive] = {}
+    jitter: dict[str, Positive] = {}
     doubt: dict[str, Positive] = {}
     above: dict[str, Number] = {}
     below: dict[str, Number] = {}

@@ -276,6 +276,14 @@ def _besides(model: Model, noise: Noise) -> list[tuple[str, str, str]]:
     ]
     rows += [
         (
+            f"samples of {signals.outputs[j].name} come too early or too late by",
+            quantity(float(noise.jitter[j]), "s"),
+            "another time each",
+        )
+        for j in noise.jitters
+    ]
+    rows += [
+        (
             f"error in what a change of an input does to {signals.outputs[j].name}",
             f"{100 * noise.late[j]:.2f} %",
             f"for {quantity(float(noise.lag[j]), 's')}",

@@ -48,7 +48,7 @@ def test_a_state_that_sticks_is_said_with_how_much_how_long_and_until_where():
     one = np.ones(1)
     noise = Noise(
         one, one, np.zeros(0), one, one, one, one, np.full(2, 0.1), np.zeros(2), np.zeros(2),
-        grip=8.04 * one, gripping=1.2 * one, slip=0.135 * one,
+        grip=8.04 * one, gripping=1.2 * one, slip=0.135 * one, travel=one, jitter=0.4e-3 * one,
     )  # fmt: skip
     for text, of, rest in (
         (LAG, "8 m/s", "0.14 m"),
@@ -61,6 +61,11 @@ def test_a_state_that_sticks_is_said_with_how_much_how_long_and_until_where():
             f"x sticks: near rest something that the file lacks holds it by about {of}, for "
             f"about 1.2 s at a time, and lets go from {rest} on. What is smaller shows only while "
             "it moves"
+        )
+        (line,) = (each for each in lines if "too early" in each)
+        assert line == (
+            "samples of x come too early or too late, by about 0.0004 s, and are off by what it "
+            "moves meanwhile"
         )
 
 

@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float
 from faultgauge.detection.bank.coverage import Region, regions_of
 from faultgauge.detection.bank.extended import (
     disturbed,
+    jitter_of,
     process_of,
     rates_of,
     scale_of,
@@ -318,6 +319,7 @@ def _levels(
         jax.device_put(np.stack(process)),
         jax.device_put(np.zeros((len(process), faults))),
         jax.device_put(sigma),
+        jitter_of([noise] * len(process)),
     )
 
 

@@ -21,10 +21,12 @@ __all__ = [
     "directions_of",
     "disturbed",
     "error_of",
+    "jitter_of",
     "offset_of",
     "process_of",
     "rates_of",
     "retold",
+    "sampled_within",
     "scale_of",
     "spread_of_start",
     "start_spread",
@@ -95,10 +97,24 @@ def error_of(model: Model, noise: Noise) -> Error:
     late = noise.leaning[leans], noise.lean[leans], noise.trail[trails]
     bend = noise.bend[bends], u.min(axis=0)[bends], u.max(axis=0)[bends]
     grips = list(noise.grips)
-    grip = noise.gripping[grips], noise.slip[grips]
+    grip = noise.gripping[grips], noise.slip[grips], noise.travel[grips]
     fading = np.concatenate([np.zeros(len(drifting_of(model))), noise.fading])
     parts = (*own, *beside, *doubt, *late, *bend, *grip, before, fading)
     return Error(*(jax.device_put(np.asarray(each)) for each in parts))
+
+
+def jitter_of(many: Sequence[Noise]) -> Float[Array, "many outputs"] | None:
+    """By what the times of samples err [s] under each of `many`; None where nothing does."""
+    if not any(each.jitters for each in many):
+        return None
+    return jax.device_put(np.stack([each.jitter for each in many]))
+
+
+def sampled_within(model: Model, noise: Noise) -> Float[np.ndarray, "outputs"]:
+    """Standard deviation of a sample while outputs move as they usually do."""
+    if not noise.jitters:
+        return noise.sigma
+    return np.hypot(noise.sigma, noise.jitter * output_rates_of(model))
 
 
 def process_of(

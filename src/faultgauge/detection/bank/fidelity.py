@@ -25,6 +25,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 
+from faultgauge.detection.bank.extended import sampled_within
 from faultgauge.detection.bank.noise import Noise
 from faultgauge.errors import InputError
 from faultgauge.identification.validation.evaluation import POOR_FREE_RUN, Prediction, predict
@@ -75,7 +76,7 @@ def _own(model: Model, runs: Sequence[Run], noise: Noise) -> Float[np.ndarray, "
         shown = (run.columns[name] for run in runs if name in run.columns)
         told = [np.nanvar(y) for y in shown if np.isfinite(y).any()]
         moves.append(np.mean(told or [0.0]))
-    own = noise.sigma**2
+    own = sampled_within(model, noise) ** 2
     own[list(noise.wanders)] += noise.wander[list(noise.wanders)] ** 2
     return np.sqrt(np.divide(own, moves, out=np.ones(len(own)), where=np.array(moves) > 0))
 

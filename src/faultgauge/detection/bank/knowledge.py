@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from faultgauge.detection.bank.extended import process_of, spread_of_start
+from faultgauge.detection.bank.extended import process_of, sampled_within, spread_of_start
 from faultgauge.detection.bank.noise import Noise
 from faultgauge.detection.bank.priors import stated_size
 from faultgauge.detection.rows.judged import operating_points
@@ -113,7 +113,7 @@ def _over(
     drives = np.where(np.arange(len(A))[:, None] < points.x.shape[1], A[:, parts.d], 0.0)
     B, D = np.hstack([B, drives]), np.hstack([D, C[:, parts.d]])
     # white noise as strong as sigma at one sample in n is sigma sqrt(n) at every row
-    R = np.diag(noise.sigma[measured] ** 2 * np.array(rows) / stride)
+    R = np.diag(sampled_within(model, noise)[measured] ** 2 * np.array(rows) / stride)
     q = process_of(noise, spread_of_start(model, noise.sigma, ())[1])
     states = points.x.shape[1]
     Q = np.diag(q**2 * dt)

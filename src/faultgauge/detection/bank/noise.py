@@ -16,6 +16,7 @@ __all__ = [
     "BEND",
     "DOUBT",
     "GRIP",
+    "JITTER",
     "LATE",
     "LEAN",
     "STRAY",
@@ -36,11 +37,17 @@ LEAN = ("lean", "leaning")  # absent where no input comes late
 TRAIL = ("trail",)  # absent where no output does
 BEND = ("bend",)  # absent where no input's curve is bent
 ZERO = ("zero",)  # absent where no output's is off
-GRIP = ("grip", "gripping", "slip")  # absent where no state sticks
+GRIP = ("grip", "gripping", "slip", "travel")  # absent where no state sticks
+JITTER = ("jitter",)  # absent where no output is sampled at another time
 VARY = ("varying",)  # absent where no constant does within a run
 USUAL_SHARE = 0.1  # of an input's effect: what a change of it is off by
 NARROWEST = 1e-15  # of a constant between runs: rounding
-NOWHERE = {"doubt": 0.0, "above": -np.inf, "below": np.inf}  # what of these is absent
+NOWHERE = {
+    "doubt": 0.0,
+    "above": -np.inf,
+    "below": np.inf,
+    "travel": np.inf,
+}  # what of these is absent
 
 
 class Noise(NamedTuple):
@@ -58,7 +65,9 @@ class Noise(NamedTuple):
     `zero` is off, another way in each run; by how much of
     its range the curve of an input is off a straight line in the middle (`bend`); what holds a
     state at rest (`grip`, its unit per s), for how long (`gripping` [s]), until it moves by `slip`,
-    where half of that is left; how long a constant keeps its value in a run (`varying` [s]); how
+    where half of that is left, and on which `travel` (its unit times s) it becomes another;
+    how long a constant keeps its value in a run (`varying` [s]); by
+    what the time of an output's sample errs (`jitter` [s]); how
     many times as large all this is (`doubt`) where an input, or a state, lies between `above` and
     `below`; 0, or nothing at all, where nothing of that kind is."""
 
@@ -89,7 +98,9 @@ class Noise(NamedTuple):
     grip: Float[np.ndarray, "states"] = np.zeros(0)
     gripping: Float[np.ndarray, "states"] = np.zeros(0)
     slip: Float[np.ndarray, "states"] = np.zeros(0)
+    travel: Float[np.ndarray, "states"] = np.zeros(0)
     varying: Float[np.ndarray, "constants"] = np.zeros(0)
+    jitter: Float[np.ndarray, "outputs"] = np.zeros(0)
     together: Float[np.ndarray, "constants constants"] = np.zeros((0, 0))
 
     @property
@@ -146,6 +157,11 @@ class Noise(NamedTuple):
         return tuple(np.flatnonzero(self.grip).tolist())
 
     @property
+    def jitters(self) -> tuple[int, ...]:
+        """The outputs that are sampled too early or too late."""
+        return tuple(np.flatnonzero(self.jitter).tolist())
+
+    @property
     def varies(self) -> tuple[int, ...]:
         """The constants that vary within a run."""
         return tuple(np.flatnonzero(self.varying).tolist())
@@ -167,13 +183,14 @@ class Noise(NamedTuple):
         """How many inputs, outputs, states and constants err on their own, and for how many inputs
         and states the model errs more somewhere."""
         inputs = self.strays + self.leans + self.bends
-        outputs = self.wanders + self.lags + self.trails + self.zeros
+        outputs = self.wanders + self.lags + self.trails + self.zeros + self.jitters
         return len(inputs + outputs + self.grips + self.varies + self.doubts)
 
     def widened(self, factor: float) -> "Noise":
         """What acts within a run `factor` times as large, which changes no gain of a filter; how
         constants differ between runs is no error of it."""
         own = ("sigma", "process", "drift", "size", "share", "wander", "late", "stray", "grip")
+        own = *own, "jitter"
         return self._replace(**{name: factor * getattr(self, name) for name in own})
 
     def as_dict(self, model: Model) -> dict[str, dict[str, float]]:
@@ -219,13 +236,14 @@ def _beside(
     yield BEND, signals.input_names, noise.bends
     yield GRIP, signals.state_names, noise.grips
     yield VARY, constants_of(model).names, noise.varies
+    yield JITTER, signals.output_names, noise.jitters
 
 
 def noise_of(model: Model) -> Noise:
     """What `calibrate` found. Raises `InputError` for a model without it."""
     found = model.calibration and model.calibration.noise
     block = found.as_dict() if found else None
-    optional = (*WANDER, *LATE, *STRAY, *DOUBT, *LEAN, *TRAIL, *ZERO, *BEND, *GRIP, *VARY)
+    optional = (*WANDER, *LATE, *STRAY, *DOUBT, *LEAN, *TRAIL, *ZERO, *BEND, *GRIP, *VARY, *JITTER)
     if block is None or {*block, *optional, "together"} != set(Noise._fields):
         raise InputError(
             "the model holds no noise levels, which the bank needs; run `faultgauge "
@@ -240,7 +258,7 @@ def noise_of(model: Model) -> Noise:
         inputs, outputs = signals.input_names, signals.output_names
         states, known = signals.state_names, constants_of(model).names
         named = [outputs] * 4 + [inputs] * 2 + [(*inputs, *states)] * 3 + [inputs] * 2
-        named += [outputs] * 2 + [inputs] + [states] * 3 + [known]
+        named += [outputs] * 2 + [inputs] + [states] * 4 + [known] + [outputs]
         more = [
             [block.get(key, {}).get(name, NOWHERE.get(key, 0.0)) for name in names]
             for key, names in zip(optional, named, strict=True)

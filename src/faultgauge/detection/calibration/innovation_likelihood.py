@@ -20,6 +20,7 @@ from faultgauge.detection.bank.extended import (
     directions_of,
     disturbed,
     error_of,
+    jitter_of,
     offset_of,
     process_of,
     scale_of,
@@ -249,6 +250,7 @@ class Likelihood:
             jnp.asarray(np.stack([process_of(each, drifted) for each in many])),
             jnp.zeros((len(many), 0)),
             jnp.asarray(np.stack([each.sigma for each in many])),
+            jitter_of(many),
         )
         sd = jnp.asarray(np.stack([start_spread(model, each, self.columns) for each in many]))
         bare = Disturbed.of(

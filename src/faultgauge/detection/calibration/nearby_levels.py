@@ -161,20 +161,21 @@ def _near(
     def moved(slopes: Array, scale: Array, own: Array, its: Array) -> Array:
         return contract("ij,j->i", slopes, jnp.where(scale == 0, 0.0, scale * own - its))
 
-    fades = jnp.concatenate([jnp.zeros(plant.count), plant.lasting(dt)])
     led = plant.leans(before, now, none, none)
     scale = scaled(belief.mean, step.m) * left
     own = taken(step.ahead, mixed) + moved(step.A, scale, belief.mean, step.m)
+    fades = jnp.concatenate([jnp.zeros(plant.count), plant.lasting(dt, belief.mean, own)])
     ahead = taken(jnp.concatenate([own, taken(fades * belief.mean + led, plain)]), back)
     shown = scaled(ahead, step.ahead)
     A, C = step.A * scale, step.C * shown
     late = jnp.ones(n).at[parts.lag].set(plant.error.late / first.late)
-    doubts = plant.doubts(before, now, belief.mean, ahead)
+    doubts = plant.doubts(before, now, belief.mean, ahead, dt)
     Q = dt * (doubts * noise.process) ** 2 + (doubts * late * step.jump) ** 2
     P = filtering.carried(A, taken(fades, plain), belief.P) + jnp.diag(Q)
     expected = step.expected + moved(step.C, shown, ahead, step.ahead)
     outputs = jnp.zeros((len(y), 0))
     look = Look(C, outputs, outputs, outputs)
+    noise = filtering.sampled(noise, look, belief.mean, ahead, dt)
     after, likelihood, seen = filtering.update(Belief(ahead, P), noise, expected, look, y)
     root = jnp.where(jnp.isfinite(seen.root), jnp.log(seen.root), 0.0)
     told = jnp.where(step.sound, likelihood, dd.LOST)

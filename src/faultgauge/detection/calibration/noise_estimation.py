@@ -23,6 +23,7 @@ from faultgauge.detection.bank.noise import (
     BEND,
     DOUBT,
     GRIP,
+    JITTER,
     LATE,
     LEAN,
     STRAY,
@@ -62,6 +63,7 @@ from faultgauge.detection.calibration.noise_levels import (
 from faultgauge.detection.calibration.output_errors import with_errors_of_outputs
 from faultgauge.detection.calibration.run_spread import as_unsure_as_few_runs_tell, constants_retold
 from faultgauge.detection.calibration.scoring import scored
+from faultgauge.detection.calibration.sensor_jitter import with_jitter_of_sensors
 from faultgauge.detection.calibration.sensor_lags import with_lags_of_sensors
 from faultgauge.detection.calibration.varying_constants import with_varying_constants
 from faultgauge.errors import InputError
@@ -83,7 +85,7 @@ STARTS = tuple(product((1.0, 10.0, 100.0), (1.0, 30.0)))
 FIRST = 2  # steps of each; then of the better half, and so on
 # parts of the work: the start, the plant's levels, a grip, LAGS in either order, CURVES and BESIDE
 # beside lags and without any, a lag again, and by all data, which is as much as a few of them
-PARTS, ALL = 21, 3
+PARTS, ALL = 23, 3
 USUAL = 12  # steps of a part
 SEEN = 8192  # samples that tell what there is beside the levels, fewer where a filter is `LARGE`
 # these come first, as they are no error; what one of them explains the other does in part
@@ -91,6 +93,7 @@ LAGS = (with_lags_of_inputs, with_lags_of_sensors)
 CURVES = (with_curves_of_inputs,)  # are no errors either
 # errors of inputs come first, as what outputs share is none of their own
 BESIDE = (
+    with_jitter_of_sensors,
     with_varying_constants,
     with_errors_of_inputs,
     with_errors_of_outputs,
@@ -98,7 +101,7 @@ BESIDE = (
 )
 OWN = ("wander", "late", "stray")  # of these: what `BESIDE` finds
 SIZES = {
-    pair[0]: pair for pair in (WANDER, LATE, STRAY, LEAN, TRAIL, ZERO, BEND, GRIP, VARY)
+    pair[0]: pair for pair in (WANDER, LATE, STRAY, LEAN, TRAIL, ZERO, BEND, GRIP, VARY, JITTER)
 }  # with their times
 AGREE = 1.25  # times: what the plant does lets the constants of runs lie no farther apart
 HOLDS = 0.25  # of a grip's power: where the model errs by more in motion it is none
@@ -215,7 +218,19 @@ class _Healthy:
 
     def bounds(self, noise: Noise) -> Bounds:
         """Of the levels that `noise` has."""
-        beside = (*WANDER, *LATE, *STRAY, *DOUBT, *LEAN, *TRAIL, *ZERO, *BEND, *GRIP, *VARY)
+        beside = (
+            *WANDER,
+            *LATE,
+            *STRAY,
+            *DOUBT,
+            *LEAN,
+            *TRAIL,
+            *ZERO,
+            *BEND,
+            *GRIP,
+            *VARY,
+            *JITTER,
+        )
         own = {name: getattr(noise, name) for name in beside}
         return bounds_of(self.guess._replace(**own), self.step, self.stretches)
 

@@ -26,6 +26,7 @@ __all__ = [
     "LEAST_LAG",
     "Bounds",
     "Spans",
+    "as_fitted",
     "bounds_of",
     "first_guess",
     "levels_of",
@@ -38,7 +39,7 @@ __all__ = [
 SEARCHED = (
     *("sigma", "process", "drift", "size", "lasting", "share", "settling"),
     *("wander", "wandering", "late", "lag", "stray", "straying", "doubt", "trail"),
-    *("leaning", "lean", "zero", "bend", "grip", "gripping", "slip", "varying"),
+    *("leaning", "lean", "zero", "bend", "grip", "gripping", "slip", "travel", "varying", "jitter"),
 )
 SIGNED = ("lean", "bend")  # of these: numbers of either sign, and no logarithms
 ORDERS = 8  # of differences: beyond, next to nothing fades that has not
@@ -118,24 +119,31 @@ def first_guess(model: Model, runs: Sequence[Run], stretches: Sequence[StretchPi
     ]
     driven = list(dynamic_states(model.plant))
     size = USUAL_SIZE * rates_of(model)[driven]
-    known = constants_of(model)
-    usual = [usual_spread(float(model.plant.values()[n]), 0.0) for n in known.names]
-    unknown = np.zeros(len(usual))
+    unknown = np.zeros(len(constants_of(model).names))
     lasting = np.full(len(driven), max(length / 10, 20 * step))
     following = len(following_inputs(model.plant))
     share = np.full(following, USUAL_SHARE)
     settling = np.full(following, QUICK * step)
     nothing = np.zeros(len(signals.inputs))
     places = np.zeros(len(signals.inputs) + len(signals.states))
-    return Noise(
+    found = Noise(
         sigma, process, np.array(drift, float), size, lasting, share, settling,
         *[unknown] * 3,
         *[np.zeros(len(sigma))] * 4,
         stray=nothing, straying=nothing,
         doubt=places, above=places - np.inf, below=places + np.inf, lean=nothing,
         leaning=nothing, trail=np.zeros(len(sigma)), zero=np.zeros(len(sigma)), bend=nothing,
-        varying=unknown, **dict.fromkeys(GRIP, np.zeros(len(process))),
-    ).with_between(known.covariance + np.diag(usual) ** 2)  # fmt: skip
+        varying=unknown, jitter=np.zeros(len(sigma)), **dict.fromkeys(GRIP, np.zeros(len(process))),
+    )  # fmt: skip
+    return as_fitted(model, found)
+
+
+def as_fitted(model: Model, noise: Noise) -> Noise:
+    """`noise` with the constants of the fit, as unsure as that has them and by the usual spread."""
+    known = constants_of(model)
+    usual = [usual_spread(float(model.plant.values()[n]), 0.0) for n in known.names]
+    own = noise._replace(shift=np.zeros(len(usual)))
+    return own.with_between(known.covariance + np.diag(usual) ** 2)
 
 
 def _rounding(parts: Sequence[Float[np.ndarray, "_"]]) -> float:

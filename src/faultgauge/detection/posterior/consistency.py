@@ -50,7 +50,7 @@ class ConsistencyState(NamedTuple):
     """How long rows have come, gaps apart (`t`); of that: since when the likeliest fault explains
     too little; when it had done so for long first and last; since when each fault is likely on its
     `side` (downwards or upwards, -1 or 1) [s]. NaN: not lately. Which faults are `named`, which of
-    them, by its side, was the last that has `gone` (-1: none), how many places are `vacant` since,
+    them, by its side, was the last that has `gone` (-1: none), whether its place is `vacant` since,
     and the sum by which they change too often (`restless`)."""
 
     t: Float[Array, ""]
@@ -61,7 +61,7 @@ class ConsistencyState(NamedTuple):
     side: Int[Array, "faults"]
     named: Bool[Array, "faults"]
     gone: Int[Array, ""]
-    vacant: Int[Array, ""]
+    vacant: Bool[Array, ""]
     restless: Float[Array, ""]
 
 
@@ -96,7 +96,7 @@ class Consistency(eqx.Module):
         nothing = jnp.asarray(jnp.nan)
         likely = jnp.full(self.holds.shape[1], jnp.nan)
         side, zero = jnp.ones(likely.shape, int), jnp.zeros(())
-        since, places = (nothing, nothing, nothing, likely), (jnp.asarray(-1), jnp.asarray(0))
+        since, places = (nothing, nothing, nothing, likely), (jnp.asarray(-1), jnp.asarray(False))
         return ConsistencyState(zero, *since, side, likely > 0, *places, zero)
 
     def step(
@@ -122,9 +122,8 @@ class Consistency(eqx.Module):
         went, comes = state.named & ~named, named & ~state.named
         before, causes = (2 * np.arange(len(named)) + (each > 0) for each in (state.side, side))
         gone = jnp.where(jnp.any(went), jnp.max(jnp.where(went, before, -1)), state.gone)
-        vacant = state.vacant + jnp.sum(went)
-        filled = jnp.minimum(jnp.sum(comes), vacant)
-        changes = 2 * jnp.minimum(jnp.sum(comes & (causes != gone)), filled)
+        vacant = state.vacant | jnp.any(went)
+        changes = 2 * (vacant & jnp.any(comes & (causes != gone)))
         usual, quick = self.rates
         restless = state.restless + changes * jnp.log(quick / usual) - dt * (quick - usual)
         restless = jnp.maximum(restless, 0.0)
@@ -133,7 +132,7 @@ class Consistency(eqx.Module):
         last = jnp.where(now, t, jnp.where(on, state.last, jnp.nan))
         lasting = t - since >= jnp.maximum(since - first, self.outlasts)
         p = jnp.where(on | now, self._lasting(said.p, lasting), said.p)
-        places = gone, vacant - filled
+        places = gone, vacant & ~jnp.any(comes)
         after = ConsistencyState(t, too_little, first, last, since, side, named, *places, restless)
         sampled = jnp.isfinite(said.p[0])
         after = jax.tree.map(lambda new, old: jnp.where(sampled, new, old), after, state)

@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from faultgauge.detection.bank.bank import FaultBank
+from faultgauge.detection.bank.extended import sampled_within
 from faultgauge.detection.posterior.posterior import Posterior
 from faultgauge.observers.divided_difference import FAR
 from faultgauge.plants.disturbed import Disturbed
@@ -53,7 +54,7 @@ class Glitches:
 
     def __init__(self, bank: FaultBank) -> None:
         self.bank = bank
-        self.limit = FAR * np.asarray(bank.modes.noise.sigma[0])
+        self.limit = FAR * sampled_within(bank.model, bank.noise)
         self.last: dict[int, _Samples] = {}
 
     def push(self, rows: Run, found: Posterior) -> list[Glitch]:

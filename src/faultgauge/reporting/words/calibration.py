@@ -76,6 +76,11 @@ def errors(model: Model) -> list[str]:
         each = signals.outputs[j]
         by = f"{number(float(noise.zero[j]), 2)} {spoken(each.unit)}".rstrip()
         lines.append(f"the zero of {each.name} is off by about {by}, another way in each run")
+    lines += [
+        f"samples of {signals.outputs[j].name} come too early or too late, by about "
+        f"{duration(float(noise.jitter[j]))}, and are off by what it moves meanwhile"
+        for j in noise.jitters
+    ]
     for j in noise.strays:
         each = signals.inputs[j]
         by, long = _at_a_time(each.unit, noise.stray[j], noise.straying[j], seen)
