@@ -1,10 +1,11 @@
 """How constants differ between runs, and how they do so together."""
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from calibrations import for_bank
-from faultgauge.detection.bank.extended import directions_of
+from faultgauge.detection.bank.extended import directions_of, disturbed
 from faultgauge.detection.bank.noise import noise_of
 from faultgauge.detection.calibration.innovation_likelihood import healthy_stretches
 from faultgauge.detection.calibration.noise_estimation import estimate_noise
@@ -80,6 +81,22 @@ def test_a_covariance_is_kept_in_model_files():
     del block["together"]
     W = directions_of(model(), noise_of(for_bank(model(), block)))
     assert pytest.approx(np.diag(np.diag(wanted)), rel=1e-12, abs=1e-20) == W @ W.T
+
+
+def test_what_holds_at_rest_in_a_model_file_from_before_lasts_as_long_in_motion():
+    """exp(-1) of what lasts 3 s is left after those, at rest and at 5 rad/s alike where the file has
+    no travel; with one of 0.5 rad, of 15 rad at the slip, where half of them count, exp(-16)."""
+    runs, one = [log(seed) for seed in range(2)], np.ones(1)
+    noise = first_guess(model(), runs, healthy_stretches(model(), runs))
+    noise = noise._replace(grip=0.1 * one, gripping=3 * one, slip=5 * one, travel=0.5 * one)
+    block = noise.as_dict(model())
+    for travel, left in (({"w": 0.5}, np.exp(-1 - 3 * 5 * 0.5 / 0.5)), ({}, np.exp(-1))):
+        plant = disturbed(model(), noise_of(for_bank(model(), block | {"travel": travel})))
+        q = plant.parts.q.start - plant.count
+        for w, wanted in ((0.0, np.exp(-1)), (5.0, left)):
+            x = jnp.full(1, w)
+            found = float(plant.lasting(jnp.asarray(3.0), x, x)[q])
+            assert found == pytest.approx(wanted, rel=1e-12)
 
 
 @pytest.mark.study  # a search of its own
