@@ -121,7 +121,9 @@ def _with_sensor(
     plant = replace(model.plant, signals=more, spec=spec)
     columns = {**run.columns, name: np.interp(run.t, effects.t, read)}
     log = replace(run, columns=columns)
-    noise = bank.noise._replace(sigma=np.append(bank.noise.sigma, sigma))
+    noise = bank.noise._replace(
+        sigma=np.append(bank.noise.sigma, sigma), jitter=np.append(bank.noise.jitter, 0.0)
+    )
     between = model.record.between
     if between is not None:  # a free run would be as far off in it, against its range
         others = np.array([between.off[each] for each in bank.outputs])

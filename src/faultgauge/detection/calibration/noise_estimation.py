@@ -91,7 +91,8 @@ SEEN = 8192  # samples that tell what there is beside the levels, fewer where a 
 # these come first, as they are no error; what one of them explains the other does in part
 LAGS = (with_lags_of_inputs, with_lags_of_sensors)
 CURVES = (with_curves_of_inputs,)  # are no errors either
-# errors of inputs come first, as what outputs share is none of their own
+# a sensor's jitter, which would look like many of these, comes before them; errors of inputs come
+# first of the rest, as what outputs share is none of their own
 BESIDE = (
     with_jitter_of_sensors,
     with_varying_constants,
@@ -157,7 +158,7 @@ def estimate_doubts(
     nothing. `progress` as there."""
     told = _Healthy.of(model, runs)
     stepped = _Progress(progress, 1)
-    noise = noise._replace(sigma=noise.sigma / told.averaged)
+    noise = told.of_means(noise)
     found = _with(with_doubted_regions, model, told, noise, stepped)
     if found is None:
         return None
@@ -236,7 +237,13 @@ class _Healthy:
 
     def of_samples(self, noise: Noise) -> Noise:
         """`noise` of means as that of samples."""
-        return noise._replace(sigma=noise.sigma * self.averaged)
+        sigma, jitter = (each * self.averaged for each in (noise.sigma, noise.jitter))
+        return noise._replace(sigma=sigma, jitter=jitter)
+
+    def of_means(self, noise: Noise) -> Noise:
+        """`noise` of samples as that of means."""
+        sigma, jitter = (each / self.averaged for each in (noise.sigma, noise.jitter))
+        return noise._replace(sigma=sigma, jitter=jitter)
 
 
 def _found_beside(model: Model, told: "_Healthy", stepped: "_Progress") -> Noise:
