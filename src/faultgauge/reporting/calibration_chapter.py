@@ -258,7 +258,18 @@ def _besides(model: Model, noise: Noise) -> list[tuple[str, str, str]]:
                 f"for {quantity(float(noise.settling[k]), 's')}",
             )
         )
+    rows += _of_outputs(model, noise)
     rows += [
+        (f"where {where}, all this is larger by", f"{number(times, 2)} times", "")
+        for where, times in doubted(model, noise)
+    ]
+    return rows
+
+
+def _of_outputs(model: Model, noise: Noise) -> list[tuple[str, str, str]]:
+    """What outputs err by on their own."""
+    signals = model.plant.signals
+    rows = [
         (
             f"{signals.outputs[j].name} wanders beside the model by",
             quantity(float(noise.wander[j]), signals.outputs[j].unit),
@@ -289,9 +300,5 @@ def _besides(model: Model, noise: Noise) -> list[tuple[str, str, str]]:
             f"for {quantity(float(noise.lag[j]), 's')}",
         )
         for j in noise.lags
-    ]
-    rows += [
-        (f"where {where}, all this is larger by", f"{number(times, 2)} times", "")
-        for where, times in doubted(model, noise)
     ]
     return rows

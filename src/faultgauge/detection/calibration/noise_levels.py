@@ -211,6 +211,7 @@ def bounds_of(guess: Noise, step: float, stretches: Sequence[StretchPiece]) -> B
             low["sigma"][j] = max(low["sigma"][j], np.log(least))
     low["trail"] += np.log(LEAST_LAG)
     low["doubt"][:] = 0.0
+    high["jitter"][:] = np.log(step)  # beyond, a sample would be another row's
     high["slip"] = named["slip"] + np.log(WIDER)
     low["lean"], high["lean"] = np.full(sizes["lean"], LAG), np.full(sizes["lean"], -TRACE)
     low["bend"], high["bend"] = np.full(sizes["bend"], -BENT), np.full(sizes["bend"], BENT)
