@@ -84,8 +84,8 @@ def test_a_covariance_is_kept_in_model_files():
 
 
 def test_what_holds_at_rest_in_a_model_file_from_before_lasts_as_long_in_motion():
-    """exp(-1) of what lasts 3 s is left after those, at rest and at 5 rad/s alike where the file has
-    no travel; with one of 0.5 rad, of 15 rad at the slip, where half of them count, exp(-16)."""
+    """exp(-1) of what lasts 3 s is left after those, at rest and at 5 rad/s alike where the file
+    has no travel; with one of 0.5 rad, of 15 rad at the slip, where half count, exp(-16)."""
     runs, one = [log(seed) for seed in range(2)], np.ones(1)
     noise = first_guess(model(), runs, healthy_stretches(model(), runs))
     noise = noise._replace(grip=0.1 * one, gripping=3 * one, slip=5 * one, travel=0.5 * one)
