@@ -13,6 +13,7 @@ what noise of a few samples' memory adds up to.
 from collections.abc import Callable, Sequence, Set
 from dataclasses import dataclass, replace
 from itertools import product
+from typing import TypeAlias
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -83,18 +84,17 @@ ROUNDS = (16, 12, 8)  # steps of each search; the constants are told anew betwee
 # and the discrepancy
 STARTS = tuple(product((1.0, 10.0, 100.0), (1.0, 30.0)))
 FIRST = 2  # steps of each; then of the better half, and so on
-# parts of the work: the start, the plant's levels, a grip, LAGS in either order, CURVES and BESIDE
-# beside lags and without any, a lag again, and by all data, which is as much as a few of them
+# parts of the work: the start, the plant's levels, a grip, LAGS in either order, CURVES, jitter and
+# BESIDE beside lags and without any, a lag again, and by all data, which is as much as a few of them
 PARTS, ALL = 23, 3
 USUAL = 12  # steps of a part
 SEEN = 8192  # samples that tell what there is beside the levels, fewer where a filter is `LARGE`
+Beside: TypeAlias = Callable[[Model, Likelihood, Noise, Spans], Noise]
 # these come first, as they are no error; what one of them explains the other does in part
 LAGS = (with_lags_of_inputs, with_lags_of_sensors)
 CURVES = (with_curves_of_inputs,)  # are no errors either
-# a sensor's jitter, which would look like many of these, comes before them; errors of inputs come
-# first of the rest, as what outputs share is none of their own
+# errors of inputs come first, as what outputs share is none of their own
 BESIDE = (
-    with_jitter_of_sensors,
     with_varying_constants,
     with_errors_of_inputs,
     with_errors_of_outputs,
@@ -255,7 +255,7 @@ def _found_beside(model: Model, told: "_Healthy", stepped: "_Progress") -> Noise
     lagging = _with_lags(model, told, noise, stepped)
     found = _with_errors(model, told, lagging, stepped)
     if lagging is noise or not any(np.any(getattr(found, name)) for name in OWN):
-        stepped.weighs(len((*CURVES, *BESIDE)))
+        stepped.weighs(len((*CURVES, *BESIDE)) + 1)
     else:  # what is one output's, or comes and goes, may have been taken for a lag
         found = _likelier(model, told, [found, _with_errors(model, told, noise, stepped)])
     if found is lagging:
@@ -265,8 +265,21 @@ def _found_beside(model: Model, told: "_Healthy", stepped: "_Progress") -> Noise
 
 
 def _with_errors(model: Model, told: _Healthy, noise: Noise, stepped: "_Progress") -> Noise:
-    """`noise` with `CURVES` and then `BESIDE`, where they gain enough."""
-    for beside in (*CURVES, *BESIDE):
+    """`noise` with `CURVES`, jitter and then `BESIDE`, where they gain enough: beside jitter that
+    is not needed any more they are looked for without."""
+    noise = _with_each(CURVES, model, told, noise, stepped)
+    jittering = _with(with_jitter_of_sensors, model, told, noise, stepped)
+    found = _with_each(BESIDE, model, told, jittering or noise, stepped)
+    if jittering is None or _needed(model, told.batch, found).jitters:
+        return found
+    return _with_each(BESIDE, model, told, noise, stepped)
+
+
+def _with_each(
+    many: Sequence[Beside], model: Model, told: _Healthy, noise: Noise, stepped: "_Progress"
+) -> Noise:
+    """`noise` with each of `many`, one after another, that gains enough."""
+    for beside in many:
         noise = _with(beside, model, told, noise, stepped) or noise
     return noise
 
@@ -303,7 +316,7 @@ def _with_lags(model: Model, told: "_Healthy", noise: Noise, stepped: "_Progress
 
 
 def _with(
-    beside: Callable[[Model, Likelihood, Noise, Spans], Noise],
+    beside: Beside,
     model: Model,
     told: _Healthy,
     noise: Noise,
