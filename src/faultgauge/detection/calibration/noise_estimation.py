@@ -85,7 +85,7 @@ ROUNDS = (16, 12, 8)  # steps of each search; the constants are told anew betwee
 STARTS = tuple(product((1.0, 10.0, 100.0), (1.0, 30.0)))
 FIRST = 2  # steps of each; then of the better half, and so on
 # parts of the work: the start, the plant's levels, a grip, LAGS in either order, CURVES, jitter and
-# BESIDE beside lags and without any, a lag again, and by all data, which is as much as a few of them
+# BESIDE beside lags and without any, a lag again, and by all data, as much as a few of them
 PARTS, ALL = 23, 3
 USUAL = 12  # steps of a part
 SEEN = 8192  # samples that tell what there is beside the levels, fewer where a filter is `LARGE`
