@@ -3,7 +3,7 @@
 A bus that passes on an old value, a clock of a sensor's own: a sample is of another time than its
 row, and is off by that times the rate of its output, so that noise of one size is too large at rest
 and too small in motion. How far the times err is one level more, and must gain what Schwarz's
-criterion asks of one (G. Schwarz, Ann. Stat. 6 (1978)).
+criterion asks of two, as errors of outputs do (G. Schwarz, Ann. Stat. 6 (1978)).
 """
 
 from itertools import product
