@@ -19,6 +19,7 @@ __all__ = [
     "JITTER",
     "LATE",
     "LEAN",
+    "OPTIONAL",
     "STRAY",
     "TRAIL",
     "USUAL_SHARE",
@@ -42,12 +43,8 @@ JITTER = ("jitter",)  # absent where no output is sampled at another time
 VARY = ("varying",)  # absent where no constant does within a run
 USUAL_SHARE = 0.1  # of an input's effect: what a change of it is off by
 NARROWEST = 1e-15  # of a constant between runs: rounding
-NOWHERE = {
-    "doubt": 0.0,
-    "above": -np.inf,
-    "below": np.inf,
-    "travel": np.inf,
-}  # what of these is absent
+OPTIONAL = (*WANDER, *LATE, *STRAY, *DOUBT, *LEAN, *TRAIL, *ZERO, *BEND, *GRIP, *VARY, *JITTER)
+NOWHERE = {"doubt": 0.0, "above": -np.inf, "below": np.inf, "travel": np.inf}  # what is absent
 
 
 class Noise(NamedTuple):
@@ -243,8 +240,7 @@ def noise_of(model: Model) -> Noise:
     """What `calibrate` found. Raises `InputError` for a model without it."""
     found = model.calibration and model.calibration.noise
     block = found.as_dict() if found else None
-    optional = (*WANDER, *LATE, *STRAY, *DOUBT, *LEAN, *TRAIL, *ZERO, *BEND, *GRIP, *VARY, *JITTER)
-    if block is None or {*block, *optional, "together"} != set(Noise._fields):
+    if block is None or {*block, *OPTIONAL, "together"} != set(Noise._fields):
         raise InputError(
             "the model holds no noise levels, which the bank needs; run `faultgauge "
             "calibrate` on healthy logs, or use --observer eso."
@@ -261,7 +257,7 @@ def noise_of(model: Model) -> Noise:
         named += [outputs] * 2 + [inputs] + [states] * 4 + [known] + [outputs]
         more = [
             [block.get(key, {}).get(name, NOWHERE.get(key, 0.0)) for name in names]
-            for key, names in zip(optional, named, strict=True)
+            for key, names in zip(OPTIONAL, named, strict=True)
         ]
     except KeyError as missing:
         raise InputError(

@@ -22,11 +22,11 @@ from faultgauge.detection.bank.extended import scale_of
 from faultgauge.detection.bank.fidelity import Following
 from faultgauge.detection.bank.noise import (
     BEND,
-    DOUBT,
     GRIP,
     JITTER,
     LATE,
     LEAN,
+    OPTIONAL,
     STRAY,
     TRAIL,
     VARY,
@@ -219,20 +219,7 @@ class _Healthy:
 
     def bounds(self, noise: Noise) -> Bounds:
         """Of the levels that `noise` has."""
-        beside = (
-            *WANDER,
-            *LATE,
-            *STRAY,
-            *DOUBT,
-            *LEAN,
-            *TRAIL,
-            *ZERO,
-            *BEND,
-            *GRIP,
-            *VARY,
-            *JITTER,
-        )
-        own = {name: getattr(noise, name) for name in beside}
+        own = {name: getattr(noise, name) for name in OPTIONAL}
         return bounds_of(self.guess._replace(**own), self.step, self.stretches)
 
     def of_samples(self, noise: Noise) -> Noise:
