@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from calibrations import for_bank
+from faultgauge.detection.bank.bank import WINDOWS
 from faultgauge.detection.bank.noise import Noise
 from faultgauge.detection.bank.uncertain_constants import constants_of, drifting_of
 from faultgauge.plants.disturbed import answering_outputs, dynamic_states, following_inputs
@@ -43,7 +44,8 @@ def calibrated(source, seed=0, step=STEP, late=False):
     """A model of the plant file, text or preset `source`, as `calibrate` would leave it; with
     `late` its first input and its sensors have lags, that input is bent, its last dynamic state
     sticks and errs more in the middle of its range, its first two faults are told alike, and
-    healthy logs mimic its first one for a while."""
+    healthy logs mimic its first one for a while. An explanation may fit somewhat worse than the
+    right one."""
     text = source if "\n" in source else read_plant_text(source)
     plant = drawn(GrayBoxPlant.untrained(parse_plant(text)), seed)
     signals, rng = plant.signals, np.random.default_rng(seed)
@@ -97,7 +99,8 @@ def calibrated(source, seed=0, step=STEP, late=False):
     two = signals.fault_names[:2]
     alike = [(*two, -2.0)] if late and len(two) == 2 else []
     mimicked = {two[0]: [0.02, 0.02, 0.01, 0.0, 0.0]} if late and two else {}
-    return for_bank(model, noise, size=size, alike=alike, mimicked=mimicked)
+    limits = [2.0] * len(WINDOWS)
+    return for_bank(model, noise, size=size, alike=alike, mimicked=mimicked, nis=limits)
 
 
 def draws(rng, low, high, middle):

@@ -61,10 +61,12 @@ static void damage(void)
         state.bank_lanes_eta, state.bank_lanes_J, state.bank_lanes_onset, state.bank_belief_mean,
         state.bank_belief_P, state.bank_begun, state.bank_probe_J, &state.bank_t, &state.last,
         &state.rules_alarm_since, &state.rules_alarm_last, state.rules_names_since,
-        state.rules_signs_since, &state.rules_fresh, &state.rules_strange, state.bank_u};
+        state.rules_signs_since, &state.rules_fresh, &state.rules_strange, state.bank_u,
+        &state.fits_t, &state.fits_too_little, &state.fits_first, &state.fits_last,
+        state.fits_since, &state.fits_changed, &state.fits_restless};
     const uint32_t lengths[] = {7, 96, 288, 96, 96, 96, 672, 2304, 96, 49, 343, 7, 4, 1, 1, 1, 1,
-        2, 2, 1, 1, 1};
-    const uint32_t k = bits() % 12u, which = bits() % 22u;
+        2, 2, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1};
+    const uint32_t k = bits() % 13u, which = bits() % 29u;
     if (k < 7) {
         const uint32_t first = bits() % lengths[which];
         const double value = drawn();
@@ -76,6 +78,10 @@ static void damage(void)
     if (k == 8) state.intake_flat_times[0] = state.ongoing_calm = place();
     if (k == 9) state.bank_which[bits() % 7u] = place();
     if (k == 10) state.bank_lanes_row[bits() % 96u] = place();
+    if (k == 12) {
+        state.fits_gone = state.fits_side[0] = place();
+        state.fits_named[0] = bits() % 2u, state.fits_vacant = bits() % 2u;
+    }
     if (k == 11) {
         for (int j = 0; j < 7; j++) state.bank_which[j] = place();
         for (int j = 0; j < 96; j++) state.bank_lanes_row[j] = place();
@@ -140,8 +146,8 @@ def folder(tmp_path_factory):
 
 def logs(model):
     """A leak, one that ends, two sizes one after the other, a level that stands still, one that is
-    off, a pump that is not known, samples that are too far apart, none at all, and a small leak
-    whose event is over before the end."""
+    off, a pump that is not known, samples that are too far apart, none at all, a small leak
+    whose event is over before the end, and leaks that take turns with filling."""
     rng = np.random.default_rng(5)
     yield log_of(model, 3000, missing=0.05)
     for size in (0.05, -0.2):
@@ -167,6 +173,12 @@ def logs(model):
     ends["level"][300:1400] += (small["level"] - ends["level"])[1200:2300]
     ends["level"][np.random.default_rng(2).random(2400) < 0.02] = np.nan
     yield ends
+    turns, leaks = (log_of(model, 4000, size=size) for size in (0.0, 0.3))
+    once = (leaks["level"] - turns["level"])[2000:2100]
+    for first in range(400, 4000, 200):
+        turns["level"][first : first + 100] += once
+        turns["level"][first + 100 : first + 200] -= once
+    yield turns
 
 
 def compiled(cc, flags, runs, folder, name):

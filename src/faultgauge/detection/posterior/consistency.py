@@ -19,7 +19,8 @@ falls below 0,
 
 with n changes within dt, two by a name in place of one that has gone, be it of the same fault's
 other direction, none by the same one again nor by one that comes beside another (E. S. Page,
-Biometrika 41 (1954); of a Poisson process: J. M. Lucas, Technometrics 27 (1985)).
+Biometrika 41 (1954); of a Poisson process: J. M. Lucas, Technometrics 27 (1985)). A name that
+became likely within a memory of the last that counted corrects it: neither it nor that time counts.
 """
 
 from collections.abc import Sequence
@@ -51,7 +52,8 @@ class ConsistencyState(NamedTuple):
     too little; when it had done so for long first and last; since when each fault is likely on its
     `side` (downwards or upwards, -1 or 1) [s]. NaN: not lately. Which faults are `named`, which of
     them, by its side, was the last that has `gone` (-1: none), whether its place is `vacant` since,
-    and the sum by which they change too often (`restless`)."""
+    when a name that counts as a change was told (`changed`) [s], and the sum by which they change
+    too often (`restless`)."""
 
     t: Float[Array, ""]
     too_little: Float[Array, ""]
@@ -62,6 +64,7 @@ class ConsistencyState(NamedTuple):
     named: Bool[Array, "faults"]
     gone: Int[Array, ""]
     vacant: Bool[Array, ""]
+    changed: Float[Array, ""]
     restless: Float[Array, ""]
 
 
@@ -97,7 +100,7 @@ class Consistency(eqx.Module):
         likely = jnp.full(self.holds.shape[1], jnp.nan)
         side, zero = jnp.ones(likely.shape, int), jnp.zeros(())
         since, places = (nothing, nothing, nothing, likely), (jnp.asarray(-1), jnp.asarray(False))
-        return ConsistencyState(zero, *since, side, likely > 0, *places, zero)
+        return ConsistencyState(zero, *since, side, likely > 0, *places, nothing, zero)
 
     def step(
         self, state: ConsistencyState, dt: Float[Array, ""], said: BranchInfo
@@ -123,9 +126,12 @@ class Consistency(eqx.Module):
         before, causes = (2 * np.arange(len(named)) + (each > 0) for each in (state.side, side))
         gone = jnp.where(jnp.any(went), jnp.max(jnp.where(went, before, -1)), state.gone)
         vacant = state.vacant | jnp.any(went)
-        changes = 2 * (vacant & jnp.any(comes & (causes != gone)))
+        settled = ~(since < state.changed + self.memory)
+        changes = 2 * (vacant & jnp.any(comes & (causes != gone) & settled))
+        changed = jnp.where(changes > 0, t, state.changed)
         usual, quick = self.rates
-        restless = state.restless + changes * jnp.log(quick / usual) - dt * (quick - usual)
+        lived = jnp.where(t < state.changed + self.memory, 0.0, dt)
+        restless = state.restless + changes * jnp.log(quick / usual) - lived * (quick - usual)
         restless = jnp.maximum(restless, 0.0)
         now = (t - too_little >= self.memory) | (restless >= RESTLESS)
         first = jnp.where(on, state.first, jnp.where(now, t, jnp.nan))
@@ -133,7 +139,8 @@ class Consistency(eqx.Module):
         lasting = t - since >= jnp.maximum(since - first, self.outlasts)
         p = jnp.where(on | now, self._lasting(said.p, lasting), said.p)
         places = gone, vacant & ~jnp.any(comes)
-        after = ConsistencyState(t, too_little, first, last, since, side, named, *places, restless)
+        counted = *places, changed, restless
+        after = ConsistencyState(t, too_little, first, last, since, side, named, *counted)
         sampled = jnp.isfinite(said.p[0])
         after = jax.tree.map(lambda new, old: jnp.where(sampled, new, old), after, state)
         return after, said._replace(p=p)
