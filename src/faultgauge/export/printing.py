@@ -24,6 +24,7 @@ __all__ = ["Cut", "Forms", "Index", "Printer", "bare", "refused", "simple"]
 Index = tuple[Place, ...]
 LONG = 60  # characters of an expression that gets a name
 NUMBER = re.compile(r"-?[0-9][0-9.e+-]*f?$")
+TEST = re.compile(r"\(isfinite\(x[0-9]+\) != 0\)")  # of a constant
 UNCHANGED = {"and": "1", "or": "0"}  # what leaves the other truth value as it is
 EDGES = {"max": "atleast", "min": "atmost"}  # of which one side is a number: quicker
 
@@ -265,7 +266,8 @@ class Printer:
             text = self._computed(value, index)
             source = value.source
             assert source is not None
-            short = self.uses[id(value)] <= 1 and len(text) <= LONG
+            # a test of a constant is as short as a name of it, and shows what is guarded
+            short = TEST.fullmatch(text) or (self.uses[id(value)] <= 1 and len(text) <= LONG)
             if not simple(text) and not (short and source.name not in FUNCTIONS):
                 text = self.named(text, self.kind(value))
             self.scopes[-1].names[key] = text

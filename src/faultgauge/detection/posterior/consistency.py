@@ -19,8 +19,8 @@ falls below 0,
 
 with n changes within dt, two by a name in place of one that has gone, be it of the same fault's
 other direction, none by the same one again nor by one that comes beside another (E. S. Page,
-Biometrika 41 (1954); of a Poisson process: J. M. Lucas, Technometrics 27 (1985)). A name that
-became likely within a memory of the last that counted corrects it: neither it nor that time counts.
+Biometrika 41 (1954); of a Poisson process: J. M. Lucas, Technometrics 27 (1985)). A name of
+what began before the last of these was told corrects that one and does not count.
 """
 
 from collections.abc import Sequence
@@ -126,12 +126,11 @@ class Consistency(eqx.Module):
         before, causes = (2 * np.arange(len(named)) + (each > 0) for each in (state.side, side))
         gone = jnp.where(jnp.any(went), jnp.max(jnp.where(went, before, -1)), state.gone)
         vacant = state.vacant | jnp.any(went)
-        settled = ~(since < state.changed + self.memory)
-        changes = 2 * (vacant & jnp.any(comes & (causes != gone) & settled))
+        corrects = t - said.onset[:, 0] < state.changed
+        changes = 2 * (vacant & jnp.any(comes & (causes != gone) & ~corrects))
         changed = jnp.where(changes > 0, t, state.changed)
         usual, quick = self.rates
-        lived = jnp.where(t < state.changed + self.memory, 0.0, dt)
-        restless = state.restless + changes * jnp.log(quick / usual) - lived * (quick - usual)
+        restless = state.restless + changes * jnp.log(quick / usual) - dt * (quick - usual)
         restless = jnp.maximum(restless, 0.0)
         now = (t - too_little >= self.memory) | (restless >= RESTLESS)
         first = jnp.where(on, state.first, jnp.where(now, t, jnp.nan))
