@@ -9,6 +9,7 @@ from faultgauge.observers.branches import BranchInfo
 HOLDS = np.array([[0, 0], [1, 0], [0, 1], [1, 1], [0, 0]], float)  # none, a, b, both, undeclared
 A, B = [0.1, 0.7, 0.1, 0.05, 0.05], [0.1, 0.1, 0.7, 0.05, 0.05]
 NEITHER, UNKNOWN = [0.6, 0.3, 0.05, 0.0, 0.05], [0.1, 0.0, 0.0, 0.0, 0.9]
+UNSURE = [0.2, 0.2, 0.2, 0.2, 0.2]
 ONLY_A = [0.1, 0.75, 0.0, 0.0, 0.15]
 SURELY_A, SURELY_B = [0.01, 0.99, 0.0, 0.0, 0.0], [0.01, 0.0, 0.99, 0.0, 0.0]
 LOST = [0.01, 0.0, 0.0, 0.0, 0.99]
@@ -18,18 +19,15 @@ ALIKE, APART = (1.0, 1.0), (1 / 64, 1 / 4)  # 1/s: names may change as they like
 
 
 def told(rows, limit=(2.0, 1.5), memory=0.0, faulty=1.0, active=(True, True), rates=ALIKE):
-    """What is told of rows (t, nis, p), with the sizes of a and b behind that, or these and how long
-    ago the two began (now)."""
+    """What is told of rows (t, nis, p) or (t, nis, p, sizes of a and b)."""
     each = Consistency(
         np.array(limit), np.asarray(memory), *[np.asarray(WINDOW)] * 2,
         np.array(rates), np.full(2, memory / 4), HOLDS, np.array(active),
     )  # fmt: skip
     state, found, before = each.init(), [], 0.0
-    for t, nis, p, *more in rows:
-        size, age = (*more, *((1.0, 1.0), (0.0, 0.0))[len(more) :])
-        f, onset = jnp.broadcast_to(jnp.array(size), HOLDS.shape), jnp.array([age, (0, 0)]).T
-        rest = [jnp.zeros(1)] * 3, [jnp.zeros(1)] * 7
-        said = BranchInfo(jnp.array(p), f, *rest[0], onset, *rest[1], jnp.array(nis), faulty)
+    for t, nis, p, *size in rows:
+        f = jnp.broadcast_to(jnp.array(size[0] if size else (1.0, 1.0)), HOLDS.shape)
+        said = BranchInfo(jnp.array(p), f, *[jnp.zeros(1)] * 11, jnp.array(nis), faulty)
         state, said = each.step(state, jnp.asarray(t - before), said)
         before = t
         found.append(np.asarray(said.p))
@@ -99,7 +97,7 @@ def test_passive_faults_raise_no_alarm_by_what_they_leave():
 
 
 def in_turn(*causes, each):
-    """Rows of causes (p, sizes, ages) that take each other's place, each for `each` memories."""
+    """Rows of causes (p, sizes) that take each other's place, every one for `each` memories."""
     return [
         (float(n * each + t), WELL, *cause) for n, cause in enumerate(causes) for t in range(each)
     ]
@@ -119,15 +117,23 @@ def test_names_that_take_each_others_place_too_fast_are_not_told():
     np.testing.assert_allclose(found, [*[SURELY_A] * 16, *[SURELY_B] * 16, *[SURELY_A] * 16])
 
 
-def test_a_name_of_what_began_before_the_last_was_told_corrects_that():
-    """b is told at 5 s in place of a, and a at 9 s: two changes are too many, unless the second a
-    began before 5 s."""
+def test_what_comes_once_nothing_has_been_the_matter_for_a_memory_takes_no_ones_place():
+    """Faults one after the other, as in a rehearsal; the same, right behind each other but for a
+    row, are too many."""
+    a, b, none = (SURELY_A, (1.0, 1.0)), (SURELY_B, (1.0, 1.0)), (NEITHER, (0.0, 0.0))
+    rows = in_turn(a, none, b, none, a, each=3)
+    np.testing.assert_allclose(told(rows, memory=1.0, rates=APART), [row[2] for row in rows])
+    found = told(in_turn(a, none, b, none, a, each=3), memory=4.0, rates=APART)
+    np.testing.assert_allclose(found[-1], LOST)
+
+
+def test_the_same_name_again_is_no_change_whatever_comes_beside_it():
+    """a goes, comes back with b, and is alone again: b's place is taken by nobody."""
     one = (1.0, 1.0)
-    rows = in_turn((SURELY_A, one), (SURELY_B, one), each=4)
-    for age, last in ((3.9, LOST), (4.1, SURELY_A)):
-        again = [(8.0 + k, WELL, SURELY_A, one, (age - 1 + k, 0.0)) for k in range(2)]
-        found = told([*rows, *again], memory=1.0, rates=APART)
-        np.testing.assert_allclose(found[-1], last)
+    both = [0.01, 0.0, 0.0, 0.99, 0.0]
+    rows = in_turn((SURELY_A, one), (both, one), (SURELY_A, one), (both, one), each=3)
+    rows = [(*row[:2], UNSURE, one) if row[0] % 3 == 0 else row for row in rows]
+    np.testing.assert_allclose(told(rows, memory=1.0, rates=APART)[-1], both)
 
 
 def test_a_fault_that_comes_and_goes_is_told_and_one_that_turns_its_sign_is_not():

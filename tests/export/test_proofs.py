@@ -116,7 +116,7 @@ int main(void)
     FILE *const logs = fopen("samples.bin", "rb");
     if (logs) {
         follow(logs, 0);
-        for (int k = 0; k < 5; k++) {
+        for (int k = 0; k < 10; k++) {
             follow(logs, 3);
             follow(logs, 40);
         }
@@ -158,9 +158,9 @@ def logs(model):
     stands = log_of(model, 1500, size=0.0)
     stands["level"][400:] = stands["level"][400]
     yield stands
-    off = log_of(model, 2000, size=0.0)
+    off = log_of(model, 5000, size=0.0)
     off["level"][700:1300] += 0.5 * rng.standard_normal(600)
-    off["level"][1500:] += 2.0
+    off["level"][4500:] += 2.0
     yield off
     blind = log_of(model, 1000, size=0.0)
     blind["u"][300:350], blind["u"][600:640] = np.nan, 1e3

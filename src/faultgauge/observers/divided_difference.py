@@ -98,9 +98,9 @@ def raised(squares: Float[Array, "*any"]) -> Float[Array, "*any"]:
     return jnp.maximum(1.0, squares * FAR**-2)
 
 
-def _sound(slope: Float[Array, "*any"], other: Float[Array, "*any"]) -> Float[Array, "*any"]:
-    """`slope`, where that is no number the `other` one, and 0 where neither is."""
-    return jnp.where(jnp.isfinite(slope), slope, jnp.where(jnp.isfinite(other), other, 0.0))
+def _finite(slope: Float[Array, "*any"], other: Float[Array, "*any"]) -> Float[Array, "*any"]:
+    """`slope`, where that is no number the `other` one."""
+    return jnp.where(jnp.isfinite(slope), slope, other)
 
 
 class DividedDifferenceFilter(eqx.Module):
@@ -362,15 +362,18 @@ class DividedDifferenceFilter(eqx.Module):
         ends = [0, 1, 1 + m, 1 + 2 * m, 1 + 2 * m + k, images.shape[1]]
         at, over, under, without, farther = (images[:, a:b] for a, b in pairwise(ends))
         each = 1 / s[free]  # divisions are slow
-        # a point may lie where the plant is no number: the other side knows
         up, down = (over - at) * each, (at - under) * each
-        up, down = _sound(up, down), _sound(down, up)
+        # a point may lie where the plant is no number: the other side knows
+        up, zero = _finite(up, down), jnp.zeros_like(up)
+        down = _finite(down, up)
+        up, down = _finite(up, zero), _finite(down, zero)
         middle, up, down = (up + down) / 2, up[:, m - k :], down[:, m - k :]
         # a fault that goes does all that its size does, which differs where a limit cuts it off
         large = (jnp.abs(f) > s[n:]) & jnp.isfinite(without)
         back = (at - without) * (1 / jnp.where(large, f, 1.0))
         up = jnp.where(large & (f < 0), back, up)
         down = jnp.where(large & (f > 0), back, down)
-        large = _sound((farther - at) / self.reach, jnp.zeros_like(farther))
+        large = (farther - at) / self.reach
+        large = _finite(large, jnp.zeros_like(large))
         sides = middle[:, m - k :], up, down, large
         return at[:, 0], among(middle[:, : m - k], stirring, n), *sides

@@ -18,9 +18,9 @@ falls below 0,
     S <- max(S + n ln(b / a) - (b - a) dt, 0)
 
 with n changes within dt, two by a name in place of one that has gone, be it of the same fault's
-other direction, none by the same one again nor by one that comes beside another (E. S. Page,
-Biometrika 41 (1954); of a Poisson process: J. M. Lucas, Technometrics 27 (1985)). A name of
-what began before the last of these was told corrects that one and does not count.
+other direction, none by the same one again, nor by one that comes beside another, nor once nothing
+has been the matter for a memory (E. S. Page, Biometrika 41 (1954); of a Poisson process: J. M.
+Lucas, Technometrics 27 (1985)).
 """
 
 from collections.abc import Sequence
@@ -52,8 +52,8 @@ class ConsistencyState(NamedTuple):
     too little; when it had done so for long first and last; since when each fault is likely on its
     `side` (downwards or upwards, -1 or 1) [s]. NaN: not lately. Which faults are `named`, which of
     them, by its side, was the last that has `gone` (-1: none), whether its place is `vacant` since,
-    when a name that counts as a change was told (`changed`) [s], and the sum by which they change
-    too often (`restless`)."""
+    since when no fault is likely (`sound`) [s], and the sum by which names change too often
+    (`restless`)."""
 
     t: Float[Array, ""]
     too_little: Float[Array, ""]
@@ -64,7 +64,7 @@ class ConsistencyState(NamedTuple):
     named: Bool[Array, "faults"]
     gone: Int[Array, ""]
     vacant: Bool[Array, ""]
-    changed: Float[Array, ""]
+    sound: Float[Array, ""]
     restless: Float[Array, ""]
 
 
@@ -125,10 +125,11 @@ class Consistency(eqx.Module):
         went, comes = state.named & ~named, named & ~state.named
         before, causes = (2 * np.arange(len(named)) + (each > 0) for each in (state.side, side))
         gone = jnp.where(jnp.any(went), jnp.max(jnp.where(went, before, -1)), state.gone)
-        vacant = state.vacant | jnp.any(went)
-        corrects = t - said.onset[:, 0] < state.changed
-        changes = 2 * (vacant & jnp.any(comes & (causes != gone) & ~corrects))
-        changed = jnp.where(changes > 0, t, state.changed)
+        sound = jnp.where(jnp.isnan(state.sound), t, state.sound)
+        sound = jnp.where(said.p[0] >= LIKELY, sound, jnp.nan)
+        vacant = (state.vacant | jnp.any(went)) & ~(t - sound >= self.memory)
+        again = comes & (causes == gone)
+        changes = 2 * (vacant & jnp.any(comes) & ~jnp.any(again))
         usual, quick = self.rates
         restless = state.restless + changes * jnp.log(quick / usual) - dt * (quick - usual)
         restless = jnp.maximum(restless, 0.0)
@@ -137,9 +138,8 @@ class Consistency(eqx.Module):
         last = jnp.where(now, t, jnp.where(on, state.last, jnp.nan))
         lasting = t - since >= jnp.maximum(since - first, self.outlasts)
         p = jnp.where(on | now, self._lasting(said.p, lasting), said.p)
-        places = gone, vacant & ~jnp.any(comes)
-        counted = *places, changed, restless
-        after = ConsistencyState(t, too_little, first, last, since, side, named, *counted)
+        places = gone, vacant & ~jnp.any(comes), sound
+        after = ConsistencyState(t, too_little, first, last, since, side, named, *places, restless)
         sampled = jnp.isfinite(said.p[0])
         after = jax.tree.map(lambda new, old: jnp.where(sampled, new, old), after, state)
         return after, said._replace(p=p)

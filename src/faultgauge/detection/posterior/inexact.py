@@ -102,7 +102,7 @@ class Inexact(eqx.Module):
 
     def unsure(self, said: BranchInfo) -> BranchInfo:
         """`said` with sizes no surer than the model's answer is."""
-        return said._replace(sd=jnp.hypot(said.sd, self.gain * self.acts * said.f))
+        return said._replace(sd=jnp.sqrt(said.sd**2 + (self.gain * self.acts * said.f) ** 2))
 
     def rivals(self, said: BranchInfo) -> Float[Array, "sets"]:
         """p of the sets by which rivals are told: that of the docstring above."""
