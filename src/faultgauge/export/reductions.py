@@ -105,7 +105,10 @@ def _extreme(printer: Printer, each: Operation, index: Index) -> str:
 
     def one(inner: Index) -> None:
         step = inner[0] + 1
-        now = printer.named(printer.at(value, (*index[:axis], step, *index[axis:])), kind)
+        now = printer.at(value, (*index[:axis], step, *index[axis:]))
+        if now == ("-INFINITY" if sign == ">" else "INFINITY"):
+            return  # never further out than what is there
+        now = printer.named(now, kind)
         test = f"{now} {sign} {best}"
         if kind in FLOATS:
             helper = f"fg_{'above' if sign == '>' else 'below'}_{LETTERS[kind]}"

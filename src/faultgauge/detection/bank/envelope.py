@@ -114,8 +114,13 @@ class Envelope(eqx.Module):
         acting, driven = self.applied(u, p, f)
         either = ((u, jnp.zeros_like(driven)), (acting, driven))
         covered = [each.holds(x, *either[0]) | each.holds(x, *either[1]) for each in self.regions]
-        at = np.array(self.at, int)
-        for_all = [jnp.concatenate([x, each])[at] for each, _ in either]
-        within = [(each >= self.low) & (each <= self.high) for each in for_all]
-        trusted = jnp.concatenate([jnp.array(covered, bool).reshape(-1), within[0] | within[1]])
+        at, own = np.array(self.at, int), np.array(self.at, int) < len(x)
+
+        def within(values: Array, some: np.ndarray) -> Array:
+            return (values >= self.low[some]) & (values <= self.high[some])
+
+        held = within(x[at[own]], own)
+        inputs = [within(each[at[~own] - len(x)], ~own) for each in (u, acting)]
+        trusted = jnp.array(covered, bool).reshape(-1), held, inputs[0] | inputs[1]
+        trusted = jnp.concatenate(trusted)
         return jnp.where(jnp.all(trusted), 0, jnp.argmin(trusted) + 1)
