@@ -118,13 +118,15 @@ def test_names_that_take_each_others_place_too_fast_are_not_told():
 
 
 def test_what_comes_once_nothing_has_been_the_matter_for_a_memory_takes_no_ones_place():
-    """Faults one after the other, as in a rehearsal; the same, right behind each other but for a
-    row, are too many."""
+    """Faults one after the other, as in a rehearsal; the same is too much where a fault, or none,
+    is likely for less than a memory."""
     a, b, none = (SURELY_A, (1.0, 1.0)), (SURELY_B, (1.0, 1.0)), (NEITHER, (0.0, 0.0))
-    rows = in_turn(a, none, b, none, a, each=3)
-    np.testing.assert_allclose(told(rows, memory=1.0, rates=APART), [row[2] for row in rows])
-    found = told(in_turn(a, none, b, none, a, each=3), memory=4.0, rates=APART)
-    np.testing.assert_allclose(found[-1], LOST)
+    for lasts, pause, told_last in ((3, 4, SURELY_A), (2, 4, LOST), (3, 3, LOST)):
+        causes = [(a, lasts), (none, pause), (b, lasts), (none, pause), (a, lasts)]
+        every = [cause for cause, rows in causes for _ in range(rows)]
+        rows = [(float(t), WELL, *cause) for t, cause in enumerate(every)]
+        found = told(rows, memory=2.5, rates=APART)
+        np.testing.assert_allclose(found[-1], told_last)
 
 
 def test_the_same_name_again_is_no_change_whatever_comes_beside_it():

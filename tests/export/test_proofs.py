@@ -63,10 +63,10 @@ static void damage(void)
         &state.rules_alarm_since, &state.rules_alarm_last, state.rules_names_since,
         state.rules_signs_since, &state.rules_fresh, &state.rules_strange, state.bank_u,
         &state.fits_t, &state.fits_too_little, &state.fits_first, &state.fits_last,
-        state.fits_since, &state.fits_lived, &state.fits_restless};
+        state.fits_since, &state.fits_lived, &state.fits_sound, &state.fits_restless};
     const uint32_t lengths[] = {7, 96, 288, 96, 96, 96, 672, 2304, 96, 49, 343, 7, 4, 1, 1, 1, 1,
-        2, 2, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1};
-    const uint32_t k = bits() % 13u, which = bits() % 29u;
+        2, 2, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1};
+    const uint32_t k = bits() % 13u, which = bits() % 30u;
     if (k < 7) {
         const uint32_t first = bits() % lengths[which];
         const double value = drawn();

@@ -11,15 +11,16 @@ fits now and then is not told: a name has to have been likely for as long as oth
 began, and for as long as the model's own error lasts at least, as that of a broken propeller is,
 which shakes what it drives.
 
-Nor do names explain that take each other's place before they are known. How much likelier it is
-that a name lasts for a memory (rate b) than for as long as faults do (a) a sum tells that never
+Nor do names explain that take each other's place faster than faults come. How much likelier it is
+that they do so every few memories (rate b) than as rarely as faults (a) a sum tells that never
 falls below 0,
 
-    S <- max(S + n (ln(b / a) - (b - a) l) - a dt, 0)
+    S <- max(S + n ln(b / a) - (b - a) dt, 0)
 
-with n = 1 where, within dt, a name comes in place of one that has gone and had been likely for l,
-be it the same fault's other direction, and 0 where the same one comes again or one beside another
-(E. S. Page, Biometrika 41 (1954)); what is undeclared ends at the rate a.
+with n changes within dt, two by a name in place of one that has gone, be it of the same fault's
+other direction, none by the same one again, nor by one that comes beside another, nor where what
+has gone had been likely for a memory and none has been for another since (E. S. Page, Biometrika 41
+(1954); of a Poisson process: J. M. Lucas, Technometrics 27 (1985)).
 """
 
 from collections.abc import Sequence
@@ -41,8 +42,8 @@ from faultgauge.products import contract
 __all__ = ["Consistency", "ConsistencyState", "limit_of"]
 
 BEYOND = 4.0  # times as far above the median as the worst of healthy logs
-QUICK = 1.0  # memories that a name lasts where declared faults imitate something else in turn
-USUAL = 64.0  # memories that one lasts at least where they come and go
+QUICK = 4.0  # memories between changes where declared faults imitate something else in turn
+USUAL = 64.0  # memories between them at least where they come and go
 RESTLESS = CERTAIN - float(np.log(ALIEN))  # of the sum above: from there on it is surely that
 
 
@@ -51,7 +52,8 @@ class ConsistencyState(NamedTuple):
     too little; when it had done so for long first and last; since when each fault is likely on its
     `side` (downwards or upwards, -1 or 1) [s]. NaN: not lately. Which faults are `named`, which of
     them, by its side, was the last that has `gone` (-1: none), whether its place is `vacant` since,
-    how long that had been likely (`lived`) [s], and the sum by which they change too often (`restless`)."""
+    how long that had been likely (`lived`) [s], since when no fault is (`sound`) [s], and the sum
+    by which names change too often (`restless`)."""
 
     t: Float[Array, ""]
     too_little: Float[Array, ""]
@@ -63,6 +65,7 @@ class ConsistencyState(NamedTuple):
     gone: Int[Array, ""]
     vacant: Bool[Array, ""]
     lived: Float[Array, ""]
+    sound: Float[Array, ""]
     restless: Float[Array, ""]
 
 
@@ -98,7 +101,7 @@ class Consistency(eqx.Module):
         likely = jnp.full(self.holds.shape[1], jnp.nan)
         side, zero = jnp.ones(likely.shape, int), jnp.zeros(())
         since, places = (nothing, nothing, nothing, likely), (jnp.asarray(-1), jnp.asarray(False))
-        return ConsistencyState(zero, *since, side, likely > 0, *places, zero, zero)
+        return ConsistencyState(zero, *since, side, likely > 0, *places, zero, nothing, zero)
 
     def step(
         self, state: ConsistencyState, dt: Float[Array, ""], said: BranchInfo
@@ -123,19 +126,23 @@ class Consistency(eqx.Module):
         went, comes = state.named & ~named, named & ~state.named
         before, causes = (2 * np.arange(len(named)) + (each > 0) for each in (state.side, side))
         gone = jnp.where(jnp.any(went), jnp.max(jnp.where(went, before, -1)), state.gone)
+        sound = jnp.where(jnp.isnan(state.sound), t, state.sound)
+        sound = jnp.where(said.p[0] >= LIKELY, sound, jnp.nan)
         last_for = jnp.min(jnp.where(went, t - state.since, jnp.inf))
         lived = jnp.where(jnp.any(went), last_for, state.lived)
-        vacant = state.vacant | jnp.any(went)
-        changes = vacant & jnp.any(comes) & ~jnp.any(comes & (causes == gone))
+        over = (t - sound >= self.memory) & (lived >= self.memory)
+        vacant = (state.vacant | jnp.any(went)) & ~over
+        again = comes & (causes == gone)
+        changes = 2 * (vacant & jnp.any(comes) & ~jnp.any(again))
         usual, quick = self.rates
-        gain = jnp.log(quick / usual) - (quick - usual) * lived
-        restless = jnp.maximum(state.restless + changes * gain - dt * usual, 0.0)
+        restless = state.restless + changes * jnp.log(quick / usual) - dt * (quick - usual)
+        restless = jnp.maximum(restless, 0.0)
         now = (t - too_little >= self.memory) | (restless >= RESTLESS)
         first = jnp.where(on, state.first, jnp.where(now, t, jnp.nan))
         last = jnp.where(now, t, jnp.where(on, state.last, jnp.nan))
         lasting = t - since >= jnp.maximum(since - first, self.outlasts)
         p = jnp.where(on | now, self._lasting(said.p, lasting), said.p)
-        places = gone, vacant & ~jnp.any(comes), lived
+        places = gone, vacant & ~jnp.any(comes), lived, sound
         after = ConsistencyState(t, too_little, first, last, since, side, named, *places, restless)
         sampled = jnp.isfinite(said.p[0])
         after = jax.tree.map(lambda new, old: jnp.where(sampled, new, old), after, state)
