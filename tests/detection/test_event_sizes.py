@@ -127,6 +127,21 @@ def test_a_fault_that_may_be_none_is_not_over():
     assert event.end == pytest.approx(199 * STEP)
 
 
+@pytest.mark.parametrize(("sure", "parts"), [(0.97, 1), (0.99, 2)])
+def test_the_other_sign_for_a_moment_as_a_fault_goes_is_no_event(sure, parts):
+    """In one row it is there with a p of `sure`, negative, and dated to the middle of what was
+    positive until then; where that is more than 0.98 it is an event of its own."""
+    bank = build_fault_bank(MODEL, [log(0)], NOISE)
+    k = np.arange(COUNT)
+    p = np.select([k < TOLD, k < STOP, k == STOP], [0.0, 1.0, sure], 0.0)
+    side = np.where(k < STOP, 1, -1)
+    ends = np.sort(np.stack([0.04 * p * side, 0.06 * p * side]), axis=0)
+    ago = STEP * (k - np.where(k < STOP, 97.0, 200.0))
+    told = events(bank, scene(p, 0.05 * p * side, *ends, ago, STEP))
+    assert [np.sign(each.size) for each in told] == [1, -1][:parts]
+    assert told[0].end == pytest.approx((STOP - 1 if parts == 1 else 200) * STEP)
+
+
 @pytest.mark.parametrize(("cause", "onset"), [("another fault", 97), ("undeclared", 20)])
 def test_an_alarm_that_another_fault_explains_is_not_where_a_later_one_began(cause, onset):
     """An alarm without a name from row 20 on; the push is named at TOLD, and dated to row 97."""

@@ -247,6 +247,7 @@ def _stretches(bank: FaultBank, judged: Judged, log: float) -> list[_Stretch]:
                     parts.append(_Stretch(k, start, start + int(named[0]), stop))
             own += _joined(bank, judged, parts, log)
         own = [each for each in own if not any(_within(each, other) for other in own)]
+        own = [each for each in own if not any(_going(bank, judged, o, each) for o in own)]
         everyone += _in_turn(bank, judged, there[:, k], own, log)
     return everyone
 
@@ -278,6 +279,15 @@ def _in_turn(
 def _within(each: _Stretch, other: _Stretch) -> bool:
     """Whether it is an excursion of one that the posterior has it stayed, to the other sign."""
     return each is not other and other.begun <= each.begun and each.stop <= other.stop
+
+
+def _going(bank: FaultBank, judged: Judged, each: _Stretch, other: _Stretch) -> bool:
+    """Whether the `other` sign is what the mean has as `each` goes: it begins where that ends, and
+    no row is sure that there is a fault."""
+    if other.k == judged.found.p.shape[1]:  # what is undeclared has none
+        return False
+    behind = 0 <= other.begun - each.stop <= pause(bank)
+    return behind and bool((judged.found.p[other.told : other.stop, other.k] < NAMED).all())
 
 
 def _joined(bank: FaultBank, judged: Judged, own: list[_Stretch], log: float) -> list[_Stretch]:
