@@ -155,7 +155,7 @@ def test_in_hindsight_a_fault_that_is_not_constant_is_weighed_against_one_that_i
 def test_a_fault_that_grows_is_one_with_the_onset_it_had():
     said, (line,) = judged("a leak that grows")
     (event,) = said.events
-    assert "; after it was told between -0.30 and -0.10 m/s;" in line
+    assert "run a), after it was told between -0.30 and -0.10 m/s; told at " in line
     assert event.lo < -0.3 < event.hi
     assert event.onset_lo < 150 < event.onset_hi
 

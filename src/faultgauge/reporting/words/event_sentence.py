@@ -42,7 +42,7 @@ def told_event(bank: FaultBank, decision: Decision, event: BankEvent) -> Told:
     unit, over = unit_of(bank.model, event.fault), bool(event.end < run.t[-1])
     head, times = finding(event, unit, bank.step, run.clock, over)
     rest = [times + _whether_over(bank, decision, event)]
-    rest += [*_before_its_name(bank, decision, event), *_course(bank, decision, event)]
+    rest += _before_its_name(bank, decision, event)
     dropped = given_up(bank, decision, event)
     rest += _named_beside(bank, decision, dropped)
     others = {each.fault for each in _beside(decision, event)}
@@ -58,6 +58,7 @@ def told_event(bank: FaultBank, decision: Decision, event: BankEvent) -> Told:
     rest += [too(name, p) for name, p in event.beside if name not in others | once]
     rest += _least_shown(bank, decision, event)
     brief = UNDECLARED if event.fault == UNKNOWN else event.fault
+    head += _course(bank, decision, event)
     if rivals:
         head += f", or {listed([name for name, _ in rivals], 'or')} by the model's own error"
     head = headed(bank.model, head)
@@ -231,11 +232,11 @@ def _before_its_name(bank: FaultBank, decision: Decision, event: BankEvent) -> l
     return [f"the alarm began at {row_time(bank, decision, begun)}, before it had a name"]
 
 
-def _course(bank: FaultBank, decision: Decision, event: BankEvent) -> list[str]:
+def _course(bank: FaultBank, decision: Decision, event: BankEvent) -> str:
     """Between what sizes a fault was told that was of another size for long: rows and event hold
     each other's size for wrong."""
     if event.size is None or event.lo is None or event.hi is None:
-        return []
+        return ""
     t, found = decision.run.t, decision.posterior
     k = bank.model.plant.signals.fault_names.index(event.fault)
     sure = is_sure(np.nan_to_num(found.p[:, k]), found.calm, event.passive)
@@ -244,9 +245,9 @@ def _course(bank: FaultBank, decision: Decision, event: BankEvent) -> list[str]:
     other = (sizes < event.lo) | (sizes > event.hi)
     other &= (found.lo[sure, k] > event.size) | (found.hi[sure, k] < event.size)
     if np.sum(other) <= CHANGED * len(sizes):
-        return []
+        return ""
     low, high = np.quantile(sizes, [0.05, 0.95])
-    return [f"after it was told {between(low, high, unit_of(bank.model, event.fault))}"]
+    return f", after it was told {between(low, high, unit_of(bank.model, event.fault))}"
 
 
 def _beside(decision: Decision, event: BankEvent) -> list[BankEvent]:
