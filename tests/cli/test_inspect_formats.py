@@ -166,11 +166,14 @@ def test_a_plant_file_is_drafted_from_a_bag(call, tmp_path):
         ("proto.mcap", "record or convert them as JSON or as ROS 2 messages"),
         ("pymatreader_datetime_v7.mat", "save vectors in their place"),
         ("pymatreader_datetime_v7.3.mat", "save vectors in their place"),
-        ("folder", "name the log files in it"),
+        ("model.fgm", "is a model of faultgauge, not a log; give a log in its place."),
+        ("folder", "give log files, or a folder that holds some"),
     ],
 )
 def test_what_is_not_read_is_said_in_a_sentence(call, tmp_path, name, advice, json):
     path = DATA / name if name.startswith("pymatreader") else tmp_path / name
+    if name == "model.fgm":
+        path.write_text("{}")
     if name == "flight.bag":
         path.write_bytes(b"#ROSBAG V2.0\n")
     elif name == "folder":

@@ -355,11 +355,14 @@ def test_another_cause_that_was_told_online_is_said(bank, biased):
     assert f"; online you would have been told weak at {event.start:.6g} s" in sentence
 
 
-def test_a_fault_is_over_where_a_later_part_of_its_log_is_healthy(bank, biased):
+def test_a_fault_is_over_where_a_later_part_of_its_log_does_not_show_it(bank, biased):
     (seen,) = biased[1]
     healthy = replace(seen, cause="healthy", start=900.0, onset=None, onset_lo=None, onset_hi=None)
-    assert " until 900 s (p " in sentences(bank, [biased[0]], [seen, healthy])[0]
-    for other in (replace(healthy, run="another"), replace(seen, start=900.0)):
+    for then in (healthy, replace(seen, cause="weak", start=900.0)):
+        assert " until 900 s (p " in sentences(bank, [biased[0]], [seen, then])[0]
+    untold = replace(seen.told, size=None)
+    undeclared = replace(seen, cause="unknown", size=None, start=900.0, told=untold)
+    for other in (undeclared, replace(healthy, run="another"), replace(seen, start=900.0)):
         assert " until " not in sentences(bank, [biased[0]], [seen, other])[0]
 
 

@@ -7,10 +7,13 @@ import pytest
 
 import faultgauge as fg
 import faultgauge.identification.fit
+from drawn_models import calibrated, log_of
 from faultgauge.cli.app import run as command
 from faultgauge.errors import InputError
 from faultgauge.telemetry import Run
 from faultgauge.telemetry.clock import Clock
+from faultgauge.verbs.how import How
+from faultgauge.verbs.reading import runs_for_model, unlike_warnings
 
 PLANT = """name = "p"
 states.x = { unit = "m", derivative = "b*u - a*x" }
@@ -19,6 +22,12 @@ outputs.x = { unit = "m", value = "x" }
 parameters = { a = { value = 1.0 }, b = { value = 1.0 } }
 """
 CLOCK = datetime(2026, 3, 1, 8, 0)
+IN_A_ROW = """name = "in a row"
+states = { a = { derivative = "u - a" }, b = { derivative = "a - b" } }
+inputs.u = { min = 0, max = 1 }
+outputs = { upper = { value = "a" }, lower = { value = "b" } }
+faults.leak = { enters = "state", target = "a" }
+"""
 
 
 def table(rows=200, step=0.1, **more):
@@ -215,3 +224,20 @@ def test_what_is_no_log_is_refused_in_one_sentence(source, said):
     with pytest.raises(InputError, match=said) as refused:
         fg.read(source, PLANT)
     assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("lost", "said"),
+    [
+        ((), None),
+        (("lower",), "table has no column 'lower', which the logs had"),
+        (("upper", "lower"), "table has no columns 'upper' and 'lower', which the logs had"),
+    ],
+)
+def test_an_output_that_the_fit_had_and_a_log_lacks_is_said(lost, said):
+    """It may be a typing error in a header, and nothing else would tell."""
+    model = calibrated(IN_A_ROW)
+    samples = {name: of for name, of in log_of(model, 300).items() if name not in lost}
+    warned = unlike_warnings(model, runs_for_model(model, samples, How()))
+    assert len(warned) == (said is not None)
+    assert all(each.startswith(said) and "--map" in each for each in warned)

@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal, Unpack
 
+from faultgauge.detection.words import listed
 from faultgauge.errors import InputError
 from faultgauge.identification.samples import column_names, jumping
 from faultgauge.plants.model import Model
@@ -159,11 +160,26 @@ def said_before(model: Model) -> Before:
 
 def unlike_warnings(model: Model, runs: Runs) -> list[str]:
     """What in `runs` is not as in the logs that `model` was fitted to: a time in another unit,
-    signals far from their training ranges."""
+    signals far from their training ranges, outputs without a column."""
     before = said_before(model)
     maps = runs.how.maps or before.maps
     odd = other_clock(model, runs, runs.how.time or before.time, maps)
-    return [*odd, *other_range(model, runs)]
+    return [*odd, *_without_outputs(model, runs), *other_range(model, runs)]
+
+
+def _without_outputs(model: Model, runs: Runs) -> list[str]:
+    """A sentence for every log that lacks an output of the logs that `model` was fitted to."""
+    found = dict[str, str]()
+    for run in runs:
+        lost = [name for name in model.record.columns.outputs if name not in run.columns]
+        if lost:
+            which = f"{'column' if len(lost) == 1 else 'columns'} {listed([*map(repr, lost)])}"
+            found.setdefault(
+                run.source,
+                f"{run.source} has no {which}, which the logs had that the model was fitted to: "
+                "what shows there alone is not told; if it has another name, say so with --map",
+            )
+    return list(found.values())
 
 
 def _held(spec: PlantSpec) -> list[str]:

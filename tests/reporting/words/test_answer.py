@@ -290,6 +290,23 @@ def test_an_alarm_without_a_name_is_no_silence(bank, decision):
     assert "gauge (m)" in drawn
 
 
+def test_an_alarm_that_was_over_before_a_named_one_began_is_told_whole(bank, decision):
+    """From 80 s to 115 s, where the event is dated to 110 s by its interval, and told later; an
+    alarm that the event began in is told until that date."""
+    (event,) = decision.events
+    dated = replace(event, onset_lo=110.0)
+    for last, until in ((230, "114.5"), (int(2 * event.start) + 1, "109.5")):
+        status, reason = [*decision.status], [*decision.reason]
+        for k in range(160, last):
+            status[k], reason[k] = "FAULT", "no declared fault explains it"
+        for k in range(last, int(2 * event.start)):
+            status[k] = "HEALTHY"
+        unsure = replace(decision, status=status, reason=reason, events=[dated])
+        assert answers(bank, [unsure])[0] == (
+            f"An alarm from 80 s to {until} s (run run1); no declared fault explains it"
+        )
+
+
 def test_many_alarms_that_nothing_explains_are_one_sentence(bank, decision):
     """From 100 s on, five rows (2 s) every 50 s; another one is not sure for long enough."""
 

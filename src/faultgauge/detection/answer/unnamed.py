@@ -72,7 +72,10 @@ def _beyond(bank: FaultBank, decision: Decision, start: int, stop: int) -> list[
     most."""
     t, free = decision.run.t, np.ones(stop - start, bool)
     for each in decision.events:
-        free &= (t[start:stop] < min(each.onset_lo, each.start)) | (t[start:stop] > each.end)
+        began = min(each.onset_lo, each.start)
+        if t[start] < began and t[stop - 1] < each.start:  # it was over when that one's began
+            continue
+        free &= (t[start:stop] < began) | (t[start:stop] > each.end)
     if free.all():
         return [slice(start, stop)]
     return [

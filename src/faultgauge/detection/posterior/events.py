@@ -478,12 +478,14 @@ def _rivals(
     bank: FaultBank, k: int, p: Float[np.ndarray, "sets"], doubted: Float[np.ndarray, "sets"]
 ) -> tuple[tuple[str, float], ...]:
     """(cause, odds) of the faults that act on the plant which p leaves aside, and the model's own
-    error does not."""
+    error does not; at least even ones, as it makes no other cause the likelier."""
     acting = {fault.name for fault in bank.model.plant.signals.faults if fault.acts}
     (plain, beside), (found, _) = _others(bank, k, p), _others(bank, k, doubted)
     told = {name: odds for name, odds in plain if odds >= POSSIBLE_ODDS}
     asked = told.keys() & acting - dict(beside).keys()
-    return tuple((name, odds) for name, odds in found if odds < POSSIBLE_ODDS and name in asked)
+    return tuple(
+        (name, max(odds, 1.0)) for name, odds in found if odds < POSSIBLE_ODDS and name in asked
+    )
 
 
 def pause(bank: FaultBank) -> int:

@@ -220,8 +220,8 @@ def _in_its_place(bank: FaultBank, decision: Decision, event: BankEvent) -> str:
 
 
 def _before_its_name(bank: FaultBank, decision: Decision, event: BankEvent) -> list[str]:
-    """Of an alarm that went on for longer than a name takes before the event had one; one that
-    began before the fault is another one's."""
+    """Of an alarm that was without a name for longer than one takes before the event had it; one
+    that was before the fault began is another one's."""
     told = int(np.searchsorted(decision.run.t, event.start))
     status, reason = decision.status[:told], decision.reason[:told]
     over = [k for k in range(told) if status[k] != FAULT or not reason[k]]
@@ -229,7 +229,7 @@ def _before_its_name(bank: FaultBank, decision: Decision, event: BankEvent) -> l
     begun = float(decision.run.t[first])
     if begun < event.onset_lo or event.start - begun <= bank.knowledge.memory:
         return []
-    return [f"the alarm began at {row_time(bank, decision, begun)}, before it had a name"]
+    return [f"the alarm had no name from {row_time(bank, decision, begun)} on until then"]
 
 
 def _course(bank: FaultBank, decision: Decision, event: BankEvent) -> str:

@@ -38,10 +38,9 @@ def sentences(
 ) -> list[str]:
     """What the windows with a fault in them hold, in words; then the runs without one, and of
     which share each run is told."""
-    after = [*found[1:], None]
     faulty = [
-        _sentence(bank, each, _over(each, then), _at_once(each, found))
-        for each, then in zip(found, after, strict=True)
+        _sentence(bank, each, _over(each, found), _at_once(each, found))
+        for each in found
         if each.cause != NO_FAULT
     ]
     speaking = {each.run for each in found if each.cause != NO_FAULT}
@@ -125,10 +124,12 @@ def _would_not_show(bank: FaultBank, found: Sequence[Retrospect]) -> str:
     return would_not_show(least)
 
 
-def _over(found: Retrospect, then: Retrospect | None) -> float | None:
-    """When [s] a window begins in which its fault is over; None where none follows."""
-    calm = then is not None and then.cause == NO_FAULT and then.judged > 0
-    if then is None or then.run != found.run or not calm:
+def _over(one: Retrospect, found: Sequence[Retrospect]) -> float | None:
+    """When [s] a window begins in which the fault of `one` is no more; None where none follows, or
+    where that is nothing that is declared."""
+    later = (each for each in found if each.run == one.run and each.start > one.start)
+    then = next((each for each in later if each.judged > 0), None)
+    if then is None or {one.cause, UNKNOWN} & {*then.cause.split("+")}:
         return None
     return then.start
 

@@ -41,7 +41,9 @@ def alarms(bank: FaultBank, decision: Decision, note: str = "") -> list[Told]:
         Told(
             each.start,
             each.end,
-            alarm_sentence(bank.model, each, bank.step, decision.run.clock, note),
+            alarm_sentence(
+                bank.model, each, bank.step, decision.run.clock, note, float(decision.run.t[-1])
+            ),
             causes=tuple(cause.name for cause in each.causes),
             brief="one more fault" if each.beside else "an alarm",
         )
@@ -69,12 +71,18 @@ def _together(
 
 
 def alarm_sentence(
-    model: Model, alarm: Unnamed, step: float, clock: Clock | None, note: str = ""
+    model: Model,
+    alarm: Unnamed,
+    step: float,
+    clock: Clock | None,
+    note: str = "",
+    ends: float = np.inf,
 ) -> str:
     """From when to when, of rows that are `step` [s] apart, and why it has no event; with a `note`
-    on the run."""
+    on the run, which `ends` [s]."""
     first, last = (moment(clock, t, step) for t in (alarm.start, alarm.end))
-    when = f"from {first} to {last} (run {alarm.run}{note})"
+    over = ", the end of the log" if alarm.end >= ends else ""
+    when = f"from {first} to {last}{over} (run {alarm.run}{note})"
     if alarm.beside:
         told = " and ".join(alarm.beside)
         causes = " or ".join(_likely(model, each) for each in alarm.causes)

@@ -57,6 +57,8 @@ def read_table(path: Path) -> LogTable:
             f"`rosbags-convert --src {path.name} --dst {path.stem}` (pip install rosbags), and "
             "give the folder."
         )
+    if path.suffix.lower() == ".fgm":
+        raise InputError(f"{path} is a model of faultgauge, not a log; give a log in its place.")
     raise InputError(
         f"{path}: a log must end in {', '.join(READERS)}, not in {path.suffix or 'nothing'}; "
         "convert the file."

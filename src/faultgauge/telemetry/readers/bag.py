@@ -39,8 +39,8 @@ def _parts(folder: Path) -> list[Path]:
     listing = folder / "metadata.yaml"
     if not listing.is_file():
         raise InputError(
-            f"{folder} is a directory without metadata.yaml, so no ROS 2 bag; name the log files "
-            "in it."
+            f"{folder} is a folder without a log that can be read, and no ROS 2 bag, as it has no "
+            "metadata.yaml; give log files, or a folder that holds some."
         )
     names = LISTED.findall(listing.read_text(encoding="utf-8", errors="replace"))
     if not names:
