@@ -215,7 +215,7 @@ def test_a_recording_that_was_cut_off_is_read_with_its_journal(tmp_path):
 
 
 def test_a_folder_that_is_no_bag(tmp_path):
-    assert "without metadata.yaml" in refusal(tmp_path)
+    assert "no metadata.yaml" in refusal(tmp_path)
     assert "names no .mcap or .db3 file" in refusal(listed(tmp_path, "notes.txt"))
 
 

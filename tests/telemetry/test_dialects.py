@@ -160,5 +160,5 @@ def test_a_folder_stands_for_the_logs_in_it(log, tmp_path):
     log("no log", "notes.md")
     assert [run.name for run in read_telemetry(tmp_path)] == ["a", "b"]
     (tmp_path / "empty").mkdir()
-    with pytest.raises(InputError, match="directory"):
+    with pytest.raises(InputError, match="a folder without a log"):
         read_telemetry(tmp_path / "empty")

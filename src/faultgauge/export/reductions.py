@@ -101,6 +101,8 @@ def _extreme(printer: Printer, each: Operation, index: Index) -> str:
     place, best, real = printer.name("s"), printer.name("s"), printer.declared(kind)
     first = printer.at(value, (*index[:axis], Place(), *index[axis:]))
     printer.line(f"{into} {place} = 0;")
+    lines = printer.scopes[-1].body
+    here = len(lines)
     printer.line(f"{real} {best} = {first};")
 
     def one(inner: Index) -> None:
@@ -121,6 +123,8 @@ def _extreme(printer: Printer, each: Operation, index: Index) -> str:
         printer.line("}")
 
     printer.loops(each, [value.shape[axis] - 1], one)
+    if all(isinstance(line, str) and best not in line for line in lines[here + 1 :]):
+        del lines[here]  # nothing was compared
     return place
 
 
