@@ -226,4 +226,4 @@ def test_a_fault_that_grew_slowly_is_as_old_as_its_alarm():
     (event,) = said.events
     assert event.onset_lo <= 300
     assert event.onset == pytest.approx(213.5, abs=5.0)
-    assert "; the alarm had no name from 213.5 s on until then;" in line
+    assert "; from 213.5 s until it was told the alarm had no name;" in line

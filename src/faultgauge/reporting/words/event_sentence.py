@@ -229,7 +229,7 @@ def _before_its_name(bank: FaultBank, decision: Decision, event: BankEvent) -> l
     begun = float(decision.run.t[first])
     if begun < event.onset_lo or event.start - begun <= bank.knowledge.memory:
         return []
-    return [f"the alarm had no name from {row_time(bank, decision, begun)} on until then"]
+    return [f"from {row_time(bank, decision, begun)} until it was told the alarm had no name"]
 
 
 def _course(bank: FaultBank, decision: Decision, event: BankEvent) -> str:

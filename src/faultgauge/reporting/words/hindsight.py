@@ -129,7 +129,7 @@ def _over(one: Retrospect, found: Sequence[Retrospect]) -> float | None:
     where that is nothing that is declared."""
     later = (each for each in found if each.run == one.run and each.start > one.start)
     then = next((each for each in later if each.judged > 0), None)
-    if then is None or {one.cause, UNKNOWN} & {*then.cause.split("+")}:
+    if then is None or {*one.cause.split("+"), UNKNOWN} & {*then.cause.split("+")}:
         return None
     return then.start
 
