@@ -90,6 +90,7 @@ def test_what_rows_were_sure_was_over_has_come_again(between, healthy, parts):
     if parts == 2:
         assert told[1].start == pytest.approx(t[pause.stop])
         assert told[0].end <= told[1].onset_lo < told[1].onset < told[1].onset_hi <= told[1].start
+        assert told[1].onset_lo == pytest.approx(t[pause.stop - 1])  # the last row sure of that
 
 
 def scene(p, f, lo, hi, ago, late):

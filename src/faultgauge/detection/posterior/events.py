@@ -166,19 +166,25 @@ def events(bank: FaultBank, judged: Judged, begun: float | None = None) -> list[
         if each.k == len(ever) or ever[each.k] > 1 - NAMED
     ]
     kept = [each for each in told if each.fault != UNKNOWN or not _renamed(each, told)]
-    return _lasting(bank, judged, _after_each_other(kept, bank.step))
+    return _lasting(bank, judged, _after_each_other(bank, judged, kept))
 
 
-def _after_each_other(told: list[BankEvent], step: float) -> list[BankEvent]:
-    """`told`, where a fault that had gone, and came again, began after that, whatever date the
-    posterior gives what lasts."""
+def _after_each_other(bank: FaultBank, judged: Judged, told: list[BankEvent]) -> list[BankEvent]:
+    """`told`, where a fault that had gone, and came again, began after the last row that was sure
+    of that, whatever date the posterior gives what lasts: where all of that lies before, no more
+    is known than when it was told."""
     kept: list[BankEvent] = []
+    t, names = judged.run.t, bank.model.plant.signals.fault_names
     for each in told:
         within = [o.end for o in kept if o.fault == each.fault != UNKNOWN
                   and o.end < each.start and each.onset < o.end]  # fmt: skip
         if within:
-            gone, onset = max(within), (each.onset_lo, each.onset, each.onset_hi)
-            low, mean, high = (max(a, gone + k * step / 2) for k, a in enumerate(onset))
+            p = judged.found.p[:, names.index(each.fault)]
+            over = t[(t > max(within)) & (t < each.start) & (p < 1 - NAMED)]
+            low = max(each.onset_lo, *within, *over[-1:].tolist())
+            high = each.onset_hi if each.onset_hi > low else each.start
+            high = max(high, low + bank.step)
+            mean = each.onset if low < each.onset < high else (low + high) / 2
             each = replace(each, onset=mean, onset_lo=low, onset_hi=high, older="no")
         kept.append(each)
     return kept
