@@ -53,6 +53,12 @@ def test_what_flares_up_as_a_fault_goes_is_no_size_of_it():
     each = _Stretch(PUSH, TOLD, TOLD, STOP + 9)
     once = _before_its_end(bank, judged(COUNT), each._replace(stop=STOP), STOP - 1)
     assert _before_its_end(bank, judged(COUNT, again=4), each, STOP + 8) == once
+    # what lasts for as long as a fault takes to be known is one, though shorter than half of it
+    rows = int(np.ceil(bank.knowledge.memory / STEP)) + 1
+    assert rows < (STOP - TOLD) / 2
+    longer = each._replace(stop=STOP + 5 + rows)
+    last = _before_its_end(bank, judged(COUNT, again=rows), longer, longer.stop - 1)
+    assert STOP + 5 <= last < longer.stop
 
 
 @pytest.mark.parametrize(

@@ -440,9 +440,10 @@ def _before_its_end(bank: FaultBank, judged: Judged, each: _Stretch, last: int) 
     stretches = each.told + np.flatnonzero(np.diff(sure, prepend=0, append=0)).reshape(-1, 2)
     if not len(stretches):
         return each.told
-    # what flares up once more as the fault goes is no size of it
+    # what flares up once more as the fault goes, for less than it takes to be known, is no size
     lasted = np.diff(stretches)[:, 0]
-    first, stop = stretches[np.flatnonzero(lasted >= lasted.max() / 2)[-1]]
+    enough = min(lasted.max() / 2, bank.knowledge.memory / bank.step)
+    first, stop = stretches[np.flatnonzero(lasted >= enough)[-1]]
     size, end = float(found.f[stop - 1, k] / found.p[stop - 1, k]), float(t[stop - 1])
     late = longest_delay(bank.knowledge, k, size, float(bank.onset[k]), bank.level)
     late = min(late, (end - float(t[first])) / 2)
