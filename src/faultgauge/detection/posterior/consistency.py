@@ -18,9 +18,9 @@ falls below 0,
     S <- max(S + n ln(b / a) - (b - a) dt, 0)
 
 with n changes within dt, two by a name in place of one that has gone, be it of the same fault's
-other direction, none by the same one again, nor by one that comes beside another, nor where what
-has gone had been likely for a memory and none has been for another since (E. S. Page, Biometrika 41
-(1954); of a Poisson process: J. M. Lucas, Technometrics 27 (1985)).
+other direction, none by the same one again, nor by one that comes beside another, nor by one that
+comes after a memory in which no fault was likely, where what has gone had been so for a memory, too
+(E. S. Page, Biometrika 41 (1954); of a Poisson process: J. M. Lucas, Technometrics 27 (1985)).
 """
 
 from collections.abc import Sequence
