@@ -18,6 +18,7 @@ from jaxtyping import Bool, Float
 
 from faultgauge.detection.bank.bank import FaultBank
 from faultgauge.detection.bank.knowledge import longest_delay
+from faultgauge.detection.posterior.jumps import Sizes, jumps
 from faultgauge.detection.posterior.posterior import LIKELY, WIDE, Posterior
 from faultgauge.detection.posterior.verdicts import (
     FAULT,
@@ -139,12 +140,14 @@ class Judged(NamedTuple):
 
 
 class _Stretch(NamedTuple):
-    """Cause `k` from sample `begun`, `told`, until before `stop`."""
+    """Cause `k` from sample `begun`, `told`, until before `stop`; where its size jumped to what it
+    is there, when (likeliest, earliest, latest [s])."""
 
     k: int
     begun: int
     told: int
     stop: int
+    jumped: tuple[float, float, float] | None = None
 
 
 def events(bank: FaultBank, judged: Judged, begun: float | None = None) -> list[BankEvent]:
@@ -254,8 +257,32 @@ def _stretches(bank: FaultBank, judged: Judged, log: float) -> list[_Stretch]:
             own += _joined(bank, judged, parts, log)
         own = [each for each in own if not any(_within(each, other) for other in own)]
         own = [each for each in own if not any(_going(bank, judged, o, each) for o in own)]
-        everyone += _in_turn(bank, judged, there[:, k], own, log)
+        for each in _in_turn(bank, judged, there[:, k], own, log):
+            everyone += _at_jumps(bank, judged, each)
     return everyone
+
+
+def _at_jumps(bank: FaultBank, judged: Judged, each: _Stretch) -> list[_Stretch]:
+    """`each`, divided where the size of a declared fault jumps."""
+    found, t, k = judged.found, judged.run.t, each.k
+    if k == found.p.shape[1]:
+        return [each]
+    sure = _sure(bank, judged, k, each.told, each.stop - 1)
+    rows = each.told + np.flatnonzero(sure)
+    size, since = found.f[rows, k] / found.p[rows, k], found.onset[rows, k].copy()
+    since[:, 0] = t[rows] - since[:, 0]
+    sizes = Sizes(t[rows], found.lo[rows, k], found.hi[rows, k], since)
+    parts, rest = [], each
+    for jump in jumps(sizes, bank.knowledge.memory):
+        last, first = rows[jump.last], rows[jump.first]
+        by = float(size[jump.first] - size[jump.steady])
+        late = longest_delay(bank.knowledge, k, by, float(bank.onset[k]), bank.level)
+        earliest = max(min(float(t[last]), jump.began) - late, float(t[rest.told]))
+        began = min(max(jump.began, earliest), float(t[first]) - bank.step / 2)
+        stop = min(int(np.searchsorted(t, began, "right")), int(last) + 1)
+        parts.append(rest._replace(stop=stop))
+        rest = _Stretch(k, stop, int(first), each.stop, (began, earliest, float(t[first])))
+    return [*parts, rest]
 
 
 def _in_turn(
@@ -326,7 +353,7 @@ def _event(bank: FaultBank, judged: Judged, each: _Stretch, log: float) -> BankE
         last = _before_its_end(bank, judged, each, last)
     size = float(found.f[last, k] / found.p[last, k]) if declared else None
     lo, hi = (None, None) if size is None else _interval(bank, found, k, last, size)
-    onset, low, high = _onset(bank, judged, each, last, log)
+    onset, low, high = each.jumped or _onset(bank, judged, each, last, log)
     held = log + bank.hold_off
     return BankEvent(
         judged.run.name,
