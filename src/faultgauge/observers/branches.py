@@ -48,7 +48,8 @@ class Lanes(NamedTuple):
     `info` of its size, `gain` in ln L by each of `SCALES`; `sudden` and `sharp` are the score and
     the info of the first sample alone; `shared` scores and `J` are in the branch's own noise, and
     so tell what one change explains of another; `row` is where in `J` each stands, for as long as
-    it is kept."""
+    it is kept. `mass` is ln of how likely each onset is before the data, and `went` the part of it
+    (ln) for which what came may have gone there: none where that is a branch of its own."""
 
     eta: Float[Array, "branches n kinds onsets"]
     score: Float[Array, "branches kinds onsets"]
@@ -60,6 +61,7 @@ class Lanes(NamedTuple):
     J: Float[Array, "branches lanes lanes"]
     row: Int[Array, "branches kinds onsets"]
     mass: Float[Array, "branches kinds onsets"]
+    went: Float[Array, "branches kinds onsets"]
     onset: Float[Array, "branches kinds onsets"]
 
 

@@ -80,6 +80,7 @@ class Branching(Answers):
             jnp.broadcast_to(np.arange(K * A).reshape(K, A), (B, K, A)),
             jnp.broadcast_to(mass, (B, K, A)),
             none,
+            none,
         )
         d = self.declared
         probe = Probe(jnp.zeros((n, d, 2, 2)), jnp.zeros((d, 2, 2)), self.recall)
@@ -233,8 +234,13 @@ class Branching(Answers):
         share = jnp.where(without, -real[doubted], real[doubted])
         weight = state.weight[b] + logsumexp(ell) - jax.nn.softplus(-share)
         place, better, both = self._placed(state, b, which, weight)
-        left = jnp.where(stays, state.lanes.mass[b, kind], NEVER)
-        kept = state.lanes._replace(mass=state.lanes.mass.at[b, kind].set(left))
+        # what may have gone there may have changed, too
+        mass, went = state.lanes.mass, state.lanes.went
+        left = jnp.where(stays | gone, mass[b, kind], NEVER)
+        nowhere = jnp.where(stays | ~gone, went[b, kind], NEVER)
+        kept = state.lanes._replace(
+            mass=mass.at[b, kind].set(left), went=went.at[b, kind].set(nowhere)
+        )
         known = (fault, gains), (doubted, also)
         lanes = self._inherited(kept, b, kind, a, place, f, V, gone, off, known)
         lanes = jax.tree.map(lambda new, old: jnp.where(better, new, old), lanes, kept)

@@ -177,7 +177,7 @@ class Onsets(eqx.Module):
             for first, now in ((lanes.sudden, score), (lanes.sharp, info))
         )
         told = score, info, gain, sudden, sharp, shared, J
-        return Lanes(eta, *told, lanes.row, lanes.mass, lanes.onset), ()
+        return Lanes(eta, *told, lanes.row, lanes.mass, lanes.went, lanes.onset), ()
 
     def _at_once(self) -> Bool[np.ndarray, "kinds"]:
         """The kinds of change of which the first sample shows all."""
@@ -243,7 +243,8 @@ class Onsets(eqx.Module):
         before = lanes.onset[:, :F] < since[:, :, None]
         gain = gain + jnp.where(before, self._inside(f, V), 0.0)
         legal = ((less[which] >= 0) & there)[:, :, None]
-        gone = jnp.where(legal, lanes.mass[:, :F] + rare + gain, NEVER), f, V
+        mass = lanes.mass[:, :F] + lanes.went[:, :F]
+        gone = jnp.where(legal, mass + rare + gain, NEVER), f, V
         ell, f, V = (jnp.concatenate(two, axis=1) for two in zip(steps, gone, strict=True))
         return (), Changes(ell, *_shared(ell, 2), f, V)
 
@@ -359,7 +360,7 @@ class Onsets(eqx.Module):
         least = self._least()
         gain = (shared**2 / (info + least) - jnp.log1p(info / least)) / 2
         told = shared, info, gain, lanes.sudden[b], lanes.sharp[b], shared, J
-        new = Lanes(eta, *told, rows, mass, lanes.onset[b])
+        new = Lanes(eta, *told, rows, mass, lanes.went[b], lanes.onset[b])
         return jax.tree.map(lambda every, one: every.at[place].set(one), lanes, new)
 
     def _without(
@@ -449,8 +450,9 @@ class Onsets(eqx.Module):
         score, info, sudden, sharp, shared = (moved(each, 0.0) for each in told)
         gain = moved(lanes.gain, 0.0)
         eta, row = moved(lanes.eta, begun[..., None]), moved(lanes.row, row)
-        mass, when = moved(mass, fresh), moved(when, t)
-        return Lanes(eta, score, info, gain, sudden, sharp, shared, lanes.J, row, mass, when), ()
+        mass, went, when = moved(mass, fresh), moved(lanes.went, 0.0), moved(when, t)
+        told = score, info, gain, sudden, sharp, shared, lanes.J
+        return Lanes(eta, *told, row, mass, went, when), ()
 
 
 def _mills(z: Float[Array, "*any"]) -> Float[Array, "*any"]:
