@@ -5,7 +5,9 @@ import pytest
 
 from calibrations import for_bank
 from faultgauge.detection.decisions import decide_runs
+from faultgauge.detection.onset.retrospective import retrospect
 from faultgauge.detection.posterior.jumps import Sizes, jumps
+from faultgauge.reporting.words.hindsight import sentences
 from lags import COUNT, NOISE, SIGMA, STEP, driven, model
 from faultgauge.telemetry import Run
 
@@ -87,3 +89,33 @@ def test_a_staircase_is_an_event_for_each_step(fault, levels, seed):
     for before, after in zip(told, told[1:], strict=False):
         assert before.end <= after.onset <= after.onset_hi <= after.start
         assert after.onset_lo <= after.onset
+
+
+def test_hindsight_has_each_step_until_the_next():
+    """As told online: dates within a sample, and an end for each but the last."""
+    levels = (0.3, 0.8, 0.4)
+    (decision,), bank = decide_runs(for_bank(model(), NOISE), [steps("push", levels, 0)])
+    *found, rest = retrospect(bank, decision)
+    assert rest.cause == "healthy"
+    assert [each.cause for each in found] == ["push"] * 3
+    assert [each.size for each in found] == pytest.approx(levels, rel=0.1)
+    begun = STEP * (200 + 150 * np.arange(4))
+    assert [each.onset for each in found] == pytest.approx(begun[:3], abs=2 * STEP)
+    assert [each.end for each in found[:2]] == pytest.approx(begun[1:3], abs=2 * STEP)
+    said = sentences(bank, [decision], [*found, rest])
+    assert f" until {found[0].end:g} s" in said[0]
+    assert f" until {found[1].end:g} s" in said[1]
+
+
+@pytest.mark.parametrize(("back", "loose"), [(False, 0), (True, 1)])
+def test_a_jump_that_the_plant_answers_at_once_is_no_single_sample(back, loose):
+    """A bias jumps from 0.5 to 2.5 as x falls by 1 a sample: up and down at once. Where it is
+    as before in the sample after, that sample is one that nothing explains."""
+    k = np.arange(COUNT)
+    u = np.where((k < 380) | (k > 400), 1.0, -1.0)
+    bias = np.where(k < 200, 0.0, 0.5) + 2.0 * (k == 383 if back else k >= 383)
+    noise = SIGMA * np.random.default_rng(0).standard_normal(COUNT)
+    run = Run("jump", "lag.csv", STEP * k, {"u": u, "x": driven(u, x=5.0) + bias + noise})
+    (decision,), _ = decide_runs(for_bank(model(), NOISE), [run])
+    assert [each.fault for each in decision.events] == ["bias"] * (1 if back else 2)
+    assert len(decision.glitches) == loose

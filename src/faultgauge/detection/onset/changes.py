@@ -74,14 +74,18 @@ def changes_of(bank: FaultBank, decision: Decision, window: Window) -> ChangeHis
 
 
 def _as_told(bank: FaultBank, decision: Decision, window: Window) -> list[Change]:
-    """The bank's events in a window: each fault comes, and goes where its event ends early."""
+    """The bank's events in a window: each fault comes, and goes where its event ends early, or
+    becomes another size where it jumps."""
     names = bank.model.plant.signals.fault_names
-    changes = []
+    changes = list[Change]()
     for event in decision.events:
         if event.size is None or not window.t[0] <= event.start <= window.t[-1]:
             continue
-        k = names.index(event.fault)
-        changes.append(Change(k, int(np.searchsorted(window.t, event.onset)), event.size))
+        k, at = names.index(event.fault), int(np.searchsorted(window.t, event.onset))
+        before = 0.0
+        if changes and (changes[-1].fault, changes[-1].at) == (k, at):
+            before = changes.pop().size
+        changes.append(Change(k, at, event.size + before))
         end = int(np.searchsorted(window.t, event.end, "right"))
         if end < len(window.t):
             changes.append(Change(k, end, -event.size))

@@ -4,7 +4,7 @@ An update with the noise as it was found leaves of an innovation e = y - h, of v
 the part e R / S. What is no more than `FAR` sqrt(S) off leaves at most FAR sqrt(R), and what is
 further off had its noise raised (`divided_difference`) and stays off. A glitch is a sample that
 does between two that do not, and does not change what is told. A sensor's fault begins like one,
-and stays; what process noise may explain is none.
+or jumps, and stays; what process noise may explain is none.
 """
 
 from typing import NamedTuple
@@ -89,14 +89,18 @@ class Glitches:
             return []
         before, off, after = (self._off(each, j, peaks + k) for k in (-1, 0, 1))
         near = np.maximum(before, after) <= np.maximum(self.limit[j], SMALL * off)
-        return peaks[near & (off > self.limit[j])].tolist()
+        # a fault that jumped to another size is known by the next sample
+        left = np.minimum(off, self._off(each, j, peaks, later=1))
+        return peaks[near & (left > self.limit[j])].tolist()
 
     def _off(
-        self, each: _Samples, j: int, at: Int[np.ndarray, "some"]
+        self, each: _Samples, j: int, at: Int[np.ndarray, "some"], later: int = 0
     ) -> Float[np.ndarray, "some"]:
-        """How far samples are off what is believed after them."""
+        """How far samples are off what is believed after them, with the faults as they are believed
+        to be so many samples `later`."""
         padded = np.pad(at, (0, bucket(len(at)) - len(at)), mode="edge")
-        predicted = _outputs(self.bank.plant, *(jax.device_put(a[padded]) for a in each[3:]))
+        given = each.x[padded], each.u[padded], each.f[padded + later]
+        predicted = _outputs(self.bank.plant, *map(jax.device_put, given))
         return np.abs(each.y[at] - np.asarray(predicted)[: len(at), j])
 
 

@@ -125,8 +125,10 @@ def _would_not_show(bank: FaultBank, found: Sequence[Retrospect]) -> str:
 
 
 def _over(one: Retrospect, found: Sequence[Retrospect]) -> float | None:
-    """When [s] a window begins in which the fault of `one` is no more; None where none follows, or
-    where that is nothing that is declared."""
+    """When [s] the fault of `one` is no more what it was: in its window, or where the next one
+    begins; None where none follows, or where that is nothing that is declared."""
+    if one.end < one.t[-1]:
+        return one.end
     later = (each for each in found if each.run == one.run and each.start > one.start)
     then = next((each for each in later if each.judged > 0), None)
     if then is None or {*one.cause.split("+"), UNKNOWN} & {*then.cause.split("+")}:
