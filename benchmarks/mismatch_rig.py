@@ -6,11 +6,12 @@
 Each case (`mismatch/`) has a truth that is simulated here, in plain Python, and a plant file that
 lacks something of it. The file is fitted to three healthy logs and calibrated on five others, once;
 then N logs with faults (by default 100) and M healthy ones (half as many) are judged, and a third
-of N in which up to four declared faults follow each other (`mismatch/windows.py`). Seeds are 0 to
-N - 1 for each kind of log. Sizes take turns: engineering ones, about a tenth to a fifth of the
-range, and 4 and 8 times the smallest that the model itself says it would tell in such a log, as far
-as they make sense; faults in turn have engineering ones. `--without-discrepancy` calibrates without
-model error. Shares have Wilson's 95 % intervals.
+of N in which up to four declared faults follow each other (`mismatch/windows.py`), and as many in
+which one jumps from size to size (`mismatch/stairs.py`). Seeds are 0 to N - 1 for each kind of log.
+Sizes take turns: engineering ones, about a tenth to a fifth of the range, and 4 and 8 times the
+smallest that the model itself says it would tell in such a log, as far as they make sense; faults
+in turn have engineering ones. `--without-discrepancy` calibrates without model error. Shares have
+Wilson's 95 % intervals.
 
   heaters         two coupled heaters: radiation, sensor lags, a room that wanders, 0.3 K steps
   biased          the same, of which biases alone are declared
@@ -40,6 +41,9 @@ model error. Shares have Wilson's 95 % intervals.
   reactor         a cooled tank: Arrhenius, a wall, fouling, a valve of equal percentage
   conveyor        a belt on a drum: creep and slip, a load that strays, a splice, lags
   gimbal          an axis whose bearing sticks and breaks loose; a cable, teeth, a lag
+  helicopter      a beam with two rotors in two loops: a slip ring, cables, a supply that droops
+  cold_room       a chill store: frost and defrosts, doors, a capacity that bends, goods with a core
+  ball_beam       a ball on a beam in a cascade: play, stiction, a track that is bent and noisy
   equal           the heaters without anything that the file lacks
 """
 
@@ -52,9 +56,11 @@ from typing import Any
 
 from mismatch.ahu import ahu
 from mismatch.air import air
+from mismatch.ball_beam import ball_beam
 from mismatch.battery import battery
 from mismatch.bench_heaters import bench_heaters
 from mismatch.case import Case
+from mismatch.cold_room import cold_room
 from mismatch.conveyor import conveyor
 from mismatch.cylinder import cylinder
 from mismatch.dc_motor import dc_motor
@@ -65,6 +71,7 @@ from mismatch.gimbal import gimbal
 from mismatch.harness import measure, without_discrepancy
 from mismatch.heated_tank import heated_tank
 from mismatch.heaters import biased, equal, heaters
+from mismatch.helicopter import helicopter
 from mismatch.lag import lag
 from mismatch.meter import meter
 from mismatch.pump_loop import pump_loop
@@ -109,6 +116,9 @@ CASES: dict[str, Callable[[], Case]] = {
     "reactor": reactor,
     "conveyor": conveyor,
     "gimbal": gimbal,
+    "helicopter": helicopter,
+    "cold_room": cold_room,
+    "ball_beam": ball_beam,
     "equal": equal,
 }
 SHARES = {
@@ -129,6 +139,11 @@ WINDOWS = {
     "alarmed": "under alarm",
     "sized": "size inside its interval, of those named",
     "dated": "onset inside its interval, of those named",
+}
+STAIRS = {
+    "told": "told by name in their middle",
+    "sized": "size inside its interval",
+    "close": "size within a quarter",
 }
 QUICK = 6
 
@@ -162,7 +177,12 @@ def show(found: dict[str, Any]) -> None:
     print(f"  of faults in turn, in {turns['logs']} logs:")
     for key, text in WINDOWS.items():
         print(f"    {text}: {share(turns[key])}")
-    print(f"    events of none of them: {turns['false']}", flush=True)
+    print(f"    events of none of them: {turns['false']}")
+    stairs = found["stairs"]
+    print(f"  of steps of a fault that jumps, in {stairs['logs']} logs:")
+    for key, text in STAIRS.items():
+        print(f"    {text}: {share(stairs[key])}")
+    print(f"    events of other names: {stairs['false']}", flush=True)
 
 
 def main() -> None:

@@ -6,13 +6,13 @@
     T = stiff deadzone(m - a, play) + damp (n - w) in contact,   g = Fc + (Fs - Fc) exp(-(n/ns)^2)
     lag dV = u (1 + supply) (1 - droop |u|) - V,   filter dseen = x - seen
 
-After Hauser, Sastry and Kokotovic, IEEE TAC 37 (1992), in sizes of Quanser's SRV02 with BB01 (user
-manuals): gear 70:1, 2.6 ohm, a steel ball of 64 g that is the wiper of a resistive track of 43 cm.
-Bristles: Canudas de Wit et al., IEEE TAC 40 (1995), and Dahl. All at the beam's shaft. The file has
-one stiff inertia, friction and rolling resistance as a tanh, a tilt, a trim, and M off by 1 %. It
-lacks play, stiction, bristles, the amplifier's lag and droop, a supply that wanders, the beam's sag
-and waves (slope), the terms in w^2, v w and M x^2, a centre of gravity above the pivot, the track's
-filter, curve and coloured noise, draughts, and tilt, trim, friction and k that differ by run.
+After Hauser, Sastry and Kokotovic, IEEE TAC 37 (1992), in the size of laboratory rigs: gear 70:1,
+2.6 ohm, a steel ball of 64 g that is the wiper of a resistive track of 43 cm. Bristles: Canudas de
+Wit et al., IEEE TAC 40 (1995), and Dahl. All at the beam's shaft. The file has one stiff inertia,
+friction and rolling resistance as a tanh, a tilt, a trim, and M off by 1 %. It lacks play,
+stiction, bristles, the amplifier's lag and droop, a supply that wanders, the beam's sag and waves
+(slope), the terms in w^2, v w and M x^2, a centre of gravity above the pivot, the track's filter,
+curve and coloured noise, draughts, and tilt, trim, friction and k that differ by run.
 """
 
 from collections.abc import Sequence

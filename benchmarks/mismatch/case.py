@@ -1,6 +1,6 @@
 """A case: a truth, the plant file of somebody who does not know all of it, and faults."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -62,11 +62,11 @@ class Case:
         return GrayBoxPlant.untrained(parse_plant(self.file))
 
     def log(
-        self, name: str, rng: np.random.Generator, faults: Mapping[str, Injected] | None = None
+        self, name: str, rng: np.random.Generator, faults: Iterable[tuple[str, Injected]] = ()
     ) -> Run:
-        """One record with `faults`."""
+        """One record with `faults`, by their names."""
         truth, signals = self.truth(rng), self.plant.signals
-        acting = [self._acting(truth, n, each) for n, each in (faults or {}).items()]
+        acting = [self._acting(truth, n, each) for n, each in faults]
         u, y = simulate(truth, acting)
         columns = dict(zip(signals.input_names, u.T, strict=True))
         columns |= dict(zip(signals.output_names, y.T, strict=True))

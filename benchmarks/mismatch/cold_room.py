@@ -7,10 +7,10 @@
 
 with k = keep (1 + fan)/2. Suction gas gets thin as it evaporates colder, Q/R below the coil; a warm
 condenser takes some. Vapour freezes on a coil below 0 degC, and insulates it until it melts: every
-5 h the compressor stands for 20 min. By day the door opens. Larsen et al., ECC (2007): coil, air
-and goods of a display case; Cai et al., IFAC World Congress (2008): frost; Gosney and Olama, Proc.
-Inst. Refrig. 72 (1975): doors. The file has a capacity straight in the speed, one lump of goods, k
-constant, another power of the fan; no frost, vapour, condenser, door, lags or contact of sensors.
+5 h the compressor stands for 20 min. By day the door opens. Coil, air and goods are lumps, as in
+models of refrigerated display cases. The file has a capacity straight in the speed, one lump of
+goods, k constant, another power of the fan; no frost, vapour, condenser, door, lags or contact of
+sensors.
 """
 
 from collections.abc import Sequence

@@ -19,13 +19,14 @@ from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run
 from mismatch.case import Case, Injected
 from mismatch.scoring import Trial, figures, scored
+from mismatch.stairs import Step, drawn_stairs, scored_stairs, stair_figures
 from mismatch.windows import Window, drawn_windows, scored_windows, window_figures
 
 __all__ = ["calibrated", "healthy_logs", "measure", "without_discrepancy"]
 
 CALIBRATIONS = 5  # logs
-FIT, CALIBRATE, HEALTHY, FAULTY, WINDOWS = range(
-    5
+FIT, CALIBRATE, HEALTHY, FAULTY, WINDOWS, STAIRS = range(
+    6
 )  # the first number of a log's seed; then 0 to N - 1
 EARLIEST, LATEST = 0.25, 0.6  # of the log: where onsets lie
 SHORTEST, LONGEST = 0.15, 0.25  # of the log: every third log's faults are over after so long
@@ -91,15 +92,19 @@ def measure(
     smallest = _smallest(case, bank, logs[0])
     sized = [injections(case, each, smallest, k) for k, each in enumerate(draws(case, faulty))]
     rules, injected = [rule for rule, _ in sized], [each for _, each in sized]
-    logs = [case.log(f"faulty {k}", _rng(FAULTY, k), each) for k, each in enumerate(injected)]
+    logs = [
+        case.log(f"faulty {k}", _rng(FAULTY, k), each.items()) for k, each in enumerate(injected)
+    ]
     trials, _ = _judge(case, model, logs, rules, injected, progress)
-    windows = _windows(case, model, max(faulty // IN_TURN, 1), progress)
+    several = max(faulty // IN_TURN, 1)
+    windows = _windows(case, model, several, progress)
     return {
         "case": case.name,
         "warnings": warnings,
         "smallest": smallest,
         **figures(quiet, trials),
         "windows": windows,
+        "stairs": _stairs(case, model, several, progress),
         "trials": [asdict(each) for each in (*quiet, *trials)],
     }
 
@@ -177,12 +182,28 @@ def _windows(
     for k in range(count):
         truth = case.truth(_rng(WINDOWS, k))
         injected = drawn_windows(case, k, len(truth.noise), truth.step)
-        run = case.log(f"windows {k}", _rng(WINDOWS, k), injected)
+        run = case.log(f"windows {k}", _rng(WINDOWS, k), injected.items())
         (decision,), _ = decide_runs(model, [run])
         some, others = scored_windows(case, decision, injected)
         found, false = [*found, *some], false + others
         progress(f"{case.name}: {k + 1} of {count} logs with several faults in turn")
     return {**window_figures(found, false, count), "each": [asdict(each) for each in found]}
+
+
+def _stairs(
+    case: Case, model: Model, count: int, progress: Callable[[str], None]
+) -> dict[str, Any]:
+    """Figures of `count` logs in which one fault jumps from size to size; the faults take turns."""
+    found, false = list[Step](), 0
+    for k in range(count):
+        truth = case.truth(_rng(STAIRS, k))
+        name, injected = drawn_stairs(case, k, len(truth.noise), truth.step)
+        run = case.log(f"stairs {k}", _rng(STAIRS, k), [(name, each) for each in injected])
+        (decision,), _ = decide_runs(model, [run])
+        some, others = scored_stairs(case, decision, name, injected)
+        found, false = [*found, *some], false + others
+        progress(f"{case.name}: {k + 1} of {count} logs with a fault that jumps")
+    return {**stair_figures(found, false, count), "each": [asdict(each) for each in found]}
 
 
 def _by_right_name(case: Case, injected: Mapping[str, Injected]) -> dict[str, Injected]:

@@ -6,9 +6,8 @@
     Jf dwf = mf - cf wf|wf|,   mf = k (V - k wf) / R,   and so for the tail's rotor (wt, mt)
     V = u (1 - Rs P / Vs^2): choppers on a supply that droops by the power P that both draw
 
-The beam's equations are those of the manual of Quanser's 2 DOF Helicopter, quadratic rotors those
-of Feedback's Twin Rotor MIMO System; cables rub by Dahl's model (1968), and thrust falls as a blade
-climbs (Leishman, Principles of Helicopter Aerodynamics). The file lacks the slip ring's friction,
+In the size of laboratory rigs; rotors' thrust goes with the square of their speed, cables rub by
+Dahl's model (1968), and thrust falls as a blade climbs. The file lacks the slip ring's friction,
 the cables, this inflow, the droop, the tachometers' filters and the yaw inertia that falls with
 pitch, and takes drag for the motors' reaction torque. Its inertias are 4 % off, by a drawing.
 """

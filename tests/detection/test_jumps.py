@@ -1,5 +1,7 @@
 """Where the size of a fault that stays jumps: another event begins."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -8,8 +10,8 @@ from faultgauge.detection.decisions import decide_runs
 from faultgauge.detection.onset.retrospective import retrospect
 from faultgauge.detection.posterior.jumps import Sizes, jumps
 from faultgauge.reporting.words.hindsight import sentences
-from lags import COUNT, NOISE, SIGMA, STEP, driven, model
 from faultgauge.telemetry import Run
+from lags import COUNT, NOISE, SIGMA, STEP, driven, model
 
 ROWS, DT, MEMORY, OLD = 400, 0.1, 2.0, 1.0
 T = DT * np.arange(ROWS)
@@ -86,7 +88,7 @@ def test_a_staircase_is_an_event_for_each_step(fault, levels, seed):
     assert [each.size for each in told] == pytest.approx(levels, rel=0.1)
     begun = STEP * (200 + 150 * np.arange(3))
     assert [each.onset for each in told] == pytest.approx(begun, abs=4 * STEP)
-    for before, after in zip(told, told[1:], strict=False):
+    for before, after in pairwise(told):
         assert before.end <= after.onset <= after.onset_hi <= after.start
         assert after.onset_lo <= after.onset
 

@@ -38,7 +38,9 @@ def truths(load):
     check valve has a kink (noise 0.02 L/s), and so have the ends of the two-mass drive's play (1e-4
     rad), and the gimbal's bristles where they turn (noise 2.5e-3 rad/s). A step of the furnace is a
     fifth of its thermocouple's lag: 3e-6 of some K. The motor of the pump station's valve stops
-    with a kink (noise 0.7 kPa).
+    with a kink (noise 0.7 kPa). Steps of the helicopter and the cold room are a sixth and an eighth
+    of their sensors' lags: 1e-6 of some 100 rad/s and 3e-7 of some 10 K; the ball's beam has a kink
+    where its teeth meet (noise 1e-4 rad).
     """
     rng = np.random.default_rng(0)
     return {
@@ -64,6 +66,9 @@ def truths(load):
         "fan_drive": (load("mismatch.fan_drive").fan_drive().truth(rng), 1e-4),
         "gimbal": (load("mismatch.gimbal").gimbal().truth(rng), 1e-4),
         "pump_station": (load("mismatch.pump_station").pump_station().truth(rng), 1e-2),
+        "helicopter": (load("mismatch.helicopter").helicopter().truth(rng), 5e-4),
+        "cold_room": (load("mismatch.cold_room").cold_room().truth(rng), 1e-5),
+        "ball_beam": (load("mismatch.ball_beam").ball_beam().truth(rng), 1e-5),
     }
 
 
@@ -92,6 +97,9 @@ def truths(load):
         "furnace",
         "two_mass",
         "gimbal",
+        "helicopter",
+        "cold_room",
+        "ball_beam",
     ],
 )
 def test_a_truth_is_what_scipy_integrates(load, truths, case):
@@ -182,11 +190,29 @@ def test_a_log_with_a_fault_is_the_healthy_one_until_the_onset(load):
     case = load("mismatch.heaters").heaters()
     drawn = [
         case.log("a", np.random.default_rng(5), faults).columns["S2"]
-        for faults in ({}, {"sensor2_bias": injected(6.0, 400.0)})
+        for faults in ((), [("sensor2_bias", injected(6.0, 400.0))])
     ]
     at = int(400.0 / 4.0)
     np.testing.assert_array_equal(drawn[0][:at], drawn[1][:at])
     np.testing.assert_allclose(drawn[1][at:] - drawn[0][at:], 6.0, atol=1e-9)  # 20 steps of 0.3 K
+
+
+def test_a_fault_that_jumps_has_its_sizes_one_after_the_other(load):
+    """A sensor's bias of each, over an output that shows no less, and the healthy log around."""
+    stairs, case = load("mismatch.stairs"), load("mismatch.heaters").heaters()
+    name, sizes = stairs.drawn_stairs(case, 4, 750, 4.0)  # the fifth of its faults
+    assert name == "sensor1_bias"
+    assert [each.end for each in sizes[:-1]] == [each.onset for each in sizes[1:]]
+    drawn = [
+        case.log("a", np.random.default_rng(5), faults).columns["S1"]
+        for faults in ((), [(name, each) for each in sizes])
+    ]
+    for each in sizes:
+        at = int(each.onset / 4.0)
+        # until the loop has answered for some rows; 0.3 K steps
+        assert drawn[1][at] - drawn[0][at] == pytest.approx(each.size, abs=3.0)
+    before = slice(int(sizes[0].onset / 4.0))
+    np.testing.assert_array_equal(drawn[1][before], drawn[0][before])
 
 
 def test_every_set_and_rule_has_its_turn(load):

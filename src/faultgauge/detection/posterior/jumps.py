@@ -53,7 +53,9 @@ def jumps(sizes: Sizes, memory: float) -> list[Jump]:
     apart = sizes.disagree(np.arange(len(t)), before)
     for start in np.flatnonzero(np.diff(apart, prepend=False) & apart):
         steady = int(before[start])
-        if (found and steady < found[-1].first) or not sizes.agree(steady, t[steady] - memory):
+        if (found and steady < found[-1].first) or not sizes.agree(
+            steady, float(t[steady] - memory)
+        ):
             continue
         rows = np.arange(steady, start)
         middle = (sizes.lo[rows] + sizes.hi[rows]) / 2
@@ -61,7 +63,7 @@ def jumps(sizes: Sizes, memory: float) -> list[Jump]:
         last = int(rows[own][-1])
         ahead = np.arange(start, np.searchsorted(t, t[last] + memory, "right"))
         for first in ahead[sizes.disagree(ahead, steady)].tolist():
-            if sizes.agree(first, t[first] + memory):
+            if sizes.agree(first, float(t[first] + memory)):
                 found.append(Jump(steady, last, first, _began(sizes, steady, first)))
                 break
     return found
