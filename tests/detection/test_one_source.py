@@ -201,9 +201,11 @@ def test_every_view_of_many_says_what_the_posterior_says(parts, ever, clocked, l
     alike(parts, ever, clocked, latch)
 
 
-def test_a_fault_that_changes_after_its_sign_was_open_for_a_while_is_one_event():
-    """A leak since 10 s, of which nothing is known from 30 to 40 s, and which changes at 60 s: the
-    last rows date the change, those before it the fault."""
+@pytest.mark.parametrize(("size", "events"), [(0.3, 1), (0.4, 2)])
+def test_a_fault_whose_sign_was_open_for_a_while_is_one_event_until_it_jumps(size, events):
+    """A leak since 10 s, of which nothing is known from 30 to 40 s, and of which the last rows date
+    a change at 60 s: those before it date the fault. Where it has another size there, another
+    event begins."""
     bank = tank_bank()
     none, leak = (np.where(np.arange(SETS) == k, 1 - 1e-6, 1e-6 / (SETS - 1)) for k in (0, 1))
     known = (1e-3, 10.0, 0.3, "", True)
@@ -212,13 +214,17 @@ def test_a_fault_that_changes_after_its_sign_was_open_for_a_while_is_one_event()
         (40, leak, 0.3, *known),
         (20, leak, 0.0, 1.0, *known[1:]),
         (40, leak, 0.3, *known),
-        (40, leak, 0.4, 1e-3, 60.0, 0.3, "", True),
+        (40, leak, size, 1e-3, 60.0, 0.3, "", True),
     ]
     said = posterior(bank, run_of(False), parts, [1.0] * 3, False)
-    (event,) = said.events
-    assert event.fault == "leak"
-    assert event.onset == pytest.approx(10.0)
-    assert event.end == T[-1]
+    assert [each.fault for each in said.events] == ["leak"] * events
+    assert said.events[0].onset == pytest.approx(10.0)
+    assert said.events[-1].end == T[-1]
+    if events == 2:
+        first, second = said.events
+        assert second.size == pytest.approx(size / 0.3 * first.size)
+        assert first.end == T[119]
+        assert first.end <= second.onset <= second.onset_hi == T[120]
     compare(bank, said)
 
 

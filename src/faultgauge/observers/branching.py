@@ -234,13 +234,7 @@ class Branching(Answers):
         share = jnp.where(without, -real[doubted], real[doubted])
         weight = state.weight[b] + logsumexp(ell) - jax.nn.softplus(-share)
         place, better, both = self._placed(state, b, which, weight)
-        # what may have gone there may have changed, too
-        mass, went = state.lanes.mass, state.lanes.went
-        left = jnp.where(stays | gone, mass[b, kind], NEVER)
-        nowhere = jnp.where(stays | ~gone, went[b, kind], NEVER)
-        kept = state.lanes._replace(
-            mass=mass.at[b, kind].set(left), went=went.at[b, kind].set(nowhere)
-        )
+        kept = self._left(state.lanes, b, kind, stays, gone)
         known = (fault, gains), (doubted, also)
         lanes = self._inherited(kept, b, kind, a, place, f, V, gone, off, known)
         lanes = jax.tree.map(lambda new, old: jnp.where(better, new, old), lanes, kept)
@@ -276,6 +270,22 @@ class Branching(Answers):
         ell, f, V = changes.ell[b, k], changes.f[b, k], changes.V[b, k]
         a = jnp.argmax(ell)
         return (ell <= ell[a] + np.log(TRIFLE)) | ((f - f[a]) ** 2 > CLEAR**2 * (V + V[a]))
+
+    def _left(
+        self,
+        lanes: Lanes,
+        b: Int[Array, ""],
+        kind: Int[Array, ""],
+        stays: Bool[Array, "onsets"],
+        gone: Bool[Array, ""],
+    ) -> Lanes:
+        """`lanes` without what a promoted change of branch `b` takes with it: all of an onset, or,
+        of one at which a fault has `gone`, that alone, as it may have changed there, too."""
+        mass = jnp.where(stays | gone, lanes.mass[b, kind], NEVER)
+        went = jnp.where(stays | ~gone, lanes.went[b, kind], NEVER)
+        return lanes._replace(
+            mass=lanes.mass.at[b, kind].set(mass), went=lanes.went.at[b, kind].set(went)
+        )
 
     def _explained(
         self,
