@@ -336,12 +336,14 @@ class Onsets(eqx.Module):
         has gone is `off` by so many times its variance; `known` are faults that are 0, and by which
         gains of z that is known.
         """
-        J, eta, mass, rows = lanes.J[b], lanes.eta[b], lanes.mass[b], lanes.row[b]
+        J, eta, rows = lanes.J[b], lanes.eta[b], lanes.row[b]
         column = J[:, rows[kind, a]]
         alone = 1 / (column[rows[kind, a]] + 1 / self.prior.size[kind] ** 2)
         f, V = jnp.where(gone, f, alone * lanes.shared[b, kind, a]), jnp.where(gone, V, alone)
         # another change of the same fault is none of those that were told amid it
         other = jnp.asarray(self.owner) != jnp.asarray(self.owner)[kind]
+        # beside a fault that has gone the same one did not come just then
+        mass = lanes.mass[b] + jnp.where(gone & ~other[:, None], lanes.went[b], 0.0)
         less = jnp.where(other, 1 / jnp.sqrt(1 + off), 1.0)
         each = jnp.repeat(less, self.onsets)  # rows of J stand by kinds
         J = (J - V * column[:, None] * column[None]) * each[:, None] * each[None]
