@@ -50,6 +50,18 @@ def test_a_plant_that_integrates_is_judged_over_what_a_fit_holds_out(off, told):
     assert np.abs(u).max() == 1.0
 
 
+def test_what_a_free_run_did_not_tell_of_the_fit_it_does_not_tell_of_a_log():
+    """Off by ten times the spread, as a plant that runs away without its loop is."""
+    t = np.arange(0.0, 2000.0, 1.0)
+    run = Run("a", "a.csv", t, {"u": np.full(len(t), 1.0), "x": np.sin(t)})
+    plant = GrayBoxPlant.untrained(parse_plant(INTEGRATOR))
+    said = [
+        not_followed(Model(plant, record_of(metrics={"validation_free_run_nrmse": usual})), [run])
+        for usual in (0.49, 0.5, None)
+    ]
+    assert [len(each) for each in said] == [1, 0, 0]
+
+
 TWO = """
 name = "two rooms"
 [states.a]

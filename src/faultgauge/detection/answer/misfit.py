@@ -15,6 +15,7 @@ from faultgauge.detection.decisions import Decision
 from faultgauge.detection.posterior.posterior import Posterior
 from faultgauge.detection.posterior.verdicts import QUIET
 from faultgauge.detection.words import number
+from faultgauge.identification.validation.evaluation import POOR_FREE_RUN
 from faultgauge.plants.model import Model
 from faultgauge.telemetry import Run
 
@@ -29,9 +30,10 @@ FEWEST_JUDGED = 20  # judged samples before which a stream says nothing: AT_ONCE
 
 def not_followed(model: Model, runs: Sequence[Run]) -> list[str]:
     """A sentence for every one of the healthy `runs` that the model's free run does not follow as
-    it followed the data it was validated on."""
+    it followed the data it was validated on; of a plant that it cannot follow there, as of one that
+    runs away without its loop, a free run tells nothing."""
     usual = model.record.metrics.validation_free_run_nrmse
-    if usual is None:
+    if usual is None or usual >= POOR_FREE_RUN:
         return []
     return [
         f"run {run.name}: the model's free run errs by {number(error, 2)} times the standard "
