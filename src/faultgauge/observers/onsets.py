@@ -449,9 +449,10 @@ class Onsets(eqx.Module):
         # what goes leaves its row of J to what comes, which begins it anew (`_signatures`)
         row = jnp.take_along_axis(lanes.row, place, axis=2)
         told = lanes.score, lanes.info, lanes.gain, lanes.sudden, lanes.sharp, lanes.shared
-        told = *(moved(each, 0.0) for each in told), lanes.J
+        score, info, gain, sudden, sharp, shared = (moved(each, 0.0) for each in told)
         eta, row = moved(lanes.eta, begun[..., None]), moved(lanes.row, row)
         mass, went, when = moved(mass, fresh), moved(lanes.went, 0.0), moved(when, t)
+        told = score, info, gain, sudden, sharp, shared, lanes.J
         return Lanes(eta, *told, row, mass, went, when), ()
 
 
