@@ -4,8 +4,8 @@ A fault that stays is one event, however its estimate is refined and whatever in
 stretch belongs to the one before where the posterior holds that the fault began before that ended,
 unless rows between the two are sure that it was over.
 It ends where the posterior lets it go, or no longer knows which sign it has. Where it gets the
-other sign another one begins, and the first ends where that one's onset lies; what is undeclared
-ends with the alarm that nothing else explains.
+other sign, or jumps to another size, another one begins, and the first ends where that one's onset
+lies; what is undeclared ends with the alarm that nothing else explains.
 An event begins and ends in rows that were judged.
 """
 

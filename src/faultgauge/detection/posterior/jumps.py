@@ -14,8 +14,8 @@ __all__ = ["Jump", "Sizes", "jumps"]
 
 
 class Jump(NamedTuple):
-    """The last row of one size, a row that is `steady` at it, the first row of the next, and when
-    that likely began [s]."""
+    """A row that is `steady` at one size, the last row of it, the first of the next, and when that
+    likely began [s]."""
 
     steady: int
     last: int
