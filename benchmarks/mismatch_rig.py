@@ -144,6 +144,7 @@ STAIRS = {
     "told": "told by name in their middle",
     "sized": "size inside its interval",
     "close": "size within a quarter",
+    "dated": "onset inside its interval, of those",
 }
 QUICK = 6
 

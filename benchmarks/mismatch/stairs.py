@@ -25,7 +25,8 @@ CLOSE = 0.25  # of a step's size: what is told of it is no further off
 @dataclass(frozen=True)
 class Step:
     """One size of a fault under its right name. `told`: an event of that name holds in its middle;
-    `sized`: with its size inside; `close`: with a size near it."""
+    `sized`: with its size inside; `close`: with a size near it; `dated`: one that is close has the
+    onset inside (None where none is)."""
 
     run: str
     fault: str
@@ -33,6 +34,7 @@ class Step:
     told: bool
     sized: bool
     close: bool
+    dated: bool | None
 
 
 def drawn_stairs(
@@ -66,8 +68,9 @@ def scored_stairs(
         size, middle = each.size * times, (each.onset + each.end) / 2
         own = [event for event in right if event.start <= middle <= event.end]
         sized = any(e.lo <= size <= e.hi for e in own if e.lo is not None and e.hi is not None)
-        close = any(abs(e.size - size) <= CLOSE * abs(size) for e in own if e.size is not None)
-        steps.append(Step(decision.run.name, name, each, bool(own), sized, close))
+        close = [e for e in own if e.size is not None and abs(e.size - size) <= CLOSE * abs(size)]
+        dated = any(e.onset_lo <= each.onset <= e.onset_hi for e in close) if close else None
+        steps.append(Step(decision.run.name, name, each, bool(own), sized, bool(close), dated))
     return steps, len(decision.events) - len(right)
 
 
@@ -77,6 +80,7 @@ def stair_figures(steps: Sequence[Step], false: int, logs: int) -> dict[str, Any
         "told": wilson([each.told for each in steps]),
         "sized": wilson([each.sized for each in steps]),
         "close": wilson([each.close for each in steps]),
+        "dated": wilson([each.dated for each in steps if each.dated is not None]),
         "false": false,
         "logs": logs,
     }

@@ -57,16 +57,23 @@ def jumps(sizes: Sizes, memory: float) -> list[Jump]:
             steady, float(t[steady] - memory)
         ):
             continue
-        rows = np.arange(steady, start)
-        middle = (sizes.lo[rows] + sizes.hi[rows]) / 2
-        own = (middle >= sizes.lo[steady]) & (middle <= sizes.hi[steady])
-        last = int(rows[own][-1])
+        last = _last(sizes, steady, int(start), int(before[steady]))
         ahead = np.arange(start, np.searchsorted(t, t[last] + memory, "right"))
         for first in ahead[sizes.disagree(ahead, steady)].tolist():
             if sizes.agree(first, float(t[first] + memory)):
                 found.append(Jump(steady, last, first, _began(sizes, steady, first)))
                 break
     return found
+
+
+def _last(sizes: Sizes, steady: int, start: int, quiet: int) -> int:
+    """The last row before `start` of the size of `steady`: as sure of it as those from `quiet` on,
+    as what may have jumped has a wider interval."""
+    width, middle = sizes.hi - sizes.lo, (sizes.lo + sizes.hi) / 2
+    rows = np.arange(steady, start)
+    own = (middle[rows] >= sizes.lo[steady]) & (middle[rows] <= sizes.hi[steady])
+    own &= width[rows] <= width[quiet : steady + 1].max()
+    return int(rows[own][-1])
 
 
 def _began(sizes: Sizes, before: int, after: int) -> float:
