@@ -5,19 +5,14 @@ python benchmarks/bank_speed.py [SAMPLES]
 Beside the sets of faults that are counted here run an agile mode per fault and three unknown ones.
 """
 
-import os
 import sys
 import time
 from dataclasses import replace
 
-from faultgauge.cli.options import COMPILER
-from faultgauge.detection.rows.prepared import prepared
-
-os.environ["XLA_FLAGS"] = COMPILER  # before JAX is loaded
-
 from decision_studies.rig import rig, true_model, window
 from faultgauge.detection.bank.bank import build_fault_bank
 from faultgauge.detection.calibration.noise_estimation import estimate_noise
+from faultgauge.detection.rows.prepared import prepared
 from faultgauge.detection.watch import Watch
 from faultgauge.plants.gray_box import GrayBoxPlant
 from faultgauge.plants.signals import Fault

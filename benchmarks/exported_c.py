@@ -24,8 +24,8 @@ from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 
-from faultgauge.cli.options import COMPILER
 from faultgauge.detection.rows.prepared import prepared
+from faultgauge.settings import COMPILER
 
 os.environ["XLA_FLAGS"] = COMPILER  # before JAX is loaded
 

@@ -22,9 +22,9 @@ import math
 import tempfile
 from pathlib import Path
 
-from faultgauge.cli.options import prepare
+from faultgauge.settings import set_for_commands
 
-prepare()
+set_for_commands()
 
 import numpy as np  # noqa: E402
 from jaxtyping import Float  # noqa: E402

@@ -20,7 +20,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from faultgauge.cli.options import COMPILER
+from faultgauge.settings import COMPILER
 
 os.environ.setdefault("XLA_FLAGS", COMPILER)  # before JAX is loaded
 

@@ -13,7 +13,7 @@ import platform
 import time
 from collections.abc import Callable
 
-from faultgauge.cli.options import COMPILER
+from faultgauge.settings import COMPILER
 
 os.environ.setdefault("XLA_FLAGS", COMPILER)  # before JAX is loaded
 

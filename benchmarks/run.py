@@ -24,7 +24,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from faultgauge.cli.options import COMPILER
+from faultgauge.settings import COMPILER
 
 SINGLE_THREAD = {
     "OPENBLAS_NUM_THREADS": "1",

@@ -6,14 +6,9 @@ and controller in the loop, beside Basilisk's spacecraft and wheels alone, and b
 Both integrate by Runge-Kutta of order four in steps of 0.05 s, wheels with friction.
 """
 
-import os
 import statistics
 from collections.abc import Callable
 from importlib.util import find_spec
-
-from faultgauge.cli.options import COMPILER
-
-os.environ.setdefault("XLA_FLAGS", COMPILER)  # before JAX is loaded
 
 import numpy as np
 

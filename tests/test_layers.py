@@ -65,7 +65,7 @@ INSIDE = {  # folders and files of a layer, likewise
     ),
 }
 LONGEST = 60  # lines of a function, its arguments and docstring among them
-BELOW_ALL = {"errors", "files", "phases", "products", "programs", "progress"}
+BELOW_ALL = {"errors", "files", "phases", "products", "programs", "progress", "settings"}
 RUN_STUDIES = {"cli/benchmark.py", "cli/demo.py", "cli/reproduce.py"}
 
 

@@ -15,6 +15,8 @@ each. Importing the package loads nothing heavy.
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from faultgauge.settings import set_for_programs as _set_for_programs
+
 if TYPE_CHECKING:
     from faultgauge.detection.watch import Watch
     from faultgauge.plants.gray_box import load_plant
@@ -74,6 +76,9 @@ _HOMES = {
     "save_model": "faultgauge.plants.model.save_model",
     "simulate": "faultgauge.verbs.simulate.simulate",
 }
+
+
+_set_for_programs()
 
 
 def __getattr__(name: str) -> Any:

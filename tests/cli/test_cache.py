@@ -5,9 +5,9 @@ import subprocess
 import sys
 
 CODE = """
-from faultgauge.cli import options
 from faultgauge.cli.cache import renew_when_damaged
-options.prepare()
+from faultgauge.settings import set_for_commands
+set_for_commands()
 renew_when_damaged()
 import jax
 jax.jit(lambda x: 3 * x + 1)(2.0)

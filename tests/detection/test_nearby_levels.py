@@ -76,8 +76,8 @@ def told(beside, large, monkeypatch):
         many.append(levels_of(more, noise))
     apart = np.array([False, *np.isin(names, EXACT)])
     batch = Likelihood.of(model(), runs, noise, stretches)
-    first = batch.run_along(model(), many[:1])[1]
-    return names, batch.near(model(), many, apart, first[0] if first else None)
+    first = batch.run_along(many[:1])[1]
+    return names, batch.near(many, apart, first[0] if first else None)
 
 
 @pytest.mark.parametrize(

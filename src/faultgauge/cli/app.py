@@ -31,6 +31,7 @@ from faultgauge.cli.writing import guarded
 from faultgauge.errors import InputError
 from faultgauge.files import full_disk
 from faultgauge.phases import profiled
+from faultgauge.settings import set_for_commands
 
 __all__ = ["app", "main"]
 
@@ -83,7 +84,7 @@ def root(
     debug: bool = typer.Option(False, "--debug", help="Show the traceback of an error."),
     profile: bool = typer.Option(False, "--profile", help="Say where the processor's time went."),
 ) -> None:
-    options.prepare()
+    set_for_commands()
 
 
 def main() -> None:

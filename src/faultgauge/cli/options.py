@@ -1,8 +1,6 @@
 """Options that commands share, and how they read logs and print."""
 
-import gc
 import json
-import os
 import sys
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -16,6 +14,7 @@ from faultgauge.cli.writing import READS, Writes
 from faultgauge.errors import InputError
 from faultgauge.phases import phase
 from faultgauge.progress import Step
+from faultgauge.settings import cache
 
 if TYPE_CHECKING:
     from faultgauge.detection.decisions import Walk
@@ -25,7 +24,6 @@ if TYPE_CHECKING:
     from faultgauge.verbs.reading import Runs
 
 __all__ = [
-    "COMPILER",
     "Again",
     "Fleet",
     "Json",
@@ -42,7 +40,6 @@ __all__ = [
     "narrate",
     "need_fleet",
     "plain",
-    "prepare",
     "print_json",
     "read_logs",
     "read_logs_for",
@@ -153,50 +150,12 @@ def need_fleet(given: Mapping[str, bool]) -> None:
         )
 
 
-def _cache() -> Path:
-    """Of the user; what is there can be made again."""
-    return Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "faultgauge"
-
-
-COMPILER = " ".join(
-    (
-        "--xla_cpu_multi_thread_eigen=false",
-        # a loop is one kernel, however long it is, where nothing in it is left to a library:
-        # no products of matrices (`products.py`), and by the last of these no sums; loops within
-        # it stay loops: to write them out takes the compiler half as long again, and gains answers
-        # nothing, a calibration less than that
-        "--xla_backend_extra_options=xla_cpu_small_while_loop_byte_threshold=1000000000,"
-        "xla_cpu_disable_loop_unrolling",
-        "--xla_cpu_experimental_ynn_fusion_type=-reduce",
-    )
-)
-
-
-def prepare() -> None:
-    """Settings that must stand before NumPy and JAX are loaded.
-
-    One thread per numeric library: small solves are 7 to 40 times slower with more, and results
-    do not depend on the machine's number of cores. Compiled programs are kept on disk.
-    """
-    gc.set_threshold(200_000)  # imports and tracing make many objects and few cycles: 8 % faster
-    for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
-        os.environ.setdefault(name, "1")
-    os.environ.setdefault("XLA_FLAGS", COMPILER)
-    os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")  # notes of the compiler, to its makers
-    os.environ.setdefault("JAX_PLATFORMS", "cpu")
-    os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(_cache() / "jax"))
-    os.environ.setdefault("FAULTGAUGE_PROGRAMS", str(_cache() / "programs"))
-    os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
-    os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES", "-1")
-    os.environ.setdefault("JAX_PERSISTENT_CACHE_ENABLE_XLA_CACHES", "none")
-
-
 def engine(name: Literal["python", "c"]) -> "Walk":
     """Who runs the step along logs. Raises `InputError` where there is no C compiler for `c`."""
     if name == "c":
         from faultgauge.export.engine import Engine
 
-        return Engine(_cache() / "c")
+        return Engine(cache() / "c")
     from faultgauge.detection.watch import Watch
 
     return Watch.along

@@ -95,13 +95,13 @@ def _with_one(
         )
 
     none = noise._replace(doubt=alike)
-    cost = batch.run(model, [none, *(tried(part, FIRST) for part in parts)]).cost
+    cost = batch.run([none, *(tried(part, FIRST) for part in parts)]).cost
     closer = [parts[k] for k in np.argsort(cost[1:])[:BEST]]
     many = [
         tried(part._replace(share=scale * part.share), times)
         for part, scale, times in product(closer, CLOSER, TIMES)
     ]
-    found = batch.run(model, many).cost
+    found = batch.run(many).cost
     best = many[int(np.argmin(found))]
     if cost[0] - found.min() <= np.log(batch.count):
         return None

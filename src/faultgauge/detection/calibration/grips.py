@@ -62,7 +62,7 @@ def with_grips(model: Model, batch: Likelihood, noise: Noise, spans: Spans) -> N
             )
         )
         tried.append(k)
-    cost = batch.run(model, many).cost
+    cost = batch.run(many).cost
     gains = {k: [cost[0] - cost[j] for j, each in enumerate(tried, 1) if each == k] for k in states}
     enough = LEVELS * np.log(batch.count)
     sticking = [k for k in states if max(gains[k]) > enough]

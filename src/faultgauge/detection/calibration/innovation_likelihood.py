@@ -6,8 +6,8 @@ Every stretch begins with a discrepancy and constants of its own, so that what d
 counts (Schweppe, IEEE TAC 11 (1965); Mehra, IEEE TAC 15 (1970)).
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple, TypeAlias
 
 import equinox as eqx
@@ -43,7 +43,6 @@ from faultgauge.simulation.lanes import lanes_last
 from faultgauge.telemetry import Run, segments
 
 __all__ = [
-    "AT_ONCE",
     "Followed",
     "LARGE",
     "SAMPLES",
@@ -58,6 +57,7 @@ LONGEST = 4096  # of one stretch
 EVEN = 512  # samples: stretches are padded to so many, twice as many, ...: few programs to compile
 FEW = 3  # stretches: how far constants of runs lie apart is hardly told by fewer
 AT_ONCE = 4  # levels: one compiled program for any number of them
+REMEMBERED = 64  # levels of which is known what the stretches say
 NEAR_AT_ONCE = 16  # levels near to another one
 LARGE = 16  # numbers that a filter tracks in as many substeps: with fewer, the plant takes little
 
@@ -91,8 +91,10 @@ class Likelihoods(NamedTuple):
 
 @dataclass(frozen=True)
 class Likelihood:
-    """The stretches, padded to one length and stacked, and what is the same for all levels."""
+    """The stretches, padded to one length and stacked, and what is the same for all levels. What
+    the stretches said under the last levels is `known`."""
 
+    model: Model
     x: Float[Array, "stretches states"]
     u: Float[Array, "stretches samples inputs"]
     y: Float[Array, "stretches samples outputs"]
@@ -102,6 +104,7 @@ class Likelihood:
     columns: tuple[str, ...]
     substeps: int
     count: int
+    known: dict[bytes, Likelihoods] = field(default_factory=dict, init=False, repr=False)
 
     @staticmethod
     def of(
@@ -121,6 +124,7 @@ class Likelihood:
             return jnp.asarray(np.stack(rows))
 
         return Likelihood(
+            model,
             jnp.asarray(np.stack([s.x for s in stretches])),
             stacked("u", 0.0),
             stacked("y", np.nan),
@@ -150,40 +154,49 @@ class Likelihood:
         few = replace(self, x=x, u=u, y=y, dt=dt, runs=self.runs[at], parts=self.parts[at])
         return few.beginning(length)
 
-    def run(self, model: Model, many: Sequence[Noise]) -> Likelihoods:
+    def run(self, many: Sequence[Noise]) -> Likelihoods:
         """What the stretches say under each of `many` levels, a few at a time on every core."""
-        return self._side_by_side(model, many, kept=False)[0]
+        names = [_bytes_of(each) for each in many]
+        new = {name: each for name, each in zip(names, many, strict=True) if name not in self.known}
+        if new:
+            self._remember(new.values(), self._side_by_side([*new.values()], kept=False)[0])
+        told = [self.known[name] for name in names]
+        for name in [*self.known][:-REMEMBERED]:
+            del self.known[name]
+        return Likelihoods(*map(np.concatenate, zip(*told, strict=True)))
 
-    def run_along(
-        self, model: Model, many: Sequence[Noise]
-    ) -> tuple[Likelihoods, list["Followed"]]:
+    def _remember(self, many: Iterable[Noise], told: Likelihoods) -> None:
+        for k, each in enumerate(many):
+            self.known[_bytes_of(each)] = Likelihoods(*(a[k : k + 1] for a in told))
+
+    def run_along(self, many: Sequence[Noise]) -> tuple[Likelihoods, list["Followed"]]:
         """As `run`, and how the filter went under each where it is `large`, for those `near` it."""
-        found, steps = self._side_by_side(model, many, kept=True)
+        found, steps = self._side_by_side(many, kept=True)
+        self._remember(many, found)
         kept = [(each, k) for each in steps if each is not None for k in range(AT_ONCE)]
         ones = [Likelihoods(*(a[k : k + 1] for a in found)) for k in range(len(many))]
         return found, [Followed(*each) for each in zip(many, ones, kept, strict=False)]
 
     def _side_by_side(
-        self, model: Model, many: Sequence[Noise], kept: bool
+        self, many: Sequence[Noise], kept: bool
     ) -> tuple[Likelihoods, list[Slopes | None]]:
         padded = [*many, *[many[-1]] * (-len(many) % AT_ONCE)]
         chunks = [padded[k : k + AT_ONCE] for k in range(0, len(padded), AT_ONCE)]
 
         def told(some: Sequence[Noise]) -> tuple[tuple[np.ndarray, ...], Slopes | None]:
-            found, steps = self._run(model, some)
+            found, steps = self._run(some)
             return found, steps if kept else None  # they are large
 
         found, steps = zip(*side_by_side(told, chunks), strict=True)
         joined = (np.concatenate(each)[: len(many)] for each in zip(*found, strict=True))
         return Likelihoods(*joined), list(steps)
 
-    def large(self, model: Model, noise: Noise) -> bool:
+    def large(self, noise: Noise) -> bool:
         """Whether the plant takes most of a filter's time: many numbers, tracked in many steps."""
-        return len(scale_of(model, noise)) * self.substeps >= LARGE
+        return len(scale_of(self.model, noise)) * self.substeps >= LARGE
 
     def near(
         self,
-        model: Model,
         many: Sequence[Noise],
         apart: Bool[np.ndarray, "many"],
         first: "Followed | None",
@@ -192,13 +205,13 @@ class Likelihood:
         under the `first`, the slopes that the plant had there stand for those under all others, but
         under those to be told `apart`; nothing is told of xi then."""
         if first is None:
-            return self.run(model, many)
+            return self.run(many)
         alike, whole = (np.flatnonzero(own).tolist() for own in (~apart, apart))
         padded = [*alike[1:], *[alike[-1]] * (-(len(alike) - 1) % NEAR_AT_ONCE)]
         chunks = [padded[k : k + NEAR_AT_ONCE] for k in range(0, len(padded), NEAR_AT_ONCE)]
-        told = side_by_side(lambda some: self._near(model, [many[k] for k in some], first), chunks)
+        told = side_by_side(lambda some: self._near([many[k] for k in some], first), chunks)
         if whole:
-            chunks, told = [*chunks, whole], [*told, self.run(model, [many[k] for k in whole])]
+            chunks, told = [*chunks, whole], [*told, self.run([many[k] for k in whole])]
         chunks, told = [[0], *chunks], [first.told, *told]
         found = Likelihoods(*(np.zeros((len(many), *each.shape[1:])) for each in told[0]))
         for places, each in zip(chunks, told, strict=True):
@@ -206,27 +219,25 @@ class Likelihood:
                 into[places] = own
         return found
 
-    def about(self, model: Model, many: Sequence[Noise]) -> Float[np.ndarray, "many"]:
+    def about(self, many: Sequence[Noise]) -> Float[np.ndarray, "many"]:
         """`run`'s cost of levels that have what the first of `many` has, of others, where the plant
         takes most of the time, by the slopes under the first: enough to choose among them."""
-        if not self.large(model, many[0]):
-            return self.run(model, many).cost
-        _, (first,) = self.run_along(model, many[:1])
-        return self.near(model, many, np.zeros(len(many), bool), first).cost
+        if not self.large(many[0]):
+            return self.run(many).cost
+        _, (first,) = self.run_along(many[:1])
+        return self.near(many, np.zeros(len(many), bool), first).cost
 
-    def _run(
-        self, model: Model, many: Sequence[Noise]
-    ) -> tuple[tuple[np.ndarray, ...], Slopes | None]:
-        bare, error, levels, sd, scale = self._given(model, many)
-        W = jnp.asarray(np.stack([directions_of(model, each) for each in many]))
-        offset = jnp.asarray(np.stack([offset_of(model, each) for each in many]))
-        keep = self.large(model, many[0])
+    def _run(self, many: Sequence[Noise]) -> tuple[tuple[np.ndarray, ...], Slopes | None]:
+        bare, error, levels, sd, scale = self._given(many)
+        W = jnp.asarray(np.stack([directions_of(self.model, each) for each in many]))
+        offset = jnp.asarray(np.stack([offset_of(self.model, each) for each in many]))
+        keep = self.large(many[0])
         data = self.x, self.u, self.y, self.dt, self.substeps
         *found, steps = _costs(bare, error, offset, W, levels, sd, scale, *data, keep)
         return tuple(np.asarray(each) for each in found), steps
 
-    def _near(self, model: Model, many: Sequence[Noise], first: "Followed") -> Likelihoods:
-        bare, error, levels, sd, scale = self._given(model, many, first.noise)
+    def _near(self, many: Sequence[Noise], first: "Followed") -> Likelihoods:
+        bare, error, levels, sd, scale = self._given(many, first.noise)
         (steps, level), S = first.steps, len(self.x)
         own = jax.tree.map(lambda a: np.asarray(a)[..., level * S : (level + 1) * S], steps)
         found = costs_nearby(
@@ -237,14 +248,14 @@ class Likelihood:
         return Likelihoods(cost, mean, P, white, root)
 
     def _given(
-        self, model: Model, many: Sequence[Noise], first: Noise | None = None
+        self, many: Sequence[Noise], first: Noise | None = None
     ) -> tuple[Disturbed, Error, dd.FilterNoise, Array, Array]:
         """The plant of the `first` levels without faults; errors, noise and what is not known of
         the start under each; the sizes of what is tracked."""
         first = first or many[0]
-        drifted = spread_of_start(model, first.sigma, self.columns)[1]
-        plant = disturbed(model, first)
-        errors = [error_of(model, each) for each in many]
+        drifted = spread_of_start(self.model, first.sigma, self.columns)[1]
+        plant = disturbed(self.model, first)
+        errors = [error_of(self.model, each) for each in many]
         error = jax.tree.map(lambda *parts: jnp.stack(parts), *errors)
         levels = dd.FilterNoise(
             jnp.asarray(np.stack([process_of(each, drifted) for each in many])),
@@ -252,9 +263,9 @@ class Likelihood:
             jnp.asarray(np.stack([each.sigma for each in many])),
             jitter_of(many),
         )
-        sd = jnp.asarray(np.stack([start_spread(model, each, self.columns) for each in many]))
+        sd = jnp.asarray(np.stack([start_spread(self.model, each, self.columns) for each in many]))
         bare = Disturbed.of(
-            with_faults(model.plant, ()),
+            with_faults(self.model.plant, ()),
             plant.driven,
             plant.following,
             plant.error,
@@ -272,7 +283,11 @@ class Likelihood:
             sticking=plant.sticking,
             positive=plant.positive,
         )
-        return bare, error, levels, sd, jnp.asarray(scale_of(model, first))
+        return bare, error, levels, sd, jnp.asarray(scale_of(self.model, first))
+
+
+def _bytes_of(noise: Noise) -> bytes:
+    return b"".join(np.asarray(each).tobytes() for each in noise)
 
 
 class Followed(NamedTuple):

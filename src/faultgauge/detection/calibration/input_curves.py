@@ -33,7 +33,7 @@ def with_curves_of_inputs(model: Model, batch: Likelihood, noise: Noise, spans: 
         bends = np.where(inputs == j, bend, none.bend)
         many.append(none._replace(bend=bends, size=noise.size / calmer))
         tried.append(j)
-    cost = batch.run(model, many).cost
+    cost = batch.run(many).cost
     bends, size = 0.0 * inputs, noise.size
     for j in following:
         own = [n for n, each in enumerate(tried, 1) if each == j]

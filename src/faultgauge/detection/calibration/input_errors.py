@@ -47,7 +47,7 @@ def with_errors_of_inputs(model: Model, batch: Likelihood, noise: Noise, spans: 
             )
         )
         tried.append(j)
-    cost = batch.about(model, many)
+    cost = batch.about(many)
     stray, straying = np.zeros(len(width)), np.zeros(len(width))
     for j in inputs:
         own = [k for k, each in enumerate(tried, 1) if each == j]

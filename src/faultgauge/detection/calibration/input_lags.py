@@ -39,7 +39,7 @@ def with_lags_of_inputs(model: Model, batch: Likelihood, noise: Noise, spans: Sp
         lean, leaning = np.where(one, LAG, none.lean), np.where(one, time, none.leaning)
         many.append(none._replace(lean=lean, leaning=leaning, share=share))
         tried.append(j)
-    cost = batch.about(model, many)
+    cost = batch.about(many)
     lean, leaning, share = 0.0 * inputs, 0.0 * inputs, noise.share.copy()
     for j in following:
         own, k = [n for n, each in enumerate(tried, 1) if each == j], following.index(j)

@@ -132,14 +132,14 @@ def estimate_noise(
         if some.batch is not told.batch:
             stepped.weighs(ALL)
             noise = _alternated(model, told, noise, told.bounds(noise), stepped)
-        noise = _needed(model, told.batch, noise)
+        noise = _needed(told.batch, noise)
     else:
         without = {n: NONE * getattr(told.guess, n) for n in ("size", "share")}
         held = {"size", "lasting", "share", "settling"}
         bounds = told.bounds(told.guess)
         guess = told.guess._replace(**without).with_between(constants_of(model).covariance)
         noise = _searched(model, told.batch, guess, bounds, held, sum(ROUNDS), stepped)
-    if not told.batch.run(model, [noise]).cost[0] / told.batch.count < -dd.LOST / 4:
+    if not told.batch.run([noise]).cost[0] / told.batch.count < -dd.LOST / 4:
         raise InputError(
             "the model does not follow the healthy logs at all, so its noise cannot be told; look "
             "at `faultgauge evaluate`."
@@ -244,7 +244,7 @@ def _found_beside(model: Model, told: "_Healthy", stepped: "_Progress") -> Noise
     if lagging is noise or not any(np.any(getattr(found, name)) for name in OWN):
         stepped.weighs(len((*CURVES, *BESIDE)) + 1)
     else:  # what is one output's, or comes and goes, may have been taken for a lag
-        found = _likelier(model, told, [found, _with_errors(model, told, noise, stepped)])
+        found = _likelier(told, [found, _with_errors(model, told, noise, stepped)])
     if found is lagging:
         return found
     # a lag may show only beside what was found since
@@ -257,7 +257,7 @@ def _with_errors(model: Model, told: _Healthy, noise: Noise, stepped: "_Progress
     noise = _with_each(CURVES, model, told, noise, stepped)
     jittering = _with(with_jitter_of_sensors, model, told, noise, stepped)
     found = _with_each(BESIDE, model, told, jittering or noise, stepped)
-    if jittering is None or _needed(model, told.batch, found).jitters:
+    if jittering is None or _needed(told.batch, found).jitters:
         return found
     return _with_each(BESIDE, model, told, noise, stepped)
 
@@ -271,13 +271,12 @@ def _with_each(
     return noise
 
 
-def _likelier(model: Model, told: _Healthy, many: Sequence[Noise]) -> Noise:
+def _likelier(told: _Healthy, many: Sequence[Noise]) -> Noise:
     """The likeliest of `many`, each of what there is beside the levels being asked to gain what it
     has to; of those alike the first."""
     each_asks = np.log(told.batch.count)
     costs = [
-        _costs(model, told.batch, [each], told.bounds(each))[0] + each_asks * each.beside
-        for each in many
+        _costs(told.batch, [each], told.bounds(each))[0] + each_asks * each.beside for each in many
     ]
     return many[int(np.argmin(costs))]
 
@@ -299,7 +298,7 @@ def _with_lags(model: Model, told: "_Healthy", noise: Noise, stepped: "_Progress
             stepped.over()
         else:
             found.append(_with(then, model, told, one, stepped) or one)
-    return _likelier(model, told, found)
+    return _likelier(told, found)
 
 
 def _with(
@@ -330,14 +329,14 @@ def _with(
         )
     else:
         return None
-    needed = _needed(model, told.batch, found)
+    needed = _needed(told.batch, found)
     if needed is not found:  # the search may have come to levels that need less than was there
         bounds = told.bounds(needed)
         found = _alternated(model, told, needed, bounds, stepped)
     if beside in (*LAGS, *CURVES) and _apart(noise, found) > AGREE:
         return None
     enough = np.log(told.batch.count) * max(found.beside - noise.beside, 1)
-    return found if _gain(model, told.batch, noise, found, bounds) > enough else None
+    return found if _gain(told.batch, noise, found, bounds) > enough else None
 
 
 def _false_lags(
@@ -363,7 +362,7 @@ def _false_grips(model: Model, before: Noise, found: Noise) -> Bool[np.ndarray, 
     return new & (slow > HOLDS * 2 * found.grip**2 * found.gripping)
 
 
-def _needed(model: Model, batch: Likelihood, noise: Noise) -> Noise:
+def _needed(batch: Likelihood, noise: Noise) -> Noise:
     """`noise` without errors of inputs and outputs that gain too little beside those which were
     found after them."""
     while there := [(name, j) for name in SIZES for j in np.flatnonzero(getattr(noise, name))]:
@@ -372,7 +371,7 @@ def _needed(model: Model, batch: Likelihood, noise: Noise) -> Noise:
             size = getattr(noise, name).copy()
             size[j] *= NONE ** (-1 if name in VARY else 1)
             many.append(noise._replace(**{name: size}))
-        cost = batch.run(model, many).cost
+        cost = batch.run(many).cost
         least = int(np.argmin(cost[1:]))
         if cost[1 + least] - cost[0] > np.log(batch.count):
             break
@@ -396,22 +395,20 @@ def _alternated(
     for k, steps in enumerate(ROUNDS):
         found = _searched(model, told.batch, noise, bounds, set() if k else held, steps, stepped)
         noise = constants_retold(model, told.batch, found, told.follows)
-        if (k or not held) and _gain(model, told.batch, found, noise, bounds) < ENOUGH:
+        if (k or not held) and _gain(told.batch, found, noise, bounds) < ENOUGH:
             break
     return noise
 
 
-def _costs(
-    model: Model, batch: Likelihood, many: Sequence[Noise], bounds: Bounds
-) -> Float[np.ndarray, "many"]:
+def _costs(batch: Likelihood, many: Sequence[Noise], bounds: Bounds) -> Float[np.ndarray, "many"]:
     """-ln of likelihood times prior."""
     logs = np.stack([logs_of(each) for each in many])
-    return batch.run(model, many).cost + bounds.unlikely(logs)
+    return batch.run(many).cost + bounds.unlikely(logs)
 
 
-def _gain(model: Model, batch: Likelihood, noise: Noise, other: Noise, bounds: Bounds) -> float:
+def _gain(batch: Likelihood, noise: Noise, other: Noise, bounds: Bounds) -> float:
     """By how much ln of likelihood times prior is larger with the `other`."""
-    before, after = (_costs(model, batch, [each], bounds)[0] for each in (noise, other))
+    before, after = (_costs(batch, [each], bounds)[0] for each in (noise, other))
     return float(before - after)
 
 
@@ -430,7 +427,7 @@ def _started(
     begun = noise
 
     def best(many: list[Noise]) -> Noise:
-        return many[int(np.argmin(_costs(model, batch, many, bounds)))]
+        return many[int(np.argmin(_costs(batch, many, bounds)))]
 
     def between(name: str, share: float) -> Float[np.ndarray, "some"]:
         return getattr(least, name) ** (1 - share) * getattr(most, name) ** share
@@ -438,11 +435,11 @@ def _started(
     def louder(noise: Noise) -> Noise | None:
         each = np.eye(len(noise.sigma))
         more = best([noise._replace(sigma=noise.sigma * f**one) for f in FACTORS for one in each])
-        gains = _gain(model, batch, noise, more, bounds) > np.log(batch.count)
+        gains = _gain(batch, noise, more, bounds) > np.log(batch.count)
         return begun._replace(sigma=more.sigma) if gains else None
 
     many = [noise._replace(process=factor * noise.process) for factor in FACTORS]
-    cost = batch.run(model, many).cost / batch.count
+    cost = batch.run(many).cost / batch.count
     noise = many[int(np.argmax(cost < cost.min() + dd.FAR**2 / 2))]
     shares = np.arange(1, GRID + 1) / (GRID + 1)
     if len(noise.settling):
@@ -455,7 +452,7 @@ def _started(
         return _started(model, batch, again, bounds, stepped)
     while len(many) > 1:
         many = [_searched(model, batch, m, bounds, {"sigma"}, FIRST, stepped) for m in many]
-        order = np.argsort(_costs(model, batch, many, bounds))
+        order = np.argsort(_costs(batch, many, bounds))
         many = [many[k] for k in order[: len(many) // 2]]
     again = louder(many[0])
     return many[0] if again is None else _started(model, batch, again, bounds, stepped)
@@ -485,19 +482,19 @@ def _searched(
     here, tried = dict[bytes, Followed](), dict[bytes, Followed]()
 
     def tell(some: Float[np.ndarray, "many free"]) -> Likelihoods:
-        found, followed = batch.run_along(model, of(some))
+        found, followed = batch.run_along(of(some))
         tried.clear()
         tried.update(zip((place.tobytes() for place in some), followed, strict=False))
         return found
 
     def near(some: Float[np.ndarray, "many free"]) -> Likelihoods:
         place = some[0].tobytes()
-        if place not in here and batch.large(model, noise):
+        if place not in here and batch.large(noise):
             if place not in tried:
                 tell(some[:1])
             here.clear()
             here[place] = tried[place]
-        return batch.near(model, of(some), apart, here.get(place))
+        return batch.near(of(some), apart, here.get(place))
 
     own = [each[at] for each in (start, bounds.low, bounds.high, bounds.center, bounds.pull)]
     found, _ = scored(tell, near, *own, most=most, enough=ENOUGH, stepped=stepped)

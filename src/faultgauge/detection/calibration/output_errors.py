@@ -59,7 +59,7 @@ def with_errors_of_outputs(model: Model, batch: Likelihood, noise: Noise, spans:
     found, enough = noise, np.log(batch.count)
     while tried:
         many = [error.beside(none)._replace(process=error.process) for error in tried]
-        cost = batch.about(model, [none, *many])
+        cost = batch.about([none, *many])
         gains = cost[0] - cost[1:]
         best = int(np.argmax(gains))
         if gains[best] <= enough:

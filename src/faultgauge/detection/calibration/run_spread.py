@@ -57,7 +57,7 @@ def constants_retold(model: Model, batch: Likelihood, noise: Noise, follows: Fol
     if not known.names:
         return noise
     fitted = known.covariance if len(np.unique(batch.runs)) == 1 else None
-    cost, mean, P, *_ = batch.run(model, [noise])
+    cost, mean, P, *_ = batch.run([noise])
     values = [float(model.plant.values()[n]) for n in known.names]
     limits = _limits(model, known.names) - values
     usual = np.array([usual_spread(value, 0.0) for value in values])
@@ -81,7 +81,7 @@ def constants_retold(model: Model, batch: Likelihood, noise: Noise, follows: Fol
         moved = (mean_off - noise.shift) / np.sqrt(np.diag(C))
         if max(np.max(np.abs(wider)), np.max(np.abs(moved))) < STILL:
             break
-        told = batch.run(model, many)
+        told = batch.run(many)
         # what a prior may take; beyond, the filter is lost there
         borne = np.flatnonzero(told.cost <= cost[0] + len(usual))
         best = next((int(k) for k in borne if follows(known.names, many[k].shift)), None)
@@ -152,7 +152,7 @@ def as_unsure_as_few_runs_tell(model: Model, batch: Likelihood, noise: Noise) ->
         wider[alike] *= student_t.ppf(WITHIN, told) / norm.ppf(WITHIN)
     more = noise.between * (np.outer(wider, wider) - 1) + known.covariance
     many = [noise.with_between(noise.between + share * more) for share in SHARES]
-    cost = batch.run(model, [noise, *many]).cost
+    cost = batch.run([noise, *many]).cost
     # a wider prior costs as much as it is wider at most; beyond, the filter is lost there
     volumes = [np.linalg.slogdet(each.between)[1] for each in (noise, *many)]
     most = len(batch.runs) * (np.array(volumes[1:]) - volumes[0]) / 2

@@ -22,14 +22,14 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from faultgauge.detection.calibration.innovation_likelihood import AT_ONCE, Likelihoods
+from faultgauge.detection.calibration.innovation_likelihood import Likelihoods
 
 __all__ = ["scored"]
 
 # of a logarithm, for the slopes: where a filter is at times lost, less is rough
 DIFFERENCES = (3e-3, 3e-2, 0.3)
 DAMPING = 0.1  # times the information itself: the first
-FACTORS = 10.0 ** np.arange(-1, AT_ONCE - 2)  # times the last damping: those that are tried
+FACTORS = 10.0 ** np.arange(-1, 2)  # times the last damping: those that are tried
 LATELY = 4  # places whose steps are mixed
 WEAK = 1e-3  # information of what no sample tells, which so stays where it is
 STRIDE = 2.0  # of a logarithm: the longest step

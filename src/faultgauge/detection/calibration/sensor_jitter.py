@@ -44,7 +44,7 @@ def with_jitter_of_sensors(model: Model, batch: Likelihood, noise: Noise, spans:
                 )
             )
             tried.append(j)
-        cost = batch.about(model, many)
+        cost = batch.about(many)
         best = int(np.argmin(cost[1:])) + 1
         if cost[0] - cost[best] <= np.log(batch.count):
             break

@@ -35,7 +35,7 @@ def with_lags_of_sensors(model: Model, batch: Likelihood, noise: Noise, spans: S
         trail = np.where(outputs == j, time, none.trail)
         many.append(none._replace(trail=trail, share=noise.share / surer))
         tried.append(j)
-    cost = batch.run(model, many).cost
+    cost = batch.run(many).cost
     trail, share = 0.0 * outputs, noise.share
     for j in np.flatnonzero(there).tolist():
         own = [n for n, each in enumerate(tried, 1) if each == j]

@@ -42,11 +42,11 @@ def with_varying_constants(model: Model, batch: Likelihood, noise: Noise, spans:
     if not len(constants):
         return noise
     told = product(constants.tolist(), times, WIDER[:1], CALMER)
-    cost = batch.about(model, [noise, *(varied(*each) for each in told)])[1:]
+    cost = batch.about([noise, *(varied(*each) for each in told)])[1:]
     likely = constants[np.argsort(cost.reshape(len(constants), -1).min(axis=1))[:LIKELY]]
     told = product(likely.tolist(), times, WIDER, CALMER[1:])
     many = [noise, *(varied(*each) for each in told)]
-    cost = batch.run(model, many).cost
+    cost = batch.run(many).cost
     best = many[int(np.argmin(cost))]
     if cost[0] - cost.min() <= np.log(batch.count):
         return noise

@@ -15,7 +15,7 @@ def side_by_side(function: Callable[[Given], Found], items: Iterable[Given]) -> 
     """`function` of each of `items`, in their order.
 
     One after another where programs have threads of their own, which would wait for each other;
-    the commands have none (see `cli.options.prepare`).
+    ours have none (see `settings`).
     """
     alone = "--xla_cpu_multi_thread_eigen=false" not in os.environ.get("XLA_FLAGS", "")
     with ThreadPoolExecutor(1 if alone else os.cpu_count()) as pool:
