@@ -637,7 +637,7 @@ def test_lags_of_inputs_and_sensors_are_begun_with_either(monkeypatch, gains, ta
     monkeypatch.setattr(
         noise_estimation,
         "_costs",
-        lambda _model, _batch, many, _bounds: np.array([-gains.get(kind(n), 0.0) for n in many]),
+        lambda _batch, many, _bounds: np.array([-gains.get(kind(n), 0.0) for n in many]),
     )
     heard = noise_estimation._Progress(lambda _: None, 1)
     assert kind(noise_estimation._with_lags(plant, told, told.guess, heard)) == taken
@@ -682,7 +682,7 @@ def test_errors_that_are_found_beside_lags_are_looked_for_without_any_too(lags, 
     monkeypatch.setattr(noise_estimation, "_alternated", lambda model, told, noise, *rest: noise)
     monkeypatch.setattr(noise_estimation, "_with_lags", lambda *given: lagging if lags else none)
     monkeypatch.setattr(noise_estimation, "_with_errors", errors)
-    monkeypatch.setattr(noise_estimation, "_likelier", lambda model, told, many: many[-1])
+    monkeypatch.setattr(noise_estimation, "_likelier", lambda told, many: many[-1])
     monkeypatch.setattr(noise_estimation, "_with", lambda *given: None)
     search = inspect.unwrap(noise_estimation._found_beside)
     search(None, told, types.SimpleNamespace(over=lambda: None, weighs=lambda parts: None))
