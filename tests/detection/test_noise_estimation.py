@@ -688,3 +688,14 @@ def test_errors_that_are_found_beside_lags_are_looked_for_without_any_too(lags, 
     search(None, told, types.SimpleNamespace(over=lambda: None, weighs=lambda parts: None))
     first = lagging if lags else none
     assert begun == ([first, none] if lags and own else [first])
+
+
+def test_levels_that_are_asked_for_again_are_not_run_again(monkeypatch):
+    told = noise_estimation._Healthy.of(model(True), [log(0)])
+    other = told.guess._replace(process=2 * told.guess.process)
+    first = told.batch.run([told.guess, other])
+    monkeypatch.setattr(type(told.batch), "_side_by_side", None)
+    again = told.batch.run([other, told.guess])
+    for one, two in zip(first, again, strict=True):
+        np.testing.assert_array_equal(one[::-1], two)
+    assert first.cost[0] != first.cost[1]

@@ -158,21 +158,27 @@ class Likelihood:
         """What the stretches say under each of `many` levels, a few at a time on every core."""
         names = [_bytes_of(each) for each in many]
         new = {name: each for name, each in zip(names, many, strict=True) if name not in self.known}
+        told = {name: self.known[name] for name in names if name in self.known}
         if new:
-            self._remember(new.values(), self._side_by_side([*new.values()], kept=False)[0])
-        told = [self.known[name] for name in names]
+            found = self._side_by_side([*new.values()], kept=False)[0]
+            told |= self._remembered(new.values(), found)
+        each = (told[name] for name in names)
+        return Likelihoods(*map(np.concatenate, zip(*each, strict=True)))
+
+    def _remembered(self, many: Iterable[Noise], told: Likelihoods) -> dict[bytes, Likelihoods]:
+        """What is `told` of each of `many`, by its name in what is `known`."""
+        named = {
+            _bytes_of(n): Likelihoods(*(a[k : k + 1] for a in told)) for k, n in enumerate(many)
+        }
+        self.known.update(named)
         for name in [*self.known][:-REMEMBERED]:
             del self.known[name]
-        return Likelihoods(*map(np.concatenate, zip(*told, strict=True)))
-
-    def _remember(self, many: Iterable[Noise], told: Likelihoods) -> None:
-        for k, each in enumerate(many):
-            self.known[_bytes_of(each)] = Likelihoods(*(a[k : k + 1] for a in told))
+        return named
 
     def run_along(self, many: Sequence[Noise]) -> tuple[Likelihoods, list["Followed"]]:
         """As `run`, and how the filter went under each where it is `large`, for those `near` it."""
         found, steps = self._side_by_side(many, kept=True)
-        self._remember(many, found)
+        self._remembered(many, found)
         kept = [(each, k) for each in steps if each is not None for k in range(AT_ONCE)]
         ones = [Likelihoods(*(a[k : k + 1] for a in found)) for k in range(len(many))]
         return found, [Followed(*each) for each in zip(many, ones, kept, strict=False)]
